@@ -11,7 +11,7 @@ import numpy as np
 from actuators.hovering import Hover, Outcome, ThrusterFault, run
 from recording.report import Report, Row, Table, begin, parser_of
 
-from uvms_ocp.control.actuator_health.verdicts import Health
+from uvms_ocp.control.faults.verdicts import ActuatorHealth
 
 ROBOTS = {"girona_maris7_full": 150.0, "bluerov2_alpha5": 40.0}
 KINDS = ("dead", "weak", "stuck", "reversed")
@@ -52,7 +52,7 @@ def row_of(robot: str, kind: str, runs: list[tuple[ThrusterFault, Outcome]]) -> 
     for fault, outcome in runs:
         assert outcome.monitor is not None
         verdicts = outcome.monitor.thrusters
-        named = [i for i, verdict in enumerate(verdicts) if verdict.health is Health.FAULTY]
+        named = [i for i, verdict in enumerate(verdicts) if verdict.health is ActuatorHealth.FAULTY]
         told = [t for t, text in outcome.alarms if text.startswith(f"thruster{fault.thruster + 1} ")]
         times += [told[0] - fault.onset] if told else []
         mine = verdicts[fault.thruster].kind

@@ -13,9 +13,9 @@ from itertools import product
 
 from recording.report import Report, Row, Table, begin, parser_of
 
-from uvms_ocp.model.files.library import list_variants
 from uvms_ocp.report.summary import summarize
-from uvms_ocp.scenarios.reach import reach
+from uvms_ocp.robot.loading import list_variants
+from uvms_ocp.scenario.cases.bluerov import reach
 
 ROBOT, NOMINAL = "bluerov2_alpha5", "nominal"
 PROSE = """

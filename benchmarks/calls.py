@@ -15,10 +15,9 @@ import pinocchio as pin
 from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.control.force.allocation import Allocation, allocation_of
-from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
-from uvms_ocp.model.files.library import list_robots
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.water.hydrodynamics import Water
+from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.robot.hydrodynamics import Water
+from uvms_ocp.robot.loading import list_robots, load_robot
 
 SIZES = {"gentle": 0.02, "beyond the limits": 1.0}
 """[-] share of the wrench of all thrusters together, one sigma per axis."""

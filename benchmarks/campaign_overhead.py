@@ -15,7 +15,7 @@ from campaigns.trivial import Trivial, identity_of
 from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.campaign import read_table
-from uvms_ocp.campaign.execution.carry_out import carry_out
+from uvms_ocp.campaign.execution import carry_out
 
 PROSE = """
 {runs} runs that do nothing, of which every row goes to the disk. From the first row on, when processes have started, a run

@@ -20,8 +20,8 @@ from campaigns.case1_runs import BRIEF, brief_case1
 from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.campaign import Campaign, read_table
-from uvms_ocp.campaign.runs.work import VARYING
-from uvms_ocp.campaign.store.parts import part_paths
+from uvms_ocp.campaign.jobs import VARYING
+from uvms_ocp.campaign.store import part_paths
 
 PROSE = """
 {runs} runs of the beginning of Case 1, killed {kills} times by SIGKILL at random moments, {workers} of them one of its workers

@@ -19,8 +19,8 @@ from typing import Any
 from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.export import export_controller
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios import SCENARIOS, case1
+from uvms_ocp.scenario.cases import SCENARIOS, case1
+from uvms_ocp.scenario.scenario import Scenario
 
 FAULTS = ("altimeter:frozen@8", "thruster3:dead@15", "joint2:jam@20")
 MISSIONS: dict[str, Callable[..., Scenario]] = {

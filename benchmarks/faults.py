@@ -19,7 +19,7 @@ from uvms_ocp.campaign import faults
 from uvms_ocp.campaign.fault_study import by_kind
 from uvms_ocp.campaign.fault_table import ASTRAY, GUSTS, GUSTY, JOINTS, KINDS, STILL
 from uvms_ocp.campaign.study import Study
-from uvms_ocp.report.estimate import CHANCE
+from uvms_ocp.report.metrics import CHANCE
 
 PROSE = """
 Case 1 with noisy sensors; {runs} of {cases} runs: {kinds} kinds of faults, each setting in in the middle of each of the

@@ -13,15 +13,14 @@ from typing import Any
 from recording.report import Report, Table, begin, parser_of
 
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
-from uvms_ocp.report.transitions import WINDOW, transition_series, transition_table
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios.case1 import case1
-from uvms_ocp.scenarios.case2 import case2
-from uvms_ocp.scenarios.priority_swap import priority_swap
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
+from uvms_ocp.report.comparison import WINDOW, transition_series, transition_table
+from uvms_ocp.scenario.cases.case1 import case1, priority_swap
+from uvms_ocp.scenario.cases.case2 import case2
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.icat import Icat
-from uvms_ocp.viz.comparison import figure_transitions
+from uvms_ocp.viz.comparison_figures import figure_transitions
 
 MISSIONS: dict[str, Callable[..., Scenario]] = {"case1": case1, "case2": case2, "priority_swap": priority_swap}
 SOLVERS: dict[str, HierarchySolver] = {

@@ -14,22 +14,26 @@ import numpy as np
 from drawn_vehicles.driving import LEARNT, NOISE, drawn, limits, recorded, vehicle
 from recording.report import Report, Row, Table, begin, parser_of
 
-from uvms_ocp.identification.answers.numbers import KNOWN, TOTAL, Number, numbers, values_of
-from uvms_ocp.identification.excitation.assignment import Assignment
-from uvms_ocp.identification.excitation.by_hand import BY_HAND, largest
-from uvms_ocp.identification.excitation.design import Effort, designed
-from uvms_ocp.identification.excitation.expected import DesignStatus, Excitation
-from uvms_ocp.identification.excitation.wanted import HALF
-from uvms_ocp.identification.methods.rollout import Rollout
-from uvms_ocp.identification.methods.search import Search, searched
-from uvms_ocp.identification.methods.stretch import Prepared
-from uvms_ocp.identification.models.stage import stage_of
+from uvms_ocp.identification.experiment_design import (
+    BY_HAND,
+    HALF,
+    Assignment,
+    DesignSettings,
+    DesignStatus,
+    Excitation,
+    design_experiment,
+    largest,
+)
+from uvms_ocp.identification.fit import Search, search_fit
+from uvms_ocp.identification.model import stage_of
+from uvms_ocp.identification.rollout import Prepared, Rollout
+from uvms_ocp.identification.uncertainty import DETERMINED_BELOW, TOTAL, IdentifiedNumber, numbers, values_of
 
 DURATION, VEHICLES, SINGLE = 60.0, 8, 3
 """[s] of a recording; [-] whose recordings are fitted; [-] numbers that a design is made for alone."""
 DESIGNED, ALONE = "designed", "alone"
 """A kind of excitation; what one for a single number would tell of it."""
-LITTLE = Effort(iterations=2, starts=1)
+LITTLE = DesignSettings(iterations=2, starts=1)
 """To see that it runs."""
 SCALED = ("mass", "gain")
 """Quantities that are known here: with the motion alone, forces and masses are known but for a common factor."""
@@ -60,7 +64,7 @@ def main() -> None:
     _, run = begin(parser_of(__doc__))
     given, rollout = assignment(6.0 if run.quick else DURATION)
     vehicles, begun = 2 if run.quick else VEHICLES, process_time()
-    found = {DESIGNED: designed(given, rollout, LITTLE if run.quick else None)}
+    found = {DESIGNED: design_experiment(given, rollout, LITTLE if run.quick else None)}
     seconds = process_time() - begun
     found |= {name: largest(given, rollout, name) for name in BY_HAND}
     table = compared(found)
@@ -87,7 +91,7 @@ def compared(found: Mapping[str, Excitation]) -> list[Row]:
     return [{"number": name, **{kind: _share(told[name]) for kind, told in by_kind.items()}} for name in chosen]
 
 
-def _share(one: Number) -> float:
+def _share(one: IdentifiedNumber) -> float:
     return 100.0 * one.sigma / one.size
 
 
@@ -104,7 +108,9 @@ def farthest(rows: Sequence[Row]) -> list[Row]:
 def alone(given: Assignment, rollout: Rollout, rows: Sequence[Row], quick: bool) -> dict[str, float]:
     """Standard errors [%] of single numbers where nothing else matters."""
     names = [row["number"] for row in rows]
-    found = {name: designed(replace(given, matter=(name,)), rollout, LITTLE if quick else None) for name in names}
+    found = {
+        name: design_experiment(replace(given, matter=(name,)), rollout, LITTLE if quick else None) for name in names
+    }
     return {name: _share(next(each for each in one.numbers if each.name == name)) for name, one in found.items()}
 
 
@@ -122,7 +128,7 @@ def fitted(given: Assignment, rollout: Rollout, found: Mapping[str, Excitation],
 def _errors(given: Assignment, rollout: Rollout, truth: np.ndarray, one: Excitation, seed: int) -> np.ndarray:
     """(m,) [-] of all numbers, by their sizes."""
     recording = recorded(given.vehicle, rollout.stage, truth, np.random.default_rng(seed), one.commands)
-    estimate = searched(given.vehicle, [Prepared.of(recording, given.vehicle)], NOISE, rollout, Search(step=0.005))
+    estimate = search_fit(given.vehicle, [Prepared.of(recording, given.vehicle)], NOISE, rollout, Search(step=0.005))
     pairs = zip(numbers(given.vehicle, estimate), values_of(given.vehicle, truth), strict=True)
     return np.array([(told.value - wanted) / told.size for told, wanted in pairs])
 
@@ -137,7 +143,7 @@ def told(given: Assignment, found: Mapping[str, Excitation], rows: Sequence[Row]
         "slew": given.limits.slew,
         "pool": " x ".join(f"{side:g}" for side in sides),
         "n": len(rows),
-        "known": 100.0 * KNOWN,
+        "known": 100.0 * DETERMINED_BELOW,
         "median": np.median(ratios),
         "most": ratios.max(),
         "worst": rows[int(ratios.argmax())]["number"],

@@ -19,9 +19,9 @@ from pool.sensors import IMU, MOCAP, moves, recordings_of
 from pool.swings import LARGE, swings
 from recording.report import Report, Row, Table, begin, parser_of
 
-from uvms_ocp.identification.answers.predictions import Predicted
-from uvms_ocp.identification.methods.output_error import Estimate
-from uvms_ocp.identification.methods.stretch import Prepared
+from uvms_ocp.identification.fit import Predicted
+from uvms_ocp.identification.output_error import Estimate
+from uvms_ocp.identification.rollout import Prepared
 
 OTHERS, SEEN, PRIOR, STILL, APART = "left out", "seen", "the author's figures", "nothing moves", "between the sensors"
 WANTED, PERIOD, DAMPING = 0.65, 10.0, 30.0

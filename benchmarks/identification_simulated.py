@@ -14,14 +14,17 @@ import numpy as np
 from drawn_vehicles.driving import NOISE, RATE, VELOCITY, VERTICAL, drawn, limits, recorded, vehicle
 from recording.report import Report, Row, Table, begin, parser_of
 
-from uvms_ocp.identification.answers.numbers import INTERVAL, KNOWN, SIZES, Number, numbers, values_of
-from uvms_ocp.identification.excitation.assignment import Assignment
-from uvms_ocp.identification.excitation.design import Effort, designed
-from uvms_ocp.identification.excitation.expected import Excitation, led
-from uvms_ocp.identification.methods.rollout import Rollout
-from uvms_ocp.identification.methods.search import Search, searched
-from uvms_ocp.identification.methods.stretch import Prepared
-from uvms_ocp.identification.models.stage import Vehicle, stage_of
+from uvms_ocp.identification.experiment_design import (
+    Assignment,
+    DesignSettings,
+    Excitation,
+    design_experiment,
+    simulate_commands,
+)
+from uvms_ocp.identification.fit import Search, search_fit
+from uvms_ocp.identification.model import Vehicle, stage_of
+from uvms_ocp.identification.rollout import Prepared, Rollout
+from uvms_ocp.identification.uncertainty import DETERMINED_BELOW, INTERVAL, SIZES, IdentifiedNumber, numbers, values_of
 
 ROBOTS, RECORDINGS, DURATION = 20, 5, 60.0
 """[-], [-] of each, [s] of one."""
@@ -49,7 +52,7 @@ def identified(one: Vehicle, rollout: Rollout, truth: np.ndarray, driven: Excita
     names = [f"drawn{k}" for k in range(RECORDINGS)]
     found = [recorded(one, rollout.stage, truth, rng, driven.commands, name) for name in names]
     begun = process_time()
-    estimate = searched(one, [Prepared.of(each, one) for each in found], NOISE, rollout, SEARCH)
+    estimate = search_fit(one, [Prepared.of(each, one) for each in found], NOISE, rollout, SEARCH)
     taken, off = process_time() - begun, estimate.shared - truth
     same = {"robot": seed, "status": estimate.status.value, "time [s]": taken,
             "weighed": float(off @ estimate.information @ off) / len(off)}  # fmt: skip
@@ -57,7 +60,7 @@ def identified(one: Vehicle, rollout: Rollout, truth: np.ndarray, driven: Excita
     return [{**_row(told, float(wanted)), **same} for told, wanted in pairs]
 
 
-def _row(told: Number, truth: float) -> Row:
+def _row(told: IdentifiedNumber, truth: float) -> Row:
     least, most = told.interval
     return {
         "unknown": told.name,
@@ -101,10 +104,10 @@ def main() -> None:
     one, robots = vehicle(), 2 if run.quick else ROBOTS
     given = Assignment(vehicle=one, limits=limits(one), duration=6.0 if run.quick else DURATION, noise=NOISE)
     rollout = Rollout(stage_of(one))
-    driven = designed(given, rollout, Effort(iterations=2, starts=1) if run.quick else None)
+    driven = design_experiment(given, rollout, DesignSettings(iterations=2, starts=1) if run.quick else None)
     truths = drawn(one, np.random.default_rng(0), robots)
     rows = [row for k, truth in enumerate(truths) for row in identified(one, rollout, truth, driven, k)]
-    states = [led(given, rollout, driven.commands, truth) for truth in truths]
+    states = [simulate_commands(given, rollout, driven.commands, truth) for truth in truths]
     inside = sum(not given.limits.beyond(each, margin=0.0)[0].any() for each in states)
     summary = by_unknown(rows)
     form = {"unknown": "", **dict.fromkeys([name for name in summary[0] if name != "unknown"], ".1f")}
@@ -128,7 +131,7 @@ def told(given: Assignment, rows: Sequence[Row], summary: Sequence[Row]) -> dict
         "rate": RATE,
         "vertical": VERTICAL,
         "covered": _inside(known),
-        "known": 100.0 * KNOWN,
+        "known": 100.0 * DETERMINED_BELOW,
         "length": 1e2 * SIZES["m"],
         "time": 1e3 * SIZES["s"],
         "share": 100.0 * erf(INTERVAL / sqrt(2.0)),

@@ -18,17 +18,13 @@ from driven_auv.recordings import CHANNELS, MOVING, judged, read_recordings
 from driven_auv.vehicle import vehicle
 from recording.report import Report, Row, Table, begin, parser_of
 
-from uvms_ocp.identification.answers.fitted import Fitted
-from uvms_ocp.identification.answers.left_out import without
-from uvms_ocp.identification.answers.nulls import still
-from uvms_ocp.identification.answers.predictions import Predicted, Predictor, fit, rolled_out
-from uvms_ocp.identification.methods.output_error import Estimate, Noise, OutputError
-from uvms_ocp.identification.methods.rollout import Rollout
-from uvms_ocp.identification.methods.search import Search
-from uvms_ocp.identification.methods.stretch import RATE_WINDOW, Prepared
-from uvms_ocp.identification.models.stage import Vehicle, stage_of
-from uvms_ocp.identification.parameters.status import Prior
-from uvms_ocp.identification.recordings.doubts import doubts
+from uvms_ocp.identification.data_quality import check_data_quality
+from uvms_ocp.identification.fit import FitContext, Predicted, Predictor, Search, fit, rolled_out
+from uvms_ocp.identification.model import Vehicle, stage_of
+from uvms_ocp.identification.output_error import Estimate, Noise, OutputErrorProblem
+from uvms_ocp.identification.parameters import Prior
+from uvms_ocp.identification.rollout import RATE_WINDOW, Prepared, Rollout
+from uvms_ocp.identification.validation import static_baseline, without
 
 STEP, HORIZONS = 0.1, (5.0, 20.0)
 NOISE = Noise(velocity=0.03, rate=0.06, vertical=0.1)
@@ -83,7 +79,7 @@ class Bench:
         """Identified on some recordings, in short stretches first."""
         for duration, iterations in stages:
             stretches = [stretch for one in chosen for stretch in one.stretches(STEP, duration)]
-            error = OutputError(self.vehicle, stretches, NOISE, self.rollout)
+            error = OutputErrorProblem(self.vehicle, stretches, NOISE, self.rollout)
             estimate = error.solve(error.start(shared), iterations=iterations, tolerance=1e-3)
             shared = estimate.shared
         return estimate
@@ -92,9 +88,9 @@ class Bench:
         """With unknowns shared (n,) [as they are], and with what a recording has for itself."""
         return Predictor(vehicle=self.vehicle, rollout=self.rollout, shared=shared, noise=NOISE, own=True)
 
-    def fitted(self, estimate: Estimate, iterations: int) -> Fitted:
+    def fitted(self, estimate: Estimate, iterations: int) -> FitContext:
         """An estimate from whole recordings, and how others are found beside it."""
-        return Fitted(
+        return FitContext(
             vehicle=self.vehicle,
             rollout=self.rollout,
             prepared=self.prepared,
@@ -183,7 +179,10 @@ def nulls(one: Bench) -> list[Row]:
     for each in one.prepared:
         (whole,) = each.stretches(STEP)
         predicted = prior.of(whole)
-        rows += [row(each.recording.name, PRIOR, predicted), row(each.recording.name, STILL, still(whole, prior.known))]
+        rows += [
+            row(each.recording.name, PRIOR, predicted),
+            row(each.recording.name, STILL, static_baseline(whole, prior.known)),
+        ]
     return rows
 
 
@@ -203,7 +202,9 @@ def _length(one: Bench) -> float:
 
 
 def _doubts(one: Bench) -> str:
-    told = [f"- {each.recording.name}: {doubt}" for each in one.prepared for doubt in doubts(each.recording)]
+    told = [
+        f"- {each.recording.name}: {doubt}" for each in one.prepared for doubt in check_data_quality(each.recording)
+    ]
     return "\n".join(told) or "None."
 
 

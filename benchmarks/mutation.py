@@ -24,7 +24,7 @@ from recording.report import Report, Row, Table, begin, parser_of
 ROOMS = ("tasks", "control", "sim", "solvers", "mission", "ocp")
 JUDGED = Path(__file__).parent / "mutants" / "judged.csv"
 EQUIVALENT, SURVIVED, NOT_RUN = "equivalent", "survived", "not run"
-QUICK_FILES, QUICK_TESTS, QUICK_SAMPLE = ("uvms_ocp/solvers/intervals.py",), ("tests/solvers/test_intervals.py",), 3
+QUICK_FILES, QUICK_TESTS, QUICK_SAMPLE = ("uvms_ocp/codegen/elementwise.py",), ("tests/solvers/test_intervals.py",), 3
 PROSE = """
 {n} changes of one operator, number, condition, loop or exception each, by the operators of cosmic-ray, in the Python
 source of {rooms}: places drawn with seed {seed}, then one change of each. Of {judgeable} that change something, the tests

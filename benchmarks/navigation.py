@@ -10,7 +10,7 @@ from estimation.delays import LEVEL, WITH, WITHOUT, delay_table
 from estimation.mission import by_part, mission_table, time_table
 from recording.report import Report, Table, begin, parser_of
 
-from uvms_ocp.model.loading import load_robot
+from uvms_ocp.robot.loading import load_robot
 
 PROSE = """
 {seeds} truths drawn from the filter's own process model, {duration:g} s each. *NEES* is the squared error of a part of the state,

@@ -15,13 +15,13 @@ from recording.processes import hide_compiler
 from recording.report import Report, Row, Table, begin, parser_of
 from recording.timing import once
 
-from uvms_ocp import scenarios
 from uvms_ocp.mission_plan import MissionPlan, plan_mission
-from uvms_ocp.mission_plan.planning import OPTIONS
-from uvms_ocp.record import Record, quantity
-from uvms_ocp.report.resources import resources
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.sim.closest_approach import closest_approach
+from uvms_ocp.mission_plan.planner import OPTIONS
+from uvms_ocp.record.record import Record, quantity
+from uvms_ocp.report.metrics import resources
+from uvms_ocp.scenario import cases as scenarios
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.sim.environment import closest_approach
 
 STEADY = (0.3, -0.2, 0.05)  # [m/s]
 MISSIONS: dict[str, Callable[..., Scenario]] = {

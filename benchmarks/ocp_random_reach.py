@@ -16,12 +16,12 @@ from recording.processes import hide_compiler
 from recording.report import Report, Row, Table, begin, parser_of
 from recording.timing import once
 
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import State
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem
 from uvms_ocp.ocp.terms import TaskTerm
-from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import State
+from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.tasks.pose import ToolPose
 
 DRAWN, SEED, STEPS = 200, 1, 40

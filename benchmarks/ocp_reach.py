@@ -18,12 +18,12 @@ from horizon.tracking import tracked
 from recording.processes import hide_compiler, run_script
 from recording.report import Report, Row, Table, begin, parser_of
 
+from uvms_ocp.ocp.plan import Mismatch, mismatch
 from uvms_ocp.ocp.planner import Planner
-from uvms_ocp.ocp.plans.mismatch import Mismatch, mismatch
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
-from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
+from uvms_ocp.solvers.nlp.options import NlpOptions
 
 REPEATS, STEPS = 3, (20, 40, 80)
 OPTIONS = NlpOptions(max_iterations=3)

@@ -13,7 +13,7 @@ from curves.controlled import Outcome, Scenes, collides
 from curves.scenes import N_SCENES, problem
 from recording.report import Report, Row, Table, begin, parser_of
 
-from uvms_ocp.model.loading import load_robot
+from uvms_ocp.robot.loading import load_robot
 
 ROBOT = "girona_maris7_full"
 PROSE = """

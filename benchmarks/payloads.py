@@ -15,8 +15,8 @@ from actuators.hovering import DT, Hover, run
 from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.control import LoadLearning
-from uvms_ocp.control.load.learner import LoadEstimate
-from uvms_ocp.model.loading import load_robot
+from uvms_ocp.control.payload import LoadEstimate
+from uvms_ocp.robot.loading import load_robot
 
 ROBOTS = ("girona_maris7_full", "bluerov2_alpha5")
 MASSES = (0.0, 0.5, 1.0, 2.0, 4.0)

@@ -111,13 +111,13 @@ class Setting:
 
 def run_of_case1(setting: Setting, plant: str, solver: str) -> Values:
     """Run Case 1 with ideal sensors."""
-    return of_run(uo.scenarios.case1(plant=plant, solver=find(solver)(), **setting.duration(0.1)).run())
+    return of_run(uo.scenario.case1(plant=plant, solver=find(solver)(), **setting.duration(0.1)).run())
 
 
 def faulty(name: str, **options: Any) -> Any:
     """A scenario with noise, a current and, in Case 1, faults of sensor, thruster and joint."""
     more = {"faults": FAULTS} if name == "case1" else {}
-    return getattr(uo.scenarios, name)(noise=True, current=(0.1, -0.1, 0.02), seed=3, **more, **options)
+    return getattr(uo.scenario, name)(noise=True, current=(0.1, -0.1, 0.02), seed=3, **more, **options)
 
 
 def faulty_run(setting: Setting) -> Values:
@@ -127,7 +127,7 @@ def faulty_run(setting: Setting) -> Values:
 
 def load_run(setting: Setting) -> Values:
     """Run the smallest robot with noise and a payload that it learns and is not told of."""
-    return of_run(uo.scenarios.reach(noise=True, seed=1, learn_load=True, **setting.duration(0.3)).run())
+    return of_run(uo.scenario.reach(noise=True, seed=1, learn_load=True, **setting.duration(0.3)).run())
 
 
 def exported(setting: Setting, name: str) -> Path:
@@ -276,7 +276,7 @@ def ocp(setting: Setting, plugin: str) -> Values:
 
 def receding(setting: Setting, plugin: str) -> Values:
     """Run receding-horizon control by one of the solvers of steps in real time."""
-    scenario = uo.scenarios.reach(duration=0.1 if setting.quick else 1.0)
+    scenario = uo.scenario.reach(duration=0.1 if setting.quick else 1.0)
     problem = reach_problem(scenario.robot, scenario.start, 5 if setting.quick else 15, path=True)
     options = find("SqpOptions", "nlp")(plugin=plugin)
     nmpc = find("Nmpc", "control")

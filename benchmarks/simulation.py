@@ -17,13 +17,13 @@ from unittest.mock import patch
 from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.control.force.dynamic import DynamicController
-from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.record import Record, Recorder
+from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
+from uvms_ocp.record.record import Record, Recorder
 from uvms_ocp.report.summary import summarize
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios import SCENARIOS
-from uvms_ocp.sim.dynamic_plant import DynamicPlant
+from uvms_ocp.scenario.cases import SCENARIOS
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.sim.plant import DynamicPlant
 from uvms_ocp.sim.sensors import SensorSuite
 
 MISSIONS: dict[str, tuple[str, dict[str, Any]]] = {

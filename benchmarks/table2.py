@@ -12,7 +12,7 @@ from recording.progress import show_runs
 from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.campaign.table2 import FLOORS, MARGIN, table2
-from uvms_ocp.sim.height_field import RELIEFS
+from uvms_ocp.sim.seafloor import RELIEFS
 
 PROSE = """
 {runs} transits of {length:g} m on the kinematic plant, {seeds} floors for each cell; each takes {shortest:.0f} to
@@ -21,7 +21,7 @@ coal against a mesh of the floor; contact counts as {contact} or less, {margin:g
 `uvms_ocp.campaign.table2.verdict`.
 
 {agree} cells of {cells} agree. The paper names its floors but does not measure them; ours have protuberances of {reliefs}
-(`uvms_ocp.sim.height_field.RELIEFS`).
+(`uvms_ocp.sim.seafloor.RELIEFS`).
 """
 FORMATS = {
     "floor": "",

@@ -8,8 +8,7 @@ import sys
 
 import pytest
 
-from uvms_ocp.functions.compile import compile_library
-from uvms_ocp.functions.library_cache import cache_folder
+from uvms_ocp.codegen.compile import cache_folder, compile_library
 
 COMPILER = next((path for name in (os.environ.get("CC", ""), "cc", "gcc", "clang") if (path := shutil.which(name))), "")
 

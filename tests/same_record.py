@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from uvms_ocp.record import Record
+from uvms_ocp.record.record import Record
 
 
 def require_same(again: Record, record: Record) -> None:

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.record import Record
+from uvms_ocp.record.record import Record
+from uvms_ocp.report.comparison import transition_series
 from uvms_ocp.report.summary import summarize
-from uvms_ocp.report.transitions import transition_series
-from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios.case1 import Thresholds, case1
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.scenario.cases.case1 import Thresholds, case1
+from uvms_ocp.scenario.scenario import Scenario, pose_at
+from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.icat import Icat
 
 SOLVERS = {"lexls": (LexicographicActiveSet, 0.011), "lexqp": (LexicographicQp, 0.011), "icat": (Icat, 0.05)}

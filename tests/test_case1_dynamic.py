@@ -11,12 +11,12 @@ import pytest
 from compiler import long_without_compiler
 
 from uvms_ocp.control.force.dynamic import VelocityGains
-from uvms_ocp.model.files.description import TrimBody
-from uvms_ocp.record import Record
+from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import summarize
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios.case1 import case1
-from uvms_ocp.scenarios.reach import reach
+from uvms_ocp.robot.description import TrimBody
+from uvms_ocp.scenario.cases.bluerov import reach
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.scenario.scenario import Scenario
 
 CASES: dict[str, tuple[dict[str, Any], float, float]] = {
     "still water": ({}, 2e-3, 5e-3),

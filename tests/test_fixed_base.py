@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uvms_ocp.mission.conditions import DONE, Below, Transition
 from uvms_ocp.mission.mission import Mission
-from uvms_ocp.mission.phase import Phase
-from uvms_ocp.model.loading import load_robot
+from uvms_ocp.mission.phase import Below, Phase, Transition
+from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.report.summary import summarize
-from uvms_ocp.scenario import Scenario
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
-from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.joints import JointLimits, JointTracking
+from uvms_ocp.tasks.task import Hierarchy
 
 
 @pytest.mark.slow

@@ -6,9 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.exceptions import FrameNotFound, InvalidInput, NameNotFound, UvmsError
-from uvms_ocp.scenario import pose_at
-from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.errors import FrameNotFound, InvalidInput, NameNotFound, UvmsError
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.scenario.scenario import pose_at
 
 
 @pytest.mark.parametrize(

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.meta_values import PhaseMeta
-from uvms_ocp.record import Record, Recorder
-from uvms_ocp.run_meta import RunMeta, write_meta
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.record import untrusted as array_file
+from uvms_ocp.record.meta_values import PhaseMeta
+from uvms_ocp.record.record import Record, Recorder
+from uvms_ocp.record.run_meta import RunMeta, write_meta
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
-from uvms_ocp.untrusted import array_file
 
 META = RunMeta(
     scenario="é",

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from same_record import require_same
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.record import Record
-from uvms_ocp.scenarios.case1 import case1
-from uvms_ocp.tables.mcap.series_messages import field_names, series_message, values_of
-from uvms_ocp.tables.series_table import unit_of
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.mcap import field_names, series_message, values_of
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.tables import unit_of
+from uvms_ocp.scenario.cases.case1 import case1
 
 pytest.importorskip("mcap", reason='needs pip install "uvms-ocp[mcap]"')
 RECORDS = Path(__file__).parent / "records"

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from same_record import require_same
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.record import Record
-from uvms_ocp.scenarios.case1 import case1
-from uvms_ocp.tables.series_table import QUANTITIES, SERIES, column_names, column_units
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.tables import QUANTITIES, SERIES, column_names, column_units
+from uvms_ocp.scenario.cases.case1 import case1
 
 RECORDS = Path(__file__).parent / "records"
 

@@ -14,21 +14,19 @@ import pytest
 from pydantic import ValidationError
 
 import uvms_ocp
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.meta_values import AxisLimitsMeta, LimitsMeta, PhaseMeta, QuantityMeta
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.record import Record
-from uvms_ocp.report.cause import cause_of_end
-from uvms_ocp.report.compare import compare
-from uvms_ocp.report.summary import summarize
-from uvms_ocp.report.transitions import transition_table
-from uvms_ocp.run_meta import PlanMeta, RunMeta, read_meta, write_meta
-from uvms_ocp.scenarios.case1 import case1
-from uvms_ocp.viz.activation_figures import figure_row_activations
-from uvms_ocp.viz.comparison import figure_joint_comparison
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.meta_values import AxisLimitsMeta, LimitsMeta, PhaseMeta, QuantityMeta
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.run_meta import PlanMeta, RunMeta, read_meta, write_meta
+from uvms_ocp.report.comparison import compare, transition_table
+from uvms_ocp.report.summary import cause_of_end, summarize
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.viz.comparison_figures import figure_joint_comparison
 from uvms_ocp.viz.plan_figures import write_plan_figures
 from uvms_ocp.viz.run_figures import FIGURES, write_figures
 from uvms_ocp.viz.scene.show import write_scene
+from uvms_ocp.viz.task_figures import figure_row_activations
 
 RECORDS = Path(__file__).parent / "records"
 RUN, PLANS = "run_v0_1.npz", ("plan_curve_v0_1.npz", "plan_ocp_v0_1.npz")

@@ -12,14 +12,13 @@ import pytest
 import uvms_ocp as uo
 from uvms_ocp.campaign import Campaign, StudyResult, table2
 from uvms_ocp.control import Nmpc
-from uvms_ocp.meta_values import PhaseMeta
-from uvms_ocp.model.state import State
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import Effort
-from uvms_ocp.preflight.findings import Finding, PreflightReport, Severity
-from uvms_ocp.run_meta import RunMeta
-from uvms_ocp.shown.fielded import in_a_row
-from uvms_ocp.shown.small_table import SmallTable
+from uvms_ocp.record.display import SmallTable, in_a_row
+from uvms_ocp.record.meta_values import PhaseMeta
+from uvms_ocp.record.run_meta import RunMeta
+from uvms_ocp.robot.signals import State
+from uvms_ocp.scenario.preflight.setup import Finding, PreflightReport, Severity
 from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.trajectories import min_snap
 
@@ -62,10 +61,10 @@ def problem() -> OcpProblem:
 VALUES: dict[str, Callable[[], Any]] = {
     "record": record,
     "report": report,
-    "mission": lambda: uo.scenarios.case1().mission,
-    "hierarchy": lambda: uo.scenarios.case1().mission.hierarchy,
-    "scenario": uo.scenarios.case1,
-    "phase": lambda: uo.scenarios.case1().mission.phases[0],
+    "mission": lambda: uo.scenario.case1().mission,
+    "hierarchy": lambda: uo.scenario.case1().mission.hierarchy,
+    "scenario": uo.scenario.case1,
+    "phase": lambda: uo.scenario.case1().mission.phases[0],
     "limits": lambda: uo.load_robot("planar5").limits,
     "kinematics": lambda: uo.Kinematics(uo.load_robot("planar5"), uo.load_robot("planar5").configuration()),
     "dynamics": lambda: uo.robot_dynamics(uo.load_robot("planar5")),
@@ -75,13 +74,13 @@ VALUES: dict[str, Callable[[], Any]] = {
     "study": table2,
     "result": lambda: StudyResult(name=EVIL, title=EVIL, cases=({},), table=({"floor": EVIL, "clearance_m": 0.12345},)),
     "run_meta": lambda: record().meta,
-    "kinematic controller": lambda: uo.scenarios.case1(plant="kinematic").controller(),
-    "dynamic controller": lambda: uo.scenarios.case1(learn_load=True).controller(),
-    "watched controller": lambda: replace(uo.scenarios.case1(), controller=lambda scenario: print).controller(),
+    "kinematic controller": lambda: uo.scenario.case1(plant="kinematic").controller(),
+    "dynamic controller": lambda: uo.scenario.case1(learn_load=True).controller(),
+    "watched controller": lambda: replace(uo.scenario.case1(), controller=lambda scenario: print).controller(),
     "receding horizon": lambda: Nmpc(problem()),
-    "estimator": lambda: uo.scenarios.case1(noise=True).estimator().estimator,
-    "guarded estimator": lambda: uo.scenarios.case1(noise=True).estimator(),
-    "readings as they are": lambda: uo.scenarios.case1().estimator().estimator,
+    "estimator": lambda: uo.scenario.case1(noise=True).estimator().estimator,
+    "guarded estimator": lambda: uo.scenario.case1(noise=True).estimator(),
+    "readings as they are": lambda: uo.scenario.case1().estimator().estimator,
     "curve": lambda: min_snap(np.array([[0.0], [1.0]]), [0.0, 1.0]),
 }
 
@@ -109,20 +108,20 @@ def test_a_record_tells_its_series_with_their_units() -> None:
 
 
 def test_a_mission_tells_which_tasks_are_on_when() -> None:
-    rows = repr(uo.scenarios.case1().mission).splitlines()
+    rows = repr(uo.scenario.case1().mission).splitlines()
     assert rows[1].split()[:3] == ["task", "type", "A"]
     assert next(row for row in rows if " PC " in row).split()[:6] == ["PC", "[R,E,AD]", "1", "0", "0", "0"]
 
 
 def test_a_controller_tells_where_its_mission_is() -> None:
-    shown = repr(uo.scenarios.case1().controller())
+    shown = repr(uo.scenario.case1().controller())
     assert "phases" in shown
     assert "in phase A" in shown
     assert "borne by the joints [-] 1" in " ".join(shown.split())
 
 
 def test_an_estimator_tells_until_when_its_channels_were_used() -> None:
-    scenario = replace(uo.scenarios.case1(noise=True), duration=0.1)
+    scenario = replace(uo.scenario.case1(noise=True), duration=0.1)
     guarded = scenario.estimator()
     assert repr(guarded.estimator).count("no reading yet") == 6
     suite = SensorSuite(scenario.robot, scenario.environment.seafloor, scenario.specs)
@@ -134,7 +133,7 @@ def test_an_estimator_tells_until_when_its_channels_were_used() -> None:
 
 
 def test_metadata_tells_values_of_many_fields_by_their_names_or_their_number() -> None:
-    shown = repr(uo.scenarios.case1(plant="kinematic", duration=0.1).run().meta)
+    shown = repr(uo.scenario.case1(plant="kinematic", duration=0.1).run().meta)
     assert "A, B, C, D" in shown
     assert "NR, JL, MAC" in " ".join(shown.split())
 

@@ -6,15 +6,15 @@ import pickle
 
 import pytest
 
-from uvms_ocp.control.receding.workers import WorkerStatus
-from uvms_ocp.identification.excitation.expected import DesignStatus
-from uvms_ocp.identification.methods.output_error import FitStatus
+from uvms_ocp.control.solve_workers import WorkerStatus
+from uvms_ocp.errors import AdvisedStatus
+from uvms_ocp.identification.experiment_design import DesignStatus
+from uvms_ocp.identification.output_error import FitStatus
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.planning.soft_collision import PlanStatus
 from uvms_ocp.solvers.hierarchy.solution import Status
-from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
-from uvms_ocp.solvers.stagewise import StageQpStatus
-from uvms_ocp.status import AdvisedStatus
+from uvms_ocp.solvers.nlp.program import NlpStatus
+from uvms_ocp.solvers.stage_qp import StageQpStatus
 
 MEMBERS = [
     status

@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.health import Trust
-from uvms_ocp.model.state import Command, Measurement, Reading, Readings
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios import case1
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.signals import Command, Measurement, Reading, Readings, Trust
+from uvms_ocp.scenario.cases import case1
+from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim import DynamicPlant, SensorSuite
 
 

@@ -11,8 +11,8 @@ import pytest
 
 from uvms_ocp.campaign import campaign_report, read_table
 from uvms_ocp.campaign.campaign import kept_campaign
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.record import Record
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.record import Record
 
 RECORDS = Path(__file__).parent / "records"
 LOADERS = {"run_v1.parquet": Record.from_parquet, "run_v1.mcap": Record.from_mcap}

@@ -16,7 +16,7 @@ from compiler import needs_compiler
 from typer.core import TyperGroup
 from typer.main import get_command
 
-from uvms_ocp.cli import app
+from uvms_ocp.cli.commands import app
 from uvms_ocp.reference import build
 
 ROOT = Path(__file__).parents[1]

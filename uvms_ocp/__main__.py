@@ -1,5 +1,7 @@
 """``python -m uvms_ocp``."""
 
-from uvms_ocp.cli import main
+from __future__ import annotations
+
+from uvms_ocp.cli.commands import main
 
 main()

@@ -45,3 +45,5 @@
 - [Willsky1976] A. S. Willsky, H. L. Jones, A generalized likelihood ratio approach to the detection and estimation of
   jumps in linear systems, IEEE Transactions on Automatic Control 21(1), 1976.
 """
+
+from __future__ import annotations

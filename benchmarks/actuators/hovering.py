@@ -12,30 +12,27 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import changed
-from uvms_ocp.control.actuator_health.monitor import ActuatorMonitor
-from uvms_ocp.control.actuator_health.thresholds import ActuatorHealthTuning
+from uvms_ocp.checks import replace_unchecked
+from uvms_ocp.control.faults.monitor import ActuatorMonitor
+from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning
 from uvms_ocp.control.force.dynamic import DynamicController
-from uvms_ocp.control.load.learner import LoadEstimate
-from uvms_ocp.control.load.learning import LoadLearning
-from uvms_ocp.control.navigation.degraded import FREE
-from uvms_ocp.control.navigation.estimator import Estimator
-from uvms_ocp.control.navigation.pass_through import PassThrough
-from uvms_ocp.control.navigation.watchdog import Watchdog
-from uvms_ocp.control.velocity.distress import Strain
+from uvms_ocp.control.payload import LoadEstimate, LoadLearning
+from uvms_ocp.control.velocity.abort import Strain
 from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.model.assembly.trim import with_trim
-from uvms_ocp.model.dynamics import known_dynamics, robot_dynamics
-from uvms_ocp.model.files.description import TrimBody
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import IDEAL_SENSORS, sensors_of
-from uvms_ocp.model.state import Command, Measurement, State
-from uvms_ocp.model.thrusters import thrust_limits
-from uvms_ocp.model.water.coefficients import links_in_water
+from uvms_ocp.estimation.degraded_modes import FREE
+from uvms_ocp.estimation.estimator import Estimator, PassThrough
+from uvms_ocp.estimation.fallbacks import Watchdog
+from uvms_ocp.robot.assembly import with_trim
+from uvms_ocp.robot.coefficients import links_in_water
+from uvms_ocp.robot.description import TrimBody
+from uvms_ocp.robot.dynamics import known_dynamics, robot_dynamics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Measurement, State, sensors_of
+from uvms_ocp.robot.thrusters import thrust_limits
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
-from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.plant import DynamicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import SensorSuite
 
@@ -105,7 +102,7 @@ def failed(command: Command, robot: Robot, faults: Sequence[ThrusterFault], t: f
     for fault in faults:
         if t >= fault.onset:
             asked[fault.thruster] = fault.share * asked[fault.thruster] + fault.constant
-    return changed(command, thrust=asked)
+    return replace_unchecked(command, thrust=asked)
 
 
 class WayPoints(KinematicController):

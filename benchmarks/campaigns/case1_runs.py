@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from uvms_ocp.campaign import Choice, LogNormal, Normal, Uniform, Variation
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.scenario.scenario import Scenario
 
 VARIATIONS = (
     Variation("water.drag", Uniform(0.5, 1.5)),

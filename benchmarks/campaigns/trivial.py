@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from uvms_ocp.campaign.runs.work import Done, Row, Work
-from uvms_ocp.campaign.store.identity import Identity, types_of
+from uvms_ocp.campaign.jobs import CampaignJob, Row, RunResult
+from uvms_ocp.campaign.store import CampaignManifest, types_of
 from uvms_ocp.version import __version__
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Trivial(Work):
+class Trivial(CampaignJob):
     """A row of the run's own number."""
 
     @property
@@ -22,14 +22,16 @@ class Trivial(Work):
         """What is known of a run [-] before it is made."""
         return {"share": run / 7.0}
 
-    def make(self, run: int) -> Done:
+    def make(self, run: int) -> RunResult:
         """The row of a run [-]."""
-        return Done(row={**self.head(run), "square": run * run, "outcome": "completed", "success": True, "cause": ""})
+        return RunResult(
+            row={**self.head(run), "square": run * run, "outcome": "completed", "success": True, "cause": ""}
+        )
 
 
-def identity_of(work: Work, runs: int) -> Identity:
+def identity_of(work: CampaignJob, runs: int) -> CampaignManifest:
     """By which the folder of such a campaign knows it; runs [-]."""
-    return Identity(
+    return CampaignManifest(
         name="trivial",
         package=__version__,
         runs=runs,

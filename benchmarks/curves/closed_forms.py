@@ -10,14 +10,13 @@ import numpy as np
 import pinocchio as pin
 
 from curves.segments import segment_distance, symbolic_segment_distance
-from uvms_ocp.arrays import Array, Indices
-from uvms_ocp.collision.capsules import Capsule, capsule_of
-from uvms_ocp.collision.coal_distances import NearPairs, nothing_near
-from uvms_ocp.collision.collision_scene import CollisionScene
-from uvms_ocp.model.symbolic.bodies import Pose
-from uvms_ocp.model.symbolic.tree import SymbolicModel
-from uvms_ocp.planning.path_cost import CostWeights
-from uvms_ocp.planning.penalty import symbolic_penalty
+from uvms_ocp.planning.capsules import Capsule, capsule_of
+from uvms_ocp.planning.distances import NearPairs, nothing_near
+from uvms_ocp.planning.path_cost import CostWeights, symbolic_penalty
+from uvms_ocp.planning.scene import CollisionScene
+from uvms_ocp.robot.symbolic_bodies import Pose
+from uvms_ocp.robot.symbolic_model import SymbolicModel
+from uvms_ocp.types import Array, Indices
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,22 +8,22 @@ import numpy as np
 from recording.timing import once
 
 from curves.scenes import Problem
-from uvms_ocp.arrays import Array
-from uvms_ocp.collision.coal_distances import CoalDistances
-from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.state import State
-from uvms_ocp.ocp.clearance.certificate import SteppedMotion
-from uvms_ocp.ocp.clearance.shape_clearance import ShapeClearance
-from uvms_ocp.ocp.curve_guess import along_curve
+from uvms_ocp.ocp.clearance import ShapeClearance
+from uvms_ocp.ocp.clearance_certificate import SteppedMotion
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
+from uvms_ocp.ocp.request import along_curve
 from uvms_ocp.ocp.terms import AtRest, Effort, Smoothness, TaskTerm
+from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.soft_collision import CollisionPlan, plan_soft_collision
-from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
+from uvms_ocp.robot.kinematics import Kinematics
+from uvms_ocp.robot.signals import State
+from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.tasks.joints import JointTracking
 from uvms_ocp.tasks.pose import VehiclePose
 from uvms_ocp.trajectories.segment_times import MotionLimits
+from uvms_ocp.types import Array
 
 N_STEPS = 24
 OPTIONS = NlpOptions(convergence=1e-6, time_limit=60.0)

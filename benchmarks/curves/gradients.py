@@ -11,16 +11,15 @@ from curves.closed_forms import ClosedFormDistances, collision_density, density_
 from curves.figure import figure
 from curves.scenes import problem
 from curves.shortest import random_problem
-from uvms_ocp.arrays import Array
-from uvms_ocp.collision.capsules import capsule_robot
-from uvms_ocp.collision.coal_distances import CoalDistances
-from uvms_ocp.collision.collision_scene import CollisionScene
-from uvms_ocp.model.loading import load_robot
+from uvms_ocp.planning.capsules import capsule_robot
+from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.path_cost import CostWeights, PathCost
+from uvms_ocp.planning.scene import CollisionScene
+from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.trajectories.free_derivatives import pieces_of
-from uvms_ocp.trajectories.min_snap import min_snap
+from uvms_ocp.trajectories.min_snap import CurveSpecification, min_snap
 from uvms_ocp.trajectories.segment_times import MotionLimits
-from uvms_ocp.trajectories.specification import CurveSpecification
+from uvms_ocp.types import Array
 
 Distances = CoalDistances | ClosedFormDistances
 PARTS = {

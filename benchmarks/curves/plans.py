@@ -11,10 +11,10 @@ from recording.timing import Timed, once
 from curves.closed_forms import ClosedFormDistances
 from curves.figure import figure
 from curves.scenes import Problem, problem
-from uvms_ocp.collision.capsules import capsule_robot
-from uvms_ocp.collision.coal_distances import CoalDistances
-from uvms_ocp.model.loading import load_robot
+from uvms_ocp.planning.capsules import capsule_robot
+from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.soft_collision import CollisionPlan, plan_soft_collision
+from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.trajectories.segment_times import MotionLimits
 
 COAL, CLOSED_FORMS = "coal", "closed forms"

@@ -10,14 +10,13 @@ from dataclasses import dataclass
 import coal
 import numpy as np
 
-from uvms_ocp.arrays import Array
-from uvms_ocp.collision.coal_distances import CoalDistances
-from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
-from uvms_ocp.collision.coordinates import Coordinates, coordinates
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.shapes.obstacles import Obstacle, obstacle
+from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.sampling import SamplingOptions, sampled_waypoints
+from uvms_ocp.planning.scene import CollisionScene, Coordinates, collision_scene, coordinates
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.obstacles import Obstacle, obstacle
+from uvms_ocp.types import Array
 
 N_SCENES = 50
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.arrays import Array
+from uvms_ocp.types import Array
 
 
 class Witness(NamedTuple):

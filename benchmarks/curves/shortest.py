@@ -13,9 +13,8 @@ from recording.report import Row
 from recording.timing import Timed, timed
 
 from curves.figure import figure
-from uvms_ocp.arrays import Array
-from uvms_ocp.trajectories.min_snap import MinSnap, min_snap
-from uvms_ocp.trajectories.qp_form import min_snap_qp
+from uvms_ocp.trajectories.min_snap import MinSnap, min_snap, min_snap_qp
+from uvms_ocp.types import Array
 
 OURS = "banded"
 SIZES = (1, 10, 100, 1_000, 10_000, 100_000)

@@ -8,16 +8,21 @@ import numpy as np
 from scipy.special import ndtri
 
 from uvms_ocp import load_robot, without_arm
-from uvms_ocp.identification.excitation.confines import Limits
-from uvms_ocp.identification.methods.output_error import Noise
-from uvms_ocp.identification.models.stage import PAST, Stage, Vehicle
-from uvms_ocp.identification.parameters.status import Free, Prior, Status
-from uvms_ocp.identification.parameters.unknowns import Unknowns
-from uvms_ocp.identification.parameters.vehicle_quantities import Actuators, Start, vehicle_declaration
-from uvms_ocp.identification.recordings.recording import Channel, Recording
-from uvms_ocp.identification.recordings.sampling import Held
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.thrusters import thruster_matrix
+from uvms_ocp.identification.experiment import ExperimentLimits
+from uvms_ocp.identification.model import PAST, Stage, Vehicle
+from uvms_ocp.identification.output_error import Noise
+from uvms_ocp.identification.parameters import (
+    ActuatorModel,
+    Free,
+    NominalParameters,
+    ParameterStatus,
+    Prior,
+    Unknowns,
+    vehicle_declaration,
+)
+from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.thrusters import thruster_matrix
 
 FINE, EVERY = 0.0025, 40
 """[s] of the simulation; [-] steps between samples."""
@@ -27,7 +32,7 @@ NOISE = Noise(velocity=VELOCITY, rate=RATE, vertical=VERTICAL, process=0.02, sta
 """As a search is told."""
 _HULL = np.array([[-0.25, -0.2, -0.15], [0.25, 0.2, 0.15]])
 _WITHOUT_PRIOR = 0.3  # [-] deviation of what is drawn where the declaration has none
-LEARNT: dict[str, Status] = {
+LEARNT: dict[str, ParameterStatus] = {
     "mass": Prior(sigma=0.01),
     "added_mass": Free(),
     "linear_drag": Free(),
@@ -42,20 +47,20 @@ LEARNT: dict[str, Status] = {
 """What is drawn, and learnt again: the vehicle was weighed, in air and in water, and its thrusters were tried on a scale."""
 
 
-def vehicle(learnt: Mapping[str, Status] = LEARNT, name: str = "bluerov2_alpha5") -> Vehicle:
+def vehicle(learnt: Mapping[str, ParameterStatus] = LEARNT, name: str = "bluerov2_alpha5") -> Vehicle:
     """A robot of the package without its arm."""
     robot = without_arm(load_robot(name))
     dynamics, B = robot_dynamics(robot).symbolic, thruster_matrix(robot)
     names = robot.thruster_names
-    actuators = Actuators(names=names, wrench=B, allocation=np.eye(len(names)), lag=0.1, dead_zone=0.3, delay=0.05)
-    known = vehicle_declaration(Start.of(dynamics), _HULL, actuators).learning(**learnt)
+    actuators = ActuatorModel(names=names, wrench=B, allocation=np.eye(len(names)), lag=0.1, dead_zone=0.3, delay=0.05)
+    known = vehicle_declaration(NominalParameters.of(dynamics), _HULL, actuators).learning(**learnt)
     return Vehicle(dynamics=dynamics, shared=Unknowns(known), own=Unknowns(known, own=True), actuators=actuators)
 
 
-def limits(one: Vehicle) -> Limits:
+def limits(one: Vehicle) -> ExperimentLimits:
     """Half of what the thrusters give, in a small pool."""
     thrust = np.tile([-20.0, 20.0], (len(one.actuators.names), 1))
-    return Limits(thrust=thrust, pool=np.array([[-3.0, -2.0, -1.0], [3.0, 2.0, 1.0]]), slew=100.0)
+    return ExperimentLimits(thrust=thrust, pool=np.array([[-3.0, -2.0, -1.0], [3.0, 2.0, 1.0]]), slew=100.0)
 
 
 def drawn(one: Vehicle, rng: np.random.Generator, n: int) -> np.ndarray:
@@ -71,7 +76,7 @@ def recorded(
     """Of a vehicle with unknowns p (n,) [as `Unknowns.start`], from rest; commands (n, n_u) [N] are held for equal times."""
     n = round((commands.t[-1] + commands.t[1]) / FINE)
     late = float(np.asarray(stage.delays(p)[0])[0, 0])
-    told = Held(commands).mean(FINE * np.arange(n + 1) - late)
+    told = ZeroOrderHold(commands).mean(FINE * np.arange(n + 1) - late)
     begun = np.asarray(stage.begun(np.repeat(commands.values[:1].T, PAST, axis=1), p)[0]).ravel()
     x = np.concatenate([[0, 0, 0, 0, 0, 0, 1.0], np.zeros(6), begun])
     after = stage.step.mapaccum(n)(x, told.T, np.zeros((0, n)), np.tile(p[:, None], n), FINE * np.ones((1, n)))

@@ -8,10 +8,9 @@ import numpy as np
 
 from driven_auv.recordings import CHANNELS, MOVING, judged
 from driven_auv.vehicle import ACTUATORS
-from uvms_ocp.identification.answers.predictions import Predicted, fit
-from uvms_ocp.identification.methods.stretch import Prepared
-from uvms_ocp.identification.recordings.recording import Recording
-from uvms_ocp.identification.recordings.sampling import GRID, rotations, smoothed
+from uvms_ocp.identification.fit import Predicted, fit
+from uvms_ocp.identification.recording import GRID, Recording, rotations, smoothed
+from uvms_ocp.identification.rollout import Prepared
 
 WINDOW = 1.0
 """[s] of the local quadratics that differentiate position."""

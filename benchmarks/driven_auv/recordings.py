@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.identification.answers.predictions import Predicted
-from uvms_ocp.identification.recordings.mapping import Mapping, mapped_recording
-from uvms_ocp.identification.recordings.recording import Recording
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.fit import Predicted
+from uvms_ocp.identification.reading import RecordingMapping, mapped_recording
+from uvms_ocp.identification.recording import Recording
 
 CHANNELS = ("surge", "sway", "heave", "yaw rate")
 MOVING = {"surge": 0.03, "sway": 0.03, "heave": 0.03, "yaw rate": 0.05}
@@ -22,7 +22,7 @@ def _columns(name: str) -> list[str]:
     return [f"field.{name}.{axis}" for axis in "xyz"]
 
 
-MAPPING = Mapping.model_validate(
+MAPPING = RecordingMapping.model_validate(
     {
         "channels": {
             "position": {**_NAVIGATION, "columns": _columns("position"), "world": "NED"},

@@ -10,13 +10,18 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.identification.models.stage import Vehicle
-from uvms_ocp.identification.parameters.declaration import Declaration
-from uvms_ocp.identification.parameters.status import Prior
-from uvms_ocp.identification.parameters.unknowns import Unknowns
-from uvms_ocp.identification.parameters.vehicle_quantities import Actuators, Couplings, Start, vehicle_declaration
-from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
-from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.identification.model import Vehicle
+from uvms_ocp.identification.parameters import (
+    ActuatorModel,
+    AxisCouplings,
+    Declaration,
+    NominalParameters,
+    Prior,
+    Unknowns,
+    vehicle_declaration,
+)
+from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
 MASS, VOLUME, DENSITY = 21.0, 0.0214, 1000.0
 """[kg], [m3], [kg/m3]"""
@@ -33,7 +38,7 @@ _THRUSTERS = np.array(
         -_YAW * np.array([-1, 1, 1, -1, 0, 0, 0, 0]),
     ]
 )
-ACTUATORS = Actuators(
+ACTUATORS = ActuatorModel(
     names=tuple(f"T{k}" for k in range(8)),
     wrench=_THRUSTERS,
     allocation=np.linalg.pinv(_THRUSTERS),
@@ -82,8 +87,8 @@ def dynamics() -> SymbolicDynamics:
 
 def declaration(**learnt: Prior) -> Declaration:
     """What is learnt."""
-    pairs = Couplings(added_mass=_PAIRS, linear_drag=_PAIRS)
-    known = vehicle_declaration(Start.of(dynamics()), _HULL, ACTUATORS, pairs)
+    pairs = AxisCouplings(added_mass=_PAIRS, linear_drag=_PAIRS)
+    known = vehicle_declaration(NominalParameters.of(dynamics()), _HULL, ACTUATORS, pairs)
     return known.starting(velocity_delay=np.array([0.2])).learning(**(LEARNT | learnt))
 
 

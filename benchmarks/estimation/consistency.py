@@ -10,11 +10,11 @@ import pinocchio as pin
 from scipy.stats import chi2
 
 from estimation.drawn import Watched
-from uvms_ocp.arrays import Array
-from uvms_ocp.control.navigation.filter.memory import MAIN, Part
-from uvms_ocp.control.navigation.tuning import EstimatorTuning
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import ACCELEROMETER, CHANNELS, SensorSpec, SensorSpecs
+from uvms_ocp.estimation.filter_memory import MAIN, Part
+from uvms_ocp.estimation.filter_tuning import EstimatorTuning
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import ACCELEROMETER, CHANNELS, SensorSpec, SensorSpecs
+from uvms_ocp.types import Array
 
 SPECS = SensorSpecs(specific_force=ACCELEROMETER, joint_velocities=SensorSpec(rate=50.0, sigma=0.01))
 """Every channel."""

@@ -8,10 +8,10 @@ import numpy as np
 
 from estimation.consistency import DELAYS, error_of, late
 from estimation.drawn import Watched
-from uvms_ocp.control.navigation.filter.memory import Part
-from uvms_ocp.control.navigation.tuning import EstimatorTuning
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import ACCELEROMETER, SensorSpecs
+from uvms_ocp.estimation.filter_memory import Part
+from uvms_ocp.estimation.filter_tuning import EstimatorTuning
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import ACCELEROMETER, SensorSpecs
 
 WITH, WITHOUT = SensorSpecs(specific_force=ACCELEROMETER), SensorSpecs()
 """The usual sensors, with and without an accelerometer."""

@@ -7,14 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arrays import Array
-from uvms_ocp.control.navigation.estimator import Estimator
-from uvms_ocp.control.navigation.tuning import EstimatorTuning
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import SensorSpecs
-from uvms_ocp.model.state import Reading, Readings, State
+from uvms_ocp.estimation.estimator import Estimator
+from uvms_ocp.estimation.filter_tuning import EstimatorTuning
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import Reading, Readings, SensorSpecs, State
 from uvms_ocp.sim.seafloor import Seafloor
 from uvms_ocp.sim.sensors import SensorSuite
+from uvms_ocp.types import Array
 
 _BIASED = ("angular_velocity", "linear_velocity", "specific_force")
 _SHOCK = np.linalg.cholesky(np.array([[1 / 20, 1 / 8, 1 / 6], [1 / 8, 1 / 3, 1 / 2], [1 / 6, 1 / 2, 1.0]]))

@@ -8,15 +8,14 @@ import numpy as np
 import pinocchio as pin
 
 from estimation.consistency import DELAYS, SPECS, late
-from uvms_ocp.arrays import Array
-from uvms_ocp.control.navigation.estimator import Estimator
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import SensorSpecs
-from uvms_ocp.model.state import Command, State
-from uvms_ocp.report.estimate import estimate_table
-from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.estimation.estimator import Estimator
+from uvms_ocp.report.metrics import estimate_table
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import Command, SensorSpecs, State
+from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import SensorSuite
+from uvms_ocp.types import Array
 
 TIMED = {"default": SensorSpecs(), "every channel": SPECS, "all late": late(SPECS, DELAYS)}
 _DT = 1 / 200  # [s]

@@ -15,13 +15,12 @@ from hierarchy_solvers.found import Found, certificates_of, timed_row
 from hierarchy_solvers.problems import Inputs, Problem, exactness_problems
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.control.velocity.levels import LevelsProblem
-from uvms_ocp.scenarios.case1 import case1
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.active_set.warm_tick import ActiveSetTick
-from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.solvers.hierarchy.active_set import ActiveSetTick, LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.icat import Icat
 from uvms_ocp.solvers.hierarchy.level import Level
-from uvms_ocp.solvers.hierarchy.tick import LEVEL_OUTPUTS, Tick
+from uvms_ocp.solvers.hierarchy.solution import LEVEL_OUTPUTS, Tick
 
 IN_C, IN_NUMPY = "lexls in C", "lexls in NumPy"
 SOLVERS: dict[str, HierarchySolver] = {

@@ -13,7 +13,7 @@ from recording.report import Row
 from hierarchy_solvers.found import Found, timed_row
 from hierarchy_solvers.ours import stacked
 from hierarchy_solvers.problems import Problem
-from uvms_ocp.model.files.library import robot_folder
+from uvms_ocp.robot.loading import robot_folder
 
 _HERE = Path(__file__).parent
 

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uvms_ocp.control.velocity.levels import LevelsProblem
-from uvms_ocp.scenarios.case1 import case1
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.gated_rows import gated
-from uvms_ocp.solvers.hierarchy.level import Level, row_slices
-from uvms_ocp.solvers.hierarchy.tick import Tick, TickResult
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.level import Level, gated, row_slices
+from uvms_ocp.solvers.hierarchy.solution import Tick, TickResult
 
 Inputs: TypeAlias = tuple[np.ndarray, ...]
 """Of one call of a levels function."""

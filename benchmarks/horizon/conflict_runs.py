@@ -13,13 +13,13 @@ from recording.report import Row
 from horizon.following import CURRENT, DT, GUSTS, PERIOD, STRICT, deadlines, tool_position
 from horizon.receding_conflicts import CONFLICTS, SETTLING, RecedingConflict
 from uvms_ocp.control.force.computed_torque import TrackingGains
-from uvms_ocp.control.receding.nmpc import Nmpc
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.state import Measurement
+from uvms_ocp.control.nmpc import Nmpc
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.signals import Measurement
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
-from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.plant import DynamicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
 
 LEVELS = "levels"

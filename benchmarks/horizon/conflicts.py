@@ -10,13 +10,13 @@ import numpy as np
 import pinocchio as pin
 
 from horizon.problems import tool_reach
-from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import State
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Effort, Smoothness, TaskTerm
+from uvms_ocp.robot.kinematics import Kinematics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import State
 from uvms_ocp.tasks.pose import ToolPosition
 
 N_LINKS, LINK = 11, 0.1  # [-], [m] length of each

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.thrusters import thruster_matrix
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.thrusters import thruster_matrix
 from uvms_ocp.sim.currents import Current, water_at
 
 _SWEEPS = 60  # of reweighted least squares

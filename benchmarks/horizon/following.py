@@ -12,28 +12,27 @@ import pinocchio as pin
 from recording.report import Row
 
 from uvms_ocp.control.force.dynamic import DynamicController
-from uvms_ocp.control.receding.nmpc import Nmpc
+from uvms_ocp.control.nmpc import Nmpc
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Phase
-from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
-from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import Command, Measurement, State
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import At, Effort, Smoothness, TaskTerm
+from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.robot.kinematics import Kinematics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import Command, Measurement, State
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
-from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.plant import DynamicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
-from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
+from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
+from uvms_ocp.solvers.nlp.options import SqpOptions
 from uvms_ocp.tasks.attitude import HorizontalAttitude
-from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.joints import JointLimits, JointTracking
 from uvms_ocp.tasks.pose import ToolPose
-from uvms_ocp.tasks.reference import PoseReference
+from uvms_ocp.tasks.task import Hierarchy, PoseReference
 
 CURRENT = np.array([0.3, 0.0, 0.0])
 """(3,) [m/s] mean of the water."""

@@ -13,12 +13,6 @@ import numpy as np
 import pinocchio as pin
 
 from horizon.problems import reach_goal
-from uvms_ocp.model.files.library import robot_folder
-from uvms_ocp.model.limits import Limits
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import State
-from uvms_ocp.model.symbolic.tree import SymbolicModel
 from uvms_ocp.ocp.problem import (
     Actuation,
     HessianKind,
@@ -29,7 +23,12 @@ from uvms_ocp.ocp.problem import (
     single_phase,
 )
 from uvms_ocp.ocp.terms import At, AtRest, Duration, Effort, StageSymbols, TaskTerm, Term
-from uvms_ocp.ocp.transcription.actuators import Actuators
+from uvms_ocp.ocp.transcription.stage import Actuators
+from uvms_ocp.robot.limits import Limits
+from uvms_ocp.robot.loading import load_robot, robot_folder
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import State
+from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.tasks.pose import ToolPose
 from uvms_ocp.tasks.task import Residual, bounded_residual, zero_residual
 

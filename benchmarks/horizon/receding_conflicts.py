@@ -11,16 +11,15 @@ import numpy as np
 import pinocchio as pin
 
 from horizon.following import CURRENT, start_of
-from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import State
-from uvms_ocp.ocp.clearance.ball_clearance import Ball, BallClearance
+from uvms_ocp.ocp.clearance import Ball, BallClearance
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import At, Effort, Posture, Smoothness, StageSymbols, TaskTerm, Term
+from uvms_ocp.robot.kinematics import Kinematics
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import State
 from uvms_ocp.tasks.attitude import HorizontalAttitude
 from uvms_ocp.tasks.pose import ToolPose, VehiclePose
-from uvms_ocp.tasks.reference import PoseReference
-from uvms_ocp.tasks.task import Residual
+from uvms_ocp.tasks.task import PoseReference, Residual
 
 WAY, SPEED = 0.9, 0.3
 """[m], [m/s] of a goal."""

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from uvms_ocp.control.force.computed_torque import TrackingGains
-from uvms_ocp.control.navigation.pass_through import PassThrough
-from uvms_ocp.control.receding.plan_tracking import PlanTracker
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import IDEAL_SENSORS
+from uvms_ocp.control.plan_following import PlanTracker
+from uvms_ocp.estimation.estimator import PassThrough
 from uvms_ocp.ocp.trajectory import Trajectory
-from uvms_ocp.sim.dynamic_plant import DynamicPlant
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import IDEAL_SENSORS
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.loop import simulate
+from uvms_ocp.sim.plant import DynamicPlant
 from uvms_ocp.sim.sensors import SensorSuite
 
 

@@ -9,9 +9,9 @@ from recording.report import Row
 from pool.learnt import STEP, Learner
 from pool.replay import at_times, roll_pitch
 from pool.scores import without_offset
-from uvms_ocp.identification.answers.predictions import Predicted
-from uvms_ocp.identification.methods.stretch import Prepared
-from uvms_ocp.model.spatial import exp3
+from uvms_ocp.identification.fit import Predicted
+from uvms_ocp.identification.rollout import Prepared
+from uvms_ocp.robot.spatial import exp3
 
 ANGLES = ("roll", "pitch")
 

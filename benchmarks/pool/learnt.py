@@ -9,14 +9,11 @@ import numpy as np
 
 from pool.sensors import IMU, MOCAP
 from pool.vehicle import pool_dynamics
-from uvms_ocp.identification.answers.predictions import Predicted, Predictor
-from uvms_ocp.identification.methods.output_error import Estimate, Noise, OutputError
-from uvms_ocp.identification.methods.rollout import Rollout
-from uvms_ocp.identification.methods.stretch import Prepared
-from uvms_ocp.identification.models.stage import Vehicle, stage_of
-from uvms_ocp.identification.parameters.status import Prior
-from uvms_ocp.identification.parameters.unknowns import Unknowns
-from uvms_ocp.identification.parameters.vehicle_quantities import Actuators, Start, vehicle_declaration
+from uvms_ocp.identification.fit import Predicted, Predictor
+from uvms_ocp.identification.model import Vehicle, stage_of
+from uvms_ocp.identification.output_error import Estimate, Noise, OutputErrorProblem
+from uvms_ocp.identification.parameters import ActuatorModel, NominalParameters, Prior, Unknowns, vehicle_declaration
+from uvms_ocp.identification.rollout import Prepared, Rollout
 
 STEP, KNOWN = 0.04, 2.0
 """[s], [s] of the beginning from which a start and the offset of the attitude are found."""
@@ -46,7 +43,7 @@ class Learner:
     def trained(self, chosen: Sequence[Prepared], shared: np.ndarray | None = None, iterations: int = 15) -> Estimate:
         """Identified on whole recordings."""
         stretches = [one.stretches(STEP)[0] for one in chosen]
-        error = OutputError(self.vehicle, stretches, self.noise, self.rollout)
+        error = OutputErrorProblem(self.vehicle, stretches, self.noise, self.rollout)
         return error.solve(error.start(shared), iterations=iterations, tolerance=1e-3)
 
     def predicted(self, one: Prepared, shared: np.ndarray) -> Predicted:
@@ -59,8 +56,8 @@ class Learner:
 
 def pool_learner(noise: Noise) -> Learner:
     """Nothing drives the vehicle."""
-    none = Actuators(names=(), wrench=np.zeros((6, 0)), allocation=np.zeros((0, 6)))
+    none = ActuatorModel(names=(), wrench=np.zeros((6, 0)), allocation=np.zeros((0, 6)))
     dynamics = pool_dynamics()
-    known = vehicle_declaration(Start.of(dynamics), _HULL, none).learning(**LEARNT)
+    known = vehicle_declaration(NominalParameters.of(dynamics), _HULL, none).learning(**LEARNT)
     vehicle = Vehicle(dynamics=dynamics, shared=Unknowns(known), own=Unknowns(known, own=True), actuators=none)
     return Learner(vehicle=vehicle, rollout=Rollout(stage_of(vehicle)), noise=noise)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import savgol_filter
 
-from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.errors import InvalidInput
 
 SAMPLE_TIME = 0.02
 """[s] of the resampled joint motion; recorded at about 46 Hz."""

@@ -7,10 +7,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.identification.recordings.mapping import Mapping, mapped_recording
-from uvms_ocp.identification.recordings.recording import Channel, Recording
-from uvms_ocp.identification.recordings.sampling import rotations, smoothed
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.reading import RecordingMapping, mapped_recording
+from uvms_ocp.identification.recording import Channel, Recording, rotations, smoothed
 
 IMU, MOCAP = "IMU", "motion capture"
 _Columns: TypeAlias = dict[str, object]
@@ -49,7 +48,7 @@ def _recording(folder: Path, sensor: str, name: str) -> Recording:
 
 def _read(folder: Path, sensor: str, name: str) -> Recording:
     channels = {key: {"time": "time_secs", **one} for key, one in (_BOTH | _CHANNELS[sensor]).items()}
-    return mapped_recording(folder, Mapping.model_validate({"channels": channels}), name)
+    return mapped_recording(folder, RecordingMapping.model_validate({"channels": channels}), name)
 
 
 def _forward(key: str, channel: Channel) -> Channel:

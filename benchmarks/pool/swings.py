@@ -10,9 +10,8 @@ from recording.report import Row
 
 from pool.findings import swing_in
 from pool.judging import ANGLES, angles
-from uvms_ocp.identification.answers.predictions import Predicted
-from uvms_ocp.identification.recordings.recording import Recording
-from uvms_ocp.identification.recordings.sampling import smoothed
+from uvms_ocp.identification.fit import Predicted
+from uvms_ocp.identification.recording import Recording, smoothed
 
 _REST, _WINDOW = 0.05, 0.4  # [rad/s] below which the arm rests, [s] over which its motion is smoothed
 _SHORTEST, _SETTLED = 3.0, 0.3  # [s] of a rest, and after the arm has come to it

@@ -11,10 +11,10 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
-from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
 _DENSITY = 998.0  # [kg/m3]
 _GRAVITY = 9.81  # [m/s2]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from recording.progress import show_progress
 from recording.report import Row
-from uvms_ocp.campaign.store.parts import part_paths
+from uvms_ocp.campaign.store import part_paths
 from uvms_ocp.campaign.study import Study, known_rows
 
 _ROUND = 7  # cases, from all over a study, that are run one after the other

@@ -12,8 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import uvms_ocp
-from uvms_ocp.control.navigation import watchdog
-from uvms_ocp.model import dynamics, sensing, state
+from uvms_ocp.estimation import fallbacks as watchdog
+from uvms_ocp.robot import dynamics
+from uvms_ocp.robot import signals as sensing
+from uvms_ocp.robot import signals as state
 
 ROOT = Path(uvms_ocp.__file__).parent
 OTHERS = (state, sensing, watchdog, dynamics)

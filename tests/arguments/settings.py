@@ -18,7 +18,7 @@ import pinocchio as pin
 from public_surface import Call, surface
 from valid_calls import EXPENSIVE, right_arguments
 
-from uvms_ocp.exceptions import UvmsError
+from uvms_ocp.errors import UvmsError
 
 RECORDED = Path(__file__).with_name("settings.json")
 FLOATS = (

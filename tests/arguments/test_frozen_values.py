@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 from valid_calls import q, run_record, scenario, transition
 
-from uvms_ocp import Phase, Record, Water, exceptions
-from uvms_ocp.arguments import changed, trusted
+from uvms_ocp import Phase, Record, Water
+from uvms_ocp import errors as exceptions
 from uvms_ocp.campaign.study import Study
-from uvms_ocp.exceptions import InvalidInput, NameNotFound, OutputError, UvmsError
-from uvms_ocp.model.state import Command, Measurement, Reading, State
-from uvms_ocp.scenario import Scenario
+from uvms_ocp.checks import replace_unchecked, unchecked_constructor
+from uvms_ocp.errors import InvalidInput, NameNotFound, OutputError, UvmsError
+from uvms_ocp.robot.signals import Command, Measurement, Reading, State
+from uvms_ocp.scenario.scenario import Scenario
 
 ERRORS = [
     UvmsError("a", 2),
@@ -120,7 +121,7 @@ def test_frozen_values_survive(again: Callable[[Any], Any]) -> None:
 
 def test_values_of_a_tick_are_copies_to_users_and_as_they_are_to_the_loop() -> None:
     q, v = np.zeros(5), np.zeros(5)
-    copied, taken = State(q=q, v=v), trusted(State)(q=q, v=v)
+    copied, taken = State(q=q, v=v), unchecked_constructor(State)(q=q, v=v)
     q[0] = 1.0
     assert copied.q[0] == 0.0
     assert taken.q is q
@@ -129,16 +130,16 @@ def test_values_of_a_tick_are_copies_to_users_and_as_they_are_to_the_loop() -> N
         taken.q = q  # type: ignore[misc]
     with pytest.raises(FrozenInstanceError):
         del taken.q
-    assert trusted(Reading)(value=q, t=0.0).value is q
-    assert trusted(Measurement)(q=q, v=v, altimeter_range=1.0).age == 0.0
-    assert trusted(Command)(v=v).telemetry is not trusted(Command)(v=v).telemetry
+    assert unchecked_constructor(Reading)(value=q, t=0.0).value is q
+    assert unchecked_constructor(Measurement)(q=q, v=v, altimeter_range=1.0).age == 0.0
+    assert unchecked_constructor(Command)(v=v).telemetry is not unchecked_constructor(Command)(v=v).telemetry
     with pytest.raises(TypeError, match="missing"):
-        trusted(State)(q=q)
+        unchecked_constructor(State)(q=q)
     with pytest.raises(InvalidInput, match="give finite numbers"):  # what a constructor does beyond storing is done
-        trusted(Water)(velocity=np.full(3, np.nan))
+        unchecked_constructor(Water)(velocity=np.full(3, np.nan))
 
 
 def test_what_is_changed_keeps_its_other_fields() -> None:
     command = Command(v=np.ones(5), hold=True)
-    stopped = changed(command, stop=True)
+    stopped = replace_unchecked(command, stop=True)
     assert (stopped.stop, stopped.hold, stopped.v is command.v, command.stop) == (True, True, True, False)

@@ -17,8 +17,8 @@ from public_surface import Call, surface
 from valid_calls import EXPENSIVE, POOL, REFUSES, STARRED, owner_of, right_arguments, robot, scenario
 
 import uvms_ocp as uo
-from uvms_ocp.exceptions import ArgumentNotFound, InvalidInput, UvmsError
-from uvms_ocp.model.state import Command, Reading, Readings
+from uvms_ocp.errors import ArgumentNotFound, InvalidInput, UvmsError
+from uvms_ocp.robot.signals import Command, Reading, Readings
 from uvms_ocp.sim import UniformCurrent
 from uvms_ocp.solvers import Icat
 from uvms_ocp.tasks import MinimumAltitude

@@ -18,37 +18,39 @@ import numpy as np
 import pinocchio as pin
 from public_surface import Call
 
-from uvms_ocp import collision, control, mission, ocp, planning, report, sim, solvers, tasks, trajectories, without_arm
+from uvms_ocp import control, mission, ocp, planning, report, sim, solvers, tasks, trajectories, without_arm
+from uvms_ocp import planning as collision
 from uvms_ocp.campaign import Campaign, Choice, LogNormal, Normal, Study, StudyResult, Triangular, Uniform
-from uvms_ocp.campaign.runs.work import attempted
-from uvms_ocp.campaign.store.folder import opened
-from uvms_ocp.collision.conservative_advancement import ClearanceReport
-from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
-from uvms_ocp.control.receding.plan_guide import PlannedPhase
+from uvms_ocp.campaign.jobs import attempted
+from uvms_ocp.campaign.store import opened
+from uvms_ocp.codegen.buffered import BufferedFunction
+from uvms_ocp.control.plan_following import PlannedPhase
 from uvms_ocp.control.velocity import levels
-from uvms_ocp.control.velocity.distress import Strain
+from uvms_ocp.control.velocity.abort import Strain
 from uvms_ocp.control.velocity.tick_state import TickState
-from uvms_ocp.functions.buffered import BufferedFunction
+from uvms_ocp.estimation.fallbacks import Freshness, Watchdog
 from uvms_ocp.mission_plan import MissionPlan
-from uvms_ocp.mission_plan.identity import digests
-from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
-from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpec
-from uvms_ocp.model.shapes.collision_model import CollisionModel
-from uvms_ocp.model.state import Command, Measurement, Readings, State
-from uvms_ocp.model.symbolic.tree import SymbolicModel
+from uvms_ocp.mission_plan.plan import digests
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.preflight import Finding, PreflightReport, Severity
-from uvms_ocp.record import Record
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios import RunOptions, case1, reach
-from uvms_ocp.sim.faults import Fault
-from uvms_ocp.solvers import nlp, stagewise
+from uvms_ocp.planning.conservative_advancement import ClearanceReport
+from uvms_ocp.record.record import Record
+from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.robot.kinematics import Kinematics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.collision_model import CollisionModel
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Measurement, Readings, SensorSpec, State
+from uvms_ocp.robot.symbolic_model import SymbolicModel
+from uvms_ocp.scenario import replay
+from uvms_ocp.scenario.cases import RunOptions, case1, reach
+from uvms_ocp.scenario.preflight import Finding, PreflightReport, Severity
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.sim import Fault
+from uvms_ocp.solvers import nlp
+from uvms_ocp.solvers import stage_qp as stagewise
 from uvms_ocp.tasks.task import TickSymbols
-from uvms_ocp.viz.scene.page.viewer import ScenePage
+from uvms_ocp.viz.scene.page import ScenePage
 
 RECORDS = Path(__file__).parents[1] / "records"
 Arguments = Mapping[str, Any]
@@ -177,8 +179,8 @@ def small_program() -> nlp.LexicographicProgram:
 
 @cache
 def path_plan() -> planning.CollisionPlan:
-    from uvms_ocp.collision.collision_scene import Nearest
     from uvms_ocp.planning.path_cost import CostParts
+    from uvms_ocp.planning.scene import Nearest
 
     nearest = Nearest(distance=1.0, time=0.0, pair=scene().pairs[0])
     report = ClearanceReport(collision_free=True, undecided=False, nearest=nearest, n_samples=3)
@@ -326,7 +328,7 @@ def full_command() -> Command:
 
 
 def wrenches() -> Any:
-    from uvms_ocp.model.symbolic.bodies import Wrench
+    from uvms_ocp.robot.symbolic_bodies import Wrench
 
     return [Wrench(force=ca.SX.zeros(3), moment=ca.SX.zeros(3)) for _ in poses()]
 
@@ -511,7 +513,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "Record | Plan": curve_record,
     "Plan | Record": plan,
     "Where": lambda: sim.KinematicPlant(arm(), arm().configuration()),
-    "Flight": lambda: plan().replay(from_pool("Where", "where")),
+    "Flight": lambda: replay(plan(), from_pool("Where", "where")),
     "Mismatch": lambda: from_pool("Flight", "flight").mismatch,
     "OwnRows": lambda: lambda stage: stage.tick.q[0],
     "Transcription": lambda: Transcription(problem()),

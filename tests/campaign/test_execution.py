@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from trivial_runs import TrivialRuns, cluster, identity_of
 
-from uvms_ocp.campaign.execution.carry_out import carry_out
-from uvms_ocp.campaign.runs.time_limit import OverTime, time_limit
-from uvms_ocp.campaign.store.table import read_table
-from uvms_ocp.exceptions import InvalidInput, OutputError
+from uvms_ocp.campaign.execution import carry_out
+from uvms_ocp.campaign.jobs import OverTime, time_limit
+from uvms_ocp.campaign.store import read_table
+from uvms_ocp.errors import InvalidInput, OutputError
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"
@@ -99,7 +99,7 @@ def test_on_a_cluster_of_others_only_the_run_that_ends_processes_by_itself_is_bl
 def test_an_address_where_nobody_answers_is_an_error_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("uvms_ocp.campaign.execution.cluster._PATIENCE", 1.0)
+    monkeypatch.setattr("uvms_ocp.campaign.cluster._PATIENCE", 1.0)
     work = TrivialRuns()
     with pytest.raises(OutputError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         carry_out(tmp_path, identity_of(work, 3), work, scheduler="tcp://127.0.0.1:9")

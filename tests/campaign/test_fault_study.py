@@ -11,12 +11,12 @@ from compiler import long_without_compiler
 from uvms_ocp.campaign.fault_study import by_kind, faults, nominal, run_faults
 from uvms_ocp.campaign.fault_table import GUSTY, KINDS, PHASES, SIZES, STILL
 from uvms_ocp.campaign.fault_truth import arm_height, astray, contact_outside_landing, is_named, joint_excess
-from uvms_ocp.exceptions import NameNotFound
-from uvms_ocp.model.sensing import SensorSpecs
-from uvms_ocp.record import Record
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios.case1 import case1
-from uvms_ocp.sim.faults.notation import parse_faults
+from uvms_ocp.errors import NameNotFound
+from uvms_ocp.record.record import Record
+from uvms_ocp.robot.signals import SensorSpecs
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.sim.faults import parse_faults
 
 QUICK = {"plant": "kinematic", "dt": 0.05, "duration": 60.0}
 

@@ -6,15 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from uvms_ocp.campaign.findings.causes import cause_table, outcome_table
-from uvms_ocp.campaign.findings.paired import _pairs
-from uvms_ocp.campaign.findings.rates import Rate
-from uvms_ocp.campaign.findings.sensitivity import sensitivity_table
-from uvms_ocp.campaign.findings.spread import spread_table
-from uvms_ocp.campaign.findings.verdict import judged, parse_bounds
-from uvms_ocp.campaign.runs.merits import MERITS
-from uvms_ocp.campaign.variations.samplers import Design
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.campaign.analysis import Rate, cause_table, outcome_table, sensitivity_table
+from uvms_ocp.campaign.distributions import Design
+from uvms_ocp.campaign.jobs import MERITS, spread_table
+from uvms_ocp.campaign.report import _pairs, judged, parse_bounds
+from uvms_ocp.errors import InvalidInput, NameNotFound
 
 
 def table(n: int, **columns: object) -> pd.DataFrame:

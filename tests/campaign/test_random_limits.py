@@ -12,11 +12,11 @@ from compiler import long_without_compiler
 from uvms_ocp.campaign.random_limits import close_quarters, largest, limit_violations, random_limits
 from uvms_ocp.campaign.random_missions import random_missions
 from uvms_ocp.campaign.study import Study
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.meta_values import PhaseMeta
-from uvms_ocp.record import Record
-from uvms_ocp.run_meta import RunMeta
-from uvms_ocp.scenario import Scenario
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.meta_values import PhaseMeta
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.run_meta import RunMeta
+from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.seafloor import FlatSeafloor
 
 pytestmark = pytest.mark.slow

@@ -9,7 +9,7 @@ from compiler import long_without_compiler
 
 from uvms_ocp.campaign.random_missions import boulder_clearance, random_mission, random_missions, totals
 from uvms_ocp.campaign.study import StudyResult
-from uvms_ocp.scenario import Scenario
+from uvms_ocp.scenario.scenario import Scenario
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"),

@@ -15,9 +15,8 @@ from compiler import long_without_compiler
 from trivial_runs import Cluster, cluster
 
 from uvms_ocp.campaign.campaign import Campaign
-from uvms_ocp.campaign.runs.work import VARYING
-from uvms_ocp.campaign.store.parts import part_paths
-from uvms_ocp.campaign.store.table import read_table
+from uvms_ocp.campaign.jobs import VARYING
+from uvms_ocp.campaign.store import part_paths, read_table
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"),
@@ -28,7 +27,7 @@ MISSION = """
 import uvms_ocp as uo
 
 def scenario(**options):
-    return uo.scenarios.reach(**{"plant": "kinematic", "duration": 0.3, "dt": 0.02, **options})
+    return uo.scenario.reach(**{"plant": "kinematic", "duration": 0.3, "dt": 0.02, **options})
 """
 VARIATIONS = """
 from uvms_ocp.campaign import Normal, Uniform, Variation

@@ -9,12 +9,10 @@ from pathlib import Path
 import pytest
 from trivial_runs import TrivialRuns, identity_of
 
-from uvms_ocp.campaign.runs.work import attempted
-from uvms_ocp.campaign.store import parts as parts_module
-from uvms_ocp.campaign.store.folder import opened
-from uvms_ocp.campaign.store.identity import read_identity
-from uvms_ocp.campaign.store.table import read_table
-from uvms_ocp.exceptions import InvalidInput, OutputError
+from uvms_ocp.campaign import store as parts_module
+from uvms_ocp.campaign.jobs import attempted
+from uvms_ocp.campaign.store import opened, read_identity, read_table
+from uvms_ocp.errors import InvalidInput, OutputError
 
 WORK = TrivialRuns()
 
@@ -48,7 +46,7 @@ def test_rows_are_on_the_disk_when_the_block_ends_in_an_interrupt(tmp_path: Path
 
 
 def test_rows_that_have_waited_go_to_the_disk_by_themselves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("uvms_ocp.campaign.store.folder._BATCH_AGE", 0.0)
+    monkeypatch.setattr("uvms_ocp.campaign.store._BATCH_AGE", 0.0)
     with opened(tmp_path, identity_of(WORK, 20), {}) as campaign:
         campaign.add(attempted(WORK, 2, "here"))
         campaign.flush()

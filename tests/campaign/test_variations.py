@@ -9,15 +9,13 @@ import pytest
 from compiler import long_without_compiler
 from scipy import stats
 
-from uvms_ocp.campaign.variations.distributions import Choice, LogNormal, Normal, OfScipy, Triangular, Uniform
-from uvms_ocp.campaign.variations.known_parameters import known_parameters
-from uvms_ocp.campaign.variations.samplers import SAMPLERS, Design
-from uvms_ocp.campaign.variations.variation import Variation, quantiles, require_known, varied
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.water.hydrodynamics import Water
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.campaign.distributions import SAMPLERS, Choice, Design, LogNormal, Normal, OfScipy, Triangular, Uniform
+from uvms_ocp.campaign.variations import Variation, known_parameters, quantiles, require_known, vary
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.hydrodynamics import Water
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
 
 SHARES = np.linspace(0.01, 0.99, 23)
@@ -73,12 +71,12 @@ def test_what_is_no_distribution_is_refused() -> None:
 def test_a_parameter_of_ones_own_is_applied(scenario: Scenario) -> None:
     own = Variation("slowness", Uniform(1.0, 2.0), apply=lambda given, value: replace(given, dt=0.01 * value))
     require_known([own], scenario)
-    assert varied(scenario, [own], {"slowness": 1.5}, 3).dt == 0.015
+    assert vary(scenario, [own], {"slowness": 1.5}, 3).dt == 0.015
 
 
 def test_the_seed_reaches_sensors_and_gusts(scenario: Scenario) -> None:
     gusty = Variation("current.gusts", Uniform(0.0, 0.1))
-    run = varied(scenario, [gusty], {"current.gusts": 0.05}, 77)
+    run = vary(scenario, [gusty], {"current.gusts": 0.05}, 77)
     assert run.seed == 77
     assert isinstance(run.environment.current, GustyCurrent)
     assert (run.environment.current.seed, run.environment.current.sigma) == (77, 0.05)
@@ -88,7 +86,7 @@ def test_drag_is_a_factor_that_the_plant_feels_and_the_controller_does_not_know(
     q, still, flow = scenario.start, np.zeros(scenario.robot.n_v), Water(velocity=np.array([0.4, -0.2, 0.1]))
 
     def force(factor: float) -> np.ndarray:
-        run = varied(scenario, [Variation("water.drag", Uniform(0, 3))], {"water.drag": factor}, 0)
+        run = vary(scenario, [Variation("water.drag", Uniform(0, 3))], {"water.drag": factor}, 0)
         assert run.robot is scenario.robot
         return robot_dynamics(run.plant_robot).inverse_dynamics(q, still, still, flow)
 
@@ -103,7 +101,7 @@ def test_mass_and_added_mass_scale_what_resists(scenario: Scenario) -> None:
 
     def mass_matrix(**values: float) -> np.ndarray:
         named = {name.replace("_", ".", 1): value for name, value in values.items()}
-        run = varied(scenario, [Variation(name, Uniform(0, 3)) for name in named], named, 0)
+        run = vary(scenario, [Variation(name, Uniform(0, 3)) for name in named], named, 0)
         return robot_dynamics(run.plant_robot or run.robot).mass_matrix(q)
 
     nominal, heavy, dry = mass_matrix(), mass_matrix(robot_mass=2.0), mass_matrix(water_added_mass=0.0)
@@ -111,7 +109,7 @@ def test_mass_and_added_mass_scale_what_resists(scenario: Scenario) -> None:
 
 
 def test_a_payload_weighs_at_the_tool(scenario: Scenario) -> None:
-    run = varied(scenario, [Variation("payload.mass", Uniform(0, 3))], {"payload.mass": 1.5}, 0)
+    run = vary(scenario, [Variation("payload.mass", Uniform(0, 3))], {"payload.mass": 1.5}, 0)
     q, still = run.start, np.zeros(run.robot.n_v)
     loaded, bare = (robot_dynamics(robot).inverse_dynamics(q, still, still) for robot in (run.plant_robot, run.robot))
     R = np.array(run.robot.model.gravity.linear)
@@ -120,7 +118,7 @@ def test_a_payload_weighs_at_the_tool(scenario: Scenario) -> None:
 
 def test_speed_and_heading_make_a_current_whatever_their_order(scenario: Scenario) -> None:
     values = {"current.heading": 2.0, "current.speed": 0.25}
-    run = varied(scenario, [Variation(name, Uniform(0, 3)) for name in values], values, 0)
+    run = vary(scenario, [Variation(name, Uniform(0, 3)) for name in values], values, 0)
     current = run.environment.current
     assert isinstance(current, UniformCurrent)
     assert np.allclose(current.value, [0.25 * np.cos(2.0), 0.25 * np.sin(2.0), 0.0])
@@ -128,7 +126,7 @@ def test_speed_and_heading_make_a_current_whatever_their_order(scenario: Scenari
 
 def test_sensors_change_in_truth_and_not_for_the_estimator(scenario: Scenario) -> None:
     values = {"sensors.noise": 3.0, "sensors.untold_delay": 0.05, "sensors.depth.sigma": 0.2}
-    run = varied(scenario, [Variation(name, Uniform(0, 9)) for name in values], values, 0)
+    run = vary(scenario, [Variation(name, Uniform(0, 9)) for name in values], values, 0)
     assert run.sensors == scenario.sensors
     assert run.real_sensors.position.sigma == 3.0 * scenario.sensors.position.sigma
     assert run.real_sensors.position.delay == scenario.sensors.position.delay + 0.05
@@ -137,12 +135,12 @@ def test_sensors_change_in_truth_and_not_for_the_estimator(scenario: Scenario) -
 
 def test_a_delay_is_told_to_the_estimator_and_what_nobody_knows_of_it_comes_on_top(scenario: Scenario) -> None:
     values = {"sensors.delay": 0.05, "sensors.depth.delay": 0.2, "sensors.depth.untold_delay": 0.03}
-    run = varied(scenario, [Variation(name, Uniform(0, 9)) for name in values], values, 0)
+    run = vary(scenario, [Variation(name, Uniform(0, 9)) for name in values], values, 0)
     assert run.specs.position.delay == run.real_sensors.position.delay == scenario.specs.position.delay + 0.05
     assert run.specs.depth.delay == 0.2
     assert run.real_sensors.depth.delay == pytest.approx(0.23)
     told = {"sensors.delay": 0.05}
-    assert varied(scenario, [Variation("sensors.delay", Uniform(0, 1))], told, 0).real_sensors is None
+    assert vary(scenario, [Variation("sensors.delay", Uniform(0, 1))], told, 0).real_sensors is None
 
 
 @pytest.mark.slow
@@ -151,7 +149,7 @@ def test_a_delay_is_told_to_the_estimator_and_what_nobody_knows_of_it_comes_on_t
     ("name", "delay"), [("sensors.delay", 0.05), ("sensors.delay", 0.15), ("sensors.joint_positions.delay", 0.2)]
 )
 def test_a_mission_bears_a_delay_that_is_told(scenario: Scenario, name: str, delay: float) -> None:
-    record = varied(scenario, [Variation(name, Uniform(0, 1))], {name: delay}, 0).run()
+    record = vary(scenario, [Variation(name, Uniform(0, 1))], {name: delay}, 0).run()
     assert record.meta.completed
     assert not [alarm.text for alarm in record.meta.alarms if "suspect" in alarm.text]
 
@@ -159,7 +157,7 @@ def test_a_mission_bears_a_delay_that_is_told(scenario: Scenario, name: str, del
 @long_without_compiler
 @pytest.mark.parametrize("dt", [0.02, 0.005])
 def test_a_mission_bears_20_ms_of_delay_that_nobody_told_of(scenario: Scenario, dt: float) -> None:
-    late = varied(
+    late = vary(
         replace(scenario, dt=dt), [Variation("sensors.untold_delay", Uniform(0, 1))], {"sensors.untold_delay": 0.02}, 0
     )
     record = late.run()
@@ -171,7 +169,7 @@ def test_a_mission_bears_20_ms_of_delay_that_nobody_told_of(scenario: Scenario, 
 def test_an_offset_of_zero_and_a_factor_of_one_change_nothing_that_is_measured(scenario: Scenario) -> None:
     neutral = {"start.yaw": 0.0, "floor.z": 0.0, "goals.PC.x": 0.0, "sensors.noise": 1.0, "thrusters.limit": 1.0}
     short = replace(scenario, duration=0.2)
-    run = varied(short, [Variation(name, Uniform(0, 3)) for name in neutral], neutral, short.seed)
+    run = vary(short, [Variation(name, Uniform(0, 3)) for name in neutral], neutral, short.seed)
     one, other = short.run(), run.run()
     assert np.allclose(one["q"], other["q"], rtol=0, atol=1e-12)
 
@@ -179,7 +177,7 @@ def test_an_offset_of_zero_and_a_factor_of_one_change_nothing_that_is_measured(s
 @pytest.mark.parametrize("name", ["goals.PC.z", "goals.T.yaw", "goals.AT.x"])
 def test_a_goal_is_moved(scenario: Scenario, name: str) -> None:
     task = name.split(".")[1]
-    run = varied(scenario, [Variation(name, Uniform(0, 1))], {name: 0.3}, 0)
+    run = vary(scenario, [Variation(name, Uniform(0, 1))], {name: 0.3}, 0)
     before, after = (s.mission.hierarchy.tasks[s.mission.hierarchy.index(task)].reference(0.0) for s in (scenario, run))
     assert 0.05 < np.abs(after - before).max() <= 0.3 + 1e-9
 

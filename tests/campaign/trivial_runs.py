@@ -14,8 +14,8 @@ from pathlib import Path
 
 from campaigns import trivial
 
-from uvms_ocp.campaign.runs.work import Done, Work
-from uvms_ocp.campaign.store.identity import Identity
+from uvms_ocp.campaign.jobs import CampaignJob, RunResult
+from uvms_ocp.campaign.store import CampaignManifest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +29,7 @@ class TrivialRuns(trivial.Trivial):
     asleep: frozenset[int] = frozenset()
     kept: bool = False
 
-    def make(self, run: int) -> Done:
+    def make(self, run: int) -> RunResult:
         time.sleep(self.pause)
         if run in self.deadly:
             os._exit(1)
@@ -42,7 +42,7 @@ class TrivialRuns(trivial.Trivial):
         return replace(super().make(run), attachment=b"whole" if self.kept else b"")
 
 
-def identity_of(work: Work, runs: int, **changes: object) -> Identity:
+def identity_of(work: CampaignJob, runs: int, **changes: object) -> CampaignManifest:
     return trivial.identity_of(work, runs).model_copy(update=changes)
 
 

@@ -14,24 +14,24 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.identification.recordings.recording import Channel, Recording
-from uvms_ocp.identification.recordings.storage import write_recording
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.tables import write_recording
 
 RECORD = Path(__file__).parents[1] / "records" / "run_v0_1.npz"
 MISSION = """
 from dataclasses import replace
 
 import uvms_ocp as uo
-from uvms_ocp.model.state import State
+from uvms_ocp.robot.signals import State
 
 def scenario(**options):
-    return uo.scenarios.reach(**options)
+    return uo.scenario.reach(**options)
 
 def fixed(robot="bluerov2_alpha5"):
-    return uo.scenarios.reach(robot=robot)
+    return uo.scenario.reach(robot=robot)
 
 def low(**options):
-    return uo.scenarios.case1(seabed=-39.0, **options)
+    return uo.scenario.case1(seabed=-39.0, **options)
 
 def nothing():
     return 3
@@ -40,7 +40,7 @@ def late():
     raise RuntimeError("no boat\\nno cable")
 
 def bad_solver():
-    return uo.scenarios.reach(solver=Broken)
+    return uo.scenario.reach(solver=Broken)
 
 class Broken:
     def __init__(self, scenario):
@@ -53,10 +53,10 @@ class Broken:
         return {}
 
 def broken():
-    return replace(uo.scenarios.reach(duration=1.0), plant=Broken)
+    return replace(uo.scenario.reach(duration=1.0), plant=Broken)
 
 def no_frame():
-    return uo.scenarios.case1(tasks={"T": {"frame": "tol"}})
+    return uo.scenario.case1(tasks={"T": {"frame": "tol"}})
 
 word = "reach"
 """
@@ -313,7 +313,7 @@ def furnish(folder: Path) -> None:
 
 def told_of(words: str) -> dict[str, Any]:
     """Call a command here: exit code, what it says, and the call that would go on, be it to compile."""
-    from uvms_ocp.cli import main
+    from uvms_ocp.cli.commands import main
 
     sys.argv = ["uvms-ocp", *words.split()]
     out, err, code, reached = StringIO(), StringIO(), 0, ""
@@ -337,7 +337,7 @@ def _compiles() -> None:
 
 def call(commands: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Each of them where to look for a compiler is an error, in the working directory."""
-    from uvms_ocp.functions import compile as building
+    from uvms_ocp.codegen import compile as building
 
     building._compiler = _compiles  # type: ignore[assignment]
     furnish(Path.cwd())

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from uvms_ocp.cli import beside
-from uvms_ocp.cli.beside import share
+from uvms_ocp.cli import run as beside
+from uvms_ocp.cli.run import run_jobs
 
 
 def _note(folder: Path, k: int) -> None:
@@ -26,7 +26,7 @@ def _wait_for(path: Path) -> None:
 @pytest.mark.parametrize("n_processors", [1, 2])
 def test_every_job_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, n_processors: int) -> None:
     monkeypatch.setattr(os, "cpu_count", lambda: n_processors)
-    share([partial(_note, tmp_path, k) for k in range(20)])
+    run_jobs([partial(_note, tmp_path, k) for k in range(20)])
     assert {int(path.name) for path in tmp_path.iterdir()} == set(range(20))
 
 
@@ -43,7 +43,7 @@ def test_two_processes_work_at_a_time(tmp_path: Path, monkeypatch: pytest.Monkey
         _note(tmp_path, 1)
         _wait_for(one)
 
-    share([first, second])  # neither ends before the other has begun
+    run_jobs([first, second])  # neither ends before the other has begun
     assert one.read_text() != two.read_text()
 
 
@@ -56,10 +56,10 @@ def test_what_a_job_raises_is_raised(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
     jobs: list[Callable[[], None]] = [wrong, *(partial(_note, tmp_path, k) for k in range(5))]
     with pytest.raises(OSError, match="no room"):
-        share(jobs)
+        run_jobs(jobs)
 
 
 def test_a_copy_that_ends_early_leaves_nothing_undone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(beside, "_is_done", lambda copy: os.waitpid(copy, 0) is None if copy else False)
-    share([partial(_note, tmp_path, k) for k in range(5)])
+    run_jobs([partial(_note, tmp_path, k) for k in range(5)])
     assert {path.read_text() for path in tmp_path.iterdir()} == {str(os.getpid())}

@@ -14,9 +14,9 @@ import pytest
 from compiler import needs_compiler
 
 from uvms_ocp.cli.options import default_folder
-from uvms_ocp.model.files.library import robot_folder
-from uvms_ocp.record import Record
-from uvms_ocp.scenarios.reach import reach
+from uvms_ocp.record.record import Record
+from uvms_ocp.robot.loading import robot_folder
+from uvms_ocp.scenario.cases.bluerov import reach
 
 
 def cli(*arguments: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:

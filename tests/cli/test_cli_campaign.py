@@ -12,9 +12,9 @@ import pytest
 from typer.testing import CliRunner
 
 from uvms_ocp.campaign import random_missions
-from uvms_ocp.campaign.store.table import read_table
-from uvms_ocp.cli import app
-from uvms_ocp.exceptions import InvalidInput, NameNotFound, UvmsError
+from uvms_ocp.campaign.store import read_table
+from uvms_ocp.cli.commands import app
+from uvms_ocp.errors import InvalidInput, NameNotFound, UvmsError
 
 pytestmark = pytest.mark.slow
 

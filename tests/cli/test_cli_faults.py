@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from uvms_ocp.cli.options import default_folder
-from uvms_ocp.sim.faults.notation import parse_faults
+from uvms_ocp.sim.faults import parse_faults
 
 
 def cli(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:

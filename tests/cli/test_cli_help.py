@@ -10,9 +10,9 @@ import sys
 import pytest
 import typer.main
 
-from uvms_ocp import cli
+from uvms_ocp.cli import commands as cli
 
-RUN = (sys.executable, "-c", "import sys; sys.argv[0] = 'uvms-ocp'; from uvms_ocp.cli import main; main()")
+RUN = (sys.executable, "-c", "import sys; sys.argv[0] = 'uvms-ocp'; from uvms_ocp.cli.commands import main; main()")
 """As the installed script does: a shell completes the command of that name."""
 
 

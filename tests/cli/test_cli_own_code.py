@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from uvms_ocp.cli import app
+from uvms_ocp.cli.commands import app
 from uvms_ocp.cli.options import build_scenario
 
 COMMANDS = {
@@ -26,10 +26,10 @@ MISSION = """
 import uvms_ocp as uo
 
 def scenario(**options):
-    return uo.scenarios.reach(**options)
+    return uo.scenario.reach(**options)
 
 def other(robot="bluerov2_alpha5", plant="kinematic"):
-    return uo.scenarios.reach(robot=robot, plant=plant, duration=5.0)
+    return uo.scenario.reach(robot=robot, plant=plant, duration=5.0)
 """
 
 

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.record import Record
+from uvms_ocp.record.record import Record
+from uvms_ocp.robot.kinematics import Kinematics
+from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 
 OBSTACLES = """

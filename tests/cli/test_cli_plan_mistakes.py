@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from uvms_ocp.cli import main
-from uvms_ocp.cli.plans.plan import app
+from uvms_ocp.cli.commands import main
+from uvms_ocp.cli.plan import app
 from uvms_ocp.ocp.request import OcpRequest
 from uvms_ocp.planning.request import PlanRequest
 

@@ -13,11 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uvms_ocp.meta_values import PhaseMeta
-from uvms_ocp.model.files.library import robot_folder
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.record import Record
-from uvms_ocp.run_meta import RunMeta
+from uvms_ocp.record.meta_values import PhaseMeta
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.run_meta import RunMeta
+from uvms_ocp.robot.loading import load_robot, robot_folder
 
 COMMAND = (sys.executable, "-m", "uvms_ocp", "show")
 

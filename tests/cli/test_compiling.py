@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from uvms_ocp.cli.compiling import told_of_compiling, warned_behind_errors
-from uvms_ocp.functions.compile import PROGRESS, compile_library
+from uvms_ocp.cli.printing import told_of_compiling, warned_behind_errors
+from uvms_ocp.codegen.compile import PROGRESS, compile_library
 
-LOGGER = logging.getLogger("uvms_ocp.functions.compile")
+LOGGER = logging.getLogger("uvms_ocp.codegen.compile")
 
 
 def test_it_tells_what_is_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

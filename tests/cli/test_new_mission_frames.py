@@ -7,13 +7,12 @@ from pathlib import Path
 from typer.testing import CliRunner
 from yaml import safe_dump, safe_load
 
-from uvms_ocp.cli import app
-from uvms_ocp.model.assembly.trim import static_residual, with_trim, without_trim
-from uvms_ocp.model.files.description import TrimBody
-from uvms_ocp.model.files.library import robot_folder
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.preflight.robot_check import check_robot
-from uvms_ocp.scenarios.own_code import own_code
+from uvms_ocp.cli.commands import app
+from uvms_ocp.robot.assembly import static_residual, with_trim, without_trim
+from uvms_ocp.robot.description import TrimBody
+from uvms_ocp.robot.loading import load_robot, robot_folder
+from uvms_ocp.scenario.own_code import own_code
+from uvms_ocp.scenario.preflight.robot_check import check_robot
 
 
 def test_a_mission_of_a_robot_with_frames_of_other_names_can_be_made(tmp_path: Path) -> None:

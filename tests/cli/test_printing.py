@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from uvms_ocp.campaign.fault_study import by_kind
-from uvms_ocp.cli import app
+from uvms_ocp.cli.commands import app
 from uvms_ocp.cli.printing import console_of, print_line, table_of
 
 WIDTH = 80

@@ -8,13 +8,12 @@ import coal
 import numpy as np
 import pytest
 
-from uvms_ocp.collision.coal_distances import CoalDistances
-from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
-from uvms_ocp.collision.conservative_advancement import check_clearance
-from uvms_ocp.collision.coordinates import coordinates
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.shapes.obstacles import obstacle
+from uvms_ocp.planning.conservative_advancement import check_clearance
+from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.sampling import edge_reach
+from uvms_ocp.planning.scene import CollisionScene, collision_scene, coordinates
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.shapes.obstacles import obstacle
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 
 URDF = """<robot name="crane">

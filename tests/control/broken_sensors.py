@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
-from uvms_ocp.control.navigation.health.monitor import HealthMonitor
-from uvms_ocp.control.navigation.pass_through import PassThrough
-from uvms_ocp.model.health import ChannelHealth, Trust
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import CHANNELS, IDEAL_SENSORS
-from uvms_ocp.model.state import Command, Measurement, Readings
+from uvms_ocp.estimation.estimator import PassThrough
+from uvms_ocp.estimation.health.monitor import HealthMonitor
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import CHANNELS, IDEAL_SENSORS, ChannelHealth, Command, Measurement, Readings, Trust
 
 
 @dataclass(kw_only=True)

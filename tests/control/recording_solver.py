@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
-from uvms_ocp.solvers.hierarchy.tick import Tick, TickResult
+from uvms_ocp.solvers.hierarchy.solution import Tick, TickResult
 
 _WINDOW = 25  # ticks recorded from the start and from every change of the gates
 

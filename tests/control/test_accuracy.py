@@ -8,15 +8,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.control.navigation.accuracy import spread_at_rest
-from uvms_ocp.control.navigation.estimator import Estimator
-from uvms_ocp.mission.conditions import Below
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.sensing import SensorSpec, SensorSpecs
-from uvms_ocp.model.state import Reading, Readings, State
-from uvms_ocp.preflight.accuracy import quantity_spreads
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.estimation.estimator import Estimator, spread_at_rest
+from uvms_ocp.mission.phase import Below
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.signals import Reading, Readings, SensorSpec, SensorSpecs, State
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.scenario.preflight.checks import quantity_spreads
+from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import SensorSuite
 

@@ -14,15 +14,11 @@ from actuators.hovering import Hover, run
 from compiler import needs_compiler
 from scipy.optimize import linprog
 
-from uvms_ocp.control.actuator_health.actuator_look import ActuatorLook, look_at_actuators
-from uvms_ocp.control.actuator_health.authority import authority_of
-from uvms_ocp.control.actuator_health.effect import Effect
-from uvms_ocp.control.actuator_health.intake import Asked, intake_of
-from uvms_ocp.control.actuator_health.joint_watch import JointWatch, look_at_joints
-from uvms_ocp.control.actuator_health.thresholds import ActuatorHealthTuning
-from uvms_ocp.control.actuator_health.thruster_watch import ThrusterWatch, look_at_thrusters
-from uvms_ocp.control.actuator_health.verdicts import FaultKind, ThrusterVerdict
-from uvms_ocp.control.actuator_health.watch_memory import (
+from uvms_ocp.codegen.kernel_layout import structure_of
+from uvms_ocp.codegen.kernels import bind_kernels, memory_of
+from uvms_ocp.control.faults.authority import authority_of
+from uvms_ocp.control.faults.detection import ActuatorLook, JointFaultMemory, look_at_actuators, look_at_joints
+from uvms_ocp.control.faults.monitor import (
     joint_verdicts,
     look_sizes,
     looks_kept,
@@ -31,27 +27,34 @@ from uvms_ocp.control.actuator_health.watch_memory import (
     write_look,
     write_thruster_watch,
 )
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions.kernels.binding import bind_kernels, memory_of
-from uvms_ocp.functions.kernels.layout import structure_of
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.thrusters import thrust_limits, thruster_matrix
+from uvms_ocp.control.faults.thrusters import ThrusterFaultMemory, look_at_thrusters
+from uvms_ocp.control.faults.verdicts import (
+    ActuatorHealthTuning,
+    FaultKind,
+    FilteredCommands,
+    ThrusterEffectiveness,
+    ThrusterVerdict,
+    intake_of,
+)
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 
 ROBOTS = Path(__file__).parents[2] / "robots"
 FULL = "girona_maris7_full"
 RIGHTING = np.array([0.0, 0.0, 0.0, 30.0, 30.0, 0.0])
 
 
-def without(*thrusters: int) -> Effect:
+def without(*thrusters: int) -> ThrusterEffectiveness:
     share = np.ones(8)
     share[list(thrusters)] = 0.0
-    return Effect(share=share, constant=np.zeros(8))
+    return ThrusterEffectiveness(share=share, constant=np.zeros(8))
 
 
-def nothing_asked(n_thrusters: int, n_v: int) -> Asked:
-    return Asked(thrust=np.zeros(n_thrusters), way=np.zeros(n_v), ticks=0.0)
+def nothing_asked(n_thrusters: int, n_v: int) -> FilteredCommands:
+    return FilteredCommands(thrust=np.zeros(n_thrusters), way=np.zeros(n_v), ticks=0.0)
 
 
 class Watched:
@@ -67,7 +70,7 @@ class Watched:
         compiled: bool,
     ) -> None:
         sizes = {"n_thrusters": 8, "n_looks": looks_kept(tuning, period)}
-        structures = structure_of(ThrusterWatch, **sizes), structure_of(Effect, **sizes)
+        structures = structure_of(ThrusterFaultMemory, **sizes), structure_of(ThrusterEffectiveness, **sizes)
         self.watch, self.effect = (structure() for structure in structures)
         write_thruster_watch(self.watch, matrix, lower, upper, tuning=tuning, bandwidth=3.0, period=period)
         self.effect.share[:] = [1.0] * 8
@@ -177,7 +180,7 @@ def test_what_sound_thrusters_reach_is_all_there() -> None:
 
 def pushed(effort: float, moves: float) -> list[FaultKind]:
     """After 3 s in which two joints are asked for 0.2 rad/s: one stands, one goes at `moves` [rad/s], against `effort` [N m]."""
-    structure = structure_of(JointWatch, n_joints=2)
+    structure = structure_of(JointFaultMemory, n_joints=2)
     watch, (look,) = structure(), bind_kernels((look_at_joints,), (structure,))
     write_joint_watch(watch, np.array([10.0, 10.0]), ActuatorHealthTuning())
     for k in range(30):
@@ -273,7 +276,7 @@ def test_authority_is_that_of_linear_programs(seed: int) -> None:
         rng.choice([0.0, 1.0, 0.5, -1.0], n, p=[0.2, 0.6, 0.1, 0.1]),
         rng.choice([0.0, 20.0]) * rng.normal(size=6),
     )
-    effect = Effect(share=share, constant=np.where(share == 0.0, rng.choice([0.0, 0.3], n) * upper, 0.0))
+    effect = ThrusterEffectiveness(share=share, constant=np.where(share == 0.0, rng.choice([0.0, 0.3], n) * upper, 0.0))
     left = authority_of(matrix, lower, upper, effect, trim, righting)
     ends = np.sort([effect.given(lower), effect.given(upper)], axis=0)
     for found, limits, balance in ((left.reach, ends, trim), (left.sound, (lower, upper), np.zeros(6))):

@@ -7,12 +7,10 @@ import pytest
 from scipy.linalg import null_space
 from scipy.optimize import LinearConstraint, lsq_linear, minimize
 
-from uvms_ocp.control.force.allocation import Allocation, allocation_of
-from uvms_ocp.control.force.least_power import touching
-from uvms_ocp.control.force.thrust_sharing import share_out, take_effect
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.files.library import list_robots
-from uvms_ocp.model.loading import load_robot
+from uvms_ocp.control.force.allocation import Allocation, allocation_of, share_out, take_effect
+from uvms_ocp.control.force.minimum_power import majorizing_weight
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.loading import list_robots, load_robot
 
 ROBOTS = [name for name in list_robots() if load_robot(name).description.thrusters]
 WRENCHES = np.random.default_rng(0).normal(size=(500, 6)) * np.geomspace(0.01, 3.0, 500)[:, None]
@@ -209,7 +207,7 @@ def test_parabolas_meet_the_power_at_the_largest_thrust_and_touch_it_elsewhere()
     np.testing.assert_allclose(powers.quadratic[:3] * most**2, most**exponent * factor, rtol=1e-12)
     for share in (0.1, 0.5, 1.0):
         thrust = share * most
-        weights = list(map(touching, factor, exponent, most, thrust))
+        weights = list(map(majorizing_weight, factor, exponent, most, thrust))
         slope = factor * exponent * thrust ** (exponent - 1.0)
         np.testing.assert_allclose(2.0 * np.array(weights) * thrust, slope, rtol=1e-3)
 

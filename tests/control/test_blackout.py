@@ -9,17 +9,16 @@ import numpy as np
 import pytest
 
 from uvms_ocp.control.force.dynamic import DynamicController
-from uvms_ocp.control.navigation.pass_through import PassThrough
 from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.meta_values import PhaseMeta
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.sensing import IDEAL_SENSORS
-from uvms_ocp.model.state import Measurement, Readings, State
-from uvms_ocp.record import Record
-from uvms_ocp.run_meta import RunMeta
-from uvms_ocp.scenarios.case1 import case1
-from uvms_ocp.sim.dynamic_plant import DynamicPlant
+from uvms_ocp.estimation.estimator import PassThrough
+from uvms_ocp.record.meta_values import PhaseMeta
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.run_meta import RunMeta
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Measurement, Readings, State
+from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.sim.loop import simulate
+from uvms_ocp.sim.plant import DynamicPlant
 from uvms_ocp.sim.sensors import SensorSuite
 
 BLACKOUT = 6.0  # [s] when it begins

@@ -11,14 +11,14 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.control.force.dynamic import DynamicController, VelocityGains
-from uvms_ocp.control.navigation.degraded import FREE
-from uvms_ocp.control.navigation.last_known import LastSound
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.control.velocity.tick_state import TickState
-from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
-from uvms_ocp.model.state import Command, Measurement
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.estimation.degraded_modes import FREE
+from uvms_ocp.estimation.fallbacks import LastSound
+from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.robot.signals import Command, Measurement
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.scenario.scenario import Scenario
 
 Controller = KinematicController | DynamicController
 Build = Callable[[Scenario], Controller]

@@ -10,15 +10,13 @@ import pytest
 from broken_sensors import BrokenSensors
 from compiler import long_without_compiler
 
-from uvms_ocp.control.navigation.degraded import FREE, MODES, restriction_of
-from uvms_ocp.meta_values import EventMeta
-from uvms_ocp.mission.conditions import ABORT, DONE
-from uvms_ocp.model.health import ChannelHealth, Trust
-from uvms_ocp.model.sensing import CHANNELS
-from uvms_ocp.record import Record
-from uvms_ocp.report.cause import cause_of_end
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.estimation.degraded_modes import FREE, MODES, restriction_of
+from uvms_ocp.record.meta_values import ABORT, DONE, EventMeta
+from uvms_ocp.record.record import Record
+from uvms_ocp.report.summary import cause_of_end
+from uvms_ocp.robot.signals import CHANNELS, ChannelHealth, Trust
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.scenario.scenario import Scenario
 
 DT, PHASES = 0.04, ("A", "B", "C", "D")
 PAIRS = (("position", "linear_velocity"), ("attitude", "angular_velocity"))

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from uvms_ocp.control.actuator_health.effect import Effect
+from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness
 from uvms_ocp.control.force.allocation import Allocation, allocation_of
-from uvms_ocp.model.files.library import list_robots
-from uvms_ocp.model.loading import load_robot
+from uvms_ocp.robot.loading import list_robots, load_robot
 
 ROBOTS = [name for name in list_robots() if load_robot(name).description.thrusters]
 EFFECTS = {
@@ -29,7 +28,7 @@ def whole(request: pytest.FixtureRequest) -> Allocation:
 
 
 @pytest.fixture(params=EFFECTS, scope="module")
-def effect(request: pytest.FixtureRequest, whole: Allocation) -> Effect:
+def effect(request: pytest.FixtureRequest, whole: Allocation) -> ThrusterEffectiveness:
     shares, constants = EFFECTS[request.param]
     n = len(whole.upper)
     share, constant = np.ones(n), np.zeros(n)
@@ -37,7 +36,7 @@ def effect(request: pytest.FixtureRequest, whole: Allocation) -> Effect:
         share[i] = value
     for i, value in constants.items():
         constant[i] = value * whole.upper[i]
-    return Effect(share=share, constant=constant)
+    return ThrusterEffectiveness(share=share, constant=constant)
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +46,7 @@ def wrenches(whole: Allocation) -> np.ndarray:
 
 
 def test_what_is_asked_stays_inside_the_limits_and_nothing_is_asked_of_what_does_not_follow(
-    whole: Allocation, effect: Effect, wrenches: np.ndarray
+    whole: Allocation, effect: ThrusterEffectiveness, wrenches: np.ndarray
 ) -> None:
     degraded = replace(whole, effect=effect)
     for wrench in wrenches:
@@ -60,7 +59,7 @@ def test_what_is_asked_stays_inside_the_limits_and_nothing_is_asked_of_what_does
 
 
 def test_no_thrust_without_the_faulty_ones_comes_closer(
-    whole: Allocation, effect: Effect, wrenches: np.ndarray
+    whole: Allocation, effect: ThrusterEffectiveness, wrenches: np.ndarray
 ) -> None:
     degraded = replace(whole, effect=effect)
     left = effect.share != 0.0
@@ -80,7 +79,7 @@ def test_fewer_thrusters_never_come_closer_nor_take_less_power_for_the_same_wren
     whole: Allocation, wrenches: np.ndarray
 ) -> None:
     n = len(whole.upper)
-    degraded = replace(whole, effect=Effect(share=np.r_[0.0, np.ones(n - 1)], constant=np.zeros(n)))
+    degraded = replace(whole, effect=ThrusterEffectiveness(share=np.r_[0.0, np.ones(n - 1)], constant=np.zeros(n)))
     for wrench in wrenches:
         few, all_of_them = degraded.allocate(wrench), whole.allocate(wrench)
         assert np.linalg.norm(few.unreachable) >= np.linalg.norm(all_of_them.unreachable) - 1e-9
@@ -92,7 +91,7 @@ def test_a_weak_thruster_is_spared_for_its_power() -> None:
     whole = allocation_of(load_robot("girona_maris7_full"))
     share = np.ones(8)
     share[4] = 0.5
-    left = replace(whole, effect=Effect(share=share, constant=np.zeros(8)))
+    left = replace(whole, effect=ThrusterEffectiveness(share=share, constant=np.zeros(8)))
     thrust = left.allocate([0, 0, 40.0, 0, 0, 0]).thrust
     np.testing.assert_allclose(whole.matrix @ thrust, [0, 0, 40.0, 0, 0, 0], atol=1e-6)
     # The others can only do as much as the balance of roll and pitch allows.
@@ -105,13 +104,13 @@ def power(allocation: Allocation, thrust: np.ndarray) -> float:
 
 
 def test_sound_thrusters_give_what_they_are_asked_to_the_last_bit() -> None:
-    effect, thrust = Effect.sound(8), np.random.default_rng(0).normal(size=8)
+    effect, thrust = ThrusterEffectiveness.sound(8), np.random.default_rng(0).normal(size=8)
     np.testing.assert_array_equal(effect.given(thrust), thrust)
     np.testing.assert_array_equal(effect.asked(thrust), thrust)
 
 
 def test_without_limits_it_is_the_thrust_of_least_squares_and_least_weighted_norm(
-    whole: Allocation, effect: Effect
+    whole: Allocation, effect: ThrusterEffectiveness
 ) -> None:
     left, n = effect.works, len(whole.upper)
     factor = np.linspace(1.0, 3.0, n)

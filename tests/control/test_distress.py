@@ -10,18 +10,15 @@ import pytest
 from broken_sensors import BrokenSensors
 from compiler import long_without_compiler
 
-from uvms_ocp.control.navigation.pass_through import PassThrough
-from uvms_ocp.control.velocity.climb import ClimbMemory, aim, climb_goal, climb_sizes
-from uvms_ocp.control.velocity.distress import Distress, Strain
-from uvms_ocp.functions.kernels.layout import doubles, structure_of
-from uvms_ocp.mission.abort import Abort
-from uvms_ocp.model.health import ChannelHealth, Trust
-from uvms_ocp.model.state import Command, Measurement, Readings
-from uvms_ocp.record import Record
-from uvms_ocp.report.cause import cause_of_end
-from uvms_ocp.report.summary import summarize
-from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.codegen.kernel_layout import doubles, structure_of
+from uvms_ocp.control.velocity.abort import ClimbMemory, Distress, Strain, aim_ascent, climb_goal, climb_sizes
+from uvms_ocp.estimation.estimator import PassThrough
+from uvms_ocp.mission.phase import Abort
+from uvms_ocp.record.record import Record
+from uvms_ocp.report.summary import cause_of_end, summarize
+from uvms_ocp.robot.signals import ChannelHealth, Command, Measurement, Readings, Trust
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.scenario.scenario import Scenario, pose_at
 
 DT = 0.02
 
@@ -97,7 +94,7 @@ def test_a_robot_that_takes_its_joints_for_beyond_their_limits_still_climbs(stil
     q[still.robot.joint_q] = still.robot.limits.position_upper + beyond
     memory = structure_of(ClimbMemory, **climb_sizes(still.robot, still.mission))(altitude=2.5)
     for floor, rise in ((np.nan, 2.5), (q[2] - 1.0, 1.5), (q[2] - 3.0, 0.0)):
-        aim(memory, doubles(q), floor)
+        aim_ascent(memory, doubles(q), floor)
         goal = climb_goal(memory)
         np.testing.assert_allclose(goal.translation - q[:3], [0.0, 0.0, rise], atol=1e-12)
         np.testing.assert_allclose(goal.rotation, pin.rpy.rpyToMatrix(0.0, 0.0, yaw), atol=1e-12)

@@ -9,19 +9,18 @@ import pytest
 
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.control.velocity.levels import EASING, LevelsProblem, build_levels
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.report.transitions import transition_table
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios.case1 import case1
-from uvms_ocp.scenarios.case2 import case2
-from uvms_ocp.scenarios.priority_swap import priority_swap
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
+from uvms_ocp.report.comparison import transition_table
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.scenario.cases.case1 import case1, priority_swap
+from uvms_ocp.scenario.cases.case2 import case2
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.daqp import Daqp
 from uvms_ocp.solvers.hierarchy.icat import Icat
 from uvms_ocp.solvers.hierarchy.level import row_slices
-from uvms_ocp.tasks.hierarchy import Hierarchy
+from uvms_ocp.tasks.task import Hierarchy
 
 DT = 0.02
 RISE = 0.07  # [s] from rest to the acceleration limit

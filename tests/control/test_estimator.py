@@ -7,15 +7,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.control.navigation.channels import age_of
-from uvms_ocp.control.navigation.estimator import Estimator
-from uvms_ocp.control.navigation.pass_through import PassThrough
-from uvms_ocp.control.navigation.tuning import EstimatorTuning
-from uvms_ocp.exceptions import FrameNotFound, InvalidInput
-from uvms_ocp.model.files.library import list_robots
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpec, SensorSpecs
-from uvms_ocp.model.state import Command, Reading, Readings, State
+from uvms_ocp.errors import FrameNotFound, InvalidInput
+from uvms_ocp.estimation.channels import age_of
+from uvms_ocp.estimation.estimator import Estimator, PassThrough
+from uvms_ocp.estimation.filter_tuning import EstimatorTuning
+from uvms_ocp.robot.loading import list_robots, load_robot
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Reading, Readings, SensorSpec, SensorSpecs, State
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import Altimeter, SensorSuite
 

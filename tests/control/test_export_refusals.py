@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import uvms_ocp as uo
-from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.export import export_controller
-from uvms_ocp.model.limits import PositionLimit
-from uvms_ocp.model.shapes.obstacles import Obstacle, mesh_shape, obstacle
-from uvms_ocp.scenarios.obstacle_field import FIELD, obstacle_field
-from uvms_ocp.tasks.hierarchy import Hierarchy
+from uvms_ocp.robot.limits import PositionLimit
+from uvms_ocp.robot.shapes.obstacles import Obstacle, mesh_shape, obstacle
+from uvms_ocp.scenario.cases.transit import FIELD, obstacle_field
 from uvms_ocp.tasks.pose import VehiclePose
+from uvms_ocp.tasks.task import Hierarchy
 
 PYRAMID = mesh_shape(
     np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0], [0, 0, 1]]), np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])

@@ -13,11 +13,11 @@ import pytest
 from compiler import COMPILER, needs_compiler
 
 import uvms_ocp as uo
-from uvms_ocp.control.navigation.degraded import CHANNELS
-from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.estimation.degraded_modes import CHANNELS
 from uvms_ocp.export import export_controller, exported_controller
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios import SCENARIOS, case1
+from uvms_ocp.scenario.cases import SCENARIOS, case1
+from uvms_ocp.scenario.scenario import Scenario
 
 pytestmark = [needs_compiler, pytest.mark.slow]
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")

@@ -10,24 +10,29 @@ import pinocchio as pin
 import pytest
 from compiler import needs_compiler
 
-from uvms_ocp.arguments import changed
-from uvms_ocp.control.actuator_health.effect import Effect
-from uvms_ocp.control.actuator_health.intake import Intake
-from uvms_ocp.control.actuator_health.thresholds import ActuatorHealthTuning
-from uvms_ocp.control.force.force_tick import ForceTick
+from uvms_ocp.checks import replace_unchecked
+from uvms_ocp.codegen import compile_function
+from uvms_ocp.codegen.kernel_layout import column_view, view
+from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, Intake, ThrusterEffectiveness
+from uvms_ocp.control.force.allocation import thruster_lag
 from uvms_ocp.control.force.observer import ObserverLaw
-from uvms_ocp.control.force.thruster_lag import thruster_lag
-from uvms_ocp.control.force.tick_columns import Known, Told, Wanted, Watch, views_of
-from uvms_ocp.control.force.tick_functions import TickLaws, observe_function, want_function
+from uvms_ocp.control.force.tick import ForceTick
+from uvms_ocp.control.force.tick_functions import (
+    DesiredForce,
+    ForceOutputs,
+    ForceState,
+    MonitorStep,
+    TickLaws,
+    observe_function,
+    views_of,
+    want_function,
+)
 from uvms_ocp.control.force.velocity_law import VelocityLaw
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions import compile_function
-from uvms_ocp.functions.kernels.layout import view
-from uvms_ocp.functions.kernels.smooth import column_view
-from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.state import Command
-from uvms_ocp.model.thrusters import thruster_matrix
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.signals import Command
+from uvms_ocp.robot.thrusters import thruster_matrix
 
 DT = 1 / 100
 FULL = "girona_maris7_full"
@@ -60,10 +65,10 @@ def scene(name: str, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     return q, 0.02 * rng.normal(size=robot.n_v)
 
 
-def ticked(tick: ForceTick, q: np.ndarray, v: np.ndarray, command: Command, *, joints: bool = True) -> Told:
+def ticked(tick: ForceTick, q: np.ndarray, v: np.ndarray, command: Command, *, joints: bool = True) -> ForceOutputs:
     tick.give(q, v, command, (1.0, 1.0))
     told = tick.step(0.0, joint_age=0.0 if joints else 1.0)
-    return Told(**dict(zip(Told.__dataclass_fields__, told, strict=True)))
+    return ForceOutputs(**dict(zip(ForceOutputs.__dataclass_fields__, told, strict=True)))
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -111,7 +116,7 @@ def test_compiled_and_not_a_tick_gives_the_same(name: str) -> None:
 def test_a_tick_tells_arrays_of_its_own() -> None:
     tick, (q, v) = ForceTick(laws()), scene(FULL)
     first = ticked(tick, q, v, Command(v=v))
-    kept = {name: getattr(first, name).copy() for name in Told.__dataclass_fields__}
+    kept = {name: getattr(first, name).copy() for name in ForceOutputs.__dataclass_fields__}
     ticked(tick, q, -v, Command(v=-3.0 * v))
     for name, value in kept.items():
         np.testing.assert_array_equal(getattr(first, name), value)
@@ -125,9 +130,9 @@ def busy(ticks: int = 30) -> tuple[ForceTick, np.ndarray, np.ndarray]:
     return tick, q, v
 
 
-def known(tick: ForceTick) -> Known:
+def known(tick: ForceTick) -> ForceState:
     """Now, in arrays of its own."""
-    return Known(**{name: getattr(tick.now, name).copy() for name in Known.__dataclass_fields__})
+    return ForceState(**{name: getattr(tick.now, name).copy() for name in ForceState.__dataclass_fields__})
 
 
 def test_a_velocity_that_is_not_to_be_trusted_is_not_fed_back_and_changes_no_disturbance() -> None:
@@ -148,7 +153,7 @@ def test_a_velocity_that_is_not_to_be_trusted_is_not_fed_back_and_changes_no_dis
 def test_joints_that_are_not_to_be_trusted_leave_the_vehicle_as_it_is() -> None:
     (tick, q, v), n = busy(), laws().robot.n_vehicle
     ticked(tick, q, v, Command(v=2.0 * v), joints=False)
-    error = views_of(Wanted, laws().sizes, tick.memory.wanted).error
+    error = views_of(DesiredForce, laws().sizes, tick.memory.wanted).error
     np.testing.assert_array_equal(error[:n], v[:n])
     np.testing.assert_array_equal(error[n:], 0.0)
 
@@ -168,7 +173,12 @@ def test_the_monitor_hears_only_what_can_be_trusted() -> None:
     for command, joints in ((Command(v=v), True), (Command(v=v, hold=True), True), (Command(v=v), False)):
         ticked(tick, q, v, command, joints=joints)
         seen.append(known(tick))
-    assert [Watch(int(now.watch[0])) for now in seen] == [Watch.TAKES_IN, Watch.DUE, Watch.PAUSED, Watch.PAUSED]
+    assert [MonitorStep(int(now.watch[0])) for now in seen] == [
+        MonitorStep.TAKES_IN,
+        MonitorStep.DUE,
+        MonitorStep.PAUSED,
+        MonitorStep.PAUSED,
+    ]
     for paused in seen[2:]:
         np.testing.assert_array_equal(paused.asked, seen[1].asked)
         np.testing.assert_array_equal(paused.way, seen[1].way)
@@ -182,13 +192,13 @@ def test_the_bandwidths_of_vehicle_and_joints_come_to_what_each_bears() -> None:
         tick.step(0.0)
         np.testing.assert_allclose(tick.now.share[:n], 0.2 + 0.8 * (1.0 - DT) ** k)
         np.testing.assert_allclose(tick.now.share[n:], 0.5 + 0.5 * (1.0 - DT) ** k)
-    assert tick.now.watch[0] == Watch.PAUSED
+    assert tick.now.watch[0] == MonitorStep.PAUSED
 
 
 def test_a_verdict_moves_what_a_thruster_fails_to_give_from_the_disturbance_to_the_model() -> None:
     tick, q, v = busy()
     matrix, before = thruster_matrix(laws().robot), known(tick)
-    effect = Effect(share=np.r_[0.0, 0.5, np.ones(6)], constant=np.r_[3.0, np.zeros(7)])
+    effect = ThrusterEffectiveness(share=np.r_[0.0, 0.5, np.ones(6)], constant=np.r_[3.0, np.zeros(7)])
     tick.memory.look.n_vehicle = 6
     tick.memory.look.effect.share[:], tick.memory.look.effect.constant[:] = effect.share, effect.constant
     tick.adapt()
@@ -210,7 +220,7 @@ def test_a_thrust_that_limits_keep_from_being_reached_is_told() -> None:
 def test_a_force_that_is_no_number_is_refused_and_what_was_known_stays() -> None:
     tick, q, v = busy(3)
     before = bytes(tick.memory.known)
-    tick.give(q, np.full(len(v), np.nan), changed(Command(v=v), hold=False), (1.0, 1.0))
+    tick.give(q, np.full(len(v), np.nan), replace_unchecked(Command(v=v), hold=False), (1.0, 1.0))
     with pytest.raises(InvalidInput, match="finite"):
         tick.step(0.0)
     assert bytes(tick.memory.known) == before

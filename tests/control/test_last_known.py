@@ -13,20 +13,19 @@ import pytest
 
 import uvms_ocp as uo
 from uvms_ocp.control.force.dynamic import DynamicController
-from uvms_ocp.control.navigation.last_known import LastSound
 from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.shapes.collision_model import CollisionModel
-from uvms_ocp.model.shapes.obstacles import Obstacle
-from uvms_ocp.model.state import Command, Measurement
+from uvms_ocp.estimation.fallbacks import LastSound
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.collision_model import CollisionModel
+from uvms_ocp.robot.shapes.obstacles import Obstacle
+from uvms_ocp.robot.signals import Command, Measurement
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.attitude import HorizontalAttitude
 from uvms_ocp.tasks.clearance import Clearance
-from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.pose import VehiclePose
-from uvms_ocp.tasks.task import Task
+from uvms_ocp.tasks.task import Hierarchy, Task
 
 DT, THRESHOLD = 0.02, 1.0
 CALM = 0.55  # [s] shorter than the watchdog waits

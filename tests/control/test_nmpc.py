@@ -9,25 +9,24 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.control.navigation.pass_through import PassThrough
-from uvms_ocp.control.receding.nmpc import Nmpc, NmpcStatistics
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import IDEAL_SENSORS
-from uvms_ocp.model.state import State
+from uvms_ocp.control.nmpc import Nmpc, NmpcStatistics
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.estimation.estimator import PassThrough
 from uvms_ocp.ocp.problem import OcpLevel, OcpPhase, OcpProblem
 from uvms_ocp.ocp.terms import At, Effort, Smoothness, TaskTerm
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import IDEAL_SENSORS, State
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
-from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.loop import simulate
+from uvms_ocp.sim.plant import DynamicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import SensorSuite
-from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
+from uvms_ocp.solvers.nlp.options import SqpOptions
 from uvms_ocp.tasks.pose import ToolPose
-from uvms_ocp.tasks.reference import PoseGoal, PoseReference, evaluate_pose
+from uvms_ocp.tasks.task import PoseGoal, PoseReference, evaluate_pose
 
 CURRENT = np.array([0.3, 0.0, 0.0])
 JOINTS = [0.0, -0.6, 0.0, -1.2, 0.0, -0.6, 0.0]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from uvms_ocp.control.force.observer import DisturbanceObserver, ObserverLaw
-from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.errors import InvalidInput
 
 DT = 1e-4
 

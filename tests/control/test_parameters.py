@@ -12,31 +12,28 @@ import pinocchio as pin
 import pytest
 
 import uvms_ocp as uo
-from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.control.velocity.nearest import NearestMemory, look_ahead, measure
-from uvms_ocp.control.velocity.parameters import (
+from uvms_ocp.codegen.kernel_layout import doubles, structure_of
+from uvms_ocp.codegen.kernels import bind_to
+from uvms_ocp.control.velocity.distances import NearestMemory, measure_pairs, place_along_stop
+from uvms_ocp.control.velocity.goals import (
     Measuring,
-    Motion,
-    measured,
+    StoppingMotion,
+    measured_distances,
     mission_parameters,
     nearest_sizes,
     take_goals,
 )
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions.kernels.binding import bind_to
-from uvms_ocp.functions.kernels.layout import doubles, structure_of
+from uvms_ocp.control.velocity.kinematic import KinematicController
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission.progress import write_state
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.shapes.collision_model import CollisionModel
-from uvms_ocp.model.shapes.distance_room import distance_room
-from uvms_ocp.model.shapes.obstacles import Obstacle, mesh_shape
-from uvms_ocp.model.state import Measurement
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.collision_model import CollisionModel, distance_room
+from uvms_ocp.robot.shapes.obstacles import Obstacle, mesh_shape
+from uvms_ocp.robot.signals import Measurement
 from uvms_ocp.tasks.clearance import Clearance
-from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.joints import JointTracking
-from uvms_ocp.tasks.nearest_pairs import FAR, NearestPairs
-from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, equality_rows
+from uvms_ocp.tasks.task import FAR, Hierarchy, NearestPairs, Rows, Task, TaskClass, TickSymbols, equality_rows
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 
 DT = 0.005
@@ -68,21 +65,21 @@ def split(pairs: NearestPairs, values: np.ndarray) -> tuple[float, np.ndarray, n
     return smallest.item(), distance.ravel(), closing.ravel(), gradient
 
 
-def way_of(motion: Motion, q: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+def way_of(motion: StoppingMotion, q: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
     """Durations (4,) [s] at the present velocity, and where they lead to: quarters of the proportional stop, by Pinocchio."""
     durations = 0.5 * (np.abs(motion.v) / motion.robot.limits.acceleration).max() * np.array([0.25, 0.5, 0.75, 1.0])
     return durations, [pin.integrate(motion.robot.model, q, motion.v * duration) for duration in durations]
 
 
-def random_motion(robot: Robot, rng: np.random.Generator) -> tuple[np.ndarray, Motion]:
+def random_motion(robot: Robot, rng: np.random.Generator) -> tuple[np.ndarray, StoppingMotion]:
     q = robot.configuration(position=rng.uniform(-0.5, 0.5, 3), rpy=rng.uniform(-0.3, 0.3, 3))
-    return q, Motion(robot=robot, v=rng.uniform(-0.5, 0.5, robot.n_v) * robot.limits.velocity, dt=DT)
+    return q, StoppingMotion(robot=robot, v=rng.uniform(-0.5, 0.5, robot.n_v) * robot.limits.velocity, dt=DT)
 
 
 def test_the_nearest_pairs_come_first(robot: Robot) -> None:
     model, q = CollisionModel(robot, [ball(2.0, 0.5, 0.0)]), robot.configuration()
     pairs = Clearance(model=model, n_nearest=5).nearest_pairs
-    smallest, distance, closing, gradient = split(pairs, measured(pairs, q))
+    smallest, distance, closing, gradient = split(pairs, measured_distances(pairs, q))
     order = np.argsort(model.values(q))[:5]
     assert smallest == pytest.approx(model.values(q).min(), abs=ROUNDING)
     np.testing.assert_allclose(distance, model.values(q)[order], rtol=0, atol=ROUNDING)
@@ -96,7 +93,7 @@ def test_of_all_pairs_those_are_measured_that_come_nearest_at_any_place_of_the_s
     pairs, moved = NearestPairs(task="CL", model=model, n=6, threshold=0.05), 0
     for _ in range(20):
         q, motion = random_motion(robot, rng)
-        smallest, distance, closing, gradient = split(pairs, measured(pairs, q, motion))
+        smallest, distance, closing, gradient = split(pairs, measured_distances(pairs, q, motion))
         places = (q, *way_of(motion, q)[1])
         everywhere = np.array([model.values(place) for place in places])
         order = np.argsort(everywhere.min(axis=0))[:6]
@@ -117,15 +114,15 @@ def test_a_row_counts_the_smallest_distance_on_the_way_to_rest(robot: Robot) -> 
     pairs = Clearance(model=model, threshold=0.05).nearest_pairs
     q, v = robot.configuration(), np.zeros(robot.n_v)
     v[5] = 0.5
-    stop, ahead = Motion(robot=robot, v=v, dt=DT), Motion(robot=robot, v=1.02 * v, dt=DT)
+    stop, ahead = StoppingMotion(robot=robot, v=v, dt=DT), StoppingMotion(robot=robot, v=1.02 * v, dt=DT)
     longest = way_of(stop, q)[0][-1]
     swept = [model.values(pin.integrate(robot.model, q, v * t))[0] for t in np.linspace(0.0, 0.25, 51)]
-    smallest, (nearest,), (fastest,), (gradient,) = split(pairs, measured(pairs, q, stop))
+    smallest, (nearest,), (fastest,), (gradient,) = split(pairs, measured_distances(pairs, q, stop))
     assert smallest == pytest.approx(swept[0])
     assert nearest == pytest.approx(min(swept), abs=1e-3)
     assert nearest < smallest - 0.01
     # The stop from a slightly faster turn ends nearer by what the row's gradient and speed say.
-    change = split(pairs, measured(pairs, q, ahead))[1][0] - nearest
+    change = split(pairs, measured_distances(pairs, q, ahead))[1][0] - nearest
     assert change == pytest.approx(2.0 * longest * gradient @ (0.02 * v), rel=0.05)
     assert fastest == pytest.approx((nearest - 0.05) / (2.0 * longest) - gradient @ v, rel=1e-6)
 
@@ -168,7 +165,7 @@ def test_a_task_of_ones_own_on_distances_has_its_goal_and_what_is_measured(robot
     task, state = mission.tasks_of(0)[0], mission.start()
     assert task.nearest_pairs is not None
     found = mission_parameters(mission, state, 0.0, gates=np.ones(1), q=q, motion=None)
-    np.testing.assert_array_equal(found, [0.4, *measured(task.nearest_pairs, q)])
+    np.testing.assert_array_equal(found, [0.4, *measured_distances(task.nearest_pairs, q)])
 
 
 def test_a_task_of_ones_own_on_distances_is_carried_out(robot: Robot) -> None:
@@ -214,13 +211,13 @@ def test_kernels_and_python_measure_the_same_of_shapes_that_have_a_form_in_c(rob
     memory = structure_of(NearestMemory, **sizes)()
     Measuring(memory, [(0, pairs.n_parameters, pairs)], robot)
     assert memory.pairs[0].in_c
-    looks, measures = bind_to(memory, (look_ahead, measure))
+    looks, measures = bind_to(memory, (place_along_stop, measure_pairs))
     values, acceleration, moved = doubles(np.zeros(pairs.n_parameters)), doubles(robot.limits.acceleration), 0
     for _ in range(40):
         q, motion = random_motion(robot, rng)
         looks(memory, doubles(q), doubles(motion.v), acceleration, motion.dt)
         measures(memory, 0, values)
-        np.testing.assert_allclose(values, measured(pairs, q, motion), rtol=0, atol=ROUNDING)
+        np.testing.assert_allclose(values, measured_distances(pairs, q, motion), rtol=0, atol=ROUNDING)
         moved += int((split(pairs, np.array(values))[2] < FAR).sum())
     assert moved > 20
 

@@ -7,16 +7,15 @@ import pinocchio as pin
 import pytest
 from horizon.tracking import tracked
 
-from uvms_ocp.control.force.actuators import Actuators
-from uvms_ocp.control.force.computed_torque import OPEN_LOOP, TrackingGains
-from uvms_ocp.control.receding.plan_tracking import PlanTracker
-from uvms_ocp.exceptions import FrameNotFound, InvalidInput
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import Measurement
-from uvms_ocp.ocp.plans.mismatch import mismatch
+from uvms_ocp.control.force.computed_torque import OPEN_LOOP, Actuators, TrackingGains
+from uvms_ocp.control.plan_following import PlanTracker
+from uvms_ocp.errors import FrameNotFound, InvalidInput
+from uvms_ocp.ocp.plan import mismatch
 from uvms_ocp.ocp.trajectory import Trajectory
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import Measurement
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
 

@@ -8,15 +8,13 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from uvms_ocp.control.velocity.levels import build_levels
-from uvms_ocp.control.velocity.reachable_rows import reachable_rows
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.scenarios.case1 import case1
-from uvms_ocp.tasks.hierarchy import Hierarchy
-from uvms_ocp.tasks.limits import row_acceleration
-from uvms_ocp.tasks.task import Rows, TickSymbols
-from uvms_ocp.tasks.velocity import NullVelocity
+from uvms_ocp.control.velocity.levels import build_levels, reachable_rows
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.tasks.activation import row_acceleration
+from uvms_ocp.tasks.pose import NullVelocity
+from uvms_ocp.tasks.task import Hierarchy, Rows, TickSymbols
 
 DT = 0.005
 

@@ -6,8 +6,8 @@ import numpy as np
 from compiler import long_without_compiler
 from scipy.spatial import cKDTree
 
-from uvms_ocp.scenarios.case1 import case1
-from uvms_ocp.sim.faults import parse_fault
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.sim import parse_fault
 
 ONSET, END = 20.0, 40.0  # [s]
 

@@ -6,12 +6,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.control.receding.replanning import HOLD, Replanner, Request
-from uvms_ocp.control.receding.solve_delay import SolveDelay
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.state import State
+from uvms_ocp.control.solve_workers import HOLD, Replanner, Request, SolveDelay
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import At, Effort, TaskTerm
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.signals import State
 from uvms_ocp.tasks.pose import ToolPosition
 
 

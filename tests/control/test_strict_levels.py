@@ -8,17 +8,17 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import State
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpProblem, single_phase
-from uvms_ocp.ocp.stagewise.stagewise_program import StagewiseProgram
+from uvms_ocp.ocp.stagewise.program import StagewiseProgram
 from uvms_ocp.ocp.terms import At, Effort, Posture, TaskTerm
 from uvms_ocp.ocp.trajectory import hold
 from uvms_ocp.ocp.transcription.transcription import Transcription
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import State
+from uvms_ocp.solvers.nlp.options import SqpOptions
 from uvms_ocp.solvers.nlp.program import LexicographicProgram
 from uvms_ocp.solvers.nlp.real_time_sqp import RealTimeSqp, SqpResult
-from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
 from uvms_ocp.tasks.pose import ToolPosition
 
 N_STEPS = 200

@@ -10,26 +10,23 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.control.velocity.climb import climb_goal
-from uvms_ocp.control.velocity.distress import Strain
+from uvms_ocp.control.velocity.abort import Strain, climb_goal
 from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.control.velocity.tick.kernels import before
-from uvms_ocp.control.velocity.tick.solving import finish
-from uvms_ocp.mission.conditions import ABORT, Above, Below, Transition
+from uvms_ocp.control.velocity.tick import prepare_tick, solve_and_finish
 from uvms_ocp.mission.mission import Mission
-from uvms_ocp.mission.phase import Phase
+from uvms_ocp.mission.phase import Above, Below, Phase, Transition
 from uvms_ocp.mission.progress import gates_at
-from uvms_ocp.model.health import ChannelHealth, Trust
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.shapes.collision_model import CollisionModel
-from uvms_ocp.model.shapes.obstacles import Obstacle
-from uvms_ocp.model.state import Measurement
-from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios.case1 import case1
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.record.meta_values import ABORT
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.collision_model import CollisionModel
+from uvms_ocp.robot.shapes.obstacles import Obstacle
+from uvms_ocp.robot.signals import ChannelHealth, Measurement, Trust
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.scenario.scenario import Scenario, pose_at
+from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.tasks.clearance import Clearance
-from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.pose import VehiclePose
+from uvms_ocp.tasks.task import Hierarchy
 
 DT = 0.02
 CHANNELS = ("position", "altimeter_range", "joint_positions", "linear_velocity", "attitude")
@@ -66,9 +63,9 @@ def twins(build: Callable[[], KinematicController], monkeypatch: pytest.MonkeyPa
             name = f"uvms_ocp.control.velocity.{room}.bind_to"
             without.setattr(name, lambda memory, kernels: bound.extend(kernels) or kernels)
         slow = build()
-    assert slow._before is before
-    assert quick._before is not before
-    assert finish in bound
+    assert slow._before is prepare_tick
+    assert quick._before is not prepare_tick
+    assert solve_and_finish in bound
     return quick, slow
 
 

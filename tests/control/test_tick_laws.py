@@ -9,11 +9,11 @@ import pinocchio as pin
 import pytest
 from recording_solver import RecordingSolver
 
-from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.solvers.hierarchy.certificate import certificate
 from uvms_ocp.solvers.hierarchy.level import Level, row_slices
-from uvms_ocp.solvers.hierarchy.tick import Tick, TickResult
+from uvms_ocp.solvers.hierarchy.solution import Tick, TickResult
 
 STARTS, TICKS = 100, 150
 

@@ -12,17 +12,15 @@ from compiler import long_without_compiler
 from recording_solver import RecordingSolver
 
 import uvms_ocp as uo
-from uvms_ocp.control.navigation.last_known import LastEcho
-from uvms_ocp.control.navigation.watchdog import Watchdog
 from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.mission.conditions import Condition
-from uvms_ocp.model.kinematics import STEEP, AltimeterBeam
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import SensorSpecs
-from uvms_ocp.model.state import Measurement
-from uvms_ocp.preflight.findings import Severity
-from uvms_ocp.record import Record, quantity
+from uvms_ocp.estimation.fallbacks import LastEcho, Watchdog
+from uvms_ocp.mission.phase import Condition
+from uvms_ocp.record.record import Record, quantity
 from uvms_ocp.report.summary import summarize
+from uvms_ocp.robot.kinematics import STEEP, AltimeterBeam
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import Measurement, SensorSpecs
+from uvms_ocp.scenario.preflight.setup import Severity
 from uvms_ocp.tasks import Hierarchy, HorizontalAttitude, LandingAltitude, MinimumAltitude, Task, VehiclePose
 
 DT, FLOOR = 0.02, -10.0

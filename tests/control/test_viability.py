@@ -13,18 +13,18 @@ from compiler import IN_C_AND_PYTHON, needs_compiler
 
 from uvms_ocp.campaign.random_limits import limit_violations, random_limits
 from uvms_ocp.control.velocity import viability
-from uvms_ocp.control.velocity.guards import Viability
-from uvms_ocp.control.velocity.stop import Stop
-from uvms_ocp.model.limits import PositionLimit
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.shapes.collision_model import CollisionModel
-from uvms_ocp.model.shapes.obstacles import Obstacle
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.control.velocity.braking import Stop
+from uvms_ocp.control.velocity.viability import Viability
+from uvms_ocp.robot.limits import PositionLimit
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.collision_model import CollisionModel
+from uvms_ocp.robot.shapes.obstacles import Obstacle
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.clearance import Clearance
-from uvms_ocp.tasks.hierarchy import Hierarchy
+from uvms_ocp.tasks.task import Hierarchy
 
 DT = 0.02
 
@@ -169,7 +169,7 @@ def test_what_a_limit_raises_is_raised_by_the_rule(compiled: bool, monkeypatch: 
         raise ValueError("no such place")
 
     if not compiled:
-        monkeypatch.setattr("uvms_ocp.control.velocity.guards.bind_to", lambda memory, kernels: kernels)
+        monkeypatch.setattr("uvms_ocp.control.velocity.viability.bind_to", lambda memory, kernels: kernels)
     planar, limit = load_robot("planar5"), PositionLimit(quantity="room", lower=0.0, values=refuse, reach=np.ones(5))
     task = SimpleNamespace(name="y", position_limit=lambda robot: limit)
     rule = Viability(robot=planar, tasks=(task,), quantity_names=("y.room",), dt=DT)
@@ -184,7 +184,7 @@ def test_what_a_limit_raises_is_raised_by_the_rule(compiled: bool, monkeypatch: 
 def test_the_rule_without_compiler_gives_the_same_bits(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     quick = Guarded(robot)
     with monkeypatch.context() as without:
-        without.setattr("uvms_ocp.control.velocity.guards.bind_to", lambda memory, kernels: kernels)
+        without.setattr("uvms_ocp.control.velocity.viability.bind_to", lambda memory, kernels: kernels)
         slow = Guarded(robot)
     assert slow.rule._keep is viability.keep
     assert quick.rule._keep is not viability.keep

@@ -10,12 +10,11 @@ import pytest
 from compiler import long_without_compiler
 
 from uvms_ocp.control.force.dynamic import DynamicController
-from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpec
-from uvms_ocp.model.state import Command, Measurement
-from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.estimation.fallbacks import Freshness, Watchdog
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Measurement, SensorSpec
+from uvms_ocp.scenario.cases.case1 import case1
 
 
 def test_the_verdict_follows_the_age() -> None:

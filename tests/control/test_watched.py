@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.state import Command, Measurement
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.report import summarize
-from uvms_ocp.scenario import Scenario, our_controller
-from uvms_ocp.scenarios import case1
+from uvms_ocp.robot.signals import Command, Measurement
+from uvms_ocp.scenario.cases import case1
+from uvms_ocp.scenario.scenario import Scenario, our_controller
 
 Controller = Callable[[Measurement, float], Command]
 

@@ -10,17 +10,26 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.control.receding.nmpc import Nmpc
-from uvms_ocp.control.receding.replanning import HOLD, Answer, Request
-from uvms_ocp.control.receding.workers import Beside, InLine, Job, Running, WorkerStatus, started
-from uvms_ocp.exceptions import InvalidInput, UvmsError
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import Command, Measurement, State
+from uvms_ocp.control.nmpc import Nmpc
+from uvms_ocp.control.solve_workers import (
+    HOLD,
+    InLine,
+    ProcessWorker,
+    ReplanningJob,
+    ReplanningResult,
+    Request,
+    RunningWorker,
+    WorkerStatus,
+    start_worker,
+)
+from uvms_ocp.errors import InvalidInput, UvmsError
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import At, Effort, TaskTerm
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import Command, Measurement, State
 from uvms_ocp.tasks.pose import ToolPosition
-from uvms_ocp.tasks.reference import PoseGoal
+from uvms_ocp.tasks.task import PoseGoal
 
 PERIOD = 0.05
 PATIENCE = 6000
@@ -44,11 +53,11 @@ def reach(robot: Robot, goal: PoseGoal | None = None) -> OcpProblem:
     return replace(own, hessian=HessianKind.GAUSS_NEWTON)
 
 
-def job(robot: Robot, goal: PoseGoal | None = None) -> Job:
-    return Job(problem=reach(robot, goal), period=PERIOD, options=None, clock=lambda: 0.0)
+def job(robot: Robot, goal: PoseGoal | None = None) -> ReplanningJob:
+    return ReplanningJob(problem=reach(robot, goal), period=PERIOD, options=None, clock=lambda: 0.0)
 
 
-def answered(worker: Running, request: Request) -> Answer:
+def answered(worker: RunningWorker, request: Request) -> ReplanningResult:
     worker.ask(request)
     for _ in range(PATIENCE):
         answer = worker.answer()
@@ -59,8 +68,8 @@ def answered(worker: Running, request: Request) -> Answer:
 
 
 @pytest.fixture
-def beside(robot: Robot) -> Iterator[Running]:
-    worker = started(Beside(timeout=60.0), job(robot))
+def beside(robot: Robot) -> Iterator[RunningWorker]:
+    worker = start_worker(ProcessWorker(timeout=60.0), job(robot))
     yield worker
     worker.close()
 
@@ -71,8 +80,8 @@ def ticks(nmpc: Nmpc, robot: Robot, begin: float, n: int) -> list[Command]:
     return [nmpc(measurement, begin + i / 200) for i in range(n)]
 
 
-def test_plans_made_beside_are_those_made_in_line(robot: Robot, beside: Running) -> None:
-    within = started(InLine(), job(robot))
+def test_plans_made_beside_are_those_made_in_line(robot: Robot, beside: RunningWorker) -> None:
+    within = start_worker(InLine(), job(robot))
     number, began = HOLD, 0.0
     for t in (0.0, 0.0, 0.05, 0.1):
         request = Request(state=start(robot), t=t, in_use=number, begin=began, delay=PERIOD)
@@ -88,7 +97,7 @@ def test_plans_made_beside_are_those_made_in_line(robot: Robot, beside: Running)
 
 
 def test_the_robot_stays_until_the_first_plan_beside_and_follows_it_then(robot: Robot) -> None:
-    with Nmpc(reach(robot), worker=Beside(timeout=60.0, lead=0.01)) as nmpc:
+    with Nmpc(reach(robot), worker=ProcessWorker(timeout=60.0, lead=0.01)) as nmpc:
         held = ticks(nmpc, robot, 0.0, 1)[0]
         assert np.abs(held.v).max() == 0.0
         moved, t = False, 0.005
@@ -104,7 +113,7 @@ def test_the_robot_stays_until_the_first_plan_beside_and_follows_it_then(robot: 
 
 
 def test_a_process_that_was_killed_is_a_status_and_ticks_go_on(robot: Robot) -> None:
-    with Nmpc(reach(robot), worker=Beside()) as nmpc:
+    with Nmpc(reach(robot), worker=ProcessWorker()) as nmpc:
         ticks(nmpc, robot, 0.0, 1)
         process = nmpc._worker._process  # type: ignore[attr-defined]
         process.kill()
@@ -116,7 +125,7 @@ def test_a_process_that_was_killed_is_a_status_and_ticks_go_on(robot: Robot) -> 
 
 
 def test_a_solve_that_takes_too_long_is_stopped(robot: Robot) -> None:
-    worker = started(Beside(timeout=1e-9), job(robot))
+    worker = start_worker(ProcessWorker(timeout=1e-9), job(robot))
     process = worker._process  # type: ignore[attr-defined]
     worker.ask(Request(state=start(robot), t=0.0, in_use=HOLD, begin=0.0, delay=PERIOD))
     assert worker.answer() is None
@@ -126,7 +135,7 @@ def test_a_solve_that_takes_too_long_is_stopped(robot: Robot) -> None:
     assert not process.is_alive()
 
 
-def test_closing_ends_the_process_and_may_be_done_twice(robot: Robot, beside: Running) -> None:
+def test_closing_ends_the_process_and_may_be_done_twice(robot: Robot, beside: RunningWorker) -> None:
     process = beside._process  # type: ignore[attr-defined]
     assert process.is_alive()
     beside.close()
@@ -152,9 +161,9 @@ def test_what_cannot_be_sent_is_refused(robot: Robot) -> None:
         return pin.SE3.Identity(), np.zeros(6)
 
     with pytest.raises(InvalidInput, match="top level of a module"):
-        started(Beside(), job(robot, nearby))
+        start_worker(ProcessWorker(), job(robot, nearby))
 
 
 def test_a_process_that_does_not_get_ready_is_an_error(robot: Robot) -> None:
     with pytest.raises(UvmsError, match="raise start_timeout"):
-        started(Beside(start_timeout=1e-3), job(robot))
+        start_worker(ProcessWorker(start_timeout=1e-3), job(robot))

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from compiler import needs_compiler
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions.buffered import BoundFunction, BufferedFunction
-from uvms_ocp.functions.compile import compile_library
+from uvms_ocp.codegen.buffered import BoundFunction, BufferedFunction
+from uvms_ocp.codegen.compile import compile_library
+from uvms_ocp.errors import InvalidInput
 
 
 @pytest.fixture

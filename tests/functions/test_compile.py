@@ -21,10 +21,9 @@ import numpy as np
 import pytest
 from compiler import needs_compiler
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions import compile as building
-from uvms_ocp.functions.compiler import compile_timeout
-from uvms_ocp.functions.library_cache import cache_folder
+from uvms_ocp.codegen import compile as building
+from uvms_ocp.codegen.compile import cache_folder, compile_timeout
+from uvms_ocp.errors import InvalidInput
 
 SOURCE = "double answer(double x) { return 2 * x; }\n"
 
@@ -142,7 +141,7 @@ def _stderr_of(program: str, **environment: str) -> list[str]:
 
 
 TWO_LIBRARIES = """
-from uvms_ocp.functions.compile import compile_library
+from uvms_ocp.codegen.compile import compile_library
 for number in (1, 2, 2):
     compile_library(f"int f(void) {{ return {number}; }}")
 """

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from uvms_ocp.functions.elementwise import both, clipped, either, everywhere, row_sums, where
+from uvms_ocp.codegen.elementwise import both, clipped, either, everywhere, row_sums, where
 
 A = np.array([[1.0, -2.0, np.inf], [0.0, 3.0, -1.0]])  # inf - inf is NaN
 OPERATIONS: dict[str, Callable] = {

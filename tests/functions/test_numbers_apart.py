@@ -6,8 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from uvms_ocp.functions.compile import compile_function
-from uvms_ocp.functions.numbers_apart import compile_shared, numbers_apart
+from uvms_ocp.codegen.compile import compile_function, compile_shared, numbers_apart
 
 X = np.random.default_rng(4).normal(size=3)
 

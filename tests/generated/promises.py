@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 from drawing import binary, chosen, either, floats, integers, shares, texts
 from hypothesis import strategies as st
 
-from uvms_ocp.exceptions import UvmsError
+from uvms_ocp.errors import UvmsError
 
 T = TypeVar("T")
 LONGEST = 2000

@@ -17,16 +17,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from promises import Tally
 
-import uvms_ocp.cli.plans.plan
-import uvms_ocp.cli.plans.plan_options
+import uvms_ocp.cli.plan
 import uvms_ocp.ocp.request
-import uvms_ocp.planning.goals
 import uvms_ocp.planning.request
-import uvms_ocp.scenarios.run_options
+import uvms_ocp.scenario.options
 from uvms_ocp.campaign.study import Study
-from uvms_ocp.cli import main
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.scenario import Scenario
+from uvms_ocp.cli.commands import main
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.scenario.scenario import Scenario
 
 pytestmark = pytest.mark.slow
 
@@ -44,10 +42,10 @@ def in_front(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
     """A folder of its own, robots that are loaded once, and no work."""
     monkeypatch.chdir(tmp_path)
     once = lru_cache(load_robot)
-    for module in (uvms_ocp.cli.plans.plan_options, uvms_ocp.scenarios.run_options):
+    for module in (uvms_ocp.cli.plan, uvms_ocp.scenario.options):
         monkeypatch.setattr(module, "load_robot", once)
     monkeypatch.setattr(uvms_ocp.planning.request, "plan_soft_collision", begins)
-    monkeypatch.setattr(uvms_ocp.planning.goals, "tool_goal", begins)
+    monkeypatch.setattr(uvms_ocp.planning.request, "tool_goal", begins)
     monkeypatch.setattr(uvms_ocp.ocp.request, "Planner", begins)
     monkeypatch.setattr(Scenario, "check", begins)
     monkeypatch.setattr(Study, "run", begins)

@@ -16,17 +16,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from promises import DAMAGES, Damage, Tally, damaged, damaged_bytes
 
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.state import State
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, single_phase
 from uvms_ocp.ocp.terms import Effort
-from uvms_ocp.record import Record
-from uvms_ocp.report.cause import cause_of_end
-from uvms_ocp.report.compare import compare
-from uvms_ocp.report.summary import summarize
-from uvms_ocp.report.transitions import transition_table
+from uvms_ocp.record.record import Record
+from uvms_ocp.report.comparison import compare, transition_table
+from uvms_ocp.report.summary import cause_of_end, summarize
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.signals import State
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 
 pytestmark = pytest.mark.slow

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from promises import DAMAGES, Tally, damaged_bytes
 
-from uvms_ocp.model.files.urdf import UrdfModels, read_urdf
+from uvms_ocp.robot.urdf import UrdfModels, read_urdf
 
 pytestmark = pytest.mark.slow
 

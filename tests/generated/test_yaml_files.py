@@ -16,11 +16,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from promises import DAMAGES, Tally, damaged, damaged_bytes
 
-from uvms_ocp.collision.obstacle_file import build_obstacles, describe_obstacle, obstacle_from_words, read_obstacles
-from uvms_ocp.model.files.description import RobotDescription, as_matrix6
-from uvms_ocp.model.files.description_file import read_description
-from uvms_ocp.model.files.library import robot_folder
-from uvms_ocp.obstacle_data import ObstacleData
+from uvms_ocp.record.meta_values import ObstacleData
+from uvms_ocp.robot.description import RobotDescription, as_matrix6, read_description
+from uvms_ocp.robot.loading import robot_folder
+from uvms_ocp.robot.shapes.obstacles import build_obstacles, describe_obstacle, obstacle_from_words, read_obstacles
 
 pytestmark = pytest.mark.slow
 

@@ -10,14 +10,14 @@ import pytest
 
 EXTRAS = ("dask", "distributed", "pandas", "pyarrow", "SALib", "mcap", "foxglove_schemas_protobuf", "rosbags")
 RARE = ("scipy", "matplotlib", "meshcat", *EXTRAS)
-_CODE = "import sys, uvms_ocp, uvms_ocp.cli; [getattr(uvms_ocp, name) for name in dir(uvms_ocp)]; print(*sys.modules)"
+_CODE = "import sys, uvms_ocp, uvms_ocp.cli.commands; [getattr(uvms_ocp, name) for name in dir(uvms_ocp)]; print(*sys.modules)"
 _WITHOUT = """
 import sys
 for name in {extras}:
     sys.modules[name] = None  # as if it was not installed
-import uvms_ocp.campaign, uvms_ocp.cli
+import uvms_ocp.campaign, uvms_ocp.cli.commands
 from pathlib import Path
-from uvms_ocp.exceptions import NotInstalled
+from uvms_ocp.errors import NotInstalled
 try:
     uvms_ocp.campaign.Campaign(scenario="case1", runs=1).run(Path("never"))
 except NotInstalled as error:

@@ -8,19 +8,23 @@ import numpy as np
 import pinocchio as pin
 from vehicles import HULL, vehicle
 
-from uvms_ocp.identification.models.stage import PAST, Stage, Vehicle
-from uvms_ocp.identification.parameters.declaration import Declaration
-from uvms_ocp.identification.parameters.unknowns import Unknowns
-from uvms_ocp.identification.parameters.vehicle_quantities import Actuators, Start, vehicle_declaration
-from uvms_ocp.identification.recordings.recording import Channel, Recording
+from uvms_ocp.identification.model import PAST, Stage, Vehicle
+from uvms_ocp.identification.parameters import (
+    ActuatorModel,
+    Declaration,
+    NominalParameters,
+    Unknowns,
+    vehicle_declaration,
+)
+from uvms_ocp.identification.recording import Channel, Recording
 
-ACTUATORS = Actuators(dead_zone=0.3, lag=0.15, delay=0.2)
+ACTUATORS = ActuatorModel(dead_zone=0.3, lag=0.15, delay=0.2)
 FINE = 0.01  # [s]
 
 
 def known() -> Declaration:
     """All of the vehicle's quantities."""
-    return vehicle_declaration(Start.of(vehicle()), HULL, ACTUATORS)
+    return vehicle_declaration(NominalParameters.of(vehicle()), HULL, ACTUATORS)
 
 
 def vehicle_of(declaration: Declaration) -> Vehicle:

@@ -8,15 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from driven import known, vehicle_of
 
-from uvms_ocp.identification.answers.fitted import Fitted
-from uvms_ocp.identification.methods.output_error import FitStatus, Noise, OutputError
-from uvms_ocp.identification.methods.rollout import N_START, Rollout, Seen, Start
-from uvms_ocp.identification.methods.search import Search
-from uvms_ocp.identification.methods.stretch import Stretch
-from uvms_ocp.identification.models.stage import Vehicle
-from uvms_ocp.identification.parameters.status import Prior
-from uvms_ocp.identification.recordings.recording import Channel
-from uvms_ocp.identification.recordings.sampling import Held
+from uvms_ocp.identification.fit import FitContext, Search
+from uvms_ocp.identification.model import Vehicle
+from uvms_ocp.identification.output_error import FitStatus, Noise, OutputErrorProblem
+from uvms_ocp.identification.parameters import Prior
+from uvms_ocp.identification.recording import Channel, ZeroOrderHold
+from uvms_ocp.identification.rollout import N_START, Rollout, Seen, Segment, SegmentStart
 
 NOISE = Noise(velocity=0.1, rate=0.1, vertical=0.1, outliers=1e6)
 
@@ -27,7 +24,9 @@ class LinearRollout(Rollout):
     def __init__(self, G: tuple[np.ndarray, ...], bend: float = 0.0) -> None:
         self.G, self._bend = G, bend
 
-    def seen(self, stretches: Sequence[Stretch], starts: Sequence[Start], p: np.ndarray, *, slopes: bool) -> list[Seen]:
+    def seen(
+        self, stretches: Sequence[Segment], starts: Sequence[SegmentStart], p: np.ndarray, *, slopes: bool
+    ) -> list[Seen]:
         return [self._seen(row) for row in p]
 
     def _seen(self, p: np.ndarray) -> Seen:
@@ -45,29 +44,29 @@ def vehicle() -> Vehicle:
 class _One:
     """In the place of a prepared recording."""
 
-    stretch: Stretch
+    stretch: Segment
 
-    def stretches(self, step: float, duration: float | None = None) -> tuple[Stretch, ...]:
+    def stretches(self, step: float, duration: float | None = None) -> tuple[Segment, ...]:
         return (self.stretch,)
 
 
-def problem(seed: int = 0, n: int = 40, bend: float = 0.0) -> Fitted:
+def problem(seed: int = 0, n: int = 40, bend: float = 0.0) -> FitContext:
     """Solved, with unknowns that weigh differently and together."""
     rng, one = np.random.default_rng(seed), vehicle()
     mixed = np.array([[1.0, 0.9, 0.0], [0.0, 0.4, 0.3], [0.0, 0.0, 0.2]])
     G = tuple(rng.normal(size=(n, 3, 3)) @ mixed for _ in range(3))
     truth, rollout = np.array([0.3, 0.2, 0.4]), LinearRollout(G, bend)
     seen = tuple(g @ (truth + bend * truth**2) + 0.1 * rng.normal(size=(n, 3)) for g in G)
-    error = OutputError(one, [_stretch(seen)], NOISE, rollout)
+    error = OutputErrorProblem(one, [_stretch(seen)], NOISE, rollout)
     found = error.solve(error.start(), tolerance=1e-13)
     estimate = replace(found, status=FitStatus.CONVERGED)  # to the last digit, where no step is left
     given = {"prepared": (_One(stretch=_stretch(seen)),), "estimate": estimate}
-    return Fitted(vehicle=one, rollout=rollout, noise=NOISE, search=Search(), **given)  # type: ignore[arg-type]
+    return FitContext(vehicle=one, rollout=rollout, noise=NOISE, search=Search(), **given)  # type: ignore[arg-type]
 
 
-def _stretch(seen: tuple[np.ndarray, ...]) -> Stretch:
+def _stretch(seen: tuple[np.ndarray, ...]) -> Segment:
     n = len(seen[0])
     times = 0.1 * np.arange(n)
-    commands = Held(Channel(t=times, values=np.zeros((n, 6))))
+    commands = ZeroOrderHold(Channel(t=times, values=np.zeros((n, 6))))
     still = {"q": np.array([0, 0, 0, 0, 0, 0, 1.0]), "v": np.zeros(6), "joints": np.zeros((0, n - 1))}
-    return Stretch(recording="made", edges=times, commands=commands, t=(times,) * 3, seen=seen, **still)
+    return Segment(recording="made", edges=times, commands=commands, t=(times,) * 3, seen=seen, **still)

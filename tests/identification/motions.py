@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.identification.recordings.recording import Channel, Recording
+from uvms_ocp.identification.recording import Channel, Recording
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 

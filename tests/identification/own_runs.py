@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp import load_robot, without_arm
-from uvms_ocp.mission.conditions import DONE, Below, Transition
-from uvms_ocp.mission.phase import Phase
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import Command, Measurement
-from uvms_ocp.record import Record
-from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios.parts import mission_of, on
+from uvms_ocp.mission.phase import Below, Phase, Transition
+from uvms_ocp.record.meta_values import DONE
+from uvms_ocp.record.record import Record
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import Command, Measurement
+from uvms_ocp.scenario.options import activate, mission_of
+from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.tasks.pose import VehiclePose
@@ -56,7 +56,7 @@ def driven_run(
     robot = slow(dead_zone)
     goal = pose_at((50.0, 0.0, -20.0))
     arrived = Transition(to=DONE, when=(Below(quantity="PC.position_error", limit=0.1),))
-    phase = Phase(name="A", gates=on("PC"), transitions=(arrived,))
+    phase = Phase(name="A", gates=activate("PC"), transitions=(arrived,))
     given = {"environment": Environment(seafloor=FlatSeafloor(z=floor)), "dt": 0.02, "duration": duration, **options}
     return Scenario(
         name="driven",

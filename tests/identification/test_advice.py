@@ -9,17 +9,16 @@ import numpy as np
 import pytest
 from driven import SIZE, drive, known, vehicle_of
 
-from uvms_ocp.identification.answers.advice import advice
-from uvms_ocp.identification.answers.certainty import Open, left_open
-from uvms_ocp.identification.methods.output_error import Noise, OutputError
-from uvms_ocp.identification.methods.rollout import Rollout
-from uvms_ocp.identification.methods.stretch import Prepared
-from uvms_ocp.identification.models.stage import Vehicle, stage_of
-from uvms_ocp.identification.parameters.status import Free
+from uvms_ocp.identification.model import Vehicle, stage_of
+from uvms_ocp.identification.output_error import Noise, OutputErrorProblem
+from uvms_ocp.identification.parameters import Free
+from uvms_ocp.identification.results import advice
+from uvms_ocp.identification.rollout import Prepared, Rollout
+from uvms_ocp.identification.uncertainty import UnidentifiableDirection, left_open
 
 
-def combination(*names: str) -> Open:
-    return Open(sigma=1.0, shares=tuple((name, 0.5) for name in names))
+def combination(*names: str) -> UnidentifiableDirection:
+    return UnidentifiableDirection(sigma=1.0, shares=tuple((name, 0.5) for name in names))
 
 
 @cache
@@ -29,10 +28,10 @@ def problem() -> tuple[Vehicle, Rollout]:
     return one, Rollout(stage_of(one))
 
 
-def left(size: Sequence[float]) -> tuple[Open, ...]:
+def left(size: Sequence[float]) -> tuple[UnidentifiableDirection, ...]:
     one, rollout = problem()
     recording = drive(rollout.stage, np.concatenate([one.shared.start, one.own.start]), seed=0, noise=0.005, size=size)
-    error = OutputError(one, Prepared.of(recording, one).stretches(0.1, 10.0), Noise(), rollout)
+    error = OutputErrorProblem(one, Prepared.of(recording, one).stretches(0.1, 10.0), Noise(), rollout)
     return left_open(one, error.solve(error.start(), iterations=3))
 
 

@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 from driven import SIZE, drive, known, vehicle_of
 
-from uvms_ocp.identification.answers.certainty import bartlett, certainties, correlated, left_open
-from uvms_ocp.identification.answers.predictions import Predicted, Predictor, fit
-from uvms_ocp.identification.methods.output_error import Estimate, Noise, OutputError
-from uvms_ocp.identification.methods.rollout import Rollout
-from uvms_ocp.identification.methods.stretch import Prepared
-from uvms_ocp.identification.models.stage import Vehicle, stage_of
-from uvms_ocp.identification.parameters.status import Free, Prior
-from uvms_ocp.identification.recordings.recording import Channel, Recording
+from uvms_ocp.identification.fit import Predicted, Predictor, fit
+from uvms_ocp.identification.model import Vehicle, stage_of
+from uvms_ocp.identification.output_error import Estimate, Noise, OutputErrorProblem
+from uvms_ocp.identification.parameters import Free, Prior
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.rollout import Prepared, Rollout
+from uvms_ocp.identification.uncertainty import bartlett, certainties, left_open, variance_inflation
 
 LEARNT = {
     "mass": Free(),
@@ -48,7 +47,7 @@ def predictor() -> Predictor:
 def estimate(*given: Recording) -> Estimate:
     one, rollout = problem()
     stretches = [stretch for each in given for stretch in Prepared.of(each, one).stretches(0.1, 10.0)]
-    error = OutputError(one, stretches, NOISE, rollout)
+    error = OutputErrorProblem(one, stretches, NOISE, rollout)
     return error.solve(error.start())
 
 
@@ -121,4 +120,4 @@ def test_samples_that_miss_alike_count_for_fewer() -> None:
     rows = tuple(np.zeros((4000, 3)) for _ in range(3))
     seen = tuple(sigma * rng.normal(size=(4000, 3)) for sigma in (0.02, 0.02, 0.02))
     t = tuple(np.arange(4000.0) for _ in range(3))
-    assert correlated(Predicted(t=t, rows=rows, seen=seen), NOISE) == pytest.approx(1.0, abs=0.2)
+    assert variance_inflation(Predicted(t=t, rows=rows, seen=seen), NOISE) == pytest.approx(1.0, abs=0.2)

@@ -13,15 +13,14 @@ import yaml
 from driven import drive
 from typer.testing import CliRunner
 
-from uvms_ocp.cli import app
-from uvms_ocp.exceptions import UvmsError
-from uvms_ocp.identification.calibration import fitting
-from uvms_ocp.identification.calibration.settings import Settings
-from uvms_ocp.identification.calibration.subject import subject_of
-from uvms_ocp.identification.models.stage import stage_of
-from uvms_ocp.identification.recordings.recording import Channel, Recording
-from uvms_ocp.identification.recordings.storage import write_recording
-from uvms_ocp.model.files.library import robot_folder
+from uvms_ocp.cli.commands import app
+from uvms_ocp.errors import UvmsError
+from uvms_ocp.identification import calibration as fitting
+from uvms_ocp.identification.model import stage_of
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.settings import CalibrationSettings, subject_of
+from uvms_ocp.identification.tables import write_recording
+from uvms_ocp.robot.loading import robot_folder
 
 SETTINGS = """
 robot: bluerov2_alpha5
@@ -47,7 +46,7 @@ def _no_search(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @cache
 def recording() -> Recording:
-    one = subject_of(Settings.model_validate(yaml.safe_load(SETTINGS)), Path()).vehicle
+    one = subject_of(CalibrationSettings.model_validate(yaml.safe_load(SETTINGS)), Path()).vehicle
     return drive(stage_of(one), one.shared.start, seed=2, t_end=8.0)
 
 
@@ -132,7 +131,7 @@ def test_a_robot_whose_vehicle_is_in_no_water_is_refused(tmp_path: Path) -> None
 
 def test_the_vehicle_is_its_largest_link_in_whatever_order_a_file_has_them(tmp_path: Path) -> None:
     content = yaml.safe_load((robot_folder("bluerov2_alpha5") / "hydrodynamics.yaml").read_text())
-    settings = Settings.model_validate(yaml.safe_load(SETTINGS.replace("taken off", "as it is")))
+    settings = CalibrationSettings.model_validate(yaml.safe_load(SETTINGS.replace("taken off", "as it is")))
     for name, links in (("first", content["links"]), ("last", dict(reversed(content["links"].items())))):
         (tmp_path / name).write_text(yaml.safe_dump({**content, "links": links}, sort_keys=False))
         assert subject_of(settings.model_copy(update={"hydrodynamics": name}), tmp_path).frame == "base_link"

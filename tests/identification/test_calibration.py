@@ -13,20 +13,18 @@ from driven import drive
 from typer.testing import CliRunner
 
 from uvms_ocp import load_robot, without_arm
-from uvms_ocp.cli import app
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.identification.answers.scores import errors
-from uvms_ocp.identification.calibration.fitting import Calibration, calibrated
-from uvms_ocp.identification.calibration.report import report_text
-from uvms_ocp.identification.calibration.settings import Settings, read_settings
-from uvms_ocp.identification.calibration.subject import subject_of
-from uvms_ocp.identification.calibration.variant import variant_text, whole_text
-from uvms_ocp.identification.models.stage import stage_of
-from uvms_ocp.identification.parameters.vehicle_quantities import Start
-from uvms_ocp.identification.recordings.recording import Recording
-from uvms_ocp.identification.recordings.storage import write_recording
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.files.library import robot_folder
+from uvms_ocp.cli.commands import app
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.calibration import Calibration, calibrate
+from uvms_ocp.identification.model import stage_of
+from uvms_ocp.identification.parameters import NominalParameters
+from uvms_ocp.identification.recording import Recording
+from uvms_ocp.identification.results import report_text, variant_text, whole_text
+from uvms_ocp.identification.settings import CalibrationSettings, read_settings, subject_of
+from uvms_ocp.identification.tables import write_recording
+from uvms_ocp.identification.validation import errors
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.loading import robot_folder
 
 SETTINGS = """
 robot: bluerov2_alpha5
@@ -48,15 +46,15 @@ HEAVIER, ROUGHER, NOISE = 0.1, 0.25, 0.01
 
 
 @cache
-def case() -> tuple[Settings, Recording, Calibration]:
-    settings = Settings.model_validate(_yaml())
+def case() -> tuple[CalibrationSettings, Recording, Calibration]:
+    settings = CalibrationSettings.model_validate(_yaml())
     subject = subject_of(settings, Path())
     one = subject.vehicle
     truth = one.shared.start.copy()
     truth[one.shared.names.index("added_mass surge")] += HEAVIER
     truth[one.shared.names.index("quadratic_drag surge")] += ROUGHER
     recording = drive(stage_of(one), truth, seed=2, noise=NOISE)
-    return settings, recording, calibrated(subject, settings, [recording])
+    return settings, recording, calibrate(subject, settings, [recording])
 
 
 def _yaml() -> object:
@@ -79,7 +77,7 @@ def test_the_file_makes_the_robot_that_was_found(tmp_path: Path) -> None:
     robot = load_robot(urdf=robot_folder("bluerov2_alpha5") / "robot.urdf", hydrodynamics=whole)
     assert robot.n_joints
     robot = without_arm(robot)
-    made = Start.of(robot_dynamics(robot).symbolic)
+    made = NominalParameters.of(robot_dynamics(robot).symbolic)
     told = {one.name: one.value for one in case()[2].numbers}
     assert made.added_mass[0, 0] == pytest.approx(told["added_mass surge"], rel=1e-5)
     assert made.added_mass[1, 1] == pytest.approx(told["added_mass sway"], rel=1e-5)
@@ -154,7 +152,7 @@ def test_profiles_and_leave_one_out_come_when_they_are_asked_for(tmp_path: Path)
 def test_one_recording_is_not_left_out() -> None:
     settings, recording, found = case()
     with pytest.raises(InvalidInput, match="at least 2"):
-        calibrated(found.subject, settings, [recording], leave_one_out=True)
+        calibrate(found.subject, settings, [recording], leave_one_out=True)
 
 
 def test_every_figure_of_a_prediction_stands_beside_those_that_know_less() -> None:
@@ -180,7 +178,7 @@ def test_mistakes_in_settings_are_told_in_one_line(tmp_path: Path) -> None:
 def test_equal_names_of_recordings_are_refused() -> None:
     settings, recording, found = case()
     with pytest.raises(InvalidInput, match="name of its own"):
-        calibrated(found.subject, settings, [recording, recording])
+        calibrate(found.subject, settings, [recording, recording])
 
 
 def test_a_robot_out_of_the_water_is_refused(tmp_path: Path) -> None:

@@ -7,13 +7,10 @@ import numpy as np
 import pytest
 from vehicles import HULL, declaration, vehicle
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.identification.parameters.coordinates import PositiveDefinite
-from uvms_ocp.identification.parameters.declaration import Quantity
-from uvms_ocp.identification.parameters.rigid_body import pseudo_inertia, second_moment
-from uvms_ocp.identification.parameters.status import Bounded, Fixed, Free, Prior
-from uvms_ocp.identification.parameters.unknowns import Unknowns
-from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.identification.coordinates import PositiveDefinite, pseudo_inertia, second_moment
+from uvms_ocp.identification.parameters import Bounded, Fixed, Free, Prior, Quantity, Unknowns
+from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 
 FREE = ("mass", "centre_of_mass", "second_moment", "volume", "centre_of_buoyancy")
 WET = ("added_mass", "linear_drag", "quadratic_drag")

@@ -12,12 +12,11 @@ import pytest
 from driven import drive, known, vehicle_of
 from motions import DOWN, changed, recorded
 
-from uvms_ocp.identification.models.stage import stage_of
-from uvms_ocp.identification.recordings.doubts import doubts
-from uvms_ocp.identification.recordings.recording import Channel, Recording
-from uvms_ocp.identification.recordings.run_records import run_recording
-from uvms_ocp.identification.recordings.sampling import rotations
-from uvms_ocp.scenarios.bluerov_inspection import bluerov_inspection
+from uvms_ocp.identification.data_quality import check_data_quality
+from uvms_ocp.identification.model import stage_of
+from uvms_ocp.identification.reading import run_recording
+from uvms_ocp.identification.recording import Channel, Recording, rotations
+from uvms_ocp.scenario.cases.bluerov import bluerov_inspection
 
 Change = Callable[[np.ndarray], np.ndarray]
 FORCES, MOMENTS = slice(0, 3), slice(3, 6)
@@ -48,7 +47,7 @@ def moved() -> Recording:
 
 
 def told(recording: Recording) -> str:
-    return "; ".join(map(str, doubts(recording)))
+    return "; ".join(map(str, check_data_quality(recording)))
 
 
 def with_values(recording: Recording, name: str, change: Change) -> Recording:

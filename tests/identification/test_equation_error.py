@@ -9,11 +9,10 @@ import pytest
 from driven import drive, known, vehicle_of
 from vehicles import vehicle
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.identification.methods.equation_error import LinearFit, equation_error
-from uvms_ocp.identification.methods.stretch import Prepared
-from uvms_ocp.identification.models.regressor import regressor_of
-from uvms_ocp.identification.models.stage import Vehicle, stage_of
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.identification.equation_error import LinearFit, fit_equation_error, regressor_of
+from uvms_ocp.identification.model import Vehicle, stage_of
+from uvms_ocp.identification.rollout import Prepared
 
 ASKED = (
     "linear drag surge-surge",
@@ -36,7 +35,7 @@ def prepared() -> Prepared:
 
 
 def fit(*names: str) -> LinearFit:
-    return equation_error(still_known(), [prepared()], names, window=0.3)
+    return fit_equation_error(still_known(), [prepared()], names, window=0.3)
 
 
 def test_what_made_a_recording_is_found_again() -> None:
@@ -59,4 +58,4 @@ def test_mistakes_are_named() -> None:
     one = still_known()
     armed = Vehicle(dynamics=vehicle(n_joints=1), shared=one.shared, own=one.own, actuators=one.actuators)
     with pytest.raises(InvalidInput, match="vehicle with joints"):
-        equation_error(armed, [prepared()], ["mass"])
+        fit_equation_error(armed, [prepared()], ["mass"])

@@ -11,35 +11,37 @@ import pytest
 from driven import known, vehicle_of
 from typer.testing import CliRunner
 
-from uvms_ocp.cli import app
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.identification.answers.numbers import KNOWN
-from uvms_ocp.identification.excitation.assignment import Assignment
-from uvms_ocp.identification.excitation.by_hand import BY_HAND, largest
-from uvms_ocp.identification.excitation.confines import Limits
-from uvms_ocp.identification.excitation.course import Courses
-from uvms_ocp.identification.excitation.design import Effort, designed
-from uvms_ocp.identification.excitation.expected import DesignStatus, Excitation, excitation_of
-from uvms_ocp.identification.excitation.history import History, edges_of, multisine
-from uvms_ocp.identification.excitation.objective import Objective
-from uvms_ocp.identification.excitation.wanted import wanted
-from uvms_ocp.identification.methods.output_error import Noise, OutputError
-from uvms_ocp.identification.methods.rollout import Rollout
-from uvms_ocp.identification.methods.stretch import Stretch
-from uvms_ocp.identification.models.stage import stage_of
-from uvms_ocp.identification.parameters.status import Free, Prior
-from uvms_ocp.identification.recordings.recording import Channel
-from uvms_ocp.identification.recordings.sampling import Held
-from uvms_ocp.identification.recordings.storage import stored_recording
+from uvms_ocp.cli.commands import app
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.identification.experiment import Courses, ExperimentLimits, KnotCommands, edges_of, multisine
+from uvms_ocp.identification.experiment_design import (
+    BY_HAND,
+    Assignment,
+    DesignSettings,
+    DesignStatus,
+    Excitation,
+    Objective,
+    design_experiment,
+    excitation_of,
+    largest,
+    target_deviations,
+)
+from uvms_ocp.identification.model import stage_of
+from uvms_ocp.identification.output_error import Noise, OutputErrorProblem
+from uvms_ocp.identification.parameters import Free, Prior
+from uvms_ocp.identification.recording import Channel, ZeroOrderHold
+from uvms_ocp.identification.rollout import Rollout, Segment
+from uvms_ocp.identification.tables import stored_recording
+from uvms_ocp.identification.uncertainty import DETERMINED_BELOW
 
-LIMITS = Limits(
+LIMITS = ExperimentLimits(
     thrust=np.outer([20.0, 20.0, 20.0, 2.0, 2.0, 2.0], [-1.0, 1.0]),
     pool=np.array([[-1.5, -1.0, -0.8], [1.5, 1.0, 0.8]]),
     slew=40.0,
     tilt=0.4,
 )
 NOISE = Noise(velocity=0.01, rate=0.01, vertical=0.005)
-EFFORT = Effort(step=0.1, knots=0.5, starts=1, iterations=12)
+EFFORT = DesignSettings(step=0.1, knots=0.5, starts=1, iterations=12)
 
 
 @cache
@@ -55,13 +57,13 @@ def assignment(**other: object) -> Assignment:
 
 @cache
 def found() -> Excitation:
-    return designed(assignment(), rollout(), EFFORT)
+    return design_experiment(assignment(), rollout(), EFFORT)
 
 
 def objective(given: Assignment) -> Objective:
     courses = Courses(rollout(), given.unknowns, 0.1, given.still)
-    aim, history = given.aim(), History.of(4.0, 0.5, 0.1, courses.delay)
-    return Objective(aim, given.limits, history, courses, wanted(given, rollout()))
+    aim, history = given.aim(), KnotCommands.of(4.0, 0.5, 0.1, courses.delay)
+    return Objective(aim, given.limits, history, courses, target_deviations(given, rollout()))
 
 
 def test_the_slope_of_the_objective_is_that_of_its_value() -> None:
@@ -83,9 +85,9 @@ def test_the_fastest_of_the_sines_turns_as_often_as_it_is_told(waves: float, fas
 
 def test_the_information_is_what_output_error_finds_in_a_recording() -> None:
     given, commands = assignment(), found().commands
-    held, t = Held(commands), 0.1 * np.arange(81)
+    held, t = ZeroOrderHold(commands), 0.1 * np.arange(81)
     nothing = tuple(np.zeros((len(t), 3)) for _ in range(3))
-    stretch = Stretch(
+    stretch = Segment(
         recording="a",
         edges=0.1 * np.arange(81),
         commands=held,
@@ -96,7 +98,7 @@ def test_the_information_is_what_output_error_finds_in_a_recording() -> None:
         v=np.zeros(6),
     )
     # Starts that are known, and losses without outliers, are what a design takes for granted.
-    error = OutputError(given.vehicle, [stretch], replace(NOISE, start=1e-9, outliers=1e12), rollout())
+    error = OutputErrorProblem(given.vehicle, [stretch], replace(NOISE, start=1e-9, outliers=1e12), rollout())
     wanted = error.solve(error.start(), iterations=0).information - np.diag(1.0 / given.vehicle.shared.sigma**2)
     told = found().information
     late = given.vehicle.shared.names.index("velocity_delay")
@@ -107,9 +109,9 @@ def test_the_information_is_what_output_error_finds_in_a_recording() -> None:
 
 
 def test_commands_are_late_as_channels_are() -> None:
-    history, t, step, delay = History.of(3.0, 0.2, 0.05, 0.13), 0.05 * np.arange(60), 0.05, 0.13
+    history, t, step, delay = KnotCommands.of(3.0, 0.2, 0.05, 0.13), 0.05 * np.arange(60), 0.05, 0.13
     knots = np.random.default_rng(0).normal(size=(history.n_knots, 2))
-    held = Held(Channel(t=t, values=history.told @ knots))
+    held = ZeroOrderHold(Channel(t=t, values=history.told @ knots))
     np.testing.assert_allclose(history.acting @ knots, held.mean(edges_of(60, step, delay)), atol=1e-12)
     np.testing.assert_allclose(history.late @ knots, -held.mean_slope(edges_of(60, step, delay)), atol=1e-10)
     np.testing.assert_allclose(history.nearest(history.told @ knots), knots, atol=1e-12)
@@ -124,7 +126,9 @@ def test_of_what_is_not_believed_half_the_standard_error_by_hand_is_wanted() -> 
     given = assignment()
     free = [k for k, each in enumerate(found().numbers) if each.quantity == "added_mass"]
     told, size = by_hand(given)[free], np.array([found().numbers[k].size for k in free])
-    np.testing.assert_allclose(wanted(given, rollout())[free], np.minimum(told / 2, KNOWN * size), rtol=1e-6)
+    np.testing.assert_allclose(
+        target_deviations(given, rollout())[free], np.minimum(told / 2, DETERMINED_BELOW * size), rtol=1e-6
+    )
 
 
 def test_what_signals_by_hand_tell_less_of_than_is_believed_is_left_to_belief() -> None:
@@ -133,7 +137,7 @@ def test_what_signals_by_hand_tell_less_of_than_is_believed_is_left_to_belief() 
     given = Assignment(vehicle=one, limits=LIMITS, duration=8.0, noise=NOISE)
     aim = given.aim()
     np.testing.assert_allclose(
-        wanted(given, Rollout(stage_of(one))), aim.deviations(np.zeros_like(aim.known)), rtol=1e-6
+        target_deviations(given, Rollout(stage_of(one))), aim.deviations(np.zeros_like(aim.known)), rtol=1e-6
     )
 
 
@@ -169,7 +173,7 @@ def test_a_design_tells_every_number_better_than_any_signal_by_hand() -> None:
 def test_what_matters_is_known_better_where_nothing_else_does() -> None:
     given = assignment(matter=("quadratic_drag surge",))
     name = [each.name for each in found().numbers].index("quadratic_drag surge")
-    one = designed(given, rollout(), EFFORT)
+    one = design_experiment(given, rollout(), EFFORT)
     assert one.numbers[name].sigma < found().numbers[name].sigma
 
 

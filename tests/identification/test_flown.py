@@ -8,32 +8,30 @@ from functools import cache
 import numpy as np
 from driven import drive, known, vehicle_of
 
-from uvms_ocp.identification.answers.certainty import DETERMINED, certainties
-from uvms_ocp.identification.answers.fitted import Fitted
-from uvms_ocp.identification.calibration.flown import flown
-from uvms_ocp.identification.methods.output_error import FitStatus, Noise
-from uvms_ocp.identification.methods.rollout import Rollout
-from uvms_ocp.identification.methods.search import Search, searched
-from uvms_ocp.identification.methods.stretch import Prepared
-from uvms_ocp.identification.models.stage import stage_of
-from uvms_ocp.identification.parameters.status import Free
+from uvms_ocp.identification.calibration import exported_estimate
+from uvms_ocp.identification.fit import FitContext, Search, search_fit
+from uvms_ocp.identification.model import stage_of
+from uvms_ocp.identification.output_error import FitStatus, Noise
+from uvms_ocp.identification.parameters import Free
+from uvms_ocp.identification.rollout import Prepared, Rollout
+from uvms_ocp.identification.uncertainty import DETERMINED, certainties
 
 NOISE = Noise(velocity=0.02, rate=0.02, vertical=0.02)
 SEARCH = Search(step=0.05, stretch=10.0)
 
 
 @cache
-def fitted() -> Fitted:
+def fitted() -> FitContext:
     one = vehicle_of(known().learning(added_mass=Free(only=("surge",)), quadratic_drag=Free(only=("surge", "yaw"))))
     rollout = Rollout(stage_of(one))
     recording = drive(rollout.stage, one.shared.start + np.array([0.1, 0.3, -0.2]), seed=0, noise=0.02, t_end=12.0)
     prepared = (Prepared.of(recording, one),)
-    estimate = searched(one, prepared, NOISE, rollout, SEARCH)
-    return Fitted(vehicle=one, rollout=rollout, prepared=prepared, noise=NOISE, search=SEARCH, estimate=estimate)
+    estimate = search_fit(one, prepared, NOISE, rollout, SEARCH)
+    return FitContext(vehicle=one, rollout=rollout, prepared=prepared, noise=NOISE, search=SEARCH, estimate=estimate)
 
 
 def test_where_all_is_determined_a_file_has_what_the_search_has_found() -> None:
-    found = flown(fitted(), 1.0)
+    found = exported_estimate(fitted(), 1.0)
     assert found.usable
     assert found.kept == ()
     assert found.estimate is fitted().estimate
@@ -45,7 +43,7 @@ def test_what_stays_open_is_as_declared_and_the_others_are_best_beside_it() -> N
     together = (1.1 * DETERMINED / sigma.max()) ** 2
     still_open = np.array([one.sigma > DETERMINED for one in certainties(fitted().vehicle, left, together)])
     assert 0 < still_open.sum() < len(sigma)
-    found = flown(fitted(), together)
+    found = exported_estimate(fitted(), together)
     assert found.kept == tuple(np.array(unknowns.names)[still_open])
     np.testing.assert_array_equal(found.estimate.shared[still_open], unknowns.start[still_open])
     beside = replace(left, shared=np.where(still_open, unknowns.start, left.shared))
@@ -55,4 +53,4 @@ def test_what_stays_open_is_as_declared_and_the_others_are_best_beside_it() -> N
 
 def test_of_a_search_that_has_not_converged_no_file_is_made() -> None:
     one = fitted()
-    assert not flown(replace(one, estimate=replace(one.estimate, status=FitStatus.STALLED)), 1e6).usable
+    assert not exported_estimate(replace(one, estimate=replace(one.estimate, status=FitStatus.STALLED)), 1e6).usable

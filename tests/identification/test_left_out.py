@@ -11,21 +11,28 @@ import pytest
 from driven import drive, known, vehicle_of
 from vehicles import vehicle as with_arm
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.identification.answers.fitted import Fitted
-from uvms_ocp.identification.answers.left_out import BALANCE, BEFORE, OTHERS, STILL, LeftOut, left_out, without
-from uvms_ocp.identification.answers.nulls import Balance, still
-from uvms_ocp.identification.answers.predictions import Predicted
-from uvms_ocp.identification.answers.scores import SCORED, errors
-from uvms_ocp.identification.calibration.predicted_tables import left_out_tables
-from uvms_ocp.identification.methods.output_error import Noise
-from uvms_ocp.identification.methods.rollout import Rollout
-from uvms_ocp.identification.methods.search import Search, searched
-from uvms_ocp.identification.methods.stretch import Prepared
-from uvms_ocp.identification.models.stage import Vehicle, stage_of
-from uvms_ocp.identification.parameters.status import Free
-from uvms_ocp.identification.recordings.recording import Channel, Recording
-from uvms_ocp.viz.calibration.certainty_figures import figure_left_out
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.fit import FitContext, Predicted, Search, search_fit
+from uvms_ocp.identification.model import Vehicle, stage_of
+from uvms_ocp.identification.output_error import Noise
+from uvms_ocp.identification.parameters import Free
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.results import left_out_tables
+from uvms_ocp.identification.rollout import Prepared, Rollout
+from uvms_ocp.identification.validation import (
+    BALANCE,
+    BEFORE,
+    OTHERS,
+    SCORED,
+    STATIC,
+    LeftOut,
+    StaticBalance,
+    errors,
+    leave_one_out,
+    static_baseline,
+    without,
+)
+from uvms_ocp.viz.identification_figures import figure_left_out
 
 NOISE = Noise(velocity=0.02, rate=0.02, vertical=0.02)
 SEARCH = Search(step=0.05, stretch=10.0)
@@ -46,21 +53,21 @@ def recordings() -> tuple[Recording, ...]:
     return tuple(drive(rollout.stage, truth, seed=seed, noise=0.02, t_end=12.0) for seed in range(3))
 
 
-def solved(given: Sequence[Recording]) -> Fitted:
+def solved(given: Sequence[Recording]) -> FitContext:
     one, rollout = problem()
     prepared = tuple(Prepared.of(each, one) for each in given)
-    estimate = searched(one, prepared, NOISE, rollout, SEARCH)
-    return Fitted(vehicle=one, rollout=rollout, prepared=prepared, noise=NOISE, search=SEARCH, estimate=estimate)
+    estimate = search_fit(one, prepared, NOISE, rollout, SEARCH)
+    return FitContext(vehicle=one, rollout=rollout, prepared=prepared, noise=NOISE, search=SEARCH, estimate=estimate)
 
 
 @cache
-def fitted() -> Fitted:
+def fitted() -> FitContext:
     return solved(recordings())
 
 
 @cache
 def found() -> tuple[LeftOut, ...]:
-    return tuple(left_out(fitted(), horizons=(3.0, 60.0, 90.0)))
+    return tuple(leave_one_out(fitted(), horizons=(3.0, 60.0, 90.0)))
 
 
 def lying(one: Recording) -> Recording:
@@ -97,7 +104,7 @@ def test_all_predict_the_same_samples_after_what_was_known() -> None:
     for one in found():
         begin = next(each for each in recordings() if each.name == one.name).span[0]
         for horizon in one.horizons:
-            assert list(horizon.by) == [OTHERS, BEFORE, STILL, BALANCE]
+            assert list(horizon.by) == [OTHERS, BEFORE, STATIC, BALANCE]
             first = horizon.by[OTHERS]
             assert min(t[0] for t in first.t) > begin + one.predictor.known
             for other in horizon.by.values():
@@ -115,12 +122,12 @@ def test_what_was_identified_predicts_best() -> None:
 def test_a_recording_alone_cannot_be_left_out() -> None:
     alone = replace(fitted(), prepared=fitted().prepared[:1])
     with pytest.raises(InvalidInput, match="at least 2"):
-        list(left_out(alone))
+        list(leave_one_out(alone))
 
 
 def test_nothing_moves_says_zero_and_the_vertical_that_was_seen_last() -> None:
     (whole,) = fitted().prepared[0].stretches(0.05)
-    resting = still(whole, 2.0)
+    resting = static_baseline(whole, 2.0)
     assert not resting.rows[0].any()
     assert not resting.rows[1].any()
     last = np.flatnonzero(whole.t[2] <= whole.edges[0] + 2.0)[-1]
@@ -141,13 +148,13 @@ def test_errors_are_root_mean_squares_and_angles() -> None:
 def test_a_vehicle_in_balance_is_turned_by_nothing() -> None:
     one = fitted().vehicle
     moment = UPRIGHT
-    told = Balance.of(one).vertical(np.zeros((0, 1)), one.shared.start)[:, 0]
+    told = StaticBalance.of(one).vertical(np.zeros((0, 1)), one.shared.start)[:, 0]
     np.testing.assert_allclose(told, moment / np.linalg.norm(moment), atol=1e-9)
 
 
 def test_an_arm_that_moves_changes_the_balance_as_its_weight_does() -> None:
     one = replace(fitted().vehicle, dynamics=with_arm(n_joints=1))
-    told = Balance.of(one).vertical(np.array([[0.0, np.pi]]), one.shared.start)
+    told = StaticBalance.of(one).vertical(np.array([[0.0, np.pi]]), one.shared.start)
     for k, way in enumerate((1.0, -1.0)):
         x = 0.3 + way * 0.15 - 998.0 * 8e-4 * 0.3
         moment = UPRIGHT - np.array([x, 0.0, 0.0])

@@ -13,12 +13,11 @@ import numpy as np
 import pytest
 from motions import recorded
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound, NotInstalled, UvmsError
-from uvms_ocp.identification.recordings.fields import numbers_at, seconds_at, steps_of
-from uvms_ocp.identification.recordings.mapping import Mapping, mapped_recording
-from uvms_ocp.identification.recordings.messages import topics_of
-from uvms_ocp.identification.recordings.recording import Recording
-from uvms_ocp.untrusted import mcap_records
+from uvms_ocp.errors import InvalidInput, NameNotFound, NotInstalled, UvmsError
+from uvms_ocp.identification.messages import numbers_at, seconds_at, steps_of, topics_of
+from uvms_ocp.identification.reading import RecordingMapping, mapped_recording
+from uvms_ocp.identification.recording import Recording
+from uvms_ocp.record import mcap as mcap_records
 
 pytest.importorskip("mcap", reason='needs pip install "uvms-ocp[rosbags]"')
 GOOD = recorded(t_end=5.0)
@@ -30,7 +29,7 @@ ANGLES = np.column_stack([np.sin(T), np.cos(T)])
 THRUSTS = np.arange(8.0) + T[:, None]
 POSE = {"topic": "/odometry", "time": "header.stamp"}
 AXES = ("x", "y", "z")
-ROS = Mapping.model_validate(
+ROS = RecordingMapping.model_validate(
     {
         "channels": {
             "position": {**POSE, "columns": [f"pose.pose.position.{axis}" for axis in AXES]},
@@ -143,8 +142,8 @@ def test_json_in_an_mcap_file_becomes_channels_at_their_stamps_or_when_they_were
     position = {"topic": "/state", "time": "t", "columns": ["p"]}
     attitude = {"topic": "/state", "time": "ms", "time_unit": "ms", "columns": [f"q.{axis}" for axis in "xyzw"]}
     path = json_file(tmp_path / "a.mcap", rows)
-    require_good(mapped_recording(path, Mapping(channels={"position": position, "attitude": attitude})))
-    logged = Mapping(
+    require_good(mapped_recording(path, RecordingMapping(channels={"position": position, "attitude": attitude})))
+    logged = RecordingMapping(
         channels={"position": {"topic": "/state", "columns": ["p.0", "p[1]", "p[2]"]}, "attitude": attitude}
     )
     read = mapped_recording(path, logged)
@@ -177,14 +176,14 @@ def test_protobuf_of_transforms_becomes_channels_by_the_name_of_the_frame(tmp_pa
         "position": [f"transforms[base].translation.{axis}" for axis in "xyz"],
         "attitude": [f"transforms[base].rotation.{axis}" for axis in "xyzw"],
     }
-    mapping = Mapping(channels={name: {**base, "columns": paths} for name, paths in columns.items()})
+    mapping = RecordingMapping(channels={name: {**base, "columns": paths} for name, paths in columns.items()})
     require_good(mapped_recording(tmp_path / "a.mcap", mapping))
 
 
 def test_samples_that_a_file_has_out_of_order_are_put_in_order_and_counted(tmp_path: Path) -> None:
     t = np.array([0.0, 0.1, 0.2, 0.05, 0.2, 0.3])
     rows = [{"t": x, "u": 10 * x} for x in t.tolist()]
-    mapping = Mapping(channels={"thrust": {"topic": "/state", "time": "t", "columns": ["u"]}})
+    mapping = RecordingMapping(channels={"thrust": {"topic": "/state", "time": "t", "columns": ["u"]}})
     channel = mapped_recording(json_file(tmp_path / "a.mcap", rows), mapping).channels["thrust"]
     np.testing.assert_allclose(channel.t, [0.0, 0.05, 0.1, 0.2, 0.3])
     np.testing.assert_allclose(channel.values[:, 0], 10 * channel.t)
@@ -207,14 +206,14 @@ def test_samples_that_a_file_has_out_of_order_are_put_in_order_and_counted(tmp_p
 def test_mistakes_in_paths_are_told_in_a_line(one: dict[str, Any], message: str, tmp_path: Path) -> None:
     path = json_file(tmp_path / "a.mcap", [{"a": [1, 2], "c": "text", "d": {"x": 1}}] * 3)
     with pytest.raises((InvalidInput, NameNotFound), match=message) as caught:
-        mapped_recording(path, Mapping(channels={"thrust": one}))
+        mapped_recording(path, RecordingMapping(channels={"thrust": one}))
     assert "\n" not in str(caught.value)
 
 
 def test_a_topic_of_a_table_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("t,a\n0,1\n1,2\n")
     with pytest.raises(InvalidInput, match="in a table"):
-        mapped_recording(tmp_path / "a.csv", Mapping(channels={"thrust": {"topic": "/a", "columns": ["a"]}}))
+        mapped_recording(tmp_path / "a.csv", RecordingMapping(channels={"thrust": {"topic": "/a", "columns": ["a"]}}))
 
 
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
@@ -269,7 +268,7 @@ def test_chunks_that_lie_are_refused_as_they_are_in_records(tmp_path: Path, monk
     path = json_file(tmp_path / "a.mcap", [{"a": 1}] * 3)
     monkeypatch.setattr(mcap_records, "LARGEST_CHUNK", 10)
     with pytest.raises(InvalidInput, match="a chunk of"):
-        mapped_recording(path, Mapping(channels={"thrust": {"topic": "/state", "columns": ["a"]}}))
+        mapped_recording(path, RecordingMapping(channels={"thrust": {"topic": "/state", "columns": ["a"]}}))
 
 
 def test_a_missing_extra_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from own_runs import driven_run, slow
 
-from uvms_ocp.identification.calibration.mixed_thrusters import mixed_thrusters
-from uvms_ocp.identification.recordings.recording import Channel, Recording
-from uvms_ocp.identification.recordings.run_records import run_recording
-from uvms_ocp.model.thrusters import thruster_matrix
+from uvms_ocp.identification.calibration import mixed_thrusters
+from uvms_ocp.identification.reading import run_recording
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.robot.thrusters import thruster_matrix
 
 NAMES = tuple("abcdefgh")
 WAYS = {

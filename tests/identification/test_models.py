@@ -10,13 +10,10 @@ import pinocchio as pin
 import pytest
 from vehicles import declaration, vehicle
 
-from uvms_ocp.identification.models.regressor import regressor_of
-from uvms_ocp.identification.models.stage import Stage, Vehicle, stage_of
-from uvms_ocp.identification.models.vehicle_dynamics import vehicle_dynamics
-from uvms_ocp.identification.parameters.status import Free
-from uvms_ocp.identification.parameters.unknowns import Unknowns
-from uvms_ocp.identification.parameters.vehicle_quantities import Actuators
-from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
+from uvms_ocp.identification.equation_error import regressor_of
+from uvms_ocp.identification.model import Stage, Vehicle, stage_of, vehicle_dynamics
+from uvms_ocp.identification.parameters import ActuatorModel, Free, Unknowns
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
 LEARNT = ("mass", "centre_of_mass", "second_moment", "volume", "centre_of_buoyancy", "added_mass", "linear_drag")
 OTHERS = (
@@ -75,12 +72,12 @@ def test_a_vehicle_that_is_known_has_the_dynamics_of_its_model() -> None:
 
 
 @cache
-def built(*, n_joints: int = 0, actuators: Actuators | None = None) -> tuple[Vehicle, Stage]:
+def built(*, n_joints: int = 0, actuators: ActuatorModel | None = None) -> tuple[Vehicle, Stage]:
     known = declaration(actuators=actuators).learning(**dict.fromkeys((*LEARNT, *OTHERS), Free()))
     known = known.learning(current=Free(), wrench_offset=Free(), attitude_offset=Free())
     own = Unknowns(known, own=True)
     one = Vehicle(
-        dynamics=vehicle(n_joints), shared=Unknowns(known), own=own, actuators=actuators or Actuators(dead_zone=0.5)
+        dynamics=vehicle(n_joints), shared=Unknowns(known), own=own, actuators=actuators or ActuatorModel(dead_zone=0.5)
     )
     return one, stage_of(one)
 
@@ -141,7 +138,7 @@ def test_steps_converge_with_the_square_of_their_length() -> None:
 def test_an_actuator_gives_nothing_well_inside_its_dead_zone_and_less_or_all_beyond_it(
     whole: bool, beyond: float
 ) -> None:
-    one, stage = built(actuators=Actuators(dead_zone=1.0, lag=1e-3, whole_beyond=whole))
+    one, stage = built(actuators=ActuatorModel(dead_zone=1.0, lag=1e-3, whole_beyond=whole))
     p = np.concatenate([one.shared.start, one.own.start])
     still = np.array([0, 0, 0, 0, 0, 0, 1.0, *np.zeros(12)])
     given = np.asarray(stage.step(still, [0.2, 4.0, -4.0, 0, 0, 0], np.zeros(0), p, 0.1)).ravel()[13:]

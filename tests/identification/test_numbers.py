@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from driven import drive, known, vehicle_of
 
-from uvms_ocp.identification.answers.numbers import Number, numbers, values_of
-from uvms_ocp.identification.methods.output_error import Estimate, FitStatus, Noise, OutputError
-from uvms_ocp.identification.methods.rollout import Rollout
-from uvms_ocp.identification.methods.stretch import Prepared
-from uvms_ocp.identification.models.stage import Vehicle, stage_of
-from uvms_ocp.identification.parameters.status import Free, Prior
+from uvms_ocp.identification.model import Vehicle, stage_of
+from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise, OutputErrorProblem
+from uvms_ocp.identification.parameters import Free, Prior
+from uvms_ocp.identification.rollout import Prepared, Rollout
+from uvms_ocp.identification.uncertainty import IdentifiedNumber, numbers, values_of
 
 LEARNT = {
     "mass": Prior(sigma=0.3),
@@ -29,11 +28,11 @@ def found() -> tuple[Vehicle, Estimate]:
     one = vehicle_of(known().learning(**LEARNT))
     rollout = Rollout(stage_of(one))
     recording = drive(rollout.stage, np.concatenate([one.shared.start, one.own.start]), seed=1, noise=0.02)
-    error = OutputError(one, Prepared.of(recording, one).stretches(0.1, 10.0), Noise(), rollout)
+    error = OutputErrorProblem(one, Prepared.of(recording, one).stretches(0.1, 10.0), Noise(), rollout)
     return one, error.solve(error.start())
 
 
-def told(together: float = 1.0) -> dict[str, Number]:
+def told(together: float = 1.0) -> dict[str, IdentifiedNumber]:
     return {each.name: each for each in numbers(*found(), together)}
 
 
@@ -72,7 +71,9 @@ def test_what_priors_say_alone_is_not_determined() -> None:
 
 
 def test_a_number_determined_to_a_tenth_of_its_size_is_called_so() -> None:
-    one = Number(quantity="lag", entry="", unit="s", value=0.1, sigma=0.004, size=0.05, learnt=True, positive=True)
+    one = IdentifiedNumber(
+        quantity="lag", entry="", unit="s", value=0.1, sigma=0.004, size=0.05, learnt=True, positive=True
+    )
     assert one.determined
     assert not replace(one, sigma=0.006).determined
     assert not replace(one, learnt=False).determined

@@ -10,15 +10,19 @@ import numpy as np
 import pytest
 from driven import drive, known, turned, vehicle_of
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.identification.methods.block import Block
-from uvms_ocp.identification.methods.output_error import Estimate, FitStatus, Noise, OutputError
-from uvms_ocp.identification.methods.point import Point
-from uvms_ocp.identification.methods.rollout import N_START, Rollout, Start
-from uvms_ocp.identification.methods.stretch import Prepared, Stretch
-from uvms_ocp.identification.models.stage import Vehicle, stage_of
-from uvms_ocp.identification.parameters.status import Free, Prior
-from uvms_ocp.identification.recordings.recording import Channel, Recording
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.identification.model import Vehicle, stage_of
+from uvms_ocp.identification.output_error import (
+    Estimate,
+    FitStatus,
+    Noise,
+    NormalEquations,
+    OutputErrorProblem,
+    SearchPoint,
+)
+from uvms_ocp.identification.parameters import Free, Prior
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.rollout import N_START, Prepared, Rollout, Segment, SegmentStart
 
 LEARNT = {
     "added_mass": Free(only=("surge", "sway", "heave", "yaw")),
@@ -54,14 +58,14 @@ def recording(seed: int = 0, noise: float = 0.0) -> Recording:
     return drive(problem()[1].stage, truth(), seed=seed, noise=noise)
 
 
-def stretches(given: Recording, duration: float | None = 10.0, step: float = 0.05) -> tuple[Stretch, ...]:
+def stretches(given: Recording, duration: float | None = 10.0, step: float = 0.05) -> tuple[Segment, ...]:
     return Prepared.of(given, problem()[0]).stretches(step, duration)
 
 
 def fit(*given: Recording, noise: Noise = EXACT, **options: float) -> Estimate:
     one, rollout = problem()
     parts = [stretch for each in given for stretch in stretches(each)]
-    error = OutputError(one, parts, noise, rollout)
+    error = OutputErrorProblem(one, parts, noise, rollout)
     return error.solve(error.start(), **options)
 
 
@@ -69,7 +73,7 @@ def test_slopes_of_what_is_seen_are_differences() -> None:
     _, rollout = problem()
     one, step = stretches(recording(), 3.0)[1], 1e-6
     n_p = rollout.stage.n_p
-    begin, p = Start(q=one.q, v=one.v), truth()
+    begin, p = SegmentStart(q=one.q, v=one.v), truth()
     (seen,) = rollout.seen([one], [begin], p[None], slopes=True)
     for k in range(n_p + N_START):
         ends = []
@@ -120,7 +124,7 @@ def test_outliers_move_a_robust_fit_less() -> None:
 def test_a_frozen_vehicle_keeps_its_unknowns_and_finds_the_start() -> None:
     one, rollout = problem()
     part = stretches(recording(1), None)[0].first(2.0)
-    error = OutputError(one, [part], EXACT, rollout)
+    error = OutputErrorProblem(one, [part], EXACT, rollout)
     begin = error.start(truth()[:-1])
     found = error.solve(begin, frozen=True)
     np.testing.assert_array_equal(found.shared, truth()[:-1])
@@ -162,7 +166,7 @@ def test_of_several_commands_those_are_taken_that_the_actuators_name() -> None:
 
 def test_a_search_that_begins_where_the_simulation_runs_away_ends_with_a_status() -> None:
     one, rollout = problem()
-    error = OutputError(one, stretches(recording()), EXACT, rollout)
+    error = OutputErrorProblem(one, stretches(recording()), EXACT, rollout)
     stiff = np.where([name.startswith("linear_drag") for name in one.shared.names], 40.0, one.shared.start)
     found = error.solve(error.start(stiff))
     assert found.status is FitStatus.RUNS_AWAY
@@ -171,14 +175,14 @@ def test_a_search_that_begins_where_the_simulation_runs_away_ends_with_a_status(
 
 def test_a_step_to_where_slopes_are_not_finite_is_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
     one, rollout = problem()
-    error, seen, calls = OutputError(one, stretches(recording()), EXACT, rollout), OutputError._blocks, []
+    error, seen, calls = OutputErrorProblem(one, stretches(recording()), EXACT, rollout), OutputErrorProblem._blocks, []
 
-    def steep(self: OutputError, point: Point) -> list[Block]:
+    def steep(self: OutputErrorProblem, point: SearchPoint) -> list[NormalEquations]:
         calls.append(point)
         found = seen(self, point)
         return [replace(block, H=np.inf * block.H) for block in found] if len(calls) == 2 else found
 
-    monkeypatch.setattr(OutputError, "_blocks", steep)
+    monkeypatch.setattr(OutputErrorProblem, "_blocks", steep)
     assert error.solve(error.start(), damping=1e-6).status is FitStatus.CONVERGED
     first, second = (np.abs(each.shared - one.shared.start).max() for each in calls[1:3])
     assert second <= first

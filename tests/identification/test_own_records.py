@@ -13,26 +13,24 @@ from compiler import long_without_compiler
 from own_runs import DEAD_ZONE, LAG, as_before, driven_run, slow
 
 from uvms_ocp import load_robot
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.identification.answers.numbers import Number
-from uvms_ocp.identification.calibration.fitting import calibrated
-from uvms_ocp.identification.calibration.neglected import neglected, require_current
-from uvms_ocp.identification.calibration.settings import Settings
-from uvms_ocp.identification.calibration.subject import Subject, subject_of
-from uvms_ocp.identification.calibration.variant import variant_text, whole_text
-from uvms_ocp.identification.methods.stretch import Prepared
-from uvms_ocp.identification.recordings.doubts import doubts
-from uvms_ocp.identification.recordings.recording import Recording
-from uvms_ocp.identification.recordings.run_records import run_recording
-from uvms_ocp.model.files.description_file import read_description
-from uvms_ocp.model.sensing import sensors_of
-from uvms_ocp.model.thrusters import thrust_limits, thruster_matrix
-from uvms_ocp.record import Record
-from uvms_ocp.scenarios.bluerov_inspection import bluerov_inspection
-from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.calibration import calibrate, check_settings, require_current
+from uvms_ocp.identification.data_quality import check_data_quality
+from uvms_ocp.identification.reading import run_recording
+from uvms_ocp.identification.recording import Recording
+from uvms_ocp.identification.results import variant_text, whole_text
+from uvms_ocp.identification.rollout import Prepared
+from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, subject_of
+from uvms_ocp.identification.uncertainty import IdentifiedNumber
+from uvms_ocp.record.record import Record
+from uvms_ocp.robot.description import read_description
+from uvms_ocp.robot.signals import sensors_of
+from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
+from uvms_ocp.scenario.cases.bluerov import bluerov_inspection
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.sim import parse_fault
 from uvms_ocp.sim.currents import UniformCurrent
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.faults import parse_fault
 from uvms_ocp.sim.seafloor import FlatSeafloor
 
 SETTINGS = """
@@ -53,18 +51,18 @@ def run() -> Record:
 
 
 @cache
-def subject() -> tuple[Subject, Settings]:
-    settings = Settings.model_validate(yaml.safe_load(SETTINGS))
+def subject() -> tuple[CalibratedRobot, CalibrationSettings]:
+    settings = CalibrationSettings.model_validate(yaml.safe_load(SETTINGS))
     return subject_of(settings, Path()), settings
 
 
-def learnt_lag(record: Record) -> Number:
-    (number,) = calibrated(*subject(), [run_recording(record, "run")]).numbers
+def learnt_lag(record: Record) -> IdentifiedNumber:
+    (number,) = calibrate(*subject(), [run_recording(record, "run")]).numbers
     return number
 
 
 def told(record: Record) -> str:
-    return "; ".join(map(str, doubts(run_recording(record, "run"))))
+    return "; ".join(map(str, check_data_quality(run_recording(record, "run"))))
 
 
 def test_thrust_follows_what_was_asked_through_limits_dead_zone_and_lag() -> None:
@@ -94,8 +92,10 @@ def test_the_lag_of_thrusters_is_learnt_from_a_run(noise: bool) -> None:
 def test_dead_zones_are_learnt_from_a_run_as_robot_files_have_them() -> None:
     record = driven_run(duration=20.0, size=3.0, held=0.25, dead_zone=2.0)
     learn = {"lag": {}, "dead_zone": {}, "dead_zone_reverse": {}}
-    settings = Settings.model_validate(subject()[1].model_dump() | {"learn": learn, "dead_zone": 3.0, "stretch": 10.0})
-    found = calibrated(subject_of(settings, Path()), settings, [run_recording(record, "run")]).numbers
+    settings = CalibrationSettings.model_validate(
+        subject()[1].model_dump() | {"learn": learn, "dead_zone": 3.0, "stretch": 10.0}
+    )
+    found = calibrate(subject_of(settings, Path()), settings, [run_recording(record, "run")]).numbers
     (lag,), zones = (one for one in found if one.quantity == "lag"), [one for one in found if one.quantity != "lag"]
     assert lag.value == pytest.approx(LAG, rel=0.03)
     assert len(zones) == 16
@@ -164,8 +164,8 @@ def test_thrusters_go_by_their_names() -> None:
 
 def also_told(record: Record, **changed: object) -> str:
     (one, settings), recording = subject(), run_recording(record, "run")
-    other = Settings.model_validate(settings.model_dump() | changed)
-    return "; ".join(map(str, neglected(subject_of(other, Path()) if changed else one, other, recording)))
+    other = CalibrationSettings.model_validate(settings.model_dump() | changed)
+    return "; ".join(map(str, check_settings(subject_of(other, Path()) if changed else one, other, recording)))
 
 
 def test_a_strong_current_that_nothing_learns_is_refused_before_the_search() -> None:
@@ -174,8 +174,8 @@ def test_a_strong_current_that_nothing_learns_is_refused_before_the_search() -> 
     flow = replace(still, values=still.values + np.array([0.1, 0.1, 0.0]))
     flowing = replace(recording, channels={**recording.channels, "current": flow})
     with pytest.raises(InvalidInput, match=r"run: a current of 0\.14 m/s.*learn it too"):
-        calibrated(one, settings, [flowing])
-    learning = Settings.model_validate(settings.model_dump() | {"learn": {"current": {}}})
+        calibrate(one, settings, [flowing])
+    learning = CalibrationSettings.model_validate(settings.model_dump() | {"learn": {"current": {}}})
     require_current(subject_of(learning, Path()), flowing)
     require_current(one, recording)
 
@@ -196,7 +196,7 @@ def test_what_a_fit_neglects_is_told_and_nothing_else() -> None:
 
 def test_a_lag_that_is_not_given_begins_with_that_of_the_thrusters() -> None:
     given = {"robot": "girona_maris7_full", "hull": [[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]]}
-    settings = Settings.model_validate(subject()[1].model_dump() | given)
+    settings = CalibrationSettings.model_validate(subject()[1].model_dump() | given)
     thrusters = load_robot("girona_maris7_full").description.thrusters
     for lag in (None, 0.3):
         found = subject_of(settings.model_copy(update={"lag": lag}), Path()).vehicle.actuators.lag
@@ -206,14 +206,14 @@ def test_a_lag_that_is_not_given_begins_with_that_of_the_thrusters() -> None:
 @long_without_compiler
 def test_a_wrench_of_our_controller_is_ahead_of_the_lag_and_that_is_told() -> None:
     record = bluerov_inspection(duration=2.0).run()
-    settings = Settings.model_validate(subject()[1].model_dump() | {"arm": "as it is", "commands": "wrench"})
-    doubt, *more = neglected(subject_of(settings, Path()), settings, run_recording(record, "run"))
+    settings = CalibrationSettings.model_validate(subject()[1].model_dump() | {"arm": "as it is", "commands": "wrench"})
+    doubt, *more = check_settings(subject_of(settings, Path()), settings, run_recording(record, "run"))
     assert not more
     assert str(doubt).startswith("wrench: thrusters were driven ahead of their lag")
 
 
 def test_a_file_stays_as_it_was_where_it_holds_nothing_of_what_was_learnt(tmp_path: Path) -> None:
-    result = calibrated(*subject(), [run_recording(run(), "run")])
+    result = calibrate(*subject(), [run_recording(run(), "run")])
     (tmp_path / "variant.yaml").write_text(variant_text(result, ["run"]))
     (tmp_path / "whole.yaml").write_text(whole_text(result, tmp_path / "variant.yaml"))
     assert read_description(tmp_path / "whole.yaml") == read_description(result.subject.file)

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from linear_problem import NOISE, problem
 
-from uvms_ocp.identification.answers.numbers import INTERVAL, Number, number_of, numbers
-from uvms_ocp.identification.answers.profiles import profiles
-from uvms_ocp.identification.methods.pull import Pull
+from uvms_ocp.identification.output_error import Pull
+from uvms_ocp.identification.uncertainty import INTERVAL, IdentifiedNumber, number_of, numbers
+from uvms_ocp.identification.validation import profiles
 
 
-def told(together: float) -> list[Number]:
+def told(together: float) -> list[IdentifiedNumber]:
     fitted = problem()
     return [replace(one, size=1e3) for one in numbers(fitted.vehicle, fitted.estimate, together)]
 

@@ -10,14 +10,12 @@ import pytest
 from motions import DOWN, recorded
 from typer.testing import CliRunner
 
-from uvms_ocp.cli import app
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.identification.recordings.mapping import read_mapping
-from uvms_ocp.identification.recordings.reading import read_recording
-from uvms_ocp.identification.recordings.storage import write_recording
-from uvms_ocp.identification.recordings.tables import write_columns
-from uvms_ocp.record import Record
-from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.cli.commands import app
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.reading import read_mapping, read_recording
+from uvms_ocp.identification.tables import write_columns, write_recording
+from uvms_ocp.record.record import Record
+from uvms_ocp.scenario.cases.case1 import case1
 
 GOOD = recorded()
 PLAN = Path(__file__).parents[1] / "records" / "plan_curve_v0_1.npz"

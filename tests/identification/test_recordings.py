@@ -11,21 +11,18 @@ import pinocchio as pin
 import pytest
 from motions import DOWN, changed, recorded
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.identification.recordings.doubts import doubts
-from uvms_ocp.identification.recordings.mapping import Mapping, mapped_recording, read_mapping
-from uvms_ocp.identification.recordings.recording import Channel, Recording
-from uvms_ocp.identification.recordings.sampling import Held, angular_rate, rotations
-from uvms_ocp.identification.recordings.sending_times import evenly_sent
-from uvms_ocp.identification.recordings.storage import stored_recording, write_recording
-from uvms_ocp.identification.recordings.tables import read_columns, write_columns
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.identification.data_quality import check_data_quality
+from uvms_ocp.identification.reading import RecordingMapping, evenly_sent, mapped_recording, read_mapping
+from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold, angular_rate, rotations
+from uvms_ocp.identification.tables import read_columns, stored_recording, write_columns, write_recording
 
 GOOD = recorded()
 ATTITUDE = GOOD.channels["attitude"].values
 
 
 def told(recording: Recording) -> str:
-    return "; ".join(map(str, doubts(recording)))
+    return "; ".join(map(str, check_data_quality(recording)))
 
 
 def test_nothing_is_doubtful_about_a_good_recording() -> None:
@@ -159,7 +156,7 @@ def test_wrong_mappings_are_told_in_a_line(text: str, message: str, tmp_path: Pa
 
 
 def test_wrong_files_are_told_in_a_line(tmp_path: Path) -> None:
-    good = Mapping(channels={"thrust": {"time": "t", "columns": ["a"]}})
+    good = RecordingMapping(channels={"thrust": {"time": "t", "columns": ["a"]}})
     (tmp_path / "a.csv").write_text("t,b\n0,1\n1,2\n")
     with pytest.raises(NameNotFound, match=r"unknown column of a.csv 'a'; known: t, b"):
         mapped_recording(tmp_path / "a.csv", good)
@@ -172,7 +169,7 @@ def test_wrong_files_are_told_in_a_line(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="no table of numbers"):
         read_columns(tmp_path / "d.csv.gz", ["t"])
     (tmp_path / "e.csv").write_text("t,r,p,y\n0,0,0,0\n1,10,20,30\n")
-    angles = Mapping(channels={"attitude": {"time": "t", "columns": ["r", "p", "y"], "format": "rpy"}})
+    angles = RecordingMapping(channels={"attitude": {"time": "t", "columns": ["r", "p", "y"], "format": "rpy"}})
     with pytest.raises(InvalidInput, match="in deg"):
         mapped_recording(tmp_path / "e.csv", angles)
 
@@ -211,7 +208,7 @@ def test_the_rate_of_an_attitude_is_its_angular_velocity() -> None:
 
 def test_the_mean_of_a_held_command_is_its_integral_and_its_slope_a_difference() -> None:
     rng = np.random.default_rng(5)
-    held = Held(Channel(t=np.sort(rng.uniform(0, 10, size=200)), values=rng.normal(size=(200, 2)), delay=0.1))
+    held = ZeroOrderHold(Channel(t=np.sort(rng.uniform(0, 10, size=200)), values=rng.normal(size=(200, 2)), delay=0.1))
     edges = np.linspace(1.0, 9.0, 41)
     fine = np.linspace(1.0, 9.0, 400_001)
     values = held.at((fine[1:] + fine[:-1]) / 2)
@@ -229,7 +226,7 @@ def with_holes(tmp_path: Path, name: str, holes: np.ndarray) -> Recording:
     write_columns(tmp_path / "a.csv", table)
     pairs = (("linear_velocity", "v"), ("thrust", "f"))
     channels = {key: {"time": "t", "columns": [f"{column}{k}" for k in range(3)]} for key, column in pairs}
-    return mapped_recording(tmp_path / "a.csv", Mapping(channels=channels))
+    return mapped_recording(tmp_path / "a.csv", RecordingMapping(channels=channels))
 
 
 @pytest.mark.parametrize(("name", "channel"), [("v", "linear_velocity"), ("f", "thrust")])

@@ -7,15 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from uvms_ocp.identification.calibration.settings import Settings
-from uvms_ocp.identification.calibration.subject import subject_of
-from uvms_ocp.model.files.library import robot_folder
+from uvms_ocp.identification.settings import CalibrationSettings, subject_of
+from uvms_ocp.robot.loading import robot_folder
 
 GIVEN = {"robot": "bluerov2_alpha5", "hull": [[-0.3, -0.2, -0.2], [0.3, 0.2, 0.2]], "learn": {"lag": {}, "delay": {}}}
 
 
-def settings(**other: object) -> Settings:
-    return Settings.model_validate({**GIVEN, "arm": "taken off", **other})
+def settings(**other: object) -> CalibrationSettings:
+    return CalibrationSettings.model_validate({**GIVEN, "arm": "taken off", **other})
 
 
 @pytest.mark.parametrize("name", ["lag", "delay", "dead_zone"])

@@ -11,13 +11,11 @@ import yaml
 from typer.testing import CliRunner
 
 from uvms_ocp import load_robot
-from uvms_ocp.cli import app
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.identification.calibration.settings import Settings
-from uvms_ocp.identification.calibration.shapes import require_no_shape
-from uvms_ocp.identification.calibration.subject import subject_of
-from uvms_ocp.model.files.library import robot_folder
-from uvms_ocp.model.water.coefficients import links_in_water
+from uvms_ocp.cli.commands import app
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.settings import CalibrationSettings, require_no_shape, subject_of
+from uvms_ocp.robot.coefficients import links_in_water
+from uvms_ocp.robot.loading import robot_folder
 
 SETTINGS = {
     "robot": "mine",
@@ -44,12 +42,12 @@ def shaped(folder: Path, link: dict[str, object]) -> Path:
 def test_the_coefficients_that_are_told_are_those_of_the_shape(name: str, tmp_path: Path) -> None:
     folder = shaped(tmp_path, {name: SHAPES[name]})
     with pytest.raises(InvalidInput) as stopped:
-        require_no_shape(subject_of(Settings.model_validate(SETTINGS), folder))
+        require_no_shape(subject_of(CalibrationSettings.model_validate(SETTINGS), folder))
     told = re.search(r"\{coefficients: .*\}\}", str(stopped.value))
     assert told
     before = load_robot(urdf=folder / "mine/robot.urdf", hydrodynamics=folder / "mine/hydrodynamics.yaml")
     shaped(tmp_path, yaml.safe_load(told[0]))
-    after = subject_of(Settings.model_validate(SETTINGS), folder)
+    after = subject_of(CalibrationSettings.model_validate(SETTINGS), folder)
     require_no_shape(after)
     for one, other in zip(*(links_in_water(robot.description) for robot in (before, after.robot)), strict=False):
         for field in ("added_mass", "linear_drag", "quadratic_drag", "volume", "centre_of_buoyancy"):

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from motions import changed, recorded
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.identification.recordings.doubts import doubts
-from uvms_ocp.identification.recordings.recording import Channel, Recording
-from uvms_ocp.identification.recordings.silences import SHORTEST, SILENT, parted
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.data_quality import check_data_quality
+from uvms_ocp.identification.recording import LONGEST_GAP, SHORTEST, Channel, Recording, split_at_gaps
 
 GOOD = recorded(t_end=30.0)
 
@@ -23,36 +22,36 @@ def later(one: Recording, at: float, by: float) -> Recording:
 
 
 def test_a_recording_without_silence_stays_whole() -> None:
-    assert parted([GOOD]) == (GOOD,)
-    assert parted([later(GOOD, 10.0, 0.9 * SILENT)])[0].name == GOOD.name
+    assert split_at_gaps([GOOD]) == (GOOD,)
+    assert split_at_gaps([later(GOOD, 10.0, 0.9 * LONGEST_GAP)])[0].name == GOOD.name
 
 
 def test_a_channel_that_is_silent_while_others_are_not_cuts_nothing() -> None:
     velocity = GOOD.channels["linear_velocity"]
     there = (velocity.t < 10.0) | (velocity.t > 20.0)
     lost = changed(GOOD, "linear_velocity", t=velocity.t[there], values=velocity.values[there])
-    assert parted([lost]) == (lost,)
+    assert split_at_gaps([lost]) == (lost,)
 
 
 @pytest.mark.parametrize("by", [5.0, 3600.0])
 def test_parts_have_every_sample_and_no_silence_and_the_first_says_what_was_cut(by: float) -> None:
-    found = parted([later(GOOD, 10.0, by)])
+    found = split_at_gaps([later(GOOD, 10.0, by)])
     assert [one.name for one in found] == ["made part 1", "made part 2"]
     for name, channel in GOOD.channels.items():
         joined = np.vstack([one.channels[name].values for one in found])
         np.testing.assert_array_equal(joined, channel.values)
-        assert all(np.diff(one.channels[name].t).max() < SILENT for one in found)
-    assert f"nothing is recorded for {by + 0.05:.3g} s at 10 s" in "; ".join(map(str, doubts(found[0])))
-    assert doubts(found[1]) == ()
-    assert parted(found) == found
+        assert all(np.diff(one.channels[name].t).max() < LONGEST_GAP for one in found)
+    assert f"nothing is recorded for {by + 0.05:.3g} s at 10 s" in "; ".join(map(str, check_data_quality(found[0])))
+    assert check_data_quality(found[1]) == ()
+    assert split_at_gaps(found) == found
 
 
 def test_a_part_that_is_too_short_is_left_out() -> None:
-    (found,) = parted([later(GOOD, 0.8 * SHORTEST, 60.0)])
+    (found,) = split_at_gaps([later(GOOD, 0.8 * SHORTEST, 60.0)])
     assert found.span[0] > 60.0
 
 
 def test_samples_that_are_all_far_apart_are_refused() -> None:
     sparse = {name: Channel(t=10.0 * np.arange(5), values=one.values[:5]) for name, one in GOOD.channels.items()}
     with pytest.raises(InvalidInput, match="nothing is recorded for up to 10 s, again and again"):
-        parted([replace(GOOD, channels=sparse)])
+        split_at_gaps([replace(GOOD, channels=sparse)])

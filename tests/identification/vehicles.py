@@ -5,14 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.identification.parameters.declaration import Declaration
-from uvms_ocp.identification.parameters.vehicle_quantities import Actuators, Couplings, Start, vehicle_declaration
-from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
-from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.identification.parameters import (
+    ActuatorModel,
+    AxisCouplings,
+    Declaration,
+    NominalParameters,
+    vehicle_declaration,
+)
+from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
 HULL = np.array([[-0.4, -0.3, -0.2], [0.4, 0.3, 0.2]])
 PAIRS = tuple((i, j) for i in range(6) for j in range(i))
-COUPLED = Couplings(added_mass=PAIRS, linear_drag=PAIRS, quadratic_drag=((0, 4), (1, 5), (5, 1), (2, 4)))
+COUPLED = AxisCouplings(added_mass=PAIRS, linear_drag=PAIRS, quadratic_drag=((0, 4), (1, 5), (5, 1), (2, 4)))
 
 
 def vehicle(n_joints: int = 0) -> SymbolicDynamics:
@@ -45,6 +50,6 @@ def base() -> LinkHydrodynamics:
     )
 
 
-def declaration(couplings: Couplings = COUPLED, actuators: Actuators | None = None) -> Declaration:
+def declaration(couplings: AxisCouplings = COUPLED, actuators: ActuatorModel | None = None) -> Declaration:
     """Of the vehicle alone, all known."""
-    return vehicle_declaration(Start.of(vehicle()), HULL, actuators, couplings)
+    return vehicle_declaration(NominalParameters.of(vehicle()), HULL, actuators, couplings)

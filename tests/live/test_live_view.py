@@ -18,13 +18,13 @@ import pytest
 from compiler import long_without_compiler
 from same_record import require_same
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.live import live
-from uvms_ocp.record import Record
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios import case1
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.record import Record
+from uvms_ocp.scenario.cases import case1
+from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.viz import show
-from uvms_ocp.viz.scene.page.pictures import browser, missing
+from uvms_ocp.viz.scene.live import live
+from uvms_ocp.viz.scene.page import browser, missing
 
 LASTS = 0.4  # [s]
 MEASURED = ("controller_time", "solve_time", "tick_time")

@@ -8,17 +8,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.mission.abort import Abort
-from uvms_ocp.mission.conditions import ABORT, DONE, Below, Transition
+from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.mission.mission import Mission
-from uvms_ocp.mission.phase import Phase
-from uvms_ocp.scenario import pose_at
-from uvms_ocp.scenarios.case1 import case1
-from uvms_ocp.scenarios.parts import abort_phase, with_gates
+from uvms_ocp.mission.phase import Abort, Below, Phase, Transition
+from uvms_ocp.record.meta_values import ABORT, DONE
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.scenario.options import abort_phase, with_gates
+from uvms_ocp.scenario.scenario import pose_at
 from uvms_ocp.tasks.attitude import HorizontalAttitude
-from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.pose import VehiclePose
+from uvms_ocp.tasks.task import Hierarchy
 
 THERE = Below(quantity="PC.position_error", limit=0.1)
 UP = pose_at((1.0, 2.0, 3.0))

@@ -5,16 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.mission.conditions import ABORT, DONE, Above, Below, Transition
+from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.mission.mission import Mission
-from uvms_ocp.mission.phase import Event, MissionState, Phase
+from uvms_ocp.mission.phase import Above, Below, Event, MissionState, Phase, Transition
+from uvms_ocp.record.meta_values import ABORT, DONE
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.attitude import Alignment, HorizontalAttitude
-from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.joints import JointLimits
-from uvms_ocp.tasks.task import TaskClass
-from uvms_ocp.tasks.velocity import NullVelocity
+from uvms_ocp.tasks.pose import NullVelocity
+from uvms_ocp.tasks.task import Hierarchy, TaskClass
 
 NEAR = Below(quantity="HA.tilt", limit=0.1)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from uvms_ocp.mission_plan import MissionPlan, plan_mission
-from uvms_ocp.record import Record
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios import reach
+from uvms_ocp.record.record import Record
+from uvms_ocp.scenario.cases import reach
+from uvms_ocp.scenario.scenario import Scenario
 
 
 @pytest.fixture(scope="session")

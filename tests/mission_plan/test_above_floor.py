@@ -8,14 +8,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.mission_plan.above_floor import AboveFloor, rims_of
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import State
+from uvms_ocp.mission_plan.surroundings import AboveFloor, rims_of
 from uvms_ocp.ocp.problem import OcpLevel, single_phase
 from uvms_ocp.ocp.terms import Effort
 from uvms_ocp.ocp.transcription.stage import StageModel
-from uvms_ocp.sim.contact import skid_points
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import State
+from uvms_ocp.sim.dynamic_step import skid_points
 
 
 @pytest.mark.parametrize("seed", range(4))

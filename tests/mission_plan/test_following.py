@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uvms_ocp.control.receding.plan_guide import FollowingTuning
-from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.control.plan_following import FollowingTuning
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission_plan import MissionPlan
-from uvms_ocp.record import Record
-from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios import reach
+from uvms_ocp.record.record import Record
+from uvms_ocp.scenario.cases import reach
+from uvms_ocp.scenario.scenario import Scenario, pose_at
 
 pytestmark = pytest.mark.slow
 

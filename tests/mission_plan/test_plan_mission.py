@@ -9,20 +9,20 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.mission.conditions import DONE, Above, Below, Condition, Transition
-from uvms_ocp.mission.phase import Phase
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.mission.phase import Above, Below, Condition, Phase, Transition
 from uvms_ocp.mission_plan import Margins, MissionPlan, plan_mission
-from uvms_ocp.mission_plan.mission_problem import mission_problem
-from uvms_ocp.mission_plan.translation import Weights
+from uvms_ocp.mission_plan.planner import mission_problem
+from uvms_ocp.mission_plan.terms import Weights
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.terms import At
-from uvms_ocp.record import Record
-from uvms_ocp.report.resources import resources
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios import case1, reach, transit, two_targets
+from uvms_ocp.record.meta_values import DONE
+from uvms_ocp.record.record import Record
+from uvms_ocp.report.metrics import resources
+from uvms_ocp.scenario.cases import case1, reach, transit, two_targets
+from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.currents import OnsetCurrent
-from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
+from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.tasks.pose import ToolPosition, VehiclePose
 
 pytestmark = pytest.mark.slow

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from wet_machines import FLOATING, MACHINES
 
-from uvms_ocp.model.dynamics import Dynamics
+from uvms_ocp.robot.dynamics import Dynamics
 
 
 @pytest.fixture(params=MACHINES, scope="module")

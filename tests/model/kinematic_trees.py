@@ -8,8 +8,7 @@ from importlib.metadata import distribution
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.model.files.library import list_robots
-from uvms_ocp.model.loading import load_robot
+from uvms_ocp.robot.loading import list_robots, load_robot
 
 _SKEWED = np.array([1.0, -2.0, 3.0]) / np.sqrt(14.0)
 

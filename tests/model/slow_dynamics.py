@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,13 +8,13 @@ import pinocchio as pin
 import pytest
 from kinematic_trees import MODELS, built_model, random_configuration
 
-from uvms_ocp.model.axis_reach import largest_change, point_reach
-from uvms_ocp.model.files.description import RobotDescription
-from uvms_ocp.model.files.urdf import UrdfModels
-from uvms_ocp.model.loading import robot_of
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.shapes.collision_model import CollisionModel
-from uvms_ocp.model.shapes.obstacles import obstacle
+from uvms_ocp.robot.description import RobotDescription
+from uvms_ocp.robot.kinematics import largest_change, point_reach
+from uvms_ocp.robot.loading import robot_of
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.collision_model import CollisionModel
+from uvms_ocp.robot.shapes.obstacles import obstacle
+from uvms_ocp.robot.urdf import UrdfModels
 
 TYPES = ("free_flyer", "planar", "revolute_y", "unbounded_z", "prismatic_x", "prismatic_unaligned")
 STEP = 1e-6

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.files.description import RobotDescription
-from uvms_ocp.model.files.library import list_robots
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.water.coefficients import links_in_water
-from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.robot.coefficients import links_in_water
+from uvms_ocp.robot.description import RobotDescription
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.robot.loading import list_robots, load_robot
 
 RHO = 1000.0
 

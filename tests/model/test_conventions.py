@@ -6,9 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.model.files.conventions import forward_left_up
-from uvms_ocp.model.files.description import RobotDescription
-from uvms_ocp.model.water.coefficients import links_in_water
+from uvms_ocp.robot.coefficients import links_in_water
+from uvms_ocp.robot.description import RobotDescription, forward_left_up
 
 S = np.diag([1.0, -1.0, -1.0])
 THRUSTER = {"name": "t", "minimum": -1.0, "maximum": 1.0, "time_constant": 0.1}

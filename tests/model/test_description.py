@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from uvms_ocp.exceptions import RobotDataError
-from uvms_ocp.model.files.description import LinkCoefficients, RobotDescription, as_matrix6
-from uvms_ocp.model.files.description_file import read_description
+from uvms_ocp.errors import RobotDataError
+from uvms_ocp.robot.description import LinkCoefficients, RobotDescription, as_matrix6, read_description
 
 THRUSTER = "name: t, position: [0, 0, 0], direction: [1, 0, 0], minimum: -40, maximum: 40, time_constant: 0.1"
 INDEFINITE = [[1.0 if i == j else 0.0 for j in range(6)] for i in range(6)]

@@ -12,11 +12,11 @@ import slow_dynamics as slow
 from kinematic_trees import MODELS, random_configuration
 from wet_machines import drift
 
-from uvms_ocp.exceptions import FrameNotFound, InvalidInput
-from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
-from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics, Water
+from uvms_ocp.errors import FrameNotFound, InvalidInput
+from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics, Water
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
 EXACT = 1e-10
 N_STATES = 10

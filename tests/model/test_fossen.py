@@ -11,13 +11,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.model.dynamics import Dynamics
-from uvms_ocp.model.files.description import RobotDescription
-from uvms_ocp.model.spatial import rpy_to_matrix
-from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
-from uvms_ocp.model.water import hydrodynamics
-from uvms_ocp.model.water.coefficients import links_in_water
-from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics, Water
+from uvms_ocp.robot import hydrodynamics
+from uvms_ocp.robot.coefficients import links_in_water
+from uvms_ocp.robot.description import RobotDescription
+from uvms_ocp.robot.dynamics import Dynamics
+from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics, Water
+from uvms_ocp.robot.spatial import rpy_to_matrix
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
 MASS, VOLUME, DENSITY, GRAVITY = 13.5, 0.0134, 1000.0, 9.81
 INERTIA = np.array([0.26, 0.23, 0.37])

@@ -11,9 +11,8 @@ import pytest
 from scipy.optimize import minimize
 from wet_machines import random_link
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.water.dissipation import overload
-from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics, added_mass_wrench, drag_wrench
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics, added_mass_wrench, drag_wrench, overload
 
 RNG = np.random.default_rng(6)
 

@@ -6,12 +6,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.exceptions import FrameNotFound, InvalidInput
-from uvms_ocp.model.files.library import list_robots
-from uvms_ocp.model.kinematics import AltimeterBeam, Kinematics
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.symbolic.tree import SymbolicModel
+from uvms_ocp.errors import FrameNotFound, InvalidInput
+from uvms_ocp.robot.kinematics import AltimeterBeam, Kinematics
+from uvms_ocp.robot.loading import list_robots, load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.symbolic_model import SymbolicModel
 
 POSITION, RPY = (1.0, -2.0, -3.0), (0.2, -0.4, 1.3)
 

@@ -8,16 +8,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.exceptions import FrameNotFound, InvalidInput
-from uvms_ocp.model.assembly.mounting import mount, without_arm
-from uvms_ocp.model.assembly.trim import trimmed, without_trim
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.files.description import LinkDescription, Sphere
-from uvms_ocp.model.files.library import example_robot_data, list_robots
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.shapes.bounding import cylinders_around_links
-from uvms_ocp.model.thrusters import thruster_matrix
+from uvms_ocp.errors import FrameNotFound, InvalidInput
+from uvms_ocp.robot.assembly import cylinders_around_links, mount, trimmed, without_arm, without_trim
+from uvms_ocp.robot.description import LinkDescription, Sphere
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.loading import example_robot_data, list_robots, load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.thrusters import thruster_matrix
 
 ARMS = {
     "panda": ("panda_description/urdf/panda.urdf", "panda_link8"),

@@ -12,11 +12,10 @@ import slow_dynamics as slow
 from kinematic_trees import random_configuration
 from wet_machines import drift
 
-from uvms_ocp.model.dynamics import Dynamics
-from uvms_ocp.model.files.library import list_robots, list_variants
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
-from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics, Water, drag_wrench
+from uvms_ocp.robot.dynamics import Dynamics
+from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics, Water, drag_wrench
+from uvms_ocp.robot.loading import list_robots, list_variants, load_robot
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.sim.currents import Current, GustyCurrent, ShearedCurrent, water_at
 
 LAYERS = ShearedCurrent(z=[-9.0, -1.0, 0.5, 9.0], velocities=[[0, 0, 0], [0.4, 0.1, 0], [0.5, -0.2, 0], [0.9, 0, 0]])

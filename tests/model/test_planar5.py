@@ -7,9 +7,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
+from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
 
 N_STATES = 1000
 

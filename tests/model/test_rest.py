@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uvms_ocp.model.assembly.rest import up_at_rest
-from uvms_ocp.model.assembly.trim import without_trim
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.files.description import checked_copy
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.thrusters import unactuated_axes
+from uvms_ocp.robot.assembly import up_at_rest, without_trim
+from uvms_ocp.robot.description import checked_copy
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.thrusters import unactuated_axes
 
 
 def flat(robot: Robot) -> Robot:

@@ -10,10 +10,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.exceptions import FrameNotFound, InvalidInput, NameNotFound, RobotDataError
-from uvms_ocp.model.files.library import example_robot_data, list_robots, robot_folder
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
+from uvms_ocp.errors import FrameNotFound, InvalidInput, NameNotFound, RobotDataError
+from uvms_ocp.robot.loading import example_robot_data, list_robots, load_robot, robot_folder
+from uvms_ocp.robot.robot import Robot
 
 EXAMPLE_ARMS = {
     "panda": ("panda_description/urdf/panda.urdf", 9, 9),

@@ -8,12 +8,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.model.files.description import LinkDescription
-from uvms_ocp.model.files.library import list_robots, list_variants, robot_folder
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.thrusters import thruster_matrix
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.robot.description import LinkDescription
+from uvms_ocp.robot.loading import list_robots, list_variants, load_robot, robot_folder
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.thrusters import thruster_matrix
 
 ROBOTS = list_robots()
 GIRONAS = ("girona_maris7", "girona_maris7_full")

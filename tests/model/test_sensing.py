@@ -7,10 +7,9 @@ from typing import get_args
 
 import pytest
 
-from uvms_ocp.exceptions import RobotDataError
-from uvms_ocp.model.files.description import Channel
-from uvms_ocp.model.files.description_file import read_description
-from uvms_ocp.model.sensing import CHANNELS, SensorSpec, SensorSpecs, sensors_of
+from uvms_ocp.errors import RobotDataError
+from uvms_ocp.robot.description import Channel, read_description
+from uvms_ocp.robot.signals import CHANNELS, SensorSpec, SensorSpecs, sensors_of
 
 
 def described(tmp_path: Path, text: str) -> SensorSpecs:

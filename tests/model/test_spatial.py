@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model import spatial
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot import spatial
 
 RNG = np.random.default_rng(5)
 AXES = [*np.eye(3), *-np.eye(3), *(axis / np.linalg.norm(axis) for axis in RNG.normal(size=(6, 3)))]

@@ -8,8 +8,8 @@ import pinocchio as pin
 import pytest
 from kinematic_trees import MODELS, built_model, random_configuration
 
-from uvms_ocp.exceptions import FrameNotFound, InvalidInput
-from uvms_ocp.model.symbolic.tree import SymbolicModel
+from uvms_ocp.errors import FrameNotFound, InvalidInput
+from uvms_ocp.robot.symbolic_model import SymbolicModel
 
 EXACT = 1e-10
 N_STATES = 20

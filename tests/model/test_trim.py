@@ -6,13 +6,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.exceptions import FrameNotFound, InvalidInput
-from uvms_ocp.model.assembly.trim import static_residual, trimmed, with_trim, without_trim
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.files.description import TrimBody
-from uvms_ocp.model.files.library import list_robots
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
+from uvms_ocp.errors import FrameNotFound, InvalidInput
+from uvms_ocp.robot.assembly import static_residual, trimmed, with_trim, without_trim
+from uvms_ocp.robot.description import TrimBody
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.loading import list_robots, load_robot
+from uvms_ocp.robot.robot import Robot
 
 FLOATING = [name for name in list_robots() if load_robot(name).n_vehicle]
 

@@ -9,13 +9,10 @@ import pinocchio as pin
 import pytest
 import yaml
 
-from uvms_ocp.model.assembly.mounting import without_arm
-from uvms_ocp.model.assembly.trim import without_trim
-from uvms_ocp.model.files.library import list_robots, robot_folder
-from uvms_ocp.model.files.unknowns import link_masses, links_without_water
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.preflight.robot_check import Verdict, check_robot, check_robot_files
-from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.robot.assembly import without_arm, without_trim
+from uvms_ocp.robot.loading import link_masses, links_without_water, list_robots, load_robot, robot_folder
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.scenario.preflight.robot_check import RobotVerdict, check_robot, check_robot_files
 
 WET = [name for name in list_robots() if load_robot(name).description.links]
 
@@ -64,7 +61,7 @@ def test_a_link_that_the_file_forgets_is_named(name: str, tmp_path: Path, caplog
             forgotten
         )
         found = [f for f in check_robot(robot).findings if f.subject == "water"]
-        assert [f.verdict for f in found] == [Verdict.WARNING] * len(forgotten)
+        assert [f.verdict for f in found] == [RobotVerdict.WARNING] * len(forgotten)
 
 
 def test_a_link_that_is_said_to_be_dry_is_not_warned_about(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -12,12 +12,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.exceptions import RobotDataError
-from uvms_ocp.model.files.library import list_robots, robot_folder
-from uvms_ocp.model.files.urdf import UrdfModels, read_urdf
-from uvms_ocp.model.files.urdf_agreement import check_agreement
-from uvms_ocp.model.files.urdf_numbers import to_float
-from uvms_ocp.model.loading import load_robot
+from uvms_ocp.errors import RobotDataError
+from uvms_ocp.robot.loading import list_robots, load_robot, robot_folder
+from uvms_ocp.robot.urdf import UrdfModels, check_agreement, read_urdf
+from uvms_ocp.robot.urdf_checks import to_float
 
 READ = ("5", " 5", "\t5", "\n5", "+5", "-5", "5.", ".5", "5e1", "5E+1", "5e-1", "1e-400", "0005", "1e308")
 NOT_READ = (

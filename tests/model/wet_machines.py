@@ -8,11 +8,10 @@ import numpy as np
 import pinocchio as pin
 from kinematic_trees import built_model
 
-from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
-from uvms_ocp.model.files.library import list_robots
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
-from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.robot.loading import list_robots, load_robot
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
 
 def random_link(frame: str, rng: np.random.Generator) -> LinkHydrodynamics:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from reaches import SOLVERS, patient, reach
 
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
 from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
 
 
 @pytest.fixture(scope="session")

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import State
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Effort, Smoothness, TaskTerm
-from uvms_ocp.solvers.nlp.nlp_options import PLUGINS, NlpOptions
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import State
+from uvms_ocp.solvers.nlp.options import PLUGINS, NlpOptions
 from uvms_ocp.tasks.pose import ToolPose
 from uvms_ocp.tasks.task import Task
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from compiler import needs_compiler
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions import compile_function
-from uvms_ocp.functions.compile import compile_library, loaded_library
-from uvms_ocp.ocp.stagewise import bound_calls
-from uvms_ocp.ocp.stagewise.bound_calls import BoundCalls
+from uvms_ocp.codegen import buffered as bound_calls
+from uvms_ocp.codegen import compile_function
+from uvms_ocp.codegen.buffered import BoundCalls
+from uvms_ocp.codegen.compile import compile_library, loaded_library
+from uvms_ocp.errors import InvalidInput
 
 
 def _function() -> ca.Function:

@@ -7,25 +7,25 @@ import pinocchio as pin
 import pytest
 from reaches import patient
 
-from uvms_ocp.collision import collision_scene, coordinates
-from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Phase
-from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import Measurement
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
-from uvms_ocp.ocp.tool_reach import tool_reach
+from uvms_ocp.ocp.problem import tool_reach
 from uvms_ocp.ocp.trajectory import Trajectory, through
-from uvms_ocp.planning.inverse_kinematics import tool_goal
+from uvms_ocp.planning import collision_scene, coordinates
+from uvms_ocp.planning.distances import CoalDistances
+from uvms_ocp.planning.request import tool_goal
+from uvms_ocp.robot.kinematics import Kinematics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import Measurement
 from uvms_ocp.sim.plant import KinematicPlant
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
-from uvms_ocp.tasks.hierarchy import Hierarchy
+from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.tasks.joints import JointLimits
 from uvms_ocp.tasks.pose import ToolPose
+from uvms_ocp.tasks.task import Hierarchy
 from uvms_ocp.trajectories import min_snap
 
 pytestmark = pytest.mark.slow

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from reaches import reach, tool_goal
 
-from uvms_ocp.model.robot import Robot
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.terms import TaskTerm
-from uvms_ocp.solvers.nlp.watch import Moment
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.solvers.nlp.level_solver import Moment
 
 
 def test_every_iteration_is_told_with_its_level(planner: Planner) -> None:

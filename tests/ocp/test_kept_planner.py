@@ -19,30 +19,38 @@ import pinocchio as pin
 import pytest
 from same_words import require_same_words
 
-from uvms_ocp.collision import CollisionScene, collision_scene, coordinates
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.mission_plan.above_floor import AboveFloor, Rim
-from uvms_ocp.mission_plan.mission_terms import Preferred, Rest, RowsWithin
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.shapes.obstacles import obstacle
-from uvms_ocp.model.state import State
-from uvms_ocp.ocp.clearance.ball_clearance import Ball, BallClearance
-from uvms_ocp.ocp.clearance.shape_clearance import ShapeClearance
-from uvms_ocp.ocp.own_term import residual_term
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.mission_plan.surroundings import AboveFloor, Rim
+from uvms_ocp.mission_plan.terms import Preferred, Rest, RowsWithin
+from uvms_ocp.ocp.clearance import Ball, BallClearance, ShapeClearance
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpPhase, OcpProblem, single_phase
-from uvms_ocp.ocp.terms import AtRest, Duration, Effort, Energy, Posture, Smoothness, StageSymbols, TaskTerm, Term
+from uvms_ocp.ocp.terms import (
+    AtRest,
+    Duration,
+    Effort,
+    Energy,
+    Posture,
+    Smoothness,
+    StageSymbols,
+    TaskTerm,
+    Term,
+    residual_term,
+)
 from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
+from uvms_ocp.planning import CollisionScene, collision_scene, coordinates
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.obstacles import obstacle
+from uvms_ocp.robot.signals import State
+from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.tasks.activation import Bell
 from uvms_ocp.tasks.altitude import LandingAltitude, MinimumAltitude
 from uvms_ocp.tasks.attitude import Alignment, FieldOfView, HorizontalAttitude
 from uvms_ocp.tasks.joints import JointLimits, JointTracking, Manipulability
-from uvms_ocp.tasks.pose import ToolPose, ToolPosition, VehiclePose
+from uvms_ocp.tasks.pose import NullVelocity, ToolPose, ToolPosition, VehiclePose
 from uvms_ocp.tasks.task import Residual, Task, zero_residual
-from uvms_ocp.tasks.velocity import NullVelocity
 
 GOAL = pin.SE3(np.eye(3), np.array([1.0, 0.2, 0.0]))
 ROBOT_BALL, STONE = Ball(frame="tool", radius=0.1), Ball(centre=(3.0, 1.0, 0.0), radius=0.2)

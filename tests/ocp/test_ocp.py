@@ -12,23 +12,21 @@ import pytest
 from horizon.tracking import tracked
 from reaches import CHEAP, PATIENCE, patient, reach, tool_goal
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.ocp.clearance.ball_clearance import Ball, BallClearance
-from uvms_ocp.ocp.plan import OcpStatus
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.ocp.clearance import Ball, BallClearance
+from uvms_ocp.ocp.plan import OcpStatus, mismatch
 from uvms_ocp.ocp.planner import Planner
-from uvms_ocp.ocp.plans.mismatch import mismatch
 from uvms_ocp.ocp.problem import (
     OcpLevel,
 )
 from uvms_ocp.ocp.terms import AtRest, TaskTerm
 from uvms_ocp.ocp.trajectory import through
 from uvms_ocp.ocp.transcription.transcription import Transcription
+from uvms_ocp.robot.robot import Robot
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
-from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
-from uvms_ocp.tasks.pose import VehiclePose
-from uvms_ocp.tasks.velocity import NullVelocity, UnderActuation
+from uvms_ocp.solvers.nlp.options import NlpOptions
+from uvms_ocp.tasks.pose import NullVelocity, UnderActuation, VehiclePose
 
 
 def test_the_tool_reaches_its_goal_within_all_limits(robot: Robot, planner_of_each: Planner) -> None:

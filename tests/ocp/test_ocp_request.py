@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uvms_ocp.collision.coal_distances import CoalDistances
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.obstacle_data import ObstacleData
+from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.request import OcpRequest, solve_ocp
-from uvms_ocp.planning.goals import PostureGoal, ToolGoal
-from uvms_ocp.report.ocp_motion import ocp_record, ocp_report
+from uvms_ocp.planning.distances import CoalDistances
+from uvms_ocp.planning.request import PostureGoal, ToolGoal
+from uvms_ocp.record.meta_values import ObstacleData
+from uvms_ocp.report.planned_motion import ocp_record, ocp_report
+from uvms_ocp.robot.kinematics import Kinematics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
 
 BALL = ObstacleData(name="ball", shape="sphere", size=(0.2,), position=(0.8, 0.9, 0.0))
 

@@ -13,25 +13,23 @@ import pinocchio as pin
 import pytest
 from reaches import CHEAP, patient, reach
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import State
-from uvms_ocp.ocp.clearance.ball_clearance import Ball, BallClearance
-from uvms_ocp.ocp.own_term import residual_term
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.ocp.clearance import Ball, BallClearance
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import Actuation, Integrator, OcpLevel, OcpPhase, OcpProblem, single_phase
-from uvms_ocp.ocp.terms import At, Effort, TaskTerm, Term
-from uvms_ocp.record import Record
-from uvms_ocp.replay import replay
-from uvms_ocp.sim.dynamic_plant import DynamicPlant
+from uvms_ocp.ocp.terms import At, Effort, TaskTerm, Term, residual_term
+from uvms_ocp.record.record import Record
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.kinematics import Kinematics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import State
+from uvms_ocp.scenario.replay import replay
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.plant import KinematicPlant
+from uvms_ocp.sim.plant import DynamicPlant, KinematicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
-from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
+from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.tasks.pose import ToolPosition
 from uvms_ocp.viz import plot, show
 from uvms_ocp.viz.plan_figures import plan_figures
@@ -264,13 +262,13 @@ def test_every_plan_is_a_record_with_figures_and_a_scene(arm: Robot, planner: Pl
 
 def test_a_plan_is_replayed_in_the_plant_within_10_mm(planner: Planner, tmp_path: Path) -> None:
     plan = planner.plan()
-    flight = plan.replay(SEA)
+    flight = replay(plan, SEA)
     assert flight.mismatch.position < 0.01
     assert flight.mismatch.end_position < 0.01
     flight.record.save(tmp_path / "flight.npz")
     assert len(Record.load(tmp_path / "flight.npz")) == len(flight.record)
     assert flight.record["t"][-1] == pytest.approx(plan.duration, abs=0.006)
-    blind = plan.replay(SEA, feedback=False)
+    blind = replay(plan, SEA, feedback=False)
     assert blind.mismatch.end_position > flight.mismatch.end_position
     plant = DynamicPlant(plan.robot, plan.trajectory.q[0], dynamics=robot_dynamics(plan.robot), environment=SEA)
     again = replay(plan, plant)
@@ -279,16 +277,16 @@ def test_a_plan_is_replayed_in_the_plant_within_10_mm(planner: Planner, tmp_path
 
 def test_a_plan_below_the_sea_floor_is_told_when_it_is_replayed(planner: Planner) -> None:
     plan = planner.plan()
-    assert plan.replay(SEA).record.run_meta.alarms == ()
+    assert replay(plan, SEA).record.run_meta.alarms == ()
     shallow = Environment(seafloor=FlatSeafloor(z=float(plan.trajectory.q[0, 2]) + 0.5))
-    (alarm,) = plan.replay(shallow).record.run_meta.alarms
+    (alarm,) = replay(plan, shallow).record.run_meta.alarms
     assert "m below the sea floor (seafloor - " in alarm.text
 
 
 def test_a_plan_of_a_wrench_has_nothing_to_replay(planner: Planner) -> None:
     wrench = patient(reach(planner.problem.robot, actuation=Actuation.WRENCH, n_steps=4)).plan(diagnose=False)
     with pytest.raises(InvalidInput, match=r"plan with Actuation\.THRUSTERS"):
-        wrench.replay(SEA)
+        replay(wrench, SEA)
 
 
 def test_a_planned_wrench_is_recorded_as_one_and_names_no_thruster(planner: Planner) -> None:
@@ -305,5 +303,5 @@ def test_a_planned_wrench_is_recorded_as_one_and_names_no_thruster(planner: Plan
 
 def test_a_plan_of_an_arm_without_water_is_replayed_on_a_kinematic_plant_as_it_stands(arm: Robot) -> None:
     plan = Planner(on_arm(arm)).plan()
-    flight = plan.replay(KinematicPlant(arm, plan.trajectory.q[0]))
+    flight = replay(plan, KinematicPlant(arm, plan.trajectory.q[0]))
     assert flight.mismatch.position < 1e-6

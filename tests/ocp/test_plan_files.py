@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 from reaches import reach
 
-from uvms_ocp.collision.collision_scene import Nearest
-from uvms_ocp.collision.conservative_advancement import ClearanceReport
-from uvms_ocp.exceptions import InvalidInput, OutputError
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import State
-from uvms_ocp.ocp.clearance.ball_clearance import Ball, BallClearance
+from uvms_ocp.errors import InvalidInput, OutputError
+from uvms_ocp.ocp.clearance import Ball, BallClearance
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, single_phase
 from uvms_ocp.ocp.terms import Effort
+from uvms_ocp.planning.conservative_advancement import ClearanceReport
+from uvms_ocp.planning.scene import Nearest
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import State
 
 SUFFIXES = ("npz", "json")
 

@@ -11,13 +11,13 @@ import pytest
 from reaches import CHEAP, SOLVERS, patient, reach, tool_goal
 from same_words import require_same_words
 
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import State
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.problem import Actuation, OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Effort, Posture, TaskTerm
 from uvms_ocp.ocp.transcription.transcription import Transcription
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import State
 from uvms_ocp.tasks.pose import VehiclePose
 
 TOLERANCE = 1e-6  # of `NlpOptions`

@@ -10,12 +10,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.state import State
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Effort, Posture
-from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.signals import State
+from uvms_ocp.solvers.nlp.options import NlpOptions
 
 ROUNDS = 20
 

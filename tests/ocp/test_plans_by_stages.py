@@ -10,19 +10,18 @@ import pinocchio as pin
 import pytest
 from reaches import PATIENCE, reach
 
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import State
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import Actuation, Integrator, OcpLevel, OcpPhase, OcpProblem, single_phase
-from uvms_ocp.ocp.stagewise.filter import Filter, Merit
-from uvms_ocp.ocp.stagewise.stage_functions import BlockFunctions, force_rows
-from uvms_ocp.ocp.stagewise.tangent import Tangent
+from uvms_ocp.ocp.stagewise.functions import BlockFunctions, Tangent, force_rows
+from uvms_ocp.ocp.stagewise.sqp import Filter, Merit
 from uvms_ocp.ocp.terms import AtRest, Duration, Effort
 from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.ocp.transcription.term_rows import term_blocks
-from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import State
+from uvms_ocp.solvers.nlp.options import NlpOptions
 
 pytestmark = pytest.mark.slow
 
@@ -121,7 +120,7 @@ def test_derivatives_of_stages_equal_differences_on_the_manifold(robot: Robot, o
 def test_curvature_of_stages_is_the_second_difference_on_the_manifold(
     robot: Robot, options: dict[str, object], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("uvms_ocp.ocp.stagewise.stage_functions.compile_function", lambda function: function)
+    monkeypatch.setattr("uvms_ocp.ocp.stagewise.functions.compile_function", lambda function: function)
     tangent = Tangent(model=StageModel(reach(robot, **({"n_steps": 3} | options)), eliminated=True))
     model, rng, e = tangent.model, np.random.default_rng(3), 1e-3
     function = BlockFunctions(block=term_blocks(model)[0], tangent=tangent, forces=force_rows(model), extra=0)
@@ -154,7 +153,7 @@ def test_a_current_that_thrusters_cannot_hold_against_is_named_infeasible(robot:
 
 
 def test_it_works_without_a_compiler(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("uvms_ocp.ocp.stagewise.stage_functions.compile_function", lambda function: function)
+    monkeypatch.setattr("uvms_ocp.ocp.stagewise.functions.compile_function", lambda function: function)
     q = load_robot("planar5")
     problem = single_phase(
         robot=q,

@@ -11,19 +11,18 @@ import pinocchio as pin
 import pytest
 from reaches import CHEAP, PATIENCE, reach, tool_goal
 
-from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import State
-from uvms_ocp.ocp.clearance.ball_clearance import Ball, BallClearance
-from uvms_ocp.ocp.own_term import residual_term
+from uvms_ocp.ocp.clearance import Ball, BallClearance
+from uvms_ocp.ocp.diagnosis import phase_one
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
-from uvms_ocp.ocp.reasons.phase_one import phase_one
-from uvms_ocp.ocp.terms import At, AtRest, Effort, StageSymbols, TaskTerm, Term
+from uvms_ocp.ocp.terms import At, AtRest, Effort, StageSymbols, TaskTerm, Term, residual_term
 from uvms_ocp.ocp.trajectory import hold
-from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
+from uvms_ocp.robot.kinematics import Kinematics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import State
+from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.joints import JointTracking
 from uvms_ocp.tasks.pose import ToolPose

@@ -7,24 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import State
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner, plan
 from uvms_ocp.ocp.problem import OcpLevel, OcpPhase, OcpProblem
 from uvms_ocp.ocp.terms import At, AtRest, Duration, Effort, Posture
 from uvms_ocp.ocp.trajectory import hold
-from uvms_ocp.ocp.transcription.boundary import boundary
 from uvms_ocp.ocp.transcription.horizon import horizon
-from uvms_ocp.ocp.transcription.parameter_layout import parameter_layout
-from uvms_ocp.ocp.transcription.row_layout import RowLayout, row_layout
+from uvms_ocp.ocp.transcription.layout import RowLayout, VariableLayout, boundary, parameter_layout, row_layout
 from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.ocp.transcription.term_rows import term_blocks
 from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.ocp.transcription.variable_layout import VariableLayout
-from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import State
+from uvms_ocp.solvers.nlp.options import NlpOptions
 
 
 @pytest.fixture(scope="module")

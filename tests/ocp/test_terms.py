@@ -9,13 +9,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.state import State
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Energy, Smoothness, Term
 from uvms_ocp.ocp.trajectory import hold, through
 from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.ocp.transcription.transcription import Transcription
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.signals import State
 
 
 def _problem(name: str, term: Term) -> OcpProblem:

@@ -10,18 +10,18 @@ import pinocchio as pin
 import pytest
 from reaches import PATIENCE, patient, reach
 
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.limits import Limits
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.thrusters import thruster_matrix
-from uvms_ocp.model.water.hydrodynamics import Water
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import Actuation, HessianKind, Integrator
 from uvms_ocp.ocp.trajectory import hold
 from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.hydrodynamics import Water
+from uvms_ocp.robot.limits import Limits
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.thrusters import thruster_matrix
+from uvms_ocp.solvers.nlp.options import NlpOptions
 
 pytestmark = pytest.mark.slow
 

@@ -10,19 +10,30 @@ import numpy as np
 import pytest
 from reaches import CHEAP, PATIENCE, patient, reach, tool_goal
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import State
-from uvms_ocp.ocp.clearance.ball_clearance import Ball, BallClearance
-from uvms_ocp.ocp.first_step import impossible_start
-from uvms_ocp.ocp.own_term import residual_term
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.ocp.clearance import Ball, BallClearance
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.prechecks import impossible_start
 from uvms_ocp.ocp.problem import Actuation, OcpLevel, single_phase
-from uvms_ocp.ocp.terms import At, AtRest, Duration, Effort, Energy, Posture, Smoothness, StageSymbols, TaskTerm, Term
+from uvms_ocp.ocp.terms import (
+    At,
+    AtRest,
+    Duration,
+    Effort,
+    Energy,
+    Posture,
+    Smoothness,
+    StageSymbols,
+    TaskTerm,
+    Term,
+    residual_term,
+)
 from uvms_ocp.ocp.trajectory import hold
-from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import State
+from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.tasks.task import Residual, zero_residual
 
 

@@ -15,11 +15,11 @@ from typing import Any
 
 from typer.testing import CliRunner
 
-from uvms_ocp.cli import app
-from uvms_ocp.cli.options import SOLVERS
-from uvms_ocp.parts.given import PLANTS
+from uvms_ocp.cli.commands import app
+from uvms_ocp.cli.options import active_set
 from uvms_ocp.report.summary import summarize
-from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.sim.own_parts import PLANTS
 
 RECORDED = Path(__file__).with_suffix(".json")
 GOAL = ("--tool", "12.2", "37.4", "-39.5", "--position", "11", "37", "-38.5")
@@ -29,7 +29,7 @@ PLANNED = ("status", "collision_free", "duration_s", "min_clearance_m", "energy_
 
 def mission(plant: str, solver: str) -> dict[str, Any]:
     """When the phases of Case 1 end, and how far the tool is off."""
-    report = summarize(case1(plant=plant, solver=SOLVERS[solver]()).run())
+    report = summarize(case1(plant=plant, solver=active_set[solver]()).run())
     return {
         "phases": {phase["name"]: phase["end_s"] for phase in report["phases"]},
         "position_error_m": report["tool_position_error_m"],

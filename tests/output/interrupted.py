@@ -19,10 +19,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from uvms_ocp.exceptions import OutputError
-from uvms_ocp.output import claimed, settle
-from uvms_ocp.output.journal import Replacement
-from uvms_ocp.output.manifest import Manifest, is_same
+from uvms_ocp.errors import OutputError
+from uvms_ocp.record import claim_folder, recover_folder
+from uvms_ocp.record.output import Manifest, Replacement, is_same
 
 CHANGING = {"open", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link"}
 FOREIGN = {"mine.txt": "mine", "figures/mine.png": "mine"}
@@ -72,7 +71,7 @@ WATCH = Watch()
 
 
 def write(folder: Path, contents: State) -> None:
-    with claimed(folder, contents) as claim, claim.staged() as staging:
+    with claim_folder(folder, contents) as claim, claim.staged() as staging:
         fill(staging, contents)
 
 
@@ -90,7 +89,7 @@ def state(folder: Path) -> State:
 
 
 def recovered(folder: Path) -> State:
-    settle(folder)
+    recover_folder(folder)
     return state(folder)
 
 
@@ -145,7 +144,7 @@ def killed(folder: Path) -> Any:
     while killed_at(work := copy_of(before, folder / "work"), k, lambda: write(work, NEW)):
         left = copy_of(work, folder / "left")
         j = 1
-        while k % 9 == 0 and killed_at(second := copy_of(left, folder / "second"), j, lambda: settle(second)):
+        while k % 9 == 0 and killed_at(second := copy_of(left, folder / "second"), j, lambda: recover_folder(second)):
             again.append(name_of(recovered(second), states))
             j += 1
         found.append(name_of(recovered(work), states))
@@ -197,7 +196,7 @@ def command(folder: Path, arguments: list[str]) -> Any:
 
     The other call writes other times of computation, so its files are known by the manifest alone.
     """
-    from uvms_ocp.cli import app
+    from uvms_ocp.cli.commands import app
 
     written = {"report.json": "old", "controller.h": "old", "scene.html": "old", "figures/path.png": "old"}
     target = prepared(folder, written)

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput, OutputError
-from uvms_ocp.output import claimed, settle
+from uvms_ocp.errors import InvalidInput, OutputError
+from uvms_ocp.record import claim_folder, recover_folder
 
 NAMES = ("report.json", "figures/a.png")
 
 
 def write(folder: Path, *names: str, text: str = "x") -> None:
-    with claimed(folder, names) as claim, claim.staged() as staging:
+    with claim_folder(folder, names) as claim, claim.staged() as staging:
         for name in names:
             (staging / name).parent.mkdir(parents=True, exist_ok=True)
             (staging / name).write_text(text)
@@ -34,7 +34,7 @@ def contents(folder: Path) -> dict[str, str]:
 
 def test_a_folder_appears_whole(tmp_path: Path) -> None:
     target = tmp_path / "a" / "b"
-    with claimed(target, NAMES) as claim:
+    with claim_folder(target, NAMES) as claim:
         with claim.staged() as staging:
             (staging / "figures").mkdir()
             (staging / "figures" / "a.png").write_text("new")
@@ -44,7 +44,7 @@ def test_a_folder_appears_whole(tmp_path: Path) -> None:
 
 
 def test_an_error_leaves_nothing_behind(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError), claimed(tmp_path / "a" / "b", NAMES) as claim, claim.staged() as staging:
+    with pytest.raises(RuntimeError), claim_folder(tmp_path / "a" / "b", NAMES) as claim, claim.staged() as staging:
         (staging / "half").write_text("x")
         raise RuntimeError
     assert not list(tmp_path.iterdir())
@@ -105,7 +105,7 @@ def test_ours_that_was_changed_since_is_refused_before_the_work_and_kept(change:
     write(target, *NAMES, "extra.csv")
     apply(target / name)
     before = contents(tmp_path)
-    with pytest.raises(InvalidInput, match=message) as caught, claimed(target, NAMES):
+    with pytest.raises(InvalidInput, match=message) as caught, claim_folder(target, NAMES):
         pytest.fail("the work began")
     assert "\n" not in str(caught.value)
     assert contents(tmp_path) == before
@@ -115,14 +115,14 @@ def test_ours_that_was_changed_since_is_refused_before_the_work_and_kept(change:
 def test_foreign_files_where_we_would_write_are_refused_before_the_work(name: str, tmp_path: Path) -> None:
     (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
     (tmp_path / name).write_text("mine")
-    with pytest.raises(InvalidInput, match="move it away or choose another folder"), claimed(tmp_path, NAMES):
+    with pytest.raises(InvalidInput, match="move it away or choose another folder"), claim_folder(tmp_path, NAMES):
         pytest.fail("the work began")
     assert contents(tmp_path) == {name: "mine"}
     assert not (tmp_path / ".uvms_ocp").exists()
 
 
 def test_a_foreign_file_that_appears_during_the_work_is_refused_then(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match=r"report\.json: not written by"), claimed(tmp_path, NAMES) as claim:
+    with pytest.raises(InvalidInput, match=r"report\.json: not written by"), claim_folder(tmp_path, NAMES) as claim:
         (tmp_path / "report.json").write_text("mine")
         with claim.staged() as staging:
             (staging / "report.json").write_text("new")
@@ -131,10 +131,10 @@ def test_a_foreign_file_that_appears_during_the_work_is_refused_then(tmp_path: P
 
 
 def test_two_commands_do_not_write_to_one_folder(tmp_path: Path) -> None:
-    with claimed(tmp_path, NAMES):
-        with pytest.raises(OutputError, match="another command writes there"), claimed(tmp_path, NAMES):
+    with claim_folder(tmp_path, NAMES):
+        with pytest.raises(OutputError, match="another command writes there"), claim_folder(tmp_path, NAMES):
             pytest.fail("the work began")
-        settle(tmp_path)  # the results are those of an earlier command: reading needs no lock
+        recover_folder(tmp_path)  # the results are those of an earlier command: reading needs no lock
     write(tmp_path, *NAMES)
 
 
@@ -144,7 +144,7 @@ def test_what_cannot_be_a_folder_is_one_line(name: str, tmp_path: Path, monkeypa
     monkeypatch.chdir(tmp_path)
     with (
         pytest.raises(OutputError, match=r"cannot write there \(.*\); choose another folder"),
-        claimed(Path(name), NAMES),
+        claim_folder(Path(name), NAMES),
     ):
         pytest.fail("the work began")
     assert not list(tmp_path.iterdir())
@@ -168,7 +168,7 @@ def test_a_damaged_manifest_or_journal_is_one_line(kind: str, name: str, tmp_pat
     write(target, *NAMES)
     (target / ".uvms_ocp" / name).write_text(OTHER_MANIFESTS[kind])
     before = contents(tmp_path)
-    with pytest.raises(InvalidInput, match=rf"{name}: damaged") as caught, claimed(target, NAMES):
+    with pytest.raises(InvalidInput, match=rf"{name}: damaged") as caught, claim_folder(target, NAMES):
         pytest.fail("the work began")
     assert "\n" not in str(caught.value)
     assert contents(tmp_path) == before
@@ -178,14 +178,14 @@ def test_a_manifest_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     (tmp_path / ".uvms_ocp" / "manifest.json").mkdir(parents=True)
     with (
         pytest.raises(OutputError, match=r"manifest.json: cannot read it \(.*\); choose another"),
-        claimed(tmp_path, NAMES),
+        claim_folder(tmp_path, NAMES),
     ):
         pytest.fail("the work began")
 
 
 def test_a_foreign_file_in_the_way_of_a_recovery_is_refused_and_kept(tmp_path: Path) -> None:
     program = (
-        "import os, pathlib, sys; from uvms_ocp.output import claimed\n"
+        "import os, pathlib, sys; from uvms_ocp.record import claimed\n"
         "with claimed(pathlib.Path(sys.argv[1]), ['b']) as claim:\n"
         "    with claim.staged() as staging:\n"
         "        (staging / 'b').write_text('new')\n"
@@ -195,8 +195,8 @@ def test_a_foreign_file_in_the_way_of_a_recovery_is_refused_and_kept(tmp_path: P
     assert subprocess.run([sys.executable, "-c", program, str(tmp_path)], check=False).returncode == 9
     (tmp_path / "b").write_text("mine")
     with pytest.raises(InvalidInput, match="b: in the way"):
-        settle(tmp_path)
+        recover_folder(tmp_path)
     assert contents(tmp_path) == {"b": "mine"}
     os.rename(tmp_path / "b", tmp_path / "away")
-    settle(tmp_path)
+    recover_folder(tmp_path)
     assert contents(tmp_path) == {"b": "new", "away": "mine"}

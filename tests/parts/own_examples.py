@@ -9,11 +9,10 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.control import Estimator, PassThrough
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
-from uvms_ocp.model.state import Command, Measurement, Reading, Readings, State
-from uvms_ocp.model.thrusters import thruster_matrix
-from uvms_ocp.scenario import Scenario
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Measurement, Reading, Readings, SensorSpecs, State
+from uvms_ocp.robot.thrusters import thruster_matrix
+from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim import DynamicPlant, KinematicPlant, SensorSuite
 from uvms_ocp.tasks import VehiclePose
 

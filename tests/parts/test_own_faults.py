@@ -10,11 +10,11 @@ import pytest
 from compiler import long_without_compiler
 from own_examples import LooseCable
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.state import Command, Readings
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.report import summarize
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios import case1
+from uvms_ocp.robot.signals import Command, Readings
+from uvms_ocp.scenario.cases import case1
+from uvms_ocp.scenario.scenario import Scenario
 
 
 def flown(**options: Any) -> Scenario:

@@ -16,15 +16,13 @@ import pytest
 from compiler import long_without_compiler
 from own_examples import Bursts, ComplementaryFilter, CopiedFilter, CopiedKinematics, DoubleIntegrator, ExtraDrag, Pid
 
-from uvms_ocp.campaign.runs.mission_runs import MissionRuns
-from uvms_ocp.campaign.variations.distributions import Uniform
-from uvms_ocp.campaign.variations.known_parameters import known_parameters
-from uvms_ocp.campaign.variations.samplers import Design
-from uvms_ocp.campaign.variations.variation import Variation
-from uvms_ocp.record import Record
+from uvms_ocp.campaign.campaign import MissionRuns
+from uvms_ocp.campaign.distributions import Design, Uniform
+from uvms_ocp.campaign.variations import Variation, known_parameters
+from uvms_ocp.record.record import Record
 from uvms_ocp.report import summarize
-from uvms_ocp.scenario import Scenario, our_controller, our_estimator
-from uvms_ocp.scenarios import case1
+from uvms_ocp.scenario.cases import case1
+from uvms_ocp.scenario.scenario import Scenario, our_controller, our_estimator
 from uvms_ocp.viz.run_figures import write_figures
 from uvms_ocp.viz.scene.show import write_scene
 

@@ -12,12 +12,11 @@ import pytest
 from own_examples import Bursts, ComplementaryFilter, CopiedFilter, DoubleIntegrator, ExtraDrag, Pid
 
 from uvms_ocp import export_controller
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.export import exported_controller
-from uvms_ocp.model.sensing import IDEAL_SENSORS
-from uvms_ocp.model.state import Command, Measurement, Reading, Readings, State
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios import case1
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Measurement, Reading, Readings, State
+from uvms_ocp.scenario.cases import case1
+from uvms_ocp.scenario.scenario import Scenario
 
 NAN = float("nan")
 

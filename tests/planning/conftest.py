@@ -5,11 +5,10 @@ from __future__ import annotations
 import pytest
 from planned_scenes import PIPE, SPHERE
 
-from uvms_ocp.collision.capsules import capsule_robot
-from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
-from uvms_ocp.collision.coordinates import Coordinates, coordinates
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
+from uvms_ocp.planning.capsules import capsule_robot
+from uvms_ocp.planning.scene import CollisionScene, Coordinates, collision_scene, coordinates
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
 
 
 @pytest.fixture(scope="session")

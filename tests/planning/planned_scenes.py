@@ -5,9 +5,9 @@ from __future__ import annotations
 import coal
 import numpy as np
 
-from uvms_ocp.collision.coordinates import Coordinates
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.shapes.obstacles import obstacle
+from uvms_ocp.planning.scene import Coordinates
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.obstacles import obstacle
 from uvms_ocp.trajectories.segment_times import MotionLimits
 
 N = 13

@@ -7,12 +7,11 @@ import pytest
 from curves.closed_forms import ClosedFormDistances
 from planned_scenes import PIPE, SPHERE, differences, random_x
 
-from uvms_ocp.collision.capsules import capsule_robot
-from uvms_ocp.collision.coal_distances import CoalDistances
-from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
-from uvms_ocp.collision.coordinates import Coordinates, coordinates
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.model.robot import Robot
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.planning.capsules import capsule_robot
+from uvms_ocp.planning.distances import CoalDistances
+from uvms_ocp.planning.scene import CollisionScene, Coordinates, collision_scene, coordinates
+from uvms_ocp.robot.robot import Robot
 
 
 def test_coordinates_and_configurations_are_inverse(planned: Coordinates) -> None:

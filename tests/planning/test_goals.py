@@ -6,13 +6,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.collision.coal_distances import CoalDistances
-from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
-from uvms_ocp.collision.coordinates import coordinates
-from uvms_ocp.exceptions import FrameNotFound, InvalidInput, NameNotFound
-from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.planning.goals import PostureGoal, ToolGoal
+from uvms_ocp.errors import FrameNotFound, InvalidInput, NameNotFound
+from uvms_ocp.planning.distances import CoalDistances
+from uvms_ocp.planning.request import PostureGoal, ToolGoal
+from uvms_ocp.planning.scene import CollisionScene, collision_scene, coordinates
+from uvms_ocp.robot.kinematics import Kinematics
+from uvms_ocp.robot.robot import Robot
 
 
 @pytest.fixture(scope="module")

@@ -7,12 +7,10 @@ import pytest
 from curves.closed_forms import ClosedFormDistances, collision_density, density_hessian
 from planned_scenes import N, differences, random_x
 
-from uvms_ocp.collision.coal_distances import CoalDistances
-from uvms_ocp.collision.collision_scene import CollisionScene
 from uvms_ocp.planning.block_tridiagonal import BlockTridiagonal
-from uvms_ocp.planning.link_speed import link_speeds
-from uvms_ocp.planning.path_cost import CostWeights, Distances, PathCost
-from uvms_ocp.planning.penalty import outside, penalty, two_sided
+from uvms_ocp.planning.distances import CoalDistances
+from uvms_ocp.planning.path_cost import CostWeights, Distances, PathCost, link_speeds, outside, penalty, two_sided
+from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.trajectories.free_derivatives import pieces_of
 from uvms_ocp.trajectories.segment_times import MotionLimits
 

@@ -7,21 +7,21 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.collision.obstacle_file import (
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.planning.request import PlanRequest, PostureGoal, ToolGoal, solve
+from uvms_ocp.record.meta_values import ObstacleData
+from uvms_ocp.report.planned_motion import motion_record, plan_report
+from uvms_ocp.robot.kinematics import Kinematics
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.collision_model import CollisionModel
+from uvms_ocp.robot.shapes.obstacles import (
     build_obstacle,
     describe_obstacle,
+    mesh_shape,
+    obstacle,
     obstacle_from_words,
     read_obstacles,
 )
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.shapes.collision_model import CollisionModel
-from uvms_ocp.model.shapes.obstacles import mesh_shape, obstacle
-from uvms_ocp.obstacle_data import ObstacleData
-from uvms_ocp.planning.goals import PostureGoal, ToolGoal
-from uvms_ocp.planning.request import PlanRequest, solve
-from uvms_ocp.report.planned_motion import motion_record, plan_report
 
 BALL = ObstacleData(name="ball", shape="sphere", size=(0.3,), position=(1.6, 0.3, -0.4))
 

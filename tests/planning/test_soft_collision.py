@@ -10,24 +10,23 @@ import pinocchio as pin
 import pytest
 from planned_scenes import limits_of
 
-from uvms_ocp.collision.coal_distances import CoalDistances
-from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
-from uvms_ocp.collision.conservative_advancement import check_clearance
-from uvms_ocp.collision.coordinates import Coordinates, coordinates
-from uvms_ocp.exceptions import FrameNotFound, InvalidInput
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.shapes.obstacles import obstacle
-from uvms_ocp.planning.inverse_kinematics import ToolGoalOptions, tool_goal
-from uvms_ocp.planning.ipopt_descent import Ipopt
+from uvms_ocp.errors import FrameNotFound, InvalidInput
+from uvms_ocp.planning.conservative_advancement import check_clearance
+from uvms_ocp.planning.descent import Ipopt
+from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.path_cost import CostWeights
+from uvms_ocp.planning.request import ToolGoalOptions, tool_goal
 from uvms_ocp.planning.sampling import SamplingOptions, edge_reach, sampled_waypoints
+from uvms_ocp.planning.scene import CollisionScene, Coordinates, collision_scene, coordinates
 from uvms_ocp.planning.soft_collision import (
     PlanStatus,
     SoftCollisionOptions,
     plan_soft_collision,
     straight_start,
 )
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.obstacles import obstacle
 from uvms_ocp.tasks.joints import JointTracking
 from uvms_ocp.trajectories.segment_times import MotionLimits
 

@@ -13,19 +13,18 @@ import pinocchio as pin
 import pytest
 from scipy.optimize import minimize
 
-from uvms_ocp.mission.conditions import DONE, Below, Transition
 from uvms_ocp.mission.mission import Mission
-from uvms_ocp.mission.phase import Phase
-from uvms_ocp.model.assembly.trim import with_trim
-from uvms_ocp.model.files.description import TrimBody
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.sensing import SensorSpecs
-from uvms_ocp.model.shapes.obstacles import obstacle
-from uvms_ocp.preflight.findings import PreflightReport, Severity
-from uvms_ocp.preflight.forecast import forecast, main_path
-from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios.case1 import case1, case1_unreachable
-from uvms_ocp.scenarios.obstacle_field import FIELD, obstacle_field
+from uvms_ocp.mission.phase import Below, Phase, Transition
+from uvms_ocp.record.meta_values import DONE
+from uvms_ocp.robot.assembly import with_trim
+from uvms_ocp.robot.description import TrimBody
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.shapes.obstacles import obstacle
+from uvms_ocp.robot.signals import SensorSpecs
+from uvms_ocp.scenario.cases.case1 import case1, case1_unreachable
+from uvms_ocp.scenario.cases.transit import FIELD, obstacle_field
+from uvms_ocp.scenario.preflight.setup import PreflightReport, Severity, forecast, main_path
+from uvms_ocp.scenario.scenario import Scenario, pose_at
 
 
 def with_phases(scenario: Scenario, phases: Sequence[Phase]) -> Scenario:

@@ -7,16 +7,14 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from uvms_ocp.cli import app
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.assembly.mounting import without_arm
-from uvms_ocp.model.assembly.trim import without_trim
-from uvms_ocp.model.files.library import example_robot_data, list_robots, robot_folder
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.preflight.robot_check import (
-    Finding,
+from uvms_ocp.cli.commands import app
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.assembly import without_arm, without_trim
+from uvms_ocp.robot.loading import example_robot_data, list_robots, load_robot, robot_folder
+from uvms_ocp.scenario.preflight.robot_check import (
+    RobotFinding,
     RobotReport,
-    Verdict,
+    RobotVerdict,
     check_robot,
     check_robot_files,
 )
@@ -24,7 +22,7 @@ from uvms_ocp.preflight.robot_check import (
 MASS = "<inertial><mass value='1'/><inertia ixx='{}' ixy='0' ixz='0' iyy='1' iyz='0' izz='1'/></inertial>"
 
 
-def finding(report: RobotReport, subject: str) -> Finding:
+def finding(report: RobotReport, subject: str) -> RobotFinding:
     return next(f for f in report.findings if f.subject == subject)
 
 
@@ -55,34 +53,34 @@ def test_meshes_of_other_packages_are_resolved() -> None:
 @pytest.mark.parametrize(
     ("verdicts", "begins"),
     [
-        ((Verdict.GOOD,), "usable; next: `uvms-ocp new-mission"),
-        ((Verdict.GOOD, Verdict.WARNING), "usable, with 1 to look at"),
-        ((Verdict.WARNING, Verdict.ERROR), r"not usable: mend what is called error (1)"),
+        ((RobotVerdict.GOOD,), "usable; next: `uvms-ocp new-mission"),
+        ((RobotVerdict.GOOD, RobotVerdict.WARNING), "usable, with 1 to look at"),
+        ((RobotVerdict.WARNING, RobotVerdict.ERROR), r"not usable: mend what is called error (1)"),
     ],
 )
-def test_a_report_says_what_to_do_next(verdicts: tuple[Verdict, ...], begins: str) -> None:
-    found = tuple(Finding(subject="a", verdict=verdict, text="b") for verdict in verdicts)
+def test_a_report_says_what_to_do_next(verdicts: tuple[RobotVerdict, ...], begins: str) -> None:
+    found = tuple(RobotFinding(subject="a", verdict=verdict, text="b") for verdict in verdicts)
     assert RobotReport(name="mine", findings=found).advice.startswith(begins)
 
 
 def test_a_file_that_cannot_be_loaded_is_the_one_error(tmp_path: Path) -> None:
     report = check_robot_files(write(tmp_path, "<link name='a'/>"))
     assert not report.usable
-    assert [f.verdict for f in report.findings] == [Verdict.ERROR]
+    assert [f.verdict for f in report.findings] == [RobotVerdict.ERROR]
     assert "no link has a mass" in report.findings[0].text
 
 
 def test_the_thrusters_say_which_axis_they_cannot_drive() -> None:
     report = check_robot(load_robot("girona_maris7"))
-    assert finding(report, "thrusters").verdict is Verdict.WARNING
+    assert finding(report, "thrusters").verdict is RobotVerdict.WARNING
     assert "5 thrusters, rank 5" in finding(report, "thrusters").text
     assert finding(report, "thrusters").text.endswith("under-actuated mainly in roll")
-    assert finding(check_robot(load_robot("girona_maris7_full")), "thrusters").verdict is Verdict.GOOD
+    assert finding(check_robot(load_robot("girona_maris7_full")), "thrusters").verdict is RobotVerdict.GOOD
 
 
 def test_an_untrimmed_robot_is_told_which_float_would_trim_it() -> None:
     trim = finding(check_robot(without_trim(load_robot("girona_maris7"))), "trim")
-    assert trim.verdict is Verdict.WARNING
+    assert trim.verdict is RobotVerdict.WARNING
     assert "-118 N upwards and 146 N m" in trim.text
     assert "a float of 118 N at x = 1.24 m" in trim.text
 
@@ -106,7 +104,7 @@ def test_a_massless_tip_makes_the_mass_matrix_singular(tmp_path: Path) -> None:
     report = check_robot_files(write(tmp_path, f"<link name='base_link'>{MASS.format(1)}</link>{joint}"))
     assert not report.usable
     assert finding(report, "inertias").text == "no mass behind joint j; give links there an <inertial>"
-    assert finding(report, "mass matrix").verdict is Verdict.ERROR
+    assert finding(report, "mass matrix").verdict is RobotVerdict.ERROR
 
 
 def test_a_free_flyer_without_water_or_thrusters_is_warned_about(tmp_path: Path) -> None:
@@ -115,7 +113,7 @@ def test_a_free_flyer_without_water_or_thrusters_is_warned_about(tmp_path: Path)
     assert dry.usable
     assert "give a hydrodynamics.yaml" in finding(dry, "water").text
     wet = check_robot_files(write(tmp_path, hull, "links: {base_link: {sphere: {radius: 0.1}}}"))
-    assert finding(wet, "thrusters").verdict is Verdict.WARNING
+    assert finding(wet, "thrusters").verdict is RobotVerdict.WARNING
 
 
 def test_links_that_could_touch_something_unseen_are_named(tmp_path: Path) -> None:

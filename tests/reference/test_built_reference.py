@@ -7,11 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound, OutputError
+from uvms_ocp.errors import InvalidInput, NameNotFound, OutputError
 from uvms_ocp.reference import build
-from uvms_ocp.reference.build import build_reference
-from uvms_ocp.reference.links import broken_links, outside_links
-from uvms_ocp.reference.pages import body_of
+from uvms_ocp.reference.build import body_of, broken_links, build_reference, outside_links
 
 pytestmark = pytest.mark.slow
 

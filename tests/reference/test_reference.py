@@ -7,16 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from uvms_ocp.identification.calibration.settings import Learnt, NoiseSettings, Settings
-from uvms_ocp.identification.recordings.mapping import ChannelMapping
-from uvms_ocp.identification.recordings.recording import KINDS
+from uvms_ocp.identification.reading import ChannelMapping
+from uvms_ocp.identification.recording import CHANNEL_KINDS
+from uvms_ocp.identification.settings import CalibrationSettings, Learnt, NoiseSettings
+from uvms_ocp.record.tables import SERIES
 from uvms_ocp.reference import build
-from uvms_ocp.reference.build import guide_pages, theory_pages
-from uvms_ocp.reference.links import broken_links
-from uvms_ocp.reference.rooms import CITED, documented_modules, place_of
+from uvms_ocp.reference.build import CITED, broken_links, documented_modules, guide_pages, place_of, theory_pages
 from uvms_ocp.reference.tables import generated_pages
 from uvms_ocp.reference.undocumented import undocumented_names
-from uvms_ocp.tables.series_table import SERIES
 
 EQUATION = re.compile(r"\$\$.+?\$\$", re.DOTALL)
 
@@ -49,11 +47,11 @@ def test_tables_hold_every_series_every_field_and_every_command() -> None:
     assert all(
         f"## uvms-ocp {name}\n" in pages["commands"] for name in ("run", "show", "plan mission", "export controller")
     )
-    assert all(f"| `{name}` |" in pages["channels"] for name in (*KINDS, *ChannelMapping.model_fields))
+    assert all(f"| `{name}` |" in pages["channels"] for name in (*CHANNEL_KINDS, *ChannelMapping.model_fields))
     assert "`--ghost PATH`" in pages["commands"]
     assert "[Thruster](#thruster)" in pages["robot_files"]
     known = (
-        *Settings.model_fields,
+        *CalibrationSettings.model_fields,
         *Learnt.model_fields,
         *NoiseSettings.model_fields,
         "quadratic_drag",

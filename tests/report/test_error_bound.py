@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uvms_ocp.report.estimate import CHANCE, norm_bound
+from uvms_ocp.report.metrics import CHANCE, norm_bound
 
 
 @pytest.mark.parametrize("told", [0.0, 0.3, 1.0, 3.0, 30.0])

@@ -13,17 +13,14 @@ from compiler import long_without_compiler
 from typer.testing import CliRunner
 from yaml import safe_dump, safe_load
 
-from uvms_ocp.cli import app
-from uvms_ocp.mission.conditions import Below, Transition
-from uvms_ocp.model.files.library import robot_folder
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.record import Record
-from uvms_ocp.report.cause import cause_of_end
-from uvms_ocp.report.compare import compare
-from uvms_ocp.report.goals import ended_too_early, goal_table
-from uvms_ocp.report.summary import summarize
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios.case1 import Thresholds, case1
+from uvms_ocp.cli.commands import app
+from uvms_ocp.mission.phase import Below, Transition
+from uvms_ocp.record.record import Record
+from uvms_ocp.report.comparison import compare
+from uvms_ocp.report.summary import cause_of_end, ended_prematurely, goal_table, summarize
+from uvms_ocp.robot.loading import load_robot, robot_folder
+from uvms_ocp.scenario.cases.case1 import Thresholds, case1
+from uvms_ocp.scenario.scenario import Scenario
 
 LOOSE = Thresholds(way_point=50.0, misalignment=4.0, landing_altitude=50.0, tool_position=50.0, tool_orientation=4.0)
 
@@ -77,7 +74,7 @@ def test_a_mission_whose_true_error_is_over_its_limit_has_ended_too_early(noisy:
     )
     events = (*record.run_meta.events[:-1], last.model_copy(update={"true_quantities": truths}))
     worse = replace(record, meta=record.run_meta.model_copy(update={"events": events}))
-    assert [row["quantity"] for row in ended_too_early(worse)] == ["T.position_error"]
+    assert [row["quantity"] for row in ended_prematurely(worse)] == ["T.position_error"]
     report = summarize(worse)
     assert report["completed"]
     assert report["ended_too_early"] == ["D"]
@@ -99,7 +96,7 @@ def test_only_what_ended_a_phase_is_judged(noisy: tuple[Scenario, Record]) -> No
     assert [(row["phase"], row["limit"]) for row in goal_table(more)] == [
         (row["phase"], row["limit"]) for row in goal_table(record)
     ]
-    assert not ended_too_early(more)
+    assert not ended_prematurely(more)
 
 
 @long_without_compiler

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from compiler import long_without_compiler
 
-from uvms_ocp.record import Record
-from uvms_ocp.report.compare import compare
-from uvms_ocp.report.resources import resources
-from uvms_ocp.scenarios.case1 import Thresholds, case1
+from uvms_ocp.record.record import Record
+from uvms_ocp.report.comparison import compare
+from uvms_ocp.report.metrics import resources
+from uvms_ocp.scenario.cases.case1 import Thresholds, case1
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uvms_ocp.record import Record, quantity
-from uvms_ocp.report.series import largest_tilt
+from uvms_ocp.record.record import Record, quantity
+from uvms_ocp.report.metrics import largest_tilt
 
 STORED = Path(__file__).parents[1] / "records" / "run_v0_1.npz"
 

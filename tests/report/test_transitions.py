@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.meta_values import LevelMeta, LimitsMeta, PhaseMeta, TaskMeta
-from uvms_ocp.record import Record
-from uvms_ocp.report.transitions import transition_series, transition_table
-from uvms_ocp.run_meta import RunMeta
-from uvms_ocp.viz.comparison import figure_transitions
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.meta_values import LevelMeta, LimitsMeta, PhaseMeta, TaskMeta
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.run_meta import RunMeta
+from uvms_ocp.report.comparison import transition_series, transition_table
+from uvms_ocp.viz.comparison_figures import figure_transitions
 
 DT = 0.1
 

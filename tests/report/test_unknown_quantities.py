@@ -11,13 +11,11 @@ import numpy as np
 import pytest
 
 from uvms_ocp.cli.printing import cell
-from uvms_ocp.meta_values import EventMeta, MetConditionMeta, QuantityMeta, ThresholdMeta
-from uvms_ocp.mission.conditions import Above, Below, Condition
-from uvms_ocp.record import Record
-from uvms_ocp.report.cause import cause_of_end
-from uvms_ocp.report.compare import compare
-from uvms_ocp.report.goals import ended_too_early, goal_table
-from uvms_ocp.report.summary import summarize
+from uvms_ocp.mission.phase import Above, Below, Condition
+from uvms_ocp.record.meta_values import EventMeta, MetConditionMeta, QuantityMeta, ThresholdMeta
+from uvms_ocp.record.record import Record
+from uvms_ocp.report.comparison import compare
+from uvms_ocp.report.summary import cause_of_end, ended_prematurely, goal_table, summarize
 
 STORED = Path(__file__).parents[1] / "records" / "run_v0_1.npz"
 
@@ -51,7 +49,7 @@ def test_reports_have_no_number_for_what_is_not_known(known: Callable[[str], boo
     for row in goal_table(record):
         assert (row["true"] is None, row["estimated"] is None) == (not known(row["quantity"]),) * 2
         assert row["met"] is (True if known(row["quantity"]) else None)
-    assert not ended_too_early(record)
+    assert not ended_prematurely(record)
     for row in compare(record, record):
         assert "nan" not in (cell(row["first"]), cell(row["second"]), cell(row["change"]))
 

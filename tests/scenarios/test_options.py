@@ -8,14 +8,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.model.files.description import TrimBody
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.sensing import IDEAL_SENSORS
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios import SCENARIOS
-from uvms_ocp.scenarios.run_options import RunOptions, run_options
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.robot.description import TrimBody
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.signals import IDEAL_SENSORS
+from uvms_ocp.scenario.cases import SCENARIOS
+from uvms_ocp.scenario.options import RunOptions, run_options
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.icat import Icat
 
 LONGER = {"two_targets": 240.0, "current_drift": 150.0}

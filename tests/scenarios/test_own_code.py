@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from uvms_ocp.campaign.runs.code_source import CodeSource
-from uvms_ocp.exceptions import InvalidInput, NameNotFound, UvmsError
-from uvms_ocp.model.files.library import robot_folder
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios import SCENARIOS
-from uvms_ocp.scenarios.chosen import chosen_scenario
+from uvms_ocp.campaign.code_source import CodeSource
+from uvms_ocp.errors import InvalidInput, NameNotFound, UvmsError
+from uvms_ocp.robot.loading import robot_folder
+from uvms_ocp.scenario.cases import SCENARIOS
+from uvms_ocp.scenario.own_code import chosen_scenario
+from uvms_ocp.scenario.scenario import Scenario
 
 MISSION = """
 from pathlib import Path
@@ -19,11 +19,11 @@ import uvms_ocp as uo
 import helper
 
 def scenario(plant="dynamic", robot="girona_maris7_full"):
-    return uo.scenarios.case1(plant=plant, robot=robot, duration=helper.LONG)
+    return uo.scenario.case1(plant=plant, robot=robot, duration=helper.LONG)
 
-fixed = uo.scenarios.case1(plant="kinematic")
+fixed = uo.scenario.case1(plant="kinematic")
 number = 3
-own_robot = lambda: uo.scenarios.case1(
+own_robot = lambda: uo.scenario.case1(
     robot=uo.load_robot(urdf=Path(__file__).parent / "r" / "robot.urdf", hydrodynamics=Path(__file__).parent / "r" / "h.yaml")
 )
 """
@@ -59,7 +59,7 @@ def test_a_scenario_that_is_a_value_takes_what_can_be_changed_of_it(mission: Pat
 def test_a_module_by_its_name(mission: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(mission.parent)
     monkeypatch.syspath_prepend(mission.parent)
-    assert chosen("uvms_ocp.scenarios.case1:case1", duration=2.0).duration == 2.0
+    assert chosen("uvms_ocp.scenario.cases.case1:case1", duration=2.0).duration == 2.0
 
 
 @pytest.mark.parametrize(

@@ -6,18 +6,14 @@ import numpy as np
 import pytest
 from compiler import long_without_compiler
 
-from uvms_ocp.record import Record
-from uvms_ocp.report.series import quantity
+from uvms_ocp.record.record import Record, quantity
 from uvms_ocp.report.summary import summarize
-from uvms_ocp.scenarios import SCENARIOS
-from uvms_ocp.scenarios.bluerov_inspection import bluerov_inspection
-from uvms_ocp.scenarios.case2 import ToolPath, case2
-from uvms_ocp.scenarios.current_drift import current_drift
-from uvms_ocp.scenarios.obstacle_field import obstacle_field
-from uvms_ocp.scenarios.priority_swap import priority_swap
-from uvms_ocp.scenarios.transit import transit
-from uvms_ocp.scenarios.two_targets import two_targets
-from uvms_ocp.sim.closest_approach import closest_approach
+from uvms_ocp.scenario.cases import SCENARIOS
+from uvms_ocp.scenario.cases.bluerov import bluerov_inspection
+from uvms_ocp.scenario.cases.case1 import current_drift, priority_swap, two_targets
+from uvms_ocp.scenario.cases.case2 import ToolPath, case2
+from uvms_ocp.scenario.cases.transit import obstacle_field, transit
+from uvms_ocp.sim.environment import closest_approach
 
 
 def largest_tilt(record: Record) -> float:

@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 
 from uvms_ocp import load_robot
-from uvms_ocp.control.navigation.pass_through import PassThrough
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import IDEAL_SENSORS
-from uvms_ocp.model.state import Command
-from uvms_ocp.record import Recorder
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.estimation.estimator import PassThrough
+from uvms_ocp.record.record import Recorder
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Command
 from uvms_ocp.sim.loop import simulate
 from uvms_ocp.sim.plant import KinematicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor

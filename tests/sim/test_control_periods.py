@@ -9,20 +9,27 @@ import numpy as np
 import pytest
 from compiler import needs_compiler
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import Command
-from uvms_ocp.sim import dynamic_plant
-from uvms_ocp.sim.contact import ContactModel, skid_points
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import Command
+from uvms_ocp.sim import plant as dynamic_plant
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
-from uvms_ocp.sim.dynamic_plant import DynamicPlant
-from uvms_ocp.sim.dynamic_step import CARRIED, JointStops, StepModel, step_function
+from uvms_ocp.sim.dynamic_step import (
+    CARRIED,
+    ContactModel,
+    JointStops,
+    StepModel,
+    StepSequence,
+    parts_of,
+    skid_points,
+    step_function,
+)
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.faults.notation import parse_faults
+from uvms_ocp.sim.faults import parse_faults
+from uvms_ocp.sim.plant import DynamicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
-from uvms_ocp.sim.step_sequence import StepSequence, parts_of
 from uvms_ocp.sim.thrusters import Thrusters
 
 DT = 5e-3

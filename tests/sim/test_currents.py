@@ -7,8 +7,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.shapes.obstacles import Obstacle
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.shapes.obstacles import Obstacle
 from uvms_ocp.sim.currents import GustyCurrent, OnsetCurrent, ShearedCurrent, StillWater, UniformCurrent, water_at
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor

@@ -10,22 +10,20 @@ import pinocchio as pin
 import pytest
 from scipy.integrate import solve_ivp
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.assembly.mounting import without_arm
-from uvms_ocp.model.assembly.trim import with_trim
-from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
-from uvms_ocp.model.files.description import TrimBody
-from uvms_ocp.model.files.library import list_robots
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.spatial import quaternion_to_matrix
-from uvms_ocp.model.state import Command
-from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
-from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics
-from uvms_ocp.sim.contact import ContactModel
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.assembly import with_trim, without_arm
+from uvms_ocp.robot.description import TrimBody
+from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.robot.loading import list_robots, load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import Command
+from uvms_ocp.robot.spatial import quaternion_to_matrix
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.sim.currents import Current, GustyCurrent, ShearedCurrent, UniformCurrent
-from uvms_ocp.sim.dynamic_plant import DynamicPlant
+from uvms_ocp.sim.dynamic_step import ContactModel
 from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.plant import DynamicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
 
 DEEP = Environment(seafloor=FlatSeafloor(z=-1000.0))

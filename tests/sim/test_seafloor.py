@@ -6,10 +6,9 @@ import coal
 import numpy as np
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.model.shapes.obstacles import mesh_shape
-from uvms_ocp.sim.height_field import RELIEFS, HeightField, Relief
-from uvms_ocp.sim.seafloor import FlatSeafloor, floor_mesh
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.robot.shapes.obstacles import mesh_shape
+from uvms_ocp.sim.seafloor import RELIEFS, FlatSeafloor, HeightField, Relief, floor_mesh
 
 FLOORS = {
     "plane": FlatSeafloor(z=-40.0),

@@ -8,12 +8,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.exceptions import FrameNotFound, InvalidInput
-from uvms_ocp.model.files.library import list_robots
-from uvms_ocp.model.kinematics import AltimeterBeam
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.sensing import CHANNELS, IDEAL_SENSORS, SensorSpec, SensorSpecs
-from uvms_ocp.model.state import State
+from uvms_ocp.errors import FrameNotFound, InvalidInput
+from uvms_ocp.robot.kinematics import AltimeterBeam
+from uvms_ocp.robot.loading import list_robots, load_robot
+from uvms_ocp.robot.signals import CHANNELS, IDEAL_SENSORS, SensorSpec, SensorSpecs, State
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import Altimeter, SensorSuite
 

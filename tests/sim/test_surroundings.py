@@ -7,11 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.spatial import quaternion_to_matrix
-from uvms_ocp.sim.contact import skid_points
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.spatial import quaternion_to_matrix
 from uvms_ocp.sim.currents import (
     Current,
     GustyCurrent,
@@ -21,10 +20,9 @@ from uvms_ocp.sim.currents import (
     UniformCurrent,
     water_at,
 )
-from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.height_field import HeightField
-from uvms_ocp.sim.seafloor import FlatSeafloor, Seafloor, ground_at
-from uvms_ocp.sim.surroundings import Surroundings, everywhere, is_steady
+from uvms_ocp.sim.dynamic_step import skid_points
+from uvms_ocp.sim.environment import Environment, Surroundings, everywhere, is_steady
+from uvms_ocp.sim.seafloor import FlatSeafloor, HeightField, Seafloor, ground_at
 
 ROBOT = load_robot("girona_maris7_full")
 DYNAMICS = robot_dynamics(ROBOT)

@@ -8,16 +8,11 @@ import pytest
 from numpy.typing import ArrayLike
 from scipy.integrate import quad
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.files.description import Thruster
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.thrusters import (
-    signals_of_thrust,
-    thrust_of_signals,
-    unactuated_axes,
-    unreachable_axes,
-)
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.description import Thruster
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.thrusters import signals_of_thrust, thrust_of_signals, unactuated_axes, unreachable_axes
 from uvms_ocp.sim.thrusters import N_DECAYS, Thrusters, joint_power
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.solvers.stagewise import StageQp, StageQpSolution, StageShape
+from uvms_ocp.solvers.stage_qp import StageQp, StageQpSolution, StageShape
 
 
 def random_shape(rng: np.random.Generator, N: int) -> StageShape:

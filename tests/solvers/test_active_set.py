@@ -15,15 +15,13 @@ from compiler import IN_C_AND_PYTHON, needs_compiler
 from hierarchies import dependent_hierarchy, random_hierarchy, reference
 from test_hierarchy import _arguments, _tick_function
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.solvers.hierarchy.active_set.core_source import core_source
-from uvms_ocp.solvers.hierarchy.active_set.patience import patience
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet, core_source
+from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.certificate import certificate
 from uvms_ocp.solvers.hierarchy.level import Level
 from uvms_ocp.solvers.hierarchy.solution import Status
-from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
+from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES, patience
 
 COMPILED, NUMPY = LexicographicActiveSet(), LexicographicActiveSet(compiled=False)
 STRUCTURES = [(1, (2, 0, 1)), (4, (3, 2, 2)), (7, (1, 0, 6, 2, 7)), (13, (6, 6, 6, 3, 13)), (60, (20, 9, 30))]

@@ -11,13 +11,17 @@ import pytest
 from compiler import MISSING, needs_compiler
 from hierarchies import _optimum, distance, random_hierarchy
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions.compile import compile_library
-from uvms_ocp.solvers.hierarchy.active_set.core_source import core_source
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.certificate import certificate, level_excesses, normal_certificate
+from uvms_ocp.codegen.compile import compile_library
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet, core_source
+from uvms_ocp.solvers.hierarchy.certificate import (
+    NormalRows,
+    certificate,
+    level_excesses,
+    normal_certificate,
+    normal_rows,
+)
 from uvms_ocp.solvers.hierarchy.level import Level, stack
-from uvms_ocp.solvers.hierarchy.scaling import NormalRows, normal_rows
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 
 SIZES = (5, 2, 3, 1, 3, 5)

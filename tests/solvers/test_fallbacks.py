@@ -12,19 +12,15 @@ import pytest
 from compiler import needs_compiler
 from hierarchies import dependent_hierarchy, random_hierarchy, reference
 
-from uvms_ocp.functions.compile import compile_library
-from uvms_ocp.solvers.hierarchy.active_set import fallbacks
-from uvms_ocp.solvers.hierarchy.active_set.codes import STATUSES
-from uvms_ocp.solvers.hierarchy.active_set.core_source import core_source
-from uvms_ocp.solvers.hierarchy.active_set.fallbacks import SolvedRows, solve_levels
-from uvms_ocp.solvers.hierarchy.active_set.patience import patience
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
-from uvms_ocp.solvers.hierarchy.certificate import normal_certificate
+from uvms_ocp.codegen.compile import compile_library
+from uvms_ocp.solvers.hierarchy import active_set_numpy as fallbacks
+from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet, core_source
+from uvms_ocp.solvers.hierarchy.active_set_numpy import STATUSES, SolvedRows, solve_levels
+from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
+from uvms_ocp.solvers.hierarchy.certificate import normal_certificate, normal_rows
 from uvms_ocp.solvers.hierarchy.level import Level, stack
-from uvms_ocp.solvers.hierarchy.scaling import normal_rows
 from uvms_ocp.solvers.hierarchy.solution import Status
-from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
+from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES, patience
 
 COMPILED, NUMPY = LexicographicActiveSet(), LexicographicActiveSet(compiled=False)
 SIZES = (6, 2, 3, 2, 6)

@@ -11,12 +11,11 @@ from compiler import needs_compiler
 from hierarchies import random_hierarchy
 from test_hierarchy import _tick_function
 
-from uvms_ocp.solvers.hierarchy.active_set.codes import STATUSES
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
+from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.active_set_numpy import STATUSES
+from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.daqp import Daqp
-from uvms_ocp.solvers.hierarchy.gated_rows import gated, is_valid, residual
-from uvms_ocp.solvers.hierarchy.level import Level
+from uvms_ocp.solvers.hierarchy.level import Level, gated, is_valid, residual
 
 M, N = 4, 3
 Strict = LexicographicActiveSet | LexicographicQp | Daqp

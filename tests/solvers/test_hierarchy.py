@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from hierarchies import random_hierarchy, reference
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.cascade.qp_tick import QpTick
-from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp, QpTick
 from uvms_ocp.solvers.hierarchy.daqp import Daqp
 from uvms_ocp.solvers.hierarchy.icat import Icat
 from uvms_ocp.solvers.hierarchy.level import Level, stack

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from uvms_ocp.solvers.intervals import distance, excess
+from uvms_ocp.codegen.elementwise import distance, excess
 
 Y = np.array([-3.0, -1.0, 0.0, 0.5, 2.0, 7.0, np.nan, 1e300])
 LOWER = np.array([-1.0, -1.0, -np.inf, 0.5, -np.inf, 1.0, 0.0, -1.0])

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.hierarchy.level import Level, stack
 
 

@@ -5,12 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uvms_ocp.solvers.nlp.acceptance import Merit, acceptance
-from uvms_ocp.solvers.nlp.level_turns import LevelTurns, Point, TimeBudget
-from uvms_ocp.solvers.nlp.program import LevelRows
-from uvms_ocp.solvers.nlp.proximal import ProximalWeights
-from uvms_ocp.solvers.nlp.row_bounds import RowBounds
-from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
+from uvms_ocp.solvers.nlp.lexicographic_sqp import LevelTurns, Merit, Point, ProximalWeights, TimeBudget, acceptance
+from uvms_ocp.solvers.nlp.options import SqpOptions
+from uvms_ocp.solvers.nlp.program import LevelRows, RowBounds
 
 
 def level(relax: float | None = None) -> LevelRows:

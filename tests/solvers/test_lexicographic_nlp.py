@@ -7,15 +7,10 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.solvers.nlp.lexicographic_nlp import (
-    LexicographicNlp,
-    LexicographicResult,
-    NlpOptions,
-)
-from uvms_ocp.solvers.nlp.nlp_options import solver_options
-from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
-from uvms_ocp.solvers.nlp.program import NlpLevel, lexicographic_program
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicNlp, LexicographicResult
+from uvms_ocp.solvers.nlp.options import NlpOptions, solver_options
+from uvms_ocp.solvers.nlp.program import NlpLevel, NlpStatus, lexicographic_program
 
 TIGHT = NlpOptions(tolerance=1e-9, convergence=1e-10)
 

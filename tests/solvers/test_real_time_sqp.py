@@ -8,12 +8,11 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicNlp, NlpOptions
-from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
-from uvms_ocp.solvers.nlp.program import LexicographicProgram, NlpLevel, lexicographic_program
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicNlp
+from uvms_ocp.solvers.nlp.options import NlpOptions, SqpOptions
+from uvms_ocp.solvers.nlp.program import LexicographicProgram, NlpLevel, NlpStatus, lexicographic_program
 from uvms_ocp.solvers.nlp.real_time_sqp import RealTimeSqp
-from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
 
 
 def with_derivatives(program: LexicographicProgram) -> LexicographicProgram:

@@ -7,9 +7,9 @@ import pytest
 from hierarchies import random_hierarchy, reference
 from test_hierarchy import _arguments, _tick_function
 
-from uvms_ocp.functions.compile import has_compiler
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
+from uvms_ocp.codegen.compile import has_compiler
+from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.certificate import level_excesses
 from uvms_ocp.solvers.hierarchy.daqp import Daqp
 from uvms_ocp.solvers.hierarchy.icat import Icat

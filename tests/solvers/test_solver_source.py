@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from compiler import COMPILER, needs_compiler
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.solvers.hierarchy.active_set.codes import STATUSES
-from uvms_ocp.solvers.hierarchy.active_set.core_source import core_source, solver_declaration, solver_source
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.solvers.hierarchy.active_set import core_source, solver_declaration, solver_source
+from uvms_ocp.solvers.hierarchy.active_set_numpy import STATUSES
 from uvms_ocp.solvers.hierarchy.solution import Status
-from uvms_ocp.solvers.stagewise.compiled import core_source as stagewise_source
+from uvms_ocp.solvers.stage_qp.compiled import core_source as stagewise_source
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
 SANITIZED = ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")

@@ -7,15 +7,8 @@ import pytest
 from compiler import IN_C_AND_PYTHON, needs_compiler
 from stage_qps import conic_optimum, dense, flat, kkt_failure, random_qp, reach_qp, softened
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.solvers.stagewise import (
-    StageQp,
-    StageQpOptions,
-    StageQpSolution,
-    StageQpSolver,
-    StageQpStatus,
-    StageShape,
-)
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.solvers.stage_qp import StageQp, StageQpOptions, StageQpSolution, StageQpSolver, StageQpStatus, StageShape
 
 NUMPY = StageQpOptions(compiled=False)
 

@@ -8,7 +8,7 @@ from compiler import IN_C_AND_PYTHON
 from scipy.optimize import linprog
 from stage_qps import dense, flat, kkt_failure, random_shape
 
-from uvms_ocp.solvers.stagewise import StageQp, StageQpOptions, StageQpSolution, StageQpSolver, StageQpStatus
+from uvms_ocp.solvers.stage_qp import StageQp, StageQpOptions, StageQpSolution, StageQpSolver, StageQpStatus
 
 SEEDS = (*range(40), 97, 165, 282, 289, 330, 333, 384)
 """The last ones bend little, or not at all, in most directions; in the same QPs stiff residuals bend much."""

@@ -6,9 +6,9 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.control.velocity.goals import task_parameters
 from uvms_ocp.control.velocity.levels import tick_symbols
-from uvms_ocp.control.velocity.parameters import parameters_of
-from uvms_ocp.model.robot import Robot
+from uvms_ocp.robot.robot import Robot
 from uvms_ocp.tasks.task import Task
 
 OUTPUTS = ("jacobian", "rate", "lower", "upper", "activation")
@@ -34,7 +34,7 @@ def evaluate(
 ) -> dict[str, np.ndarray]:
     function = task_function(robot, task)
     velocity = np.zeros(robot.n_v) if v is None else v
-    values = function.call([q, velocity, altimeter_range, parameters_of(task, task.reference(0.0), q)])
+    values = function.call([q, velocity, altimeter_range, task_parameters(task, task.reference(0.0), q)])
     return {name: np.array(value) for name, value in zip(function.name_out(), values, strict=True)}
 
 

@@ -9,15 +9,14 @@ import pinocchio as pin
 import pytest
 from task_values import evaluate, random_configuration
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.limits import PositionLimit
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.shapes.collision_model import CollisionModel, self_pairs
-from uvms_ocp.model.shapes.obstacles import Obstacle, mesh_shape
-from uvms_ocp.sim.height_field import HeightField
-from uvms_ocp.sim.seafloor import FlatSeafloor, floor_obstacle
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.kinematics import Kinematics
+from uvms_ocp.robot.limits import PositionLimit
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.collision_model import CollisionModel, self_pairs
+from uvms_ocp.robot.shapes.obstacles import Obstacle, mesh_shape
+from uvms_ocp.sim.seafloor import FlatSeafloor, HeightField, floor_obstacle
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.clearance import Clearance
 

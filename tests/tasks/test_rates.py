@@ -11,9 +11,9 @@ import pytest
 from task_registry import REGISTRY
 from task_values import random_configuration, task_function
 
-from uvms_ocp.control.velocity.parameters import parameters_of
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
+from uvms_ocp.control.velocity.goals import task_parameters
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
 from uvms_ocp.tasks.attitude import Alignment, FieldOfView
 from uvms_ocp.tasks.task import Task
 
@@ -52,7 +52,7 @@ def asked(robot: Robot, function: ca.Function, task: Task, q: np.ndarray) -> tup
     pin.framesForwardKinematics(robot.model, data, q)
     beam = data.oMf[robot.frame_id("altimeter")]
     echo = (beam.translation[2] - FLOOR) / beam.rotation[2, 2]
-    J, rate = function(q, np.zeros(robot.n_v), echo, parameters_of(task, task.reference(0.0), q))[:2]
+    J, rate = function(q, np.zeros(robot.n_v), echo, task_parameters(task, task.reference(0.0), q))[:2]
     return np.array(J), np.array(rate)[:, 0]
 
 

@@ -10,16 +10,15 @@ from task_registry import GOAL, REGISTRY, TARGET
 from task_values import OUTPUTS, evaluate, random_configuration, task_function
 
 from uvms_ocp.control.velocity.levels import tick_symbols
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
 from uvms_ocp.tasks.activation import Bell
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.attitude import Alignment, HorizontalAttitude
 from uvms_ocp.tasks.joints import JointLimits, JointTracking, Manipulability
-from uvms_ocp.tasks.pose import ToolPose, VehiclePose
+from uvms_ocp.tasks.pose import NullVelocity, ToolPose, VehiclePose
 from uvms_ocp.tasks.task import Task
-from uvms_ocp.tasks.velocity import NullVelocity
 
 STEP = 1e-6
 

@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.trajectories import min_snap
 from uvms_ocp.trajectories.free_derivatives import end_data, piece_costs, pieces_of
-from uvms_ocp.trajectories.min_snap import MinSnap
-from uvms_ocp.trajectories.qp_form import Bound, min_snap_qp
-from uvms_ocp.trajectories.specification import Boundary, Constraint, CurveSpecification
+from uvms_ocp.trajectories.min_snap import Bound, Boundary, Constraint, CurveSpecification, MinSnap, min_snap_qp
 
 RNG = np.random.default_rng
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput, OutputError
+from uvms_ocp.errors import InvalidInput, OutputError
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial, concatenate
 
 

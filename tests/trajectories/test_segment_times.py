@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.trajectories import min_snap
+from uvms_ocp.trajectories.min_snap import MINIMUM_SNAP, CurveSpecification
 from uvms_ocp.trajectories.segment_times import (
     MotionLimits,
     optimal_times,
     scale_to_limits,
     trapezoidal_times,
 )
-from uvms_ocp.trajectories.specification import MINIMUM_SNAP, CurveSpecification
 
 LIMITS = MotionLimits(velocity=0.8, acceleration=2.0)
 

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.identification.recordings.tables import LONGEST_LINE, read_columns
-from uvms_ocp.record import Record
-from uvms_ocp.untrusted import mcap_records, parquet_file
-from uvms_ocp.untrusted.mcap_records import mcap_messages, mcap_topics
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.tables import LONGEST_LINE, read_columns
+from uvms_ocp.record import mcap as mcap_records
+from uvms_ocp.record import tables as parquet_file
+from uvms_ocp.record.mcap import mcap_messages, mcap_topics
+from uvms_ocp.record.record import Record
 
 RUN = Path(__file__).parents[1] / "records"
 LARGE = 8 << 20

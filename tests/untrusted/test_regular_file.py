@@ -9,13 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from uvms_ocp.collision.obstacle_file import read_obstacles
-from uvms_ocp.exceptions import InvalidInput, RobotDataError
-from uvms_ocp.model.files.description_file import read_description
-from uvms_ocp.model.files.urdf import read_urdf
-from uvms_ocp.untrusted.array_file import read_arrays
-from uvms_ocp.untrusted.xml_file import read_xml
-from uvms_ocp.untrusted.yaml_file import read_yaml
+from uvms_ocp.errors import InvalidInput, RobotDataError
+from uvms_ocp.record.untrusted import read_arrays, read_xml, read_yaml
+from uvms_ocp.robot.description import read_description
+from uvms_ocp.robot.shapes.obstacles import read_obstacles
+from uvms_ocp.robot.urdf import read_urdf
 
 READERS: dict[str, tuple[Callable[[Path], object], type[Exception]]] = {
     "description": (read_description, InvalidInput),

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from uvms_ocp.exceptions import RobotDataError
-from uvms_ocp.model.files.urdf import read_urdf
-from uvms_ocp.untrusted.xml_file import MOST_ELEMENTS
+from uvms_ocp.errors import RobotDataError
+from uvms_ocp.record.untrusted import MOST_ELEMENTS
+from uvms_ocp.robot.urdf import read_urdf
 
 _LINK = "<link name='{0}'/><joint name='{0}' type='fixed'><parent link='{0}'/><child link='{1}'/></joint>"
 BEYOND = {

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from uvms_ocp.collision.obstacle_file import read_obstacles
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.files.description_file import read_description
-from uvms_ocp.untrusted.yaml_file import BoundedLoader, read_yaml
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.untrusted import BoundedLoader, read_yaml
+from uvms_ocp.robot.description import read_description
+from uvms_ocp.robot.shapes.obstacles import read_obstacles
 
 READERS: tuple[Callable[[Path], object], ...] = (read_description, read_obstacles)
 _NINE = ", ".join(["*b{0}"] * 9)

@@ -3,9 +3,9 @@ from __future__ import annotations
 import pytest
 from synthetic_record import synthetic_record
 
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.record import Record
+from uvms_ocp.record.record import Record
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
 
 
 @pytest.fixture(scope="session")

@@ -10,13 +10,12 @@ import matplotlib.image as mpl_image
 import numpy as np
 from synthetic_record import SURROUNDINGS, synthetic_record
 
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.obstacle_data import ObstacleData
-from uvms_ocp.record import Record
+from uvms_ocp.record.meta_values import ObstacleData
+from uvms_ocp.record.record import Record
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
 from uvms_ocp.viz import show
-from uvms_ocp.viz.scene.page.loopback import served
-from uvms_ocp.viz.scene.page.pictures import browser
+from uvms_ocp.viz.scene.page import browser, served
 
 EXPECTED = Path(__file__).with_name("scene_picture.png")
 SIZE = (960, 540)

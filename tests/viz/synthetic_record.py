@@ -7,10 +7,18 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.meta_values import AlarmMeta, LevelMeta, MarkerMeta, PhaseMeta, SurroundingsMeta, TaskMeta, ThresholdMeta
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.record import Record
-from uvms_ocp.run_meta import RunMeta
+from uvms_ocp.record.meta_values import (
+    AlarmMeta,
+    LevelMeta,
+    MarkerMeta,
+    PhaseMeta,
+    SurroundingsMeta,
+    TaskMeta,
+    ThresholdMeta,
+)
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.run_meta import RunMeta
+from uvms_ocp.robot.robot import Robot
 
 QUANTITIES = (
     "AT.misalignment",

@@ -10,12 +10,12 @@ import pytest
 from matplotlib.figure import Figure
 from synthetic_record import QUANTITIES, synthetic_record
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.obstacle_data import ObstacleData
-from uvms_ocp.record import Record
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.record.meta_values import ObstacleData
+from uvms_ocp.record.record import Record
+from uvms_ocp.robot.robot import Robot
 from uvms_ocp.viz import figure_of, figure_path, figure_quantities, plot, write_figures
-from uvms_ocp.viz.path import obstacle_outline
+from uvms_ocp.viz.motion_figures import obstacle_outline
 
 
 def _labels(figure: Figure | None) -> list[str]:

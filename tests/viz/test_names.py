@@ -16,33 +16,24 @@ from matplotlib.text import Text
 from rich.console import Console
 from synthetic_record import SURROUNDINGS, synthetic_record
 
-from uvms_ocp.cli.plans.plan_output import MadePlan, _print_plan
+from uvms_ocp.cli.plan import MadePlan, _print_plan
 from uvms_ocp.cli.printing import console_of, print_findings, table_of
 from uvms_ocp.cli.robots import _print_robot
 from uvms_ocp.cli.run import _print_summary
-from uvms_ocp.control.export.c_files import ControllerNames, table
-from uvms_ocp.exceptions import plain_line
-from uvms_ocp.meta_values import (
-    FrameMeta,
-    LevelMeta,
-    MarkerMeta,
-    PhaseMeta,
-    TaskMeta,
-    ThresholdMeta,
-)
-from uvms_ocp.mission.conditions import DONE, Below, Transition
+from uvms_ocp.errors import plain_line
+from uvms_ocp.export.c_files import ControllerNames, table
 from uvms_ocp.mission.mission import Mission
-from uvms_ocp.mission.phase import Phase
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.preflight.findings import Finding, PreflightReport, Severity
-from uvms_ocp.preflight.robot_check import Finding as RobotFinding
-from uvms_ocp.preflight.robot_check import RobotReport, Verdict
-from uvms_ocp.record import Record
+from uvms_ocp.mission.phase import Below, Phase, Transition
+from uvms_ocp.record.meta_values import DONE, FrameMeta, LevelMeta, MarkerMeta, PhaseMeta, TaskMeta, ThresholdMeta
+from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import summarize
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.scenario.preflight.robot_check import RobotFinding, RobotReport, RobotVerdict
+from uvms_ocp.scenario.preflight.setup import Finding, PreflightReport, Severity
 from uvms_ocp.tasks.attitude import HorizontalAttitude
-from uvms_ocp.tasks.hierarchy import Hierarchy
-from uvms_ocp.viz.comparison import figure_joint_comparison, figure_paths
+from uvms_ocp.tasks.task import Hierarchy
+from uvms_ocp.viz.comparison_figures import figure_joint_comparison, figure_paths
 from uvms_ocp.viz.plan_figures import figure_clearance, figure_joint_motion
 from uvms_ocp.viz.run_figures import FIGURES
 from uvms_ocp.viz.scene.show import show
@@ -243,7 +234,7 @@ def test_the_check_of_a_robot_shows_every_name(monkeypatch: pytest.MonkeyPatch) 
         lambda: Console(file=output, width=2000, markup=console_of()._markup, emoji=console_of()._emoji),
     )
     for name in NAMES:
-        finding = RobotFinding(subject=name, verdict=Verdict.ERROR, text=name)
+        finding = RobotFinding(subject=name, verdict=RobotVerdict.ERROR, text=name)
         _print_robot(RobotReport(name=name, findings=(finding,)))
     text = output.getvalue()
     assert all(letter.isprintable() or letter == "\n" for letter in text)

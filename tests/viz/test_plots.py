@@ -13,20 +13,18 @@ import pytest
 from matplotlib.figure import Figure
 from synthetic_record import QUANTITIES, synthetic_record, without
 
-from uvms_ocp.exceptions import InvalidInput, OutputError
-from uvms_ocp.meta_values import FaultMeta, ThresholdMeta
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.record import Record
-from uvms_ocp.run_meta import RunMeta
-from uvms_ocp.viz.activation_figures import figure_activations
-from uvms_ocp.viz.comparison import figure_joint_comparison
-from uvms_ocp.viz.efforts import figure_efforts
-from uvms_ocp.viz.motion_figures import figure_joints, figure_velocities
-from uvms_ocp.viz.quantity_figures import figure_altitude, figure_errors
+from uvms_ocp.errors import InvalidInput, OutputError
+from uvms_ocp.record.meta_values import FaultMeta, ThresholdMeta
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.run_meta import RunMeta
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.viz.comparison_figures import figure_joint_comparison
+from uvms_ocp.viz.motion_figures import figure_efforts, figure_joints, figure_velocities
 from uvms_ocp.viz.run_figures import FIGURES, write_figures
 from uvms_ocp.viz.series import phase_spans, task_activity
 from uvms_ocp.viz.style import DPI, save_figure
+from uvms_ocp.viz.task_figures import figure_activations, figure_altitude, figure_errors
 
 _PNG = b"\x89PNG"
 

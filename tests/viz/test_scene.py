@@ -18,17 +18,15 @@ import pytest
 import umsgpack
 from synthetic_record import QUANTITIES, SURROUNDINGS, synthetic_record, without
 
-from uvms_ocp.collision.obstacle_file import build_obstacle
-from uvms_ocp.exceptions import InvalidInput, OutputError
-from uvms_ocp.meta_values import FaultMeta, FloorRelief, FrameMeta, MarkerMeta, SurroundingsMeta
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.shapes.collision_model import CollisionModel
-from uvms_ocp.model.thrusters import thruster_matrix
-from uvms_ocp.obstacle_data import ObstacleData
-from uvms_ocp.record import Record
-from uvms_ocp.viz.scene.page.loopback import served
-from uvms_ocp.viz.scene.page.viewer import CommandLog, ScenePage
+from uvms_ocp.errors import InvalidInput, OutputError
+from uvms_ocp.record.meta_values import FaultMeta, FloorRelief, FrameMeta, MarkerMeta, ObstacleData, SurroundingsMeta
+from uvms_ocp.record.record import Record
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.collision_model import CollisionModel
+from uvms_ocp.robot.shapes.obstacles import build_obstacle
+from uvms_ocp.robot.thrusters import thruster_matrix
+from uvms_ocp.viz.scene.page import CommandLog, ScenePage, served
 from uvms_ocp.viz.scene.shapes import draw_shape, tube
 from uvms_ocp.viz.scene.show import show, write_scene
 from uvms_ocp.viz.series import floor_heights

@@ -14,14 +14,12 @@ import pytest
 from scene_picture import EXPECTED, SIZE, at, coarse, record_to_look_at
 from synthetic_record import synthetic_record
 
-from uvms_ocp.meta_values import AlarmMeta, FaultMeta, MarkerMeta, PhaseMeta, SurroundingsMeta
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.record import Record
+from uvms_ocp.record.meta_values import AlarmMeta, FaultMeta, MarkerMeta, PhaseMeta, SurroundingsMeta
+from uvms_ocp.record.record import Record
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
 from uvms_ocp.viz import show
-from uvms_ocp.viz.scene.page.loopback import served
-from uvms_ocp.viz.scene.page.pictures import browser, missing
-from uvms_ocp.viz.scene.page.viewer import ScenePage
+from uvms_ocp.viz.scene.page import ScenePage, browser, missing, served
 
 pytestmark = pytest.mark.slow
 

@@ -1,26 +1,114 @@
-"""A campaign as a value: a mission, what is uncertain about it, and how many runs of it."""
+"""A campaign as a value: a scenario, what is uncertain about it, and how many runs of it."""
 
 from __future__ import annotations
 
 import hashlib
 import inspect
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from uvms_ocp.arguments import AtLeastOne, Count, Period, checked
-from uvms_ocp.campaign.execution.carry_out import Progress, Workers, carry_out
-from uvms_ocp.campaign.runs.code_source import CodeSource
-from uvms_ocp.campaign.runs.mission_runs import MissionRuns, built
-from uvms_ocp.campaign.store.identity import SOURCES, Identity, read_identity, types_of
-from uvms_ocp.campaign.store.table import read_table
-from uvms_ocp.campaign.variations.samplers import Design
-from uvms_ocp.campaign.variations.variation import Variation, require_known
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.shown.fielded import Fielded
+from uvms_ocp.campaign.code_source import CodeSource
+from uvms_ocp.campaign.distributions import Design
+from uvms_ocp.campaign.execution import Progress, Workers, carry_out
+from uvms_ocp.campaign.jobs import COMPLETED, MERITS, CampaignJob, Row, RunResult, run_metrics
+from uvms_ocp.campaign.store import SOURCES, CampaignManifest, read_identity, read_table, types_of
+from uvms_ocp.campaign.variations import Variation, quantiles, require_known, vary
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.record.display import Fielded
+from uvms_ocp.record.record import Record
+from uvms_ocp.report.summary import cause_of_end
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.types import AtLeastOne, Count, Period
 from uvms_ocp.version import __version__
+
+# The runs of one scenario with everything varied that is to be.
+
+KEPT = ("none", "failures", "all")
+"""Which runs keep their whole record."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class MissionRuns(CampaignJob):
+    """Goes to workers. Raises `NameNotFound` for unknown `records`."""
+
+    scenario: CodeSource | Callable[[], Scenario]
+    """Or a function that makes it."""
+    variations: CodeSource | Sequence[Variation]
+    """Or the values themselves."""
+    names: tuple[str, ...]
+    """Of the parameters, in their order."""
+    design: Design
+    """Which values they have."""
+    records: str = "none"
+    """One of `KEPT`."""
+    _columns: dict[str, type] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.records not in KEPT:
+            raise NameNotFound("choice of records", self.records, KEPT)
+        own = {"seed": int, **dict.fromkeys(self.names, float), **dict.fromkeys(MERITS, float), "finished": bool}
+        object.__setattr__(self, "_columns", own)
+
+    @property
+    def columns(self) -> Mapping[str, type]:
+        return self._columns
+
+    def head(self, run: int) -> Row:
+        """Seed and values of the parameters of a run [-]."""
+        return {"seed": self.design.seed_of(run), **self.values(run)}
+
+    def values(self, run: int) -> dict[str, float]:
+        """Values [unit of each] of the parameters of a run [-], by name."""
+        return quantiles(self._variations(), self.design.row(run).tolist())
+
+    def scenario_of(self, run: int) -> Scenario:
+        """What a run [-] simulates."""
+        return vary(self.base(), self._variations(), self.values(run), self.design.seed_of(run))
+
+    def base(self) -> Scenario:
+        """The scenario that is varied."""
+        return _made(self.scenario)
+
+    def make(self, run: int) -> RunResult:
+        """The row of a run [-], and its record where that is to be kept."""
+        scenario = self.scenario_of(run)
+        record = scenario.run()
+        cause = cause_of_end(record)
+        success = cause["kind"] == COMPLETED
+        told = {"outcome": cause["kind"], "success": success, "cause": cause["text"]}
+        told |= {"finished": record.run_meta.completed}
+        keep = self.records == "all" or (self.records == "failures" and not success)
+        row = {**self.head(run), **run_metrics(scenario, record), **told}
+        return RunResult(row=row, attachment=_packed(record) if keep else b"")
+
+    def _variations(self) -> Sequence[Variation]:
+        return built(self.variations)
+
+
+def built(variations: CodeSource | Sequence[Variation]) -> Sequence[Variation]:
+    """The values, of a file loaded once in a process."""
+    return _made(variations) if isinstance(variations, CodeSource) else variations
+
+
+@lru_cache(maxsize=4)
+def _made(source: CodeSource | Callable[[], Any]) -> Any:
+    """Once in a process: what runs share, such as the robot, is then known to be the same."""
+    return source.build() if isinstance(source, CodeSource) else source()
+
+
+def _packed(record: Record) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "record.npz")
+        record.save(path)
+        return path.read_bytes()
+
+
+# A campaign as a value: a mission, what is uncertain about it, and how many runs of it.
 
 _MOST_RUNS = 10_000_000
 
@@ -96,10 +184,10 @@ class Campaign(Fielded):
         require_run(run, self.runs)
         return self.work.scenario_of(run)
 
-    def identity(self) -> Identity:
+    def identity(self) -> CampaignManifest:
         """By which the folder knows it again."""
         values = built(self.work.variations)
-        return Identity(
+        return CampaignManifest(
             name=_title(self.work.scenario),
             package=__version__,
             runs=self.runs,

@@ -10,18 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.arguments import AtLeastOne, Count, Period, checked
 from uvms_ocp.campaign import fault_truth as truth
 from uvms_ocp.campaign.fault_table import ASTRAY, GUSTS, GUSTY, JOINTS, KINDS, PHASES, STILL, FaultKind
-from uvms_ocp.campaign.study import Row, Study
-from uvms_ocp.exceptions import NameNotFound
-from uvms_ocp.record import Record
-from uvms_ocp.report.cause import cause_of_end
-from uvms_ocp.report.estimate import error_bound
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.campaign.jobs import Row
+from uvms_ocp.campaign.study import Study
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import NameNotFound
+from uvms_ocp.record.record import Record
+from uvms_ocp.report.metrics import error_bound
+from uvms_ocp.report.summary import cause_of_end
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.currents import GustyCurrent
 from uvms_ocp.sim.faults import Fault
+from uvms_ocp.types import AtLeastOne, Count, Period
 
 _COMPLETED, _ERROR = "completed", "error"
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.spatial import quaternion_to_matrix
-from uvms_ocp.record import Record
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.sim.contact import skid_points
+from uvms_ocp.record.record import Record
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.spatial import quaternion_to_matrix
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.sim.dynamic_step import skid_points
 from uvms_ocp.sim.faults import Fault
 
 LANDED = "D"

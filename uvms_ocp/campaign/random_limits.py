@@ -9,24 +9,25 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import Count, Period, checked
-from uvms_ocp.campaign.study import Row, Study, seeds_from
+from uvms_ocp.campaign.jobs import Row
+from uvms_ocp.campaign.study import Study, seeds_from
+from uvms_ocp.checks import checked
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
-from uvms_ocp.mission.conditions import DONE, Above, Transition
-from uvms_ocp.mission.phase import Phase
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.shapes.collision_model import CollisionModel
-from uvms_ocp.model.shapes.obstacles import Obstacle
-from uvms_ocp.record import Record
-from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios.parts import mission_of, on
-from uvms_ocp.scenarios.run_options import run_options
+from uvms_ocp.mission.phase import Above, Phase, Transition
+from uvms_ocp.record.meta_values import DONE
+from uvms_ocp.record.record import Record
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.collision_model import CollisionModel
+from uvms_ocp.robot.shapes.obstacles import Obstacle
+from uvms_ocp.scenario.options import activate, mission_of, run_options
+from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.sim.seafloor import FlatSeafloor, floor_obstacle
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.attitude import HorizontalAttitude
 from uvms_ocp.tasks.clearance import Clearance
 from uvms_ocp.tasks.joints import JointLimits, JointTracking
 from uvms_ocp.tasks.pose import ToolPose, VehiclePose
+from uvms_ocp.types import Count, Period
 
 _FLOOR = -4.0  # [m]
 _ALTITUDE = 1.0  # [m]
@@ -161,7 +162,7 @@ def _phase(robot: Robot, rng: np.random.Generator, index: int) -> Phase:
     clock = (Above(quantity="MAC.altitude", limit=1e-6),)
     last = index == N_PHASES - 1
     end = Transition(to=DONE if last else str(index + 2), when=clock, hold=float(rng.uniform(_SHORTEST, _LONGEST)))
-    gates = on("JL", "MAC", "HA", "CL", "SC", *_WAYS[rng.integers(len(_WAYS))])
+    gates = activate("JL", "MAC", "HA", "CL", "SC", *_WAYS[rng.integers(len(_WAYS))])
     return Phase(name=str(index + 1), gates=gates, transitions=(end,), goals=goals)
 
 

@@ -10,20 +10,21 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import Count, Period, checked
-from uvms_ocp.campaign.study import Row, Study, seeds_from
-from uvms_ocp.model.shapes.collision_model import CollisionModel
-from uvms_ocp.model.shapes.obstacles import Obstacle, obstacle
-from uvms_ocp.record import Record
-from uvms_ocp.report.cause import cause_of_end
-from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios.case1 import case1
-from uvms_ocp.scenarios.parts import on, with_gates
-from uvms_ocp.sim.closest_approach import closest_approach
-from uvms_ocp.sim.height_field import HeightField
-from uvms_ocp.sim.seafloor import FlatSeafloor, Seafloor
+from uvms_ocp.campaign.jobs import Row
+from uvms_ocp.campaign.study import Study, seeds_from
+from uvms_ocp.checks import checked
+from uvms_ocp.record.record import Record
+from uvms_ocp.report.summary import cause_of_end
+from uvms_ocp.robot.shapes.collision_model import CollisionModel
+from uvms_ocp.robot.shapes.obstacles import Obstacle, obstacle
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.scenario.options import activate, with_gates
+from uvms_ocp.scenario.scenario import Scenario, pose_at
+from uvms_ocp.sim.environment import closest_approach
+from uvms_ocp.sim.seafloor import FlatSeafloor, HeightField, Seafloor
 from uvms_ocp.tasks.clearance import Clearance
-from uvms_ocp.tasks.hierarchy import Hierarchy
+from uvms_ocp.tasks.task import Hierarchy
+from uvms_ocp.types import Count, Period
 
 _PLANE = -40.0  # [m]
 _ABOVE_FLOOR = 0.114  # [m] height of the tool's goal, as in Case 1
@@ -169,6 +170,6 @@ def _past(scenario: Scenario, boulder: Obstacle) -> Scenario:
     """The scenario with the boulder, and a clearance task that keeps away from it in all phases."""
     clearance = Clearance(model=CollisionModel(scenario.robot, [boulder], self_collision=False), threshold=0.15)
     wider = replace(scenario.mission, hierarchy=Hierarchy([*scenario.mission.hierarchy.tasks, clearance]))
-    mission = with_gates(wider, on(clearance.name))
+    mission = with_gates(wider, activate(clearance.name))
     environment = replace(scenario.environment, obstacles=(boulder,))
     return replace(scenario, mission=mission, environment=environment)

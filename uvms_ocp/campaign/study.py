@@ -12,15 +12,14 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from uvms_ocp.arguments import Period, checked
-from uvms_ocp.campaign.execution.carry_out import Progress, Workers, carry_out
-from uvms_ocp.campaign.runs.work import COMPLETED, Done, Row, Work
-from uvms_ocp.campaign.store.identity import Identity, types_of
-from uvms_ocp.campaign.store.table import read_table
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.output.durable import write_durably
-from uvms_ocp.shown.fielded import Fielded, in_a_row
-from uvms_ocp.shown.small_table import SmallTable, Tabled
+from uvms_ocp.campaign.execution import Progress, Workers, carry_out
+from uvms_ocp.campaign.jobs import COMPLETED, CampaignJob, Row, RunResult
+from uvms_ocp.campaign.store import CampaignManifest, read_table, types_of
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.display import Fielded, SmallTable, Tabled, in_a_row
+from uvms_ocp.record.durable_files import write_durably
+from uvms_ocp.types import Period
 from uvms_ocp.version import __version__
 
 _MOST_RUNS = 1_000_000
@@ -91,9 +90,9 @@ class Study(Fielded):
         rows = tuple(known_rows(out).values())
         return StudyResult(name=self.name, title=self.title, cases=rows, table=tuple(self.summarize(rows)))
 
-    def _identity(self, work: Work) -> Identity:
+    def _identity(self, work: CampaignJob) -> CampaignManifest:
         cases = hashlib.sha256(repr(list(self.cases)).encode()).hexdigest()
-        return Identity(
+        return CampaignManifest(
             name=self.name,
             package=__version__,
             runs=len(self.cases),
@@ -108,7 +107,7 @@ class Study(Fielded):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Cases(Work):
+class _Cases(CampaignJob):
     """Run k is case k; its row, of any columns, is kept as JSON."""
 
     study: Study
@@ -120,12 +119,12 @@ class _Cases(Work):
     def head(self, run: int) -> Row:
         return {}
 
-    def make(self, run: int) -> Done:
+    def make(self, run: int) -> RunResult:
         row = dict(self.study.run_case(self.study.cases[run]))
         success = next((bool(row[name]) for name in _SUCCESS if name in row), True)
         outcome = COMPLETED if success else str(row.get("end", row.get("cause", "failed")))
         told = {"outcome": outcome, "success": success, "cause": str(row.get("text", row.get("cause", "")))}
-        return Done(row={_ROW: json.dumps(row), **told})
+        return RunResult(row={_ROW: json.dumps(row), **told})
 
 
 def known_rows(out: Path) -> dict[int, Row]:

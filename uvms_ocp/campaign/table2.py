@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from uvms_ocp.arguments import Count, checked
-from uvms_ocp.campaign.study import Row, Study
-from uvms_ocp.scenarios.transit import Length, transit
-from uvms_ocp.sim.closest_approach import closest_approach
+from uvms_ocp.campaign.jobs import Row
+from uvms_ocp.campaign.study import Study
+from uvms_ocp.checks import checked
+from uvms_ocp.scenario.cases.transit import Length, transit
+from uvms_ocp.sim.environment import closest_approach
+from uvms_ocp.types import Count
 
 THRESHOLDS = (1.0, 5.0, 10.0)  # [m]
 FLOORS = {"flat": "almost flat", "small": "small protuberances", "large": "large protuberances"}

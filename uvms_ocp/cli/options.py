@@ -4,27 +4,62 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from inspect import signature
+from dataclasses import MISSING, fields
+from functools import wraps
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
 from uvms_ocp.campaign import STUDIES
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
-from uvms_ocp.exceptions import InvalidInput, NameNotFound, OutputError
-from uvms_ocp.model.files.library import list_robots
-from uvms_ocp.parts.given import PLANTS
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios import SCENARIOS
-from uvms_ocp.scenarios.chosen import chosen_scenario
-from uvms_ocp.scenarios.own_code import own_code
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
+from uvms_ocp.errors import InvalidInput, NameNotFound, OutputError
+from uvms_ocp.robot.loading import list_robots
+from uvms_ocp.scenario.cases import SCENARIOS
+from uvms_ocp.scenario.own_code import chosen_scenario, own_code
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.sim.own_parts import PLANTS
+from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.daqp import Daqp
 from uvms_ocp.solvers.hierarchy.icat import Icat
 
-SOLVERS: dict[str, type[HierarchySolver]] = {
+# Options that several commands share, written once as fields of a dataclass.
+
+
+def spread_options(command: Callable[..., None]) -> Callable[..., None]:
+    """A command whose first parameter is a dataclass, as one that has the fields of it as options of its own.
+
+    typer reads the options of a command from its signature: first those of the dataclass, then the others.
+    """
+    first, *own = signature(command, eval_str=True).parameters.values()
+    group: Any = first.annotation
+    hints = get_type_hints(group, include_extras=True)
+    shared = [
+        Parameter(field.name, Parameter.KEYWORD_ONLY, default=field.default, annotation=hints[field.name])
+        for field in fields(group)
+    ]
+
+    @wraps(command)
+    def spread(**options: Any) -> None:
+        values = {parameter.name: options.pop(parameter.name) for parameter in shared}
+        command(group(**values), **options)
+
+    parameters = [*shared, *(parameter.replace(kind=Parameter.KEYWORD_ONLY) for parameter in own)]
+    spread.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    spread.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
+    return spread
+
+
+def defaults_of(kind: type[Any]) -> dict[str, Any]:
+    """Defaults of the fields of a dataclass that have one, for options that are to have the same."""
+    return {field.name: field.default for field in fields(kind) if field.default is not MISSING}
+
+
+# Options that commands share, and the scenario that they describe.
+
+active_set: dict[str, type[HierarchySolver]] = {
     "lexls": LexicographicActiveSet,
     "lexqp": LexicographicQp,
     "icat": Icat,
@@ -78,7 +113,8 @@ PlantName = Annotated[
 SolverName = Annotated[
     str | None,
     typer.Option(
-        help=f"Hierarchy solver: {', '.join(SOLVERS)}; default: the scenario's.", autocompletion=completing(*SOLVERS)
+        help=f"Hierarchy solver: {', '.join(active_set)}; default: the scenario's.",
+        autocompletion=completing(*active_set),
     ),
 ]
 CurrentVelocity = Annotated[
@@ -122,14 +158,14 @@ def with_solver(options: Mapping[str, Any], solver: str | None) -> Mapping[str, 
     """The options with the solver of that name, if one is given. Raises `NameNotFound` for an unknown one."""
     if solver is None:
         return options
-    if solver not in SOLVERS:
-        raise NameNotFound("solver", solver, SOLVERS)
-    return {**options, "solver": SOLVERS[solver]()}
+    if solver not in active_set:
+        raise NameNotFound("solver", solver, active_set)
+    return {**options, "solver": active_set[solver]()}
 
 
 def solver_name(solver: HierarchySolver) -> str:
     """The name by which the command line knows a solver of that kind."""
-    return next((name for name, kind in SOLVERS.items() if kind is type(solver)), label(type(solver).__name__))
+    return next((name for name, kind in active_set.items() if kind is type(solver)), label(type(solver).__name__))
 
 
 def default_folder(parts: Sequence[str], options: Mapping[str, Any]) -> Path:

@@ -1,19 +1,39 @@
-"""``check-robot`` and ``schema``: robot files."""
+"""``check-robot``, ``schema``, ``list``, ``new-robot``, ``new-mission`` and ``export``: robot files, templates and C sources."""
 
 from __future__ import annotations
 
+import os
+from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Literal, cast
 
+import pinocchio as pin
 import typer
 from rich.table import Table
 
-from uvms_ocp.cli.options import BAD_INPUT
-from uvms_ocp.cli.printing import cell, console_of, print_json
-from uvms_ocp.exceptions import plain_line
-from uvms_ocp.model.files.description import RobotDescription
-from uvms_ocp.model.files.library import robot_folder
-from uvms_ocp.preflight.robot_check import RobotReport, check_robot_files
+from uvms_ocp.campaign import STUDIES
+from uvms_ocp.cli.options import (
+    BAD_INPUT,
+    SCENARIO_HELP,
+    Hydrodynamics,
+    RobotName,
+    active_set,
+    build_scenario,
+    folder,
+    given,
+)
+from uvms_ocp.cli.printing import cell, console_of, print_json, print_paths, told_of_compiling
+from uvms_ocp.errors import InvalidInput, OutputError, plain_line
+from uvms_ocp.export.controller import export_controller
+from uvms_ocp.robot.description import RobotDescription
+from uvms_ocp.robot.loading import list_robots, robot_folder
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.scenario.cases import SCENARIOS
+from uvms_ocp.scenario.own_code import robot_of
+from uvms_ocp.scenario.preflight.robot_check import RobotReport, check_robot_files
+from uvms_ocp.sim.own_parts import PLANTS
+
+# ``check-robot`` and ``schema``: robot files.
 
 
 def check_robot(
@@ -64,3 +84,117 @@ def _print_robot(report: RobotReport) -> None:
     console = console_of()
     console.print(table)
     console.print(plain_line(report.advice), highlight=False)
+
+
+# ``list``: every name that other commands take.
+
+
+def list_all(
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """List scenarios, robots, plants and solvers."""
+    known = {
+        "scenarios": list(SCENARIOS),
+        "studies": list(STUDIES),
+        "robots": list(list_robots()),
+        "plants": list(PLANTS),
+        "solvers": list(active_set),
+    }
+    if as_json:
+        print_json(known)
+        return
+    table = Table("kind", "names", box=None)
+    for kind, names in known.items():
+        table.add_row(kind, ", ".join(names))
+    console_of().print(table)
+
+
+# ``new-robot`` and ``new-mission``: files to begin with, which run as they are.
+
+_TEMPLATES = Path(str(files("uvms_ocp.scenario"))) / "templates"
+_BESIDE = 'uo.load_robot(urdf=ROBOT / "robot.urdf", hydrodynamics=ROBOT / "hydrodynamics.yaml")'
+
+
+def new_robot(
+    out: Annotated[
+        Path, typer.Argument(metavar="DIR", parser=folder, help="Folder for robot.urdf and hydrodynamics.yaml.")
+    ],
+) -> None:
+    """Write a robot to begin with: a box of a vehicle with an arm of three joints, with comments.
+
+    \f
+    Raises `InvalidInput` for files that are there, `OutputError` where they cannot be written.
+    """
+    names = ("robot.urdf", "hydrodynamics.yaml")
+    _write({out / name: (_TEMPLATES / name).read_text(encoding="utf-8") for name in names})
+
+
+def new_mission(
+    file: Annotated[Path, typer.Argument(metavar="FILE.py", help="The file; what varies goes beside it.")],
+    robot: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder of your robot; default: bluerov2_alpha5 of the package.")
+    ] = None,
+) -> None:
+    """Write a mission to begin with, and what is uncertain about it, with comments.
+
+    \f
+    Raises `InvalidInput` for files that are there or another name, `RobotDataError` for a robot that cannot be loaded,
+    whose frames the tasks name, `OutputError` where they cannot be written.
+    """
+    if file.suffix != ".py":
+        raise InvalidInput(f"{file}: give the name of a Python file, such as my_mission.py")
+    vary = file.with_name(f"{file.stem}_variations.py")
+    text = (_TEMPLATES / "mission.py.txt").read_text(encoding="utf-8")
+    place, load = ('"bluerov2_alpha5"', "return uo.load_robot(ROBOT)")
+    frames = _frames(None)
+    if robot is not None:
+        way = os.path.relpath(robot.resolve(), file.resolve().parent).replace(os.sep, "/")
+        place, load = f'HERE / "{way}"', f"return {_BESIDE}"
+        frames = _frames(robot_of(str(robot)))
+    filled = text.format(file=file.name, vary=vary.name, robot=place, load=load, **frames)
+    _write({file: filled, vary: (_TEMPLATES / "variations.py.txt").read_text(encoding="utf-8")})
+
+
+def _frames(robot: Robot | None) -> dict[str, str]:
+    """Arguments of the tasks that name frames of the robot, where these are not those that tasks take by themselves."""
+    if robot is None:
+        return {"vehicle": "", "pose": "", "tool": ""}
+    links = [frame.name for frame in robot.model.frames if frame.type == pin.FrameType.BODY]
+    vehicle = "" if robot.has_frame("base_link") else f'frame="{links[0]}"'
+    tool = "" if robot.has_frame("tool") else f'frame="{links[-1]}", '
+    return {"vehicle": vehicle, "pose": vehicle and f"{vehicle}, ", "tool": tool}
+
+
+def _write(files: dict[Path, str]) -> None:
+    """All of them, or none where one is there already."""
+    for path in files:
+        if path.exists():
+            raise InvalidInput(f"{path}: is there already; choose another name, or move it away")
+    try:
+        for path, text in files.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"{path}: cannot write there ({error.strerror}); choose another place") from error
+    print_paths(console_of(), list(files))
+
+
+# ``export``: what runs without Python.
+
+
+def controller(
+    scenario: Annotated[str, typer.Argument(help=SCENARIO_HELP)],
+    out: Annotated[Path, typer.Argument(metavar="DIR", parser=folder, help="Folder for the sources.")],
+    plant: Annotated[
+        str | None,
+        typer.Option(help="dynamic: with thrust and torque; kinematic: velocities alone; default: the scenario's."),
+    ] = None,
+    robot: RobotName = None,
+    hydrodynamics: Hydrodynamics = None,
+) -> None:
+    """Write the whole controller as C source that needs libm only, with a recorded run to compare with."""
+    options = given(plant=plant, robot=robot, hydrodynamics=hydrodynamics)
+    console = console_of()
+    with console.status("running the scenario once") as status, told_of_compiling(status.update):
+        paths = export_controller(build_scenario(scenario, options), out)
+    print_paths(console, paths)

@@ -1,11 +1,15 @@
-"""``run``: simulate a scenario or a study, and write what came of it."""
+"""``run``: simulate a scenario or a study, and write its record, report, figures and scene."""
 
 from __future__ import annotations
 
 import json
+import os
+import signal
+import sys
+import warnings
 import webbrowser
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,9 +23,7 @@ from rich.table import Table
 from rich.text import Text
 
 from uvms_ocp.campaign import STUDIES
-from uvms_ocp.cli.beside import Job, share
-from uvms_ocp.cli.campaigns.study import make_study
-from uvms_ocp.cli.compiling import told_of_compiling
+from uvms_ocp.cli.campaign_output import make_study
 from uvms_ocp.cli.options import (
     NOT_COMPLETED,
     CurrentVelocity,
@@ -43,18 +45,96 @@ from uvms_ocp.cli.options import (
     label,
     solver_name,
 )
-from uvms_ocp.cli.printing import cell, console_of, print_json, print_paths, require_accepted, table_of
-from uvms_ocp.exceptions import InvalidInput, plain_line
-from uvms_ocp.mission_plan import MissionPlan
-from uvms_ocp.model.state import Command
-from uvms_ocp.output import claimed
-from uvms_ocp.parts.given import plant_name
-from uvms_ocp.record import Record
-from uvms_ocp.report.load import load_line
-from uvms_ocp.report.summary import summarize
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.sim.faults.notation import parse_faults
-from uvms_ocp.sim.loop import Watch
+from uvms_ocp.cli.printing import (
+    cell,
+    console_of,
+    print_json,
+    print_paths,
+    require_accepted,
+    table_of,
+    told_of_compiling,
+)
+from uvms_ocp.errors import InvalidInput, plain_line
+from uvms_ocp.mission_plan.plan import MissionPlan
+from uvms_ocp.record.output import claim_folder
+from uvms_ocp.record.record import Record
+from uvms_ocp.report.summary import load_line, summarize
+from uvms_ocp.robot.signals import Command
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.sim.faults import parse_faults
+from uvms_ocp.sim.loop import TickObserver
+from uvms_ocp.sim.own_parts import plant_name
+
+# Jobs that write files, shared with a process beside this one: Matplotlib and meshcat keep one processor busy each.
+
+Job = Callable[[], object]
+
+
+def run_jobs(jobs: Sequence[Job], telling: AbstractContextManager[object] | None = None) -> None:
+    """Do all jobs, at most 255, in any order, here and in a copy of this process where the system makes one.
+
+    What counts is what they write; each must bear to be done twice. telling: entered here alone, once there is a copy, as a
+    thread that prints would be missing in it. Raises what a job raises.
+    """
+    places = _numbers(len(jobs))
+    try:
+        copy = _copy(lambda: _take(jobs, places))
+        try:
+            with telling or nullcontext():
+                _take(jobs, places)
+        except BaseException:
+            _end(copy)
+            raise
+        if not _is_done(copy):
+            for job in jobs:  # what went wrong there goes wrong here, and is told
+                job()
+    finally:
+        os.close(places)
+
+
+def _numbers(n: int) -> int:
+    """A pipe with the numbers of all jobs, which whoever is free reads one by one."""
+    reading, writing = os.pipe()
+    os.write(writing, bytes(range(n)))
+    os.close(writing)
+    return reading
+
+
+def _take(jobs: Sequence[Job], places: int) -> None:
+    while place := os.read(places, 1):
+        jobs[place[0]]()
+
+
+def _copy(work: Job) -> int:
+    """The process that does the work too; 0 for none."""
+    if sys.platform in ("win32", "darwin") or (os.cpu_count() or 1) < 2:
+        return 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of threads of libraries, which wait for work
+        copy = os.fork()
+    if copy:
+        return copy
+    code = 1
+    try:
+        with open(os.devnull, "w") as silence:
+            sys.stdout = sys.stderr = silence
+            work()
+        code = 0
+    finally:
+        os._exit(code)
+
+
+def _is_done(copy: int) -> bool:
+    return copy == 0 or os.waitpid(copy, 0)[1] == 0
+
+
+def _end(copy: int) -> None:
+    if copy:
+        os.kill(copy, signal.SIGKILL)
+        os.waitpid(copy, 0)
+
+
+# ``run``: simulate a scenario or a study, and write what came of it.
 
 Follow = Annotated[
     Path | None, typer.Option(metavar="PLAN", help="Plan of this mission, of `plan mission`; the hierarchy takes over.")
@@ -107,14 +187,14 @@ def run(
     plan = None if follow is None else _plan_of(scenario, follow)
     parts = (label(name), plant_name(scenario.plant), solver_name(scenario.solver), *(("followed",) if plan else ()))
     others = {key: value for key, value in options.items() if key != "plant"}
-    report = produce(scenario, out or default_folder(parts, others), console, force=force, plan=plan, live=live)
+    report = run_and_write(scenario, out or default_folder(parts, others), console, force=force, plan=plan, live=live)
     if as_json:
         print_json(report)
     if not report["completed"]:
         raise typer.Exit(NOT_COMPLETED)
 
 
-def produce(
+def run_and_write(
     scenario: Scenario,
     out: Path,
     console: Console,
@@ -129,14 +209,14 @@ def produce(
 
     Raises `InvalidInput` for what pre-flight refuses, unless forced.
     """
-    with claimed(out, _files()) as claim:
+    with claim_folder(out, _files()) as claim:
         preflight = scenario.check()
         require_accepted(preflight, scenario.name, console, force=force)
         with _watched(scenario, console) if live else nullcontext() as watch:
             record = _simulate(scenario, plan, console, watch)
         report = summarize(record) | {"preflight": preflight.to_dict()}
         with claim.staged() as staging:
-            share(
+            run_jobs(
                 _jobs(scenario, record, report, staging, plan),
                 console.status("writing record, report, figures and scene"),
             )
@@ -153,9 +233,9 @@ def _plan_of(scenario: Scenario, place: Path) -> MissionPlan:
 
 
 @contextmanager
-def _watched(scenario: Scenario, console: Console) -> Iterator[Watch]:
+def _watched(scenario: Scenario, console: Console) -> Iterator[TickObserver]:
     """What shows a run in the browser while it goes on."""
-    from uvms_ocp.live import live
+    from uvms_ocp.viz.scene.live import live
 
     with console.status("drawing"):
         view = live(scenario)
@@ -165,7 +245,7 @@ def _watched(scenario: Scenario, console: Console) -> Iterator[Watch]:
         yield view
 
 
-def _simulate(scenario: Scenario, plan: MissionPlan | None, console: Console, watch: Watch | None) -> Record:
+def _simulate(scenario: Scenario, plan: MissionPlan | None, console: Console, watch: TickObserver | None) -> Record:
     """Run with a progress bar that names the phase and what it waits for; what is compiled before."""
     with _bar(console) as bar:
         task = bar.add_task("", total=scenario.duration, waiting="")

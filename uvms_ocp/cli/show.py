@@ -1,7 +1,8 @@
-"""``show``: a run, a plan or a robot in three dimensions, in the browser or as a file."""
+"""``show``, ``compare``, ``check`` and ``mission``: look at runs, plans, robots and missions."""
 
 from __future__ import annotations
 
+import sys
 import time
 import webbrowser
 from collections.abc import Callable
@@ -12,18 +13,122 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from uvms_ocp.cli.printing import console_of, print_paths
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.mission_plan import MissionPlan
-from uvms_ocp.model.files.library import list_robots
-from uvms_ocp.model.robot import Robot
+from uvms_ocp.cli.options import (
+    BAD_INPUT,
+    SCENARIO_HELP,
+    CurrentVelocity,
+    Hydrodynamics,
+    Json,
+    Name,
+    PlantName,
+    RobotName,
+    Seabed,
+    build_scenario,
+    given,
+)
+from uvms_ocp.cli.printing import console_of, print_findings, print_json, print_paths, table_of, told_of_compiling
+from uvms_ocp.errors import InvalidInput, plain_line
+from uvms_ocp.mission_plan.plan import MissionPlan
 from uvms_ocp.ocp.plan import Plan
-from uvms_ocp.output import settle
-from uvms_ocp.record import Record
-from uvms_ocp.scenarios.chosen import robot_of
+from uvms_ocp.record.output import recover_folder
+from uvms_ocp.record.record import Record
+from uvms_ocp.report.comparison import compare
+from uvms_ocp.robot.loading import list_robots
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.scenario.cases import SCENARIOS
+from uvms_ocp.scenario.own_code import own_code, robot_of
+from uvms_ocp.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
-    from uvms_ocp.viz.scene.page.viewer import ScenePage
+    from uvms_ocp.viz.scene.page import ScenePage
+
+
+# ``check`` and ``mission``: look at a mission without running it.
+
+
+def check(
+    name: Name = "case1",
+    robot: RobotName = None,
+    hydrodynamics: Hydrodynamics = None,
+    plant: PlantName = None,
+    current: CurrentVelocity = None,
+    seabed: Seabed = None,
+    as_json: Json = False,
+) -> None:
+    """Check whether a mission can be completed, without running it; exit code 2 where it cannot."""
+    options = given(robot=robot, hydrodynamics=hydrodynamics, plant=plant, current=current, seabed=seabed)
+    scenario = build_scenario(name, options)
+    preflight = scenario.check()
+    print_findings(console_of(stderr=as_json), preflight, notes=True)
+    if as_json:
+        print_json(preflight.to_dict())
+    if not preflight.accepted:
+        raise typer.Exit(BAD_INPUT)
+
+
+def mission(
+    name: Name = "case1",
+    robot: RobotName = None,
+    hydrodynamics: Hydrodynamics = None,
+    mermaid: Annotated[bool, typer.Option("--mermaid", help="Print a state diagram in Mermaid's notation.")] = False,
+) -> None:
+    """Print which tasks are on in which phase of a scenario, or its phases as a diagram."""
+    plan = build_scenario(name, given(robot=robot, hydrodynamics=hydrodynamics)).mission
+    sys.stdout.write(plan.mermaid() if mermaid else f"{plan}\n")
+
+
+# ``compare``: two runs, or two plans, side by side.
+
+_WHAT = "Folder of a run or of a plan, its record.npz, or what is run first:"
+
+
+def compare_runs(
+    first: Annotated[str, typer.Argument(metavar="A", help=f"{_WHAT} {SCENARIO_HELP}")],
+    second: Annotated[str, typer.Argument(metavar="B", help="The other of the same kind.")],
+    as_json: Json = False,
+) -> None:
+    """Compare the resources that two runs took, or two plans would take.
+
+    \f
+    Raises `InvalidInput` for a folder without a record.
+    """
+    console = console_of(stderr=as_json)
+    given = [_given(words) for words in (first, second)]  # both, before either is run
+    records = [_record(words, one, console) for words, one in zip((first, second), given, strict=True)]
+    rows = compare(records[0], records[1])
+    shown = [row | {"change": _percent(row["change"])} for row in rows]
+    console.print(table_of(f"{first} against {second}", shown, ("figure", "first", "second", "change")))
+    if as_json:
+        print_json(rows)
+
+
+def _given(words: str) -> Record | Scenario:
+    """A record of a folder or a file, or a scenario to be run."""
+    if (Path(words).exists() and own_code(words) is None) or not (own_code(words) or words in SCENARIOS):
+        return _load(Path(words))
+    return build_scenario(words, {})
+
+
+def _record(words: str, given: Record | Scenario, console: Console) -> Record:
+    if isinstance(given, Record):
+        return given
+    with console.status(f"running {plain_line(words, 60)}") as status, told_of_compiling(status.update):
+        return given.run()
+
+
+def _load(path: Path) -> Record:
+    folder, file = (path, path / "record.npz") if path.is_dir() else (path.parent, path)
+    recover_folder(folder)
+    if path.is_dir() and not file.is_file():
+        raise InvalidInput(f"{path}: holds no record.npz; give the folder of a run, or of a plan of `plan`")
+    return Record.load(file)
+
+
+def _percent(change: float | None) -> str | None:
+    return None if change is None else f"{round(change, 4) + 0.0:+.4g} %"  # without the noise of sums, and no -0
+
+
+# ``show``: a run, a plan or a robot in three dimensions, in the browser or as a file.
 
 
 def show_scene(
@@ -69,7 +174,7 @@ def show_scene(
 
 def _serve(console: Console, page: ScenePage, port: int, what: str, browser: bool) -> None:
     """Until Ctrl-C."""
-    from uvms_ocp.viz.scene.page.loopback import served
+    from uvms_ocp.viz.scene.page import served
 
     with suppress(KeyboardInterrupt), served(page, port) as address:
         console.print(f"{address} shows {what}; Ctrl-C stops", highlight=False)
@@ -80,7 +185,7 @@ def _serve(console: Console, page: ScenePage, port: int, what: str, browser: boo
 
 
 def _film(console: Console, page: ScenePage, folder: Path, fps: float) -> None:
-    from uvms_ocp.viz.scene.page.pictures import write_frames
+    from uvms_ocp.viz.scene.page import write_frames
 
     with console.status("drawing frames"):
         n = len(write_frames(page, folder, fps=fps))
@@ -110,7 +215,7 @@ def _own_robot(robot: str | None, hydrodynamics: Path | None) -> Robot | None:
 def _motion(path: Path) -> Record | Plan:
     """The record of a folder or file, or else the plan."""
     folder = path if path.is_dir() else path.parent
-    settle(folder)
+    recover_folder(folder)
     file = _kept(folder, ("record.npz", "plan.npz", "plan.json")) if path.is_dir() else path
     readers: tuple[Callable[[Path], Record | Plan], ...] = (Record.load, Plan.load)
     wrong: list[str] = []

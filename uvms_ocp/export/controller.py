@@ -1,4 +1,4 @@
-"""The controller of a scenario as files of C, and one of these in a scenario."""
+"""Export the controller of a scenario as files of C, and fly one of these in a scenario."""
 
 from __future__ import annotations
 
@@ -7,22 +7,33 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from uvms_ocp.arguments import checked
-from uvms_ocp.control.export.c_files import TEMPLATES, ControllerNames, header, initial, source, table, template
-from uvms_ocp.control.export.exported import CController, interface_types
-from uvms_ocp.control.export.made import c_controller, controller_memory, kernel_of, sizes_of, solver_file
-from uvms_ocp.control.export.recorded import RecordingController
-from uvms_ocp.control.navigation.degraded import CHANNELS
-from uvms_ocp.control.velocity.guards import without_c_form
+from uvms_ocp.checks import checked
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.control.velocity.levels import build_levels
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.shapes.distance_kernels.meeting import ROUNDS
-from uvms_ocp.output import claimed
-from uvms_ocp.scenario import Scenario, our_controller
-from uvms_ocp.solvers.hierarchy.active_set.patience import patience
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.control.velocity.viability import without_c_form
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.estimation.degraded_modes import CHANNELS
+from uvms_ocp.export.c_files import (
+    TEMPLATES,
+    ControllerNames,
+    controller_library,
+    controller_memory,
+    header,
+    initial,
+    interface_sizes,
+    kernel_of,
+    solver_file,
+    source,
+    table,
+    template,
+)
+from uvms_ocp.export.running import CController, RecordingController, interface_types
+from uvms_ocp.record.output import claim_folder
+from uvms_ocp.robot.shapes.gjk import ROUNDS
+from uvms_ocp.scenario.scenario import Scenario, our_controller
+from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.solution import Status
+from uvms_ocp.solvers.hierarchy.tolerances import patience
 from uvms_ocp.version import __version__
 
 FILES = (
@@ -45,7 +56,7 @@ def export_controller(scenario: Scenario, folder: Path) -> list[Path]:
     The scenario is run for that. Returns the files. Raises `InvalidInput` for what has no form in C, by its name, and
     `OutputError` where the folder cannot be written.
     """
-    with claimed(folder, FILES) as claim:
+    with claim_folder(folder, FILES) as claim:
         _require_c_form(scenario)
         texts, recorded = _texts(scenario)
         with claim.staged() as staging:
@@ -64,7 +75,7 @@ def exported_controller(folder: Path) -> Callable[[Scenario], CController]:
 
     def exported(scenario: Scenario) -> CController:
         kinematic = scenario.kinematic_controller()
-        return CController(folder, sizes_of(kinematic, _n_thrusters(scenario)), forces=scenario.takes_forces)
+        return CController(folder, interface_sizes(kinematic, _n_thrusters(scenario)), forces=scenario.takes_forces)
 
     return exported
 
@@ -81,9 +92,9 @@ def _texts(scenario: Scenario) -> tuple[dict[str, str], bytes]:
     """By file; and the recorded run."""
     controller = our_controller(scenario)
     kinematic = controller.kinematic
-    sizes = sizes_of(kinematic, _n_thrusters(scenario))
+    sizes = interface_sizes(kinematic, _n_thrusters(scenario))
     memory, names, run = controller_memory(controller), _names(scenario, kinematic), _recorded(scenario, sizes)
-    library = c_controller(memory, sizes)
+    library = controller_library(memory, sizes)
     rows = sum(kinematic.problem.sizes)
     readme = template("README.md").format(
         scenario=scenario.name,

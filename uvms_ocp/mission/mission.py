@@ -1,4 +1,4 @@
-"""Phases over one hierarchy, and how the state of a mission follows from what is measured."""
+"""Mission: phases over one hierarchy, how its state follows from what is measured, and its tables and diagrams."""
 
 from __future__ import annotations
 
@@ -10,30 +10,100 @@ from typing import Annotated, Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import Shape, checked, late, unchecked
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.functions.kernels.layout import structure_of, view
-from uvms_ocp.mission.abort import Abort
-from uvms_ocp.mission.conditions import ABORT, DONE, measured
-from uvms_ocp.mission.diagram import closure, mermaid, successors, text_table
-from uvms_ocp.mission.outcome import gave_up, went_on
-from uvms_ocp.mission.phase import Event, GoalFunctions, MissionState, Phase
+from uvms_ocp.checks import checked, checked_on_failure, unchecked_method
+from uvms_ocp.codegen.kernel_layout import structure_of, view
+from uvms_ocp.errors import InvalidInput, NameNotFound, plain_line
+from uvms_ocp.mission.phase import Abort, Event, GoalFunctions, MissionState, Phase, Transition, measured
 from uvms_ocp.mission.progress import (
     NONE,
     MissionMemory,
-    follow,
+    abort_mission,
     gates_at,
-    give_up,
+    gave_up,
     quantities_read,
     sizes_of,
+    take_transition,
     transition_due,
+    went_on,
     write_conditions,
     write_state,
 )
-from uvms_ocp.shown.small_table import SmallTable, Tabled
-from uvms_ocp.tasks.hierarchy import Hierarchy
+from uvms_ocp.record.display import SmallTable, Tabled
+from uvms_ocp.record.meta_values import ABORT, DONE
 from uvms_ocp.tasks.pose import PoseTask
-from uvms_ocp.tasks.task import Task
+from uvms_ocp.tasks.task import Hierarchy, Task
+from uvms_ocp.types import Shape
+
+# A mission as a graph, as a table and as a diagram.
+
+
+def text_table(hierarchy: Hierarchy, phases: Sequence[Phase], targets: np.ndarray) -> str:
+    """Tasks by phases, from their targets (n_phases, n_tasks) [-], the external activations."""
+    tasks, names = [plain_line(name) for name in hierarchy.names], [plain_line(phase.name) for phase in phases]
+    width = max(len(name) for name in (*tasks, "task"))
+    columns = [max(len(name), 4) for name in names]
+    head = [name.rjust(size) for name, size in zip(names, columns, strict=True)]
+    lines = [f"{'task'.ljust(width)}  {'type':<9} {' '.join(head)}"]
+    for name, task, gates in zip(tasks, hierarchy.tasks, targets.T, strict=True):
+        cells = [(f"{gate:g}" if gate else ".").rjust(size) for gate, size in zip(gates, columns, strict=True)]
+        lines.append(f"{name.ljust(width)}  {task.label:<9} {' '.join(cells)}")
+    return "\n".join([*lines, *(plain_line(f"{phase.name}: {phase.title}") for phase in phases if phase.title)])
+
+
+def mermaid(phases: Sequence[Phase], abort: Phase | None = None) -> str:
+    """State diagram. Names that the notation would take for something else get a number and stand in the text only.
+
+    abort: the phase that every other one may lead to, if there is one.
+    """
+    n, phases = len(phases), [*phases, *(() if abort is None else (abort,))]
+    states = {phase.name: _state(phase.name, i) for i, phase in enumerate(phases)} | {DONE: "[*]", ABORT: "[*]"}
+    lines = ["stateDiagram-v2", f"    [*] --> {states[phases[0].name]}"]
+    for phase in phases:
+        lines.append(f"    {states[phase.name]} : {_text(f'{phase.name} {phase.title}')}".rstrip())
+        for transition in phase.transitions:
+            lines.append(f"    {states[phase.name]} --> {states[transition.to]} : {_label(transition)}")
+    if abort is not None:
+        lines += [f"    {states[phase.name]} --> {states[abort.name]} : abort" for phase in phases[:n]]
+    return "\n".join(lines) + "\n"
+
+
+def successors(phases: Sequence[Phase]) -> dict[str, set[str]]:
+    """By the name of each phase, where its transitions lead."""
+    return {phase.name: {transition.to for transition in phase.transitions} for phase in phases}
+
+
+def closure(names: set[str], edges: Mapping[str, set[str]]) -> set[str]:
+    """Everything that can be reached from `names`, themselves included."""
+    reached, fresh = set(names), set(names)
+    while fresh:
+        fresh = set().union(*(edges.get(name, set()) for name in fresh)) - reached
+        reached |= fresh
+    return reached
+
+
+_NUMBERED = "phase_"
+_WORDS = ("as", "class", "classdef", "default", "direction", "end", "fork", "join", "note", "root", "state", "style")
+
+
+def _state(name: str, index: int) -> str:
+    taken = name.lower() in _WORDS or name.startswith(_NUMBERED)
+    return name if name.isascii() and name.isidentifier() and not taken else f"{_NUMBERED}{index + 1}"
+
+
+def _text(text: str) -> str:
+    """With all but words and a few marks by their code, as the notation writes them."""
+    plain = plain_line(text)
+    return "".join(letter if letter.isalnum() or letter in " ._-,()" else f"#{ord(letter)};" for letter in plain)
+
+
+def _label(transition: Transition) -> str:
+    conditions = ", ".join(f"{_text(c.quantity)} {c.sign} {c.limit:g}" for c in transition.when)
+    held = f" for {transition.hold:g} s" if transition.hold else ""
+    retries = "" if transition.retries is None else f" (at most {transition.retries} times)"
+    return f"{conditions}{held}{retries}"
+
+
+# Phases over one hierarchy, and how the state of a mission follows from what is measured.
 
 
 @checked
@@ -89,7 +159,7 @@ class Mission(Tabled):
             raise InvalidInput("mission without abort climbs with no frame; give it one")
         return _pose_task(self.hierarchy, self.abort.climb).frame
 
-    @late
+    @checked_on_failure
     def tasks_of(self, phase: int) -> tuple[Task, ...]:
         """All tasks with the goals that they have in a phase, highest priority first."""
         return self._tasks[phase]
@@ -107,7 +177,7 @@ class Mission(Tabled):
         waiting = (None,) * len(self.all_phases[0].transitions)
         return MissionState(phase=0, since=0.0, gates_before=np.zeros(self.n_tasks), held_since=waiting)
 
-    @late
+    @checked_on_failure
     def gates(self, state: MissionState, t: float) -> np.ndarray:
         """External activation (n_tasks,) [-] of each task at time t [s] ([Gao2022] eq. 22 in time)."""
         gates = [0.0] * max(1, self.n_tasks)
@@ -119,12 +189,12 @@ class Mission(Tabled):
         """Of the hierarchy."""
         return len(self.hierarchy.tasks)
 
-    @late
+    @checked_on_failure
     def idle(self, state: MissionState, gates: Annotated[np.ndarray, Shape("self.n_tasks")]) -> np.ndarray:
         """Which tasks (n_tasks,) are off, by the `gates` (n_tasks,) [-] of now, and stay off in this phase."""
         return np.asarray((self._targets[state.phase] == 0) & (gates == 0))
 
-    @late
+    @checked_on_failure
     def references(self, state: MissionState, t: float) -> list[np.ndarray]:
         """Goal of each task at time t [s], highest priority first, as `Task.reference` gives it."""
         # A goal sees the time since the start of the phase where it is the phase's own.
@@ -139,7 +209,7 @@ class Mission(Tabled):
         """Goals of all tasks in a phase, highest priority first, but for one that is made as the phase begins."""
         return self._references[phase]
 
-    @late
+    @checked_on_failure
     def step(self, state: MissionState, t: float, quantities: Mapping[str, float]) -> tuple[MissionState, Event | None]:
         """The state after the quantities [in their units] measured at t [s], and the event if a transition fired."""
         if state.over:
@@ -149,7 +219,7 @@ class Mission(Tabled):
         memory = self._memory(state)
         due = transition_due(memory, t, [read.get(name, math.nan) for name in names])
         if due != NONE:
-            follow(memory, t, due)
+            take_transition(memory, t, due)
         return went_on(self.all_phases, state, memory, due, t, quantities)
 
     def _memory(self, state: MissionState) -> Any:
@@ -159,7 +229,7 @@ class Mission(Tabled):
         write_state(memory, state)
         return memory
 
-    @late
+    @checked_on_failure
     def abandon(
         self, state: MissionState, t: float, why: str, climb_to: pin.SE3 | None = None
     ) -> tuple[MissionState, Event]:
@@ -169,7 +239,7 @@ class Mission(Tabled):
         in it, the mission ends.
         """
         memory = self._memory(state)
-        give_up(memory, t, climb_to is not None)
+        abort_mission(memory, t, climb_to is not None)
         goals = () if climb_to is None else self.climb_goals(climb_to)
         return gave_up(self.all_phases, state, memory, t, why, goals)
 
@@ -274,7 +344,7 @@ def _pose_task(hierarchy: Hierarchy, name: str) -> PoseTask:
 
 
 def _references(phase: Phase, tasks: Sequence[Task]) -> GoalFunctions:
-    return tuple((unchecked(task.reference), task.name in phase.goals) for task in tasks)
+    return tuple((unchecked_method(task.reference), task.name in phase.goals) for task in tasks)
 
 
 def is_still(reference: Callable[[float], np.ndarray]) -> bool:

@@ -1,17 +1,166 @@
-"""One action of a mission, where a mission is, and why it went on."""
+"""Phases of a mission: conditions on measured quantities, transitions that wait for them, events, and the abort."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
 
-from uvms_ocp.arguments import Shape, checked
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.mission.conditions import Condition, Transition
-from uvms_ocp.shown.fielded import Fielded
+from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.record.display import Fielded
+from uvms_ocp.record.meta_values import ABORT as ABORT
+from uvms_ocp.record.meta_values import DONE as DONE
+from uvms_ocp.types import Positive, Shape
+
+# What ends a phase: conditions on measured quantities, and transitions that wait for them.
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Below:
+    """True once a measured quantity, named ``task.quantity``, is below `limit`, until it reaches `release` again.
+
+    Without `release` there is no hysteresis: both are the same. Raises `InvalidInput` for a limit that is not > 0 and a
+    release below it.
+    """
+
+    sign: ClassVar[str] = "<"
+    """Between quantity and limit."""
+    quantity: str
+    """``task.quantity``"""
+    limit: float
+    """[unit of the quantity] more than 0."""
+    release: float | None = None
+    """[unit of the quantity] at least the limit."""
+
+    def __post_init__(self) -> None:
+        _check_threshold(self.quantity, self.limit)
+        if self.release is not None and not (math.isfinite(self.release) and self.release >= self.limit):
+            raise InvalidInput(f"release of {self.quantity} = {self.release}; give at least the limit {self.limit:g}")
+
+    @checked_on_failure
+    def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
+        """Whether it is true of the quantities [in their units], given whether it was `held` to be true before.
+
+        Raises `NameNotFound` where they lack its own.
+        """
+        limit = self.limit if self.release is None or not held else self.release
+        return is_met(measured(self.quantity, quantities), limit, True)
+
+    def describe(self, quantities: Mapping[str, float]) -> str:
+        """One clause with the value among the quantities [in their units], true or not."""
+        return _described(self, quantities)
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Above:
+    """True once a measured quantity exceeds `limit`, and until it falls to `release`; mirror of `Below`.
+
+    Raises `InvalidInput` for a limit that is not > 0 and a release above it.
+    """
+
+    sign: ClassVar[str] = ">"
+    """Between quantity and limit."""
+    quantity: str
+    """``task.quantity``"""
+    limit: float
+    """[unit of the quantity] more than 0."""
+    release: float | None = None
+    """[unit of the quantity] at most the limit."""
+
+    def __post_init__(self) -> None:
+        _check_threshold(self.quantity, self.limit)
+        if self.release is not None and not (math.isfinite(self.release) and self.release <= self.limit):
+            raise InvalidInput(f"release of {self.quantity} = {self.release}; give at most the limit {self.limit:g}")
+
+    @checked_on_failure
+    def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
+        """Whether it is true of the quantities [in their units], given whether it was `held` to be true before.
+
+        Raises `NameNotFound` where they lack its own.
+        """
+        limit = self.limit if self.release is None or not held else self.release
+        return is_met(measured(self.quantity, quantities), limit, False)
+
+    def describe(self, quantities: Mapping[str, float]) -> str:
+        """One clause with the value among the quantities [in their units], true or not."""
+        return _described(self, quantities)
+
+
+Condition: TypeAlias = Below | Above
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Transition:
+    """Leads to phase `to` (or `DONE`, or `ABORT`) once every condition has held for `hold` seconds without a gap.
+
+    A transition to an earlier phase is a back-step. It fires at most `retries` times; the next time the mission is
+    given up, with that as the reason. Raises `InvalidInput` where `when` is not a tuple or empty, and for a hold or retries
+    below 0.
+    """
+
+    to: str
+    """Name of a phase, `DONE` or `ABORT`."""
+    when: tuple[Condition, ...]
+    """All of them, at once."""
+    hold: float = 0.0
+    """[s]"""
+    retries: int | None = None
+    """[-] None: as often as it likes."""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.when, tuple):
+            raise InvalidInput(f"transition to {self.to!r}: when = {self.when!r}; give a tuple of conditions")
+        if not self.when:
+            raise InvalidInput(f"transition to {self.to!r} has no conditions; give at least one")
+        if not (math.isfinite(self.hold) and self.hold >= 0):
+            raise InvalidInput(f"transition to {self.to!r}: hold = {self.hold} s; give a finite time >= 0")
+        if self.retries is not None and self.retries < 0:
+            raise InvalidInput(f"transition to {self.to!r}: retries = {self.retries}; give 0 or more")
+
+    @checked_on_failure
+    def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
+        """Whether all conditions are true of the quantities [in their units], given whether they were `held` to be."""
+        return all(condition.holds(quantities, held) for condition in self.when)
+
+    def describe(self, quantities: Mapping[str, float]) -> str:
+        """The clauses of its conditions, with the quantities [in their units]."""
+        return ", ".join(condition.describe(quantities) for condition in self.when)
+
+
+def is_met(value: float, limit: float, below: bool) -> bool:
+    """Whether a value is on the wanted side of a limit [its unit]: below it, or above. A kernel."""
+    return value < limit if below else value > limit
+
+
+def measured(quantity: str, quantities: Mapping[str, float]) -> float:
+    """One of the quantities [in its unit]. Raises `NameNotFound` where they lack it."""
+    try:
+        return quantities[quantity]
+    except KeyError:
+        raise NameNotFound("quantity", quantity, quantities) from None
+
+
+def _described(condition: Condition, quantities: Mapping[str, float]) -> str:
+    value = measured(condition.quantity, quantities)
+    if math.isnan(value):
+        return f"{condition.quantity} is not known, asked {condition.sign} {condition.limit:g}"
+    sign = condition.sign if condition.holds(quantities) else f"not {condition.sign}"
+    return f"{condition.quantity} = {value:.4g} {sign} {condition.limit:g}"
+
+
+def _check_threshold(quantity: str, limit: float) -> None:
+    if not (math.isfinite(limit) and limit > 0):
+        raise InvalidInput(f"threshold of {quantity} = {limit}; give a finite value > 0")
+
+
+# One action of a mission, where a mission is, and why it went on.
 
 GoalFunctions: TypeAlias = tuple[tuple[Callable[[float], np.ndarray], bool], ...]
 """Of each task, highest priority first: its goal at a time [s] as `Task.reference` gives it, and whether that time is the
@@ -32,7 +181,7 @@ class Phase(Fielded):
     """A few words, to print beside the name."""
     gates: Mapping[str, float]
     """External activation [-] in [0, 1] by the name of a task; tasks that are not named are off. Between 0 and 1 a task has a
-    tolerance with strict solvers (`uvms_ocp.solvers.hierarchy.gated_rows`), and less weight with `Icat`."""
+    tolerance with strict solvers (`uvms_ocp.solvers.hierarchy.level`), and less weight with `Icat`."""
     transitions: tuple[Transition, ...]
     """The first that fires is taken."""
     goals: Mapping[str, Any] = field(default_factory=dict)
@@ -91,3 +240,43 @@ class Event:
     """The conditions, as measured, or why the mission is given up."""
     conditions: tuple[tuple[Condition, float], ...]
     """The same, each with the value that was measured [unit of the quantity]; none where nothing was waited for."""
+
+
+# How a mission is given up, and what sends it there.
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Abort:
+    """A phase that leads to safety, and what enters it beside the loss of sensors (`uvms_ocp.estimation.degraded_modes`).
+
+    Raises `InvalidInput` for a transition of that phase to anything but `ABORT`, and where it does not have `climb` on.
+    """
+
+    phase: Phase
+    """Stands beside the phases of the mission: no transition leads there, and its own end the mission."""
+    climb: str = "PC"
+    """Name of the task on the vehicle's pose that climbs, upright and where it is; its goal is made as the phase begins."""
+    altitude: Positive = 3.0
+    """[m] that is safe: above the last floor that is known, or where none is, above where the phase begins."""
+    time_limit: Positive = 60.0
+    """[s] after which the mission ends wherever the phase has led to."""
+    stall_after: Positive = 60.0
+    """[s] without progress towards any condition that a phase waits for."""
+    thrust_after: Positive = 20.0
+    """[s] for which the limits of the thrusters keep them from what is asked for."""
+    contact: Positive = 0.3
+    """[-] upward force that the model does not know, as a share of the thrusters' largest, that counts as contact."""
+    contact_after: Positive = 2.0
+    """[s] for which it lasts while a minimum altitude is asked for."""
+
+    def __post_init__(self) -> None:
+        others = sorted({transition.to for transition in self.phase.transitions} - {ABORT})
+        if others:
+            raise InvalidInput(
+                f"phase {self.phase.name!r} aborts a mission but leads to {others}; lead to {ABORT!r} alone"
+            )
+        if not self.phase.gates.get(self.climb, 0.0) > 0:
+            raise InvalidInput(
+                f"abort: climb = {self.climb!r}, off in phase {self.phase.name!r}; name a task that is on in it"
+            )

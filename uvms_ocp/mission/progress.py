@@ -1,4 +1,4 @@
-"""Where a mission is, what ends its phases and where that leads, as numbers: what `Mission` asks at every tick, as kernels.
+"""State machine of a mission as kernels: gates, due transitions, abort; and its memory as `MissionState` and `Event`.
 
 Transitions are those of all phases one after the other, conditions those of all transitions.
 """
@@ -6,20 +6,27 @@ Transitions are those of all phases one after the other, conditions those of all
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from enum import IntEnum
 from typing import Annotated, Any
 
-from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, view
-from uvms_ocp.mission.conditions import ABORT, DONE, Below, Condition, Transition, is_met
-from uvms_ocp.mission.phase import MissionState, Phase
+import numpy as np
+
+from uvms_ocp.checks import replace_unchecked
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, view
+from uvms_ocp.mission.phase import Below, Condition, Event, GoalFunctions, MissionState, Phase, Transition, is_met
+from uvms_ocp.record.meta_values import ABORT, DONE
+
+# Where a mission is, what ends its phases and where that leads, as numbers: what `Mission` asks at every tick, as kernels.
+#
+# Transitions are those of all phases one after the other, conditions those of all transitions.
 
 _SAME_TIME = 1e-9  # [s] rounding of times
 NONE = -1
 """Instead of the index of a transition or phase."""
 
 
-class End(IntEnum):
+class Terminal(IntEnum):
     """Where a transition leads to, if to no phase."""
 
     DONE = -1
@@ -105,12 +112,12 @@ def transition_due(m: MissionMemory, t: float, quantities: Vector) -> int:
     return due
 
 
-def follow(m: MissionMemory, t: float, due: int) -> None:
+def take_transition(m: MissionMemory, t: float, due: int) -> None:
     """Take a transition of the phase at t [s], or end where it has no retries left."""
     i = m.first[m.phase] + due
-    to = End.ABORT if is_used_up(m.fired[i], m.retries[i]) else m.to[i]
-    m.completed = to == End.DONE
-    m.aborted = to == End.ABORT
+    to = Terminal.ABORT if is_used_up(m.fired[i], m.retries[i]) else m.to[i]
+    m.completed = to == Terminal.DONE
+    m.aborted = to == Terminal.ABORT
     if to >= 0:
         m.fired[i] += 1
         _enter(m, to, t)
@@ -121,7 +128,7 @@ def is_used_up(fired: int, retries: int) -> bool:
     return 0 <= retries <= fired
 
 
-def give_up(m: MissionMemory, t: float, climbs: bool) -> None:
+def abort_mission(m: MissionMemory, t: float, climbs: bool) -> None:
     """Give the mission up at t [s]: the abort phase begins, or where there is none, or nothing to climb to, all ends."""
     m.aborted = not climbs or m.given_up or m.abort_phase == NONE
     if not m.aborted:
@@ -156,7 +163,7 @@ def quantities_read(phases: Sequence[Phase]) -> tuple[str, ...]:
 
 def write_conditions(memory: Any, phases: Sequence[Phase], names: Sequence[str]) -> None:
     """Those of all phases into a `MissionMemory`; names: of the vector of quantities that they are asked with."""
-    leads_to = {DONE: End.DONE, ABORT: End.ABORT, **{phase.name: k for k, phase in enumerate(phases)}}
+    leads_to = {DONE: Terminal.DONE, ABORT: Terminal.ABORT, **{phase.name: k for k, phase in enumerate(phases)}}
     transitions = conditions = 0
     for index, phase in enumerate(phases):
         memory.first[index] = transitions
@@ -193,3 +200,70 @@ def write_state(memory: Any, state: MissionState) -> None:
     view(memory.held_since)[:] = math.nan
     for k, since in enumerate(state.held_since, memory.first[state.phase]):
         memory.held_since[k] = math.nan if since is None else since
+
+
+# What kernels have made of a mission's memory, in words: the state after, and the event that tells of it.
+
+
+def went_on(
+    phases: Sequence[Phase], state: MissionState, memory: Any, due: int, t: float, quantities: Mapping[str, float]
+) -> tuple[MissionState, Event | None]:
+    """What `Mission.step` returns, from the state before, after `transition_due` and where one was due, `follow` at t [s].
+
+    quantities: those that it was due with [in their units].
+    """
+    if due == NONE:
+        return replace_unchecked(state, held_since=_held_since(memory)) if memory.changed else state, None
+    phase = phases[state.phase]
+    transition, n_fired = phase.transitions[due], state.fired.get((state.phase, due), 0)
+    reason, target = _reason(transition, quantities), transition.to
+    if transition.retries is not None and is_used_up(n_fired, transition.retries):
+        reason, target = f"{n_fired} retries are used up: {reason}", ABORT
+    values = tuple((condition, quantities[condition.quantity]) for condition in transition.when)
+    event = Event(t=t, source=phase.name, target=target, reason=reason, conditions=values)
+    return _after(phases, state, memory, reason), event
+
+
+def gave_up(
+    phases: Sequence[Phase], state: MissionState, memory: Any, t: float, why: str, goals: GoalFunctions
+) -> tuple[MissionState, Event]:
+    """What `Mission.abandon` returns, from the state before, after `give_up` at t [s]. goals: of the abort phase."""
+    after, source = _after(phases, state, memory, why), phases[state.phase].name
+    target = ABORT if after.over else phases[after.phase].name
+    event = Event(t=t, source=source, target=target, reason=why, conditions=())
+    return after if after.over else replace_unchecked(after, why=why, goals=goals), event
+
+
+def _after(phases: Sequence[Phase], state: MissionState, memory: Any, reason: str) -> MissionState:
+    if is_over(memory):
+        return replace_unchecked(
+            state, completed=bool(memory.completed), aborted=(state.why or reason) * bool(memory.aborted)
+        )
+    return MissionState(
+        phase=memory.phase,
+        since=memory.since,
+        gates_before=np.array(memory.gates_before)[: len(state.gates_before)],
+        held_since=_held_since(memory),
+        fired=_fired(phases, memory),
+    )
+
+
+def _fired(phases: Sequence[Phase], memory: Any) -> dict[tuple[int, int], int]:
+    """As `MissionState` has it."""
+    counted = {
+        (k, i): memory.fired[memory.first[k] + i]
+        for k, phase in enumerate(phases)
+        for i in range(len(phase.transitions))
+    }
+    return {which: n for which, n in counted.items() if n}
+
+
+def _held_since(memory: Any) -> tuple[float | None, ...]:
+    """As `MissionState` has it."""
+    times = [memory.held_since[k] for k in range(memory.first[memory.phase], memory.end[memory.phase])]
+    return tuple(None if math.isnan(since) else since for since in times)
+
+
+def _reason(transition: Transition, quantities: Mapping[str, float]) -> str:
+    held = f" for {transition.hold:g} s" if transition.hold else ""
+    return transition.describe(quantities) + held

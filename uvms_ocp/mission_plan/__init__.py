@@ -1,5 +1,5 @@
-"""A whole mission as one problem: its phases, thresholds and limits over one horizon, and the plan that is flown by them."""
+"""Plans of whole missions: phases, thresholds and limits as one problem over one horizon."""
 
-from uvms_ocp.mission_plan.margins import Margins as Margins
-from uvms_ocp.mission_plan.mission_plan import MissionPlan as MissionPlan
-from uvms_ocp.mission_plan.planning import plan_mission as plan_mission
+from uvms_ocp.mission_plan.plan import MissionPlan as MissionPlan
+from uvms_ocp.mission_plan.planner import plan_mission as plan_mission
+from uvms_ocp.mission_plan.segments import Margins as Margins

@@ -1,9 +1,8 @@
-"""A problem with ordered levels over a horizon in, a plan with states, forces and a verdict out."""
+"""Optimal control with ordered levels over a horizon: problems, planners, and plans with a verdict."""
 
-from uvms_ocp.ocp.clearance.ball_clearance import Ball as Ball
-from uvms_ocp.ocp.clearance.ball_clearance import BallClearance as BallClearance
-from uvms_ocp.ocp.clearance.shape_clearance import ShapeClearance as ShapeClearance
-from uvms_ocp.ocp.own_term import residual_term as residual_term
+from uvms_ocp.ocp.clearance import Ball as Ball
+from uvms_ocp.ocp.clearance import BallClearance as BallClearance
+from uvms_ocp.ocp.clearance import ShapeClearance as ShapeClearance
 from uvms_ocp.ocp.plan import OcpStatus as OcpStatus
 from uvms_ocp.ocp.plan import Plan as Plan
 from uvms_ocp.ocp.planner import Planner as Planner
@@ -15,6 +14,7 @@ from uvms_ocp.ocp.problem import OcpLevel as OcpLevel
 from uvms_ocp.ocp.problem import OcpPhase as OcpPhase
 from uvms_ocp.ocp.problem import OcpProblem as OcpProblem
 from uvms_ocp.ocp.problem import single_phase as single_phase
+from uvms_ocp.ocp.problem import tool_reach as tool_reach
 from uvms_ocp.ocp.request import OcpRequest as OcpRequest
 from uvms_ocp.ocp.request import OcpResult as OcpResult
 from uvms_ocp.ocp.request import solve_ocp as solve_ocp
@@ -27,7 +27,7 @@ from uvms_ocp.ocp.terms import Posture as Posture
 from uvms_ocp.ocp.terms import Smoothness as Smoothness
 from uvms_ocp.ocp.terms import TaskTerm as TaskTerm
 from uvms_ocp.ocp.terms import Term as Term
-from uvms_ocp.ocp.tool_reach import tool_reach as tool_reach
+from uvms_ocp.ocp.terms import residual_term as residual_term
 from uvms_ocp.ocp.trajectory import Trajectory as Trajectory
 from uvms_ocp.ocp.trajectory import hold as hold
 from uvms_ocp.ocp.trajectory import through as through

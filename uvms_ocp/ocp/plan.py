@@ -1,40 +1,164 @@
-"""What planning returns: a trajectory with a verdict that says what to do."""
+"""Plans: a trajectory with a verdict, as a record and as a file, and how far a plant departed from it."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
-from uvms_ocp.arguments import checked
-from uvms_ocp.collision.conservative_advancement import ClearanceReport
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.meta_values import SurroundingsMeta
-from uvms_ocp.model.files.library import list_robots
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.ocp.plans.motion_series import plan_record
-from uvms_ocp.ocp.plans.plan_file import LevelValues, PlanValues, read_plan, write_plan
-from uvms_ocp.ocp.plans.stored_result import (
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import AdvisedStatus, InvalidInput
+from uvms_ocp.model_errors import printable
+from uvms_ocp.ocp.plan_file import (
+    LevelValues,
+    PlanValues,
     clearance_values,
+    read_plan,
     result_arrays,
     solver_values,
     stored_clearance,
     stored_result,
     stored_trajectory,
     trajectory_arrays,
+    write_plan,
 )
 from uvms_ocp.ocp.trajectory import Trajectory
-from uvms_ocp.record import Record
-from uvms_ocp.shown.small_table import SmallTable, Tabled, rows_of
+from uvms_ocp.planning.conservative_advancement import ClearanceReport
+from uvms_ocp.planning.scene import Coordinates, coordinates
+from uvms_ocp.record.display import SmallTable, Tabled, rows_of
+from uvms_ocp.record.meta_values import AxisLimitsMeta, PhaseMeta, SurroundingsMeta
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.run_meta import PlanMeta, packages
+from uvms_ocp.robot.loading import list_robots, load_robot
+from uvms_ocp.robot.robot import Robot
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
-from uvms_ocp.status import AdvisedStatus
-from uvms_ocp.validation import shown
+from uvms_ocp.types import Array
 
-if TYPE_CHECKING:
-    from uvms_ocp.replay.flight import Flight, Where
+# How far a plant departed from a plan.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Mismatch:
+    """How a plant departed from a plan."""
+
+    position: float
+    """[m] largest distance of the frame from its planned position."""
+    end_position: float
+    """[m] at the end."""
+    end_orientation: float
+    """[rad] at the end."""
+
+
+def mismatch(trajectory: Trajectory, t: np.ndarray, q: np.ndarray, *, robot: Robot, frame: str) -> Mismatch:
+    """The pose of a frame at the recorded q (n, n_q) [m, rad] against the planned one at the times t (n,) [s].
+
+    Raises `FrameNotFound` for an unknown frame.
+    """
+    planned = np.array([trajectory.state_at(robot.model, float(moment))[0] for moment in t])
+    pairs = zip(frame_poses(robot, frame, planned), frame_poses(robot, frame, q), strict=True)
+    errors = [wanted.inverse() * found for wanted, found in pairs]
+    distances = [float(np.linalg.norm(error.translation)) for error in errors]
+    return Mismatch(
+        position=max(distances),
+        end_position=distances[-1],
+        end_orientation=float(np.linalg.norm(pin.log3(errors[-1].rotation))),
+    )
+
+
+def frame_poses(robot: Robot, frame: str, q: np.ndarray) -> list[pin.SE3]:
+    """X_WF at configurations q (n, n_q) [m, rad]. Raises `FrameNotFound` for an unknown frame."""
+    data, index = robot.model.createData(), robot.frame_id(frame)
+    poses = []
+    for configuration in q:
+        pin.framesForwardKinematics(robot.model, data, configuration)
+        poses.append(data.oMf[index].copy())
+    return poses
+
+
+# A trajectory sampled as the series of a record: states, the tool, forces, and the energy taken so far.
+
+TOOL = "tool"
+_PERIOD = 0.02  # [s] between samples, longer where there would be more of them than this:
+_MOST_SAMPLES = 5000
+
+Powers = tuple[Array, Array]
+"""[W] of every thruster (N, n_thrusters) and of every joint (N, n_joints) at the steps of a trajectory."""
+
+
+def sample_times(duration: float) -> Array:
+    """Times (n,) [s] from 0 to `duration` [s], both included."""
+    n = max(2, min(int(np.ceil(duration / _PERIOD)) + 1, _MOST_SAMPLES))
+    return np.linspace(0.0, duration, n)
+
+
+def motion_series(robot: Robot, trajectory: Trajectory, powers: Powers, t: Array, q: Array) -> dict[str, Array]:
+    """Series of a record at times t (n,) [s], where the configurations are q (n, n_q) [m, rad].
+
+    ``thrust`` (n, n_thrusters), or ``wrench`` (n, n_vehicle) of `Actuation.WRENCH`, and ``torque`` (n, n_joints) are those of
+    the steps; ``thruster_energy`` (n, n_thrusters) and ``joint_energy`` (n,) [J] what was taken so far; ``tool`` (n, 7) [m, -]
+    the pose X_WT where there is a tool.
+    """
+    states = [trajectory.state_at(robot.model, float(moment)) for moment in t]
+    steps = [trajectory.step_at(float(moment)) for moment in t]
+    thrusters, joints = (_taken(trajectory.t, power, t) for power in powers)
+    series: dict[str, Array] = {"t": t, "q": q, "v": np.array([state[1] for state in states], dtype=float)}
+    if robot.has_frame(TOOL):
+        series[TOOL] = tool_series(robot, q)
+    return series | {
+        "wrench" if trajectory.has_wrench else "thrust": trajectory.thrust[steps],
+        "torque": trajectory.torque[steps],
+        "thruster_energy": thrusters,
+        "joint_energy": joints.sum(axis=1),
+    }
+
+
+def tool_series(robot: Robot, q: Array) -> Array:
+    """(n, 7) [m, -] poses X_WT, quaternions xyzw, at configurations q (n, n_q) [m, rad]."""
+    return np.array([pin.SE3ToXYZQUAT(pose) for pose in frame_poses(robot, TOOL, q)])
+
+
+def axis_series(planned: Coordinates, x: Array, v: Array) -> dict[str, Array]:
+    """``x`` (n, n_axes) [m, rad] and its rates [m/s, rad/s], where velocities are v (n, n_v) [m/s, rad/s]."""
+    return {"x": x, "x_rate": np.asarray(np.linalg.solve(planned.velocity_map(x), v[..., None])[..., 0], dtype=float)}
+
+
+def plan_record(
+    robot: Robot, trajectory: Trajectory, powers: Powers, *, title: str, surroundings: SurroundingsMeta
+) -> Record:
+    """The record of a plan of any problem. Axes are left out of robots whose joints are no single axes."""
+    t = sample_times(float(trajectory.t[-1]))
+    q = np.array([pin.normalize(robot.model, trajectory.state_at(robot.model, float(moment))[0]) for moment in t])
+    series = motion_series(robot, trajectory, powers, t, q)
+    names: tuple[str, ...] = ()
+    if all(joint.n_q == joint.n_v == 1 for joint in robot.joints):
+        planned = coordinates(robot, reference=q[0])
+        names = planned.names
+        series |= axis_series(planned, np.array([planned.x(row) for row in q]), series["v"])
+    meta = PlanMeta(
+        scenario=title,
+        robot=robot.name,
+        joints=robot.joint_names,
+        phases=(PhaseMeta(name="plan"),),
+        surroundings=surroundings,
+        packages=packages(),
+        axes=names,
+        axis_limits=AxisLimitsMeta(x_rate=tuple(robot.limits.velocity.tolist()) if names else ()),
+        breaks=(0.0, float(t[-1])),
+        clearance_wanted=0.0,
+    )
+    return Record(series=series, meta=meta)
+
+
+def _taken(nodes: Array, power: Array, t: Array) -> Array:
+    """Integral (len(t), n) of powers (n_steps, n) that are constant between nodes."""
+    total = np.vstack([np.zeros(power.shape[1]), np.cumsum(np.diff(nodes)[:, None] * power, axis=0)])
+    return np.array([np.interp(t, nodes, column) for column in total.T]).reshape(power.shape[1], len(t)).T
+
+
+# What planning returns: a trajectory with a verdict that says what to do.
 
 
 class OcpStatus(AdvisedStatus):
@@ -193,12 +317,6 @@ class Plan(Tabled):
         title = f"plan by optimal control, {self.status.value}"
         return plan_record(self.robot, self.trajectory, self.powers(), title=title, surroundings=self.surroundings)
 
-    def replay(self, where: Where, *, feedback: bool = True) -> Flight:
-        """Carry it out on a plant or in an environment; see `uvms_ocp.replay.flight.replay`."""
-        from uvms_ocp.replay.flight import replay
-
-        return replay(self, where, feedback=feedback)
-
     def save(self, path: Path | str) -> Path:
         """Write all of it as ``.npz``, or with the suffix ``.json`` as text; `load` gives it back exactly.
 
@@ -226,7 +344,7 @@ class Plan(Tabled):
         try:
             return _plan_of(values, arrays, robot or _robot_of(values))
         except (InvalidInput, ValueError) as error:
-            raise InvalidInput(f"{shown(str(path))}: not a plan written by uvms_ocp: {error}") from error
+            raise InvalidInput(f"{printable(str(path))}: not a plan written by uvms_ocp: {error}") from error
 
 
 def _robot_of(values: PlanValues) -> Robot:

@@ -1,4 +1,4 @@
-"""Optimal control problems with strict priorities, as data."""
+"""Optimal control problems with strict priorities, as data; `tool_reach` states the most usual one."""
 
 from __future__ import annotations
 
@@ -8,12 +8,17 @@ from enum import Enum
 from typing import Annotated
 
 import numpy as np
+import pinocchio as pin
 
-from uvms_ocp.arguments import DAY, Bound, Positive, Range, checked
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import State
-from uvms_ocp.ocp.terms import At, Term
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.ocp.terms import At, AtRest, Effort, Smoothness, TaskTerm, Term
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import State
+from uvms_ocp.tasks.pose import ToolPose
+from uvms_ocp.types import DAY, Bound, Positive, Range
+
+# Optimal control problems with strict priorities, as data.
 
 MOST_STEPS = 2000
 """Steps and seconds of a phase."""
@@ -254,3 +259,34 @@ def _check_state(robot: Robot, start: State) -> None:
     robot.check_configuration(start.q)
     if np.shape(start.v) != (robot.n_v,) or not np.isfinite(start.v).all():
         raise InvalidInput(f"velocity at the start has shape {np.shape(start.v)}; give {robot.n_v} finite numbers")
+
+
+# The most usual problem, ready-made: the tool moves to a pose and comes to rest.
+
+
+@checked
+def tool_reach(
+    robot: Robot,
+    q: np.ndarray,
+    goal: pin.SE3,
+    *,
+    duration: float,
+    n_steps: int = 40,
+    current: Sequence[float] = (0.0, 0.0, 0.0),
+) -> OcpProblem:
+    """From rest at q (n_q,) [m, rad] to the tool pose `goal` X_WT and rest, with the least effort below that priority.
+
+    duration [s]; current (3,) [m/s] in W. Raises what `OcpProblem` raises.
+    """
+    return single_phase(
+        robot=robot,
+        start=State(q=q, v=np.zeros(robot.n_v)),
+        duration=duration,
+        n_steps=n_steps,
+        levels=[
+            OcpLevel(name="tool", terms=(TaskTerm(task=ToolPose(goal=goal)),)),
+            OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09))),
+        ],
+        constraints=(AtRest(),),
+        current=np.asarray(current, dtype=float),
+    )

@@ -1,4 +1,4 @@
-"""One plan by optimal control from what an engineer asks for: with water, thrusters and torques, among obstacles."""
+"""Plan by optimal control from a request: with water, thrusters and torques, among obstacles."""
 
 from __future__ import annotations
 
@@ -10,29 +10,52 @@ from typing import Annotated
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import AtLeastOne, Bound, Magnitude, Positive, Range, Shape, checked
-from uvms_ocp.arrays import Array
-from uvms_ocp.collision.coal_distances import CoalDistances
-from uvms_ocp.collision.collision_scene import CollisionScene, Nearest, collision_scene
-from uvms_ocp.collision.coordinates import coordinates
-from uvms_ocp.collision.obstacle_file import build_obstacles
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.shapes.obstacles import Obstacle, seafloor
-from uvms_ocp.model.state import State
-from uvms_ocp.obstacle_data import ObstacleData
-from uvms_ocp.ocp.clearance.shape_clearance import ShapeClearance
-from uvms_ocp.ocp.curve_guess import curve_guess
-from uvms_ocp.ocp.goal_check import check_goal, goal_distances, start_distances
-from uvms_ocp.ocp.plan import OcpStatus, Plan
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.ocp.clearance import ShapeClearance
+from uvms_ocp.ocp.plan import OcpStatus, Plan, sample_times
 from uvms_ocp.ocp.planner import Planner
-from uvms_ocp.ocp.plans.motion_series import sample_times
+from uvms_ocp.ocp.prechecks import check_goal, goal_distances, start_distances
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Effort, Posture, Smoothness, TaskTerm
-from uvms_ocp.ocp.trajectory import Trajectory, hold
-from uvms_ocp.planning.goals import FiniteTriple, Goal, PostureGoal, check_way
-from uvms_ocp.planning.request import PlanRequest
-from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
-from uvms_ocp.solvers.nlp.watch import Progress
+from uvms_ocp.ocp.trajectory import Trajectory, hold, through
+from uvms_ocp.planning.distances import CoalDistances
+from uvms_ocp.planning.request import FiniteTriple, Goal, PlanRequest, PostureGoal, check_way, solve
+from uvms_ocp.planning.scene import CollisionScene, Coordinates, Nearest, collision_scene, coordinates
+from uvms_ocp.record.meta_values import ObstacleData
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.obstacles import Obstacle, build_obstacles, seafloor
+from uvms_ocp.robot.signals import State
+from uvms_ocp.solvers.nlp.level_solver import Progress
+from uvms_ocp.solvers.nlp.options import NlpOptions
+from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
+from uvms_ocp.types import Array, AtLeastOne, Bound, Magnitude, Positive, Range, Shape
+
+# A curve around obstacles, of the shapes alone, as the guess of a plan in water.
+
+_SAMPLES = 200
+
+
+@checked
+def along_curve(problem: OcpProblem, coordinates: Coordinates, curve: PiecewisePolynomial) -> Trajectory:
+    """Guess along a curve of coordinates, at the pace that ends with the problem's nominal time."""
+    t = np.linspace(curve.start, curve.end, _SAMPLES)
+    share = (t - curve.start) / (curve.end - curve.start)
+    return through(problem, share * problem.nominal_times()[-1], coordinates.configurations(curve.evaluate(t)))
+
+
+def curve_guess(problem: OcpProblem, request: PlanRequest) -> Trajectory | None:
+    """Guess along the curve that the request asks for; `None` where no curve is free of collision."""
+    try:
+        found = solve(request)
+    except InvalidInput:  # what a curve cannot do, such as a goal of some joints alone, is no mistake here
+        return None
+    if found.plan is None or not found.plan.collision_free:
+        return None
+    return along_curve(problem, found.scene.coordinates, found.plan.trajectory)
+
+
+# One plan by optimal control from what an engineer asks for: with water, thrusters and torques, among obstacles.
 
 _OF_LINKS, _OF_OBSTACLES = 0.75, 0.99
 """Shares of the distances at start and goal that are kept where more is asked; arms are stowed close by design."""

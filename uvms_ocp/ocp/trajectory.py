@@ -8,14 +8,14 @@ from typing import Annotated
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import Shape, checked, trusted
-from uvms_ocp.arrays import Indices
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
-from uvms_ocp.model.state import State
-from uvms_ocp.model.thrusters import thrust_limits, thruster_matrix
-from uvms_ocp.model.water.hydrodynamics import Water
+from uvms_ocp.checks import checked, unchecked_constructor
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import Actuation, OcpProblem
+from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.robot.hydrodynamics import Water
+from uvms_ocp.robot.signals import State
+from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
+from uvms_ocp.types import Indices, Shape
 
 
 @checked
@@ -82,7 +82,7 @@ class Trajectory:
         return int(intervals_of(self.t, t))
 
 
-made_trajectory = trusted(Trajectory)
+made_trajectory = unchecked_constructor(Trajectory)
 """Without a look at its arguments, of arrays that belong to it."""
 
 

@@ -1,4 +1,4 @@
-"""Symmetric positive definite systems whose matrix is block tridiagonal: one node of a trajectory per block.
+"""Solve symmetric positive definite block-tridiagonal systems: one node of a trajectory per block.
 
 `[A]` is the unit of the matrix, `[x]` that of a vector; entries may differ in theirs.
 """
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uvms_ocp.arrays import Array, Mask
+from uvms_ocp.types import Array, Mask
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -1,4 +1,12 @@
-"""The soft-collision cost J = l1 Js + l2 Jc + l3 Jd of a trajectory in its node derivatives, [Gao2022] eqs (76)-(82).
+"""Soft-collision cost J = l1 Js + l2 Jc + l3 Jd of a trajectory in its node derivatives, [Gao2022] eqs (76)-(82).
+
+Its second derivative ``min(y, 1)`` is continuous, never negative and stays away from zero deep inside, so a
+Gauss-Newton step keeps its curvature there; an exponential is zero nowhere and overflows in deep penetration.
+`[value]` is the unit of what is penalised.
+
+[Gao2022] eq. (77) weighs the penalty by the speed of a body point. The witness point itself jumps on the link (flat
+faces, coal gives no derivative of it), so the speed used here is the root mean square over the ball around the link,
+``sqrt(|v_c|^2 + rho^2 |omega|^2 + eps^2)``: smooth at rest, independent of the witness, exactly differentiable.
 
 Sums over pieces couple neighbouring nodes only, so the Gauss-Newton matrix is block tridiagonal.
 """
@@ -9,18 +17,148 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, Protocol
 
+import casadi as ca
 import numpy as np
 
-from uvms_ocp.arrays import Array, Indices
-from uvms_ocp.collision.coal_distances import NearPairs
-from uvms_ocp.collision.collision_scene import CollisionScene
-from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.planning.block_tridiagonal import BlockTridiagonal
-from uvms_ocp.planning.link_speed import link_speeds
-from uvms_ocp.planning.penalty import Penalty, outside, penalty, two_sided
-from uvms_ocp.trajectories.free_derivatives import Pieces
-from uvms_ocp.trajectories.hermite import basis, hermite_cost
+from uvms_ocp.planning.distances import NearPairs
+from uvms_ocp.planning.scene import CollisionScene
+from uvms_ocp.trajectories.free_derivatives import Pieces, basis, hermite_cost
 from uvms_ocp.trajectories.segment_times import MotionLimits
+from uvms_ocp.types import Array, Indices
+
+# A smooth one-sided penalty: zero beyond a threshold, cubic, then quadratic.
+#
+# Its second derivative ``min(y, 1)`` is continuous, never negative and stays away from zero deep inside, so a
+# Gauss-Newton step keeps its curvature there; an exponential is zero nowhere and overflows in deep penetration.
+# `[value]` is the unit of what is penalised.
+
+
+class Penalty(NamedTuple):
+    """The penalty and its derivatives by what is penalised."""
+
+    value: Array
+    """(...) [-]"""
+    slope: Array
+    """(...) [1/value]"""
+    curvature: Array
+    """(...) [1/value^2]"""
+
+
+def penalty(y: Array) -> Penalty:
+    """y^3/6 for 0 < y < 1, y^2/2 - y/2 + 1/6 above, zero below; y (...) [-]."""
+    inside = np.clip(y, 0.0, 1.0)
+    beyond = np.maximum(y - 1.0, 0.0)
+    value = inside**3 / 6.0 + beyond * (0.5 + 0.5 * beyond)
+    return Penalty(value=value, slope=0.5 * inside**2 + beyond, curvature=inside)
+
+
+def symbolic_penalty(y: ca.SX) -> ca.SX:
+    """The same as an expression."""
+    inside = ca.fmin(ca.fmax(y, 0.0), 1.0)
+    beyond = ca.fmax(y - 1.0, 0.0)
+    return inside**3 / 6.0 + beyond * (0.5 + 0.5 * beyond)
+
+
+def two_sided(value: Array, limit: Array, margin: float) -> Penalty:
+    """Penalty on |value| (...) [value] near and beyond a limit (n_axes,) [value], which may be infinite.
+
+    It begins at ``(1 - margin) * limit``; margin [-].
+    """
+    finite = np.where(np.isinf(limit), 1.0, limit) * margin
+    y = (np.abs(value) - np.where(np.isinf(limit), np.inf, limit - finite)) / finite
+    p = penalty(y)
+    return Penalty(value=p.value, slope=np.sign(value) * p.slope / finite, curvature=p.curvature / finite**2)
+
+
+def outside(value: Array, lower: Array, upper: Array, margin: float) -> Penalty:
+    """Penalty on a value (..., n_axes) [value] nearer than ``margin`` [value] to either end of its range.
+
+    lower and upper (n_axes,) [value].
+    """
+    low, high = penalty((lower + margin - value) / margin), penalty((value - upper + margin) / margin)
+    return Penalty(
+        value=low.value + high.value,
+        slope=(high.slope - low.slope) / margin,
+        curvature=(high.curvature + low.curvature) / margin**2,
+    )
+
+
+# Speed of a link near an obstacle, and its exact derivatives.
+#
+# [Gao2022] eq. (77) weighs the penalty by the speed of a body point. The witness point itself jumps on the link (flat
+# faces, coal gives no derivative of it), so the speed used here is the root mean square over the ball around the link,
+# ``sqrt(|v_c|^2 + rho^2 |omega|^2 + eps^2)``: smooth at rest, independent of the witness, exactly differentiable.
+
+
+class LinkSpeeds(NamedTuple):
+    """One row per near pair."""
+
+    speed: Array
+    """(n,) [m/s]"""
+    by_position: Array
+    """(n, n_axes) [m/s per m or rad]"""
+    by_rate: Array
+    """(n, n_axes) [m/s per m/s or rad/s]"""
+
+
+def link_speeds(scene: CollisionScene, near: NearPairs, rates: Array, floor: float) -> LinkSpeeds:
+    """Speeds of the second shape of each near pair.
+
+    rates (n, n_axes) [m/s, rad/s]: of the axes at each near pair's sample; floor [m/s]: eps.
+    """
+    screws = near.screws * scene.carried[near.pair][:, None, :]
+    gyration = scene.gyration[near.pair, None] ** 2
+    twist = (screws @ rates[..., None])[..., 0]
+    linear = twist[:, :3] + _cross(twist[:, 3:], near.centre)
+    angular = twist[:, 3:]
+    speed = np.sqrt(np.sum(linear**2, axis=1) + gyration[:, 0] * np.sum(angular**2, axis=1) + floor**2)
+    turn = screws[:, 3:]
+    shift = screws[:, :3] + _cross(turn, near.centre[..., None])
+    twist_slope = _twist_slopes(screws, rates, scene.follows)
+    linear_slope = (
+        twist_slope[:, :3] + _cross(twist_slope[:, 3:], near.centre[..., None]) + _cross(angular[..., None], shift)
+    )
+    weighted = gyration * angular
+    return LinkSpeeds(
+        speed=speed,
+        by_position=(_dot(linear, linear_slope) + _dot(weighted, twist_slope[:, 3:])) / speed[:, None],
+        by_rate=(_dot(linear, shift) + _dot(weighted, turn)) / speed[:, None],
+    )
+
+
+def _twist_slopes(screws: Array, rates: Array, follows: Array) -> Array:
+    """(n, 6, n_axes) of the twist by the axes: axis j turns the screws of the axes it carries, d s_k = s_j x s_k."""
+    carried = screws @ (rates[:, None, :] * follows).transpose(0, 2, 1)
+    return np.concatenate(
+        [
+            _cross(screws[:, 3:], carried[:, :3]) + _cross(screws[:, :3], carried[:, 3:]),
+            _cross(screws[:, 3:], carried[:, 3:]),
+        ],
+        axis=1,
+    )
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Cross product along axis 1; ``numpy.cross`` costs several times more on small arrays."""
+    return np.stack(
+        [
+            a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1],
+            a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2],
+            a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0],
+        ],
+        axis=1,
+    )
+
+
+def _dot(vector: Array, matrix: Array) -> Array:
+    return (vector[:, None, :] @ matrix)[:, 0]
+
+
+# The soft-collision cost J = l1 Js + l2 Jc + l3 Jd of a trajectory in its node derivatives, [Gao2022] eqs (76)-(82).
+#
+# Sums over pieces couple neighbouring nodes only, so the Gauss-Newton matrix is block tridiagonal.
 
 
 class Distances(Protocol):

@@ -1,30 +1,265 @@
-"""One plan from what an engineer asks for: a robot, where it starts, where it goes, and what stands in the way."""
+"""Plan a motion among obstacles from a request: start, goal (a tool pose by inverse kinematics, or a posture), obstacles.
+
+A goal says itself what it means for a path in planned axes, and for optimal control with tasks.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, TypeAlias
 
 import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import Count, Magnitude, Range, Shape, checked
-from uvms_ocp.arrays import Array
-from uvms_ocp.collision.coal_distances import CoalDistances
-from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
-from uvms_ocp.collision.coordinates import VEHICLE_AXES, Coordinates, coordinates
-from uvms_ocp.collision.obstacle_file import build_obstacles
-from uvms_ocp.exceptions import NameNotFound
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.obstacle_data import ObstacleData
-from uvms_ocp.planning.goals import Goal, check_way
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.planning.conservative_advancement import PairDistances
+from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.path_cost import CostWeights
 from uvms_ocp.planning.sampling import SamplingOptions
+from uvms_ocp.planning.scene import VEHICLE_AXES, CollisionScene, Coordinates, collision_scene, coordinates
 from uvms_ocp.planning.soft_collision import (
     CollisionPlan,
     SoftCollisionOptions,
     plan_soft_collision,
 )
+from uvms_ocp.record.meta_values import ObstacleData
+from uvms_ocp.robot.kinematics import Kinematics
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.obstacles import build_obstacles
+from uvms_ocp.tasks.joints import JointTracking
+from uvms_ocp.tasks.pose import ToolPose, ToolPosition, VehiclePose
+from uvms_ocp.tasks.task import Task
 from uvms_ocp.trajectories.segment_times import MotionLimits
+from uvms_ocp.types import Array, Count, Finite, Magnitude, Range, Shape
+
+# Coordinates that bring a frame of the robot to a pose: the goal of a plan given by its tool.
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ToolGoalOptions:
+    """Settings of ``tool_goal``."""
+
+    tolerance: float = 1e-6
+    """[m, rad] error that counts as reached."""
+    iterations: int = 100
+    attempts: int = 80
+    """The guess given, then random ones around it, farther and farther."""
+    spread: float = 0.5
+    """[m or rad] of the first random guesses; the last are five times as far, to come from another side."""
+    clearance: float = 0.005
+    """[m] that the goal keeps from everything."""
+    damping: float = 1e-3
+    """[-] With lengths in m: added to the diagonal of the normal matrix, times the squared error where that is less than 1."""
+    seed: Count = 0
+
+
+@checked
+def tool_goal(
+    distances: PairDistances,
+    frame: str,
+    goal: pin.SE3 | ArrayLike,
+    guess: ArrayLike,
+    options: ToolGoalOptions | None = None,
+) -> Array | None:
+    """Coordinates (n_axes,) [m, rad] within limits and clear of collision with the frame at its goal, or None if none found.
+
+    The goal is a pose X_WF, or a position p_WF (3,) [m] with any orientation; guess (n_axes,) [m, rad]: where the search
+    begins. Plan without roll and pitch (``coordinates(robot, axes=...)``) to keep the vehicle level. Raises `FrameNotFound`
+    where the robot has no such frame, `InvalidInput` for a guess or goal of the wrong shape or not finite.
+    """
+    settings, planned = options or ToolGoalOptions(), distances.scene.coordinates
+    frame_id, first = planned.robot.frame_id(frame), np.array(guess, dtype=float)
+    if first.shape != (planned.n_axes,) or not np.isfinite(first).all():
+        raise InvalidInput(f"guess has shape {first.shape}; allowed is ({planned.n_axes},), finite.")
+    target = goal if isinstance(goal, pin.SE3) else _checked_position(goal)
+    rng = np.random.default_rng(settings.seed)
+    for attempt in range(settings.attempts):
+        spread = settings.spread * (1.0 + 4.0 * attempt / settings.attempts) if attempt else 0.0
+        start = first + spread * rng.normal(size=first.size)
+        x = _reached(planned, frame_id, target, start, settings)
+        if x is not None and distances.distances(x[None]).min(initial=np.inf) > settings.clearance:
+            return x
+    return None
+
+
+def _checked_position(goal: ArrayLike) -> Array:
+    position = np.array(goal, dtype=float)
+    if position.shape != (3,) or not np.isfinite(position).all():
+        raise InvalidInput(f"goal is {position}; allowed is a pose (pin.SE3) or a finite position (3,) [m].")
+    return position
+
+
+def _reached(
+    planned: Coordinates, frame_id: int, goal: pin.SE3 | Array, start: Array, options: ToolGoalOptions
+) -> Array | None:
+    """Damped Gauss-Newton on the logarithm of the error, clipped to the limits at every step."""
+    (lower, upper), x = planned.limits(), start
+    for _ in range(options.iterations):
+        x = np.clip(x, lower, upper)
+        error, jacobian = _error(planned, frame_id, goal, x)
+        if np.abs(error).max() <= options.tolerance:
+            return x
+        normal = jacobian @ jacobian.T + options.damping * min(1.0, float(error @ error)) * np.eye(error.size)
+        x = x + jacobian.T @ np.linalg.solve(normal + 1e-12 * np.eye(error.size), error)
+    return None
+
+
+def _error(planned: Coordinates, frame_id: int, goal: pin.SE3 | Array, x: Array) -> tuple[Array, Array]:
+    """Twist (6,), or velocity (3,), that takes the frame to the goal in one second, and its Jacobian, in the frame."""
+    model, data = planned.robot.model, planned.robot.model.createData()
+    q = planned.configurations(x[None])[0]
+    pin.framesForwardKinematics(model, data, q)
+    frame_jacobian = pin.computeFrameJacobian(model, data, q, frame_id, pin.ReferenceFrame.LOCAL)
+    jacobian: Array = frame_jacobian @ planned.velocity_map(x[None])[0]
+    X_WF = data.oMf[frame_id]
+    if isinstance(goal, pin.SE3):
+        return pin.log6(X_WF.actInv(goal)).vector, jacobian
+    return X_WF.actInv(goal), jacobian[:3]
+
+
+# Where a plan is to end: a frame of the robot at a place, or the vehicle and joints in a posture.
+#
+# A goal says itself what it means for a path in planned axes, and for optimal control with tasks.
+
+Triple: TypeAlias = tuple[float, float, float]
+FiniteTriple: TypeAlias = tuple[Finite, Finite, Finite]
+
+_SAME = 1e-9  # [m or rad] difference between a goal and a start that is none
+_FARTHEST, _MOST_TURN = 1e4, 4 * np.pi  # [m] and [rad]
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ToolGoal:
+    """A frame of the robot at a place. Raises `InvalidInput` for numbers that are not finite."""
+
+    position: FiniteTriple
+    """[m] p_WF."""
+    rpy: FiniteTriple | None = None
+    """[rad] Roll, pitch, yaw of R_WF; None for any orientation."""
+    frame: str = "tool"
+
+    def __post_init__(self) -> None:
+        _check_turn(self.rpy)
+
+    @property
+    def target(self) -> pin.SE3 | Array:
+        """X_WF, or p_WF (3,) [m]."""
+        p = np.array(self.position)
+        return p if self.rpy is None else pin.SE3(pin.rpy.rpyToMatrix(np.array(self.rpy)), p)
+
+    def as_coordinates(self, distances: PairDistances, *, seed: int) -> Array | None:
+        """Planned axes (n_axes,) [m, rad] with the frame at its goal and nothing touching, or None where no posture was found.
+
+        Raises `FrameNotFound` where the robot has no such frame.
+        """
+        planned = distances.scene.coordinates
+        start = planned.reference[planned.planned]
+        return tool_goal(distances, self.frame, self.target, start, ToolGoalOptions(seed=seed))
+
+    def as_tasks(self, robot: Robot, start: Array) -> tuple[Task, ...]:
+        """The task that has the goal as its own, wherever the start (n_q,) [m, rad] is.
+
+        Raises `FrameNotFound` where the robot has no such frame.
+        """
+        robot.frame_id(self.frame)
+        if isinstance(self.target, pin.SE3):
+            return (ToolPose(frame=self.frame, goal=self.target),)
+        return (ToolPosition(frame=self.frame, goal=pin.SE3(np.eye(3), self.target)),)
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PostureGoal:
+    """A posture of the vehicle and joints; what is left out stays as at the start.
+
+    Raises `InvalidInput` for angles beyond two turns.
+    """
+
+    position: FiniteTriple | None = None
+    """[m] of the vehicle."""
+    rpy: FiniteTriple | None = None
+    """[rad] Roll, pitch, yaw of the vehicle."""
+    joints: Mapping[str, float] = field(default_factory=dict)
+    """[m or rad] by name."""
+
+    def __post_init__(self) -> None:
+        _check_turn(self.rpy)
+
+    def as_coordinates(self, distances: PairDistances, *, seed: int) -> Array:
+        """Planned axes (n_axes,) [m, rad] at the goal.
+
+        Raises `NameNotFound` for an axis that the robot does not have, `InvalidInput` for a number that is not finite and for
+        a goal away from the start on an axis that is not planned.
+        """
+        planned = distances.scene.coordinates
+        names = coordinates(planned.robot).names
+        values = dict(zip(names, planned.reference.tolist(), strict=True))
+        for name, value in self._axes().items():
+            if name not in values:
+                raise NameNotFound("axis", name, names)
+            if not np.isfinite(value):
+                raise InvalidInput(f"the goal has {name} = {value}; give a finite number.")
+            if name not in planned.names and abs(value - values[name]) > _SAME:
+                raise InvalidInput(
+                    f"the goal moves {name} from {values[name]:.6g} to {value:.6g}, but the planned axes are "
+                    f"{', '.join(planned.names)}; leave it where it is, or plan all axes."
+                )
+            values[name] = value
+        return np.array([values[name] for name in planned.names])
+
+    def _axes(self) -> dict[str, float]:
+        """Values of the axes that the goal names."""
+        place = dict(zip(VEHICLE_AXES[:3], self.position or (), strict=False))
+        attitude = dict(zip(VEHICLE_AXES[3:], self.rpy or (), strict=False))
+        return {**place, **attitude, **self.joints}
+
+    def as_tasks(self, robot: Robot, start: Array) -> tuple[Task, ...]:
+        """Tasks of the vehicle and of the joints that the goal names; start (n_q,) [m, rad]: configuration.
+
+        Raises `NameNotFound` for a joint that the robot does not have, `InvalidInput` for values outside limits and for a goal
+        of the vehicle where there is none.
+        """
+        q = robot.configuration(position=self.position, rpy=self.rpy, joints=dict(self.joints))
+        tasks: list[Task] = []
+        if self.position is not None or self.rpy is not None:
+            here = Kinematics(robot, start).pose("base_link")
+            there = Kinematics(robot, q).pose("base_link")
+            position = here.translation if self.position is None else there.translation
+            tasks.append(VehiclePose(goal=pin.SE3((here if self.rpy is None else there).rotation, position)))
+        if self.joints:
+            values = np.array(list(self.joints.values()))
+            tasks.append(JointTracking(joints=tuple(self.joints), goal=values))
+        return tuple(tasks)
+
+
+Goal: TypeAlias = ToolGoal | PostureGoal
+
+
+def check_way(robot: Robot, start: Array, goal: Goal) -> None:
+    """Raise `InvalidInput` for a goal that is very far from the start (n_q,) [m, rad]: plans are sampled densely."""
+    if goal.position is None or not np.isfinite(goal.position).all():
+        return  # said by others, with the axis
+    here = start[:3] if robot.n_vehicle else np.zeros(3)
+    # Within what can be squared.
+    way = float(np.linalg.norm(np.clip(goal.position, -1e99, 1e99) - np.clip(here, -1e99, 1e99)))
+    if way > _FARTHEST:
+        text = f"the goal {tuple(goal.position)} m is {way:.3g} m from the start; give one within {_FARTHEST:g} m"
+        raise InvalidInput(f"{text}: a plan is proven clear every few centimetres, in memory")
+
+
+def _check_turn(rpy: Triple | None) -> None:
+    if rpy is not None and np.isfinite(rpy).all() and np.abs(rpy).max() > _MOST_TURN:
+        raise InvalidInput(
+            f"roll, pitch and yaw of the goal are {rpy} rad; give angles within two turns, {_MOST_TURN:.4g} rad"
+        )
+
+
+# One plan from what an engineer asks for: a robot, where it starts, where it goes, and what stands in the way.
 
 AXES = ("level", "all", "joints")
 """Planned axes: all but roll and pitch, all, or the joints alone."""

@@ -1,4 +1,4 @@
-"""Way points around obstacles by sampling (RRT-Connect [Kuffner2000]), for paths that no bending frees.
+"""Sample way points around obstacles by RRT-Connect [Kuffner2000], for paths that no bending frees.
 
 Own and small: the kept-up libraries of sampling planners are either C++ alone or have no pip wheel.
 """
@@ -11,11 +11,11 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import Count, Range, Shape, checked
-from uvms_ocp.arrays import Array
-from uvms_ocp.collision.conservative_advancement import PairDistances
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.axis_reach import largest_change
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.planning.conservative_advancement import PairDistances
+from uvms_ocp.robot.kinematics import largest_change
+from uvms_ocp.types import Array, Count, Range, Shape
 
 
 @checked

@@ -1,4 +1,4 @@
-"""Trajectories around obstacles by a soft collision cost, [Gao2022] eqs (76)-(82), and their verification."""
+"""Plan trajectories around obstacles by a soft collision cost, [Gao2022] eqs (76)-(82), and verify them."""
 
 from __future__ import annotations
 
@@ -10,24 +10,19 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import AtLeastOne, Count, Magnitude, checked
-from uvms_ocp.arrays import Array, Indices, Mask
-from uvms_ocp.collision.coal_distances import CoalDistances
-from uvms_ocp.collision.collision_scene import CollisionScene
-from uvms_ocp.collision.conservative_advancement import (
-    ClearanceReport,
-    PairDistances,
-    check_clearance,
-)
-from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import AdvisedStatus, InvalidInput
+from uvms_ocp.planning.conservative_advancement import ClearanceReport, PairDistances, check_clearance
 from uvms_ocp.planning.descent import Descent, DescentProblem, DescentSolver, TrustRegion
+from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.path_cost import CostParts, CostWeights, Distances, LocalModel, PathCost
 from uvms_ocp.planning.sampling import SamplingOptions, sampled_waypoints
-from uvms_ocp.status import AdvisedStatus
+from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.trajectories.free_derivatives import pieces_of
 from uvms_ocp.trajectories.min_snap import min_snap, solution_of
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.trajectories.segment_times import MotionLimits, scale_to_limits, trapezoidal_times
+from uvms_ocp.types import Array, AtLeastOne, Count, Indices, Magnitude, Mask
 
 
 class PlanStatus(AdvisedStatus):

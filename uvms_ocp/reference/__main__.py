@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from uvms_ocp.exceptions import UvmsError
+from uvms_ocp.errors import UvmsError
 from uvms_ocp.reference.build import build_reference
 
 _BAD_INPUT = 2

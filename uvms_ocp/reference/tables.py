@@ -1,4 +1,4 @@
-"""Pages that are made of what the code already says: robot files, settings, series of a record, commands."""
+"""Pages generated from the code: robot files, settings, series of a record, commands."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 import typer.main
 
-from uvms_ocp.cli import app
-from uvms_ocp.identification.calibration.settings import Settings
-from uvms_ocp.identification.parameters.declaration import Quantity
-from uvms_ocp.identification.parameters.vehicle_quantities import Actuators, Start, vehicle_declaration
-from uvms_ocp.identification.recordings.mapping import ChannelMapping
-from uvms_ocp.identification.recordings.recording import KINDS, Kind
-from uvms_ocp.model.files.description import RobotDescription
-from uvms_ocp.tables.series_table import series_markdown
+from uvms_ocp.cli.commands import app
+from uvms_ocp.identification.parameters import ActuatorModel, NominalParameters, Quantity, vehicle_declaration
+from uvms_ocp.identification.reading import ChannelMapping
+from uvms_ocp.identification.recording import CHANNEL_KINDS, ChannelKind
+from uvms_ocp.identification.settings import CalibrationSettings
+from uvms_ocp.record.tables import series_markdown
+from uvms_ocp.robot.description import RobotDescription
 
 
 def generated_pages() -> dict[str, str]:
@@ -35,7 +34,7 @@ def _cells(row: tuple[str, ...]) -> tuple[str, ...]:
 
 def _series() -> str:
     return (
-        "# Series of a record\n\nThe arrays of a `uvms_ocp.record.Record`, by name. The first axis of each is time; shapes say "
+        "# Series of a record\n\nThe arrays of a `uvms_ocp.record.record.Record`, by name. The first axis of each is time; shapes say "
         "what follows. Quantities of tasks are there by their names too, such as `T.position_error`.\n\n"
         f"{series_markdown()}\n"
     )
@@ -44,18 +43,18 @@ def _series() -> str:
 def _channels() -> str:
     rows = (
         (f"`{name}`", ", ".join(kind.columns) or "one for each", kind.unit, kind.frame or "-", _taken(kind))
-        for name, kind in KINDS.items()
+        for name, kind in CHANNEL_KINDS.items()
     )
     told = _fields(ChannelMapping.model_json_schema())
     return (
-        "# Channels of a recording\n\nWhat a `uvms_ocp.identification.recordings.recording.Recording` may have, each with times "
+        "# Channels of a recording\n\nWhat a `uvms_ocp.identification.recording.Recording` may have, each with times "
         "of its own.\n\n"
         + _table(("channel", "columns", "unit", "frame", "between samples"), rows)
         + f"\n\n## A channel in a mapping\n\n{told}\n"
     )
 
 
-def _taken(kind: Kind) -> str:
+def _taken(kind: ChannelKind) -> str:
     return "a command, held" if kind.command else "measured, interpolated"
 
 
@@ -65,14 +64,14 @@ def _robot_files() -> str:
     return (
         "# Robot files\n\nA robot is a URDF and a YAML file, whose top level is described first; "
         "`uvms-ocp check-robot` looks over both, `uvms-ocp schema` prints this as JSON schema. "
-        "The code that reads it: `uvms_ocp.model.files.description.RobotDescription`.\n\n"
+        "The code that reads it: `uvms_ocp.robot.description.RobotDescription`.\n\n"
         + "\n\n".join(["## Top level\n\n" + _fields(schema), *parts])
         + "\n"
     )
 
 
 def _settings() -> str:
-    schema = Settings.model_json_schema()
+    schema = CalibrationSettings.model_json_schema()
     parts = [f"## {name}\n\n{_fields(part)}" for name, part in sorted(schema["$defs"].items())]
     units = (
         (f"`{name}`", one.unit, ", ".join(filter(None, one.coordinates.names)) or "-")
@@ -80,7 +79,7 @@ def _settings() -> str:
     )
     return (
         "# Settings of identification\n\nA YAML file that says what of which robot is to be learnt: `uvms-ocp excite` and "
-        "`uvms-ocp identify` take it. The code that reads it: `uvms_ocp.identification.calibration.settings.Settings`.\n\n"
+        "`uvms-ocp identify` take it. The code that reads it: `uvms_ocp.identification.settings.CalibrationSettings`.\n\n"
         + "\n\n".join(["## Top level\n\n" + _fields(schema), *parts])
         + "\n\n## What may be learnt\n\n"
         + _table(("quantity", "unit", "coordinates, for `free`"), units)
@@ -91,7 +90,7 @@ def _settings() -> str:
 def _learnable() -> Mapping[str, Quantity]:
     """Of any vehicle: of actuators that have names of their own, coordinates are those."""
     own, axes = np.eye(3), np.eye(6)
-    start = Start(
+    start = NominalParameters(
         mass=1.0,
         centre_of_mass=np.zeros(3),
         inertia=own,
@@ -101,7 +100,9 @@ def _learnable() -> Mapping[str, Quantity]:
         linear_drag=axes,
         quadratic_drag=axes,
     )
-    return vehicle_declaration(start, np.array([-np.ones(3), np.ones(3)]), Actuators(names=("thrusters",))).quantities
+    return vehicle_declaration(
+        start, np.array([-np.ones(3), np.ones(3)]), ActuatorModel(names=("thrusters",))
+    ).quantities
 
 
 def _fields(part: dict[str, Any]) -> str:
@@ -149,7 +150,7 @@ def _commands() -> str:
 
 
 def _exit_codes() -> str:
-    from uvms_ocp import cli
+    from uvms_ocp.cli import commands as cli
 
     return " ".join((cli.__doc__ or "").partition("Exit codes: ")[2].split())
 

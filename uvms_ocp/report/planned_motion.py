@@ -1,23 +1,124 @@
-"""What came out of a plan request: the content of ``report.json``, and the motion as a ``Record``."""
+"""Reports and records of planned motions, of a smooth curve or of optimal control."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
-from uvms_ocp.arguments import checked
-from uvms_ocp.collision.coal_distances import CoalDistances
-from uvms_ocp.collision.collision_scene import Nearest
-from uvms_ocp.collision.conservative_advancement import clearance_along
-from uvms_ocp.meta_values import AxisLimitsMeta
-from uvms_ocp.model.shapes.unshaped import links_without_shape
-from uvms_ocp.planning.request import PlanResult
+from uvms_ocp.checks import checked
+from uvms_ocp.ocp.plan import OcpStatus, axis_series, motion_series
+from uvms_ocp.ocp.request import OcpRequest, OcpResult
+from uvms_ocp.planning.conservative_advancement import clearance_along
+from uvms_ocp.planning.distances import CoalDistances
+from uvms_ocp.planning.request import PlanRequest, PlanResult, ToolGoal
+from uvms_ocp.planning.scene import CollisionScene, Nearest
 from uvms_ocp.planning.soft_collision import CollisionPlan
-from uvms_ocp.record import Record
-from uvms_ocp.report.motion import Motion, nearest_entries, plan_meta
-from uvms_ocp.run_meta import packages, versions
+from uvms_ocp.record.meta_values import AxisLimitsMeta, ClearanceMeta, FrameMeta, PhaseMeta, SurroundingsMeta
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.run_meta import PlanMeta, packages, versions
+from uvms_ocp.robot.kinematics import Kinematics
+from uvms_ocp.robot.shapes.collision_model import links_without_shape
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
+from uvms_ocp.types import Array
+
+# A planned motion of either method, and what its report and its record tell alike.
+
+_TOOL = "tool"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class PlannedMotion:
+    """Samples of a planned motion, both ends included, and the distances at them."""
+
+    request: PlanRequest | OcpRequest
+    scene: CollisionScene
+    t: Array
+    """(n,) [s]"""
+    q: Array
+    """(n, n_q) [m, rad] configurations."""
+    distances: Array
+    """(n, n_pairs) [m] of all pairs of shapes."""
+
+    @property
+    def nearest(self) -> Nearest:
+        """The smallest distance at any sample."""
+        return self.scene.nearest(self.t, self.distances)
+
+    def goal_pose(self) -> pin.SE3 | None:
+        """X_WF at the end, of the frame that has a goal, else of the tool; `None` without such a frame."""
+        robot, goal = self.request.robot, self.request.goal
+        frame = goal.frame if isinstance(goal, ToolGoal) else _TOOL
+        return Kinematics(robot, self.q[-1]).pose(frame) if robot.has_frame(frame) else None
+
+    def tool_error(self) -> dict[str, float] | None:
+        """Distance [m] and angle [rad] of the frame from its goal at the end; `None` for the goal of a posture."""
+        goal, X_WF = self.request.goal, self.goal_pose()
+        if X_WF is None or not isinstance(goal, ToolGoal):
+            return None
+        target = goal.target
+        if not isinstance(target, pin.SE3):
+            return {"position_m": float(np.linalg.norm(X_WF.translation - target))}
+        return {
+            "position_m": float(np.linalg.norm(X_WF.translation - target.translation)),
+            "orientation_rad": float(np.linalg.norm(pin.log3(X_WF.rotation.T @ target.rotation))),
+        }
+
+    def clearance_series(self) -> dict[str, Array]:
+        """``clearance`` (n, n_groups) [m] and ``quantities`` (n, 1) [m] of a record; none where nothing can meet."""
+        d, groups = self.distances, self.scene.groups()
+        if not groups:
+            return {}
+        smallest = [d[:, pairs].min(axis=1) for pairs in groups.values()]
+        return {"clearance": np.stack(smallest, axis=1), "quantities": d.min(axis=1)[:, None]}
+
+
+def nearest_entries(nearest: Nearest | None) -> dict[str, Any]:
+    """The smallest distance in a report; `None` where there is no motion to measure, or nothing can meet."""
+    if nearest is None:
+        return dict.fromkeys(("min_clearance_m", "min_clearance_at_s", "min_clearance_between"))
+    return {
+        "min_clearance_m": nearest.distance if np.isfinite(nearest.distance) else None,
+        "min_clearance_at_s": nearest.time,
+        "min_clearance_between": nearest.pair,
+    }
+
+
+def plan_meta(
+    motion: PlannedMotion, *, scenario: str, axis_limits: AxisLimitsMeta, breaks: tuple[float, ...], nearest: Nearest
+) -> PlanMeta:
+    """What a record tells of a plan.
+
+    breaks [s] are where the pieces of its trajectory meet; `nearest` is the smallest distance that the method met.
+    """
+    request, scene, X_WF = motion.request, motion.scene, motion.goal_pose()
+    return PlanMeta(
+        scenario=scenario,
+        robot=request.robot.name,
+        joints=request.robot.joint_names,
+        phases=(PhaseMeta(name="plan"),),
+        quantities=("plan.clearance",) if scene.n_pairs else (),
+        surroundings=SurroundingsMeta(
+            frames=() if X_WF is None else (FrameMeta(name="goal", pose=tuple(pin.SE3ToXYZQUAT(X_WF).tolist())),),
+            obstacles=request.obstacles,
+        ),
+        packages=packages(),
+        axes=scene.coordinates.names,
+        axis_limits=axis_limits,
+        breaks=breaks,
+        clearance_wanted=request.clearance,
+        clearance_groups=tuple(scene.groups()),
+        min_clearance=_clearance(nearest) if scene.n_pairs else None,
+    )
+
+
+def _clearance(nearest: Nearest) -> ClearanceMeta:
+    return ClearanceMeta(t=nearest.time, distance=nearest.distance, between=nearest.pair)
+
+
+# What came out of a plan request: the content of ``report.json``, and the motion as a ``Record``.
 
 _PERIOD = 0.02  # [s] of the record, longer where it would have more rows than this:
 _MAX_ROWS = 5000
@@ -47,7 +148,7 @@ def plan_report(result: PlanResult) -> dict[str, Any]:
 
 
 def _of_plan(result: PlanResult, plan: CollisionPlan) -> dict[str, Any]:
-    curve, motion = plan.trajectory, _motion(result, plan.trajectory)
+    curve, motion = plan.trajectory, _curve_motion(result, plan.trajectory)
     ends = curve.evaluate([curve.start, curve.end])
     return {
         "start": ends[0].tolist(),
@@ -82,7 +183,7 @@ def motion_record(result: PlanResult, plan: CollisionPlan) -> Record:
     smallest distance to each obstacle and between links, as `PlanMeta.clearance_groups` names them.
     """
     curve, planned, limits = plan.trajectory, result.scene.coordinates, result.request.robot.limits
-    motion = _motion(result, curve)
+    motion = _curve_motion(result, curve)
     x = [curve.evaluate(motion.t, order) for order in range(5)]
     names = ("x", "x_rate", "x_acceleration", "x_jerk", "x_snap")
     series = {
@@ -105,13 +206,82 @@ def motion_record(result: PlanResult, plan: CollisionPlan) -> Record:
     return Record(series=series, meta=meta)
 
 
-def _motion(result: PlanResult, curve: PiecewisePolynomial) -> Motion:
+def _curve_motion(result: PlanResult, curve: PiecewisePolynomial) -> PlannedMotion:
     n = min(int(np.ceil(curve.duration / _PERIOD)) + 1, _MAX_ROWS)
     t, distances = clearance_along(CoalDistances(result.scene), curve, max(n, 2))
     q = result.scene.coordinates.configurations(curve.evaluate(t))
-    return Motion(request=result.request, scene=result.scene, t=t, q=q, distances=distances)
+    return PlannedMotion(request=result.request, scene=result.scene, t=t, q=q, distances=distances)
 
 
-def _nearest(plan: CollisionPlan, motion: Motion) -> Nearest:
+def _nearest(plan: CollisionPlan, motion: PlannedMotion) -> Nearest:
     """The smallest distance met, by the certificate or along the record."""
     return min(plan.clearance.nearest, motion.nearest, key=lambda nearest: nearest.distance)
+
+
+# What came out of optimal control: the content of ``report.json``, and the motion as a ``Record``.
+
+_TOUCHING = "two shapes touch: add way for them, move the goal, or plan a curve"
+_ADVICE = {  # where a request has other means than a problem
+    OcpStatus.UNFINISHED: "the solver stopped early: give a longer duration, a nearer goal or fewer steps, or raise time_limit",
+}
+
+
+@checked
+def ocp_report(result: OcpResult) -> dict[str, Any]:
+    """The content of ``report.json``: lengths in m, angles in rad, times in s, energy in J, thrust in N.
+
+    What is measured along the motion is `None` where the plan is not usable: no motion is there to measure.
+    """
+    request, plan = result.request, result.plan
+    summary = plan.summary()
+    levels = summary.pop("levels")
+    usable = plan.status.usable
+    free = usable and result.collision_free
+    return {
+        "method": "ocp",
+        "robot": summary["robot"],
+        "status": summary["status"],
+        "reason": summary["reason"],
+        "advice": _TOUCHING if usable and not free else _ADVICE.get(plan.status, summary["advice"]),
+        "collision_free": free,
+        "links_without_shape": list(links_without_shape(request.robot)),
+        "duration_s": summary["duration"],
+        "n_steps": request.n_steps,
+        "energy_j": summary["energy"] if usable else None,
+        "peak_thrust_n": summary["peak_thrust"] if usable else None,
+        "levels": levels,
+        **nearest_entries(result.nearest if usable else None),
+        "tool_error": _ocp_motion(result).tool_error() if usable else None,
+        "clearance_wanted_m": request.clearance,
+        "current_m_s": list(request.current),
+        "obstacles": [item.model_dump(mode="json") for item in request.obstacles],
+        "solver": request.plugin,
+        "iterations": summary["iterations"],
+        "solve_time_s": summary["solve_time"],
+        "versions": versions(packages()),
+    }
+
+
+@checked
+def ocp_record(result: OcpResult) -> Record:
+    """The planned motion: t (n,) [s], q (n, n_q), v (n, n_v), axes ``x`` and their rates, clearance, and efforts.
+
+    ``thrust`` and ``torque`` are those of the steps, ``thruster_energy`` and ``joint_energy`` what was taken so far [J].
+    ``clearance`` (n, n_groups) is the smallest distance to each obstacle and between links.
+    """
+    motion, plan, robot = _ocp_motion(result), result.plan, result.request.robot
+    series = motion_series(robot, plan.trajectory, plan.powers(), motion.t, motion.q)
+    series |= axis_series(result.scene.coordinates, result.coordinates, series["v"]) | motion.clearance_series()
+    meta = plan_meta(
+        motion,
+        scenario=f"plan by optimal control, {result.plan.status.value}",
+        axis_limits=AxisLimitsMeta(x_rate=tuple(result.request.robot.limits.velocity.tolist())),
+        breaks=(0.0, result.plan.duration),
+        nearest=motion.nearest,
+    )
+    return Record(series=series, meta=meta)
+
+
+def _ocp_motion(result: OcpResult) -> PlannedMotion:
+    t, q = result.samples
+    return PlannedMotion(request=result.request, scene=result.scene, t=t, q=q, distances=result.distances)

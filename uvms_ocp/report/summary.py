@@ -1,4 +1,4 @@
-"""The report of one run."""
+"""Report of one run: its phases, goals, load, sensor health, and why it ended."""
 
 from __future__ import annotations
 
@@ -6,17 +6,223 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.arguments import checked
-from uvms_ocp.mission.conditions import ABORT, DONE
-from uvms_ocp.record import Record
-from uvms_ocp.report.cause import cause_of_end
-from uvms_ocp.report.estimate import error_bound, estimate_table
-from uvms_ocp.report.goals import ended_too_early, goal_table
-from uvms_ocp.report.load import learnt_load
-from uvms_ocp.report.resources import figures_between, resources
-from uvms_ocp.report.sensor_health import sensor_health
-from uvms_ocp.report.series import known, largest_tilt, max_velocity_step, quantities_at
-from uvms_ocp.run_meta import versions
+from uvms_ocp.checks import checked
+from uvms_ocp.record.meta_values import ABORT, DONE, EventMeta, ThresholdMeta
+from uvms_ocp.record.record import Record, quantity
+from uvms_ocp.record.run_meta import RunMeta, versions
+from uvms_ocp.report.metrics import (
+    error_bound,
+    estimate_table,
+    figures_between,
+    largest_tilt,
+    max_velocity_step,
+    none_if_nan,
+    quantities_at,
+    resources,
+)
+
+# What phases ended on: the estimate that they went by, the truth, and what the sensors allow to know.
+
+
+def goal_table(record: Record) -> list[dict[str, Any]]:
+    """One row per error that had to fall below a limit for a phase to end, in order of time.
+
+    ``estimated`` and ``true`` at that moment, `None` where not known, and the ``limit`` [m] or [rad]; ``sensors_allow`` is the
+    standard deviation of the estimate that the sensors allow, `None` where they are ideal or it is not known; ``met`` is judged
+    by the truth, `None` where that is not known. No rows of older records, which do not tell what ended a phase.
+    """
+    return [row for event in record.run_meta.events if event.target != ABORT for row in _rows(record, event)]
+
+
+def _rows(record: Record, event: EventMeta) -> list[dict[str, Any]]:
+    return [
+        {
+            "phase": event.source,
+            "t": event.t,
+            "quantity": item.quantity,
+            "limit": item.limit,
+            "estimated": none_if_nan(item.estimated),
+            "true": none_if_nan(event.truth.get(item.quantity)),
+            "sensors_allow": record.run_meta.allowance.get(item.quantity),
+            "met": _met(none_if_nan(event.truth.get(item.quantity)), item.limit),
+        }
+        for item in event.conditions
+        if item.sign == "<"
+    ]
+
+
+def _met(true: float | None, limit: float) -> bool | None:
+    return None if true is None else true < limit
+
+
+def ended_prematurely(record: Record) -> list[dict[str, Any]]:
+    """The rows of `goal_table` where the estimate was below the limit and the truth was not."""
+    return [row for row in goal_table(record) if row["met"] is False]
+
+
+# Why a run ended as it did: complete, given up, still on its way, or stuck, and then on what.
+
+_WINDOW = 5.0  # [s] at the end of the run over which progress is judged
+_PROGRESS = 0.02  # share of what is missing that must have been gained in the window
+
+
+@checked
+def cause_of_end(record: Record) -> dict[str, str]:
+    """``kind``: completed, ended too early, aborted, given up, slow, stalled; ``text``: one sentence with the figures.
+
+    A mission has ended too early where it is complete by the estimate and a true error is over its limit. One that is aborted
+    names what sent it into its abort phase, or ended it; one that is slow or stalled the last alarm, if there was any.
+
+    Raises `InvalidInput` for the record of a plan.
+    """
+    meta = record.run_meta
+    if meta.completed and (missed := ended_prematurely(record)):
+        return {"kind": "ended too early", "text": f"complete by the estimate; {'; '.join(map(_missed, missed))}"}
+    if meta.completed:
+        return {"kind": "completed", "text": "every phase came to its end"}
+    if (cause := _aborted(meta)) is not None:
+        return cause
+    if meta.events and meta.events[-1].target == ABORT:
+        return {"kind": "given up", "text": meta.events[-1].reason}
+    cause = _unfinished(record)
+    alarms = [f"; last alarm at {alarm.t:.1f} s: {alarm.text}" for alarm in meta.alarms[-1:]]
+    return {**cause, "text": "".join([cause["text"], *alarms])}
+
+
+def _aborted(meta: RunMeta) -> dict[str, str] | None:
+    """Of a mission with an abort phase that was entered, or could not be; `None` otherwise."""
+    entered = next((event for event in meta.events if event.target == meta.abort_phase), None)
+    last = meta.events[-1] if meta.events else None
+    if entered is None:
+        direct = last is not None and meta.abort_phase and last.target == ABORT and not last.conditions
+        return {"kind": "aborted", "text": f"{last.reason}, too little is known to climb"} if last and direct else None
+    ended = last.reason if last is not None and last.target == ABORT else f"time is over, {meta.pending}"
+    return {"kind": "aborted", "text": f"{entered.reason}; phase {meta.abort_phase}: {ended}"}
+
+
+def _missed(row: dict[str, Any]) -> str:
+    allowed = "" if row["sensors_allow"] is None else f", and the sensors allow {row['sensors_allow']:.2g}"
+    estimated = "-" if row["estimated"] is None else f"{row['estimated']:.3g}"
+    was = f"estimated at {estimated} but truly {row['true']:.3g}"
+    return f"phase {row['phase']}: {row['quantity']} was {was} against a limit of {row['limit']:g}{allowed}"
+
+
+def _unfinished(record: Record) -> dict[str, str]:
+    """What the last phase waited for, and whether it was coming."""
+    phase = record.meta.phases[int(record["phase"][-1])].name
+    waiting = [item for item in _conditions(record, phase) if not _fulfilled(record, item)]
+    if not waiting:
+        return {"kind": "slow", "text": f"phase {phase}: its conditions hold, but not yet for long enough"}
+    unknown = [item.quantity for item in waiting if np.isnan(_trend(record, item)[0])]
+    if unknown:
+        return {"kind": "stalled", "text": f"phase {phase}: {unknown[0]} is not known, and its condition not met"}
+    trends = [(item, *_trend(record, item)) for item in waiting]
+    item, now, gained = min(trends, key=lambda trend: trend[2])
+    what = f"phase {phase}: {item.quantity} = {now:.4g} against a limit of {item.limit:g}"
+    if gained > _PROGRESS:
+        return {"kind": "slow", "text": f"{what} was still improving, by {100 * gained:.0f} % in the last 5 s"}
+    return {"kind": "stalled", "text": f"{what} has stopped improving; {_obstruction(record, item.quantity)}"}
+
+
+def _conditions(record: Record, phase: str) -> list[ThresholdMeta]:
+    """Conditions of the forward transitions of a phase."""
+    return [item for item in record.meta.thresholds if item.phase == phase and item.sign == "<"]
+
+
+def _fulfilled(record: Record, condition: ThresholdMeta) -> bool:
+    series = quantity(record, condition.quantity)
+    return series is not None and bool(series[-1] < condition.limit)
+
+
+def _trend(record: Record, condition: ThresholdMeta) -> tuple[float, float]:
+    """The value now, and the share of the distance to the limit that the last seconds brought."""
+    series = quantity(record, condition.quantity)
+    values = np.zeros(1) if series is None else series
+    n = min(len(values), max(2, round(_WINDOW / record.run_meta.dt)))
+    before, now = float(values[-n]), float(values[-1])
+    return now, (before - now) / max(before - condition.limit, 1e-12)
+
+
+def _obstruction(record: Record, name: str) -> str:
+    """Tasks that rank above the one that waits and are active, and drives at their limits."""
+    tasks = [task.name for task in record.meta.tasks]
+    waiting = name.rpartition(".")[0]
+    if waiting not in tasks:
+        return "no task of the record measures it"
+    own = tasks.index(waiting)
+    activity, active = record["activity"][-1], []
+    ends = np.cumsum([level.rows for level in record.meta.levels])
+    for level, end in zip(record.meta.levels, ends, strict=True):
+        if level.name in tasks[:own] and activity[end - level.rows : end].max(initial=0.0) > 0:
+            active.append(level.name)
+    above = f"active above it: {', '.join(active)}" if active else "nothing above it is active"
+    n = round(_WINDOW / record.run_meta.dt)
+    full = float(np.mean(record["saturated"][-n:])) if "saturated" in record.series else 0.0
+    return above + (f"; thrusters at their limits {100 * full:.0f} % of the time" if full > 0.05 else "")
+
+
+# What the controller has learnt of the load at the tool.
+
+
+@checked
+def learnt_load(record: Record) -> dict[str, float | None] | None:
+    """At the end of a run: net weight [N] and mass [kg], with standard errors; `None` where nothing was to be learnt.
+
+    The mass is `None` while it is undetermined.
+    """
+    if "load_weight" not in record.series:
+        return None
+    units = {"weight": "n", "weight_error": "n", "mass": "kg", "mass_error": "kg"}
+    return {f"{name}_{unit}": none_if_nan(float(record[f"load_{name}"][-1])) for name, unit in units.items()}
+
+
+def load_line(load: dict[str, float | None] | None) -> str:
+    """In words; load [N, kg]: a `learnt_load`. Empty where nothing was to be."""
+    if load is None:
+        return ""
+    mass = "undetermined" if load["mass_kg"] is None else f"{load['mass_kg']:.2f} kg +- {load['mass_error_kg']:.2f}"
+    return f"load at the tool: net weight {load['weight_n']:.1f} N +- {load['weight_error_n']:.1f}, mass {mass}"
+
+
+# How each sensor fared in a run.
+
+_SUSPECT, _LOST = 1, 2
+
+
+@checked
+def sensor_health(record: Record) -> list[dict[str, Any]]:
+    """One row per channel: ``channel``, ``suspect_s``, ``lost_s``, ``first_s`` and ``why``, what was first said against it.
+
+    The last two are `None` and empty where it was always good. Empty for records without the series ``health``. Raises
+    `InvalidInput` for the record of a plan.
+    """
+    meta = record.run_meta
+    if "health" not in record.series:
+        return []
+    columns = zip(meta.channels, record["health"].T, strict=True)
+    return [_row(record, channel, codes) for channel, codes in columns]
+
+
+def _row(record: Record, channel: str, codes: np.ndarray) -> dict[str, Any]:
+    dt, bad = record.run_meta.dt, np.flatnonzero(codes)
+    first = float(record["t"][bad[0]]) if len(bad) else None
+    return {
+        "channel": channel,
+        "suspect_s": dt * int((codes == _SUSPECT).sum()),
+        "lost_s": dt * int((codes == _LOST).sum()),
+        "first_s": first,
+        "why": "" if first is None else _why(record, channel, first),
+    }
+
+
+def _why(record: Record, channel: str, since: float) -> str:
+    """The first alarm on the channel."""
+    told = (alarm.text for alarm in record.run_meta.alarms if alarm.t >= since - 1e-9)
+    text = next((text for text in told if text.startswith(f"{channel} ")), "")
+    return text.partition(": ")[2]
+
+
+# The report of one run.
 
 _SETTLING = 0.5  # [s] after the start of a phase, before its drift counts
 
@@ -29,14 +235,14 @@ def summarize(record: Record) -> dict[str, Any]:
     Lengths in m, angles in rad, times in s unless the key says otherwise. Raises `InvalidInput` for the record of a plan.
     """
     meta, task = record.run_meta, record.run_meta.tool_task
-    estimated = _known(quantities_at(record, float(record["t"][-1])))
+    estimated = _none_if_nan(quantities_at(record, float(record["t"][-1])))
     return {
         **{name: getattr(meta, name) for name in ("scenario", "robot", "plant", "solver")},
         **{part: getattr(meta, part) or None for part in ("controller", "estimator", "sensors")},
         "completed": meta.completed,
         "pending": meta.pending,
         "cause": cause_of_end(record),
-        "ended_too_early": sorted({row["phase"] for row in ended_too_early(record)}) if meta.completed else [],
+        "ended_too_early": sorted({row["phase"] for row in ended_prematurely(record)}) if meta.completed else [],
         "goals": goal_table(record),
         "phases": phase_table(record),
         "resources": resources(record),
@@ -46,8 +252,8 @@ def summarize(record: Record) -> dict[str, Any]:
         "sensor_health": sensor_health(record),
         "load": learnt_load(record),
         "alarms": [alarm.model_dump() for alarm in meta.alarms],
-        "tool_position_error_m": known(meta.true_quantity(f"{task}.position_error")),
-        "tool_orientation_error_rad": known(meta.true_quantity(f"{task}.orientation_error")),
+        "tool_position_error_m": none_if_nan(meta.true_quantity(f"{task}.position_error")),
+        "tool_orientation_error_rad": none_if_nan(meta.true_quantity(f"{task}.orientation_error")),
         "estimated_tool_position_error_m": estimated.get(f"{task}.position_error"),
         "estimated_tool_orientation_error_rad": estimated.get(f"{task}.orientation_error"),
         "tool_position_bound_m": error_bound(record, f"{task}.position_error"),
@@ -90,8 +296,8 @@ def phase_table(record: Record) -> list[dict[str, Any]]:
             "start_s": start,
             "end_s": end,
             "reason": reason,
-            "final_errors": _known(quantities_at(record, end)),
-            "true_errors": _known(truth),
+            "final_errors": _none_if_nan(quantities_at(record, end)),
+            "true_errors": _none_if_nan(truth),
             "sensors_allow": meta.allowance,
             **figures_between(record, start, end),
         }
@@ -99,8 +305,8 @@ def phase_table(record: Record) -> list[dict[str, Any]]:
     ]
 
 
-def _known(quantities: dict[str, float]) -> dict[str, float | None]:
-    return {name: known(value) for name, value in quantities.items()}
+def _none_if_nan(quantities: dict[str, float]) -> dict[str, float | None]:
+    return {name: none_if_nan(value) for name, value in quantities.items()}
 
 
 def _drift_in_last_phase(record: Record) -> float | None:

@@ -1,4 +1,4 @@
-"""Water currents: fields of velocity over ground, in W, with the slopes that give the water's own acceleration."""
+"""Water currents: velocity fields over ground in W, with the derivatives that give the acceleration of the water."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from typing import Annotated, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import DAY, Count, Shape, checked, late
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.water.hydrodynamics import Water
+from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.hydrodynamics import Water
+from uvms_ocp.types import DAY, Count, Shape
 
 _FASTEST = 10.0  # [m/s] no sea is faster, Saltstraumen included: more is a slip of units
 _BLOCK = 256  # nodes of a gust that are drawn at a time
@@ -44,12 +45,12 @@ class Current(Protocol):
         """
 
 
-@late
+@checked_on_failure
 def water_at(current: Current, p_W: Points, t: float) -> Water:
     """The water at points p_W (n, 3) [m] and time t [s]: u and its own acceleration ``Du/Dt = du/dt + (u . grad) u``.
 
     That is how u changes for a particle of the water, not for a robot that moves through it: nothing where the water
-    flows steadily in parallel layers. `uvms_ocp.model.water.hydrodynamics` says what else slopes do, which is neglected.
+    flows steadily in parallel layers. `uvms_ocp.robot.hydrodynamics` says what else slopes do, which is neglected.
     Raises `InvalidInput` where the current does.
     """
     u = current.velocity(p_W, t)
@@ -57,7 +58,7 @@ def water_at(current: Current, p_W: Points, t: float) -> Water:
     return Water(velocity=u, acceleration=current.rate(p_W, t) + carried)
 
 
-@late
+@checked_on_failure
 @dataclass(frozen=True, kw_only=True, slots=True)
 class StillWater(Current):
     """No current."""
@@ -72,7 +73,7 @@ class StillWater(Current):
         return np.zeros((len(p_W), 3, 3))
 
 
-@late
+@checked_on_failure
 @dataclass(frozen=True, slots=True, eq=False)
 class UniformCurrent(Current):
     """The same velocity (3,) [m/s] everywhere and always.
@@ -96,7 +97,7 @@ class UniformCurrent(Current):
         return np.zeros((len(p_W), 3, 3))
 
 
-@late
+@checked_on_failure
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ShearedCurrent(Current):
     """A steady current that varies with depth: linear between the given heights, constant beyond them.
@@ -145,7 +146,7 @@ class ShearedCurrent(Current):
         return gradient
 
 
-@late
+@checked_on_failure
 @dataclass(frozen=True, slots=True, eq=False)
 class OnsetCurrent(Current):
     """A uniform current that sets in: from rest to its velocity by a cosine step, as when the tide turns."""
@@ -219,19 +220,19 @@ class GustyCurrent(Current):
         decay = math.exp(-self.step / self.correlation_time)
         object.__setattr__(self, "_path", _Path(np.broadcast_to(sigma, (3,)), decay, self.seed))
 
-    @late
+    @checked_on_failure
     def velocity(self, p_W: Points, t: float) -> np.ndarray:
         return self.base.velocity(p_W, t) + self.gust(t)[0]
 
-    @late
+    @checked_on_failure
     def rate(self, p_W: Points, t: float) -> np.ndarray:
         return self.base.rate(p_W, t) + self.gust(t)[1]
 
-    @late
+    @checked_on_failure
     def gradient(self, p_W: Points, t: float) -> np.ndarray:
         return self.base.gradient(p_W, t)
 
-    @late
+    @checked_on_failure
     def gust(self, t: float) -> np.ndarray:
         """Velocity [m/s] of the gust alone and its rate [m/s2] (2, 3) at time t [s], from the two nodes on either side.
 

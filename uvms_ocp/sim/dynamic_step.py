@@ -1,4 +1,4 @@
-"""One time step of a robot in water as a CasADi Function.
+"""Semi-implicit Euler step of a robot in water as a CasADi Function, with contact of its hull with the floor; a period of steps.
 
 The step is implicit in everything stiff and dissipative: with h the bias force and G the slope of drag, joint friction,
 joint stops and floor contact with respect to velocity,
@@ -12,21 +12,98 @@ for, and where it still moved, the first step is the impulse that stops it, whic
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.functions.elementwise import clipped
-from uvms_ocp.model.limits import bounded_joints
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.spatial import skew
-from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
-from uvms_ocp.model.symbolic.joint_types import sparse
-from uvms_ocp.model.thrusters import thruster_matrix
-from uvms_ocp.sim.contact import ContactModel
+from uvms_ocp.codegen.buffered import BoundFunction
+from uvms_ocp.codegen.elementwise import clipped
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.limits import bounded_joints
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.spatial import skew
+from uvms_ocp.robot.symbolic_bodies import sparse
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
+from uvms_ocp.robot.thrusters import thruster_matrix
 from uvms_ocp.sim.thrusters import N_DECAYS, Thrusters, joint_power
+
+# Contact of the vehicle's hull with the seafloor: a spring and damper at each corner of its underside.
+#
+# The floor pushes and never pulls; friction is Coulomb's, regularised below a creeping speed.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ContactModel:
+    """Stiffness and damping per corner. Raises `InvalidInput` for a number that is not > 0.
+
+    The values are assumed: no public measurement of a skid on sediment.
+    """
+
+    stiffness: float = 2e4
+    """[N/m]"""
+    damping: float = 2e3
+    """[N s/m]"""
+    friction: float = 0.5
+    """[-]"""
+    creep: float = 0.01
+    """[m/s] speed below which friction is viscous."""
+
+    def __post_init__(self) -> None:
+        for name in ("stiffness", "damping", "friction", "creep"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise InvalidInput(f"contact {name} = {value}; give a finite value > 0")
+
+    def force(self, depth: ca.SX, velocity_W: ca.SX, normal_W: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Force (3,) [N] in W on a point `depth` [m] below the floor that moves with velocity_W (3,) [m/s], and its slope.
+
+        The slope (3, 3) [N s/m], minus the derivative with respect to velocity over a step dt [s], makes the step implicit.
+        """
+        speed, damping = ca.dot(velocity_W, normal_W), self.damping + dt * self.stiffness
+        pressing = ca.if_else(depth > 0, ca.fmax(self.stiffness * depth - damping * speed, 0), 0)
+        sliding = velocity_W - speed * normal_W
+        grip = self.friction * pressing / ca.sqrt(ca.sumsqr(sliding) + self.creep**2)
+        across = ca.SX.eye(3) - normal_W @ normal_W.T
+        slope = ca.if_else(pressing > 0, damping, 0) * (normal_W @ normal_W.T) + grip * across
+        return pressing * normal_W - grip * sliding, slope
+
+
+def skid_points(robot: Robot) -> np.ndarray:
+    """Lower corners (4, 3) [m] of the box around the vehicle's collision shapes, in the frame of the vehicle.
+
+    (0, 3) for a robot with a fixed base or without collision shapes on its vehicle.
+    """
+    hull = [shape for shape in robot.collision_model.geometryObjects if shape.parentJoint == 1]
+    if not robot.n_vehicle or not hull:
+        return np.zeros((0, 3))
+    corners = np.concatenate([_box_corners(shape) for shape in hull])
+    (x0, y0, z0), (x1, y1, _) = corners.min(axis=0), corners.max(axis=0)
+    return np.array([[x0, y0, z0], [x0, y1, z0], [x1, y0, z0], [x1, y1, z0]])
+
+
+def _box_corners(shape: object) -> np.ndarray:
+    """Corners (8, 3) [m] of a shape's own bounding box, in the frame of the vehicle."""
+    shape.geometry.computeLocalAABB()  # type: ignore[attr-defined]
+    box = shape.geometry.aabb_local  # type: ignore[attr-defined]
+    ends = np.array([box.min_, box.max_])
+    corners = np.array([[ends[i, 0], ends[j, 1], ends[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+    placement = shape.placement  # type: ignore[attr-defined]
+    return corners @ placement.rotation.T + placement.translation
+
+
+# One time step of a robot in water as a CasADi Function.
+#
+# The step is implicit in everything stiff and dissipative: with h the bias force and G the slope of drag, joint friction,
+# joint stops and floor contact with respect to velocity,
+#
+#     (M + dt G) (v_next - v) = dt (tau + contact + stops - h(q, v)),    q_next = q (+) v_next dt.
+#
+# Added mass is part of M, so the step stays stable where it exceeds the dry mass; G keeps a coarse step from overshooting
+# the drag. First order in dt. A joint that is locked has v_next = 0 in place of its row: the force that holds it is solved
+# for, and where it still moved, the first step is the impulse that stops it, which leaves all other momenta as they were.
 
 CARRIED = ("q", "v", "thrust", "thruster_energy", "joint_energy")
 """What one step hands to the next."""
@@ -169,3 +246,68 @@ def _unit_quaternion(robot: Robot, q: ca.SX) -> ca.SX:
     if not robot.n_vehicle:
         return q
     return ca.vertcat(q[:3], q[3:7] / ca.norm_2(q[3:7]), q[7:])
+
+
+# A control period of the physical plant: several steps as one function, called through memory that is written to in place.
+
+
+def period_function(step: ca.Function, n_steps: int) -> ca.Function:
+    """``n_steps`` calls of `step_function` as one Function, whose dt [s] is that of all of them and whose result is one column.
+
+    The column holds q, v, thrust, thruster_energy and joint_energy at the end, then torque and contact of the last step, then
+    a (n_v,) [m/s2, rad/s2]: the mean acceleration, as an accelerometer would integrate it. n_steps [-] is at least 1. The
+    graph is walked by CasADi; what takes time is the step, compiled once for periods of any length.
+    """
+    inputs = {step.name_in(i): ca.MX.sym(step.name_in(i), *step.size_in(i)) for i in range(step.n_in())}
+    carried, held = list(inputs.values())[: len(CARRIED)], list(inputs.values())[len(CARRIED) :]
+    dt = held.pop()
+    results: list[ca.MX] = []
+    for _ in range(n_steps):
+        results = list(step(*carried, *held, dt / n_steps))
+        carried = results[: len(CARRIED)]
+    a = (carried[1] - inputs["v"]) / dt
+    return ca.Function("plant_period", [*inputs.values()], [ca.vertcat(*results, a)], [*inputs], ["after"])
+
+
+class StepSequence:
+    """`period_function` over fixed memory: `given` is written to, and a call gives a fresh result.
+
+    Not for use from two threads at once.
+    """
+
+    __slots__ = ("_period", "_result", "carried", "given")
+
+    def __init__(self, step: ca.Function, n_steps: int) -> None:
+        """step: `step_function`, compiled or not. n_steps [-]: at least 1, in a period. Raises `InvalidInput` for fewer."""
+        if n_steps < 1:
+            raise InvalidInput(f"{n_steps} steps in a period; give 1 or more")
+        function = period_function(step, n_steps)
+        memory, self.given = _memory(function)
+        """By name: (n,) views, and those of a matrix as (columns, rows), all to be written to."""
+        self.carried = memory[: parts_of(step)["torque"].start]
+        """(n_carried,) view of the inputs that the first results are: for the next period."""
+        self._result = np.zeros(function.numel_out(0))
+        self._period = BoundFunction(function, [view.T for view in self.given.values()], [self._result])
+
+    def __call__(self) -> np.ndarray:
+        """The column (n,) [units of its parts] after one period of what is `given`."""
+        self._period.evaluate()
+        return self._result.copy()
+
+
+def parts_of(step: ca.Function) -> dict[str, slice]:
+    """Where each result of `period_function` stands in its column, by name."""
+    names = [step.name_out(i).removesuffix("_next") for i in range(step.n_out())] + ["a"]
+    ends = np.cumsum([*(step.numel_out(i) for i in range(step.n_out())), step.numel_out("v_next")]).tolist()
+    return {name: slice(begin, end) for name, begin, end in zip(names, [0, *ends], ends, strict=False)}
+
+
+def _memory(function: ca.Function) -> tuple[np.ndarray, Mapping[str, np.ndarray]]:
+    """One block for all inputs and, by name, the views of it."""
+    sizes = [function.size_in(i) for i in range(function.n_in())]
+    ends = np.cumsum([rows * columns for rows, columns in sizes]).tolist()
+    block, views = np.zeros(ends[-1]), {}
+    for i, (rows, columns) in enumerate(sizes):
+        part = block[ends[i] - rows * columns : ends[i]]
+        views[function.name_in(i)] = part if columns == 1 else part.reshape(columns, rows)  # CasADi reads by columns
+    return block, views

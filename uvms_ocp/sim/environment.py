@@ -1,14 +1,29 @@
-"""What surrounds the robot: floor, water and obstacles."""
+"""Environment of the robot, floor, water and obstacles: sampled for the plant, and the closest approach to it in a run."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Annotated
 
-from uvms_ocp.arguments import checked
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.shapes.obstacles import Obstacle
-from uvms_ocp.sim.currents import Current, StillWater
-from uvms_ocp.sim.seafloor import Seafloor
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.checks import checked
+from uvms_ocp.codegen.buffered import BufferedFunction
+from uvms_ocp.codegen.compile import compile_function
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.collision_model import CollisionModel
+from uvms_ocp.robot.shapes.obstacles import Obstacle
+from uvms_ocp.robot.spatial import quaternion_to_matrix
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
+from uvms_ocp.sim.currents import Current, GustyCurrent, OnsetCurrent, StillWater, UniformCurrent, water_at
+from uvms_ocp.sim.seafloor import FlatSeafloor, HeightField, Seafloor, floor_obstacle, ground_at
+from uvms_ocp.types import Positive, Shape
+
+# What surrounds the robot: floor, water and obstacles.
 
 
 @checked
@@ -27,3 +42,148 @@ class Environment:
         names = [obstacle.name for obstacle in self.obstacles]
         if len(set(names)) != len(names):
             raise InvalidInput(f"names of obstacles must be unique; given: {names}")
+
+
+# What the plant feels of its environment at one configuration: water at its links, the floor below its contact points.
+
+_NOWHERE = np.zeros((0, 3))
+_NEAR = 1.0  # [m] above its highest part the floor is looked at anyhow
+_FASTEST = 10.0  # [m/s] no vehicle sinks faster
+
+
+class Surroundings:
+    """Writes the environment where a `StepSequence` reads it. What never changes is written once, by `bind`."""
+
+    def __init__(
+        self, environment: Environment, dynamics: SymbolicDynamics, points: np.ndarray, *, compiled: bool = True
+    ) -> None:
+        """points (n_points, 3) [m]: contact points in B. compiled: unless there is no time for that."""
+        self._environment = environment
+        self._n_links = len(dynamics.links)
+        self._steady = is_steady(environment.current)
+        self._uniform = everywhere(environment.current, 0.0) is not None
+        floor = environment.seafloor
+        self._flat = type(floor) is FlatSeafloor or not len(points)
+        self._top = floor.top if type(floor) is HeightField else math.inf
+        self._given: Mapping[str, np.ndarray] = {}
+        self._sites: BufferedFunction | None = None
+        if not (self._uniform and self._flat):
+            function = sites_function(dynamics, points)
+            self._sites = BufferedFunction(compile_function(function) if compiled else function)
+
+    def bind(self, given: Mapping[str, np.ndarray]) -> None:
+        """From now on write into the arrays of `given` (...) [units below]: what `StepSequence` reads.
+
+        Those are u (n_links, 3) [m/s], Du_Dt (n_links, 3) [m/s2], floor_z (n_points,) [m] and floor_normal (n_points, 3) [-];
+        the period dt (1,) [s] is read.
+        """
+        self._given = given
+        if self._steady:
+            self._feel_water(_NOWHERE, 0.0)
+        if self._flat:
+            self._feel_floor(np.zeros((len(given["floor_z"]), 3)))
+
+    def sample(self, q: np.ndarray, t: float) -> None:
+        """Write what there is at configuration q (n_q,) [m, rad] and time t [s]."""
+        sites = _NOWHERE if self._sites is None else self._sites(q)[0].T
+        if not self._steady:
+            self._feel_water(sites[: self._n_links], t)
+        if not self._flat:
+            points = sites[self._n_links :]
+            if points[:, 2].min() > self._top + _NEAR + _FASTEST * self._given["dt"][0]:
+                self._given["floor_z"][:] = self._top  # as much out of reach as all that is below it
+            else:
+                self._feel_floor(points)
+
+    def _feel_water(self, p_W: np.ndarray, t: float) -> None:
+        current, given = self._environment.current, self._given
+        flow = everywhere(current, t) if self._uniform else None
+        if flow is None:
+            water = water_at(current, p_W, t)
+            given["u"][:], given["Du_Dt"][:] = water.velocity, water.acceleration
+        else:
+            given["u"][:], given["Du_Dt"][:] = flow
+
+    def _feel_floor(self, p_W: np.ndarray) -> None:
+        given = self._given
+        given["floor_z"][:], given["floor_normal"][:] = ground_at(self._environment.seafloor, p_W[:, :2])
+
+
+def sites_function(dynamics: SymbolicDynamics, points: np.ndarray) -> ca.Function:
+    """Function ``q -> p_W (3, n_links + n_points)`` [m]: the links as `SymbolicDynamics.link_positions`, then the points.
+
+    points (n_points, 3) [m]: contact points in B.
+    """
+    q = ca.SX.sym("q", dynamics.model.nq)
+    columns = [dynamics.link_positions(q)]
+    if len(points):
+        columns += [q[:3] + quaternion_to_matrix(q[3:7]) @ ca.DM(point) for point in points]
+    return ca.Function("sites", [q], [ca.densify(ca.horzcat(*columns))], ["q"], ["p_W"], {"cse": True})
+
+
+def is_steady(current: Current) -> bool:
+    """Whether it is known to be the same everywhere and always."""
+    return type(current) in (StillWater, UniformCurrent)
+
+
+def everywhere(current: Current, t: float) -> np.ndarray | None:
+    """Velocity [m/s] and its rate [m/s2] (2, 3) at time t [s], where they are known to be the same at all points.
+
+    Raises `InvalidInput` where the current does.
+    """
+    # Of these very classes: another one that is made of them may differ from place to place.
+    if type(current) is GustyCurrent:
+        base = everywhere(current.base, t)
+        return None if base is None else base + current.gust(t)
+    if type(current) is OnsetCurrent:
+        return np.multiply.outer(current.growth(t), current.value)
+    if type(current) is UniformCurrent:
+        return np.array([current.value, np.zeros(3)])
+    return np.zeros((2, 3)) if type(current) is StillWater else None
+
+
+# How near a robot came to the floor, to obstacles and to itself during a run.
+
+_AROUND = 4.0  # [m] of floor beyond the vehicle's track
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ClosestApproach:
+    """The smallest distance over a run; 0 or less is contact."""
+
+    distance: float
+    """[m]"""
+    row: int
+    """Of the configurations given."""
+    pair: str
+    """Names of the two shapes."""
+
+
+@checked
+def closest_approach(
+    robot: Robot,
+    environment: Environment,
+    q: Annotated[np.ndarray, Shape("n", "robot.n_q")],
+    *,
+    self_collision: bool = False,
+    floor: bool = True,
+    spacing: Positive = 0.25,
+) -> ClosestApproach:
+    """The closest approach of the whole robot to the floor and all obstacles over configurations q (n, n_q) [m, rad].
+
+    floor: count it, which a robot that has landed touches. spacing [m] of the mesh for a floor that is not flat.
+    """
+    obstacles = [*environment.obstacles, *([_floor_below(environment, q, spacing)] if floor else [])]
+    model = CollisionModel(robot, obstacles, self_collision=self_collision)
+    distances = np.array([model.values(row) for row in q])
+    row, pair = np.unravel_index(int(np.argmin(distances)), distances.shape)
+    return ClosestApproach(distance=float(distances[row, pair]), row=int(row), pair=model.pair_names[pair])
+
+
+def _floor_below(environment: Environment, q: np.ndarray, spacing: float) -> Obstacle:
+    """The part of the floor around the track of the vehicle."""
+    low, high = q[:, :2].min(axis=0) - _AROUND, q[:, :2].max(axis=0) + _AROUND
+    centre, extent = 0.5 * (low + high), float((high - low).max())
+    place = (float(centre[0]), float(centre[1]))
+    return floor_obstacle(environment.seafloor, centre=place, extent=extent, spacing=spacing)

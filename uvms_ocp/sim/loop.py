@@ -1,4 +1,4 @@
-"""The closed loop: plant, sensors, state estimator and any controller, and what each of them is.
+"""Simulate the closed loop of plant, sensors, state estimator and controller.
 
 The parts know nothing of each other: what they exchange is `uvms_ocp.model.state`.
 """
@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.arguments import Positive, checked
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.health import ChannelHealth
-from uvms_ocp.model.state import Command, Measurement, Readings, State
-from uvms_ocp.record import Recorder
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.record import Recorder
+from uvms_ocp.robot.signals import ChannelHealth, Command, Measurement, Readings, State
 from uvms_ocp.sim.plant import Plant
+from uvms_ocp.types import Positive
 
 Sensors = Callable[[State, float], Readings]
 """True state and time [s] to readings."""
@@ -26,7 +26,7 @@ Controller = Callable[[Measurement, float], Command]
 """Measurement and time [s] to a command."""
 Progress = Callable[[float, Command], None]
 """Told the time [s] and the command of a tick."""
-Watch = Callable[[float, State, Command], None]
+TickObserver = Callable[[float, State, Command], None]
 """Told the time [s], the true state and the command of a tick, which it must leave as they are."""
 
 MOST_TICKS = 4_000_000
@@ -43,7 +43,7 @@ def simulate(
     dt: Positive,
     duration: Positive,
     progress: Progress | None = None,
-    watch: Watch | None = None,
+    watch: TickObserver | None = None,
 ) -> Recorder:
     """Run until the command says finished or `duration` [s] is over; one row per tick, before its step.
 

@@ -1,4 +1,4 @@
-"""Simulated sensors: what a robot measures of its true state, with rate, noise, bias, delay and drop-outs."""
+"""Simulated sensors: readings of the true state, with rate, noise, bias, delay and drop-outs."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import Count, Shape, checked, late, trusted, unchecked
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions.buffered import BoundFunction, BufferedFunction
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import CHANNELS, SensorSpec, SensorSpecs
-from uvms_ocp.model.spatial import quaternion_exp, quaternion_multiply, quaternion_to_matrix
-from uvms_ocp.model.state import Reading, Readings, State
-from uvms_ocp.model.symbolic.tree import SymbolicModel
-from uvms_ocp.sim.faults.channel import Channel, ChannelFaults
-from uvms_ocp.sim.faults.fault import Fault
+from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor, unchecked_method
+from uvms_ocp.codegen.buffered import BoundFunction, BufferedFunction
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import CHANNELS, Reading, Readings, SensorSpec, SensorSpecs, State
+from uvms_ocp.robot.spatial import quaternion_exp, quaternion_multiply, quaternion_to_matrix
+from uvms_ocp.robot.symbolic_model import SymbolicModel
+from uvms_ocp.sim.fault_effects import ChannelFaults, FaultyChannel
+from uvms_ocp.sim.faults import Fault
 from uvms_ocp.sim.seafloor import Seafloor
+from uvms_ocp.types import Count, Shape
 
-_reading = trusted(Reading)
-_readings = trusted(Readings)
-_state = trusted(State)
+_reading = unchecked_constructor(Reading)
+_readings = unchecked_constructor(Readings)
+_state = unchecked_constructor(State)
 
 _IDEAL = SensorSpec()
 
@@ -48,7 +48,7 @@ class Altimeter:
         self._q, self._origin, self._direction = np.zeros(robot.n_q), np.zeros(3), np.zeros(3)
         self._look = BoundFunction(_beam_function(robot, frame), [self._q], [self._origin, self._direction])
 
-    @late
+    @checked_on_failure
     def measure(self, q: Annotated[np.ndarray, Shape("self.robot.n_q")]) -> float:
         """Range [m] at configuration q (n_q,) [m, rad]; nan without an echo."""
         self._q[:] = q
@@ -106,7 +106,7 @@ class SensorSuite:
         """[s] time of the last readings of the ideal ones."""
         self._readings: dict[str, Reading[Any] | None] = {}
 
-    @late
+    @checked_on_failure
     def read(self, state: State, t: float) -> Readings:
         """The last reading of every channel at time t [s], the time of the true `state`."""
         readings = self._readings
@@ -141,7 +141,7 @@ def _sources(
         }
     frame = altimeter_frame or robot.description.altimeter
     if specs.altimeter_range is not None and frame is not None:
-        measure = unchecked(Altimeter(robot, seafloor, frame).measure)
+        measure = unchecked_method(Altimeter(robot, seafloor, frame).measure)
         sources["altimeter_range"] = (lambda state: measure(state.q), _add_scalar, 1)
     return sources
 
@@ -158,12 +158,12 @@ def _by_channel(faults: Sequence[Fault], channels: Sequence[str]) -> dict[str, l
     return found
 
 
-def _struck(robot: Robot, name: str, disturb: Disturb, n: int) -> Channel:
+def _struck(robot: Robot, name: str, disturb: Disturb, n: int) -> FaultyChannel:
     """A channel as its faults need it."""
     neutral = pin.neutral(robot.model)
     origins = {"attitude": np.array([0.0, 0.0, 0.0, 1.0]), "joint_positions": neutral[robot.joint_q]}
     joints = robot.joints if name.startswith("joint_") else ()
-    return Channel(name=name, disturb=disturb, n=n, origin=origins.get(name), joints=joints)
+    return FaultyChannel(name=name, disturb=disturb, n=n, origin=origins.get(name), joints=joints)
 
 
 def _specific_force(gravity: np.ndarray) -> Truth:

@@ -1,4 +1,4 @@
-"""Thrusters in time as CasADi expressions: limits, dead zone, lag and electrical power; and the power of the joints' drives.
+"""Thruster dynamics as CasADi expressions, limits, dead zone, first-order lag and electrical power; power of joint drives.
 
 Thrust follows the command, clipped to the limits and cut in the dead zone, with the first-order lag
 ``time_constant thrust_dot = target - thrust``, exact for a command held over the step.
@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions.elementwise import Array, clipped, where
-from uvms_ocp.model.files.description import Thruster
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.thrusters import thrust_limits
+from uvms_ocp.codegen.elementwise import Array, clipped, where
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.description import Thruster
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.thrusters import thrust_limits
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 N_DECAYS = len(_NODES) + 1

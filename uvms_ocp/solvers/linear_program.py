@@ -1,4 +1,4 @@
-"""Small linear programs with bounded variables, as a kernel: a dense simplex by Bland's rule, which cannot cycle [Bland1977].
+"""Small linear programs with bounded variables as a kernel: a dense simplex by Bland's rule [Bland1977].
 
 `[x]` is the unit of the variables and of the rows, `[c]` that of the costs. Inputs are trusted: finite but for upper bounds.
 """
@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector
-from uvms_ocp.solvers.least_norm import dot
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
+from uvms_ocp.solvers.bounded_least_squares import dot
 
 _TOLERANCE = 1e-9  # of prices and pivots of about 1, and of rows relative to what is in them
 _ROUNDS = 50  # for every variable

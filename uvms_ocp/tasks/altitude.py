@@ -7,14 +7,13 @@ from typing import ClassVar
 
 import casadi as ca
 
-from uvms_ocp.arguments import Finite, checked
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.axis_reach import point_reach
-from uvms_ocp.model.limits import PositionLimit
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.symbolic.tree import SymbolicModel
-from uvms_ocp.tasks.activation import Bell
-from uvms_ocp.tasks.limits import approach_speed, row_acceleration, saturate
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.kinematics import point_reach
+from uvms_ocp.robot.limits import PositionLimit
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.symbolic_model import SymbolicModel
+from uvms_ocp.tasks.activation import Bell, approach_speed, row_acceleration, saturate
 from uvms_ocp.tasks.task import (
     Residual,
     Rows,
@@ -26,6 +25,7 @@ from uvms_ocp.tasks.task import (
     require_positive,
     zero_residual,
 )
+from uvms_ocp.types import Finite
 
 
 def altitude_of(symbols: TickSymbols, frame: str) -> ca.SX:

@@ -1,4 +1,4 @@
-"""Attitude tasks: horizontal attitude (HA) and alignment to a target (AT)."""
+"""Attitude tasks: horizontal attitude (HA), alignment with a target (AT), field of view (FV)."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.arguments import checked, late
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.spatial import skew
-from uvms_ocp.tasks.activation import Bell
-from uvms_ocp.tasks.limits import approach_speed, row_acceleration, saturate
-from uvms_ocp.tasks.reference import VectorGoal, evaluate_vector
+from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.spatial import skew
+from uvms_ocp.tasks.activation import Bell, approach_speed, row_acceleration, saturate
 from uvms_ocp.tasks.task import (
     Residual,
     Rows,
     Task,
     TaskClass,
     TickSymbols,
+    VectorGoal,
     bounded_residual,
+    evaluate_vector,
     require_positive,
 )
 
@@ -145,7 +145,7 @@ class Alignment(AngleTask):
     def n_parameters(self, robot: Robot) -> int:
         return 6
 
-    @late
+    @checked_on_failure
     def reference(self, t: float) -> np.ndarray:
         return np.concatenate(evaluate_vector(self.name, self.goal, t))
 
@@ -213,7 +213,7 @@ class FieldOfView(AngleTask):
     def n_parameters(self, robot: Robot) -> int:
         return 6
 
-    @late
+    @checked_on_failure
     def reference(self, t: float) -> np.ndarray:
         return np.concatenate(evaluate_vector(self.name, self.goal, t))
 

@@ -1,4 +1,4 @@
-"""Clearance: the robot keeps away from obstacles and from itself."""
+"""Clearance task: keep the robot away from obstacles and from itself."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.arguments import checked, late
-from uvms_ocp.model.limits import PositionLimit
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.shapes.collision_model import CollisionModel
-from uvms_ocp.tasks.activation import Bell
-from uvms_ocp.tasks.limits import approach_speed, row_acceleration, saturate
-from uvms_ocp.tasks.nearest_pairs import NearestPairs
-from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, require_positive
+from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.robot.limits import PositionLimit
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.collision_model import CollisionModel
+from uvms_ocp.tasks.activation import Bell, approach_speed, row_acceleration, saturate
+from uvms_ocp.tasks.task import NearestPairs, Rows, Task, TaskClass, TickSymbols, require_positive
 
 
 @checked
@@ -70,7 +68,7 @@ class Clearance(Task):
     def n_parameters(self, robot: Robot) -> int:
         return self._pairs.n_parameters
 
-    @late
+    @checked_on_failure
     def reference(self, t: float) -> np.ndarray:
         return self._pairs.far_away()
 

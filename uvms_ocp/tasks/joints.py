@@ -8,21 +8,21 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.arguments import checked, late
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.limits import Joint, bounded_joints
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.tasks.activation import Bell
-from uvms_ocp.tasks.limits import approach_speed, saturate
-from uvms_ocp.tasks.reference import VectorGoal, evaluate_vector
+from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.limits import Joint, bounded_joints
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.tasks.activation import Bell, approach_speed, saturate
 from uvms_ocp.tasks.task import (
     Residual,
     Rows,
     Task,
     TaskClass,
     TickSymbols,
+    VectorGoal,
     bounded_residual,
     equality_rows,
+    evaluate_vector,
     require_positive,
     zero_residual,
 )
@@ -141,7 +141,7 @@ class JointTracking(Task):
     def n_parameters(self, robot: Robot) -> int:
         return 2 * len(self.joints)
 
-    @late
+    @checked_on_failure
     def reference(self, t: float) -> np.ndarray:
         return np.concatenate(evaluate_vector(self.name, self.goal, t))
 

@@ -1,28 +1,33 @@
-"""Pose tasks: vehicle pose (PC), tool pose (T), tool position."""
+"""Tasks on poses and velocities: vehicle pose (PC), tool pose (T) and position, null velocity (NR), under-actuation."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import checked, late
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.spatial import log3
-from uvms_ocp.tasks.limits import saturate
-from uvms_ocp.tasks.reference import PoseGoal, evaluate_pose
+from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.spatial import log3
+from uvms_ocp.tasks.activation import saturate
 from uvms_ocp.tasks.task import (
+    PoseGoal,
     Residual,
     Rows,
     Task,
     TaskClass,
     TickSymbols,
     equality_rows,
+    evaluate_pose,
     require_positive,
     zero_residual,
 )
+
+# Pose tasks: vehicle pose (PC), tool pose (T), tool position.
 
 _N_POSE = 12 + 6  # p (3), R column by column (9), rate (6)
 
@@ -62,7 +67,7 @@ class PoseTask(Task):
     def n_parameters(self, robot: Robot) -> int:
         return _N_POSE
 
-    @late
+    @checked_on_failure
     def reference(self, t: float) -> np.ndarray:
         pose, rate = evaluate_pose(self.name, self.goal, t)
         return pose_parameters(pose, rate)
@@ -138,7 +143,7 @@ class ToolPosition(Task):
     def n_parameters(self, robot: Robot) -> int:
         return 6
 
-    @late
+    @checked_on_failure
     def reference(self, t: float) -> np.ndarray:
         pose, rate = evaluate_pose(self.name, self.goal, t)
         return np.concatenate([pose.translation, rate[:3]])
@@ -157,3 +162,53 @@ class ToolPosition(Task):
 def pose_parameters(pose: pin.SE3, rate: np.ndarray) -> np.ndarray:
     """Pose [m] and rate (6,) [m/s, rad/s] as the flat vector (18,) that `PoseTask.rows` reads."""
     return np.concatenate([pose.translation, pose.rotation.ravel(order="F"), rate])
+
+
+# Tasks on generalized velocities themselves: vehicle null velocity (NR) and under-actuation.
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class VehicleVelocity(Task):
+    """Shared part of tasks on chosen vehicle axes (0-2 linear, 3-5 angular, in B).
+
+    Raises `InvalidInput` for other axes or none.
+    """
+
+    reactive: ClassVar[bool] = False
+    task_class: TaskClass = TaskClass.CONSTRAINT
+    axes: tuple[int, ...]
+    """Indices in the vehicle's part of v."""
+
+    def __post_init__(self) -> None:
+        if not self.axes or not set(self.axes) <= set(range(6)):
+            raise InvalidInput(f"{self.name}: axes {self.axes}; give some of 0 to 5")
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class NullVelocity(VehicleVelocity):
+    """NR: the vehicle stands still."""
+
+    name: str = "NR"
+    axes: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
+
+    def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
+        """Velocity of the axes = 0 [m/s, rad/s]."""
+        return zero_residual(symbols.velocity[list(self.axes)])
+
+    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
+        return equality_rows(symbols.velocity_rows(list(self.axes)), ca.SX.zeros(len(self.axes)))
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class UnderActuation(VehicleVelocity):
+    """Axes without thrust keep their measured velocity, so that the other rows reckon with it."""
+
+    name: str = "UA"
+    axes: tuple[int, ...]
+
+    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
+        axes = list(self.axes)
+        return equality_rows(symbols.velocity_rows(axes), symbols.velocity[axes])

@@ -1,27 +1,167 @@
-"""A task: rows ``y`` of the velocity hierarchy, written once as CasADi expressions ([Gao2022] section 3).
+"""Tasks as rows of the velocity hierarchy, written once as CasADi expressions ([Gao2022] section 3), with goals and order.
 
-Every task turns the symbols of one tick into `Rows`. The rows serve both kinds of solver: the regularised
-pseudo-inverse reads ``rate`` and ``activation``, the strict hierarchy ``lower`` and ``upper``
-(`uvms_ocp.solvers.hierarchy.level`). `Residual` is the same task over a horizon.
+The rows serve both kinds of solver: the regularised pseudo-inverse reads ``rate`` and ``activation``, the strict hierarchy
+``lower`` and ``upper`` (`uvms_ocp.solvers.hierarchy.level`). `Residual` is the same task over a horizon. A goal is a constant
+or a `Reference`, any callable ``t -> (value, rate)``.
 """
 
 from __future__ import annotations
 
 import enum
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol, TypeAlias, runtime_checkable
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 
-from uvms_ocp.arguments import checked, late
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.limits import PositionLimit
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.symbolic.tree import SymbolicKinematics
-from uvms_ocp.tasks.nearest_pairs import NearestPairs
+from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.record.display import SmallTable, Tabled
+from uvms_ocp.robot.limits import PositionLimit
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.collision_model import CollisionModel
+from uvms_ocp.robot.symbolic_model import SymbolicKinematics
+
+# Goals: constants or functions of time.
+#
+# A goal is either a constant or a `Reference`, any callable ``t -> (value, rate)``; trajectories are references. Those that
+# tell their `end` need no Python at work.
+
+VectorReference: TypeAlias = Callable[[float], tuple[np.ndarray, np.ndarray]]
+PoseReference: TypeAlias = Callable[[float], tuple[pin.SE3, np.ndarray]]
+VectorGoal: TypeAlias = np.ndarray | VectorReference
+PoseGoal: TypeAlias = pin.SE3 | PoseReference
+
+
+@runtime_checkable
+class EndingReference(Protocol):
+    """A reference that rests in the end: controllers hold it as samples, which run as C."""
+
+    @property
+    def end(self) -> float:
+        """[s] after which it rests."""
+
+    def __call__(self, t: float) -> tuple[Any, np.ndarray]:
+        """Value and rate at t [s]."""
+
+
+def evaluate_vector(name: str, goal: VectorGoal, t: float) -> tuple[np.ndarray, np.ndarray]:
+    """Value (n,) and rate (n,) [its unit / s] of a vector goal at time t [s]; raises `InvalidInput` where not finite."""
+    value, rate = goal(t) if callable(goal) else (np.asarray(goal, dtype=float), np.zeros(np.shape(goal)))
+    if not _finite(value, rate):
+        raise InvalidInput(f"{name}: goal {value} with rate {rate} at t = {t} s; give finite numbers")
+    return np.asarray(value, dtype=float), np.asarray(rate, dtype=float)
+
+
+def evaluate_pose(name: str, goal: PoseGoal, t: float) -> tuple[pin.SE3, np.ndarray]:
+    """Pose [m] in W and its rate (6,) [m/s, rad/s] in W, linear first, at time t [s].
+
+    Raises `InvalidInput` for a goal that is not finite or no pose.
+    """
+    pose, rate = goal(t) if callable(goal) else (goal, np.zeros(6))
+    if not isinstance(pose, pin.SE3):
+        raise InvalidInput(f"{name}: goal of type {type(pose).__name__}; give a pinocchio.SE3 or a function of time")
+    if not _finite(pose.translation, pose.rotation, rate):
+        raise InvalidInput(f"{name}: goal at t = {t} s is not finite; give finite numbers")
+    return pose, np.asarray(rate, dtype=float)
+
+
+def _finite(*values: np.ndarray) -> bool:
+    # One number that is not finite spoils the sum, which is four times faster than to look at each.
+    return all(math.isfinite(np.add.reduce(value, axis=None)) for value in values)
+
+
+# Distances that a task asks to be measured: those of the pairs of shapes that come nearest.
+#
+# They have no symbolic form, so they enter a tick as numbers. The task says what it needs, the control layer measures it.
+
+FAR = 1e3
+"""[m], [m/s] stands for distances and speeds that limit nothing."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class PairSymbols:
+    """What is measured of m pairs, as symbols."""
+
+    smallest: ca.SX
+    """() [m] smallest distance of all pairs now."""
+    distance: ca.SX
+    """(m,) [m] smallest distance of each pair on the way to rest."""
+    closing: ca.SX
+    """(m,) [m/s] speed of approach whose stop just leaves the threshold; `FAR` where the pair is nearest now."""
+    jacobian: ca.SX
+    """(m, n_v) [-, m] gradient of each distance at the place where it is smallest."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class NearestPairs:
+    """The pairs of shapes that come nearest on the way to rest. Raises `InvalidInput` for none.
+
+    What is measured of them are the last `n_parameters` parameters of a task that asks for them: `symbols` reads them in
+    its rows, `far_away` stands for them in its reference.
+    """
+
+    task: str
+    """Name of the task that asks."""
+    model: CollisionModel
+    """All pairs."""
+    n: int
+    """[-] how many of them at most."""
+    threshold: float
+    """[m] by which they stay apart."""
+
+    def __post_init__(self) -> None:
+        if self.n < 1:
+            raise InvalidInput(f"{self.task}: n_nearest = {self.n}; give 1 or more")
+        if self.model.n_pairs < 1:
+            raise InvalidInput(f"{self.task}: a collision model without pairs; give obstacles or self_collision=True")
+
+    @property
+    def n_rows(self) -> int:
+        """Pairs m that are measured."""
+        return min(self.n, self.model.n_pairs)
+
+    @property
+    def n_parameters(self) -> int:
+        """Length of the vector that `parameters` returns."""
+        return 1 + self.n_rows * (2 + self.model.n_v)
+
+    def parameters(
+        self, *, smallest: float, distance: np.ndarray, closing: np.ndarray, gradient: np.ndarray
+    ) -> np.ndarray:
+        """What is measured, as `PairSymbols` has it, as one vector (n_parameters,).
+
+        smallest [m], distance (m,) [m], closing (m,) [m/s], gradient (m, n_v) [-, m].
+        """
+        return np.concatenate([[smallest], distance, closing, gradient.ravel(order="F")])
+
+    def far_away(self) -> np.ndarray:
+        """Parameters (n_parameters,) of pairs that are far away and do not move."""
+        far = np.full(self.n_rows, FAR)
+        return self.parameters(
+            smallest=FAR, distance=far, closing=far, gradient=np.zeros((self.n_rows, self.model.n_v))
+        )
+
+    def symbols(self, parameters: ca.SX) -> PairSymbols:
+        """The same from the parameters of a task, which end with what is measured."""
+        n, own = self.n_rows, parameters[-self.n_parameters :]
+        return PairSymbols(
+            smallest=own[0],
+            distance=own[1 : 1 + n],
+            closing=own[1 + n : 1 + 2 * n],
+            jacobian=ca.reshape(own[1 + 2 * n :], n, self.model.n_v),
+        )
+
+
+# A task: rows ``y`` of the velocity hierarchy, written once as CasADi expressions ([Gao2022] section 3).
+#
+# Every task turns the symbols of one tick into `Rows`. The rows serve both kinds of solver: the regularised
+# pseudo-inverse reads ``rate`` and ``activation``, the strict hierarchy ``lower`` and ``upper``
+# (`uvms_ocp.solvers.hierarchy.level`). `Residual` is the same task over a horizon.
 
 
 class TaskClass(enum.IntEnum):
@@ -167,7 +307,7 @@ class Task(ABC):
         """Length of the vector that `reference` returns."""
         return 0
 
-    @late
+    @checked_on_failure
     def reference(self, t: float) -> np.ndarray:
         """Goal at time t [s] as a parameter vector (n_parameters,); for `nearest_pairs`, that nothing is near."""
         return np.zeros(0)
@@ -217,3 +357,56 @@ def require_positive(task: str, **values: float) -> None:
     for name, value in values.items():
         if not (np.isfinite(value) and value > 0):
             raise InvalidInput(f"{task}: {name} = {value}; give a finite value > 0")
+
+
+# The order of tasks: priority is position in a tuple.
+
+
+@checked
+class Hierarchy(Tabled):
+    """Tasks from the highest priority to the lowest.
+
+    Without `order` the classes decide (`TaskClass`), ties keep the given order. `order` names every task once, highest
+    first, and overrides the classes. Raises `InvalidInput` for what is not a task, duplicate names or an incomplete order,
+    and `NameNotFound` for a name in it that no task has.
+    """
+
+    __slots__ = ("tasks",)
+
+    def __init__(self, tasks: Sequence[Task], order: Sequence[str] | None = None) -> None:
+        for task in tasks:
+            if not isinstance(task, Task):
+                raise InvalidInput(f"{task!r} is not a task; give values such as HorizontalAttitude()")
+        names = [task.name for task in tasks]
+        duplicates = sorted({name for name in names if names.count(name) > 1})
+        if duplicates:
+            raise InvalidInput(f"tasks share the name {', '.join(duplicates)}; give each its own `name`")
+        if order is None:
+            self.tasks = tuple(sorted(tasks, key=lambda task: task.task_class))
+        else:
+            self.tasks = _ordered(tasks, order)
+
+    def _table(self) -> SmallTable:
+        rows = tuple((str(k + 1), task.name, task.label, type(task).__name__) for k, task in enumerate(self.tasks))
+        return SmallTable(title="Hierarchy, highest priority first", head=("", "task", "type", "class"), rows=rows)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Task names, highest priority first."""
+        return tuple(task.name for task in self.tasks)
+
+    def index(self, name: str) -> int:
+        """Position of the task `name`; raises `NameNotFound`."""
+        if name not in self.names:
+            raise NameNotFound("task", name, self.names)
+        return self.names.index(name)
+
+
+def _ordered(tasks: Sequence[Task], order: Sequence[str]) -> tuple[Task, ...]:
+    by_name = {task.name: task for task in tasks}
+    for name in order:
+        if name not in by_name:
+            raise NameNotFound("task", name, by_name)
+    if sorted(order) != sorted(by_name):
+        raise InvalidInput(f"order {tuple(order)} must name each of {tuple(by_name)} once")
+    return tuple(by_name[name] for name in order)

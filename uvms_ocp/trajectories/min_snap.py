@@ -1,30 +1,218 @@
 """Minimum-snap (jerk, acceleration, ...) trajectories through way points, [Gao2022] eqs (59)-(75).
 
+`min_snap` solves for the free derivatives; `min_snap_qp` states the same problem as a QP in coefficients, which takes
+bounds too.
+
 `[axis]` is the unit of an axis, such as m or rad; derivatives of order d are [axis/s^d].
+
+Slower than the free-derivative form and used to check it; it takes bounds on derivatives at way points as well.
+`[axis]` is the unit of an axis, such as m or rad.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import checked
-from uvms_ocp.arrays import Array, Mask
-from uvms_ocp.shown.fielded import Fielded
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.display import Fielded
 from uvms_ocp.trajectories.free_derivatives import (
     Pieces,
     coefficients,
     cost_slopes,
     end_data,
+    monomial_cost,
+    monomial_row,
     piece_costs,
     pieces_of,
     solve_free,
 )
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
-from uvms_ocp.trajectories.specification import MINIMUM_SNAP, CurveSpecification, NodeProblem, node_problem
+from uvms_ocp.types import Array, Mask, Range, read_only
+
+# What a minimum-snap curve must obey besides its way points and times, checked and laid out node by node.
+#
+# `[axis]` is the unit of an axis, such as m or rad; derivatives of order d are [axis/s^d].
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Boundary:
+    """Derivatives 1, 2, ... at both ends: a number for all of them (0 is rest), rows (n_given, n_axes), or None (free).
+
+    Rows give velocity, acceleration, ... in this order; derivatives beyond the last row are free.
+    """
+
+    start: Annotated[ArrayLike, Range(open=True)] | None = 0.0
+    """() or (n_given, n_axes) [axis/s^d]"""
+    end: Annotated[ArrayLike, Range(open=True)] | None = 0.0
+    """() or (n_given, n_axes) [axis/s^d]"""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Constraint:
+    """One derivative fixed at one way point, for all axes or some of them."""
+
+    node: int
+    """Index of the way point; negative counts from the end."""
+    derivative: int
+    """1 .. k - 1."""
+    value: Annotated[ArrayLike, Range(open=True)] = 0.0
+    """() or (n_listed,) [axis/s^derivative]: for all axes concerned, or one per axis."""
+    axes: tuple[int, ...] | None = None
+    """Axes concerned; None is all of them."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class CurveSpecification:
+    """Which derivative is made least, and what holds at the way points besides their positions.
+
+    Raises `InvalidInput` for a derivative below 1.
+    """
+
+    derivative: int = 4
+    """k [-]: 4 is snap, 3 jerk, 2 acceleration. Pieces have degree 2k - 1."""
+    boundary: Boundary = field(default_factory=Boundary)
+    """Derivatives at both ends."""
+    constraints: tuple[Constraint, ...] = ()
+    """Derivatives fixed at way points."""
+    free_positions: tuple[int, ...] = ()
+    """Indices of way points whose position is free as well."""
+    dwell: bool = False
+    """Accept equal consecutive way points, where the curve stays near."""
+
+    def __post_init__(self) -> None:
+        if self.derivative < 1:
+            raise InvalidInput(f"derivative is {self.derivative}; allowed is 1 or more (4 is snap).")
+
+
+MINIMUM_SNAP = CurveSpecification()
+"""From rest to rest through all way points."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class NodeProblem:
+    """What is fixed at the nodes, checked."""
+
+    times: Array
+    """(n + 1,) [s]"""
+    values: Array
+    """(k, n + 1, n_axes) [axis/s^d] derivatives at the nodes; where not fixed, a starting guess."""
+    fixed: Mask
+    """(k, n + 1, n_axes)"""
+
+    @property
+    def k(self) -> int:
+        return self.values.shape[0]
+
+
+def node_problem(waypoints: ArrayLike, times: ArrayLike, specification: CurveSpecification) -> NodeProblem:
+    """Lay out per node what is fixed.
+
+    waypoints (n + 1, n_axes) [axis]: positions, (n + 1,) for one axis. times (n + 1,) [s]: increasing. Raises `InvalidInput`
+    as `checked_waypoints` and `checked_times`, for a boundary of the wrong shape or not finite, and for a free position or
+    constraint that does not exist or contradicts another.
+    """
+    points = checked_waypoints(waypoints, dwell=specification.dwell)
+    knots = checked_times(times, points.shape[0])
+    values = np.zeros((specification.derivative, *points.shape))
+    values[0] = points
+    fixed = np.zeros(values.shape, dtype=bool)
+    fixed[0] = True
+    for node in specification.free_positions:
+        if not -knots.size <= node < knots.size:
+            allowed = f"{-knots.size} to {knots.size - 1}"
+            raise InvalidInput(f"the position of way point {node} is to be free; allowed are {allowed}.")
+        fixed[0, node] = False
+    _set_end(values[1:, 0], fixed[1:, 0], specification.boundary.start, "start")
+    _set_end(values[1:, -1], fixed[1:, -1], specification.boundary.end, "end")
+    for index, constraint in enumerate(specification.constraints):
+        _set_constraint(values, fixed, constraint, index)
+    return NodeProblem(times=knots, values=values, fixed=fixed)
+
+
+def checked_waypoints(waypoints: ArrayLike, *, dwell: bool = False) -> Array:
+    """(n + 1, n_axes) [axis] from waypoints (n + 1, n_axes), or (n + 1,) for one axis [axis].
+
+    Raises `InvalidInput` for another shape, fewer than two, numbers that are not finite, and, unless ``dwell``, for
+    consecutive ones that are equal.
+    """
+    points = np.asarray(waypoints, dtype=float)
+    points = points[:, None] if points.ndim == 1 else points
+    if points.ndim != 2 or points.shape[0] < 2 or points.shape[1] < 1:
+        raise InvalidInput(f"way points have shape {points.shape}; allowed is (n, n_axes) with n >= 2.")
+    if not np.isfinite(points).all():
+        index = int(np.argmin(np.isfinite(points).all(axis=1)))
+        raise InvalidInput(f"way point {index} is {points[index]}; it must be finite.")
+    equal = (points[1:] == points[:-1]).all(axis=1)
+    if not dwell and equal.any():
+        index = int(np.argmax(equal))
+        raise InvalidInput(
+            f"way points {index} and {index + 1} are equal; remove one, or give dwell=True to wait there."
+        )
+    return points
+
+
+def checked_times(times: ArrayLike, n: int) -> Array:
+    """times (n,) [s], read-only. Raises `InvalidInput` for another shape, and where they are not finite or do not increase."""
+    knots = read_only(times, np.float64)
+    if knots.shape != (n,):
+        raise InvalidInput(f"times have shape {knots.shape}; {n} way points need ({n},) [s].")
+    if not np.isfinite(knots).all():
+        index = int(np.argmin(np.isfinite(knots)))
+        raise InvalidInput(f"time {index} is {knots[index]}; it must be finite [s].")
+    wrong = knots[1:] <= knots[:-1]
+    if wrong.any():
+        index = int(np.argmax(wrong)) + 1
+        raise InvalidInput(f"time {index} is {knots[index]} after {knots[index - 1]}; times must increase [s].")
+    return knots
+
+
+def _set_end(values: Array, fixed: Mask, given: ArrayLike | None, name: str) -> None:
+    if given is None:
+        return
+    rows = np.asarray(given, dtype=float)
+    n_given = values.shape[0] if rows.ndim == 0 else rows.shape[0]
+    if rows.ndim not in (0, 2) or n_given > values.shape[0] or (rows.ndim and rows.shape[1] != values.shape[1]):
+        raise InvalidInput(
+            f"the {name} boundary has shape {rows.shape}; allowed is a number or (n_given, {values.shape[1]}) "
+            f"with n_given <= {values.shape[0]}."
+        )
+    values[:n_given] = rows
+    fixed[:n_given] = True
+
+
+def _set_constraint(values: Array, fixed: Mask, constraint: Constraint, index: int) -> None:
+    k, n_nodes, n_axes = values.shape
+    node, d = constraint.node, constraint.derivative
+    if not -n_nodes <= node < n_nodes or not 1 <= d < k:
+        raise InvalidInput(
+            f"constraint {index} is on derivative {d} of way point {node}; allowed are derivatives 1 to {k - 1} "
+            f"of way points {-n_nodes} to {n_nodes - 1}."
+        )
+    axes = list(range(n_axes) if constraint.axes is None else constraint.axes)
+    if not set(axes) <= set(range(n_axes)):
+        raise InvalidInput(f"constraint {index} is on axes {axes}; there are axes 0 to {n_axes - 1}.")
+    given = np.asarray(constraint.value, dtype=float)
+    if given.shape not in ((), (len(axes),)):
+        raise InvalidInput(f"constraint {index} has value {given}; allowed is a number or one per axis.")
+    if np.any(fixed[d, node, axes] & (values[d, node, axes] != given)):
+        raise InvalidInput(f"constraint {index} contradicts another on derivative {d} of way point {node}.")
+    values[d, node, axes] = given
+    fixed[d, node, axes] = True
+
+
+# Minimum-snap (jerk, acceleration, ...) trajectories through way points, [Gao2022] eqs (59)-(75).
+#
+# `[axis]` is the unit of an axis, such as m or rad; derivatives of order d are [axis/s^d].
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -96,3 +284,121 @@ def _axes_with_one_pattern(fixed: Mask) -> Iterator[list[int]]:
     for axis in range(fixed.shape[2]):
         groups.setdefault(fixed[:, :, axis].tobytes(), []).append(axis)
     yield from groups.values()
+
+
+# The same minimum-derivative problem as an equality-constrained QP in coefficients, [Gao2022] eqs (74)-(75).
+#
+# Slower than the free-derivative form and used to check it; it takes bounds on derivatives at way points as well.
+# `[axis]` is the unit of an axis, such as m or rad.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Bound:
+    """Limits on one derivative at one way point, for all axes."""
+
+    node: int
+    """Index of the way point; negative counts from the end."""
+    derivative: int
+    """0 .. k - 1."""
+    lower: float = -np.inf
+    """[axis/s^derivative]"""
+    upper: float = np.inf
+    """[axis/s^derivative]"""
+
+
+@checked
+def min_snap_qp(
+    waypoints: ArrayLike,
+    times: ArrayLike,
+    specification: CurveSpecification = MINIMUM_SNAP,
+    *,
+    bounds: Sequence[Bound] = (),
+    plugin: str = "qrqp",
+    options: Mapping[str, object] | None = None,
+) -> MinSnap:
+    """As ``min_snap``, by a CasADi ``conic`` plugin: waypoints (n + 1, n_axes) [axis] at times (n + 1,) [s].
+
+    Raises `InvalidInput` as ``min_snap``, for a bound that does not exist, and where the solver finds no solution, as with
+    bounds that contradict each other.
+    """
+    if not (plugin.isidentifier() and ca.has_conic(plugin)):
+        raise InvalidInput(f"plugin = {plugin!r}; give a QP solver that CasADi has, such as {' or '.join(_QUIET)}")
+    problem = node_problem(waypoints, times, specification)
+    qp = _Qp(problem.k, np.diff(problem.times), tuple(bounds), plugin, dict(options or _QUIET.get(plugin, {})))
+    values = np.stack([qp.solve(problem, axis) for axis in range(problem.values.shape[2])], axis=2)
+    return solution_of(problem.times, pieces_of(np.diff(problem.times), problem.k), values)
+
+
+_QUIET: dict[str, dict[str, object]] = {
+    "qrqp": {"print_header": False, "print_iter": False, "print_info": False, "error_on_fail": False},
+    "qpoases": {"printLevel": "none", "error_on_fail": False},
+}
+
+
+class _Qp:
+    """Matrices of one axis: unknowns are the unit-interval coefficients of all pieces, time in units of ``unit``."""
+
+    def __init__(
+        self, k: int, durations: Array, bounds: tuple[Bound, ...], plugin: str, options: dict[str, object]
+    ) -> None:
+        self.k, self.n = k, durations.size
+        self.unit = float(np.exp(np.mean(np.log(durations))))
+        self.tau = durations / self.unit
+        self.bounds = bounds
+        self.H = ca.diagcat(*[ca.DM(2.0 * t ** (1 - 2 * k) * monomial_cost(k)) for t in self.tau])
+        self.A = self._rows()
+        structure = {"h": self.H.sparsity(), "a": self.A.sparsity()}
+        try:
+            self.solver = ca.conic("min_snap", plugin, structure, options)
+        except RuntimeError as error:
+            raise InvalidInput(f"options of {plugin} = {options}: it takes no such options") from error
+
+    def solve(self, problem: NodeProblem, axis: int) -> Array:
+        """(k, n + 1) optimal node derivatives of one axis."""
+        lower, upper = self._limits(problem.values[:, :, axis], problem.fixed[:, :, axis])
+        solution = self.solver(h=self.H, g=0, a=self.A, lba=lower, uba=upper)
+        if not self.solver.stats()["success"]:
+            raise InvalidInput(f"the QP of axis {axis} has no solution; check its bounds and constraints.")
+        coefficients = np.asarray(solution["x"]).reshape(self.n, 2 * self.k)
+        return self._node_values(coefficients, problem.values[:, :, axis], problem.fixed[:, :, axis])
+
+    def _rows(self) -> ca.DM:
+        """Derivatives 0 .. k - 1 at every node (end of the last piece for the last), then their continuity."""
+        at_start = ca.DM(np.stack([monomial_row(0.0, d, 2 * self.k) for d in range(self.k)]))
+        at_end = ca.DM(np.stack([monomial_row(1.0, d, 2 * self.k) for d in range(self.k)]))
+        starts = [self._per_time(at_start, t) for t in self.tau]
+        ends = [self._per_time(at_end, t) for t in self.tau]
+        nodes = ca.diagcat(*starts[:-1], ca.vertcat(starts[-1], ends[-1]))
+        if self.n == 1:
+            return nodes
+        before = ca.horzcat(ca.diagcat(*ends[:-1]), ca.DM(self.k * (self.n - 1), 2 * self.k))
+        after = ca.horzcat(ca.DM(self.k * (self.n - 1), 2 * self.k), ca.diagcat(*starts[1:]))
+        return ca.vertcat(nodes, before - after)
+
+    def _per_time(self, rows: ca.DM, tau: float) -> ca.DM:
+        return ca.sparsify(ca.diag(tau ** -np.arange(self.k)) @ rows)
+
+    def _limits(self, values: Array, fixed: Mask) -> tuple[Array, Array]:
+        scale = self.unit ** np.arange(self.k)[:, None]
+        lower, upper = np.where(fixed, values, -np.inf), np.where(fixed, values, np.inf)
+        for index, bound in enumerate(self.bounds):
+            if not 0 <= bound.derivative < self.k or not -self.n - 1 <= bound.node <= self.n:
+                raise InvalidInput(
+                    f"bound {index} is on derivative {bound.derivative} of way point {bound.node}; allowed are "
+                    f"derivatives 0 to {self.k - 1} of way points 0 to {self.n}."
+                )
+            lower[bound.derivative, bound.node] = max(lower[bound.derivative, bound.node], bound.lower)
+            upper[bound.derivative, bound.node] = min(upper[bound.derivative, bound.node], bound.upper)
+        crossed = (lower > upper).any(axis=0)
+        if crossed.any():
+            raise InvalidInput(f"the bounds of way point {int(np.argmax(crossed))} leave no solution; relax one.")
+        continuous = np.zeros(self.k * (self.n - 1))
+        return (
+            np.concatenate([(lower * scale).T.ravel(), continuous]),
+            np.concatenate([(upper * scale).T.ravel(), continuous]),
+        )
+
+    def _node_values(self, coefficients: Array, values: Array, fixed: Mask) -> Array:
+        ends = np.asarray(self.A[: self.k * (self.n + 1), :] @ ca.DM(coefficients.ravel()))
+        nodes = ends.reshape(self.n + 1, self.k).T / self.unit ** np.arange(self.k)[:, None]
+        return np.where(fixed, values, nodes)

@@ -1,4 +1,4 @@
-"""Piecewise polynomials in time, any degree and any number of axes.
+"""Piecewise polynomials in time, of any degree and any number of axes.
 
 Each piece is written in its own unit interval, ``u = (t - breaks[j]) / durations[j]``: powers of absolute time lose
 all digits for very long or very short pieces. `[axis]` is the unit of an axis, such as m or rad,
@@ -16,13 +16,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import Count, Finite, checked, late
-from uvms_ocp.arguments.frozen import read_only
-from uvms_ocp.arrays import Array
-from uvms_ocp.exceptions import InvalidInput, OutputError
-from uvms_ocp.shown.fielded import Fielded
-from uvms_ocp.untrusted.array_file import read_arrays
-from uvms_ocp.validation import shown
+from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.errors import InvalidInput, OutputError
+from uvms_ocp.model_errors import printable
+from uvms_ocp.record.display import Fielded
+from uvms_ocp.record.untrusted import read_arrays
+from uvms_ocp.types import Array, Count, Finite, read_only
 
 _EXTREMUM_GRID = np.linspace(0.0, 1.0, 65)
 
@@ -79,7 +78,7 @@ class PiecewisePolynomial(Fielded):
         """(n_pieces,) [s]"""
         return np.diff(self.breaks)
 
-    @late
+    @checked_on_failure
     def __call__(self, t: float) -> tuple[Array, Array]:
         """Value (n_axes,) [axis] and rate (n_axes,) [axis/s] at t [s]; outside of its times the curve rests at its ends."""
         inside = min(max(t, self.start), self.end)
@@ -89,7 +88,7 @@ class PiecewisePolynomial(Fielded):
         value, rate = _horner_with_rate(self.coefficients[:, piece], u)
         return value, rate / duration if inside == t else np.zeros(self.n_axes)
 
-    @late
+    @checked_on_failure
     def evaluate(self, t: ArrayLike, derivative: Count = 0) -> Array:
         """The derivative-th derivative (..., n_axes) [axis/s^derivative] at times t (...) [s], clipped to the ends.
 
@@ -197,7 +196,7 @@ class PiecewisePolynomial(Fielded):
                 raise InvalidInput(f"it holds {', '.join(sorted(arrays)[:5])}; allowed: breaks and coefficients")
             return PiecewisePolynomial(**arrays)
         except ValueError as error:
-            raise InvalidInput(f"{shown(path)}: not a trajectory written by to_numpy ({error}).") from error
+            raise InvalidInput(f"{printable(path)}: not a trajectory written by to_numpy ({error}).") from error
 
 
 @checked

@@ -1,4 +1,4 @@
-"""Times of the way points: a trapezoidal guess, scaling to limits, and the optimum of time plus snap.
+"""Choose the times of way points: trapezoidal guess, scaling to limits, and the optimum of time plus snap.
 
 `[axis]` is the unit of an axis, such as m or rad; derivatives of order d are [axis/s^d].
 """
@@ -11,12 +11,11 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import Count, Finite, Positive, Shape, checked
-from uvms_ocp.arrays import Array
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.trajectories.min_snap import MinSnap, min_snap
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.trajectories.min_snap import MINIMUM_SNAP, CurveSpecification, MinSnap, checked_waypoints, min_snap
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
-from uvms_ocp.trajectories.specification import MINIMUM_SNAP, CurveSpecification, checked_waypoints
+from uvms_ocp.types import Array, Count, Finite, Positive, Shape
 
 _LARGEST_WEIGHT = 1e12  # beyond it the optimal durations are lost in rounding
 

@@ -1,19 +1,126 @@
-"""Figures of how the vehicle and the joints move, with their limits."""
+"""Figures of motion: velocities, joints, path, and what it cost in thrust, torque and energy."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.spatial import ConvexHull
 
-from uvms_ocp.arguments import checked
-from uvms_ocp.exceptions import plain_line
-from uvms_ocp.record import Record
-from uvms_ocp.viz.series import PhaseSpan, has_vehicle, labelled, n_joints, phase_spans
-from uvms_ocp.viz.style import AXES_XYZ, DASHES, LINES, VERMILLION, WIDTH, RecordFigure, legend_beside, shown, styled
-from uvms_ocp.viz.time_marks import mark_time, room_above
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import plain_line
+from uvms_ocp.ocp.separating_planes import support_of
+from uvms_ocp.record.meta_values import ObstacleData
+from uvms_ocp.record.record import Record
+from uvms_ocp.robot.shapes.obstacles import build_obstacle
+from uvms_ocp.viz.series import PhaseSpan, axis_names, floor_heights, has_vehicle, labelled, n_joints, phase_spans
+from uvms_ocp.viz.style import (
+    AXES_XYZ,
+    BLACK,
+    BLUE,
+    DASHES,
+    LINES,
+    VERMILLION,
+    WIDTH,
+    RecordFigure,
+    label_text,
+    legend_beside,
+    mark_time,
+    room_above,
+    stacked,
+    styled,
+)
+
+# What a mission on the physical plant cost: thrust, torque, power, tracking and disturbance.
+
+_PARTS = ("force", "moment")
+_TRACKED = {"velocity": "linear", "rate": "angular"}
+
+
+@checked
+@styled
+def figure_efforts(record: Record) -> Figure | None:
+    """Thrust of every thruster, or the planned wrench, torque of every joint, and the energy taken so far."""
+    draw = next((drawn for name, drawn in _PUSHES.items() if name in record.series), None)
+    if draw is None or "joint_energy" not in record.series:
+        return None
+    n_pushes = 1 if draw is _thrust else len(_PARTS)
+    figure, axes = stacked(n_pushes + 2, 1.5, "Forces, torque and energy")
+    draw(record, axes[:n_pushes])
+    _torque(record, axes[-2])
+    _energy(record, axes[-1])
+    for axis in axes:
+        legend_beside(axis)
+    mark_time(axes, record, share=0.92)
+    return figure
+
+
+def _thrust(record: Record, axes: Sequence[Axes]) -> None:
+    for i, thrust in enumerate(record["thrust"].T):
+        style = DASHES[i // len(LINES) % len(DASHES)]
+        axes[0].plot(record["t"], thrust, color=LINES[i % len(LINES)], ls=style, lw=0.8, label=f"thruster{i + 1}")
+    axes[0].set_ylabel(labelled("thrust", "thrust"))
+
+
+def _wrench(record: Record, axes: Sequence[Axes]) -> None:
+    for axis, part, values in zip(axes, _PARTS, np.hsplit(record["wrench"], len(_PARTS)), strict=True):
+        for color, name, column in zip(AXES_XYZ, "xyz", values.T, strict=True):
+            axis.plot(record["t"], column, color=color, lw=0.8, label=name)
+        axis.set_ylabel(labelled(part, "wrench", part))
+
+
+_PUSHES: Mapping[str, Callable[[Record, Sequence[Axes]], None]] = {"thrust": _thrust, "wrench": _wrench}
+
+
+def _torque(record: Record, axis: Axes) -> None:
+    names = axis_names(record, record["torque"].shape[1])
+    for i, (name, torque) in enumerate(zip(names, record["torque"].T, strict=True)):
+        axis.plot(record["t"], torque, color=LINES[i % len(LINES)], lw=0.8, label=label_text(name, 10))
+    axis.set_ylabel(labelled("torque", "torque"))
+
+
+def _energy(record: Record, axis: Axes) -> None:
+    thrusters = record["thruster_energy"].sum(axis=1)
+    unknown = " (not known)" if np.isnan(thrusters).any() else ""
+    axis.plot(record["t"], thrusters, color=BLUE, label=f"thrusters{unknown}")
+    axis.plot(record["t"], record["joint_energy"], color=VERMILLION, label="joints")
+    axis.set_ylabel(labelled("energy", "joint_energy"))
+
+
+@checked
+@styled
+def figure_tracking(record: Record) -> Figure | None:
+    """How well the vehicle follows its reference velocity, and the force that the observer holds responsible."""
+    if "disturbance" not in record.series or not has_vehicle(record):
+        return None
+    t, error = record["t"], record["v"] - record["command"]
+    figure, axes = stacked(3, 1.5, "Velocity tracking and estimated disturbance")
+    for i, (color, names) in enumerate(zip(AXES_XYZ, ("surge, roll", "sway, pitch", "heave, yaw"), strict=True)):
+        linear, angular = names.split(", ")
+        axes[0].plot(t, 1e3 * error[:, i], color=color, lw=0.9, label=linear)
+        axes[1].plot(t, 1e3 * error[:, 3 + i], color=color, lw=0.9, label=angular)
+        axes[2].plot(t, record["disturbance"][:, i], color=color, lw=0.9, label=linear)
+    velocity, rate = (labelled(f"{what} error", "v", part, "m") for what, part in _TRACKED.items())
+    labels = (velocity, rate, labelled("disturbance", "disturbance", "force"))
+    for axis, label in zip(axes, labels, strict=True):
+        axis.set_ylabel(label)
+        legend_beside(axis)
+        axis.set_ylim(*_robust_range(axis.lines))
+    mark_time(axes, record, share=0.92)
+    return figure
+
+
+def _robust_range(lines: object) -> tuple[float, float]:
+    """Limits that show all but the most extreme thousandth of all lines."""
+    values = np.concatenate([np.asarray(line.get_ydata()) for line in lines])  # type: ignore[attr-defined]
+    low, high = np.percentile(values, [0.05, 99.95])
+    margin = 0.1 * max(high - low, 1e-9)
+    return float(low - margin), float(high + margin)
+
+
+# Figures of how the vehicle and the joints move, with their limits.
 
 _ZOOM = 1.0  # [s] on each side of a transition
 _MAX_ZOOMS = 4
@@ -101,7 +208,7 @@ def figure_joints(record: Record) -> Figure | None:
     _joint_column(grid[:, 0], record, record["q"][:, -n:], positions)
     _joint_column(grid[:, 1], record, record["v"][:, -n:], velocities)
     for axis, name in zip(grid[:, 0], names, strict=True):
-        axis.set_ylabel(shown(name), rotation=0, ha="right", va="center")
+        axis.set_ylabel(label_text(name), rotation=0, ha="right", va="center")
     for axis, title in zip(
         grid[0], (labelled("position", "q", "joints"), labelled("velocity", "v", "joints")), strict=True
     ):
@@ -129,3 +236,91 @@ def _joint_column(axes: Sequence[Axes], record: Record, values: np.ndarray, boun
         for bound in bounds:
             if np.isfinite(bound[i]):
                 axis.axhline(bound[i], color=VERMILLION, lw=0.8, ls="--")
+
+
+# Figure of the vehicle's path over the floor.
+
+_SAND = "#8C6D46"
+_OBSTACLE, _OBSTACLE_EDGE = "#D9B48F", "#8A5A2B"
+_MOST_ABREAST = 5  # entries of the legend
+_DIRECTIONS = 48  # that an outline is found in
+
+
+@checked
+@styled
+def figure_path(record: Record) -> Figure | None:
+    """The vehicle's path from above and from the side, coloured by phase, with the markers and obstacles of the scenario."""
+    if not has_vehicle(record):
+        return None
+    figure = RecordFigure(figsize=(WIDTH, 3.3))
+    figure.suptitle("Path of the vehicle", fontsize=10, fontweight="bold", x=0.01, ha="left")
+    above, side = figure.subplots(1, 2)
+    for axis, (i, j) in ((above, (0, 1)), (side, (0, 2))):
+        _path_panel(axis, record, i, j)
+        axis.set(**{f"{side}label": labelled("xyz"[k], "q", "position") for side, k in (("x", i), ("y", j))})
+        axis.set_aspect("equal", adjustable="datalim")
+        axis.margins(0.14)
+    _draw_floor(side, record)
+    above.set_title("from above")
+    side.set_title("from the side")
+    named = {line.get_label(): line for line in side.get_lines() if not str(line.get_label()).startswith("_")}
+    figure.legend(handles=list(named.values()), loc="outside lower center", ncols=min(len(named), _MOST_ABREAST))
+    figure.draw_without_rendering()  # equal scales choose the ticks, which have to be there before they are given room
+    return figure
+
+
+def _draw_floor(axis: Axes, record: Record) -> None:
+    """A line for a flat floor, else the floor below the path."""
+    below = floor_heights(record, record["q"][:, :2])
+    if below is None:
+        return
+    if record.meta.surroundings.floor is None:
+        axis.axhline(below[0], color=_SAND, lw=2, label="floor")
+    else:
+        axis.plot(record["q"][:, 0], below, color=_SAND, lw=2, label="floor below")
+
+
+def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
+    t, p = record["t"], record["q"][:, :3]
+    for k, span in enumerate(phase_spans(record)):
+        part = (t >= span.start) & (t <= span.end)
+        axis.plot(p[part, i], p[part, j], color=LINES[k % len(LINES)], lw=2, label=label_text(span.label))
+    axis.plot(p[0, i], p[0, j], "o", color=BLACK, ms=4)
+    for item in record.meta.surroundings.obstacles:
+        outline = obstacle_outline(item, i, j)
+        axis.fill(*outline.T, facecolor=_OBSTACLE, edgecolor=_OBSTACLE_EDGE, lw=0.8, alpha=0.55, zorder=1)
+        below = outline[:, 0].mean(), outline[:, 1].min()
+        axis.annotate(
+            label_text(item.name, 16),
+            below,
+            xytext=(0, -2),
+            textcoords="offset points",
+            ha="center",
+            va="top",
+            fontsize=6.5,
+        )
+    for marker in record.meta.surroundings.markers:
+        place = marker.position[i], marker.position[j]
+        axis.plot(*place, "*", color=BLACK, ms=7)
+        axis.annotate(label_text(marker.name), place, xytext=(5, 4), textcoords="offset points", fontsize=7)
+
+
+def obstacle_outline(data: ObstacleData, i: int, j: int) -> np.ndarray:
+    """Corners (n, 2) [m] of what an obstacle covers, seen along the axis of W that is neither i nor j [-]; of a mesh its hull."""
+    points = _surface_points(data, i, j)[:, [i, j]]
+    return np.asarray(points[ConvexHull(points).vertices])
+
+
+def _surface_points(data: ObstacleData, i: int, j: int) -> np.ndarray:
+    """Points (n, 3) [m] in W, the farthest of the obstacle in every direction of the plane of axes i and j [-] among them."""
+    item = build_obstacle(data)
+    R, p = item.X_WO.rotation, item.X_WO.translation
+    if data.vertices:
+        return np.asarray(np.array(data.vertices) @ R.T + p)
+    angle = np.linspace(0.0, 2 * np.pi, _DIRECTIONS, endpoint=False)
+    directions = np.zeros((_DIRECTIONS, 3))
+    directions[:, i], directions[:, j] = np.cos(angle), np.sin(angle)
+    towards = directions @ R  # in the frame of the shape
+    support = support_of(item.shape, -towards, np.zeros((_DIRECTIONS, 3)))
+    points = support.centres + support.radius * towards[:, None]
+    return np.asarray(points.reshape(-1, 3) @ R.T + p)

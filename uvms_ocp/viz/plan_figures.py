@@ -1,4 +1,4 @@
-"""Figures of a planned motion, read from the `Record` that `uvms_ocp.report.planned_motion` makes of it."""
+"""Figures of a planned motion, read from its `Record`."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from uvms_ocp.arguments import checked
-from uvms_ocp.exceptions import plain_line
-from uvms_ocp.meta_values import ClearanceMeta
-from uvms_ocp.record import Record
-from uvms_ocp.tables.series_table import unit_of
-from uvms_ocp.viz.efforts import figure_efforts
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import plain_line
+from uvms_ocp.record.meta_values import ClearanceMeta
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.tables import unit_of
+from uvms_ocp.viz.motion_figures import figure_efforts
 from uvms_ocp.viz.series import labelled, require_rows
 from uvms_ocp.viz.style import (
     BLACK,
@@ -23,8 +23,8 @@ from uvms_ocp.viz.style import (
     LINES,
     THRESHOLD,
     VERMILLION,
+    label_text,
     save_figure,
-    shown,
     stacked,
     styled,
     threshold,
@@ -68,7 +68,7 @@ def figure_clearance(record: Record) -> Figure | None:
     figure, (axis,) = stacked(1, 2.8, "Clearance along the path")
     for k, name in enumerate(meta.clearance_groups):
         style = DASHES[k // len(LINES) % len(DASHES)]
-        axis.plot(record["t"], d[:, k], color=LINES[k % len(LINES)], ls=style, label=shown(name, 24))
+        axis.plot(record["t"], d[:, k], color=LINES[k % len(LINES)], ls=style, label=label_text(name, 24))
     threshold(axis, wanted, f"wanted {wanted:g} m")
     if meta.min_clearance is not None:
         _mark_least(axis, meta.min_clearance)
@@ -127,7 +127,9 @@ def _motion(record: Record, names: Collection[str], title: str) -> Figure | None
     for row, (series, label) in zip(axes, rows.items(), strict=True):
         for k, i in enumerate(wanted):
             name, style = planned[i], DASHES[k // len(LINES) % len(DASHES)]
-            row.plot(record["t"], record[series][:, i], color=LINES[k % len(LINES)], ls=style, label=shown(name, 10))
+            row.plot(
+                record["t"], record[series][:, i], color=LINES[k % len(LINES)], ls=style, label=label_text(name, 10)
+            )
         row.set_ylabel(f"{label}\n[{unit_of(series, 'position')}, {unit_of(series, 'attitude')}]")
         _draw_limits(row, record, series, wanted)
     axes[0].legend(ncols=len(wanted), loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=7)

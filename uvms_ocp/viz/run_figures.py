@@ -1,4 +1,4 @@
-"""All figures of one run or plan, read from its `Record` alone.
+"""Figures of estimate, sensor health and computation time, and all figures of one run or plan.
 
 Each ``figure_*`` returns a Matplotlib figure, or `None` where the record lacks what it shows.
 """
@@ -10,20 +10,44 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, overload
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
-from uvms_ocp.arguments import checked
-from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.plan import Plan
-from uvms_ocp.record import Record
-from uvms_ocp.viz.activation_figures import figure_activations
-from uvms_ocp.viz.efforts import figure_efforts, figure_tracking
-from uvms_ocp.viz.estimate import figure_estimate
-from uvms_ocp.viz.health_figure import figure_health
-from uvms_ocp.viz.motion_figures import figure_joints, figure_velocities
-from uvms_ocp.viz.path import figure_path
+from uvms_ocp.record.meta_values import AlarmMeta
+from uvms_ocp.record.record import Record
+from uvms_ocp.viz.motion_figures import figure_efforts, figure_joints, figure_path, figure_tracking, figure_velocities
 from uvms_ocp.viz.plan_figures import plan_figures
-from uvms_ocp.viz.quantity_figures import (
+from uvms_ocp.viz.series import axis_names, has_vehicle, intervals_of, labelled, n_joints, phase_spans, require_rows
+from uvms_ocp.viz.style import (
+    AXES_XYZ,
+    BLACK,
+    BLUE,
+    GREEN,
+    LINES,
+    ORANGE,
+    VERMILLION,
+    WIDTH,
+    Figures,
+    RecordFigure,
+    heading_legend,
+    label_text,
+    legend_beside,
+    logarithmic,
+    mark_time,
+    save_figure,
+    shade_phases,
+    stacked,
+    styled,
+    threshold,
+)
+from uvms_ocp.viz.task_figures import (
+    figure_activations,
     figure_altitude,
     figure_errors,
     figure_misalignment,
@@ -31,9 +55,161 @@ from uvms_ocp.viz.quantity_figures import (
     figure_quantities,
     figure_tool_error,
 )
-from uvms_ocp.viz.series import require_rows
-from uvms_ocp.viz.style import Figures, save_figure
-from uvms_ocp.viz.tick_time import figure_tick_time
+
+# How well the estimator knew where the robot was, and how well it said so.
+
+_SHOWN = 98.0  # [%] of the ticks whose bands fit; before the first readings they are endless
+
+
+@checked
+@styled
+def figure_estimate(record: Record) -> Figure | None:
+    """Errors of position, attitude and joints, estimate less truth, within two standard deviations that the filter gives."""
+    panels = _panels(record) if {"q", "q_measured", "q_spread"} <= record.series.keys() else []
+    if not panels:
+        return None
+    figure, axes = stacked(len(panels), 1.5, "Estimate less truth, and two standard deviations")
+    for axis, (label, names, colors, errors, spreads) in zip(axes, panels, strict=True):
+        _draw(axis, record["t"], names, colors, errors, spreads)
+        axis.set_ylabel(label)
+    shade_phases(axes, phase_spans(record), share=0.92)
+    return figure
+
+
+_Panel = tuple[str, Sequence[str], Sequence[str], np.ndarray, np.ndarray]
+
+
+def _panels(record: Record) -> list[_Panel]:
+    q, measured, spread = record["q"], record["q_measured"], record["q_spread"]
+    found: list[_Panel] = []
+    if has_vehicle(record):
+        place, turn = 1e3 * (measured - q)[:, :3], 1e3 * _turns(q[:, 3:7], measured[:, 3:7])
+        found += [
+            (labelled("position", "q", "position", "m"), ("x", "y", "z"), AXES_XYZ, place, 1e3 * spread[:, :3]),
+            (
+                labelled("attitude", "q_spread", "attitude", "m"),
+                ("roll", "pitch", "yaw"),
+                AXES_XYZ,
+                turn,
+                1e3 * spread[:, 3:6],
+            ),
+        ]
+    n = n_joints(record)
+    if n and q.shape[1] == n + (7 if has_vehicle(record) else 0) and spread.shape[1] >= n:
+        names = [label_text(name, 10) for name in axis_names(record, n)]
+        colors = [LINES[i % len(LINES)] for i in range(n)]
+        found.append(
+            (labelled("joints", "q", "joints", "m"), names, colors, 1e3 * (measured - q)[:, -n:], 1e3 * spread[:, -n:])
+        )
+    return found
+
+
+def _turns(true: np.ndarray, measured: np.ndarray) -> np.ndarray:
+    """(n, 3) [rad] the small rotation in B from the true attitude to the measured one; quaternions (n, 4) [-] xyzw."""
+    v, w, vm, wm = true[:, :3], true[:, 3:], measured[:, :3], measured[:, 3:]
+    vector, scalar = w * vm - wm * v - np.cross(v, vm), w * wm + (v * vm).sum(axis=1, keepdims=True)
+    return np.asarray(2.0 * np.sign(scalar) * vector)
+
+
+def _draw(
+    axis: Axes, t: np.ndarray, names: Sequence[str], colors: Sequence[str], errors: np.ndarray, spreads: np.ndarray
+) -> None:
+    for i, (name, color) in enumerate(zip(names, colors, strict=True)):
+        axis.plot(t, errors[:, i], color=color, lw=0.9, label=name)
+        for sign in (-2.0, 2.0):
+            axis.plot(t, sign * spreads[:, i], color=color, lw=0.6, ls=":")
+    largest = max(float(np.percentile(2.0 * spreads, _SHOWN)), float(np.percentile(np.abs(errors), _SHOWN)), 1e-9)
+    axis.set_ylim(-1.2 * largest, 1.2 * largest)
+    legend_beside(axis)
+
+
+# Figure of how far each sensor could be trusted.
+
+_COLORS = {"good": GREEN, "suspect": ORANGE, "lost": VERMILLION}
+_MOST_WORDS = 8  # alarms written below the bars
+_HEIGHT = 0.62  # of a bar, of the space of a channel
+_LINE = 0.17  # [in] of text
+
+
+@checked
+@styled
+def figure_health(record: Record) -> Figure | None:
+    """One bar over time per channel, green where it was good, and below the bars what was said against channels."""
+    if record.meta.kind != "run" or "health" not in record.series or not record.meta.channels:
+        return None
+    names, told = record.meta.channels, _alarm_lines(record)
+    figure = RecordFigure(figsize=(WIDTH, 1.0 + 0.26 * len(names) + _LINE * len(told)))
+    figure.suptitle("Health of the sensors", fontsize=10, fontweight="bold", x=0.01, ha="left")
+    axis = figure.subplots()
+    for row, codes in enumerate(record["health"].T):
+        _bar(axis, record["t"], row, codes)
+    axis.set_yticks(range(len(names)), [label_text(name) for name in names])
+    axis.set_ylim(len(names) - 0.5, -0.5)
+    axis.grid(visible=False, axis="y")
+    axis.set_xlabel(labelled("time", "t"))
+    if told:
+        figure.supxlabel("\n".join(told), x=0.01, ha="left", fontsize=7)
+    shade_phases([axis], phase_spans(record), share=0.85)
+    patches = [Patch(color=color, label=name) for name, color in _COLORS.items()]
+    figure.legend(handles=patches, loc="outside upper right", ncols=len(patches))
+    return figure
+
+
+def _bar(axis: Axes, t: np.ndarray, row: int, codes: np.ndarray) -> None:
+    """The channel of a row: a piece for every stay in one state."""
+    for code, color in enumerate(_COLORS.values()):
+        pieces = [(t[i], t[j] - t[i]) for i, j, state in intervals_of(codes) if state == code]
+        axis.broken_barh(pieces, (row - _HEIGHT / 2, _HEIGHT), facecolors=color, lw=0)
+
+
+def _alarm_lines(record: Record) -> list[str]:
+    """The first alarms on channels, a line each."""
+    alarms = [alarm for alarm in record.run_meta.alarms if _of_channel(alarm, record.run_meta.channels)]
+    lines = [label_text(f"{alarm.t:.2f} s  {alarm.text}", 110) for alarm in alarms[:_MOST_WORDS]]
+    rest = len(alarms) - len(lines)
+    return [*lines, f"and {rest} more"] if rest else lines
+
+
+def _of_channel(alarm: AlarmMeta, channels: tuple[str, ...]) -> bool:
+    return alarm.text.partition(" ")[0] in channels
+
+
+# Figure of the computation time of the control ticks.
+
+
+@checked
+@styled
+def figure_tick_time(record: Record) -> Figure | None:
+    """How long one control tick took, over time and as a distribution."""
+    if "tick_time" not in record.series:
+        return None
+    tick = np.maximum(record["tick_time"] * 1e6, 1e-3)
+    figure = RecordFigure(figsize=(WIDTH, 2.6))
+    figure.suptitle("Computation time of one control tick", fontsize=10, fontweight="bold", x=0.01, ha="left")
+    over_time, spread = figure.subplots(1, 2, sharey=True, width_ratios=(3, 1))
+    logarithmic(over_time)
+    over_time.plot(record["t"], tick, ".", ms=1.4, color=BLUE, rasterized=True)
+    over_time.set(xlabel=labelled("time", "t"), ylabel=labelled("tick", "tick_time", prefix="µ"))
+    spread.hist(tick, bins=np.geomspace(tick.min(), tick.max() * 1.01, 50), orientation="horizontal", color=BLUE)
+    spread.set_xlabel("ticks")
+    lines = [_percentile_line((over_time, spread), tick, *entry) for entry in ((50, BLACK), (99, VERMILLION))]
+    period = 1e6 * record.run_meta.dt
+    threshold(over_time, period, "control period")
+    over_time.set_ylim(top=3.0 * max(period, float(tick.max())))  # room for its name below those of the phases
+    heading_legend(figure, lines)
+    mark_time([over_time], record, share=0.77)
+    return figure
+
+
+def _percentile_line(axes: Sequence[Axes], tick: np.ndarray, share: int, color: str) -> Line2D:
+    value = float(np.percentile(tick, share))
+    label = f"p{share}  {value:.0f} µs"
+    return [axis.axhline(value, color=color, lw=0.9, ls="--", label=label) for axis in axes][-1]
+
+
+# All figures of one run or plan, read from its `Record` alone.
+#
+# Each ``figure_*`` returns a Matplotlib figure, or `None` where the record lacks what it shows.
 
 FIGURES: Mapping[str, Callable[[Record], Figure | None]] = MappingProxyType(
     {

@@ -1,4 +1,4 @@
-"""What figures and scenes read from a `Record`: phases, quantities, rows of tasks, vehicle and joint parts."""
+"""Read from a `Record` what figures and scenes draw: phases, faults, quantities, rows of tasks, vehicle and joint parts."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uvms_ocp.exceptions import InvalidInput, plain_line
-from uvms_ocp.record import Record
-from uvms_ocp.record import quantity as quantity
-from uvms_ocp.tables.series_table import unit_of
+from uvms_ocp.errors import InvalidInput, plain_line
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.record import quantity as quantity
+from uvms_ocp.record.tables import unit_of
 
 _LONGEST = 60  # letters of what is written on a line
 _N_VEHICLE = 6  # velocity degrees of freedom of a free-flyer
@@ -86,10 +86,10 @@ def phase_spans(record: Record) -> tuple[PhaseSpan, ...]:
     """
     require_rows(record)
     t = record["t"]
-    return tuple(_span(record, code, t[i], t[j]) for i, j, code in stays(_phase_series(record)))
+    return tuple(_span(record, code, t[i], t[j]) for i, j, code in intervals_of(_phase_series(record)))
 
 
-def stays(codes: np.ndarray) -> Iterator[tuple[int, int, int]]:
+def intervals_of(codes: np.ndarray) -> Iterator[tuple[int, int, int]]:
     """Stretches of equal codes (n,) [-]: where each begins, where the next one does, or the last row, and its code."""
     first = np.flatnonzero(np.diff(codes, prepend=-1))
     for i, j in zip(first, [*first[1:], len(codes) - 1], strict=True):

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uvms_ocp.control.load.learning import LoadLearning
-from uvms_ocp.control.load.load_filter import CURRENT, MASS, WEIGHT, LoadFilter, Look
-from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.control.payload import CURRENT, MASS, WEIGHT, LoadFilter, LoadLearning, LoadSample
+from uvms_ocp.errors import InvalidInput
 
 SETTINGS = LoadLearning()
 LIMIT, BANDWIDTH = np.array([200.0, 200.0, 200.0, 100.0, 100.0, 40.0]), np.full(6, 3.0)
@@ -20,12 +19,12 @@ WEIGHT_COLUMN = np.array([0.0, 0.1, -1.0, 0.3, 0.8, 0.9])
 
 def look(
     *, weight: float, mass: float = 0.0, flow: np.ndarray | float = 0.0, turn: float = 0.0, acceleration: float = 0.0
-) -> Look:
+) -> LoadSample:
     """At what a load and a current do exactly; turn: of the column of the weight, as the arm moves."""
     column = WEIGHT_COLUMN + turn * np.array([0.0, 0.0, 0.0, -0.3, 0.5, -0.4])
     resists = acceleration * np.array([-1.0, 0.5, 0.1, 0.2, 0.3, -0.5])
     drag = SLOPES @ np.broadcast_to(flow, 3)
-    return Look(
+    return LoadSample(
         disturbance=weight * column + mass * resists + drag,
         weight=column,
         mass=resists,
@@ -36,7 +35,7 @@ def look(
     )
 
 
-def fed(looks: list[Look], settings: LoadLearning = SETTINGS) -> LoadFilter:
+def fed(looks: list[LoadSample], settings: LoadLearning = SETTINGS) -> LoadFilter:
     found = LoadFilter(settings, LIMIT, BANDWIDTH)
     for one in looks:
         found.take(one)

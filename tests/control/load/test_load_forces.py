@@ -10,14 +10,13 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.control.force.observer import Observed, ObserverLaw
-from uvms_ocp.control.load.learning import LOAD_FRAME
-from uvms_ocp.control.load.load_forces import COLUMNS, current_force, load_force, response_function
-from uvms_ocp.model.assembly.trim import with_trim
-from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
-from uvms_ocp.model.files.description import TrimBody
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.water.hydrodynamics import Water
+from uvms_ocp.control.payload import COLUMNS, LOAD_FRAME, current_force, load_force, response_function
+from uvms_ocp.robot.assembly import with_trim
+from uvms_ocp.robot.description import TrimBody
+from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.robot.hydrodynamics import Water
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
 
 ROBOTS = ("girona_maris7_full", "bluerov2_alpha5")
 DT = 1 / 200

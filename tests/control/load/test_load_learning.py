@@ -15,19 +15,18 @@ from compiler import long_without_compiler
 
 from uvms_ocp import load_robot, without_arm
 from uvms_ocp.control.force.dynamic import DynamicController
-from uvms_ocp.control.load.learner import LoadEstimate
-from uvms_ocp.control.load.learning import LoadLearning
-from uvms_ocp.exceptions import InvalidInput, UvmsError
+from uvms_ocp.control.payload import LoadEstimate, LoadLearning
+from uvms_ocp.errors import InvalidInput, UvmsError
 from uvms_ocp.export import export_controller
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.files.description import TrimBody
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.preflight.findings import Severity
-from uvms_ocp.preflight.load import check_load
-from uvms_ocp.record import Record
+from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import summarize
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios.reach import reach
+from uvms_ocp.robot.description import TrimBody
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.scenario.cases.bluerov import reach
+from uvms_ocp.scenario.preflight.forces import check_load
+from uvms_ocp.scenario.preflight.setup import Severity
+from uvms_ocp.scenario.scenario import Scenario
 
 ROBOTS = ("girona_maris7_full", "bluerov2_alpha5")
 CALM = Hover(load=LoadLearning(), duration=46.0, stays=30.0, noise=False, current=0.0, gusts=0.0)

@@ -7,8 +7,8 @@ import pytest
 from estimation.consistency import APART, DELAYS, SPECS, consistency, late
 from estimation.delays import CASES, WITH, rms_errors
 
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.sensing import CHANNELS, SensorSpecs
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.signals import CHANNELS, SensorSpecs
 
 
 @pytest.mark.parametrize("specs", [SPECS, late(SPECS, DELAYS)], ids=["in time", "late"])

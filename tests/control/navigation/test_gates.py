@@ -9,15 +9,24 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.arrays import Array
-from uvms_ocp.control.navigation.estimator import Estimator
-from uvms_ocp.exceptions import NameNotFound
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import ACCELEROMETER, CHANNELS, IDEAL_SENSORS, SensorSpec, SensorSpecs
-from uvms_ocp.model.state import Measurement, Reading, Readings, State
+from uvms_ocp.errors import NameNotFound
+from uvms_ocp.estimation.estimator import Estimator
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import (
+    ACCELEROMETER,
+    CHANNELS,
+    IDEAL_SENSORS,
+    Measurement,
+    Reading,
+    Readings,
+    SensorSpec,
+    SensorSpecs,
+    State,
+)
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import SensorSuite
+from uvms_ocp.types import Array
 
 DT = 0.01
 SPECS = SensorSpecs(specific_force=ACCELEROMETER, joint_velocities=SensorSpec(rate=50.0, sigma=0.01))

@@ -7,14 +7,13 @@ import pytest
 from compiler import needs_compiler
 from estimation.consistency import DELAYS, SPECS, late
 
-from uvms_ocp.arguments import trusted
-from uvms_ocp.arrays import Array
-from uvms_ocp.control.navigation.estimator import Estimator
-from uvms_ocp.control.navigation.filter import core
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import CHANNELS, IDEAL_SENSORS, SensorSpec, SensorSpecs
-from uvms_ocp.model.state import Command, Reading, Readings
+from uvms_ocp.checks import unchecked_constructor
+from uvms_ocp.estimation import kalman_filter as core
+from uvms_ocp.estimation.estimator import Estimator
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import CHANNELS, IDEAL_SENSORS, Command, Reading, Readings, SensorSpec, SensorSpecs
+from uvms_ocp.types import Array
 
 EVERYTHING_LATE = late(SPECS, {name: 0.03 + 0.1 * k for k, name in enumerate(CHANNELS)})
 
@@ -100,7 +99,12 @@ def test_covariances_stay_symmetric_and_positive(specs: SensorSpecs) -> None:
     values = {name: np.zeros(3) for name in given} | {"depth": 0.0, "altimeter_range": 5.0}
     values |= {name: np.zeros(robot.n_joints) for name in ("joint_positions", "joint_velocities")}
     values |= {"attitude": np.array([0.0, 0.0, 0.0, 1.0]), "specific_force": np.array([0.0, 0.0, 9.81])}
-    estimator, dt, reading, all_readings = Estimator(robot, specs), 0.01, trusted(Reading), trusted(Readings)
+    estimator, dt, reading, all_readings = (
+        Estimator(robot, specs),
+        0.01,
+        unchecked_constructor(Reading),
+        unchecked_constructor(Readings),
+    )
     steps = {name: max(1, round(1.0 / (spec.rate * dt))) for name, spec in given.items()}
     for k in range(30_000):
         readings = {}

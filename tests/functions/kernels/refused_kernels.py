@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any
 
-from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, zeros
-from uvms_ocp.functions.kernels.smooth import Smooth
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Smooth, Vector, zeros
 
 
 class Small(Layout):

@@ -6,9 +6,7 @@ import math
 from enum import IntEnum
 from typing import Annotated, Any
 
-from uvms_ocp.functions.kernels.ask import Ask
-from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, zeros
-from uvms_ocp.functions.kernels.smooth import Smooth
+from uvms_ocp.codegen.kernel_layout import Ask, Layout, Sized, Smooth, Vector, zeros
 
 LIMIT = 0.75
 

@@ -12,9 +12,8 @@ import numpy as np
 from compiler import COMPILER, needs_compiler
 from sample_kernels import Memory, Motion, advance, tick
 
-from uvms_ocp.functions.kernels.c_library import c_library
-from uvms_ocp.functions.kernels.initial_value import initial_value
-from uvms_ocp.functions.kernels.layout import structure_of
+from uvms_ocp.codegen.kernel_layout import structure_of
+from uvms_ocp.codegen.kernels import c_library, initial_value
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wno-unused-parameter")
 

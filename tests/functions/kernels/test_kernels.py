@@ -13,12 +13,10 @@ import refused_kernels
 from compiler import IN_C_AND_PYTHON, needs_compiler
 from sample_kernels import Curious, Memory, Motion, Roots, advance, inquire, take_roots, tick
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions.kernels.ask import Answer
-from uvms_ocp.functions.kernels.binding import bind_kernels, memory_of
-from uvms_ocp.functions.kernels.layout import Layout, structure_of
-from uvms_ocp.functions.kernels.program import c_program
-from uvms_ocp.functions.kernels.smooth import column_view
+from uvms_ocp.codegen.kernel_layout import Answer, Layout, column_view, structure_of
+from uvms_ocp.codegen.kernel_program import c_program
+from uvms_ocp.codegen.kernels import bind_kernels, memory_of
+from uvms_ocp.errors import InvalidInput
 
 
 def _numbers(memory: ctypes.Structure) -> list[float]:

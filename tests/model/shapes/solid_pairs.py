@@ -11,10 +11,15 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.functions.kernels.binding import memory_of
-from uvms_ocp.functions.kernels.layout import structure_of, view
-from uvms_ocp.model.shapes.distance_kernels.clear_pairs import distance_sizes, write_distances
-from uvms_ocp.model.shapes.distance_kernels.distance_memory import DistanceMemory, chosen_gradients, pair_distances
+from uvms_ocp.codegen.kernel_layout import structure_of, view
+from uvms_ocp.codegen.kernels import memory_of
+from uvms_ocp.robot.shapes.distance_kernels import (
+    DistanceMemory,
+    chosen_gradients,
+    distance_sizes,
+    pair_distances,
+    write_distances,
+)
 
 KINDS: Mapping[str, Callable[[np.ndarray], Any]] = {
     "sphere": lambda size: coal.Sphere(size[0]),

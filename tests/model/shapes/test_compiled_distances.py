@@ -11,15 +11,14 @@ import pytest
 from compiler import needs_compiler
 
 import uvms_ocp as uo
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions.kernels.binding import memory_of
-from uvms_ocp.functions.kernels.layout import structure_of
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.shapes import compiled_pairs
-from uvms_ocp.model.shapes.coal_pairs import CoalPairs
-from uvms_ocp.model.shapes.collision_model import CollisionModel, self_pairs, shapes_among
-from uvms_ocp.model.shapes.distance_kernels.distance_memory import DistanceMemory
-from uvms_ocp.model.shapes.obstacles import mesh_shape, obstacle
+from uvms_ocp.codegen.kernel_layout import structure_of
+from uvms_ocp.codegen.kernels import memory_of
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes import collision_model as compiled_pairs
+from uvms_ocp.robot.shapes.collision_model import CoalPairs, CollisionModel, self_pairs, shapes_among
+from uvms_ocp.robot.shapes.distance_kernels import DistanceMemory
+from uvms_ocp.robot.shapes.obstacles import mesh_shape, obstacle
 
 ROCKS = (
     obstacle("ball", coal.Sphere(0.4), (1.6, 0.4, -0.3)),

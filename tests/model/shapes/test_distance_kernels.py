@@ -11,7 +11,7 @@ import pytest
 from compiler import needs_compiler
 from solid_pairs import KINDS, SolidPair, by_coal, height, random_pose
 
-from uvms_ocp.model.shapes.distance_kernels.distance_memory import least_distance, place_solids
+from uvms_ocp.robot.shapes.distance_kernels import least_distance, place_solids
 
 PAIRS = [*product(KINDS, KINDS)]
 EXACT = 1e-6  # [m]

@@ -10,22 +10,22 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.collision import CollisionScene, collision_scene, coordinates
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.shapes.obstacles import Obstacle, obstacle, seafloor
-from uvms_ocp.model.state import State
-from uvms_ocp.ocp.clearance.certificate import SteppedMotion, certificate, shortfall
-from uvms_ocp.ocp.clearance.shape_clearance import ShapeClearance
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.ocp.clearance import ShapeClearance
+from uvms_ocp.ocp.clearance_certificate import SteppedMotion, certificate, shortfall
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Effort, TaskTerm, Term
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.ocp.transcription.stage import StageModel
-from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
+from uvms_ocp.planning import CollisionScene, collision_scene, coordinates
+from uvms_ocp.robot.kinematics import Kinematics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.obstacles import Obstacle, obstacle, seafloor
+from uvms_ocp.robot.signals import State
+from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.tasks.joints import JointTracking
 
 TILT = pin.rpy.rpyToMatrix(0.4, 0.2, 0.1)

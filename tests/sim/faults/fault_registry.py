@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from uvms_ocp.model.sensing import CHANNELS
-from uvms_ocp.sim.faults.kinds import FAMILIES, target_of
+from uvms_ocp.robot.signals import CHANNELS
+from uvms_ocp.sim.faults import FAMILIES, target_of
 
 VALUES = {
     "frozen": "",

@@ -7,10 +7,9 @@ import pytest
 
 from uvms_ocp.sim.currents import Current, GustyCurrent, ShearedCurrent, StillWater, water_at
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.faults.current_step import LAYER, RISE, with_steps
-from uvms_ocp.sim.faults.notation import parse_faults
-from uvms_ocp.sim.height_field import HeightField
-from uvms_ocp.sim.seafloor import FlatSeafloor, Seafloor
+from uvms_ocp.sim.fault_effects import LAYER, RISE, with_steps
+from uvms_ocp.sim.faults import parse_faults
+from uvms_ocp.sim.seafloor import FlatSeafloor, HeightField, Seafloor
 
 FLAT, ROUGH = FlatSeafloor(z=-40.0), HeightField.random("large", z=-40.0, extent=30.0, seed=2)
 LAYERED = ShearedCurrent(z=[-42.0, -30.0], velocities=[[0.1, 0.0, 0.02], [0.3, 0.1, 0.02]])

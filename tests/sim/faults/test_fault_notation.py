@@ -9,10 +9,9 @@ from fault_registry import ALL, listed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound, UvmsError
-from uvms_ocp.sim.faults import Fault, parse_fault
-from uvms_ocp.sim.faults.kinds import FAMILIES
-from uvms_ocp.sim.faults.notation import parse_faults
+from uvms_ocp.errors import InvalidInput, NameNotFound, UvmsError
+from uvms_ocp.sim import Fault, parse_fault
+from uvms_ocp.sim.faults import FAMILIES, parse_faults
 
 SAME = settings(derandomize=True, database=None, deadline=None)
 """In every run, from a folder that cannot be written, on a slow machine."""

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from compiler import long_without_compiler
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.preflight.accuracy import quantity_spreads
-from uvms_ocp.record import Record
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import summarize
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios.case1 import case1
-from uvms_ocp.sim.faults.notation import parse_faults
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.scenario.preflight.checks import quantity_spreads
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.sim.faults import parse_faults
 
 ONSET = 0.5
 DYNAMIC = [

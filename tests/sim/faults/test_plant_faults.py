@@ -11,17 +11,16 @@ import pinocchio as pin
 import pytest
 from fault_registry import MACHINE, WATER
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.assembly.mounting import without_arm
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import Command
-from uvms_ocp.sim.dynamic_plant import DynamicPlant
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.assembly import without_arm
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import Command
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.faults.notation import parse_faults
-from uvms_ocp.sim.faults.plant_faults import joined_velocity, loaded, require_possible
-from uvms_ocp.sim.plant import KinematicPlant
+from uvms_ocp.sim.fault_effects import joined_velocity, loaded, require_possible
+from uvms_ocp.sim.faults import parse_faults
+from uvms_ocp.sim.plant import DynamicPlant, KinematicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
 
 DEEP = Environment(seafloor=FlatSeafloor(z=-1000.0))

@@ -12,13 +12,12 @@ import pinocchio as pin
 import pytest
 from fault_registry import ENCODERS, SENSORS
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import CHANNELS, SensorSpec, SensorSpecs
-from uvms_ocp.model.state import Reading, State
-from uvms_ocp.sim.faults import parse_fault
-from uvms_ocp.sim.faults.notation import parse_faults
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import CHANNELS, Reading, SensorSpec, SensorSpecs, State
+from uvms_ocp.sim import parse_fault
+from uvms_ocp.sim.faults import parse_faults
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import SensorSuite
 

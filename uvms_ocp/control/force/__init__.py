@@ -1,1 +1,1 @@
-"""Reference velocities in, thrust and torque out."""
+"""Force layer: reference velocities in, thrust and torque out."""

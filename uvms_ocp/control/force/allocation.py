@@ -1,23 +1,144 @@
-"""Allocation: from the wrench a controller asks for to thrust inside the limits of every thruster."""
+"""Thrust allocation: from the wrench a controller asks for to commands inside the limits of every thruster that works.
+
+Of a thruster that is dead or stuck nothing is asked, of a weak one more, of a reversed one the opposite; the thrust of a stuck
+one is compensated. Thrusters are first-order lags, which commands are ahead of.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.control.actuator_health.effect import Effect
-from uvms_ocp.control.force.thrust_sharing import MOST, ThrustSharing, share_out, take_effect
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions.kernels.binding import bind_kernels
-from uvms_ocp.functions.kernels.layout import structure_of
-from uvms_ocp.model.files.description import Power, Thruster
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.thrusters import thrust_limits, thruster_matrix
+from uvms_ocp.codegen.elementwise import Array, clipped, where
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of
+from uvms_ocp.codegen.kernels import bind_kernels
+from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness
+from uvms_ocp.control.force.minimum_power import LimitedThrust, limited_thrust, minimum_power, prepare_powers
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.description import Power, Thruster
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 from uvms_ocp.solvers.bounded_least_squares import room_for
+
+# A wrench shared out among the thrusters that follow, as kernels: what is stuck is a known wrench that is made up for.
+#
+# Of what is dead or stuck nothing is asked, of what is weak so much, of what is reversed the other way. The thrust is that in
+# the water: a weak thruster takes the power of what it is asked, which is more.
+
+MOST = 1e12
+"""[N, N m] that any part of a wrench may be."""
+
+
+class ThrustSharing(Layout):
+    """Of an `Allocation`, whose fields are described there. Room for n thrusters, of which `count` are there."""
+
+    count: int
+    matrix: Annotated[list[Vector], Sized("m", "n")]
+    """(6, n) [N/N, N m/N]"""
+    lower: Annotated[Vector, Sized("n")]
+    """(n,) [N]"""
+    upper: Annotated[Vector, Sized("n")]
+    """(n,) [N]"""
+    power_factor: Annotated[Vector, Sized("n")]
+    """(n,) [W/N^exponent]"""
+    power_exponent: Annotated[Vector, Sized("n")]
+    """(n,) [-]"""
+    dead_zone: Annotated[Vector, Sized("n")]
+    """(n,) [N]"""
+    wrench_weight: Annotated[Vector, Sized("m")]
+    """(6,) [1/N, 1/(N m)]"""
+    share: Annotated[Vector, Sized("n")]
+    """(n,) [-] as those of `Effect`."""
+    constant: Annotated[Vector, Sized("n")]
+    """(n,) [N]"""
+    # found by `take_effect`
+    left: LimitedThrust
+    """Of the thrusters that follow."""
+    place: Annotated[list[int], Sized("n")]
+    """Of each of them among all."""
+    known: Annotated[Vector, Sized("m")]
+    """(6,) [N, N m] of those that are stuck."""
+    # found by `share_out`
+    wrench: Annotated[Vector, Sized("m")]
+    """(6,) [N, N m] asked for; given."""
+    thrust: Annotated[Vector, Sized("n")]
+    """(n,) [N] as those of `AllocationResult`."""
+    reached: Annotated[Vector, Sized("m")]
+    """(6,) [N, N m]"""
+    unreachable: Annotated[Vector, Sized("m")]
+    """(6,) [N, N m]"""
+    saturated: bool
+
+
+def take_effect(a: ThrustSharing) -> None:
+    """From now on: share and constant."""
+    n = 0
+    for i in range(a.count):
+        if a.share[i] != 0.0:
+            _keep(a, i, n)
+            n += 1
+    a.left.powers.count = n
+    a.left.problem.rows = len(a.matrix)
+    a.left.problem.columns = n
+    _find_stuck_wrench(a)
+    prepare_powers(a.left.powers)
+
+
+def _find_stuck_wrench(a: ThrustSharing) -> None:
+    for k in range(len(a.matrix)):
+        a.left.powers.wrench_weight[k] = a.wrench_weight[k]
+        a.known[k] = 0.0
+        for i in range(a.count):
+            a.known[k] += a.matrix[k][i] * a.constant[i]
+
+
+def share_out(a: ThrustSharing) -> bool:
+    """Find the thrust for the wrench; whether that is a number, and one whose square is: if not, there is none."""
+    finite = True
+    for k in range(len(a.matrix)):
+        finite = finite and abs(a.wrench[k]) < MOST
+        a.left.wrench[k] = a.wrench[k] - a.known[k]
+    if finite:
+        minimum_power(a.left.powers, a.left.wrench, a.left.unbounded)
+        a.saturated = limited_thrust(a.left)
+        _to_all(a)
+    return finite
+
+
+def _keep(a: ThrustSharing, i: int, to: int) -> None:
+    """Thruster i, which follows."""
+    left, share, size = a.left, a.share[i], abs(a.share[i])
+    a.place[to] = i
+    for k in range(len(a.matrix)):
+        left.powers.matrix[k][to] = a.matrix[k][i]
+    left.lower[to] = min(share * a.lower[i], share * a.upper[i])
+    left.upper[to] = max(share * a.lower[i], share * a.upper[i])
+    left.dead_zone[to] = a.dead_zone[i] * size
+    left.powers.largest[to] = max(left.upper[to], -left.lower[to])
+    left.powers.factor[to] = a.power_factor[i] / math.exp(a.power_exponent[i] * math.log(size))
+    left.powers.exponent[to] = a.power_exponent[i]
+
+
+def _to_all(a: ThrustSharing) -> None:
+    """What is found to where it belongs."""
+    for i in range(a.count):
+        a.thrust[i] = a.constant[i]
+    for j in range(a.left.powers.count):
+        a.thrust[a.place[j]] += a.left.thrust[j]
+    for k in range(len(a.matrix)):
+        reached = 0.0
+        for j in range(a.left.powers.count):
+            reached += a.left.powers.matrix[k][j] * a.left.thrust[j]
+        a.reached[k] = reached + a.known[k]
+        a.unreachable[k] = a.left.wrench[k] - reached
+
+
+# Allocation: from the wrench a controller asks for to thrust inside the limits of every thruster.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +178,7 @@ class Allocation:
     """(n,) [N]: smaller thrust cannot be commanded; it becomes 0 or the edge, whichever is nearer."""
     wrench_weight: np.ndarray = field(default_factory=lambda: np.ones(6))
     """(6,) [1/N, 1/(N m)]: what to give up first when not everything can be reached."""
-    effect: Effect | None = None
+    effect: ThrusterEffectiveness | None = None
     """What thrusters make of their commands: what follows none is left out. `None`: all do what they are asked."""
     compiled: bool = field(default=True, repr=False)
     """Whether it is worth a compiler: not for a few wrenches."""
@@ -76,7 +197,7 @@ class Allocation:
 
     def write(self, memory: Any) -> None:
         """All that `take_effect` asks into a `ThrustSharing` with room for the `sharing_sizes` of these thrusters."""
-        n, effect = len(self.lower), self.effect or Effect.sound(len(self.lower))
+        n, effect = len(self.lower), self.effect or ThrusterEffectiveness.sound(len(self.lower))
         memory.count, memory.wrench_weight[:] = n, self.wrench_weight.tolist()
         for k in range(6):
             memory.matrix[k][:n] = self.matrix[k].tolist()
@@ -173,3 +294,42 @@ def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
 def _require(condition: object, name: str, allowed: str) -> None:
     if not condition:
         raise InvalidInput(f"{name} out of range; allowed: {allowed}")
+
+
+# First-order thrusters, and the thrust command that makes them faster than their lag.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ThrusterLag:
+    """Model of n thrusters over a tick, of numbers and of CasADi expressions alike."""
+
+    lower: np.ndarray
+    """(n,) [N]"""
+    upper: np.ndarray
+    """(n,) [N]"""
+    lead: np.ndarray
+    """(n,) [-] so many times faster than their lag they are driven."""
+    decay: np.ndarray
+    """(n,) [-] share of the distance from its command that a thruster keeps over a tick."""
+
+    def command(self, thrust: Array, wanted: Array, hurry: Array) -> Array:
+        """Command (n,) [N] that brings thrust (n,) [N] to the wanted one (n,) [N]; hurry () [-]: ahead of the lag."""
+        lead = where(hurry, self.lead, 1.0)
+        return clipped(thrust + lead * (wanted - thrust), self.lower, self.upper)
+
+    def after(self, thrust: Array, command: Array) -> Array:
+        """What becomes of a thrust (n,) [N] within a tick, (n,) [N], under a command (n,) [N]."""
+        return command + (thrust - command) * self.decay
+
+
+def thruster_lag(robot: Robot, *, lead: float, dt: float) -> ThrusterLag:
+    """That of a robot's thrusters; lead [-]: driven so many times faster than their lag. dt [s]: control period."""
+    time_constants = np.array([thruster.time_constant for thruster in robot.description.thrusters])
+    lower, upper = thrust_limits(robot)
+    return ThrusterLag(
+        lower=lower,
+        upper=upper,
+        # Faster than the control period would ring.
+        lead=np.clip(lead, 1.0, np.maximum(time_constants / (2 * dt), 1.0)),
+        decay=np.exp(-dt / np.maximum(time_constants, 1e-9)),
+    )

@@ -7,31 +7,27 @@ from functools import lru_cache
 
 import numpy as np
 
-from uvms_ocp.arguments import checked, late, trusted
-from uvms_ocp.control.actuator_health.intake import intake_of
-from uvms_ocp.control.actuator_health.monitor import ActuatorMonitor
-from uvms_ocp.control.actuator_health.thresholds import ActuatorHealthTuning
-from uvms_ocp.control.force.force_tick import ForceTick
+from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
+from uvms_ocp.control.faults.monitor import ActuatorMonitor
+from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, intake_of
+from uvms_ocp.control.force.allocation import thruster_lag
 from uvms_ocp.control.force.observer import DisturbanceObserver, ObserverLaw
-from uvms_ocp.control.force.thruster_lag import thruster_lag
+from uvms_ocp.control.force.tick import ForceTick
 from uvms_ocp.control.force.tick_functions import TickLaws
 from uvms_ocp.control.force.velocity_law import DeadTimes, VelocityLaw, borne_by, dead_times
-from uvms_ocp.control.load.learnable import require_learnable
-from uvms_ocp.control.load.learner import LoadFunctions, LoadLearner, load_functions
-from uvms_ocp.control.load.learning import LoadLearning
-from uvms_ocp.control.velocity.distress import Strain
+from uvms_ocp.control.payload import LoadFunctions, LoadLearner, LoadLearning, load_functions, require_learnable
+from uvms_ocp.control.velocity.abort import Strain
 from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.dynamics import Dynamics
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import SensorSpecs
-from uvms_ocp.model.state import Command, Measurement
-from uvms_ocp.model.thrusters import largest_force, largest_wrench
-from uvms_ocp.shown.small_table import SmallTable, Tabled, rows_of
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.display import SmallTable, Tabled, rows_of
+from uvms_ocp.robot.dynamics import Dynamics
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import Command, Measurement, SensorSpecs
+from uvms_ocp.robot.thrusters import largest_force, largest_wrench
 
-_command, _strain = trusted(Command), trusted(Strain)
+_command, _strain = unchecked_constructor(Command), unchecked_constructor(Strain)
 
-SEARCH = ActuatorHealthTuning()
+DEFAULT_FAULT_TUNING = ActuatorHealthTuning()
 """For faulty thrusters and joints, by default."""
 _ENCODERS = ("joint_positions", "joint_velocities")
 
@@ -83,7 +79,7 @@ class DynamicController(Tabled):
         dynamics: Dynamics,
         kinematic: KinematicController,
         gains: VelocityGains | None = None,
-        health: ActuatorHealthTuning | None = SEARCH,
+        health: ActuatorHealthTuning | None = DEFAULT_FAULT_TUNING,
         sensors: SensorSpecs | None = None,
         load: LoadLearning | None = None,
     ) -> None:
@@ -114,7 +110,7 @@ class DynamicController(Tabled):
         self.learner = None if load is None else _learner(laws, load)
         """Of what the tool carries; `None` where nothing is learnt."""
 
-    @late
+    @checked_on_failure
     def __call__(self, measurement: Measurement, t: float) -> Command:
         """The command for the tick at time t [s]."""
         tick = self.kinematic.observe(measurement, t)

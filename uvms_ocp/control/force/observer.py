@@ -1,4 +1,4 @@
-"""Disturbance observer: the generalized force that the model does not know, such as a current or a payload."""
+"""Disturbance observer: the generalized force that the model does not explain, such as a current or a payload."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Protocol
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.control.load.load_forces import Response
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions.buffered import BufferedFunction
-from uvms_ocp.functions.elementwise import Array
+from uvms_ocp.codegen.buffered import BufferedFunction
+from uvms_ocp.codegen.elementwise import Array
+from uvms_ocp.control.payload import Response
+from uvms_ocp.errors import InvalidInput
 
 
-class Body(Protocol):
+class ObserverDynamics(Protocol):
     """What an observer asks of `SymbolicDynamics`."""
 
     @property
@@ -67,7 +67,7 @@ class ObserverLaw:
     def after(
         self,
         before: Observed,
-        body: Body,
+        body: ObserverDynamics,
         q: ca.SX,
         v: ca.SX,
         tau: ca.SX,
@@ -117,7 +117,7 @@ class DisturbanceObserver:
     line a motion is left with hardly any inertia, and what was a good force in the last configuration would throw it about.
     """
 
-    def __init__(self, law: ObserverLaw, body: Body, n_q: int, current: np.ndarray | None = None) -> None:
+    def __init__(self, law: ObserverLaw, body: ObserverDynamics, n_q: int, current: np.ndarray | None = None) -> None:
         """n_q: entries of q. current (3,) [m/s] in W: as far as it is known, and no disturbance."""
         n = len(law.bandwidth)
         q, (v, tau, kept, v_hat) = ca.SX.sym("q", n_q), (ca.SX.sym(name, n) for name in ("v", "tau", "kept", "v_hat"))

@@ -1,8 +1,4 @@
-"""From a velocity to the generalized force that makes it: model-based feed-forward and PI with anti-windup.
-
-How much of its bandwidth it bears follows from how late velocities are known, and how late it bears to know the configuration
-from the weight and buoyancy that it carries there.
-"""
+"""Velocity law: model-based feed-forward and PI with anti-windup, and the derating of its bandwidth for dead time."""
 
 from __future__ import annotations
 
@@ -13,13 +9,13 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.model.sensing import SensorSpec, SensorSpecs
-from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
+from uvms_ocp.robot.signals import SensorSpec, SensorSpecs
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
 _MOST_DEAD = 0.2
 """[-] bandwidth times dead time: with observer and estimator in the loop, that of Case 1 holds at 0.2 and breaks at 0.3."""
 _NOTHING = 1e-12  # [-] stiffness that counts as none
-OWN = 1.5
+CONTROLLER_DEAD_TIME = 1.5
 """[-] control periods of dead time beside that of the sensors: half a one, as commands are held, and one that nobody told of."""
 
 
@@ -97,7 +93,10 @@ def dead_times(specs: SensorSpecs) -> DeadTimes:
 
 def borne_by(late: DeadTimes, *, vehicle: float, joints: float, dt: float) -> Borne:
     """Of loops with the bandwidths vehicle [1/s] and joints [1/s], closed once in dt [s]."""
-    shares = (_share(vehicle, late.vehicle + OWN * dt), _share(joints, late.joints + OWN * dt))
+    shares = (
+        _share(vehicle, late.vehicle + CONTROLLER_DEAD_TIME * dt),
+        _share(joints, late.joints + CONTROLLER_DEAD_TIME * dt),
+    )
     return Borne(vehicle=shares[0], joints=shares[1], joints_late=late.joints)
 
 
@@ -109,13 +108,13 @@ def dead_time_borne(stiffness: np.ndarray, *, bandwidth: float, reset: float, ob
     no longer caught from about ``p T = 1.3`` on, and one that would swing with w is driven from about ``w T = 1.9`` on.
     """
     most = np.linalg.eigvals(stiffness).real
-    falling, swinging = _stiffness_borne(*((reset / bandwidth, observer / bandwidth) if bandwidth else (0.0, 0.0)))
+    falling, swinging = _stiffness_limits(*((reset / bandwidth, observer / bandwidth) if bandwidth else (0.0, 0.0)))
     steepest = max(most.min(initial=0.0) / falling, most.max(initial=0.0) / swinging)
     return 1.0 / math.sqrt(steepest) if steepest > 0.0 else math.inf
 
 
 @lru_cache(maxsize=8)
-def _stiffness_borne(reset: float, observer: float) -> tuple[float, float]:
+def _stiffness_limits(reset: float, observer: float) -> tuple[float, float]:
     """Least (< 0) and largest (> 0) stiffness [-], times the dead time squared, with all the bandwidth k that is borne.
 
     reset and observer [-]: shares of the bandwidth. With z = s T and Q = (w / (z + w))^2 of the observer, the loop is

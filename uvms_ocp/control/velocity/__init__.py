@@ -1,1 +1,1 @@
-"""A measurement and a mission in, reference velocities out."""
+"""Velocity layer: a state estimate and a mission in, reference velocities out."""

@@ -1,8 +1,9 @@
-"""Kinematic control layer: measurements in, reference velocities out ([Gao2022] figure 4)."""
+"""Kinematic control layer: state estimates in, reference velocities out ([Gao2022] figure 4)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
 from typing import Any, Protocol
@@ -10,51 +11,106 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.arguments import Period, checked, late, trusted
-from uvms_ocp.control.navigation.degraded import (
+from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked, unchecked_constructor
+from uvms_ocp.codegen.kernels import bind_to
+from uvms_ocp.control.velocity.abort import AbortReason, Distress, Strain, climb_goal
+from uvms_ocp.control.velocity.goals import (
+    Measuring,
+    MissionParameters,
+    StoppingMotion,
+    asking_of,
+    mission_parameters,
+    nearest_sizes,
+    track_sizes,
+    tracks_of,
+)
+from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
+from uvms_ocp.control.velocity.tick import (
+    Solved,
+    commit_velocity,
+    finish_by,
+    finish_in_c,
+    finish_tick,
+    is_unknown,
+    prepare_tick,
+    velocity_controller,
+)
+from uvms_ocp.control.velocity.tick_memory import altimeter_of, arrays_of, inputs_of, tick_memory
+from uvms_ocp.control.velocity.tick_state import TickState
+from uvms_ocp.control.velocity.viability import Guarding, guards_of, models_of, rule_sizes, without_c_form
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.estimation.degraded_modes import (
     ALTIMETER,
     FREE,
     BadChannels,
     Restriction,
+    describe_channels,
     restriction_in,
-    told,
     write_channels,
 )
-from uvms_ocp.control.navigation.last_known import LastEcho, LastSound
-from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
-from uvms_ocp.control.velocity.climb import climb_goal
-from uvms_ocp.control.velocity.distress import Distress, Strain, Why
-from uvms_ocp.control.velocity.guards import Guarding, guards_of, models_of, rule_sizes, without_c_form
-from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
-from uvms_ocp.control.velocity.parameters import (
-    Measuring,
-    MissionParameters,
-    Motion,
-    asking_of,
-    mission_parameters,
-    nearest_sizes,
-)
-from uvms_ocp.control.velocity.tick.finishing import Solved, finish_by, finish_in_c
-from uvms_ocp.control.velocity.tick.guide import Guide, led
-from uvms_ocp.control.velocity.tick.kernels import after, before, is_unknown, take
-from uvms_ocp.control.velocity.tick.memory import altimeter_of, arrays_of, inputs_of, tick_memory
-from uvms_ocp.control.velocity.tick.solving import velocity_controller
-from uvms_ocp.control.velocity.tick_state import TickState
-from uvms_ocp.control.velocity.tracks import track_sizes, tracks_of
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions.kernels.binding import bind_to
+from uvms_ocp.estimation.fallbacks import Freshness, LastEcho, LastSound, Watchdog
 from uvms_ocp.mission.mission import Mission
-from uvms_ocp.mission.outcome import gave_up, went_on
 from uvms_ocp.mission.phase import Event, MissionState
-from uvms_ocp.mission.progress import is_over, write_state
-from uvms_ocp.model.health import ChannelHealth
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.shapes.distance_room import distance_room
-from uvms_ocp.model.state import Command, Measurement
-from uvms_ocp.shown.small_table import SmallTable, Tabled, rows_of
-from uvms_ocp.solvers.hierarchy.tick import SharedTick, Tick
+from uvms_ocp.mission.progress import gave_up, is_over, went_on, write_state
+from uvms_ocp.record.display import SmallTable, Tabled, rows_of
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.collision_model import distance_room
+from uvms_ocp.robot.signals import ChannelHealth, Command, Measurement
+from uvms_ocp.solvers.hierarchy.solution import SharedTick, Tick
+from uvms_ocp.types import Period
 
-_command, _tick_state = trusted(Command), trusted(TickState)
+# What may stand in for the hierarchy: a velocity from elsewhere, as long as it lasts.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Guided:
+    """What a guide says at a tick."""
+
+    v: np.ndarray | None
+    """(n_v,) [m/s, rad/s] in place of what the hierarchy commands; `None` once and for all after it is left to that."""
+    why: str = ""
+    """Why it is left, at the tick where that happens."""
+
+
+class Guide(Protocol):
+    """Asked at every tick after the mission has looked at it."""
+
+    @property
+    def bandwidth(self) -> float:
+        """[-] Share of the usual feedback of velocities that is enough: what it knows beforehand needs little."""
+
+    def __call__(self, tick: TickState, strain: Strain, waiting: Callable[[], str]) -> Guided:
+        """waiting: tells what the mission waits for, in words; strain: what the layer of forces meets."""
+
+
+class Led(Protocol):
+    """What is told of a guide's velocities: a `KinematicController`."""
+
+    watchdog: Watchdog
+
+    def pending(self) -> str:
+        """What the mission waits for."""
+
+    def follow(self, command: Command) -> None:
+        """Take what is commanded in place of its own."""
+
+
+def apply_guide(layer: Led, guide: Guide, tick: TickState, strain: Strain, command: Command) -> Command:
+    """The command of a layer as its guide has it; that it is left is an alarm."""
+    said = guide(tick, strain, layer.pending)
+    if said.why:
+        layer.watchdog.alarms.append((tick.t, said.why))
+    telemetry = {**command.telemetry, "guided": said.v is not None}
+    if said.v is None:
+        return replace_unchecked(command, telemetry=telemetry)
+    new = replace_unchecked(command, v=said.v, telemetry=telemetry)
+    layer.follow(new)
+    return new
+
+
+# Kinematic control layer: measurements in, reference velocities out ([Gao2022] figure 4).
+
+_command, _tick_state = unchecked_constructor(Command), unchecked_constructor(TickState)
 _FRESHNESS = tuple(Freshness)
 
 
@@ -106,7 +162,7 @@ class KinematicController(Tabled):
         self._arrays = arrays_of(memory, self.problem)
         self._parameters = MissionParameters(mission, memory.goals, tracks, dt)
         self._measuring = Measuring(memory.nearest, asking, robot)
-        self._before, self._take = bind_to(memory, (before, take))
+        self._before, self._take = bind_to(memory, (prepare_tick, commit_velocity))
         self._finish = finish_in_c(self._whole) if self._whole is not None else self._finish_by(solver)
         self._guarding = Guarding(robot, guards, dt, memory.rule)
         self._sound = LastSound(robot, memory.sound)
@@ -143,12 +199,12 @@ class KinematicController(Tabled):
         """Itself: what `DynamicController` has below it."""
         return self
 
-    @late
+    @checked_on_failure
     def __call__(self, measurement: Measurement, t: float) -> Command:
         """The command for the tick at time t [s]."""
         return self.command(self.observe(measurement, t))
 
-    @late
+    @checked_on_failure
     def observe(self, measurement: Measurement, t: float) -> TickState:
         """What is known at time t [s]; what is missing of the measurement is replaced by what was known last."""
         started, memory, arrays = perf_counter(), self.memory, self._arrays
@@ -178,12 +234,12 @@ class KinematicController(Tabled):
             restriction=restriction,
         )
 
-    @late
+    @checked_on_failure
     def feel(self, strain: Strain) -> None:
         """Take in what the force layer meets."""
         self._strain, self._jammed = strain, strain.jammed
 
-    @late
+    @checked_on_failure
     def command(self, tick: TickState) -> Command:
         """The command for what `observe` has found."""
         arrays, memory = self._arrays, self.memory
@@ -203,16 +259,16 @@ class KinematicController(Tabled):
             finished=self._state.over,
             telemetry=_telemetry(tick, solved, arrays.reported.copy(), memory.share),
         )
-        return command if self.guide is None else led(self, self.guide, tick, self._strain, command)
+        return command if self.guide is None else apply_guide(self, self.guide, tick, self._strain, command)
 
     def _finish_by(self, solver: HierarchySolver) -> Callable[[], Solved]:
         tick = solver.bind(self.problem.function, self.problem.sizes)
         inputs = inputs_of(self.memory, self._arrays, self.problem)
         solve = tick.adopt(*inputs) if isinstance(tick, SharedTick) else partial(tick, *inputs)
-        (settle,) = bind_to(self.memory, (after,))
+        (settle,) = bind_to(self.memory, (finish_tick,))
         return finish_by(solve, partial(settle, self.memory), self._arrays, self.memory)
 
-    @late
+    @checked_on_failure
     def follow(self, command: Command) -> None:
         """Take what somebody else commands for the velocity of this tick. Raises `InvalidInput` for one of another size."""
         if command.v.shape != self._arrays.command.shape:
@@ -223,7 +279,7 @@ class KinematicController(Tabled):
     def pending(self) -> str:
         """What the current phase still waits for, with the last measured values, and which channels hold it back."""
         waits, bad = self.mission.pending(self.state, self.quantities), self._restriction.bad
-        return waits if self.state.over or not bad else f"{waits}; {told(bad)}"
+        return waits if self.state.over or not bad else f"{waits}; {describe_channels(bad)}"
 
     def evaluate(self, measurement: Measurement, t: float, state: MissionState | None = None) -> dict[str, float]:
         """All quantities at a measurement at time t [s], such as the true state after a run; the mission stays where it is.
@@ -233,7 +289,9 @@ class KinematicController(Tabled):
         """
         state = state or self.state
         (echo, known), gates, q = self._echo.at(measurement), self.mission.gates(state, t), measurement.q
-        moves = Motion(robot=self.robot, v=self._arrays.command.copy(), dt=self.dt) if self.memory.near else None
+        moves = (
+            StoppingMotion(robot=self.robot, v=self._arrays.command.copy(), dt=self.dt) if self.memory.near else None
+        )
         parameters = mission_parameters(self.mission, state, t, gates=gates, q=q, motion=moves)
         motion = self._arrays.command / self.memory.pace, self._arrays.change
         outputs = self.problem.function(q, measurement.v, *motion, echo, parameters, gates)
@@ -267,7 +325,7 @@ class KinematicController(Tabled):
         memory, state, quantities = self.memory, self._state, self._named(self._arrays.told)
         phases, known = self.mission.all_phases, memory.mission
         if memory.why:
-            why = self._distress.told(Why(memory.why), tick, quantities, self._strain)
+            why = self._distress.told(AbortReason(memory.why), tick, quantities, self._strain)
             goals = () if is_over(known) else self.mission.climb_goals(climb_goal(memory.climb))
             went: tuple[MissionState, Event | None] = gave_up(phases, state, known, tick.t, why, goals)
         else:

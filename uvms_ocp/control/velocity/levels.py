@@ -1,24 +1,150 @@
-"""From tasks to the levels of one tick: a CasADi Function that stacks limits, tasks, easing and minimum velocity."""
+"""Build the levels of the hierarchy as one CasADi function: limits, tasks, jerk limits and minimum velocity.
+
+The acceleration limits alone let a velocity turn from full acceleration to full braking within one tick, and a strict hierarchy
+does so wherever it pays. References are therefore approached with an acceleration that falls to 0, and a level of its own bounds
+the jerk of each axis. That level is below the tasks that keep the robot safe: braking for the sake of a limit is never eased.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import takewhile
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.arguments import Period, checked
-from uvms_ocp.control.velocity.easing import easing_rows
-from uvms_ocp.control.velocity.reachable_rows import reachable_rows
-from uvms_ocp.model.limits import bounded_joints
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.symbolic.tree import SymbolicModel
-from uvms_ocp.tasks.hierarchy import Hierarchy
-from uvms_ocp.tasks.limits import stopping_speed
-from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, equality_rows
+from uvms_ocp.checks import checked
+from uvms_ocp.robot.limits import bounded_joints
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.symbolic_model import SymbolicModel
+from uvms_ocp.solvers.hierarchy.level import gated
+from uvms_ocp.tasks.activation import ENDLESS, row_acceleration, stopping_speed
+from uvms_ocp.tasks.task import Hierarchy, Rows, Task, TaskClass, TickSymbols, equality_rows
+from uvms_ocp.types import Period
+
+# Accelerations that rise and fall instead of jumping.
+#
+# The acceleration limits alone let a velocity turn from full acceleration to full braking within one tick, and a strict
+# hierarchy does so wherever it pays. Two things ease it: references are approached with an acceleration that falls to 0, and
+# a level of its own bounds the change of acceleration of each axis. That level is below the tasks that keep the robot safe:
+# braking for the sake of a limit is never eased.
+
+_RISE = 0.07  # [s] from rest to the acceleration limit: short enough for what gates ask for (0.2 s, half of it at work)
+_FALL = 0.1  # [s] from the acceleration limit to a reference; longer, so that the axes can follow
+_NOTHING = 1e-12  # keeps the division by a change of zero finite
+
+
+def easing_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Rows:
+    """Each axis changes by what it changed by in the tick before, give or take what its jerk allows.
+
+    previous (n_v,) [m/s, rad/s]: commanded in the tick before; change (n_v,) [m/s, rad/s]: of it since the tick before that.
+    Not read by the regularised pseudo-inverse.
+    """
+    dt, n_v = symbols.dt, symbols.robot.n_v
+    jerk = ca.DM(symbols.robot.limits.acceleration) / _RISE
+    # An axis that was braked to a standstill stays there: what is left of the braking must not push it backwards.
+    falling = stopping_speed(ca.fabs(previous), deceleration=jerk, dt=dt) * dt
+    most = falling + ca.if_else(change * previous > 0, ca.inf, 0)
+    held = previous + ca.fmin(ca.fmax(change, -most), most)
+    return Rows(
+        jacobian=ca.SX.eye(n_v),
+        rate=ca.SX.zeros(n_v),
+        lower=held - jerk * dt**2,
+        upper=held + jerk * dt**2,
+        activation=ca.SX.zeros(n_v),
+    )
+
+
+def eased_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+    """Share (m,) [-] of the changes `wanted` (m,) [any/s] that rates can make in this tick, so as to arrive smoothly.
+
+    acceleration (m,) [any/s2]: largest of each rate. dt [s].
+    """
+    return ca.fmin(_share(wanted, acceleration, dt), falling_share(wanted, acceleration, dt))
+
+
+def common_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+    """Least of `eased_share` (m,) [-] over all rows, with one root for all of them: () [-].
+
+    wanted (m,) [any/s]; acceleration (m,) [any/s2]; dt [s].
+    """
+    return ca.fmin(ca.mmin(_share(wanted, acceleration, dt)), _falling(ca.mmax(_excess(wanted, acceleration, dt))))
+
+
+def falling_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+    """As `eased_share`, but for the acceleration limit itself: the acceleration falls to 0 on the last part of the way.
+
+    wanted (m,) [any/s]; acceleration (m,) [any/s2]; dt [s].
+    """
+    return _falling(_excess(wanted, acceleration, dt))
+
+
+def _share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+    return acceleration * dt / ca.fmax(ca.fabs(wanted), _NOTHING)
+
+
+def _excess(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+    """What is wanted over what the jerk alone would give in one tick."""
+    jerk = ca.fmax(ca.fmin(acceleration, ENDLESS), 1 / ENDLESS) / _FALL
+    return 2 * ca.fabs(wanted) / (jerk * dt**2)
+
+
+def _falling(excess: ca.SX) -> ca.SX:
+    """`stopping_speed` at that jerk of what is wanted, over what is wanted: without a difference of nearly equal numbers."""
+    return 2 / (1 + ca.sqrt(1 + excess))
+
+
+# References that the acceleration limits can follow, so that tasks change smoothly in a strict hierarchy.
+
+
+def reachable_rows(
+    rows: Rows, *, equality: bool, eased: bool, symbols: TickSymbols, previous: ca.SX, gate: ca.SX
+) -> Rows:
+    """The rows with bounds that can be followed from the previous velocity (n_v,) [m/s, rad/s], and with the gate [-] in them.
+
+    A row asks for no more change of its rate per tick than its least-norm motion gives within the acceleration
+    limits. Otherwise every degree of freedom that moves the row would join in at its limit, whatever it was meant for.
+    Rows of an equality change in proportion, so that where they settle does not depend on the limits. Accelerations towards
+    references and bounds fall to 0 on the way; those away from a bound that is broken do so only where `eased`.
+
+    The gate acts as `uvms_ocp.solvers.hierarchy.level` says. The range of a row is what the limits let one tick change of
+    its rate: bounds that are farther away than that are kept by the limits themselves.
+    """
+    dt, limits = symbols.dt, symbols.robot.limits
+    present, acceleration = rows.jacobian @ previous, row_acceleration(rows.jacobian, limits.acceleration)
+    if equality:
+        wanted = rows.rate - present
+        lower = upper = present + common_share(wanted, acceleration, dt) * wanted
+    else:
+        lower = rows.lower if _is_endless(rows.lower) else present - _way(present - rows.lower, acceleration, dt, eased)
+        upper = rows.upper if _is_endless(rows.upper) else present + _way(rows.upper - present, acceleration, dt, eased)
+        if not (_is_endless(rows.lower) or _is_endless(rows.upper)):
+            # The way back from one bound may be longer than what is left, eased, of the way to the other one.
+            far = ca.fmin(lower, upper), ca.fmax(lower, upper)
+            lower = ca.if_else(present > rows.upper, far[0], lower)
+            upper = ca.if_else(present < rows.lower, far[1], upper)
+    step = np.minimum(np.minimum(limits.acceleration * dt, 2 * limits.velocity), ENDLESS)
+    gates, reach = ca.repmat(gate, rows.n_rows, 1), ca.fabs(rows.jacobian) @ ca.DM(step)
+    lower, upper = gated(rows.jacobian, lower, upper, gates, reach)
+    return replace(rows, lower=lower, upper=upper)
+
+
+def _is_endless(bound: ca.SX) -> bool:
+    """True if there is no way to go, whatever the robot does."""
+    return bool(bound.is_constant() and np.isinf(np.array(ca.DM(bound))).all())
+
+
+def _way(room: ca.SX, acceleration: ca.SX, dt: float, eased: bool) -> ca.SX:
+    """How far (m,) rates may go in this tick towards bounds that leave them this room (m,); negative: have to come back."""
+    near = ca.fmin(room, ENDLESS)
+    ahead = ca.if_else(room < ENDLESS, near * falling_share(near, acceleration, dt), ca.inf)
+    back = near * eased_share(near, acceleration, dt) if eased else ca.fmax(near, -acceleration * dt)
+    return ca.if_else(room > 0, ahead, back)
+
+
+# From tasks to the levels of one tick: a CasADi Function that stacks limits, tasks, easing and minimum velocity.
 
 LIMITS, EASING, REST = "limits", "easing", "rest"
 """Names of the levels that every hierarchy has: the first, the one below the tasks that keep the robot safe, the last."""
@@ -34,7 +160,7 @@ class LevelsProblem:
     """(q, velocity, previous, change, altimeter_range, parameters, gates) ->
     (J, lower, upper, rate, activation, gate, quantities, activity), rows of all levels stacked; `previous` is the velocity
     commanded one tick before, `change` its difference from that of the tick before it; the parameters are those of all tasks,
-    one after the other (`uvms_ocp.control.velocity.parameters`). The gate is 0 or 1: what lies between is in the bounds."""
+    one after the other (`uvms_ocp.control.velocity.goals`). The gate is 0 or 1: what lies between is in the bounds."""
     names: tuple[str, ...]
     """Of the levels."""
     sizes: tuple[int, ...]

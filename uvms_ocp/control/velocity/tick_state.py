@@ -1,4 +1,4 @@
-"""What one tick of the kinematic layer knows when it begins."""
+"""Inputs of one tick of the velocity layer: the estimate, the altitude, the mission and what is restricted."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uvms_ocp.control.navigation.degraded import FREE, Restriction
-from uvms_ocp.control.navigation.watchdog import Freshness
+from uvms_ocp.estimation.degraded_modes import FREE, Restriction
+from uvms_ocp.estimation.fallbacks import Freshness
 from uvms_ocp.mission.phase import MissionState
-from uvms_ocp.model.state import Measurement
+from uvms_ocp.robot.signals import Measurement
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

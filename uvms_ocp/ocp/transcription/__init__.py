@@ -1,1 +1,1 @@
-"""An optimal control problem in, a sparse lexicographic program out."""
+"""Multiple shooting: an optimal control problem becomes a sparse lexicographic program."""

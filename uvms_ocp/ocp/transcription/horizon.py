@@ -1,19 +1,66 @@
-"""Rows and costs of a whole horizon with their derivatives, made of the functions of its steps."""
+"""Rows and costs of a whole horizon with their sparse derivatives, assembled from the functions of its steps."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.ocp.transcription.boundary import Boundary
-from uvms_ocp.ocp.transcription.parameter_layout import ParameterLayout
-from uvms_ocp.ocp.transcription.row_layout import RowLayout
-from uvms_ocp.ocp.transcription.sparse_blocks import Entries, assemble, scatter, summed
+from uvms_ocp.ocp.transcription.layout import Boundary, NodeVariables, ParameterLayout, RowLayout, VariableLayout
 from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel
-from uvms_ocp.ocp.transcription.variable_layout import NodeVariables, VariableLayout
+
+# Placing nonzeros into large sparse matrices, as CasADi MX.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Entries:
+    """Nonzeros with their places. Entries in a negative row or column count for nothing."""
+
+    values: ca.MX
+    """(n,)"""
+    rows: np.ndarray
+    """(n,) [-]"""
+    columns: np.ndarray
+    """(n,) [-]"""
+
+    def selected(self, position: np.ndarray, none: int) -> Entries:
+        """The same with row i moved to entry i of position (n_rows,) [-]; those moved to `none` count for nothing."""
+        rows = position[self.rows]
+        return Entries(values=self.values, rows=rows, columns=np.where(rows == none, -1, self.columns))
+
+
+def assemble(entries: Sequence[Entries], shape: tuple[int, int]) -> ca.MX:
+    """The matrix of all entries; no two may share a place."""
+    rows = np.concatenate([item.rows for item in entries])
+    columns = np.concatenate([item.columns for item in entries])
+    kept = np.flatnonzero((rows >= 0) & (columns >= 0))
+    order = kept[np.lexsort((rows[kept], columns[kept]))]
+    starts = np.concatenate([[0], np.cumsum(np.bincount(columns[kept], minlength=shape[1]))])
+    sparsity = ca.Sparsity(*shape, starts.tolist(), rows[order].tolist())
+    return ca.MX(sparsity, ca.vertcat(*(item.values for item in entries))[order.tolist()])
+
+
+def summed(entries: Sequence[Entries], n: int, *, upper: bool) -> ca.MX:
+    """The square matrix (n, n) of all entries, which add up where they share a place; of `upper` its upper triangle."""
+    rows, columns = (np.concatenate([getattr(item, name) for item in entries]) for name in ("rows", "columns"))
+    kept = np.flatnonzero((rows >= 0) & (columns >= 0) & ((rows <= columns) | (not upper)))
+    places, target = np.unique(columns[kept].astype(np.int64) * n + rows[kept], return_inverse=True)
+    # One product instead of sums of large matrices, each of which would be gone through anew.
+    sums = ca.DM.triplet(target.tolist(), kept.tolist(), ca.DM.ones(len(kept)), len(places), len(rows))
+    sparsity = ca.Sparsity.triplet(n, n, (places % n).tolist(), (places // n).tolist())
+    return ca.MX(sparsity, ca.densify(sums @ ca.vertcat(*(ca.densify(item.values) for item in entries))))
+
+
+def scatter(values: ca.MX, places: np.ndarray, n: int) -> ca.MX:
+    """Dense vector (n,) with `values` (m,) at places (m,) [-], no two the same; negative places count for nothing."""
+    entries = Entries(values=values, rows=places, columns=np.where(places >= 0, 0, -1))
+    return ca.densify(assemble([entries], (n, 1)))
+
+
+# Rows and costs of a whole horizon with their derivatives, made of the functions of its steps.
 
 _GRADIENTS = ["f", "g", "grad_gamma_x", "grad_gamma_p"]
 
@@ -41,7 +88,7 @@ class Block:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Horizon:
-    """Values and derivatives of all raw rows; see `uvms_ocp.ocp.transcription.row_layout`."""
+    """Values and derivatives of all raw rows; see `uvms_ocp.ocp.transcription.layout`."""
 
     model: StageModel
     layout: RowLayout

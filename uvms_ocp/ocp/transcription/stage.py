@@ -1,4 +1,4 @@
-"""Functions of one step of the horizon, with sparse first and second derivatives, as CasADi SX.
+"""Functions of one step of the horizon, with sparse first and second derivatives, as CasADi SX; what moves the robot.
 
 Inverse-dynamics form: the acceleration is a decision, and the forces that it takes are an equality. Nothing is solved
 inside the functions, so their derivatives stay short (a Hessian of forward dynamics is ten times as long). The forces
@@ -21,15 +21,74 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.functions.compile import compile_function
-from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
-from uvms_ocp.model.symbolic.joint_types import sparse
-from uvms_ocp.model.symbolic.tree import SymbolicModel
+from uvms_ocp.codegen.compile import compile_function
 from uvms_ocp.ocp.problem import Actuation, HessianKind, Integrator, OcpProblem
-from uvms_ocp.ocp.terms import StageSymbols
-from uvms_ocp.ocp.transcription.actuators import Actuators
+from uvms_ocp.ocp.terms import StageSymbols, finite_or
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.symbolic_bodies import sparse
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
+from uvms_ocp.robot.symbolic_model import SymbolicModel
+from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 from uvms_ocp.tasks.task import TickSymbols
+
+# What moves a robot: its thrusters or a wrench on the vehicle, and its joints.
+
+_UNLIMITED_EFFORT = 10.0  # [N m] unit of torque where the robot has no limit
+_RANK = 1e-9  # of a singular value of the thruster matrix
+_VEHICLE_FORCE = 100.0  # [N, N m] unit of the wrench on a vehicle without thrusters
+
+
+class Actuators:
+    """Matrix, units and limits of what moves the robot."""
+
+    def __init__(self, robot: Robot, actuation: Actuation) -> None:
+        thrusters = bool(robot.n_vehicle) and actuation is Actuation.THRUSTERS
+        n = robot.n_vehicle
+        self.matrix = thruster_matrix(robot)[:n] if thrusters else np.eye(n)
+        limits = thrust_limits(robot) if thrusters else (np.full(n, -np.inf), np.full(n, np.inf))
+        largest = np.maximum(np.abs(limits[0]), np.abs(limits[1]))
+        self.thrust_unit = finite_or(largest, _VEHICLE_FORCE)
+        self.thrust_lower, self.thrust_upper = (limit / self.thrust_unit for limit in limits)
+        self.torque_unit = finite_or(robot.limits.effort, _UNLIMITED_EFFORT)
+        self.torque_limit = robot.limits.effort / self.torque_unit
+        reach = np.abs(self.matrix) @ self.thrust_unit / 4
+        self.force_unit = np.concatenate([np.maximum(reach, 1e-3 * reach.max(initial=1.0)), self.torque_unit])
+
+    @cached_property
+    def spread(self) -> np.ndarray:
+        """(n_thrust, n_vehicle) least thrust in shares [-] for a wrench [N, N m]."""
+        return np.asarray(np.linalg.pinv(self.matrix * self.thrust_unit, rcond=_RANK))
+
+    @cached_property
+    def null(self) -> np.ndarray:
+        """(n_thrust, n) [-] thrust in shares that cancels out."""
+        return self._complement((self.matrix * self.thrust_unit).T)
+
+    @cached_property
+    def beyond(self) -> np.ndarray:
+        """(n_vehicle, n) [-] directions of a wrench that no thrust makes, in shares of its units."""
+        return self._complement(self.matrix / self.force_unit[: len(self.matrix), None])
+
+    @staticmethod
+    def _complement(matrix: np.ndarray) -> np.ndarray:
+        """Orthonormal directions (n, ...) [-] that are orthogonal to all columns of a matrix (n, m)."""
+        U, sizes, _ = np.linalg.svd(matrix, full_matrices=True)
+        return np.asarray(U[:, int(np.sum(sizes > _RANK * sizes.max(initial=0.0))) :])
+
+
+# Functions of one step of the horizon, with sparse first and second derivatives, as CasADi SX.
+#
+# Inverse-dynamics form: the acceleration is a decision, and the forces that it takes are an equality. Nothing is solved
+# inside the functions, so their derivatives stay short (a Hessian of forward dynamics is ten times as long). The forces
+# of a step are those at its middle, so that a step is right to second order in its length (those at its beginning with
+# `Integrator.EULER`).
+#
+# Variables of a step: ``z = [q, v, h, a, f, m]`` with q [m, rad], v [m/s, rad/s], the length of the step h [s],
+# a [m/s2, rad/s2], thrust f and joint torque m in shares of their limits [-]. Where every velocity has a force of its own
+# that nothing limits, and there is no water, f and m are expressions in the others instead: a third of the variables and
+# rows less. Where forces are asked to be `eliminated` they always are: the thrust of least squares that makes the wrench,
+# and on top of it what cancels out among redundant thrusters, ``z = [q, v, h, a, s]`` with its coordinates s [-].
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -15,7 +15,7 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.exceptions import InvalidInput, UvmsError
+from uvms_ocp.errors import InvalidInput, UvmsError
 from uvms_ocp.ocp.problem import HessianKind, OcpPhase, OcpProblem, counts_at_end, counts_on_path
 from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel, compiled, derivatives

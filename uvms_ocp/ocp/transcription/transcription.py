@@ -1,4 +1,4 @@
-"""From an optimal control problem to a sparse lexicographic NLP: multiple shooting on the manifold.
+"""Multiple shooting on the manifold: an optimal control problem becomes a sparse lexicographic NLP.
 
 Step functions are mapped over the horizon and their nonzeros are placed into the large matrices, so that the
 derivatives of a horizon cost as much as those of its steps, and nothing is differentiated twice. Variables and rows are
@@ -14,27 +14,24 @@ from threading import RLock
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.state import State
+from uvms_ocp.codegen.elementwise import excess
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.trajectory import Trajectory
-from uvms_ocp.ocp.transcription.boundary import boundary
 from uvms_ocp.ocp.transcription.horizon import horizon
-from uvms_ocp.ocp.transcription.parameter_layout import parameter_layout
-from uvms_ocp.ocp.transcription.row_layout import row_layout
-from uvms_ocp.ocp.transcription.shape import Fitted, fitted
+from uvms_ocp.ocp.transcription.layout import VariableLayout, boundary, parameter_layout, row_layout
+from uvms_ocp.ocp.transcription.reuse import Fitted, fitted
 from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, Nodes, TermNumbers, term_blocks
-from uvms_ocp.ocp.transcription.variable_layout import VariableLayout
-from uvms_ocp.solvers.intervals import excess
+from uvms_ocp.robot.signals import State
 from uvms_ocp.solvers.nlp.program import LevelNlp, LevelRows, LexicographicProgram, RowRanges
 
 _ROUNDING = 1e-9  # violation of a constraint at the start that is none
 
 
 class Transcription:
-    """The NLP of a problem, kept for all problems of its shape; see `uvms_ocp.ocp.transcription.shape`.
+    """The NLP of a problem, kept for all problems of its shape; see `uvms_ocp.ocp.transcription.reuse`.
 
     It keeps memory from call to call: whoever shares it between threads holds `turn` meanwhile, as planners do.
     Methods that take a problem raise `InvalidInput` for one of another shape; by default it is the one that was built in.

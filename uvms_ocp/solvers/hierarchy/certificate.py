@@ -1,4 +1,9 @@
-"""Independent check of lexicographic optimality: a proven bound of what every level is short of; certificate.c is the twin in C.
+"""Check lexicographic optimality independently of the solver: a proven bound of what every level is short of.
+
+Rows are first scaled to normal units (`normal_rows`); scaling.c and certificate.c are the twins in C.
+
+All divisors are powers of two, so that nothing is rounded. `[rate]` is the unit of a row, `[velocity]` that of an entry
+of v; in normal units both are 1.
 
 Let f_k(y) be the Euclidean norm of the distances of the rows of level k from their bounds, `a_i` its rows, and v the
 velocity found. The levels above are held at the residuals found: row i of them at most as far beyond either bound as it is
@@ -33,13 +38,173 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arrays import Array
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.solvers.hierarchy.gated_rows import gated
-from uvms_ocp.solvers.hierarchy.level import Level, row_slices, stack
-from uvms_ocp.solvers.hierarchy.scaling import NormalRows, normal_rows
+from uvms_ocp.codegen.elementwise import distance, excess
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.solvers.hierarchy.level import Level, gated, row_slices, stack
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
-from uvms_ocp.solvers.intervals import distance
+from uvms_ocp.types import Array
+
+# Rows in normal units: every level divided by its largest row, velocities by their size; scaling.c is the twin in C.
+#
+# All divisors are powers of two, so that nothing is rounded. `[rate]` is the unit of a row, `[velocity]` that of an entry
+# of v; in normal units both are 1.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Box:
+    """Velocities that the rows of the first level with one entry span: the velocity limits, where there are any."""
+
+    lower: Array
+    """(n,) [-] in normal units, -inf where no row is bounded on both sides."""
+    upper: Array
+    """(n,) [-] in normal units."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LostRows:
+    """Rows that count as nothing beside the largest, as they were given."""
+
+    J: Array
+    """(k, n) [rate/velocity]"""
+    lower: Array
+    """(k,) [rate]"""
+    upper: Array
+    """(k,) [rate]"""
+
+    def are_missed(self, v: Array, velocity: float) -> bool:
+        """Whether one of them could be noticeably nearer to its bounds than at v (n,) [velocity].
+
+        velocity [velocity]: the size of velocities.
+        """
+        if not len(self.J):
+            return False
+        missed = np.abs(distance(self.J @ v, self.lower, self.upper))
+        nearer = np.minimum(missed, TOLERANCES.reach * velocity * _norms(self.J))
+        return bool((nearer > np.maximum(TOLERANCES.unnoticed, TOLERANCES.certified * missed)).any())
+
+
+NOTHING_LOST = LostRows(J=np.zeros((0, 0)), lower=np.zeros(0), upper=np.zeros(0))
+"""Where all rows count."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class NormalRows:
+    """``lower <= J w <= upper`` with rows of J, and w, of the order of 1."""
+
+    J: Array
+    """(M, n) [-] 0 in rows that count as nothing beside the largest."""
+    lower: Array
+    """(M,) [-]"""
+    upper: Array
+    """(M,) [-]"""
+    sizes: tuple[int, ...]
+    """Rows of each level."""
+    box: Box
+    """Of the first level."""
+    level: Array
+    """(levels,) [rate/velocity] by which the rows of each level have been divided."""
+    velocity: float
+    """[velocity] v = velocity w."""
+    unit: float
+    """[-] What counts as much of a rate: the largest that any row asks for over the largest row of all levels, at most 1. It
+    is less where rows that are small beside others ask for large velocities."""
+    lost: LostRows
+    """Rows that are 0 in `J` and were not."""
+
+    def levels(self) -> list[Level]:
+        """The rows as levels, for a solver."""
+        return [Level(jacobian=self.J[r], lower=self.lower[r], upper=self.upper[r]) for r in row_slices(self.sizes)]
+
+
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is never called exact
+def normal_rows(J: Array, lower: Array, upper: Array, sizes: Sequence[int]) -> NormalRows:
+    """Of J (M, n) [rate/velocity] and gated bounds lower and upper (M,) [rate]; sizes: rows of each level.
+
+    The size of velocities is the largest that a row asks for, or what the box of the first level allows if that is less.
+    """
+    norm = _norms(J)
+    largest = norm.max(initial=0.0)
+    real = norm > TOLERANCES.vanished * largest
+    level = np.array([_power(norm[rows][real[rows]].max(initial=0.0)) for rows in row_slices(sizes)])
+    divisor, lost = np.repeat(level, sizes), ~real & (norm > 0.0)
+    lost_rows = LostRows(J=J[lost], lower=lower[lost], upper=upper[lost])
+    asked = _asked(lower, upper, real) / largest if largest > 0.0 else 0.0
+    J = np.where(real[:, None], J / divisor[:, None], 0.0)
+    lower, upper = lower / divisor, upper / divisor
+    first = next((size for size in sizes if size), 0)
+    box = _box(J[:first], lower[:first], upper[:first])
+    velocity = _velocity_scale(_asked(lower, upper, real), box)
+    box = Box(lower=box.lower / velocity, upper=box.upper / velocity)
+    return NormalRows(
+        J=J,
+        lower=lower / velocity,
+        upper=upper / velocity,
+        sizes=tuple(sizes),
+        box=box,
+        level=level,
+        velocity=velocity,
+        unit=min(asked / velocity, 1.0) if asked > 0.0 else 1.0,
+        lost=lost_rows,
+    )
+
+
+def _asked(lower: Array, upper: Array, real: Array) -> float:
+    """How far 0 is from the bounds of any row that counts."""
+    return float(excess(np.zeros(len(lower)), lower, upper)[real].max(initial=0.0))
+
+
+def _norms(J: Array) -> Array:
+    squares = (J * J).sum(axis=1)
+    sound = (squares > TOLERANCES.small_square) & (squares < np.inf)
+    return np.asarray(np.where(sound, np.sqrt(squares), np.abs(J).max(axis=1, initial=0.0)))
+
+
+def _power(size: float) -> float:
+    """The power of two above a size; 1 for 0."""
+    return float(np.ldexp(1.0, min(int(np.frexp(size)[1]), 1023))) if 0.0 < size < np.inf else 1.0
+
+
+def _velocity_scale(asked: float, box: Box) -> float:
+    allowed = float(np.maximum(-box.lower, box.upper).max())
+    return _power(min(asked, allowed) if allowed > 0.0 else asked)
+
+
+def _box(J: Array, lower: Array, upper: Array) -> Box:
+    n = J.shape[1]
+    low, up = np.full(n, -np.inf), np.full(n, np.inf)
+    alone = ((J != 0.0).sum(axis=1) == 1) & (lower > -np.inf) & (upper < np.inf)
+    for row in np.flatnonzero(alone):
+        c = int(np.flatnonzero(J[row])[0])
+        ends = sorted((lower[row] / J[row, c], upper[row] / J[row, c]))
+        low[c], up[c] = max(low[c], ends[0]), min(up[c], ends[1])
+    return Box(lower=low, upper=up)
+
+
+# Independent check of lexicographic optimality: a proven bound of what every level is short of; certificate.c is the twin in C.
+#
+# Let f_k(y) be the Euclidean norm of the distances of the rows of level k from their bounds, `a_i` its rows, and v the
+# velocity found. The levels above are held at the residuals found: row i of them at most as far beyond either bound as it is
+# at v, and y stays in a region around v, ``-down <= y - v <= up``. **The bound**: for any numbers p_i of the rows of level k
+# with ``|p| <= 1``, any multipliers ``x_j >= 0`` of the held rows and ``r = sum p_i a_i + sum x_j c_j``, with ``c_j`` the row
+# where x_j belongs to its upper bound and minus the row where to its lower one, and gap_j >= 0 the distance of v from
+# that bound, as held:
+#
+#     f_k(v) - f_k(y) <= f_k(v) - sum p_i d_i + sum x_j gap_j + sum_c (r_c > 0 ? r_c down_c : -r_c up_c)
+#
+# for every such y, where d_i is ``a_i v`` minus the upper bound of row i where p_i > 0, minus the lower one where p_i < 0.
+#
+# **Proof.** The distance s_i(y) of row i from its interval, negative below it, is at least ``a_i y - upper_i`` and at most
+# ``a_i y - lower_i`` everywhere. So ``f_k(y) = |s(y)| >= sum p_i s_i(y) >= sum p_i d_i + sum p_i a_i (y - v)``. The last sum
+# is ``r (y - v) - sum x_j c_j (y - v)``. Held rows say ``c_j (y - v) <= gap_j``, and x_j >= 0; the region says
+# ``r (y - v) >= -sum_c (r_c > 0 ? r_c down_c : -r_c up_c)``. Moreover f_k(y) >= 0, so that f_k(v) is a bound as well. QED.
+#
+# It holds for any multipliers; how they are found decides only how small it is. Here p = s(v) / |s(v)|, for which the first
+# two terms cancel, and x comes from non-negative least squares of r and the gaps, 0 for both at an optimum.
+#
+# Rounding: a row ``a_i v`` of doubles is wrong by up to ``noise_i = n 2^-52 |a_i| (|v| + |down or up|)``, and a smaller gap
+# cannot be told from 0 and counts as 0. So the number is a bound up to ``noise_k + sum x_j noise_j``, about 1e-15 of
+# ``|a| |v|`` unless rows are nearly dependent: where it is more than `Tolerances.resolved`, it is added. `[rate]` is the unit
+# of a row, `[velocity]` that of an entry of v.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -73,7 +238,7 @@ def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | No
     """
     rows = stack(levels)
     low, up = gated(rows.jacobian, rows.lower, rows.upper, rows.gate)
-    v = _velocity(v, rows.jacobian.shape[1])
+    v = _checked_velocity(v, rows.jacobian.shape[1])
     normal = normal_rows(rows.jacobian, low, up, rows.sizes)
     # Rows that count as nothing for a solver count here.
     normal = replace(normal, J=rows.jacobian / np.repeat(normal.level, rows.sizes)[:, None])
@@ -104,7 +269,7 @@ def normal_certificate(rows: NormalRows, w: Array) -> float:
     return float((excesses / np.maximum(sizes, rows.unit)).max(initial=0.0)) if np.isfinite(excesses).all() else np.inf
 
 
-def _velocity(v: ArrayLike, n: int) -> Array:
+def _checked_velocity(v: ArrayLike, n: int) -> Array:
     array = np.asarray(v, dtype=np.float64)
     if array.shape != (n,):
         raise InvalidInput(f"v has shape {array.shape}; the levels have {n} columns, give ({n},)")

@@ -11,26 +11,26 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import checked, late, trusted
-from uvms_ocp.arrays import Array
-from uvms_ocp.exceptions import InvalidInput, NotInstalled
-from uvms_ocp.functions.buffered import BufferedFunction
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.certificate import normal_certificate
-from uvms_ocp.solvers.hierarchy.gated_rows import gated, is_valid
-from uvms_ocp.solvers.hierarchy.level import Level, Stack, row_slices, stack
-from uvms_ocp.solvers.hierarchy.scaling import normal_rows
-from uvms_ocp.solvers.hierarchy.solution import Solution, Status, row_residuals
-from uvms_ocp.solvers.hierarchy.stacked import solved
-from uvms_ocp.solvers.hierarchy.tick import (
+from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
+from uvms_ocp.codegen.buffered import BufferedFunction
+from uvms_ocp.errors import InvalidInput, NotInstalled
+from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.certificate import normal_certificate, normal_rows
+from uvms_ocp.solvers.hierarchy.level import Level, Stack, gated, is_valid, row_slices, stack
+from uvms_ocp.solvers.hierarchy.solution import (
+    Solution,
+    Status,
     Tick,
     TickResult,
     check_levels_function,
     dense,
+    row_residuals,
+    solved,
 )
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
+from uvms_ocp.types import Array
 
-_result = trusted(TickResult)
+_result = unchecked_constructor(TickResult)
 
 _EQUALITY = 5  # DAQP's word for it
 _ENDLESS = 1e30  # DAQP's infinity
@@ -42,7 +42,7 @@ _Solve = Callable[..., tuple[Array, float, int, dict[str, object]]]
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Daqp:
-    """DAQP's own hierarchies (``break_points``), cold at every call; gates as `uvms_ocp.solvers.hierarchy.gated_rows` says.
+    """DAQP's own hierarchies (``break_points``), cold at every call; gates as `uvms_ocp.solvers.hierarchy.level` says.
 
     Approximate: DAQP divides every row by its norm, so that a level with a slack settles at the least squares of the
     normalised rows, which is another velocity than that of the rows as given; scaling rows beforehand undoes nothing.
@@ -65,7 +65,7 @@ class Daqp:
             raise InvalidInput(f"tolerance = {self.tolerance}; give a finite value > 0")
         object.__setattr__(self, "_solve", _native())
 
-    @late
+    @checked_on_failure
     def solve(self, levels: Sequence[Level]) -> Solution:
         """Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
         return solved(levels, self.velocity)

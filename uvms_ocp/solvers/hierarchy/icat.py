@@ -15,24 +15,24 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import Shape, checked, late, trusted
-from uvms_ocp.arrays import Array
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions.buffered import BufferedFunction
-from uvms_ocp.solvers.hierarchy.gated_rows import residual
-from uvms_ocp.solvers.hierarchy.level import Level, row_slices, stack
-from uvms_ocp.solvers.hierarchy.solution import Solution, Status
-from uvms_ocp.solvers.hierarchy.stacked import solved
-from uvms_ocp.solvers.hierarchy.tick import (
+from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
+from uvms_ocp.codegen.buffered import BufferedFunction
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.solvers.hierarchy.level import Level, residual, row_slices, stack
+from uvms_ocp.solvers.hierarchy.solution import (
+    Solution,
+    Status,
     Tick,
     TickResult,
     check_levels_function,
     dense_inputs,
     dense_outputs,
+    solved,
 )
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
+from uvms_ocp.types import Array, Shape
 
-_result = trusted(TickResult)
+_result = unchecked_constructor(TickResult)
 
 
 @checked
@@ -56,7 +56,7 @@ class Icat:
             given = f"damping {self.damping}, threshold {self.threshold}, weight {self.weight}"
             raise InvalidInput(f"{given}; give positive, finite numbers")
 
-    @late
+    @checked_on_failure
     def solve(self, levels: Sequence[Level]) -> Solution:
         """Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
         return solved(levels, self._of_levels)
@@ -68,7 +68,7 @@ class Icat:
         function = ca.Function("levels", inputs, dense_outputs(levels_function, inputs))
         return _IcatTick(self, BufferedFunction(function), tuple(sizes), levels_function.size2_out(0))
 
-    @late
+    @checked_on_failure
     def velocity(
         self,
         J: Annotated[Array, Shape("m", "n")],

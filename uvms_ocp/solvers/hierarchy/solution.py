@@ -1,22 +1,30 @@
-"""What a hierarchy solver returns; `[rate]` is the unit of a row, `[velocity]` that of an entry of v."""
+"""Results of hierarchy solvers, and the interface of a solver bound to the function of its levels.
+
+`[rate]` is the unit of a row, `[velocity]` that of an entry of v.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import threading
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from functools import lru_cache
+from time import perf_counter
+from typing import Annotated, Protocol, runtime_checkable
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import Shape, checked
-from uvms_ocp.arrays import Array
-from uvms_ocp.shown.fielded import Fielded
+from uvms_ocp.checks import checked, unchecked_constructor
+from uvms_ocp.errors import AdvisedStatus, InvalidInput
+from uvms_ocp.record.display import Fielded
 from uvms_ocp.solvers.hierarchy.certificate import certificate
-from uvms_ocp.solvers.hierarchy.gated_rows import residual
-from uvms_ocp.solvers.hierarchy.level import Level
-from uvms_ocp.status import AdvisedStatus
+from uvms_ocp.solvers.hierarchy.level import Level, residual, stack
+from uvms_ocp.types import Array, Shape
+
+# What a hierarchy solver returns; `[rate]` is the unit of a row, `[velocity]` that of an entry of v.
 
 
 class Status(AdvisedStatus):
@@ -108,3 +116,106 @@ def read_only(array: Array) -> Array:
     """The same array (...) [any], locked."""
     array.flags.writeable = False
     return array
+
+
+# What a bound solver is: a callable from the inputs of the levels' Function to one result.
+#
+# `[rate]` is the unit of a row, `[velocity]` that of an entry of v.
+
+LEVEL_OUTPUTS = ("J", "lower", "upper", "rate", "activation", "gate")
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class TickResult:
+    """Outcome of one tick; the arrays belong to the caller."""
+
+    v: Annotated[Array, Shape("n")]
+    """(n,) [velocity] always finite."""
+    status: Status
+    """How far v can be relied on."""
+    residual: Annotated[Array, Shape("M")]
+    """(M,) [rate] signed distance of J v to [lower, upper], 0 where the gate is 0."""
+    extras: tuple[Array, ...]
+    """(m,) or (m, n) [any] outputs of the levels' Function after the six of the levels, in its order."""
+    solve_time: float
+    """[s], evaluation of the levels included."""
+
+
+class Tick(Protocol):
+    """A solver bound to a Function that computes the levels."""
+
+    def __call__(self, *inputs: ArrayLike) -> TickResult:
+        """Inputs in the order of the levels' Function. Raises `InvalidInput` for a wrong number or shape."""
+
+
+@runtime_checkable
+class SharedTick(Tick, Protocol):
+    """One that can read its inputs where they are."""
+
+    def adopt(self, *inputs: Array) -> Callable[[], TickResult]:
+        """The call with these arrays, (m,) or (m, n) [any], as they are then, without copies. No other call comes after it."""
+
+
+def check_levels_function(levels: ca.Function, sizes: Sequence[int]) -> None:
+    """Raises `InvalidInput` unless ``levels`` starts with ``LEVEL_OUTPUTS`` and has the rows of ``sizes``."""
+    given = tuple(levels.name_out()[: len(LEVEL_OUTPUTS)])
+    if given != LEVEL_OUTPUTS:
+        raise InvalidInput(f"levels function returns {given}; its first outputs must be {LEVEL_OUTPUTS}")
+    if levels.size1_out(0) != sum(sizes) or any(size < 0 for size in sizes):
+        raise InvalidInput(f"sizes {tuple(sizes)} sum to {sum(sizes)}; the levels have {levels.size1_out(0)} rows")
+
+
+def dense_inputs(function: ca.Function) -> list[ca.MX]:
+    """A dense symbol for every input of ``function``, with its name."""
+    return [ca.MX.sym(name, *function.size_in(i)) for i, name in enumerate(function.name_in())]
+
+
+def dense_outputs(function: ca.Function, symbols: Sequence[ca.MX]) -> list[ca.MX]:
+    """Outputs of ``function`` at ``symbols``, without structural zeros."""
+    return [ca.densify(output) for output in function.call(list(symbols))]
+
+
+def dense(function: ca.Function) -> ca.Function:
+    """``function`` with the same names and dense inputs and outputs."""
+    inputs = dense_inputs(function)
+    return ca.Function(
+        function.name(), inputs, dense_outputs(function, inputs), function.name_in(), function.name_out()
+    )
+
+
+# Levels given as numbers: what `solve` of every solver does with them.
+
+_solution = unchecked_constructor(Solution)
+
+Bind = Callable[[ca.Function, Sequence[int]], Tick]
+# Calls of one shape share one tick and its memory, and plugins share Python's stdout. Re-entrant, since the tick of one solver
+# may fall back on another.
+_ONE_AT_A_TIME = threading.RLock()
+
+
+def solved(levels: Sequence[Level], velocity: Callable[[Sequence[Level]], tuple[Array, Status]]) -> Solution:
+    """The solution that ``velocity`` finds, as v (n,) and status, with residuals and time."""
+    start = perf_counter()
+    v, status = velocity(levels)
+    return _solution(v=v, status=status, residuals=row_residuals(levels, v), solve_time=perf_counter() - start)
+
+
+def tick_velocity(bind: Bind, levels: Sequence[Level]) -> tuple[Array, Status]:
+    """v (n,) and status, from a tick whose inputs are the stacked levels; it is bound once for all calls of one shape.
+
+    ``bind`` is a method of a solver. Raises `InvalidInput` where ``levels`` is empty or of mixed width.
+    """
+    rows = stack(levels)
+    tick = _stack_tick(bind, rows.jacobian.shape[1], rows.sizes)
+    with _ONE_AT_A_TIME:
+        result = tick(rows.jacobian, rows.lower, rows.upper, rows.rate, rows.activation, rows.gate)
+    return result.v, result.status
+
+
+@lru_cache(maxsize=128)
+def _stack_tick(bind: Bind, n: int, sizes: tuple[int, ...]) -> Tick:
+    m = sum(sizes)
+    symbols = [ca.MX.sym(name, m, n if name == "J" else 1) for name in LEVEL_OUTPUTS]
+    names = list(LEVEL_OUTPUTS)
+    return bind(ca.Function("levels", symbols, symbols, [f"{name}_in" for name in names], names), sizes)

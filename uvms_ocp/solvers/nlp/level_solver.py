@@ -1,21 +1,120 @@
-"""One NLP of a lexicographic program: built once with a cold and a warm start, called again and again."""
+"""Solve one NLP of a lexicographic program, built once with a cold and a warm start; report progress and stop on request."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Any
+from types import FrameType
+from typing import Any, TypeAlias
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.solvers.nlp.nlp_options import NlpOptions, solver_options
-from uvms_ocp.solvers.nlp.nlp_status import NlpStatus, status_of
-from uvms_ocp.solvers.nlp.program import LevelNlp, LexicographicProgram, RowRanges
-from uvms_ocp.solvers.nlp.row_bounds import RowBounds
-from uvms_ocp.solvers.nlp.watch import Best, Moment, Watch
+from uvms_ocp.solvers.nlp.options import NlpOptions, solver_options
+from uvms_ocp.solvers.nlp.program import LevelNlp, LexicographicProgram, NlpStatus, RowBounds, RowRanges, status_of
+
+# Who looks on while a program is solved, and may stop it: a callback, and Ctrl-C.
+
+_ALL = slice(None)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Moment:
+    """After one iteration."""
+
+    level: str
+    """That is being solved; the last one while all levels above are required in full."""
+    iteration: int
+    residual: float
+    """[-] of the level: the root of twice its cost."""
+    violation: float
+    """[-] Largest of constraints, bounds and levels above."""
+
+
+Progress: TypeAlias = Callable[[Moment], object]
+"""Told every iteration; a `KeyboardInterrupt` from it stops the solve at the best point so far."""
+
+
+class Watch:
+    """Over all NLPs of a solve."""
+
+    def __init__(self) -> None:
+        self.stopped = False
+        self._error: BaseException | None = None
+        self._progress: Progress | None = None
+
+    @contextmanager
+    def over(self, progress: Progress | None) -> Iterator[None]:
+        """One solve: Ctrl-C stops it, a second one breaks it off. Raises what `progress` raised, once the solver is out."""
+        self.stopped, self._error, self._progress = False, None, progress
+        with self._interrupts():
+            yield
+        if self._error is not None:
+            raise self._error
+
+    @property
+    def ends(self) -> bool:
+        """True where no further iteration is wanted."""
+        return self.stopped or self._error is not None
+
+    def tell(self, moment: Moment) -> None:
+        """Nothing is raised here: solvers in other languages call it."""
+        try:
+            if self._progress is not None:
+                self._progress(moment)
+        except KeyboardInterrupt:
+            self.stopped = True
+        except BaseException as error:
+            self._error = error
+
+    @contextmanager
+    def _interrupts(self) -> Iterator[None]:
+        """Python's own answer to Ctrl-C comes in the midst of the solver's callback, where nobody catches it."""
+        here = threading.current_thread() is threading.main_thread()
+        if not here or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+            yield
+            return
+        signal.signal(signal.SIGINT, self._stop)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def _stop(self, number: int, frame: FrameType | None) -> None:
+        self.stopped = True
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+class Best:
+    """The best iterate of one NLP: one that keeps the bounds and has the least cost, else the one that breaks them least."""
+
+    def __init__(self, bounds: RowBounds, rows: np.ndarray, feasibility: float) -> None:
+        """Of rows numbered `rows` (m,) [-]; feasibility [-]: violation with which the bounds count as kept."""
+        # Chosen once: it is looked at every iteration.
+        self._bounds = replace(bounds, lower=bounds.lower[rows], upper=bounds.upper[rows])
+        self._feasibility = feasibility
+        self._key = (np.inf, np.inf)
+        self.x: np.ndarray | None = None
+        self.cost = self.violation = np.inf
+        self.iterations = 0
+
+    def look(self, x: np.ndarray, cost: float, g: np.ndarray) -> float:
+        """Violation [-] at x (n_x,) [unit of x], with this cost [-] and rows g (m,) [unit of the row]."""
+        violation = self._bounds.violation(x, g, _ALL)
+        kept = violation <= self._feasibility
+        key = (0.0, cost) if kept else (1.0, violation)
+        self.iterations += 1
+        if key < self._key and np.isfinite(x).all():
+            self._key, self.x, self.cost, self.violation = key, x, cost, violation
+        return violation
+
+
+# One NLP of a lexicographic program: built once with a cold and a warm start, called again and again.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -20,16 +20,22 @@ from typing import Protocol, runtime_checkable
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.arguments import Bound, checked, trusted
-from uvms_ocp.arguments.frozen import read_only
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.solvers.nlp.level_solver import Deadline, LevelSolver, NlpPoint, Outcome
-from uvms_ocp.solvers.nlp.nlp_options import STAGEWISE
-from uvms_ocp.solvers.nlp.nlp_options import NlpOptions as NlpOptions
-from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
-from uvms_ocp.solvers.nlp.program import LevelRows, LexicographicProgram, Parameters, RowRanges, Variables
-from uvms_ocp.solvers.nlp.row_bounds import RowBounds, row_bounds
-from uvms_ocp.solvers.nlp.watch import Progress, Watch
+from uvms_ocp.checks import checked, unchecked_constructor
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.solvers.nlp.level_solver import Deadline, LevelSolver, NlpPoint, Outcome, Progress, Watch
+from uvms_ocp.solvers.nlp.options import STAGEWISE
+from uvms_ocp.solvers.nlp.options import NlpOptions as NlpOptions
+from uvms_ocp.solvers.nlp.program import (
+    LevelRows,
+    LexicographicProgram,
+    NlpStatus,
+    Parameters,
+    RowBounds,
+    RowRanges,
+    Variables,
+    row_bounds,
+)
+from uvms_ocp.types import Bound, read_only
 
 
 @checked
@@ -274,7 +280,7 @@ class _Run:
         )
 
 
-_made = trusted(LexicographicResult)
+_made = unchecked_constructor(LexicographicResult)
 
 
 _ORDER = tuple(NlpStatus)

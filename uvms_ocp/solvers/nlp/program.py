@@ -1,4 +1,4 @@
-"""A lexicographic nonlinear program as data: shared constraints, and levels of least squares in order.
+"""Lexicographic nonlinear programs as data: shared constraints, levels of least squares in order, bounds, and outcomes.
 
 Level k minimises ``1/2 |y_k - clip(y_k, lower_k, upper_k)|^2``, the squared distance of its rows to their range, while
 the rows of the levels above stay where those levels left them. All rows of the program are numbered once: first
@@ -12,15 +12,90 @@ holds for all, so that costs, norms and violations are `[-]`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Annotated, TypeAlias
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any, TypeAlias
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.arguments import Bound, Positive, Range, Shape, checked
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.solvers.intervals import distance
+from uvms_ocp.checks import checked
+from uvms_ocp.codegen.elementwise import distance, excess
+from uvms_ocp.errors import AdvisedStatus, InvalidInput
+from uvms_ocp.types import Bound, Positive, Range, Shape
+
+# Outcome of a nonlinear program, whichever solver produced it.
+
+
+class NlpStatus(AdvisedStatus):
+    """Outcome of one level.
+
+    INFEASIBLE: at a point from which no small step brings the constraints any nearer. Farther away others may keep them.
+    """
+
+    SOLVED = "solved", "nothing to do"
+    INEXACT = (
+        "inexact",
+        "the level is at a minimum to reduced accuracy only; scale its rows, or loosen the tolerance",
+    )
+    STALLED = (
+        "stalled",
+        "no further progress before the constraints were kept; give another guess, or loosen the limits",
+    )
+    INFEASIBLE = (
+        "infeasible",
+        "no point keeps the constraints near the guess; loosen the limits, or give another guess",
+    )
+    ITERATION_LIMIT = "iteration limit", "the level did not converge; raise max_iterations, or give a better guess"
+    TIME_LIMIT = (
+        "time limit",
+        "the time was over; raise time_limit, shorten the horizon, or start from the last solution",
+    )
+    NOT_A_NUMBER = (
+        "not a number",
+        "an expression is not finite at some point; look for divisions by zero, or move the guess",
+    )
+    INTERRUPTED = "interrupted", "stopped by hand at the best point so far; go on from there"
+    SKIPPED = "skipped", "a level above it failed; see that level"
+
+    @property
+    def optimal(self) -> bool:
+        """True where the level is at a minimum to working accuracy."""
+        return self in (NlpStatus.SOLVED, NlpStatus.INEXACT)
+
+
+_UNIFIED = {
+    "SOLVER_RET_SUCCESS": NlpStatus.SOLVED,
+    "SOLVER_RET_LIMITED": NlpStatus.ITERATION_LIMIT,
+    "SOLVER_RET_INFEASIBLE": NlpStatus.INFEASIBLE,
+    "SOLVER_RET_NAN": NlpStatus.NOT_A_NUMBER,
+}
+_IPOPT = {
+    "Solved_To_Acceptable_Level": NlpStatus.INEXACT,
+    "Search_Direction_Becomes_Too_Small": NlpStatus.INEXACT,
+    "Infeasible_Problem_Detected": NlpStatus.INFEASIBLE,
+    "Restoration_Failed": NlpStatus.STALLED,
+    "User_Requested_Stop": NlpStatus.TIME_LIMIT,
+    "Maximum_CpuTime_Exceeded": NlpStatus.TIME_LIMIT,
+    "Maximum_WallTime_Exceeded": NlpStatus.TIME_LIMIT,
+    "Invalid_Number_Detected": NlpStatus.NOT_A_NUMBER,
+}
+
+
+def status_of(stats: Mapping[str, Any]) -> NlpStatus:
+    """Status of the last call of a CasADi ``nlpsol``, from its ``stats()``."""
+    named = _IPOPT.get(str(stats.get("return_status")))
+    return named or _UNIFIED.get(str(stats.get("unified_return_status")), NlpStatus.ITERATION_LIMIT)
+
+
+# A lexicographic nonlinear program as data: shared constraints, and levels of least squares in order.
+#
+# Level k minimises ``1/2 |y_k - clip(y_k, lower_k, upper_k)|^2``, the squared distance of its rows to their range, while
+# the rows of the levels above stay where those levels left them. All rows of the program are numbered once: first
+# the constraints, then those that freeze level 0, level 1 and so on. Bounds and multipliers use that numbering at every
+# level, so that they carry over.
+#
+# Variables and rows may have any units. Scale rows to the order of 1: those of a level add up as squares, and one tolerance
+# holds for all, so that costs, norms and violations are `[-]`.
 
 _SLACK = 1e-6  # of inequality rows that are frozen exactly: they still need an inside
 
@@ -267,4 +342,53 @@ def _level_rows(level: NlpLevel, index: int, first: int) -> LevelRows:
         upper=np.broadcast_to(np.asarray(level.upper, dtype=float), (m,)),
         relax=level.relax,
         frozen=slice(first, first + (m if level.relax is None else 1)),
+    )
+
+
+# Bounds of the variables and rows of a lexicographic program.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class RowBounds:
+    """Of the variables and of all rows of the program; rows of levels that are not frozen yet are infinite."""
+
+    x_lower: np.ndarray
+    """(n_x,) [unit of x]"""
+    x_upper: np.ndarray
+    """(n_x,) [unit of x]"""
+    lower: np.ndarray
+    """(n_rows,) [unit of the row]"""
+    upper: np.ndarray
+    """(n_rows,) [unit of the row]"""
+
+    def with_rows(self, rows: slice, bounds: tuple[np.ndarray, np.ndarray]) -> RowBounds:
+        """The same with other bounds, lower and upper (m,) [unit of the row], for the given rows."""
+        lower, upper = self.lower.copy(), self.upper.copy()
+        lower[rows], upper[rows] = bounds
+        return replace(self, lower=lower, upper=upper)
+
+    def violation(self, x: np.ndarray, g: np.ndarray, rows: np.ndarray | slice) -> float:
+        """Largest violation [-] at x (n_x,) [unit of x], where the rows numbered `rows` (m,) [-] are g (m,) [unit of the row]."""
+        broken = excess(g, self.lower[rows], self.upper[rows]).max(initial=0.0)
+        return float(max(broken, excess(x, self.x_lower, self.x_upper).max(initial=0.0)))
+
+
+def row_bounds(ranges: RowRanges, x_lower: np.ndarray | float, x_upper: np.ndarray | float, n_x: int) -> RowBounds:
+    """Bounds with no level frozen; x_lower and x_upper (n_x,), or one for all variables [unit of x].
+
+    Raises `InvalidInput` for bounds that are NaN or that no x keeps.
+    """
+    for name, bound in (("x_lower", x_lower), ("x_upper", x_upper)):
+        if np.isnan(np.asarray(bound, dtype=float)).any():
+            raise InvalidInput(f"{name} has NaN; give numbers, or an infinity where there is no bound")
+    if (np.less_equal(x_upper, -np.inf) | np.greater_equal(x_lower, np.inf) | np.greater(x_lower, x_upper)).any():
+        raise InvalidInput("x_lower and x_upper exclude every x; give x_lower <= x_upper, and infinity only outwards")
+    lower, upper = np.full(ranges.n_rows, -np.inf), np.full(ranges.n_rows, np.inf)
+    m = len(ranges.lower)
+    lower[:m], upper[:m] = ranges.lower, ranges.upper
+    return RowBounds(
+        x_lower=np.broadcast_to(np.asarray(x_lower, dtype=float), (n_x,)),
+        x_upper=np.broadcast_to(np.asarray(x_upper, dtype=float), (n_x,)),
+        lower=lower,
+        upper=upper,
     )

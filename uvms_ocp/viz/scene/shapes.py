@@ -1,4 +1,4 @@
-"""From coal's shapes to meshcat's: primitives stay primitives, meshes become triangles."""
+"""Convert coal's shapes to meshcat's: primitives stay primitives, meshes become triangles."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import coal
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from uvms_ocp.viz.scene.meshcat_parts import Visualizer
-from uvms_ocp.viz.scene.meshcat_parts import geometry as mg
+from uvms_ocp.viz.scene.page import Visualizer
+from uvms_ocp.viz.scene.page import geometry as mg
 
 # three.js draws cylinders along y, coal along z.
 Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])

@@ -1,20 +1,27 @@
-"""What stays where it is: goals, obstacles and the paths that vehicle and tool leave behind."""
+"""Draw goals, obstacles and trails, arrows of forces, and lines of nearest distance to obstacles."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.collision.obstacle_file import build_obstacle
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.record import Record
-from uvms_ocp.viz.scene.animation import Frames
-from uvms_ocp.viz.scene.meshcat_parts import Visualizer
-from uvms_ocp.viz.scene.meshcat_parts import geometry as mg
+from uvms_ocp.record.record import Record
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.collision_model import CoalPairs, shapes_among
+from uvms_ocp.robot.shapes.obstacles import build_obstacle
+from uvms_ocp.robot.thrusters import thruster_matrix
+from uvms_ocp.sim.dynamic_step import skid_points
+from uvms_ocp.viz.scene.animation import Frames, rounded
+from uvms_ocp.viz.scene.page import Visualizer
+from uvms_ocp.viz.scene.page import geometry as mg
 from uvms_ocp.viz.scene.shapes import draw_shape, draw_triad, glow, hex_of, material, shifted, tube
 from uvms_ocp.viz.series import floor_heights
+
+# What stays where it is: goals, obstacles and the paths that vehicle and tool leave behind.
 
 _TRAIL_STEP = 0.01  # [m] between points of a trail
 _SAME_PLACE = 0.05  # [m]
@@ -107,3 +114,160 @@ def _draw_plumb(node: Visualizer, height: float, rgb: tuple[float, ...]) -> None
     """A thin rod down to the floor, which gives depth to a marker in mid-water."""
     node["rod"].set_object(mg.Box([0.012, 0.012, height]), glow(rgb, 0.5))
     node.set_transform(shifted(np.array([0.0, 0.0, -height / 2])))
+
+
+# Arrows of what pushes the vehicle, in its own frame: thrust, contact with the floor, the current, the disturbance.
+
+_LEAST = 1e-6  # [N, N m, m/s] nothing that is smaller throughout has an arrow
+_USUAL, _MOST = 80, 1.6  # [%] of the time the largest is shorter than its share; how much longer than that any is drawn
+Arrow = tuple[np.ndarray, np.ndarray]
+"""Where it begins (3,) [m] in B, and its vectors (n, 3) [its unit] in B."""
+Draw = Callable[[np.ndarray, Robot, Frames, float], Iterator[Arrow]]
+"""Takes the series at the frames, and the size of the robot."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ArrowKind:
+    """What a group of arrows is of, and how it looks."""
+
+    label: str
+    unit: str
+    colour: str
+    share: float
+    """[-] usual length in sizes of the robot."""
+    series: str
+    draw: Draw
+    """Places the arrows."""
+    shown: bool = True
+    """Before anyone asks for it."""
+
+
+def arrow_groups(record: Record, robot: Robot, frames: Frames, size: float) -> list[dict[str, Any]]:
+    """JSON values, a group for each kind that the record has; size [m] of the robot, which lengths go by; peaks are cut.
+
+    Of each arrow: the point ``at`` (3,) [m] in B where it begins, and ``vectors`` (n, 3) [unit of the group] in B at the frames.
+    """
+    kinds = [kind for kind in _KINDS if kind.series in record.series and robot.n_vehicle]
+    drawn = [(kind, list(kind.draw(record[kind.series][frames.row], robot, frames, size))) for kind in kinds]
+    norms = [np.array([np.linalg.norm(vectors, axis=1) for _, vectors in arrows]) for _, arrows in drawn]
+    return [
+        _group(kind, arrows, norm, kind.share * size)
+        for (kind, arrows), norm in zip(drawn, norms, strict=True)
+        if norm.size and norm.max() > _LEAST
+    ]
+
+
+def _group(kind: ArrowKind, arrows: list[Arrow], norms: np.ndarray, length: float) -> dict[str, Any]:
+    """The values of a group; norms (n_arrows, n) [its unit], length [m] of a usual one."""
+    usual = max(float(np.percentile(norms.max(axis=0), _USUAL)), _LEAST)
+    return {
+        "label": kind.label,
+        "unit": kind.unit,
+        "colour": kind.colour,
+        "shown": kind.shown,
+        "largest": float(norms.max()),
+        "scale": length / usual,
+        "longest": length * _MOST,
+        "arrows": [_arrow_data(*arrow) for arrow in arrows],
+    }
+
+
+def _arrow_data(at: np.ndarray, vectors: np.ndarray) -> dict[str, Any]:
+    return {"at": rounded(at), "vectors": rounded(vectors)}
+
+
+def _thrust(thrust: np.ndarray, robot: Robot, frames: Frames, size: float) -> Iterator[Arrow]:
+    for thruster, direction, values in zip(
+        robot.description.thrusters, thruster_matrix(robot)[:3].T, thrust.T, strict=False
+    ):
+        X_BF = robot.model.frames[robot.model.getFrameId(thruster.link)].placement
+        yield X_BF.act(np.array(thruster.position)), np.outer(values, direction)
+
+
+def _contact(pressing: np.ndarray, robot: Robot, frames: Frames, size: float) -> Iterator[Arrow]:
+    up = _in_vehicle(np.tile([0.0, 0.0, 1.0], (len(pressing), 1)), frames)
+    for point, values in zip(skid_points(robot), pressing.T, strict=False):
+        yield point, values[:, None] * up
+
+
+def _current(velocity: np.ndarray, robot: Robot, frames: Frames, size: float) -> Iterator[Arrow]:
+    yield np.array([0.0, 0.0, 0.75 * size]), _in_vehicle(velocity, frames)
+
+
+def _force(disturbance: np.ndarray, robot: Robot, frames: Frames, size: float) -> Iterator[Arrow]:
+    yield np.zeros(3), disturbance[:, :3]
+
+
+def _moment(disturbance: np.ndarray, robot: Robot, frames: Frames, size: float) -> Iterator[Arrow]:
+    yield np.zeros(3), disturbance[:, 3:6]
+
+
+def _in_vehicle(vectors: np.ndarray, frames: Frames) -> np.ndarray:
+    """Vectors (n, 3) in W, in the frame of the vehicle at each frame."""
+    turns = (pin.XYZQUATToSE3(pose).rotation for pose in frames.placements[:, 1])
+    return np.array([R_WB.T @ vector for R_WB, vector in zip(turns, vectors, strict=True)])
+
+
+_KINDS = (
+    ArrowKind(label="thrust", unit="N", colour="#b8f23c", share=0.55, series="thrust", draw=_thrust),
+    ArrowKind(label="contact with the floor", unit="N", colour="#ff6b5e", share=0.5, series="contact", draw=_contact),
+    ArrowKind(label="current", unit="m/s", colour="#63e6ff", share=0.7, series="current", draw=_current),
+    ArrowKind(label="disturbance, force", unit="N", colour="#ff7ad9", share=0.8, series="disturbance", draw=_force),
+    ArrowKind(
+        label="disturbance, moment",
+        unit="N m",
+        colour="#c9a0ff",
+        share=0.6,
+        series="disturbance",
+        draw=_moment,
+        shown=False,
+    ),
+)
+
+
+# How near the robot is to each obstacle: the distance, and the line between the two points where they are nearest.
+
+NEAR = 1.0
+"""[m] below which a line is drawn."""
+_MOST_LOOKS = 20_000  # distances of pairs; a longer or fuller run is looked at less often
+
+
+def witness_lines(record: Record, robot: Robot, frames: Frames, centre: np.ndarray) -> dict[str, Any] | None:
+    """JSON values: times ``t`` (n,) [s], and of each obstacle its distances (n,) [m] and lines (n, 6) [m] in the page's frame.
+
+    centre (3,) [m] in W is the origin of that frame. `None` without obstacles; a line of six zeros is none to draw.
+    """
+    obstacles = [build_obstacle(item) for item in record.meta.surroundings.obstacles]
+    n_links = robot.collision_model.ngeoms
+    if not obstacles or not n_links:
+        return None
+    n = max(2, min(len(frames.t), _MOST_LOOKS // (n_links * len(obstacles))))
+    looks = np.unique(np.linspace(0, len(frames.t) - 1, n).round().astype(int))
+    pairs = [(link, n_links + k) for k in range(len(obstacles)) for link in range(n_links)]
+    scene = CoalPairs(robot.model, shapes_among(robot, obstacles), pairs)
+    found = np.array([_nearest(scene, q, (len(obstacles), n_links)) for q in record["q"][frames.row[looks]]])
+    found[..., 1:] -= np.tile(centre, 2)
+    lines = np.where(found[..., :1] < NEAR, found[..., 1:], 0.0)
+    names = [item.name for item in record.meta.surroundings.obstacles]
+    return {
+        "near": NEAR,
+        "colour": "#ffe066",
+        "shown": True,
+        "t": frames.t[looks].round(3).tolist(),
+        "obstacles": [
+            {"name": name, "distance": rounded(found[:, k, 0]), "line": lines[:, k].round(4).tolist()}
+            for k, name in enumerate(names)
+        ],
+    }
+
+
+def _nearest(scene: CoalPairs, q: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """(n_obstacles, 7) [m] distance and both points in W, the robot's first, at q (n_q,) [m, rad].
+
+    shape: numbers of obstacles and links.
+    """
+    places = np.arange(np.prod(shape)).reshape(shape)
+    distance = scene.values(q, places.ravel()).reshape(shape)
+    nearest = np.argmin(distance, axis=1)
+    rows = np.arange(len(places))
+    return np.column_stack([distance[rows, nearest], scene.nearest_points(places[rows, nearest])])

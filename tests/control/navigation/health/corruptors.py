@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import Command, Measurement, Reading, Readings, State
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import Command, Measurement, Reading, Readings, State
 from uvms_ocp.sim.sensors import SensorSuite
 
 Corrupt = Callable[[Reading[Any], float], Reading[Any]]

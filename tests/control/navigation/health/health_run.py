@@ -8,12 +8,10 @@ import corruptors
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.control.navigation.estimator import Estimator
-from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
-from uvms_ocp.model.health import Trust
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import SensorSpecs
-from uvms_ocp.model.state import Command, Readings, State
+from uvms_ocp.estimation.estimator import Estimator
+from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import Command, Readings, SensorSpecs, State, Trust
 from uvms_ocp.sim.seafloor import FlatSeafloor, Seafloor
 from uvms_ocp.sim.sensors import SensorSuite
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from uvms_ocp.control.navigation.estimator import Estimator
-from uvms_ocp.control.navigation.filter.memory import Part
-from uvms_ocp.control.navigation.filter.vehicle import part
-from uvms_ocp.model.state import State
-from uvms_ocp.scenarios import case1
+from uvms_ocp.estimation.estimator import Estimator
+from uvms_ocp.estimation.filter_memory import Part
+from uvms_ocp.estimation.vehicle_model import part
+from uvms_ocp.robot.signals import State
+from uvms_ocp.scenario.cases import case1
 from uvms_ocp.sim import SensorSuite
 
 SILENCE, END, DT = 3.0, 13.0, 1 / 50  # [s]

@@ -7,9 +7,8 @@ import pytest
 from corruptors import with_defect
 from health_run import HealthRun
 
-from uvms_ocp.model.health import Trust
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.state import Readings
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.signals import Readings, Trust
 
 ONSET, END = 3.0, 15.0  # [s]
 EDGE = 0.31  # [m/s]: errors of the estimate bring some readings inside of the gate

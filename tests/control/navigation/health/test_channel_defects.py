@@ -9,10 +9,9 @@ import pytest
 from corruptors import DEFECTS, STEPS
 from health_run import HealthRun, between
 
-from uvms_ocp.model.health import Trust
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import SensorSpecs
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import SensorSpecs, Trust
 
 START, END, DURATION = 4.0, 6.5, 10.0  # [s]
 PERIODS = {name: 1.0 / getattr(SensorSpecs(), name).rate for name in STEPS}

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 from health_run import HealthRun, Spoil, between
 
-from uvms_ocp.model.health import Trust
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import Readings
-from uvms_ocp.sim.height_field import RELIEFS, HeightField
-from uvms_ocp.sim.seafloor import FlatSeafloor, Seafloor
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import Readings, Trust
+from uvms_ocp.sim.seafloor import RELIEFS, FlatSeafloor, HeightField, Seafloor
 
 NAME = "altimeter_range"
 SPEED = 0.2  # [m/s] of the descent

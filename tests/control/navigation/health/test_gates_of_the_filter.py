@@ -9,17 +9,14 @@ import numpy as np
 import pytest
 from health_run import FLOOR
 
-from uvms_ocp.control.navigation.estimator import Estimator
-from uvms_ocp.control.navigation.filter.memory import NUMBER
-from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
-from uvms_ocp.control.navigation.health.tuning import HealthTuning
-from uvms_ocp.control.navigation.pass_through import PassThrough
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.health import Trust
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import IDEAL_SENSORS
-from uvms_ocp.model.state import Command, Measurement, Readings, State
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.estimation.estimator import Estimator, PassThrough
+from uvms_ocp.estimation.filter_memory import NUMBER
+from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
+from uvms_ocp.estimation.health.tuning import HealthTuning
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Measurement, Readings, State, Trust
 from uvms_ocp.sim.sensors import SensorSuite
 
 DT = 0.01

@@ -10,14 +10,13 @@ import pytest
 from compiler import long_without_compiler
 from corruptors import frozen, with_defect
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.state import Readings, State
-from uvms_ocp.record import Record
-from uvms_ocp.report.sensor_health import sensor_health
-from uvms_ocp.report.summary import summarize
-from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.record import Record
+from uvms_ocp.report.summary import sensor_health, summarize
+from uvms_ocp.robot.signals import Readings, State
+from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.sim.sensors import SensorSuite
-from uvms_ocp.viz.health_figure import figure_health
+from uvms_ocp.viz.run_figures import figure_health
 
 START = 2.0  # [s]
 

@@ -11,28 +11,35 @@ import pytest
 from compiler import needs_compiler
 from corruptors import STEPS, told_on_a_way
 
-from uvms_ocp.control.navigation.estimator import Estimator
-from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
-from uvms_ocp.control.navigation.health.laws.history import History, remember, slot_at
-from uvms_ocp.control.navigation.health.laws.spots import (
+from uvms_ocp.codegen.kernel_layout import structure_of
+from uvms_ocp.codegen.kernels import bind_kernels
+from uvms_ocp.estimation.estimator import Estimator
+from uvms_ocp.estimation.health.estimate_history import (
+    EstimateHistory,
+    angle_between,
+    product,
+    remember,
+    slot_at,
+    small_rotation,
+)
+from uvms_ocp.estimation.health.estimate_history import rotate as turn
+from uvms_ocp.estimation.health.floor import (
     MOST_SPOTS,
     Spot,
     Spots,
     append_spot,
+    floor_step,
     forget_older,
+    height_allowance,
     keep_alone,
-    room,
     slot_of,
-    step_to,
 )
-from uvms_ocp.control.navigation.health.laws.trail import Trail, append_value, mean_time, median_of, value_at
-from uvms_ocp.control.navigation.health.laws.turns import angle_between, product, small_turn, turn
-from uvms_ocp.control.navigation.health.monitor import HealthMonitor
-from uvms_ocp.functions.kernels.binding import bind_kernels
-from uvms_ocp.functions.kernels.layout import structure_of
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import SensorSpecs
+from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
+from uvms_ocp.estimation.health.monitor import HealthMonitor
+from uvms_ocp.estimation.health.redundancy import Trail, append_value, mean_time, median_of, value_at
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import SensorSpecs
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import SensorSuite
 
@@ -72,7 +79,7 @@ def _array(values: np.ndarray) -> Any:
 
 @pytest.mark.parametrize("dt", [0.001, 0.005, 0.1])
 def test_the_estimate_nearest_to_a_time_is_found_for_as_long_as_any_reading_takes(dt: float) -> None:
-    structure = structure_of(History, n_q=1, n_v=1, n_estimates=256)
+    structure = structure_of(EstimateHistory, n_q=1, n_v=1, n_estimates=256)
     history = structure()
     add, find = bind_kernels((remember, slot_at), (structure, type(history.kept[0])))
     history.length, history.spacing = 2.0, 2.0 / 254
@@ -106,7 +113,7 @@ def test_a_trail_has_the_medians_means_and_values_of_numpy() -> None:
 
 
 def test_turns_are_those_of_rotation_matrices() -> None:
-    multiply, turn_by, rotate, angle = bind_kernels((product, small_turn, turn, angle_between), ())
+    multiply, turn_by, rotate, angle = bind_kernels((product, small_rotation, turn, angle_between), ())
     by, more, out, vector = (_array(np.zeros(n)) for n in (4, 4, 4, 3))
     turn_by(_array(np.array([0.01, 0.0, 0.0])), 1.0, by)
     turn_by(_array(np.array([0.01, 0.0, 0.0])), -2.0, more)
@@ -134,7 +141,7 @@ def test_spots_beyond_those_that_fit_push_the_oldest_out_and_one_is_never_forgot
 
 def test_a_floor_may_rise_with_the_way_and_more_along_a_beam_that_tilts() -> None:
     structure, spot = structure_of(Spots), structure_of(Spot)
-    add, step, may = bind_kernels((append_spot, step_to, room), (structure, spot))
+    add, step, may = bind_kernels((append_spot, floor_step, height_allowance), (structure, spot))
     spots, old = structure(), spot(x=0.0, z=-40.0, sensor_z=-36.0)
     add(spots, old)
     for x, z, sensor_x, rise in [

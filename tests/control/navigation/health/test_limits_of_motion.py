@@ -9,11 +9,9 @@ import pytest
 from corruptors import with_defect
 from health_run import HealthRun, Motion, between
 
-from uvms_ocp.model.health import Trust
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import SensorSpecs
-from uvms_ocp.model.state import Readings
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import Readings, SensorSpecs, Trust
 
 HALF = 0.4  # [s] in which joints and vehicle speed up, and slow down
 

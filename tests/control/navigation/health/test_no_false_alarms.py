@@ -10,18 +10,16 @@ import pytest
 from compiler import long_without_compiler
 from health_run import FLOOR, HealthRun, swaying
 
-from uvms_ocp.control.navigation.estimator import Estimator
-from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
-from uvms_ocp.control.navigation.health.laws.repeats import Repeats, expect_repeats, repeated
-from uvms_ocp.control.navigation.health.reasons import Why
-from uvms_ocp.control.navigation.pass_through import PassThrough
-from uvms_ocp.functions.kernels.binding import bind_kernels
-from uvms_ocp.functions.kernels.layout import structure_of
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import ACCELEROMETER, IDEAL_SENSORS, SensorSpec, SensorSpecs
-from uvms_ocp.model.state import Command, State
-from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.codegen.kernel_layout import structure_of
+from uvms_ocp.codegen.kernels import bind_kernels
+from uvms_ocp.estimation.estimator import Estimator, PassThrough
+from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
+from uvms_ocp.estimation.health.plausibility import Repeats, expect_repeats, repeated
+from uvms_ocp.estimation.health.tuning import Complaint
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import ACCELEROMETER, IDEAL_SENSORS, Command, SensorSpec, SensorSpecs, State
+from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
 from uvms_ocp.sim.sensors import SensorSuite
 
@@ -92,7 +90,7 @@ def test_case1_with_noise_in_gusts_raises_no_alarm() -> None:
 
 def _repeats(sigma: float, readings: Iterable[np.ndarray]) -> list[bool]:
     """Which readings (3,) make a sensor with noise sigma count as frozen."""
-    memory, why = structure_of(Repeats, n_width=4)(), structure_of(Why)()
+    memory, why = structure_of(Repeats, n_width=4)(), structure_of(Complaint)()
     (look,) = bind_kernels((repeated,), (type(memory), type(why)))
     expect_repeats(memory, sigma, size=3, each=True, chance=1e-9)
     return [bool(look(memory, (ctypes.c_double * 3)(*reading), why)) for reading in readings]

@@ -10,12 +10,11 @@ import pytest
 from corruptors import told_on_a_way
 from health_run import FLOOR
 
-from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
-from uvms_ocp.control.navigation.health.monitor import HealthMonitor
-from uvms_ocp.control.navigation.pass_through import PassThrough
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpec
-from uvms_ocp.model.state import Measurement
+from uvms_ocp.estimation.estimator import PassThrough
+from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
+from uvms_ocp.estimation.health.monitor import HealthMonitor
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Measurement, SensorSpec
 from uvms_ocp.sim.sensors import SensorSuite
 
 SPECS = replace(IDEAL_SENSORS, joint_positions=SensorSpec(rate=50.0), position=SensorSpec(rate=5.0, delay=0.1))

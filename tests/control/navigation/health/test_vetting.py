@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 from health_run import FLOOR
 
-from uvms_ocp.arguments import changed
-from uvms_ocp.control.navigation.estimator import Estimator
-from uvms_ocp.control.navigation.filter.memory import NUMBER
-from uvms_ocp.control.navigation.health.monitor import HealthMonitor
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpec
-from uvms_ocp.model.state import Measurement, Reading, Readings, State
+from uvms_ocp.checks import replace_unchecked
+from uvms_ocp.estimation.estimator import Estimator
+from uvms_ocp.estimation.filter_memory import NUMBER
+from uvms_ocp.estimation.health.monitor import HealthMonitor
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Measurement, Reading, Readings, SensorSpec, State
 from uvms_ocp.sim.sensors import SensorSuite
 
 DT = 0.01
@@ -40,7 +39,7 @@ class Vetting:
     def step(self, **other: Reading[Any] | None) -> Readings:
         """What is left of the readings of the next tick, with others in their place."""
         self.t += DT
-        self.given = changed(self.suite.read(self.state, self.t), **other)  # arrays of any shape too
+        self.given = replace_unchecked(self.suite.read(self.state, self.t), **other)  # arrays of any shape too
         vetted = self.monitor.vet(self.given, self.t)
         self.monitor.judge(Measurement(q=self.state.q, v=self.state.v, altimeter_range=4.0), self.t)
         return vetted

@@ -1,0 +1,93 @@
+"""Connect to a Dask cluster: processes of this machine, or the one at an address."""
+
+from __future__ import annotations
+
+import os
+import signal
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from uvms_ocp.errors import InvalidInput, NotInstalled, OutputError
+
+# Loaded by workers of this machine as they start: Ctrl-C is for the command, which then ends them itself.
+
+
+def dask_setup(worker: Any) -> None:
+    """What Dask calls. Interrupts go past this process."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+# A Dask cluster: processes of this machine, or the one at an address.
+
+DEATHS = 3
+"""Of workers, after which a run is taken for the cause. A cluster of others has its own number."""
+_SETTINGS = {
+    "distributed.scheduler.allowed-failures": DEATHS - 1,
+    "distributed.scheduler.worker-saturation": 1.0,  # no run waits on a worker, where it would be blamed for another's end
+    "distributed.worker.daemon": True,
+    "distributed.comm.retry.count": 3,
+    "distributed.admin.log-format": "%(message)s",
+}
+_PATIENCE = 30.0  # [s] for a scheduler to answer
+
+
+def dask() -> Any:
+    """The library distributed. Raises `NotInstalled` without it."""
+    try:
+        import distributed
+    except ImportError:
+        raise NotInstalled("a campaign", '"uvms-ocp[campaign]"') from None
+    return distributed
+
+
+@contextmanager
+def connected(scheduler: str | None, workers: int | None) -> Iterator[Any]:
+    """A `distributed.Client` of the cluster at an address, or of as many `workers` [-] of this machine as it has processors.
+
+    Raises `OutputError` where nobody answers at the address, `InvalidInput` for an address and a number of workers.
+    """
+    if scheduler is not None:
+        if workers is not None:
+            raise InvalidInput(f"workers = {workers} with a scheduler; a cluster has its own: leave it out")
+        with _client(scheduler) as client:
+            yield client
+        return
+    with _of_this_machine(workers or os.cpu_count() or 1) as client:
+        yield client
+
+
+@contextmanager
+def _of_this_machine(workers: int) -> Iterator[Any]:
+    distributed = dask()
+    import dask as settings
+
+    with settings.config.set(_SETTINGS), tempfile.TemporaryDirectory(prefix="uvms_ocp_") as folder:
+        cluster = distributed.LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=":0",
+            local_directory=folder,
+            silence_logs=50,
+            preload=["uvms_ocp.campaign.cluster"],
+        )
+        with cluster, distributed.Client(cluster) as client:
+            yield client
+
+
+@contextmanager
+def _client(address: str) -> Iterator[Any]:
+    distributed = dask()
+    try:
+        client = distributed.Client(address, timeout=_PATIENCE)
+    except (OSError, ValueError, TimeoutError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise OutputError(
+            f"no Dask scheduler answers at {address} ({reason}); give one such as tcp://host:8786"
+        ) from None
+    with client:
+        yield client

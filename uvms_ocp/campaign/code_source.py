@@ -1,0 +1,189 @@
+"""A scenario or a list of variations by the code that makes it, with every file it read: built again anywhere."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.durable_files import discard
+from uvms_ocp.record.untrusted import files_read
+from uvms_ocp.robot.loading import robots_folder
+from uvms_ocp.scenario.cases import SCENARIOS
+from uvms_ocp.scenario.own_code import chosen_scenario, forget_user_code, own_code, siblings
+
+_PACKED = "uvms_ocp_robots/"  # names of files of our own robots
+_PLACES = ("robot", "hydrodynamics")  # options that may be files
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class CodeSource:
+    """Words, options and files. Where the files are as they were, they are used in their place, and elsewhere a copy."""
+
+    words: str
+    """A name, ``file.py:name`` or ``package.module:name``."""
+    attribute: str = "scenario"
+    """What is wanted of a file unless the words say it."""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """As on the command line."""
+    root: str = ""
+    """Folder that holds all files."""
+    files: Mapping[str, bytes] = field(default_factory=dict)
+    """Contents by the path below `root`."""
+
+    @staticmethod
+    def gathered(words: str, options: Mapping[str, Any] | None = None, attribute: str = "scenario") -> CodeSource:
+        """With the files that it reads now. Raises what building it raises."""
+        code = own_code(words, attribute)
+        given = {name: _absolute(value) if name in _PLACES else value for name, value in (options or {}).items()}
+        bare = CodeSource(words=_placed(words, Path.cwd()), attribute=attribute, options=given)
+        forget_user_code()
+        with files_read() as found:
+            bare.build()
+        paths = set(found)
+        if code is not None and code.file is not None:
+            file = code.file.resolve()
+            paths |= {file, *siblings(file.parent)}
+        return replace(bare, root=_common(paths), files=_contents(paths))
+
+    def build(self) -> Any:
+        """What the code gives: a `Scenario`, or whatever has the name of `attribute`.
+
+        Raises `InvalidInput` for words that are no code, and what the code raises.
+        """
+        here = self.located()
+        if self.attribute == "scenario":
+            return chosen_scenario(here.words, here.options, SCENARIOS)
+        code = own_code(here.words, self.attribute)
+        if code is None:
+            raise InvalidInput(f"{here.words!r} is no Python code; give FILE.py, FILE.py:NAME or PACKAGE.MODULE:NAME")
+        found = code.load()
+        return found() if callable(found) else found
+
+    def located(self) -> CodeSource:
+        """With words and options that point to files with the right contents on this machine."""
+        if not self.files or _is_intact(Path(self.root), self.files):
+            return self
+        folder = _unpacked(self.digest(), tuple(self.files.items()))
+        options = {
+            name: self._moved(value, folder) if name in _PLACES else value for name, value in self.options.items()
+        }
+        return replace(self, words=self._moved(self.words, folder), options=options, files={})
+
+    def digest(self) -> str:
+        """Of all files."""
+        return hashlib.sha256(repr(sorted(self.hashes().items())).encode()).hexdigest()
+
+    def hashes(self) -> dict[str, str]:
+        """By file."""
+        return {name: hashlib.sha256(content).hexdigest() for name, content in sorted(self.files.items())}
+
+    def identity(self) -> dict[str, Any]:
+        """By which it is known again, and from which `restored` makes it: JSON values, paths below the root with ``./``."""
+        options = {name: self._below(value) for name, value in sorted(self.options.items())}
+        return {
+            "words": self._below(self.words),
+            "attribute": self.attribute,
+            "options": options,
+            "files": self.hashes(),
+        }
+
+    @staticmethod
+    def restored(identity: Mapping[str, Any], copies: Path) -> CodeSource:
+        """Of an `identity`, with the files whose copies are in a folder. Raises `InvalidInput` for a copy that was changed."""
+        root = str(copies.resolve())
+
+        def placed(value: Any) -> Any:
+            return os.path.join(root, value[2:]) if isinstance(value, str) and value.startswith("./") else value
+
+        source = CodeSource(
+            words=placed(identity["words"]),
+            attribute=identity["attribute"],
+            options={name: placed(value) for name, value in identity["options"].items()},
+            root=root,
+            files={name: _copy(copies / name) for name in identity["files"]},
+        )
+        for name, digest in source.hashes().items():
+            if digest != identity["files"][name]:
+                raise InvalidInput(f"{copies / name}: changed since the campaign began; put back what was")
+        return source
+
+    def _below(self, value: Any) -> Any:
+        inside = isinstance(value, str) and self.root and value.startswith(self.root + os.sep)
+        return "./" + value[len(self.root) + 1 :] if inside else value
+
+    def _moved(self, words: Any, folder: Path) -> Any:
+        below = self._below(words)
+        return str(folder / below[2:]) if below is not words else words
+
+
+@lru_cache(maxsize=8)
+def _unpacked(digest: str, files: tuple[tuple[str, bytes], ...]) -> Path:
+    """A folder with the files; other processes of this machine use the same."""
+    folder = Path(tempfile.gettempdir(), f"uvms_ocp_{os.getuid() if hasattr(os, 'getuid') else ''}_{digest[:24]}")
+    if folder.is_dir() and _is_intact(folder, dict(files)):
+        return folder
+    fresh = Path(tempfile.mkdtemp(prefix="uvms_ocp_"))
+    for name, content in files:
+        (fresh / name).parent.mkdir(parents=True, exist_ok=True)
+        (fresh / name).write_bytes(content)
+    try:
+        os.rename(fresh, folder)
+    except OSError:  # another process was first
+        if _is_intact(folder, dict(files)):
+            discard(fresh)
+            return folder
+        return fresh
+    return folder
+
+
+def _is_intact(root: Path, files: Mapping[str, bytes]) -> bool:
+    own = {name: content for name, content in files.items() if not name.startswith(_PACKED)}
+    try:
+        return all((root / name).read_bytes() == content for name, content in own.items())
+    except OSError:
+        return False
+
+
+def _contents(paths: set[Path]) -> dict[str, bytes]:
+    """By name: below the root, or for files of our own robots, which every machine has, below `_PACKED`."""
+    root, packed = _common(paths), robots_folder().resolve()
+    names = {
+        path: _PACKED + path.relative_to(packed).as_posix()
+        if path.is_relative_to(packed)
+        else path.relative_to(root).as_posix()
+        for path in sorted(paths)
+    }
+    return {name: path.read_bytes() for path, name in names.items()}
+
+
+def _common(paths: set[Path]) -> str:
+    own = [path.parent for path in paths if not path.is_relative_to(robots_folder().resolve())]
+    return os.path.commonpath(own) if own else ""
+
+
+def _copy(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be read ({error.strerror}); put back what was") from None
+
+
+def _absolute(value: Any) -> Any:
+    return str(Path(value).resolve()) if isinstance(value, str | Path) and Path(value).exists() else value
+
+
+def _placed(words: str, folder: Path) -> str:
+    """The words with the whole path of their file."""
+    code = own_code(words)
+    return words if code is None or code.file is None else str((folder / code.file).resolve()) + _name(words)
+
+
+def _name(words: str) -> str:
+    return "" if words.endswith(".py") else ":" + words.rpartition(":")[2]

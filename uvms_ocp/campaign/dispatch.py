@@ -1,0 +1,212 @@
+"""Dispatch runs to the workers of a cluster and collect rows: a bounded number at a time, whatever becomes of the workers."""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import queue
+import time
+from collections import deque
+from collections.abc import Iterable, Sequence
+from functools import partial
+from itertools import islice
+from time import monotonic
+from typing import Any
+from uuid import uuid4
+
+from distributed import WorkerPlugin, get_worker
+
+from uvms_ocp.campaign.cluster import dask
+from uvms_ocp.campaign.jobs import ERROR, KILLED, TIME_LIMIT, CampaignJob, RunResult, attempted, failed_row, over_time
+from uvms_ocp.campaign.store import CampaignFolder
+from uvms_ocp.errors import OutputError
+
+# What runs on a worker: some runs one after the other, of the work that was sent to it once.
+
+_LOG_DELAY = 1.0  # [s] in which word of it arrives
+
+
+class WorkHere(WorkerPlugin):
+    """Every worker gets it as it joins, one that replaces another too."""
+
+    def __init__(self, name: str, work: CampaignJob) -> None:
+        """name: of the campaign, by which its runs find it."""
+        self.name, self.work = name, work
+
+    def setup(self, worker: Any) -> None:
+        """Keep quiet: what a run has to say stands in its row."""
+        logging.getLogger("uvms_ocp").setLevel(logging.ERROR)
+
+
+def make_runs(name: str, runs: Sequence[int], limit: float) -> list[RunResult]:
+    """The rows of these runs [-] of the campaign of that name; limit [s] of each."""
+    worker = get_worker()
+    work: CampaignJob = worker.plugins[name].work
+    place = f"{worker.address} {os.getpid()}"
+    return [attempted(work, run, place, limit, partial(_end, worker, name, run)) for run in runs]
+
+
+def _end(worker: Any, name: str, run: int) -> None:
+    """Of a process in a call that does not come back: whoever waits for the run is told first."""
+    worker.log_event(name, {"run": run})
+    time.sleep(_LOG_DELAY)
+    os._exit(1)
+
+
+# Runs go out, rows come in: a bounded number at a time, whatever becomes of the workers.
+
+_log = logging.getLogger(__name__)
+_AHEAD = 3  # tasks for every thread of the cluster
+_TASK = 0.3  # [s] that a task of several short runs takes
+_MOST = 50  # runs of a task
+_LOOK = 0.5  # [s] between two looks at the clock
+_ALONE = 60.0  # [s] without any worker, after which it is said
+
+
+class Dispatch:
+    """Of one campaign on one cluster."""
+
+    def __init__(
+        self,
+        client: Any,
+        work: CampaignJob,
+        folder: CampaignFolder,
+        *,
+        limit: float = math.inf,
+        exclusive: bool = False,
+    ) -> None:
+        """client: a `distributed.Client`. limit [s] of a run. exclusive: whether workers have one at a time, alone to blame."""
+        self._client, self._work, self._folder = client, work, folder
+        self._name, self._limit = f"runs-{uuid4().hex}", limit
+        self._overdue: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._running: dict[Any, Sequence[int]] = {}
+        self._alone: deque[int] = deque()
+        self._exclusive, self._suspects, self._tried = exclusive, deque[int](), set[int]()
+        self._arrived: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._wall, self._made = 0.0, 0
+        self._alone_since: float | None = None
+
+    def run(self, runs: Iterable[int], progress: Any) -> None:
+        """Make all of these runs [-]; progress: called without arguments whenever rows have come.
+
+        Raises `OutputError` where the cluster is lost. Rows that have come are in the folder then, as after an interrupt.
+        """
+        todo = iter(runs)
+        self._client.register_plugin(WorkHere(self._name, self._work), name=self._name)
+        self._client.subscribe_topic(self._name, self._overdue.put)
+        try:
+            self._fill(todo)
+            while self._running:
+                self._take(self._wait())
+                self._give_up()
+                self._folder.flush()
+                self._fill(todo)
+                progress()
+        finally:
+            self._stop()
+
+    def _fill(self, todo: Any) -> None:
+        threads = max(1, sum(self._client.nthreads().values()) if len(self._running) == 0 else self._threads())
+        while len(self._running) < _AHEAD * threads and (chunk := self._next(todo)):
+            self._send(chunk)
+        if self._suspects and not self._running:
+            self._send([self._suspects.popleft()])  # with nothing beside it
+
+    def _threads(self) -> int:
+        return max(
+            1, sum(worker["nthreads"] for worker in self._client.scheduler_info(n_workers=-1)["workers"].values())
+        )
+
+    def _next(self, todo: Any) -> list[int]:
+        """Runs of the next task: those under suspicion one by one, others together as far as they are short."""
+        if self._alone:
+            return [self._alone.popleft()]
+        mean = self._wall / self._made if self._made else _TASK
+        size = min(_MOST, max(1, int(_TASK / max(mean, 1e-6))))
+        return [int(run) for run in islice(todo, size)]
+
+    def _send(self, chunk: list[int]) -> None:
+        key = (self._name, chunk[0], uuid4().hex)
+        future = self._client.submit(make_runs, self._name, chunk, self._limit, key=key, pure=False)
+        self._running[future] = chunk
+        future.add_done_callback(self._arrived.put)
+
+    def _wait(self) -> list[Any]:
+        """Futures that are done, once some are or it is time to look at the clock."""
+        found = []
+        try:
+            found.append(self._arrived.get(timeout=_LOOK))
+            while True:
+                found.append(self._arrived.get_nowait())
+        except queue.Empty:
+            pass
+        if not found:
+            self._require_cluster()
+            self._tell_of_no_workers()
+        return found
+
+    def _tell_of_no_workers(self) -> None:
+        """Once, as a cluster may still be waiting for its machines."""
+        if self._client.nthreads():
+            self._alone_since = None
+        elif self._alone_since is None:
+            self._alone_since = monotonic()
+        elif monotonic() - self._alone_since > _ALONE:
+            self._alone_since = math.inf
+            _log.warning("the cluster has had no worker for %g s; they need this version of uvms_ocp, too", _ALONE)
+
+    def _take(self, futures: Sequence[Any]) -> None:
+        whole = {future: future for future in futures if future.status == "finished"}
+        for future, found in self._client.gather(whole, errors="skip").items():
+            if found is not None:  # else its worker has gone since, and with it the rows
+                for done in found:
+                    self._keep(done)
+                self._running.pop(future)
+        for future in futures:
+            if future in self._running:
+                self._judge(future, self._running.pop(future))
+
+    def _keep(self, done: RunResult) -> None:
+        self._wall, self._made = self._wall + float(done.row["wall_s"] or 0.0), self._made + 1
+        self._folder.add(done)
+
+    def _judge(self, future: Any, chunk: Sequence[int]) -> None:
+        """A task that gave no rows: several runs are tried one by one, one that ended its processes is a row."""
+        error = future.exception() if future.status == "error" else None
+        if error is None or len(chunk) > 1:
+            self._require_cluster()
+            self._alone.extend(chunk)
+        elif isinstance(error, dask().KilledWorker) and not self._exclusive and chunk[0] not in self._tried:
+            self._tried.add(chunk[0])
+            self._suspects.append(chunk[0])
+        else:
+            outcome = KILLED if isinstance(error, dask().KilledWorker) else ERROR
+            text = f"the process of the run ended: {error}" if outcome == KILLED else f"{type(error).__name__}: {error}"
+            self._folder.add(RunResult(row=failed_row(self._work, chunk[0], outcome, text)))
+
+    def _give_up(self) -> None:
+        """Runs that did not end in their time, nor when they were told to: their processes end just now."""
+        while not self._overdue.empty():
+            _, told = self._overdue.get_nowait()
+            for future, chunk in list(self._running.items()):
+                if told["run"] in chunk:
+                    self._running.pop(future)
+                    self._client.cancel([future], force=True)
+                    self._alone.extend(run for run in chunk if run != told["run"])
+                    row = failed_row(self._work, told["run"], TIME_LIMIT, over_time(self._limit))
+                    self._folder.add(RunResult(row=row))
+
+    def _require_cluster(self) -> None:
+        if self._client.status not in ("running", "connecting"):
+            raise OutputError("the Dask scheduler is gone; start it, then give the same command again to go on")
+
+    def _stop(self) -> None:
+        """Nothing of ours stays on the cluster."""
+        try:
+            self._client.cancel(list(self._running), force=True)
+            self._running.clear()
+            self._client.unregister_worker_plugin(self._name)
+            self._client.unsubscribe_topic(self._name)
+        except (OSError, ValueError, RuntimeError, TimeoutError):
+            pass  # a cluster that is gone keeps nothing

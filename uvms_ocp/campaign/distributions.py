@@ -1,0 +1,257 @@
+"""Uncertain parameters: what one is, its distribution by quantiles, and the sampling design of all runs.
+
+A sampler draws numbers from 0 to 1, so that a distribution serves random, Latin hypercube and Sobol' samples alike. Any frozen
+distribution of scipy.stats can stand in its place.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from typing import Annotated, Any, Protocol
+
+import numpy as np
+
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput, NameNotFound, NotInstalled
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.types import Finite, Positive, Range
+
+# One number of a scenario that can be set.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Parameter:
+    """By name; what it means, and how a scenario gets another value of it."""
+
+    name: str
+    unit: str
+    meaning: str
+    apply: Callable[[Scenario, float], Scenario]
+    """The scenario with a value [unit]."""
+
+
+def real_numbers(value: Any) -> list[str]:
+    """Fields of a dataclass that it is made of and that are real numbers."""
+    return [item.name for item in fields(value) if item.init and type(getattr(value, item.name)) is float]
+
+
+# Distributions of one parameter, each by its quantiles: what a number from 0 to 1 stands for.
+#
+# A sampler draws such numbers, so that a distribution serves random, Latin hypercube and Sobol' samples alike. Any frozen
+# distribution of scipy.stats can stand in their place.
+
+Share = Annotated[float, Range(0.0, 1.0)]
+
+
+class Distribution(Protocol):
+    """Of the values of one parameter."""
+
+    def quantile(self, u: float) -> Any:
+        """The value below which a share u [-] of all values lies."""
+
+
+@checked
+@dataclass(frozen=True, slots=True)
+class Uniform(Distribution):
+    """Every value between two is as likely. Raises `InvalidInput` where they are in the wrong order."""
+
+    lower: Finite
+    """[unit of the parameter]"""
+    upper: Finite
+    """[unit of the parameter]"""
+
+    def __post_init__(self) -> None:
+        if not self.lower < self.upper:
+            raise InvalidInput(f"Uniform: lower = {self.lower:g}, upper = {self.upper:g}; give a larger upper bound")
+
+    def quantile(self, u: Share) -> float:
+        """The value [unit of the parameter] below which a share u [-] lies."""
+        return self.lower + u * (self.upper - self.lower)
+
+
+@checked
+@dataclass(frozen=True, slots=True)
+class Normal(Distribution):
+    """Gauss's bell; it has no bounds, so that a parameter that cannot be below 0 is better a `LogNormal`."""
+
+    mean: Finite
+    """[unit of the parameter]"""
+    sigma: Positive
+    """[unit of the parameter] standard deviation."""
+
+    def quantile(self, u: Share) -> float:
+        """The value [unit of the parameter] below which a share u [-] lies."""
+        return self.mean + self.sigma * _standard_normal(u)
+
+
+@checked
+@dataclass(frozen=True, slots=True)
+class LogNormal(Distribution):
+    """A factor that is as likely to be twice as large as half as large: the logarithm is normal."""
+
+    median: Positive = 1.0
+    """[unit of the parameter]"""
+    sigma: Positive = 0.2
+    """[-] standard deviation of the natural logarithm; while small, a relative error."""
+
+    def quantile(self, u: Share) -> float:
+        """The value [unit of the parameter] below which a share u [-] lies."""
+        return self.median * math.exp(self.sigma * _standard_normal(u))
+
+
+@checked
+@dataclass(frozen=True, slots=True)
+class Triangular(Distribution):
+    """Most likely at a mode, never beyond two bounds. Raises `InvalidInput` where they are in the wrong order."""
+
+    lower: Finite
+    """[unit of the parameter]"""
+    mode: Finite
+    """[unit of the parameter]"""
+    upper: Finite
+    """[unit of the parameter]"""
+
+    def __post_init__(self) -> None:
+        if not (self.lower <= self.mode <= self.upper and self.lower < self.upper):
+            given = f"Triangular({self.lower:g}, {self.mode:g}, {self.upper:g})"
+            raise InvalidInput(f"{given}; give lower bound, mode and upper bound in this order")
+
+    def quantile(self, u: Share) -> float:
+        """The value [unit of the parameter] below which a share u [-] lies."""
+        width, left = self.upper - self.lower, self.mode - self.lower
+        if u * width <= left:
+            return self.lower + math.sqrt(u * width * left)
+        return self.upper - math.sqrt((1.0 - u) * width * (self.upper - self.mode))
+
+
+@checked
+@dataclass(frozen=True, slots=True)
+class Choice(Distribution):
+    """One of several numbers, each as likely. Raises `InvalidInput` for none."""
+
+    values: Sequence[Finite]
+    """[unit of the parameter]"""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", tuple(map(float, self.values)))
+        if not self.values:
+            raise InvalidInput("Choice of no values; give one or more")
+
+    def quantile(self, u: Share) -> float:
+        """The value [unit of the parameter] that a number u [-] stands for."""
+        return float(self.values[min(int(u * len(self.values)), len(self.values) - 1)])
+
+
+@dataclass(frozen=True, slots=True)
+class OfScipy(Distribution):
+    """A frozen distribution of scipy.stats."""
+
+    frozen: Any
+
+    def quantile(self, u: float) -> float:
+        """The value [unit of the parameter] below which a share u [-] lies."""
+        return float(self.frozen.ppf(u))
+
+    def __repr__(self) -> str:
+        given = [*map(repr, self.frozen.args), *(f"{name}={value!r}" for name, value in self.frozen.kwds.items())]
+        return f"scipy.stats.{self.frozen.dist.name}({', '.join(given)})"
+
+
+def distribution_of(given: Any) -> Distribution:
+    """One of ours as it is, one of scipy.stats in our words. Raises `InvalidInput` for what is neither."""
+    if hasattr(given, "quantile"):
+        return given
+    if hasattr(given, "ppf") and hasattr(given, "dist"):
+        return OfScipy(given)
+    allowed = "Uniform, Normal, LogNormal, Triangular, Choice or a frozen distribution of scipy.stats"
+    raise InvalidInput(f"distribution = {given!r}; give {allowed}")
+
+
+def _standard_normal(u: float) -> float:
+    from scipy.special import ndtri
+
+    return float(ndtri(min(max(u, 1e-16), 1.0 - 1e-16)))  # finite at the ends, which samplers can give
+
+
+# Numbers from 0 to 1 for every run: a table of which run k has row k, whatever runs before it.
+
+SAMPLERS = ("random", "latin", "sobol", "indices")
+"""Independent draws; a Latin hypercube; a scrambled Sobol' sequence; the design that Sobol' indices need."""
+_DRAWN, _SEED = 0, 1  # streams of a run
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Design:
+    """Which numbers the runs have. Raises `NameNotFound` for an unknown sampler, `InvalidInput` for a wrong number of runs."""
+
+    sampler: str
+    runs: int
+    """[-]"""
+    parameters: int
+    """[-] that are varied."""
+    seed: int
+    """[-]"""
+
+    def __post_init__(self) -> None:
+        if self.sampler not in SAMPLERS:
+            raise NameNotFound("sampler", self.sampler, SAMPLERS)
+        if self.sampler == "indices":
+            self._require_blocks()
+
+    def row(self, run: int) -> np.ndarray:
+        """Numbers (parameters,) [-] of a run [-], from 0 to 1. Raises `NotInstalled` for indices without SALib."""
+        if not self.parameters:
+            return np.zeros(0)
+        if self.sampler == "random":
+            return np.random.default_rng(self._entropy(run, _DRAWN)).random(self.parameters)
+        return np.asarray(_table(self)[run])
+
+    def seed_of(self, run: int) -> int:
+        """Of everything else that is random in a run [-]."""
+        return int(self._entropy(run, _SEED).generate_state(1)[0])
+
+    def _entropy(self, run: int, stream: int) -> np.random.SeedSequence:
+        return np.random.SeedSequence(self.seed, spawn_key=(run, stream))
+
+    def _require_blocks(self) -> None:
+        block = self.parameters + 2
+        if self.parameters < 2:
+            raise InvalidInput(f"the sampler indices with {self.parameters} parameters; give 2 or more to compare")
+        base = self.runs // block
+        if base < 2 or base * block != self.runs or base & (base - 1):
+            near = 2 ** max(1, round(np.log2(max(self.runs / block, 2))))
+            allowed = f"a power of 2 times {block}, the parameters and 2 more, such as {near * block}"
+            raise InvalidInput(f"{self.runs} runs with the sampler indices; give {allowed}")
+
+
+@lru_cache(maxsize=4)
+def _table(design: Design) -> Any:
+    """(runs, parameters) [-]."""
+    from scipy.stats import qmc
+
+    if design.sampler == "indices":
+        return _indices(design)
+    if design.sampler == "latin":
+        return qmc.LatinHypercube(design.parameters, rng=design.seed).random(design.runs)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="The balance properties")  # any number of runs is allowed
+        return qmc.Sobol(design.parameters, rng=design.seed).random(design.runs)
+
+
+def _indices(design: Design) -> Any:
+    problem = problem_of([f"x{k}" for k in range(design.parameters)])
+    try:
+        from SALib.sample import sobol
+    except ImportError:
+        raise NotInstalled("the sampler indices", '"uvms-ocp[campaign]"') from None
+    base = design.runs // (design.parameters + 2)
+    return sobol.sample(problem, base, calc_second_order=False, seed=design.seed)
+
+
+def problem_of(names: list[str]) -> dict[str, Any]:
+    """What SALib calls the parameters of these names, each from 0 to 1."""
+    return {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names)}

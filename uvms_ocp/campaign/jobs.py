@@ -1,0 +1,255 @@
+"""Jobs of a campaign: run k on any machine with its time limit, its metrics, and a row whatever goes wrong."""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from threading import TIMEOUT_MAX as THREADS_WAIT
+from time import perf_counter
+from typing import Any, Protocol
+
+import numpy as np
+
+from uvms_ocp.errors import plain_line
+from uvms_ocp.record.record import Record, quantity
+from uvms_ocp.report.metrics import figures_between, largest_or_none, none_if_nan
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.sim.environment import closest_approach
+from uvms_ocp.version import __version__
+
+# An end for runs that find none.
+
+GRACE = 3.0
+"""[s] that Python has to leave a run whose time is over; what is deeper, in a call that does not come back, is ended."""
+
+
+_WAITS = 50  # [ms] in which an interrupt that is on its way arrives
+
+
+class OverTime(BaseException):
+    """The time of a run is over. No `Exception`, so that whatever a run catches lets it through."""
+
+
+@contextmanager
+def time_limit(seconds: float, stuck: Callable[[], None]) -> Iterator[None]:
+    """Raise `OverTime` in the block after so many seconds [s], wherever it is; stuck: called where it does not get there.
+
+    It comes between two steps of Python, so that a single call that never returns, such as a sleep, is for `stuck`.
+    """
+    watch = _Watch(threading.get_ident(), stuck)
+    timer = threading.Timer(seconds, watch.end)
+    timer.daemon = True
+    try:
+        timer.start()
+        yield
+    finally:
+        try:
+            timer.cancel()
+        finally:
+            watch.leave()
+
+
+class _Watch:
+    """Of one run in one thread."""
+
+    def __init__(self, thread: int, stuck: Callable[[], None]) -> None:
+        self._thread, self._stuck = thread, stuck
+        self._lock, self._left, self._fired = threading.Lock(), threading.Event(), False
+
+    def end(self) -> None:
+        """Interrupt the run, unless it has ended."""
+        with self._lock:
+            if self._left.is_set():
+                return
+            self._fired = True
+            ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self._thread), ctypes.py_object(OverTime))
+        if not self._left.wait(GRACE):
+            self._stuck()
+
+    def leave(self) -> None:
+        """The run has ended; an interrupt on its way arrives here, and not in the next run."""
+        try:
+            with self._lock:
+                self._left.set()
+            for _ in range(_WAITS if self._fired and not isinstance(sys.exc_info()[1], OverTime) else 0):
+                time.sleep(0.001)
+        finally:
+            self._left.set()
+
+
+# What a campaign runs: something that makes a row of a number, on any machine, and a row of whatever goes wrong.
+
+Row = Mapping[str, Any]
+COMPLETED, ERROR, KILLED, TIME_LIMIT = "completed", "error", "killed", "time limit"
+"""Outcomes: success, an exception, the end of the process, no end in the time allowed. Other outcomes are those of missions."""
+FIRST: Mapping[str, type] = {"run": int}
+LAST: Mapping[str, type] = {
+    "outcome": str,
+    "success": bool,
+    "cause": str,
+    "wall_s": float,
+    "worker": str,
+    "version": str,
+}
+"""Columns of every campaign, before and after its own."""
+VARYING = ("wall_s", "worker")
+"""Columns that differ when a run is repeated."""
+_LONGEST = 2000  # characters of a cause
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class RunResult:
+    """What became of a run."""
+
+    row: Row
+    """Its own columns, outcome and cause."""
+    attachment: bytes = b""
+    """A file to keep, such as the record."""
+
+
+class CampaignJob(Protocol):
+    """Goes to other processes as it is, by cloudpickle."""
+
+    @property
+    def columns(self) -> Mapping[str, type]:
+        """Its own, with the type of their values: int, float, str or bool."""
+
+    def head(self, run: int) -> Row:
+        """What is known of a run [-] before it is made."""
+
+    def make(self, run: int) -> RunResult:
+        """Make a run [-]."""
+
+
+def columns_of(work: CampaignJob) -> dict[str, type]:
+    """All columns of its table, in their order."""
+    return {**FIRST, **work.columns, **LAST}
+
+
+def attempted(
+    work: CampaignJob, run: int, worker: str, limit: float = THREADS_WAIT, stuck: Callable[[], None] = lambda: None
+) -> RunResult:
+    """The whole row of a run [-]; an exception is one too, with its text, and the end of the time `limit` [s].
+
+    stuck: called where a run does not end by itself then.
+    """
+    begin = perf_counter()
+    try:
+        with time_limit(min(limit, THREADS_WAIT), stuck):
+            done = work.make(run)
+    except OverTime as error:
+        done = RunResult(row=failed_row(work, run, TIME_LIMIT, f"{over_time(limit)}{_place(error)}"))
+    except (Exception, SystemExit) as error:
+        done = RunResult(row=failed_row(work, run, ERROR, _describe(error)))
+    wall = perf_counter() - begin
+    row = {"run": run, **done.row, "wall_s": wall, "worker": worker, "version": __version__}
+    return RunResult(row=row, attachment=done.attachment)
+
+
+def failed_row(work: CampaignJob, run: int, outcome: str, text: str) -> dict[str, Any]:
+    """Of a run [-] that made none itself."""
+    try:
+        head = dict(work.head(run))
+    except Exception as error:
+        head, text = {}, f"{text}; and its parameters cannot be drawn: {_describe(error)}"
+    own = {"outcome": outcome, "success": False, "cause": plain_line(text, _LONGEST)}
+    return {"run": run, **head, **own, "version": __version__}
+
+
+def over_time(limit: float) -> str:
+    """Why a run was stopped; limit [s]."""
+    return f"not over after {limit:g} s, and stopped; give more by the time limit"
+
+
+def _describe(error: BaseException) -> str:
+    """Class, message and place."""
+    return f"{type(error).__name__}: {error}{_place(error)}"
+
+
+def _place(error: BaseException) -> str:
+    """Of the innermost call."""
+    frames = traceback.extract_tb(error.__traceback__)
+    return f" ({frames[-1].filename.rpartition('/')[2]}:{frames[-1].lineno})" if frames else ""
+
+
+# Figures of merit of one run, a number each: what a campaign has distributions of.
+
+MERITS: Mapping[str, str] = {
+    "duration_s": "simulated time until the run ended [s]",
+    "tool_position_error_m": "true distance of the tool from its goal at the end [m]",
+    "tool_orientation_error_rad": "true angle of the tool from its goal at the end [rad]",
+    "energy_j": "electrical energy of thrusters and joints [J]",
+    "clearance_m": "least distance from any obstacle; nothing without obstacles [m]",
+    "min_altimeter_m": "least reading of the altimeter [m]",
+    "path_length_m": "way of the vehicle [m]",
+    "joint_margin_rad": "least distance of a joint from its limits [rad]",
+    "saturation_time_s": "time with a thruster at its limit [s]",
+    "peak_thrust_n": "largest thrust [N]",
+    "tilt_rad": "largest tilt of the vehicle [rad]",
+    "alarms": "number of alarms [-]",
+    "failed_ticks": "ticks that the solver did not solve [-]",
+}
+"""What each is, with its unit."""
+_FROM_REPORT = ("energy_j", "path_length_m", "joint_margin_rad", "saturation_time_s", "peak_thrust_n")
+_LOOKS = 200  # configurations at which the clearance is measured
+
+
+def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
+    """By name, as `MERITS`; `None` where a run has no such figure."""
+    meta, task, end = record.run_meta, record.run_meta.tool_task, float(record["t"][-1])
+    spent, ranges = figures_between(record, 0.0, end), record["altimeter_range"]
+    seen = ranges[np.isfinite(ranges)]
+    return {
+        "duration_s": end,
+        "tool_position_error_m": none_if_nan(meta.true_quantity(f"{task}.position_error")),
+        "tool_orientation_error_rad": none_if_nan(meta.true_quantity(f"{task}.orientation_error")),
+        **{name: spent[name] for name in _FROM_REPORT},
+        "clearance_m": _clearance(scenario, record),
+        "min_altimeter_m": float(seen.min()) if seen.size else None,
+        "tilt_rad": largest_or_none(quantity(record, "HA.tilt")),
+        "alarms": float(len(meta.alarms)),
+        "failed_ticks": _failed(record),
+    }
+
+
+def _clearance(scenario: Scenario, record: Record) -> float | None:
+    if not scenario.environment.obstacles:
+        return None
+    q: Any = record["q"][:: max(1, len(record) // _LOOKS)]
+    if not np.isfinite(q).all():
+        return None
+    return closest_approach(scenario.robot, scenario.environment, q, floor=False).distance
+
+
+def _failed(record: Record) -> float:
+    codes, counts = np.unique(record["status"], return_counts=True)
+    return float(sum(n for code, n in zip(codes, counts, strict=True) if record.run_meta.statuses[code] != "solved"))
+
+
+# Distributions of figures of merit.
+
+QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
+_NAMES = ("least", "5 %", "25 %", "median", "75 %", "95 %", "largest")
+
+
+def merit_values(table: Any, name: str) -> np.ndarray:
+    """(n,) [unit of the merit] of all runs, NaN where one has none."""
+    return np.asarray(table[name].to_numpy(dtype=float, na_value=np.nan))
+
+
+def spread_table(table: Any) -> list[dict[str, Any]]:
+    """One row per figure that some run has: quantiles over the runs that have it, failed ones too."""
+    rows = []
+    for name, meaning in MERITS.items():
+        values = merit_values(table, name)
+        known = values[np.isfinite(values)]
+        if known.size:
+            spread = dict(zip(_NAMES, map(float, np.quantile(known, QUANTILES)), strict=True))
+            rows.append({"figure": name, "meaning": meaning, "runs": int(known.size), **spread})
+    return rows

@@ -1,0 +1,221 @@
+"""Report of a campaign, finished or not, by one's own criterion of success, and two campaigns side by side."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.campaign.analysis import SILENT, Rate, cause_table, outcome_table, sensitivity_table
+from uvms_ocp.campaign.jobs import COMPLETED, MERITS, merit_values, spread_table
+from uvms_ocp.campaign.store import read_identity, read_table
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput, NameNotFound
+
+# Which runs succeeded: those that the mission counts, or those that finished within limits of one's own.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Bound:
+    """A figure of merit that must stay on one side of a number."""
+
+    merit: str
+    sign: str
+    """< or >."""
+    limit: float
+    """[unit of the merit]"""
+
+    def kept(self, table: Any) -> np.ndarray:
+        """(n,) whether each run of a table keeps it; one without the figure does not."""
+        values = merit_values(table, self.merit)
+        return np.asarray(values < self.limit if self.sign == "<" else values > self.limit)
+
+    def __str__(self) -> str:
+        return f"{self.merit} {self.sign} {self.limit:g}"
+
+
+def parse_bounds(texts: Sequence[str]) -> tuple[Bound, ...]:
+    """Of texts such as ``tool_position_error_m<0.01``. Raises `InvalidInput` for others, `NameNotFound` for an unknown figure."""
+    return tuple(map(_parse, texts))
+
+
+def _parse(text: str) -> Bound:
+    found = re.fullmatch(r"\s*(\w+)\s*([<>])\s*([-+.\deE]+)\s*", text)
+    try:
+        name, sign, limit = found.groups() if found else ("", "", "")
+        value = float(limit)
+    except ValueError:
+        raise InvalidInput(
+            f"success {text!r}; give a figure, < or > and a number: tool_position_error_m<0.01"
+        ) from None
+    if name not in MERITS:
+        raise NameNotFound("figure of merit", name, MERITS)
+    return Bound(merit=name, sign=sign, limit=value)
+
+
+def judged(table: Any, bounds: Sequence[Bound]) -> Any:
+    """The table with `success`, and `outcome` of what finished without it, by these bounds; as it is without any."""
+    if not bounds:
+        return table
+    kept = np.array([bound.kept(table) for bound in bounds])
+    finished = table["finished"].fillna(False).to_numpy(dtype=bool)
+    success = finished & kept.all(axis=0)
+    outcome = np.where(success, COMPLETED, table["outcome"].to_numpy(dtype=object))
+    missed = finished & ~success
+    outcome[missed] = [_missed(bounds, column) for column in kept[:, missed].T]
+    return table.assign(success=success, outcome=outcome, cause=np.where(missed, outcome, table["cause"]))
+
+
+def _missed(bounds: Sequence[Bound], kept: np.ndarray) -> str:
+    return "not " + ", not ".join(str(bound) for bound, good in zip(bounds, kept, strict=True) if not good)
+
+
+# The report of a campaign, finished or not.
+
+_WORST = 10
+WORST_FIRST = (
+    "failures before successes; among them runs without a tool position error first, then the largest, then the longest"
+)
+_FINISHED_WORSE = ("tool_position_error_m", "duration_s")  # by which runs are compared that end alike
+
+
+@checked
+def campaign_report(folder: Path, success: Sequence[Bound] = ()) -> dict[str, Any]:
+    """What the finished runs of the campaign in a folder say, as JSON values.
+
+    success: bounds that a run has to keep, in place of what the mission itself counts. Raises `InvalidInput` where there is no
+    campaign, or none of its runs is finished.
+    """
+    return report_of(folder, judged_table(folder, success), success)
+
+
+def report_of(folder: Path, table: Any, success: Sequence[Bound]) -> dict[str, Any]:
+    """`campaign_report` of the `judged_table` of that folder."""
+    identity, rate = read_identity(folder), Rate(number=int(table["success"].sum()), runs=len(table))
+    return {
+        "campaign": identity.name,
+        "folder": str(folder),
+        "runs": identity.runs,
+        "finished": len(table),
+        "package": identity.package,
+        "sampler": identity.sampler,
+        "seed": identity.seed,
+        "parameters": identity.parameters,
+        "criterion": [str(bound) for bound in success] or ["the mission completed, and its goals truly reached"],
+        "success": rate.to_dict(),
+        "success_text": str(rate),
+        "outcomes": outcome_table(table),
+        "causes": cause_table(table),
+        "distributions": spread_table(table),
+        "sensitivity": sensitivity_table(
+            table, [*identity.parameters], indices=identity.sampler == "indices" and len(table) == identity.runs
+        ),
+        "sensitivity_silent": SILENT,
+        "worst": worst_runs(table, folder),
+        "worst_first": WORST_FIRST,
+        "wall_s": float(table["wall_s"].fillna(0.0).sum()),
+    }
+
+
+def judged_table(folder: Path, success: Sequence[Bound] = ()) -> Any:
+    """All finished runs with their success. Raises `InvalidInput` where there are none, and for a study."""
+    if "study" in read_identity(folder).scenario:
+        raise InvalidInput(
+            f"{folder}: the campaign of a study; give the name of the study with this --out for its table"
+        )
+    table = read_table(folder)
+    if not len(table):
+        raise InvalidInput(f"{folder}: no run of its campaign is finished yet; start it, or wait a few seconds")
+    return judged(table, success)
+
+
+def worst_runs(table: Any, folder: Path) -> list[dict[str, Any]]:
+    """Ten rows in the order of `WORST_FIRST`, each with the command that repeats it."""
+    keys = [np.nan_to_num(merit_values(table, name), nan=np.inf) for name in reversed(_FINISHED_WORSE)]
+    order = np.lexsort([-key for key in keys] + [table["success"].to_numpy(dtype=bool)])[:_WORST]
+    rows = table.iloc[order]
+    return [
+        {
+            "run": int(row["run"]),
+            "outcome": row["outcome"],
+            "cause": row["cause"] or "",
+            **{name: _number(row[name]) for name in _FINISHED_WORSE},
+            "repeat": f"uvms-ocp campaign {shlex.quote(str(folder))} --rerun {row['run']}",
+        }
+        for _, row in rows.iterrows()
+    ]
+
+
+def _number(value: Any) -> float | None:
+    return float(value) if value == value and value is not None else None
+
+
+# Two campaigns side by side; where they drew the same, run by run.
+
+_RESAMPLED = 2000
+_MOST = 20  # runs that are named
+
+
+@checked
+def compare_campaigns(first: Path, second: Path, success: Sequence[Bound] = ()) -> dict[str, Any]:
+    """Success and figures of both campaigns, as JSON values.
+
+    Of campaigns with the same seed, sampler, number of runs and parameters runs of the same number are pairs: then only those
+    count in which one succeeded and the other did not (McNemar's exact test), and differences have intervals by the bootstrap.
+    success: bounds as for `campaign_report`. Raises `InvalidInput` where there is no campaign or no finished run.
+    """
+    folders, tables = (first, second), [judged_table(folder, success) for folder in (first, second)]
+    rates = [Rate(number=int(table["success"].sum()), runs=len(table)) for table in tables]
+    told: dict[str, Any] = {
+        "campaigns": [str(folder) for folder in folders],
+        "success": [rate.to_dict() for rate in rates],
+        "success_text": [str(rate) for rate in rates],
+        "paired": _same_draws(*folders),
+    }
+    if told["paired"]:
+        a, b = (table.set_index("run") for table in tables)
+        common = a.index.intersection(b.index)
+        told |= _pairs(a.loc[common].reset_index(), b.loc[common].reset_index())
+    return told
+
+
+def _same_draws(first: Path, second: Path) -> bool:
+    a, b = (read_identity(folder) for folder in (first, second))
+    return all(getattr(a, name) == getattr(b, name) for name in ("runs", "seed", "sampler", "parameters"))
+
+
+def _pairs(a: Any, b: Any) -> dict[str, Any]:
+    from scipy.stats import binomtest
+
+    before, after = (table["success"].to_numpy(dtype=bool) for table in (a, b))
+    lost, won = (np.flatnonzero(which) for which in (before & ~after, ~before & after))
+    discordant = len(lost) + len(won)
+    return {
+        "pairs": len(a),
+        "both_succeed": int((before & after).sum()),
+        "both_fail": int((~before & ~after).sum()),
+        "first_only": len(lost),
+        "second_only": len(won),
+        "first_only_runs": a["run"].to_numpy()[lost[:_MOST]].tolist(),
+        "second_only_runs": a["run"].to_numpy()[won[:_MOST]].tolist(),
+        "p_value": float(binomtest(len(won), discordant).pvalue) if discordant else 1.0,
+        "figures": [row for name in MERITS if (row := _difference(name, a, b))],
+    }
+
+
+def _difference(name: str, a: Any, b: Any) -> dict[str, Any] | None:
+    """Second less first, of the runs in which both have the figure."""
+    change = merit_values(b, name) - merit_values(a, name)
+    known = change[np.isfinite(change)]
+    if not known.size:
+        return None
+    rng = np.random.default_rng(0)
+    means = [known[rng.integers(0, known.size, known.size)].mean() for _ in range(_RESAMPLED)]
+    lower, upper = np.quantile(means, [0.025, 0.975])
+    own = {"figure": name, "pairs": int(known.size), "mean_change": float(known.mean())}
+    return {**own, "lower": float(lower), "upper": float(upper), "median_change": float(np.median(known))}

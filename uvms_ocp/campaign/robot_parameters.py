@@ -1,0 +1,220 @@
+"""Parameters of the robot and its sensors as they truly are: the controller goes on with the nominal ones.
+
+Of delays of sensors alone the estimator is informed, as somebody who fits the sensors measures them; those that nobody knows of have
+names of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.campaign.distributions import Parameter
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.assembly import with_trim
+from uvms_ocp.robot.coefficients import links_in_water
+from uvms_ocp.robot.description import LinkCoefficients, LinkDescription, Pose, Thruster, TrimBody, checked_copy
+from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import CHANNELS, UNITS, SensorSpec, SensorSpecs
+from uvms_ocp.scenario.scenario import Scenario
+
+# Parameters of what moves in the water: drag, added mass, mass, payload, thrusters. The controller knows the nominal ones.
+
+_HAND = "tool"
+
+
+def machine_parameters(scenario: Scenario) -> Iterator[Parameter]:
+    """Of the robot on the dynamic plant; the kinematic one has none of them."""
+    if scenario.plant == "kinematic":
+        return
+    robot = scenario.plant_robot or scenario.robot
+    yield _of_robot("water.density", "kg/m3", "density of the water", Robot.with_water_density)
+    if robot.description.links:
+        yield _of_robot("water.drag", "-", "factor of all drag, linear and quadratic", _dragged)
+        yield _of_robot("water.added_mass", "-", "factor of the added mass of all links", _with_added_mass)
+    yield _of_robot("robot.mass", "-", "factor of the mass and inertia of all links", _heavier)
+    carrier = _HAND if robot.has_frame(_HAND) else robot.frame_names[-1]
+    yield _of_robot("payload.mass", "kg", f"of a point mass fixed to {carrier}", partial(_carrying, carrier, "mass"))
+    meaning = f"of water that something without mass displaces at {carrier}"
+    yield _of_robot("payload.volume", "m3", meaning, partial(_carrying, carrier, "volume"))
+    if robot.description.thrusters:
+        yield _of_robot("thrusters.limit", "-", "factor of the thrust limits of all thrusters", _with_limits)
+        yield _of_robot("thrusters.time_constant", "-", "factor of the lag of all thrusters", _with_lag)
+        yield _of_robot("thrusters.dead_zone", "N", "command below which no thruster pushes", _with_dead_zone)
+
+
+def _of_robot(name: str, unit: str, meaning: str, change: Callable[[Robot, float], Robot]) -> Parameter:
+    def apply(scenario: Scenario, value: float) -> Scenario:
+        return replace(scenario, plant_robot=change(scenario.plant_robot or scenario.robot, value))
+
+    return Parameter(name=name, unit=unit, meaning=meaning, apply=apply)
+
+
+def _dragged(robot: Robot, factor: float) -> Robot:
+    if not factor >= 0.0:
+        raise InvalidInput(f"water.drag = {factor:g}; give a factor of 0 or more")
+    return _wet(
+        robot, lambda link: {"linear_drag": factor * link.linear_drag, "quadratic": factor * link.quadratic_drag}
+    )
+
+
+def _with_added_mass(robot: Robot, factor: float) -> Robot:
+    if not factor >= 0.0:
+        raise InvalidInput(f"water.added_mass = {factor:g}; give a factor of 0 or more")
+    return _wet(robot, lambda link: {"added_mass": factor * link.added_mass})
+
+
+def _wet(robot: Robot, change: Callable[[LinkHydrodynamics], dict[str, np.ndarray]]) -> Robot:
+    """The robot with other coefficients of its links; a shape becomes the coefficients that its rule gives."""
+    bare = checked_copy(robot.description, trim=())
+    links = {link.frame: _described(link, change(link)) for link in links_in_water(bare)}
+    description = checked_copy(robot.description, links=links)
+    return replace(robot, description=description, hydrodynamics=links_in_water(description))
+
+
+def _described(link: LinkHydrodynamics, changes: dict[str, np.ndarray]) -> LinkDescription:
+    terms = {"added_mass": link.added_mass, "linear_drag": link.linear_drag, "quadratic": link.quadratic_drag} | changes
+    position, rpy = link.X_FL.translation, pin.rpy.matrixToRpy(link.X_FL.rotation)
+    coefficients = LinkCoefficients(
+        pose=Pose(position=tuple(position.tolist()), rpy=tuple(rpy.tolist())),
+        added_mass=_rows(terms["added_mass"]),
+        linear_drag=_rows(terms["linear_drag"]),
+        quadratic_drag=tuple(np.diag(terms["quadratic"]).tolist()),
+        volume=link.volume,
+        centre_of_buoyancy=tuple(link.centre_of_buoyancy.tolist()) if link.volume else None,
+    )
+    return LinkDescription(coefficients=coefficients)
+
+
+def _rows(matrix: np.ndarray) -> Any:
+    return tuple(map(tuple, matrix.tolist()))
+
+
+def _heavier(robot: Robot, factor: float) -> Robot:
+    if not factor > 0.0:
+        raise InvalidInput(f"robot.mass = {factor:g}; give a factor > 0")
+    model = robot.model.copy()
+    for k in range(1, model.njoints):
+        inertia = model.inertias[k]
+        model.inertias[k] = pin.Inertia(factor * inertia.mass, inertia.lever, factor * inertia.inertia)
+    return replace(robot, model=model)
+
+
+def _carrying(carrier: str, what: str, robot: Robot, value: float) -> Robot:
+    if not value >= 0.0:
+        raise InvalidInput(f"payload.{what} = {value:g}; give 0 or more")
+    body = {"mass": 0.0, "volume": 0.0} | {what: value}
+    return with_trim(robot, [TrimBody(name=f"payload {what}", link=carrier, position=(0.0, 0.0, 0.0), **body)])
+
+
+def _with_limits(robot: Robot, factor: float) -> Robot:
+    def change(thruster: Thruster) -> dict[str, object]:
+        curve = tuple((signal, factor * thrust) for signal, thrust in thruster.curve)
+        return {"minimum": factor * thruster.minimum, "maximum": factor * thruster.maximum, "curve": curve}
+
+    return _driven(robot, change)
+
+
+def _with_lag(robot: Robot, factor: float) -> Robot:
+    return _driven(robot, lambda thruster: {"time_constant": factor * thruster.time_constant})
+
+
+def _with_dead_zone(robot: Robot, value: float) -> Robot:
+    return _driven(robot, lambda thruster: {"dead_zone": value})
+
+
+def _driven(robot: Robot, change: Callable[[Thruster], dict[str, object]]) -> Robot:
+    thrusters = tuple(dict(thruster) | change(thruster) for thruster in robot.description.thrusters)
+    return replace(robot, description=checked_copy(robot.description, thrusters=thrusters))
+
+
+# Parameters of the sensors, as they truly are: the estimator goes on with what the robot's file says of them.
+#
+# Of delays alone it is told, as somebody who fits the sensors measures them; those that nobody knows of have names of their own.
+
+_FIELDS = {
+    "sigma": ("standard deviation of the noise", ""),
+    "bias": ("constant error of all components", ""),
+    "untold_delay": ("added to its delay, and known to nobody", "s"),
+    "dropout": ("probability that a reading is lost", "-"),
+    "rate": ("readings per second", "Hz"),
+}
+
+
+def sensor_parameters(scenario: Scenario) -> Iterator[Parameter]:
+    """Of all channels together, and of each that the robot has."""
+    yield Parameter(name="sensors.noise", unit="-", meaning="factor of the noise of all channels", apply=_noisier)
+    if isinstance(scenario.sensors, SensorSpecs):
+        yield from _nominal_delays(scenario.specs)
+    text = "added to the delay of all channels, and known to nobody"
+    yield Parameter(name="sensors.untold_delay", unit="s", meaning=text, apply=_later)
+    for channel in CHANNELS:
+        if getattr(scenario.specs, channel) is not None:
+            for name, (meaning, unit) in _FIELDS.items():
+                yield Parameter(
+                    name=f"sensors.{channel}.{name}",
+                    unit=unit or UNITS[channel],
+                    meaning=meaning,
+                    apply=partial(_with, channel, name),
+                )
+
+
+def _nominal_delays(specs: SensorSpecs) -> Iterator[Parameter]:
+    """Known to estimator and controller, where the sensors are those of the toolkit."""
+    text = "added to the delay of all channels, as their file would say it"
+    yield Parameter(name="sensors.delay", unit="s", meaning=text, apply=_delayed)
+    for channel in CHANNELS:
+        if getattr(specs, channel) is not None:
+            text = "time from taking a reading to delivering it, as its file would say it"
+            apply = partial(_with_delay, channel)
+            yield Parameter(name=f"sensors.{channel}.delay", unit="s", meaning=text, apply=apply)
+
+
+def _delayed(scenario: Scenario, value: float) -> Scenario:
+    for channel in CHANNELS:
+        spec: SensorSpec | None = getattr(scenario.specs, channel)
+        if spec is not None:
+            scenario = _with_delay(channel, scenario, spec.delay + value)
+    return scenario
+
+
+def _with_delay(channel: str, scenario: Scenario, value: float) -> Scenario:
+    """What nobody knows of the delay stays."""
+    specs, true = scenario.specs, _true(scenario)
+    known, spec = getattr(specs, channel), getattr(true, channel)
+    told = replace(specs, **{channel: replace(known, delay=value)})
+    real = replace(true, **{channel: replace(spec, delay=value + spec.delay - known.delay)})
+    return replace(scenario, sensors=told, real_sensors=scenario.real_sensors and real)
+
+
+def _noisier(scenario: Scenario, factor: float) -> Scenario:
+    return _each(scenario, lambda spec: {"sigma": factor * spec.sigma})
+
+
+def _later(scenario: Scenario, value: float) -> Scenario:
+    return _each(scenario, lambda spec: {"delay": spec.delay + value})
+
+
+def _each(scenario: Scenario, change: Callable[[SensorSpec], dict[str, float]]) -> Scenario:
+    specs = _true(scenario)
+    found = {name: getattr(specs, name) for name in CHANNELS}
+    changed = {name: replace(spec, **change(spec)) for name, spec in found.items() if spec is not None}
+    return replace(scenario, real_sensors=replace(specs, **changed))
+
+
+def _with(channel: str, name: str, scenario: Scenario, value: float) -> Scenario:
+    specs = _true(scenario)
+    spec: SensorSpec = getattr(specs, channel)
+    if name == "untold_delay":
+        name, value = "delay", spec.delay + value
+    return replace(scenario, real_sensors=replace(specs, **{channel: replace(spec, **{name: value})}))
+
+
+def _true(scenario: Scenario) -> SensorSpecs:
+    return scenario.real_sensors or scenario.specs

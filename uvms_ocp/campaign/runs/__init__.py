@@ -1,1 +1,0 @@
-"""One run of a campaign. In: its number. Out: a row."""

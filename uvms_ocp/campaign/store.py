@@ -1,0 +1,305 @@
+"""Store of a campaign: its manifest, its rows as a Parquet data set in parts, its records; whole at any moment."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from time import monotonic
+from typing import Any, BinaryIO, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from uvms_ocp.campaign.jobs import CampaignJob, RunResult, columns_of
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput, NotInstalled
+from uvms_ocp.record.durable_files import discard, locked, replacing, sync_folders, write_durably
+from uvms_ocp.record.output import STORE, in_one_line, read_as
+
+# A file of a campaign, of rows, a record or a copy.
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """As `replacing` gives it. Raises `OutputError` where the disk refuses."""
+    with in_one_line(path, "free some space"), replacing(path) as file:
+        yield file
+
+
+# What a campaign is, written down beside its rows: another one, or a changed one, is refused.
+
+FILE, SOURCES = "campaign.json", "sources"
+_KINDS: Mapping[str, type] = {"int": int, "float": float, "str": str, "bool": bool}
+
+
+class CampaignManifest(BaseModel):
+    """The file `campaign.json`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    version: Literal[1] = 1
+    """Of this file and of the table."""
+    name: str
+    """As it was asked for."""
+    package: str
+    """Version of uvms_ocp."""
+    runs: int
+    """[-]"""
+    seed: int
+    """[-]"""
+    sampler: str
+    """Of `uvms_ocp.campaign.distributions.SAMPLERS`."""
+    parameters: dict[str, str]
+    """Distributions by name."""
+    columns: dict[str, str]
+    """Types by name."""
+    scenario: dict[str, Any]
+    """Where it comes from, with the hash of every file."""
+    variations: dict[str, Any]
+    """Where they come from."""
+    records: str
+    """Which runs keep theirs."""
+
+    @property
+    def types(self) -> dict[str, type]:
+        """Of the columns."""
+        return {name: _KINDS[kind] for name, kind in self.columns.items()}
+
+
+def types_of(work: CampaignJob) -> dict[str, str]:
+    """Of the columns of its table, by name, as `Identity` has them."""
+    return {name: kind.__name__ for name, kind in columns_of(work).items()}
+
+
+def read_identity(folder: Path) -> CampaignManifest:
+    """Of the campaign in a folder. Raises `InvalidInput` where there is none, or one that is damaged."""
+    found = read_as(CampaignManifest, folder / FILE)
+    if found is None:
+        raise InvalidInput(f"{folder}: no campaign is there; give the folder of one, or a mission with --out")
+    return found
+
+
+def claim_identity(folder: Path, wanted: CampaignManifest) -> None:
+    """Write down what a new campaign is.
+
+    Raises `InvalidInput`, naming what differs, for another campaign, and for a folder of something else.
+    """
+    known = read_as(CampaignManifest, folder / FILE)
+    if known is None:
+        if others := [path.name for path in folder.iterdir() if path.name != STORE]:
+            raise InvalidInput(f"{folder}: holds {others[0]} and no campaign; give a folder that is empty or new")
+        write_durably(folder / FILE, json.dumps(wanted.model_dump(), indent=1) + "\n")
+    elif differs := list(_differences("", known.model_dump(), json.loads(wanted.model_dump_json()))):
+        advice = "take the folder of a new campaign, or put back what was"
+        raise InvalidInput(f"{folder}: another campaign is there; not the same: {differs[0]}; {advice}")
+
+
+def _differences(place: str, known: Any, wanted: Any) -> Any:
+    if isinstance(known, dict) and isinstance(wanted, dict):
+        for name in [*known, *(name for name in wanted if name not in known)]:
+            yield from _differences(f"{place}{' ' if place else ''}{name}", known.get(name), wanted.get(name))
+    elif known != wanted:
+        yield f"{place} ({_short(known)}, now {_short(wanted)})"
+
+
+def _short(value: Any) -> str:
+    text = "none" if value is None else str(value)
+    return text if len(text) <= 40 else text[:39] + "…"
+
+
+# A Parquet data set in parts: each is written once, whole or not at all, and a run is finished when its part is there.
+
+FOLDER = "rows"
+_MANY = 200  # parts, before they are joined
+_GROUP = 10_000  # rows of a group in a file
+
+
+def arrow() -> Any:
+    """The library pyarrow. Raises `NotInstalled` without it."""
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise NotInstalled("a campaign", '"uvms-ocp[campaign]"') from None
+    return pyarrow
+
+
+class Parts:
+    """Those of one campaign; for one process at a time."""
+
+    def __init__(self, folder: Path, columns: Mapping[str, type]) -> None:
+        """folder: of the campaign. columns: of its table, by name."""
+        self._folder, self._columns = folder / FOLDER, dict(columns)
+        self._folder.mkdir(parents=True, exist_ok=True)
+        for left in self._folder.glob("*.tmp"):
+            discard(left)
+        names = self.paths()
+        self._next = 1 + max((int(path.stem.rpartition("-")[2]) for path in names), default=-1)
+        self._n = len(names)
+
+    def paths(self) -> list[Path]:
+        """All files, the oldest first."""
+        return part_paths(self._folder.parent)
+
+    def append(self, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Write rows to the disk, so that they survive a loss of power. Raises `OutputError` where the disk refuses."""
+        if rows:
+            pa = arrow()
+            self._write(pa.Table.from_pylist([dict(row) for row in rows], schema=schema_of(self._columns)))
+            if self._n >= _MANY:
+                self.join()
+
+    def join(self) -> None:
+        """One file in place of many. Cut off, some rows are there twice, which readers know. Raises `OutputError`."""
+        paths = self.paths()
+        if len(paths) > 1:
+            self._write(read_rows(self._folder.parent, self._columns))
+            for path in paths:
+                path.unlink()
+            self._n = 1
+            sync_folders([self._folder])
+
+    def _write(self, table: Any) -> None:
+        pa = arrow()
+        path = self._folder / f"part-{self._next:08d}.parquet"
+        with whole_file(path) as file:
+            pa.parquet.write_table(table, file, row_group_size=_GROUP)
+        self._next, self._n = self._next + 1, self._n + 1
+
+
+def part_paths(folder: Path) -> list[Path]:
+    """Files of the data set of a campaign, the oldest first."""
+    return sorted((folder / FOLDER).glob("part-*.parquet"))
+
+
+def read_rows(folder: Path, columns: Mapping[str, type], wanted: Sequence[str] | None = None) -> Any:
+    """A pyarrow table of all finished runs, by run number, each once. wanted: columns, all by default.
+
+    Raises `InvalidInput` for a file that is damaged.
+    """
+    pa = arrow()
+    names = list(columns) if wanted is None else list(wanted)
+    tables = [_read(path, names) for path in part_paths(folder)]
+    if not tables:
+        return schema_of({name: columns[name] for name in names}).empty_table()
+    table = pa.concat_tables(tables)
+    return table.take(_first_of_each(table["run"].to_numpy()))
+
+
+def _read(path: Path, names: Sequence[str]) -> Any:
+    pa = arrow()
+    try:
+        return pa.parquet.read_table(path, columns=list(names), partitioning=None)
+    except (OSError, pa.ArrowException) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise InvalidInput(f"{path}: damaged ({reason}); move it away, its runs are made again") from None
+
+
+def _first_of_each(runs: Any) -> Any:
+    import numpy as np
+
+    return np.unique(runs, return_index=True)[1]
+
+
+def schema_of(columns: Mapping[str, type]) -> Any:
+    """Of the table, as pyarrow has it."""
+    pa = arrow()
+    kinds = {int: pa.int64(), float: pa.float64(), str: pa.string(), bool: pa.bool_()}
+    return pa.schema([(name, kinds[kind]) for name, kind in columns.items()])
+
+
+# A campaign's folder while it grows: batches of rows, records, what is done already.
+
+_BATCH_AGE = 2.0  # [s] after which rows go to the disk; a kill loses no older ones
+_BATCH = 2000  # rows, which go there at once
+RECORDS = "records"
+
+
+class CampaignFolder:
+    """Of one campaign, for the one process that holds its lock."""
+
+    def __init__(self, folder: Path, identity: CampaignManifest) -> None:
+        """folder: it is there, and locked."""
+        self.folder, self._identity = folder, identity
+        self._parts = Parts(folder, identity.types)
+        self._waiting: list[Mapping[str, Any]] = []
+        self._since = monotonic()
+        self.finished = np.zeros(identity.runs, dtype=bool)
+        self.failed = 0
+        table = read_rows(folder, identity.types, ("run", "success"))
+        self.finished[table["run"].to_numpy()] = True
+        self.failed = table.num_rows - int(np.sum(table["success"].to_numpy(zero_copy_only=False).astype(bool)))
+
+    @property
+    def left(self) -> np.ndarray:
+        """(n,) [-] numbers of the runs that are not finished."""
+        return np.flatnonzero(~self.finished)
+
+    def add(self, done: RunResult) -> None:
+        """Keep a row, and the record that comes with it, which is written first. Raises `OutputError` where the disk refuses."""
+        run = int(done.row["run"])
+        if self.finished[run]:
+            return
+        if done.attachment:
+            _write_whole(self.folder / RECORDS / f"run-{run:08d}.npz", done.attachment)
+        if not self._waiting:
+            self._since = monotonic()
+        self._waiting.append({name: done.row.get(name) for name in self._identity.columns})
+        self.finished[run] = True
+        self.failed += not done.row["success"]
+
+    def flush(self, *, now: bool = False) -> None:
+        """Bring rows to the disk that have waited for long enough; now: all of them."""
+        if self._waiting and (now or len(self._waiting) >= _BATCH or monotonic() - self._since > _BATCH_AGE):
+            self._parts.append(self._waiting)
+            self._waiting = []
+
+    def close(self) -> None:
+        """Bring all rows to the disk, in one file once the campaign is complete."""
+        self.flush(now=True)
+        if self.finished.all():
+            self._parts.join()
+
+
+@contextmanager
+def opened(folder: Path, identity: CampaignManifest, sources: Mapping[str, bytes]) -> Iterator[CampaignFolder]:
+    """The folder of this campaign, new or as it was left; rows are on the disk when the block ends, however it does.
+
+    sources: copies to keep, by name. Raises `InvalidInput` for another campaign there, and `OutputError` where it cannot be
+    written or another process is at it.
+    """
+    with ExitStack() as stack:
+        with in_one_line(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(locked(folder / STORE))
+            claim_identity(folder, identity)
+            for name, content in sources.items():
+                if not (folder / SOURCES / name).exists():
+                    _write_whole(folder / SOURCES / name, content)
+        found = CampaignFolder(folder, identity)
+        try:
+            yield found
+        finally:
+            found.close()
+
+
+def _write_whole(path: Path, content: bytes) -> None:
+    with in_one_line(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as file:
+        file.write(content)
+
+
+# The finished rows of a campaign as a table.
+
+
+@checked
+def read_table(folder: Path) -> Any:
+    """A pandas.DataFrame of all finished runs of the campaign in a folder, by run number; also while it goes on.
+
+    Raises `InvalidInput` where there is none, and `NotInstalled` without the extra ``uvms-ocp[campaign]``.
+    """
+    identity = read_identity(folder)
+    return read_rows(folder, identity.types).to_pandas()

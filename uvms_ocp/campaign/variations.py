@@ -1,0 +1,344 @@
+"""Parameters that can be varied in a scenario, by name, and the scenario with the values that a run has drawn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import partial
+from itertools import chain
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.campaign.distributions import Distribution, Parameter, distribution_of, real_numbers
+from uvms_ocp.campaign.robot_parameters import machine_parameters, sensor_parameters
+from uvms_ocp.checks import checked
+from uvms_ocp.control.force.dynamic import VelocityGains
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.scenario.scenario import Scenario, maker_of
+from uvms_ocp.sim.currents import Current, GustyCurrent, OnsetCurrent, StillWater, UniformCurrent
+from uvms_ocp.sim.seafloor import FlatSeafloor, HeightField
+from uvms_ocp.tasks.joints import JointTracking
+from uvms_ocp.tasks.task import Hierarchy, Task
+
+# Parameters of the current: uniform parts, heading and gusts.
+
+_UNIFORM = (StillWater, UniformCurrent, OnsetCurrent)
+
+
+def flow_parameters(scenario: Scenario) -> Iterator[Parameter]:
+    """Of water that flows the same everywhere, with gusts or without; of others gusts alone."""
+    if scenario.plant == "kinematic":
+        return
+    if isinstance(_base(scenario), _UNIFORM):
+        for axis, name in enumerate("xyz"):
+            meaning = f"added to the velocity of the water along {name} of W"
+            yield Parameter(name=f"current.{name}", unit="m/s", meaning=meaning, apply=partial(_added, axis))
+        yield Parameter(name="current.speed", unit="m/s", meaning="horizontal speed of the water", apply=_with_speed)
+        meaning = "heading of the horizontal flow, from x of W towards y"
+        yield Parameter(name="current.heading", unit="rad", meaning=meaning, apply=_with_heading)
+    meaning = "standard deviation of gusts along each axis of W"
+    yield Parameter(name="current.gusts", unit="m/s", meaning=meaning, apply=_with_gusts)
+
+
+def _added(axis: int, scenario: Scenario, value: float) -> Scenario:
+    return _flowing(scenario, _velocity(scenario) + value * np.eye(3)[axis])
+
+
+def _with_speed(scenario: Scenario, value: float) -> Scenario:
+    x, y, z = _velocity(scenario)
+    heading = math.atan2(y, x)
+    return _flowing(scenario, np.array([value * math.cos(heading), value * math.sin(heading), z]))
+
+
+def _with_heading(scenario: Scenario, value: float) -> Scenario:
+    x, y, z = _velocity(scenario)
+    speed = math.hypot(x, y)
+    return _flowing(scenario, np.array([speed * math.cos(value), speed * math.sin(value), z]))
+
+
+def _with_gusts(scenario: Scenario, value: float) -> Scenario:
+    current = scenario.environment.current
+    if isinstance(current, GustyCurrent):
+        return _in(scenario, replace(current, sigma=value))
+    return _in(scenario, GustyCurrent(base=current, sigma=value, seed=scenario.seed))
+
+
+def _velocity(scenario: Scenario) -> np.ndarray:
+    """(3,) [m/s] of the uniform part."""
+    base = _base(scenario)
+    return base.value if isinstance(base, UniformCurrent | OnsetCurrent) else np.zeros(3)
+
+
+def _base(scenario: Scenario) -> Current:
+    """The current without its gusts."""
+    current = scenario.environment.current
+    return current.base if isinstance(current, GustyCurrent) else current
+
+
+def _flowing(scenario: Scenario, velocity: np.ndarray) -> Scenario:
+    current = scenario.environment.current
+    if isinstance(current, GustyCurrent):
+        return _in(scenario, replace(current, base=_uniform(current.base, velocity)))
+    return _in(scenario, _uniform(current, velocity))
+
+
+def _uniform(current: Current, velocity: np.ndarray) -> Current:
+    if isinstance(current, OnsetCurrent):
+        return OnsetCurrent(velocity, start=current.start, rise=current.rise)
+    return UniformCurrent(velocity)
+
+
+def _in(scenario: Scenario, current: Current) -> Scenario:
+    return replace(scenario, environment=replace(scenario.environment, current=current))
+
+
+# Parameters of places: where the robot starts, how high the floor truly is, where obstacles truly are.
+
+_AXES = tuple(enumerate("xyz"))
+_TURNS = tuple(enumerate(("roll", "pitch", "yaw")))
+
+
+def place_parameters(scenario: Scenario) -> Iterator[Parameter]:
+    """Offsets from what the scenario says; controller and mission know nothing of those of floor and obstacles."""
+    robot = scenario.robot
+    if robot.n_vehicle:
+        for axis, name in _AXES:
+            meaning = f"added to {name} of the vehicle at the start, in W"
+            yield Parameter(name=f"start.{name}", unit="m", meaning=meaning, apply=partial(_moved, axis))
+        for axis, name in _TURNS:
+            meaning = f"turn of the vehicle at the start about its {'xyz'[axis]}"
+            yield Parameter(name=f"start.{name}", unit="rad", meaning=meaning, apply=partial(_turned, axis))
+    for index, name in enumerate(robot.joint_names):
+        meaning = "added to this joint at the start"
+        yield Parameter(name=f"start.{name}", unit="rad or m", meaning=meaning, apply=partial(_bent, index))
+    if isinstance(scenario.environment.seafloor, FlatSeafloor | HeightField):
+        yield Parameter(name="floor.z", unit="m", meaning="added to the height of the floor", apply=_with_floor)
+    for obstacle in scenario.environment.obstacles:
+        for axis, name in _AXES:
+            meaning = f"added to {name} of this obstacle, whose true place nobody knows"
+            apply = partial(_with_obstacle, obstacle.name, axis)
+            yield Parameter(name=f"obstacles.{obstacle.name}.{name}", unit="m", meaning=meaning, apply=apply)
+
+
+def _moved(axis: int, scenario: Scenario, value: float) -> Scenario:
+    start = np.array(scenario.start)
+    start[axis] += value
+    return replace(scenario, start=start)
+
+
+def _turned(axis: int, scenario: Scenario, value: float) -> Scenario:
+    start = np.array(scenario.start)
+    turn = pin.Quaternion(pin.exp3(value * np.eye(3)[axis]))
+    start[3:7] = (pin.Quaternion(*start[[6, 3, 4, 5]]) * turn).normalized().coeffs()
+    return replace(scenario, start=start)
+
+
+def _bent(index: int, scenario: Scenario, value: float) -> Scenario:
+    start = np.array(scenario.start)
+    start[scenario.robot.joint_q.start + index] += value
+    return replace(scenario, start=start)
+
+
+def _with_floor(scenario: Scenario, value: float) -> Scenario:
+    floor = scenario.environment.seafloor
+    raised = replace(floor, z=floor.z + value)  # type: ignore[type-var, attr-defined]
+    return replace(scenario, environment=replace(scenario.environment, seafloor=raised))
+
+
+def _with_obstacle(name: str, axis: int, scenario: Scenario, value: float) -> Scenario:
+    shift = pin.SE3(np.eye(3), value * np.eye(3)[axis])
+    moved = tuple(
+        replace(obstacle, X_WO=shift * obstacle.X_WO) if obstacle.name == name else obstacle
+        for obstacle in scenario.environment.obstacles
+    )
+    return replace(scenario, environment=replace(scenario.environment, obstacles=moved))
+
+
+# Parameters of the mission: goals that do not move, numbers of tasks, gains of the velocity loop.
+
+_OFFSETS = ("x", "y", "z")
+
+
+def objective_parameters(scenario: Scenario) -> Iterator[Parameter]:
+    """What the controller is told, and so knows."""
+    for task in scenario.mission.hierarchy.tasks:
+        goal = getattr(task, "goal", None)
+        if isinstance(goal, pin.SE3) or _is_point(task, goal):
+            for axis, name in enumerate(_OFFSETS):
+                meaning = f"added to {name} of the goal of {task.name}, in W"
+                apply = partial(_with_goal, task.name, axis)
+                yield Parameter(name=f"goals.{task.name}.{name}", unit="m", meaning=meaning, apply=apply)
+        if isinstance(goal, pin.SE3):
+            meaning = f"turn of the goal of {task.name} about z of W"
+            yield Parameter(
+                name=f"goals.{task.name}.yaw", unit="rad", meaning=meaning, apply=partial(_with_goal, task.name, 3)
+            )
+        for name in real_numbers(task):
+            meaning = f"{name} of {task.name}, as its class has it"
+            apply = partial(_with_number, task.name, name)
+            yield Parameter(name=f"tasks.{task.name}.{name}", unit="as there", meaning=meaning, apply=apply)
+    if scenario.takes_forces:
+        for item in fields(VelocityGains):
+            meaning = f"{item.name} of VelocityGains"
+            yield Parameter(
+                name=f"gains.{item.name}", unit="as there", meaning=meaning, apply=partial(_gain, item.name)
+            )
+
+
+def _is_point(task: Task, goal: Any) -> bool:
+    """In W; the posture of an arm of three joints is none."""
+    return isinstance(goal, np.ndarray) and goal.shape == (3,) and not isinstance(task, JointTracking)
+
+
+def _with_goal(name: str, axis: int, scenario: Scenario, value: float) -> Scenario:
+    """Of the task itself and of the phases that give it a goal of their own."""
+    mission = _changed(scenario.mission, name, lambda task: task.with_goal(_shifted(task.goal, axis, value)))
+    phases = tuple(
+        replace(phase, goals={**phase.goals, name: _shifted(phase.goals[name], axis, value)})
+        if name in phase.goals
+        else phase
+        for phase in mission.phases
+    )
+    return replace(scenario, mission=replace(mission, phases=phases))
+
+
+def _shifted(goal: Any, axis: int, value: float) -> Any:
+    if not isinstance(goal, pin.SE3):
+        return goal if callable(goal) else goal + value * np.eye(3)[axis]
+    if axis < len(_OFFSETS):
+        return pin.SE3(goal.rotation, goal.translation + value * np.eye(3)[axis])
+    return pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, value) @ goal.rotation, goal.translation)
+
+
+def _with_number(name: str, field: str, scenario: Scenario, value: float) -> Scenario:
+    return replace(scenario, mission=_changed(scenario.mission, name, lambda task: replace(task, **{field: value})))
+
+
+def _changed(mission: Mission, name: str, change: Any) -> Mission:
+    """The mission with another task in the place of that name; the order stays."""
+    tasks = [change(task) if task.name == name else task for task in mission.hierarchy.tasks]
+    order = tuple(task.name for task in mission.hierarchy.tasks)
+    return replace(mission, hierarchy=Hierarchy(tasks, order))
+
+
+def _gain(name: str, scenario: Scenario, value: float) -> Scenario:
+    return replace(scenario, gains=replace(scenario.gains, **{name: value}))
+
+
+# Parameters of parts that are not the toolkit's: the numbers of the dataclass that makes one.
+
+
+def own_parameters(scenario: Scenario) -> Iterator[Parameter]:
+    """Such as ``parts.plant.rate``, of every own part that is made by a dataclass with real numbers."""
+    for part, name in scenario.own_parts.items():
+        maker = _maker(scenario, part)
+        for item in _numbers(maker):
+            apply, meaning = partial(_with, part, item), f"{item} of {name}, as its class has it"
+            yield Parameter(name=f"parts.{part}.{item}", unit="as there", meaning=meaning, apply=apply)
+
+
+def _maker(scenario: Scenario, part: str) -> Any:
+    return maker_of(part, getattr(scenario, part))
+
+
+def _numbers(maker: Any) -> list[str]:
+    return real_numbers(maker) if is_dataclass(maker) and not isinstance(maker, type) else []
+
+
+def _with(part: str, name: str, scenario: Scenario, value: float) -> Scenario:
+    return replace(scenario, **{part: replace(_maker(scenario, part), **{name: value})})
+
+
+# All parameters that a scenario has, by name, in the order in which they are applied.
+
+_FAMILIES = (
+    *(flow_parameters, machine_parameters, sensor_parameters),
+    *(place_parameters, objective_parameters, own_parameters),
+)
+
+
+@checked
+def known_parameters(scenario: Scenario) -> dict[str, Parameter]:
+    """Of water and current, of what moves, of the sensors, of start, floor and obstacles, of goals and tasks, of own parts.
+
+    What concerns the robot and its sensors is the truth that the plant has: the controller goes on with what it knows. Of delays
+    of sensors it is told, but for those that are called untold.
+    """
+    return {parameter.name: parameter for parameter in chain.from_iterable(family(scenario) for family in _FAMILIES)}
+
+
+# A parameter and its distribution, and a scenario with the values that a run has drawn.
+
+
+@checked
+@dataclass(frozen=True, slots=True)
+class Variation:
+    """One uncertain parameter, such as ``Variation("water.drag", LogNormal(1.0, 0.3))``.
+
+    Raises `InvalidInput` for an empty name and for what is no distribution.
+    """
+
+    name: str
+    """As `uvms_ocp.campaign.variations` has it, or any where `apply` is given."""
+    distribution: Any
+    """Of its values: one of ours, or a frozen one of scipy.stats."""
+    apply: Callable[[Scenario, float], Scenario] | None = field(default=None, kw_only=True)
+    """For a parameter of your own: the scenario with this value [its unit] of it."""
+
+    def __post_init__(self) -> None:
+        if not self.name.strip():
+            raise InvalidInput("a variation without a name; give the one of a parameter")
+        object.__setattr__(self, "distribution", distribution_of(self.distribution))
+
+    def __str__(self) -> str:
+        own = "" if self.apply is None else f" by {getattr(self.apply, '__qualname__', 'a function')}"
+        return f"{self.name}: {self.distribution!r}{own}"
+
+
+@checked
+def require_known(variations: Sequence[Variation], scenario: Scenario) -> None:
+    """Raise `NameNotFound` for a parameter that the scenario does not have, `InvalidInput` for one that is varied twice."""
+    known, names = known_parameters(scenario), [variation.name for variation in variations]
+    for variation in variations:
+        if names.count(variation.name) > 1:
+            raise InvalidInput(f"{variation.name} is varied twice; give each parameter one distribution")
+        if variation.apply is None and variation.name not in known:
+            raise NameNotFound("parameter", variation.name, known, "`uvms-ocp campaign MISSION --parameters`")
+
+
+@checked
+def vary(scenario: Scenario, variations: Sequence[Variation], values: Mapping[str, float], seed: int) -> Scenario:
+    """The scenario with these `values` [unit of each] by name of a parameter, and everything else that is random by `seed` [-].
+
+    Parameters are applied in the order in which `known_parameters` has them, those of one's own last. Raises what a value
+    that is impossible raises.
+    """
+    known, own = known_parameters(scenario), {v.name: v.apply for v in variations if v.apply is not None}
+    changed = seeded(scenario, seed)
+    for name, parameter in known.items():
+        if name in values and name not in own:
+            changed = parameter.apply(changed, values[name])
+    for name, apply in own.items():
+        changed = apply(changed, values[name])
+    return changed
+
+
+def seeded(scenario: Scenario, seed: int) -> Scenario:
+    """The scenario with this seed [-] of sensors and gusts."""
+    water, environment = scenario.environment.current, scenario.environment
+    if isinstance(water, GustyCurrent):
+        environment = replace(environment, current=replace(water, seed=seed))
+    return replace(scenario, seed=seed, environment=environment)
+
+
+def quantiles(variations: Sequence[Variation], u: Sequence[float]) -> dict[str, float]:
+    """Values by name of the numbers u (n_variations,) [-] from 0 to 1."""
+
+    def value(distribution: Distribution, share: float) -> float:
+        return float(distribution.quantile(float(share)))
+
+    return {v.name: value(v.distribution, share) for v, share in zip(variations, u, strict=True)}

@@ -1,0 +1,200 @@
+"""``identify``, ``excite`` and ``check-recording``: numbers of a robot from its own recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from uvms_ocp.cli.options import NOT_COMPLETED, Json, folder
+from uvms_ocp.cli.printing import console_of, print_json, print_line, print_paths, table_of, told_of_compiling
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.calibration import Calibration, calibrate
+from uvms_ocp.identification.data_quality import check_data_quality
+from uvms_ocp.identification.experiment import ExperimentLimits
+from uvms_ocp.identification.experiment_design import Assignment, DesignSettings, DesignStatus, design_experiment
+from uvms_ocp.identification.model import stage_of
+from uvms_ocp.identification.output_error import Noise
+from uvms_ocp.identification.reading import read_mapping, read_recording
+from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, split_at_gaps
+from uvms_ocp.identification.results import excitation_text, report_text, require_coefficients, variant_text, whole_text
+from uvms_ocp.identification.rollout import Rollout
+from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, read_settings, subject_of
+from uvms_ocp.identification.tables import write_recording
+from uvms_ocp.record.output import claim_folder
+from uvms_ocp.robot.thrusters import thrust_limits
+
+# ``check-recording``: what is in recordings, and what is doubtful about them.
+
+Recordings = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="RECORDINGS...", help="CSV, Parquet, MCAP, rosbag2 folders or records of runs, one or more."
+    ),
+]
+MappingFile = Annotated[
+    Path | None,
+    typer.Option("--mapping", metavar="YAML", help="Where the channels are in files of others; ours need none."),
+]
+_COLUMNS = ("channel", "columns", "unit", "frame", "from [s]", "to [s]", "rate [Hz]", "delay [s]")
+
+
+def check_recording(paths: Recordings, mapping: MappingFile = None, as_json: Json = False) -> None:
+    """Check recordings: channels, rates, delays, frames, and what is doubtful."""
+    found = read_recordings(paths, mapping)
+    if as_json:
+        print_json({one.name: _recording_data(one) for one in found})
+        return
+    console = console_of()
+    for one in found:
+        told = _recording_data(one)
+        console.print(table_of(one.name, told["channels"], _COLUMNS))
+        for doubt in told["doubts"]:
+            print_line(console, f"doubtful: {doubt}")
+
+
+def read_recordings(paths: list[Path], mapping: Path | None) -> list[Recording]:
+    """All of them, by one mapping where they need one. Raises InvalidInput, NameNotFound and NotInstalled."""
+    given = None if mapping is None else read_mapping(mapping)
+    return [read_recording(path, given) for path in paths]
+
+
+def _recording_data(recording: Recording) -> dict[str, Any]:
+    rows = [_row(name, channel) for name, channel in recording.channels.items()]
+    return {"channels": rows, "doubts": [str(doubt) for doubt in check_data_quality(recording)]}
+
+
+def _row(name: str, channel: Channel) -> dict[str, Any]:
+    times = (float(channel.t[0]), float(channel.t[-1]))
+    values = (
+        name,
+        channel.values.shape[1],
+        CHANNEL_KINDS[name].unit,
+        CHANNEL_KINDS[name].frame,
+        *times,
+        channel.rate,
+        channel.delay,
+    )
+    return dict(zip(_COLUMNS, values, strict=True))
+
+
+# ``identify``: a robot's own numbers, from its own recordings.
+
+VARIANT, WHOLE, IDENTIFY_REPORT, FIGURES = "calibrated.yaml", "hydrodynamics.yaml", "report.md", "figures"
+
+
+def identify(
+    settings: Annotated[Path, typer.Argument(metavar="YAML", help="What of which robot is to be learnt.")],
+    recordings: Recordings,
+    out: Annotated[Path, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")],
+    mapping: MappingFile = None,
+    profiles: Annotated[
+        bool,
+        typer.Option("--profiles", help="Intervals without linearity; each number takes up to a search."),
+    ] = False,
+    leave_one_out: Annotated[
+        bool,
+        typer.Option("--leave-one-out", help="Predict every recording by what the others tell; each takes a search."),
+    ] = False,
+) -> None:
+    """Identify a robot from recordings: calibrated file, report and figures.
+
+    calibrated.yaml has what was learnt, each number with its source; hydrodynamics.yaml is the robot's file with these in
+    their places, for --hydrodynamics of other commands. Where the search does not converge neither is written.
+    """
+    given = read_settings(settings)
+    subject = subject_of(given, settings.parent)
+    require_coefficients(subject)
+    found = split_at_gaps(read_recordings(recordings, mapping))
+    console = console_of()
+    with claim_folder(out, _names(len(found), profiles, leave_one_out)) as claim:
+        with console.status("identifying") as status, told_of_compiling(status.update):
+            voices = {"tell": status.update, "warn": lambda doubt: print_line(console, f"doubtful: {doubt}")}
+            result = calibrate(subject, given, found, profiled=profiles, leave_one_out=leave_one_out, **voices)
+        with claim.staged() as staging:
+            _write(result, [one.name for one in found], staging)
+        written = claim.written()
+    known = sum(one.determined for one in result.numbers)
+    console.print(f"{result.estimate.status.value}; {known} of {len(result.numbers)} numbers determined")
+    print_paths(console, written)
+    if not result.flown.usable:
+        print_line(console, f"no robot file is written: {result.flown.estimate.status.advice}")
+        raise typer.Exit(NOT_COMPLETED)
+
+
+def _names(n: int, profiles: bool, leave_one_out: bool) -> list[str]:
+    pictures = ["intervals", *(f"{kind}_{k}" for k in range(n) for kind in ("predicted", "residuals"))]
+    pictures += [name for name, wanted in (("profiles", profiles), ("left_out", leave_one_out)) if wanted]
+    return [VARIANT, WHOLE, IDENTIFY_REPORT, *(f"{FIGURES}/{name}.png" for name in pictures)]
+
+
+def _write(result: Calibration, names: list[str], staging: Path) -> None:
+    from uvms_ocp.viz.identification_figures import write_identification_figures
+
+    if result.flown.usable:  # or nobody should fly with it
+        (staging / VARIANT).write_text(variant_text(result, names), encoding="utf-8")
+        (staging / WHOLE).write_text(whole_text(result, staging / VARIANT), encoding="utf-8")
+    (staging / IDENTIFY_REPORT).write_text(report_text(result), encoding="utf-8")
+    write_identification_figures(result, staging / FIGURES)
+
+
+# ``excite``: commands for a robot that is to be identified.
+
+COMMANDS, EXCITE_REPORT = "excitation.csv", "report.md"
+_POOL, _DURATION, _SHARE, _SLEW, _SEED = (6.0, 4.0, 2.0), 60.0, 0.5, 100.0, DesignSettings().seed
+
+
+def excite(
+    settings: Annotated[Path, typer.Argument(metavar="YAML", help="What of which robot is to be learnt.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")],
+    pool: Annotated[
+        tuple[float, float, float], typer.Option(metavar="X Y Z", help="Size [m], the vehicle in its middle.")
+    ] = _POOL,
+    duration: Annotated[float, typer.Option(help="Of a recording [s].")] = _DURATION,
+    share: Annotated[float, typer.Option(help="Of the thrusters' limits.")] = _SHARE,
+    slew: Annotated[float, typer.Option(help="Largest change of thrust [N/s].")] = _SLEW,
+    seed: Annotated[int, typer.Option(min=0, help="Of where the search begins.")] = _SEED,
+) -> None:
+    """Design thrust that shows what is to be learnt, within a pool.
+
+    excitation.csv has what each thruster is told and when; report.md what a recording of it is expected to determine.
+    """
+    given = read_settings(settings)
+    subject, console = subject_of(given, settings.parent), console_of()
+    require_coefficients(subject)  # rather than after it was driven
+    thrust = thrust_within(subject, given, share)
+    limits = ExperimentLimits(
+        thrust=thrust, pool=np.outer([-0.5, 0.5], pool), hull=subject.hull_in_body(given.hull), slew=slew
+    )
+    wanted = _assignment(subject, given, limits, duration)
+    with claim_folder(out, [COMMANDS, EXCITE_REPORT]) as claim:
+        with console.status("designing") as status, told_of_compiling(status.update):
+            found = design_experiment(wanted, Rollout(stage_of(subject.vehicle)), DesignSettings(seed=seed))
+        text = excitation_text(found, subject.vehicle.actuators.names)
+        with claim.staged() as staging:
+            write_recording(Recording(name="excitation", channels={"thrust": found.commands}), staging / COMMANDS)
+            (staging / EXCITE_REPORT).write_text(text, encoding="utf-8")
+        written = claim.written()
+    known = sum(one.determined for one in found.numbers)
+    console.print(f"{found.status.value}; {known} of {len(found.numbers)} numbers will be determined")
+    print_paths(console, written)
+    if found.status is not DesignStatus.INSIDE:
+        raise typer.Exit(NOT_COMPLETED)
+
+
+def thrust_within(subject: CalibratedRobot, given: CalibrationSettings, share: float) -> np.ndarray:
+    """(n_u, 2) [N] a share [-] of what thrusters can do. Raises InvalidInput for wrenches, and for no share."""
+    if given.commands != "thrust":
+        raise InvalidInput(f"commands: {given.commands} given; thrust alone has limits: give commands: thrust")
+    if not 0.0 < share <= 1.0:
+        raise InvalidInput(f"--share {share} given; allowed: more than 0, at most 1")
+    return share * np.transpose(thrust_limits(subject.robot))
+
+
+def _assignment(
+    subject: CalibratedRobot, given: CalibrationSettings, limits: ExperimentLimits, duration: float
+) -> Assignment:
+    noise, joints = Noise(**given.noise.model_dump()), tuple(subject.robot.home.tolist())
+    return Assignment(vehicle=subject.vehicle, limits=limits, duration=duration, noise=noise, joints=joints)

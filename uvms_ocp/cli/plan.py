@@ -1,0 +1,380 @@
+"""``plan curve``, ``plan ocp`` and ``plan mission``: plan a motion among obstacles, or a whole mission."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from uvms_ocp.cli.options import (
+    NOT_COMPLETED,
+    CurrentVelocity,
+    Hydrodynamics,
+    Json,
+    Name,
+    Noise,
+    Out,
+    PlantName,
+    RobotName,
+    Seabed,
+    build_scenario,
+    default_folder,
+    defaults_of,
+    given,
+    label,
+    spread_options,
+)
+from uvms_ocp.cli.printing import console_of, print_json, print_paths, table_of
+from uvms_ocp.errors import InvalidInput, plain_line
+from uvms_ocp.mission_plan.plan import MissionPlan
+from uvms_ocp.mission_plan.planner import OPTIONS, plan_mission
+from uvms_ocp.ocp.plan import OcpStatus
+from uvms_ocp.ocp.request import OcpRequest, solve_ocp
+from uvms_ocp.planning.request import AXES, Goal, PlanRequest, PostureGoal, ToolGoal, Triple, solve
+from uvms_ocp.record.meta_values import ObstacleData
+from uvms_ocp.record.output import claim_folder
+from uvms_ocp.record.record import Record
+from uvms_ocp.report.planned_motion import motion_record, ocp_record, ocp_report, plan_report
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.obstacles import obstacle_from_words, read_obstacles
+from uvms_ocp.solvers.nlp.level_solver import Moment
+from uvms_ocp.solvers.nlp.options import PLUGINS, NlpOptions
+
+# Options of every plan: where it starts, where it goes, and what stands in the way.
+
+_Clearance = Annotated[float, typer.Option(metavar="M", help="Distance wanted from everything [m].")]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class MotionOptions:
+    """As they stand on the command line."""
+
+    tool: Annotated[Triple | None, typer.Option(metavar="X Y Z", help="Goal of the tool in W [m].")] = None
+    tool_rpy: Annotated[Triple | None, typer.Option(metavar="R P Y", help="Its orientation; default: any.")] = None
+    joint: Annotated[list[str] | None, typer.Option(metavar="NAME=Q", help="Goal of a joint; repeatable.")] = None
+    to: Annotated[Triple | None, typer.Option(metavar="X Y Z", help="Goal of the vehicle [m].")] = None
+    to_rpy: Annotated[Triple | None, typer.Option(metavar="R P Y", help="Goal of its attitude [rad].")] = None
+    position: Annotated[Triple | None, typer.Option(metavar="X Y Z", help="Start of the vehicle [m].")] = None
+    rpy: Annotated[Triple | None, typer.Option(metavar="R P Y", help="Attitude at the start [rad].")] = None
+    sphere: Annotated[list[str] | None, typer.Option(metavar="X,Y,Z,R", help="Obstacle; repeatable.")] = None
+    box: Annotated[list[str] | None, typer.Option(metavar="X,Y,Z,LX,LY,LZ", help="Obstacle; repeatable.")] = None
+    obstacles: Annotated[Path | None, typer.Option(metavar="YAML", help="File of obstacles.")] = None
+    robot: Annotated[str, typer.Option(help="Robot, see `uvms-ocp list`.")] = "girona_maris7_full"
+    clearance: _Clearance = defaults_of(PlanRequest)["clearance"]
+
+    def asked(self) -> dict[str, Any]:
+        """The fields that requests of all methods have.
+
+        Raises `InvalidInput` for goals that are none, several or not the robot's, a start that is not valid and obstacles
+        that cannot be read, and `NameNotFound` for an unknown robot.
+        """
+        robot = load_robot(self.robot)
+        self._check_vehicle(robot)
+        return {
+            "robot": robot,
+            "start": robot.configuration(position=self.position, rpy=self.rpy),
+            "goal": self._goal(),
+            "obstacles": self._obstacles(),
+            "clearance": self.clearance,
+        }
+
+    def _check_vehicle(self, robot: Robot) -> None:
+        poses = {"to": self.to, "to-rpy": self.to_rpy, "position": self.position, "rpy": self.rpy}
+        for name in given(**poses):
+            if not robot.n_vehicle:
+                raise InvalidInput(
+                    f"--{name}: {robot.name} has no free vehicle pose; give --joint NAME=Q with any of "
+                    f"{', '.join(robot.joint_names)}, or --tool"
+                )
+
+    def _goal(self) -> Goal:
+        """The one goal that was given."""
+        has_posture = bool(self.joint or self.to or self.to_rpy)
+        if (self.tool is None) != has_posture or (self.tool is None and self.tool_rpy is not None):
+            raise InvalidInput(
+                "give one goal: --tool, with or without --tool-rpy, or any of --to, --to-rpy and --joint"
+            )
+        if self.tool is not None:
+            return ToolGoal(position=self.tool, rpy=self.tool_rpy)
+        joints = dict(_joint_goal(word) for word in self.joint or ())
+        return PostureGoal(position=self.to, rpy=self.to_rpy, joints=joints)
+
+    def _obstacles(self) -> tuple[ObstacleData, ...]:
+        return (
+            *(read_obstacles(self.obstacles) if self.obstacles else ()),
+            *(obstacle_from_words("sphere", words, f"sphere{i}") for i, words in enumerate(self.sphere or (), 1)),
+            *(obstacle_from_words("box", words, f"box{i}") for i, words in enumerate(self.box or (), 1)),
+        )
+
+
+def _joint_goal(words: str) -> tuple[str, float]:
+    name, _, value = words.partition("=")
+    try:
+        return name, float(value)
+    except ValueError:
+        raise InvalidInput(f"--joint {words!r}: give NAME=VALUE, such as joint2=0.5") from None
+
+
+# What a plan of any method writes and prints.
+
+_FIGURES = ("vehicle_motion", "joint_motion", "clearance", "efforts")
+_FILES = (  # of any plan; which of them there are depends on the method and on what came of it
+    *("report.json", "plan.npz", "plan.csv", "plan.json", "record.npz", "scene.html"),
+    *(f"figures/{name}.png" for name in _FIGURES),
+)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class MadePlan:
+    """A plan of any method, ready to be written."""
+
+    robot: Robot
+    report: dict[str, Any]
+    record: Record | None
+    """The motion; None where there is none."""
+    good: bool
+    """The goal is reached and nothing touches."""
+    save: Callable[[Path], object]
+    """Writes what only this method has into a folder; called where there is a motion."""
+
+    def write(self, folder: Path) -> None:
+        """The report always, the rest where there is a motion; a colliding one is worth looking at."""
+        from uvms_ocp.viz.plan_figures import write_plan_figures
+        from uvms_ocp.viz.scene.show import write_scene
+
+        (folder / "report.json").write_text(json.dumps(self.report, indent=2) + "\n")
+        if self.record is None:
+            return
+        self.save(folder)
+        self.record.save(folder / "record.npz")
+        write_plan_figures(self.record, folder / "figures")
+        write_scene(self.record, self.robot, folder / "scene.html")
+
+
+Tell = Callable[[str], None]
+"""Told how far the search is, to show while it goes on."""
+
+
+def put_out(make: Callable[[Tell], MadePlan], out: Path, as_json: bool) -> None:
+    """Make the plan, write it to the folder `out` and print what came of it; exit where it is not good."""
+    console = console_of(stderr=as_json)
+    with claim_folder(out, _FILES) as claim:
+        with console.status("planning") as status:
+            made = make(lambda text: status.update(plain_line(f"planning: {text}")))
+        with claim.staged() as staging:
+            made.write(staging)
+        written = claim.written()
+    _print_plan(console, made, written)
+    if as_json:
+        print_json(made.report)
+    if not made.good:
+        raise typer.Exit(NOT_COMPLETED)
+
+
+def _print_plan(console: Console, made: MadePlan, paths: list[Path]) -> None:
+    report = made.report
+    status = report["status"] + (f" ({report['reason']})" if "reason" in report else "")
+    console.print(plain_line(f"plan: {status}; advice: {report['advice']}"))
+    if made.record is not None:
+        least = report["min_clearance_m"]
+        near = "" if least is None else f", {least:.3g} m between {report['min_clearance_between']} "
+        near += "" if least is None else f"at {report['min_clearance_at_s']:.2f} s"
+        found = f"{report['duration_s']:.1f} s long{near}; found in {report['solve_time_s']:.2f} s"
+        console.print(plain_line(found))
+    if unshaped := report["links_without_shape"]:
+        text = (
+            f"{', '.join(unshaped)}: no collision shape in the robot's file, so that nothing is said of what they touch"
+        )
+        console.print(plain_line(text), style="yellow")
+    if report.get("peak_thrust_n") is not None:
+        energy = report["energy_j"]
+        taken = "- J (not known)" if energy is None else f"{energy:.0f} J"
+        console.print(f"{taken}, thrust up to {report['peak_thrust_n']:.0f} N")
+    print_paths(console, paths)
+
+
+# ``plan mission``: all phases of a scenario as one problem, for ``run --follow``.
+
+_MISSION_FILES = ("plan.npz", "report.json")
+_COLUMNS = ("name", "begin_s", "end_s")
+
+
+def mission(
+    name: Name,
+    robot: RobotName = None,
+    hydrodynamics: Hydrodynamics = None,
+    plant: PlantName = None,
+    current: CurrentVelocity = None,
+    seabed: Seabed = None,
+    noise: Noise = None,
+    within: Annotated[
+        float | None, typer.Option(metavar="S", help="Longest duration [s]; default: that of the greedy mission.")
+    ] = None,
+    step: Annotated[float, typer.Option(metavar="S", help="Step of the horizon [s].")] = 1.0,
+    time_limit: Annotated[float, typer.Option(metavar="S", help="Time limit of each solve [s].")] = OPTIONS.time_limit,
+    nlp: Annotated[str, typer.Option(help=f"Solver: {' or '.join(PLUGINS)}.")] = OPTIONS.plugin,
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """A whole mission as one problem of least energy.
+
+    Current, obstacles, floor and all limits included; `run SCENARIO --follow DIR/plan.npz` flies it, with the same options.
+    """
+    console = console_of(stderr=as_json)
+    options = given(robot=robot, hydrodynamics=hydrodynamics, plant=plant, current=current, seabed=seabed, noise=noise)
+    scenario = build_scenario(name, options)
+    solver = _options(nlp, time_limit)
+    with claim_folder(out or default_folder(("plan", "mission", label(name)), options), _MISSION_FILES) as claim:
+        with console.status(f"planning {name}"):
+            found = plan_mission(scenario, duration=within, step=step, options=solver)
+        with claim.staged() as staging:
+            _write(found, staging)
+        written = claim.written()
+    _print(console, found, written)
+    if as_json:
+        print_json(found.summary())
+    if not found.solved:
+        raise typer.Exit(NOT_COMPLETED)
+
+
+def _options(plugin: str, time_limit: float) -> NlpOptions:
+    return NlpOptions(
+        plugin=plugin,
+        time_limit=time_limit,
+        max_iterations=OPTIONS.max_iterations,
+        convergence=OPTIONS.convergence,
+        barrier=OPTIONS.barrier,
+    )
+
+
+def _write(found: MissionPlan, folder: Path) -> None:
+    """The report always, a plan that can be flown beside it."""
+    (folder / "report.json").write_text(json.dumps(found.summary(), indent=2) + "\n")
+    if found.status.usable:
+        found.save(folder / "plan.npz")
+
+
+def _print(console: Console, found: MissionPlan, paths: list[Path]) -> None:
+    report: dict[str, Any] = found.summary()
+    console.print(plain_line(f"plan: {report['status']} ({report['reason']}); advice: {report['advice']}"))
+    if found.status.usable:
+        console.print(table_of(f"{found.scenario} as one problem", report["phases"], _COLUMNS))
+        energy = "- J (not known)" if found.energy is None else f"{found.energy:.0f} J"
+        greedy = f"greedy {found.greedy_duration:.1f} s"
+        console.print(
+            f"{found.duration:.1f} s ({greedy}), {energy}, thrust up to {found.peak_thrust:.0f} N; "
+            f"{found.iterations} iterations, found in {found.solve_time:.1f} s"
+        )
+    print_paths(console, paths)
+
+
+# ``plan curve`` and ``plan ocp``: a motion among obstacles, by a smooth curve or by optimal control.
+
+_PERIOD = 0.02  # [s] between rows of plan.csv
+_CURVE, _OCP = defaults_of(PlanRequest), defaults_of(OcpRequest)
+_MOTION = defaults_of(MotionOptions)
+_Axes = Annotated[str, typer.Option(help=f"Planned axes, of {', '.join(AXES)}; level: no roll, no pitch.")]
+
+
+def curve(
+    motion: MotionOptions,
+    axes: _Axes = _CURVE["axes"],
+    seed: Annotated[int, typer.Option(help="Seed of restarts and sampling.")] = _CURVE["seed"],
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """A smooth curve of the shapes alone, proven free of collision.
+
+    From the stowed posture to a goal of the tool, of the vehicle or of joints, as fast as the limits of velocity and
+    acceleration allow; without water and forces.
+    """
+    request = PlanRequest(**motion.asked(), axes=axes, seed=seed)
+    changed = _changed(_CURVE | _MOTION, robot=motion.robot, seed=seed)
+    put_out(lambda _: _by_curve(request), out or default_folder(("plan", "curve"), changed), as_json)
+
+
+def ocp(
+    motion: MotionOptions,
+    duration: Annotated[float, typer.Option(metavar="S", help="Length [s].")] = _OCP["duration"],
+    steps: Annotated[int, typer.Option(metavar="N", help="Steps of the horizon.")] = _OCP["n_steps"],
+    current: Annotated[Triple, typer.Option(metavar="X Y Z", help="Current in W [m/s].")] = _OCP["current"],
+    seabed: Annotated[float | None, typer.Option(metavar="Z", help="Height of a level floor [m].")] = None,
+    time_limit: Annotated[float, typer.Option(metavar="S", help="Time limit of the solver [s].")] = _OCP["time_limit"],
+    nlp: Annotated[str, typer.Option(help=f"Solver: {' or '.join(PLUGINS)}.")] = _OCP["plugin"],
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Optimal control in water, within thrust and torque.
+
+    From rest in the stowed posture to rest at a goal of the tool, of the vehicle or of joints, with little effort, and
+    proven free of collision with obstacles, the floor and its own links.
+    """
+    request = OcpRequest(
+        **motion.asked(),
+        duration=duration,
+        n_steps=steps,
+        current=current,
+        seabed=_OCP["seabed"] if seabed is None else seabed,
+        time_limit=time_limit,
+        plugin=nlp,
+    )
+    changed = _changed(_OCP | _MOTION, robot=motion.robot, current=current)
+    put_out(lambda tell: _by_ocp(request, tell), out or default_folder(("plan", "ocp"), changed), as_json)
+
+
+app = typer.Typer(help="Plan a motion among obstacles, or a whole mission.", no_args_is_help=True)
+app.command(name="curve")(spread_options(curve))
+app.command(name="ocp")(spread_options(ocp))
+app.command(name="mission")(mission)
+
+
+def _changed(defaults: Mapping[str, Any], **options: Any) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value != defaults[name]}
+
+
+def _by_curve(request: PlanRequest) -> MadePlan:
+    result = solve(request)
+    plan = result.plan
+
+    def save(folder: Path) -> None:
+        assert plan is not None
+        plan.trajectory.to_numpy(folder / "plan.npz")
+        plan.trajectory.to_csv(folder / "plan.csv", _PERIOD, names=result.scene.coordinates.names)
+
+    return MadePlan(
+        robot=request.robot,
+        report=plan_report(result),
+        record=None if plan is None else motion_record(result, plan),
+        good=result.collision_free,
+        save=save,
+    )
+
+
+def _by_ocp(request: OcpRequest, tell: Tell) -> MadePlan:
+    result = solve_ocp(request, progress=lambda moment: tell(_words(moment)))
+
+    def save(folder: Path) -> None:
+        for name in ("plan.npz", "plan.json"):
+            result.plan.save(folder / name)
+
+    return MadePlan(
+        robot=request.robot,
+        report=ocp_report(result),
+        record=ocp_record(result) if result.plan.status.usable else None,
+        good=result.plan.status is OcpStatus.SOLVED and result.collision_free,
+        save=save,
+    )
+
+
+def _words(moment: Moment) -> str:
+    """Ctrl-C keeps the best plan so far."""
+    found = (
+        f"iteration {moment.iteration}, residual {moment.residual:.3g}, constraints broken by {moment.violation:.1e}"
+    )
+    return f"level {moment.level!r}, {found} (Ctrl-C stops)"

@@ -1,0 +1,405 @@
+"""Compile C source and CasADi functions into shared libraries, once, in a cache of the user's own.
+
+Where that cannot be done callers fall back to slower code. `compile_lifted` shares machine code among functions that differ
+in their numbers alone.
+
+Either is said once per process as a warning of the logger ``uvms_ocp.codegen.compile``: no compiler, one that fails, hangs
+or writes garbage, a full disk, a cache that cannot be written or whose libraries cannot be loaded.
+
+A library is found by the hash of its source, flags and compiler; its own hash is stored beside it and checked before
+every use, so that an interrupted compilation, a damaged file or garbage in the cache leads to a new compilation.
+Every process compiles to a file of its own and moves it into place, which the operating system does atomically.
+"""
+
+from __future__ import annotations
+
+import _ctypes
+import ctypes
+import hashlib
+import logging
+import os
+import platform
+import shutil
+import signal
+import stat
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from contextlib import suppress
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import IO
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput
+
+# The folder that compiled libraries are kept in: the user's own, writable by nobody else, on a disk that runs programs.
+
+
+def cache_folder() -> tuple[Path | None, str]:
+    """The first folder that can be used, made if need be; None with the reason why the last one cannot.
+
+    ``UVMS_OCP_CACHE`` where it is set. Otherwise inside the user's cache, and where there is none, as without a home or
+    with one that is read-only, a folder of the user among the temporary ones.
+    """
+    reason = ""
+    for folder in _candidates():
+        reason = _problem(folder)
+        if not reason:
+            return folder, ""
+    return None, reason
+
+
+def _candidates() -> list[Path]:
+    given = os.environ.get("UVMS_OCP_CACHE")
+    if given:
+        return [Path(given)]
+    bases = (os.environ.get("XDG_CACHE_HOME", ""), _below_home(".cache"))
+    base = next((base for base in bases if os.path.isabs(base)), None)
+    user = os.getuid() if sys.platform != "win32" else "user"
+    return [*([Path(base) / "uvms_ocp"] if base else []), Path(tempfile.gettempdir()) / f"uvms_ocp-{user}"]
+
+
+def _below_home(name: str) -> str:
+    # Without HOME and an entry of the user it stays "~", which is no place.
+    return os.path.join(os.environ.get("HOME", os.path.expanduser("~")), name)
+
+
+def _problem(folder: Path) -> str:
+    """Why the folder cannot be used; empty where it can."""
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        status = folder.lstat() if folder.parent == Path(tempfile.gettempdir()) else folder.stat()
+        return _unsafe(folder, status)
+    except OSError as error:
+        return f"cache {folder} cannot be used ({error.strerror})"
+
+
+def _unsafe(folder: Path, status: os.stat_result) -> str:
+    """A library that others can replace must not be loaded."""
+    foreign = sys.platform != "win32" and status.st_uid != os.getuid()
+    if foreign or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        return f"cache {folder} can be written by others"
+    if not os.access(folder, os.W_OK | os.X_OK):
+        return f"cache {folder} cannot be used (read-only)"
+    if sys.platform == "linux" and os.statvfs(folder).f_flag & os.ST_NOEXEC:
+        return f"cache {folder} cannot be used (mounted noexec)"
+    return ""
+
+
+# A call of the C compiler that ends: in time, with all that it started, and with little to say.
+
+_TIMEOUT = 300.0  # [s], ten times what the longest of ours takes
+_KEPT = 2000  # [bytes] of what a compiler says
+
+
+def compile_timeout() -> float:
+    """[s] after which a compiler is stopped: ``UVMS_OCP_COMPILE_TIMEOUT``. Raises `InvalidInput` where that is no time."""
+    given = os.environ.get("UVMS_OCP_COMPILE_TIMEOUT", "")
+    try:
+        seconds = float(given or _TIMEOUT)
+    except ValueError:
+        seconds = -1.0
+    if not 0.0 < seconds < 1e9:
+        raise InvalidInput(f"UVMS_OCP_COMPILE_TIMEOUT = {given!r}; give seconds, such as {_TIMEOUT:g}")
+    return seconds
+
+
+def call(command: Sequence[str], seconds: float) -> tuple[int, str]:
+    """Return code and the end of what was said on both outputs, after at most that many `seconds` [s].
+
+    Raises `OSError` where it cannot be run, and `subprocess.TimeoutExpired` where it was stopped, with all its children.
+    """
+    with tempfile.TemporaryFile() as said:
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=said, stderr=subprocess.STDOUT, start_new_session=True
+        )
+        try:
+            code = process.wait(seconds)
+        except BaseException:  # Ctrl-C too, which does not reach a session of its own
+            _kill(process)
+            raise
+        return code, _end(said)
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    if sys.platform == "win32":
+        process.kill()
+    else:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+
+
+def _end(said: IO[bytes]) -> str:
+    said.seek(max(0, said.seek(0, os.SEEK_END) - _KEPT))
+    return said.read().decode(errors="replace")
+
+
+# C source to shared library, compiled once and cached; where that cannot be done callers fall back to slower code.
+#
+# Either is said once per process as a warning of the logger ``uvms_ocp.codegen.compile``: no compiler, one that fails, hangs
+# or writes garbage, a full disk, a cache that cannot be written or whose libraries cannot be loaded.
+#
+# A library is found by the hash of its source, flags and compiler; its own hash is stored beside it and checked before
+# every use, so that an interrupted compilation, a damaged file or garbage in the cache leads to a new compilation.
+# Every process compiles to a file of its own and moves it into place, which the operating system does atomically.
+
+_FLAGS = ("-O3", "-shared", "-fPIC", "-ffp-contract=off")
+# Code without loops gains nothing from more optimisation but the time that takes.
+_STRAIGHT = ("-O1", "-fstrict-aliasing", "-finline-small-functions", "-fno-semantic-interposition")
+# fmax and fmin are calls into libm, hundreds in a tick; like them these return what is a number where one of both is.
+MATH = """#include <math.h>
+static inline double larger(double x, double y) { return x >= y || y != y ? x : y; }
+static inline double smaller(double x, double y) { return x <= y || y != y ? x : y; }
+#define fmax larger
+#define fmin smaller
+"""
+"""Before the code of CasADi functions."""
+PROGRESS = "progress"
+"""Attribute of what is logged as a warning to be seen, and warns of nothing."""
+_VERSION_TIMEOUT = 30.0  # [s]
+_HUNG: set[str] = set()  # compilers, which are not called again
+_SAID: set[str] = set()
+_HOMES: dict[ca.Function, Path] = {}  # of compiled functions
+_SLOWER = "everything works, only slower"
+_log = logging.getLogger(__name__)
+
+
+@checked
+def compile_library(
+    source: str, flags: Sequence[str] = (), name: str = "C code", others: Sequence[str] = ()
+) -> Path | None:
+    """Path of the library of ``source`` (C, linked with libm), which can be loaded; None where there is none (logged once).
+
+    name: what it is called where the log tells, at level INFO, that it is being compiled. others: more sources of the same
+    library, each compiled by itself.
+
+    The path is inside the user's cache, or inside ``UVMS_OCP_CACHE`` if that is set. A compiler is stopped after
+    ``UVMS_OCP_COMPILE_TIMEOUT`` seconds, 300 by default. Raises `InvalidInput` where that is no time.
+    """
+    compiler = _compiler()
+    if compiler is None or compiler in _HUNG:
+        return None
+    directory, reason = cache_folder()
+    if directory is None:
+        _warn_once(reason)
+        return None
+    flags = (*_FLAGS, *flags)
+    try:
+        sources = (source, *others)
+        library = directory / f"{_key(sources, flags, compiler)}.so"
+        if _is_intact(library) and not _load_error(library):
+            return library
+        return library if _build(compiler, sources, flags, library, name) else None
+    except subprocess.TimeoutExpired as error:
+        _HUNG.add(compiler)
+        _warn_once(f"{compiler} was stopped after {error.timeout:g} s")
+        return None
+
+
+@checked
+def compile_function(function: ca.Function) -> ca.Function:
+    """``function`` in machine code with the same names and sparsities; itself where it cannot be compiled."""
+    generator = ca.CodeGenerator("function.c")
+    generator.add(function)
+    compiled = external_function(function.name(), MATH + generator.dump(), _STRAIGHT)
+    return function if compiled is None else compiled
+
+
+@checked
+def external_function(name: str, source: str, flags: Sequence[str] = ()) -> ca.Function | None:
+    """The CasADi function ``name`` that ``source`` defines, compiled; None where that cannot be (logged once)."""
+    path = compile_library(source, flags, name)
+    if path is None:
+        return None
+    try:
+        function = ca.external(name, str(path))
+        _HOMES[function] = path
+        return function
+    except RuntimeError:  # the library is one, but not of this source
+        _warn_once(f"{path} does not define {name}")
+        return None
+
+
+def compiled_symbol(function: ca.Function) -> int | None:
+    """Address of the machine code of ``function``, for other machine code to call; None where it cannot be compiled."""
+    path = _HOMES.get(function) or _HOMES.get(compile_function(function))
+    return None if path is None else ctypes.cast(loaded_library(path)[function.name()], ctypes.c_void_p).value
+
+
+@cache
+def loaded_library(path: Path) -> ctypes.CDLL:
+    """The library at `path`, as `compile_library` gives it; loaded once."""
+    return ctypes.CDLL(str(path))
+
+
+def _key(sources: Sequence[str], flags: Sequence[str], compiler: str) -> str:
+    identity = (*sources, *flags, compiler, _version(compiler), platform.machine(), sys.platform)
+    return hashlib.sha256("\0".join(identity).encode()).hexdigest()
+
+
+def warn_if_slower() -> None:
+    """Log now, once, that there is no compiler or no cache: for who starts processes that say nothing."""
+    if _compiler() is not None:
+        directory, reason = cache_folder()
+        if directory is None:
+            _warn_once(reason)
+
+
+def has_compiler() -> bool:
+    """Whether there is one, and it has not been found to hang."""
+    return _compiler() not in {None, *_HUNG}
+
+
+@lru_cache(maxsize=1)
+def _compiler() -> str | None:
+    names = (os.environ.get("CC", ""), "cc", "gcc", "clang")
+    found = next((path for name in names if name and (path := shutil.which(name))), None)
+    if found is None:
+        _log.warning("no C compiler found (CC, cc, gcc, clang): %s", _SLOWER)
+    return found
+
+
+@lru_cache(maxsize=4)
+def _version(compiler: str) -> str:
+    try:
+        return call([compiler, "--version"], min(_VERSION_TIMEOUT, compile_timeout()))[1]
+    except OSError:
+        return ""
+
+
+def _warn_once(what: str, detail: str = "") -> None:
+    if what not in _SAID:
+        _SAID.add(what)
+        _log.warning("%s: %s", f"{what} ({detail})" if detail else what, _SLOWER)
+
+
+@lru_cache(maxsize=1)
+def _announce(directory: Path) -> None:
+    # A warning, as Python shows it by default: a silent half minute looks like a hang.
+    text = "compiling C code for the first time, which takes a while; kept in %s"
+    _log.warning(text, directory, extra={PROGRESS: True})
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def _is_intact(library: Path) -> bool:
+    try:
+        return library.with_suffix(".sha256").read_text(encoding="ascii") == _digest(library.read_bytes())
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def _load_error(library: Path) -> str:
+    """Why it cannot be loaded, empty where it can; it is let go again, as the file may be replaced before it is used."""
+    try:
+        handle = ctypes.CDLL(str(library))._handle
+    except OSError as error:
+        return " ".join(str(error).split())
+    if sys.platform == "win32":
+        _ctypes.FreeLibrary(handle)
+    else:
+        _ctypes.dlclose(handle)
+    return ""
+
+
+def _build(compiler: str, sources: Sequence[str], flags: Sequence[str], library: Path, name: str) -> bool:
+    _announce(library.parent)
+    _log.info("compiling %s", name)
+    try:
+        with tempfile.TemporaryDirectory(prefix="build-", dir=library.parent) as folder:
+            return _build_in(Path(folder), compiler, sources, flags, library)
+    except OSError as error:
+        _warn_once("compilation failed", error.strerror or str(error))
+        return False
+
+
+def _build_in(folder: Path, compiler: str, sources: Sequence[str], flags: Sequence[str], library: Path) -> bool:
+    built, codes = folder / "library.so", [folder / f"source{k}.c" for k in range(len(sources))]
+    for code, source in zip(codes, sources, strict=True):
+        code.write_text(source, encoding="utf-8")
+    failed, said = call([compiler, *flags, "-o", str(built), *map(str, codes), "-lm"], compile_timeout())
+    if failed:
+        _warn_once(f"{compiler} failed", ascii(" ".join(said.split())[-200:]))
+        return False
+    if problem := _load_error(built):
+        _warn_once(f"what {compiler} made cannot be loaded", problem)
+        return False
+    _move(built, library)
+    return True
+
+
+def _move(built: Path, library: Path) -> None:
+    """Into the cache, with the hash of what it is."""
+    digest = built.with_name("digest")
+    digest.write_text(_digest(built.read_bytes()), encoding="ascii")
+    # Between the two moves the pair does not match, which only costs another process a compilation.
+    os.replace(built, library)
+    os.replace(digest, library.with_suffix(".sha256"))
+
+
+# A CasADi function with its numbers as data, so that functions that differ in numbers alone share machine code.
+
+_EXACT = frozenset((0.0, 1.0, -1.0, 2.0, 0.5))  # of the form of an expression rather than of its values
+
+
+@checked
+def compile_shared(function: ca.Function) -> ca.Function:
+    """``function`` of SX in machine code that is compiled once for all of the same form, whatever numbers stand in them.
+
+    The results are those of `compile_function` to the last bit; where nothing can be compiled it is the function itself.
+    """
+    form, numbers = numbers_apart(function)
+    compiled = compile_function(form)
+    if compiled is form:
+        return function
+    inputs = [ca.MX.sym(function.name_in(k), function.sparsity_in(k)) for k in range(function.n_in())]
+    results = compiled.call([*inputs, ca.DM(numbers)], False, True)
+    return ca.Function(function.name(), inputs, results, function.name_in(), function.name_out())
+
+
+@checked
+def numbers_apart(function: ca.Function) -> tuple[ca.Function, np.ndarray]:
+    """The form of ``function`` of SX, which takes as a last input the numbers (n,) [-] that are returned with it."""
+    inputs = [ca.SX.sym(function.name_in(k), function.sparsity_in(k)) for k in range(function.n_in())]
+    known: dict[float, ca.SX] = {}
+    results = _walked(function, inputs, known)
+    column = ca.vertcat(*known.values()) if known else ca.SX(0, 1)
+    names_in, names_out = [*function.name_in(), "numbers"], function.name_out()
+    form = ca.Function(f"{function.name()}_form", [*inputs, column], results, names_in, names_out)
+    return form, np.array(list(known))
+
+
+def _walked(function: ca.Function, inputs: list[ca.SX], known: dict[float, ca.SX]) -> list[ca.SX]:
+    """Every instruction once more, with a symbol in the place of each number that is not one of the form."""
+    work: list[ca.SX] = [ca.SX()] * function.sz_w()
+    given = [column.nonzeros() for column in inputs]
+    found = [[ca.SX()] * function.nnz_out(k) for k in range(function.n_out())]
+    for k in range(function.n_instructions()):
+        kind, into, of = function.instruction_id(k), function.instruction_output(k), function.instruction_input(k)
+        if kind == ca.OP_CONST:
+            work[into[0]] = _symbol(function.instruction_constant(k), known)
+        elif kind == ca.OP_INPUT:
+            work[into[0]] = given[of[0]][of[1]]
+        elif kind == ca.OP_OUTPUT:
+            found[into[0]][into[1]] = work[of[0]]
+        elif len(of) == 2:
+            work[into[0]] = ca.SX.binary(kind, work[of[0]], work[of[1]])
+        else:
+            work[into[0]] = ca.SX.unary(kind, work[of[0]])
+    return [ca.SX(function.sparsity_out(k), ca.vertcat(*values)) for k, values in enumerate(found)]
+
+
+def _symbol(value: float, known: dict[float, ca.SX]) -> ca.SX:
+    if value in _EXACT or not np.isfinite(value):
+        return ca.SX(value)
+    if value not in known:
+        known[value] = ca.SX.sym(f"n{len(known)}")
+    return known[value]

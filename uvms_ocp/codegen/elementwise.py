@@ -1,0 +1,83 @@
+"""Spell elementwise operations alike for NumPy arrays and CasADi expressions; every function answers in kind.
+
+Arguments are of any one shape, (...), and of any one unit, [any], where nothing else is said.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+# Operations on numbers that NumPy arrays and CasADi expressions spell differently; every function answers in kind.
+#
+# Arguments are of any one shape, (...), and of any one unit, [any], where nothing else is said.
+
+Array = Any
+"""``numpy.ndarray``, ``casadi.SX`` or ``casadi.MX``; scalars of these."""
+
+
+def is_symbolic(*values: Array) -> bool:
+    """Tell whether any of the values is a CasADi expression."""
+    return any(isinstance(value, (ca.SX, ca.MX)) for value in values)
+
+
+def clipped(y: Array, lower: Array, upper: Array) -> Array:
+    """The nearest to y (...) [any] between `lower` and `upper`, (...) [any]; the bounds must not be NaN."""
+    if is_symbolic(y, lower, upper):
+        return ca.fmin(ca.fmax(y, lower), upper)
+    return np.minimum(np.maximum(y, lower), upper)
+
+
+def where(condition: Array, if_true: Array, if_false: Array) -> Array:
+    """`if_true` or `if_false`, (...) [any], entry by entry, as the condition (...) [-] is.
+
+    A scalar stands for all entries, infinity included. What is not selected may be NaN.
+    """
+    if is_symbolic(condition):
+        return ca.if_else(condition, _spread(if_true, condition), _spread(if_false, condition))
+    return np.where(condition, if_true, if_false)
+
+
+def both(a: Array, b: Array) -> Array:
+    """True where both a (...) [-] and b (...) [-] are."""
+    return ca.logic_and(a, b) if is_symbolic(a, b) else a & b
+
+
+def either(a: Array, b: Array) -> Array:
+    """True where a (...) [-] or b (...) [-] is."""
+    return ca.logic_or(a, b) if is_symbolic(a, b) else a | b
+
+
+def everywhere(condition: Array) -> Array:
+    """True if the condition (...) [-] holds for all entries, also where there are none."""
+    return ca.sum1(ca.vec(condition)) >= condition.numel() if is_symbolic(condition) else condition.all()
+
+
+def row_sums(matrix: Array) -> Array:
+    """Column (m,) of the sums of the rows of a matrix (m, n) [any]."""
+    return ca.sum2(matrix) if is_symbolic(matrix) else matrix.sum(axis=1)
+
+
+def _spread(value: Array, condition: Array) -> Array:
+    return value if is_symbolic(value) else value * ca.DM.ones(condition.shape)
+
+
+# How far numbers are from the interval they should be in, for NumPy arrays and CasADi expressions alike.
+
+
+def distance(y: Array, lower: Array, upper: Array) -> Array:
+    """Signed distance of y to [lower, upper], entry by entry: negative below, 0 inside; NaN where y is.
+
+    y, lower and upper (...) [unit of y].
+    """
+    return y - clipped(y, lower, upper)
+
+
+def excess(y: Array, lower: Array, upper: Array) -> Array:
+    """By how much y is outside of [lower, upper], entry by entry, on either side; NaN where y is.
+
+    y, lower and upper (...) [unit of y].
+    """
+    return abs(distance(y, lower, upper))

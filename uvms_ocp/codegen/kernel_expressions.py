@@ -1,0 +1,360 @@
+"""Translate types and expressions of kernels from Python to C."""
+
+from __future__ import annotations
+
+import ast
+import ctypes
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any
+
+from uvms_ocp.codegen.kernel_layout import zeros
+from uvms_ocp.errors import InvalidInput
+
+# Types of what a kernel computes with, as C has them.
+
+
+def kernel_error(node: ast.AST, why: str) -> InvalidInput:
+    """That something in a function keeps it from being a kernel, and where."""
+    return InvalidInput(f"line {getattr(node, 'lineno', 0)}: {ast.unparse(node)} {why}")
+
+
+@dataclass(frozen=True, slots=True)
+class CType:
+    """A type by its name in C: "double", "int" or that of a structure, which is passed by pointer, or an array of one of them."""
+
+    name: str
+    sizes: tuple[int, ...] = ()
+    """[-] of an array; 0 where it is unknown, as of a parameter."""
+    structure: Any = None
+    """The type in ctypes, of a structure."""
+
+    @property
+    def is_number(self) -> bool:
+        """Rather than an array or a structure."""
+        return not self.sizes and self.structure is None
+
+    def entry(self) -> CType:
+        """Of an array."""
+        return CType(self.name, self.sizes[1:], self.structure)
+
+    def declared(self, name: str) -> str:
+        """A declaration of `name`."""
+        if self.sizes == (0,):
+            return f"{self.name} *{name}"
+        if self.structure is not None and not self.sizes:
+            return f"{self.name} *{name}"
+        return f"{self.name} {name}{''.join(f'[{size}]' for size in self.sizes)}"
+
+
+DOUBLE, INT, NOTHING = CType("double"), CType("int"), CType("void")
+VECTOR = CType("double", (0,))
+
+
+def of_ctypes(kind: Any) -> CType:
+    """Of a field of a structure."""
+    sizes = []
+    while issubclass(kind, ctypes.Array):
+        sizes.append(kind._length_)
+        kind = kind._type_
+    if issubclass(kind, ctypes.Structure):
+        return CType(kind.__name__, tuple(sizes), kind)
+    return CType("double" if kind is ctypes.c_double else "int", tuple(sizes))
+
+
+def field_of(owner: CType, name: str) -> CType:
+    """Of a field of a structure. Raises `InvalidInput` where it has none of that name."""
+    fields = dict(owner.structure._fields_)
+    if name not in fields:
+        raise InvalidInput(f"{owner.name} has no field {name!r}; it has {', '.join(fields)}")
+    return of_ctypes(fields[name])
+
+
+def column_size(kind: CType) -> int:
+    """Numbers [-] of a structure of nothing else, which are one after the other; 0 of any other type."""
+    if kind.structure is None or kind.sizes:
+        return 0
+    fields = [of_ctypes(item[1]) for item in kind.structure._fields_]
+    alone = all(item.name == "double" for item in fields)
+    return ctypes.sizeof(kind.structure) // ctypes.sizeof(ctypes.c_double) if alone else 0
+
+
+# Expressions of kernels, from Python to C.
+
+_OPERATORS: dict[type, str] = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
+_WHOLE: dict[type, str] = {ast.FloorDiv: "/", ast.Mod: "%"}
+_ORDER: dict[type, str] = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
+_OF_NUMBERS = {
+    math.sqrt: "sqrt",
+    math.sin: "sin",
+    math.cos: "cos",
+    math.exp: "exp",
+    math.log: "log",
+    math.atan2: "atan2",
+    math.asin: "asin",
+    math.acos: "acos",
+    math.copysign: "copysign",
+    math.fabs: "fabs",
+    math.erf: "erf",
+    math.remainder: "remainder",
+}
+_TESTS = {math.isfinite: "isfinite", math.isnan: "isnan", math.isinf: "isinf"}
+PREFIX = "k_"
+"""Of the names of kernels in C, which has names of its own."""
+_TAKEN = frozenset(
+    {"auto", "char", "const", "default", "do", "double", "enum", "extern", "goto", "inline", "long", "register"}
+)
+_TAKEN |= {
+    "restrict",
+    "short",
+    "signed",
+    "sizeof",
+    "static",
+    "struct",
+    "switch",
+    "typedef",
+    "union",
+    "unsigned",
+    "void",
+}
+_TAKEN |= {"volatile", "case", "abs", "greater_of", "lesser_of"}
+
+
+def c_name(name: str) -> str:
+    """A name of Python in C, where some have another meaning."""
+    return f"{name}_" if name in _TAKEN else name
+
+
+@dataclass(frozen=True, slots=True)
+class C:
+    """An expression in C and its type."""
+
+    text: str
+    type: CType
+
+
+@dataclass(frozen=True, slots=True)
+class Signature:
+    """Of a kernel."""
+
+    name: str
+    """In C, behind the prefix: that in Python, with a number where another kernel of the program has it already."""
+    parameters: Mapping[str, CType]
+    result: CType
+
+
+@dataclass(slots=True)
+class Scope:
+    """What names mean inside of one kernel."""
+
+    names: Mapping[str, Any]
+    """Of its module."""
+    signature_of: Callable[[Any], Signature]
+    """Of another kernel, which is translated too."""
+    result: CType
+    """Of the kernel itself."""
+    local: dict[str, CType] = field(default_factory=dict)
+    """Parameters and variables."""
+    own: set[str] = field(default_factory=set)
+    """Variables that are arrays of the kernel's own."""
+
+
+def expression(node: ast.expr, scope: Scope) -> C:
+    """`node` in C. Raises `InvalidInput` for what kernels cannot do."""
+    translate = _TRANSLATED.get(type(node))
+    if translate is None:
+        raise kernel_error(node, "is nothing that a kernel can do")
+    return translate(node, scope)
+
+
+def number(node: ast.expr, scope: Scope) -> C:
+    """An expression that is a number."""
+    found = expression(node, scope)
+    if not found.type.is_number or found.type == NOTHING:
+        raise kernel_error(node, f"is no number but {found.type.name}")
+    return found
+
+
+def literal(value: Any) -> C | None:
+    """A constant of Python; `None` where kernels have none of its type."""
+    if isinstance(value, (bool, int, IntEnum)):
+        return C(str(int(value)), INT)
+    if isinstance(value, float):
+        text = (
+            "NAN" if math.isnan(value) else f"{'-' if value < 0 else ''}INFINITY" if math.isinf(value) else repr(value)
+        )
+        return C(f"({text})" if text.startswith("-") else text, DOUBLE)
+    return None
+
+
+def constant(node: ast.expr, scope: Scope) -> Any:
+    """What a name or an attribute of the module is in Python; `None` where it is none of the module's."""
+    if isinstance(node, ast.Name) and node.id not in scope.local:
+        return scope.names.get(node.id)
+    if isinstance(node, ast.Attribute):
+        owner = constant(node.value, scope)
+        return None if owner is None else getattr(owner, node.attr, None)
+    return None
+
+
+def _constant(node: ast.Constant, scope: Scope) -> C:
+    found = literal(node.value)
+    if found is None:
+        raise kernel_error(node, "is no number")
+    return found
+
+
+def _name(node: ast.Name, scope: Scope) -> C:
+    if node.id in scope.local:
+        return C(c_name(node.id), scope.local[node.id])
+    found = literal(constant(node, scope))
+    if found is None:
+        raise kernel_error(node, "is no variable and no number of the module")
+    return found
+
+
+def _attribute(node: ast.Attribute, scope: Scope) -> C:
+    found = literal(constant(node, scope))
+    if found is not None:
+        return found
+    owner = expression(node.value, scope)
+    if owner.type.structure is None or owner.type.sizes:
+        raise kernel_error(node.value, "has no fields")
+    kind = field_of(owner.type, node.attr)
+    text = f"{owner.text}->{c_name(node.attr)}"
+    return C(f"(&{text})" if kind.structure is not None and not kind.sizes else text, kind)
+
+
+def _subscript(node: ast.Subscript, scope: Scope) -> C:
+    owner, index = expression(node.value, scope), expression(node.slice, scope)
+    if not owner.type.sizes or index.type != INT:
+        raise kernel_error(node, "has to be an entry of an array, by a whole number")
+    kind, text = owner.type.entry(), f"{owner.text}[{index.text}]"
+    return C(f"(&{text})" if kind.structure is not None and not kind.sizes else text, kind)
+
+
+def _binary(node: ast.BinOp, scope: Scope) -> C:
+    left, right = number(node.left, scope), number(node.right, scope)
+    whole = left.type == right.type == INT
+    if type(node.op) in _WHOLE:
+        if not whole:
+            raise kernel_error(node, "is only for whole numbers, which are not negative")
+        return C(f"({left.text} {_WHOLE[type(node.op)]} {right.text})", INT)
+    if type(node.op) not in _OPERATORS:
+        raise kernel_error(node, "is nothing that a kernel can do")
+    cast = "(double)" if whole and isinstance(node.op, ast.Div) else ""
+    kind = INT if whole and not cast else DOUBLE
+    return C(f"({cast}{left.text} {_OPERATORS[type(node.op)]} {right.text})", kind)
+
+
+def _unary(node: ast.UnaryOp, scope: Scope) -> C:
+    of = number(node.operand, scope)
+    if isinstance(node.op, ast.Not):
+        return C(f"(!{of.text})", INT)
+    if not isinstance(node.op, ast.USub):
+        raise kernel_error(node, "is nothing that a kernel can do")
+    return C(f"(-{of.text})", of.type)
+
+
+def _logic(node: ast.BoolOp, scope: Scope) -> C:
+    parts = [number(value, scope) for value in node.values]
+    if any(part.type != INT for part in parts):
+        raise kernel_error(node, "is only for truth values")
+    return C(f"({(' && ' if isinstance(node.op, ast.And) else ' || ').join(part.text for part in parts)})", INT)
+
+
+def _comparison(node: ast.Compare, scope: Scope) -> C:
+    terms = [number(term, scope).text for term in (node.left, *node.comparators)]
+    if any(type(op) not in _ORDER for op in node.ops):
+        raise kernel_error(node, "does not compare numbers by size")
+    pairs = [f"{a} {_ORDER[type(op)]} {b}" for a, op, b in zip(terms, node.ops, terms[1:], strict=False)]
+    return C(f"({' && '.join(pairs)})", INT)
+
+
+def _choice(node: ast.IfExp, scope: Scope) -> C:
+    test, yes, no = (number(part, scope) for part in (node.test, node.body, node.orelse))
+    kind = INT if yes.type == no.type == INT else DOUBLE
+    return C(f"({test.text} ? {yes.text} : {no.text})", kind)
+
+
+def _call(node: ast.Call, scope: Scope) -> C:
+    function = constant(node.func, scope) or _BUILTINS.get(ast.unparse(node.func))
+    if node.keywords or function is None:
+        raise kernel_error(node, "has to call a kernel with arguments by place")
+    if function is len:
+        return _length(node, scope)
+    if function in (min, max):
+        return _extreme(node, "lesser_of" if function is min else "greater_of", scope)
+    if function is abs:
+        of = number(node.args[0], scope)
+        return C(f"{'abs' if of.type == INT else 'fabs'}({of.text})", of.type)
+    if function in (int, float, bool):
+        return _converted(number(node.args[0], scope), function)
+    if function in _OF_NUMBERS or function in _TESTS:
+        arguments = ", ".join(number(argument, scope).text for argument in node.args)
+        return C(
+            f"{_OF_NUMBERS.get(function) or _TESTS[function]}({arguments})", DOUBLE if function in _OF_NUMBERS else INT
+        )
+    return _kernel_call(node, function, scope)
+
+
+def _converted(of: C, to: type) -> C:
+    if to is bool:
+        return C(f"({of.text} != 0)", INT)
+    kind = INT if to is int else DOUBLE
+    return C(f"(({kind.name}){of.text})", kind)
+
+
+_BUILTINS: dict[str, Any] = {f.__name__: f for f in (len, min, max, abs, int, float, bool)}
+
+
+def length(node: ast.Call, scope: Scope) -> int:
+    """What ``len`` of an array is, which has to be known. Raises `InvalidInput` where it is not."""
+    of = expression(node.args[0], scope).type
+    if not of.sizes or not of.sizes[0]:
+        raise kernel_error(node, "is not known here; give the number to the kernel")
+    return of.sizes[0]
+
+
+def _length(node: ast.Call, scope: Scope) -> C:
+    return C(str(length(node, scope)), INT)
+
+
+def _extreme(node: ast.Call, name: str, scope: Scope) -> C:
+    terms = [number(argument, scope) for argument in node.args]
+    whole = all(term.type == INT for term in terms)
+    text = terms[0].text
+    for term in terms[1:]:
+        text = f"{name}{'_int' if whole else ''}({text}, {term.text})"
+    return C(text, INT if whole else DOUBLE)
+
+
+def _kernel_call(node: ast.Call, function: Any, scope: Scope) -> C:
+    if function is zeros:
+        raise kernel_error(node, "can only be what a variable is set to")
+    signature = scope.signature_of(function)
+    if len(node.args) != len(signature.parameters):
+        raise kernel_error(node, f"has to give {len(signature.parameters)} arguments")
+    given = [expression(argument, scope) for argument in node.args]
+    for argument, (name, wanted) in zip(given, signature.parameters.items(), strict=True):
+        if argument.type.is_number != wanted.is_number or (not wanted.is_number and argument.type.name != wanted.name):
+            raise kernel_error(node, f"gives {argument.type.name} as {name}, which is {wanted.name}")
+        if wanted == INT and argument.type == DOUBLE:
+            raise kernel_error(node, f"gives {name} no whole number")
+    return C(f"{PREFIX}{signature.name}({', '.join(argument.text for argument in given)})", signature.result)
+
+
+_TRANSLATED: dict[type, Callable[[Any, Scope], C]] = {
+    ast.Constant: _constant,
+    ast.Name: _name,
+    ast.Attribute: _attribute,
+    ast.Subscript: _subscript,
+    ast.BinOp: _binary,
+    ast.UnaryOp: _unary,
+    ast.BoolOp: _logic,
+    ast.Compare: _comparison,
+    ast.IfExp: _choice,
+    ast.Call: _call,
+}

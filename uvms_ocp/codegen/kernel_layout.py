@@ -1,0 +1,264 @@
+"""Declare the memory of kernels: numbers, arrays, parts, CasADi functions and callbacks, alike in Python and in C."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Iterator, Mapping, MutableSequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Annotated, Any, TypeAlias, get_args, get_origin, get_type_hints
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.codegen.buffered import BufferedFunction
+from uvms_ocp.codegen.compile import compiled_symbol
+from uvms_ocp.errors import InvalidInput
+
+# CasADi functions inside of layouts, which kernels call.
+
+
+class Smooth:
+    """A field of a layout: a function that kernels call as ``m.levels(q, v, J, lower)``, what it reads first, then what it fills.
+
+    ``structure_of(Memory, levels=function)`` says which. Every argument is a vector of its own size, column after column, or a
+    layout of nothing but arrays of numbers, which is their column. A number is a vector of one to read; None is zeros to read,
+    or nothing to fill.
+    """
+
+    def __call__(self, *vectors: Any) -> None:
+        """What stands in a kernel."""
+
+
+class SmoothStructure(ctypes.Structure):
+    """Of one function: its address, and the memory that it works in."""
+
+    __slots__ = ()
+    function: ca.Function
+    """Which it is."""
+
+    def __call__(self, *vectors: Any) -> None:
+        """As C does it, without a compiler."""
+        call, n = _buffered(self.function), self.function.n_in()
+        found = call(*(_given(vector, self.function.size_in(i)) for i, vector in enumerate(vectors[:n])))
+        for target, values in zip(vectors[n:], found, strict=True):
+            if target is not None:
+                _numbers(target)[: values.size] = values.ravel(order="F")
+
+
+@lru_cache(maxsize=256)
+def smooth_structure(function: ca.Function) -> type[SmoothStructure]:
+    """The type of the field. Raises `InvalidInput` for a function with structural zeros among what it takes or gives."""
+    if not all(function.sparsity_in(i).is_dense() for i in range(function.n_in())) or not all(
+        function.sparsity_out(i).is_dense() for i in range(function.n_out())
+    ):
+        raise InvalidInput(f"{function.name()} has sparse arguments; make them dense")
+    sizes = work_sizes(function)
+    kinds: tuple[Any, ...] = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_longlong, ctypes.c_double)
+    memory = [(name, kind * size) for name, kind, size in zip(("arg", "res", "iw", "w"), kinds, sizes, strict=True)]
+    fields: list[tuple[str, Any]] = [("call", ctypes.c_void_p), *memory]
+    name = "Smooth_" + "_".join(map(str, (function.name(), *sizes)))
+    return type(name, (SmoothStructure,), {"__slots__": (), "_fields_": fields, "function": function})
+
+
+def work_sizes(function: ca.Function) -> tuple[int, int, int, int]:
+    """Pointers to arguments and results, whole numbers and numbers [-] that a call needs memory for."""
+    return tuple(max(1, size) for size in (function.sz_arg(), function.sz_res(), function.sz_iw(), function.sz_w()))
+
+
+def connect(memory: ctypes.Structure) -> bool:
+    """Give the functions in `memory` the addresses of their machine code; false where one of them cannot be compiled."""
+    done = True
+    for part in functions_in(memory):
+        if part.function.n_out():
+            part.call = compiled_symbol(part.function)
+            done &= part.call is not None
+    return done
+
+
+def functions_in(memory: Any) -> Iterator[SmoothStructure]:
+    """Those of a memory, of its parts, and of arrays of parts."""
+    if isinstance(memory, SmoothStructure):
+        yield memory
+    elif isinstance(memory, ctypes.Structure):
+        for name, *_ in type(memory)._fields_:
+            yield from functions_in(getattr(memory, name))
+    elif isinstance(memory, ctypes.Array) and issubclass(memory._type_, ctypes.Structure):
+        for part in memory:
+            yield from functions_in(part)
+
+
+@lru_cache(maxsize=256)
+def _buffered(function: ca.Function) -> BufferedFunction:
+    return BufferedFunction(function)
+
+
+def column_view(layout: ctypes.Structure) -> np.ndarray:
+    """A layout of nothing but arrays of numbers as one array of them (n,) [any] on the same memory."""
+    n = ctypes.sizeof(layout) // ctypes.sizeof(ctypes.c_double)
+    return np.ctypeslib.as_array((ctypes.c_double * n).from_buffer(layout))
+
+
+def _numbers(vector: Any) -> np.ndarray:
+    """On the memory of the vector, if it is one of ctypes."""
+    if isinstance(vector, ctypes.Structure):
+        return column_view(vector)
+    return np.ctypeslib.as_array(vector) if isinstance(vector, ctypes.Array) else np.array(vector, dtype=float)
+
+
+def _given(vector: Any, size: tuple[int, int]) -> Any:
+    if vector is None:
+        return np.zeros(size)
+    return _numbers(vector).ravel()[: size[0] * size[1]].reshape(size, order="F")
+
+
+# Questions of kernels to Python: for what has no other form.
+
+_CALL = ctypes.CFUNCTYPE(ctypes.c_int, *(ctypes.c_void_p,) * 4, ctypes.c_int)
+_NOTHING = ca.Function("ask", [], [])
+
+
+class Ask:
+    """A field of a layout: what kernels ask of Python, as ``m.ask()``, and `Answer` answers on the memory; not before."""
+
+    def __call__(self) -> None:
+        """What stands in a kernel."""
+
+
+class AskStructure(smooth_structure(_NOTHING)):  # type: ignore[misc]
+    """What `Ask` is in memory: a function of nothing, at the place where a `Smooth` has its machine code."""
+
+    __slots__ = ()
+
+    def __call__(self) -> None:
+        """As C does it, without a compiler."""
+        _CALL(self.call)(None, None, None, None, 0)
+
+
+class Answer:
+    """The Python function that answers a question in a memory, for as long as this lives."""
+
+    def __init__(self, question: AskStructure, function: Callable[[], None]) -> None:
+        self._function = function
+        self._error: BaseException | None = None
+        self._called = _CALL(self._call)
+        question.call = ctypes.cast(self._called, ctypes.c_void_p).value
+
+    def check(self) -> None:
+        """Raise what the function has raised, which kernels do not."""
+        error, self._error = self._error, None
+        if error is not None:
+            raise error
+
+    def _call(self, *nothing: Any) -> int:
+        try:
+            self._function()
+        except BaseException as error:
+            self._error = error
+            return 1
+        return 0
+
+
+# What kernels remember: named numbers, arrays and parts, in Python and in C at the same place in memory.
+
+Vector: TypeAlias = MutableSequence[float]
+"""A parameter of a kernel: numbers that it reads or changes in place."""
+
+
+@dataclass(frozen=True, slots=True, init=False)
+class Sized:
+    """Sizes of an array in a layout, ``Annotated[Vector, Sized(3, "n")]``: numbers, or names that `structure_of` is given."""
+
+    sizes: tuple[int | str, ...]
+
+    def __init__(self, *sizes: int | str) -> None:
+        object.__setattr__(self, "sizes", sizes)
+
+
+class Layout:
+    """Base of classes that only declare: ``float``, ``int``, ``bool``, sized arrays of them, other layouts, `Smooth`, `Ask`.
+
+    ``structure_of(Class, n_joints=4)`` is the type whose instances kernels work on; all of it is zero at first.
+    """
+
+
+_NUMBERS: dict[Any, Any] = {float: ctypes.c_double, int: ctypes.c_int, bool: ctypes.c_int}
+
+
+def structure_of(layout: type[Layout], **sizes: int | ca.Function | type[ctypes.Structure]) -> type[ctypes.Structure]:
+    """The type of a layout in memory, with the sizes [-] that its arrays and those of its parts are declared with, and functions.
+
+    A part whose type is made already is given by its name. Raises `InvalidInput` for a size or function that is not given, and
+    a field of another type.
+    """
+    key: Any = layout
+    return _structure(key, tuple(sorted(sizes.items())))
+
+
+@lru_cache(maxsize=256)
+def _structure(layout: Any, sizes: tuple[tuple[str, Any], ...]) -> type[ctypes.Structure]:
+    known = dict(sizes)
+    hints = get_type_hints(layout, include_extras=True)
+    fields = [(name, _field(f"{layout.__name__}.{name}", hint, known)) for name, hint in hints.items()]
+    return type(layout.__name__, (ctypes.Structure,), {"__slots__": (), "_fields_": fields, "__doc__": layout.__doc__})
+
+
+def _field(name: str, hint: Any, sizes: Mapping[str, Any]) -> Any:
+    if hint in _NUMBERS:
+        return _NUMBERS[hint]
+    if isinstance(hint, type) and issubclass(hint, Layout):
+        return sizes.get(name.rpartition(".")[2]) or structure_of(hint, **sizes)
+    if hint is Ask:
+        return AskStructure
+    if hint is Smooth:
+        return smooth_structure(_known(name, name.rpartition(".")[2], sizes))
+    item = _item(hint)
+    if item is None:
+        raise InvalidInput(
+            f"{name} is {hint}; give float, int, bool, a Layout, or a sequence of one of them with its Sized"
+        )
+    kind = _field(name, item, sizes)
+    for size in reversed(get_args(hint)[1].sizes):
+        # C knows no empty array.
+        kind = kind * max(1, _known(name, size, sizes) if isinstance(size, str) else size)
+    return kind
+
+
+def _known(name: str, asked: str, given: Mapping[str, Any]) -> Any:
+    if asked not in given:
+        raise InvalidInput(f"{name} needs {asked!r}, which is not given; given: {sorted(given)}")
+    return given[asked]
+
+
+def _item(hint: Any) -> Any:
+    """Type of the entries of an array, however many dimensions it has; `None` for anything else.
+
+    What may be an expression elsewhere, and is annotated with Any, is numbers here.
+    """
+    if get_origin(hint) is not Annotated or not isinstance(get_args(hint)[1], Sized):
+        return None
+    item = get_args(hint)[0]
+    while get_origin(item) is not None:
+        item = get_args(item)[0]
+    return float if item is Any else item
+
+
+def declared_sizes(layout: type[Layout], sizes: Mapping[str, int]) -> dict[str, int]:
+    """Entries [-] of each array of one dimension in a layout of nothing else, by name, with the `sizes` [-] given for names."""
+    declared = {name: get_args(hint)[1].sizes[0] for name, hint in get_type_hints(layout, include_extras=True).items()}
+    return {name: sizes[size] if isinstance(size, str) else size for name, size in declared.items()}
+
+
+def zeros(n: int) -> list[float]:
+    """A local array of a kernel: n numbers [-], which is a constant, or the `len` of an array in a layout."""
+    return [0.0] * n
+
+
+def doubles(values: np.ndarray) -> Any:
+    """The values (n,) [any] as a vector of a kernel's, on memory of their own."""
+    return (ctypes.c_double * len(values))(*values.tolist())
+
+
+def view(array: Any) -> np.ndarray:
+    """An array of a structure as one of NumPy on the same memory; make it once, as that takes long."""
+    return np.ctypeslib.as_array(array)

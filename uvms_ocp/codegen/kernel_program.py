@@ -1,0 +1,394 @@
+"""Translate statements of kernels, and everything that they call, to one C program."""
+
+from __future__ import annotations
+
+import ast
+import ctypes
+import inspect
+import sys
+import textwrap
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, get_type_hints
+
+from uvms_ocp.codegen.buffered import sizes_of
+from uvms_ocp.codegen.kernel_expressions import (
+    DOUBLE,
+    INT,
+    NOTHING,
+    PREFIX,
+    VECTOR,
+    C,
+    CType,
+    Scope,
+    Signature,
+    c_name,
+    column_size,
+    constant,
+    expression,
+    kernel_error,
+    length,
+    number,
+    of_ctypes,
+)
+from uvms_ocp.codegen.kernel_layout import Layout, SmoothStructure, Vector, work_sizes, zeros
+from uvms_ocp.errors import InvalidInput
+
+# Statements of kernels, from Python to C.
+
+
+def block(nodes: Sequence[ast.stmt], scope: Scope) -> list[str]:
+    """Lines of C, indented by two blanks. Raises `InvalidInput` for what kernels cannot do."""
+    return [f"  {line}" for node in nodes for line in _statement(node, scope)]
+
+
+def _statement(node: ast.stmt, scope: Scope) -> list[str]:
+    translate = _TRANSLATED.get(type(node))
+    if translate is None:
+        raise kernel_error(node, "is nothing that a kernel can do")
+    return translate(node, scope)
+
+
+def _assign(node: ast.Assign | ast.AnnAssign, scope: Scope) -> list[str]:
+    target = node.target if isinstance(node, ast.AnnAssign) else node.targets[0]
+    if node.value is None or (isinstance(node, ast.Assign) and len(node.targets) > 1):
+        raise kernel_error(node, "has to give one value to one name")
+    if isinstance(target, ast.Tuple):
+        return _several(node, target, scope)
+    if isinstance(target, ast.Name):
+        return _to_variable(target, node.value, scope)
+    place, value = number(target, scope), number(node.value, scope)
+    return [f"{place.text} = {_fitting(node, place.type, value)};"]
+
+
+def _several(node: ast.Assign | ast.AnnAssign, targets: ast.Tuple, scope: Scope) -> list[str]:
+    """One after the other, which is the same as at once where no value depends on what the others change."""
+    names = [target.id for target in targets.elts if isinstance(target, ast.Name)]
+    values = node.value.elts if isinstance(node.value, ast.Tuple) else []
+    read = {part.id for value in values for part in ast.walk(value) if isinstance(part, ast.Name)}
+    if len(names) != len(targets.elts) or len(values) != len(names) or read & set(names):
+        raise kernel_error(node, "has to give as many values, which depend on none of the names")
+    return [line for name, value in zip(targets.elts, values, strict=True) for line in _to_variable(name, value, scope)]
+
+
+def _to_variable(target: Any, value: ast.expr, scope: Scope) -> list[str]:
+    name = c_name(target.id)
+    if isinstance(value, ast.Call) and constant(value.func, scope) is zeros:
+        _declare(target, CType("double", (_size(value, scope),)), scope)
+        scope.own.add(target.id)
+        return [f"memset({name}, 0, sizeof {name});"]
+    found = expression(value, scope)
+    if len(found.type.sizes) > 1 or found.type == NOTHING:
+        raise kernel_error(target, f"would be {found.type.name} of {len(found.type.sizes)} dimensions")
+    if target.id in scope.own:
+        raise kernel_error(target, "is an array of its own, and cannot become another one")
+    _declare(target, found.type, scope)
+    return [f"{name} = {_fitting(target, scope.local[target.id], found)};"]
+
+
+def _size(call: ast.Call, scope: Scope) -> int:
+    (of,) = call.args
+    if isinstance(of, ast.Call) and constant(of.func, scope) is None and ast.unparse(of.func) == "len":
+        return length(of, scope)
+    value = of.value if isinstance(of, ast.Constant) else constant(of, scope)
+    if not isinstance(value, int) or value < 1:
+        raise kernel_error(call, "needs a size that is known: a number > 0 or the len of an array in a layout")
+    return int(value)
+
+
+def _declare(target: ast.Name, kind: CType, scope: Scope) -> None:
+    known = scope.local.setdefault(target.id, kind)
+    if known.name != kind.name and not (known == DOUBLE and kind == INT):
+        raise kernel_error(target, f"is {known.name} at first and {kind.name} here")
+
+
+def _fitting(node: ast.AST, wanted: CType, value: C) -> str:
+    if wanted == INT and value.type == DOUBLE:
+        raise kernel_error(node, "is a whole number; make the value one by int()")
+    return value.text
+
+
+def _augmented(node: ast.AugAssign, scope: Scope) -> list[str]:
+    value = ast.BinOp(left=_as_read(node.target), op=node.op, right=node.value)
+    ast.copy_location(value, node)
+    place, found = number(_as_read(node.target), scope), number(value, scope)
+    return [f"{place.text} = {_fitting(node, place.type, found)};"]
+
+
+def _as_read(target: ast.expr) -> ast.expr:
+    return ast.copy_location(ast.parse(ast.unparse(target), mode="eval").body, target)
+
+
+def _if(node: ast.If, scope: Scope) -> list[str]:
+    lines = [f"if ({number(node.test, scope).text}) {{", *block(node.body, scope)]
+    if node.orelse:
+        lines += ["} else {", *block(node.orelse, scope)]
+    return [*lines, "}"]
+
+
+def _for(node: ast.For, scope: Scope) -> list[str]:
+    over = node.iter
+    if not (isinstance(over, ast.Call) and ast.unparse(over.func) == "range" and isinstance(node.target, ast.Name)):
+        raise kernel_error(node, "has to go over a range")
+    bounds = [number(bound, scope) for bound in over.args]
+    if node.orelse or len(bounds) > 2 or any(bound.type != INT for bound in bounds):
+        raise kernel_error(node, "has to go over a range of one or two whole numbers, without else")
+    start, end = ("0", bounds[0].text) if len(bounds) == 1 else (bounds[0].text, bounds[1].text)
+    k, last = f"at_{node.lineno}", f"end_{node.lineno}"  # as Python, which looks at the bounds once
+    head = f"for (int {k} = {start}, {last} = {end}; {k} < {last}; ++{k}) {{"
+    return [head, *_counter(node.target, k, scope), *block(node.body, scope), "}"]
+
+
+def _counter(target: ast.Name, k: str, scope: Scope) -> list[str]:
+    """A variable of the kernel's own, as it keeps its value after the loop; none where it is called ``_``."""
+    if target.id == "_":
+        return []
+    _declare(target, INT, scope)
+    return [f"  {c_name(target.id)} = {k};"]
+
+
+def _while(node: ast.While, scope: Scope) -> list[str]:
+    if node.orelse:
+        raise kernel_error(node, "has an else")
+    return [f"while ({number(node.test, scope).text}) {{", *block(node.body, scope), "}"]
+
+
+def _return(node: ast.Return, scope: Scope) -> list[str]:
+    if (node.value is None) != (scope.result == NOTHING):
+        raise kernel_error(node, "does not return what the kernel is annotated with")
+    if node.value is None:
+        return ["return;"]
+    return [f"return {_fitting(node, scope.result, number(node.value, scope))};"]
+
+
+def _alone(node: ast.Expr, scope: Scope) -> list[str]:
+    if isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+        return []
+    if not isinstance(node.value, ast.Call):
+        raise kernel_error(node, "does nothing")
+    function = _called_function(node.value, scope)
+    return [f"{expression(node.value, scope).text};"] if function is None else _smooth_call(node.value, function, scope)
+
+
+def _called_function(call: ast.Call, scope: Scope) -> C | None:
+    """The field that is called, if it is one."""
+    owner = call.func
+    while isinstance(owner, ast.Attribute):
+        owner = owner.value
+    if not isinstance(owner, ast.Name) or owner.id not in scope.local:
+        return None
+    return expression(call.func, scope)
+
+
+def _smooth_call(call: ast.Call, target: C, scope: Scope) -> list[str]:
+    if not (isinstance(target.type.structure, type) and issubclass(target.type.structure, SmoothStructure)):
+        raise kernel_error(call, "calls what is no function")
+    function = target.type.structure.function
+    n, sizes = function.n_in(), sizes_of(function)
+    if len(call.args) != len(sizes):
+        raise kernel_error(call, f"has to give {n} vectors to read and {len(sizes) - n} to fill")
+    given = [
+        _vector(argument, size, k < n, scope) for k, (argument, size) in enumerate(zip(call.args, sizes, strict=True))
+    ]
+    places = [f"arg[{k}]" if k < n else f"res[{k - n}]" for k in range(len(sizes))]
+    filled = [f"  f->{place} = {vector};" for place, vector in zip(places, given, strict=True)]
+    head = f"  {target.type.name} *f = {target.text};"
+    return ["{", head, *filled, "  f->call(f->arg, f->res, f->iw, f->w, 0);", "}"]
+
+
+def _vector(node: ast.expr, size: int, read: bool, scope: Scope) -> str:
+    if isinstance(node, ast.Constant) and node.value is None:
+        return "0"
+    found = expression(node, scope)
+    if found.type.is_number and read and size == 1:
+        return f"(const double[]){{{found.text}}}"
+    column = column_size(found.type)
+    if column >= size and column:
+        return f"(double *){found.text}"
+    known = found.type.sizes[0] if found.type.sizes else -1
+    if found.type.name != "double" or len(found.type.sizes) != 1 or 0 < known < size:
+        raise kernel_error(node, f"is no vector of {size} numbers")
+    return found.text
+
+
+def _word(word: str) -> Callable[[Any, Scope], list[str]]:
+    return lambda node, scope: [word]
+
+
+_TRANSLATED: dict[type, Callable[[Any, Scope], list[str]]] = {
+    ast.Assign: _assign,
+    ast.AnnAssign: _assign,
+    ast.AugAssign: _augmented,
+    ast.If: _if,
+    ast.For: _for,
+    ast.While: _while,
+    ast.Return: _return,
+    ast.Expr: _alone,
+    ast.Break: _word("break;"),
+    ast.Continue: _word("continue;"),
+    ast.Pass: _word(";"),
+}
+
+
+# A C program of kernels: their structures, then all functions that the first ones call.
+
+_HEAD = """#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+static inline double lesser_of(double x, double y) { return y < x ? y : x; }
+static inline double greater_of(double x, double y) { return y > x ? y : x; }
+static inline int lesser_of_int(int x, int y) { return y < x ? y : x; }
+static inline int greater_of_int(int x, int y) { return y > x ? y : x; }
+"""
+_PLAIN = {float: DOUBLE, int: INT, bool: INT, Vector: VECTOR, type(None): NOTHING}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CProgram:
+    """C99 source in two parts, which needs libm only."""
+
+    types: str
+    """What it works on."""
+    code: str
+    """What it does, after its types."""
+
+
+def c_program(kernels: Sequence[Callable[..., Any]], structures: Iterable[type[ctypes.Structure]]) -> CProgram:
+    """The `kernels`, under their names behind ``k_``, and what they call.
+
+    structures: those that their parameters are annotated with, as `structure_of` makes them. Raises `InvalidInput` for a
+    function that is no kernel, with the line.
+    """
+    program = _Program(structures)
+    for kernel in kernels:
+        program.signature_of(kernel)
+    while program.waiting:
+        program.translate(program.waiting.pop(0))
+    heads = {k: f"{'' if k in kernels else 'static '}{_head(signature)}" for k, signature in program.signatures.items()}
+    bodies = [f"{head} {{\n{program.bodies[kernel]}}}\n" for kernel, head in heads.items()]
+    code = "\n".join([_HEAD, *(f"{head};" for head in heads.values()), "", *bodies])
+    return CProgram(types="\n".join(program.declared), code=code)
+
+
+def shape_of(kind: Any) -> Any:
+    """All that a C program tells of a type of a field, or of a structure."""
+    if issubclass(kind, SmoothStructure):
+        return kind.__name__, *sizes_of(kind.function)
+    if issubclass(kind, ctypes.Structure):
+        return kind.__name__, *((name, shape_of(part)) for name, part in kind._fields_)
+    return (kind._length_, shape_of(kind._type_)) if issubclass(kind, ctypes.Array) else kind
+
+
+class _Program:
+    """What is known of it so far."""
+
+    def __init__(self, structures: Iterable[type[ctypes.Structure]]) -> None:
+        self.declared: list[str] = []
+        self.signatures: dict[Callable[..., Any], Signature] = {}
+        self.bodies: dict[Callable[..., Any], str] = {}
+        self.waiting: list[Callable[..., Any]] = []
+        self._names: Counter[str] = Counter()
+        self._structures: dict[str, type[ctypes.Structure]] = {}
+        for structure in structures:
+            self._declare(structure)
+
+    def signature_of(self, kernel: Any) -> Signature:
+        """Of a kernel, which is translated later."""
+        name = getattr(kernel, "__name__", str(kernel))
+        if not inspect.isfunction(kernel):
+            raise InvalidInput(f"{name} is no function written in Python; call kernels and functions of math")
+        if kernel not in self.signatures:
+            self._names[name] += 1
+            self.signatures[kernel] = self._read(
+                name if self._names[name] == 1 else f"{name}_{self._names[name]}", kernel
+            )
+            self.waiting.append(kernel)
+        return self.signatures[kernel]
+
+    def _read(self, name: str, kernel: Callable[..., Any]) -> Signature:
+        hints = get_type_hints(kernel)
+        result = self._type(f"what {name} returns", hints.pop("return", None))
+        parameters = {p: self._type(f"{name}: {p}", hints.get(p)) for p in inspect.signature(kernel).parameters}
+        return Signature(name, parameters, result)
+
+    def translate(self, kernel: Callable[..., Any]) -> None:
+        """The body of a kernel."""
+        signature = self.signatures[kernel]
+        scope = Scope(
+            names=vars(sys.modules[kernel.__module__]),
+            signature_of=self.signature_of,
+            result=signature.result,
+            local=dict(signature.parameters),
+        )
+        try:
+            lines = block(_syntax(kernel).body, scope)
+        except InvalidInput as error:
+            raise InvalidInput(f"{kernel.__module__}.{kernel.__name__} is no kernel: {error}") from None
+        own = [
+            f"  {_variable(name, kind, own=name in scope.own)};"
+            for name, kind in scope.local.items()
+            if name not in signature.parameters
+        ]
+        self.bodies[kernel] = "".join(f"{line}\n" for line in own + lines)
+
+    def _type(self, what: str, hint: Any) -> CType:
+        if hint is None or hint in _PLAIN:
+            return _PLAIN.get(hint, NOTHING)
+        if isinstance(hint, type) and issubclass(hint, Layout) and hint.__name__ in self._structures:
+            return CType(hint.__name__, (), self._structures[hint.__name__])
+        layouts = [name for name, kind in self._structures.items() if not issubclass(kind, SmoothStructure)]
+        raise InvalidInput(f"{what} is annotated with {hint}; give float, int, bool, Vector or a layout of {layouts}")
+
+    def _declare(self, structure: type[ctypes.Structure]) -> None:
+        name = structure.__name__
+        if name in self._structures:
+            if self._structures[name] is not structure:
+                raise InvalidInput(f"layout {name} has two sizes in one program; give it one")
+            return
+        if issubclass(structure, SmoothStructure):
+            self._structures[name] = structure
+            self.declared.append(_function_declaration(structure))
+            return
+        kinds = {field: of_ctypes(kind) for field, kind in structure._fields_}  # type: ignore[misc]
+        for kind in kinds.values():
+            if kind.structure is not None:
+                self._declare(kind.structure)
+        self._structures[name] = structure
+        fields = "".join(f"  {_field(field, kind)};\n" for field, kind in kinds.items())
+        self.declared.append(f"typedef struct {{\n{fields}}} {name};\n")
+
+
+def _head(signature: Signature) -> str:
+    given = ", ".join(kind.declared(c_name(p)) for p, kind in signature.parameters.items()) or "void"
+    return f"{signature.result.name} {PREFIX}{signature.name}({given})"
+
+
+def _function_declaration(structure: type[SmoothStructure]) -> str:
+    n_arg, n_res, n_iw, n_w = work_sizes(structure.function)
+    call = "int (*call)(const double **, double **, long long int *, double *, int);"
+    memory = f"const double *arg[{n_arg}];\n  double *res[{n_res}];\n  long long int iw[{n_iw}];\n  double w[{n_w}];"
+    return f"typedef struct {{\n  {call}\n  {memory}\n}} {structure.__name__};\n"
+
+
+def _field(name: str, kind: CType) -> str:
+    return f"{kind.name} {c_name(name)}{''.join(f'[{size}]' for size in kind.sizes)}"
+
+
+def _variable(name: str, kind: CType, *, own: bool) -> str:
+    """A declaration: an array of one's own, a pointer to somebody else's, or a number, which is set before it is read."""
+    if own:
+        return kind.declared(c_name(name))
+    if kind.sizes or kind.structure is not None:
+        return f"{kind.name} *{c_name(name)} = 0"
+    return f"{kind.name} {c_name(name)} = 0"
+
+
+@lru_cache(maxsize=1024)
+def _syntax(kernel: Callable[..., Any]) -> ast.FunctionDef:
+    found = ast.parse(textwrap.dedent(inspect.getsource(kernel))).body[0]
+    if not isinstance(found, ast.FunctionDef) or found.decorator_list:
+        raise InvalidInput(f"{kernel.__name__} is no plain function; kernels have no decorators")
+    ast.increment_lineno(found, kernel.__code__.co_firstlineno - 1)
+    return found

@@ -1,0 +1,200 @@
+"""Bind kernels: functions of numbers, written once in Python, which run as C where there is a compiler.
+
+What branches, loops and remembers at every tick is written as a kernel; what is smooth is a CasADi expression. A kernel is a
+function at the top level of a module. Its parameters are annotated with ``float``, ``int``, ``bool``, `Vector` or a `Layout`; its
+body keeps to assignments, ``if``, ``for`` over ``range``, ``while``, ``return``, arithmetic, comparisons, ``min``, ``max``,
+``abs``, ``len`` of an array in a layout, `zeros`, functions of ``math`` and other kernels. Constants are numbers and members of
+integer enumerations of its module. A CasADi function is a field of a layout (`Smooth`), called with vectors and layouts of them,
+and so is a question to Python (`Ask`), for what has no other form. A local variable keeps the type that it has first. Layouts and
+vectors are changed in place.
+
+Python and C give the same bits as long as nothing is divided by zero, taken the root of below zero or made an integer out of
+range: there Python raises, and C goes on. Kernels guard against it, and multiply where they would take a power.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from inspect import signature
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import casadi as ca
+
+from uvms_ocp.codegen.compile import MATH, compile_library, loaded_library
+from uvms_ocp.codegen.kernel_expressions import PREFIX, c_name
+from uvms_ocp.codegen.kernel_layout import Layout, SmoothStructure, connect, functions_in
+from uvms_ocp.codegen.kernel_program import c_program, shape_of
+
+# A memory as C text: what initialises another one like it.
+
+
+def initial_value(memory: ctypes.Structure) -> str:
+    """A constant expression of C99, with its functions under their own names; what is zero is left out."""
+    return _text(memory) or "{0}"
+
+
+def _text(value: Any) -> str:
+    """Nothing for what is zero."""
+    if isinstance(value, SmoothStructure):
+        return f"{{.call = {value.function.name()}}}"
+    if isinstance(value, ctypes.Structure):
+        return _structure(value)
+    if isinstance(value, ctypes.Array):
+        return _array(value)
+    return _number(value)
+
+
+def _structure(value: ctypes.Structure) -> str:
+    fields = {name: _text(getattr(value, name)) for name, *_ in value._fields_}
+    lines = [f".{c_name(name)} = {text}" for name, text in fields.items() if text]
+    return f"{{{', '.join(lines)}}}" if lines else ""
+
+
+def _array(value: ctypes.Array[Any]) -> str:
+    items = [_text(item) for item in value]
+    while items and not items[-1]:
+        items.pop()
+    empty = "{0}" if isinstance(value[0], (ctypes.Array, ctypes.Structure)) else "0"
+    return f"{{{', '.join(item or empty for item in items)}}}" if items else ""
+
+
+def _number(value: float) -> str:
+    """Whatever reads it gets the same bits."""
+    if isinstance(value, int):
+        return str(value) if value else ""
+    if value != value:
+        return "NAN"
+    if value in (float("inf"), float("-inf")):
+        return "INFINITY" if value > 0 else "-INFINITY"
+    return value.hex() if value or str(value) == "-0.0" else ""
+
+
+# Kernels as things to call: compiled once, in Python where that cannot be.
+
+_PLAIN: dict[Any, Any] = {float: ctypes.c_double, int: ctypes.c_int, bool: ctypes.c_int}
+
+
+def bind_kernels(
+    kernels: Sequence[Callable[..., Any]], structures: Iterable[type[ctypes.Structure]], *, compiled: bool = True
+) -> tuple[Callable[..., Any], ...]:
+    """The `kernels`, in C unless `compiled` is false or there is no compiler; themselves otherwise.
+
+    structures: those that they work on, as `structure_of` makes them. A vector is given as an array in a structure. Raises
+    `InvalidInput` for a function that is no kernel.
+    """
+    return _bound(tuple(kernels), tuple(structures)) if compiled else tuple(kernels)
+
+
+def memory_of(
+    structure: type[ctypes.Structure], kernels: Sequence[Callable[..., Any]], *, compiled: bool = True
+) -> tuple[ctypes.Structure, tuple[Callable[..., Any], ...]]:
+    """A new memory whose functions are at their places, and the `kernels` that work on it, as `bind_kernels` gives them.
+
+    Where one of its functions cannot be compiled the kernels stay in Python.
+    """
+    memory = structure()
+    return memory, bind_to(memory, kernels, compiled=compiled)
+
+
+def bind_to(
+    memory: ctypes.Structure, kernels: Sequence[Callable[..., Any]], *, compiled: bool = True
+) -> tuple[Callable[..., Any], ...]:
+    """The `kernels` for a memory, as `memory_of` gives them, once its functions are at their places."""
+    return bind_kernels(kernels, (type(memory),), compiled=compiled and connect(memory))
+
+
+@lru_cache(maxsize=64)
+def _bound(
+    kernels: tuple[Callable[..., Any], ...], structures: tuple[type[ctypes.Structure], ...]
+) -> tuple[Callable[..., Any], ...]:
+    path = _compiled(kernels, _Shapes(structures))
+    if path is None:
+        return kernels
+    library = loaded_library(path)
+    by_name = {structure.__name__: structure for structure in structures}
+    return tuple(_function(library, kernel, by_name) for kernel in kernels)
+
+
+class _Shapes:
+    """Structures that are equal where C sees no difference between them: functions of one name and size are exchangeable."""
+
+    def __init__(self, structures: tuple[type[ctypes.Structure], ...]) -> None:
+        self.structures, self._shapes = structures, tuple(map(shape_of, structures))
+
+    def __hash__(self) -> int:
+        return hash(self._shapes)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Shapes) and self._shapes == other._shapes
+
+
+@lru_cache(maxsize=64)
+def _compiled(kernels: tuple[Callable[..., Any], ...], shapes: _Shapes) -> Path | None:
+    program = c_program(kernels, shapes.structures)
+    return compile_library(program.types + program.code, name=", ".join(kernel.__name__ for kernel in kernels))
+
+
+def _function(
+    library: ctypes.CDLL, kernel: Callable[..., Any], structures: dict[str, type[ctypes.Structure]]
+) -> Callable[..., Any]:
+    function = library[f"{PREFIX}{kernel.__name__}"]
+    hints = get_type_hints(kernel)
+    function.argtypes = [_passed(hints[name], structures) for name in signature(kernel).parameters]
+    function.restype = _PLAIN.get(hints.get("return"))
+    return function
+
+
+def _passed(hint: Any, structures: dict[str, type[ctypes.Structure]]) -> Any:
+    if isinstance(hint, type) and issubclass(hint, Layout):
+        return ctypes.POINTER(structures[hint.__name__])
+    return _PLAIN.get(hint, ctypes.POINTER(ctypes.c_double))
+
+
+# Kernels and the functions that they call as files of C, which need no Python.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CLibrary:
+    """Texts of C99: no allocation, no input or output, libm only."""
+
+    types: str
+    """Structures."""
+    kernels: str
+    """Kernels, under their names behind ``k_``; after the types."""
+    functions: str
+    """CasADi functions: a file of its own, without those that are made of other C already."""
+    declarations: str
+    """Of these functions."""
+    initial: str
+    """What initialises the memory that was given; after types and declarations."""
+
+
+def c_library(
+    kernels: Sequence[Callable[..., Any]], memory: ctypes.Structure, others: Sequence[type[ctypes.Structure]] = ()
+) -> CLibrary:
+    """The `kernels`, which work on a `memory` such as this and on `others`. Raises `InvalidInput`, as `c_program`."""
+    program = c_program(kernels, (type(memory), *others))
+    functions = dict.fromkeys(part.function for part in functions_in(memory))
+    return CLibrary(
+        types=program.types,
+        kernels=program.code,
+        functions=_generated(list(functions)),
+        declarations="".join(f"{_head(function)};\n" for function in functions),
+        initial=initial_value(memory),
+    )
+
+
+def _head(function: ca.Function) -> str:
+    return f"int {function.name()}(const double **arg, double **res, long long int *iw, double *w, int mem)"
+
+
+def _generated(functions: Sequence[ca.Function]) -> str:
+    generator = ca.CodeGenerator("functions.c")
+    for function in functions:
+        if function.class_name() != "External":
+            generator.add(function)
+    return MATH + str(generator.dump())

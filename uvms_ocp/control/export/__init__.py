@@ -1,1 +1,0 @@
-"""The controller as files of C: no Python, no allocation, no input or output, libm only."""

@@ -1,0 +1,94 @@
+"""Run another controller under the supervision of the mission."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.checks import unchecked_constructor
+from uvms_ocp.control.velocity.kinematic import KinematicController
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.display import SmallTable, Tabled
+from uvms_ocp.robot.signals import Command, Measurement
+
+_command = unchecked_constructor(Command)
+
+
+class WatchedController(Tabled):
+    """A callable ``(Measurement, t) -> Command`` that asks another one, and tells what the mission makes of it.
+
+    A kinematic layer of its own measures all quantities, goes through the phases and ends the run; what it would command goes
+    nowhere. So a PID, a learned policy or the exported controller gets the record, report and figures of our own. What thrusters
+    and joints meet it does not hear: it gives no mission up for thrust, contact or a faulty actuator.
+    """
+
+    def __init__(
+        self,
+        *,
+        controller: Callable[[Measurement, float], Command],
+        kinematic: KinematicController,
+        n_thrusters: int | None,
+        name: str,
+    ) -> None:
+        """n_thrusters [-]: of the plant; `None` for one that takes velocities, without thrust and torque.
+
+        name: what messages call the controller.
+        """
+        self.kinematic = kinematic
+        """Which watches."""
+        self._theirs, self.name, robot = controller, name, kinematic.robot
+        self._shapes: dict[str, tuple[int, ...]] = {"v": (robot.n_v,)}
+        if n_thrusters is not None:
+            self._shapes |= {"thrust": (n_thrusters,), "torque": (robot.n_joints,)}
+
+    def __call__(self, measurement: Measurement, t: float) -> Command:
+        """Their command for the tick at time t [s]. Raises `InvalidInput` for one that the plant cannot take."""
+        watched = self.kinematic.command(self.kinematic.observe(measurement, t))
+        begin = perf_counter()
+        command = self._theirs(measurement, t)
+        spent = perf_counter() - begin
+        self._require(command, watched)
+        self.kinematic.follow(command)
+        times = {"solve_time": 0.0, "tick_time": spent, "controller_time": spent}
+        return _command(
+            v=command.v,
+            thrust=command.thrust,
+            torque=command.torque,
+            hold=command.hold,
+            stop=command.stop,
+            brakes=command.brakes,
+            finished=watched.finished or command.finished,
+            telemetry={**watched.telemetry, **times, **command.telemetry},
+        )
+
+    def _table(self) -> SmallTable:
+        return SmallTable(title=f"{type(self).__name__} of {self.name}", rows=self.kinematic._table().rows)
+
+    def _require(self, command: Any, watched: Command) -> None:
+        if not isinstance(command, Command):
+            raise InvalidInput(f"controller {self.name} returned {type(command).__name__}; return a Command")
+        for name, shape in self._shapes.items():
+            require_numbers(f"the command of controller {self.name}", name, getattr(command, name), shape)
+        if taken := command.telemetry.keys() & watched.telemetry.keys():
+            raise InvalidInput(
+                f"telemetry of controller {self.name} has {sorted(taken)[0]!r}, which the mission tells; rename it"
+            )
+
+
+def require_numbers(whose: str, name: str, value: np.ndarray | None, shape: tuple[int, ...]) -> None:
+    """Raise `InvalidInput`, with the words that say whose it is, for a value (n,) [any unit] that is not as wanted.
+
+    shape [-]: that it has to have.
+    """
+    if value is None or value.shape != shape:
+        given = "None" if value is None else f"of shape {value.shape}"
+    elif value.dtype != float:  # of which the record would keep the whole part alone
+        given = f"of type {value.dtype}"
+    elif not np.isfinite(value).all():
+        given = "not finite"
+    else:
+        return
+    raise InvalidInput(f"{whose} has {name} {given}; give {shape[0]} finite numbers")

@@ -1,0 +1,200 @@
+"""Control authority: the largest force along each axis that the remaining thrusters can give while the others are balanced."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Annotated, Any
+
+import numpy as np
+
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of, view
+from uvms_ocp.codegen.kernels import bind_kernels
+from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness, given_by
+from uvms_ocp.solvers.linear_program import LinearProgram, program_sizes, solve_program, value_of
+
+AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+_GONE = 0.02  # share of the reach of sound thrusters that counts as none
+_LEAST = 0.05  # share that a mission needs on the axes that nothing else holds
+_ROLL, _PITCH = 3, 4  # and nothing between them, where the righting moment may do
+
+
+class AuthorityMemory(Layout):
+    """What is asked, and found by `judge_authority`."""
+
+    matrix: Annotated[list[Vector], Sized(6, "n_thrusters")]
+    """(6, n_thrusters) [N/N, N m/N]"""
+    lower: Annotated[Vector, Sized("n_thrusters")]
+    """(n_thrusters,) [N] limits of what may be asked."""
+    upper: Annotated[Vector, Sized("n_thrusters")]
+    """(n_thrusters,) [N]"""
+    trim: Annotated[Vector, Sized(6)]
+    """(6,) [N, N m] that holds the robot still."""
+    righting: Annotated[Vector, Sized(6)]
+    """(6,) [N, N m] that the water balances on its own, within the tilt that is allowed."""
+    program: LinearProgram
+    reach: Annotated[list[Vector], Sized(6, 2)]
+    """(6, 2) [N, N m] as that of `Authority`."""
+    sound: Annotated[list[Vector], Sized(6, 2)]
+    """(6, 2) [N, N m] likewise."""
+    holds: bool
+    can_go_on: bool
+
+
+def judge_authority(a: AuthorityMemory, e: ThrusterEffectiveness) -> None:
+    """What is left with an effect: twenty-four linear programs."""
+    for i in range(len(a.lower)):
+        a.program.lower[i] = a.lower[i]
+        a.program.upper[i] = a.upper[i]
+    _reach_out(a, False)
+    for i in range(len(a.lower)):
+        a.program.lower[i] = min(given_by(e, i, a.lower[i]), given_by(e, i, a.upper[i]))
+        a.program.upper[i] = max(given_by(e, i, a.lower[i]), given_by(e, i, a.upper[i]))
+    _reach_out(a, True)
+    _conclude_authority(a)
+
+
+def _reach_out(a: AuthorityMemory, trimmed: bool) -> None:
+    """Along all axes within the limits of the program; trimmed: of what is left, from the wrench that holds the robot still."""
+    for axis in range(6):
+        for way in range(2):
+            most = _largest_along(a, axis, way, trimmed)
+            if trimmed:
+                a.reach[axis][way] = most
+            else:
+                a.sound[axis][way] = most
+
+
+def _largest_along(a: AuthorityMemory, axis: int, way: int, trimmed: bool) -> float:
+    """Largest x with ``matrix T + s = trim + way x e``, T within its limits, s within what the water balances.
+
+    way: 0 down the axis, 1 up. NaN where there is none.
+    """
+    p, n = a.program, len(a.lower)
+    for k in range(6):
+        _write_balance(a, k, k == axis and _ROLL <= axis <= _PITCH, trimmed)
+    p.A[axis][n + 6] = 1.0 - 2.0 * way
+    p.lower[n + 6] = 0.0
+    p.upper[n + 6] = math.inf
+    p.c[n + 6] = 1.0
+    return value_of(p) if solve_program(p) else math.nan
+
+
+def _write_balance(a: AuthorityMemory, k: int, own: bool, trimmed: bool) -> None:
+    """Of axis k; own: by the thrusters alone, whatever the water balances."""
+    p, n = a.program, len(a.lower)
+    for i in range(len(p.c)):
+        p.A[k][i] = a.matrix[k][i] if i < n else 0.0
+    p.A[k][n + k] = 1.0
+    p.upper[n + k] = 0.0 if own else a.righting[k]
+    p.lower[n + k] = -p.upper[n + k]
+    p.b[k] = a.trim[k] if trimmed and not own else 0.0
+
+
+def _conclude_authority(a: AuthorityMemory) -> None:
+    """Whether the robot can be held still, and pushed either way on every axis that the water does not hold."""
+    a.holds = True
+    enough = True
+    for axis in range(6):
+        for way in range(2):
+            a.holds = a.holds and math.isfinite(a.reach[axis][way])
+            held = _ROLL <= axis <= _PITCH
+            enough = enough and (held or a.reach[axis][way] >= _LEAST * a.sound[axis][way])
+    a.can_go_on = a.holds and enough
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Authority:
+    """Along each axis of B, from the wrench that holds the robot still."""
+
+    reach: np.ndarray
+    """(6, 2) [N, N m] largest additional force down and up the axis, the other axes balanced; NaN where it cannot even hold."""
+    sound: np.ndarray
+    """(6, 2) [N, N m] the same of sound thrusters."""
+    holds: bool
+    """Whether the robot can be held still."""
+    can_go_on: bool
+    """Whether the robot can be held still and pushed either way on every axis that the water does not hold."""
+
+    @property
+    def lost(self) -> tuple[str, ...]:
+        """Axes along which there is no force of its own either way any more."""
+        return tuple(axis for axis, gone in zip(AXES, self._gone(), strict=True) if gone.all())
+
+    @property
+    def one_sided(self) -> tuple[str, ...]:
+        """Axes along which there is force one way only."""
+        return tuple(axis for axis, gone in zip(AXES, self._gone(), strict=True) if gone.any() and not gone.all())
+
+    def __str__(self) -> str:
+        """What is left, in one line."""
+        if not self.holds:
+            return "the thrusters that are left cannot hold the robot still"
+        parts = [f"{axis} can no longer be driven on its own" for axis in self.lost]
+        parts += [f"{axis} can be driven one way only" for axis in self.one_sided]
+        shares = self._shares()
+        parts += [
+            f"{axis} {100 * share:.0f} %"
+            for axis, share in zip(AXES, shares, strict=True)
+            if axis not in (*self.lost, *self.one_sided) and share < 0.95
+        ]
+        return f"left of the reach: {', '.join(parts)}" if parts else "nothing is out of reach"
+
+    def _gone(self) -> np.ndarray:
+        """(6, 2) which of what sound thrusters reach is out of reach."""
+        there = self.sound > _GONE * self.sound.max()
+        return there & ~(self.reach > _GONE * self.sound)
+
+    def _shares(self) -> np.ndarray:
+        """(6,) [-] of the reach of sound thrusters, the worse way."""
+        return np.min(self.reach / np.maximum(self.sound, np.finfo(float).tiny), axis=1)
+
+
+def authority_in(memory: Any) -> Authority:
+    """What an `AuthorityMemory` holds."""
+    return Authority(
+        reach=view(memory.reach).copy(),
+        sound=view(memory.sound).copy(),
+        holds=bool(memory.holds),
+        can_go_on=bool(memory.can_go_on),
+    )
+
+
+def authority_sizes(n: int) -> dict[str, int]:
+    """Of an `AuthorityMemory` [-] of n [-] thrusters."""
+    return {"n_thrusters": n, **program_sizes(6, n + 7)}
+
+
+def write_authority(memory: Any, matrix: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
+    """matrix (6, n) [N/N, N m/N]; lower, upper (n,) [N] limits of what may be asked."""
+    view(memory.matrix)[:, : len(lower)] = matrix
+    view(memory.lower)[: len(lower)], view(memory.upper)[: len(lower)] = lower, upper
+
+
+def authority_of(
+    matrix: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    effect: ThrusterEffectiveness,
+    trim: np.ndarray,
+    righting: np.ndarray,
+) -> Authority:
+    """What is left with an effect, for a robot that trim (6,) [N, N m] holds still.
+
+    matrix (6, n) [N/N, N m/N]; lower, upper (n,) [N] limits of what may be asked. righting (6,) [N, N m]: what the water
+    balances on its own, within the tilt that is allowed.
+    """
+    structure, effects, judge = _bound(len(lower))
+    memory: Any = structure()
+    write_authority(memory, matrix, lower, upper)
+    memory.trim[:], memory.righting[:] = trim.tolist(), righting.tolist()
+    judge(memory, effects(tuple(effect.share), tuple(effect.constant)))
+    return authority_in(memory)
+
+
+@lru_cache(maxsize=16)
+def _bound(n: int) -> tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]]:
+    structure, effect = (structure_of(kind, **authority_sizes(n)) for kind in (AuthorityMemory, ThrusterEffectiveness))
+    return structure, effect, bind_kernels((judge_authority,), (structure, effect))[0]

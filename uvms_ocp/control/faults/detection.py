@@ -1,0 +1,274 @@
+"""Detect faults of thrusters and joints, and the authority that is left without them: one look after the other, as kernels."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Smooth, Vector
+from uvms_ocp.control.faults.authority import AuthorityMemory, judge_authority
+from uvms_ocp.control.faults.thrusters import ThrusterFaultMemory, look_at_thrusters
+from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness
+
+# The wrench that holds the robot still, averaged once it has settled after a fault.
+
+
+class WrenchBalance(Layout):
+    """Mean over the second half of a wait."""
+
+    wait: float
+    """[s] from a verdict to a judgement."""
+    runs: bool
+    """Whether there is anything to wait for."""
+    began: float
+    """[s]"""
+    total: Annotated[Vector, Sized(6)]
+    """(6,) [N, N m]"""
+    count: int
+    mean: Annotated[Vector, Sized(6)]
+    """(6,) [N, N m] where it is time to judge."""
+
+
+def begin_balance(b: WrenchBalance, t: float) -> None:
+    """Anew, at time t [s]; infinity where what was seen is not to be trusted: from the next look on."""
+    b.began = t
+    b.count = 0
+    for k in range(6):
+        b.total[k] = 0.0
+
+
+def take_in_balance(b: WrenchBalance, wrench: Vector, t: float) -> bool:
+    """A wrench (6,) [N, N m] at time t [s]; whether it is time to judge."""
+    b.began = min(b.began, t)
+    if t - b.began > 0.5 * b.wait:
+        b.count += 1
+        for k in range(6):
+            b.total[k] += wrench[k]
+    if t - b.began < b.wait or b.count == 0:
+        return False
+    for k in range(6):
+        b.mean[k] = b.total[k] / b.count
+    b.runs = False
+    return True
+
+
+# Joints that are asked to move, are pushed, and do not, as kernels.
+
+_MEMORY = 2.0  # [s] of the way that a joint was asked to go
+_MOVED = 0.1  # share of that way which counts as having moved
+
+
+class JointFaultMemory(Layout):
+    """Verdicts on all joints, with the ways they were asked to go and went."""
+
+    count: int
+    """[-] joints."""
+    effort: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [N m or N] limits."""
+    jam_travel: float
+    """[rad or m] as the next two of `ActuatorHealthTuning`."""
+    jam_effort: float
+    """[-]"""
+    jam_time: float
+    """[s]"""
+    started: bool
+    t: float
+    """[s] of the last look."""
+    before: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad or m] where they were then."""
+    asked: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad or m] ways of late."""
+    moved: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad or m] likewise."""
+    since: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [s] from which on it stands and resists; infinity where it does not. Of what is jammed it stays."""
+    jammed: Annotated[list[bool], Sized("n_joints")]
+    """(n_joints,)"""
+    found: Annotated[list[bool], Sized("n_joints")]
+    """(n_joints,) jammed, by the last look."""
+
+
+def forget_joints(w: JointFaultMemory) -> None:
+    """Encoders are silent or doubted."""
+    w.started = False
+    for j in range(w.count):
+        w.asked[j] = 0.0
+        w.moved[j] = 0.0
+        w.found[j] = False
+        if not w.jammed[j]:
+            w.since[j] = math.inf
+
+
+def look_at_joints(w: JointFaultMemory, way: Vector, q: Vector, resistance: Vector, t: float) -> bool:
+    """Take in the way (n_joints,) [rad or m] asked since the last look, and q (n_joints,) [rad or m] where they are, by the way
+    they went, at time t [s].
+
+    resistance (n_joints,) [N m or N]: what the observer finds to act on the joints beside motors and model. Whether any was
+    found jammed.
+    """
+    keep, any_found = math.exp(-(t - w.t) / _MEMORY), False
+    for j in range(w.count):
+        w.found[j] = False
+        if w.started:
+            w.asked[j] = keep * w.asked[j] + way[j]
+            w.moved[j] = keep * w.moved[j] + q[j] - w.before[j]
+            _look_at_joint(w, j, resistance[j], t)
+        w.before[j] = q[j]
+        any_found = any_found or w.found[j]
+    w.started = True
+    w.t = t
+    return any_found
+
+
+def _look_at_joint(w: JointFaultMemory, j: int, resistance: float, t: float) -> None:
+    if w.jammed[j]:
+        return
+    wanted = abs(w.asked[j])
+    against = -resistance if w.asked[j] > 0.0 else resistance if w.asked[j] < 0.0 else 0.0
+    stands = wanted > w.jam_travel and abs(w.moved[j]) < _MOVED * wanted
+    w.since[j] = min(w.since[j], t) if stands and against > w.jam_effort * w.effort[j] else math.inf
+    w.found[j] = t - w.since[j] >= w.jam_time - 1e-9
+    w.jammed[j] = w.found[j]
+
+
+# A look at all thrusters and joints, and at what is left without the faulty ones, as kernels.
+
+_TILT = 0.1  # [rad] in which the righting moment may balance what thrusters no longer can
+
+
+class ActuatorLook(Layout):
+    """What one look shows of the actuators, what is remembered of those before, and what comes of them."""
+
+    # given
+    q: Annotated[Vector, Sized("n_q")]
+    """(n_q,) [m, rad] measured."""
+    residual: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [N, N m] that the observer finds beside model and commands, one lag behind."""
+    disturbance: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [N, N m] the same, as it is made up for."""
+    asked: Annotated[Vector, Sized("n_thrusters")]
+    """(n_thrusters,) [N] as `Asked.thrust`."""
+    way: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] as `Asked.way`."""
+    joints_known: bool
+    """Whether the encoders are to be trusted."""
+    # of the robot
+    joint_way: Smooth
+    """``q, q -> (n_joints,)`` [rad or m] from one to the other."""
+    weight: Smooth
+    """``q -> (6,)`` [N, N m] of thrusters that would hold the robot still in still water."""
+    dt: float
+    """[s] of a tick."""
+    n_vehicle: int
+    # remembered
+    thrusters: ThrusterFaultMemory
+    joints: JointFaultMemory
+    balance: WrenchBalance
+    authority: AuthorityMemory
+    effect: ThrusterEffectiveness
+    """What thrusters make of their commands, by the verdicts."""
+    paused: bool
+    started: bool
+    before: Annotated[Vector, Sized("n_q")]
+    """(n_q,) [m, rad] of the last look."""
+    step: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad or m] from there."""
+    gone: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad or m] that the joints went so far; some turn without end, and are no numbers."""
+    asked_way: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad or m] since the last look."""
+    resistance: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [N m or N]"""
+    wrench: Annotated[Vector, Sized(6)]
+    """(6,) [N, N m]"""
+    upright: Annotated[Vector, Sized(6)]
+    """(6,) [N, N m]"""
+    tilted: Annotated[Vector, Sized("n_tilted")]
+    """(n_q,) [m, rad] and room for the quaternion of a vehicle."""
+    judged: bool
+    """The authority is that of what is left; before, nobody has judged."""
+    # found
+    thruster: int
+    """That was found faulty in this look; -1 for none."""
+    jam: bool
+    """A joint was found jammed in this look."""
+    judgement: bool
+    """There is a new one."""
+    changed: bool
+    """Any of that, or another thruster is suspect."""
+
+
+def pause_looks(m: ActuatorLook) -> None:
+    """What is measured is not to be trusted."""
+    if not m.paused:
+        m.paused = True
+        m.thrusters.started = False
+        forget_joints(m.joints)
+        begin_balance(m.balance, math.inf)
+
+
+def look_at_actuators(m: ActuatorLook, t: float) -> bool:
+    """At time t [s]; whether anything was found faulty."""
+    m.paused = False
+    _go_on(m)
+    if not m.joints_known:
+        forget_joints(m.joints)
+    m.jam = m.joints_known and look_at_joints(m.joints, m.asked_way, m.gone, m.resistance, t)
+    suspect = m.thrusters.suspect
+    m.thruster = look_at_thrusters(m.thrusters, m.effect, m.residual, m.asked, t)
+    m.judgement = _judge(m, t)
+    m.judged = m.judged or m.judgement
+    found = m.jam or m.thruster >= 0
+    m.changed = found or m.judgement or m.thrusters.suspect != suspect
+    return found
+
+
+def _go_on(m: ActuatorLook) -> None:
+    """Where the joints went, and what they were asked."""
+    if m.started:
+        m.joint_way(m.before, m.q, m.step)
+    m.started = True
+    for j in range(m.joints.count):
+        m.gone[j] += m.step[j]
+        m.asked_way[j] = m.way[m.n_vehicle + j] * m.dt
+        m.resistance[j] = m.residual[m.n_vehicle + j]
+    for k in range(len(m.q)):
+        m.before[k] = m.q[k]
+
+
+def _judge(m: ActuatorLook, t: float) -> bool:
+    """What is left of the thrusters, once the robot has settled after a verdict; whether it was judged now."""
+    if m.thruster >= 0:
+        begin_balance(m.balance, t)
+        m.balance.runs = True
+    elif m.balance.runs:
+        m.weight(m.q, m.wrench)
+        for k in range(6):
+            m.wrench[k] -= m.disturbance[k]
+        if take_in_balance(m.balance, m.wrench, t):
+            _find_trim(m)
+            judge_authority(m.authority, m.effect)
+            return True
+    return False
+
+
+def _find_trim(m: ActuatorLook) -> None:
+    """The wrench that holds the robot still, and moments of weight and buoyancy within the allowed tilt from level."""
+    for k in range(len(m.q)):
+        m.tilted[k] = m.q[k]
+    _tilt(m, 0, 0.0)
+    m.weight(m.tilted, m.upright)
+    for axis in range(6):
+        m.authority.trim[axis] = m.balance.mean[axis]
+        m.authority.righting[axis] = 0.0
+        if 3 <= axis <= 4:
+            _tilt(m, axis - 3, _TILT)
+            m.weight(m.tilted, m.wrench)
+            m.authority.righting[axis] = max(m.wrench[axis] - m.upright[axis], 0.0)
+
+
+def _tilt(m: ActuatorLook, axis: int, angle: float) -> None:
+    """The quaternion xyzw, from level."""
+    for k in range(3):
+        m.tilted[3 + k] = math.sin(0.5 * angle) if k == axis else 0.0
+    m.tilted[6] = math.cos(0.5 * angle)

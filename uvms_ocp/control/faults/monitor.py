@@ -1,0 +1,204 @@
+"""Report the health of thrusters and joints: verdicts, alarms and telemetry."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.codegen.kernel_layout import view
+from uvms_ocp.control.faults.authority import Authority, authority_in, authority_sizes, write_authority
+from uvms_ocp.control.faults.thrusters import EARLY, LATE
+from uvms_ocp.control.faults.verdicts import (
+    ActuatorHealth,
+    ActuatorHealthTuning,
+    FaultKind,
+    Intake,
+    JointVerdict,
+    ThrusterVerdict,
+    joint_alarm,
+    joints_named,
+    thruster_alarm,
+    thrusters_named,
+)
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
+from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
+
+# The memory of a look in Python: made once, with what never changes, and read for its verdicts.
+
+_NOTHING = 0.3  # share below which a thruster is dead, not weak
+
+
+def look_sizes(robot: Robot, symbolic: SymbolicDynamics, tuning: ActuatorHealthTuning, period: float) -> dict[str, Any]:
+    """Of an `ActuatorLook` [-], and its functions; period [s] of looks."""
+    return {
+        "n_q": robot.n_q,
+        "n_tilted": max(robot.n_q, 7),
+        "n_v": robot.n_v,
+        "n_joints": robot.n_joints,
+        "n_looks": looks_kept(tuning, period),
+        **authority_sizes(len(robot.description.thrusters)),
+        "weight": _weight_function(robot, symbolic),
+        "joint_way": _joint_way_function(robot, symbolic),
+    }
+
+
+def looks_kept(tuning: ActuatorHealthTuning, period: float) -> int:
+    """Looks [-] that a `BlameWindow` has room for; period [s] of them."""
+    return 2 * _window_length(tuning, period) + LATE + EARLY
+
+
+def write_look(
+    memory: Any, robot: Robot, tuning: ActuatorHealthTuning, intake: Intake, *, bandwidth: float, dt: float
+) -> None:
+    """An `ActuatorLook` before the first; bandwidth [rad/s] of the observer; dt [s] of a tick."""
+    matrix, limits = thruster_matrix(robot), thrust_limits(robot)
+    memory.dt, memory.n_vehicle, memory.balance.wait = dt, robot.n_vehicle, tuning.judged_after
+    memory.thruster = -1
+    view(memory.effect.share)[:] = 1.0
+    write_authority(memory.authority, matrix, *limits)
+    write_thruster_watch(
+        memory.thrusters, matrix, *limits, tuning=tuning, bandwidth=bandwidth, period=intake.every * dt
+    )
+    write_joint_watch(memory.joints, robot.limits.effort, tuning)
+
+
+def write_thruster_watch(
+    watch: Any,
+    matrix: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    *,
+    tuning: ActuatorHealthTuning,
+    bandwidth: float,
+    period: float,
+) -> None:
+    """A `ThrusterWatch` of sound thrusters.
+
+    matrix (6, n) [N/N, N m/N]; lower, upper (n,) [N] limits; bandwidth [rad/s] of the residual; period [s] of looks.
+    """
+    for name in ("settling", "clear_lead", "looks", "sound_share"):
+        setattr(watch, name, getattr(tuning, name))
+    n, watch.suspect, watch.last = len(lower), -1, -1
+    view(watch.lower)[:n], view(watch.upper)[:n] = lower, upper
+    view(watch.since)[:] = math.nan
+    watch.manner.bandwidth, watch.manner.follows = bandwidth, _NOTHING
+    reach = np.abs(matrix) @ np.maximum(upper, -lower)
+    scale = np.maximum(np.repeat([tuning.force_scale, tuning.moment_scale], 3) * reach, 1e-6 * reach.max(initial=1.0))
+    _write_window(watch.window, matrix / scale[:, None], scale, tuning)
+    watch.window.length = _window_length(tuning, period)
+
+
+def write_joint_watch(watch: Any, effort: np.ndarray, tuning: ActuatorHealthTuning) -> None:
+    """A `JointWatch` of sound joints; effort (n_joints,) [N m or N] limits."""
+    for name in ("jam_travel", "jam_effort", "jam_time"):
+        setattr(watch, name, getattr(tuning, name))
+    watch.count = len(effort)
+    view(watch.effort)[: len(effort)] = effort
+    view(watch.since)[:] = math.inf
+
+
+def thruster_verdicts(watch: Any, effect: Any, n: int) -> list[ThrusterVerdict]:
+    """Of a `ThrusterWatch`, on each of n [-] thrusters; effect: an `Effect` in memory."""
+    return [
+        ThrusterVerdict(
+            health=ActuatorHealth(watch.health[i]),
+            kind=FaultKind(watch.kind[i]),
+            share=effect.share[i],
+            constant=effect.constant[i],
+            confidence=watch.confidence[i],
+            since=watch.since[i],
+        )
+        for i in range(n)
+    ]
+
+
+def joint_verdicts(watch: Any) -> list[JointVerdict]:
+    """Of a `JointWatch`, on each joint."""
+    sound = JointVerdict()
+    return [
+        JointVerdict(health=ActuatorHealth.FAULTY, kind=FaultKind.JAMMED, since=watch.since[j])
+        if watch.jammed[j]
+        else sound
+        for j in range(watch.count)
+    ]
+
+
+def _write_window(window: Any, directions: np.ndarray, scale: np.ndarray, tuning: ActuatorHealthTuning) -> None:
+    n = directions.shape[1]
+    view(window.directions)[:, :n], view(window.square)[:n] = directions, np.sum(directions**2, axis=0)
+    view(window.scale)[:], window.precedes = scale, tuning.precedes
+    window.least_change, window.least_explained, window.least_lead = tuning.least_change, tuning.explained, tuning.lead
+
+
+def _window_length(tuning: ActuatorHealthTuning, period: float) -> int:
+    return max(round(tuning.window / period), 4)
+
+
+def _weight_function(robot: Robot, symbolic: SymbolicDynamics) -> ca.Function:
+    q, rest, still = ca.SX.sym("q", robot.n_q), ca.SX(robot.n_v, 1), ca.SX(3, len(symbolic.links))
+    tau, n = symbolic.inverse_dynamics(q, rest, rest, still, still), robot.n_vehicle
+    wrench = ca.densify(ca.vertcat(tau[:n], ca.SX.zeros(6 - n)))
+    return ca.Function("weight", [q], [ca.cse(wrench)], ["q"], ["wrench"])
+
+
+def _joint_way_function(robot: Robot, symbolic: SymbolicDynamics) -> ca.Function:
+    before, q = ca.SX.sym("before", robot.n_q), ca.SX.sym("q", robot.n_q)
+    way = ca.densify(symbolic.symbolic.difference(before, q)[robot.n_vehicle :])
+    return ca.Function("joint_way", [before, q], [ca.cse(way)], ["before", "q"], ["way"])
+
+
+# The health of all thrusters and joints of a robot in words, and as telemetry.
+
+
+class ActuatorMonitor:
+    """Says what an `ActuatorLook` finds, and logs it in `alarms`."""
+
+    def __init__(self, robot: Robot, memory: Any, alarms: list[tuple[float, str]]) -> None:
+        """memory: the `ActuatorLook`; alarms: time [s] and text of each, appended to."""
+        self._robot, self._memory, self.alarms = robot, memory, alarms
+        self.thrusters: list[ThrusterVerdict] = []
+        """Verdicts on each."""
+        self.joints: list[JointVerdict] = []
+        """Likewise."""
+        self.authority: Authority | None = None
+        """What thrusters can still reach; `None` while all are sound, and until that is judged."""
+        self._told: dict[str, Any] = {}
+        self._refresh()
+
+    @property
+    def faulty(self) -> str:
+        """All that is faulty, in a few words; nothing where nothing is."""
+        return ", ".join((*thrusters_named(self.thrusters), *joints_named(self.joints)))
+
+    def hear(self, t: float) -> None:
+        """What the look at time t [s] has changed."""
+        self._refresh()
+        names, thrusters, i = self._robot.joint_names, self._robot.description.thrusters, self._memory.thruster
+        for j in range(len(self.joints)):
+            if self._memory.joints.found[j]:
+                self.alarms.append((t, joint_alarm(j + 1, names[j])))
+        if i >= 0:
+            self.alarms.append((t, thruster_alarm(i + 1, thrusters[i].name, self.thrusters[i])))
+        if self._memory.judgement:
+            self.authority = authority_in(self._memory.authority)
+            end = "" if self.authority.can_go_on else "; the mission cannot go on"
+            self.alarms.append((t, f"without {self.faulty}: {self.authority}{end}"))
+
+    def telemetry(self) -> dict[str, Any]:
+        """For the record: shares (n_thrusters,) [-], constants (n_thrusters,) [N], verdicts as whole numbers."""
+        return self._told
+
+    def _refresh(self) -> None:
+        memory, n = self._memory, len(self._robot.description.thrusters)
+        self.thrusters = thruster_verdicts(memory.thrusters, memory.effect, n)
+        self.joints = joint_verdicts(memory.joints)
+        self._told = {
+            "thruster_share": np.array(memory.effect.share[:n]),
+            "thruster_constant": np.array(memory.effect.constant[:n]),
+            "thruster_health": np.array([verdict.health for verdict in self.thrusters], dtype=np.int8),
+            "joint_health": np.array([verdict.health for verdict in self.joints], dtype=np.int8),
+        }

@@ -1,0 +1,233 @@
+"""Verdicts on thrusters and joints, the thresholds they rest on, and the effectiveness of the thrusters."""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from uvms_ocp.checks import checked
+from uvms_ocp.codegen.elementwise import Array, where
+from uvms_ocp.codegen.kernel_layout import Layout, Sized
+from uvms_ocp.errors import InvalidInput
+
+# What comes of the thrust that is asked for, thruster by thruster, as far as faults are known.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ThrusterEffectiveness(Layout):
+    """Thrust in the water is ``share * asked + constant``, of numbers and of CasADi expressions alike."""
+
+    share: Annotated[Array, Sized("n_thrusters")]
+    """(n_thrusters,) [-]: 1 is sound, 0 dead or stuck, below 0 reversed."""
+    constant: Annotated[Array, Sized("n_thrusters")]
+    """(n_thrusters,) [N] of a stuck thruster."""
+
+    @staticmethod
+    def sound(n: int) -> ThrusterEffectiveness:
+        """n thrusters that do what they are asked."""
+        return ThrusterEffectiveness(share=np.ones(n), constant=np.zeros(n))
+
+    @property
+    def works(self) -> Array:
+        """(n_thrusters,) whether anything follows the command at all."""
+        return self.share != 0.0
+
+    @property
+    def share_or_one(self) -> Array:
+        """(n_thrusters,) [-] to divide by."""
+        return where(self.works, self.share, 1.0)
+
+    def given(self, asked: Array) -> Array:
+        """Thrust in the water (n_thrusters,) [N] for the asked one (n_thrusters,) [N]."""
+        return self.share * asked + self.constant
+
+    def asked(self, given: Array) -> Array:
+        """What to ask (n_thrusters,) [N] for the thrust given (n_thrusters,) [N] in the water; 0 of what does not follow."""
+        return where(self.works, (given - self.constant) / self.share_or_one, 0.0)
+
+
+def given_by(e: ThrusterEffectiveness, i: int, asked: float) -> float:
+    """As `Effect.given`, of thruster i, as a kernel: thrust [N] for that asked [N]."""
+    return e.share[i] * asked + e.constant[i]
+
+
+# What is known of thrusters and joints: sound, suspect or faulty, and how.
+
+
+class ActuatorHealth(enum.IntEnum):
+    """How far an actuator does what it is asked."""
+
+    GOOD = 0
+    SUSPECT = 1
+    """The motion is not what it should be, and this may be why."""
+    FAULTY = 2
+    """Named, and no longer relied on."""
+
+
+class FaultKind(enum.IntEnum):
+    """What is wrong."""
+
+    NONE = 0
+    DEAD = 1
+    WEAK = 2
+    STUCK = 3
+    REVERSED = 4
+    JAMMED = 5
+
+    @property
+    def word(self) -> str:
+        """Such as ``dead``."""
+        return self.name.lower()
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ThrusterVerdict:
+    """On one thruster."""
+
+    health: ActuatorHealth = ActuatorHealth.GOOD
+    kind: FaultKind = FaultKind.NONE
+    """Of what is faulty."""
+    share: float = 1.0
+    """[-] of the thrust that is asked for."""
+    constant: float = 0.0
+    """[N] of a stuck thruster."""
+    confidence: float = 0.0
+    """[-] what the next best explanation leaves unexplained, over what this does."""
+    since: float = math.nan
+    """[s] time from which on it explains the motion."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class JointVerdict:
+    """On one joint."""
+
+    health: ActuatorHealth = ActuatorHealth.GOOD
+    kind: FaultKind = FaultKind.NONE
+    since: float = math.nan
+    """[s] time from which on it has not moved."""
+
+
+def thruster_alarm(number: int, name: str, verdict: ThrusterVerdict) -> str:
+    """One line on a faulty thruster, counted from 1 as in faults that are asked for."""
+    who = f"thruster{number} {verdict.kind.word} ({name})"
+    if verdict.kind is FaultKind.STUCK:
+        return f"{who}: gives {verdict.constant:.0f} N whatever it is asked; taken out, the others make up for it"
+    given = f"{who}: gives {100 * verdict.share:.0f} % of what it is asked"
+    if verdict.kind is FaultKind.DEAD:
+        return f"{given}; taken out"
+    return f"{given}; {'driven the other way' if verdict.kind is FaultKind.REVERSED else 'asked for more'}"
+
+
+def joint_alarm(number: int, name: str) -> str:
+    """One line on a jammed joint, counted from 1."""
+    return f"joint{number} jammed ({name}): pushed, and does not move; the others do without it"
+
+
+def thrusters_named(verdicts: Sequence[ThrusterVerdict]) -> list[str]:
+    """Those that are faulty, such as ``thruster3 dead``."""
+    return [f"thruster{i + 1} {verdict.kind.word}" for i, verdict in enumerate(verdicts) if verdict.kind]
+
+
+def joints_named(verdicts: Sequence[JointVerdict]) -> list[str]:
+    """Those that are faulty, such as ``joint2 jammed``."""
+    return [f"joint{j + 1} {verdict.kind.word}" for j, verdict in enumerate(verdicts) if verdict.kind]
+
+
+# How much has to be seen before a thruster or a joint is called faulty.
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ActuatorHealthTuning:
+    """Of `ActuatorMonitor`. Raises `InvalidInput` for a number that is not > 0, and a share of 1 or more."""
+
+    sample_time: float = 0.1
+    """[s] between two looks at the residual wrench."""
+    window: float = 4.0
+    """[s] of the residual in which a culprit is looked for, and twice that in which its onset is."""
+    force_scale: float = 0.02
+    """[-] change of the residual force that counts as one, share of what all thrusters together give on that axis."""
+    moment_scale: float = 0.005
+    """[-] the same of moments, of which water and loads make less for their force than thrusters do."""
+    least_change: float = 1.5
+    """[-] root mean square of the changes, in these scales, below which nothing is looked for."""
+    explained: float = 0.8
+    """[-] share of the changes that the fault of a thruster must explain: in Case 1 without one 0.7 was seen at most, 0.9 for
+    a while where the model of the water is wrong by a fifth."""
+    lead: float = 4.0
+    """[-] times as much as it leaves unexplained must be left by the next best: 2.7 and 9.6 were seen there."""
+    precedes: float = 1.25
+    """[-] times as much as it leaves unexplained must be left where commands are taken a moment later: commands that only
+    answer a push come after it."""
+    clear_lead: float = 16.0
+    """[-] lead from which on a look counts fully."""
+    looks: float = 8.0
+    """[-] that must agree, one after the other; those of a smaller lead count by its square."""
+    sound_share: float = 0.75
+    """[-] of what is asked that a thruster gives at least, else it is weak; less than 0.3 counts as nothing."""
+    settling: float = 1.5
+    """[s] after a start or a verdict that are not looked at."""
+    judged_after: float = 6.0
+    """[s] from a verdict to the judgement on what can still be reached, of the wrench that was needed in the second half."""
+    jam_travel: float = 0.05
+    """[rad or m] that a joint is asked to go, and does not, before it counts as jammed."""
+    jam_effort: float = 0.2
+    """[-] share of the joint's effort that must resist it."""
+    jam_time: float = 0.5
+    """[s] for which it stands still all the time."""
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise InvalidInput(f"{name} of the actuator health = {value}; give a finite number > 0")
+        for name in ("force_scale", "moment_scale", "explained", "sound_share", "jam_effort"):
+            if not getattr(self, name) < 1:
+                raise InvalidInput(f"{name} of the actuator health = {getattr(self, name)}; give a share below 1")
+
+
+# What is taken in at every tick between two looks: what was asked, as late as the residual tells of it.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class FilteredCommands:
+    """What actuators were asked, of numbers or CasADi expressions."""
+
+    thrust: Array
+    """(n_thrusters,) [N], filtered as the observer filters the residual."""
+    way: Array
+    """(n_v,) [m/s, rad/s] sum of the reference velocities since the last look."""
+    ticks: Array
+    """() [-] since the last look; at 0 it is time for one, where the tick was taken in."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Intake:
+    """The law of it."""
+
+    share: float
+    """[-] of the distance to a new thrust that the filter goes in a tick."""
+    every: int
+    """[-] ticks from look to look."""
+
+    def after(self, before: FilteredCommands, thrust: Array, reference: Array) -> FilteredCommands:
+        """A tick later.
+
+        thrust (n_thrusters,) [N] asked of thrusters that all follow; reference (n_v,) [m/s, rad/s] of the velocity.
+        """
+        ticks = before.ticks + 1.0
+        return FilteredCommands(
+            thrust=before.thrust + self.share * (thrust - before.thrust),
+            way=where(before.ticks == 0.0, 0.0, before.way) + reference,
+            ticks=where(ticks >= self.every, 0.0, ticks),
+        )
+
+
+def intake_of(tuning: ActuatorHealthTuning, *, bandwidth: float, dt: float) -> Intake:
+    """bandwidth [rad/s] of the residual; dt [s] of a tick."""
+    return Intake(share=1.0 - math.exp(-bandwidth * dt), every=max(1, round(tuning.sample_time / dt)))

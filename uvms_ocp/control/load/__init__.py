@@ -1,1 +1,0 @@
-"""What the tool carries, learnt from what the disturbance observer finds."""

@@ -1,1 +1,0 @@
-"""Readings of sensors in, one measurement with its age out."""

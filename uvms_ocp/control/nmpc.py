@@ -1,0 +1,212 @@
+"""Receding-horizon control: plan from the estimated state again and again, and track the newest plan in between."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import numpy as np
+
+from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
+from uvms_ocp.control.force.computed_torque import ComputedTorque, TrackingGains
+from uvms_ocp.control.force.dynamic import VelocityGains, observer_of
+from uvms_ocp.control.solve_workers import (
+    HOLD,
+    InLine,
+    ProcessWorker,
+    ReplanningJob,
+    Request,
+    TimedPlan,
+    WorkerStatus,
+    start_worker,
+)
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.estimation.fallbacks import LastSound
+from uvms_ocp.ocp.problem import HessianKind, OcpProblem
+from uvms_ocp.ocp.trajectory import hold
+from uvms_ocp.record.display import SmallTable, Tabled, rows_of
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.hydrodynamics import Water
+from uvms_ocp.robot.signals import Command, Measurement, State
+from uvms_ocp.solvers.nlp.options import SqpOptions
+
+_state = unchecked_constructor(State)
+_ROUNDING = 1e-9
+"""[s] in sums of ticks."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class NmpcStatistics:
+    """Of all solves so far but the first, which may take its time."""
+
+    solve_times: tuple[float, ...]
+    """[s] by the controller's clock."""
+    processor_times: tuple[float, ...]
+    """[s] the same without what other processes took."""
+    missed: int
+    """[-] solves that took longer than the period."""
+    rejected: int
+    """[-] solves without a plan that keeps the constraints, so that the last plan went on."""
+
+    @property
+    def missed_share(self) -> float:
+        return self.missed / max(len(self.solve_times), 1)
+
+
+@checked
+class Nmpc(Tabled):
+    """A callable ``(Measurement, t) -> Command``.
+
+    Once per `period` a plan is made: from the state in which the present plan will leave the measured one by the time that
+    the new one is ready, and from the solution of the last problem moved on in time, by real-time SQP. Until then the last
+    plan goes on. So it does if the best point found breaks constraints; the next solve starts from that point all the same,
+    because a second step mends what one step left. Between plans the newest is tracked at the control rate, against
+    disturbances that an observer measures.
+
+    By default the solve runs within the call that begins a period, and its plan takes over when the next one begins, or,
+    where it took longer, the one after: simulations are reproducible. With ``worker=Beside()`` it runs in a process of its
+    own: no call waits for it, the plan takes over as soon as solves of late would have been ready, or when it comes, and the
+    robot stays where it is until there is a first plan. If that process fails the last plan goes on, and its end is held;
+    see `worker_status`. Close the controller, or use it as a context manager, to end the process.
+    """
+
+    def __init__(
+        self,
+        problem: OcpProblem,
+        *,
+        dt: float = 1 / 200,
+        period: float = 1 / 20,
+        options: SqpOptions | None = None,
+        gains: TrackingGains | None = None,
+        observer: VelocityGains | None = None,
+        clock: Callable[[], float] = perf_counter,
+        worker: InLine | ProcessWorker | None = None,
+    ) -> None:
+        """problem: fixed durations; the measured state replaces its start, its Hessian is that of Gauss and Newton.
+
+        dt, period [s]: of control and planning. clock [s]: by which deadlines in line are judged. worker: where solves run,
+        by default `InLine`. Raises `InvalidInput` unless 0 < dt <= period, for a problem with free durations or a current
+        per step, and for one that cannot be sent to a worker beside; `UvmsError` where that does not start.
+        """
+        if not (np.isfinite([dt, period]).all() and 0 < dt <= period):
+            raise InvalidInput(f"dt = {dt} s, period = {period} s; give 0 < dt <= period")
+        if problem.free_time:
+            raise InvalidInput("receding-horizon control needs fixed durations; give every phase one number")
+        if np.ndim(problem.current) != 1:
+            raise InvalidInput(
+                "receding-horizon control needs one current; give three numbers [m/s], not some per step"
+            )
+        self._robot, self.period = problem.robot, period
+        self._problem = replace(problem, hessian=HessianKind.GAUSS_NEWTON)
+        self._worker = start_worker(
+            worker or InLine(), ReplanningJob(problem=self._problem, period=period, options=options, clock=clock)
+        )
+        robot, dynamics = problem.robot, robot_dynamics(problem.robot)
+        self._observer = observer_of(robot, dynamics, observer or VelocityGains(), dt, problem.current)
+        self._sound = LastSound(robot)
+        self._law = ComputedTorque(robot, dynamics, dt=dt, gains=gains, water=Water(velocity=problem.current))
+        self._now: TimedPlan | None = None
+        self._coming: TimedPlan | None = None
+        self._takes_over = np.inf
+        """[s] when the coming plan does."""
+        self._asked: float | None = None
+        """[s] when the solve began that is not answered yet."""
+        self._next = -np.inf
+        """[s] when the next solve begins."""
+        self._times: list[tuple[float, float]] = []
+        self._missed = self._rejected = 0
+
+    def _table(self) -> SmallTable:
+        horizon = float(self._problem.nominal_times()[-1])
+        told = {
+            "robot": self._robot.name,
+            "levels": ", ".join(level.name for level in self._problem.levels),
+            "horizon [s]": horizon,
+            "period of planning [s]": self.period,
+            "plans": self.worker_status.value,
+            "solved": len(self._times),
+            "missed": self._missed,
+            "rejected": self._rejected,
+        }
+        return SmallTable(title=type(self).__name__, rows=rows_of(told))
+
+    @property
+    def statistics(self) -> NmpcStatistics:
+        return NmpcStatistics(
+            solve_times=tuple(wall for wall, _ in self._times),
+            processor_times=tuple(processor for _, processor in self._times),
+            missed=self._missed,
+            rejected=self._rejected,
+        )
+
+    @property
+    def worker_status(self) -> WorkerStatus:
+        """Whether plans are still being made."""
+        return self._worker.status
+
+    def close(self) -> None:
+        """Make no more plans: the last one goes on, and its end is held."""
+        self._worker.close()
+
+    def __enter__(self) -> Nmpc:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    @checked_on_failure
+    def __call__(self, measurement: Measurement, t: float) -> Command:
+        """The command for the tick at time t [s]."""
+        measurement = self._sound(measurement, t)
+        state = _state(q=measurement.q, v=measurement.v)
+        acted = self._now is not None
+        now = self._followed(state, t)
+        disturbance = np.zeros(self._robot.n_v)
+        if self._observer is not None and acted:
+            disturbance = self._observer.update(state.q, state.v, self._law.force)
+        q, v, a = now.trajectory.state_at(self._robot.model, t - now.begin)
+        if t - now.begin > now.trajectory.t[-1]:
+            v = np.zeros_like(v)
+        command = self._law.command(state, q=q, v=v, a=a, disturbance=disturbance)
+        # Last: a process that wakes up beside takes what this tick has in the cache.
+        self._plan_ahead(state, t, now.begin)
+        return command
+
+    def _followed(self, state: State, t: float) -> TimedPlan:
+        """The plan for this tick."""
+        if self._now is None:
+            self._now = TimedPlan(number=HOLD, trajectory=hold(self._problem, state), begin=t)
+            self._plan_ahead(state, t, t + self._worker.lead)
+        self._collect(t)
+        if self._coming is not None and t >= self._takes_over - _ROUNDING:
+            self._now, self._coming = self._coming, None
+        return self._now
+
+    def _plan_ahead(self, state: State, t: float, begin: float) -> None:
+        """Ask for the next plan, at the beginning of a period; begin [s]: of the present one."""
+        if self._now is None or self._asked is not None or t < self._next - _ROUNDING:
+            return
+        self._asked, delay = t, self._worker.delay
+        self._worker.ask(Request(state=state, t=t, in_use=self._now.number, begin=begin, delay=delay))
+        self._collect(t)
+
+    def _collect(self, t: float) -> None:
+        """Take the answer to the last solve, if there is one."""
+        answer = self._worker.answer() if self._asked is not None else None
+        if answer is None or self._asked is None:
+            return
+        asked, self._asked = self._asked, None
+        if answer.first and answer.planned is not None:
+            self._next = self._takes_over = max(answer.planned.begin, t)
+            self._coming = replace(answer.planned, begin=self._next)
+            return
+        self._times.append((answer.solve_time, answer.processor_time))
+        self._missed += answer.solve_time > self.period
+        self._rejected += answer.planned is None
+        # A late plan keeps its time stamps, so that it is still of use; planning is slower meanwhile. That of a solve in
+        # line is as late as if it had been made beside.
+        late = 0.0 if t > asked else self.period * max(0.0, np.ceil(answer.solve_time / self.period) - 1)
+        self._coming = answer.planned
+        self._takes_over = max((asked if answer.planned is None else answer.planned.begin) + late, t)
+        self._next = max(asked + self.period + late, self._takes_over)

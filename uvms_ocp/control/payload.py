@@ -1,0 +1,446 @@
+"""Payload at the tool: its generalized force, and its estimate from the disturbance observer by an extended Kalman filter."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.checks import checked
+from uvms_ocp.codegen.buffered import BufferedFunction
+from uvms_ocp.codegen.compile import compile_function
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.symbolic_bodies import sparse
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
+from uvms_ocp.robot.thrusters import largest_force
+
+# How a load at the tool is learnt, and how far the model is trusted meanwhile.
+
+LOAD_FRAME = "tool"
+"""Where the load hangs."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LoadLearning:
+    """Of `LoadLearner`. Raises `InvalidInput` for a number that is not finite and > 0, and a share above 1."""
+
+    feed_forward: bool = True
+    """Whether the learnt weight follows the arm's posture at once, and not as fast as the observer."""
+    period: float = 0.1
+    """[s] between two looks at the disturbance."""
+    settling: float = 1.5
+    """[s] after a start, or after a velocity that was not to be trusted, that are not looked at."""
+    weight: float = 200.0
+    """[N] standard deviation of the net weight before anything is known of it."""
+    mass: float = 20.0
+    """[kg] the same of the mass."""
+    current: float = 0.5
+    """[m/s] the same of the current in each direction."""
+    current_walk: float = 0.01
+    """[m/s] by which the current may change within a second."""
+    lasting: float = 0.005
+    """[-] force that the model lacks for long on every axis, share of the most that thrusters or motors give there."""
+    lasting_time: float = 60.0
+    """[s] after which that has become another."""
+    unsteady: float = 0.001
+    """[-] force, the same share, below which the disturbance is noise at least."""
+    alike: float = 2.0
+    """[s] for which the disturbance is wrong in the same way: what the model lacks of a motion lasts longer than noise."""
+    drag: float = 0.1
+    """[-] share of its slope that the drag of a moving tool's velocity may be wrong by."""
+    least_acceleration: float = 0.05
+    """[m/s2] of the tool, below which nothing is learnt of the mass: noise of the velocity looks the same."""
+    surprise: float = 4.0
+    """[-] standard deviations, root mean square of all axes, beyond which something else is carried, or the water has changed."""
+    scale: float = 0.03
+    """[-] to which the forces of thrusters and motors are known: standard errors of weight and mass are no smaller share."""
+    mass_share: float = 0.25
+    """[-] standard error, share of the mass, at which this is determined."""
+    mass_error: float = 0.25
+    """[kg] or that at most: a tool that carries nothing has no share."""
+
+    def __post_init__(self) -> None:
+        for name in (name for name in self.__slots__ if name != "feed_forward"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise InvalidInput(f"{name} of the load learning = {value}; give a finite number > 0")
+        for name in ("lasting", "unsteady", "drag", "scale", "mass_share"):
+            if getattr(self, name) > 1:
+                raise InvalidInput(f"{name} of the load learning = {getattr(self, name)}; give a share of 1 or less")
+
+
+# Net weight and mass of a load from disturbances: an extended Kalman filter of what does not change by itself.
+#
+# Beside both it knows the current, whose drag pushes the hull and the arm as the model says, and a lasting force on every axis,
+# for what the model lacks. A weight is told from these by its moment arm and by the torques of the joints.
+
+WEIGHT, MASS, CURRENT, LASTING = 0, 1, slice(2, 5), 5
+"""Where the state has them."""
+_MEMORY = 10.0  # [s] over which the size of the noise is taken
+_OUTLIER = 3.0  # times its size, beyond which a change of the noise counts as that
+_FIRST_NOISE, _COOLING = 300.0, 1.0  # times that noise is taken for more at first, and [s] after which it is by e less
+_PATIENCE = 3  # looks at a surprise, one after the other, that are one
+_NO_FORCE = 1e-6  # [N, N m] what rounding leaves of an axis that no thruster acts on
+_COLOUR = 4.0  # [-] noise of an observer is alike for so many times 1 / bandwidth, by the integral of its correlation
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LoadSample:
+    """At the disturbance, with how it would come about."""
+
+    disturbance: np.ndarray
+    """(n_v,) [N, N m] found."""
+    weight: np.ndarray
+    """(n_v,) [N, N m] that 1 N of net weight makes of it."""
+    mass: np.ndarray
+    """(n_v,) [N, N m] that 1 kg makes of it."""
+    drag: np.ndarray
+    """(n_v,) [N, N m] of a current, to which `slopes` times it are to be added."""
+    slopes: np.ndarray
+    """(n_v, 3) [N s/m, N s]"""
+    velocity: np.ndarray
+    """(3,) [m/s] of the tool in W."""
+    known: np.ndarray
+    """(n_v,) [-] whether an axis tells anything."""
+
+
+class LoadFilter:
+    """What is known of a load. Holds it: build one per run."""
+
+    def __init__(self, settings: LoadLearning, limit: np.ndarray, bandwidth: np.ndarray) -> None:
+        """limit (n_v,) [N, N m] of thrusters and motors; bandwidth (n_v,) [rad/s] of the observer.
+
+        Raises `InvalidInput` for a limit that is none, or nothing.
+        """
+        n = require_limits(limit)
+        self._settings, self._last = settings, deque[np.ndarray](maxlen=_looks_apart(settings, bandwidth))
+        lasting = (settings.lasting * limit) ** 2
+        known = [settings.weight**2, settings.mass**2, *3 * [settings.current**2]]
+        self._prior = np.concatenate([known, lasting])
+        self._least = (settings.unsteady * limit) ** 2
+        self._variance = self._least.copy()
+        self._colour = np.maximum(_COLOUR / bandwidth, settings.alike) / settings.period
+        self._surprised, self._waits, self._heat = 0, 0, _FIRST_NOISE
+        self.x = np.zeros(LASTING + n)
+        """(5 + n_v,) net weight [N], mass [kg], current (3,) [m/s] in W, lasting force (n_v,) [N, N m]."""
+        self.P = np.diag(self._prior)
+        """Its covariance."""
+
+    def error(self, place: int) -> float:
+        """Standard error of an entry of `x`, in its unit, with that of the scale."""
+        return math.hypot(math.sqrt(self.P[place, place]), self._settings.scale * self.x[place])
+
+    def take(self, look: LoadSample) -> None:
+        """One look, a period after the last."""
+        self._forget()
+        H, missed = self._rows(look)
+        self._listen(missed, look.known)
+        if self._is_another(H, missed, look.known):
+            self._begin_anew()
+        if self._waits:
+            self._waits -= 1
+            return
+        noise = (1.0 + self._cooled()) * self._colour * self._variance_of(look) + self._unseen(look)
+        self._correct(H[look.known], missed[look.known], noise[look.known])
+
+    def _rows(self, look: LoadSample) -> tuple[np.ndarray, np.ndarray]:
+        """Slopes (n_v, 5 + n_v) of the disturbance, and what of it is not expected (n_v,) [N, N m]."""
+        mass = look.mass if self._accelerates(look) else np.zeros_like(look.mass)
+        H = np.column_stack([look.weight, mass, look.slopes, np.eye(len(mass))])
+        return H, look.disturbance - H @ self.x - look.drag
+
+    def _accelerates(self, look: LoadSample) -> bool:
+        """Whether the tool does, by so much that it shows."""
+        least = self._settings.least_acceleration
+        return float(np.linalg.norm(look.mass)) > least * float(np.linalg.norm(look.weight))
+
+    def _variance_of(self, look: LoadSample) -> np.ndarray:
+        """Of the noise (n_v,), and of drag that is not as the model has it."""
+        return self._variance + (self._settings.drag * (look.slopes @ look.velocity)) ** 2
+
+    def _unseen(self, look: LoadSample) -> np.ndarray:
+        """Variance (n_v,) that the mass has as noise, where it is not looked at."""
+        if self._accelerates(look):
+            return np.zeros_like(look.mass)
+        return np.asarray((self.P[MASS, MASS] + self.x[MASS] ** 2) * look.mass**2)
+
+    def _forget(self) -> None:
+        """The current walks, and the lasting force becomes another."""
+        period, settings = self._settings.period, self._settings
+        keep = np.ones(len(self.x))
+        keep[LASTING:] = math.exp(-period / settings.lasting_time)
+        self.x *= keep
+        self.P = keep[:, None] * self.P * keep
+        self.P[np.diag_indices_from(self.P)] += (1.0 - keep**2) * self._prior
+        self.P[CURRENT, CURRENT] += np.eye(3) * settings.current_walk**2 * period
+
+    def _listen(self, missed: np.ndarray, known: np.ndarray) -> None:
+        """To the noise: how what is missed changes within the memory of the observer."""
+        if len(self._last) == self._last.maxlen:
+            square = np.minimum((missed - self._last[0]) ** 2 / 2, _OUTLIER**2 * self._variance)
+            gain = np.where(known, self._settings.period / _MEMORY, 0.0)
+            self._variance = np.maximum(self._variance + gain * (square - self._variance), self._least)
+        self._last.append(missed)
+
+    def _is_another(self, H: np.ndarray, missed: np.ndarray, known: np.ndarray) -> bool:
+        """Whether what was known cannot be true any more, for some looks: another load, or another current."""
+        variance = np.einsum("ij,jk,ik->i", H, self.P, H) + self._variance
+        ratio = float(np.mean(missed[known] ** 2 / variance[known])) if known.any() else 0.0
+        self._surprised = self._surprised + 1 if ratio > self._settings.surprise**2 else 0
+        return self._surprised >= _PATIENCE
+
+    def _begin_anew(self) -> None:
+        """Once the observer has come to what there is now."""
+        self._surprised, self._heat = 0, _FIRST_NOISE
+        # What was missed was missed by what is forgotten now: at least that look is left out.
+        self._waits = max(1, round(self._settings.settling / self._settings.period))
+        self.x, self.P = np.zeros_like(self.x), np.diag(self._prior)
+        self._last.clear()
+
+    def _cooled(self) -> float:
+        """How little looks count until the drag is that of the current there is: its slopes at others mislead for good."""
+        self._heat *= math.exp(-self._settings.period / _COOLING)
+        return self._heat
+
+    def _correct(self, H: np.ndarray, missed: np.ndarray, noise: np.ndarray) -> None:
+        S = H @ self.P @ H.T + np.diag(noise)
+        K = np.linalg.solve(S, H @ self.P).T
+        self.x = self.x + K @ missed
+        kept = np.eye(len(self.x)) - K @ H
+        self.P = kept @ self.P @ kept.T + K @ np.diag(noise) @ K.T
+
+
+def require_limits(limit: np.ndarray) -> int:
+    """How many axes [-] a limit (n_v,) [N, N m] is of. Raises `InvalidInput` where one bears no force, or any."""
+    wrong = np.flatnonzero(~((limit > _NO_FORCE) & (limit < np.inf)))
+    if len(wrong):
+        given = f"axes {wrong.tolist()} of {len(limit)} bear no force, or have no limit of it"
+        raise InvalidInput(f"{given}; a load is learnt in shares of it: give joints an effort, or load=None")
+    return len(limit)
+
+
+def _looks_apart(settings: LoadLearning, bandwidth: np.ndarray) -> int:
+    """[-] looks between two whose noise has little in common."""
+    return max(1, round(_COLOUR / (float(bandwidth.min()) * settings.period)))
+
+
+# Whether a load can be learnt at all: the controller refuses by it, and pre-flight says so before.
+
+
+def require_learnable(robot: Robot, *, observed: bool) -> None:
+    """Raise `FrameNotFound` for a robot without a tool, and `InvalidInput` where it may not learn.
+
+    That is where an axis bears no force or any, and where the disturbance is not observed.
+    """
+    if not observed:
+        raise InvalidInput("a load is learnt from the disturbance observer; give it a bandwidth, or load=None")
+    robot.frame_id(LOAD_FRAME)
+    require_limits(largest_force(robot))
+
+
+# What a load at the tool, and a current, add to the generalized force that an observer takes for a disturbance.
+
+_LEAST_FLOW = (
+    0.1  # [m/s] of drag's slope: that of quadratic drag vanishes in still water, where no step would be the right one
+)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Response:
+    """Of an observer to k forces, each as if it were the only disturbance."""
+
+    estimate: ca.SX
+    """(n_v, k) [N, N m] of its estimate."""
+    innovation: ca.SX
+    """(n_v, k) [m/s, rad/s] of its innovation."""
+
+
+class Follower(Protocol):
+    """What is asked of an observer's law."""
+
+    def response(self, before: Response, M: ca.SX, force: ca.SX, share: ca.SX) -> Response:
+        """A tick later, under forces (n_v, k) [N, N m], with the mass matrix M and a share (n_v,) [-] of the bandwidth."""
+
+
+def load_force(body: SymbolicDynamics, q: ca.SX, acceleration: ca.SX) -> ca.SX:
+    """Generalized force (n_v, 2) of 1 N of net weight, and of 1 kg, at q (n_q,) [m, rad].
+
+    acceleration (3,) [m/s2] of the tool in W. A point load of mass m and volume V gives ``J.T (W down - m a)`` with
+    the net weight ``W = (m - rho V) g``: what it has of its mass alone shows only where the tool accelerates.
+    """
+    J = body.symbolic.forward_kinematics(q).jacobian(LOAD_FRAME)[:3, :]
+    gravity = sparse(body.model.gravity.linear)
+    return ca.horzcat(J.T @ (gravity / ca.norm_2(gravity)), -J.T @ acceleration)
+
+
+def current_force(body: SymbolicDynamics, q: ca.SX, v: ca.SX, current: ca.SX) -> ca.SX:
+    """Generalized force (n_v, 4) of the currents u near `current` (3,) [m/s] in W: the first column plus the others times u.
+
+    At q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
+    """
+    n, still = len(body.links), ca.SX(3, len(body.links))
+    flow = ca.SX.sym("flow", 3)
+    drag = body.bias_force(q, v, still, still) - body.bias_force(q, v, ca.repmat(flow, 1, n), still)
+    quicker = current + ca.if_else(current < 0, -_LEAST_FLOW, _LEAST_FLOW)
+    slopes = ca.substitute(ca.jacobian(drag, flow), flow, quicker)
+    return ca.horzcat(ca.substitute(drag, flow, current) - slopes @ current, slopes)
+
+
+def tool_function(body: SymbolicDynamics) -> ca.Function:
+    """Function ``q, v -> weight, velocity``: `load_force` of 1 N, and the velocity (3,) [m/s] of the tool in W."""
+    q, v = ca.SX.sym("q", body.model.nq), ca.SX.sym("v", body.model.nv)
+    velocity = body.symbolic.forward_kinematics(q).jacobian(LOAD_FRAME)[:3, :] @ v
+    weight = load_force(body, q, ca.SX(3, 1))[:, 0]
+    return ca.Function("tool", [q, v], [ca.densify(weight), velocity], ["q", "v"], ["weight", "velocity"])
+
+
+def response_function(body: SymbolicDynamics, law: Follower) -> ca.Function:
+    """Function ``q, v, acceleration, current, share, estimate, innovation -> estimate, innovation``.
+
+    The response of the observer to what is put into its estimate and bears no force, to `load_force` and to `current_force`.
+    """
+    n, symbol = body.model.nv, ca.SX.sym
+    x = {"q": symbol("q", body.model.nq), "v": symbol("v", n), "acceleration": symbol("acceleration", 3)}
+    x |= {"current": symbol("current", 3), "share": symbol("share", n)}
+    before = Response(estimate=symbol("estimate", n, COLUMNS), innovation=symbol("innovation", n, COLUMNS))
+    drag = current_force(body, x["q"], x["v"], x["current"])
+    force = ca.horzcat(ca.SX(n, 1), load_force(body, x["q"], x["acceleration"]), drag)
+    after = law.response(before, body.mass_matrix(x["q"]), force, x["share"])
+    outputs = ca.cse([ca.densify(after.estimate), ca.densify(after.innovation)])
+    return ca.Function("response", [*x.values(), before.estimate, before.innovation], outputs)
+
+
+COLUMNS = 7
+"""[-] of `response_function`."""
+
+
+# What the tool carries: learnt tick by tick, told for the record, and carried along with the arm.
+
+_CERTAIN = 3.0  # standard errors that a weight must have to be carried along
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LoadEstimate:
+    """Of a point load at the tool."""
+
+    weight: float
+    """[N] net weight in water, downwards."""
+    weight_error: float
+    """[N] its standard error."""
+    mass: float
+    """[kg] NaN while it is undetermined."""
+    mass_error: float
+    """[kg] its standard error."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadFunctions:
+    """What a learner evaluates, for one robot and observer; see `load_functions`."""
+
+    tool: ca.Function
+    """As `tool_function` has it."""
+    response: ca.Function
+    """As `response_function` has it."""
+
+
+def load_functions(body: SymbolicDynamics, law: Follower) -> LoadFunctions:
+    """Compiled where there is a compiler."""
+    return LoadFunctions(compile_function(tool_function(body)), compile_function(response_function(body, law)))
+
+
+class LoadLearner:
+    """Learns from an observer's estimate. Holds what it knows: build one per run.
+
+    Around each tick of the observer it is called twice: `carry` before, `learn` after it.
+    """
+
+    def __init__(
+        self, functions: LoadFunctions, settings: LoadLearning, *, limit: np.ndarray, bandwidth: np.ndarray, dt: float
+    ) -> None:
+        """limit (n_v,) [N, N m] and bandwidth (n_v,) [rad/s] of the observer, dt [s] its period."""
+        self._tool, self._response = BufferedFunction(functions.tool), BufferedFunction(functions.response)
+        self._every, self._settling = max(1, round(settings.period / dt)), round(settings.settling / dt)
+        self._settings, self._dt, n = settings, dt, len(limit)
+        self._limit = limit
+        # Looks are whole ticks apart.
+        self.filter = LoadFilter(replace(settings, period=self._every * dt), limit, bandwidth)
+        """What is known."""
+        self._estimate, self._innovation = np.zeros((n, COLUMNS)), np.zeros((n, COLUMNS))
+        self._weight, self._velocity = np.zeros(n), np.zeros(3)
+        self._acceleration = np.zeros(3)
+        self._ticks = 0
+        self._free = np.ones(n, dtype=bool)
+
+    @property
+    def load(self) -> LoadEstimate:
+        """What is carried, as far as it is known."""
+        mass, error = float(self.filter.x[MASS]), self.filter.error(MASS)
+        known = error <= max(self._settings.mass_error, self._settings.mass_share * abs(mass))
+        return LoadEstimate(
+            weight=float(self.filter.x[WEIGHT]),
+            weight_error=self.filter.error(WEIGHT),
+            mass=mass if known else float("nan"),
+            mass_error=error,
+        )
+
+    def leave(self, jammed: Sequence[int]) -> None:
+        """Axes [-] of v that do not move, and tell nothing."""
+        self._free[list(jammed)] = False
+
+    def carry(self, q: np.ndarray, v: np.ndarray, estimate: np.ndarray) -> None:
+        """Turn the learnt weight in the observer's estimate (n_v,) [N, N m], which is changed, with the arm.
+
+        q (n_q,) [m, rad], v (n_v,) [m/s, rad/s], about to be observed.
+        """
+        before, was = self._weight, self._velocity
+        self._weight, self._velocity = self._tool(q, v)
+        # What is no number would never be forgotten.
+        follows = self._ticks > 0 and bool(np.isfinite(self._velocity - was).all())
+        self._acceleration = (self._velocity - was) / self._dt if follows else np.zeros(3)
+        if follows and self._settings.feed_forward and self._is_certain():
+            moved = np.where(self._free, self.filter.x[WEIGHT] * (self._weight - before), 0.0)
+            estimate += moved
+            self._estimate[:, 0] += moved
+
+    def learn(self, q: np.ndarray, v: np.ndarray, estimate: np.ndarray, share: np.ndarray, sure: bool) -> None:
+        """From the observer's estimate (n_v,) [N, N m] of this tick, at q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
+
+        share (n_v,) [-] of its bandwidth; sure: whether it observes, at velocities that are to be trusted. An estimate at
+        its limit tells nothing either.
+        """
+        if not (sure and (np.abs(estimate) < self._limit).all()):
+            self._ticks, self._innovation[:] = 0, 0.0
+            return
+        current = self.filter.x[CURRENT]
+        given = (q, v, self._acceleration, current, share, self._estimate, self._innovation)
+        self._estimate, self._innovation = self._response(*given)
+        self._ticks += 1
+        if self._ticks > self._settling and self._ticks % self._every == 0:
+            self.filter.take(self._look(estimate))
+
+    def telemetry(self) -> dict[str, float]:
+        """For the record [N, N, kg, kg]."""
+        load = self.load
+        return {f"load_{name}": getattr(load, name) for name in load.__slots__}
+
+    def _is_certain(self) -> bool:
+        return abs(float(self.filter.x[WEIGHT])) > _CERTAIN * self.filter.error(WEIGHT)
+
+    def _look(self, estimate: np.ndarray) -> LoadSample:
+        turned, weight, mass, drag, *slopes = self._estimate.T
+        return LoadSample(
+            disturbance=estimate - turned,
+            weight=weight,
+            mass=mass,
+            drag=drag,
+            slopes=np.column_stack(slopes),
+            velocity=self._velocity,
+            known=self._free,
+        )

@@ -1,0 +1,188 @@
+"""Follow a plan: as the guide of a mission, or by computed torque."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.checks import checked, replace_unchecked, unchecked_constructor
+from uvms_ocp.control.force.computed_torque import ComputedTorque, TrackingGains
+from uvms_ocp.control.velocity.abort import Strain
+from uvms_ocp.control.velocity.kinematic import Guided
+from uvms_ocp.control.velocity.tick_state import TickState
+from uvms_ocp.estimation.degraded_modes import describe_channels
+from uvms_ocp.estimation.fallbacks import LastSound
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.ocp.trajectory import Trajectory
+from uvms_ocp.robot.dynamics import Dynamics
+from uvms_ocp.robot.hydrodynamics import STILL_WATER, Water
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import Command, Measurement, State
+from uvms_ocp.types import Magnitude, Positive
+
+# Carrying out a plan: blind, to see how well the model fits, or with feedback.
+
+_state = unchecked_constructor(State)
+
+
+class PlanTracker:
+    """Follows one trajectory to its end: a callable ``(Measurement, t) -> Command`` with thrust and torque.
+
+    By computed torque. Build one per run.
+    """
+
+    def __init__(
+        self,
+        trajectory: Trajectory,
+        robot: Robot,
+        dynamics: Dynamics,
+        *,
+        dt: float,
+        gains: TrackingGains | None = None,
+        water: Water = STILL_WATER,
+    ) -> None:
+        """dt [s]: control period. gains, water: as `ComputedTorque` takes them."""
+        self._trajectory, self._model = trajectory, robot.model
+        self._law = ComputedTorque(robot, dynamics, dt=dt, gains=gains, water=water)
+        self._end = float(trajectory.t[-1]) - 0.5 * dt
+        self._sound = LastSound(robot)
+
+    def __call__(self, measurement: Measurement, t: float) -> Command:
+        """The command for the tick at time t [s] of the trajectory; finished at its end."""
+        measurement = self._sound(measurement, t)
+        q, v, a = self._trajectory.state_at(self._model, t)
+        command = self._law.command(_state(q=measurement.q, v=measurement.v), q=q, v=v, a=a)
+        return replace_unchecked(command, finished=t > self._end)
+
+
+# A plan of a whole mission as a guide: followed while the mission goes as planned, left where it does not.
+
+_CATCH_UP = 1.2  # [-] speed of the plan's clock where a goal that moves has begun before its phase in the plan
+_LEFT = Guided(v=None)
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PlannedPhase:
+    """A phase of the mission on the plan's time."""
+
+    phase: int
+    """Index in the mission."""
+    begin: Magnitude
+    """[s]"""
+    end: Magnitude
+    """[s]"""
+    moves: bool
+    """It has goals of its own that move: it begins when the mission says so, and the plan waits for that."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FollowingTuning:
+    """How a plan is followed, and when it is left."""
+
+    vehicle: Positive = 0.5
+    """[1/s] velocity per deviation."""
+    joints: Positive = 2.0
+    """[1/s]"""
+    bandwidth: Positive = 0.7
+    """[-] share of the usual feedback of the vehicle's velocity: the plan is fed forward."""
+    smoothing: Positive = 0.5
+    """[s] of the correction: noise is not to become acceleration."""
+    position: Positive = 0.3
+    """[m] of the vehicle from the plan, beyond which it is left."""
+    attitude: Positive = 0.3
+    """[rad]"""
+    posture: Positive = 0.3
+    """[rad or m] of any joint."""
+    late: Positive = 3.0
+    """[s] that a phase may last beyond its end in the plan."""
+
+
+class PlanGuide:
+    """Velocities along a trajectory, corrected by the deviation from it: a `Guide`. Build one per run."""
+
+    def __init__(
+        self,
+        trajectory: Trajectory,
+        phases: Sequence[PlannedPhase],
+        mission: Mission,
+        robot: Robot,
+        *,
+        dt: float,
+        tuning: FollowingTuning | None = None,
+    ) -> None:
+        """phases: on the way, in their order. dt [s]: control period."""
+        self._trajectory, self._phases, self._mission, self._model = trajectory, tuple(phases), mission, robot.model
+        self._tuning, self._dt, n = tuning or FollowingTuning(), dt, robot.n_vehicle
+        chosen = self._tuning
+        self._gain = np.repeat([chosen.vehicle, chosen.joints], [n, robot.n_joints])
+        self._bounds = np.repeat([chosen.position, chosen.attitude, chosen.posture], [n // 2, n // 2, robot.n_joints])
+        self._most = robot.limits.velocity
+        self._correction = np.zeros(robot.n_v)
+        self._clock = self._late = 0.0
+        self._at, self._left = 0, False
+
+    @property
+    def bandwidth(self) -> float:
+        """[-] Of the velocity loop, all of it once the plan is left."""
+        return 1.0 if self._left else self._tuning.bandwidth
+
+    def __call__(self, tick: TickState, strain: Strain, waiting: Callable[[], str]) -> Guided:
+        """The velocity along the plan, or that it is left."""
+        if self._left:
+            return _LEFT
+        q, v, _ = self._trajectory.state_at(self._model, self._clock)
+        error = pin.difference(self._model, tick.measurement.q, q)
+        why = self._why(tick, strain, error, waiting)
+        if why:
+            self._left = True
+            return Guided(v=None, why=f"plan left at {self._clock:.2f} s of it: {why}")
+        rate = self._rate(tick)
+        self._clock += rate * self._dt
+        self._correction += self._dt / self._tuning.smoothing * (self._gain * error - self._correction)
+        return Guided(v=np.clip(rate * v + self._correction, -self._most, self._most))
+
+    def _why(self, tick: TickState, strain: Strain, error: np.ndarray, waiting: Callable[[], str]) -> str:
+        """Why the plan is left, or nothing."""
+        if tick.restriction.bad or tick.blind:
+            return describe_channels(tick.restriction.bad) or "measurements are too old"
+        if strain.fault or strain.handicap:
+            return strain.fault or strain.handicap
+        return self._other_phase(tick) or self._away(error) or self._too_late(waiting)
+
+    def _other_phase(self, tick: TickState) -> str:
+        following = self._at + 1
+        if following < len(self._phases) and tick.mission.phase == self._phases[following].phase:
+            self._at, self._late = following, 0.0
+        if tick.mission.phase == self._phases[self._at].phase:
+            return ""
+        name = self._mission.phase_names[tick.mission.phase]
+        why = f", {tick.mission.why}" if tick.mission.why else ""
+        return f"the mission has gone on to phase {name!r}{why}"
+
+    def _away(self, error: np.ndarray) -> str:
+        beyond = np.abs(error) / self._bounds
+        worst = int(np.argmax(beyond))
+        if beyond[worst] <= 1.0:
+            return ""
+        return f"{abs(error[worst]):.2g} away from it along axis {worst} of the velocities"
+
+    def _too_late(self, waiting: Callable[[], str]) -> str:
+        phase = self._phases[self._at]
+        if self._clock >= phase.end:
+            self._late += self._dt
+        if self._late <= self._tuning.late:
+            return ""
+        return f"phase {self._mission.phase_names[phase.phase]!r} does not end: {waiting()}"
+
+    def _rate(self, tick: TickState) -> float:
+        """Speed of the plan's clock [-]."""
+        now, following = self._phases[self._at], self._phases[min(self._at + 1, len(self._phases) - 1)]
+        if following.moves and following is not now and self._clock >= now.end:
+            return 0.0
+        behind = now.moves and self._clock < now.begin + tick.t - tick.mission.since
+        return _CATCH_UP if behind else 1.0

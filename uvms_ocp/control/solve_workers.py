@@ -1,0 +1,454 @@
+"""Run the solves of receding-horizon control within the tick, or in a process of their own."""
+
+from __future__ import annotations
+
+import gc
+import pickle
+import signal
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from selectors import EVENT_READ, DefaultSelector
+from time import perf_counter, process_time
+from typing import Any, TypeAlias
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.checks import checked, unchecked_constructor
+from uvms_ocp.errors import AdvisedStatus, InvalidInput, UvmsError
+from uvms_ocp.ocp.problem import OcpProblem
+from uvms_ocp.ocp.stagewise.program import program_for, quickest
+from uvms_ocp.ocp.trajectory import Trajectory, hold, shifted
+from uvms_ocp.ocp.transcription.transcription import Transcription
+from uvms_ocp.robot.signals import State
+from uvms_ocp.solvers.nlp.options import SqpOptions
+from uvms_ocp.solvers.nlp.program import NlpStatus
+from uvms_ocp.solvers.nlp.real_time_sqp import RealTimeSqp, SqpResult
+from uvms_ocp.types import Positive
+
+# When a plan that is asked for now will be there, judged by the solves before.
+
+_FORGOTTEN = 0.95
+"""[-] what is left of the longest one after every shorter one: twenty solves count."""
+_SENT = 1e-3
+"""[s] for question and answer on their way."""
+
+
+class SolveDelay:
+    """The longest solve of late. A plan that is late all the same keeps its time stamps; one that is early has to wait."""
+
+    def __init__(self, first: float) -> None:
+        """first [s]: before any solve was made."""
+        self._longest = first
+
+    @property
+    def seconds(self) -> float:
+        """From the request to the plan."""
+        return self._longest + _SENT
+
+    def count(self, solve_time: float) -> None:
+        """One more solve took `solve_time` [s]."""
+        self._longest = max(solve_time, _FORGOTTEN * self._longest)
+
+
+# The solves of receding-horizon control, one after the other: the same in line and in a process beside.
+
+_state = unchecked_constructor(State)
+HOLD = -1
+"""[-] Number of the plan to stay where the robot was at first, which is in use until there is another."""
+_FIRST_SOLVES = 10
+"""[-] for the first plan, whose guess is to stay where the robot is."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class TimedPlan:
+    """A plan, and when it begins."""
+
+    number: int
+    """[-] of the solve that made it."""
+    trajectory: Trajectory
+    """With times from its first node."""
+    begin: float
+    """[s] of its first node."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Request:
+    """What a solve starts from."""
+
+    state: State
+    """Measured."""
+    t: float
+    """[s] when."""
+    in_use: int
+    """[-] number of the plan that is tracked then."""
+    begin: float
+    """[s] when that one began, which is later than planned for a first plan that came late; of the request for the first plan,
+    when that is to begin."""
+    delay: float
+    """[s] from t to the beginning of the plan; for the first one it does not count."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ReplanningResult:
+    """What a solve led to."""
+
+    planned: TimedPlan | None
+    """None where no plan keeps the constraints, so that the last one goes on."""
+    first: bool
+    """The plan is the first, for which the robot stays where it is."""
+    solve_time: float
+    """[s] by the clock that was given."""
+    processor_time: float
+    """[s] without what other processes took."""
+
+
+class Replanner:
+    """Solves of one problem. Holds the plans that may be in use, and the newest point as a guess: build one per run."""
+
+    def __init__(
+        self,
+        problem: OcpProblem,
+        *,
+        options: SqpOptions | None,
+        time_limit: float,
+        clock: Callable[[], float] = perf_counter,
+    ) -> None:
+        """problem: with Gauss-Newton Hessian.
+
+        time_limit [s]: after which no further step begins. clock [s]: by which solves are timed.
+        """
+        self._problem, self._time_limit, self._clock = problem, time_limit, clock
+        self._transcription = Transcription(problem)
+        self._bounds = self._transcription.bounds()
+        chosen = options or SqpOptions()
+        program = program_for(chosen.plugin or quickest(problem), self._transcription)
+        self._sqp = RealTimeSqp(program, chosen)
+        self._plans: dict[int, TimedPlan] = {}
+        self._newest: TimedPlan | None = None
+        """Fit for use or not."""
+        self._solves = 0
+
+    def __call__(self, request: Request) -> ReplanningResult:
+        """A plan that begins as long after it was asked for as the request has it, or the first one."""
+        wall, processor = self._clock(), process_time()
+        first = self._newest is None
+        planned = self._first(request) if first else self._replanned(request)
+        return ReplanningResult(
+            planned=planned,
+            first=first,
+            solve_time=self._clock() - wall,
+            processor_time=process_time() - processor,
+        )
+
+    def _first(self, request: Request) -> TimedPlan | None:
+        """As good as a few solves make it, from the guess to stay."""
+        stay = last = hold(self._problem, request.state)
+        self._plans[HOLD] = self._newest = best = TimedPlan(number=HOLD, trajectory=stay, begin=request.t)
+        for _ in range(_FIRST_SOLVES):
+            result = self._solved(last, request.state, request.begin, np.inf)
+            last = self._transcription.unpack(result.x)
+            if result.status is NlpStatus.SOLVED:
+                best = self._numbered(last, request.begin)
+        self._plans[best.number] = self._newest = best
+        return best
+
+    def _replanned(self, request: Request) -> TimedPlan | None:
+        self._plans = {number: plan for number, plan in self._plans.items() if number >= request.in_use}
+        now, begin = replace(self._plans[request.in_use], begin=request.begin), request.t + request.delay
+        last = now if self._newest is None or self._newest.number == now.number else self._newest
+        start = self._expected(now, request)
+        guess = shifted(self._problem, last.trajectory, begin - last.begin, start)
+        result = self._solved(guess, start, begin, self._time_limit)
+        found = self._numbered(self._transcription.unpack(result.x), begin)
+        # From a point of no use whatever, the present plan is the better guess.
+        self._newest = found if np.isfinite(result.violation) else now
+        if result.status is not NlpStatus.SOLVED:
+            return None
+        self._plans[found.number] = found
+        return found
+
+    def _numbered(self, trajectory: Trajectory, begin: float) -> TimedPlan:
+        self._solves += 1
+        return TimedPlan(number=self._solves, trajectory=trajectory, begin=begin)
+
+    def _solved(self, guess: Trajectory, start: State, t0: float, time_limit: float) -> SqpResult:
+        return self._sqp.solve(
+            self._transcription.pack(guess),
+            p=self._transcription.parameters(t0=t0, start=start, near=guess.q),
+            x_lower=self._bounds[0],
+            x_upper=self._bounds[1],
+            time_limit=time_limit,
+            clock=self._clock,
+        )
+
+    def _expected(self, now: TimedPlan, request: Request) -> State:
+        """The state in which the plan will begin: the measured one, moved as planned."""
+        model, age, state = self._problem.robot.model, request.t - now.begin, request.state
+        q, v, _ = now.trajectory.state_at(model, age)
+        q_next, v_next, _ = now.trajectory.state_at(model, age + request.delay)
+        return _state(q=pin.integrate(model, state.q, pin.difference(model, q, q_next)), v=state.v + v_next - v)
+
+
+# Requests and answers between processes, as plain tuples of arrays: a third of the time that values of their own take.
+
+_state_messages, _trajectory = unchecked_constructor(State), unchecked_constructor(Trajectory)
+_FIELDS = ("t", "q", "v", "a", "thrust", "torque", "of_wrench")
+Message: TypeAlias = tuple[Any, ...]
+
+
+def request_message(request: Request) -> Message:
+    """As it is sent."""
+    return request.state.q, request.state.v, request.t, request.in_use, request.begin, request.delay
+
+
+def request_of(message: Message) -> Request:
+    """As it was."""
+    q, v, t, in_use, begin, delay = message
+    return Request(state=_state_messages(q=q, v=v), t=t, in_use=in_use, begin=begin, delay=delay)
+
+
+def answer_message(answer: ReplanningResult) -> Message:
+    """As it is sent."""
+    plan, numbers = answer.planned, (answer.first, answer.solve_time, answer.processor_time)
+    if plan is None:
+        return numbers
+    return (*numbers, plan.number, plan.begin, *(getattr(plan.trajectory, name) for name in _FIELDS))
+
+
+def answer_of(message: Message) -> ReplanningResult:
+    """As it was."""
+    first, solve_time, processor_time, *plan = message
+    planned = None
+    if plan:
+        trajectory = _trajectory(**dict(zip(_FIELDS, plan[2:], strict=True)))
+        planned = TimedPlan(number=plan[0], begin=plan[1], trajectory=trajectory)
+    return ReplanningResult(planned=planned, first=first, solve_time=solve_time, processor_time=processor_time)
+
+
+# Where the solves of receding-horizon control run: within the tick, or in a process beside it.
+
+_PATIENCE = 3
+"""[-] periods after which a solve beside begins no further step: a plan that comes late is of more use than none."""
+
+
+class WorkerStatus(AdvisedStatus):
+    """Whether plans are still being made. Where they are not, the last one goes on and its end is held."""
+
+    WORKING = "working", "nothing to do"
+    CRASHED = "crashed", "the process of the solver has ended; see its last words on stderr, and build a new controller"
+    SILENT = "silent", "a solve did not end in time, and its process was stopped; raise timeout, or shorten the horizon"
+    CLOSED = "closed", "the controller was closed; build a new one"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ReplanningJob:
+    """What a worker is to solve again and again."""
+
+    problem: OcpProblem
+    period: float
+    """[s] of planning."""
+    options: SqpOptions | None
+    clock: Callable[[], float]
+    """[s] by which solves in line are timed; a process has a clock of its own."""
+
+
+class RunningWorker(ABC):
+    """A worker at work on one job."""
+
+    lead: float
+    """[s] from the request for the first plan to its beginning."""
+
+    @property
+    @abstractmethod
+    def delay(self) -> float:
+        """[s] from any other request to the beginning of the plan."""
+
+    @property
+    @abstractmethod
+    def status(self) -> WorkerStatus:
+        """Now."""
+
+    @abstractmethod
+    def ask(self, request: Request) -> None:
+        """Begin a solve; only where the last one was answered."""
+
+    @abstractmethod
+    def answer(self) -> ReplanningResult | None:
+        """Of the solve that was asked for, once; None while there is none. Never waits."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """End whatever runs beside; may be called twice."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class InLine:
+    """Within the tick that asks, which lasts as long: simulations are reproducible. Plans are as late as their solves took."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ProcessWorker:
+    """In a process of its own: no tick waits, and a plan takes over when it is ready.
+
+    It begins where the vehicle will be then, as long after the measurement as solves take of late.
+
+    The process is started anew, not forked: what starts it must be importable (``if __name__ == "__main__":`` around a
+    script), and so must all that the problem is made of, such as functions and classes that give moving goals. It ends
+    with the controller, or with the process that started it.
+    """
+
+    lead: Positive = 1.0
+    """[s] from the first call to the beginning of the first plan, which takes several solves."""
+    timeout: Positive = 5.0
+    """[s] for a solve, after which its process is stopped."""
+    start_timeout: Positive = 120.0
+    """[s] for the process to be ready, which compiles what is not in the cache."""
+
+
+def start_worker(worker: InLine | ProcessWorker, job: ReplanningJob) -> RunningWorker:
+    """A worker that is ready; a process is waited for.
+
+    Raises `InvalidInput` for a problem that cannot be sent to a process, and `UvmsError` where that does not get ready.
+    """
+    return _Beside(job, worker) if isinstance(worker, ProcessWorker) else _InLine(job)
+
+
+class _InLine(RunningWorker):
+    def __init__(self, job: ReplanningJob) -> None:
+        self._replanner = Replanner(job.problem, options=job.options, time_limit=job.period, clock=job.clock)
+        self._answer: ReplanningResult | None = None
+        self.lead, self._delay = 0.0, job.period
+        self._status = WorkerStatus.WORKING
+
+    @property
+    def delay(self) -> float:
+        # However long a solve takes: runs are the same on every machine.
+        return self._delay
+
+    @property
+    def status(self) -> WorkerStatus:
+        return self._status
+
+    def ask(self, request: Request) -> None:
+        if self._status is WorkerStatus.WORKING:
+            self._answer = self._replanner(request)
+
+    def answer(self) -> ReplanningResult | None:
+        answer, self._answer = self._answer, None
+        return answer
+
+    def close(self) -> None:
+        self._status = WorkerStatus.CLOSED
+
+
+class _Beside(RunningWorker):
+    def __init__(self, job: ReplanningJob, limits: ProcessWorker) -> None:
+        words, self.lead = _sent(job), limits.lead
+        context = get_context("spawn")
+        self._connection, other = context.Pipe()
+        self._process: BaseProcess = context.Process(target=_serve, args=(other, words), daemon=True, name="nmpc")
+        self._limits, self._status, self._asked = limits, WorkerStatus.WORKING, 0.0
+        self._delay = SolveDelay(job.period)
+        self._selector = DefaultSelector()
+        self._selector.register(self._connection, EVENT_READ)
+        self._process.start()
+        other.close()
+        self._await_start()
+
+    def _await_start(self) -> None:
+        error: object = f"it was not ready after {self._limits.start_timeout:g} s; raise start_timeout"
+        try:
+            if self._connection.poll(self._limits.start_timeout):
+                error = self._connection.recv()
+        except (EOFError, OSError):
+            error = "it ended at once; see its last words on stderr"
+        if error is None:
+            return
+        self._end(WorkerStatus.CRASHED)
+        raise UvmsError(f"the process of the solver: {error}")
+
+    @property
+    def status(self) -> WorkerStatus:
+        return self._status
+
+    @property
+    def delay(self) -> float:
+        return self._delay.seconds
+
+    def ask(self, request: Request) -> None:
+        if self._status is not WorkerStatus.WORKING:
+            return
+        self._asked = perf_counter()
+        try:
+            self._connection.send(request_message(request))
+        except OSError:
+            self._end(WorkerStatus.CRASHED)
+
+    def answer(self) -> ReplanningResult | None:
+        if self._status is not WorkerStatus.WORKING:
+            return None
+        try:
+            # Connection.poll makes a selector at every call, which takes as long as a tenth of a tick.
+            if self._selector.select(0):
+                return self._counted(answer_of(self._connection.recv()))
+        except (EOFError, OSError):
+            self._end(WorkerStatus.CRASHED)
+            return None
+        if perf_counter() - self._asked > self._limits.timeout:
+            self._end(WorkerStatus.SILENT)
+        return None
+
+    def _counted(self, answer: ReplanningResult) -> ReplanningResult:
+        if not answer.first:
+            self._delay.count(answer.solve_time)
+        return answer
+
+    def close(self) -> None:
+        if self._status is WorkerStatus.WORKING:
+            self._end(WorkerStatus.CLOSED)
+        self._process.join()
+
+    def _end(self, status: WorkerStatus) -> None:
+        """At once, whatever the process does: a solve in a library listens to nobody."""
+        self._status = status
+        self._selector.close()
+        self._connection.close()
+        self._process.kill()
+
+
+def _sent(job: ReplanningJob) -> bytes:
+    try:
+        return pickle.dumps((job.problem, job.period, job.options))
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        raise InvalidInput(
+            f"the problem cannot be sent to another process ({error}); define its goals and tasks at the top level of a"
+            " module, or solve with InLine()"
+        ) from error
+
+
+def _serve(connection: Connection, words: bytes) -> None:
+    """The other process: solve until no one asks any more."""
+    # Whoever interrupts the controller leaves it to the controller to end this process.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        problem, period, options = pickle.loads(words)
+        replanner = Replanner(problem, options=options, time_limit=_PATIENCE * period)
+    except Exception as error:
+        connection.send(f"{type(error).__name__}: {error}")
+        return
+    # All that was built stays: whoever looked through it for garbage would keep a plan waiting for longer than it takes.
+    gc.collect()
+    gc.freeze()
+    connection.send(None)
+    while True:
+        try:
+            connection.send(answer_message(replanner(request_of(connection.recv()))))
+        except (EOFError, BrokenPipeError, ConnectionResetError):
+            return

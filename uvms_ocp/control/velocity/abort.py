@@ -1,0 +1,299 @@
+"""Decide when a mission is aborted, and where the emergency ascent leads."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Annotated, Any
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Smooth, Vector, structure_of
+from uvms_ocp.control.velocity.tick_state import TickState
+from uvms_ocp.estimation.degraded_modes import describe_channels
+from uvms_ocp.mission.mission import Mission, write_mission
+from uvms_ocp.mission.phase import Abort
+from uvms_ocp.mission.progress import MissionMemory, quantities_read, sizes_of, write_state
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import ChannelHealth
+from uvms_ocp.robot.symbolic_model import SymbolicModel
+from uvms_ocp.tasks.altitude import MinimumAltitude
+
+# Where the abort phase climbs to from where the robot is: straight up, upright.
+
+N_POSE = 12  # position, then rotation column by column
+
+
+class ClimbMemory(Layout):
+    """The frame that climbs, and its goal."""
+
+    pose: Smooth
+    """q to position (3,) [m] and rotation (9,) [-] of the frame in W, column by column."""
+    altitude: float
+    """[m] as that of `Abort`."""
+    place: Annotated[Vector, Sized(3)]
+    """(3,) [m] of the frame in W."""
+    rotation: Annotated[Vector, Sized(9)]
+    """(9,) [-] of the frame in W, column by column."""
+    goal: Annotated[Vector, Sized(N_POSE)]
+    """(12,) [m, -] position and rotation in W that it climbs to."""
+
+
+def aim_ascent(m: ClimbMemory, q: Vector, floor: float) -> None:
+    """The goal from q [m, rad], which may show joints beyond their limits. A kernel.
+
+    floor [m]: z in W of the highest that is known, NaN where none is to be believed.
+    """
+    m.pose(q, m.place, m.rotation)
+    yaw = math.atan2(m.rotation[1], m.rotation[0])
+    for i in range(len(m.goal)):
+        m.goal[i] = 0.0
+    m.goal[0] = m.place[0]
+    m.goal[1] = m.place[1]
+    m.goal[2] = max(m.place[2], floor + m.altitude) if math.isfinite(floor) else m.place[2] + m.altitude
+    m.goal[3] = math.cos(yaw)
+    m.goal[4] = math.sin(yaw)
+    m.goal[6] = -m.goal[4]
+    m.goal[7] = m.goal[3]
+    m.goal[11] = 1.0
+
+
+def climb_sizes(robot: Robot, mission: Mission) -> dict[str, ca.Function]:
+    """Of a `ClimbMemory`; nothing climbs without an abort phase."""
+    q = ca.SX.sym("q", robot.n_q)
+    R_WF, p_WF = ca.SX.eye(3), ca.SX.zeros(3)
+    if mission.abort is not None:
+        R_WF, p_WF = SymbolicModel(robot.model).forward_kinematics(q).pose(mission.climb_frame)
+    outputs = [ca.densify(p_WF), ca.densify(ca.vec(R_WF))]
+    return {"pose": ca.Function("climb_frame", [q], outputs, {"cse": True})}
+
+
+def climb_goal(memory: Any) -> pin.SE3:
+    """The goal that `aim` has left in a `ClimbMemory`."""
+    goal = np.array(memory.goal)
+    return pin.SE3(goal[3:].reshape(3, 3, order="F"), goal[:3])
+
+
+# What sends a mission into its abort phase: lost sensors, contact, too little thrust, no progress.
+
+_PROGRESS = 0.02  # share of what is missing to a limit that counts as progress
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Strain:
+    """What the force layer met in the last tick."""
+
+    short: bool = False
+    """The limits of the thrusters kept them from what was asked for."""
+    push: float = 0.0
+    """[-] upward force on the vehicle that the model does not know, as a share of the largest of the thrusters."""
+    fault: str = ""
+    """Of thrusters or joints, without which the mission cannot go on."""
+    handicap: str = ""
+    """All that is known to be faulty of them, such as ``thruster3 dead``."""
+    jammed: tuple[int, ...] = ()
+    """Axes of v [-] that do not move whatever is asked."""
+
+
+class AbortReason(IntEnum):
+    """A mission is to be given up."""
+
+    NOTHING = 0
+    FAULT = 1
+    LATE = 2
+    HOPELESS = 3
+    ENDED = 4
+    CONTACT = 5
+    THRUST = 6
+    STALL = 7
+
+
+class DistressMemory(Layout):
+    """What sends a mission into its abort phase, what the force layer met, and since when [s] it has been so."""
+
+    aborts: bool
+    """There is an abort phase."""
+    time_limit: float
+    """[s] as the next four of `Abort`."""
+    stall_after: float
+    """[s]"""
+    thrust_after: float
+    """[s]"""
+    contact: float
+    """[-]"""
+    contact_after: float
+    """[s]"""
+    high: Annotated[list[int], Sized("n_tasks")]
+    """(n_tasks,) which tasks keep the robot well above the floor."""
+    short: bool
+    """As that of `Strain`."""
+    fault: bool
+    """There is one of `Strain`."""
+    push: float
+    """[-] as that of `Strain`."""
+    pushed: bool
+    """Something under the vehicle bears it where it should be well above the floor."""
+    contact_since: float
+    """[s] NaN: not asked yet, as of the next two."""
+    thrust_since: float
+    """[s]"""
+    stall_since: float
+    """[s]"""
+    began: float
+    """[s] start of the phase that `best` belongs to."""
+    best: Annotated[Vector, Sized("n_quantities")]
+    """(n_quantities,) [unit of the quantity] the least that was missing to its limit in this phase."""
+
+
+def distress_of(
+    d: DistressMemory, m: MissionMemory, t: float, gates: Vector, quantities: Vector, hopeless: bool, ended: bool
+) -> int:
+    """Why the mission is to be given up at t [s], a `Why`. A kernel.
+
+    gates [-], quantities [in their units], NaN where not known. hopeless: the thrust is cut, and somebody has judged why.
+    ended: by what the sensors told.
+    """
+    d.pushed = d.aborts and d.push > d.contact and _is_high(d, gates)
+    if not d.aborts:
+        return AbortReason.FAULT if d.fault else AbortReason.NOTHING
+    if m.given_up:
+        return (
+            AbortReason.LATE
+            if t - m.since > d.time_limit
+            else (AbortReason.HOPELESS if hopeless else AbortReason.NOTHING)
+        )
+    if hopeless or ended or d.fault:
+        return AbortReason.HOPELESS if hopeless else (AbortReason.ENDED if ended else AbortReason.FAULT)
+    d.contact_since = _since(d.pushed, d.contact_since, t)
+    if t - d.contact_since > d.contact_after:
+        return AbortReason.CONTACT
+    d.thrust_since = _since(d.short, d.thrust_since, t)
+    if t - d.thrust_since > d.thrust_after:
+        return AbortReason.THRUST
+    waits = not _progresses(d, m, quantities)
+    d.stall_since = _since(waits, d.stall_since, t)
+    return AbortReason.STALL if t - d.stall_since > d.stall_after else AbortReason.NOTHING
+
+
+def _since(so: bool, since: float, t: float) -> float:
+    """When [s] it began to be so; NaN: nobody knows."""
+    return since if so and not math.isnan(since) else t
+
+
+def _is_high(d: DistressMemory, gates: Vector) -> bool:
+    """Whether the robot should be well above the floor."""
+    found = False
+    for i in range(len(d.high)):
+        found = found or (d.high[i] != 0 and gates[i] != 0.0)
+    return found
+
+
+def _progresses(d: DistressMemory, m: MissionMemory, quantities: Vector) -> bool:
+    """Whether something that the phase waits for to fall has come nearer to its limit, or nothing is missing."""
+    if m.since != d.began:
+        d.began = m.since
+        d.stall_since = math.nan
+        for i in range(len(d.best)):
+            d.best[i] = math.inf
+    waiting, nearer = False, False
+    for i in range(m.first[m.phase], m.end[m.phase]):
+        for k in range(m.first_condition[i], m.end_condition[i]):
+            gap = quantities[m.quantity[k]] - m.limit[k]
+            if m.below[k] != 0 and not gap < 0.0:
+                waiting = True
+                if gap < (1.0 - _PROGRESS) * d.best[m.quantity[k]]:
+                    d.best[m.quantity[k]] = gap
+                    nearer = True
+    return nearer or not waiting
+
+
+class _Alone(Layout):
+    """For a `Distress` of its own."""
+
+    mission: MissionMemory
+    distress: DistressMemory
+
+
+class Distress:
+    """Why the mission is to be given up, asked at every tick. Remembers since when: build one per run."""
+
+    def __init__(self, mission: Mission, quantity_names: Sequence[str] = (), memory: Any = None) -> None:
+        """quantity_names: of the vector of quantities, those of conditions by default.
+
+        memory: of the caller's, with a `mission` and a `distress`.
+        """
+        self._mission, self._names = mission, tuple(quantity_names) or quantities_read(mission.all_phases)
+        if memory is None:
+            sizes = {"n_tasks": mission.n_tasks, "n_quantities": len(self._names)}
+            memory = structure_of(_Alone, **sizes, **sizes_of(mission.all_phases))()
+            write_mission(memory.mission, mission, self._names)
+        self._memory = memory
+        self._write(memory.distress)
+
+    def reason(self, tick: TickState, quantities: Mapping[str, float], strain: Strain) -> str:
+        """Empty while there is none. quantities [in their units]: NaN where not known. Names what is faulty."""
+        memory, values = self._memory, [float(quantities[name]) for name in self._names]
+        write_state(memory.mission, tick.mission)
+        self.feel(strain)
+        hopeless, ended = bool(self._hopeless(tick)), bool(tick.restriction.abort)
+        why = distress_of(memory.distress, memory.mission, tick.t, tick.gates.tolist(), values, hopeless, ended)
+        return self.told(AbortReason(why), tick, quantities, strain)
+
+    def feel(self, strain: Strain) -> None:
+        """Take in what the force layer met."""
+        memory = self._memory.distress
+        memory.short, memory.push, memory.fault = strain.short, strain.push, bool(strain.fault)
+
+    def told(self, why: AbortReason, tick: TickState, quantities: Mapping[str, float], strain: Strain) -> str:
+        """What the kernel found at a tick, in words, from the quantities [in their units]."""
+        words = self._told(why, tick, quantities, strain)
+        return f"{words}; {strain.handicap}" if words and strain.handicap not in words else words
+
+    def _told(self, why: AbortReason, tick: TickState, quantities: Mapping[str, float], strain: Strain) -> str:
+        abort = self._mission.abort
+        if why is AbortReason.NOTHING or why is AbortReason.FAULT or abort is None:
+            return strain.fault if why is AbortReason.FAULT else ""
+        if why is AbortReason.CONTACT:
+            lift = f"{100 * strain.push:.0f} % of the thrusters' lift"
+            return f"contact or rising water: pushed up by {lift} for {abort.contact_after:g} s"
+        texts = {
+            AbortReason.LATE: f"{abort.time_limit:g} s were not enough for it",
+            AbortReason.HOPELESS: self._hopeless(tick),
+            AbortReason.ENDED: tick.restriction.abort,
+            AbortReason.THRUST: f"thrust: the thrusters have been at their limits for {abort.thrust_after:g} s",
+        }
+        return texts[why] if why in texts else self._stalled(abort, tick, quantities)
+
+    def _hopeless(self, tick: TickState) -> str:
+        """Where the thrust is cut, and somebody judges why."""
+        return (tick.restriction.abort or describe_channels(tick.restriction.lost)) if tick.stopped else ""
+
+    def _stalled(self, abort: Abort, tick: TickState, quantities: Mapping[str, float]) -> str:
+        pending = self._mission.pending(tick.mission, quantities)
+        return f"stall: {pending}, no nearer for {abort.stall_after:g} s{_held_back(tick.restriction.bad)}"
+
+    def _write(self, memory: Any) -> None:
+        abort = self._mission.abort
+        memory.aborts, memory.began = abort is not None, -math.inf
+        memory.contact_since = memory.thrust_since = memory.stall_since = math.nan
+        for i, task in enumerate(self._mission.hierarchy.tasks):
+            memory.high[i] = isinstance(task, MinimumAltitude)
+        if abort is not None:
+            memory.time_limit, memory.stall_after = abort.time_limit, abort.stall_after
+            memory.thrust_after = abort.thrust_after
+            memory.contact, memory.contact_after = abort.contact, abort.contact_after
+
+
+def _held_back(bad: Sequence[ChannelHealth]) -> str:
+    """What channels that are not good have to do with it, the reasons first: many have one in common."""
+    whys: dict[str, list[str]] = {}
+    for item in sorted(bad, key=lambda item: item.channel):
+        whys.setdefault(item.why or item.trust.name.lower(), []).append(item.channel)
+    if not whys:
+        return ""
+    told = ", ".join(f"{why} ({', '.join(channels)})" for why, channels in whys.items())
+    return f"; sensors that are not good end no phase: {told}; see to them, or to what the robot's file says of them"

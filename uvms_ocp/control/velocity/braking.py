@@ -1,0 +1,246 @@
+"""Brake: the stop of the robot along a straight line of velocities, and lower speeds in degraded modes.
+
+All axes slow down in proportion, as fast as the first of them can: what glides along an obstacle goes on gliding along it until
+it stands, while axes that stop one after the other would swing into it. Lower speeds keep the direction, and so all priorities;
+neither changes a velocity by more than the acceleration limits allow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import Annotated, Any
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Smooth, Vector, doubles, structure_of, view, zeros
+from uvms_ocp.estimation.degraded_modes import RestrictionMemory
+from uvms_ocp.estimation.fallbacks import EchoMemory
+from uvms_ocp.robot.limits import bounded_joints
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.symbolic_model import SymbolicModel
+from uvms_ocp.tasks.activation import ENDLESS, stopping_speed
+
+# How a robot comes to rest: all axes slow down in proportion, as fast as the first of them can.
+#
+# What glides along an obstacle goes on gliding along it until it stands, while axes that stop one after the other would
+# swing into it.
+
+_AT_REST = 1e-12  # [s] to rest
+NONE = -1
+"""No limit asks to be looked at."""
+
+
+class WayToRest(Layout):
+    """Where a robot is on its way to rest, and how far it may go before limits are to be looked at."""
+
+    step: Smooth
+    """q, v and the time to rest from it [s], to q one tick on and v then."""
+    slower: Smooth
+    """q, v and the same time, to v one tick nearer to rest at q itself."""
+    acceleration: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s2, rad/s2] finite."""
+    dt: float
+    """[s] control period."""
+    time: float
+    """[s] to rest from v."""
+    done: bool
+    """It stands."""
+    q: Annotated[Vector, Sized("n_q")]
+    """(n_q,) [m, rad] at the end of the tick."""
+    v: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] of the next tick."""
+    velocity: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] of the tick."""
+    next_q: Annotated[Vector, Sized("n_q")]
+    next_v: Annotated[Vector, Sized("n_v")]
+    n_limits: int
+    """[-] that count."""
+    reach: Annotated[list[Vector], Sized("n_limits", "n_v")]
+    """(n_limits, n_v) [m, or 1] as that of `PositionLimit`, finite."""
+    room: Annotated[Vector, Sized("n_limits")]
+    """(n_limits,) [m] that is left before each limit at least."""
+
+
+def time_to_rest(acceleration: Vector, v: Vector, n: int) -> float:
+    """[s] that the slowest of n axes needs to rest from v [m/s, rad/s] at its `acceleration` [m/s2, rad/s2]. A kernel."""
+    time = 0.0
+    for i in range(n):
+        time = max(time, abs(v[i]) / acceleration[i])
+    return time
+
+
+def slow_down(m: WayToRest, q: Vector, v: Vector, slower: Vector) -> None:
+    """v [m/s, rad/s] one tick nearer to rest, at q [m, rad]. A kernel."""
+    m.slower(q, v, time_to_rest(m.acceleration, v, len(m.v)), slower)
+
+
+def set_out(m: WayToRest, q: Vector, v: Vector) -> None:
+    """Begin at q [m, rad] with v [m/s, rad/s]. A kernel."""
+    for i in range(len(m.q)):
+        m.q[i] = q[i]
+    for i in range(len(m.v)):
+        m.v[i] = v[i]
+    m.time = time_to_rest(m.acceleration, m.v, len(m.v))
+    m.done = False
+
+
+def step_on(m: WayToRest) -> None:
+    """One tick nearer to rest. A kernel."""
+    m.step(m.q, m.v, m.time, m.next_q, m.next_v)
+    for i in range(len(m.q)):
+        m.q[i] = m.next_q[i]
+    for i in range(len(m.v)):
+        m.velocity[i] = m.v[i]
+        m.v[i] = m.next_v[i]
+    m.time = time_to_rest(m.acceleration, m.v, len(m.v))
+    m.done = not m.time >= _AT_REST  # also where v is not a number
+
+
+def go_on(m: WayToRest) -> int:
+    """Ticks until a limit may be reached, which one that is, or `NONE` where the robot rests before. A kernel."""
+    while True:
+        for k in range(m.n_limits):
+            if m.room[k] < 0.0:
+                return k
+        if m.done:
+            return NONE
+        step_on(m)
+        for k in range(m.n_limits):
+            reach, way = m.reach[k], 0.0
+            for i in range(len(m.v)):
+                way += reach[i] * abs(m.velocity[i])
+            m.room[k] -= way * m.dt
+
+
+def stop_sizes(robot: Robot, dt: float) -> dict[str, Any]:
+    """Of a `WayToRest` at control period dt [s], but for `n_limits`."""
+    step, slower = _functions(robot, dt)
+    return {"n_q": robot.n_q, "n_v": robot.n_v, "step": step, "slower": slower}
+
+
+class Stop:
+    """The velocity of the next tick on the way to rest as a function of this one's. Not for use from two threads at once."""
+
+    def __init__(self, robot: Robot, dt: float, memory: Any = None) -> None:
+        """dt [s] is the control period; memory: a `WayToRest` of the caller's, which is set up."""
+        if memory is None:
+            memory = structure_of(WayToRest, n_limits=1, **stop_sizes(robot, dt))()
+        self.way: Any = memory
+        """The `WayToRest`."""
+        self.acceleration = np.minimum(robot.limits.acceleration, ENDLESS)
+        """(n_v,) [m/s2, rad/s2] finite."""
+        memory.dt = dt
+        view(memory.acceleration)[:] = self.acceleration
+
+    def slower(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """v (n_v,) [m/s, rad/s] one tick nearer to rest.
+
+        Joints brake harder where their position limit, not far from q (n_q,) [m, rad], asks for it.
+        """
+        found = doubles(np.zeros(len(v)))
+        slow_down(self.way, doubles(q), doubles(v), found)
+        return np.array(found)
+
+    def path(self, q: np.ndarray, v: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Configuration at the end of every tick and velocity during it, until rest.
+
+        From q (n_q,) [m, rad] with v (n_v,) [m/s, rad/s].
+        """
+        set_out(self.way, doubles(q), doubles(v))
+        while not self.way.done:
+            step_on(self.way)
+            yield np.array(self.way.q), np.array(self.way.velocity)
+
+
+@lru_cache(maxsize=8)
+def _functions(robot: Robot, dt: float) -> tuple[ca.Function, ca.Function]:
+    """q, v, time to rest -> q one tick on, v then; and v alone, at q."""
+    acceleration = np.minimum(robot.limits.acceleration, ENDLESS)
+    q, v, time = ca.SX.sym("q", robot.n_q), ca.SX.sym("v", robot.n_v), ca.SX.sym("time")
+    symbolic = SymbolicModel(robot.model)
+    moved = ca.densify(symbolic.integrate(q, v * dt))
+    step = [moved, _slower(robot, acceleration, dt, moved, v, time)]
+    alone = [_slower(robot, acceleration, dt, q, v, time)]
+    return ca.Function("step_to_rest", [q, v, time], step, {"cse": True}), ca.Function("slower", [q, v, time], alone)
+
+
+def _slower(robot: Robot, acceleration: np.ndarray, dt: float, q: ca.SX, v: ca.SX, time: ca.SX) -> ca.SX:
+    """v one tick nearer to rest: in proportion, where no joint has to brake harder before its limit."""
+    slower = ca.if_else(time > dt, v * (1.0 - dt / time), 0.0 * v)
+    for joint, lower, upper in bounded_joints(robot.joints, robot.limits):
+        i, at = joint.idx_v, q[joint.idx_q]
+        down, up = (stopping_speed(room, deceleration=acceleration[i], dt=dt) for room in (at - lower, upper - at))
+        slower[i] = ca.fmax(ca.fmin(slower[i], up), -down)
+    reach = ca.DM(acceleration * dt)
+    return ca.densify(ca.fmax(ca.fmin(slower, v + reach), v - reach))
+
+
+# Less than the hierarchy asks for: slower, no descent, the arm held; never by more than the acceleration limits allow.
+#
+# Kernels. Slower keeps the direction, and so all priorities; joints that are held brake as fast as they can; what sinks is
+# lifted straight up.
+
+_ZERO_SPEED = 1e-12  # [m/s, rad/s]
+
+
+class RestraintMemory(Layout):
+    """What of the robot it depends on."""
+
+    step: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] largest change in one tick."""
+    is_joint: Annotated[list[int], Sized("n_v")]
+    """(n_v,) which axes are joints."""
+    has_vehicle: bool
+    """The first six axes are those of one."""
+
+
+def restrain(
+    m: RestraintMemory, less: RestrictionMemory, beam: EchoMemory, q: Vector, previous: Vector, pace: float, v: Vector
+) -> float:
+    """Makes of the velocity v [m/s, rad/s] that is wanted the one for this tick, and returns the pace [-] that it is at.
+
+    q [m, rad]: now. previous [m/s, rad/s]: of the tick before, which was at `pace` [-] of what was wanted then.
+    """
+    found = _pace(m, less.speed, v, previous, pace)
+    for i in range(len(m.step)):
+        v[i] = 0.0 if less.joints_held and m.is_joint[i] != 0 else found * v[i]
+    _within(m, v, previous)
+    if less.no_descent and m.has_vehicle:
+        _lift(beam, q, v, len(m.step))
+        _within(m, v, previous)
+    return found
+
+
+def _pace(m: RestraintMemory, speed: float, wanted: Vector, previous: Vector, pace: float) -> float:
+    """As near to the speed as the acceleration limits let it come in this tick; they always let it stay where it is."""
+    low, high = 0.0, 1.0
+    for i in range(len(m.step)):
+        if abs(wanted[i]) > _ZERO_SPEED:
+            down, up = (previous[i] - m.step[i]) / wanted[i], (previous[i] + m.step[i]) / wanted[i]
+            low = max(low, min(down, up))
+            high = min(high, max(down, up))
+    return min(max(speed, min(low, pace)), max(high, pace))
+
+
+def _within(m: RestraintMemory, v: Vector, previous: Vector) -> None:
+    for i in range(len(m.step)):
+        v[i] = min(max(v[i], previous[i] - m.step[i]), previous[i] + m.step[i])
+
+
+def _lift(beam: EchoMemory, q: Vector, v: Vector, n: int) -> None:
+    """Neither vehicle nor altimeter sinks."""
+    x, y, z, w = q[3], q[4], q[5], q[6]
+    up = zeros(3)
+    up[0] = 2.0 * z * x - 2.0 * y * w
+    up[1] = 2.0 * z * y + 2.0 * x * w
+    up[2] = 1.0 - (2.0 * x * x + 2.0 * y * y)
+    rise = up[0] * v[0] + up[1] * v[1] + up[2] * v[2]
+    if beam.exists:
+        sensor = 0.0
+        for i in range(n):
+            sensor += beam.climb[i] * v[i]
+        rise = min(rise, sensor)
+    for i in range(3):
+        v[i] += up[i] * max(0.0, -rise)

@@ -1,0 +1,324 @@
+"""Parameters of all tasks at one tick: goals of the phase, moving goals as samples, and the distances that tasks ask for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import accumulate, pairwise
+from typing import Annotated, Any
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.codegen.kernel_layout import Answer, Layout, Sized, Vector, doubles, structure_of, view
+from uvms_ocp.control.velocity.abort import ClimbMemory
+from uvms_ocp.control.velocity.distances import NearestMemory, measure_pairs, place_along_stop
+from uvms_ocp.mission.mission import Mission, is_still
+from uvms_ocp.mission.phase import MissionState
+from uvms_ocp.mission.progress import MissionMemory
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.collision_model import distance_room, in_c
+from uvms_ocp.robot.symbolic_model import SymbolicModel
+from uvms_ocp.tasks.activation import ENDLESS
+from uvms_ocp.tasks.task import EndingReference, NearestPairs, Task
+
+# Goals that move and come to rest, as samples: what a kernel can follow without the function that they came from.
+
+_MOST = 20_000  # samples: 100 s at 200 Hz; a longer goal is asked at every tick
+
+
+class TracksMemory(Layout):
+    """Parameters of tasks at multiples of the control period, of one goal after the other."""
+
+    dt: float
+    """[s] between samples."""
+    n_tracks: int
+    """[-]"""
+    phase: Annotated[list[int], Sized("n_tracks")]
+    """(n_tracks,) in which each counts."""
+    of_phase: Annotated[list[int], Sized("n_tracks")]
+    """(n_tracks,) which begin with it, and not at 0."""
+    place: Annotated[list[int], Sized("n_tracks")]
+    """(n_tracks,) first parameter of each, among those of all tasks."""
+    width: Annotated[list[int], Sized("n_tracks")]
+    """(n_tracks,) [-] parameters."""
+    first: Annotated[list[int], Sized("n_tracks")]
+    """(n_tracks,) first number of each in `table`."""
+    last: Annotated[list[int], Sized("n_tracks")]
+    """(n_tracks,) its last sample, where it rests."""
+    table: Annotated[Vector, Sized("n_table")]
+    """(n_table,) [their units] the parameters of a sample after those of the one before."""
+
+
+def follow_tracks(m: TracksMemory, phase: int, since: float, t: float, values: Vector) -> None:
+    """The parameters [their units] at t [s] of all tasks whose goal in a phase moves; `since` [s] is its start. A kernel."""
+    for k in range(m.n_tracks):
+        if m.phase[k] == phase:
+            _sample(m, k, t - since if m.of_phase[k] != 0 else t, values)
+
+
+def _sample(m: TracksMemory, k: int, t: float, values: Vector) -> None:
+    """Between two samples in proportion."""
+    ticks = min(max(0.0, t / m.dt), float(m.last[k]))
+    before = min(int(ticks), m.last[k] - 1)
+    share, at = ticks - before, m.first[k] + before * m.width[k]
+    for i in range(m.width[k]):
+        now, then = m.table[at + i], m.table[at + m.width[k] + i]
+        values[m.place[k] + i] = now + share * (then - now)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Track:
+    """The goal of one task in one phase."""
+
+    phase: int
+    """Index among all phases."""
+    task: int
+    """Index in the hierarchy."""
+    of_phase: bool
+    """It begins with the phase, and not at 0."""
+    samples: np.ndarray
+    """(n, n_parameters) [their units]"""
+
+
+def tracks_of(mission: Mission, dt: float) -> tuple[Track, ...]:
+    """Of all goals that move and rest in the end, every dt [s]."""
+    found = []
+    for phase in range(len(mission.all_phases)):
+        pairs = zip(mission.tasks_of(phase), mission.references_of(phase), strict=True)
+        for index, (task, (reference, own)) in enumerate(pairs):
+            n = _length(task, dt)
+            if n and not mission.climbs(phase, index):
+                samples = np.array([reference(k * dt) for k in range(n + 1)])
+                found.append(Track(phase=phase, task=index, of_phase=own, samples=samples))
+    return tuple(found)
+
+
+def _length(task: Task, dt: float) -> int:
+    """The first sample [-] at which the goal of a task surely rests; 0 where its goal is no track."""
+    goal = getattr(task, "goal", None)
+    if not (isinstance(goal, EndingReference) and task.is_told_by_goal and task.nearest_pairs is None):
+        return 0
+    ticks = goal.end / dt if isinstance(goal.end, float) else math.inf
+    return math.ceil(max(0.0, ticks)) + 1 if ticks < _MOST else 0
+
+
+def track_sizes(tracks: Sequence[Track]) -> dict[str, int]:
+    """Of a `TracksMemory`. Tables of nearly one size have the same, so that not every one is compiled for anew."""
+    n = sum(track.samples.size for track in tracks)
+    return {"n_tracks": len(tracks), "n_table": 1 << (n - 1).bit_length() if n else 0}
+
+
+def write_tracks(memory: Any, tracks: Sequence[Track], places: Sequence[slice], dt: float) -> None:
+    """Into a `TracksMemory`. places: of the tasks among the parameters of all; dt [s]: between samples."""
+    memory.dt, memory.n_tracks, table = dt, len(tracks), view(memory.table)
+    for k, (track, end) in enumerate(zip(tracks, accumulate(track.samples.size for track in tracks), strict=True)):
+        memory.phase[k], memory.of_phase[k], memory.place[k] = track.phase, track.of_phase, places[track.task].start
+        memory.last[k], memory.width[k] = len(track.samples) - 1, track.samples.shape[1]
+        memory.first[k] = end - track.samples.size
+        table[memory.first[k] : end] = track.samples.ravel()
+
+
+# Parameters of tasks at one tick: their references, ending with the distances that some of them ask for.
+#
+# A task on distances asks for `uvms_ocp.tasks.task.NearestPairs`; they are measured here, on the way to rest. Goals that
+# are still are in memory, for a kernel to take; those that move are asked at every tick.
+
+
+class GoalsMemory(Layout):
+    """Parameters of all tasks, one after the other, and those that they have in each phase while nothing moves or is near."""
+
+    of_phase: Annotated[list[Vector], Sized("n_phases", "n_parameters")]
+    """(n_phases, n_parameters) [their units]"""
+    climb: int
+    """Where the goal of the task that climbs begins among them."""
+    tracks: TracksMemory
+    """Of those that move and rest in the end."""
+    values: Annotated[Vector, Sized("n_parameters")]
+    """(n_parameters,) [their units] of now."""
+
+
+def take_goals(g: GoalsMemory, m: MissionMemory, climb: ClimbMemory, t: float) -> None:
+    """Those of the phase at t [s]; the abort phase climbs to where its beginning has aimed at. A kernel."""
+    goals = g.of_phase[m.phase]
+    for i in range(len(g.values)):
+        g.values[i] = goals[i]
+    follow_tracks(g.tracks, m.phase, m.since, t, g.values)
+    if m.phase == m.abort_phase:
+        for i in range(len(climb.goal)):
+            g.values[g.climb + i] = climb.goal[i]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Asked:
+    """A task whose goal is asked for at every tick of a phase."""
+
+    name: str
+    """Of the task."""
+    place: slice
+    """Of its goal among the parameters of all tasks."""
+    reference: Callable[[float], np.ndarray]
+    """Its goal at a time [s], and what stands for distances behind it."""
+    of_phase: bool
+    """Whether that time is the time since the start of the phase."""
+
+
+class MissionParameters:
+    """Those of all tasks in a `GoalsMemory`: what its kernel does not know is asked of the tasks, tick by tick."""
+
+    def __init__(self, mission: Mission, memory: Any, tracks: Sequence[Track], dt: float) -> None:
+        """memory: a `GoalsMemory`, which is set up. tracks: those of the mission, every dt [s]."""
+        self._mission, self._values = mission, view(memory.values)
+        self._places = places_of(mission)
+        for phase in range(len(mission.all_phases)):
+            goals = [reference(0.0) for reference, _ in mission.references_of(phase)]
+            view(memory.of_phase)[phase, : self._places[-1].stop] = np.concatenate(goals)
+        if mission.abort is not None:
+            climb = self._places[mission.hierarchy.index(mission.abort.climb)]
+            memory.climb = climb.start
+            view(memory.of_phase)[-1, climb] = 0.0
+        write_tracks(memory.tracks, tracks, self._places, dt)
+        self.asked = asked_in_phases(mission, tracks)
+        """Of each phase, what is asked for."""
+
+    def ask(self, state: MissionState, t: float) -> None:
+        """Complete what the kernel has taken for the tick at t [s]."""
+        for asked in self.asked[state.phase]:
+            goal = asked.reference(t - state.since if asked.of_phase else t)
+            self._values[asked.place] = goal[: asked.place.stop - asked.place.start]
+
+
+def asked_in_phases(mission: Mission, tracks: Sequence[Track]) -> list[tuple[_Asked, ...]]:
+    """Of each phase, goals that are neither still nor climbed to nor on a track."""
+    tracked, places = {(track.phase, track.task) for track in tracks}, places_of(mission)
+    return [_asked_in(mission, phase, tracked, places) for phase in range(len(mission.all_phases))]
+
+
+def _asked_in(
+    mission: Mission, phase: int, tracked: Collection[tuple[int, int]], places: Sequence[slice]
+) -> tuple[_Asked, ...]:
+    found = []
+    goals = zip(mission.tasks_of(phase), mission.references_of(phase), strict=True)
+    for i, (task, (reference, own)) in enumerate(goals):
+        if not (is_still(reference) or mission.climbs(phase, i) or (phase, i) in tracked):
+            place, pairs = places[i], task.nearest_pairs
+            end = place.stop - (0 if pairs is None else pairs.n_parameters)
+            found.append(_Asked(name=task.name, place=slice(place.start, end), reference=reference, of_phase=own))
+    return tuple(found)
+
+
+def asking_of(mission: Mission) -> list[tuple[int, int, NearestPairs]]:
+    """Tasks that ask for distances: index, where its parameters end among those of all, its pairs."""
+    found = zip(mission.hierarchy.tasks, places_of(mission), strict=True)
+    return [
+        (i, place.stop, task.nearest_pairs) for i, (task, place) in enumerate(found) if task.nearest_pairs is not None
+    ]
+
+
+def places_of(mission: Mission) -> list[slice]:
+    """Of each task, highest priority first, among the parameters of all."""
+    ends = np.cumsum([0, *(len(reference(0.0)) for reference, _ in mission.references_of(0))]).tolist()
+    return [slice(start, end) for start, end in pairwise(ends)]
+
+
+class Measuring:
+    """What a `NearestMemory` knows of the tasks that ask, and who answers where kernels cannot measure: `CollisionModel`."""
+
+    def __init__(self, memory: Any, asking: Sequence[tuple[int, int, NearestPairs]], robot: Robot | None) -> None:
+        """memory: of the `nearest_sizes`, which is set up. asking: index of each task, where its parameters end, its pairs.
+
+        robot: whose pairs kernels measure, where they can.
+        """
+        self._memory, self._places = memory, view(memory.place)
+        self._models = [pairs.model for _, _, pairs in asking]
+        memory.n_asking = len(asking)
+        self.answer = Answer(memory.ask, self._look)
+        for p, (task, end, pairs) in zip(memory.pairs, asking, strict=False):
+            p.task, p.first, p.n, p.n_pairs = task, end - pairs.n_parameters, pairs.n_rows, pairs.model.n_pairs
+            p.threshold, p.in_c = pairs.threshold, in_c(pairs.model, robot)
+            if p.in_c:
+                pairs.model.write(p.distances)
+            view(p.reach)[:] = np.where(np.isfinite(pairs.model.reach), pairs.model.reach, np.inf)
+
+    def _look(self) -> None:
+        memory = self._memory
+        p, model, where = memory.pairs[memory.asked], self._models[memory.asked], self._places[memory.at]
+        if memory.of_gradients:
+            chosen = view(p.chosen)[: p.n]
+            rows = np.flatnonzero(view(p.worst)[chosen] == memory.at)
+            view(p.gradient)[rows] = model.distances(where, chosen[rows]).gradient
+        else:
+            rows = np.flatnonzero(view(p.counts)[: p.n_pairs])
+            view(p.value)[rows] = model.values(where, rows if memory.at else None)
+
+
+def nearest_sizes(robot: Robot | None, asking: Sequence[NearestPairs], n_q: int, n_v: int) -> dict[str, Any]:
+    """Of a `NearestMemory` for a q (n_q,) [m, rad] and velocities (n_v,) [m/s, rad/s], but for the `distance_room`.
+
+    Without a robot nothing moves.
+    """
+    q, way = ca.SX.sym("q", n_q), ca.SX.sym("way", n_v)
+    stay = ca.Function("stay", [q, way], [q])
+    return {
+        "n_q": n_q,
+        "n_v": n_v,
+        "n_asking": len(asking),
+        "n_rows": max((pairs.n_rows for pairs in asking), default=0),
+        "integrate": _integrate(robot) if robot is not None and asking else stay,
+    }
+
+
+@lru_cache(maxsize=8)
+def _integrate(robot: Robot) -> ca.Function:
+    q, way = ca.SX.sym("q", robot.n_q), ca.SX.sym("way", robot.n_v)
+    return ca.Function("displaced", [q, way], [ca.densify(SymbolicModel(robot.model).integrate(q, way))], {"cse": True})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class StoppingMotion:
+    """Of a robot that is to stop."""
+
+    robot: Robot
+    v: np.ndarray
+    """(n_v,) [m/s, rad/s]"""
+    dt: float
+    """[s] control period."""
+
+
+def mission_parameters(
+    mission: Mission, state: MissionState, t: float, *, gates: np.ndarray, q: np.ndarray, motion: StoppingMotion | None
+) -> np.ndarray:
+    """Parameters (n_parameters,) [their units] of all tasks at t [s], in any state.
+
+    gates (n_tasks,) [-]: of then. Nothing is measured for tasks that are off, and stay off. q (n_q,) [m, rad]: as measured.
+    motion: where it could come near a limit.
+    """
+    found = zip(mission.tasks_of(state.phase), mission.references(state, t), mission.idle(state, gates), strict=True)
+    return np.concatenate([goal if off else task_parameters(task, goal, q, motion) for task, goal, off in found])
+
+
+def task_parameters(
+    task: Task, reference: np.ndarray, q: np.ndarray, motion: StoppingMotion | None = None
+) -> np.ndarray:
+    """A task's reference (n_parameters,) [its units], at its end the distances that it asks for at q (n_q,) [m, rad]."""
+    pairs = task.nearest_pairs
+    if pairs is None:
+        return reference
+    return np.concatenate([reference[: -pairs.n_parameters], measured_distances(pairs, q, motion)])
+
+
+def measured_distances(pairs: NearestPairs, q: np.ndarray, motion: StoppingMotion | None = None) -> np.ndarray:
+    """What `measure` finds at q (n_q,) [m, rad], and on the way to rest, as one vector (`NearestPairs.parameters`)."""
+    robot, n_v = None if motion is None else motion.robot, pairs.model.n_v
+    sizes = {**nearest_sizes(robot, [pairs], len(q), n_v), **distance_room([pairs.model], None)}
+    memory: Any = structure_of(NearestMemory, **sizes)()
+    measuring, values = Measuring(memory, [(0, pairs.n_parameters, pairs)], None), doubles(np.zeros(pairs.n_parameters))
+    v, acceleration, dt = np.zeros(n_v), np.ones(n_v), np.inf
+    if motion is not None:
+        v, acceleration, dt = motion.v, np.minimum(motion.robot.limits.acceleration, ENDLESS), motion.dt
+    place_along_stop(memory, doubles(q), doubles(v), doubles(acceleration), dt)
+    measure_pairs(memory, 0, values)
+    measuring.answer.check()
+    return np.array(values)

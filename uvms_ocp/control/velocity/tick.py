@@ -1,0 +1,333 @@
+"""One tick of the velocity layer in order: `before` the hierarchy, the hierarchy itself, `after` it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from time import perf_counter
+from typing import Annotated, Any
+
+import numpy as np
+
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Smooth, Vector, structure_of, view
+from uvms_ocp.codegen.kernels import bind_to
+from uvms_ocp.control.velocity.abort import AbortReason, aim_ascent, distress_of
+from uvms_ocp.control.velocity.braking import restrain, set_out, step_on
+from uvms_ocp.control.velocity.distances import measure_pairs, place_along_stop
+from uvms_ocp.control.velocity.goals import take_goals
+from uvms_ocp.control.velocity.levels import LevelsProblem
+from uvms_ocp.control.velocity.tick_memory import TickArrays, TickMemory
+from uvms_ocp.control.velocity.viability import comes_near, enforce_viability
+from uvms_ocp.estimation.degraded_modes import restrict
+from uvms_ocp.estimation.fallbacks import Freshness, echo_range, last_sound, look_down, verdict_on
+from uvms_ocp.mission.progress import NONE, abort_mission, gates_at, is_over, take_transition, transition_due
+from uvms_ocp.robot.signals import Trust
+from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.solution import Status, TickResult, dense
+
+# One tick of the kinematic layer but for the hierarchy: what is known, `before` it, and what comes of it, `after`.
+#
+# Between the two the hierarchy is solved.
+
+
+def _begin(m: TickMemory) -> None:
+    """External activations, which tell whether the altitude matters."""
+    gates_at(m.mission, m.t, m.gates)
+    m.altitude_matters = False
+    for i in range(len(m.gates)):
+        m.altitude_matters = m.altitude_matters or (m.reads_altitude[i] != 0 and m.gates[i] != 0.0)
+
+
+def prepare_tick(m: TickMemory) -> None:
+    """What is known, from the measurement and the channels that are not good."""
+    last_sound(m.sound, m.t, m.q, m.v, m.age, m.joint_age)
+    m.age = m.sound.age
+    m.joint_age = m.sound.joint_age
+    look_down(m.beam, m.q)
+    _begin(m)
+    take_goals(m.goals, m.mission, m.climb, m.t)
+    restrict(m.restriction, m.t, m.altitude_matters)
+    doubted = _doubts_altimeter(m)
+    lowest, lower = 0.0, False
+    for i in range(len(m.gates)):
+        if m.restriction.no_descent and m.lands[i] != 0:
+            m.gates[i] = 0.0
+        if m.reads_altitude[i] != 0 and m.gates[i] > 0.0 and (not lower or m.rest_altitude[i] < lowest):
+            lowest = m.rest_altitude[i]
+            lower = True
+    m.echo[0] = echo_range(m.beam, m.t, m.altimeter_range, lowest, doubted)
+    m.altitude_known = math.isfinite(m.beam.floor) and m.t - m.beam.since <= m.hold_after
+    # Joints that brakes hold are where they were.
+    braked = m.restriction.joints_held and math.isfinite(m.age) and m.joint_age >= m.age
+    age = 0.0 if braked else m.age
+    echo_age = m.t - m.beam.since if m.altitude_matters and not doubted else 0.0
+    m.echo_is_oldest = echo_age > age
+    m.oldest = max(age, echo_age)
+    m.freshness = verdict_on(m.oldest, m.hold_after, m.stop_after)
+    m.holds = is_blind(m) or m.restriction.hold or (m.restriction.ended and not m.distress.aborts)
+    for i in range(len(m.previous)):
+        m.previous[i] = m.command[i] / m.pace
+    _measure_distances(m)
+
+
+def _measure_distances(m: TickMemory) -> None:
+    """For tasks that are on or begin; on the way to rest where that could come near a limit."""
+    target, looked = m.mission.targets[m.mission.phase], False
+    for k in range(m.nearest.n_asking):
+        i = m.nearest.pairs[k].task
+        if target[i] != 0.0 or m.gates[i] != 0.0:
+            if not looked:
+                least = m.rule.stop.dt if m.near else math.inf
+                place_along_stop(m.nearest, m.q, m.command, m.rule.stop.acceleration, least)
+                looked = True
+            measure_pairs(m.nearest, k, m.goals.values)
+
+
+def finish_tick(m: TickMemory) -> None:
+    """What the tick comes to, after the hierarchy is solved: what is told, the velocity, and where the mission goes."""
+    _report(m)
+    if m.holds:
+        _come_to_rest(m)
+    else:
+        _choose(m)
+    m.why = AbortReason.NOTHING
+    m.due = NONE
+    m.eventful = False
+    if not is_over(m.mission):
+        _check_mission(m)
+
+
+def _check_mission(m: TickMemory) -> None:
+    """Go on with the mission, or give it up."""
+    less, stopped = m.restriction, is_stopped(m)
+    hopeless = stopped and (less.ended or less.any_lost)
+    m.why = distress_of(m.distress, m.mission, m.t, m.gates, m.told, hopeless, less.ended)
+    if m.why != AbortReason.NOTHING:
+        m.eventful = True
+        if not m.mission.given_up:
+            _climb(m)
+        abort_mission(m.mission, m.t, not stopped)
+    elif not m.holds:
+        m.due = transition_due(m.mission, m.t, m.told)
+        m.eventful = m.due != NONE or m.mission.changed
+        if m.due != NONE:
+            take_transition(m.mission, m.t, m.due)
+
+
+def _climb(m: TickMemory) -> None:
+    """What would be climbed to: above the highest floor, where that is to be believed."""
+    believed = not (m.distress.pushed or _doubts_altimeter(m))
+    aim_ascent(m.climb, m.q, m.beam.highest if believed else math.nan)
+
+
+def _doubts_altimeter(m: TickMemory) -> bool:
+    return m.restriction.level[m.channel[m.altimeter]] != Trust.GOOD
+
+
+def is_blind(m: TickMemory) -> bool:
+    """As that of `TickState`."""
+    return m.freshness != Freshness.FRESH or m.restriction.blind
+
+
+def is_stopped(m: TickMemory) -> bool:
+    """As that of `TickState`."""
+    return m.freshness == Freshness.LOST or (m.restriction.ended and not m.restriction.climbs)
+
+
+def commit_velocity(m: TickMemory) -> None:
+    """The velocity that is wanted is commanded."""
+    for i in range(len(m.command)):
+        m.change[i] = m.wanted[i] / m.wanted_pace - m.previous[i]
+        m.command[i] = m.wanted[i]
+    m.pace = m.wanted_pace
+
+
+def is_unknown(age: float, of_altitude: bool, altitude_known: bool) -> bool:
+    """Whether a quantity is NaN: before the first measurement, and where it rests on an altitude that only stands in for one.
+
+    age [s]: of the measurement.
+    """
+    return age == math.inf or (of_altitude and not altitude_known)
+
+
+def _report(m: TickMemory) -> None:
+    """What is known of the quantities.
+
+    Phases are told less: nothing that rests on a channel that is not good, but in the abort phase the best there is.
+    """
+    of_altitude = m.rests_on[m.altimeter]
+    for i in range(len(m.quantities)):
+        unknown = is_unknown(m.age, of_altitude[i] != 0, m.altitude_known)
+        m.reported[i] = math.nan if unknown else m.quantities[i]
+        m.told[i] = m.reported[i]
+    for k in range(len(m.channel)):
+        channel = m.rests_on[k]
+        for i in range(len(m.quantities)):
+            if m.restriction.level[m.channel[k]] != Trust.GOOD and channel[i] != 0 and not m.mission.given_up:
+                m.told[i] = math.nan
+    for i in range(len(m.quantities)):
+        if not m.holds:
+            m.last_told[i] = m.told[i]
+
+
+def _come_to_rest(m: TickMemory) -> None:
+    """Along the stop that the last tick with a measurement has found clear."""
+    way = m.rule.stop
+    set_out(way, m.place, m.command)
+    step_on(way)
+    for i in range(len(m.place)):
+        m.place[i] = way.q[i]
+    for i in range(len(m.command)):
+        m.change[i] = (way.v[i] - m.command[i]) / m.pace
+        m.command[i] = way.v[i]
+    m.share = 0.0
+
+
+def _choose(m: TickMemory) -> None:
+    """The velocity that is wanted, as far as the limits on positions let it be taken."""
+    for i in range(len(m.place)):
+        m.place[i] = m.q[i]
+    _wanted_velocity(m)
+    m.near = comes_near(m.rule, m.wanted, m.gates, m.quantities)
+    m.share = enforce_viability(m.rule, m.q, m.command, m.wanted, m.gates, m.quantities) if m.near else 1.0
+    commit_velocity(m)
+
+
+def _wanted_velocity(m: TickMemory) -> None:
+    """The velocity that the tasks ask for, within what the limits of each axis and the restrictions leave."""
+    m.wanted_pace = m.pace
+    if m.usable:
+        _shorten(m)
+        if m.restriction.any_bad or m.pace != 1.0:
+            m.wanted_pace = restrain(m.restraint, m.restriction, m.beam, m.q, m.command, m.pace, m.wanted)
+    else:
+        _brake(m)
+    for i in range(len(m.wanted)):
+        # From rest at every tick: the hierarchy counts on no more than one tick's acceleration of such a joint.
+        if m.jammed[i] != 0:
+            m.wanted[i] = 0.0
+
+
+def _shorten(m: TickMemory) -> None:
+    """The solver's velocity, shortened to the velocity limits with its direction kept."""
+    excess = 1.0
+    for i in range(len(m.solved)):
+        excess = max(excess, abs(m.solved[i]) / m.velocity_limit[i])
+    for i in range(len(m.solved)):
+        m.wanted[i] = m.solved[i] / excess
+
+
+def _brake(m: TickMemory) -> None:
+    """One tick nearer to rest."""
+    for i in range(len(m.wanted)):
+        step = m.restraint.step[i]
+        m.wanted[i] = m.command[i] - min(max(m.command[i], -step), step)
+
+
+# The hierarchy solved between `before` and `after`, in machine code: levels, solver, and what comes of it.
+
+
+class VelocityController(Layout):
+    """All that a controller of velocities remembers."""
+
+    tick: TickMemory
+    """Of the mission, and before and after the solver."""
+    levels: Smooth
+    """As `LevelsProblem.function`."""
+    solver: Smooth
+    """J, lower, upper, gate, active set -> v, active set, report, residual."""
+    jacobian: Annotated[Vector, Sized("n_entries")]
+    """(n_rows, n_v) column after column, as all that follows of `Level`."""
+    lower: Annotated[Vector, Sized("n_rows")]
+    upper: Annotated[Vector, Sized("n_rows")]
+    gate: Annotated[Vector, Sized("n_rows")]
+    activity: Annotated[Vector, Sized("n_activity")]
+    """(n_activity,) [-] as that of the levels function."""
+    active_set: Annotated[Vector, Sized("n_rows")]
+    """(n_rows,) of the tick before."""
+    found_set: Annotated[Vector, Sized("n_rows")]
+    """(n_rows,) of this one."""
+    report: Annotated[Vector, Sized(2)]
+    """(2,) code of the solver's `Status`, and iterations."""
+    residual: Annotated[Vector, Sized("n_rows")]
+    """(n_rows,) [m/s, rad/s] as that of `TickResult`."""
+    usable: Annotated[list[int], Sized("n_statuses")]
+    """(n_statuses,) which statuses have a velocity to use."""
+
+
+def solve(c: VelocityController) -> int:
+    """What the hierarchy asks for; returns the code of the `Status`. A kernel."""
+    m, J, low, up, gate, goals, told = (
+        c.tick,
+        c.jacobian,
+        c.lower,
+        c.upper,
+        c.gate,
+        c.tick.goals.values,
+        c.tick.quantities,
+    )
+    v, gates = m.v, m.gates
+    c.levels(m.q, v, m.previous, m.change, m.echo, goals, gates, J, low, up, None, None, gate, told, c.activity)
+    c.solver(J, low, up, gate, c.active_set, m.solved, c.found_set, c.report, c.residual)
+    for i in range(len(c.active_set)):
+        c.active_set[i] = c.found_set[i]
+    status = int(c.report[0])
+    m.usable = c.usable[status] != 0
+    return status
+
+
+def solve_and_finish(c: VelocityController) -> int:
+    """`solve`, and `after` it. A kernel."""
+    status = solve(c)
+    finish_tick(c.tick)
+    return status
+
+
+def velocity_controller(tick: Any, problem: LevelsProblem, solver: Any) -> Any:
+    """A `VelocityController` whose tick is a copy of this one; `None` for a solver that has no machine code."""
+    levels, rows = dense(problem.function), problem.sizes
+    core = solver.core(levels.size2_out(0), rows) if isinstance(solver, LexicographicActiveSet) else None
+    if core is None:
+        return None
+    sizes = {"n_rows": sum(rows), "n_entries": levels.numel_out(0), "n_statuses": len(Status)}
+    activity = levels.numel_out(levels.n_out() - 1)
+    kind = structure_of(VelocityController, tick=type(tick), levels=levels, solver=core, n_activity=activity, **sizes)
+    memory: Any = kind()
+    memory.tick = tick
+    memory.usable[:] = [status.usable for status in Status]
+    return memory
+
+
+# The second half of a tick as a thing to call: the solver and what follows, in one call of machine code or one by one.
+
+Solved = tuple[int, np.ndarray, np.ndarray, float]
+"""Code of the `Status`, residual (n_rows,) [m/s, rad/s], activity (n_activity,) [-], time [s] of the solver or of both."""
+_STATUS_CODE = {status: code for code, status in enumerate(Status)}
+
+
+def finish_in_c(whole: Any) -> Callable[[], Solved]:
+    """On a `VelocityController`."""
+    (run,) = bind_to(whole, (solve_and_finish,))
+    residual, activity = view(whole.residual), view(whole.activity)
+
+    def call() -> Solved:
+        begin = perf_counter()
+        status = run(whole)
+        return status, residual.copy(), activity.copy(), perf_counter() - begin
+
+    return call
+
+
+def finish_by(
+    solve: Callable[[], TickResult], after: Callable[[], None], arrays: TickArrays, memory: Any
+) -> Callable[[], Solved]:
+    """By a solver that Python calls, on the arrays of a `TickMemory`."""
+
+    def call() -> Solved:
+        result = solve()
+        arrays.solved[:], arrays.quantities[:] = result.v, result.extras[0]
+        memory.usable = result.status.usable
+        after()
+        return _STATUS_CODE[result.status], result.residual, result.extras[1], result.solve_time
+
+    return call

@@ -1,0 +1,243 @@
+"""Memory of one tick of the velocity layer: its layout, its first values and its arrays."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of, view
+from uvms_ocp.control.velocity.abort import ClimbMemory, DistressMemory, climb_sizes
+from uvms_ocp.control.velocity.braking import RestraintMemory
+from uvms_ocp.control.velocity.distances import NearestMemory
+from uvms_ocp.control.velocity.goals import GoalsMemory
+from uvms_ocp.control.velocity.levels import LevelsProblem
+from uvms_ocp.control.velocity.viability import RuleMemory
+from uvms_ocp.estimation.degraded_modes import ALTIMETER, CHANNELS, RestrictionMemory, write_modes
+from uvms_ocp.estimation.fallbacks import EchoMemory, SoundMemory, Watchdog, echo_sizes
+from uvms_ocp.mission.mission import Mission, write_mission
+from uvms_ocp.mission.progress import MissionMemory, sizes_of
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.tasks.task import Task
+
+# The memory of one tick of the kinematic layer: where the mission is, what is known, and what comes of it.
+
+
+class TickMemory(Layout):
+    """All that a tick reads and remembers."""
+
+    mission: MissionMemory
+    """Where it is."""
+    distress: DistressMemory
+    """Whether it is to be given up."""
+    rule: RuleMemory
+    """Limits on positions."""
+    restriction: RestrictionMemory
+    """What is not done because of channels that cannot be trusted."""
+    restraint: RestraintMemory
+    """What is left of a velocity."""
+    sound: SoundMemory
+    """What stands in for a measurement that is not sound."""
+    beam: EchoMemory
+    """Where the altimeter looks."""
+    climb: ClimbMemory
+    """Where the abort phase leads to."""
+    goals: GoalsMemory
+    """Parameters of the tasks, an input of the levels."""
+    nearest: NearestMemory
+    """Distances among them."""
+
+    velocity_limit: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s]"""
+    reads_altitude: Annotated[list[int], Sized("n_tasks")]
+    """(n_tasks,) which tasks read the altimeter."""
+    lands: Annotated[list[int], Sized("n_tasks")]
+    """(n_tasks,) which of them ask for one altitude."""
+    rest_altitude: Annotated[Vector, Sized("n_tasks")]
+    """(n_tasks,) [m] as that of `Task`."""
+    rests_on: Annotated[list[list[int]], Sized("n_channels", "n_quantities")]
+    """(n_channels, n_quantities) as that of `LevelsProblem`."""
+    channel: Annotated[list[int], Sized("n_channels")]
+    """(n_channels,) each of these among all `CHANNELS`."""
+    altimeter: int
+    """Among these channels."""
+    hold_after: float
+    """[s] as those of `Watchdog`."""
+    stop_after: float
+    """[s]"""
+
+    t: float
+    """[s] time of the tick."""
+    q: Annotated[Vector, Sized("n_q")]
+    """(n_q,) [m, rad] measured; where that is not sound, the last that was, and so the next three."""
+    v: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] of the same."""
+    altimeter_range: float
+    """[m] NaN without an echo."""
+    age: float
+    """[s] as those of `Measurement`."""
+    joint_age: float
+    """[s]"""
+
+    # found by `before`, inputs of the levels among it
+    gates: Annotated[Vector, Sized("n_tasks")]
+    """(n_tasks,) [-] external activations."""
+    altitude_matters: bool
+    """A task that is on reads the altimeter."""
+    echo: Annotated[Vector, Sized(1)]
+    """(1,) [m] range that tasks act on."""
+    altitude_known: bool
+    """As that of `TickState`."""
+    echo_is_oldest: bool
+    """Of all that is needed."""
+    oldest: float
+    """[s] age of what is."""
+    freshness: int
+    """A `Freshness`."""
+    holds: bool
+    """The robot comes to rest, whatever the tasks want."""
+    previous: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] commanded in the last tick, at full pace."""
+    change: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] of that since the tick before it: a change of pace is none of the hierarchy's, and not to be eased."""
+
+    # of the hierarchy
+    solved: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] that the hierarchy asks for."""
+    usable: bool
+    """Whether it does."""
+    quantities: Annotated[Vector, Sized("n_quantities")]
+    """(n_quantities,) [their units] of the levels."""
+
+    # found by `after`
+    reported: Annotated[Vector, Sized("n_quantities")]
+    """(n_quantities,) [their units] NaN where not known."""
+    told: Annotated[Vector, Sized("n_quantities")]
+    """(n_quantities,) [their units] what phases may end on."""
+    last_told: Annotated[Vector, Sized("n_quantities")]
+    """(n_quantities,) [their units] the same of the last tick that did not hold."""
+    why: int
+    """A `Why`."""
+    due: int
+    """The transition of the phase that fires, or `NONE`."""
+    eventful: bool
+    """The mission is to be looked at."""
+    jammed: Annotated[list[int], Sized("n_v")]
+    """(n_v,) axes that do not move whatever is asked."""
+    wanted: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] the velocity for this tick."""
+    wanted_pace: float
+    """[-] in (0, 1], that it is at of what the hierarchy has."""
+    near: bool
+    """A stop from it could come to a limit on positions."""
+    share: float
+    """[-] of it that the limits on positions leave; 0 where the robot comes to rest."""
+
+    # the motion of the last tick
+    place: Annotated[Vector, Sized("n_q")]
+    """(n_q,) [m, rad] as far as it is known: measured, or along the stop since."""
+    command: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] the last velocity that was taken."""
+    pace: float
+    """[-] that it was at."""
+
+
+# The memory of a tick in Python: made once, with what never changes, and seen as arrays.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class TickArrays:
+    """Arrays of a `TickMemory`, on the same memory, and what they are there."""
+
+    q: np.ndarray
+    """(n_q,) [m, rad]"""
+    v: np.ndarray
+    """(n_v,) [m/s, rad/s]"""
+    gates: np.ndarray
+    """(n_tasks,) [-]"""
+    echo: np.ndarray
+    """(1,) [m]"""
+    previous: np.ndarray
+    """(n_v,) [m/s, rad/s]"""
+    change: np.ndarray
+    """(n_v,) [m/s, rad/s]"""
+    solved: np.ndarray
+    """(n_v,) [m/s, rad/s]"""
+    quantities: np.ndarray
+    """(n_quantities,) [their units]"""
+    reported: np.ndarray
+    """(n_quantities,) [their units]"""
+    told: np.ndarray
+    """(n_quantities,) [their units]"""
+    last_told: np.ndarray
+    """(n_quantities,) [their units]"""
+    command: np.ndarray
+    """(n_v,) [m/s, rad/s]"""
+
+
+def tick_memory(
+    robot: Robot, mission: Mission, problem: LevelsProblem, watchdog: Watchdog, sizes: Mapping[str, Any]
+) -> Any:
+    """A `TickMemory` at rest, before the first measurement; what tells of distress, echoes, limits and goals is not in it yet.
+
+    sizes: as `rule_sizes` and `track_sizes` tell them.
+    """
+    tasks, names = mission.hierarchy.tasks, problem.quantity_names
+    known = {
+        **sizes,
+        "n_tasks": len(tasks),
+        "n_quantities": len(names),
+        "n_channels": len(problem.rests_on),
+        "n_parameters": problem.function.size1_in("parameters"),
+        **climb_sizes(robot, mission),
+        **echo_sizes(robot, altimeter_of(robot, tasks)),
+        **sizes_of(mission.all_phases),
+    }
+    memory = structure_of(TickMemory, **known)()
+    write_mission(memory.mission, mission, names)
+    memory.climb.altitude = math.nan if mission.abort is None else mission.abort.altitude
+    memory.hold_after, memory.stop_after = watchdog.hold_after, watchdog.stop_after
+    memory.pace, memory.near = 1.0, True
+    view(memory.place)[:] = robot.configuration()
+    write_modes(memory.restriction)
+    view(memory.last_told)[:] = math.nan
+    view(memory.velocity_limit)[:] = robot.limits.velocity
+    _write_restraint(memory.restraint, robot, problem.step)
+    memory.altimeter = [*problem.rests_on].index(ALTIMETER)
+    for k, (channel, rests) in enumerate(problem.rests_on.items()):
+        memory.channel[k] = CHANNELS.index(channel)
+        view(memory.rests_on)[k, : len(names)] = rests
+    for i, task in enumerate(tasks):
+        memory.reads_altitude[i], memory.rest_altitude[i] = task.needs_altimeter, task.rest_altitude
+        memory.lands[i] = task.needs_altimeter and task.equality
+    return memory
+
+
+def arrays_of(memory: Any, problem: LevelsProblem) -> TickArrays:
+    """The arrays of a `TickMemory`, which has room for one of each where there is none."""
+    n_tasks, n_quantities = problem.function.size1_in("gates"), len(problem.quantity_names)
+    sizes = {"gates": n_tasks, **dict.fromkeys(("quantities", "reported", "told", "last_told"), n_quantities)}
+    names = TickArrays.__dataclass_fields__
+    return TickArrays(**{name: view(getattr(memory, name))[: sizes.get(name)] for name in names})
+
+
+def inputs_of(memory: Any, arrays: TickArrays, problem: LevelsProblem) -> tuple[np.ndarray, ...]:
+    """Of the levels function, in its order."""
+    parameters = view(memory.goals.values)[: problem.function.size1_in("parameters")]
+    return (arrays.q, arrays.v, arrays.previous, arrays.change, arrays.echo, parameters, arrays.gates)
+
+
+def _write_restraint(memory: Any, robot: Robot, step: np.ndarray) -> None:
+    view(memory.step)[:] = step
+    memory.has_vehicle = bool(robot.n_vehicle)
+    for i in range(robot.n_v):
+        memory.is_joint[i] = i >= robot.n_vehicle
+
+
+def altimeter_of(robot: Robot, tasks: Sequence[Task]) -> str | None:
+    """The frame that tasks on altitude name, or that of the robot's file."""
+    named = (getattr(task, "frame", None) for task in tasks if task.needs_altimeter)
+    return next(filter(None, named), robot.description.altimeter)

@@ -1,0 +1,117 @@
+"""Exceptions, and outcomes that come with advice: misuse raises, a numerical result is an `AdvisedStatus`.
+
+Each message is one line: what was given, what is allowed, what to do. `plain_line` makes one of any text.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+from enum import Enum
+from pathlib import Path
+from typing import Any, TypeVar
+
+# Exceptions: misuse raises one of these; a numerical outcome is a ``Status``, never an exception.
+#
+# Each message is one line: what was given, what is allowed, what to do. `plain_line` makes one of any text.
+
+_MANY = 30  # names that a message lists
+_NEAREST = 6  # of more
+
+
+class UvmsError(Exception):
+    """Base of every exception that uvms_ocp raises on purpose. It can be pickled, whatever its constructor takes."""
+
+    def __str__(self) -> str:
+        return " ".join(super().__str__().splitlines())
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # By default an exception is made anew by its constructor, which takes other arguments than the message.
+        default = super().__reduce__()
+        return (_again, (type(self), default[1], self.args), *default[2:])
+
+
+def _again(cls: type[UvmsError], given: tuple[Any, ...], args: tuple[Any, ...]) -> UvmsError:
+    error = cls.__new__(cls, *given)
+    error.args = args
+    return error
+
+
+class InvalidInput(UvmsError, ValueError):
+    """A value of the wrong shape, type or range."""
+
+
+class NameNotFound(UvmsError, LookupError):
+    """A name that does not exist; the message lists the names that do, or of many the nearest and where all are listed."""
+
+    def __init__(self, kind: str, given: str, allowed: Iterable[str], listed: str = "") -> None:
+        """listed: what tells all names, such as a command."""
+        self.kind, self.given, self.allowed = kind, given, tuple(allowed)
+        close = get_close_matches(str(given), self.allowed, n=1)
+        hint = f" Did you mean {close[0]!r}?" if close else ""
+        if len(self.allowed) <= _MANY:
+            names = ", ".join(self.allowed) or "none"
+            super().__init__(f"unknown {kind} {given!r}; known: {names}.{hint}")
+            return
+        near = ", ".join(get_close_matches(str(given), self.allowed, n=_NEAREST, cutoff=0.0))
+        where = f"; {listed} lists them" if listed else ""
+        super().__init__(f"unknown {kind} {given!r}.{hint} The nearest of {len(self.allowed)}: {near}{where}.")
+
+
+class FrameNotFound(NameNotFound):
+    """A frame that the robot does not have."""
+
+    def __init__(self, given: str, allowed: Iterable[str]) -> None:
+        super().__init__("frame", given, allowed)
+
+
+class ArgumentNotFound(NameNotFound, TypeError):
+    """An argument that a call does not take."""
+
+    def __init__(self, call: str, given: str, allowed: Iterable[str]) -> None:
+        super().__init__(f"argument of {call}", given, allowed)
+
+
+class RobotDataError(InvalidInput):
+    """A robot file (URDF or YAML) that is missing, broken or physically impossible."""
+
+    def __init__(self, path: Path | str, problem: str) -> None:
+        self.path = Path(path)
+        super().__init__(f"{path}: {problem}")
+
+
+class OutputError(UvmsError, OSError):
+    """A place that cannot be written to."""
+
+
+class NotInstalled(UvmsError, ImportError):
+    """A package that is optional and not there; the message says how to get it."""
+
+    def __init__(self, what: str, package: str) -> None:
+        super().__init__(f"{what} needs the package {package}, which is not installed; pip install {package}")
+
+
+def plain_line(text: str, longest: int | None = None) -> str:
+    """A text that holds names of users' own, on one line, without control characters and what no encoding can write.
+
+    longest [-]: number of characters after which it is cut.
+    """
+    plain = " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
+    return plain if longest is None or len(plain) <= longest else plain[: longest - 1] + "…"
+
+
+# Outcomes that say what to do about them.
+
+_Status = TypeVar("_Status", bound="AdvisedStatus")
+
+
+class AdvisedStatus(Enum):
+    """A numerical outcome. Members are written ``NAME = "value", "advice"``."""
+
+    advice: str
+    """What to do about it, one sentence for the user."""
+
+    def __new__(cls: type[_Status], value: str, advice: str) -> _Status:
+        status = object.__new__(cls)
+        status._value_, status.advice = value, advice
+        return status

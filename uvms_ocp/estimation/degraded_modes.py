@@ -1,0 +1,294 @@
+"""Degraded modes: what the controller may do without some channels, as one table and the restriction of a tick."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Annotated, Any
+
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of
+from uvms_ocp.robot.signals import ChannelHealth, Readings, Trust
+
+ALTIMETER, ENCODERS = "altimeter_range", "joint_positions"
+_GOOD = Trust.GOOD
+_SLOW = 0.5
+_SOFT = 0.25  # of Case 1 without DVL: at 1 it runs away, at 0.5 it swings by 0.4 m, at 0.25 by less than 0.1 m
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Mode:
+    """What is done while some channels are lost, or suspect."""
+
+    without: frozenset[str]
+    """All of them, fields of `Readings`."""
+    trust: Trust = Trust.LOST
+    """From which on; what is lost is suspect too."""
+    known: str
+    """By what their part is still known."""
+    speed: float = 1.0
+    """[-] more than 0; share of what the tasks and limits make it otherwise."""
+    no_descent: bool = False
+    """Nothing sinks, landing is off; tasks on altitude take the floor for higher, the farther the robot has moved."""
+    joints_held: bool = False
+    """The arm stops, its brakes lock."""
+    hold: bool = False
+    """The robot comes to rest; the mission waits."""
+    blind: bool = False
+    """Without feedback of the vehicle's velocity."""
+    feedback: float = 1.0
+    """[-] more than 0; share of the usual bandwidth of the velocity loop: a velocity that is known late bears less."""
+    joint_feedback: float = 1.0
+    """[-] more than 0; the same of the joints."""
+    bears: float = math.inf
+    """[s] after which the mission is given up."""
+    climbs: bool = True
+    """Enough is known for the abort phase; otherwise the thrust is cut."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Restriction:
+    """All modes that apply at one tick, as one."""
+
+    speed: float = 1.0
+    """[-] as that of `Mode`."""
+    no_descent: bool = False
+    joints_held: bool = False
+    hold: bool = False
+    blind: bool = False
+    feedback: float = 1.0
+    """[-] as that of `Mode`."""
+    joint_feedback: float = 1.0
+    """[-]"""
+    climbs: bool = True
+    """As the fields of `Mode`."""
+    abort: str = ""
+    """Why the mission cannot go on, or nothing."""
+    bad: tuple[ChannelHealth, ...] = ()
+    """Channels that are not good: what rests on them ends no phase."""
+
+    @property
+    def doubted(self) -> frozenset[str]:
+        """Their names."""
+        return frozenset(item.channel for item in self.bad)
+
+    @property
+    def lost(self) -> tuple[ChannelHealth, ...]:
+        """Those that are lost."""
+        return tuple(item for item in self.bad if item.trust is Trust.LOST)
+
+
+FREE = Restriction()
+"""Of a robot whose channels are all good, or that nobody judges."""
+
+
+def _mode(*without: str, **what: object) -> Mode:
+    return Mode(without=frozenset(without), **what)  # type: ignore[arg-type]
+
+
+_VEHICLE = ("position", "attitude", "linear_velocity", "angular_velocity")
+
+MODES = (
+    _mode(ALTIMETER, trust=Trust.SUSPECT, known="the last floor", no_descent=True),
+    _mode(ALTIMETER, known="the last floor", no_descent=True, bears=5.0),
+    _mode("position", trust=Trust.SUSPECT, known="velocity, integrated", speed=_SLOW),
+    _mode("position", known="velocity, integrated", speed=_SLOW, no_descent=True, bears=30.0),
+    _mode("position", "depth", known="velocity, integrated", bears=10.0),
+    _mode("linear_velocity", trust=Trust.SUSPECT, known="the change of position", speed=_SLOW, feedback=_SOFT),
+    _mode("angular_velocity", trust=Trust.SUSPECT, known="the change of attitude", speed=_SLOW),
+    _mode("attitude", trust=Trust.SUSPECT, known="angular velocity, integrated", speed=_SLOW),
+    _mode("attitude", known="angular velocity, integrated", hold=True, bears=10.0, climbs=False),
+    _mode(ENCODERS, trust=Trust.SUSPECT, known="commands, integrated", speed=_SLOW, joint_feedback=_SOFT),
+    _mode(ENCODERS, known="where the brakes hold the arm", joints_held=True, bears=10.0),
+    *(
+        _mode(*pair, known="too little", hold=True, blind=True, bears=3.0, climbs=False)
+        for pair in combinations(_VEHICLE, 2)
+    ),
+)
+"""Depth and joint velocities are not in it alone: others tell the same."""
+CHANNELS = tuple(Readings.__dataclass_fields__)
+"""In the order of a `RestrictionMemory`."""
+_N_MODES, _N_CHANNELS = len(MODES), len(CHANNELS)
+
+
+def bad_of(health: Sequence[ChannelHealth]) -> list[ChannelHealth]:
+    """Channels that are not good."""
+    return [item for item in health if item.trust is not _GOOD]
+
+
+class BadChannels:
+    """Those of one tick after the other, looked for where somebody has judged anew."""
+
+    __slots__ = ("_bad", "_health")
+
+    def __init__(self) -> None:
+        self._health: Sequence[ChannelHealth] = ()
+        self._bad: list[ChannelHealth] = []
+
+    def among(self, health: tuple[ChannelHealth, ...]) -> list[ChannelHealth]:
+        """As `bad_of`."""
+        if health is not self._health:
+            self._health, self._bad = health, bad_of(health)
+        return self._bad
+
+
+class RestrictionMemory(Layout):
+    """`MODES`, how far each of `CHANNELS` can be trusted, and what applies."""
+
+    needs: Annotated[list[list[int]], Sized(_N_MODES, _N_CHANNELS)]
+    """(n_modes, n_channels) which channels each mode is without."""
+    trust: Annotated[list[int], Sized(_N_MODES)]
+    """(n_modes,) from which on."""
+    mode_speed: Annotated[Vector, Sized(_N_MODES)]
+    """(n_modes,) [-]"""
+    mode_feedback: Annotated[Vector, Sized(_N_MODES)]
+    """(n_modes,) [-]"""
+    mode_joint_feedback: Annotated[Vector, Sized(_N_MODES)]
+    """(n_modes,) [-]"""
+    bears: Annotated[Vector, Sized(_N_MODES)]
+    """(n_modes,) [s]"""
+    flags: Annotated[list[list[int]], Sized(_N_MODES, 5)]
+    """(n_modes, 5) of each mode: no descent, joints held, hold, blind, climbs."""
+    of_altitude: Annotated[list[int], Sized(_N_MODES)]
+    """(n_modes,) which are without the altimeter alone."""
+
+    level: Annotated[list[int], Sized(_N_CHANNELS)]
+    """(n_channels,) the `Trust` in each channel."""
+    since: Annotated[Vector, Sized(_N_CHANNELS)]
+    """(n_channels,) [s] since when."""
+
+    speed: float
+    """[-] as all that follows of `Restriction`."""
+    feedback: float
+    """[-]"""
+    joint_feedback: float
+    """[-]"""
+    no_descent: bool
+    joints_held: bool
+    hold: bool
+    blind: bool
+    climbs: bool
+    any_bad: bool
+    """Some channel is not good."""
+    any_lost: bool
+    """Some channel is lost."""
+    ended: bool
+    """The mission cannot go on."""
+    to_blame: Annotated[list[int], Sized(_N_CHANNELS)]
+    """(n_channels,) which channels that is due to."""
+
+
+def restrict(r: RestrictionMemory, t: float, altitude_matters: bool) -> None:
+    """As `restriction_of` at t [s], of the channels in the memory. A kernel."""
+    _nothing(r)
+    for c in range(len(r.level)):
+        r.to_blame[c] = False
+        r.any_bad = r.any_bad or r.level[c] != Trust.GOOD
+        r.any_lost = r.any_lost or r.level[c] == Trust.LOST
+    for k in range(len(r.trust)):
+        if r.any_bad and _applies(r, k):
+            _apply(r, k, t, altitude_matters)
+
+
+def _nothing(r: RestrictionMemory) -> None:
+    r.speed = 1.0
+    r.feedback = 1.0
+    r.joint_feedback = 1.0
+    r.climbs = True
+    r.no_descent = False
+    r.joints_held = False
+    r.hold = False
+    r.blind = False
+    r.ended = False
+    r.any_bad = False
+    r.any_lost = False
+
+
+def _applies(r: RestrictionMemory, k: int) -> bool:
+    needs, applies = r.needs[k], True
+    for c in range(len(r.level)):
+        applies = applies and (needs[c] == 0 or r.level[c] >= r.trust[k])
+    return applies
+
+
+def _apply(r: RestrictionMemory, k: int, t: float, altitude_matters: bool) -> None:
+    needs, flags, since = r.needs[k], r.flags[k], -math.inf
+    r.speed = min(r.speed, r.mode_speed[k])
+    r.feedback = min(r.feedback, r.mode_feedback[k])
+    r.joint_feedback = min(r.joint_feedback, r.mode_joint_feedback[k])
+    r.no_descent = r.no_descent or flags[0] != 0
+    r.joints_held = r.joints_held or flags[1] != 0
+    r.hold = r.hold or flags[2] != 0
+    r.blind = r.blind or flags[3] != 0
+    r.climbs = r.climbs and flags[4] != 0
+    for c in range(len(r.level)):
+        if needs[c] != 0:
+            since = max(since, r.since[c])
+    if t - since > r.bears[k] and (altitude_matters or r.of_altitude[k] == 0):
+        r.ended = True
+        for c in range(len(r.level)):
+            if needs[c] != 0:
+                r.to_blame[c] = True
+
+
+def write_modes(memory: Any) -> None:
+    """`MODES` into a `RestrictionMemory`."""
+    for k, mode in enumerate(MODES):
+        for c, channel in enumerate(CHANNELS):
+            memory.needs[k][c] = channel in mode.without
+        memory.trust[k], memory.of_altitude[k] = mode.trust, mode.without == {ALTIMETER}
+        memory.mode_speed[k], memory.mode_feedback[k], memory.bears[k] = mode.speed, mode.feedback, mode.bears
+        memory.mode_joint_feedback[k] = mode.joint_feedback
+        memory.flags[k][:] = mode.no_descent, mode.joints_held, mode.hold, mode.blind, mode.climbs
+    memory.speed, memory.feedback, memory.joint_feedback, memory.climbs = 1.0, 1.0, 1.0, True
+
+
+def write_channels(memory: Any, bad: Sequence[ChannelHealth]) -> None:
+    """Those that are not good into a `RestrictionMemory`; all others are."""
+    found = {item.channel: item for item in bad}
+    for c, channel in enumerate(CHANNELS):
+        item = found.get(channel)
+        memory.level[c] = Trust.GOOD if item is None else item.trust
+        memory.since[c] = 0.0 if item is None else item.since
+
+
+def restriction_in(memory: Any, bad: Sequence[ChannelHealth]) -> Restriction:
+    """What `restrict` has found of the channels that are not good."""
+    if not bad:
+        return FREE
+    to_blame = [item for item in bad if item.channel in CHANNELS and memory.to_blame[CHANNELS.index(item.channel)]]
+    return Restriction(
+        speed=memory.speed,
+        no_descent=bool(memory.no_descent),
+        joints_held=bool(memory.joints_held),
+        hold=bool(memory.hold),
+        blind=bool(memory.blind),
+        feedback=memory.feedback,
+        joint_feedback=memory.joint_feedback,
+        climbs=bool(memory.climbs),
+        abort=describe_channels(sorted(to_blame, key=lambda item: item.channel)),
+        bad=tuple(bad),
+    )
+
+
+def restriction_of(health: Sequence[ChannelHealth], t: float, *, altitude_matters: bool = True) -> Restriction:
+    """What applies at time t [s]; `FREE` where nobody judges.
+
+    altitude_matters: some task on altitude is on. Without, a mission goes on without altimeter.
+    """
+    memory: Any = structure_of(RestrictionMemory)()
+    write_modes(memory)
+    bad = bad_of(health)
+    write_channels(memory, bad)
+    restrict(memory, t, altitude_matters)
+    return restriction_in(memory, bad)
+
+
+def describe_channels(channels: Iterable[ChannelHealth]) -> str:
+    """A few words on each of some channels that are not good."""
+    return ", ".join(f"{_complaint(item)} since {item.since:.1f} s" for item in channels)
+
+
+def _complaint(item: ChannelHealth) -> str:
+    return f"{item.channel} {item.trust.name.lower()}{': ' if item.why else ''}{item.why}"

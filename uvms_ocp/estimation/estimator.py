@@ -1,0 +1,349 @@
+"""Estimate the state of the robot from late and noisy readings, by an error-state Kalman filter."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.estimation.channels import JOINT_CHANNELS, BeamMount, age_of, needed_channels, oldest_of
+from uvms_ocp.estimation.filter_memory import N_VEHICLE, NUMBER, ChannelIndex, FilterMemory
+from uvms_ocp.estimation.filter_tuning import EstimatorTuning, initialise
+from uvms_ocp.estimation.kalman_filter import bound_tick
+from uvms_ocp.estimation.vehicle_model import doubt_velocity
+from uvms_ocp.record.display import SmallTable, Tabled, rows_of
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import (
+    CHANNELS,
+    IDEAL_SENSORS,
+    Command,
+    Measurement,
+    Reading,
+    Readings,
+    SensorSpec,
+    SensorSpecs,
+)
+from uvms_ocp.types import Array
+
+# What became of a reading.
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class GateOutcome:
+    """The newest reading of a channel that was compared with the estimate."""
+
+    t: float
+    """[s] when it was taken."""
+    squared: float
+    """[-] innovation, normalised and squared: chi-squared with `degrees` where sensor and vehicle are as expected."""
+    degrees: int
+    """[-] of freedom."""
+    accepted: bool
+    """Whether it was used; of the joints, every one of them."""
+
+
+# Joints as the filter knows them, one number each, and as q has them, where a turn may take two.
+
+
+class JointChart:
+    """Displacements of the joints from an origin, which follows the estimate where q is no vector space."""
+
+    __slots__ = ("_memory", "_origin", "_plain", "_robot")
+
+    def __init__(self, robot: Robot, memory: FilterMemory) -> None:
+        self._robot, self._memory, self._origin = robot, memory, pin.neutral(robot.model)
+        self._plain = all(joint.n_q == joint.n_v for joint in robot.joints)
+
+    def values(self, channel: str, reading: Array) -> Array:
+        """(n_joints,) of a reading (n_joint_q,) [rad or m] of joint positions, or (n_joints,) [rad/s or m/s] of velocities."""
+        if self._plain or channel != "joint_positions":
+            return reading
+        if not np.isfinite(reading).all():
+            return np.full(self._robot.n_joints, np.nan)
+        q = self._origin.copy()
+        q[self._robot.joint_q] = reading
+        return np.asarray(pin.difference(self._robot.model, self._origin, q)[self._robot.joint_v])
+
+    def configuration(self) -> Array:
+        """The joint part of q [rad or m]."""
+        displaced = self._memory.joint_x[:, 0]
+        if self._plain:
+            return displaced.copy()
+        v = np.zeros(self._robot.n_v)
+        v[self._robot.joint_v] = displaced
+        self._origin = pin.integrate(self._robot.model, self._origin, v)
+        clones = self._memory.joint_owner == ChannelIndex.JOINT_POSITIONS
+        self._memory.joint_seen[:, clones] -= displaced[:, None]
+        self._memory.joint_x[:, 0] = 0.0
+        return np.asarray(self._origin[self._robot.joint_q])
+
+
+# State estimation: the readings of the sensors in, what controllers see out.
+
+_measurement = unchecked_constructor(Measurement)
+_outcome = unchecked_constructor(GateOutcome)
+_readings_by_channel = attrgetter(*CHANNELS)
+
+_LATEST = 1e9  # [s] of any clock; thirty years
+
+
+@checked
+class Estimator(Tabled):
+    """A callable ``(Readings, t, command) -> Measurement``. Holds its estimate: build one per run.
+
+    Until a channel has its first reading its part of the estimate means nothing, and `Measurement.age` is inf. A reading
+    that is late is fused at the time it was taken. One that is not finite, larger than 1e9 in the unit of its channel, of
+    the future or older than the last of its channel is never used, nor is an altimeter's range below zero; only its nan says
+    something, that there is no echo. One that contradicts the estimate by more than five standard deviations is not used
+    until others agree with it for `EstimatorTuning.recovery`. The age is that of the last one that was used.
+
+    The current is no part of the state: without a sensor of the velocity in water, or a model of thrust and drag, nothing
+    that is read depends on it.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        specs: SensorSpecs | None = None,
+        tuning: EstimatorTuning | None = None,
+        altimeter_frame: str | None = None,
+        compiled: bool = True,
+    ) -> None:
+        """specs: the noise to expect. altimeter_frame: the one of the robot's description unless given.
+
+        compiled: in C where there is a compiler; the numbers are the same without. Raises `FrameNotFound` for an unknown
+        altimeter frame.
+        """
+        specs, tuning = specs or SensorSpecs(), tuning or EstimatorTuning()
+        altimeter_frame = altimeter_frame or robot.description.altimeter
+        frame = None if specs.altimeter_range is None or not robot.n_vehicle else altimeter_frame
+        self._n_vehicle, self._response_time = robot.n_vehicle, tuning.response_time
+        self.memory = memory = initialise(FilterMemory(robot.n_joints), robot, specs, tuning)
+        """All numbers of the filter, for who studies it."""
+        for name in needed_channels(robot, specs, altimeter_frame):
+            memory.needed[NUMBER[name]] = 1.0
+        self._has_range = frame is not None
+        self._beam = None if frame is None else BeamMount(robot, frame, memory)
+        self._chart = JointChart(robot, memory)
+        self._joints = self._chart.configuration()
+        self.advance = bound_tick(memory, compiled=compiled)
+        """The filter alone: from what `memory` has been given to what it tells."""
+        self._seen: dict[str, Reading | None] = dict.fromkeys(CHANNELS)
+        self._refused: frozenset[str] = frozenset()
+        self._response = np.zeros(robot.n_v)
+        self._t: float | None = None
+
+    @checked_on_failure
+    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
+        """The estimate at time t [s]; `command` has been acting since the last call.
+
+        Raises `InvalidInput` for a time before that of the last call, or beyond 1e9 s.
+        """
+        dt = self._elapsed(t)
+        if command is not None:
+            self._follow(command, dt)
+        self.memory.told[0] = command is not None
+        self._take_in(readings)
+        if self._beam is not None:
+            self._beam.place(self._joints)
+        self.advance()
+        return self._told()
+
+    def _table(self) -> SmallTable:
+        known = {name: self.memory.used[NUMBER[name]] for name in CHANNELS if self.memory.needed[NUMBER[name]]}
+        used = {name: f"used until {t:.4g} s" if math.isfinite(t) else "no reading yet" for name, t in known.items()}
+        return SmallTable(title=type(self).__name__, rows=rows_of(used))
+
+    @checked_on_failure
+    def outcome(self, channel: str) -> GateOutcome | None:
+        """What became of the newest reading of a channel that was compared with the estimate; `None` before the first.
+
+        A channel's first reading is no news, and one that no sensor gives, of the wrong time or so late that its past is
+        forgotten is not compared. Raises `NameNotFound` for an unknown channel.
+        """
+        t, squared, degrees, accepted = self.memory.outcome[_number(channel)].tolist()
+        if math.isnan(t):
+            return None
+        return _outcome(t=t, squared=squared, degrees=int(degrees), accepted=bool(accepted))
+
+    @property
+    def outcomes(self) -> Array:
+        """(9, 4) [s, -, -, -] of all channels, in the order of `filter.memory.Channel`; changed in place by every call.
+
+        When the reading was taken, squared innovation, degrees of freedom, 1 if it was used; nan before the first.
+        """
+        return self.memory.outcome
+
+    def used(self, channel: str) -> float:
+        """Time [s] of the newest reading of a channel that was used, -inf before the first; an echo that is missing counts.
+
+        Raises `NameNotFound` for an unknown channel.
+        """
+        return float(self.memory.used[_number(channel)])
+
+    def refuse(self, channel: str, refused: bool = True) -> None:
+        """Use no readings of a channel from now on, or again. Raises `NameNotFound` for an unknown channel."""
+        _number(channel)
+        self._refused = self._refused | {channel} if refused else self._refused - {channel}
+
+    def doubt_velocity(self, *, rests: bool = False) -> None:
+        """Take linear velocity and acceleration for unknown: what told them proved wrong. rests: and for zero, at a guess."""
+        doubt_velocity(self.memory, rests=rests)
+
+    @property
+    def spread(self) -> np.ndarray:
+        """Standard deviation (n_v,) [m, rad] of the estimated q, by its own covariance: position in W, attitude in B, joints."""
+        return self.memory.spread[6 - self._n_vehicle :].copy()
+
+    def _elapsed(self, t: float) -> float:
+        if not abs(t) <= _LATEST:
+            raise InvalidInput(f"estimator called at t = {t} s; give a time of at most {_LATEST:g} s")
+        dt = 0.0 if self._t is None else t - self._t
+        if dt < 0:
+            raise InvalidInput(f"estimator called at t = {t} s after t = {self._t} s; give increasing times")
+        self._t = self.memory.now[0] = t
+        return dt
+
+    def _follow(self, command: Command, dt: float) -> None:
+        """The velocity (n_v,) [m/s, rad/s] that the command has brought about, were there nothing else."""
+        self._response = command.v + math.exp(-dt / self._response_time) * (self._response - command.v)
+        self.memory.asked[6 - self._n_vehicle :] = self._response
+
+    def _take_in(self, readings: Readings) -> None:
+        memory, seen = self.memory, self._seen
+        for name, reading in zip(CHANNELS, _readings_by_channel(readings), strict=True):
+            if reading is None or reading is seen[name] or name in self._refused:
+                continue
+            seen[name], c = reading, NUMBER[name]
+            if c < N_VEHICLE:
+                memory.value[c, : np.size(reading.value)] = reading.value
+            else:
+                memory.joint_value[c - N_VEHICLE] = self._chart.values(name, reading.value)
+            memory.fresh[c], memory.stamp[c] = 1.0, reading.t
+
+    def _told(self) -> Measurement:
+        memory, v = self.memory, self.memory.joint_x[:, 1]
+        q = self._joints = self._chart.configuration()
+        if self._n_vehicle:
+            q, v = np.concatenate([memory.x[:3], memory.turn, q]), np.concatenate([memory.twist, v])
+        echo, echo_spread = memory.range.tolist() if self._has_range else (math.nan, math.nan)
+        age, joint_age = memory.age.tolist()
+        return _measurement(
+            q=q,
+            v=v.copy(),
+            altimeter_range=echo,
+            age=age,
+            joint_age=joint_age,
+            spread=self.spread,
+            altimeter_spread=echo_spread,
+        )
+
+
+def _number(channel: str) -> int:
+    if channel not in NUMBER:
+        raise NameNotFound("channel", channel, CHANNELS)
+    return NUMBER[channel]
+
+
+# What the sensors of a robot allow: how well the estimator can know where a robot at rest is.
+
+_reading = unchecked_constructor(Reading)
+_readings = unchecked_constructor(Readings)
+
+_RATE = 100.0  # [Hz] at which the estimator is run
+_SETTLED = 20.0  # [s] after which its covariance no longer changes
+
+
+def spread_at_rest(robot: Robot, specs: SensorSpecs) -> np.ndarray:
+    """Standard deviation (n_v,) [m, rad] of the estimated configuration, when the filter has settled.
+
+    The vehicle's position in W, its attitude in B, the joints. From the filter's own covariance, which rests on the noise,
+    rates and delays of the sensors and on the motion that it expects; constant errors are added as squares.
+    """
+    estimator, truth = Estimator(robot, specs), _truth(robot)
+    channels = {name: spec for name in truth if (spec := getattr(specs, name)) is not None}
+    for k in range(int(_SETTLED * _RATE)):
+        t = k / _RATE
+        taken = {name: _taken(spec, t) for name, spec in channels.items()}
+        estimator(_readings(**{name: _reading(value=truth[name], t=at) for name, at in taken.items() if at >= 0.0}), t)
+    return np.hypot(estimator.spread, _bias(robot, specs))
+
+
+def _truth(robot: Robot) -> dict[str, Any]:
+    """What each channel reads of the robot at rest."""
+    q = robot.configuration()
+    joints = {"joint_positions": q[robot.joint_q], "joint_velocities": np.zeros(robot.n_v)[robot.joint_v]}
+    if not robot.n_vehicle:
+        return joints
+    rates = {"linear_velocity": np.zeros(3), "angular_velocity": np.zeros(3)}
+    return {**joints, **rates, "position": q[:3], "depth": float(q[2]), "attitude": q[3:7]}
+
+
+def _taken(spec: SensorSpec, t: float) -> float:
+    """Time [s] of the reading that is the last one at time t [s]; below 0 before the first one. Losses make it rarer."""
+    rate = min(spec.rate * (1.0 - spec.dropout), _RATE)
+    return math.floor((t - spec.delay) * rate + 1e-6) / rate if rate > 0.0 else -math.inf
+
+
+def _bias(robot: Robot, specs: SensorSpecs) -> np.ndarray:
+    """(n_v,) [m, rad]"""
+    channels = [("joint_positions", robot.n_joints)]
+    if robot.n_vehicle:
+        channels = [("position", 3), ("attitude", 3), *channels]
+    given = ((getattr(specs, name), n) for name, n in channels)
+    return np.concatenate([np.zeros(n) if spec is None else np.broadcast_to(spec.biases, (n,)) for spec, n in given])
+
+
+# Readings taken for the truth.
+
+
+@checked
+class PassThrough(Tabled):
+    """Takes readings for the truth: for sensors without noise, which it repeats exactly."""
+
+    def __init__(self, robot: Robot, specs: SensorSpecs = IDEAL_SENSORS, altimeter_frame: str | None = None) -> None:
+        """altimeter_frame: the one of the robot's description unless given.
+
+        Raises `InvalidInput` where a channel that it needs is missing: it estimates nothing.
+        """
+        free = robot.n_vehicle > 0
+        self.q_channels = (*(("position", "attitude") if free else ()), "joint_positions")
+        """Whose readings are q, one after the other."""
+        self.v_channels = (*(("linear_velocity", "angular_velocity") if free else ()), "joint_velocities")
+        """Whose readings are v."""
+        for name in (*self.q_channels, *self.v_channels):
+            if getattr(specs, name) is None:
+                raise InvalidInput(f"sensor {name} is missing; add it, or use an Estimator instead of PassThrough")
+        self._needed = (
+            *needed_channels(robot, specs, altimeter_frame or robot.description.altimeter),
+            "joint_velocities",
+        )
+
+    def _table(self) -> SmallTable:
+        told = {"q from": ", ".join(self.q_channels), "v from": ", ".join(self.v_channels)}
+        return SmallTable(title=type(self).__name__, rows=rows_of(told))
+
+    @checked_on_failure
+    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
+        """The last readings at time t [s]; `command` is not read. Raises `InvalidInput` before the first ones."""
+        age, oldest = oldest_of(readings, self._needed, t)
+        if age == math.inf:
+            raise InvalidInput(f"no reading of every channel yet at t = {t} s; use an Estimator for such sensors")
+        q = np.concatenate([getattr(readings, name).value for name in self.q_channels])
+        v = np.concatenate([getattr(readings, name).value for name in self.v_channels])
+        echo = readings.altimeter_range
+        return _measurement(
+            q=q,
+            v=v,
+            altimeter_range=math.nan if echo is None else echo.value,
+            age=age,
+            oldest=oldest,
+            joint_age=age_of(readings, JOINT_CHANNELS, t),
+        )

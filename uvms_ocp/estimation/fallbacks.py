@@ -1,0 +1,348 @@
+"""Fallbacks for an estimate that is missing: the last valid one, the last altimeter echo, and the watchdog of its age."""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Annotated, Any
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Smooth, Vector, doubles, structure_of, view
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.kinematics import STEEP
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import Measurement
+from uvms_ocp.robot.symbolic_model import SymbolicModel
+
+# What to do about measurements that stop coming.
+
+
+class Freshness(enum.IntEnum):
+    """How far a measurement can be trusted."""
+
+    FRESH = 0
+    """Go on."""
+    STALE = 1
+    """Hold: brake along a ramp, without feedback from what is stale."""
+    LOST = 2
+    """Stop: no thrust; motors hold the arm."""
+
+
+@checked
+@dataclass(slots=True)
+class Watchdog:
+    """Judges the age of measurements and logs every change of its verdict in `alarms`.
+
+    That the first readings are under way is none, unless they take `stop_after`.
+
+    Raises `InvalidInput` unless 0 < hold_after < stop_after.
+    """
+
+    hold_after: float = 0.6
+    """[s] three periods of the slowest sensor that an estimate needs, a 5 Hz DVL."""
+    stop_after: float = 3.0
+    """[s] after which the thrust is cut."""
+    alarms: list[tuple[float, str]] = field(default_factory=list)
+    """Time [s] and text of each."""
+    _verdict: Freshness = field(default=Freshness.FRESH, init=False)
+    """The last one that was told."""
+    _begun: float = field(default=math.nan, init=False)
+    """[s] time of the first question."""
+    _waits: bool = field(default=True, init=False)
+    """There has been no measurement yet."""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.stop_after) and 0 < self.hold_after < self.stop_after):
+            raise InvalidInput(
+                f"watchdog: hold_after = {self.hold_after} s, stop_after = {self.stop_after} s; "
+                "give 0 < hold_after < stop_after"
+            )
+
+    @property
+    def verdict(self) -> Freshness:
+        """The last one that was told; at first fresh."""
+        return self._verdict
+
+    @checked_on_failure
+    def judge(self, age: float, t: float, channel: str = "") -> Freshness:
+        """The verdict on a measurement of `age` [s] at time t [s], that of `channel` if known; nan counts as lost."""
+        verdict = Freshness(verdict_on(age, self.hold_after, self.stop_after))
+        early = self._is_early(age, t)
+        if verdict is not self._verdict and not early:
+            self.alarms.append((t, _describe(verdict, age, channel)))
+            self._verdict = verdict
+        return verdict
+
+    def _is_early(self, age: float, t: float) -> bool:
+        """Whether the first readings may still be under way."""
+        self._waits = self._waits and age == math.inf
+        self._begun = t if math.isnan(self._begun) else self._begun
+        return self._waits and t - self._begun <= self.stop_after
+
+
+def verdict_on(age: float, hold_after: float, stop_after: float) -> int:
+    """The `Freshness` of a measurement of `age` [s], by `hold_after` [s] and `stop_after` [s] of a `Watchdog`. A kernel."""
+    if age <= hold_after:
+        return Freshness.FRESH
+    return Freshness.STALE if age <= stop_after else Freshness.LOST
+
+
+def _describe(verdict: Freshness, age: float, channel: str) -> str:
+    if age == math.inf:
+        return f"no {channel or 'measurements'}: stopped"
+    return _TEXTS[verdict].format(what=f"{channel} is" if channel else "measurements are", age=age)
+
+
+_TEXTS = {
+    Freshness.FRESH: "measurements are back: going on",
+    Freshness.STALE: "{what} {age:.2f} s old: holding",
+    Freshness.LOST: "{what} {age:.2f} s old: stopped",
+}
+
+
+# What stands in for a measurement that is missing: the last one, older by the time since.
+
+_SLOPE = 0.3  # [-] of a floor that nobody sees: it rises by so much of the way
+_FORGETTING = 0.05  # [m/s] with which the highest floor sinks to the present one
+_UNIT = 1e-3  # by which the norm of a quaternion may differ from 1, as in records
+_LEVEL = 1e-6  # cosine of a tilt; a beam nearer to the horizon has no range that stands for a height
+
+
+class SoundMemory(Layout):
+    """The last measurement that was sound, and what stands in for one that is not."""
+
+    n_units: int
+    """[-] parts of q that have norm 1."""
+    unit: Annotated[list[list[int]], Sized("n_v", 2)]
+    """(n_units, 2) first entry in q of each, and the one after its last."""
+    q: Annotated[Vector, Sized("n_q")]
+    """(n_q,) [m, rad]"""
+    v: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s]"""
+    since: float
+    """[s] time of its tick."""
+    was: Annotated[Vector, Sized(2)]
+    """(2,) [s] age of the measurement and of its joints then."""
+    age: float
+    """[s] of the measurement of now, or of what stands in for it."""
+    joint_age: float
+    """[s] the same of the joints."""
+    is_sound: bool
+    """The measurement of now."""
+
+
+def last_sound(m: SoundMemory, t: float, q: Vector, v: Vector, age: float, joint_age: float) -> None:
+    """A measurement of q [m, rad] and v [m/s, rad/s] at t [s], or where it is not sound, the last in its place. A kernel.
+
+    age, joint_age [s]: as those of `Measurement`; the memory holds those that hold true.
+    """
+    m.is_sound = _is_sound(m, q, v)
+    if m.is_sound:
+        _store(m, t, q, v)
+        m.was[0] = age
+        m.was[1] = joint_age
+        m.age = age
+        m.joint_age = joint_age
+        return
+    for i in range(len(m.q)):
+        q[i] = m.q[i]
+    for i in range(len(m.v)):
+        v[i] = m.v[i]
+    m.age = max(age, m.was[0] + t - m.since)
+    m.joint_age = max(joint_age, m.was[1] + t - m.since)
+
+
+def _store(m: SoundMemory, t: float, q: Vector, v: Vector) -> None:
+    for i in range(len(m.q)):
+        m.q[i] = q[i]
+    for i in range(len(m.v)):
+        m.v[i] = v[i]
+    m.since = t
+
+
+def _is_sound(m: SoundMemory, q: Vector, v: Vector) -> bool:
+    """All numbers are finite, and what should have norm 1 does."""
+    sound = True
+    for i in range(len(m.q)):
+        sound = sound and math.isfinite(q[i])
+    for i in range(len(m.v)):
+        sound = sound and math.isfinite(v[i])
+    for k in range(m.n_units):
+        unit, square = m.unit[k], 0.0
+        for i in range(unit[0], unit[1]):
+            square += q[i] * q[i]
+        sound = sound and abs(math.sqrt(square) - 1.0) <= _UNIT
+    return sound
+
+
+class LastSound:
+    """The measurement, or where its q or v is not finite or its quaternion none, the last that was sound, with its true age."""
+
+    __slots__ = ("_last", "_shapes", "memory")
+
+    def __init__(self, robot: Robot, memory: Any = None) -> None:
+        """memory: a `SoundMemory` of the caller's, who asks the kernel."""
+        self.memory: Any = structure_of(SoundMemory, n_q=robot.n_q, n_v=robot.n_v)() if memory is None else memory
+        """The `SoundMemory`."""
+        self._last = Measurement(q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=np.nan)
+        self._shapes = self._last.q.shape, self._last.v.shape
+        view(self.memory.q)[:], self.memory.since = self._last.q, -math.inf
+        units = _units(robot)
+        self.memory.n_units = len(units)
+        for k, ends in enumerate(units):
+            self.memory.unit[k][:] = ends
+
+    def __call__(self, measurement: Measurement, t: float) -> Measurement:
+        """t [s]: time of the tick. Raises `InvalidInput` for a q or v of another robot's size."""
+        self.check(measurement)
+        q, v = doubles(measurement.q), doubles(measurement.v)
+        last_sound(self.memory, t, q, v, measurement.age, measurement.joint_age)
+        return self.standing_for(measurement)
+
+    def check(self, measurement: Measurement) -> None:
+        """Raise `InvalidInput` for a q or v of another robot's size."""
+        if (measurement.q.shape, measurement.v.shape) != self._shapes:
+            raise InvalidInput(self._misfit(measurement))
+
+    def standing_for(self, measurement: Measurement) -> Measurement:
+        """The measurement that the kernel was asked with, if it is sound, or what stands in for it."""
+        if self.memory.is_sound:
+            self._last = measurement
+            return measurement
+        return replace_unchecked(
+            self._last,
+            altimeter_range=measurement.altimeter_range,
+            age=self.memory.age,
+            oldest=measurement.oldest,
+            joint_age=self.memory.joint_age,
+            health=measurement.health,
+        )
+
+    def _misfit(self, measurement: Measurement) -> str:
+        pairs = zip("qv", (measurement.q, measurement.v), self._shapes, strict=True)
+        wrong = [(name, value.shape, right) for name, value, right in pairs if value.shape != right]
+        return ", ".join(f"measurement.{name} has shape {shape}; give {right}" for name, shape, right in wrong)
+
+
+def _units(robot: Robot) -> list[tuple[int, int]]:
+    """Where quaternions, and cosine and sine of joints without end, are in q."""
+    lengths = {"JointModelFreeFlyer": 4, "JointModelSpherical": 4, "JointModelPlanar": 2}
+    ends = [(joint.idx_q + joint.nq, joint) for joint in robot.model.joints if joint.nq > joint.nv]
+    return [(end - lengths.get(joint.shortname(), 2), end) for end, joint in ends]
+
+
+class EchoMemory(Layout):
+    """What `LastEcho` knows, and where the altimeter looks: along -z of its frame."""
+
+    look: Smooth
+    """q to `beam` and `climb`."""
+    exists: bool
+    """There is an altimeter."""
+    beam: Annotated[Vector, Sized(4)]
+    """(4,) [m] origin in W, and [-] cosine of the angle between the beam and straight down."""
+    climb: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [-, m] rise of the origin per unit of each velocity."""
+    floor: float
+    """[m] z in W of the floor below the last echo; NaN before the first."""
+    highest: float
+    """[m] the same, the highest of late."""
+    place: Annotated[Vector, Sized(2)]
+    """(2,) [m] in W of the last look."""
+    since: float
+    """[s] time of the last echo, 0 before the first."""
+
+
+def look_down(m: EchoMemory, q: Vector) -> None:
+    """Where the altimeter looks at q [m, rad]. A kernel."""
+    if m.exists:
+        m.look(q, m.beam, m.climb)
+
+
+def echo_range(m: EchoMemory, t: float, echo: float, unknown: float, doubted: bool) -> float:
+    """As `LastEcho.range` at t [s], of the echo [m] along the beam that the memory holds, or `unknown` [m]. A kernel."""
+    if doubted and m.exists:
+        x, y = m.beam[0] - m.place[0], m.beam[1] - m.place[1]
+        m.highest += _SLOPE * math.sqrt(x * x + y * y)
+        m.floor = m.highest
+        m.place[0] = m.beam[0]
+        m.place[1] = m.beam[1]
+    if doubted or not tells_altitude(m, echo):
+        return range_to_last_floor(m, unknown)
+    floor = m.beam[2] - m.beam[3] * echo
+    faded = m.highest - _FORGETTING * (t - m.since)
+    m.since = t
+    m.floor = floor
+    m.place[0] = m.beam[0]
+    m.place[1] = m.beam[1]
+    m.highest = max(floor, faded) if math.isfinite(faded) else floor
+    return echo
+
+
+def tells_altitude(m: EchoMemory, echo: float) -> bool:
+    """Whether an echo [m] along the beam stands for a height. A kernel."""
+    return m.exists and math.isfinite(echo) and m.beam[3] > STEEP
+
+
+def range_to_last_floor(m: EchoMemory, unknown: float) -> float:
+    """Range [m] to the floor of the last echo; before the first one, to an altitude of `unknown` [m]. A kernel."""
+    if not m.exists:
+        return 0.0
+    height = max(0.0, m.beam[2] - m.floor) if math.isfinite(m.floor) else unknown
+    return height / math.copysign(max(abs(m.beam[3]), _LEVEL), m.beam[3])
+
+
+class LastEcho:
+    """How high the altimeter is above the floor: by its echo, or by the last one, carried along with the measured motion.
+
+    Carrying takes the floor for level, except in doubt: then it is the highest of late, as the echoes may have lied for some
+    time, and rises with the way. An echo along a beam that does not look down tells no height.
+    """
+
+    __slots__ = ("memory",)
+
+    def __init__(self, robot: Robot, frame: str | None, memory: Any = None) -> None:
+        """frame: that of the altimeter; `None` or one that the robot does not have: no altitude is ever known.
+
+        memory: an `EchoMemory` of the caller's, of the `echo_sizes` of the frame.
+        """
+        self.memory: Any = structure_of(EchoMemory, **echo_sizes(robot, frame))() if memory is None else memory
+        """The `EchoMemory`."""
+        self.memory.exists = frame is not None and robot.has_frame(frame)
+        self.memory.floor = self.memory.highest = math.nan
+
+    def range(self, measurement: Measurement, t: float, unknown: float, doubted: bool = False) -> float:
+        """[m], always finite, at the tick at time t [s]; `unknown` [m] is the altitude to act on before the first echo.
+
+        doubted: no echo of now is to be believed.
+        """
+        look_down(self.memory, doubles(measurement.q))
+        return echo_range(self.memory, t, measurement.altimeter_range, unknown, doubted)
+
+    def at(self, measurement: Measurement) -> tuple[float, bool]:
+        """Range [m], always finite, at a measurement that is not remembered, and whether its echo tells the altitude."""
+        look_down(self.memory, doubles(measurement.q))
+        tells = tells_altitude(self.memory, measurement.altimeter_range)
+        return (measurement.altimeter_range, True) if tells else (range_to_last_floor(self.memory, 0.0), False)
+
+
+def echo_sizes(robot: Robot, frame: str | None) -> dict[str, Any]:
+    """Of an `EchoMemory`, with the function that tells where the altimeter looks."""
+    return {"n_v": robot.n_v, "look": _beam(robot, frame if frame is not None and robot.has_frame(frame) else None)}
+
+
+@lru_cache(maxsize=8)
+def _beam(robot: Robot, frame: str | None) -> ca.Function:
+    """q -> origin (3,) [m] and cosine [-] of the beam, and how the origin rises with each velocity (n_v,) [m, or 1]."""
+    q = ca.SX.sym("q", robot.n_q)
+    beam, climb = ca.SX.zeros(4), ca.SX.zeros(robot.n_v)
+    if frame is not None:
+        kinematics = SymbolicModel(robot.model).forward_kinematics(q)
+        R_WS, p_WS = kinematics.pose(frame)
+        beam, climb = ca.vertcat(p_WS, R_WS[2, 2]), kinematics.jacobian(frame)[2, :].T
+    outputs = [ca.densify(beam), ca.densify(climb)]
+    return ca.Function("beam", [q], outputs, ["q"], ["beam", "climb"], {"cse": True})

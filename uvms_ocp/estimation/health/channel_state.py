@@ -1,0 +1,284 @@
+"""State of the health monitor, and the trust in one channel: from complaints, silence and the time without either.
+
+A complaint makes a channel suspect for `HealthTuning.clean` seconds; silence makes it suspect and then lost, and so do readings
+that are all refused. A reading that is used ends the loss; nothing is lost for good.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
+from uvms_ocp.estimation.filter_memory import N_CHANNELS
+from uvms_ocp.estimation.health.estimate_history import EstimateHistory, PastEstimate
+from uvms_ocp.estimation.health.floor import FloorWatch
+from uvms_ocp.estimation.health.plausibility import EncoderMemory, Gate, Repeats
+from uvms_ocp.estimation.health.redundancy import DepthAgainstPosition, RateAgainstAttitude, VelocityAgainstPosition
+from uvms_ocp.estimation.health.tuning import Complaint, Reason, copy_why, set_complaint
+from uvms_ocp.robot.signals import Trust
+
+# All that the monitor knows, as layouts that kernels work on: one part per channel, and what channels share.
+
+N_ESTIMATES = 1024
+"""[-] that are remembered: five seconds of ticks of 5 ms; shorter ticks are not all kept."""
+
+
+class ChannelMemory(Layout):
+    """The newest reading of one channel, the last that was used, and a verdict with its reason."""
+
+    # What is set once.
+    number: int
+    """`Channel`"""
+    present: bool
+    size: int
+    """[-] numbers of its value."""
+    delay: float
+    """[s]"""
+    period: float
+    """[s] between two readings, 0 for once per tick."""
+    losses: float
+    """[-] readings in a row that are lost by chance."""
+    rival: int
+    """A channel that may be why the estimate does not agree with this one, -1 for none."""
+    other_rival: int
+    """Another one."""
+    gate: Gate
+    # The newest reading.
+    fresh: bool
+    """Whether there is one since the last tick."""
+    misshapen: int
+    """Number of the text of its wrong shape, 0 where that is right."""
+    stamp: float
+    """[s] when it was taken."""
+    value: Annotated[Vector, Sized("n_width")]
+    """(n_width,) [unit of the channel] of which `size` numbers count."""
+    # What is remembered.
+    seen: float
+    """[s] stamp of the last reading that was looked at."""
+    started: bool
+    """Whether there was one."""
+    behind: bool
+    """The filter sees an older reading."""
+    used: float
+    """[s] stamp of the reading that the filter sees, -inf before the first."""
+    used_value: Annotated[Vector, Sized("n_width")]
+    """(n_width,) [unit of the channel] its value."""
+    taken: float
+    """[s] when the last reading was taken that the estimate rests on, nan before the first."""
+    used_at: float
+    """[s] when it arrived; before the first, when the run began."""
+    refused_at: float
+    """[s] when a reading was last refused, by whomever."""
+    impossible_at: float
+    """[s] when one was last refused before the filter saw it: one that could not be, whatever else is wrong."""
+    bad_at: float
+    """[s] when something last spoke against the channel."""
+    barred_until: float
+    """[s] when its readings may be used again."""
+    heard: float
+    """[s] stamp of the last reading whose outcome was heard."""
+    agreed: int
+    """[-] readings in a row that agreed with the estimate."""
+    off_in_a_row: int
+    """[-] readings in a row that did not."""
+    empty: bool
+    """The sensor works but has nothing to tell."""
+    gated: bool
+    """The filter has a gate of its own for it."""
+    complaint: Complaint
+    refusal: Complaint
+    """What the filter's gate last said."""
+    trust: int
+    """`Trust`"""
+    changed: bool
+    """Whether the verdict did, in the last tick."""
+    repeats: Repeats
+
+
+class Rules(Layout):
+    """Of `HealthTuning`, what the verdict on any channel takes."""
+
+    periods_to_suspect: float
+    """[-]"""
+    periods_to_lose: float
+    """[-]"""
+    least_to_suspect: float
+    """[s]"""
+    least_to_lose: float
+    """[s]"""
+    clean: float
+    """[s]"""
+    clock: float
+    """[s]"""
+    late: float
+    """[s]"""
+    too_late: float
+    """[s]"""
+
+
+class Belief(Layout):
+    """What to do with a reading."""
+
+    used: bool
+    """Whether it is passed on."""
+    sane: bool
+    """Whether what speaks against it is the estimate alone, if anything."""
+    why: Complaint
+    """What does."""
+
+
+class HealthMemory(Layout):
+    """All of it."""
+
+    n: int
+    """[-] channels that the robot has."""
+    order: Annotated[list[int], Sized(N_CHANNELS)]
+    """(9,) [-] their numbers, in the order of `Readings`."""
+    rules: Rules
+    started: bool
+    t: float
+    """[s] of the tick."""
+    dt: float
+    """[s]"""
+    n_behind: int
+    """[-] channels that the filter sees an older reading of than the newest."""
+    exposed: bool
+    """What told the velocity has been found out in this tick."""
+    adrift: bool
+    """Nothing has told it for too long, by this tick."""
+    adrift_at: float
+    """[s] when that was so last, 0 before."""
+    now: PastEstimate
+    history: EstimateHistory
+    belief: Belief
+    channels: Annotated[list[ChannelMemory], Sized(N_CHANNELS)]
+    """By `Channel`."""
+    encoders: EncoderMemory
+    floor: FloorWatch
+    velocity: VelocityAgainstPosition
+    rate: RateAgainstAttitude
+    depth: DepthAgainstPosition
+
+
+# What is thought of one channel, from complaints, silence and the time without either.
+#
+# A complaint makes a channel suspect for `HealthTuning.clean` seconds; silence makes it suspect and then lost, and so do
+# readings that are all refused. A reading that is used ends the loss; nothing is lost for good.
+
+
+def accept(c: ChannelMemory, t: float) -> None:
+    """The filter may see the newest reading at time t [s]; where it has a gate of its own, its outcome is waited for."""
+    c.used = c.stamp
+    c.empty = False
+    c.behind = False
+    if not c.gated:
+        _mark_used(c, t)
+
+
+def accept_empty(c: ChannelMemory) -> None:
+    """The sensor works but has nothing to tell, such as an echo that does not come back."""
+    c.used = c.stamp
+    c.empty = True
+    c.behind = False
+
+
+def reject(c: ChannelMemory, why: Complaint, t: float) -> None:
+    """A reading is not used at time t [s], and why."""
+    c.refused_at = t
+    c.impossible_at = t
+    suspect(c, why, t)
+
+
+def suspect(c: ChannelMemory, why: Complaint, t: float) -> None:
+    """Something speaks against the channel at time t [s]; its readings are used all the same."""
+    if c.trust == Trust.GOOD or c.complaint.code == Reason.NONE:
+        copy_why(c.complaint, why)
+    c.bad_at = t
+
+
+def exclude(c: ChannelMemory, why: Complaint, t: float, clean: float) -> bool:
+    """Something speaks against all readings of the channel at time t [s]: none is used for clean [s] after it.
+
+    Returns whether that is news.
+    """
+    news = not is_barred(c, t)
+    suspect(c, why, t)
+    c.barred_until = t + clean
+    return news
+
+
+def is_barred(c: ChannelMemory, t: float) -> bool:
+    """Whether no reading is used at time t [s]."""
+    return t <= c.barred_until
+
+
+def update_gate_outcome(
+    m: HealthMemory, channel: int, squared: float, degrees: float, accepted: bool, t: float
+) -> None:
+    """The outcome of the filter's own gate on a reading of a channel, at time t [s].
+
+    squared [-]: its innovation, normalised and squared, of `degrees` [-] of freedom. The gate is narrow enough to refuse a
+    sound reading now and then: refusals count as silence, and give it their reason.
+    """
+    c = m.channels[channel]
+    c.gated = True
+    if accepted:
+        _mark_used(c, t)
+    else:
+        c.refused_at = t
+        set_complaint(c.refusal, Reason.REFUSED, math.sqrt(squared / degrees), 0.0)
+
+
+def update_trust(m: HealthMemory, c: ChannelMemory) -> bool:
+    """Look at the clock. Returns whether the verdict changed."""
+    if math.isnan(c.used_at):
+        c.used_at = m.t
+    quiet, period = m.t - c.used_at, max(c.period, m.dt)
+    trust = _by_silence(c, m.rules, quiet, period)
+    if c.gated and c.refused_at >= m.t - m.rules.least_to_lose - period and _is_contested(m, c):
+        trust = min(trust, int(Trust.SUSPECT))
+    if trust != Trust.GOOD:
+        _be_silent(c, quiet, m.t, trust != c.trust)
+    elif m.t - c.bad_at <= m.rules.clean:
+        trust = int(Trust.SUSPECT)
+    else:
+        c.complaint.code = Reason.NONE
+    c.changed = trust != c.trust
+    c.trust = trust
+    return c.changed
+
+
+def _mark_used(c: ChannelMemory, t: float) -> None:
+    if c.used > -math.inf:
+        c.taken = c.used
+        c.used_at = t
+
+
+def _by_silence(c: ChannelMemory, rules: Rules, quiet: float, period: float) -> int:
+    patience = c.delay + period * c.losses
+    lost = patience + max(rules.least_to_lose, rules.periods_to_lose * period)
+    suspect = patience + max(rules.least_to_suspect, rules.periods_to_suspect * period)
+    if quiet > lost and not c.empty:
+        return int(Trust.LOST)
+    return int(Trust.SUSPECT) if quiet > suspect else int(Trust.GOOD)
+
+
+def _be_silent(c: ChannelMemory, quiet: float, t: float, anew: bool) -> None:
+    """anew: the verdict changes, and its reason gets new figures."""
+    code = c.complaint.code
+    if code == Reason.NONE or c.bad_at < t - quiet or (anew and (code == Reason.SILENT or code == Reason.NO_ECHO)):
+        if c.gated and c.refused_at >= t - quiet:
+            copy_why(c.complaint, c.refusal)
+        else:
+            set_complaint(c.complaint, int(Reason.NO_ECHO) if c.empty else int(Reason.SILENT), quiet, 0.0)
+    c.bad_at = t
+
+
+def _is_contested(m: HealthMemory, c: ChannelMemory) -> bool:
+    """Whether a suspect channel may be why the filter refuses this one, which then is not lost for it."""
+    return _is_suspect(m, c.rival) or _is_suspect(m, c.other_rival)
+
+
+def _is_suspect(m: HealthMemory, channel: int) -> bool:
+    return channel >= 0 and m.channels[channel].trust == Trust.SUSPECT

@@ -1,0 +1,296 @@
+"""Check altimeter echoes against the floor seen so far and the motion of the vehicle.
+
+Every echo is compared with the floor that echoes showed nearby. A floor that is nearer is accepted at once, as the safe case.
+One that is farther away is accepted when echoes have agreed with each other for a while in which the vehicle moved vertically,
+as an altimeter that is stuck shows a floor that follows the vehicle, and horizontally, as floors do not sink. The floor that was
+seen before is kept beside a new one, and accepted again after a few echoes.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from typing import Annotated
+
+from uvms_ocp.codegen.kernel_layout import Layout, Sized
+from uvms_ocp.estimation.health.tuning import Complaint, HealthTuning, Reason, set_complaint
+
+# Where echoes came from, in rings of those that are remembered.
+
+MOST_SPOTS = 128
+_STEEPEST = 0.6  # of a slope along which a beam runs down
+
+
+class Spot(Layout):
+    """Where an echo came from, in W."""
+
+    t: float
+    """[s] when."""
+    x: float
+    """[m]"""
+    y: float
+    """[m]"""
+    z: float
+    """[m]"""
+    sensor_x: float
+    """[m]"""
+    sensor_y: float
+    """[m]"""
+    sensor_z: float
+    """[m]"""
+    lowest: float
+    """[m] of the sensor until the next spot that is kept."""
+    highest: float
+    """[m] the same."""
+
+
+class Spots(Layout):
+    """In the order of time, in a ring."""
+
+    first: int
+    count: int
+    kept: Annotated[list[Spot], Sized(MOST_SPOTS)]
+
+
+def slot_of(s: Spots, k: int) -> int:
+    """Of spot k [-], from the oldest."""
+    return (s.first + k) % len(s.kept)
+
+
+def append_spot(s: Spots, new: Spot) -> None:
+    """Keep a spot; where all places are taken the oldest goes."""
+    if s.count == len(s.kept):
+        forget_first(s)
+    _copy_spot(s.kept[slot_of(s, s.count)], new)
+    s.count += 1
+
+
+def forget_first(s: Spots) -> None:
+    """The oldest goes."""
+    s.first = (s.first + 1) % len(s.kept)
+    s.count -= 1
+
+
+def forget_older(s: Spots, t: float) -> None:
+    """Those from before time t [s] go, the last one aside."""
+    while s.count > 1 and s.kept[s.first].t < t:
+        forget_first(s)
+
+
+def keep_alone(s: Spots, new: Spot) -> None:
+    """A spot and nothing before it."""
+    s.count = 0
+    append_spot(s, new)
+
+
+def copy_spots(to: Spots, other: Spots) -> None:
+    """Make one the same as the other."""
+    to.first = 0
+    to.count = 0
+    for k in range(other.count):
+        append_spot(to, other.kept[slot_of(other, k)])
+
+
+def floor_step(known: Spots, new: Spot, base: float, slope: float) -> float:
+    """By how much [m] the floor would rise from the known spot that fits least to a new one; 0 where all fit.
+
+    base [m]: that is nothing. slope [-]: of the steepest floor.
+    """
+    worst, worst_excess = 0.0, 0.0
+    for k in range(known.count):
+        old = known.kept[slot_of(known, k)]
+        beyond = abs(new.z - old.z) - base
+        if beyond > worst_excess:
+            excess = beyond - height_allowance(new, old, slope)
+            if excess > worst_excess:
+                worst = new.z - old.z
+                worst_excess = excess
+    return worst
+
+
+def height_allowance(new: Spot, old: Spot, slope: float) -> float:
+    """By how much [m] the floor may rise or fall from an old spot to a new one; slope [-]: of the steepest floor.
+
+    A beam that goes deeper than the old spot has passed its level at a point near it or far from it: from there on both
+    fall, and meet the later, the more the beam tilts.
+    """
+    dx, dy, fall = new.x - new.sensor_x, new.y - new.sensor_y, new.sensor_z - new.z
+    share = min(1.0, (new.sensor_z - old.z) / fall) if fall > 0.0 and new.sensor_z > old.z else 1.0
+    away = slope * _length(new.sensor_x + share * dx - old.x, new.sensor_y + share * dy - old.y)
+    if share == 1.0:
+        return away
+    return away / (1.0 - min(slope * (_length(dx, dy) / fall), _STEEPEST))
+
+
+def horizontal_distance(a: Spot, b: Spot) -> float:
+    """[m] horizontally between the places of the sensor."""
+    return _length(a.sensor_x - b.sensor_x, a.sensor_y - b.sensor_y)
+
+
+def vertical_travel(s: Spots) -> float:
+    """[m] between the lowest and the highest place of the sensor."""
+    lowest, highest = math.inf, -math.inf
+    for k in range(s.count):
+        spot = s.kept[slot_of(s, k)]
+        lowest = min(lowest, spot.lowest)
+        highest = max(highest, spot.highest)
+    return highest - lowest
+
+
+def _length(x: float, y: float) -> float:
+    return math.sqrt(x * x + y * y)
+
+
+def _copy_spot(to: Spot, new: Spot) -> None:
+    to.t = new.t
+    to.x = new.x
+    to.y = new.y
+    to.z = new.z
+    to.sensor_x = new.sensor_x
+    to.sensor_y = new.sensor_y
+    to.sensor_z = new.sensor_z
+    to.lowest = new.sensor_z
+    to.highest = new.sensor_z
+
+
+# Whether an echo of the altimeter fits the motion of the vehicle and what the floor did so far.
+#
+# Every echo is compared with the floor that echoes showed nearby. A floor that is nearer is believed at once, as the safe case.
+# One that is farther away is believed when echoes have agreed with each other for a while in which the vehicle moved
+# vertically, as an altimeter that is stuck shows a floor that follows the vehicle, and horizontally, as floors do not sink. The
+# floor that was known before is kept beside a new one, and believed again after a few echoes.
+
+_SIGMAS = 8.0
+_SPACING = 0.5  # [s] between the echoes that are kept
+_RETURN = 3  # echoes in a row from a floor known before that bring it back
+
+
+class FloorWatch(Layout):
+    """What echoes showed so far, and which steps of a floor are possible."""
+
+    base: float
+    """[m] by which echoes of one place may differ."""
+    slope: float
+    """[-] of the steepest floor."""
+    memory: float
+    """[s] for which an echo tells of the floor where it was taken."""
+    spacing: float
+    """[s] between the echoes that are kept."""
+    step_time: float
+    """[s] for which echoes of a floor that is farther away agree."""
+    step_travel: float
+    """[m] of vertical motion in that time."""
+    step_way: float
+    """[m] of horizontal motion."""
+    relief: float
+    """[m] of the highest step."""
+    here: Spot
+    """The newest."""
+    known: Spots
+    before: Spots
+    candidates: Spots
+    """Of a floor that is farther away; each with the vertical motion until the next one."""
+    returned: int
+
+
+def expect_floor(memory: ctypes.Structure, sigma: float, tuning: HealthTuning) -> None:
+    """Prepare a `FloorWatch`; sigma [m]: noise of the altimeter."""
+    memory.base, memory.slope, memory.memory = tuning.position + _SIGMAS * sigma, tuning.slope, tuning.floor_memory
+    memory.spacing = max(_SPACING, tuning.floor_memory / (MOST_SPOTS - 2))
+    for name in ("step_time", "step_travel", "step_way", "relief"):
+        setattr(memory, name, getattr(tuning, name))
+
+
+def accept_echo(w: FloorWatch, why: Complaint) -> bool:
+    """Whether to believe the echo from `here`, in order of time; what speaks against it otherwise, or all the same."""
+    _forget(w)
+    step = floor_step(w.known, w.here, w.base, w.slope)
+    if step == 0.0:
+        _accept(w)
+        return True
+    if step > 0.0:
+        _take_nearer(w)
+        set_complaint(why, Reason.NEARER, step, 0.0)
+        return True
+    if w.before.count > 0 and floor_step(w.before, w.here, w.base, w.slope) == 0.0:
+        return _as_before(w, step, why)
+    w.returned = 0
+    return _farther(w, step, why)
+
+
+def _accept(w: FloorWatch) -> None:
+    known = w.known
+    if known.count == 0 or w.here.t - known.kept[slot_of(known, known.count - 1)].t >= w.spacing:
+        append_spot(known, w.here)
+    w.candidates.count = 0
+    w.returned = 0
+
+
+def _take_nearer(w: FloorWatch) -> None:
+    if w.before.count == 0:
+        copy_spots(w.before, w.known)
+    keep_alone(w.known, w.here)
+    w.candidates.count = 0
+    w.returned = 0
+
+
+def _as_before(w: FloorWatch, step: float, why: Complaint) -> bool:
+    w.returned += 1
+    if w.returned < _RETURN:
+        set_complaint(why, Reason.AS_BEFORE, -step, 0.0)
+        return False
+    copy_spots(w.known, w.before)
+    w.before.count = 0
+    _accept(w)
+    return True
+
+
+def _farther(w: FloorWatch, step: float, why: Complaint) -> bool:
+    if w.candidates.count > 0 and not abs(w.here.z - _first_candidate_z(w)) <= _tolerance(w):
+        w.candidates.count = 0
+    _add_candidate(w)
+    if _is_proven(w, -step):
+        keep_alone(w.known, w.here)
+        w.before.count = 0
+        _accept(w)
+        return True
+    set_complaint(why, Reason.FARTHER, -step, 0.0)
+    return False
+
+
+def _first_candidate_z(w: FloorWatch) -> float:
+    return w.candidates.kept[w.candidates.first].z
+
+
+def _tolerance(w: FloorWatch) -> float:
+    """[m] by which an echo may differ from the first one that was not believed, of one floor."""
+    return 0.5 * (w.base + height_allowance(w.here, w.candidates.kept[w.candidates.first], w.slope))
+
+
+def _add_candidate(w: FloorWatch) -> None:
+    found, here = w.candidates, w.here
+    if found.count > 0:
+        last = found.kept[slot_of(found, found.count - 1)]
+        if here.t - last.t < w.spacing:
+            last.lowest = min(last.lowest, here.sensor_z)
+            last.highest = max(last.highest, here.sensor_z)
+            return
+    append_spot(found, here)
+
+
+def _is_proven(w: FloorWatch, step: float) -> bool:
+    """Whether the vehicle has moved as one does above a floor that is a step [m] farther away, and above another place."""
+    known, found = w.known, w.candidates
+    if w.here.t - found.kept[found.first].t < w.step_time or step > w.relief:
+        return False
+    if horizontal_distance(w.here, known.kept[slot_of(known, known.count - 1)]) < w.step_way:
+        return False
+    return vertical_travel(found) >= max(w.step_travel, 2.0 * _tolerance(w))
+
+
+def _forget(w: FloorWatch) -> None:
+    oldest, found = w.here.t - w.memory, w.candidates
+    forget_older(w.known, oldest)
+    forget_older(w.before, oldest)
+    if found.count > 1 and found.kept[found.first].t < oldest:
+        forget_first(found)

@@ -1,0 +1,135 @@
+"""Guard an estimator by a health monitor: it sees screened readings, and its estimate carries the health of every channel."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked, unchecked_constructor, unchecked_method
+from uvms_ocp.estimation.estimator import PassThrough
+from uvms_ocp.estimation.filter_memory import NUMBER
+from uvms_ocp.estimation.health.monitor import HealthMonitor
+from uvms_ocp.estimation.health.support import repeated_by, stand_ins, support_of, supporting_channels
+from uvms_ocp.record.display import SmallTable, Tabled, in_a_row, rows_of
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import ChannelHealth, Command, Measurement, Readings, SensorSpecs
+from uvms_ocp.types import Array
+
+_measurement = unchecked_constructor(Measurement)
+
+_NAMES = {number: name for name, number in NUMBER.items()}
+_OUTCOMES = 4 * len(NUMBER)  # numbers that a filter tells of its channels
+
+
+@runtime_checkable
+class Gating(Protocol):
+    """An estimator with gates of its own, which also finds rates from attitudes where there is no gyro."""
+
+    @property
+    def outcomes(self) -> Array:
+        """(9, 4) [s, -, -, -] of the newest reading of each channel that was compared with the estimate, changed in place.
+
+        When it was taken, its normalised innovation squared, the degrees of freedom of that, and 1 if it was fused; nan before
+        the first. In the order of `filter.memory.Channel`.
+        """
+
+    def doubt_velocity(self, *, rests: bool = False) -> None:
+        """Take the linear velocity for unknown; rests: and for zero, at a guess."""
+
+
+@checked
+class GuardedEstimator(Tabled):
+    """A callable ``(Readings, t, command) -> Measurement`` around another one. Build one per run.
+
+    `Measurement.age` counts channels that q and v rest on, as far as nothing stands in for them (`support.stand_ins`); a lost
+    altimeter gives no range.
+    """
+
+    def __init__(
+        self,
+        estimator: Callable[[Readings, float, Command | None], Measurement],
+        robot: Robot,
+        specs: SensorSpecs | None = None,
+        monitor: HealthMonitor | None = None,
+    ) -> None:
+        """specs: those that the estimator expects. monitor: one for them unless given."""
+        specs = specs or SensorSpecs()
+        self.estimator, self.monitor = estimator, monitor or HealthMonitor(robot, specs)
+        self._take = unchecked_method(self.monitor.take)
+        exact = isinstance(estimator, PassThrough)
+        # One of a class of its own may do more than to repeat.
+        plain = estimator if isinstance(estimator, PassThrough) and type(estimator) is PassThrough else None
+        self._repeated = repeated_by(plain) if plain is not None and self.monitor.repeats else None
+        self._started = False
+        self._begun = not exact
+        self._gating = estimator if isinstance(estimator, Gating) else None
+        gating = self._gating is not None
+        self._needed = supporting_channels(robot, specs, rates=exact)
+        others = stand_ins(self.monitor.tuning, gyro_by_attitude=gating)
+        self._support = support_of(self._needed, others, exact=exact, gating=gating)
+        self._outcomes = _shared(np.zeros(_OUTCOMES) if self._gating is None else self._gating.outcomes.reshape(-1))
+        self._nothing = _measurement(
+            q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=math.nan, age=math.inf, joint_age=math.inf
+        )
+
+    @checked_on_failure
+    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
+        """The measurement at time t [s]; `command` has been acting since the last call. Raises what the estimator raises."""
+        if self._started and self._repeated is not None:
+            q, v, echo = self._take(readings, self._support, self._repeated, t, command)
+            return self._told(q, v, echo, self.monitor.health)
+        monitor = self.monitor
+        vetted = monitor.vet(readings, t, command)
+        if not self._begun and not self._begin(vetted):
+            return replace_unchecked(self._nothing, health=monitor.judge(self._nothing, t))
+        if self._gating is not None and (monitor.velocity_exposed or monitor.adrift):
+            self._gating.doubt_velocity(rests=monitor.adrift)
+        measured = self.estimator(vetted, t, command)
+        health = monitor.conclude(measured, self._support, self._outcomes, t)
+        self._started = True
+        return self._told(
+            measured.q, measured.v, measured.altimeter_range, health, measured.spread, measured.altimeter_spread
+        )
+
+    def _table(self) -> SmallTable:
+        watched = {one.channel: one.trust.name.lower() for one in self.monitor.health}
+        return SmallTable(title=type(self).__name__, rows=rows_of({"estimator": in_a_row(self.estimator), **watched}))
+
+    def _told(
+        self,
+        q: Array,
+        v: Array,
+        echo: float,
+        health: tuple[ChannelHealth, ...],
+        spread: Array | None = None,
+        altimeter_spread: float = math.nan,
+    ) -> Measurement:
+        """With the age that the support of the estimate gives it."""
+        support = self._support
+        oldest = support.oldest
+        return _measurement(
+            q=q,
+            v=v,
+            altimeter_range=echo if support.echo else math.nan,
+            age=support.age,
+            oldest=_NAMES[oldest] if oldest >= 0 else "",
+            joint_age=support.joint_age,
+            health=health,
+            spread=spread,
+            altimeter_spread=altimeter_spread,
+        )
+
+    def _begin(self, readings: Readings) -> bool:
+        """Whether there is a reading of everything that one who estimates nothing asks for; what is there once remains."""
+        asked = (*self._needed, *({"altimeter_range"} & set(self.monitor.channels)))
+        self._begun = all(getattr(readings, name) is not None for name in asked)
+        return self._begun
+
+
+def _shared(numbers: np.ndarray) -> ctypes.Array[ctypes.c_double]:
+    """The same memory, as kernels take it."""
+    return (ctypes.c_double * numbers.size).from_buffer(numbers.data)

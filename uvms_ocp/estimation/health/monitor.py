@@ -1,0 +1,398 @@
+"""Monitor the health of all channels: screen readings before the filter, and judge every channel after it."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
+from uvms_ocp.codegen.kernel_layout import Vector, structure_of
+from uvms_ocp.codegen.kernels import bind_kernels
+from uvms_ocp.estimation.channels import BeamMount
+from uvms_ocp.estimation.filter_memory import NUMBER, ChannelIndex
+from uvms_ocp.estimation.health.channel_state import (
+    ChannelMemory,
+    HealthMemory,
+    accept,
+    accept_empty,
+    is_barred,
+    reject,
+    suspect,
+    update_gate_outcome,
+    update_trust,
+)
+from uvms_ocp.estimation.health.estimate_history import remember, slot_at
+from uvms_ocp.estimation.health.plausibility import integrate_command
+from uvms_ocp.estimation.health.screening import compare, is_empty, is_stubborn, look_at
+from uvms_ocp.estimation.health.settings import health_memory, sizes_of
+from uvms_ocp.estimation.health.support import EstimateSupport, Repeated, age_by_support, repeat, tell_echo
+from uvms_ocp.estimation.health.tuning import HealthTuning, Reason, ReasonTexts
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import CHANNELS, ChannelHealth, Command, Measurement, Reading, Readings, SensorSpecs, Trust
+from uvms_ocp.types import Array
+
+# From the readings of one channel to where kernels see them, and back to those that the filter may see.
+
+
+class Seat:
+    """Where a channel's readings are taken in."""
+
+    __slots__ = ("_scalar", "_shape", "_texts", "_value", "memory", "seen", "used")
+
+    def __init__(self, memory: ctypes.Structure, shape: tuple[int, ...], texts: ReasonTexts) -> None:
+        """memory: a `ChannelMemory`. shape: of a right value."""
+        self.memory, self._shape, self._texts = memory, shape, texts
+        self._scalar = shape == ()
+        self._value = np.ctypeslib.as_array(memory.value)[: memory.size]
+        self.seen: Reading[Any] | None = None
+        """The newest."""
+        self.used: Reading[Any] | None = None
+        """What the filter sees: the last reading that was not refused, or one that says that there is nothing to read."""
+
+    def take(self, reading: Reading[Any]) -> None:
+        """Another reading than the newest so far."""
+        self.seen, memory, value = reading, self.memory, reading.value
+        memory.stamp, memory.fresh = reading.t, True
+        if self._scalar and isinstance(value, float):
+            self._value[0] = value
+        elif value.__class__ is np.ndarray and value.shape == self._shape:
+            self._value[:] = value
+        else:
+            self._take_in(np.asarray(value))
+
+    def _take_in(self, value: Array) -> None:
+        """One of any shape."""
+        if value.shape == self._shape:
+            self._value[:] = value
+        else:
+            self.memory.misshapen = self._texts.shape(value.shape, self._shape)
+
+
+# What the monitor does in a tick: before the filter, and after it.
+
+_N_OUTCOME = 4  # numbers of an outcome
+_ADRIFT = 1.0  # [s] for which a velocity may be carried on by itself
+
+
+def vet(m: HealthMemory, t: float, moving: bool) -> None:
+    """Look at the fresh readings at time t [s]; moving: there was a command, and no brakes."""
+    _begin(m, t)
+    integrate_command(m.encoders, moving, m.dt)
+    m.n_behind = 0
+    for k in range(m.n):
+        c = m.channels[m.order[k]]
+        if c.fresh:
+            _vet_newest(m, c)
+        if c.behind:
+            m.n_behind += 1
+    m.adrift = _is_adrift(m)
+    m.adrift_at = t if m.adrift else m.adrift_at
+
+
+def _begin(m: HealthMemory, t: float) -> None:
+    m.dt = max(t - m.t, 0.0) if m.started else 0.0
+    m.t = t
+    m.started = True
+    m.exposed = False
+
+
+def _is_adrift(m: HealthMemory) -> bool:
+    """Whether neither fixes nor a DVL have told the velocity for a while, since that was last so."""
+    last = max(
+        _last_observed(m.channels[ChannelIndex.POSITION]), _last_observed(m.channels[ChannelIndex.LINEAR_VELOCITY])
+    )
+    return last >= 0.0 and m.t - max(last, m.adrift_at) > _ADRIFT
+
+
+def _last_observed(c: ChannelMemory) -> float:
+    """When [s], -1 before the first and without the channel."""
+    return -1.0 if not c.present or math.isnan(c.taken) else c.taken
+
+
+def judge(m: HealthMemory, t: float, known: bool) -> int:
+    """The verdicts at time t [s]; known: `now` is an estimate. Returns how many changed [-]."""
+    m.t = t
+    m.now.t = t
+    if known:
+        remember(m.history, m.now)
+    n = 0
+    for k in range(m.n):
+        if update_trust(m, m.channels[m.order[k]]):
+            n += 1
+    return n
+
+
+def conclude(m: HealthMemory, s: EstimateSupport, outcomes: Vector, t: float) -> int:
+    """After the filter: its outcomes (36,), four numbers per channel, what the estimate `now` rests on, and the verdicts.
+
+    t [s] is the time of the tick. Returns how many verdicts changed [-].
+    """
+    if s.gating:
+        _update_all_outcomes(m, outcomes)
+    return _update_all_trust(m, s, t)
+
+
+def screen_and_finish(m: HealthMemory, s: EstimateSupport, r: Repeated, t: float, moving: bool) -> int:
+    """`vet` at time t [s], and `conclude` of the readings that are used, taken for the truth."""
+    vet(m, t, moving)
+    repeat(m, r)
+    return _update_all_trust(m, s, t)
+
+
+def _update_all_trust(m: HealthMemory, s: EstimateSupport, t: float) -> int:
+    age_by_support(m, s)
+    n = judge(m, t, s.age < math.inf)
+    tell_echo(m, s)
+    return n
+
+
+def _vet_newest(m: HealthMemory, c: ChannelMemory) -> None:
+    c.fresh = False
+    c.behind = True
+    if not c.started or c.stamp != c.seen:
+        c.started = True
+        c.seen = c.stamp
+        _vet_new(m, c)
+    c.misshapen = 0
+    if not c.behind:
+        for i in range(c.size):
+            c.used_value[i] = c.value[i]
+
+
+def _vet_new(m: HealthMemory, c: ChannelMemory) -> None:
+    slot, barred, b = slot_at(m.history, c.stamp), is_barred(c, m.t), m.belief
+    look_at(m, c, slot)
+    if not b.used:
+        reject(c, b.why, m.t)
+    elif not barred and is_empty(c):
+        accept_empty(c)
+    elif not barred:
+        accept(c, m.t)
+    if b.used and b.why.code != Reason.NONE:
+        suspect(c, b.why, m.t)
+    # Fixes are heard even where the estimate contradicts them, as it may err, and so is a DVL that insists.
+    heard = b.used or (b.sane and (barred or c.number == ChannelIndex.POSITION or is_stubborn(c)))
+    if heard and slot >= 0 and not is_empty(c):
+        compare(m, c, m.history.kept[slot])
+
+
+def _update_all_outcomes(m: HealthMemory, outcomes: Vector) -> None:
+    """Every outcome once."""
+    for k in range(m.n):
+        number = m.order[k]
+        c, at = m.channels[number], _N_OUTCOME * number
+        if outcomes[at] > c.heard:
+            c.heard = outcomes[at]
+            update_gate_outcome(m, number, outcomes[at + 1], outcomes[at + 2], outcomes[at + 3] > 0.0, m.t)
+
+
+# The health of all channels: what the filter may see before it runs, and what its outcome says of them after.
+
+_readings = unchecked_constructor(Readings)
+_health = unchecked_constructor(ChannelHealth)
+_all = attrgetter(*CHANNELS)
+
+_JOINTS = ("joint_positions", "joint_velocities")
+
+
+@checked
+class HealthMonitor:
+    """Judges every channel. Holds what it has seen: build one per run.
+
+    Each tick: `vet` the readings, run the filter on what is left, tell the outcomes of its own gates by `hear`, and `judge`.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        specs: SensorSpecs | None = None,
+        tuning: HealthTuning | None = None,
+        altimeter_frame: str | None = None,
+        compiled: bool = True,
+    ) -> None:
+        """specs: the noise, rates and delays to expect. altimeter_frame: the one of the robot's description unless given.
+
+        compiled: in C where there is a compiler; the verdicts are the same without. Raises `FrameNotFound` for an unknown
+        altimeter frame.
+        """
+        specs, self.tuning = specs or SensorSpecs(), tuning or HealthTuning()
+        frame = altimeter_frame or robot.description.altimeter
+        present = {name: getattr(specs, name) for name in _present(robot, specs, frame)}
+        self.memory = memory = health_memory(robot, present, self.tuning)
+        """All that it knows, a `HealthMemory`."""
+        structures = (type(memory), structure_of(EstimateSupport), structure_of(Repeated))
+        self._vet, self._judge, self._conclude, self._take, self._hear = bind_kernels(
+            (vet, judge, conclude, screen_and_finish, update_gate_outcome), structures, compiled=compiled
+        )
+        shapes, self._texts = sizes_of(robot), ReasonTexts(robot.joint_names)
+        self._seats = {name: Seat(memory.channels[NUMBER[name]], shapes[name], self._texts) for name in present}
+        self._places = tuple(self._seats.get(name) for name in CHANNELS)
+        self._beam = BeamMount(robot, frame, memory.now) if "altimeter_range" in present and frame else None
+        self._joint_q, self._joint_v = robot.joint_q, robot.joint_v
+        self._q, self._v = np.ctypeslib.as_array(memory.now.q), np.ctypeslib.as_array(memory.now.v)
+        self._rates = np.ctypeslib.as_array(memory.encoders.rates)[: robot.n_joints]
+        self._range = np.ctypeslib.as_array(memory.channels[NUMBER["altimeter_range"]].used_value)[:1]
+        if self._beam is None:
+            self._range[:] = math.nan
+        self._health = tuple(_health(channel=name, trust=Trust.GOOD) for name in present)
+        self.alarms: list[tuple[float, str]] = []
+        """Time [s] and text of each change of a verdict; the text begins with the channel."""
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of those that the robot has, in the order of `health`."""
+        return tuple(self._seats)
+
+    @property
+    def health(self) -> tuple[ChannelHealth, ...]:
+        """The verdicts of the last tick."""
+        return self._health
+
+    @property
+    def velocity_exposed(self) -> bool:
+        """What told the velocity has been found out in this tick."""
+        return bool(self.memory.exposed)
+
+    @property
+    def adrift(self) -> bool:
+        """Neither fixes nor a DVL have told for a second, or for another one: the velocity that was carried on means nothing."""
+        return bool(self.memory.adrift)
+
+    @checked_on_failure
+    def trust(self, channel: str) -> Trust:
+        """The verdict on a channel."""
+        return Trust(self._seats[channel].memory.trust)
+
+    def taken(self) -> dict[str, float | None]:
+        """When [s] the last reading of each channel was taken that the estimate rests on; `None` before the first."""
+        times = {name: seat.memory.taken for name, seat in self._seats.items()}
+        return {name: None if math.isnan(t) else t for name, t in times.items()}
+
+    @checked_on_failure
+    def vet(self, readings: Readings, t: float, command: Command | None = None) -> Readings:
+        """What the filter may see at time t [s]: in place of a refused reading the last one of its channel that was used.
+
+        `command` has been acting since the last call.
+        """
+        fresh, strange = self._seat(readings)
+        self._vet(self.memory, t, self._is_moved(command))
+        self._use(fresh)
+        if not self.memory.n_behind and not strange:
+            return readings
+        return _readings(**{name: seat.used for name, seat in self._seats.items()})
+
+    @property
+    def repeats(self) -> bool:
+        """Whether `take` can be asked: the altimeter is not carried by the arm."""
+        return self._beam is None or not self._beam.moves
+
+    @checked_on_failure
+    def take(
+        self,
+        readings: Readings,
+        support: ctypes.Structure,
+        repeated: ctypes.Structure,
+        t: float,
+        command: Command | None = None,
+    ) -> tuple[Array, Array, float]:
+        """`vet` and `conclude` at once, at time t [s], for who takes readings for the truth.
+
+        Returns q (n_q,) [m, rad], v (n_v,) [m/s, rad/s] and the range of the altimeter [m], nan without one; `health` has the
+        verdicts. support, repeated: a `Support` and a `Repeated`.
+        """
+        fresh, _ = self._seat(readings)
+        if self._take(self.memory, support, repeated, t, self._is_moved(command)):
+            self._tell(t)
+        self._use(fresh)
+        return self._q.copy(), self._v.copy(), self._range.item()
+
+    def _seat(self, readings: Readings) -> tuple[list[Seat], bool]:
+        """Channels with another reading than before, and whether one is given that is not to be, or none where one was."""
+        fresh, strange = [], False
+        for reading, seat in zip(_all(readings), self._places, strict=True):
+            if seat is None:
+                strange = strange or reading is not None
+            elif reading is None:
+                strange = strange or seat.used is not None
+            elif reading is not seat.seen:
+                seat.take(reading)
+                fresh.append(seat)
+        return fresh, strange
+
+    def _is_moved(self, command: Command | None) -> bool:
+        """Whether joints are, and how fast, for the kernels."""
+        if command is None or command.brakes:
+            return False
+        self._rates[:] = command.v[self._joint_v]
+        return True
+
+    def _use(self, fresh: list[Seat]) -> None:
+        """What the filter sees from now on."""
+        behind = self.memory.n_behind
+        for seat in fresh:
+            if not behind or not seat.memory.behind:
+                seat.used = seat.seen
+
+    @checked_on_failure
+    def hear(self, channel: str, t: float, nis: float, dof: int, accepted: bool) -> None:
+        """The outcome of the filter's own gate on a reading, at time t [s].
+
+        nis [-]: its normalised innovation squared, of dof [-] degrees of freedom. A channel whose readings the filter refuses is
+        suspect and lost as one that is silent; the filter decides when it takes them again.
+        """
+        self._hear(self.memory, self._seats[channel].memory.number, nis, dof, accepted, t)
+
+    @checked_on_failure
+    def judge(self, measurement: Measurement, t: float) -> tuple[ChannelHealth, ...]:
+        """The verdicts at time t [s], with what the filter made of the readings."""
+        known = measurement.age < math.inf
+        if known:
+            self._note(measurement)
+        if self._judge(self.memory, t, known):
+            self._tell(t)
+        return self._health
+
+    @checked_on_failure
+    def conclude(
+        self, measurement: Measurement, support: ctypes.Structure, outcomes: ctypes.Array[ctypes.c_double], t: float
+    ) -> tuple[ChannelHealth, ...]:
+        """As `judge`, after all outcomes of the filter's gates, with the age that the support of the estimate gives it.
+
+        support: a `Support`, which then tells the ages. outcomes (36,) [s, -, -, -]: `Gating.outcomes`. t [s]
+        is the time of the tick.
+        """
+        self._note(measurement)
+        if self._conclude(self.memory, support, outcomes, t):
+            self._tell(t)
+        return self._health
+
+    def _note(self, measurement: Measurement) -> None:
+        self._q[:], self._v[:] = measurement.q, measurement.v
+        if self._beam is not None and self._beam.moves:
+            self._beam.place(measurement.q[self._joint_q])
+
+    def _tell(self, t: float) -> None:
+        """Say what changed at time t [s]."""
+        changed = {name: seat.memory for name, seat in self._seats.items() if seat.memory.changed}
+        verdicts = {
+            name: _health(channel=name, trust=Trust(c.trust), why=self._texts.of(name, c.complaint), since=t)
+            for name, c in changed.items()
+        }
+        self._health = tuple(verdicts.get(verdict.channel, verdict) for verdict in self._health)
+        self.alarms += [(t, _describe(verdict)) for verdict in verdicts.values()]
+
+
+def _present(robot: Robot, specs: SensorSpecs, altimeter_frame: str | None) -> list[str]:
+    """Channels that the robot has."""
+    names = CHANNELS if robot.n_vehicle else _JOINTS
+    absent = () if altimeter_frame else ("altimeter_range",)
+    return [name for name in names if getattr(specs, name) is not None and name not in absent]
+
+
+def _describe(verdict: ChannelHealth) -> str:
+    word = verdict.trust.name.lower()
+    return f"{verdict.channel} {word}: {verdict.why}" if verdict.why else f"{verdict.channel} {word} again"

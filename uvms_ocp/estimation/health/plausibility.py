@@ -1,0 +1,264 @@
+"""Check one reading by itself and against the estimate of its time: sanity, time stamps, plausibility gates."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from typing import Annotated
+
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
+from uvms_ocp.estimation.filter_memory import ChannelIndex
+from uvms_ocp.estimation.health.estimate_history import PastEstimate
+from uvms_ocp.estimation.health.tuning import Complaint, Reason, set_complaint
+
+# What no reading of a working sensor can be: not a number, of another size, from the future.
+
+_UNIT = 1e-3  # by which the norm of a quaternion may differ from 1, as in records
+
+
+def is_nonsense(channel: int, value: Vector, size: int, why: Complaint) -> bool:
+    """Whether a value of size [-] numbers means nothing. A range that is nan is no echo."""
+    if channel == ChannelIndex.ALTIMETER_RANGE and value[0] < 0.0:
+        set_complaint(why, Reason.RANGE, value[0], 0.0)
+        return True
+    for i in range(size):
+        if not math.isfinite(value[i]) and not (channel == ChannelIndex.ALTIMETER_RANGE and math.isnan(value[i])):
+            set_complaint(why, Reason.NO_NUMBER, 0.0, 0.0)
+            return True
+    return channel == ChannelIndex.ATTITUDE and _is_no_rotation(value, why)
+
+
+def is_mistimed(stamp: float, last: float, t: float, clock: float, why: Complaint) -> bool:
+    """Whether a time stamp [s] cannot be, after the `last` [s] one that was used and at time t [s]; clock [s] of grace."""
+    if stamp > t + clock:
+        set_complaint(why, Reason.FUTURE, stamp - t, 0.0)
+    elif stamp < last:
+        set_complaint(why, Reason.BEFORE, last - stamp, 0.0)
+    return stamp > t + clock or stamp < last
+
+
+def _is_no_rotation(value: Vector, why: Complaint) -> bool:
+    squared = value[0] * value[0] + value[1] * value[1] + value[2] * value[2] + value[3] * value[3]
+    if abs(squared - 1.0) <= 2.0 * _UNIT:
+        return False
+    set_complaint(why, Reason.LENGTH, math.sqrt(squared), 0.0)
+    return True
+
+
+# Whether a reading can be true, given where the robot was estimated to be when it was taken.
+
+
+class Gate(Layout):
+    """By how much a reading may differ from the estimate: at once, and by how much more for every second without any.
+
+    It grows with that time without end, so that it never shuts a channel out for good.
+    """
+
+    exists: bool
+    channel: int
+    """`Channel`"""
+    size: int
+    """[-] numbers of its value."""
+    start: int
+    """[-] where they begin in q or v."""
+    base: float
+    """[unit of the channel]"""
+    supported: float
+    """[unit of the channel / s] growth while another channel carries the estimate."""
+    alone: float
+    """[unit of the channel / s] growth otherwise: what is physically possible."""
+    by: int
+    """A channel that carries the estimate, -1 for none."""
+    or_by: int
+    """Another one."""
+    most: float
+    """[unit of the channel] norm that no value exceeds."""
+
+
+def is_off(g: Gate, value: Vector, estimate: PastEstimate, away: float, growth: float, why: Complaint) -> bool:
+    """Whether a value cannot be, against an estimate made `away` [s] from it; growth [unit of the channel] of the gate."""
+    error = _error(g, value, estimate)
+    allowed = g.base + growth + g.alone * away
+    if error <= allowed:
+        return False
+    set_complaint(why, Reason.OFF, error, allowed)
+    return True
+
+
+def is_impossible(g: Gate, value: Vector, why: Complaint) -> bool:
+    """Whether no robot of this kind can ever read the value (size,) [unit of the channel]."""
+    if not (g.exists and math.isfinite(g.most)):
+        return False
+    squared = 0.0
+    for i in range(g.size):
+        squared += value[i] * value[i]
+    if math.sqrt(squared) <= g.most:
+        return False
+    set_complaint(why, Reason.LARGE, math.sqrt(squared), g.most)
+    return True
+
+
+def _error(g: Gate, value: Vector, estimate: PastEstimate) -> float:
+    if g.channel == ChannelIndex.ATTITUDE:
+        q = estimate.q
+        along = value[0] * q[3] + value[1] * q[4] + value[2] * q[5] + value[3] * q[6]
+        return 2.0 * math.acos(min(1.0, abs(along)))
+    if g.channel == ChannelIndex.POSITION or g.channel == ChannelIndex.DEPTH:
+        return _distance(g, value, estimate.q)
+    if g.channel == ChannelIndex.JOINT_POSITIONS:
+        return _largest(g, value, estimate.q)
+    if g.channel == ChannelIndex.JOINT_VELOCITIES:
+        return _largest(g, value, estimate.v)
+    return _distance(g, value, estimate.v)
+
+
+def _distance(g: Gate, value: Vector, estimated: Vector) -> float:
+    squared = 0.0
+    for i in range(g.size):
+        by = value[i] - estimated[g.start + i]
+        squared += by * by
+    return math.sqrt(squared)
+
+
+def _largest(g: Gate, value: Vector, estimated: Vector) -> float:
+    most = 0.0
+    for i in range(g.size):
+        most = max(most, abs(value[i] - estimated[g.start + i]))
+    return most
+
+
+# Whether a sensor repeats itself although it has noise: it is frozen.
+#
+# A sensor repeats a value by chance where its resolution is no finer than its noise. All its changes are multiples of its
+# resolution, whose upper bound is their greatest common measure; so the chance p of one repetition is at most that of noise
+# staying within it, and n repetitions speak against the sensor where p^n is below a chance that one does not expect to
+# meet. A sensor at rest whose resolution is much coarser than its noise has p near 1 and never alarms; nor does one
+# without noise.
+
+_SHARE = 0.5  # of the noise that a sensor is said to have, which it is taken to have at least
+_FINE = 1e-3  # of the noise: a resolution that is finer makes no difference
+_ENOUGH = 5e-3  # of the noise: what is known to be finer is not looked at any more
+_LEAST = 3  # repetitions, however unlikely: some sensors send a reading twice
+_NEVER = 1e-300
+
+
+class Repeats(Layout):
+    """How often each component of a channel has repeated itself."""
+
+    noise: float
+    """[unit of the channel] that it has at least."""
+    each: bool
+    """Judge every component by itself, not all together alone."""
+    chance: float
+    """[-] logarithm of that which repetitions have without a fault."""
+    size: int
+    """[-] components."""
+    started: bool
+    finest: float
+    """[unit of the channel] greatest common measure of all changes so far; no finer than `_FINE` of the noise."""
+    last: Annotated[Vector, Sized("n_width")]
+    """(n_width,) [unit of the channel] the newest value, `size` numbers."""
+    runs: Annotated[list[int], Sized("n_width")]
+    """(n_width,) [-] repetitions of each."""
+
+
+def expect_repeats(memory: ctypes.Structure, sigma: float, *, size: int, each: bool, chance: float) -> None:
+    """Prepare a `Repeats`: noise sigma [unit of the channel] of size [-] components; chance [-] of a false alarm."""
+    memory.noise, memory.each, memory.chance = _SHARE * sigma, each, math.log(chance)
+    memory.size, memory.finest = size, math.inf
+
+
+def repeated(r: Repeats, value: Vector, why: Complaint) -> bool:
+    """Whether the channel counts as frozen, by its newest value (size,) [unit of the channel]."""
+    if r.noise == 0.0:
+        return False
+    fresh, same = not r.started, False
+    refine = r.finest > _ENOUGH * r.noise
+    for i in range(r.size):
+        if fresh:
+            r.runs[i] = 0
+        elif value[i] == r.last[i]:
+            r.runs[i] += 1
+            same = True
+        else:
+            r.runs[i] = 0
+            if refine:
+                r.finest = _common(r.finest, abs(value[i] - r.last[i]), _FINE * r.noise)
+        r.last[i] = value[i]
+    r.started = True
+    return same and _too_often(r, why)
+
+
+def _too_often(r: Repeats, why: Complaint) -> bool:
+    worst, most, together = 0, r.runs[0], r.runs[0]
+    for i in range(1, r.size):
+        if r.runs[i] > most:
+            worst = i
+            most = r.runs[i]
+        together = min(together, r.runs[i])
+    if most < _LEAST or not _unlikely(r, most, together):
+        return False
+    set_complaint(why, Reason.REPEATED, most + 1, 0 if together >= _LEAST or r.size == 1 else worst + 1)
+    return True
+
+
+def _unlikely(r: Repeats, most: int, together: int) -> bool:
+    p = math.erf(r.finest / (2.0 * r.noise)) if math.isfinite(r.finest) else 1.0
+    one = math.log(max(p, _NEVER))
+    if together >= _LEAST and together * r.size * one < r.chance:
+        return True
+    return r.each and most * one < r.chance
+
+
+def _common(measure: float, step: float, tolerance: float) -> float:
+    """The greatest common measure of two lengths > 0, by Euclid, not below the tolerance; inf is a multiple of all."""
+    while step > tolerance:
+        rest = abs(math.remainder(measure, step)) if math.isfinite(measure) else 0.0
+        measure = step
+        step = rest
+    return max(measure, tolerance)
+
+
+# Encoders that do not change by a bit while their joints are asked to move.
+#
+# This holds for exact and for coarse encoders too: a joint that follows its command changes them. Joints with locked brakes
+# are not asked to move, and robots whose joints have several numbers each are not judged.
+
+
+class EncoderMemory(Layout):
+    """How far each joint was asked to go since its encoder last changed."""
+
+    n: int
+    """[-] joints, 0 where they are not judged."""
+    allowed: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad or m] that may be asked: some travel, and what encoders are late by at full speed."""
+    rates: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad/s or m/s] that have been asked since the last tick."""
+    asked: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad or m]"""
+    started: bool
+    last: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad or m] the newest value."""
+
+
+def integrate_command(e: EncoderMemory, moving: bool, dt: float) -> None:
+    """The rates that have been asked for dt [s]; moving: there was a command, and no brakes."""
+    for i in range(e.n):
+        e.asked[i] = e.asked[i] + e.rates[i] * dt if moving else 0.0
+
+
+def stands_still(e: EncoderMemory, value: Vector, why: Complaint) -> bool:
+    """Whether an encoder counts as frozen, by the newest value (n_joints,) [rad or m]."""
+    worst, excess = 0, 0.0
+    for i in range(e.n):
+        if e.started and value[i] != e.last[i]:
+            e.asked[i] = 0.0
+        e.last[i] = value[i]
+        beyond = abs(e.asked[i]) - e.allowed[i]
+        if beyond > excess:
+            worst = i
+            excess = beyond
+    e.started = True
+    if excess > 0.0:
+        set_complaint(why, Reason.STILL, worst, e.asked[worst])
+    return excess > 0.0

@@ -1,0 +1,208 @@
+"""Screen every new reading before the filter sees it, and decide which of two channels that disagree is at fault."""
+
+from __future__ import annotations
+
+import math
+
+from uvms_ocp.codegen.kernel_layout import Vector, zeros
+from uvms_ocp.estimation.filter_memory import ChannelIndex
+from uvms_ocp.estimation.health.channel_state import Belief, ChannelMemory, HealthMemory, exclude, suspect
+from uvms_ocp.estimation.health.estimate_history import PastEstimate, rotate
+from uvms_ocp.estimation.health.floor import Spot, accept_echo
+from uvms_ocp.estimation.health.plausibility import (
+    is_impossible,
+    is_mistimed,
+    is_nonsense,
+    is_off,
+    repeated,
+    stands_still,
+)
+from uvms_ocp.estimation.health.redundancy import (
+    apart_by,
+    drift_by,
+    hear_depth,
+    hear_rate,
+    hear_velocity,
+    rotation_drift,
+)
+from uvms_ocp.estimation.health.tuning import Complaint, Reason, set_complaint
+from uvms_ocp.robot.kinematics import STEEP
+from uvms_ocp.robot.signals import Trust
+
+# All that can be said against one new reading before the filter sees it.
+#
+# Sense, time stamp, repetition, and what the estimate at the time of the reading allows.
+
+_CONFIRMED = 5
+"""Readings in a row that must agree before one that does not is refused: an estimate is made of those before."""
+_STUBBORN = 3
+"""Readings in a row that were refused: by then it is no spike."""
+
+
+def look_at(m: HealthMemory, c: ChannelMemory, slot: int) -> None:
+    """What to do with the newest reading of a channel, in `belief`; slot [-] of the estimate of its time, -1 for none."""
+    b = m.belief
+    b.sane = not (_means_nothing(m, c, b.why) or _cannot_be(m, c, b.why))
+    b.used = b.sane
+    if not b.sane:
+        return
+    b.why.code = Reason.NONE
+    if slot >= 0 and not is_empty(c):
+        _compare_with_estimate(m, c, m.history.kept[slot], b)
+    late = m.t - c.stamp - c.delay
+    if b.why.code == Reason.NONE and late > m.rules.late + m.dt:
+        set_complaint(b.why, Reason.LATE, late, m.rules.late + m.dt)
+
+
+def is_empty(c: ChannelMemory) -> bool:
+    """Whether the newest reading is an echo that did not come back."""
+    return c.number == ChannelIndex.ALTIMETER_RANGE and math.isnan(c.value[0])
+
+
+def _means_nothing(m: HealthMemory, c: ChannelMemory, why: Complaint) -> bool:
+    if not math.isfinite(c.stamp):
+        set_complaint(why, Reason.STAMP, c.stamp, 0.0)
+        return True
+    if c.misshapen > 0:
+        set_complaint(why, Reason.SHAPE, c.misshapen, 0.0)
+        return True
+    return is_nonsense(c.number, c.value, c.size, why) or is_mistimed(c.stamp, c.used, m.t, m.rules.clock, why)
+
+
+def _cannot_be(m: HealthMemory, c: ChannelMemory, why: Complaint) -> bool:
+    """What values alone and their age say."""
+    late = m.t - c.stamp - c.delay
+    if late > m.rules.too_late:
+        set_complaint(why, Reason.TOO_LATE, late, 0.0)
+        return True
+    if is_empty(c):
+        return False
+    if c.number == ChannelIndex.JOINT_POSITIONS and stands_still(m.encoders, c.value, why):
+        return True
+    return repeated(c.repeats, c.value, why) or is_impossible(c.gate, c.value, why)
+
+
+def _compare_with_estimate(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, b: Belief) -> None:
+    if c.number == ChannelIndex.ALTIMETER_RANGE:
+        b.used = _is_floor(m, c, estimate, b.why)
+    elif c.gate.exists and not _agrees(m, c, estimate, b.why):
+        b.used = c.agreed < _CONFIRMED
+        if b.used:
+            c.agreed = 0
+            b.why.code = Reason.NONE
+
+
+def _agrees(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, why: Complaint) -> bool:
+    gate = c.gate
+    carried = _is_good(m, gate.by) or _is_good(m, gate.or_by)
+    rate = gate.supported if carried else gate.alone
+    growth = 0.0 if math.isnan(c.taken) else rate * max(c.stamp - c.taken, 0.0)
+    if carried and is_stubborn(c):
+        growth -= 0.5 * gate.base
+    if is_off(gate, c.value, estimate, abs(c.stamp - estimate.t), growth, why):
+        c.off_in_a_row += 1
+        return False
+    c.agreed += 1
+    c.off_in_a_row = 0
+    return True
+
+
+def is_stubborn(c: ChannelMemory) -> bool:
+    """Whether a DVL insists on what cannot be.
+
+    While fixes carry the velocity it is taken again at half its gate: one reading of a biased one that noise brings just
+    inside would move velocity and acceleration, and all that follows from them.
+    """
+    return c.number == ChannelIndex.LINEAR_VELOCITY and c.off_in_a_row >= _STUBBORN
+
+
+def _is_good(m: HealthMemory, channel: int) -> bool:
+    return channel >= 0 and m.channels[channel].present and m.channels[channel].trust == Trust.GOOD
+
+
+def _is_floor(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, why: Complaint) -> bool:
+    up, at = zeros(3), zeros(3)
+    rotate(estimate.q, estimate.beam_up, up)
+    rotate(estimate.q, estimate.beam_at, at)
+    if up[2] <= STEEP:
+        return True
+    _place(m.floor.here, c, estimate, up, at)
+    return accept_echo(m.floor, why)
+
+
+def _place(here: Spot, c: ChannelMemory, estimate: PastEstimate, up: Vector, at: Vector) -> None:
+    """Of an echo: up [-] and at [m], axis and place of the altimeter, are in W, seen from the vehicle."""
+    here.t = c.stamp
+    here.sensor_x = estimate.q[0] + at[0]
+    here.sensor_y = estimate.q[1] + at[1]
+    here.sensor_z = estimate.q[2] + at[2]
+    here.x = here.sensor_x - c.value[0] * up[0]
+    here.y = here.sensor_y - c.value[0] * up[1]
+    here.z = here.sensor_z - c.value[0] * up[2]
+
+
+# Pairs of channels that tell of the same motion, and which of a pair is to blame.
+
+_RECENT = 10.0  # [s] for which a refused reading speaks against its channel when it comes to blame
+
+
+def compare(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate) -> None:
+    """The newest reading of a channel with what others tell of the same; the estimate is that of when it was taken."""
+    why, rate = m.belief.why, 0.0
+    if c.number == ChannelIndex.POSITION:
+        _compare_fix(m, c, estimate, why)
+    elif c.number == ChannelIndex.LINEAR_VELOCITY:
+        v_W = zeros(3)
+        rotate(estimate.q, c.value, v_W)
+        hear_velocity(m.velocity, v_W, c.stamp)
+    elif c.number == ChannelIndex.DEPTH:
+        hear_depth(m.depth, c.value[0], c.stamp)
+    elif c.number == ChannelIndex.ANGULAR_VELOCITY:
+        hear_rate(m.rate, c.value, c.stamp)
+    elif c.number == ChannelIndex.ATTITUDE:
+        rate = rotation_drift(m.rate, c.value, c.stamp)
+    if rate > 0.0:
+        set_complaint(why, Reason.TURN, rate, 0.0)
+        _suspect_likelier(m, ChannelIndex.ANGULAR_VELOCITY, ChannelIndex.ATTITUDE, ChannelIndex.ANGULAR_VELOCITY)
+
+
+def _compare_fix(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, why: Complaint) -> None:
+    v_W = zeros(3)
+    rate = drift_by(m.velocity, c.value, c.stamp)
+    rotate(estimate.q, estimate.v, v_W)
+    by = apart_by(m.depth, c.value[2], v_W[2], c.stamp)
+    if rate > 0.0:
+        set_complaint(why, Reason.DRIFT, rate, 0.0)
+        _exclude_velocity(m, why)
+    if by > 0.0:
+        set_complaint(why, Reason.DEPTH, by, 0.0)
+        _suspect_likelier(m, ChannelIndex.DEPTH, ChannelIndex.POSITION, -1)
+
+
+def _exclude_velocity(m: HealthMemory, why: Complaint) -> None:
+    """The DVL is not used until it agrees again, as the filter cannot find out by itself; unless fixes jumped.
+
+    Those have been refused.
+    """
+    velocity, position = m.channels[ChannelIndex.LINEAR_VELOCITY], m.channels[ChannelIndex.POSITION]
+    lies = velocity.present and (_is_guilty(m, velocity) or not _is_guilty(m, position))
+    if lies and exclude(velocity, why, m.t, m.rules.clean):
+        m.exposed = True
+
+
+def _suspect_likelier(m: HealthMemory, first: int, second: int, likely: int) -> None:
+    """Doubt the one of the two whose readings were refused not long ago; otherwise the likely one, -1 for both.
+
+    Where a rate drifts from attitudes or fixes it is the rate that is biased: those jump, which is refused.
+    """
+    one, other, why = m.channels[first], m.channels[second], m.belief.why
+    told = _is_guilty(m, one) != _is_guilty(m, other)
+    by_likelihood = not told and likely >= 0 and m.channels[likely].present
+    if one.present and (_is_guilty(m, one) if told else not by_likelihood or likely == first):
+        suspect(one, why, m.t)
+    if other.present and (_is_guilty(m, other) if told else not by_likelihood or likely == second):
+        suspect(other, why, m.t)
+
+
+def _is_guilty(m: HealthMemory, c: ChannelMemory) -> bool:
+    return c.present and m.t - c.impossible_at <= _RECENT

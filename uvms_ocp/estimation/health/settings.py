@@ -1,0 +1,202 @@
+"""Set up the state of the health monitor: the sensors of the robot, and what its limits allow."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from uvms_ocp.codegen.kernel_layout import structure_of
+from uvms_ocp.estimation.filter_memory import N_CHANNELS, NUMBER
+from uvms_ocp.estimation.health.channel_state import N_ESTIMATES, HealthMemory
+from uvms_ocp.estimation.health.floor import expect_floor
+from uvms_ocp.estimation.health.plausibility import expect_repeats
+from uvms_ocp.estimation.health.redundancy import expect_drifts
+from uvms_ocp.estimation.health.tuning import HealthTuning
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import SensorSpec
+from uvms_ocp.types import Array
+
+_SIGMAS = 8.0
+_BRISK = 1.5  # by how much water and blows move a vehicle faster than it can by itself
+_ANY = 1e12  # [unit of the channel] growth of what has no limits
+_FASTEST = 10.0  # [rad/s or m/s] of a joint without limits
+_WHOLE = ("attitude",)  # whose components cannot be judged one by one: some hardly change
+_RATES = ("angular_velocity", "linear_velocity", "joint_velocities")
+"""Exact ones may belong to a plant whose velocities jump, as the paper's does."""
+_RIVALS = {
+    "attitude": ("angular_velocity",),
+    "angular_velocity": ("attitude",),
+    "position": ("linear_velocity", "depth"),
+    "depth": ("position", "linear_velocity"),
+    "linear_velocity": ("position",),
+}
+"""Channels that may be why the estimate does not agree with one."""
+
+
+def health_memory(robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthTuning) -> ctypes.Structure:
+    """A `HealthMemory`; specs: of every channel that the robot has."""
+    made = structure_of(
+        HealthMemory,
+        n_q=robot.n_q,
+        n_v=robot.n_v,
+        n_joints=robot.n_joints,
+        n_width=max(4, len(robot.home), robot.n_joints),
+        n_estimates=N_ESTIMATES,
+    )()
+    made.n, made.order[: len(specs)] = len(specs), [int(NUMBER[name]) for name in specs]
+    for name in (field for field, _ in type(made.rules)._fields_):
+        setattr(made.rules, name, getattr(tuning, name))
+    made.history.length = max((spec.delay for spec in specs.values()), default=0.0) + tuning.too_late
+    made.history.spacing = made.history.length / (N_ESTIMATES - 2)
+    for c in range(N_CHANNELS):
+        _set_nothing(made.channels[c], c)
+    for name, spec in specs.items():
+        _set_channel(made.channels[NUMBER[name]], robot, name, spec, tuning)
+    _set_gates(made, robot, specs, tuning)
+    _set_encoders(made.encoders, robot, specs, tuning)
+    _set_comparisons(made, specs, tuning)
+    return made
+
+
+def sizes_of(robot: Robot) -> dict[str, tuple[int, ...]]:
+    """The shape of the value of each channel."""
+    return {
+        "position": (3,),
+        "depth": (),
+        "attitude": (4,),
+        "angular_velocity": (3,),
+        "linear_velocity": (3,),
+        "specific_force": (3,),
+        "joint_positions": (len(robot.home),),
+        "joint_velocities": (robot.n_joints,),
+        "altimeter_range": (),
+    }
+
+
+def _set_nothing(c: ctypes.Structure, number: int) -> None:
+    c.number, c.rival, c.other_rival, c.gate.by, c.gate.or_by = number, -1, -1, -1, -1
+    c.used = c.refused_at = c.impossible_at = c.bad_at = c.barred_until = c.heard = -math.inf
+    c.taken = c.used_at = math.nan
+
+
+def _set_channel(c: ctypes.Structure, robot: Robot, name: str, spec: SensorSpec, tuning: HealthTuning) -> None:
+    c.present, c.size = True, math.prod(sizes_of(robot)[name])
+    c.delay, c.period, c.losses = spec.delay, 1.0 / spec.rate, _losses(spec.dropout, tuning.chance)
+    c.rival, c.other_rival = _two(_RIVALS.get(name, ()))
+    plain = not name.startswith("joint") or robot.n_joints == len(robot.home)
+    expect_repeats(c.repeats, spec.sigma, size=c.size, each=plain and name not in _WHOLE, chance=tuning.chance)
+
+
+def _losses(dropout: float, chance: float) -> float:
+    """How many readings in a row [-] a sensor that drops some loses by chance."""
+    if dropout <= 0.0:
+        return 0.0
+    return math.inf if dropout >= 1.0 else math.log(chance) / math.log(dropout)
+
+
+def _two(names: tuple[str, ...]) -> tuple[int, int]:
+    """Numbers of up to two channels, -1 for none."""
+    first, second, *_ = (*(int(NUMBER[name]) for name in names), -1, -1)
+    return first, second
+
+
+def _set_gates(memory: ctypes.Structure, robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthTuning) -> None:
+    """The gate of each channel that has one, by what the robot's limits allow."""
+    allowed = _joint_gates(robot, tuning) | (_vehicle_gates(robot, tuning) if robot.n_vehicle else {})
+    for name, spec in specs.items():
+        if name not in allowed or (spec.exact and name in _RATES):
+            continue
+        gate, of = memory.channels[NUMBER[name]].gate, allowed[name]
+        gate.exists, gate.channel, gate.size = True, int(NUMBER[name]), memory.channels[NUMBER[name]].size
+        gate.start, gate.supported, gate.alone, gate.most = of.start, of.supported, of.alone, math.inf
+        gate.base = of.base + _SIGMAS * spec.sigma + max(map(abs, spec.biases)) + _unforeseen(of, spec, specs)
+        gate.by, gate.or_by = _two(of.by)
+    if robot.n_vehicle:
+        _limit_rates(memory, robot, tuning)
+
+
+class _Allowed(NamedTuple):
+    """What an estimate may be off by."""
+
+    start: int
+    """Where the value begins in q or v."""
+    base: float
+    supported: float
+    """Growth while it is carried."""
+    alone: float
+    by: tuple[str, ...]
+    """The channels that carry it."""
+    pull: float = math.inf
+    """By which the growth alone grows itself, where the rate of the value is known at first."""
+
+
+def _unforeseen(of: _Allowed, spec: SensorSpec, specs: Mapping[str, SensorSpec]) -> float:
+    """What the robot can have done that the estimate did not know of when the reading was taken.
+
+    A late reading meets an estimate of its time that had been carried on by itself for as long, at worst with full acceleration
+    the other way.
+    """
+    blind = min([spec.delay, *(specs[name].delay for name in of.by if name in specs)])
+    moved = min(of.alone * blind, of.pull * blind**2) if of.pull < math.inf else of.alone * blind
+    return moved + of.supported * (spec.delay - blind)
+
+
+def _vehicle_gates(robot: Robot, tuning: HealthTuning) -> dict[str, _Allowed]:
+    v, w = _brisk(robot.limits.velocity)
+    a, alpha = _brisk(robot.limits.acceleration)
+    fixes = ("position", "linear_velocity")
+    return {
+        "position": _Allowed(0, tuning.position, tuning.position_drift, v + tuning.current, fixes[1:], a),
+        "depth": _Allowed(2, tuning.position, tuning.position_drift, v + tuning.current, fixes, a),
+        "attitude": _Allowed(3, tuning.attitude, tuning.attitude_drift, w, ("angular_velocity",), alpha),
+        "angular_velocity": _Allowed(3, tuning.rate, tuning.rate_drift, alpha, ("attitude",)),
+        "linear_velocity": _Allowed(0, tuning.velocity, tuning.velocity_drift, a, fixes[:1]),
+    }
+
+
+def _limit_rates(memory: ctypes.Structure, robot: Robot, tuning: HealthTuning) -> None:
+    """What no vehicle of this kind ever reads."""
+    v, w = _brisk(robot.limits.velocity)
+    memory.channels[NUMBER["angular_velocity"]].gate.most = 4 * w + tuning.rate
+    memory.channels[NUMBER["linear_velocity"]].gate.most = v + tuning.current
+
+
+def _brisk(limits: Array) -> tuple[float, float]:
+    """Norms of the linear and the angular limits (n_v,) of a vehicle in water."""
+    linear, angular = (_BRISK * float(np.linalg.norm(_finite(limits[part]))) for part in (slice(0, 3), slice(3, 6)))
+    return linear, angular
+
+
+def _joint_gates(robot: Robot, tuning: HealthTuning) -> dict[str, _Allowed]:
+    v, a = (_finite(limit[robot.joint_v]) for limit in (robot.limits.velocity, robot.limits.acceleration))
+    fastest, quickest = _BRISK * float(v.max(initial=0.0)), _BRISK * float(a.max(initial=0.0))
+    return {
+        "joint_positions": _Allowed(robot.joint_q.start, tuning.joints, fastest, fastest, (), quickest),
+        "joint_velocities": _Allowed(robot.joint_v.start, tuning.joint_rate, quickest, quickest, ()),
+    }
+
+
+def _finite(limits: Array) -> Array:
+    return np.minimum(limits, _ANY)
+
+
+def _set_encoders(
+    encoders: ctypes.Structure, robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthTuning
+) -> None:
+    delay = specs["joint_positions"].delay if "joint_positions" in specs else 0.0
+    fastest = np.minimum(robot.limits.velocity[robot.joint_v], _FASTEST)
+    encoders.allowed[: robot.n_joints] = (tuning.encoder_travel + delay * fastest).tolist()
+    encoders.n = robot.n_joints if robot.n_joints == len(robot.home) == len(robot.joint_names) else 0
+
+
+def _set_comparisons(memory: ctypes.Structure, specs: Mapping[str, SensorSpec], tuning: HealthTuning) -> None:
+    noise = {
+        name: spec.sigma + max(map(abs, spec.biases)) if (spec := specs.get(name)) else 0.0
+        for name in ("position", "attitude", "depth")
+    }
+    expect_drifts(memory.velocity, memory.rate, memory.depth, noise)
+    expect_floor(memory.floor, specs["altimeter_range"].sigma if "altimeter_range" in specs else 0.0, tuning)

@@ -1,0 +1,168 @@
+"""Which channels an estimate rests on, which stand in for others and for how long, and how old that makes it."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Mapping
+from typing import Annotated, NamedTuple
+
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of
+from uvms_ocp.estimation.estimator import PassThrough
+from uvms_ocp.estimation.filter_memory import N_CHANNELS, NUMBER, ChannelIndex
+from uvms_ocp.estimation.health.channel_state import HealthMemory
+from uvms_ocp.estimation.health.tuning import HealthTuning
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import SensorSpecs, Trust
+
+# Which channel stands in for which, how long, and how old that makes a measurement.
+
+_VEHICLE = ("position", "attitude", "linear_velocity", "angular_velocity")
+_JOINTS = ("joint_positions",)
+
+
+class StandIn(NamedTuple):
+    """A channel whose readings carry the estimate of another one."""
+
+    channel: str
+    time: float
+    """[s] for which they do, after which the estimate has drifted too far."""
+
+
+class EstimateSupport(Layout):
+    """What an estimate rests on, and how old that is."""
+
+    exact: bool
+    """The estimator takes readings for the truth."""
+    gating: bool
+    """It has gates of its own."""
+    n: int
+    """[-] channels that q and v rest on."""
+    needed: Annotated[list[int], Sized(N_CHANNELS)]
+    """(9,) [-] their numbers."""
+    stand_in: Annotated[list[int], Sized(N_CHANNELS)]
+    """(9,) [-] by the channel that is missing, -1 for none."""
+    bears: Annotated[Vector, Sized(N_CHANNELS)]
+    """(9,) [s] for which it stands in."""
+    age: float
+    """[s] of what is least supported; inf before the first reading of any needed channel."""
+    oldest: int
+    """Its channel, -1 for none."""
+    joint_age: float
+    """[s] of the joint positions alone."""
+    echo: bool
+    """Whether the altitude is known."""
+
+
+def stand_ins(tuning: HealthTuning, *, gyro_by_attitude: bool) -> dict[str, StandIn]:
+    """By the channel that is missing.
+
+    Depth is replaced by the z of position and joint velocities by the change of joint positions, always: nobody needs them.
+    Encoders and the altimeter are replaced by nothing. A DVL carries the position for as long as the mission bears it
+    (`uvms_ocp.estimation.degraded_modes`). gyro_by_attitude: the estimator finds rates from attitudes alone.
+    """
+    gyro = {"angular_velocity": StandIn("attitude", math.inf)} if gyro_by_attitude else {}
+    return gyro | {
+        "position": StandIn("linear_velocity", math.inf),
+        "linear_velocity": StandIn("position", math.inf),
+        "attitude": StandIn("angular_velocity", tuning.gyro_alone),
+    }
+
+
+def supporting_channels(robot: Robot, specs: SensorSpecs, *, rates: bool) -> tuple[str, ...]:
+    """Channels that q and v rest on. rates: joint velocities are not found from positions.
+
+    The altitude has a state of its own: its range is nan without an echo.
+    """
+    wanted = ((*_VEHICLE,) if robot.n_vehicle else ()) + _JOINTS + (("joint_velocities",) if rates else ())
+    return tuple(name for name in wanted if getattr(specs, name) is not None)
+
+
+def support_of(
+    needed: tuple[str, ...], stand_in: Mapping[str, StandIn], *, exact: bool, gating: bool
+) -> ctypes.Structure:
+    """A `Support` of an estimator that takes readings for the truth (exact), or has gates of its own (gating)."""
+    made = structure_of(EstimateSupport)()
+    made.exact, made.gating, made.n = exact, gating, len(needed)
+    made.needed[: len(needed)] = [int(NUMBER[name]) for name in needed]
+    made.stand_in[:] = [-1] * N_CHANNELS
+    for name, other in stand_in.items():
+        made.stand_in[NUMBER[name]], made.bears[NUMBER[name]] = int(NUMBER[other.channel]), other.time
+    return made
+
+
+def age_by_support(m: HealthMemory, s: EstimateSupport) -> None:
+    """Age at the time of the tick of what is least supported, its channel, and that of the joints.
+
+    A channel without readings counts as old as its stand-in's, and ages from when that falls silent too or has carried it for
+    as long as it can.
+    """
+    joints = m.channels[ChannelIndex.JOINT_POSITIONS].taken
+    s.joint_age = math.inf if math.isnan(joints) else m.t - min(joints, m.t)
+    s.oldest = -1
+    oldest = m.t
+    for k in range(s.n):
+        number = s.needed[k]
+        own = _supported_until(m, s, number)
+        if math.isnan(own):
+            s.oldest = number
+            s.age = math.inf
+            return
+        if own < oldest:
+            oldest = own
+            s.oldest = number
+    s.age = m.t - oldest
+
+
+def _supported_until(m: HealthMemory, s: EstimateSupport, number: int) -> float:
+    """[s] until when readings carry a channel, nan before its first one."""
+    own, other = m.channels[number].taken, s.stand_in[number]
+    by = m.channels[other].taken if other >= 0 else math.nan
+    if math.isnan(own) or math.isnan(by):
+        return own
+    return max(own, min(by, own + s.bears[number]))
+
+
+def tell_echo(m: HealthMemory, s: EstimateSupport) -> None:
+    """An estimator carries the altitude on while the altimeter is suspect; an echo alone is true for its moment only."""
+    c = m.channels[ChannelIndex.ALTIMETER_RANGE]
+    old = s.exact and m.t - c.taken > m.rules.least_to_suspect
+    s.echo = not c.present or (not old and c.trust != Trust.LOST)
+
+
+# The estimate of one who takes readings for the truth: what the monitor lets through, as it is.
+
+
+class Repeated(Layout):
+    """Which channels q and v are made of."""
+
+    n: int
+    """[-] channels of either."""
+    of_q: Annotated[list[int], Sized(3)]
+    """(n,) [-] their numbers, one after the other."""
+    of_v: Annotated[list[int], Sized(3)]
+    """(n,) [-]"""
+
+
+def repeated_by(estimator: PassThrough) -> ctypes.Structure:
+    """A `Repeated` as this one repeats them."""
+    made, n = structure_of(Repeated)(), len(estimator.q_channels)
+    made.n = n
+    made.of_q[:n], made.of_v[:n] = (
+        [int(NUMBER[name]) for name in names] for names in (estimator.q_channels, estimator.v_channels)
+    )
+    return made
+
+
+def repeat(m: HealthMemory, r: Repeated) -> None:
+    """`now` as the readings say that are used. A kernel."""
+    at, there = 0, 0
+    for k in range(r.n):
+        c = m.channels[r.of_q[k]]
+        for i in range(c.size):
+            m.now.q[at] = c.used_value[i]
+            at += 1
+        d = m.channels[r.of_v[k]]
+        for i in range(d.size):
+            m.now.v[there] = d.used_value[i]
+            there += 1

@@ -1,0 +1,199 @@
+"""Tuning of the health monitor, tolerances and times with their reasons, and the reasons why a channel is not good."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+from uvms_ocp.checks import checked
+from uvms_ocp.codegen.kernel_layout import Layout
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.signals import UNITS
+
+# What the health monitor takes for possible, with reasons.
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class HealthTuning:
+    """Tolerances and times. Raises `InvalidInput` for a number that is not finite and > 0.
+
+    A tolerance is added to 8 standard deviations of the channel's noise, which noise passes once in 1e15 readings, and covers
+    how wrong an estimate can be of a robot that manoeuvres in gusts.
+    """
+
+    chance: float = 1e-9
+    """[-] that noise repeats a value, or losses a silence, by themselves; 1e8 readings fit into a hundred hours of gyro."""
+    periods_to_suspect: float = 2.5
+    """[-] of silence: 0.5 s of a 5 Hz DVL, before a watchdog of 0.6 s holds."""
+    periods_to_lose: float = 8.0
+    """[-] of silence, or of nothing but refused readings."""
+    least_to_suspect: float = 0.05
+    """[s] of silence of a quick sensor: as long as joints are fed back without encoders."""
+    least_to_lose: float = 0.25
+    """[s] of silence of a quick sensor."""
+    clean: float = 1.0
+    """[s] without complaint after which a channel is good again: five readings of a 5 Hz sensor."""
+    clock: float = 0.001
+    """[s] by which a time stamp may lie in the future: what clocks that are kept together differ by."""
+    late: float = 0.02
+    """[s] beyond its delay after which a reading is late: 2 cm at 1 m/s."""
+    too_late: float = 2.0
+    """[s] beyond its delay after which a reading is not used: half the length of a vehicle at its usual speed."""
+    position: float = 0.1
+    """[m] of position, depth and floor."""
+    position_drift: float = 0.05
+    """[m/s] of a position that a DVL carries, or of a depth that anything does: its bias, and the attitude's."""
+    attitude: float = 0.05
+    """[rad]"""
+    attitude_drift: float = 0.02
+    """[rad/s] of an attitude that a gyro carries: ten times the noise of the gyro."""
+    velocity: float = 0.25
+    """[m/s]: a vehicle that accelerates with 1 m/s2 between two readings of a DVL."""
+    velocity_drift: float = 0.02
+    """[m/s2] of a velocity that position fixes carry."""
+    rate: float = 0.2
+    """[rad/s] of the vehicle: a blow."""
+    rate_drift: float = 0.1
+    """[rad/s2] of a rate that attitudes carry."""
+    joints: float = 0.05
+    """[rad or m] of joint positions."""
+    joint_rate: float = 0.5
+    """[rad/s or m/s] of joint velocities: a joint that meets its stop."""
+    current: float = 1.0
+    """[m/s] of water, which moves a vehicle beyond its own velocity limits."""
+    slope: float = 3.0
+    """[-] of a floor; the steepest way over 1350 lines across floors with large protuberances is 2.8."""
+    relief: float = 10.0
+    """[m] of the highest step of a floor: nearly twice the highest of large protuberances."""
+    step_time: float = 2.0
+    """[s] for which echoes from a floor that is farther away agree before they are believed: twenty of a 10 Hz altimeter."""
+    step_travel: float = 0.2
+    """[m] of vertical motion in that time, which a value that is stuck does not follow; ten times the noise."""
+    step_way: float = 0.3
+    """[m] of horizontal motion after which there may be another floor."""
+    floor_memory: float = 60.0
+    """[s] for which an echo tells of the floor where it was taken."""
+    encoder_travel: float = 0.02
+    """[rad or m] that is asked of a joint while its encoder does not change by a bit."""
+    gyro_alone: float = 10.0
+    """[s] for which a gyro stands in for the attitude: 0.01 rad at a drift of 1e-3 rad/s."""
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise InvalidInput(f"{name} of the health monitor = {value}; give a finite number > 0")
+        if not self.chance < 1:
+            raise InvalidInput(f"chance of the health monitor = {self.chance}; give a probability below 1")
+
+
+# Why a channel is not good: codes and the numbers that their texts need, for kernels, and the texts, for people.
+
+
+class Reason(IntEnum):
+    """What speaks against a channel."""
+
+    NONE = 0
+    STAMP = 1
+    SHAPE = 2
+    NO_NUMBER = 3
+    LENGTH = 4
+    RANGE = 5
+    FUTURE = 6
+    BEFORE = 7
+    TOO_LATE = 8
+    STILL = 9
+    REPEATED = 10
+    LARGE = 11
+    OFF = 12
+    LATE = 13
+    NEARER = 14
+    AS_BEFORE = 15
+    FARTHER = 16
+    DRIFT = 17
+    """Of DVL and position fixes from each other."""
+    TURN = 18
+    """Of gyro and attitude from each other."""
+    DEPTH = 19
+    SILENT = 20
+    NO_ECHO = 21
+    REFUSED = 22
+
+
+class Complaint(Layout):
+    """A reason and the numbers of its text."""
+
+    code: int
+    """`Reason`"""
+    first: float
+    """[of its text]"""
+    second: float
+    """[of its text]"""
+
+
+def set_complaint(why: Complaint, code: int, first: float, second: float) -> None:
+    """Set all of it; first, second [of the text of the `Reason` code]."""
+    why.code = code
+    why.first = first
+    why.second = second
+
+
+def copy_why(to: Complaint, other: Complaint) -> None:
+    """Make one the same as the other."""
+    set_complaint(to, other.code, other.first, other.second)
+
+
+_TEXTS: dict[int, Callable[[float, float], str]] = {
+    Reason.NONE: lambda a, b: "",
+    Reason.STAMP: lambda a, b: f"a time stamp of {a}",
+    Reason.NO_NUMBER: lambda a, b: "a value that is no number",
+    Reason.LENGTH: lambda a, b: f"a quaternion of length {a:.3g}",
+    Reason.RANGE: lambda a, b: f"a range of {a:.3g} m",
+    Reason.FUTURE: lambda a, b: f"a time stamp {a:.3g} s in the future",
+    Reason.BEFORE: lambda a, b: f"a time stamp {a:.3g} s before that of the reading before",
+    Reason.TOO_LATE: lambda a, b: f"late by {a:.3g} s, more than can be made use of",
+    Reason.REPEATED: lambda a, b: f"the same value {a:.0f} times" + (f", component {b:.0f}" if b else ""),
+    Reason.LATE: lambda a, b: f"{a:.3g} s later than its delay is said to be, allowed {b:.3g} s",
+    Reason.NEARER: lambda a, b: f"the floor {a:.3g} m nearer at once; believed, to be safe",
+    Reason.AS_BEFORE: lambda a, b: f"the floor {a:.3g} m farther at once, where it was before",
+    Reason.FARTHER: lambda a, b: f"the floor {a:.3g} m farther at once; not believed before it proves true",
+    Reason.DRIFT: lambda a, b: f"position fixes and DVL disagree by {a:.2g} m/s",
+    Reason.TURN: lambda a, b: f"gyro and attitude disagree by {a:.2g} rad/s",
+    Reason.DEPTH: lambda a, b: f"depth and position disagree by {a:.2g} m",
+    Reason.SILENT: lambda a, b: f"silent for {a:.2f} s",
+    Reason.NO_ECHO: lambda a, b: f"no echo for {a:.2f} s",
+    Reason.REFUSED: lambda a, b: f"{a:.3g} times the innovation expected",
+}
+
+
+class ReasonTexts:
+    """Says reasons of channels in words."""
+
+    def __init__(self, joints: Sequence[str]) -> None:
+        """joints: their names."""
+        self._joints = joints
+        self._shapes: list[str] = []
+
+    def shape(self, given: tuple[int, ...], wanted: tuple[int, ...]) -> int:
+        """A number for a value of a wrong shape, from 1."""
+        text = f"a value of shape {given} in place of {wanted or 'a number'}"
+        if text not in self._shapes:
+            self._shapes.append(text)
+        return self._shapes.index(text) + 1
+
+    def of(self, channel: str, why: Any) -> str:
+        """The words of a `Why`."""
+        a, b = why.first, why.second
+        if why.code == Reason.SHAPE:
+            return self._shapes[int(a) - 1]
+        if why.code == Reason.STILL:
+            return f"{self._joints[int(a)]} does not change while {b:.2g} were asked of it"
+        if why.code == Reason.LARGE:
+            return f"{a:.3g} {UNITS[channel]}, more than the {b:.2g} that can be"
+        if why.code == Reason.OFF:
+            return f"{a:.3g} {UNITS[channel]} off the estimate, allowed {b:.2g}"
+        return _TEXTS[why.code](a, b)

@@ -1,0 +1,128 @@
+"""Run a controller in C from Python, and record what a controller of Python gets and gives."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.codegen.compile import compile_library, loaded_library
+from uvms_ocp.codegen.kernel_layout import structure_of, view
+from uvms_ocp.control.velocity.kinematic import KinematicController
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.export.tick import ControllerInputs, ControllerOutputs, command_in, write_measurement
+from uvms_ocp.robot.signals import Command, Measurement
+
+# A controller in C, run from Python.
+
+_FILES = ("controller.h", "controller.c", "initial.c", "functions.c", "solver.c")
+_INCLUDE = '#include "controller.h"\n'
+
+
+class CController:
+    """A callable ``(Measurement, t) -> Command``, at the beginning of its mission."""
+
+    def __init__(self, folder: Path, sizes: dict[str, int], *, forces: bool) -> None:
+        """folder: where the files of C are. sizes [-]: of `interface_types`.
+
+        forces: its commands have thrust and torque. Raises `InvalidInput` where the files cannot be compiled, or are of
+        a controller for another robot or mission.
+        """
+        types = interface_types(sizes)
+        self._inputs, self._outputs = (kind() for kind in types)
+        self._forces, library = forces, _library(folder)
+        size, *given = (ctypes.c_ulong * 3).in_dll(library, "CONTROLLER_SIZES")
+        if given != [ctypes.sizeof(kind) for kind in types]:
+            raise InvalidInput(f"{folder} is of a controller for another robot or mission; export this one")
+        self._memory = ctypes.create_string_buffer(size)
+        self._step = library["controller_step"]
+        self._step.restype = None
+        library["controller_reset"](self._memory)
+
+    def __call__(self, measurement: Measurement, t: float) -> Command:
+        """The command for the tick at time t [s]."""
+        write_measurement(self._inputs, measurement, t)
+        self._step(self._memory, ctypes.byref(self._inputs), ctypes.byref(self._outputs))
+        return command_in(self._outputs, forces=self._forces)
+
+
+def interface_types(sizes: dict[str, int]) -> tuple[type[ctypes.Structure], type[ctypes.Structure]]:
+    """What is given and told at every tick, for n_q, n_v, n_joints, n_thrusters and n_quantities [-]."""
+    return structure_of(ControllerInputs, **sizes), structure_of(ControllerOutputs, **sizes)
+
+
+def _library(folder: Path) -> ctypes.CDLL:
+    try:
+        header, *files = ((folder / name).read_text(encoding="utf-8") for name in _FILES)
+    except OSError as error:
+        raise InvalidInput(
+            f"{folder} has no controller: {error.strerror}; `uvms-ocp export controller` writes one"
+        ) from None
+    source, *others = (text.replace(_INCLUDE, header) for text in files)
+    path = compile_library(source, name="the exported controller", others=others)
+    if path is None:
+        raise InvalidInput(f"the controller in {folder} cannot be compiled; give a C compiler (CC, cc, gcc, clang)")
+    return loaded_library(path)
+
+
+# What a controller was given and told at every tick of a run.
+
+_TOLD = ("phase", "freshness", "status", "viable_share")
+
+
+class RecordingController:
+    """A controller that keeps, for each tick, `ControllerInputs` and `ControllerOutputs` as numbers."""
+
+    def __init__(
+        self,
+        controller: Callable[[Measurement, float], Command],
+        kinematic: KinematicController,
+        inputs: ctypes.Structure,
+        outputs: ctypes.Structure,
+    ) -> None:
+        """inputs, outputs: what numbers are written to on their way."""
+        self.kinematic = kinematic
+        """The layer below."""
+        self._controller, self._inputs, self._outputs = controller, inputs, outputs
+        self.ticks: list[list[float]] = []
+        """(n,) each [in their units]."""
+
+    def __call__(self, measurement: Measurement, t: float) -> Command:
+        """The command for the tick at time t [s]."""
+        write_measurement(self._inputs, measurement, t)
+        command = self._controller(measurement, t)
+        _write_command(self._outputs, command)
+        self.ticks.append([*numbers_in(self._inputs), *numbers_in(self._outputs)])
+        return command
+
+    def as_bytes(self) -> bytes:
+        """Eight for each number, least first."""
+        return np.array(self.ticks).astype("<f8").tobytes()
+
+
+def _write_command(outputs: Any, command: Command) -> None:
+    view(outputs.v)[:] = command.v
+    if command.thrust is not None and command.torque is not None:
+        outputs.thrust[: len(command.thrust)] = command.thrust.tolist()
+        outputs.torque[: len(command.torque)] = command.torque.tolist()
+    for name in ("hold", "stop", "brakes", "finished"):
+        setattr(outputs, name, getattr(command, name))
+    for name in _TOLD:
+        setattr(outputs, name, command.telemetry[name])
+    quantities = command.telemetry["quantities"]
+    outputs.quantities[: len(quantities)] = quantities.tolist()
+
+
+def numbers_in(value: Any) -> Iterator[float]:
+    """All of a structure, field after field."""
+    if isinstance(value, ctypes.Structure):
+        for name, *_ in value._fields_:
+            yield from numbers_in(getattr(value, name))
+    elif isinstance(value, ctypes.Array):
+        for item in value:
+            yield from numbers_in(item)
+    else:
+        yield value

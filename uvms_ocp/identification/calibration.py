@@ -1,0 +1,371 @@
+"""Calibrate a robot: from recordings to all that is known of it after them.
+
+An unknown that recordings do not determine ends anywhere, often at next to nothing, and a vehicle would fly with it: the exported
+estimate holds these where they were declared, and fits all others anew about them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.data_quality import MAY, SHIFTS, ExplainedMotion, check_data_quality, commanded, motion_of
+from uvms_ocp.identification.fit import FitContext, Predicted, Search, search_fit
+from uvms_ocp.identification.model import stage_of
+from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise
+from uvms_ocp.identification.parameters import Quantity, Unknowns
+from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold, split_at_gaps
+from uvms_ocp.identification.rollout import Prepared, Rollout
+from uvms_ocp.identification.sample_checks import QualityIssue
+from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings
+from uvms_ocp.identification.uncertainty import (
+    DETERMINED,
+    INTERVAL,
+    IdentifiedNumber,
+    UnidentifiableDirection,
+    Whiteness,
+    certainties,
+    left_open,
+    numbers,
+    variance_inflation,
+    whiteness,
+)
+from uvms_ocp.identification.validation import LeftOut, Profile, StaticBalance, profiles, static_baseline
+from uvms_ocp.identification.validation import leave_one_out as left_out
+from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
+
+# Whether a vehicle accelerates as its thrusters push, or as if some were exchanged or reversed.
+
+_BETTER = 0.5  # [-] of one axis, by which another way must explain more
+_WELL = 0.4  # [-] of what moves, that it must explain: what holds a vehicle against waves pushes against its motion
+_MOST = 4  # [-] changes that are looked for, one after the other
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Agreement:
+    """Of accelerations with thrust, at m times of the one before the other."""
+
+    common: np.ndarray
+    """(m, 6, n) [N] of accelerations in units of their own size."""
+    gram: np.ndarray
+    """(m, n, n) [N2] of thrust."""
+
+    def of(self, B: np.ndarray) -> float:
+        """Shares [-] that thrusters B (6, n) [-, m] explain, less where a vehicle accelerates against them; mean over axes."""
+        along = (B * self.common).sum(axis=2)
+        size = np.sqrt(np.maximum(np.einsum("ij,mjk,ik->mi", B, self.gram, B), 0.0))
+        pushed = size > 1e-9 * max(float(size.max()), 1e-300)
+        cosine = np.where(pushed, along / np.where(pushed, size, 1.0), 0.0)
+        return float((cosine * np.abs(cosine)).sum(axis=1).max())
+
+
+def mixed_thrusters(recording: Recording, thrust: Channel, B: np.ndarray, names: Sequence[str]) -> str:
+    """What was done to thrusters whose commands explain the motion better; empty where nothing is clear.
+
+    thrust: [N] columns in the order of names, which push by B (6, n) [-, m].
+    """
+    motion = motion_of(recording)
+    if motion is None or thrust.values.shape[1] != B.shape[1]:
+        return ""
+    agreement, told, axes = _agreement(motion, thrust), list[str](), int((np.abs(B) > 1e-9).any(axis=1).sum())
+    best = agreement.of(B)
+    for _ in range(_MOST):
+        ways = {text: B @ Q for text, Q in _ways(names).items()}
+        found: Mapping[str, float] = {text: agreement.of(way) for text, way in ways.items()}
+        text = max(found, key=lambda one: found[one])
+        if found[text] < best + _BETTER:
+            break
+        best, B = found[text], ways[text]
+        told.append(text)
+    return " and ".join(told) if best > _WELL * axes else ""
+
+
+def _agreement(motion: ExplainedMotion, thrust: Channel) -> _Agreement:
+    held = ZeroOrderHold(thrust)
+    given = np.array([commanded(held, motion, shift) for shift in SHIFTS[MAY]])
+    size = np.maximum(np.linalg.norm(motion.acceleration, axis=0), 1e-300)
+    return _Agreement((motion.acceleration / size).T @ given, given.swapaxes(1, 2) @ given)
+
+
+def _ways(names: Sequence[str]) -> dict[str, np.ndarray]:
+    """(n, n) [-] each, by what they do."""
+    n = len(names)
+    return {"all reversed": -np.eye(n)} | dict(_reversed(names)) | dict(_exchanged(names))
+
+
+def _reversed(names: Sequence[str]) -> Iterator[tuple[str, np.ndarray]]:
+    for k, name in enumerate(names):
+        yield f"{name} reversed", np.diag(np.where(np.arange(len(names)) == k, -1.0, 1.0))
+
+
+def _exchanged(names: Sequence[str]) -> Iterator[tuple[str, np.ndarray]]:
+    for i, j in combinations(range(len(names)), 2):
+        order = np.arange(len(names))
+        order[[i, j]] = j, i
+        yield f"{names[i]} and {names[j]} exchanged", np.eye(len(names))[order]
+
+
+# What a recording says, and a fit with these settings takes for something else: doubts about both together.
+
+_FLOWS = 0.01  # [m/s] of a current that is told
+_STRONG = 0.05  # [m/s] of one that spoils a fit without it: added mass and drag take its place
+_SOON = 0.005  # [s] of a delay that is not
+_BEYOND = 1e-3  # [-] of a limit
+
+
+def check_settings(
+    subject: CalibratedRobot, settings: CalibrationSettings, recording: Recording
+) -> Iterator[QualityIssue]:
+    """One after the other."""
+    known, channels = subject.vehicle.own.declaration.quantities, recording.channels
+    if "current" in channels:
+        yield from _of_current(channels["current"], learnt=bool(known["current"].free.all()))
+    if recording.at_once:
+        yield from _of_delay(settings, known["delay"])
+        if settings.commands == "wrench" and "thrust" in channels:
+            text = "thrusters were driven ahead of their lag to give it, and a lag by it is not theirs: give commands: thrust"
+            yield QualityIssue(channel="wrench", problem=text)
+    if "thrust" in channels and settings.commands == "thrust":
+        yield from _of_thrust(recording, channels["thrust"].of(subject.robot.thruster_names, "thrust"), subject)
+
+
+def require_current(subject: CalibratedRobot, recording: Recording) -> None:
+    """Raises InvalidInput for a recorded current that is strong, and that no unknown may take.
+
+    Such a fit converges where its numbers are wrong by many of their standard errors.
+    """
+    current, free = recording.channels.get("current"), subject.vehicle.own.declaration.quantities["current"].free
+    size = 0.0 if current is None else float(np.linalg.norm(current.values.mean(axis=0)))
+    if size > _STRONG and not free.any():
+        given = f"{recording.name}: a current of {size:.2g} m/s, which the fit would take for still water"
+        raise InvalidInput(f"{given}; learn it too: `current: {{prior: 0.2}}`, or leave the recording out")
+
+
+def _of_current(current: Channel, *, learnt: bool) -> Iterator[QualityIssue]:
+    values = current.values - (current.values.mean(axis=0) if learnt else 0.0)
+    size = float(np.linalg.norm(values, axis=1).max())
+    if size > _FLOWS:
+        taken = (
+            "about its mean, and a fit takes it for steady" if learnt else "that a fit takes for still water: learn it"
+        )
+        yield QualityIssue(channel="current", problem=f"up to {size:.2g} m/s {taken}")
+
+
+def _of_delay(settings: CalibrationSettings, delay: Quantity) -> Iterator[QualityIssue]:
+    if settings.delay > _SOON and not delay.free.any():
+        held = f"and a fit holds their delay at {settings.delay:g} s: give less, or learn it"
+        yield QualityIssue(channel=settings.commands, problem=f"commands of a run of this toolkit act at once, {held}")
+
+
+def _of_thrust(recording: Recording, thrust: Channel, subject: CalibratedRobot) -> Iterator[QualityIssue]:
+    lower, upper = thrust_limits(subject.robot)
+    beyond = ((thrust.values > upper * (1.0 + _BEYOND)) | (thrust.values < lower * (1.0 + _BEYOND))).any(axis=0)
+    if beyond.any():
+        names = ", ".join(np.array(subject.robot.thruster_names)[beyond])
+        yield QualityIssue(
+            channel="thrust", problem=f"more is asked of {names} than they can give: a fit takes it for given"
+        )
+    mixed = mixed_thrusters(recording, thrust, thruster_matrix(subject.robot), subject.robot.thruster_names)
+    if mixed:
+        yield QualityIssue(
+            channel="thrust", problem=f"the vehicle accelerates as with {mixed}: their order, their signs?"
+        )
+
+
+# What a robot's file may say of what was learnt: what stays open is as it was declared, and all else is fitted anew about it.
+#
+# An unknown that recordings do not determine ends anywhere, often at next to nothing, and a vehicle would fly with it. The others
+# have taken its part where they were fitted with it: they are not kept as they were either. What is next to nothing because the
+# recordings say so, as drag that another one takes the place of, stays so: as it was before it would contradict them.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Flown:
+    """Of an estimate."""
+
+    estimate: Estimate
+    kept: tuple[str, ...] = ()
+    """Unknowns that are as they were declared, as ``added_mass surge``."""
+
+    @property
+    def usable(self) -> bool:
+        """Whether a file may be made of it: the search has converged."""
+        return self.estimate.status is FitStatus.CONVERGED
+
+
+def exported_estimate(fitted: FitContext, together: float) -> Flown:
+    """All that is open is held where the recordings allow it, or else of one quantity after the other.
+
+    together: [-] samples that miss alike, as `correlated` finds.
+    """
+    shared, estimate = fitted.vehicle.shared, fitted.estimate
+    is_open = np.array([one.sigma > DETERMINED for one in certainties(fitted.vehicle, estimate, together)], dtype=bool)
+    kept, best = np.zeros(len(is_open), dtype=bool), estimate
+    if estimate.status is FitStatus.CONVERGED:
+        for chosen in _chosen(shared, is_open):
+            found = None if (chosen <= kept).all() else _held(fitted, kept | chosen)
+            allowed = INTERVAL**2 * together * int((kept | chosen).sum())
+            if found is not None and 2.0 * (found.cost - estimate.cost) < allowed:
+                kept, best = kept | chosen, found
+    return Flown(estimate=best, kept=tuple(np.array(shared.names)[kept].tolist()))
+
+
+def _chosen(shared: Unknowns, is_open: np.ndarray) -> Iterator[np.ndarray]:
+    """(n,) bool: all, then quantity by quantity."""
+    yield is_open
+    quantities = np.array([name.partition(" ")[0] for name in shared.names])
+    for name in dict.fromkeys(quantities.tolist()):
+        yield is_open & (quantities == name)
+
+
+def _held(fitted: FitContext, which: np.ndarray) -> Estimate | None:
+    """With those of which (n,) bool where they were declared, and all others fitted anew; none where that does not converge."""
+    shared = fitted.vehicle.shared
+    problem = replace(fitted, vehicle=replace(fitted.vehicle, shared=shared.held(which))).problem()
+    near = problem.start(np.where(which, shared.start, fitted.estimate.shared))
+    found = problem.solve(near, iterations=fitted.search.iterations)
+    exact = replace(found, shared=np.where(which, shared.start, found.shared))
+    return exact if found.status is FitStatus.CONVERGED else None
+
+
+# Recordings in, all that is known of a robot after them out.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Comparison:
+    """A recording, predicted from its commands, its start fitted on what was seen first."""
+
+    name: str
+    calibrated: Predicted
+    before: Predicted
+    """By the vehicle as it was declared."""
+    still: Predicted
+    """By one that stays as it was seen first."""
+    balance: Predicted
+    """By one that stays where weight and buoyancy turn the calibrated vehicle no further."""
+    left: Predicted
+    """Stretch by stretch, as the search has left it."""
+    whiteness: tuple[Whiteness, ...]
+    """Of what is left."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Calibration:
+    """Of a subject."""
+
+    subject: CalibratedRobot
+    estimate: Estimate
+    flown: Flown
+    """What the robot's file says of it."""
+    numbers: tuple[IdentifiedNumber, ...]
+    open: tuple[UnidentifiableDirection, ...]
+    """Combinations of unknowns that the recordings do not determine."""
+    together: float
+    """[-] samples that miss alike: intervals are wider by its root than white residuals would have them."""
+    whiteness: tuple[Whiteness, ...]
+    """Of what is left of all recordings."""
+    comparisons: tuple[Comparison, ...]
+    doubts: tuple[str, ...]
+    profiles: tuple[Profile, ...] = ()
+    """Of the numbers that are determined, where they were asked for."""
+    left_out: tuple[LeftOut, ...] = ()
+    """Every recording, predicted by what the others tell, where that was asked for."""
+
+
+def calibrate(
+    subject: CalibratedRobot,
+    settings: CalibrationSettings,
+    recordings: Sequence[Recording],
+    *,
+    profiled: bool = False,
+    leave_one_out: bool = False,
+    tell: Callable[[str], None] = lambda _: None,
+    warn: Callable[[str], None] = lambda _: None,
+) -> Calibration:
+    """Identify; with profiles and leave-one-out, which take longer, if wanted; tell is told what is being done.
+
+    warn is told every doubt before anything is searched. Recordings with silences are cut there.
+    Raises InvalidInput for no recordings, one alone to be left out, equal names, or a current that is recorded and not
+    learnt, and NameNotFound for a channel that is missing.
+    """
+    recordings = split_at_gaps(recordings)
+    _require(recordings, leave_one_out)
+    prepared = tuple(Prepared.of(one, subject.vehicle) for one in recordings)
+    for one in prepared:
+        one.stretches(settings.step, settings.stretch)  # or it is too short
+        require_current(subject, one.recording)
+    doubtful = tuple(_doubtful(subject, settings, recordings))
+    for doubt in doubtful:
+        warn(doubt)
+    fitted = _fitted(subject, settings, prepared)
+    left = fitted.left()
+    together = variance_inflation(left, fitted.noise)
+    told = numbers(subject.vehicle, fitted.estimate, together)
+    return Calibration(
+        subject=subject,
+        estimate=fitted.estimate,
+        flown=exported_estimate(fitted, together),
+        numbers=told,
+        open=left_open(subject.vehicle, fitted.estimate, together),
+        together=together,
+        whiteness=whiteness(left, fitted.noise),
+        comparisons=_comparisons(fitted),
+        doubts=doubtful,
+        profiles=tuple(profiles(fitted, told, together, tell)) if profiled else (),
+        left_out=tuple(left_out(fitted, tell=tell)) if leave_one_out else (),
+    )
+
+
+def _doubtful(
+    subject: CalibratedRobot, settings: CalibrationSettings, recordings: Sequence[Recording]
+) -> Iterator[str]:
+    for one in recordings:
+        yield from (
+            f"{one.name}: {doubt}" for doubt in (*check_data_quality(one), *check_settings(subject, settings, one))
+        )
+
+
+def _require(recordings: Sequence[Recording], leave_one_out: bool) -> None:
+    names = [one.name for one in recordings]
+    if not names or len(set(names)) < len(names):
+        raise InvalidInput(f"recordings {names} given; allowed: one at least, each with a name of its own")
+    if leave_one_out and len(names) < 2:
+        raise InvalidInput(f"recordings {names} given; leave-one-out needs at least 2")
+
+
+def _fitted(subject: CalibratedRobot, settings: CalibrationSettings, prepared: tuple[Prepared, ...]) -> FitContext:
+    vehicle, noise = subject.vehicle, Noise(**settings.noise.model_dump())
+    rollout = Rollout(stage_of(vehicle))
+    search = Search(step=settings.step, stretch=settings.stretch)
+    return FitContext(
+        vehicle=vehicle,
+        rollout=rollout,
+        prepared=prepared,
+        noise=noise,
+        search=search,
+        estimate=search_fit(vehicle, prepared, noise, rollout, search),
+    )
+
+
+def _comparisons(fitted: FitContext) -> tuple[Comparison, ...]:
+    balance = StaticBalance.of(fitted.vehicle)
+    return tuple(_comparison(fitted, balance, one) for one in fitted.prepared)
+
+
+def _comparison(fitted: FitContext, balance: StaticBalance, one: Prepared) -> Comparison:
+    (whole,) = one.stretches(fitted.search.step)
+    after, before = fitted.predictor(), fitted.predictor(fitted.vehicle.shared.start)
+    left = fitted.left(one.recording.name)
+    return Comparison(
+        name=one.recording.name,
+        calibrated=after.of(whole),
+        before=before.of(whole),
+        still=static_baseline(whole, after.known),
+        balance=balance.of_stretch(whole, fitted.estimate.shared),
+        left=left,
+        whiteness=whiteness(left, fitted.noise),
+    )

@@ -1,0 +1,331 @@
+"""Check the quality of a recording by what must hold for any vehicle: velocity is the rate of pose, motion follows commands.
+
+Axes are searched among all 48 ways to swap and turn them; one is reported where it explains much more than the axes as they are,
+so that axes in which nothing moved raise no issue.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uvms_ocp.identification.recording import (
+    CHANNEL_KINDS,
+    GRID,
+    Channel,
+    Recording,
+    ZeroOrderHold,
+    angular_rate,
+    rotations,
+    smoothed,
+)
+from uvms_ocp.identification.sample_checks import (
+    DEAD,
+    EXPLAINED,
+    MOVES,
+    WAYS,
+    WINDOW,
+    correlation,
+    explained,
+    has_times,
+    named,
+    of_gravity,
+    of_poses,
+    of_samples,
+    of_stuck,
+    offset,
+    told_factor,
+    told_late,
+)
+from uvms_ocp.identification.sample_checks import QualityIssue as QualityIssue
+
+# Whether velocities are the rates of poses: axes, frames, units, clocks.
+
+_INSIDE = slice(round(WINDOW / GRID), -round(WINDOW / GRID))
+"""Of smoothed samples, where the window is whole."""
+_PARTNER = {"linear_velocity": "position", "angular_velocity": "attitude"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Reference:
+    """What a velocity should be, at uniform times."""
+
+    t: np.ndarray
+    body: np.ndarray
+    """(m, 3)"""
+    world: np.ndarray | None = None
+    """(m, 3) the same in W."""
+    R: np.ndarray | None = None
+    """(m, 3, 3) from B to W."""
+
+
+def of_rates(recording: Recording) -> Iterator[tuple[str, str]]:
+    """Channels and what speaks against them."""
+    for name, reference in _references(recording):
+        yield from _rate_issues(recording, name, reference)
+
+
+def _references(recording: Recording) -> Iterator[tuple[str, _Reference]]:
+    channels = recording.channels
+    if "attitude" not in channels:
+        return
+    if "angular_velocity" in channels:
+        t, omega = angular_rate(channels["attitude"], WINDOW)
+        yield "angular_velocity", _Reference(t[_INSIDE], omega[_INSIDE])
+    if "linear_velocity" in channels and "position" in channels:
+        t, rate = smoothed(channels["position"].known_t, channels["position"].values, WINDOW, derivative=1)
+        t, rate = t[_INSIDE], rate[_INSIDE]
+        R = rotations(channels["attitude"], t)
+        yield "linear_velocity", _Reference(t, np.einsum("nji,nj->ni", R, rate), rate, R)
+
+
+def _rate_issues(recording: Recording, name: str, reference: _Reference) -> Iterator[tuple[str, str]]:
+    measured, partner = recording.channels[name], _PARTNER[name]
+    if np.ptp(measured.values, axis=0).max() < DEAD or reference.body.std(axis=0).max() < MOVES[name]:
+        return
+    t, values = smoothed(measured.known_t, measured.values, WINDOW)
+    late, steady = offset(reference.t, reference.body, t, values)
+    seen = np.column_stack([np.interp(reference.t + late, t, column) for column in values.T])
+    jump = "its clock and that of the {} differ at the end by another time than at the beginning: a jump?"
+    told = [told_late(late) if steady else jump, told_factor(reference.body, seen)]
+    yield from ((name, text.format(partner)) for text in told if text)
+    factor = float(np.linalg.norm(seen) / np.linalg.norm(reference.body))
+    yield from _rate_axes(reference, seen / factor, name)
+
+
+def _rate_axes(reference: _Reference, seen: np.ndarray, name: str) -> Iterator[tuple[str, str]]:
+    """Other axes that explain more of the motion than the axes as they are."""
+    own, partner = explained(seen, reference.body), _PARTNER[name]
+    ways = {
+        (name, f"its axes fit the rate of the {partner} as {named(Q)}"): explained(seen @ Q.T, reference.body)
+        for Q in WAYS
+    }
+    ways |= _in_world(reference, seen, name)
+    best = max(ways, key=lambda way: ways[way])
+    if ways[best] > own + EXPLAINED:
+        yield best[0], f"{best[1]} ({100 * ways[best]:.0f} % of it, {100 * own:.0f} % as they are)"
+
+
+def _in_world(reference: _Reference, seen: np.ndarray, name: str) -> Mapping[tuple[str, str], float]:
+    """Ways that only a world frame tells; less likely than those of B, where both will do."""
+    if reference.world is None or reference.R is None:
+        return {}
+    partner, world = _PARTNER[name], reference.world
+    turned = np.einsum("nij,nj->ni", reference.R, seen)
+    found = {
+        (partner, f"its rate fits the velocity with axes {named(Q)}: NED against ENU?"): explained(turned, world @ Q.T)
+        for Q in WAYS
+    }
+    found[name, f"its axes fit the rate of the {partner} in W"] = explained(seen, world)
+    return {way: share - EXPLAINED / 2 for way, share in found.items()}
+
+
+# Whether velocities of joints are the rates of their positions: order, sign, units, clocks, and what is dead in one alone.
+
+_MOVING_JOINT = 0.01  # [rad/s, m/s] standard deviation; less says nothing
+_OTHER = 0.5  # [-] correlation below which a joint may be another
+_BETTER = 0.3  # [-] by which that must fit better
+_NAMES = ("joint_positions", "joint_velocities")
+
+
+def of_joints(recording: Recording) -> Iterator[tuple[str, str]]:
+    """Channels and what speaks against them."""
+    if not set(_NAMES) <= recording.channels.keys():
+        return
+    positions, velocities = (recording.channels[name] for name in _NAMES)
+    if positions.values.shape[1] != velocities.values.shape[1]:
+        yield _NAMES[1], f"{velocities.values.shape[1]} of them, and {positions.values.shape[1]} positions"
+        return
+    t, rate = smoothed(positions.known_t, positions.values, WINDOW, derivative=1)
+    t_seen, seen = smoothed(velocities.known_t, velocities.values, WINDOW)
+    yield from _dead(rate, seen, np.ptp(positions.values, axis=0), np.ptp(velocities.values, axis=0))
+    if rate.std(axis=0).max() < _MOVING_JOINT or seen.std(axis=0).max() < DEAD:
+        return
+    late, _ = offset(t, rate, t_seen, seen)
+    shifted = np.column_stack([np.interp(t + late, t_seen, column) for column in seen.T])
+    told = [told_late(late), told_factor(rate, shifted)]
+    yield from ((_NAMES[1], text.format("positions")) for text in told if text)
+    yield from _columns(rate, shifted)
+
+
+def _dead(rate: np.ndarray, seen: np.ndarray, width: np.ndarray, speeds: np.ndarray) -> Iterator[tuple[str, str]]:
+    for k in range(len(width)):
+        if width[k] < DEAD and seen[:, k].std() > _MOVING_JOINT:
+            yield _NAMES[0], f"dead: {k} stays where it is, and its velocity does not"
+        if speeds[k] < DEAD and rate[:, k].std() > _MOVING_JOINT:
+            yield _NAMES[1], f"dead: {k} stays as it is, and its position moves"
+
+
+def _columns(rate: np.ndarray, seen: np.ndarray) -> Iterator[tuple[str, str]]:
+    moving = [k for k in range(rate.shape[1]) if min(rate[:, k].std(), seen[:, k].std()) > _MOVING_JOINT]
+    for k in moving:
+        fits = {j: correlation(seen[:, k], rate[:, j]) for j in moving}
+        best = max(fits, key=lambda j: abs(fits[j]))
+        if fits[k] < _OTHER and abs(fits[best]) > fits[k] + _BETTER:
+            sign = "minus " if fits[best] < 0 else ""
+            yield _NAMES[1], f"{k} fits {sign}the rate of position {best}"
+
+
+# What accelerates a vehicle beside drag, weight and the turning of its frame, and what of a command stands beside these.
+
+SHIFTS = np.arange(-2.0, 3.0 + 1e-9, GRID)
+"""[s] by which motion comes after a command."""
+MAY = (SHIFTS > -0.15) & (SHIFTS < 1.2)
+"""Of these, whether it may: thrusters lag, and messages take their time."""
+_MOVING_VEHICLE = 0.01  # [m/s, rad/s] standard deviation of what moves
+_LEAST = 200  # [-] samples
+_STILL = 1e-6  # [-] of a command's size, left of it beside drag and weight: nothing by itself
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExplainedMotion:
+    """At uniform times."""
+
+    t: np.ndarray
+    """(m,) [s]"""
+    acceleration: np.ndarray
+    """(m, 6) [-] linear and angular in B, in units of their own spread, without what drag and weight explain."""
+    beside: np.ndarray
+    """(m, l) [-] orthonormal: drag, weight and the turning of the frame."""
+    R: np.ndarray
+    """(m, 3, 3) [-] from B to W."""
+
+    def rest(self, values: np.ndarray) -> np.ndarray:
+        """What these do not explain of values (m, k) [any]."""
+        return values - self.beside @ (self.beside.T @ values)
+
+
+def motion_of(recording: Recording) -> ExplainedMotion | None:
+    """None where the attitude or all velocities are not known."""
+    channels = recording.channels
+    if "attitude" not in channels or "linear_velocity" not in channels:
+        return None
+    t, _ = smoothed(channels["attitude"].known_t, channels["attitude"].values, WINDOW)
+    start, end = recording.span
+    t = t[(t > start - SHIFTS[0]) & (t < end - SHIFTS[-1])]
+    if len(t) < _LEAST:
+        return None
+    turning = channels.get("angular_velocity")
+    if turning is None or np.ptp(turning.values) < 1e-3:
+        when, omega = angular_rate(channels["attitude"], WINDOW)
+        turning = Channel(t=when, values=omega)
+    parts = [_at(t, one) for one in (channels["linear_velocity"], turning)]
+    v, a = (np.hstack([part[k] for part in parts]) for k in range(2))
+    R = rotations(channels["attitude"], t)
+    beside, _ = np.linalg.qr(np.hstack([np.ones((len(t), 1)), v, v * np.abs(v), R[:, 2], np.cross(v[:, 3:], v[:, :3])]))
+    left = np.where(v.std(axis=0) > _MOVING_VEHICLE, a - beside @ (beside.T @ a), 0.0)
+    return ExplainedMotion(t, left / np.maximum(left.std(axis=0), 1e-9), beside, R)
+
+
+def _at(t: np.ndarray, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
+    """Values and rates (m, k) at t (m,)."""
+    grid, values = smoothed(channel.known_t, channel.values, WINDOW)
+    _, rates = smoothed(channel.known_t, channel.values, WINDOW, derivative=1)
+    return _interpolated(t, grid, values), _interpolated(t, grid, rates)
+
+
+def _interpolated(t: np.ndarray, grid: np.ndarray, values: np.ndarray) -> np.ndarray:
+    return np.column_stack([np.interp(t, grid, column) for column in values.T])
+
+
+def commanded(held: ZeroOrderHold, motion: ExplainedMotion, shift: float, *, turned: bool = False) -> np.ndarray:
+    """Means (m, k) of a command over the window of the rates, without what drag and weight explain.
+
+    shift: [s] before the rates. turned: from W, which a wrench would be in, to B.
+    """
+    edges = motion.t - shift
+    values = (held.total(edges + WINDOW / 2) - held.total(edges - WINDOW / 2)) / WINDOW
+    if turned:
+        values = np.einsum("nji,nkj->nki", motion.R, values.reshape(-1, 2, 3)).reshape(-1, 6)
+    rest = motion.rest(values)
+    return np.where(rest.std(axis=0) > _STILL * np.abs(values).max(axis=0), rest, 0.0)
+
+
+# Whether motion follows its commands: after them, soon, and along the axes of a wrench.
+#
+# An acceleration is explained by a command at an earlier time, beside drag, weight and the turning of the frame. Where one at a
+# time that cannot be explains much more than all that can be, the clocks differ.
+
+_COMMANDS = tuple(name for name, kind in CHANNEL_KINDS.items() if kind.command)
+_CLEARER, _CLEAR = 0.1, 0.3  # [-] of what drag leaves: by how much more another time must explain, and how much
+_MORE = 0.3  # [-] by which other axes of a wrench must explain more, of one axis
+_PARTS = {"forces": slice(0, 3), "moments": slice(3, 6)}
+
+
+def of_commands(recording: Recording) -> Iterator[tuple[str, str]]:
+    """Channels and what speaks against them."""
+    given = [name for name in _COMMANDS if name in recording.channels]
+    motion = motion_of(recording) if given else None
+    for name in given if motion is not None else ():
+        assert motion is not None
+        yield from ((name, text) for text in _command_issues(name, ZeroOrderHold(recording.channels[name]), motion))
+
+
+def _command_issues(name: str, held: ZeroOrderHold, motion: ExplainedMotion) -> Iterator[str]:
+    signed = name == "wrench"
+    shares = np.array([_shares(motion, commanded(held, motion, shift), signed) for shift in SHIFTS])
+    moved = shares.max(axis=0) > _CLEAR
+    if not moved.any():
+        return
+    share = shares[:, moved].mean(axis=1)
+    late = float(SHIFTS[int(np.argmax(share))])
+    if share.max() > share[MAY].max() + _CLEARER:
+        told = f"{late:.2f} s after" if late > 0 else f"{-late:.2f} s before"
+        yield f"the vehicle accelerates {told} what it says: a clock of its own?"
+    if signed:
+        yield from _wrench_axes(held, motion, late)
+
+
+def _wrench_axes(held: ZeroOrderHold, motion: ExplainedMotion, late: float) -> Iterator[str]:
+    """Other axes of a wrench, along which the vehicle accelerates more than along those that it has."""
+    inside, outside = (commanded(held, motion, late, turned=turned) for turned in (False, True))
+    for part, rows in _PARTS.items():
+        ways = {named(Q): _along(motion.acceleration[:, rows], inside[:, rows], Q) for Q in WAYS}
+        ways["in W"] = _along(motion.acceleration[:, rows], outside[:, rows], np.eye(3)) - _MORE / 2
+        best = max(ways, key=lambda way: ways[way])
+        if ways[best] > max(ways[named(np.eye(3))], 0.0) + _MORE:
+            yield f"its {part} fit the acceleration as {best}"
+
+
+def _along(acceleration: np.ndarray, seen: np.ndarray, Q: np.ndarray) -> float:
+    """Shares [-] that each axis of Q seen (m, 3) explains of its acceleration (m, 3), less where it points away; their sum."""
+    along = np.diag(_correlations(acceleration, seen @ Q.T))
+    return float((along * np.abs(along)).sum())
+
+
+def _shares(motion: ExplainedMotion, seen: np.ndarray, signed: bool) -> np.ndarray:
+    """Shares (6,) [-] of all accelerations that a command explains; signed: of its own axis, and along it."""
+    if signed:
+        return np.maximum(np.diag(_correlations(motion.acceleration, seen)), 0.0) ** 2
+    size = np.maximum(np.linalg.norm(seen, axis=0), 1e-300)
+    base, values, _ = np.linalg.svd(seen / size, full_matrices=False)
+    base = base[:, values > 1e-6 * max(values[0], 1e-300)]
+    return np.asarray(
+        ((base.T @ motion.acceleration) ** 2).sum(axis=0) / np.maximum((motion.acceleration**2).sum(axis=0), 1e-9)
+    )
+
+
+def _correlations(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Of columns (k, l) [-]."""
+    sizes = np.outer(np.linalg.norm(x, axis=0), np.linalg.norm(y, axis=0))
+    return np.asarray(x.T @ y / np.maximum(sizes, 1e-300))
+
+
+# In: a recording. Out: what is doubtful about it, found by what must hold whatever the vehicle.
+#
+# Velocity is the rate of position, what is at rest is held up against gravity, and motion follows its command. Axes are looked
+# for among all 48 ways to swap and turn them; a way is told where it explains much more than the axes as they are, so that axes
+# in which nothing moved raise no doubt.
+
+
+def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
+    """Everything that is doubtful about a recording."""
+    sound = {name: one for name, one in recording.channels.items() if CHANNEL_KINDS[name].command or has_times(one)}
+    others = replace(recording, channels=sound)
+    found = [*recording.known_doubts, *of_samples(recording)]
+    found += [
+        each for kind in (of_poses, of_rates, of_joints, of_gravity, of_stuck, of_commands) for each in kind(others)
+    ]
+    return tuple(QualityIssue(channel=name, problem=text) for name, text in found)

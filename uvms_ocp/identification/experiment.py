@@ -1,0 +1,413 @@
+"""Experiments: limits of thrust and pool, commands as knots, the trajectory that follows from them and its Fisher information.
+
+The information is that of sensors which see every step; its derivative needs the second derivatives of the stage, but only in the
+one direction that adjoints ask for: a trajectory costs a few simulations with slopes, whatever the number of commands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.codegen.buffered import BufferedFunction
+from uvms_ocp.codegen.compile import compile_function
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.model import N_V, Stage
+from uvms_ocp.identification.output_error import Noise
+from uvms_ocp.identification.recording import Channel, ZeroOrderHold
+from uvms_ocp.identification.rollout import Rollout, chained
+from uvms_ocp.robot.spatial import quaternion_to_matrix
+from uvms_ocp.types import read_only
+
+# What an excitation must keep to: thrust, and the pool around where the vehicle begins.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ExperimentLimits:
+    """Of commands and of motion. Raises InvalidInput for limits that do not hold what is there at the beginning."""
+
+    thrust: np.ndarray
+    """(n_u, 2) [N, N m] lowest and highest command of each actuator, around 0."""
+    pool: np.ndarray
+    """(2, 3) [m] corners between which the hull stays, in W, from where the vehicle's origin begins."""
+    hull: np.ndarray = field(default_factory=lambda: np.zeros((2, 3)))
+    """(2, 3) [m] lowest and highest corner of a box that holds the hull, in B; default: the origin alone."""
+    slew: float = np.inf
+    """[N/s, N m/s] by which a command may change."""
+    tilt: float = 0.7
+    """[rad] between the vehicle's z axis and W's."""
+    margin: float = 0.1
+    """[-] share of the pool's half width and of the tilt that is kept free: other numbers lead elsewhere."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "thrust", read_only(self.thrust, np.float64))
+        object.__setattr__(self, "pool", read_only(self.pool, np.float64))
+        object.__setattr__(self, "hull", read_only(self.hull, np.float64))
+        if self.thrust.ndim != 2 or self.thrust.shape[1] != 2 or self.pool.shape != (2, 3):
+            raise InvalidInput(
+                f"thrust {self.thrust.shape}, pool {self.pool.shape} given; allowed: (n_u, 2) and (2, 3)"
+            )
+        if not (_are_sizes(self.thrust * [-1, 1]) and _are_sizes(self.pool * [[-1], [1]])):
+            raise InvalidInput("thrust or pool without 0 inside given; allowed: lowest below 0, highest above, finite")
+        if not (self.slew > 0.0 and 0.0 < self.tilt < np.pi / 2 and 0.0 <= self.margin < 1.0):
+            given = f"slew = {self.slew}, tilt = {self.tilt}, margin = {self.margin} given"
+            raise InvalidInput(f"{given}; allowed: slew > 0, tilt from 0 to pi/2, margin from 0 to 1")
+        self._require_room()
+
+    def _require_room(self) -> None:
+        if self.hull.shape != (2, 3) or not (self.hull[0] <= self.hull[1]).all():
+            raise InvalidInput(f"hull {self.hull.tolist()} given; allowed: its lowest corner, then its highest")
+        if not (self.room > 0.0).all():
+            sides = (" x ".join(f"{side:.4g}" for side in one[1] - one[0]) for one in (self.hull, self.pool))
+            raise InvalidInput("hull of {} m in a pool of {} m given; give a pool that leaves it room".format(*sides))
+
+    @property
+    def room(self) -> np.ndarray:
+        """(3,) [m] that the vehicle can go either way before the hull, turned as at first, comes to a wall."""
+        return np.asarray(((self.pool - self.hull) * [[-1.0], [1.0]]).min(axis=0))
+
+    @property
+    def _middle(self) -> np.ndarray:
+        return np.asarray(self.pool.mean(axis=0))
+
+    @property
+    def _half(self) -> np.ndarray:
+        return np.asarray(np.diff(self.pool, axis=0)[0] / 2)
+
+    def swept(self, x: np.ndarray) -> np.ndarray:
+        """(2, 3) [m] lowest and highest corner of a box in W that holds the hull at all states x (n, n_x) [as `Stage`]."""
+        R = _turned(x[:, 3:7])
+        middle, reach = x[:, :3] + R @ self.hull.mean(axis=0), np.abs(R) @ (np.diff(self.hull, axis=0)[0] / 2)
+        return np.array([(middle - reach).min(axis=0), (middle + reach).max(axis=0)])
+
+    def kept(self, commands: np.ndarray, step: float) -> np.ndarray:
+        """The commands (n, n_u) [N, N m], a step [s] apart, as near as thrust and slew allow; they begin from 0."""
+        found, before = np.empty_like(commands), np.zeros(commands.shape[1])
+        for k, wanted in enumerate(commands):
+            before = found[k] = self.after(before, wanted, step)
+        return found
+
+    def after(self, before: np.ndarray, wanted: np.ndarray, step: float) -> np.ndarray:
+        """The command (n_u,) [N, N m] nearest to wanted (n_u,) [N, N m], a step [s] after before (n_u,) [N, N m]."""
+        most = self.slew * step
+        return np.asarray(np.clip(np.clip(wanted, *self.thrust.T), before - most, before + most))
+
+    def beyond(self, x: np.ndarray, margin: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """How far states x (n, n_x) leave pool and tilt (n, 4) [-, in half widths], and the slope with x (n, 4, 7).
+
+        margin: [-] default: the limits' own.
+        """
+        left = 1.0 - (self.margin if margin is None else margin)
+        far, slope = np.zeros((len(x), 4)), np.zeros((len(x), 4, 7))
+        far[:, :3], slope[:, :3] = self._far(x)
+        # The root of qx^2 + qy^2 is the sine of half the tilt.
+        leaning, most = np.maximum(np.hypot(x[:, 3], x[:, 4]), 1e-9), np.sin(left * self.tilt / 2)
+        far[:, 3], slope[:, 3, 3:5] = leaning / most, x[:, 3:5] / leaning[:, None] / most
+        over = far - [left, left, left, 1.0]
+        return np.maximum(over, 0.0), slope * (over > 0.0)[:, :, None]
+
+    def _far(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far the hull's outermost corners are from the pool's middle (n, 3) [-, in half widths]; slope (n, 3, 7)."""
+        centre, size = self.hull.mean(axis=0), np.diff(self.hull, axis=0)[0] / 2
+        R, with_q = _turned(x[:, 3:7]), np.einsum("ijkl,nl->nijk", _BENT, x[:, 3:7])
+        off = x[:, :3] + R @ centre - self._middle
+        side = np.where(off < 0.0, -1.0, 1.0)
+        corner = centre + side[:, :, None] * np.sign(R) * size  # the outermost in each direction
+        slope = np.concatenate([np.tile(np.eye(3), (len(x), 1, 1)), np.einsum("nijk,nij->nik", with_q, corner)], axis=2)
+        return (np.abs(off) + np.abs(R) @ size) / self._half, slope * (side / self._half)[:, :, None]
+
+
+def _turned(q: np.ndarray) -> np.ndarray:
+    """(n, 3, 3) [-] from B to W by quaternions q (n, 4) [-]."""
+    return np.moveaxis(np.array(quaternion_to_matrix(q.T)), -1, 0)
+
+
+def _rotation_curvature() -> np.ndarray:
+    """(3, 3, 4, 4) [-] second derivatives of a rotation matrix with its quaternion, in which it is a quadratic form."""
+    e = np.eye(4)
+    one = _turned(e) - np.eye(3)
+    both = _turned((e[:, None] + e).reshape(-1, 4)).reshape(4, 4, 3, 3) - np.eye(3)
+    return np.moveaxis(both - one[:, None] - one, (0, 1), (2, 3))
+
+
+_BENT = _rotation_curvature()
+
+
+def _are_sizes(values: np.ndarray) -> bool:
+    return bool(((values > 0.0) & (values < np.inf)).all())
+
+
+# What commands lead to, with what it tells of the unknowns, and how both change with the commands.
+#
+# The information is that of sensors which see every step; its derivative needs the second derivatives of the stage, but only
+# in the one direction that adjoints ask for: a course costs a few simulations with slopes, whatever the number of commands.
+
+_AT_REST = np.array([0.0, 0, 0, 0, 0, 0, 1])
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Course:
+    """From rest, in steps of one length."""
+
+    x: np.ndarray
+    """(n + 1, n_x) [as `Stage`]"""
+    u: np.ndarray
+    """(n, n_u) [N, N m] commands as they act, late."""
+    late: np.ndarray
+    """(n, n_u) [N/s, N m/s] by which they change with the delay."""
+    y: np.ndarray
+    """(n + 1, 9) [as `Stage.seen`]"""
+    slopes: tuple[np.ndarray, ...]
+    """A (n, n_x, n_x), B (n, n_x, n_p) and C (n, n_x, n_u) [any] of the steps."""
+    S: np.ndarray
+    """(n + 1, n_x, n_p) [any] how states change with the unknowns."""
+    y_x: np.ndarray
+    """(n + 1, 9, n_x) [any]"""
+    J: np.ndarray
+    """(n + 1, 9, n_p) [any] how what is seen changes with the unknowns."""
+
+
+class Courses:
+    """Of one vehicle with unknowns p (n_p,) [as `Unknowns.start`], in steps h [s], with joints (3 n_j,) [as `Stage`]."""
+
+    def __init__(self, rollout: Rollout, p: np.ndarray, h: float, joints: np.ndarray) -> None:
+        self._rollout, self._stage, self._p, self.h = rollout, rollout.stage, p, h
+        self._joints, self._called = joints, dict[tuple[str, int], BufferedFunction]()
+        delays, slopes = (np.asarray(one) for one in self._stage.delays(p))
+        self.delay, self._late, self._seen_late = float(delays[0, 0]), slopes[0], slopes[1]
+
+    def states(self, u: np.ndarray) -> np.ndarray:
+        """(n + 1, n_x) [as `Stage`] after commands u (n, n_u) [N, N m] as they act."""
+        x = np.concatenate([_AT_REST, np.zeros(N_V + self._stage.n_u)])
+        whole = self._rollout.many("step", self._rollout.step, len(u), 1)
+        (after,) = self._outputs(("step", len(u)), whole, x, *self._given(u))
+        return np.vstack([x, after.T])
+
+    def of(self, u: np.ndarray, late: np.ndarray) -> Course:
+        """Simulate commands u (n, n_u) [N, N m] as they act, which change with the delay by late (n, n_u) [N/s, N m/s]."""
+        x, stage = self.states(u), self._stage
+        A, B, C = self._mapped("slope", self._rollout.slope, x[:-1].T, *self._given(u))
+        B += np.einsum("kij,kj->ki", C, late)[:, :, None] * self._late
+        S = chained(A, B, np.zeros((stage.n_x, stage.n_p)))
+        y, y_x, y_p = self._mapped("seen", stage.seen, x.T, self._p)
+        J = y_x @ S + y_p
+        J[1:, :3] -= np.diff(y[:, :3], axis=0) / self.h * self._seen_late
+        return Course(x=x, u=u, late=late, y=y[:, :, 0], slopes=(A, B, C), S=S, y_x=y_x, J=J)
+
+    def pulled(self, one: Course, M: np.ndarray, with_x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How a figure [-] changes with u and late (n, n_u) [1/N, 1/(N m), and s times these].
+
+        M: (n + 1, 9, n_p) [1 / unit of J] is how it changes with J, with_x: (n + 1, n_x) [1 / unit of x] with x itself.
+        """
+        A, _, C = one.slopes
+        direct = np.swapaxes(one.y_x, 1, 2) @ M
+        L = _backward(A, direct)[1:]
+        late = L @ self._late
+        weights = L @ np.swapaxes(one.S[:-1], 1, 2), L, late[:, :, None] * one.late[:, None, :]
+        bent_x, bent_u = self._bent(one, weights)
+        own = with_x + self._bent_seen(one, M) + np.vstack([bent_x, np.zeros(len(one.x[0]))])
+        adjoint = _backward(A, own[:, :, None])[1:, :, 0]
+        return bent_u + np.einsum("kij,ki->kj", C, adjoint), np.einsum("kij,ki->kj", C, late)
+
+    def _bent(self, one: Course, weights: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray]:
+        found = self._mapped("bent", self._functions[0], one.x[:-1].T, *self._given(one.u), *_wide(weights))
+        return found[0][:, :, 0], found[1][:, :, 0]
+
+    def _bent_seen(self, one: Course, M: np.ndarray) -> np.ndarray:
+        """With x (n + 1, n_x), by what is seen."""
+        weights = M @ np.swapaxes(one.S, 1, 2), M
+        (found,) = self._mapped("bent seen", self._functions[1], one.x.T, self._p, *_wide(weights))
+        with_y = np.zeros_like(one.y)
+        rate = M[1:, :3] @ self._seen_late[:, None] / self.h
+        with_y[1:, :3] -= rate[:, :, 0]
+        with_y[:-1, :3] += rate[:, :, 0]
+        return np.asarray(found[:, :, 0] + np.einsum("kij,ki->kj", one.y_x, with_y))
+
+    @cached_property
+    def _functions(self) -> tuple[ca.Function, ca.Function]:
+        return compile_function(_bent_step(self._stage)), _bent_seen(self._stage)
+
+    def _given(self, u: np.ndarray) -> tuple[np.ndarray, ...]:
+        return u.T, self._joints, self._p, np.full(1, self.h)
+
+    def _mapped(self, name: str, function: ca.Function, *given: np.ndarray) -> list[np.ndarray]:
+        """Outputs (n, rows, columns), where given[0] has n columns; what has one is the same for all."""
+        n = given[0].shape[1]
+        found = self._outputs((name, n), self._rollout.many(name, function, 0, n), *given)
+        return [np.ascontiguousarray(one.reshape(len(one), n, -1).swapaxes(0, 1)) for one in found]
+
+    def _outputs(self, key: tuple[str, int], function: ca.Function, *given: np.ndarray) -> tuple[np.ndarray, ...]:
+        if key not in self._called:
+            self._called[key] = BufferedFunction(function)
+        return self._called[key](*given)
+
+
+def _wide(parts: tuple[np.ndarray, ...]) -> Iterator[np.ndarray]:
+    """(rows, n columns), of parts (n, rows, columns) side by side."""
+    return (part.transpose(1, 0, 2).reshape(part.shape[1], -1) for part in parts)
+
+
+def _backward(A: np.ndarray, direct: np.ndarray) -> np.ndarray:
+    """(n + 1, n_x, k) ``L_k = direct_k + A_k' L_k+1``"""
+    L = direct.copy()
+    for k in range(len(A) - 1, -1, -1):
+        L[k] += A[k].T @ L[k + 1]
+    return L
+
+
+def _bent_step(stage: Stage) -> ca.Function:
+    """``x, u, joints, p, h, weights of A, B, C -> slopes of the weighted sum with x and u``"""
+    shapes = (stage.n_x, 1), (stage.n_u, 1), (3 * stage.n_j, 1), (stage.n_p, 1), (1, 1)
+    given = [ca.SX.sym("given", *shape) for shape in shapes]
+    return _weighted_gradient("bent", given, stage.slope(*given), given[:2])
+
+
+def _bent_seen(stage: Stage) -> ca.Function:
+    """``x, p, weights of dy/dx, dy/dp -> slope of the weighted sum with x``"""
+    given = [ca.SX.sym("given", stage.n_x), ca.SX.sym("given", stage.n_p)]
+    return _weighted_gradient("bent_seen", given, stage.seen(*given)[1:], given[:1])
+
+
+def _weighted_gradient(name: str, given: list[ca.SX], slopes: list[ca.SX], along: list[ca.SX]) -> ca.Function:
+    weights = [ca.SX.sym("weights", *one.shape) for one in slopes]
+    total = sum((ca.dot(w, one) for w, one in zip(weights, slopes, strict=True)), ca.SX(0))
+    return ca.Function(name, [*given, *weights], [ca.densify(ca.gradient(total, one)) for one in along], {"cse": True})
+
+
+# What a course tells of the numbers that matter, as one figure with its slope.
+
+_NOTHING = 1e-6  # of information: what is known of an unknown without a prior
+_SHARP = (
+    20.0  # [-] power of standard errors whose mean counts: 0 would make all count alike, more and more the worst alone
+)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Aim:
+    """What is to be learnt."""
+
+    slopes: np.ndarray
+    """(m, n_p) [units of numbers, per unknown] of the numbers that matter."""
+    known: np.ndarray
+    """(n_p, n_p) [1 / unknowns^2] of priors, and of recordings that there are."""
+    noise: Noise
+    rate: float
+    """[Hz] of the sensors."""
+
+    def weights(self, h: float) -> np.ndarray:
+        """(9,) [1 / unit^2] of what is seen, in steps of h [s]."""
+        sigma = np.repeat([self.noise.velocity, self.noise.rate, self.noise.vertical], 3)
+        return self.rate * h / sigma**2
+
+    def information(self, one: Course, h: float) -> np.ndarray:
+        """(n_p, n_p) [1 / unknowns^2] of a course alone, in steps h [s]."""
+        J = (one.J * np.sqrt(self.weights(h))[:, None]).reshape(-1, one.J.shape[-1])
+        return np.asarray(J.T @ J)
+
+    def figure(self, one: Course, h: float, wanted: np.ndarray) -> tuple[float, np.ndarray]:
+        """[-] Logarithm of the numbers' standard errors over those wanted (m,) [units of numbers], those farthest off first.
+
+        With its slope with J (n + 1, 9, n_p); steps h [s].
+        """
+        C = self.covariance(self.information(one, h))
+        with_numbers = self.slopes @ C
+        squares = np.maximum(np.einsum("ij,ij->i", with_numbers, self.slopes), 1e-300)
+        value, share = _softly_largest(np.log(squares) / 2 - np.log(wanted))
+        with_information = -np.einsum("ij,ik,i->jk", with_numbers, with_numbers, 0.5 * share / squares)
+        return value, 2.0 * self.weights(h)[:, None] * (one.J @ with_information)
+
+    def deviations(self, information: np.ndarray) -> np.ndarray:
+        """(m,) [units of numbers] standard errors after recordings of some information (n_p, n_p) [1 / unknowns^2]."""
+        C = self.covariance(information)
+        return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", self.slopes, C, self.slopes)))
+
+    def covariance(self, information: np.ndarray) -> np.ndarray:
+        """(n_p, n_p) [unknowns^2] after recordings of some information (n_p, n_p) [1 / unknowns^2]."""
+        whole = information + self.known + _NOTHING * np.eye(len(self.known))
+        # Unknowns differ by powers of ten in what is known of them.
+        scale = 1.0 / np.sqrt(np.diag(whole))
+        return np.asarray(scale[:, None] * np.linalg.inv(whole * np.outer(scale, scale)) * scale)
+
+
+def _softly_largest(values: np.ndarray) -> tuple[float, np.ndarray]:
+    """Of values (m,) [-], between their mean and the largest, with its slope (m,) [-]."""
+    most = float(values.max())
+    grown = np.exp(_SHARP * (values - most))
+    return most + float(np.log(grown.mean())) / _SHARP, grown / grown.sum()
+
+
+# Commands as a few numbers: what each actuator is told at knots, and straight lines between them.
+
+_WITHIN = 1e-9  # [-] of a step
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class KnotCommands:
+    """Of commands that begin and end with 0, as sparse linear maps from knots (n_knots, n_u) [N, N m]."""
+
+    told: Any
+    """(n, n_knots) [-] commands as they are sent, held for a step each."""
+    acting: Any
+    """(n, n_knots) [-] commands as they act, late."""
+    late: Any
+    """(n, n_knots) [1/s] how they change with the delay."""
+
+    @staticmethod
+    def of(duration: float, every: float, step: float, delay: float) -> KnotCommands:
+        """Of some duration [s], knots about `every` [s] and in steps of `step` [s], where commands act by `delay` [s] late."""
+        n, inner = round(duration / step), max(1, round(duration / every) - 1)
+        told, t = _lines(n, inner, step * (inner + 1) / duration), step * np.arange(n)
+        # A command of one step only: what it does is the same at any time.
+        held, edges = ZeroOrderHold(Channel(t=t, values=np.eye(n, 1, -1))), edges_of(n, step, delay)
+        acting, late = _shifted(held.mean(edges)[:, 0]), _shifted(-held.mean_slope(edges)[:, 0])
+        return KnotCommands(told=told, acting=acting @ told, late=late @ told)
+
+    @property
+    def n_knots(self) -> int:
+        """Those at both ends left out."""
+        return int(self.told.shape[1])
+
+    def nearest(self, told: np.ndarray) -> np.ndarray:
+        """Knots (n_knots, n_u) [N, N m] whose commands are nearest to told (n, n_u) [N, N m]."""
+        from scipy.sparse.linalg import spsolve  # a tenth of a second
+
+        square = (self.told.T @ self.told).tocsc()
+        return np.asarray(spsolve(square, self.told.T @ told)).reshape(self.n_knots, -1)
+
+
+def edges_of(n: int, step: float, delay: float) -> np.ndarray:
+    """(n + 1,) [s] when what acts in steps of `step` [s] was told, from 0, where commands act by delay [s] late."""
+    # Delays are often whole steps: rounding would decide, edge by edge, which of two commands changes with them.
+    return step * (np.arange(n + 1) + _WITHIN) - delay
+
+
+def _lines(n: int, inner: int, each: float) -> Any:
+    """(n, inner) [-] shares of knots in n samples that lie `each` knots apart; the first knot and the last are 0."""
+    from scipy.sparse import csr_array
+
+    place = each * np.arange(n)
+    knot = np.minimum(place.astype(int), inner)
+    share = place - knot
+    rows, columns = np.tile(np.arange(n), 2), np.concatenate([knot, knot + 1])
+    whole = csr_array((np.concatenate([1.0 - share, share]), (rows, columns)), shape=(n, inner + 2))
+    return whole[:, 1:-1]
+
+
+def _shifted(response: np.ndarray) -> Any:
+    """(n, n) [any] what commands do, of which the one in the second step does response (n,) [any]."""
+    from scipy.sparse import diags
+
+    later = np.flatnonzero(response)
+    return diags(response[later], 1 - later, shape=(len(response),) * 2, format="csr")
+
+
+def multisine(rng: np.random.Generator, n_knots: int, n_u: int, waves: float) -> np.ndarray:
+    """Knots (n_knots, n_u) [-] of sines with drawn phases, at most 1; waves: [-] of the fastest from begin to end."""
+    turns = 2 * np.pi * np.arange(1, max(1, round(waves)) + 1)[:, None] * np.linspace(0.0, 1.0, n_knots)
+    found = np.sin(turns[:, :, None] + 2 * np.pi * rng.uniform(size=(len(turns), 1, n_u))).sum(axis=0)
+    return np.asarray(found / np.abs(found).max(axis=0))

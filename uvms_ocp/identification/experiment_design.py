@@ -1,0 +1,393 @@
+"""Optimal experiment design: commands after which the numbers that matter are known best, within thrust, pool and time.
+
+Optimal control in its simplest form: commands at knots are the unknowns, the trajectory follows from them, and its information has a
+slope with all of them at once. The search begins with drawn sines, flown so that they stay in the pool. Limits of thrust hold all
+along; slew, pool and tilt are penalties with a margin, dearer from round to round. What comes out is limited in thrust and slew
+exactly. Finer steps say where it leads: by how much they differ is added to the trajectories of the next round.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from uvms_ocp.errors import AdvisedStatus, InvalidInput, NameNotFound
+from uvms_ocp.identification.experiment import Aim, Courses, ExperimentLimits, KnotCommands, edges_of, multisine
+from uvms_ocp.identification.model import N_Q, N_V, Vehicle
+from uvms_ocp.identification.output_error import Noise
+from uvms_ocp.identification.recording import Channel, ZeroOrderHold
+from uvms_ocp.identification.rollout import Rollout
+from uvms_ocp.identification.uncertainty import DETERMINED_BELOW, IdentifiedNumber, numbers_at, slopes_of
+from uvms_ocp.robot.spatial import quaternion_to_matrix
+
+# What an excitation is to find out, and with which means.
+
+_SHORTEST, _LONGEST = 1.0, 1800.0  # [s]: maps from knots to commands grow with the square
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Assignment:
+    """One. Raises InvalidInput for limits of other actuators, and too little time or too much."""
+
+    vehicle: Vehicle
+    """With its unknowns where they are believed to be."""
+    limits: ExperimentLimits
+    duration: float = 60.0
+    """[s] of a recording."""
+    matter: tuple[str, ...] = ()
+    """Numbers, or quantities, which are to be known well; all where none is named."""
+    noise: Noise = field(default_factory=Noise)
+    """Of the sensors."""
+    rate: float = 10.0
+    """[Hz] of the sensors."""
+    known: np.ndarray | None = None
+    """(n_p, n_p) [1 / unknowns^2] information of recordings that there are."""
+    joints: tuple[float, ...] = ()
+    """(n_j,) [rad or m] of the arm, which is held still; 0 where none is given."""
+
+    def __post_init__(self) -> None:
+        n_u = len(self.vehicle.actuators.names)
+        if len(self.limits.thrust) != n_u:
+            raise InvalidInput(f"thrust of {len(self.limits.thrust)} actuators given; allowed: {n_u}")
+        if not (_SHORTEST <= self.duration <= _LONGEST and 0.0 < self.rate < np.inf):
+            given = f"duration = {self.duration}, rate = {self.rate} given"
+            raise InvalidInput(f"{given}; allowed: {_SHORTEST:g} to {_LONGEST:g} s, and a rate of more than 0")
+
+    @property
+    def unknowns(self) -> np.ndarray:
+        """(n_p,) [as `Unknowns.start`]"""
+        return np.concatenate([self.vehicle.shared.start, self.vehicle.own.start])
+
+    @property
+    def still(self) -> np.ndarray:
+        """(3 n_j,) [as `Stage` has joints]"""
+        n_j = self.vehicle.dynamics.model.nv - N_V
+        return np.concatenate([self.joints or np.zeros(n_j), np.zeros(2 * n_j)])
+
+    @property
+    def chosen(self) -> list[int]:
+        """Places of the m numbers that matter, as `numbers` has them. Raises NameNotFound for one that there is not."""
+        return _chosen(slopes_of(self.vehicle, self.vehicle.shared.start)[0], self.matter)
+
+    def aim(self) -> Aim:
+        """Raises NameNotFound for a number that does not depend on the unknowns."""
+        names, slopes = slopes_of(self.vehicle, self.vehicle.shared.start)
+        chosen = slopes[_chosen(names, self.matter)]
+        priors = np.concatenate([self.vehicle.shared.sigma, self.vehicle.own.sigma])
+        known = np.zeros((len(priors),) * 2) if self.known is None else self.known
+        return Aim(
+            slopes=np.hstack([chosen, np.zeros((len(chosen), len(self.vehicle.own.start)))]),
+            known=known + np.diag(1.0 / priors**2),
+            noise=self.noise,
+            rate=self.rate,
+        )
+
+
+def _chosen(names: Sequence[tuple[str, str]], matter: Sequence[str]) -> list[int]:
+    """Places of numbers that are named, or whose quantity is; names: (quantity, number)."""
+    for one in matter:
+        if not any(one in pair for pair in names):
+            raise NameNotFound("number", one, [number for _, number in names])
+    return [k for k, pair in enumerate(names) if not matter or set(pair) & set(matter)]
+
+
+# What commands are expected to tell where the vehicle is as it is believed to be, and where they lead it.
+
+FINER = 5
+"""[-] steps of the simulation that says where commands lead, in one of the search."""
+
+
+class DesignStatus(AdvisedStatus):
+    """Where a design leads."""
+
+    INSIDE = "inside the pool", "See how far vehicles with other numbers go before it drives one."
+    OUTSIDE = (
+        "leaves the pool or tilts too far",
+        "Give a larger pool, less thrust or less time, or allow more iterations.",
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Excitation:
+    """Commands, and what they are expected to tell."""
+
+    commands: Channel
+    """(n, n_u) [N, N m] held for a step each; they begin with 0."""
+    states: np.ndarray
+    """(k, n_x) [as `Stage`] that they lead to, from rest, in the finer steps of the last simulation."""
+    swept: np.ndarray
+    """(2, 3) [m] lowest and highest corner of what the hull sweeps, in W, from where the vehicle's origin begins."""
+    numbers: tuple[IdentifiedNumber, ...]
+    """As they are known after one recording, where the vehicle is as it is believed to be."""
+    information: np.ndarray
+    """(n_p, n_p) [1 / unknowns^2] of one recording, priors left out."""
+    status: DesignStatus
+
+
+def excitation_of(given: Assignment, rollout: Rollout, commands: Channel) -> Excitation:
+    """What other commands, held for equal steps, would tell."""
+    step = float(commands.t[1] - commands.t[0])
+    courses, held = Courses(rollout, given.unknowns, step, given.still), ZeroOrderHold(commands)
+    edges = commands.t[0] + edges_of(len(commands.t), step, courses.delay)
+    aim = given.aim()
+    information = aim.information(courses.of(held.mean(edges), -held.mean_slope(edges)), step)
+    n, states = len(given.vehicle.shared.start), simulate_commands(given, rollout, commands, given.unknowns)
+    left = given.limits.beyond(states, margin=0.0)[0].any()
+    return Excitation(
+        commands=commands,
+        states=states,
+        swept=given.limits.swept(states),
+        numbers=numbers_at(given.vehicle, given.vehicle.shared.start, aim.covariance(information)[:n, :n]),
+        information=information,
+        status=DesignStatus.OUTSIDE if left else DesignStatus.INSIDE,
+    )
+
+
+def simulate_commands(given: Assignment, rollout: Rollout, commands: Channel, p: np.ndarray) -> np.ndarray:
+    """States (k, n_x) [as `Stage`] to which commands lead a vehicle with unknowns p (n_p,) [as `Unknowns.start`]."""
+    step = float(commands.t[1] - commands.t[0]) / FINER
+    courses = Courses(rollout, p, step, given.still)
+    edges = commands.t[0] + edges_of(FINER * len(commands.t), step, courses.delay)
+    return courses.states(ZeroOrderHold(commands).mean(edges))
+
+
+# Any commands, made to stay in the pool: where they lead out of it, a spring at the actuators pulls back.
+
+_AHEAD = 1.0  # [s] that the spring looks ahead
+
+
+def kept_inside(given: Assignment, rollout: Rollout, wanted: np.ndarray, step: float) -> np.ndarray:
+    """(n, n_u) [N, N m] within thrust and slew; wanted: (n, 6) [-] of what each axis can get alone, held for a step [s].
+
+    At a wall the spring balances all that an axis can get; the vehicle is as it is believed to be.
+    """
+    B, p, joints = given.vehicle.actuators.wrench, given.unknowns, given.still
+    spread = np.linalg.pinv(B)
+    most = 1.0 / (np.abs(spread) / np.abs(given.limits.thrust).min(axis=1)[:, None]).max(axis=0).clip(1e-9)
+    stiff = most / np.concatenate([given.limits.room, [given.limits.tilt, given.limits.tilt, np.inf]])
+    x, found, before = np.zeros(rollout.stage.n_x), [], np.zeros(len(spread))
+    x[N_Q - 1] = 1.0
+    for one in wanted:
+        back = stiff * (_away(x) + _AHEAD * x[N_Q : N_Q + N_V])
+        before = given.limits.after(before, spread @ (one * most - back), step)
+        found.append(before)
+        x = np.asarray(rollout.step(x, before, joints, p, step)).ravel()
+    return np.array(found)
+
+
+def _away(x: np.ndarray) -> np.ndarray:
+    """(6,) [m, rad] from where it began and from upright, in B; yaw is free."""
+    R = np.array(quaternion_to_matrix(x[3:N_Q]))
+    return np.concatenate([R.T @ x[:3], [R[2, 1], -R[2, 0], 0.0]])
+
+
+# Thrust as one would think of it: steps, chirps, and both at once; each flown within the same pool, as large as it allows.
+
+STEP = 0.05
+"""[s] for which a command is held."""
+_AMPLITUDES = np.linspace(1.0, 0.05, 20)  # of the largest thrust, tried one after the other
+_HOLD = 2.0  # [s] of a step
+_SLOWEST, _FASTEST = 0.1, 1.0  # [Hz] of chirps
+
+
+def steps(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Axis after axis ahead and back, (n, 6) [-] at t (n,) [s]; half as far in every other turn."""
+    place = (t / _HOLD).astype(int)
+    size = np.where(place // 12 % 2, 0.5, 1.0) * np.where(place % 2, -1.0, 1.0)
+    return np.asarray(size[:, None] * (place[:, None] // 2 % 6 == np.arange(6)))
+
+
+def chirps(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Axis after axis, from slow to fast, (n, 6) [-] at t (n,) [s]."""
+    each = (t[-1] + t[1]) / 6
+    since = t % each
+    wave = np.cos(2 * np.pi * (_SLOWEST + (_FASTEST - _SLOWEST) * since / each / 2) * since)
+    return np.asarray(wave[:, None] * ((t / each).astype(int)[:, None] == np.arange(6)))
+
+
+def both(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Drawn steps of all axes at once, chirps beside them, (n, 6) [-] at t (n,) [s]."""
+    shape = int(t[-1] / 3) + 1, 6
+    drawn = rng.uniform(-1, 1, size=shape) * (rng.uniform(size=shape) < 0.5)
+    chirp = 0.3 * np.sin(2 * np.pi * (0.05 + 0.15 * t / t[-1])[:, None] * t[:, None] + np.arange(6))
+    return np.asarray(drawn[(t / 3).astype(int)] + chirp)
+
+
+BY_HAND: dict[str, Callable[[np.ndarray, np.random.Generator], np.ndarray]] = {
+    "steps": steps,
+    "chirps": chirps,
+    "steps and chirps": both,
+}
+
+
+def largest(given: Assignment, rollout: Rollout, name: str, seed: int = 0) -> Excitation:
+    """One of these, as large as it may be."""
+    t = STEP * np.arange(round(given.duration / STEP))
+    wanted = BY_HAND[name](t, np.random.default_rng(seed))
+    for share in _AMPLITUDES:
+        told = kept_inside(given, rollout, share * wanted, STEP)
+        found = excitation_of(given, rollout, Channel(t=t, values=told))
+        if found.status is DesignStatus.INSIDE:
+            break
+    return found
+
+
+# How well numbers are to be known: twice as well as steps and chirps by hand tell them, and well enough to count.
+
+HALF = 0.5
+"""[-] of the smallest standard error by hand, which is wanted."""
+
+
+def target_deviations(given: Assignment, rollout: Rollout) -> np.ndarray:
+    """(m,) [units of numbers] standard errors of those that matter.
+
+    Recordings can only add to what is believed: it is their own information that is to be more. Where those by hand say less
+    than that, belief is left to stand.
+    """
+    chosen, aim = given.chosen, given.aim()
+    by_hand = [largest(given, rollout, name).numbers for name in BY_HAND]
+    least = np.array([[one.sigma for one in numbers] for numbers in by_hand]).min(axis=0)[chosen]
+    learnt = np.array([[one.learnt for one in numbers] for numbers in by_hand]).max(axis=0)[chosen]
+    sizes = np.array([one.size or np.inf for one in by_hand[0]])[chosen]
+    believed = 1.0 / aim.deviations(np.zeros_like(aim.known)) ** 2
+    told = np.where(learnt, 1.0 / least**2 - believed, 0.0)
+    return np.asarray((believed + np.maximum(told / HALF**2, 1.0 / (DETERMINED_BELOW * sizes) ** 2)) ** -0.5)
+
+
+# What a search of commands lowers: what is left unknown, and what it costs to leave the pool or to hurry thrusters.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Objective:
+    """Of knots (n_knots, n_u) [N, N m]."""
+
+    aim: Aim
+    limits: ExperimentLimits
+    history: KnotCommands
+    courses: Courses
+    wanted: np.ndarray
+    """(m,) [units of numbers] standard errors that those of the aim are compared with."""
+    off: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    """(n + 1, n_x) [as `Stage`], or none (1,), that states are truly beside the course."""
+
+    def value(self, knots: np.ndarray, price: float) -> tuple[float, np.ndarray]:
+        """[-] at knots (n_knots, n_u) [N, N m], with its slope [1/N, 1/(N m)]; price [-] of leaving the pool."""
+        one = self.courses.of(self.history.acting @ knots, self.history.late @ knots)
+        figure, M = self.aim.figure(one, self.courses.h, self.wanted)
+        out, slope = self.limits.beyond(one.x + self.off)
+        share = 2.0 * price / len(one.x)
+        with_x = np.pad(share * np.einsum("ki,kij->kj", out, slope), ((0, 0), (0, one.x.shape[1] - slope.shape[2])))
+        with_u, with_late = self.courses.pulled(one, M, with_x)
+        hurry, with_told = self._hurry(self.history.told @ knots, price)
+        pulled = self.history.acting.T @ with_u + self.history.late.T @ with_late + self.history.told.T @ with_told
+        return figure + share * float((out**2).sum()) / 2.0 + hurry, pulled
+
+    def lowered(self, knots: np.ndarray, price: float, iterations: int) -> np.ndarray:
+        """Better knots (n_knots, n_u) [N, N m], by a quasi-Newton method within the limits of thrust; price [-]."""
+        from scipy.optimize import minimize  # half a second, which few need
+
+        size = np.abs(self.limits.thrust).max(axis=1)
+
+        def lower(scaled: np.ndarray) -> tuple[float, np.ndarray]:
+            value, slope = self.value(scaled.reshape(knots.shape) * size, price)
+            return value, (slope * size).ravel()
+
+        bounds = np.tile(self.limits.thrust / size[:, None], (len(knots), 1))
+        options = {"maxiter": iterations, "maxcor": 30}
+        found = minimize(lower, (knots / size).ravel(), jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+        return np.asarray(found.x.reshape(knots.shape) * size)
+
+    def _hurry(self, told: np.ndarray, price: float) -> tuple[float, np.ndarray]:
+        """[-] what steps beyond the slew limit cost, with its slope (n, n_u) [1/N, 1/(N m)]."""
+        slope, most = np.zeros_like(told), self.limits.slew * self.courses.h
+        if not np.isfinite(most):
+            return 0.0, slope
+        change = np.diff(told, axis=0)
+        over = np.sign(change) * np.maximum(np.abs(change) / most - 1.0, 0.0)
+        each = 2.0 * price / len(told) * over / most
+        slope[1:] += each
+        slope[:-1] -= each
+        return price / len(told) * float((over**2).sum()), slope
+
+
+# Excitation design: commands after which the numbers that matter are known best, within thrust, pool and time.
+#
+# Optimal control in its simplest form: commands at knots are the unknowns, the course follows from them, and its information
+# has a slope with all of them at once. The search begins with drawn sines, flown so that they stay in the pool. Limits of thrust
+# hold all along; slew, pool and tilt are penalties with a margin, dearer from round to round. What comes out is limited in thrust
+# and slew exactly. Finer steps say where it leads: by how much they differ is added to the courses of the next round.
+
+_PRICES = 100.0, 300.0, 1000.0, 1000.0  # [-] of leaving the pool, round by round
+_DEARER = 3000.0, 10000.0, 30000.0  # [-] where the finer steps still find it outside
+_START_AMPLITUDES = 1.0, 2.0, 4.0  # [-] of what each axis can get alone, where the search begins
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DesignSettings:
+    """Of the search."""
+
+    step: float = 0.05
+    """[s] of the simulation, for which a command is held."""
+    knots: float = 0.2
+    """[s] between the commands that are searched for."""
+    fastest: float = 0.2
+    """[Hz] of the sines where the search begins."""
+    starts: int = 3
+    """[-] drawn in each size, of which the best is made better."""
+    iterations: int = 200
+    """[-] in a round; leaving the pool costs little in the first and much in the last."""
+    seed: int = 0
+
+
+def design_experiment(given: Assignment, rollout: Rollout, effort: DesignSettings | None = None) -> Excitation:
+    """Search. rollout: of the vehicle's stage. Raises NameNotFound for a number that there is not."""
+    search = _Search.of(given, rollout, effort or DesignSettings())
+    knots = search.begun()
+    for price in _PRICES:
+        knots = search.lowered(knots, price)
+    for price in _DEARER:
+        if search.expected(knots).status is DesignStatus.INSIDE:
+            break
+        knots = search.lowered(knots, price)
+    return search.expected(knots)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Search:
+    """For knots (n_knots, n_u) [N, N m]."""
+
+    given: Assignment
+    rollout: Rollout
+    effort: DesignSettings
+    objective: Objective
+
+    @staticmethod
+    def of(given: Assignment, rollout: Rollout, effort: DesignSettings) -> _Search:
+        aim, courses = given.aim(), Courses(rollout, given.unknowns, effort.step, given.still)
+        history = KnotCommands.of(given.duration, effort.knots, effort.step, courses.delay)
+        objective = Objective(aim, given.limits, history, courses, target_deviations(given, rollout))
+        return _Search(given=given, rollout=rollout, effort=effort, objective=objective)
+
+    def begun(self) -> np.ndarray:
+        """The best of sines that are made to stay in the pool."""
+        given, history, rng = self.given, self.objective.history, np.random.default_rng(self.effort.seed)
+        found = []
+        for share in _START_AMPLITUDES * self.effort.starts:
+            sines = multisine(rng, history.told.shape[0], 6, given.duration * self.effort.fastest)
+            flown = kept_inside(given, self.rollout, share * sines, self.effort.step)
+            found.append(np.clip(history.nearest(flown), *given.limits.thrust.T))
+        return min(found, key=lambda knots: self.objective.value(knots, _PRICES[0])[0])
+
+    def lowered(self, knots: np.ndarray, price: float) -> np.ndarray:
+        """Better ones after a round, for a price [-] of leaving the pool."""
+        coarse = self.objective.courses.states(self.objective.history.acting @ knots)
+        off = self.expected(knots).states[::FINER] - coarse
+        return replace(self.objective, off=off).lowered(knots, price, self.effort.iterations)
+
+    def expected(self, knots: np.ndarray) -> Excitation:
+        """What they tell, kept to thrust and slew, and where they lead."""
+        step = self.effort.step
+        told = self.given.limits.kept(self.objective.history.told @ knots, step)
+        return excitation_of(self.given, self.rollout, Channel(t=step * np.arange(len(told)), values=told))

@@ -1,0 +1,216 @@
+"""Fit a vehicle to recordings from far away, and predict recordings with the fit.
+
+In segments of a second everything is nearly linear in the unknowns, as in an equation error; what is found there is near enough for
+long ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uvms_ocp.identification.model import Vehicle
+from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise, OutputErrorProblem, Pull
+from uvms_ocp.identification.rollout import Prepared, Rollout, Segment, SegmentStart
+
+# What a vehicle predicts of a recording from its commands alone, once it is known how the vehicle moved at the beginning.
+
+_ITERATIONS = 10
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Predicted:
+    """What sensors should show, beside what they showed."""
+
+    t: tuple[np.ndarray, ...]
+    """Three of (m,) [s]: of velocity, angular velocity and the vertical in B."""
+    rows: tuple[np.ndarray, ...]
+    """Three of (m, 3) [m/s, rad/s, -]"""
+    seen: tuple[np.ndarray, ...]
+    """Three of (m, 3) [m/s, rad/s, -]"""
+
+    def after(self, t: float) -> Predicted:
+        """Without what was before t [s]."""
+        later = [times > t for times in self.t]
+        parts = [
+            tuple(values[chosen] for values, chosen in zip(all_of_them, later, strict=True))
+            for all_of_them in (self.t, self.rows, self.seen)
+        ]
+        return Predicted(t=parts[0], rows=parts[1], seen=parts[2])
+
+    @property
+    def finite(self) -> bool:
+        """Whether all of it is: a vehicle that was identified on too little may run away."""
+        return all(bool(np.isfinite(rows).all()) for rows in self.rows)
+
+    @staticmethod
+    def joined(parts: Sequence[Predicted]) -> Predicted:
+        """One after the other."""
+        t, rows, seen = (
+            tuple(np.concatenate([getattr(one, name)[k] for one in parts]) for k in range(3))
+            for name in ("t", "rows", "seen")
+        )
+        return Predicted(t=t, rows=rows, seen=seen)
+
+
+def rolled_out(
+    rollout: Rollout, stretch: Segment, start: SegmentStart, shared: np.ndarray, own: np.ndarray
+) -> Predicted:
+    """A stretch from where it begins, with unknowns shared (n,) and own (m,) [as `Unknowns.start`]."""
+    (seen,) = rollout.seen([stretch], [start], np.concatenate([shared, own])[None], slopes=False)
+    return Predicted(t=stretch.t, rows=seen.rows, seen=stretch.seen)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Predictor:
+    """A vehicle with its unknowns found."""
+
+    vehicle: Vehicle
+    rollout: Rollout
+    shared: np.ndarray
+    """(n,) [as `Unknowns.start`]"""
+    noise: Noise
+    """By which starts are fitted."""
+    known: float = 2.0
+    """[s] of the beginning of a stretch, from which its start is found; nothing later is looked at."""
+    own: bool = False
+    """Whether what a recording has for itself is found there too, and not taken as the declaration has it."""
+
+    def of(self, stretch: Segment) -> Predicted:
+        """Predict a whole stretch."""
+        error = OutputErrorProblem(self.vehicle, [stretch.first(self.known)], self.noise, self.rollout)
+        found = error.solve(error.start(self.shared), iterations=_ITERATIONS, frozen=True)
+        own = found.own[stretch.recording] if self.own else self.vehicle.own.start
+        return rolled_out(self.rollout, stretch, found.starts[0], self.shared, own)
+
+    def over(self, prepared: Prepared, step: float, horizon: float) -> Predicted:
+        """Predict a recording horizon by horizon [s], in steps of `step` [s], each from what was known before it."""
+        windows = prepared.windows(step, self.known, horizon)
+        return Predicted.joined([self.of(one).after(float(one.edges[0]) + self.known) for one in windows])
+
+
+def fit(seen: np.ndarray, predicted: np.ndarray) -> float:
+    """[%] ``100 (1 - |error| / |seen - mean|)`` of seen (m,) and predicted (m,) [of one unit]: 0 is as good as the mean."""
+    return 100.0 * (1.0 - float(np.linalg.norm(predicted - seen) / np.linalg.norm(seen - seen.mean())))
+
+
+# Output error from far away: roughly in short stretches first, then as it is meant.
+#
+# In stretches of a second everything is nearly linear in the unknowns, as in an equation error, if what their beginnings showed
+# is trusted and the end of one need not be the beginning of the next. What is found there is near enough for long ones.
+
+_COARSER = 10.0  # noise of the first search, which is to find the way and not the place
+_COARSE = 4.0  # times the steps with which most of the way is gone: few of the fine ones, which take long, are left
+_ROUGH_STEP, _ROUGH_STRETCH = 0.05, 1.0  # [s]
+_ROUGH_ITERATIONS, _ROUGH_TOLERANCE = 20, 1e-3
+_ROUNDS = 10  # of iterations, the first among them, while each of them still lowers the cost
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Search:
+    """Of the second part."""
+
+    step: float = 0.02
+    """[s] of the simulation: lags are biased where it is not well below them."""
+    stretch: float = 20.0
+    """[s]"""
+    iterations: int = 15
+    """After which a search goes on, some times, where it has not converged: the way may be long."""
+
+
+def search_fit(
+    vehicle: Vehicle, recordings: Sequence[Prepared], noise: Noise, rollout: Rollout, search: Search | None = None
+) -> Estimate:
+    """The unknowns that explain the recordings best, from where the declaration has them."""
+    chosen = search or Search()
+    rough = _error(vehicle, recordings, _rough(noise), rollout, _ROUGH_STEP, _ROUGH_STRETCH)
+    near = rough.solve(rough.start(), iterations=_ROUGH_ITERATIONS, tolerance=_ROUGH_TOLERANCE)
+    for step in (min(_COARSE * chosen.step, _ROUGH_STEP), chosen.step):
+        error = _error(vehicle, recordings, noise, rollout, step, chosen.stretch)
+        near = error.solve(error.start(near.shared), iterations=chosen.iterations)
+    return gone_on(error, near, chosen.iterations)
+
+
+def gone_on(error: OutputErrorProblem, found: Estimate, iterations: int) -> Estimate:
+    """From where a search has reached its limit, in rounds of iterations, until it converges or no step is left."""
+    for _ in range(_ROUNDS - 1):
+        if found.status is not FitStatus.ITERATION_LIMIT:
+            break
+        further = error.solve(error.resumed(found), iterations=iterations)
+        found = replace(further, iterations=found.iterations + further.iterations)
+    return found
+
+
+def _rough(noise: Noise) -> Noise:
+    seen = {name: _COARSER * getattr(noise, name) for name in ("velocity", "rate", "vertical")}
+    return replace(noise, **seen, process=1.0, start=2.0 * noise.velocity, outliers=1e3)
+
+
+def _error(
+    vehicle: Vehicle, recordings: Sequence[Prepared], noise: Noise, rollout: Rollout, step: float, stretch: float
+) -> OutputErrorProblem:
+    parts = [part for one in recordings for part in one.stretches(step, stretch)]
+    return OutputErrorProblem(vehicle, parts, noise, rollout)
+
+
+# A vehicle, the recordings that it was identified on, and how: what answers are asked of.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class FitContext:
+    """Of an estimate."""
+
+    vehicle: Vehicle
+    rollout: Rollout
+    prepared: tuple[Prepared, ...]
+    noise: Noise
+    search: Search
+    """By which recordings are cut into stretches."""
+    estimate: Estimate
+
+    @property
+    def stretches(self) -> tuple[Segment, ...]:
+        """Of all recordings, as the estimate's starts are."""
+        step, duration = self.search.step, self.search.stretch
+        return tuple(part for one in self.prepared for part in one.stretches(step, duration))
+
+    def left(self, recording: str | None = None) -> Predicted:
+        """What the search has left in all its stretches, or in those of one recording: sensors beside the simulation."""
+        pairs = zip(self.stretches, self.estimate.starts, strict=True)
+        shared, own = self.estimate.shared, self.estimate.own
+        return Predicted.joined(
+            [
+                rolled_out(self.rollout, one, start, shared, own[one.recording])
+                for one, start in pairs
+                if recording in (None, one.recording)
+            ]
+        )
+
+    def predictor(self, shared: np.ndarray | None = None) -> Predictor:
+        """With the unknowns of the estimate, or with shared (n,) [as `Unknowns.start`]."""
+        chosen = self.estimate.shared if shared is None else shared
+        return Predictor(vehicle=self.vehicle, rollout=self.rollout, shared=chosen, noise=self.noise)
+
+    def problem(self, pull: Pull | None = None) -> OutputErrorProblem:
+        """What the estimate solves, with a number drawn to a value besides."""
+        return OutputErrorProblem(self.vehicle, self.stretches, self.noise, self.rollout, pull)
+
+    def widened(self, together: float) -> FitContext:
+        """The problem whose information intervals are taken from: the same optimum, where samples tell less.
+
+        together: [-] samples that miss alike, as `correlated` finds. The cost of what is seen is divided by it. Priors are
+        not; they are moved, so that they draw as little as the recordings do and the estimate stays where it is.
+        """
+        seen = ("velocity", "rate", "vertical", "process", "start")
+        root, shared = float(np.sqrt(together)), self.estimate.shared
+        wider = {name: root * getattr(self.noise, name) for name in seen}
+        about = shared - (shared - self.vehicle.shared.start) / together
+        vehicle = replace(
+            self.vehicle,
+            shared=self.vehicle.shared.believed(about),
+            own=self.vehicle.own.believed(self.vehicle.own.start, root),
+        )
+        noise = replace(self.noise, **wider, outliers=self.noise.outliers / root)
+        return replace(self, vehicle=vehicle, noise=noise)

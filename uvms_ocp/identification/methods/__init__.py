@@ -1,1 +1,0 @@
-"""In: recordings, and a vehicle with unknowns. Out: the unknowns that explain the recordings best."""

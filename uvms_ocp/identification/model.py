@@ -1,0 +1,183 @@
+"""Model of an identified vehicle: one step in time, with its derivatives.
+
+The state is ``x = [q of the vehicle (7), its velocity in B (6), what its actuators give (n_u)]``. Joints move as they were
+measured, and the vehicle's six rows of the inverse dynamics give its acceleration. A command is held over the step; what actuators
+give follows it with a lag of first order, exactly, and acts by its mean over the step: also a lag shorter than a step leaves its
+whole impulse. The vehicle drifts for half a step, its velocity changes by the forces there, and it drifts on: swings keep their
+period and their size better than by other rules of two evaluations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+
+from uvms_ocp.identification.coordinates import spatial_inertia
+from uvms_ocp.identification.parameters import ActuatorModel, Unknowns
+from uvms_ocp.robot.spatial import cross, exp3, quaternion_to_matrix
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics, WaterCoefficients
+
+# The equations of motion of a vehicle whose quantities are expressions: those of the symbolic dynamics, nothing new.
+
+
+def vehicle_dynamics(dynamics: SymbolicDynamics, values: Mapping[str, ca.SX], link: int = 0) -> SymbolicDynamics:
+    """The dynamics with the quantities of `vehicle_declaration` for the body that carries a link, and the water on it."""
+    water = WaterCoefficients(
+        added_mass=values["added_mass"],
+        linear_drag=values["linear_drag"],
+        quadratic_drag=values["quadratic_drag"],
+        displaced_mass=dynamics.density * values["volume"],
+        p_LB=values["centre_of_buoyancy"],
+    )
+    inertia = spatial_inertia(values["mass"], values["centre_of_mass"], values["second_moment"])
+    return dynamics.with_coefficients(rigid={dynamics.joint_of(link): inertia}, links={link: water})
+
+
+# One step of an identified vehicle in time, with its derivatives.
+#
+# The state is ``x = [q of the vehicle (7), its velocity in B (6), what its actuators give (n_u)]``. Joints move as they were
+# measured, and the vehicle's six rows of the inverse dynamics give its acceleration. A command is held over the step; what
+# actuators give follows it with a lag of first order, exactly, and acts by its mean over the step: also a lag shorter than a step
+# leaves its whole impulse. The vehicle drifts for half a step, its velocity changes by the forces there, and it drifts on: swings
+# keep their period and their size better than by other rules of two evaluations.
+
+N_Q, N_V = 7, 6
+"""[-] of the vehicle."""
+PAST, PAST_STEP = 12, 0.05
+"""[-], [s] of commands before a start: what actuators give there has a past."""
+_EDGE = 0.2  # of the dead zone, in which its edge is rounded
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Vehicle:
+    """What a stage is made of."""
+
+    dynamics: SymbolicDynamics
+    shared: Unknowns
+    """Unknowns of all recordings."""
+    own: Unknowns
+    """Unknowns that each recording has for itself."""
+    actuators: ActuatorModel
+    link: int = 0
+    """Place of the vehicle's own link in ``dynamics.links``."""
+
+    @property
+    def n_p(self) -> int:
+        """Number of unknowns."""
+        return len(self.shared.start) + len(self.own.start)
+
+    def values(self, p: ca.SX) -> dict[str, ca.SX]:
+        """All quantities at the unknowns p (n_p,), the shared ones first."""
+        n = len(self.shared.start)
+        return self.shared.values(p[:n]) | self.own.values(p[n:])
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Stage:
+    """CasADi functions of ``x (n_x,), u (n_u,), joints (3 n_j,), p (n_p,), h``, and of ``x, p``.
+
+    u: commands of actuators. joints: position, velocity and acceleration of the joints, one under the other, in the middle of
+    the step. p: unknowns, the shared ones first. h [s].
+    """
+
+    step: ca.Function
+    """``x, u, joints, p, h -> x_next``"""
+    slope: ca.Function
+    """``x, u, joints, p, h -> A = dx_next/dx, B = dx_next/dp, C = dx_next/du``"""
+    seen: ca.Function
+    """``x, p -> y (9,), dy/dx, dy/dp``: velocity where it is measured, in B; angular velocity, W's vertical, as they are seen."""
+    begun: ca.Function
+    """``u (n_u, PAST), p -> w, dw/dp, dw/du (n_u, n_u PAST)``: what actuators give after commands of `PAST_STEP` each."""
+    delays: ca.Function
+    """``p -> d (2,), dd/dp`` [s] of commands, and of measured velocity."""
+    n_x: int
+    n_u: int
+    n_j: int
+    n_p: int
+
+
+def stage_of(vehicle: Vehicle) -> Stage:
+    """Build the functions."""
+    n_u, n_j = len(vehicle.actuators.names), vehicle.dynamics.model.nv - N_V
+    x, u, joints = ca.SX.sym("x", N_Q + N_V + n_u), ca.SX.sym("u", n_u), ca.SX.sym("joints", 3 * n_j)
+    p, h = ca.SX.sym("p", vehicle.n_p), ca.SX.sym("h")
+    values = vehicle.values(p)
+    after, seen = _after(vehicle, values, x, u, joints, h), _seen(values, x)
+    past = ca.SX.sym("past", n_u, PAST)
+    begun, late = _begun(vehicle.actuators, values, past), ca.vertcat(values["delay"], values["velocity_delay"])
+    given, options = [x, u, joints, p, h], {"cse": True}
+    return Stage(
+        step=ca.Function("step", given, [after], options),
+        slope=ca.Function("slope", given, [ca.densify(ca.jacobian(after, one)) for one in (x, p, u)], options),
+        seen=ca.Function("seen", [x, p], [ca.densify(seen), *(ca.densify(ca.jacobian(seen, one)) for one in (x, p))]),
+        begun=ca.Function("begun", [past, p], [begun, *(ca.densify(ca.jacobian(begun, one)) for one in (p, past))]),
+        delays=ca.Function("delays", [p], [late, ca.densify(ca.jacobian(late, p))]),
+        n_x=x.numel(),
+        n_u=n_u,
+        n_j=n_j,
+        n_p=vehicle.n_p,
+    )
+
+
+def _after(vehicle: Vehicle, values: dict[str, ca.SX], x: ca.SX, u: ca.SX, joints: ca.SX, h: ca.SX) -> ca.SX:
+    moved = vehicle.dynamics.symbolic.joints[0].kind.integrate
+    q, nu, given = x[:N_Q], x[N_Q : N_Q + N_V], x[N_Q + N_V :]
+    target, left = _target(vehicle.actuators, values, u), ca.exp(-h / values["lag"])
+    mean = target + (given - target) * (1 - left) * values["lag"] / h
+    middle = moved(q, nu * h / 2)
+    slope = _acceleration(vehicle, values, middle, nu, mean, joints)
+    faster = nu + h * _acceleration(vehicle, values, middle, nu + h / 2 * slope, mean, joints)
+    return ca.vertcat(moved(middle, faster * h / 2), faster, target + (given - target) * left)
+
+
+def _target(actuators: ActuatorModel, values: dict[str, ca.SX], u: ca.SX) -> ca.SX:
+    """What actuators come to give: next to nothing inside the dead zone; less than is asked beyond it, by its size, or all."""
+    beyond = _whole_beyond if actuators.whole_beyond else _less_beyond
+    ahead, back = beyond(u, values["dead_zone"]), beyond(-u, values["dead_zone_reverse"])
+    return values["gain"] * (ahead - values["reverse"] * back)
+
+
+def _begun(actuators: ActuatorModel, values: dict[str, ca.SX], past: ca.SX) -> ca.SX:
+    """After the first command has been held for long, and the others for a step each."""
+    given = _target(actuators, values, past[:, 0])
+    for k in range(1, PAST):
+        target = _target(actuators, values, past[:, k])
+        given = target + (given - target) * ca.exp(-PAST_STEP / values["lag"])
+    return given
+
+
+def _less_beyond(u: ca.SX, dead: ca.SX) -> ca.SX:
+    width = _EDGE * dead
+    return width * ca.log1p(ca.exp(-ca.fabs(u - dead) / width)) + ca.fmax(u - dead, 0)
+
+
+def _whole_beyond(u: ca.SX, dead: ca.SX) -> ca.SX:
+    return u * (1 + ca.tanh((u - dead) / (2 * _EDGE * dead))) / 2
+
+
+def _acceleration(
+    vehicle: Vehicle, values: dict[str, ca.SX], q: ca.SX, nu: ca.SX, given: ca.SX, joints: ca.SX
+) -> ca.SX:
+    dynamics = vehicle_dynamics(vehicle.dynamics, values, vehicle.link)
+    n_j, n_links = joints.numel() // 3, len(dynamics.links)
+    all_q, all_v = ca.vertcat(q, joints[:n_j]), ca.vertcat(nu, joints[n_j : 2 * n_j])
+    held = ca.vertcat(ca.SX(N_V, 1), joints[2 * n_j :])
+    water = ca.repmat(values["current"], 1, n_links), ca.SX(3, n_links)
+    wrench = ca.DM(vehicle.actuators.wrench) @ given + values["bias"] + values["wrench_offset"]
+    force = wrench - dynamics.inverse_dynamics(all_q, all_v, held, *water)[:N_V]
+    D, L_transposed, order = ca.ldl(dynamics.mass_matrix(all_q)[:N_V, :N_V], False)
+    return ca.ldl_solve(force, D, L_transposed, order)
+
+
+def _seen(values: dict[str, ca.SX], x: ca.SX) -> ca.SX:
+    linear, angular = x[N_Q : N_Q + 3], x[N_Q + 3 : N_Q + N_V]
+    vertical = quaternion_to_matrix(x[3:N_Q])[2, :].T
+    at_point = linear + cross(angular, values["velocity_point"])
+    return ca.vertcat(at_point, as_measured(values, angular), as_measured(values, vertical))
+
+
+def as_measured(values: dict[str, ca.SX], vector: ca.SX) -> ca.SX:
+    """A vector (3,) [any] in B, as the sensor of attitude sits that sees it."""
+    return exp3(values["attitude_turn"] + values["attitude_offset"]).T @ vector

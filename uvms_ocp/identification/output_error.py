@@ -1,0 +1,385 @@
+"""Output-error identification by multiple shooting and Gauss-Newton, with a pseudo-Huber loss.
+
+Every segment begins where it likes; where it ends may differ from where the next one begins, at the price of process noise.
+Unknowns of single recordings, and starts, are eliminated recording by recording, so that a step costs little more than the
+simulation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+
+from uvms_ocp.errors import AdvisedStatus
+from uvms_ocp.identification.model import N_Q, N_V, Vehicle
+from uvms_ocp.identification.rollout import N_START, Rollout, Seen, Segment, SegmentStart, turn_slope
+from uvms_ocp.robot.spatial import quaternion_conjugate, quaternion_log, quaternion_multiply
+
+# What a residual costs: half its square near zero, and linearly more far away, where outliers are (pseudo-Huber's loss).
+
+
+def loss(r: np.ndarray, outliers: float) -> float:
+    """[-] of all residuals r (...) [-], which count linearly beyond outliers [-]."""
+    return float((outliers**2 * (np.sqrt(1.0 + (r / outliers) ** 2) - 1.0)).sum())
+
+
+def weighted(r: np.ndarray, J: np.ndarray, outliers: float) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals r (n,) [-] and slopes J (n, k) [any] whose squares have the gradient of the loss, linear beyond outliers [-]."""
+    root = (1.0 + (r / outliers) ** 2) ** -0.25
+    return (root * r).ravel(), (root[..., None] * J).reshape(-1, J.shape[-1])
+
+
+# Normal equations of one recording, its local unknowns apart: those of its own, and the starts of its stretches.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NormalEquations:
+    """Of n shared unknowns and n_local others [as `Unknowns.start`]."""
+
+    cost: float
+    """[-] half the weighted squares."""
+    H: np.ndarray
+    """(n, n) [1 / unknowns^2]"""
+    g: np.ndarray
+    """(n,) [1 / unknowns]"""
+    H_local: np.ndarray
+    """(n_local, n_local) [1 / unknowns^2]"""
+    g_local: np.ndarray
+    """(n_local,) [1 / unknowns]"""
+    cross: np.ndarray
+    """(n, n_local) [1 / unknowns^2]"""
+
+
+def finite(blocks: Sequence[NormalEquations]) -> bool:
+    """Whether all is: where a simulation runs away, its slopes do before its cost."""
+    return all(np.isfinite(part).all() for one in blocks for part in (one.cost, one.H, one.H_local))
+
+
+def places_of(n_p: int, stretch: int) -> np.ndarray:
+    """(n_p + 9,) of the unknowns of a stretch: those of its recording, n_p, and of its start."""
+    return np.concatenate([np.arange(n_p), n_p + N_START * stretch + np.arange(N_START)])
+
+
+# Values of everything that a search moves.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class SearchPoint:
+    """Unknowns and starts."""
+
+    shared: np.ndarray
+    """(n,) [as `Unknowns.start`]"""
+    own: tuple[np.ndarray, ...]
+    """(m,) [as `Unknowns.start`] of each recording."""
+    starts: tuple[tuple[SegmentStart, ...], ...]
+    """Of the stretches of each recording."""
+
+
+def difference(of: SegmentStart, to: SegmentStart) -> np.ndarray:
+    """(9,) [m/s, rad/s, rad] that moves one start to another."""
+    turn = quaternion_log(quaternion_multiply(quaternion_conjugate(of.q[3:]), to.q[3:]))
+    return np.concatenate([to.v - of.v, np.asarray(turn).ravel()])
+
+
+# A number of the unknowns that is drawn to a value, as if it had been measured.
+#
+# Where a search ends, the number is a little off the value, and all else is where it is best for the number as it is there.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Pull:
+    """Of one number."""
+
+    number: Callable[[np.ndarray], tuple[float, np.ndarray]]
+    """From the unknowns (n,) [as `Unknowns.start`]: the number [any], and its slope (n,) [any per unknown]."""
+    target: float
+    """[as the number]"""
+    sigma: float
+    """[as the number] by which it may be off at the price of a half."""
+
+    def cost(self, shared: np.ndarray) -> float:
+        """[-] at the unknowns shared (n,) [as `Unknowns.start`]."""
+        return ((self.number(shared)[0] - self.target) / self.sigma) ** 2 / 2
+
+    def normal(self, shared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What it adds to the normal equations, (n, n) and (n,), at the unknowns shared (n,) [as `Unknowns.start`]."""
+        value, slope = self.number(shared)
+        return np.outer(slope, slope) / self.sigma**2, slope * (value - self.target) / self.sigma**2
+
+
+# Output error: the unknowns with which simulated stretches show what was seen, by multiple shooting and Gauss-Newton.
+#
+# Every stretch begins where it likes; where it ends may differ from where the next one begins, at the price of process noise.
+# Unknowns of single recordings, and starts, are eliminated recording by recording, so that a step costs little more than the
+# simulation.
+
+_NEARLY_NONE = 1e-9  # of damping
+_Inverse = Callable[[np.ndarray], np.ndarray]
+
+
+class FitStatus(AdvisedStatus):
+    """How a fit has ended."""
+
+    CONVERGED = "converged", "Look at what is not determined before numbers are used."
+    ITERATION_LIMIT = "iteration limit", "Look at the recordings' doubts, learn less, or give shorter stretches."
+    RUNS_AWAY = (
+        "runs away",
+        "The simulation is not finite where the search begins: look at times and units of the recordings.",
+    )
+    STALLED = "stalled", "No step lowers the cost: look at the recordings' doubts, and at starts and priors."
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Noise:
+    """Standard deviations of what is seen and of what happens between stretches."""
+
+    velocity: float = 0.02
+    """[m/s] of measured velocity, what the model cannot explain included."""
+    rate: float = 0.05
+    """[rad/s] of angular velocity."""
+    vertical: float = 0.03
+    """[-] of the vertical in B, radians of roll and pitch."""
+    process: float = 0.05
+    """[m/s, rad/s, rad] between the end of a stretch and the beginning of the next."""
+    start: float = 0.1
+    """[m/s, rad/s, rad] between where a stretch begins and what was seen there."""
+    outliers: float = 3.0
+    """[-] standard deviations beyond which the loss is linear."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Estimate:
+    """Unknowns with what they were found from."""
+
+    shared: np.ndarray
+    """(n,) [as `Unknowns.start`]"""
+    own: Mapping[str, np.ndarray]
+    """(m,) [as `Unknowns.start`] of each recording, by its name."""
+    starts: tuple[SegmentStart, ...]
+    """Of the stretches."""
+    cost: float
+    """[-] half the weighted squares."""
+    information: np.ndarray
+    """(n, n) [1 / unknowns^2] of the shared unknowns, the others eliminated, priors included."""
+    status: FitStatus
+    iterations: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Expansion:
+    """A point, and the problem to second order there."""
+
+    point: SearchPoint
+    blocks: list[NormalEquations]
+
+
+class OutputErrorProblem:
+    """A problem: a vehicle, stretches of recordings and noise. Stretches of a recording follow each other."""
+
+    def __init__(
+        self, vehicle: Vehicle, stretches: Sequence[Segment], noise: Noise, rollout: Rollout, pull: Pull | None = None
+    ) -> None:
+        self._vehicle, self._noise, self._rollout, self._pull = vehicle, noise, rollout, pull
+        self._recordings = [tuple(group) for _, group in groupby(stretches, key=lambda one: one.recording)]
+        self._n, self._m = len(vehicle.shared.start), len(vehicle.own.start)
+        self._sigma = noise.velocity, noise.rate, noise.vertical
+
+    def start(self, shared: np.ndarray | None = None) -> SearchPoint:
+        """Where the declaration has unknowns, or at shared (n,) [as `Unknowns.start`], and stretches begin as it was seen."""
+        begins = tuple(tuple(SegmentStart(q=one.q, v=one.v) for one in group) for group in self._recordings)
+        own = tuple(self._vehicle.own.start for _ in self._recordings)
+        return SearchPoint(shared=self._vehicle.shared.start if shared is None else shared, own=own, starts=begins)
+
+    def resumed(self, estimate: Estimate) -> SearchPoint:
+        """Where an estimate from the same stretches has ended."""
+        own = tuple(estimate.own[group[0].recording] for group in self._recordings)
+        left = iter(estimate.starts)
+        begins = tuple(tuple(next(left) for _ in group) for group in self._recordings)
+        return SearchPoint(shared=estimate.shared, own=own, starts=begins)
+
+    def expansion(self, point: SearchPoint) -> Expansion:
+        """At a point; one holds whatever number is pulled."""
+        return Expansion(point, self._blocks(point))
+
+    def stepped(self, expansion: Expansion) -> tuple[SearchPoint, float]:
+        """After one step of Gauss and Newton, and the cost [-] there."""
+        after = self._moved(expansion.point, expansion.blocks, _NEARLY_NONE, frozen=False)
+        return after, self._total(after, self._costs(after))
+
+    def solve(
+        self,
+        point: SearchPoint,
+        *,
+        iterations: int = 20,
+        frozen: bool = False,
+        tolerance: float = 1e-4,
+        damping: float = 1e-3,
+    ) -> Estimate:
+        """Levenberg and Marquardt's method. frozen: shared unknowns stay. tolerance: [-] share of the cost worth a step.
+
+        damping: [-] of the first step.
+        """
+        blocks, status, done = self._blocks(point), FitStatus.ITERATION_LIMIT, 0
+        if not finite(blocks):
+            return self._estimate(point, blocks, FitStatus.RUNS_AWAY, 0)
+        while done < iterations:
+            done += 1
+            tried = self._step(point, blocks, damping, frozen)
+            if tried is None:
+                status = FitStatus.STALLED
+                break
+            after, damping, cost, further = tried
+            gained = 1.0 - cost / self._total(point, [block.cost for block in blocks])
+            point, blocks = after, further
+            if gained < tolerance:
+                status = FitStatus.CONVERGED
+                break
+        return self._estimate(point, blocks, status, done)
+
+    def _step(
+        self, point: SearchPoint, blocks: list[NormalEquations], damping: float, frozen: bool
+    ) -> tuple[SearchPoint, float, float, list[NormalEquations]] | None:
+        """Where the cost is lower, damping there, the cost, and the problem there: finite, all of it."""
+        before = self._total(point, [block.cost for block in blocks])
+        for _ in range(8):
+            after = self._moved(point, blocks, damping, frozen)
+            cost = self._total(after, self._costs(after))
+            if np.isfinite(cost) and cost < before and finite(blocks_there := self._blocks(after)):
+                return after, max(damping / 5.0, _NEARLY_NONE), cost, blocks_there
+            damping *= 8.0
+        return None
+
+    def _moved(self, point: SearchPoint, blocks: list[NormalEquations], damping: float, frozen: bool) -> SearchPoint:
+        H, g, eliminated = self._reduced(point, blocks, damping)
+        change = np.zeros(self._n)
+        if not frozen and self._n:
+            damped = H + damping * np.diag(np.diag(H) + 1e-9)
+            if self._pull is not None:
+                stiff, force = self._pull.normal(point.shared)
+                damped, g = damped + stiff, g + force
+            change = -np.linalg.solve(damped, g)
+        shared = np.clip(
+            point.shared + np.clip(change, -1.0, 1.0), self._vehicle.shared.lower, self._vehicle.shared.upper
+        )
+        change = shared - point.shared
+        own, starts = [], []
+        for k, (block, inverse) in enumerate(zip(blocks, eliminated, strict=True)):
+            local = -inverse(block.g_local + block.cross.T @ change)
+            own.append(point.own[k] + local[: self._m])
+            turns = local[self._m :].reshape(-1, N_START)
+            starts.append(
+                tuple(one.moved(np.clip(c, -0.5, 0.5)) for one, c in zip(point.starts[k], turns, strict=True))
+            )
+        return SearchPoint(shared=shared, own=tuple(own), starts=tuple(starts))
+
+    def _reduced(
+        self, point: SearchPoint, blocks: list[NormalEquations], damping: float
+    ) -> tuple[np.ndarray, np.ndarray, list[_Inverse]]:
+        """Normal equations of the shared unknowns, and what solves those of the others: a stretch knows its neighbours only."""
+        weight = 1.0 / self._vehicle.shared.sigma**2
+        from scipy.sparse import csc_matrix  # a tenth of a second
+        from scipy.sparse.linalg import splu
+
+        H, g = np.diag(weight), weight * (point.shared - self._vehicle.shared.start)
+        inverses = []
+        for block in blocks:
+            local = block.H_local + damping * np.diag(np.diag(block.H_local))
+            inverse = splu(csc_matrix(local)).solve
+            H = H + block.H - block.cross @ inverse(np.ascontiguousarray(block.cross.T))
+            g = g + block.g - block.cross @ inverse(block.g_local)
+            inverses.append(inverse)
+        return H, g, inverses
+
+    def _estimate(self, point: SearchPoint, blocks: list[NormalEquations], status: FitStatus, done: int) -> Estimate:
+        names = [group[0].recording for group in self._recordings]
+        told = [] if status is FitStatus.RUNS_AWAY else blocks  # of which nothing is learnt
+        return Estimate(
+            shared=point.shared,
+            own=dict(zip(names, point.own, strict=True)),
+            starts=tuple(one for group in point.starts for one in group),
+            cost=self._total(point, [block.cost for block in blocks]),
+            information=self._reduced(point, told, 0.0)[0],
+            status=status,
+            iterations=done,
+        )
+
+    def _total(self, point: SearchPoint, costs: Sequence[float]) -> float:
+        far = (point.shared - self._vehicle.shared.start) / self._vehicle.shared.sigma
+        pulled = 0.0 if self._pull is None else self._pull.cost(point.shared)
+        return float(sum(costs) + far @ far / 2 + pulled)
+
+    def _costs(self, point: SearchPoint) -> list[float]:
+        with np.errstate(all="ignore"):
+            return [self._cost(k, point, seen) for k, seen in enumerate(self._all_seen(point, slopes=False))]
+
+    def _blocks(self, point: SearchPoint) -> list[NormalEquations]:
+        with np.errstate(all="ignore"):
+            return [self._block(k, point, seen) for k, seen in enumerate(self._all_seen(point, slopes=True))]
+
+    def _all_seen(self, point: SearchPoint, *, slopes: bool) -> list[list[Seen]]:
+        """By recording; stretches that have equally many steps are simulated together."""
+        flat = [
+            (k, stretch, start)
+            for k, group in enumerate(self._recordings)
+            for stretch, start in zip(group, point.starts[k], strict=True)
+        ]
+        found: dict[int, Seen] = {}
+        for n in {len(stretch.edges) for _, stretch, _ in flat}:
+            chosen = [i for i, (_, stretch, _) in enumerate(flat) if len(stretch.edges) == n]
+            p = np.array([np.concatenate([point.shared, point.own[flat[i][0]]]) for i in chosen])
+            parts = [flat[i][1] for i in chosen], [flat[i][2] for i in chosen]
+            found |= dict(zip(chosen, self._rollout.seen(*parts, p, slopes=slopes), strict=True))
+        return [[found[i] for i, (k, _, _) in enumerate(flat) if k == group] for group in range(len(self._recordings))]
+
+    def _cost(self, k: int, point: SearchPoint, seen: list[Seen]) -> float:
+        squares = sum(loss(r, self._noise.outliers) for rows in self._residuals(k, seen) for r in rows)
+        return float(squares + self._beginnings(k, point)[1] + sum(d @ d for d, _ in self._gaps(k, point, seen)) / 2)
+
+    def _residuals(self, k: int, seen: list[Seen]) -> list[list[np.ndarray]]:
+        pairs = zip(self._recordings[k], seen, strict=True)
+        return [[(one.rows[j] - stretch.seen[j]) / self._sigma[j] for j in range(3)] for stretch, one in pairs]
+
+    def _beginnings(self, k: int, point: SearchPoint) -> tuple[list[np.ndarray], float]:
+        """How far starts are from what was seen there, weighted, and what that costs."""
+        far = [difference(SegmentStart(q=one.q, v=one.v), start) / self._noise.start
+               for one, start in zip(self._recordings[k], point.starts[k], strict=True)]  # fmt: skip
+        own = (point.own[k] - self._vehicle.own.start) / self._vehicle.own.sigma
+        return far, float(sum(one @ one for one in far) + own @ own) / 2
+
+    def _gaps(self, k: int, point: SearchPoint, seen: list[Seen]) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Between the ends of stretches and the next ones, weighted, with their slopes with end states (9, n_x)."""
+        found = []
+        for one, after in zip(seen[:-1], point.starts[k][1:], strict=True):
+            end = SegmentStart(q=one.end[:N_Q], v=one.end[N_Q : N_Q + N_V])
+            slope = np.zeros((N_START, len(one.end)))
+            slope[:N_V, N_Q : N_Q + N_V] = np.eye(N_V)
+            slope[N_V:, 3:N_Q] = 4.0 * turn_slope(end.q[3:]).T
+            found.append((difference(after, end) / self._noise.process, slope / self._noise.process))
+        return found
+
+    def _block(self, k: int, point: SearchPoint, seen: list[Seen]) -> NormalEquations:
+        n, m, count = self._n, self._m, len(seen)
+        size = n + m + N_START * count
+        H, g = np.zeros((size, size)), np.zeros(size)
+        far, _ = self._beginnings(k, point)
+        weight = 1.0 / self._vehicle.own.sigma**2
+        H[range(n, n + m), range(n, n + m)] = weight
+        g[n : n + m] = weight * (point.own[k] - self._vehicle.own.start)
+        for i, (one, rows) in enumerate(zip(seen, self._residuals(k, seen), strict=True)):
+            places = places_of(n + m, i)
+            for slope, row, sigma in zip(one.slopes, rows, self._sigma, strict=True):
+                r, J = weighted(row, slope / sigma, self._noise.outliers)
+                H[np.ix_(places, places)] += J.T @ J
+                g[places] += J.T @ r
+            begin = places[-N_START:]
+            H[begin, begin] += 1.0 / self._noise.start**2
+            g[begin] += far[i] / self._noise.start
+        for i, (gap, slope) in enumerate(self._gaps(k, point, seen)):
+            places = np.concatenate([places_of(n + m, i), places_of(n + m, i + 1)[-N_START:]])
+            J = np.hstack([slope @ seen[i].end_slope, -np.eye(N_START) / self._noise.process])
+            H[np.ix_(places, places)] += J.T @ J
+            g[places] += J.T @ gap
+        return NormalEquations(self._cost(k, point, seen), H[:n, :n], g[:n], H[n:, n:], g[n:], H[:n, n:])

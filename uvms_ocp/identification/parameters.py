@@ -1,0 +1,406 @@
+"""Parameters of a vehicle that may be identified: its quantities, what is fixed, free or has a prior, and the vector of unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.identification.coordinates import (
+    Coordinates,
+    Interval,
+    LinearDrag,
+    PositiveDefinite,
+    Positives,
+    QuadraticDrag,
+    Reals,
+    second_moment,
+)
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
+
+# What is known of a quantity: fixed, free, bounded, or free with a prior.
+
+All = None
+"""Of the coordinates of a quantity."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Fixed:
+    """Known: it stays as it is."""
+
+    only: tuple[str, ...] | None = All
+    """Coordinates by their names; the others of the quantity stay as they were declared."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Free:
+    """Unknown: the recordings alone decide."""
+
+    only: tuple[str, ...] | None = All
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Bounded:
+    """Unknown within bounds; for quantities whose coordinates are entries: not for coupled matrices."""
+
+    lower: float
+    """[unit of the quantity]"""
+    upper: float
+    """[unit of the quantity]"""
+    only: tuple[str, ...] | None = All
+
+    def __post_init__(self) -> None:
+        """Raises `InvalidInput` for bounds in the wrong order."""
+        if not self.lower < self.upper:
+            raise InvalidInput(f"bounds {self.lower} and {self.upper} given; allowed: lower < upper")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Prior:
+    """Believed: as the start has it, give or take a standard deviation."""
+
+    sigma: float
+    """[-] relative, for what must be positive; [unit of the quantity] for what may have any sign."""
+    only: tuple[str, ...] | None = All
+
+    def __post_init__(self) -> None:
+        """Raises `InvalidInput` for a deviation that is not positive."""
+        if not self.sigma > 0.0:
+            raise InvalidInput(f"sigma = {self.sigma} given; allowed: more than 0")
+
+
+ParameterStatus: TypeAlias = Fixed | Free | Bounded | Prior
+
+
+# What of a vehicle may be identified, in one value.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Quantity:
+    """One quantity with what is known of each of its coordinates; fixed unless it is said otherwise."""
+
+    unit: str
+    coordinates: Coordinates
+    x: np.ndarray
+    """(n,) [-, or the unit of the quantity] where they are, and the middle of priors."""
+    free: np.ndarray
+    """(n,) [-] whether they may be learnt."""
+    sigma: np.ndarray
+    """(n,) [as x] standard deviations of priors, infinite without."""
+    lower: np.ndarray
+    """(n,) [as x]"""
+    upper: np.ndarray
+    """(n,) [as x]"""
+    own: bool = False
+    """Whether every recording has its own."""
+
+    @staticmethod
+    def fixed(unit: str, coordinates: Coordinates, value: np.ndarray, *, own: bool = False) -> Quantity:
+        """Known to be value (...) [unit of the quantity]. Raises InvalidInput for a value that coordinates do not reach."""
+        x = coordinates.encode(value)
+        none, all_of_them = np.zeros(len(x), dtype=bool), np.full(len(x), np.inf)
+        return Quantity(
+            unit=unit,
+            coordinates=coordinates,
+            x=x,
+            free=none,
+            sigma=all_of_them,
+            lower=-all_of_them,
+            upper=all_of_them,
+            own=own,
+        )
+
+    def known(self, status: ParameterStatus) -> Quantity:
+        """A copy of which this is known. Raises NameNotFound for a coordinate that there is not, and InvalidInput."""
+        names = self.coordinates.names
+        for name in status.only or ():
+            if name not in names:
+                raise NameNotFound("coordinate", name, names)
+        chosen = np.array([status.only is None or name in status.only for name in names], dtype=bool)
+        lower, upper = self._bounds(status)
+        return replace(
+            self,
+            free=np.where(chosen, not isinstance(status, Fixed), self.free),
+            sigma=np.where(chosen, status.sigma if isinstance(status, Prior) else np.inf, self.sigma),
+            lower=np.where(chosen, lower, self.lower),
+            upper=np.where(chosen, upper, self.upper),
+        )
+
+    def _bounds(self, status: ParameterStatus) -> tuple[np.ndarray, np.ndarray]:
+        n = len(self.x)
+        if not isinstance(status, Bounded):
+            return np.full(n, -np.inf), np.full(n, np.inf)
+        lower, upper = (self.coordinates.encode(np.full(n, value)) for value in (status.lower, status.upper))
+        if not ((lower <= self.x) & (self.x <= upper)).all():
+            raise InvalidInput(f"bounds {status.lower} and {status.upper} given; allowed: around what the value is")
+        return lower, upper
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Declaration:
+    """All quantities by their names; see `uvms_ocp.identification.parameters` for those of a vehicle."""
+
+    quantities: Mapping[str, Quantity]
+
+    def learning(self, **known: ParameterStatus) -> Declaration:
+        """A copy in which these quantities are known so. Raises NameNotFound for one that there is not, and InvalidInput."""
+        for name in known:
+            if name not in self.quantities:
+                raise NameNotFound("quantity", name, self.quantities)
+        changed = {name: self.quantities[name].known(status) for name, status in known.items()}
+        return Declaration(quantities={**self.quantities, **changed})
+
+    def starting(self, **values: np.ndarray) -> Declaration:
+        """A copy whose quantities start at other values (...) [unit of the quantity]. Raises NameNotFound, InvalidInput."""
+        for name in values:
+            if name not in self.quantities:
+                raise NameNotFound("quantity", name, self.quantities)
+        found = {name: self.quantities[name] for name in values}
+        moved = {name: replace(one, x=one.coordinates.encode(values[name])) for name, one in found.items()}
+        return Declaration(quantities={**self.quantities, **moved})
+
+
+# The unknowns of a declaration in a row, and the way from them to values.
+
+_HELD = 1e-4  # [as start] deviation of what is held
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Unknowns:
+    """Unknowns theta (n,) that all recordings share, or kappa (m,) that each has for itself, of a declaration."""
+
+    declaration: Declaration
+    own: bool = False
+    """Whether they are those that each recording has for itself."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the unknowns, as ``added_mass surge``."""
+        return tuple(
+            f"{name} {coordinate}".strip()
+            for name, one in self._items()
+            for coordinate, free in zip(one.coordinates.names, one.free, strict=True)
+            if free
+        )
+
+    @property
+    def start(self) -> np.ndarray:
+        """(n,) [-, or the unit of the quantity]"""
+        return self._free("x")
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """(n,) [as start] standard deviations of priors, infinite without."""
+        return self._free("sigma")
+
+    @property
+    def lower(self) -> np.ndarray:
+        """(n,) [as start]"""
+        return self._free("lower")
+
+    @property
+    def upper(self) -> np.ndarray:
+        """(n,) [as start]"""
+        return self._free("upper")
+
+    def values(self, theta: ca.SX) -> dict[str, ca.SX]:
+        """Every quantity of this kind by its name, where theta (n,) [as start] are the unknowns."""
+        found, first = {}, 0
+        for name, one in self._items():
+            n = int(one.free.sum())
+            x = ca.SX(ca.DM(one.x))
+            if n:
+                x[np.flatnonzero(one.free).tolist()] = theta[first : first + n]
+            found[name], first = one.coordinates.decode(x), first + n
+        return found
+
+    def believed(self, about: np.ndarray, wider: float = 1.0) -> Unknowns:
+        """A copy that starts, and whose priors are, about (n,) [as start]; wider: [-] factor of their deviations."""
+        found, first = dict(self.declaration.quantities), 0
+        for name, one in self._items():
+            x, n = one.x.copy(), int(one.free.sum())
+            x[one.free] = about[first : first + n]
+            found[name], first = replace(one, x=x, sigma=wider * one.sigma), first + n
+        return Unknowns(Declaration(quantities=found), self.own)
+
+    def held(self, which: np.ndarray) -> Unknowns:
+        """A copy in which those of which (n,) [bool] are next to known: where they start."""
+        found, first = dict(self.declaration.quantities), 0
+        for name, one in self._items():
+            sigma, n = one.sigma.copy(), int(one.free.sum())
+            sigma[one.free] = np.where(which[first : first + n], _HELD, sigma[one.free])
+            found[name], first = replace(one, sigma=sigma), first + n
+        return Unknowns(Declaration(quantities=found), self.own)
+
+    def _items(self) -> Iterator[tuple[str, Quantity]]:
+        return ((name, one) for name, one in self.declaration.quantities.items() if one.own == self.own)
+
+    def _free(self, column: str) -> np.ndarray:
+        return np.concatenate([np.zeros(0), *(getattr(one, column)[one.free] for _, one in self._items())])
+
+
+# The quantities of a vehicle, all of them known to be what its model says.
+
+AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+Pairs = tuple[tuple[int, int], ...]
+_XYZ = ("x", "y", "z")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ActuatorModel:
+    """What drives the vehicle: thrusters, or the wrench as commanded."""
+
+    names: tuple[str, ...] = AXES
+    wrench: np.ndarray = field(default_factory=lambda: np.eye(6))
+    """(6, n) [-, m] per unit of each actuator, linear rows first."""
+    allocation: np.ndarray = field(default_factory=lambda: np.eye(6))
+    """(n, m) [-, 1/m] what each is told, per unit of the commands that are recorded."""
+    lag: float = 0.1
+    """[s] time constant of all of them."""
+    dead_zone: float = 1e-3
+    """[N, N m] below which nothing comes of a command."""
+    whole_beyond: bool = False
+    """Whether all of a command comes beyond it, as thrusters of robot files have it; else its size is missing there."""
+    delay: float = 0.1
+    """[s] between a command and its effect, lag aside."""
+    longest_delay: float = 1.0
+    """[s] of commands and of measurements."""
+    commands: str = ""
+    """Channel of a recording that has them; empty for the only one that a recording has."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class AxisCouplings:
+    """Pairs of axes that may act on each other."""
+
+    added_mass: Pairs = ()
+    linear_drag: Pairs = ()
+    quadratic_drag: Pairs = ()
+    """Row and column: the force on the first axis from the motion of the second."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class NominalParameters:
+    """Where the search begins, and what coordinates are scaled by: numbers of the vehicle, a positive one for each axis."""
+
+    mass: float
+    """[kg]"""
+    centre_of_mass: np.ndarray
+    """(3,) [m] in the frame of the vehicle's joint."""
+    inertia: np.ndarray
+    """(3, 3) [kg m2] about the centre of mass."""
+    volume: float
+    """[m3]"""
+    centre_of_buoyancy: np.ndarray
+    """(3,) [m] in the frame of the coefficients."""
+    added_mass: np.ndarray
+    """(6, 6) [kg, kg m, kg m2]"""
+    linear_drag: np.ndarray
+    """(6, 6) [N/(m/s), N m/(rad/s)]"""
+    quadratic_drag: np.ndarray
+    """(6, 6) [N/(m/s)^2, N m/(rad/s)^2]"""
+
+    @staticmethod
+    def of(dynamics: SymbolicDynamics, link: int = 0) -> NominalParameters:
+        """As the model has them: of a link in water, and of the joint body that carries it."""
+        wet = dynamics.links[link]
+        body = dynamics.model.inertias[dynamics.joint_of(link)]
+        return NominalParameters(
+            mass=float(body.mass),
+            centre_of_mass=np.asarray(body.lever),
+            inertia=np.asarray(body.inertia),
+            volume=float(wet.volume),
+            centre_of_buoyancy=wet.p_LB,
+            added_mass=wet.added_mass,
+            linear_drag=wet.linear_drag,
+            quadratic_drag=wet.quadratic_drag,
+        )
+
+
+def vehicle_declaration(
+    start: NominalParameters,
+    hull: np.ndarray,
+    actuators: ActuatorModel | None = None,
+    couplings: AxisCouplings | None = None,
+    speed: np.ndarray | None = None,
+) -> Declaration:
+    """Everything about a vehicle, known; `Declaration.learning` says what is not.
+
+    hull: (2, 3) [m] lowest and highest corner of a box that holds the hull, in the frame of the coefficients. speed: (6,)
+    [m/s, rad/s] of the size that velocities have, default 0.3. Raises InvalidInput for numbers that no vehicle has.
+    """
+    driven, coupled = actuators or ActuatorModel(), couplings or AxisCouplings()
+    return Declaration(
+        quantities={
+            **_body(start, hull),
+            **_water(start, coupled, np.full(6, 0.3) if speed is None else np.asarray(speed, dtype=float)),
+            **_actuation(driven),
+            **_sensing(driven),
+            **_of_recordings(),
+        }
+    )
+
+
+def _body(start: NominalParameters, hull: np.ndarray) -> dict[str, Quantity]:
+    S = second_moment(start.inertia)
+    moments = PositiveDefinite(axes=_XYZ, scale=np.sqrt(np.diag(S)), couplings=((0, 1), (0, 2), (1, 2)))
+    box = Interval(names=_XYZ, lower=np.asarray(hull[0], dtype=float), upper=np.asarray(hull[1], dtype=float))
+    return {
+        "mass": Quantity.fixed("kg", Positives(names=("",)), np.array([start.mass])),
+        "centre_of_mass": Quantity.fixed("m", Reals(names=_XYZ), start.centre_of_mass),
+        "second_moment": Quantity.fixed("kg m2", moments, S),
+        "volume": Quantity.fixed("m3", Positives(names=("",)), np.array([start.volume])),
+        "centre_of_buoyancy": Quantity.fixed("m", box, start.centre_of_buoyancy),
+    }
+
+
+def _water(start: NominalParameters, coupled: AxisCouplings, speed: np.ndarray) -> dict[str, Quantity]:
+    root = {name: np.sqrt(np.diag(getattr(start, name))) for name in ("added_mass", "linear_drag")}
+    added = PositiveDefinite(axes=AXES, scale=root["added_mass"], couplings=coupled.added_mass)
+    linear = LinearDrag(symmetric=PositiveDefinite(axes=AXES, scale=root["linear_drag"], couplings=coupled.linear_drag))
+    own = np.diag(start.quadratic_drag)
+    quadratic = QuadraticDrag(axes=AXES, scale=own, speed=speed, couplings=coupled.quadratic_drag)
+    return {
+        "added_mass": Quantity.fixed("kg, kg m, kg m2", added, start.added_mass),
+        "linear_drag": Quantity.fixed("N/(m/s), N m/(rad/s)", linear, start.linear_drag),
+        "quadratic_drag": Quantity.fixed("N/(m/s)^2, N m/(rad/s)^2", quadratic, start.quadratic_drag),
+    }
+
+
+def _actuation(driven: ActuatorModel) -> dict[str, Quantity]:
+    each, ones = Positives(names=driven.names), np.ones(len(driven.names))
+    return {
+        "gain": Quantity.fixed("-", each, ones),
+        "reverse": Quantity.fixed("-", each, ones),
+        "lag": Quantity.fixed("s", Positives(names=("",)), np.array([driven.lag])),
+        "dead_zone": Quantity.fixed("N, N m", each, ones * driven.dead_zone),
+        "dead_zone_reverse": Quantity.fixed("N, N m", each, ones * driven.dead_zone),
+        "bias": Quantity.fixed("N, N m", Reals(names=AXES), np.zeros(6)),
+        "delay": Quantity.fixed("s", _delay(driven), np.array([driven.delay])),
+    }
+
+
+def _sensing(driven: ActuatorModel) -> dict[str, Quantity]:
+    """The sensor of attitude and its rate sits in B turned by a rotation vector, to which each recording adds its own."""
+    return {
+        "velocity_point": Quantity.fixed("m", Reals(names=_XYZ), np.zeros(3)),
+        "velocity_delay": Quantity.fixed("s", _delay(driven), np.array([0.01 * driven.longest_delay])),
+        "attitude_turn": Quantity.fixed("rad", Reals(names=_XYZ), np.zeros(3)),
+    }
+
+
+def _of_recordings() -> dict[str, Quantity]:
+    """What each has for itself."""
+    return {
+        "current": Quantity.fixed("m/s", Reals(names=_XYZ), np.zeros(3), own=True),
+        "wrench_offset": Quantity.fixed("N, N m", Reals(names=AXES), np.zeros(6), own=True),
+        "attitude_offset": Quantity.fixed("rad", Reals(names=_XYZ), np.zeros(3), own=True),
+    }
+
+
+def _delay(driven: ActuatorModel) -> Interval:
+    return Interval(names=("",), lower=np.zeros(1), upper=np.full(1, driven.longest_delay))

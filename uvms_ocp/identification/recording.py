@@ -1,0 +1,285 @@
+"""Recordings of a moving vehicle as values: channels of samples, resampling, and cuts at gaps.
+
+Frames are those of `uvms_ocp.model.spatial`: W with z up, B forward-left-up. What a file has otherwise is turned when it is read,
+see `uvms_ocp.identification.reading`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.robot.spatial import quaternion_to_matrix
+from uvms_ocp.types import frozen_mapping, read_only
+
+# What was measured while a vehicle moved, as a value.
+#
+# Frames are those of `uvms_ocp.robot.spatial`: W with z up, B forward-left-up. What a file has otherwise is turned when it is
+# read, see `uvms_ocp.identification.reading`.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ChannelKind:
+    """What the channels of one name hold."""
+
+    unit: str
+    columns: tuple[str, ...] = ()
+    """Names; empty where a vehicle has as many as it has joints or thrusters."""
+    frame: str = ""
+    """Of its vectors, W or B."""
+    command: bool = False
+    """Asked for, not measured: held from one sample to the next."""
+
+
+_XYZ = ("x", "y", "z")
+CHANNEL_KINDS: Mapping[str, ChannelKind] = {
+    "position": ChannelKind(unit="m", columns=_XYZ, frame="W"),
+    "attitude": ChannelKind(unit="-", columns=("qx", "qy", "qz", "qw"), frame="W"),
+    "linear_velocity": ChannelKind(unit="m/s", columns=_XYZ, frame="B"),
+    "angular_velocity": ChannelKind(unit="rad/s", columns=_XYZ, frame="B"),
+    "specific_force": ChannelKind(unit="m/s2", columns=_XYZ, frame="B"),
+    "current": ChannelKind(unit="m/s", columns=_XYZ, frame="W"),
+    "joint_positions": ChannelKind(unit="rad or m"),
+    "joint_velocities": ChannelKind(unit="rad/s or m/s"),
+    "joint_torques": ChannelKind(unit="N m or N"),
+    "wrench": ChannelKind(unit="N, N m", columns=("fx", "fy", "fz", "mx", "my", "mz"), frame="B", command=True),
+    "thrust": ChannelKind(unit="N", command=True),
+    "propeller_commands": ChannelKind(unit="-", command=True),
+}
+"""Every channel that a recording may have, by its name."""
+_NORM = 1e-2  # by which quaternions may differ from 1: they are stored with few digits
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Channel:
+    """Samples of one thing, at times of their own. Raises InvalidInput for times that do not increase, and wrong shapes."""
+
+    t: np.ndarray
+    """(n,) [s] when it was measured, or sent."""
+    values: np.ndarray
+    """(n, k) [unit of its kind], finite."""
+    delay: float = 0.0
+    """[s] by which its times are known to be late."""
+    back: float = 0.0
+    """[s] by which times went back in the file at most, whose samples are in order here."""
+    repeated: int = 0
+    """[-] samples left out, for another had their time."""
+    columns: tuple[str, ...] = ()
+    """Names of joints or thrusters, where whoever recorded them says so."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "t", read_only(self.t, np.float64))
+        object.__setattr__(self, "values", read_only(self.values, np.float64))
+        if self.t.ndim != 1 or self.values.ndim != 2 or len(self.t) != len(self.values) or len(self.t) < 2:
+            raise InvalidInput(
+                f"{self.t.shape} times, {self.values.shape} values given; allowed: (n,) and (n, k), n > 1"
+            )
+        if not (np.isfinite(self.t).all() and np.isfinite(self.values).all() and np.isfinite(self.delay)):
+            raise InvalidInput("NaN or infinity given; leave out samples that are not known")
+        if not (np.diff(self.t) > 0.0).all():
+            first = int(np.argmin(np.diff(self.t) > 0.0))
+            raise InvalidInput(f"time goes from {self.t[first]:.6f} to {self.t[first + 1]:.6f} s; allowed: increasing")
+
+    def of(self, names: tuple[str, ...], where: str) -> Channel:
+        """The same with its columns in the order of names, as far as it names them itself.
+
+        Raises InvalidInput for a channel of others; `where` says which.
+        """
+        if not self.columns or self.columns == names:
+            return self
+        if sorted(self.columns) != sorted(names):
+            raise InvalidInput(f"{where} is of {', '.join(self.columns)}; allowed: {', '.join(names) or 'none'}")
+        order = [self.columns.index(name) for name in names]
+        return replace(self, values=self.values[:, order], columns=names)
+
+    @property
+    def rate(self) -> float:
+        """[Hz] samples in a second, on average."""
+        return float((len(self.t) - 1) / (self.t[-1] - self.t[0]))
+
+    @property
+    def known_t(self) -> np.ndarray:
+        """(n,) [s] without the delay."""
+        return self.t - self.delay
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Recording:
+    """Channels by the names of `KINDS`, their times on one clock. Raises NameNotFound and InvalidInput."""
+
+    name: str
+    channels: Mapping[str, Channel]
+    known_doubts: tuple[tuple[str, str], ...] = ()
+    """What speaks against which channel, as far as its file says so itself."""
+    at_once: bool = False
+    """Whether it is known that commands act from their times on, as in runs of this toolkit."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "channels", frozen_mapping(self.channels))
+        for name, channel in self.channels.items():
+            if name not in CHANNEL_KINDS:
+                raise NameNotFound("channel", name, CHANNEL_KINDS)
+            _check_width(f"{self.name}: {name}", CHANNEL_KINDS[name], channel)
+        attitude = self.channels.get("attitude")
+        if attitude is not None and np.abs(np.linalg.norm(attitude.values, axis=1) - 1.0).max() > _NORM:
+            raise InvalidInput(f"{self.name}: attitude holds no unit quaternions; say what it holds by its format")
+
+    def channel(self, name: str) -> Channel:
+        """One of them. Raises NameNotFound with those that there are."""
+        if name not in self.channels:
+            raise NameNotFound("channel", name, self.channels)
+        return self.channels[name]
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """[s] from when to when all channels are known."""
+        times = [channel.known_t for channel in self.channels.values()]
+        return max(t[0] for t in times), min(t[-1] for t in times)
+
+
+def _check_width(where: str, kind: ChannelKind, channel: Channel) -> None:
+    width = channel.values.shape[1]
+    if kind.columns and width != len(kind.columns):
+        raise InvalidInput(f"{where}: {width} columns given; allowed: {len(kind.columns)}, {', '.join(kind.columns)}")
+
+
+# Channels at any times: commands as they are held, measurements smoothed.
+
+GRID = 0.05
+"""[s] of uniform samples before they are smoothed."""
+_MOST = 20_000_000  # of these: 11 days
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ZeroOrderHold:
+    """A command that stays from one sample to the next; before the first it is as the first."""
+
+    channel: Channel
+    _whole: np.ndarray = field(init=False)
+    """(n, k) [unit of the channel times s] integral up to each sample."""
+
+    def __post_init__(self) -> None:
+        t, values = self.channel.known_t, self.channel.values
+        whole = np.vstack([np.zeros(values.shape[1]), np.cumsum(values[:-1] * np.diff(t)[:, None], axis=0)])
+        object.__setattr__(self, "_whole", whole)
+
+    def at(self, t: np.ndarray) -> np.ndarray:
+        """Values (m, k) [unit of the channel] at t (m,) [s]."""
+        return self.channel.values[self._index(t)]
+
+    def mean(self, edges: np.ndarray) -> np.ndarray:
+        """Means (m - 1, k) [unit of the channel] between edges (m,) [s]: smooth in these, whatever the samples do."""
+        return np.asarray(np.diff(self.total(edges), axis=0) / np.diff(edges)[:, None])
+
+    def total(self, t: np.ndarray) -> np.ndarray:
+        """Integral (m, k) [unit of the channel times s] from the first sample to t (m,) [s]."""
+        index = self._index(t)
+        return self._whole[index] + self.channel.values[index] * (t - self.channel.known_t[index])[:, None]
+
+    def mean_slope(self, edges: np.ndarray) -> np.ndarray:
+        """Rate (m - 1, k) [unit of the channel per s] of these means where all edges (m,) [s] move together."""
+        return np.asarray(np.diff(self.at(edges), axis=0) / np.diff(edges)[:, None])
+
+    def _index(self, t: np.ndarray) -> np.ndarray:
+        index = np.searchsorted(self.channel.known_t, t, side="right") - 1
+        return np.asarray(np.clip(index, 0, len(self.channel.t) - 1))
+
+
+def smoothed(t: np.ndarray, values: np.ndarray, window: float, derivative: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Uniform times (m,) [s] and there, by local quadratics over `window` [s], values or their derivative (m, k) [any].
+
+    t: (n,) [s] and values: (n, k) [any] of the samples, interpolated between them. Raises InvalidInput for times that are
+    too far apart or too near to each other.
+    """
+    from scipy.signal import savgol_filter  # half a second, which few need
+
+    if not 2 * window < t[-1] - t[0] < GRID * _MOST:
+        raise InvalidInput(f"times from {t[0]:g} to {t[-1]:g} s given; allowed: {2 * window:g} s to {GRID * _MOST:g} s")
+    grid = np.arange(t[0], t[-1], GRID)
+    uniform = np.column_stack([np.interp(grid, t, column) for column in values.T])
+    length = max(3, round(window / GRID) // 2 * 2 + 1)
+    return grid, savgol_filter(uniform, length, 2, deriv=derivative, delta=GRID, axis=0)
+
+
+def continuous_quaternions(quaternions: np.ndarray) -> np.ndarray:
+    """The same attitudes (n, 4) [-] by those quaternions (n, 4) [-] of the two for each that do not jump."""
+    signs = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))
+    return quaternions * np.concatenate([[1.0], signs])[:, None]
+
+
+def angular_rate(attitude: Channel, window: float) -> tuple[np.ndarray, np.ndarray]:
+    """Uniform times (m,) [s] and the angular velocity in B (m, 3) [rad/s] of an attitude, smoothed over `window` [s]."""
+    t, quaternions = smoothed(attitude.known_t, attitude.values, window)
+    _, rates = smoothed(attitude.known_t, attitude.values, window, derivative=1)
+    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    a, b, c, d = rates.T
+    # Twice the vector part of the conjugate times the rate.
+    omega = 2 * np.column_stack(
+        [w * a - x * d - y * c + z * b, w * b - y * d - z * a + x * c, w * c - z * d - x * b + y * a]
+    )
+    return t, omega
+
+
+def rotations(attitude: Channel, t: np.ndarray) -> np.ndarray:
+    """R_WB (m, 3, 3) [-] at t (m,) [s], between samples interpolated."""
+    found = np.column_stack([np.interp(t, attitude.known_t, column) for column in attitude.values.T])
+    found /= np.linalg.norm(found, axis=1, keepdims=True)
+    return np.moveaxis(np.array(quaternion_to_matrix(found.T)), -1, 0)
+
+
+# Recordings with silences, cut there: what was commanded while nothing was recorded is known to nobody.
+#
+# A clock that is set while it records leaves one too, as long as it was moved.
+
+LONGEST_GAP = 2.0
+"""[s] without a sample of any channel, from which on a recording is cut."""
+SHORTEST = 5.0
+"""[s] of a part that is kept: less tells next to nothing."""
+
+
+def split_at_gaps(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+    """The same, those with silences in parts. Raises InvalidInput for one that has no part of `SHORTEST`."""
+    return tuple(part for one in recordings for part in _parts(one))
+
+
+def _parts(one: Recording) -> tuple[Recording, ...]:
+    silences, (begin, end) = _silences(one), one.span
+    if not len(silences) or begin >= end:  # channels without a time in common are no matter of silences
+        return (one,)
+    ends = [-np.inf, *silences.ravel(), np.inf]
+    found = [part for pair in zip(ends[::2], ends[1::2], strict=True) if (part := _between(one, *pair))]
+    longest = float(np.diff(silences).max())
+    if not found:
+        given = f"{one.name}: nothing is recorded for up to {longest:.3g} s, again and again"
+        raise InvalidInput(
+            f"{given}; allowed: {SHORTEST:g} s at least without {LONGEST_GAP:g} s of silence: look at its times"
+        )
+    told = f"nothing is recorded for {longest:.3g} s at {silences[int(np.argmax(np.diff(silences))), 0]:.3g} s"
+    known = (*one.known_doubts, ("times", f"{told}: lost, or a clock that was set? It is cut where it is silent"))
+    return tuple(
+        replace(part, name=f"{one.name} part {k}", known_doubts=known if k == 1 else one.known_doubts)
+        for k, part in enumerate(found, start=1)
+    )
+
+
+def _silences(one: Recording) -> np.ndarray:
+    """(n, 2) [s] from the last sample before each to the first after it."""
+    t = np.unique(np.concatenate([channel.known_t for channel in one.channels.values()]))
+    last = np.flatnonzero(np.diff(t) > LONGEST_GAP)
+    return np.column_stack([t[last], t[last + 1]])
+
+
+def _between(one: Recording, begin: float, end: float) -> Recording | None:
+    """From one time [s] to another, or none that is too short."""
+    cut = {name: _cut(channel, begin, end) for name, channel in one.channels.items()}
+    channels = {name: channel for name, channel in cut.items() if channel is not None}
+    part = replace(one, channels=channels) if len(channels) == len(cut) else None
+    return None if part is None or part.span[1] - part.span[0] < SHORTEST else part
+
+
+def _cut(channel: Channel, begin: float, end: float) -> Channel | None:
+    inside = (channel.known_t >= begin) & (channel.known_t <= end)
+    return replace(channel, t=channel.t[inside], values=channel.values[inside]) if inside.sum() > 1 else None

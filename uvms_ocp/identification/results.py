@@ -1,0 +1,360 @@
+"""Results of an identification: the report, the robot file with the identified coefficients, and the report of an experiment.
+
+A robot file holds coefficients of water. Mass and inertia are the URDF's, gains and delays the driver's: the report has them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import yaml
+
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.calibration import Calibration, Comparison
+from uvms_ocp.identification.experiment_design import Excitation
+from uvms_ocp.identification.fit import Predicted, fit
+from uvms_ocp.identification.parameters import AXES
+from uvms_ocp.identification.settings import CalibratedRobot, require_no_shape
+from uvms_ocp.identification.uncertainty import (
+    DETERMINED_BELOW,
+    LEAST_TOLD,
+    LEVEL,
+    IdentifiedNumber,
+    UnidentifiableDirection,
+)
+from uvms_ocp.identification.validation import OTHERS, SCORED, Horizon, LeftOut, Profile, errors
+from uvms_ocp.robot.description import LinkCoefficients, read_description
+
+# What to do about a combination that recordings leave open, in words: which motion shows it, or what has to be measured.
+#
+# A motion shows a number by the force that comes of it: added mass by accelerations, drag by speeds, two of them apart by two
+# speeds, what holds it upright by tilts. What enters every force alike no motion shows: a scale does, or a gauge of thrust.
+
+_SHARES = 3  # of a combination, the largest first, that are told of
+_MOTIONS = {
+    "mass": "weigh the vehicle, and give its mass a prior",
+    "centre_of_mass": "tilt it {tilt} and let it go: swings show where its weight is",
+    "second_moment": "swing it in roll and pitch and turn it to and fro in yaw, with changing speed",
+    "volume": "let it rise or sink without thrust, or weigh it under water",
+    "centre_of_buoyancy": "tilt it {tilt}, and hold it there or let it go",
+    "added_mass": "drive {axes} to and fro: steps of a second or two, one way and the other",
+    "linear_drag": "drive {axes} slowly, and keep each speed for some seconds",
+    "quadratic_drag": "drive {axes} fast, and keep each speed for some seconds",
+    "gain": "drive actuator {entry} ahead with much of its force",
+    "reverse": "drive actuator {entry} astern with much of its force",
+    "dead_zone": "drive actuator {entry} ahead with small commands that rise slowly from zero",
+    "dead_zone_reverse": "drive actuator {entry} astern with small commands that rise slowly from zero",
+    "lag": "command steps: what follows late shows the lag",
+    "delay": "command steps: when they begin to show tells the delay",
+    "bias": "leave it without commands for some seconds, free in {entry}",
+    "velocity_point": "turn it fast: the sensor shows how far it is from the centre",
+    "attitude_turn": "roll it, then pitch it: what the sensor shows of each tells how it is turned",
+    "velocity_delay": "change speeds suddenly: when the sensor shows it tells its delay",
+}
+_TILT = {"x": "in pitch", "y": "in roll", "z": "far in roll and pitch"}
+_DRAGS = frozenset({"linear_drag", "quadratic_drag"})
+_BODY = frozenset({"mass", "second_moment"})
+_DRIVEN = frozenset({"added_mass", "volume"}) | _DRAGS | _BODY
+_SCALE = "forces and what they move grow alike: measure a thrust against a gauge, or give gain or mass a prior"
+_WEIGHED = "no motion in water tells a body from the water that it moves: weigh it, and give its {body} a prior"
+_NET = "only the net weight shows: weigh the vehicle in air, and give its mass a prior"
+_EDGES = "command steps, and record faster than the lag: only how they begin tells it from the delay"
+_SPEEDS = "drive {axes} at two speeds that differ much, and keep each for some seconds"
+
+
+def advice(one: UnidentifiableDirection) -> str:
+    """What would determine a combination, or what has to be known besides; as ``drive yaw fast``."""
+    shares = [_parted(name) for name, _ in one.shares[:_SHARES]]
+    told = _of_all(shares)
+    return told or "; ".join(dict.fromkeys(_motion(_MOTIONS[quantity], entry) for quantity, entry in shares))
+
+
+def _of_all(shares: Sequence[tuple[str, str]]) -> str | None:
+    """What holds of numbers that only together are left open."""
+    quantities, entries = frozenset(one for one, _ in shares), {entry for _, entry in shares}
+    if quantities == _DRAGS and len(entries) == 1:
+        return _motion(_SPEEDS, entries.pop())
+    if "added_mass" in quantities and len(quantities) > 1 and quantities <= _BODY | {"added_mass"}:
+        return _WEIGHED.format(body=" and ".join(sorted(quantities & _BODY)))
+    if "gain" in quantities and quantities & _DRIVEN and quantities <= _DRIVEN | {"gain", "reverse"}:
+        return _SCALE
+    return {frozenset({"mass", "volume"}): _NET, frozenset({"lag", "delay"}): _EDGES}.get(quantities)
+
+
+def _parted(name: str) -> tuple[str, str]:
+    quantity, _, entry = name.partition(" ")
+    return quantity, entry
+
+
+def _motion(text: str, entry: str) -> str:
+    axes = entry.replace(" from ", "-").split("-")
+    driven = axes[0] if len(axes) == 1 else f"{' and '.join(axes)} together"
+    return text.format(entry=entry, axes=driven, tilt=_TILT.get(entry, "every way"))
+
+
+# What has been learnt as a robot file: a variant, whose keys replace those of the robot's own, with the source of each number.
+#
+# A file holds coefficients of water. Mass and inertia are the URDF's, gains and delays the driver's: the report tells them.
+
+IN_FILE = ("added_mass", "linear_drag", "quadratic_drag", "volume", "centre_of_buoyancy")
+"""Quantities that a robot file holds."""
+
+
+def require_coefficients(subject: CalibratedRobot) -> LinkCoefficients:
+    """Those of the link that is calibrated, as the robot's file has them: what is learnt takes their places.
+
+    Raises InvalidInput for a robot whose link has none of its own, as `require_no_shape` does for a shape, or a frame of theirs.
+    """
+    require_no_shape(subject)
+    description, frame = subject.robot.description, subject.frame
+    link = description.links.get(frame)
+    found = None if link is None else link.coefficients
+    if found is None or description.convention != "FLU" or found.pose != type(found.pose)():
+        raise InvalidInput(f"{frame}: give it coefficients in the link frame, convention FLU, to have it calibrated")
+    return found
+
+
+def variant_text(one: Calibration, recordings: Sequence[str]) -> str:
+    """The file. Raises InvalidInput, as `require_coefficients`."""
+    lines, learnt = [f"# Identified from: {', '.join(recordings)}."], list(_lines(one))
+    if not learnt:  # which is no file of ours without a key
+        return (
+            "\n".join([*lines, "# A robot file holds nothing of what was learnt: see the report.", "links: {}"]) + "\n"
+        )
+    lines += ["links:", f"  {one.subject.frame}:", "    coefficients:"]
+    return "\n".join([*lines, *(f"      {line}" for line in learnt)]) + "\n"
+
+
+def whole_text(one: Calibration, variant: Path) -> str:
+    """The robot's file with what a variant says in its place."""
+    described = read_description(one.subject.file, variant).model_dump(mode="json", exclude_unset=True)
+    head = f"# Of {one.subject.file.name}, with identified coefficients of {one.subject.frame}: see {variant.name}.\n"
+    return head + yaml.safe_dump(described, sort_keys=False, width=130)
+
+
+def _lines(one: Calibration) -> Iterator[str]:
+    values = _of_file(one)
+    learnt = {number.quantity for number in one.numbers}
+    if learnt & {"volume", "centre_of_buoyancy"}:
+        learnt |= {"volume", "centre_of_buoyancy"}  # with floats beside the hull one follows from the other
+    for name in IN_FILE:
+        if name in learnt:
+            yield f"# {_source(name, one)}"
+            yield f"{name}: {_written(values[name])}"
+
+
+def _of_file(one: Calibration) -> dict[str, np.ndarray]:
+    """As the file has them: floats and ballast are in the vehicle's numbers, and not in those of its link."""
+    before = require_coefficients(one.subject)
+    found = one.subject.vehicle.shared.values(ca.SX(ca.DM(one.flown.estimate.shared)))
+    now = {name: np.asarray(ca.DM(value)) for name, value in found.items() if name in IN_FILE}
+    start = one.subject.start
+    volume = float(now["volume"].item()) + before.volume - start.volume
+    centre = np.zeros(3) if before.centre_of_buoyancy is None else np.array(before.centre_of_buoyancy)
+    floats = start.volume * start.centre_of_buoyancy - before.volume * centre
+    first = float(now["volume"].item()) * now["centre_of_buoyancy"].ravel() - floats
+    return {**now, "volume": np.array(volume), "centre_of_buoyancy": first / volume}
+
+
+def _source(name: str, one: Calibration) -> str:
+    parts = [f"{each.entry or name} {_word(each, one)}" for each in one.numbers if each.quantity == name]
+    return "; ".join(parts) + "; the others as before" if parts else "follows from the others: floats are apart"
+
+
+def _word(number: IdentifiedNumber, one: Calibration) -> str:
+    if number.name in one.flown.kept:
+        return "not determined, as before"
+    return f"{'identified' if number.determined else 'not determined'}, +-{number.sigma:.2g}"
+
+
+def _written(value: np.ndarray) -> str:
+    if value.size == 1:
+        return f"{value.item():.6g}"
+    if value.ndim == 1:
+        return _row(value)
+    if np.count_nonzero(value - np.diag(np.diag(value))):
+        return "[" + ", ".join(_row(row) for row in value) + "]"
+    return _row(np.diag(value))
+
+
+def _row(values: np.ndarray) -> str:
+    return "[" + ", ".join(f"{float(value):.6g}" for value in values) + "]"
+
+
+# How well recordings are predicted, as tables: nothing is told without what predictors that know less make of it.
+
+_STILL = 1e-3  # [m/s, rad/s] deviation below which a channel has no fit
+
+
+def fits(comparisons: Sequence[Comparison]) -> Iterator[str]:
+    """Of recordings that were seen."""
+    yield "\n## Fits of whole recordings, in percent, from commands alone\n"
+    yield "Recordings were seen by the search: predictions of others are worse. In brackets: before the calibration, and a"
+    yield "vehicle that does not move. Tilt: error of the vertical in degrees; in brackets before, as it was at first, and in"
+    yield "static balance.\n"
+    yield "| recording | " + " | ".join((*AXES, "tilt")) + " |"
+    yield "|---" * (2 + len(AXES)) + "|"
+    for each in comparisons:
+        columns = zip(*(_by_axis(one) for one in (each.calibrated, each.before, each.still)), strict=True)
+        cells = [f"{after} ({before}; {still})" for after, before, still in columns]
+        after, *others = (errors(one)[-1] for one in (each.calibrated, each.before, each.still, each.balance))
+        yield f"| {each.name} | {' | '.join(cells)} | {after:.2g} ({'; '.join(f'{x:.2g}' for x in others)}) |"
+
+
+def _by_axis(predicted: Predicted) -> list[str]:
+    pairs = [(predicted.seen[k][:, i], predicted.rows[k][:, i]) for k in range(2) for i in range(3)]
+    return [f"{fit(*pair):.0f}" if np.std(pair[0]) > _STILL else "-" for pair in pairs]
+
+
+def left_out_tables(one: Sequence[LeftOut]) -> Iterator[str]:
+    """Of recordings that were not, by horizons; nothing where none was left out."""
+    if not one:
+        return
+    yield "\n## Predictions of recordings that were left out\n"
+    yield "Each recording is predicted by what the others tell, from commands alone, horizon by horizon, each from what was"
+    yield "known before it. Root mean squares of errors in m/s, rad/s and degrees (tilt), medians over the recordings; the last"
+    yield "horizon is as long as recordings are. In bold: worse than one that knows less."
+    for asked in sorted({each.asked for left in one for each in left.horizons}):
+        yield from _horizon(asked, [each for left in one for each in left.horizons if each.asked == asked])
+    yield from _by_recording(one)
+
+
+def _horizon(asked: float, found: Sequence[Horizon]) -> Iterator[str]:
+    short = min(each.length for each in found)
+    yield f"\n### {asked:g} s" + (f" (recordings have {short:.3g} s)" if short < asked - 1e-6 else "")
+    yield "\n| predicted by | " + " | ".join(SCORED) + " |"
+    yield "|---" + "|---:" * len(SCORED) + "|"
+    rows = {name: np.median([errors(each.by[name]) for each in found], axis=0) for name in found[0].by}
+    best = np.min([row for name, row in rows.items() if name != OTHERS], axis=0)
+    for name, row in rows.items():
+        worse = (row > best) & (name == OTHERS)
+        yield f"| {name} | {' | '.join(_cell(*pair) for pair in zip(row, worse, strict=True))} |"
+
+
+def _by_recording(one: Sequence[LeftOut]) -> Iterator[str]:
+    yield "\n### Each recording, over the longest horizon that it has\n"
+    yield "In brackets: the best that knows less.\n"
+    yield "| recording | " + " | ".join(SCORED) + " |"
+    yield "|---" * (1 + len(SCORED)) + "|"
+    for each in one:
+        if each.horizons:
+            yield f"| {each.name} | {' | '.join(_beside(each.horizons[-1]))} |"
+    for each in one:
+        if not each.horizons:
+            yield f"\n{each.name}: the others determine too little to predict it (their search: {each.estimate.status.value})."
+
+
+def _beside(one: Horizon) -> Iterator[str]:
+    found = {name: errors(predicted) for name, predicted in one.by.items()}
+    best = np.min([row for name, row in found.items() if name != OTHERS], axis=0)
+    for value, other in zip(found[OTHERS], best, strict=True):
+        yield f"{_cell(value, value > other)} ({other:.2g})"
+
+
+def _cell(value: float, worse: bool) -> str:
+    return f"**{value:.2g}**" if worse else f"{value:.2g}"
+
+
+# A calibration in words: numbers, how sure they are, what is not determined, and how well recordings are predicted.
+
+_TOLD = 6  # combinations, the worst first
+_DECADES = 1e3  # [-] between the ends of an interval that is told of what is positive
+
+
+def report_text(one: Calibration) -> str:
+    """Markdown."""
+    parts = ["# Calibration", *_number_table(one), *_profiles(one), *_open(one), *_white(one), *fits(one.comparisons)]
+    parts += [*left_out_tables(one.left_out), "", "## Doubts about the recordings", ""]
+    return "\n".join([*parts, *(f"- {doubt}" for doubt in one.doubts or ("none",))]) + "\n"
+
+
+def _number_table(one: Calibration) -> Iterator[str]:
+    yield f"\nThe search has ended: {one.estimate.status.value}. {one.estimate.status.advice}"
+    yield f"Standard errors take {one.together:.3g} samples for one, as residuals are not white; a number is called"
+    yield f"determined below {100 * DETERMINED_BELOW:.0f} % of its size (lengths: of 5 cm), beyond what priors said, and none where the"
+    yield "search has not converged; intervals of many decades are called open. What stays open is in the file as it was"
+    yield "before, where the recordings allow it, and the others as they were fitted anew beside it."
+    yield "\n| number | value | unit | standard error | 95 % interval | determined | in the file |"
+    yield "|---|---:|---|---:|---|---|---|"
+    for each in one.numbers:
+        words = "yes" if each.determined else "no", _in_file(one, each)
+        told = f"{each.value:.4g} | {each.unit} | {each.sigma:.2g} | {_ends(each.interval)}"
+        yield f"| {each.name} | {told} | {words[0]} | {words[1]} |"
+
+
+def _in_file(one: Calibration, each: IdentifiedNumber) -> str:
+    if each.quantity not in IN_FILE or not one.flown.usable:
+        return "no"
+    return "as before" if each.name in one.flown.kept else "yes"
+
+
+def _profiles(one: Calibration) -> Iterator[str]:
+    if not one.profiles:
+        return
+    yield "\n## Profiles\n"
+    yield "Each number that is determined was held at one and two standard errors to either side, and more where its"
+    yield "interval did not close, while all others were fitted anew: the interval does not rely on linearity."
+    yield "\n| number | unit | by standard errors | by profile | |"
+    yield "|---|---|---|---|---|"
+    for each in one.profiles:
+        yield _profile(each, each.number)
+
+
+def _profile(one: Profile, told: IdentifiedNumber) -> str:
+    word = "differs" if one.differs else ""
+    return f"| {told.name} | {told.unit} | {_ends(told.interval)} | {_ends(one.interval)} | {word} |"
+
+
+def _ends(interval: tuple[float, float]) -> str:
+    if interval[1] > _DECADES * abs(interval[0]) and interval[0] >= 0.0:
+        return "open"
+    return f"{interval[0]:.4g} to {interval[1]:.4g}" if np.isfinite(interval).all() else "open"
+
+
+def _open(one: Calibration) -> Iterator[str]:
+    yield "\n## Combinations that the recordings leave open\n"
+    if not one.open:
+        yield "None."
+    for each in one.open[:_TOLD]:
+        shares = " ".join(f"{share:+.2f} {name}" for name, share in each.shares)
+        yield f"- {shares}: standard error {min(each.sigma, 1e3):.2g} without priors. To determine it: {advice(each)}."
+
+
+def _white(one: Calibration) -> Iterator[str]:
+    yield "\n## What the search has left\n"
+    yield f"Residuals of all stretches. Where the model says all that there is they are white: p is above {LEVEL:g} (Ljung and"
+    yield "Box's test), one sample at a time misses, and the size is 1, in standard deviations of the noise as given.\n"
+    yield "| channel | size | samples that miss alike | p | white |"
+    yield "|---|---:|---:|---:|---|"
+    for each in one.whiteness:
+        word, p = "yes" if each.white else "no", f"{each.p:.2g}" if each.p > LEAST_TOLD else f"below {LEAST_TOLD:g}"
+        yield f"| {each.channel} | {each.size:.2g} | {each.together:.3g} | {p} | {word} |"
+
+
+# A design in words: where it leads, and what one recording of it is expected to determine.
+
+
+def excitation_text(one: Excitation, actuators: Sequence[str]) -> str:
+    """Markdown."""
+    return "\n".join(["# Excitation", "", *_course(one, actuators), "", *_experiment_numbers(one)]) + "\n"
+
+
+def _course(one: Excitation, actuators: Sequence[str]) -> Iterator[str]:
+    spans = [f"{low:+.2f} to {high:+.2f}" for low, high in one.swept.T]
+    step = float(one.commands.t[1] - one.commands.t[0])
+    tilt = 2.0 * np.arcsin(np.hypot(*one.states[:, 3:5].T).max())
+    yield f"{one.status.value}: {one.status.advice}\n"
+    yield f"Commands last {step * len(one.commands.t):.4g} s, held for {step:.4g} s each, of {', '.join(actuators)}.\n"
+    yield f"From where its origin begins the hull sweeps {', '.join(spans)} m in x, y and z, and tilts by {tilt:.2f} rad at most,"
+    yield "if the vehicle is as it is believed to be: keep it in sight, and record what was told if someone interferes."
+
+
+def _experiment_numbers(one: Excitation) -> Iterator[str]:
+    yield "| number | believed | unit | standard error | determined |"
+    yield "|---|---:|---|---:|---|"
+    for each in one.numbers:
+        word = "yes" if each.determined else "no"
+        yield f"| {each.name} | {each.value:.4g} | {each.unit} | {each.sigma:.2g} | {word} |"

@@ -1,0 +1,385 @@
+"""Shooting segments of recordings, and their simulation, many at once, with sensitivities.
+
+The derivatives of single steps come from the stage, and are chained here: ``S_next = A S + B + C du/dp``. That is the variational
+equation of the discrete model, so that slopes are those of what is simulated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.codegen.compile import compile_function
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.model import N_Q, N_V, PAST, PAST_STEP, Stage, Vehicle
+from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold, angular_rate, rotations, smoothed
+from uvms_ocp.robot.spatial import quaternion_exp, quaternion_multiply
+
+# A stretch of a recording as a simulation needs it: what was commanded step by step, and what was seen when.
+
+N_SEEN = 9
+"""[-] rows of what is seen, as `Stage.seen` has them: velocity, angular velocity, vertical; three of each."""
+RATE_WINDOW = 0.6
+"""[s] over which attitude is smoothed for an angular velocity that is not recorded."""
+COMMANDS = ("thrust", "wrench", "propeller_commands")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Segment:
+    """Of one recording, all steps as long."""
+
+    recording: str
+    edges: np.ndarray
+    """(n + 1,) [s] of its steps."""
+    commands: ZeroOrderHold
+    """Of actuators."""
+    joints: np.ndarray
+    """(3 n_j, n) [rad, rad/s, rad/s2] in the middle of each step, as `Stage` has them."""
+    t: tuple[np.ndarray, ...]
+    """Three of (m,) [s]: of the samples of each sensor."""
+    seen: tuple[np.ndarray, ...]
+    """Three of (m, 3) [m/s, rad/s, -]"""
+    q: np.ndarray
+    """(7,) [m, -] about where the vehicle was at the beginning."""
+    v: np.ndarray
+    """(6,) [m/s, rad/s]"""
+
+    @property
+    def step(self) -> float:
+        """[s]"""
+        return float(self.edges[1] - self.edges[0])
+
+    def first(self, duration: float) -> Segment:
+        """Its first part of some duration [s], at least a step."""
+        n = min(max(1, round(duration / self.step)), len(self.edges) - 1)
+        return _cut(self, 0, n, self.q, self.v)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Prepared:
+    """A recording with what follows from its channels: a rate of turning, commands of actuators, joints."""
+
+    recording: Recording
+    rate: Channel
+    commands: ZeroOrderHold
+    joints: Channel | None
+    """Their positions, where the vehicle has any."""
+
+    @staticmethod
+    def of(recording: Recording, vehicle: Vehicle, window: float = RATE_WINDOW) -> Prepared:
+        """window: [s] over which attitude is smoothed where no angular velocity is recorded.
+
+        Raises NameNotFound for a channel that is missing, and InvalidInput for one of other joints or actuators and for
+        channels that have no time in common.
+        """
+        attitude, _ = recording.channel("attitude"), recording.channel("linear_velocity")
+        _require_span(recording)
+        rate = recording.channels.get("angular_velocity")
+        if rate is None:
+            t, omega = angular_rate(attitude, window)
+            at = attitude.known_t[(attitude.known_t >= t[0]) & (attitude.known_t <= t[-1])]
+            rate = Channel(t=at, values=np.column_stack([np.interp(at, t, column) for column in omega.T]))
+        commands = ZeroOrderHold(_actuator_commands(recording, vehicle))
+        return Prepared(recording=recording, rate=rate, commands=commands, joints=_moved(recording, vehicle))
+
+    def stretches(self, step: float, duration: float | None = None) -> tuple[Segment, ...]:
+        """The recording in steps of `step` [s], cut into equal stretches of about `duration` [s]; all of it by default.
+
+        Raises InvalidInput where they would not have a step.
+        """
+        begin, end = self.recording.span
+        total = int((end - begin) / step)
+        n = max(1, round(total * step / duration)) if duration else 1
+        if total < n:
+            given = f"{self.recording.name}: {end - begin:.4g} s in stretches of {duration or np.inf:g} s"
+            raise InvalidInput(
+                f"{given}; a step takes {step:g} s: record more, or give longer stretches or shorter steps"
+            )
+        size, whole = total // n, self._whole(begin + step * np.arange(total + 1))
+        return tuple(self._stretch(whole, k * size, (k + 1) * size) for k in range(n))
+
+    def windows(self, step: float, known: float, horizon: float) -> tuple[Segment, ...]:
+        """Stretches in steps of `step` [s], of the times `known` [s] and `horizon` [s] after it, that begin a horizon apart.
+
+        Their horizons follow each other without gaps; the last one, if it is cut off, is left out.
+        """
+        (whole,) = self.stretches(step)
+        before, after, n = round(known / step), round(horizon / step), len(whole.edges) - 1
+        begins = range(0, n - before - after + 1, after)
+        return tuple(self._stretch(whole, first, first + before + after) for first in begins)
+
+    def _whole(self, edges: np.ndarray) -> Segment:
+        attitude, velocity = self.recording.channel("attitude"), self.recording.channel("linear_velocity")
+        vertical = rotations(attitude, attitude.known_t)[:, 2, :]
+        seen = (velocity.known_t, velocity.values), (self.rate.known_t, self.rate.values), (attitude.known_t, vertical)
+        return Segment(
+            recording=self.recording.name,
+            edges=edges,
+            commands=self.commands,
+            joints=_joints(self.joints, edges),
+            t=tuple(t for t, _ in seen),
+            seen=tuple(values for _, values in seen),
+            q=np.zeros(7),
+            v=np.zeros(6),
+        )
+
+    def _stretch(self, whole: Segment, first: int, last: int) -> Segment:
+        t = whole.edges[first]
+        attitude = self.recording.channel("attitude")
+        quaternion = np.array([np.interp(t, attitude.known_t, column) for column in attitude.values.T])
+        v = [np.interp(t, whole.t[k], column) for k in (0, 1) for column in whole.seen[k].T]
+        q = np.concatenate([np.zeros(3), quaternion / np.linalg.norm(quaternion)])
+        return _cut(whole, first, last, q, np.array(v))
+
+
+def _cut(whole: Segment, first: int, last: int, q: np.ndarray, v: np.ndarray) -> Segment:
+    edges = whole.edges[first : last + 1]
+    inside = [(t >= edges[0]) & (t <= edges[-1]) for t in whole.t]
+    return Segment(
+        recording=whole.recording,
+        edges=edges,
+        commands=whole.commands,
+        joints=whole.joints[:, first:last],
+        t=tuple(t[chosen] for t, chosen in zip(whole.t, inside, strict=True)),
+        seen=tuple(values[chosen] for values, chosen in zip(whole.seen, inside, strict=True)),
+        q=q,
+        v=v,
+    )
+
+
+def _actuator_commands(recording: Recording, vehicle: Vehicle) -> Channel:
+    """What each actuator was told."""
+    name = vehicle.actuators.commands or _only_commands(recording)
+    channel, allocation = recording.channel(name), vehicle.actuators.allocation
+    if name == "thrust":
+        channel = channel.of(vehicle.actuators.names, f"{recording.name}: thrust")
+    if channel.values.shape[1] != allocation.shape[1]:
+        given = f"{recording.name}: {name} has {channel.values.shape[1]} columns"
+        raise InvalidInput(f"{given}; the actuators' allocation takes {allocation.shape[1]}")
+    return Channel(t=channel.t, values=channel.values @ allocation.T, delay=channel.delay)
+
+
+def _only_commands(recording: Recording) -> str:
+    names = [name for name in COMMANDS if name in recording.channels]
+    if len(names) != 1:
+        raise InvalidInput(f"{recording.name}: commands {names} recorded; allowed: one of {', '.join(COMMANDS)}")
+    return names[0]
+
+
+def _moved(recording: Recording, vehicle: Vehicle) -> Channel | None:
+    """Positions of the vehicle's joints, in its order."""
+    names = tuple(vehicle.dynamics.model.names)[2:]  # after the universe and the vehicle
+    if not names and "joint_positions" not in recording.channels:
+        return None
+    channel = recording.channel("joint_positions").of(names, f"{recording.name}: joint_positions")
+    if channel.values.shape[1] != vehicle.dynamics.model.nq - N_Q:
+        given = f"{recording.name}: joint_positions has {channel.values.shape[1]} columns"
+        raise InvalidInput(f"{given}; the vehicle has joints {', '.join(names) or 'of no arm'}")
+    return channel
+
+
+def _require_span(recording: Recording) -> None:
+    begin, end = recording.span
+    if not begin < end:
+        given = f"one channel begins at {begin:.6g} s, and another has ended at {end:.6g} s"
+        raise InvalidInput(f"{recording.name}: {given}; give channels of one clock, with times in common")
+
+
+def _joints(channel: Channel | None, edges: np.ndarray, window: float = 0.4) -> np.ndarray:
+    middle = (edges[1:] + edges[:-1]) / 2
+    if channel is None:
+        return np.zeros((0, len(middle)))
+    parts = [smoothed(channel.known_t, channel.values, window, derivative) for derivative in range(3)]
+    return np.array([np.interp(middle, t, column) for t, values in parts for column in values.T])
+
+
+# Simulation of many stretches at once, with the sensitivities of what is seen.
+#
+# The derivatives of single steps come from the stage, and are chained here: ``S_next = A S + B + C du/dp``. That is the
+# variational equation of the discrete model, so that slopes are those of what is simulated.
+
+N_START = 9
+"""[-] unknowns of a start: velocity (6), then the turn of the attitude in B (3)."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class SegmentStart:
+    """Where a stretch begins."""
+
+    q: np.ndarray
+    """(7,) [m, -]"""
+    v: np.ndarray
+    """(6,) [m/s, rad/s]"""
+
+    def moved(self, change: np.ndarray) -> SegmentStart:
+        """By a change (9,) [m/s, rad/s, rad]."""
+        turned = np.asarray(quaternion_multiply(self.q[3:], quaternion_exp(change[N_V:])))
+        return SegmentStart(q=np.concatenate([self.q[:3], turned / np.linalg.norm(turned)]), v=self.v + change[:N_V])
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Seen:
+    """What a stretch should show, by the three sensors, and where it ends."""
+
+    rows: tuple[np.ndarray, ...]
+    """Three of (m, 3) [m/s, rad/s, -]"""
+    end: np.ndarray
+    """(n_x,) [as the state] where it is last."""
+    slopes: tuple[np.ndarray, ...] = ()
+    """Three of (m, 3, n_p + 9) [as rows, per unknown]: with the unknowns, then with the start."""
+    end_slope: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    """(n_x, n_p + 9) [as the state, per unknown]"""
+
+
+class Rollout:
+    """Of one stage; functions are compiled where there is a compiler, and made once for each number of steps."""
+
+    def __init__(self, stage: Stage) -> None:
+        self.stage = stage
+        self.step, self.slope = compile_function(stage.step), compile_function(stage.slope)
+        self._many: dict[tuple[str, int, int], ca.Function] = {}
+
+    def seen(
+        self, stretches: Sequence[Segment], starts: Sequence[SegmentStart], p: np.ndarray, *, slopes: bool
+    ) -> list[Seen]:
+        """Simulate stretches of equally many steps, all with unknowns p (n, n_p) [any], a row for each.
+
+        Raises InvalidInput where they have different numbers of steps, or joints other than the vehicle's.
+        """
+        n = {len(one.edges) - 1 for one in stretches}
+        if len(n) != 1 or any(one.joints.shape[0] != 3 * self.stage.n_j for one in stretches):
+            raise InvalidInput(f"stretches of {sorted(n)} steps; allowed: equally many, with all joints of the vehicle")
+        run = _Run(self, stretches, starts, p, n.pop())
+        return run.with_slopes() if slopes else run.rows()
+
+    def many(self, name: str, function: ca.Function, n: int, m: int) -> ca.Function:
+        """A function `n` times after itself, `m` of these beside each other; or, with n = 0, only the latter."""
+        key = (name, n, m)
+        if key not in self._many:
+            self._many[key] = function.mapaccum(n).map(m) if n else function.map(m)
+        return self._many[key]
+
+
+class _Run:
+    """One simulation of m stretches in n steps: states (m, n + 1, n_x)."""
+
+    def __init__(
+        self, rollout: Rollout, stretches: Sequence[Segment], starts: Sequence[SegmentStart], p: np.ndarray, n: int
+    ) -> None:
+        self._rollout, self._stage, self._stretches, self._n = rollout, rollout.stage, stretches, n
+        self._p = p
+        self._delays = [[np.asarray(part) for part in self._stage.delays(row)] for row in p]
+        u = [one.commands.mean(one.edges - d[0, 0]) for one, (d, _) in zip(stretches, self._delays, strict=True)]
+        self._u = np.vstack(u)
+        past = [one.commands.mean(self._past(k)).T for k, one in enumerate(stretches)]
+        self._begun = first = [[np.asarray(part) for part in self._stage.begun(past[k], p[k])] for k in range(len(p))]
+        x0 = [np.concatenate([s.q, s.v, w.ravel()]) for s, (w, _, _) in zip(starts, first, strict=True)]
+        self._given = (
+            self._u.T,
+            np.hstack([one.joints for one in stretches]),
+            np.repeat(p, n, axis=0).T,
+            np.repeat([one.step for one in stretches], n)[None],
+        )
+        after = rollout.many("step", rollout.step, n, len(p))(np.array(x0).T, *self._given)
+        states = np.asarray(after).T.reshape(len(p), n, -1)
+        self._x = np.concatenate([np.array(x0)[:, None], states], axis=1)
+
+    def rows(self) -> list[Seen]:
+        y, _, _ = self._outputs()
+        return [Seen(rows=self._sampled(k, y[k]), end=self._x[k, -1]) for k in range(len(self._stretches))]
+
+    def with_slopes(self) -> list[Seen]:
+        y, y_x, y_p = self._outputs()
+        S, n_p = self._sensitivities(), self._stage.n_p
+        found = []
+        for k in range(len(self._stretches)):
+            dy = y_x[k] @ S[k]
+            dy[:, :, :n_p] += y_p[k]
+            rows, slopes = self._sampled(k, y[k]), list(self._sampled(k, dy))
+            dd = self._delays[k][1]
+            slopes[0] = slopes[0] - self._rate(k, y[k])[:, :, None] * np.concatenate([dd[1], np.zeros(N_START)])
+            found.append(Seen(rows=rows, slopes=tuple(slopes), end=self._x[k, -1], end_slope=S[k, -1]))
+        return found
+
+    def _outputs(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        m, n, n_x = self._x.shape
+        function = self._rollout.many("seen", self._stage.seen, 0, m * n)
+        y, y_x, y_p = (np.asarray(one) for one in function(self._x.reshape(-1, n_x).T, np.repeat(self._p, n, axis=0).T))
+        shaped = [_blocks(one, width, m, n) for one, width in ((y_x, n_x), (y_p, self._stage.n_p))]
+        return y.T.reshape(m, n, N_SEEN), shaped[0], shaped[1]
+
+    def _sensitivities(self) -> np.ndarray:
+        """(m, n + 1, n_x, n_p + 9)"""
+        m, n, stage = len(self._stretches), self._n, self._stage
+        before = self._x[:, :-1].reshape(-1, stage.n_x).T
+        found = self._rollout.many("slope", self._rollout.slope, 0, m * n)(before, *self._given)
+        widths = stage.n_x, stage.n_p, stage.n_u
+        A, B, C = (_blocks(np.asarray(one), width, m, n) for one, width in zip(found, widths, strict=True))
+        for k, one in enumerate(self._stretches):
+            d, dd = self._delays[k]
+            slope = -one.commands.mean_slope(one.edges - d[0, 0])
+            B[k] += np.einsum("nij,nj->ni", C[k], slope)[:, :, None] * dd[0]
+        first = np.array([self._start_slope(k) for k in range(m)])
+        return np.moveaxis(chained(np.moveaxis(A, 1, 0), np.moveaxis(B, 1, 0), first), 0, 1)
+
+    def _past(self, k: int) -> np.ndarray:
+        """Edges of the commands before the start."""
+        return self._stretches[k].edges[0] - self._delays[k][0][0, 0] + PAST_STEP * np.arange(-PAST, 1)
+
+    def _start_slope(self, k: int) -> np.ndarray:
+        S = np.zeros((self._stage.n_x, self._stage.n_p + N_START))
+        _, with_p, with_past = self._begun[k]
+        later = with_past @ -self._stretches[k].commands.mean_slope(self._past(k)).ravel()  # command by command
+        S[N_Q + N_V :, : self._stage.n_p] = with_p + np.outer(later, self._delays[k][1][0])
+        S[N_Q : N_Q + N_V, self._stage.n_p : self._stage.n_p + N_V] = np.eye(N_V)
+        S[3:N_Q, self._stage.n_p + N_V :] = turn_slope(self._x[k, 0, 3:N_Q])
+        return S
+
+    def _sampled(self, k: int, values: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Rows of each sensor at the times of its samples."""
+        found = []
+        for sensor in range(3):
+            index, share = self._place(k, sensor)
+            rows = values[:, 3 * sensor : 3 * sensor + 3]
+            share = share.reshape(-1, *([1] * (rows.ndim - 1)))
+            found.append((1.0 - share) * rows[index] + share * rows[index + 1])
+        return tuple(found)
+
+    def _rate(self, k: int, y: np.ndarray) -> np.ndarray:
+        index, share = self._place(k, 0)
+        moving = (index + share > 0.0)[:, None]  # before the beginning there is only the beginning
+        return np.asarray(moving * (y[index + 1, :3] - y[index, :3]) / self._stretches[k].step)
+
+    def _place(self, k: int, sensor: int) -> tuple[np.ndarray, np.ndarray]:
+        one = self._stretches[k]
+        late = float(self._delays[k][0][1, 0]) if sensor == 0 else 0.0
+        place = np.maximum((one.t[sensor] - late - one.edges[0]) / one.step, 0.0)
+        index = np.clip(place.astype(int), 0, self._n - 1)
+        return index, place - index
+
+
+def chained(A: np.ndarray, B: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """(n + 1, ..., n_x, k) [any] ``S_next = A S + B``, B for the first n_p columns only, those of unknowns.
+
+    A: (n, ..., n_x, n_x) [any], B: (n, ..., n_x, n_p) [any], first: (..., n_x, k) [any].
+    """
+    S = np.empty((len(A) + 1, *first.shape))
+    S[0], n_p = first, B.shape[-1]
+    for k, (a, b) in enumerate(zip(A, B, strict=True)):
+        S[k + 1] = a @ S[k]
+        S[k + 1, ..., :n_p] += b
+    return S
+
+
+def turn_slope(quaternion: np.ndarray) -> np.ndarray:
+    """How a quaternion (4,) [-] xyzw changes with a turn in B (4, 3) [1/rad]."""
+    x, y, z, w = quaternion
+    return np.array([[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]]) / 2
+
+
+def _blocks(wide: np.ndarray, width: int, m: int, n: int) -> np.ndarray:
+    """(m, n, rows, width) of m n blocks side by side."""
+    return np.ascontiguousarray(wide.reshape(len(wide), m, n, width).transpose(1, 2, 0, 3))

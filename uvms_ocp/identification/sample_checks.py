@@ -1,0 +1,353 @@
+"""Check the quality of single channels: times, units, gravity, frozen values; and measures of how well two series agree."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import permutations, product
+
+import numpy as np
+
+from uvms_ocp.checks import checked
+from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, angular_rate, rotations, smoothed
+
+# One doubt about a recording.
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class QualityIssue:
+    """Of which channel, and what speaks against it."""
+
+    channel: str
+    problem: str
+
+    def __str__(self) -> str:
+        return f"{self.channel}: {self.problem}"
+
+
+# How well two series agree: in time, in size and in their axes.
+
+EXPLAINED = 0.15
+"""[-] of the motion, by which other axes must explain more."""
+WAYS = tuple(
+    np.diag(signs) @ np.eye(3)[list(order)]
+    for order in permutations(range(3))
+    for signs in product((1.0, -1.0), repeat=3)
+)
+"""(3, 3) each: all ways to swap and turn axes."""
+_LATEST = 1.5  # [s] offsets of clocks that are looked for
+_SHIFTS = 0.05 * np.arange(-30, 31)  # [s] up to these
+_LEAST_SAMPLES = 20  # [-] samples
+_LATE = 0.175  # [s] offsets that are told
+_JUMP = 0.3  # [s] between offsets of the two halves
+_AGREES, _BETTER = 0.6, 0.01  # [-] correlation from which on an offset is one, and by which it is better than others
+_PARTED = 0.2  # [-] of it, by which two halves must disagree
+_SCALE = 1.9  # [-] beyond which a factor is one of units: the least is that of knots
+_UNITS = {180.0 / np.pi: "degrees", 1e3: "mm", 1e2: "cm"}
+_CLOSE = 1.25  # [-] to the factor of a unit
+
+
+def explained(seen: np.ndarray, wanted: np.ndarray) -> float:
+    """Share [-] of the squares of wanted (m, 3) [any] that seen (m, 3) [any] has."""
+    return 1.0 - float(((seen - wanted) ** 2).sum() / (wanted**2).sum())
+
+
+def named(Q: np.ndarray) -> str:
+    """Axes as Q (3, 3) [-] turns them, such as (y, -x, z)."""
+    entries = [("-" if row.sum() < 0 else "") + "xyz"[int(np.argmax(np.abs(row)))] for row in Q]
+    return f"({', '.join(entries)})"
+
+
+def told_factor(wanted: np.ndarray, seen: np.ndarray) -> str:
+    """How much larger seen (m, k) [any] is than wanted (m, k) [any], and of which unit that is; empty where it may be equal.
+
+    Whatever part of either is noise, the factor lies between the slopes of their magnitudes upon each other.
+    """
+    x, y = (np.linalg.norm(values, axis=1) for values in (wanted, seen))
+    low, high = _slopes(x - x.mean(), y - y.mean())
+    if low < _SCALE and high > 1 / _SCALE:
+        return ""
+    factor = float(np.sqrt(low * high))
+    units = [told for one, unit in _UNITS.items() for told in _of_unit(factor, one, unit)]
+    return f"{factor:.2g} times the rate of the {{}}: {(units or ['its units?'])[0]}"
+
+
+def _slopes(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Of y upon x, and what that of x upon y says of it [-]; anything where they have nothing in common."""
+    common = float(x @ y)
+    if correlation(x, y) < _AGREES:
+        return 0.0, np.inf
+    return common / float(x @ x), float(y @ y) / common
+
+
+def _of_unit(factor: float, one: float, unit: str) -> Iterator[str]:
+    if 1 / _CLOSE < factor / one < _CLOSE:
+        yield f"in {unit}?"
+    if 1 / _CLOSE < factor * one < _CLOSE:
+        yield f"is the other in {unit}?"
+
+
+def told_late(late: float) -> str:
+    """An offset late [s] in words; empty where it is none."""
+    return (
+        f"{abs(late):.2f} s {'late' if late > 0 else 'early'} against the rate of the {{}}" if abs(late) > _LATE else ""
+    )
+
+
+def offset(t: np.ndarray, wanted: np.ndarray, t_seen: np.ndarray, seen: np.ndarray) -> tuple[float, bool]:
+    """By how much [s] seen comes after wanted, and whether that is so from beginning to end; 0 where they do not agree.
+
+    Of wanted (m, k) [any] at t (m,) [s] and seen (n, k) [any] at t_seen (n,) [s], from magnitudes, which have no axes.
+    """
+    size, magnitude = np.linalg.norm(wanted, axis=1), np.linalg.norm(seen, axis=1)
+    inside = np.flatnonzero((t > t_seen[0] + _LATEST) & (t < t_seen[-1] - _LATEST))
+    if len(inside) < 2 * _LEAST_SAMPLES:
+        return 0.0, True
+    whole, *halves = (
+        np.array([correlation(size[part], np.interp(t[part] + shift, t_seen, magnitude)) for shift in _SHIFTS])
+        for part in (inside, *np.array_split(inside, 2))
+    )
+    return float(_SHIFTS[_best(whole)]), not _differ(*halves)
+
+
+def _best(agreement: np.ndarray) -> int:
+    """Where it is largest; of swings that agree again a period later the nearest, and no offset where that does not matter."""
+    middle = len(_SHIFTS) // 2
+    if agreement.max() < max(_AGREES, agreement[middle] + _BETTER):
+        return middle
+    peaks = np.flatnonzero((agreement >= np.roll(agreement, 1)) & (agreement >= np.roll(agreement, -1)))
+    good = peaks[agreement[peaks] > agreement.max() - _BETTER]
+    return int(good[np.argmin(np.abs(_SHIFTS[good]))])
+
+
+def _differ(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether each agrees at an offset at which the other does not."""
+    a, b = _best(one), _best(other)
+    parted = min(one[a] - one[b], other[b] - other[a]) > _PARTED
+    return bool(parted and abs(_SHIFTS[a] - _SHIFTS[b]) > _JUMP)
+
+
+def correlation(x: np.ndarray, y: np.ndarray) -> float:
+    """Of two series x (m,) [any] and y (m,) [any], from -1 to 1 [-]; 0 where one does not change."""
+    x, y = x - x.mean(), y - y.mean()
+    return float(x @ y / max(np.linalg.norm(x) * np.linalg.norm(y), 1e-300))
+
+
+# What speaks against a channel by itself: its times, and values that no sensor and no vehicle has.
+
+WINDOW = 0.6
+"""[s] over which rates are taken."""
+DEAD = 1e-5
+"""[unit] below which nothing that a sensor measures stays."""
+MOVES = {"linear_velocity": 0.01, "angular_velocity": 0.01}
+"""[m/s, rad/s] Less says nothing."""
+_GAP, _BURST = 8.0, 0.5  # [-] of the usual interval; of the mean one
+_OFTEN = 0.02  # [-] of all intervals, from which on gaps are what bursts leave
+_SHORTEST, _LONGEST = 1e-5, 5.0  # [s] between samples, of any sensor
+_SELDOM = ("current", *(name for name, kind in CHANNEL_KINDS.items() if kind.command))
+"""What may be told when it changes alone."""
+_SHORTEST_RECORDING, _SPARSEST = 5.0, 100.0  # [s] of a recording; [-] of it over what its samples take up
+_FASTEST = {
+    "linear_velocity": (10.0, "mm/s"),
+    "current": (10.0, "mm/s"),
+    "angular_velocity": (4 * np.pi, "deg/s"),
+    "joint_positions": (4 * np.pi, "deg"),
+    "joint_velocities": (4 * np.pi, "deg/s"),
+}
+"""[unit] that no channel has for long, and the unit which it would be in."""
+_FOR_LONG = 90.0  # [%] of samples below a peak
+
+
+def of_samples(recording: Recording) -> Iterator[tuple[str, str]]:
+    """Channels and what speaks against them."""
+    for name, channel in recording.channels.items():
+        yield from ((name, text) for check in (_times, _dead, _lost, _units) for text in check(name, channel))
+
+
+def has_times(channel: Channel) -> bool:
+    """Whether its times are such that rates can be taken."""
+    usual, span = float(np.median(np.diff(channel.t))), channel.t[-1] - channel.t[0]
+    return bool(_SHORTEST < usual < _LONGEST and _SHORTEST_RECORDING < span < _SPARSEST * usual * len(channel.t))
+
+
+def of_poses(recording: Recording) -> Iterator[tuple[str, str]]:
+    """Poses and what their rates say against them."""
+    if "position" in recording.channels:
+        channel = recording.channels["position"]
+        _, rate = smoothed(channel.known_t, channel.values, WINDOW, derivative=1)
+        yield from (("position", text) for text in _too_fast(rate, 10.0, "m/s", "mm"))
+    if "attitude" in recording.channels:
+        _, omega = angular_rate(recording.channels["attitude"], WINDOW)
+        yield from (("attitude", text) for text in _too_fast(omega, 4 * np.pi, "rad/s", "deg, or of another format"))
+
+
+def _times(name: str, channel: Channel) -> Iterator[str]:
+    if channel.back > 0.0:
+        yield f"times go back by up to {channel.back:.3g} s in the file: a clock that was set?"
+    if channel.repeated > len(channel.t) / 10:
+        yield f"{channel.repeated} samples had the time of another and are left out: times with too few digits?"
+    steps = np.diff(channel.t)
+    usual = float(np.median(steps))
+    gaps = steps > max(_GAP * usual, WINDOW / 2)
+    if name not in _SELDOM and not _SHORTEST < usual < _LONGEST:
+        yield f"{usual:.3g} s between samples: the unit of its times?"
+    elif usual < _BURST * steps.mean() and gaps.mean() > _OFTEN:
+        yield f"arrives in bursts, half of the intervals below {usual:.3g} s at a mean of {steps.mean():.3g} s: sent_every?"
+    elif gaps.any() and (name not in _SELDOM or np.percentile(steps, _FOR_LONG) < 2 * usual):
+        at, n = channel.t[int(np.argmax(steps))], int(gaps.sum())
+        yield f"{n} gaps, the longest {steps.max():.3g} s at {at:.3g} s: lost, or a clock that was set?"
+
+
+def _dead(name: str, channel: Channel) -> Iterator[str]:
+    kind, spread = CHANNEL_KINDS[name], np.ptp(channel.values, axis=0)
+    if kind.command:
+        if spread.max() == 0.0 and channel.values.any():
+            yield "dead: nothing in it ever changes"
+        return
+    if not kind.columns or name == "current":  # a joint may rest, and a current be steady
+        return
+    dead = [label for label, width in zip(kind.columns, spread, strict=True) if width < DEAD]
+    if dead and (name != "attitude" or len(dead) == len(kind.columns)):  # whose numbers have no sensor each
+        yield f"dead: {', '.join(dead)} stay within {DEAD:g} {kind.unit}"
+
+
+def _lost(name: str, channel: Channel) -> Iterator[str]:
+    """Zeros between samples that move."""
+    size = np.linalg.norm(channel.values, axis=1)
+    zero = size == 0.0
+    if name not in MOVES or not zero.any() or zero.all():
+        return
+    moved, at = channel.t[~zero], channel.t[zero]
+    at = at[(at > moved[0]) & (at < moved[-1])]  # before and after it may have been at rest
+    lost = int((np.interp(at, moved, size[~zero]) > MOVES[name]).sum())
+    if lost:
+        yield f"{lost} of {len(channel.t)} samples are exactly zero: lost ones?"
+
+
+def _units(name: str, channel: Channel) -> Iterator[str]:
+    if name in _FASTEST:
+        most, other = _FASTEST[name]
+        yield from _too_fast(channel.values, most, CHANNEL_KINDS[name].unit, other)
+
+
+def _too_fast(values: np.ndarray, most: float, unit: str, other: str) -> Iterator[str]:
+    usual = float(np.percentile(np.abs(values).max(axis=1), _FOR_LONG))
+    if usual > most:
+        yield f"up to {usual:.3g} {unit} for a tenth of the time: is it in {other}?"
+
+
+# Which way is down: what an accelerometer feels at rest, how a vehicle lies, and on which side of the surface it is.
+
+_G = 9.81  # [m/s2]
+_LIKE_G = (0.8, 1.2)  # [-] of it
+_FREE = 0.3  # [-] of it, below which gravity is not there
+_UPRIGHT = 0.7  # [-] of it, which stays along an axis that is z up
+
+
+def of_gravity(recording: Recording) -> Iterator[tuple[str, str]]:
+    """Channels and what speaks against them."""
+    channels = recording.channels
+    if "specific_force" in channels:
+        yield from (("specific_force", text) for text in _felt(channels["specific_force"].values.mean(axis=0)))
+    proven = False
+    if "attitude" in channels:
+        yield from (("attitude", text) for text in _lies(channels["attitude"]))
+        if "specific_force" in channels:
+            up = _in_world(channels["attitude"], channels["specific_force"])
+            proven = up[2] > _UPRIGHT * np.linalg.norm(up)
+            yield from (("attitude", text) for text in _turned(up) if not proven)
+    if "position" in channels and not proven:
+        yield from (("position", text) for text in _above(channels["position"].values[:, 2]))
+
+
+def _felt(mean: np.ndarray) -> Iterator[str]:
+    """Of a mean (3,) [m/s2]."""
+    size = float(np.linalg.norm(mean)) / _G
+    if _LIKE_G[0] < size * _G < _LIKE_G[1]:
+        yield "about 1 on average: in g, not in m/s2?"
+    elif size < _FREE:
+        yield f"{size * _G:.2g} m/s2 on average, and at rest it is {_G:g}: gravity taken out?"
+    elif not _LIKE_G[0] < size < _LIKE_G[1]:
+        yield f"{size * _G:.3g} m/s2 on average, and at rest it is {_G:g}: its units?"
+    if mean[2] < -_UPRIGHT * size * _G:
+        yield "points down on average, and at rest it is up: z down (FRD), or its sign?"
+    elif mean[2] < _UPRIGHT * size * _G and size > _FREE:
+        yield f"{np.array2string(mean, precision=1)} on average, and at rest it is along z: axes swapped?"
+
+
+def _lies(attitude: Channel) -> Iterator[str]:
+    if rotations(attitude, attitude.known_t)[:, 2, 2].mean() < 0.0:
+        yield "the vehicle lies on its back: z down in one of its frames (NED, FRD)?"
+
+
+def _in_world(attitude: Channel, force: Channel) -> np.ndarray:
+    """Mean (3,) [m/s2] of what is felt, in W."""
+    R = rotations(attitude, force.known_t)
+    return np.asarray(np.einsum("nij,nj->ni", R, force.values).mean(axis=0))
+
+
+def _turned(up: np.ndarray) -> Iterator[str]:
+    if up[2] < -_UPRIGHT * np.linalg.norm(up):
+        yield "with it the vehicle is held up against gravity downwards: z down in W (NED)?"
+    else:
+        yield f"with it what holds the vehicle up is {np.array2string(up, precision=1)} m/s2 in W: axes or format?"
+
+
+def _above(z: np.ndarray) -> Iterator[str]:
+    if z.min() > 0.0:
+        yield f"z is {z.min():.3g} to {z.max():.3g} m, above a surface at 0: z down (NED)?"
+
+
+# What stays as it is while the vehicle moves: a sensor that has stopped, and commands that were not recorded.
+
+_LONG = 2.0  # [s] for which no sensor of what moves repeats itself
+_DIFFER = 0.05  # [m/s, rad/s] root mean square by which a velocity and the rate of a pose then do
+_DRIVEN = 0.05  # [m/s] standard deviation of a velocity that does not come to rest
+_PAIRS = (("position", "linear_velocity"), ("attitude", "angular_velocity"))
+
+
+def of_stuck(recording: Recording) -> Iterator[tuple[str, str]]:
+    """Channels and what speaks against them."""
+    for pose, velocity in _PAIRS:
+        if {pose, velocity} <= recording.channels.keys():
+            yield from _frozen(recording, pose, velocity)
+    yield from _unrecorded(recording)
+
+
+def _frozen(recording: Recording, pose: str, velocity: str) -> Iterator[tuple[str, str]]:
+    """By magnitudes, which have no axes."""
+    one, other = recording.channels[pose], recording.channels[velocity]
+    if pose == "position":
+        t, rate = smoothed(one.known_t, one.values, WINDOW, derivative=1)
+    else:
+        t, rate = angular_rate(one, WINDOW)
+    speed = np.interp(t, other.known_t, np.linalg.norm(other.values, axis=1))
+    apart = np.linalg.norm(rate, axis=1) - speed
+    for name, mate, channel in ((pose, velocity, one), (velocity, pose, other)):
+        begin, end = _longest(channel)
+        inside = (t > begin + WINDOW) & (t < end - WINDOW)
+        if end - begin > _LONG and np.sqrt((apart[inside] ** 2).mean()) > _DIFFER:
+            yield (
+                name,
+                f"stays exactly as it is from {begin:.1f} to {end:.1f} s, and the {mate} says otherwise: stopped?",
+            )
+
+
+def _longest(channel: Channel) -> tuple[float, float]:
+    """[s] from when to when its samples are the same for longest."""
+    new = np.flatnonzero((np.diff(channel.values, axis=0) != 0.0).any(axis=1)) + 1
+    first, last = np.r_[0, new], np.r_[new - 1, len(channel.t) - 1]
+    k = int(np.argmax(channel.known_t[last] - channel.known_t[first]))
+    return float(channel.known_t[first[k]]), float(channel.known_t[last[k]])
+
+
+def _unrecorded(recording: Recording) -> Iterator[tuple[str, str]]:
+    """Commands that are all zero of a vehicle that never comes to rest."""
+    zero = [n for n, one in recording.channels.items() if CHANNEL_KINDS[n].command and not one.values.any()]
+    if not zero or "linear_velocity" not in recording.channels:
+        return
+    values = recording.channels["linear_velocity"].values
+    spread = float(np.linalg.norm(values[len(values) // 2 :].std(axis=0)))
+    if spread > _DRIVEN:
+        yield from ((name, "zero throughout, and the vehicle moves to the end: what drove it?") for name in zero)

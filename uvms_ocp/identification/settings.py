@@ -1,0 +1,270 @@
+"""Settings of an identification as a YAML file, and the robot that it is about.
+
+robot: bluerov2_alpha5
+arm: taken off
+hull: [[-0.25, -0.2, -0.15], [0.25, 0.2, 0.15]]
+commands: thrust
+lag: 0.1
+delay: 0.05
+learn:
+  mass: {prior: 0.01}
+  added_mass: {free: [surge, sway, heave, yaw]}
+  quadratic_drag: {}
+  centre_of_buoyancy: {prior: 0.2}
+noise: {velocity: 0.01, rate: 0.01, vertical: 0.005}
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field
+
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.fit import Search
+from uvms_ocp.identification.model import Vehicle
+from uvms_ocp.identification.output_error import Noise
+from uvms_ocp.identification.parameters import (
+    ActuatorModel,
+    Bounded,
+    Free,
+    NominalParameters,
+    ParameterStatus,
+    Prior,
+    Unknowns,
+    vehicle_declaration,
+)
+from uvms_ocp.model_errors import one_line_errors
+from uvms_ocp.record.untrusted import read_yaml_as
+from uvms_ocp.robot.assembly import without_arm
+from uvms_ocp.robot.coefficients import links_in_water
+from uvms_ocp.robot.description import LinkCoefficients, LinkDescription, Pose
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.loading import load_robot, robot_folder
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
+from uvms_ocp.robot.thrusters import thruster_matrix
+
+# What of a robot is to be learnt, as a YAML file.
+#
+# robot: bluerov2_alpha5
+# arm: taken off
+# hull: [[-0.25, -0.2, -0.15], [0.25, 0.2, 0.15]]
+# commands: thrust
+# lag: 0.1
+# delay: 0.05
+# learn:
+#   mass: {prior: 0.01}
+#   added_mass: {free: [surge, sway, heave, yaw]}
+#   quadratic_drag: {}
+#   centre_of_buoyancy: {prior: 0.2}
+# noise: {velocity: 0.01, rate: 0.01, vertical: 0.005}
+
+_Positive = Annotated[float, Field(gt=0.0)]
+_NonNegative = Annotated[float, Field(ge=0.0)]
+_Corner = tuple[float, float, float]
+_NOISE, _SEARCH, _ACTUATORS = Noise(), Search(), ActuatorModel()  # whose defaults are those of the file
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Learnt(_Section):
+    """What is known of a quantity; with nothing in it all of it is free."""
+
+    free: tuple[str, ...] | None = Field(default=None, description="only these of its coordinates may be learnt")
+    prior: _Positive | None = Field(default=None, description="deviation: relative for what is positive, or [unit]")
+    bounds: tuple[float, float] | None = Field(default=None, description="lowest and highest value [unit]")
+
+    def status(self) -> ParameterStatus:
+        """As declarations take it. Raises InvalidInput for a prior with bounds."""
+        if self.prior is not None and self.bounds is not None:
+            raise InvalidInput("prior and bounds given; allowed: one of them")
+        if self.bounds is not None:
+            return Bounded(lower=self.bounds[0], upper=self.bounds[1], only=self.free)
+        return Free(only=self.free) if self.prior is None else Prior(sigma=self.prior, only=self.free)
+
+
+class NoiseSettings(_Section):
+    """Standard deviations of sensors."""
+
+    velocity: _Positive = Field(default=_NOISE.velocity, description="[m/s]")
+    rate: _Positive = Field(default=_NOISE.rate, description="[rad/s]")
+    vertical: _Positive = Field(default=_NOISE.vertical, description="[-] of W's vertical in B")
+    process: _Positive = Field(default=_NOISE.process, description="[m/s, rad/s, rad] between stretches")
+
+
+@one_line_errors
+class CalibrationSettings(_Section):
+    """All of it."""
+
+    robot: str = Field(description="name, see `uvms-ocp list`, or a URDF or its folder beside this file")
+    hydrodynamics: str | None = Field(default=None, description="YAML beside this file; default: the robot's own")
+    arm: Literal["as it is", "taken off"] = Field(
+        default="as it is", description="taken off: of a vehicle driven without it"
+    )
+    hull: tuple[_Corner, _Corner] = Field(
+        description="box that holds the hull, lowest and highest corner [m], in its link"
+    )
+    commands: Literal["thrust", "wrench"] = Field(default="thrust", description="channel of what was commanded")
+    lag: _NonNegative | None = Field(
+        default=None, description="of actuators, where the search begins [s]; default: of thrusters their mean, or 0.1"
+    )
+    delay: Annotated[float, Field(ge=0.0, lt=_ACTUATORS.longest_delay)] = Field(
+        default=0.05, description="of commands, where the search begins [s]; of runs of this toolkit 0"
+    )
+    dead_zone: _NonNegative | None = Field(
+        default=None, description="of actuators [N, N m]; default: of thrusters their mean, or 0.001"
+    )
+    learn: dict[str, Learnt] = Field(min_length=1, description="by the names of quantities")
+    noise: NoiseSettings = Field(default=NoiseSettings(), description="of sensors")
+    step: _Positive = Field(default=_SEARCH.step, description="of the simulation [s]")
+    stretch: _Positive = Field(default=_SEARCH.stretch, description="length of stretches [s]")
+
+
+def read_settings(path: Path) -> CalibrationSettings:
+    """From a YAML file. Raises InvalidInput in one line for what is none."""
+    return read_yaml_as(path, CalibrationSettings)
+
+
+# The robot that is calibrated, as settings have it: with its file's numbers, and as a vehicle with unknowns.
+
+_VEHICLE = 1  # joint of Pinocchio's, after the universe
+_LEAST = 1e-3  # [s], [N] of what is given as 0: logarithms are searched
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class CalibratedRobot:
+    """One."""
+
+    robot: Robot
+    vehicle: Vehicle
+    start: NominalParameters
+    file: Path
+    """Hydrodynamics of the robot."""
+
+    @property
+    def frame(self) -> str:
+        """Link whose coefficients are learnt."""
+        return self.vehicle.dynamics.links[self.vehicle.link].frame
+
+    def hull_in_body(self, hull: Sequence[Sequence[float]]) -> np.ndarray:
+        """(2, 3) [m] box in B that holds one in the link's frame; hull: its lowest and highest corner [m]."""
+        model = self.vehicle.dynamics.model
+        X, low_high = model.frames[model.getFrameId(self.frame)].placement, np.array(hull)
+        middle, reach = X.act(low_high.mean(axis=0)), np.abs(X.rotation) @ (np.diff(low_high, axis=0)[0] / 2)
+        return np.array([middle - reach, middle + reach])
+
+
+def subject_of(settings: CalibrationSettings, folder: Path) -> CalibratedRobot:
+    """Load it; files are looked for in the settings' folder. Raises InvalidInput, NameNotFound and RobotDataError."""
+    urdf, file = _files(settings, folder)
+    robot = load_robot(urdf=urdf, hydrodynamics=file)
+    robot = without_arm(robot) if settings.arm == "taken off" else robot
+    if not robot.n_vehicle:
+        raise InvalidInput(f"robot {robot.name!r} has a fixed base; a vehicle is identified, which must float")
+    dynamics, actuators = robot_dynamics(robot).symbolic, _actuators(settings, robot)
+    if file is None or not dynamics.links:
+        raise InvalidInput(f"robot {robot.name!r} has no hydrodynamics of a link in water; give it a file that has")
+    link = _own_link(robot, dynamics)
+    start = NominalParameters.of(dynamics, link)
+    shared, own = _unknowns(settings, start, actuators)
+    vehicle = Vehicle(dynamics=dynamics, shared=shared, own=own, actuators=actuators, link=link)
+    return CalibratedRobot(robot=robot, vehicle=vehicle, start=start, file=file)
+
+
+def _unknowns(
+    settings: CalibrationSettings, start: NominalParameters, actuators: ActuatorModel
+) -> tuple[Unknowns, Unknowns]:
+    """Of all recordings, and of each."""
+    learnt = {name: one.status() for name, one in settings.learn.items()}
+    known = vehicle_declaration(start, np.array(settings.hull), actuators).learning(**learnt)
+    shared, own = Unknowns(known), Unknowns(known, own=True)
+    if not (shared.names or own.names):
+        given = f"learn: {', '.join(learnt)} given, and nothing in it is free"
+        raise InvalidInput(f"{given}; free some of their coordinates")
+    return shared, own
+
+
+def _own_link(robot: Robot, dynamics: SymbolicDynamics) -> int:
+    """Place in ``dynamics.links`` of the largest that the vehicle itself carries: a file has them in any order."""
+    own = [link for link in range(len(dynamics.links)) if dynamics.joint_of(link) == _VEHICLE]
+    if not own:
+        wet = ", ".join(link.frame for link in dynamics.links)
+        raise InvalidInput(
+            f"robot {robot.name!r} has hydrodynamics of {wet} alone; give it some of the vehicle's own link"
+        )
+    return max(own, key=lambda link: dynamics.links[link].volume)
+
+
+def _files(settings: CalibrationSettings, folder: Path) -> tuple[Path, Path | None]:
+    """URDF and hydrodynamics."""
+    named = folder / settings.robot
+    urdf = (
+        named if named.suffix == ".urdf" else (named if named.is_dir() else robot_folder(settings.robot)) / "robot.urdf"
+    )
+    file = urdf.parent / "hydrodynamics.yaml" if settings.hydrodynamics is None else folder / settings.hydrodynamics
+    return urdf, file if settings.hydrodynamics is not None or file.is_file() else None
+
+
+def _actuators(settings: CalibrationSettings, robot: Robot) -> ActuatorModel:
+    asked = {name: getattr(settings, name) for name in ("lag", "dead_zone")}
+    given: dict[str, Any] = {name: value or _LEAST for name, value in asked.items() if value is not None}
+    known = ActuatorModel(delay=settings.delay or _LEAST, commands=settings.commands)
+    if settings.commands == "wrench":
+        return replace(known, **given)
+    names, thrusters = robot.thruster_names, robot.description.thrusters
+    if not names:
+        raise InvalidInput(f"robot {robot.name!r} has no thrusters; give commands: wrench")
+    described: dict[str, Any] = {
+        "lag": max(float(np.mean([one.time_constant for one in thrusters])), _LEAST),
+        "dead_zone": max(float(np.mean([one.dead_zone for one in thrusters])), _LEAST),
+        "whole_beyond": True,
+        "allocation": np.eye(len(names)),
+    }
+    return replace(known, names=names, wrench=thruster_matrix(robot), **(described | given))
+
+
+# What a shape of a robot file amounts to: coefficients can be learnt, shapes cannot.
+
+
+def require_no_shape(subject: CalibratedRobot) -> None:
+    """Raises InvalidInput for a robot file that has a shape of the link, with the coefficients that may stand in its place."""
+    description, frame = subject.robot.description, subject.frame
+    link = description.links.get(frame)
+    for name in ("box", "cylinder", "sphere") if link is not None else ():
+        shape = getattr(link, name)
+        if shape is None or description.convention != "FLU" or shape.pose != Pose():
+            continue
+        told = "give it coefficients in the link frame in place of its shape; the same are"
+        raise InvalidInput(f"{frame}: {told} {same_coefficients(subject)} instead of {name}")
+
+
+def same_coefficients(subject: CalibratedRobot) -> str:
+    """As they stand in a robot file, of the link's shape alone, without floats and ballast."""
+    description, frame = subject.robot.description, subject.frame
+    alone = description.model_copy(update={"links": {frame: description.links[frame]}, "trim": ()})
+    (wet,) = links_in_water(alone)
+    given = LinkCoefficients(
+        added_mass=_row(wet.added_mass),
+        linear_drag=_row(wet.linear_drag),
+        quadratic_drag=_row(wet.quadratic_drag),
+        volume=_rounded(wet.volume),
+    )
+    content = LinkDescription(coefficients=given).model_dump(mode="json", exclude_unset=True)
+    return yaml.safe_dump(content, default_flow_style=True, sort_keys=False, width=10_000).strip()
+
+
+def _row(values: np.ndarray) -> tuple[float, float, float, float, float, float]:
+    a, b, c, d, e, f = map(_rounded, np.diag(values) if values.ndim == 2 else values)
+    return a, b, c, d, e, f
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.6g}")

@@ -1,0 +1,362 @@
+"""Uncertainty of a fit: covariance inflated for coloured residuals, unidentifiable directions, numbers with units, whiteness.
+
+Errors of a model are not white: samples that follow each other miss alike, and count for less than their number. The information
+is divided by the number of samples that miss together before standard errors are taken from it. Mass and added mass of an axis
+weigh the same in most motions: their sum is often known where neither is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.identification.coordinates import spatial_inertia
+from uvms_ocp.identification.fit import Predicted
+from uvms_ocp.identification.model import Vehicle
+from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise
+from uvms_ocp.identification.parameters import AXES
+
+# How sure the unknowns are, and which combinations of them the recordings leave open.
+#
+# Errors of a model are not white: samples that follow each other miss alike, and count for less than their number. The
+# information is divided by the number of samples that miss together before standard errors are taken from it.
+
+DETERMINED = 0.3
+"""[-] largest standard error of a coordinate, relative for what is positive, with which it counts as determined."""
+NARROWED = 0.7
+"""[-] of the deviation that priors leave, below which recordings say more than these."""
+_NOTHING = 1e-12  # of information: all that is known where there is none
+_TOLD = 0.3  # of the largest entry of a combination
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Certainty:
+    """Of one unknown."""
+
+    name: str
+    value: float
+    """[as `Unknowns.start`]"""
+    sigma: float
+    """[as `Unknowns.start`] standard error."""
+    determined: bool
+    """By the recordings, not by the prior."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class UnidentifiableDirection:
+    """A combination of unknowns that the recordings do not determine."""
+
+    sigma: float
+    """[as `Unknowns.start`] standard error along it, priors left out."""
+    shares: tuple[tuple[str, float], ...]
+    """Unknowns and what they change by along it [-], the largest first."""
+
+
+def certainties(vehicle: Vehicle, estimate: Estimate, together: float = 1.0) -> tuple[Certainty, ...]:
+    """Of every shared unknown. together: [-] samples that miss alike, as `correlated` finds."""
+    sigma = np.sqrt(np.diag(covariance(vehicle, estimate, together)))
+    learnt = (sigma < DETERMINED) & (sigma < NARROWED * vehicle.shared.sigma)
+    rows = zip(vehicle.shared.names, estimate.shared, sigma, learnt, strict=True)
+    return tuple(Certainty(name=n, value=float(v), sigma=float(s), determined=bool(d)) for n, v, s, d in rows)
+
+
+def covariance(vehicle: Vehicle, estimate: Estimate, together: float = 1.0) -> np.ndarray:
+    """(n, n) [unknowns^2] of the shared unknowns, by recordings and priors; together: [-] as in `certainties`."""
+    prior = np.diag(1.0 / vehicle.shared.sigma**2 + _NOTHING)
+    return np.asarray(np.linalg.inv(_data(vehicle, estimate, together) + prior))
+
+
+def prior_covariance(vehicle: Vehicle) -> np.ndarray:
+    """(n, n) [unknowns^2] of what is believed without recordings."""
+    return np.diag(1.0 / (1.0 / vehicle.shared.sigma**2 + _NOTHING))
+
+
+def left_open(vehicle: Vehicle, estimate: Estimate, together: float = 1.0) -> tuple[UnidentifiableDirection, ...]:
+    """Combinations of which less is known than `DETERMINED`, the worst first; together: [-] as in `certainties`."""
+    values, axes = np.linalg.eigh(_data(vehicle, estimate, together))
+    found = []
+    for value, axis in zip(values, axes.T, strict=True):
+        sigma = 1.0 / np.sqrt(max(float(value), _NOTHING))
+        if sigma > DETERMINED:
+            order = np.argsort(-np.abs(axis))
+            told = [i for i in order if abs(axis[i]) > _TOLD * abs(axis[order[0]])]
+            found.append(
+                UnidentifiableDirection(
+                    sigma=sigma, shares=tuple((vehicle.shared.names[i], float(axis[i])) for i in told)
+                )
+            )
+    return tuple(found)
+
+
+def _data(vehicle: Vehicle, estimate: Estimate, together: float) -> np.ndarray:
+    """Information of the recordings alone."""
+    return np.asarray(estimate.information - np.diag(1.0 / vehicle.shared.sigma**2)) / together
+
+
+def variance_inflation(predicted: Predicted, noise: Noise) -> float:
+    """[-] How many samples of a prediction miss alike, times how far they miss beyond `noise`, squared; at least 1.
+
+    By Bartlett's formula, ``1 + 2 sum rho_k``, up to the first lag at which residuals are no longer correlated.
+    """
+    found = []
+    for rows, seen, sigma in zip(
+        predicted.rows, predicted.seen, (noise.velocity, noise.rate, noise.vertical), strict=True
+    ):
+        for residual in ((rows - seen) / sigma).T:
+            found.append(float((residual**2).mean()) * bartlett(residual - residual.mean()))
+    return max(1.0, float(np.mean(found)))
+
+
+def bartlett(residual: np.ndarray) -> float:
+    """[-] ``1 + 2 sum rho_k`` of a residual (m,) [any] with mean zero, up to the first lag without correlation."""
+    n = len(residual)
+    rho = np.correlate(residual, residual, "full")[n:] / max(float(residual @ residual), 1e-300)
+    below = np.flatnonzero(rho < 2.0 / np.sqrt(n))
+    return 1.0 + 2.0 * float(rho[: below[0] if len(below) else n].sum())
+
+
+# What has been learnt, as numbers of the vehicle with their units: entries of quantities, and what each axis has to move.
+#
+# Mass and added mass of an axis weigh the same in most motions: their sum is often known where neither is.
+
+DETERMINED_BELOW = 0.1
+"""[-] largest standard error, relative to the size of a number, with which it counts as determined."""
+INTERVAL = 1.96
+"""[-] standard errors to either side, in which 95 % lie."""
+TOTAL = "mass and added mass"
+SIZES = {"m": 0.05, "s": 0.05, "rad": 0.05, "m/s": 0.05, "N, N m": 1.0}
+"""[unit] of numbers that may be zero; others are compared with themselves."""
+_XYZ = ("x", "y", "z")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class IdentifiedNumber:
+    """One."""
+
+    quantity: str
+    """Of the declaration, or `TOTAL`."""
+    entry: str
+    """Axis, axes of row and column, or name of an actuator; empty where there is one."""
+    unit: str
+    value: float
+    """[unit]"""
+    sigma: float
+    """[unit] standard error."""
+    size: float
+    """[unit] that errors are relative to."""
+    learnt: bool
+    """Whether the recordings say more than the priors."""
+    positive: bool
+    """Whether it can only be positive."""
+    settled: bool = True
+    """Whether it is where a search has converged: elsewhere its standard error says nothing."""
+
+    @property
+    def name(self) -> str:
+        """As ``added_mass surge``."""
+        return f"{self.quantity} {self.entry}".strip()
+
+    @property
+    def determined(self) -> bool:
+        """By the recordings, to within `KNOWN`, where the search has converged."""
+        return self.settled and self.learnt and self.sigma < DETERMINED_BELOW * self.size
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """[unit] that holds it with 95 %: all that there is, where the search has not converged."""
+        if not self.settled:
+            return 0.0 if self.positive else -np.inf, np.inf
+        if self.positive:
+            factor = float(np.exp(min(INTERVAL * self.sigma / max(self.value, 1e-300), 500.0)))
+            return self.value / factor, self.value * factor
+        return self.value - INTERVAL * self.sigma, self.value + INTERVAL * self.sigma
+
+
+@dataclass(frozen=True, slots=True)
+class _Entry:
+    quantity: str
+    entry: str
+    unit: str
+    positive: bool
+
+
+def numbers(vehicle: Vehicle, estimate: Estimate, together: float = 1.0) -> tuple[IdentifiedNumber, ...]:
+    """Every number that depends on a shared unknown. together: [-] samples that miss alike, as in `certainties`."""
+    found = numbers_at(vehicle, estimate.shared, covariance(vehicle, estimate, together))
+    return tuple(replace(one, settled=estimate.status is FitStatus.CONVERGED) for one in found)
+
+
+def numbers_at(vehicle: Vehicle, shared: np.ndarray, C: np.ndarray) -> tuple[IdentifiedNumber, ...]:
+    """The same at unknowns shared (n,) [as `Unknowns.start`] with a covariance C (n, n) [unknowns^2]."""
+    entries, values, slopes = _entries(vehicle, shared)
+    sigmas, believed = _deviations(slopes, C), _deviations(slopes, prior_covariance(vehicle))
+    return tuple(
+        IdentifiedNumber(
+            quantity=entry.quantity,
+            entry=entry.entry,
+            unit=entry.unit,
+            value=float(value),
+            sigma=float(sigma),
+            size=SIZES.get(entry.unit, abs(float(value))),
+            learnt=bool(sigma < NARROWED * prior),
+            positive=entry.positive,
+        )
+        for entry, value, sigma, prior in zip(entries, values, sigmas, believed, strict=True)
+    )
+
+
+def slopes_of(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[tuple[str, str]], np.ndarray]:
+    """Quantities and names of the same numbers, and their slopes (m, n) [units of numbers, per unknown].
+
+    At unknowns shared (n,) [as `Unknowns.start`].
+    """
+    entries, _, slopes = _entries(vehicle, shared)
+    return [(one.quantity, f"{one.quantity} {one.entry}".strip()) for one in entries], slopes
+
+
+def number_of(vehicle: Vehicle, one: IdentifiedNumber) -> Callable[[np.ndarray], tuple[float, np.ndarray]]:
+    """One of `numbers`, as it depends on the unknowns (n,): its value [unit], or logarithm where it is positive; its slope."""
+    theta = ca.SX.sym("theta", len(vehicle.shared.start))
+    pairs = _pairs(vehicle, theta)
+    (value,) = (each for entry, each in pairs if (entry.quantity, entry.entry) == (one.quantity, one.entry))
+    told = ca.log(value) if one.positive else value
+    function = ca.Function("number", [theta], [told, ca.densify(ca.jacobian(told, theta))])
+    return lambda shared: _evaluated(function, shared)
+
+
+def _evaluated(function: ca.Function, shared: np.ndarray) -> tuple[float, np.ndarray]:
+    value, slope = function(shared)
+    return float(value), np.asarray(slope).ravel()
+
+
+def values_of(vehicle: Vehicle, shared: np.ndarray) -> np.ndarray:
+    """(m,) [units of `numbers`] of the same numbers at other unknowns shared (n,) [as `Unknowns.start`]."""
+    return _entries(vehicle, shared)[1]
+
+
+def _deviations(slopes: np.ndarray, C: np.ndarray) -> np.ndarray:
+    return np.asarray(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, C, slopes), 0.0)))
+
+
+def _entries(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[_Entry], np.ndarray, np.ndarray]:
+    """With values (m,) and their slopes (m, n)."""
+    theta = ca.SX.sym("theta", len(shared))
+    pairs = _pairs(vehicle, theta)
+    stacked = ca.vertcat(*(value for _, value in pairs))
+    function = ca.Function("numbers", [theta], [ca.densify(stacked), ca.densify(ca.jacobian(stacked, theta))])
+    values, slopes = (np.asarray(one) for one in function(shared))
+    chosen = np.flatnonzero(np.abs(slopes).sum(axis=1))
+    return [pairs[k][0] for k in chosen], values.ravel()[chosen], slopes[chosen]
+
+
+def _pairs(vehicle: Vehicle, theta: ca.SX) -> list[tuple[_Entry, ca.SX]]:
+    quantities = vehicle.shared.values(theta)
+    return [*_of_quantities(vehicle, quantities), *_totals(quantities)]
+
+
+def _of_quantities(vehicle: Vehicle, quantities: dict[str, ca.SX]) -> Iterator[tuple[_Entry, ca.SX]]:
+    for name, value in quantities.items():
+        one = vehicle.shared.declaration.quantities[name]
+        if value.shape[1] > 1:
+            yield from _of_matrix(name, one.unit, value)
+            continue
+        positive = one.unit not in SIZES or name == "lag"
+        for k, entry in enumerate(one.coordinates.names):
+            yield _Entry(name, entry, one.unit, positive), value[k]
+
+
+def _of_matrix(name: str, unit: str, value: ca.SX) -> Iterator[tuple[_Entry, ca.SX]]:
+    axes, symmetric = AXES if value.shape[0] == len(AXES) else _XYZ, "drag" not in name
+    for i, row in enumerate(axes):
+        for j, column in enumerate(axes):
+            if i >= j or not symmetric:
+                yield _Entry(name, row if i == j else f"{row}-{column}", unit, i == j), value[i, j]
+
+
+def _totals(quantities: dict[str, ca.SX]) -> Iterator[tuple[_Entry, ca.SX]]:
+    """Of the rigid body and the water with it, about the frame of the vehicle's joint."""
+    inertia = spatial_inertia(*(quantities[name] for name in ("mass", "centre_of_mass", "second_moment")))
+    for k, axis in enumerate(AXES):
+        unit = "kg" if k < len(_XYZ) else "kg m2"
+        yield _Entry(TOTAL, axis, unit, True), inertia[k, k] + quantities["added_mass"][k, k]
+
+
+# Whether what a search has left is white noise: then the model has nothing more to say, and samples count one by one.
+
+CHANNELS = (*AXES, "vertical x", "vertical y", "vertical z")
+"""Of the three sensors, three of each."""
+LEVEL = 0.05
+"""[-] of white residuals that the test takes for coloured."""
+LEAST_TOLD = 1e-6
+"""[-] chance that is not told more exactly."""
+_LAGS = 20
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Whiteness:
+    """Of one channel."""
+
+    channel: str
+    size: float
+    """[-] root mean square of the residuals, by the noise that was expected."""
+    together: float
+    """[-] samples that miss alike, by Bartlett's formula."""
+    p: float
+    """[-] of white noise to look like this or worse, by Ljung and Box's test."""
+    correlation: np.ndarray
+    """(k + 1,) [-] autocorrelation from lag 0 on, in samples."""
+    interval: float
+    """[s] between samples, in the median."""
+    bound: float
+    """[-] in which 95 % of the correlations of white noise lie."""
+
+    @property
+    def white(self) -> bool:
+        """Whether nothing speaks against it."""
+        return self.p >= LEVEL
+
+
+def whiteness(left: Predicted, noise: Noise) -> tuple[Whiteness, ...]:
+    """Of every channel that has residuals: `CHANNELS`."""
+    return tuple(_channels(left, noise))
+
+
+def _channels(left: Predicted, noise: Noise) -> Iterator[Whiteness]:
+    for k, sigma in enumerate((noise.velocity, noise.rate, noise.vertical)):
+        for name, residual in zip(CHANNELS[3 * k :], ((left.rows[k] - left.seen[k]) / sigma).T, strict=False):
+            if np.ptp(residual) > 0.0:
+                yield _whiteness(name, residual, float(np.median(np.diff(left.t[k]))))
+
+
+def _whiteness(name: str, residual: np.ndarray, interval: float) -> Whiteness:
+    centred = residual - residual.mean()
+    p, rho = ljung_box(residual)
+    return Whiteness(
+        channel=name,
+        size=float(np.sqrt((residual**2).mean())),
+        together=bartlett(centred),
+        p=p,
+        correlation=rho,
+        interval=interval,
+        bound=1.96 / float(np.sqrt(len(residual))),
+    )
+
+
+def ljung_box(residual: np.ndarray, lags: int = _LAGS) -> tuple[float, np.ndarray]:
+    """p [-] that white noise is as correlated as a residual (m,) [any], and its autocorrelation (k + 1,) [-].
+
+    lags: [-] that are looked at, a fifth of the samples at most. What a model has been fitted to has a little less freedom than
+    the test believes.
+    """
+    from scipy.special import gammaincc  # a tenth of a second
+
+    n = len(residual)
+    k, centred = max(1, min(lags, n // 5)), residual - residual.mean()
+
+    found = np.correlate(centred, centred, "full")[n - 1 : n + k]
+    rho = found / max(float(found[0]), 1e-300)
+    statistic = n * (n + 2) * float((rho[1:] ** 2 / (n - np.arange(1, k + 1))).sum())
+    return float(gammaincc(k / 2, statistic / 2)), rho

@@ -1,0 +1,346 @@
+"""Validate a fit: profile-likelihood intervals, leave-one-out cross-validation, and static baselines.
+
+The deviance of the best fit with a number held, twice the cost beyond the optimum's, is what an interval is made of: its signed root
+is where a standard normal variable would be. Where everything is linear it is a straight line, and this interval is the one of
+standard errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.fit import FitContext, Predicted, Predictor
+from uvms_ocp.identification.model import N_Q, Vehicle, as_measured, vehicle_dynamics
+from uvms_ocp.identification.output_error import Estimate, Expansion, OutputErrorProblem, Pull, SearchPoint
+from uvms_ocp.identification.parameters import AXES
+from uvms_ocp.identification.rollout import Prepared, Segment
+from uvms_ocp.identification.uncertainty import INTERVAL, IdentifiedNumber, number_of
+
+# How sure a number is, without the belief that all is linear: it is held, and all else is fitted anew.
+#
+# The deviance of the best fit with a number held, twice the cost beyond the optimum's, is what an interval is made of: its signed
+# root is where a standard normal variable would be. Where everything is linear it is a straight line, and this interval is the
+# one of standard errors.
+
+_FARTHEST = 4  # [-] standard errors: beyond it an interval is called open
+_SOFT = 0.05  # [-] of a standard error, by which a number is held
+_STEPS, _DAMPING = 3, 1e-9  # of Gauss and Newton, where one is nearly all of the way
+_EXACT = 1e-3  # of a deviance
+_KEPT = 0.1  # of a deviance, by which it may miss what a step has promised
+_OTHER = 0.2  # of the half width, by which ends may be apart that are called equal
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Profile:
+    """Of one number."""
+
+    number: IdentifiedNumber
+    values: np.ndarray
+    """(k,) [unit] at which it was held, increasing."""
+    roots: np.ndarray
+    """(k,) [-] signed roots of the deviance there."""
+    interval: tuple[float, float]
+    """[unit] that holds it with 95 %, as the profile has it; infinite, or 0, where it does not close."""
+
+    @property
+    def differs(self) -> bool:
+        """Whether an end is elsewhere than standard errors say."""
+        told = [_line(self.number, ends) for ends in (self.number.interval, self.interval)]
+        return bool(np.abs(told[1] - told[0]).max() > _OTHER * (told[0][1] - told[0][0]) / 2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Best:
+    """Where the cost is lowest."""
+
+    wide: FitContext
+    cost: float
+    expansion: Expansion
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Held:
+    """Where a search has ended with a number held."""
+
+    place: float
+    """[unit, or its logarithm where it is positive]"""
+    root: float
+    point: SearchPoint
+
+
+def profiles(
+    fitted: FitContext,
+    told: Sequence[IdentifiedNumber],
+    together: float = 1.0,
+    tell: Callable[[str], None] = lambda _: None,
+) -> Iterator[Profile]:
+    """Of those of the numbers that are determined. together: [-] samples that miss alike, by which they were told.
+
+    tell is told of each in turn. A number that follows from one before it alone has the same profile and is left out. One takes
+    a simulation of all recordings for each value at which it is held, and a search where that shows that all is not linear.
+    """
+    wide = fitted.widened(together)
+    chosen = list(_distinct(wide, [one for one in told if one.determined]))
+    if not chosen:
+        return
+    best = _best(wide, fitted.estimate)
+    for k, one in enumerate(chosen, start=1):
+        tell(f"profile {k} of {len(chosen)}: {one.name}")
+        yield _profile(best, one)
+
+
+def _distinct(wide: FitContext, told: Sequence[IdentifiedNumber]) -> Iterator[IdentifiedNumber]:
+    alone: set[int] = set()
+    for one in told:
+        unknowns = np.flatnonzero(number_of(wide.vehicle, one)(wide.estimate.shared)[1])
+        if len(unknowns) > 1 or unknowns[0] not in alone:
+            yield one
+        alone.update(unknowns[:1] if len(unknowns) == 1 else ())
+
+
+def _best(wide: FitContext, estimate: Estimate) -> _Best:
+    """The optimum itself: searches end a little beside it, which deviances would show."""
+    problem = wide.problem()
+    found = problem.solve(problem.resumed(estimate), tolerance=_EXACT / max(estimate.cost, 1.0), damping=_DAMPING)
+    return _Best(wide, found.cost, problem.expansion(problem.resumed(found)))
+
+
+def _profile(best: _Best, one: IdentifiedNumber) -> Profile:
+    number, point = number_of(best.wide.vehicle, one), best.expansion.point
+    sigma = one.sigma / one.value if one.positive else one.sigma
+    middle = _Held(number(point.shared)[0], 0.0, point)
+    below, above = (_side(best, middle, number, way * sigma) for way in (-1, 1))
+    held = [*below[::-1], middle, *above]
+    places, roots = (np.array([getattr(each, name) for each in held]) for name in ("place", "root"))
+    ends = _crossing(places, roots, -INTERVAL), _crossing(places, roots, INTERVAL)
+    values, interval = (_told(one, np.array(each)) for each in (places, ends))
+    return Profile(number=one, values=values, roots=roots, interval=(float(interval[0]), float(interval[1])))
+
+
+def _side(
+    best: _Best, middle: _Held, number: Callable[[np.ndarray], tuple[float, np.ndarray]], step: float
+) -> list[_Held]:
+    """One and two standard errors away, and on until the interval closes."""
+    found, last = [], middle
+    for k in range(1, _FARTHEST + 1):
+        pull = Pull(number=number, target=middle.place + k * step, sigma=_SOFT * abs(step))
+        last = _held(best, last, pull, k)
+        found.append(last)
+        if k > 1 and abs(last.root) > INTERVAL:
+            break
+    return found
+
+
+def _held(best: _Best, near: _Held, pull: Pull, k: int) -> _Held:
+    """By one step from the optimum where its cost is what the step promises, by some more or a search where it is not."""
+    problem = best.wide.problem(pull)
+    point, cost = problem.stepped(best.expansion)
+    gained, share = 2.0 * (cost - pull.cost(point.shared) - best.cost) - k**2, _KEPT * k**2
+    for _ in range(_STEPS):
+        if abs(gained) < share:
+            return _found(best, pull, point, cost)
+        after, lower = problem.stepped(problem.expansion(point))
+        if not lower <= cost:
+            break
+        gained, point, cost = 2.0 * (cost - lower), after, lower
+    found = problem.solve(near.point, tolerance=_EXACT / max(best.cost, 1.0), damping=_DAMPING)
+    return _found(best, pull, problem.resumed(found), found.cost)
+
+
+def _found(best: _Best, pull: Pull, point: SearchPoint, cost: float) -> _Held:
+    deviance = 2.0 * (cost - pull.cost(point.shared) - best.cost)
+    side = np.sign(pull.target - pull.number(best.expansion.point.shared)[0])
+    return _Held(pull.number(point.shared)[0], float(side * np.sqrt(max(deviance, 0.0))), point)
+
+
+def _crossing(places: np.ndarray, roots: np.ndarray, wanted: float) -> float:
+    """The place where the root is `wanted`, between those that were looked at; infinite where it is beyond them."""
+    sides = roots - wanted
+    for k, (a, b) in enumerate(pairwise(sides)):
+        if a <= 0.0 <= b and a < b:
+            return float(places[k] + (places[k + 1] - places[k]) * a / (a - b))
+    return float(np.copysign(np.inf, wanted))
+
+
+def _told(one: IdentifiedNumber, places: np.ndarray) -> np.ndarray:
+    return np.asarray(np.exp(places) if one.positive else places)
+
+
+def _line(one: IdentifiedNumber, ends: tuple[float, float]) -> np.ndarray:
+    with np.errstate(divide="ignore"):
+        return np.log(np.array(ends)) if one.positive else np.array(ends)
+
+
+# Vehicles that do not move, as predictors: others are worth as much as they are better.
+
+# Quaternions (xyzw) of the attitudes whose vertical in B is each of B's axes.
+_UPRIGHT = ((0.0, -(0.5**0.5), 0.0, 0.5**0.5), (0.5**0.5, 0.0, 0.0, 0.5**0.5), (0.0, 0.0, 0.0, 1.0))
+
+
+def static_baseline(stretch: Segment, known: float) -> Predicted:
+    """A vehicle that stays as it was seen last, `known` [s] after the beginning of a stretch, and does not move."""
+    before = np.flatnonzero(stretch.t[2] <= stretch.edges[0] + known)
+    vertical = stretch.seen[2][before[-1] if len(before) else 0]
+    return _resting(stretch, np.repeat(vertical[None], len(stretch.t[2]), axis=0))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class StaticBalance:
+    """The vertical in B at which weight and buoyancy turn a vehicle no further, its arm as it was measured."""
+
+    function: ca.Function
+    """``joints (n_j,), shared (n,) -> first moment (3,)`` [kg m] of mass, what is displaced counting negative."""
+
+    @staticmethod
+    def of(vehicle: Vehicle) -> StaticBalance:
+        """Of a vehicle, at any values of its unknowns."""
+        n_j, shared = vehicle.dynamics.model.nq - N_Q, ca.SX.sym("shared", len(vehicle.shared.start))
+        joints = ca.SX.sym("joints", n_j)
+        values = vehicle.values(ca.vertcat(shared, ca.DM(vehicle.own.start)))
+        dynamics = vehicle_dynamics(vehicle.dynamics, values, vehicle.link)
+        poses = [ca.vertcat(ca.DM.zeros(3), ca.DM(turn), joints) for turn in _UPRIGHT]
+        g = float(np.linalg.norm(vehicle.dynamics.model.gravity.linear))
+        moment = as_measured(values, ca.vertcat(*(dynamics.potential_energy(pose) for pose in poses)) / g)
+        return StaticBalance(function=ca.Function("balance", [joints, shared], [ca.densify(moment)]))
+
+    def vertical(self, joints: np.ndarray, shared: np.ndarray) -> np.ndarray:
+        """(3, m) [-] for joints (n_j, m) [rad or m], where unknowns are shared (n,) [as `Unknowns.start`]."""
+        m = joints.shape[1]
+        moment = np.asarray(self.function.map(m)(joints, np.repeat(shared[:, None], m, axis=1)))
+        return np.asarray(-moment / np.maximum(np.linalg.norm(moment, axis=0), 1e-300))
+
+    def of_stretch(self, stretch: Segment, shared: np.ndarray) -> Predicted:
+        """A vehicle that is where it is in balance and does not move, with unknowns shared (n,) [as `Unknowns.start`]."""
+        middle = (stretch.edges[1:] + stretch.edges[:-1]) / 2
+        vertical = self.vertical(stretch.joints[: stretch.joints.shape[0] // 3], shared)
+        rows = np.column_stack([np.interp(stretch.t[2], middle, column) for column in vertical])
+        return _resting(stretch, rows)
+
+
+def _resting(stretch: Segment, vertical: np.ndarray) -> Predicted:
+    resting = tuple(np.zeros_like(values) for values in stretch.seen[:2])
+    return Predicted(t=stretch.t, rows=(*resting, vertical), seen=stretch.seen)
+
+
+# How far predictions are off.
+
+SCORED = (*AXES, "tilt")
+"""[m/s, rad/s, deg] what errors are told of."""
+
+
+def errors(predicted: Predicted) -> np.ndarray:
+    """(7,) [m/s, rad/s, deg] root mean squares of `SCORED`: velocities, and the angle between verticals."""
+    moving = [root_mean_square(predicted.rows[k] - predicted.seen[k]) for k in range(2)]
+    return np.concatenate([*moving, root_mean_square(np.rad2deg(tilts(predicted))[:, None])])
+
+
+def tilts(predicted: Predicted) -> np.ndarray:
+    """(m,) [rad] angles between the vertical in B as predicted and as seen."""
+    rows, seen = predicted.rows[2], predicted.seen[2]
+    return np.arctan2(np.linalg.norm(np.cross(rows, seen), axis=1), (rows * seen).sum(axis=1))
+
+
+def root_mean_square(values: np.ndarray) -> np.ndarray:
+    """(k,) [as values] of each column of values (m, k) [any]."""
+    return np.asarray(np.sqrt((values**2).mean(axis=0)))
+
+
+# Every recording, predicted by a vehicle that has not seen it, beside predictions by what knows less.
+
+HORIZONS = (5.0, 20.0, 60.0)
+"""[s] over which recordings are predicted, the last one as long as they are."""
+OTHERS, BEFORE, STATIC, BALANCE = "identified on the others", "before", "nothing moves", "static balance"
+"""What predicts; the last two say of velocities that there are none."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Horizon:
+    """Predictions of one recording, horizon by horizon, each from what was known before it."""
+
+    asked: float
+    """[s]"""
+    length: float
+    """[s] what the recording has of it."""
+    by: Mapping[str, Predicted]
+    """The same samples, by what predicts."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LeftOut:
+    """A recording that was left out."""
+
+    name: str
+    estimate: Estimate
+    """From the others alone, with their starts."""
+    predictor: Predictor
+    """With that estimate."""
+    horizons: tuple[Horizon, ...]
+    """Those over which what the others tell does not run away."""
+
+
+def leave_one_out(
+    fitted: FitContext, horizons: Sequence[float] = HORIZONS, tell: Callable[[str], None] = lambda _: None
+) -> Iterator[LeftOut]:
+    """One after the other; horizons [s]; tell is told of each. Raises InvalidInput where there is one recording alone.
+
+    The search on the others begins where all of them together end, which only its last digits can show.
+    """
+    if len(fitted.prepared) < 2:
+        raise InvalidInput("one recording given; leave-one-out needs at least 2")
+    balance = StaticBalance.of(fitted.vehicle)
+    for k, held in enumerate(fitted.prepared, start=1):
+        tell(f"left out {k} of {len(fitted.prepared)}: {held.recording.name}")
+        found = without(fitted, held)
+        predictor, step = fitted.predictor(found.shared), fitted.search.step
+        asked = _lengths(held, step, predictor.known, horizons)
+        told = tuple(_horizon(fitted, predictor, balance, held, *pair) for pair in asked)
+        yield LeftOut(
+            name=held.recording.name,
+            estimate=found,
+            predictor=predictor,
+            horizons=tuple(each for each in told if each.by[OTHERS].finite),
+        )
+
+
+def without(fitted: FitContext, held: Prepared) -> Estimate:
+    """Identified on the other recordings, from where the estimate is."""
+    others = replace(fitted, prepared=tuple(one for one in fitted.prepared if one is not held))
+    problem: OutputErrorProblem = others.problem()
+    return problem.solve(problem.start(fitted.estimate.shared), iterations=fitted.search.iterations)
+
+
+def _lengths(one: Prepared, step: float, known: float, asked: Sequence[float]) -> Iterator[tuple[float, float]]:
+    """Horizons, and how long they are: the first that a recording is too short for is cut, longer ones are left out."""
+    begin, end = one.recording.span
+    longest = step * (int((end - begin) / step) - round(known / step))
+    for horizon in sorted(asked):
+        if longest >= step:
+            yield horizon, min(horizon, longest)
+        if horizon > longest:
+            return
+
+
+def _horizon(
+    fitted: FitContext, predictor: Predictor, balance: StaticBalance, held: Prepared, asked: float, length: float
+) -> Horizon:
+    step, known, before = fitted.search.step, predictor.known, fitted.vehicle.shared.start
+    windows = held.windows(step, known, length)
+    resting = (
+        [static_baseline(one, known) for one in windows],
+        [balance.of_stretch(one, predictor.shared) for one in windows],
+    )
+    later = [[null.after(float(one.edges[0]) + known) for one, null in zip(windows, nulls, strict=True)]
+             for nulls in resting]  # fmt: skip
+    by = {
+        OTHERS: predictor.over(held, step, length),
+        BEFORE: fitted.predictor(before).over(held, step, length),
+        STATIC: Predicted.joined(later[0]),
+        BALANCE: Predicted.joined(later[1]),
+    }
+    return Horizon(asked=asked, length=length, by=by)

@@ -1,0 +1,316 @@
+"""Plan a whole mission as one optimal control problem with free durations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from time import perf_counter
+
+import numpy as np
+
+from uvms_ocp.checks import checked
+from uvms_ocp.control.plan_following import PlannedPhase
+from uvms_ocp.mission_plan.plan import MissionPlan, digests
+from uvms_ocp.mission_plan.segments import (
+    GreedyWay,
+    Margins,
+    Stretch,
+    active,
+    end_of_goals,
+    foretold_way,
+    greedy_way,
+    stretches_of,
+)
+from uvms_ocp.mission_plan.surroundings import (
+    clearance,
+    floor_along,
+    floor_terms,
+    missed_links,
+    near_links,
+    of_links,
+    of_obstacles,
+    proof_along,
+)
+from uvms_ocp.mission_plan.terms import Terms, Weights, levels_of, terms_of
+from uvms_ocp.ocp.clearance import ShapeClearance
+from uvms_ocp.ocp.plan import OcpStatus, Plan
+from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.problem import OcpProblem
+from uvms_ocp.ocp.trajectory import Trajectory, through
+from uvms_ocp.ocp.transcription.transcription import Transcription
+from uvms_ocp.planning.conservative_advancement import ClearanceReport
+from uvms_ocp.robot.signals import State
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.sim.currents import Current, water_at
+from uvms_ocp.solvers.nlp.options import NlpOptions
+from uvms_ocp.types import DAY, Mask, Positive
+
+# A mission as an optimal control problem over its whole length, and where the search begins.
+
+_AHEAD, _LOOK = 600.0, 0.5  # [s] how far and how often the water is looked at
+_SAME_WATER = 0.05  # [m/s] by which it may differ
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class MissionProblem:
+    """A mission, as optimal control has it."""
+
+    problem: OcpProblem
+    stretches: tuple[Stretch, ...]
+    """The phases of the problem."""
+    terms: Terms
+    shapes: ShapeClearance | None
+    """That are to stay apart, obstacles and links; `None` where nothing can meet. Constraints of the problem keep those
+    with obstacles."""
+    guess: Trajectory
+    """The greedy way, over the nominal durations."""
+    greedy_duration: float
+    """[s] of that way."""
+
+    current: Current
+    """Of the water."""
+
+    @property
+    def steady_until(self) -> float:
+        """[s] until when the water at the start is as it is at first; infinite where nothing is found."""
+        p, times = self.problem.start.q[None, :3], np.arange(0.0, _AHEAD, _LOOK)
+        u = np.array([self.current.velocity(p, float(t))[0] for t in times])
+        changed = np.linalg.norm(u - u[0], axis=1) > _SAME_WATER
+        return float(times[np.argmax(changed) - 1]) if changed.any() else np.inf
+
+    def keeping(self, links: Mask) -> MissionProblem:
+        """With a constraint on pairs of links (n_pairs,) too."""
+        assert self.shapes is not None
+        constraints = (*self.problem.constraints, of_links(self.shapes, links))
+        return replace(self, problem=replace(self.problem, constraints=constraints))
+
+    def at(self, weights: Weights, way: Trajectory, longest: float) -> OcpProblem:
+        """The problem with other weights in its last level, and the water as it is along a way.
+
+        longest [s]: after which no plan goes on, so that the water of later does not matter.
+        """
+        levels = levels_of(self.problem.robot, self.terms, weights)
+        current = _currents(self.current, way, longest)
+        return replace(self.problem, levels=levels, current=current, longest=longest)
+
+
+def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> MissionProblem:
+    """step [s] of the horizon. Raises `InvalidInput` as `plan_mission` does."""
+    _stated(scenario, foretold_way(scenario), margins, step)  # or it is refused before anything is compiled
+    way = greedy_way(scenario)
+    stretches, terms, problem = _stated(scenario, way, margins, step)
+    shapes = clearance(scenario, margins)
+    if shapes is not None and scenario.environment.obstacles:
+        problem = replace(problem, constraints=(*problem.constraints, of_obstacles(shapes)))
+    return MissionProblem(
+        problem=problem,
+        stretches=tuple(stretches),
+        terms=terms,
+        shapes=shapes,
+        guess=_guess(problem, way, stretches),
+        greedy_duration=float(way.begins[-1]),
+        current=scenario.environment.current,
+    )
+
+
+def _stated(
+    scenario: Scenario, way: GreedyWay, margins: Margins, step: float
+) -> tuple[list[Stretch], Terms, OcpProblem]:
+    """By a way of the mission, without obstacles."""
+    stretches = stretches_of(scenario.mission, way, margins, step=step)
+    terms = terms_of(scenario.robot, scenario.mission, way.phases, stretches, margins)
+    return stretches, terms, _problem(scenario, way, stretches, terms, margins)
+
+
+def _problem(
+    scenario: Scenario, way: GreedyWay, stretches: Sequence[Stretch], terms: Terms, margins: Margins
+) -> OcpProblem:
+    robot, floor = scenario.robot, floor_along(scenario, way)
+    above = floor_terms(scenario, stretches, floor, margins)
+    return OcpProblem(
+        robot=robot,
+        start=State(q=np.array(scenario.start), v=np.zeros(robot.n_v)),
+        phases=tuple(stretch.ocp for stretch in stretches),
+        levels=levels_of(robot, terms, Weights()),
+        constraints=(*terms.constraints, *above),
+        floor=floor,
+        altimeter_frame=scenario.altimeter_frame or robot.description.altimeter or "altimeter",
+    )
+
+
+def _guess(problem: OcpProblem, way: GreedyWay, stretches: Sequence[Stretch]) -> Trajectory:
+    """The greedy way in the nominal times of the problem."""
+    marks = np.cumsum([0.0, *(stretch.ocp.nominal for stretch in stretches)])
+    greedy = np.array([stretch.greedy[0] for stretch in stretches] + [stretches[-1].greedy[1]])
+    t = problem.nominal_times()
+    rows = np.searchsorted(way.t, np.interp(t, marks, greedy))
+    return through(problem, t, way.q[np.clip(rows, 0, len(way.t) - 1)])
+
+
+def _currents(current: Current, way: Trajectory, longest: float) -> np.ndarray:
+    """Velocities (n_steps, 3) [m/s] of the water around the vehicle at the middle of each step."""
+    t, p = np.minimum((way.t[:-1] + way.t[1:]) / 2, longest), (way.q[:-1, :3] + way.q[1:, :3]) / 2
+    return np.array([water_at(current, p[k : k + 1], float(t[k])).velocity[0] for k in range(len(t))])
+
+
+# From a scenario to a plan of its whole mission.
+
+_EASY = Weights(energy=1e-3, effort=1.0)
+"""Convex in forces: what costs the least energy is near."""
+_HURRY = Weights(price=1.0)
+_SHARE = 0.975  # of the time allowed that is used: what is flown takes a little longer, or shorter
+_ROUNDS = 3  # in which links that come near are looked for, and in which the water is where the plan is
+_SAME_CURRENT = 0.02  # [m/s] by which the water may differ from what a plan was made for
+_HASTE = 150  # iterations from the greedy way, before the easier problem is tried
+_PATIENCE = 60.0  # [s] with a plan that keeps the robot from itself
+OPTIONS = NlpOptions(max_iterations=400, convergence=1e-5, time_limit=120.0, barrier=1e-5)
+"""Of the solver, by default: a barrier as small as what energy costs."""
+
+
+@checked
+def plan_mission(
+    scenario: Scenario,
+    *,
+    duration: Positive | None = None,
+    margins: Margins | None = None,
+    step: Positive = 1.0,
+    options: NlpOptions | None = None,
+) -> MissionPlan:
+    """The whole mission of a scenario as one problem with free durations: goals first, then the least energy.
+
+    duration [s]: at most, by default that of the greedy mission without forces. margins: by which the plan is stricter
+    than the mission. step [s]: of the horizon. options: of the solver.
+
+    Raises `InvalidInput`, in one line, for tasks and conditions that no residual states, by name, a floor that is not level,
+    and a mission that no transition completes.
+    """
+    begin = perf_counter()
+    posed = mission_problem(scenario, margins=margins or Margins(), step=step)
+    longest = duration or posed.greedy_duration
+    search = _Search(posed, options or OPTIONS)
+    plan = search.found(longest)
+    proof = None if posed.shapes is None else proof_along(posed.shapes, plan.trajectory)
+    status, reason = _verdict(plan, proof, longest)
+    phases = _phases(scenario, posed.stretches, plan.trajectory.t[posed.problem.starts_of_phases()])
+    return MissionPlan(
+        scenario=scenario.name,
+        trajectory=plan.trajectory,
+        phases=phases,
+        names=tuple(scenario.mission.phases[part.phase].name for part in phases),
+        status=status,
+        reason=reason,
+        energy=plan.energy,
+        clearance=None if proof is None else proof.nearest.distance,
+        greedy_duration=posed.greedy_duration,
+        iterations=search.spent,
+        solve_time=perf_counter() - begin,
+        identity=digests(scenario),
+    )
+
+
+def _verdict(plan: Plan, proof: ClearanceReport | None, longest: float) -> tuple[OcpStatus, str]:
+    """That of the plan, unless it takes longer than `longest` [s], or shapes may touch on it: then it is none to be flown."""
+    if not plan.status.usable:
+        return plan.status, plan.reason
+    if proof is None or proof.collision_free:
+        if plan.duration <= longest:
+            return plan.status, plan.reason
+        return (
+            OcpStatus.TOO_SHORT,
+            f"{longest:g} s are allowed, the quickest plan that was found takes {plan.duration:.4g} s",
+        )
+    nearest = proof.nearest
+    text = f"{nearest.pair} overlap by {-nearest.distance:.3g} m at {nearest.time:.3g} s"
+    if proof.undecided:
+        text = f"{nearest.pair}, {nearest.distance:.3g} m apart at {nearest.time:.3g} s, may touch between nodes"
+    return OcpStatus.INFEASIBLE, f"no motion was found that keeps links and obstacles apart: {text}"
+
+
+class _Search:
+    """For the plan of least energy of one mission."""
+
+    def __init__(self, posed: MissionProblem, options: NlpOptions) -> None:
+        self._posed, self._options = posed, options
+        hasty = replace(options, max_iterations=min(options.max_iterations, _HASTE))
+        self._hasty = Planner(posed.at(Weights(), posed.guess, DAY), hasty)
+        self.spent = 0
+        """Iterations until now."""
+
+    def found(self, longest: float) -> Plan:
+        """That takes `longest` [s] at most, or where none is found the quickest.
+
+        Where the water changes meanwhile, one that is through before is taken if there is one: how much later water costs
+        depends on the durations by what no derivative tells.
+        """
+        for limit in sorted({min(longest, self._posed.steady_until), longest}):
+            plan = self._within(limit)
+            if plan.status.usable:
+                return self._apart(plan, limit)
+        quickest = self._plan(self._freely, self._posed, _HURRY, self._posed.guess, DAY)
+        return quickest if quickest.status.usable else plan
+
+    @cached_property
+    def _freely(self) -> Planner:
+        return Planner(self._hasty.problem, self._options, transcription=self._hasty.transcription)
+
+    def _within(self, limit: float) -> Plan:
+        """From the greedy way; where that fails, by way of a problem that is easier."""
+        posed, guess = self._posed, self._posed.guess
+        plan = self._plan(self._hasty, posed, Weights(), guess, limit)
+        if plan.status is OcpStatus.SOLVED:
+            return plan
+        easier = self._plan(self._freely, posed, _EASY, guess, limit)
+        if not easier.status.usable:
+            return plan
+        other = self._plan(self._freely, posed, Weights(), easier.trajectory, limit)
+        return other if other.status.usable else plan
+
+    def _apart(self, plan: Plan, limit: float) -> Plan:
+        """Near a plan, one that keeps links apart, with rows for those alone that come near; else the last that was found."""
+        shapes = self._posed.shapes
+        if shapes is None:
+            return plan
+        kept: Mask = np.zeros(shapes.scene.n_pairs, dtype=bool)
+        options = replace(self._options, time_limit=min(self._options.time_limit, _PATIENCE))
+        for _ in range(_ROUNDS):
+            missed = missed_links(shapes, plan.trajectory)
+            if not (missed & ~kept).any():
+                break
+            kept |= near_links(shapes, plan.trajectory)
+            posed = self._posed.keeping(kept)
+            problem = posed.at(Weights(), plan.trajectory, limit)
+            shared = Transcription(problem, plugin=options.plugin, like=self._hasty.transcription)
+            planner = Planner(problem, options, transcription=shared)
+            found = self._plan(planner, posed, Weights(), plan.trajectory, limit)
+            if not found.status.usable:
+                break
+            plan = found
+        return plan
+
+    def _plan(self, planner: Planner, posed: MissionProblem, weights: Weights, way: Trajectory, limit: float) -> Plan:
+        """From a way, in the water along it, then along what was found, until that is the same."""
+        given, best = posed.at(weights, way, _SHARE * limit), None
+        for _ in range(_ROUNDS):
+            plan = planner.plan(given, guess=way, diagnose=False)
+            self.spent += plan.iterations
+            if not plan.status.usable:
+                break
+            best, way, before = plan, plan.trajectory, given.currents
+            given = posed.at(weights, way, _SHARE * limit)
+            if np.abs(given.currents - before).max() <= _SAME_CURRENT:
+                break
+        return best or plan
+
+
+def _phases(scenario: Scenario, stretches: Sequence[Stretch], times: np.ndarray) -> tuple[PlannedPhase, ...]:
+    """Of the mission, in the times (n + 1,) [s] at which the stretches begin and end."""
+    found: list[PlannedPhase] = []
+    for stretch, begin, end in zip(stretches, times[:-1].tolist(), times[1:].tolist(), strict=True):
+        if found and found[-1].phase == stretch.phase:
+            found[-1] = replace(found[-1], end=end)
+            continue
+        phase = scenario.mission.phases[stretch.phase]
+        moves = end_of_goals(phase, active(phase, scenario.mission.tasks_of(stretch.phase))) > 0
+        found.append(PlannedPhase(phase=stretch.phase, begin=begin, end=end, moves=moves))
+    return tuple(found)

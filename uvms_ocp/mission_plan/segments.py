@@ -1,0 +1,356 @@
+"""Divide the horizon of a mission into segments of free length, and select the tasks that stay active along each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.checks import checked
+from uvms_ocp.control.velocity.levels import build_levels
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.mission.phase import Phase, Transition
+from uvms_ocp.ocp.problem import OcpPhase
+from uvms_ocp.record.meta_values import DONE
+from uvms_ocp.robot.signals import IDEAL_SENSORS
+from uvms_ocp.scenario.preflight.setup import forecast, main_path
+from uvms_ocp.scenario.scenario import Scenario, our_controller
+from uvms_ocp.tasks.altitude import MinimumAltitude
+from uvms_ocp.tasks.attitude import AngleTask
+from uvms_ocp.tasks.clearance import Clearance
+from uvms_ocp.tasks.joints import JointLimits
+from uvms_ocp.tasks.pose import UnderActuation
+from uvms_ocp.tasks.task import EndingReference, Task, TaskClass
+from uvms_ocp.types import Magnitude
+
+# How much stricter a plan is than the mission asks: what is flown departs from what was planned.
+
+_LEAST = 0.25  # share of a threshold that a plan may use, however large the margin
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Margins:
+    """Of thresholds and limits: of each a quarter is left in any case."""
+
+    position: Magnitude = 0.02
+    """[m] of positions and distances."""
+    angle: Magnitude = 0.01
+    """[rad]"""
+    altitude: Magnitude = 0.01
+    """[m]"""
+    links: Magnitude = 0.03
+    """[m] between the robot's own links."""
+    hold: Magnitude = 0.2
+    """[s] beyond the time for which conditions have to hold."""
+
+
+def inside(limit: float, margin: float) -> float:
+    """What a plan keeps below, so that what is flown stays below a limit [m or rad]; margin [m or rad]."""
+    return max(limit - margin, _LEAST * limit)
+
+
+# What the tasks of a phase keep all along it, as strictly as a plan keeps it.
+
+_ANGLES = ("tilt", "misalignment", "angle")
+
+
+def active(phase: Phase, tasks: Collection[Task]) -> list[Task]:
+    """Those that the phase has on."""
+    return [task for task in tasks if phase.gates.get(task.name, 0.0) > 0]
+
+
+def kept_tasks(
+    phase: Phase, tasks: Collection[Task], out: Transition, before: Collection[str], margins: Margins
+) -> list[Task]:
+    """Constraints, what keeps the robot safe, and prerequisites that are established: stricter than the mission has them.
+
+    tasks: that are on. out: the transition by which the mission leaves the phase. before: names of the prerequisites that
+    were on in the phase before. Raises `InvalidInput` for a task without residual, by its name.
+    """
+    asked = {condition.quantity.rpartition(".")[0]: condition.limit for condition in out.when}
+    kept = [task for task in tasks if _is_kept(task, asked, before) and not _kept_otherwise(task)]
+    for task in kept:
+        if type(task).residual is Task.residual:
+            raise InvalidInput(
+                f"phase {phase.name!r}: {task.name}, a {type(task).__name__}, has no residual over a horizon; "
+                f"turn it off, or fly this mission without a plan"
+            )
+    return [_stricter(task, asked, margins) for task in kept]
+
+
+def is_prerequisite(task: Task) -> bool:
+    """Whether a task is one that is reached first and kept then."""
+    return task.task_class is TaskClass.PREREQUISITE and not task.equality
+
+
+def is_broken(task: Task, quantities: Mapping[str, float]) -> bool:
+    """Whether quantities [in their units] are outside what a task of `kept_tasks` allows, as far as they tell."""
+    if isinstance(task, MinimumAltitude):
+        return quantities[f"{task.name}.altitude"] < task.threshold
+    if isinstance(task, AngleTask):
+        return any(quantities.get(f"{task.name}.{angle}", 0.0) > task.aim for angle in _ANGLES)
+    return False
+
+
+def _is_kept(task: Task, asked: Collection[str], before: Collection[str]) -> bool:
+    """A prerequisite is kept where the phase before has reached it, or no transition out of this one waits for it."""
+    if is_prerequisite(task):
+        return task.name not in asked or task.name in before
+    return task.task_class <= TaskClass.SAFETY
+
+
+def _kept_otherwise(task: Task) -> bool:
+    """By the dynamics, by the bounds on joints, and by clearances between shapes."""
+    return isinstance(task, (UnderActuation, Clearance)) or (isinstance(task, JointLimits) and task.guard == 0)
+
+
+def _stricter(task: Task, asked: Mapping[str, float], margins: Margins) -> Task:
+    if isinstance(task, AngleTask):
+        return replace(task, aim=inside(asked.get(task.name, task.bell.end), margins.angle))
+    if isinstance(task, MinimumAltitude):
+        return replace(task, threshold=task.threshold + margins.altitude)
+    return task
+
+
+# The greedy mission on the kinematic plant: where a search for something better begins; and what is foretold of it.
+
+_DT = 0.05  # [s] control period: a guess needs no better
+_EVERY = 4  # ticks between two configurations that are kept
+_UNKNOWN = 10.0  # [s] of a phase that the greedy mission does not come to, or not out of, or that is foretold
+_FORETOLD = 0.5  # [s] between two configurations that are foretold
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class GreedyWay:
+    """Configurations, and when each phase of the way begins."""
+
+    t: np.ndarray
+    """(n,) [s]"""
+    q: np.ndarray
+    """(n, n_q) [m, rad]"""
+    phases: tuple[int, ...]
+    """Indices in the mission of the phases on the way."""
+    begins: np.ndarray
+    """(n_phases + 1,) [s] of each, and the end of the last."""
+
+    quantities: Mapping[str, np.ndarray]
+    """(n,) each, by the names of conditions [in their units]."""
+
+    def rows(self, k: int) -> np.ndarray:
+        """Indices of what is kept of the k-th phase on the way."""
+        return np.flatnonzero((self.t >= self.begins[k]) & (self.t < self.begins[k + 1]))
+
+    def at(self, row: int) -> dict[str, float]:
+        """All quantities in a row."""
+        return {name: float(values[row]) for name, values in self.quantities.items()}
+
+
+def greedy_way(scenario: Scenario) -> GreedyWay:
+    """Fly it without water, noise and faults."""
+    ideal = replace(
+        scenario,
+        plant="kinematic",
+        sensors=IDEAL_SENSORS,
+        faults=(),
+        plant_robot=None,
+        controller=our_controller,
+        dt=_DT,
+        duration=max(scenario.duration, _DT),
+    )
+    record = ideal.run()
+    ends = [(event.source, event.t) for event in record.run_meta.events]
+    phases = main_path(scenario.mission.phases)
+    names = [scenario.mission.phases[index].name for index in phases]
+    kept = slice(None, None, _EVERY)
+    return GreedyWay(
+        t=record["t"][kept],
+        q=record["q"][kept],
+        phases=tuple(phases),
+        begins=_begins(names, ends),
+        quantities=dict(zip(record.meta.quantities, record["quantities"][kept].T, strict=True)),
+    )
+
+
+def foretold_way(scenario: Scenario) -> GreedyWay:
+    """As pre-flight foretells it: what cannot be planned is found on it before anything is flown, and compiled for that.
+
+    Straight from stance to stance, as long in every phase; no quantity is known on it. Raises `FrameNotFound` and
+    `NameNotFound` for what tasks name and the robot does not have.
+    """
+    phases = main_path(scenario.mission.phases)
+    begins = _UNKNOWN * np.arange(len(phases) + 1)
+    t = np.arange(0.0, begins[-1] + _FORETOLD / 2, _FORETOLD)
+    q = np.tile(scenario.start, (len(t), 1))
+    if scenario.robot.n_vehicle:
+        marks = np.array([scenario.start[:3], *(visit.stances[0].position for visit in forecast(scenario.setup()))])
+        q[:, :3] = np.stack([np.interp(t, begins, marks[:, axis]) for axis in range(3)], axis=1)
+    names = build_levels(scenario.robot, scenario.mission.hierarchy, scenario.dt).quantity_names
+    unknown = np.full(len(t), np.nan)
+    return GreedyWay(t=t, q=q, phases=tuple(phases), begins=begins, quantities=dict.fromkeys(names, unknown))
+
+
+def _begins(names: Sequence[str], ends: Sequence[tuple[str, float]]) -> np.ndarray:
+    """Beginnings of the phases [s], as far as the greedy mission goes through them in their order, and the last end."""
+    begins = [0.0]
+    for k, name in enumerate(names):
+        known = k < len(ends) and ends[k][0] == name
+        begins.append(max(ends[k][1], begins[-1]) if known else begins[-1] + _UNKNOWN)
+    return np.array(begins)
+
+
+# The horizon of a mission: each phase as a stretch of free length, and what has to be held at its end as one more.
+
+_SHORTEST, _LONGEST = 0.25, 1.5  # shares of the greedy duration of a phase
+_FEWEST = 4  # steps of a stretch
+_FOLLOWED = 0.5  # [s] steps where a goal moves
+_LEEWAY = 1.0  # [s] that a stretch may take however soon the greedy mission is through
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Stretch:
+    """A part of the horizon within one phase of the mission."""
+
+    phase: int
+    """Index in the mission."""
+    ocp: OcpPhase
+    """Name, steps and range of durations."""
+    greedy: tuple[float, float]
+    """[s] when the greedy mission is in it."""
+    holds: bool = False
+    """The conditions of the phase's transition hold all along it."""
+    ends: bool = False
+    """The phase ends with it."""
+    waits_for: frozenset[str] = frozenset()
+    """Names of tasks that do not hold yet when it begins, but when it ends."""
+
+
+def way_out(phases: Sequence[Phase], way: Sequence[int], k: int) -> Transition:
+    """The transition by which the mission leaves the k-th phase of its way. Raises `InvalidInput` where there is none."""
+    phase = phases[way[k]]
+    to = phases[way[k + 1]].name if k + 1 < len(way) else DONE
+    for transition in phase.transitions:
+        if transition.to == to:
+            return transition
+    raise InvalidInput(
+        f"no transition leads from phase {phase.name!r} to {to}; a plan needs a mission that can be completed"
+    )
+
+
+def stretches_of(mission: Mission, greedy: GreedyWay, margins: Margins, *, step: float) -> list[Stretch]:
+    """All parts in their order. step [s]: of the horizon."""
+    found: list[Stretch] = []
+    before: set[str] = set()
+    for k, index in enumerate(greedy.phases):
+        phase, out = mission.phases[index], way_out(mission.phases, greedy.phases, k)
+        on = active(phase, mission.tasks_of(index))
+        kept = kept_tasks(phase, on, out, before, margins)
+        before = {task.name for task in on if is_prerequisite(task)}
+        moving = end_of_goals(phase, on)
+        marks = _Marks(begin=greedy.begins[k], entered=_entered(greedy, k, kept), end=greedy.begins[k + 1])
+        parts = _Parts(
+            index=index, phase=phase, hold=out.hold, moving=moving, step=min(step, _FOLLOWED) if moving else step
+        )
+        broken = frozenset(
+            task.name for task in kept if len(greedy.rows(k)) and is_broken(task, greedy.at(greedy.rows(k)[0]))
+        )
+        found += parts.entering(marks, broken)
+        found += parts.free(marks)
+        found += parts.held(marks, margins)
+    return found
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Marks:
+    """[s] of a phase on the greedy way."""
+
+    begin: float
+    entered: float
+    """When all that is kept holds."""
+    end: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Parts:
+    """Makes those of one phase."""
+
+    index: int
+    phase: Phase
+    hold: float
+    """[s] of its way out."""
+    moving: float
+    """[s] as `end_of_goals`."""
+    step: float
+    """[s]"""
+
+    def entering(self, marks: _Marks, broken: frozenset[str]) -> Iterator[Stretch]:
+        """Until what is broken at the beginning holds."""
+        if broken:
+            ocp = self._free_phase(f"{self.phase.name} entered", marks.entered - marks.begin)
+            yield self._stretch(ocp, (marks.begin, marks.entered), waits_for=broken)
+
+    def free(self, marks: _Marks) -> Iterator[Stretch]:
+        """A goal that rests while conditions have to hold is followed from the beginning of that: nothing is free then."""
+        if not 0 < self.moving <= self.hold:
+            middle = max(marks.entered, marks.end - self.hold)
+            ocp = self._free_phase(self.phase.name, middle - marks.entered)
+            yield self._stretch(ocp, (marks.entered, middle), ends=not self.hold)
+
+    def held(self, marks: _Marks, margins: Margins) -> Iterator[Stretch]:
+        """Where the conditions of the way out hold."""
+        if self.hold:
+            n, duration = max(2, math.ceil(self.hold / self.step)), self.hold + margins.hold
+            ocp = OcpPhase(name=f"{self.phase.name} held", n_steps=n, duration=duration)
+            yield self._stretch(ocp, (max(marks.entered, marks.end - self.hold), marks.end), ends=True, holds=True)
+
+    def _stretch(self, ocp: OcpPhase, greedy: tuple[float, float], **more: Any) -> Stretch:
+        return Stretch(phase=self.index, ocp=ocp, greedy=greedy, **more)
+
+    def _free_phase(self, name: str, greedy: float) -> OcpPhase:
+        longest = max(_LONGEST * greedy, self.moving) + _LEEWAY
+        shortest = max(_SHORTEST * greedy, self.moving, 0.2 * _LEEWAY)
+        return OcpPhase(name=name, n_steps=max(_FEWEST, math.ceil(greedy / self.step)), duration=(shortest, longest))
+
+
+def _entered(greedy: GreedyWay, k: int, kept: Sequence[Task]) -> float:
+    """When [s] all of the kept tasks hold for the first time in the k-th phase of the greedy way."""
+    for row in greedy.rows(k):
+        if not any(is_broken(task, greedy.at(row)) for task in kept):
+            return float(greedy.t[row]) if row > greedy.rows(k)[0] else float(greedy.begins[k])
+    return float(greedy.begins[k + 1])
+
+
+def end_of_goals(phase: Phase, on: Sequence[Task]) -> float:
+    """When the goals that are the phase's own come to rest [s after its beginning]; 0 where none moves. on: its tasks."""
+    ends = [0.0]
+    for task in on:
+        goal = phase.goals.get(task.name)
+        if callable(goal):
+            ends.append(float(goal.end) if isinstance(goal, EndingReference) else 0.0)
+    return max(ends)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Delayed:
+    """A reference that begins later."""
+
+    goal: Callable[[float], Any]
+    """[m] or [rad], of the time since its beginning."""
+    start: float
+    """[s]"""
+
+    def __call__(self, t: float) -> Any:
+        """Value and rate at t [s]."""
+        return self.goal(max(t - self.start, 0.0))
+
+
+def task_in_time(task: Task, phase: Phase, begin: float) -> Task:
+    """A task of a phase that begins at `begin` [s] on the horizon."""
+    goal = getattr(task, "goal", None)
+    if task.name not in phase.goals or not callable(goal):
+        return task
+    return task.with_goal(Delayed(goal=goal, start=begin))

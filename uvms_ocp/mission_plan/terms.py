@@ -1,0 +1,296 @@
+"""Translate a mission to terms: what its tasks keep, what its transitions ask for, and then the energy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.mission.phase import Below, Condition, Phase
+from uvms_ocp.mission_plan.segments import (
+    Margins,
+    Stretch,
+    active,
+    inside,
+    is_prerequisite,
+    kept_tasks,
+    task_in_time,
+    way_out,
+)
+from uvms_ocp.ocp.problem import OcpLevel
+from uvms_ocp.ocp.terms import At, Duration, Effort, Energy, OfTask, Smoothness, StageSymbols, TaskTerm, Term
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.tasks.altitude import LandingAltitude, MinimumAltitude
+from uvms_ocp.tasks.attitude import AngleTask
+from uvms_ocp.tasks.joints import JointTracking
+from uvms_ocp.tasks.pose import NullVelocity, PoseTask, ToolPosition
+from uvms_ocp.tasks.task import Residual, Task, TaskClass, bounded_residual, zero_residual
+from uvms_ocp.types import Bound
+
+# Terms that a mission has beside those of its tasks: what conditions ask for, what is liked, and rest.
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class RowsWithin(OfTask):
+    """The residual of a task, of which some rows are looked at."""
+
+    rows: tuple[int, ...]
+    """Indices into the residual."""
+    lower: Bound = -np.inf
+    """[unit of the rows]"""
+    upper: Bound = np.inf
+    """[unit of the rows]"""
+
+    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
+        value = self.task.residual(stage.tick, parameters).value[list(self.rows)]
+        return bounded_residual(value, lower=self.lower, upper=self.upper)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Preferred(OfTask):
+    """The residual of a task as a cost, not as something to be reached."""
+
+    is_goal: ClassVar[bool] = False
+
+    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
+        return self.task.residual(stage.tick, parameters)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Rest(Term):
+    """Velocities are zero that nothing else keeps at zero."""
+
+    axes: tuple[int, ...]
+    """Indices in v."""
+
+    @property
+    def name(self) -> str:
+        return "at rest"
+
+    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
+        return zero_residual(stage.tick.velocity[list(self.axes)])
+
+
+# Conditions of transitions as terms: what has to be reached to leave a phase, and what must not happen meanwhile.
+
+_ROWS: dict[tuple[type[Task], str], tuple[int, ...]] = {
+    (PoseTask, "position_error"): (0, 1, 2),
+    (PoseTask, "orientation_error"): (3, 4, 5),
+    (PoseTask, "horizontal_error"): (0, 1),
+    (ToolPosition, "position_error"): (0, 1, 2),
+}
+"""Of residuals, whose norm is the quantity."""
+_ANGLES = ("tilt", "misalignment", "angle")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Place:
+    """Where a condition counts."""
+
+    phase: str
+    """Of the mission, for errors."""
+    stretch: str
+    """Of the horizon."""
+    at: At
+
+    def rows(self, task: Task, rows: tuple[int, ...], lower: float = -np.inf, upper: float = np.inf) -> RowsWithin:
+        """Of the residual of a task, at least `lower` and at most `upper` [unit of the rows]."""
+        return RowsWithin(task=task, rows=rows, lower=lower, upper=upper, at=self.at, phase=self.stretch)
+
+
+def condition_term(tasks: Sequence[Task], condition: Condition, place: Place, margins: Margins, *, met: bool) -> Term:
+    """Rows that make a condition hold, or where it is not to be `met`, fail.
+
+    tasks: with the goals that they have in the phase. Raises `InvalidInput` where no residual states the quantity.
+    """
+    name, _, quantity = condition.quantity.rpartition(".")
+    task = next(task for task in tasks if task.name == name)
+    limit, below = condition.limit, isinstance(condition, Below) is met
+    if isinstance(task, AngleTask) and quantity in _ANGLES and below:
+        return TaskTerm(task=replace(task, aim=inside(limit, margins.angle)), at=place.at, phase=place.stretch)
+    if isinstance(task, (LandingAltitude, MinimumAltitude)) and quantity == "altitude":
+        lower, upper = _heights(task, limit, margins.altitude, below)
+        return place.rows(task, (0,), lower, upper)
+    rows = _rows_of(task, quantity)
+    if not (rows and below):
+        raise _refused(condition, place, below)
+    margin = margins.angle if quantity == "orientation_error" else margins.position
+    # A box inside the ball that the condition asks for.
+    most = inside(limit, margin) / np.sqrt(len(rows))
+    return place.rows(task, rows, -most, most)
+
+
+def _refused(condition: Condition, place: Place, below: bool) -> InvalidInput:
+    return InvalidInput(
+        f"phase {place.phase!r} looks at {condition.quantity} {'<' if below else '>'} {condition.limit:g}, which no residual "
+        f"states; fly this mission without a plan, or look at the error of a pose, an angle or an altitude"
+    )
+
+
+def _heights(task: LandingAltitude | MinimumAltitude, limit: float, margin: float, below: bool) -> tuple[float, float]:
+    """Range of the residual [m] for an altitude below the limit [m], or above."""
+    level = inside(limit, margin) if below else limit + margin
+    if isinstance(task, LandingAltitude):
+        # Its residual is the altitude of rest less the altitude.
+        gap = task.rest_altitude - level
+        return (gap, np.inf) if below else (-np.inf, gap)
+    return (-np.inf, level) if below else (level, np.inf)
+
+
+def _rows_of(task: Task, quantity: str) -> tuple[int, ...]:
+    if isinstance(task, JointTracking) and quantity == "posture_error":
+        return tuple(range(len(task.joints)))
+    found = (rows for (kind, name), rows in _ROWS.items() if isinstance(task, kind) and name == quantity)
+    return next(found, ())
+
+
+# From a mission to an optimal control problem: what its tasks keep, what its transitions ask for, and then the energy.
+
+_SMOOTH = 0.3  # weight of smoothness: what is free to swing would ring from node to node
+
+_LIKED = 3e-4  # weight of preferences: 0.3 W for 1 rad
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Terms:
+    """Of a whole mission."""
+
+    goals: tuple[tuple[TaskClass, Term], ...]
+    """What transitions wait for, with the class of the task that reaches it."""
+    constraints: tuple[Term, ...]
+    """What tasks of constraints and safety keep all along their phases."""
+    preferences: tuple[Term, ...]
+    """What tasks of optimization would like, for a little of what is least in the end."""
+
+
+def terms_of(
+    robot: Robot, mission: Mission, way: Sequence[int], stretches: Sequence[Stretch], margins: Margins
+) -> Terms:
+    """Raises `InvalidInput` for tasks and conditions that no residual states, by their names."""
+    goals: list[tuple[TaskClass, Term]] = []
+    constraints: list[Term] = []
+    preferences: list[Term] = []
+    kept: set[str] = set()
+    starts = np.cumsum([0.0, *(stretch.ocp.nominal for stretch in stretches)])
+    for k, index in enumerate(way):
+        own = [i for i, stretch in enumerate(stretches) if stretch.phase == index]
+        phase = _Phase(mission, way, k, [stretches[i] for i in own], float(starts[own[0]]), margins)
+        goals += phase.goals()
+        constraints += phase.kept(kept)
+        constraints += phase.not_triggered()
+        preferences += phase.preferences()
+        kept = phase.reached
+    constraints += _rest(robot, phase.on)
+    return Terms(goals=tuple(goals), constraints=tuple(constraints), preferences=tuple(preferences))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Weights:
+    """Of what is least in the end."""
+
+    energy: float = 1.0
+    """[1/kW]"""
+    effort: float = 0.2
+    """[-] of thrust and torque, in shares of their limits."""
+    price: float = 1e-6
+    """[kW] of time."""
+
+
+def levels_of(robot: Robot, terms: Terms, weights: Weights) -> tuple[OcpLevel, ...]:
+    """Goals in the order of the classes of their tasks, then energy with a little smoothness, as far as it is known."""
+    classes = sorted({kind for kind, _ in terms.goals})
+    asked = [
+        OcpLevel(name=kind.name.lower(), terms=tuple(term for own, term in terms.goals if own is kind))
+        for kind in classes
+    ]
+    powers = [thruster.power for thruster in robot.description.thrusters]
+    known: tuple[Term, ...] = () if None in powers else (Energy(weight=weights.energy),)
+    spent = (*known, Effort(weight=weights.effort), Smoothness(weight=_SMOOTH), Duration(weight=weights.price))
+    return (*asked, OcpLevel(name="energy", terms=(*spent, *terms.preferences)))
+
+
+class _Phase:
+    """One phase on the way, with its parts of the horizon."""
+
+    def __init__(
+        self,
+        mission: Mission,
+        way: Sequence[int],
+        k: int,
+        parts: Sequence[Stretch],
+        begin: float,
+        margins: Margins,
+    ) -> None:
+        self._phase: Phase = mission.phases[way[k]]
+        self._out, self._parts, self._margins = way_out(mission.phases, way, k), parts, margins
+        self._last = k + 1 == len(way)
+        self.tasks = tuple(task_in_time(task, self._phase, begin) for task in mission.tasks_of(way[k]))
+        self.on = active(self._phase, self.tasks)
+        self._asked = {condition.quantity.rpartition(".")[0] for condition in self._out.when}
+        self.reached = {task.name for task in self.on if is_prerequisite(task)}
+
+    def goals(self) -> Iterator[tuple[TaskClass, Term]]:
+        """At the end of the phase, or all along what has to be held."""
+        for condition in self._out.when:
+            kind = self._task_of(condition).task_class
+            for part in self._parts:
+                if part.holds:
+                    yield kind, self._term(condition, part, At.PATH, met=True)
+                if part.ends and not (part.holds and self._last):
+                    yield kind, self._term(condition, part, At.END, met=True)
+
+    def kept(self, before: set[str]) -> Iterator[Term]:
+        """By tasks all along the phase. before: names of prerequisites that the phase before has established."""
+        for task in kept_tasks(self._phase, self.on, self._out, before, self._margins):
+            for part in self._parts:
+                if task.name not in part.waits_for and not (part.holds and task.name in self._asked):
+                    yield TaskTerm(task=task, at=At.PATH, phase=part.ocp.name)
+
+    def preferences(self) -> Iterator[Term]:
+        """Of equality tasks of the lowest class that no transition waits for."""
+        for task in self.on:
+            if task.task_class is TaskClass.OPTIMIZATION and task.equality and task.name not in self._asked:
+                for part in self._parts:
+                    yield Preferred(task=task, at=At.PATH, phase=part.ocp.name, weight=_LIKED)
+
+    def not_triggered(self) -> Iterator[Term]:
+        """Of every other way out of the phase, one condition fails all along."""
+        for transition in self._phase.transitions:
+            if transition is not self._out:
+                yield from self._prevented(transition.when)
+
+    def _prevented(self, conditions: Sequence[Condition]) -> Iterator[Term]:
+        refused = None
+        for condition in conditions:
+            try:
+                found = [self._term(condition, part, At.PATH, met=False) for part in self._parts]
+            except InvalidInput as error:
+                refused = error
+                continue
+            yield from found
+            return
+        assert refused is not None
+        raise refused
+
+    def _task_of(self, condition: Condition) -> Task:
+        name = condition.quantity.rpartition(".")[0]
+        return next(task for task in self.tasks if task.name == name)
+
+    def _term(self, condition: Condition, part: Stretch, at: At, *, met: bool) -> Term:
+        place = Place(phase=self._phase.name, stretch=part.ocp.name, at=at)
+        return condition_term(self.tasks, condition, place, self._margins, met=met)
+
+
+def _rest(robot: Robot, tasks: Sequence[Task]) -> Iterator[Term]:
+    """At the very end, but for what a task keeps at rest anyway."""
+    still = {axis for task in tasks if isinstance(task, NullVelocity) for axis in task.axes}
+    axes = tuple(axis for axis in range(robot.n_v) if axis not in still)
+    if axes:
+        yield Rest(axes=axes)

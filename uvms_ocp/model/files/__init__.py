@@ -1,1 +1,0 @@
-"""Paths in, checked text out: URDF, hydrodynamics.yaml and where robots are kept."""

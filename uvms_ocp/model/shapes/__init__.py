@@ -1,1 +1,0 @@
-"""Shapes of robots and obstacles in, signed distances out, in machine code or by coal."""

@@ -1,1 +1,0 @@
-"""A Pinocchio model in, its kinematics and dynamics as CasADi expressions out."""

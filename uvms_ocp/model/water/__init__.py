@@ -1,1 +1,0 @@
-"""Descriptions of links in, Fossen's coefficients and wrenches out."""

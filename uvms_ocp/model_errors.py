@@ -1,0 +1,102 @@
+"""State what pydantic found wrong in one line: each key with what was given and what is allowed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from difflib import get_close_matches
+from functools import wraps
+from itertools import accumulate
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from uvms_ocp.argument_kinds import short
+from uvms_ocp.errors import InvalidInput
+
+_M = TypeVar("_M", bound=BaseModel)
+_SHOWN, _LONGEST = 3, 200  # mistakes, characters of a key
+
+
+def one_line(error: ValidationError, model: type[BaseModel]) -> str:
+    """The mistakes of a file read as ``model``, the first few in full."""
+    problems = _by_key(error)
+    told = [f"{printable(key)}: {_problem(problem, model)}" for key, problem in list(problems.items())[:_SHOWN]]
+    left = len(problems) - len(told)
+    return "; and ".join(told) + (f"; and {left} more" if left else "")
+
+
+def one_line_errors(model: type[_M]) -> type[_M]:
+    """A model whose constructor raises `InvalidInput` in place of pydantic's own error."""
+    construct = model.__init__
+
+    @wraps(construct)
+    def init(self: _M, /, **data: Any) -> None:
+        try:
+            construct(self, **data)
+        except ValidationError as error:
+            raise InvalidInput(f"{model.__name__}: {one_line(error, model)}") from None
+
+    # Set afterwards, so that pydantic does not call it for the parts of a file, of which it tells the place itself.
+    model.__init__ = init  # type: ignore[method-assign, assignment]
+    return model
+
+
+def _by_key(error: ValidationError) -> dict[str, Any]:
+    """One problem per key: of the alternatives that a value does not fit, the one that it got furthest with."""
+    found: dict[str, Any] = {}
+    for problem in error.errors(include_url=False):
+        key = ".".join(_keys_of(problem)) or "file"
+        if key not in found or len(problem["loc"]) > len(found[key]["loc"]):
+            found[key] = problem
+    # What is wrong inside a value is told by the deepest key.
+    above = {prefix for key in found for prefix in accumulate(key.split(".")[:-1], "{}.{}".format)}
+    return {key: found[key] for key in found if key not in above}
+
+
+def _keys_of(problem: Any) -> list[str]:
+    """Where it is in the file."""
+    location = [str(part) for part in problem["loc"]]
+    # pydantic names the alternative that it tried, in brackets; an unknown key, which comes last, may have some of its own.
+    own = location[-1:] if problem["type"] == "extra_forbidden" else []
+    return [*(part for part in location[: len(location) - len(own)] if "[" not in part), *own]
+
+
+def printable(key: object) -> str:
+    """A key or a path as messages show it: as it is where it fits in a line."""
+    key = str(key)
+    return key if key.isprintable() and len(key) <= _LONGEST else short(key)
+
+
+def _problem(problem: Any, model: type[BaseModel]) -> str:
+    if problem["type"] == "missing":
+        return "missing; give it a value"
+    if problem["type"] == "extra_forbidden":
+        return f"unknown key; {_advice(_keys_of(problem), model)}"
+    message = problem["msg"].removeprefix("Value error, ").replace("Input should be", "allowed:")
+    return f"given {short(problem['input'])}; {message.partition(', unable to parse')[0]}"
+
+
+def _advice(path: Sequence[str], model: type[BaseModel]) -> str:
+    *section, key = path
+    known = sorted(_keys(section, model))
+    close = get_close_matches(key, known, n=1)
+    return f"did you mean {close[0]!r}?" if close else f"known here: {', '.join(known)}"
+
+
+def _keys(section: Sequence[str], model: type[BaseModel]) -> set[str]:
+    """Keys that may stand in a section, given by its path in the file."""
+    models = [model]
+    for part in section:
+        fields = [m.model_fields[part] for m in models if part in m.model_fields]
+        # Any other part is the name or the number of an entry, whose model is known already.
+        if fields:
+            models = [m for field in fields for m in _models(field.annotation)]
+    return {name for m in models for name in m.model_fields}
+
+
+def _models(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Models that occur in an annotation such as ``dict[str, A | B]``."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for argument in get_args(annotation):
+        yield from _models(argument)

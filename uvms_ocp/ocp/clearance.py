@@ -1,0 +1,370 @@
+"""Clearance as rows of an optimal control problem: between true shapes, and between balls.
+
+What moves two bodies alike says nothing of how they are to each other: it is left out of their poses, and so of the derivatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Annotated, ClassVar
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.ocp.separating_planes import Planes, Poses, planes
+from uvms_ocp.ocp.terms import At, StageSymbols, Term
+from uvms_ocp.planning.distances import CoalDistances, Configurations, Contacts
+from uvms_ocp.planning.scene import CollisionScene
+from uvms_ocp.record.meta_values import ObstacleData
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.obstacles import Obstacle, describe_obstacle
+from uvms_ocp.robot.symbolic_bodies import Pose
+from uvms_ocp.tasks.task import Residual, TickSymbols, VectorReference, bounded_residual, evaluate_vector
+from uvms_ocp.types import Array, AtLeastOne, Count, Finite, Indices, Mask, Shape
+
+# Clearance between balls, for robots and obstacles that a few of them describe, as rows of an optimal control problem.
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Ball:
+    """A ball fixed to a frame of the robot or, without a frame, to the world.
+
+    Raises `InvalidInput` for numbers that are not finite, and for a negative radius.
+    """
+
+    centre: tuple[Finite, Finite, Finite] | VectorReference = (0.0, 0.0, 0.0)
+    """[m] in the frame; of an obstacle also a function of time, ``t -> (position, velocity)``."""
+    radius: Finite
+    """[m]"""
+    frame: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.radius < 0:
+            raise InvalidInput(f"ball at {self.centre}: radius = {self.radius} m; give one >= 0")
+
+    def centre_at(self, t: float) -> np.ndarray:
+        """(3,) [m] in the frame at time t [s]. Raises `InvalidInput` for a reference that is not finite there."""
+        goal = self.centre if callable(self.centre) else np.array(self.centre, dtype=float)
+        centre = evaluate_vector("ball", goal, t)[0]
+        if centre.shape != (3,):
+            raise InvalidInput(f"ball: centre {centre} at t = {t} s; give three numbers [m]")
+        return centre
+
+    def placed(self, symbols: TickSymbols, centre: ca.SX) -> ca.SX:
+        """In W (3,) [m], for a centre (3,) [m] in the frame."""
+        if self.frame is None:
+            return centre
+        R, p = symbols.kinematics.pose(self.frame)
+        return p + R @ centre
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class BallClearance(Term):
+    """Every ball of the robot stays `margin` away from every obstacle: one row per pair, signed distance [m] >= 0.
+
+    Raises `InvalidInput` for a ball of the robot whose centre moves by itself.
+    """
+
+    at: At = At.PATH
+    robot_balls: tuple[Ball, ...]
+    obstacles: tuple[Ball, ...]
+    margin: Finite = 0.05
+    """[m]"""
+
+    def __post_init__(self) -> None:
+        Term.__post_init__(self)
+        if any(callable(ball.centre) for ball in self.robot_balls):
+            raise InvalidInput(
+                "a ball of the robot has a centre that moves; move its frame, only obstacles move on their own"
+            )
+
+    @property
+    def name(self) -> str:
+        return "clearance"
+
+    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
+        pairs = [(ball, i) for ball in self.robot_balls for i in range(len(self.obstacles))]
+        places = ca.reshape(parameters, 4, len(self.obstacles))
+        gaps = [self._gap(ball, self.obstacles[i], places[:, i], stage.tick) for ball, i in pairs]
+        return bounded_residual(ca.vertcat(ca.SX(0, 1), *gaps), lower=0.0)
+
+    def _gap(self, ball: Ball, other: Ball, place: ca.SX, symbols: TickSymbols) -> ca.SX:
+        d = ball.placed(symbols, ca.SX(ca.DM(ball.centre_at(0.0)))) - other.placed(symbols, place[:3])
+        return ca.sqrt(ca.sumsqr(d) + 1e-12) - ball.radius - place[3]
+
+    def n_parameters(self, robot: Robot) -> int:
+        return 4 * len(self.obstacles)
+
+    def reference(self, t: float) -> np.ndarray:
+        """Centre of every obstacle at time t [s], and its radius with the margin [m]."""
+        return np.array([(*ball.centre_at(t), ball.radius + self.margin) for ball in self.obstacles]).ravel()
+
+    def scenery(self, t: float) -> tuple[ObstacleData, ...]:
+        """Those that are fixed to the world, as they are at time t [s], as spheres; radii of 0 have nothing to draw."""
+        balls = [ball for ball in self.obstacles if ball.frame is None and ball.radius > 0]
+        names = (f"obstacle {i}" for i in range(1, len(balls) + 1))
+        return tuple(
+            ObstacleData(name=name, shape="sphere", size=(ball.radius,), position=tuple(ball.centre_at(t).tolist()))
+            for name, ball in zip(names, balls, strict=True)
+        )
+
+
+# Rows that keep a point beyond a plane, and their parameters: which joints carry the two, and where they are on these.
+#
+# What moves two bodies alike says nothing of how they are to each other: it is left out of their poses, and so of the derivatives.
+
+_PLANE = 3 + 3 + 1  # normal, point, offset
+_NOTHING_NEAR = -1.0  # [m] offset of a row without a plane
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class RowGroup:
+    """Rows of one node that serve the same pairs, whichever of them are nearest."""
+
+    pairs: Mask
+    """(n_pairs,) True for those."""
+    n: int
+    """Rows."""
+    first: tuple[int, ...]
+    """Joints in ascending order of which one carries the plane; 0 is the world."""
+    second: tuple[int, ...]
+    """Joints in ascending order of which one carries the point."""
+
+    @property
+    def size(self) -> int:
+        """Parameters of a row: the shares of the joints where there are several, then the plane and the point."""
+        return sum(_n_shares(joints) for joints in (self.second, self.first)) + _PLANE
+
+    @property
+    def n_parameters(self) -> int:
+        return self.n * self.size
+
+    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> list[ca.SX]:
+        """Heights of the points over their planes [m], less offsets, for parameters (n_parameters,)."""
+        bodies, n = self._bodies(symbols), self.size
+        return [self._height(bodies, parameters[n * i : n * (i + 1)]) for i in range(self.n)]
+
+    def _height(self, bodies: Sequence[Pose], row: ca.SX) -> ca.SX:
+        n = _n_shares(self.second)
+        normal, centre, offset = ca.vertsplit(row[-_PLANE:], [0, 3, 6, 7])
+        plane = _mixed(bodies, self.first, row[n : n + _n_shares(self.first)])
+        point = _mixed(bodies, self.second, row[:n])
+        return ca.dot(plane.R @ normal, point.p - plane.p + point.R @ centre) - offset
+
+    def _bodies(self, symbols: TickSymbols) -> Sequence[Pose]:
+        """Poses of all joints, relative to the last one that carries all of the group."""
+        tree = symbols.kinematics.model
+        above = [set(tree.model.supports[joint]) for joint in (*self.first, *self.second)]
+        shared = set.intersection(*above) - {0}
+        if not shared:
+            return symbols.kinematics.joint_poses
+        local = tree.local_poses(symbols.q)
+        return tree.joint_poses([Pose.identity() if i in shared else pose for i, pose in enumerate(local)])
+
+    def write(self, result: Array, found: Planes, offset: Array) -> None:
+        """Into parameters of nothing near, those of planes.
+
+        result (n_samples, n_parameters) [unit of the parameter], offset (n,) [m].
+        """
+        k, slot = found.sample, self.size * ranks(found.sample)
+        place = slot
+        for side, joints in ((1, self.second), (0, self.first)):
+            if _n_shares(joints):
+                result[k, place + np.searchsorted(joints, found.joints[:, side])] = 1.0
+            place = place + _n_shares(joints)
+        plane = np.column_stack([found.normal, found.centre, offset])
+        result[k[:, None], place[:, None] + np.arange(_PLANE)] = plane
+
+    def nothing(self) -> Array:
+        """(n_parameters,) of rows that are wide of their bounds."""
+        return np.tile(np.r_[np.zeros(self.size - 1), _NOTHING_NEAR], self.n)
+
+
+def ranks(sample: Indices) -> Indices:
+    """(n,) How many rows of its sample are before each; the samples are in their order."""
+    return np.arange(len(sample)) - np.searchsorted(sample, sample)
+
+
+def _n_shares(joints: Sequence[int]) -> int:
+    return len(joints) if len(joints) > 1 else 0
+
+
+def _mixed(bodies: Sequence[Pose], joints: Sequence[int], shares: ca.SX) -> Pose:
+    """The pose whose share is one."""
+    if len(joints) == 1:
+        return bodies[joints[0]]
+    R = sum((shares[i] * bodies[joint].R for i, joint in enumerate(joints)), ca.SX(3, 3))
+    p = sum((shares[i] * bodies[joint].p for i, joint in enumerate(joints)), ca.SX(3, 1))
+    return Pose(R=R, p=p)
+
+
+# Clearance of true shapes, as rows of an optimal control problem.
+
+_BINDING = 5e-3  # [m] beyond the margin within which a row decides
+
+Wider = Annotated[Array, Shape("n", "self.scene.n_pairs")]
+Place = Callable[[float], pin.SE3]
+"""X_WO at time t [s]."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ShapeClearance(Term):
+    """The pairs of a scene stay apart by their margins: rows of signed distance less margin [m] >= 0.
+
+    Rows are the planes and points of `uvms_ocp.ocp.separating_planes`, for the nearest pairs of every node at the motion that a
+    solve begins with. As a constraint they keep the distances of convex shapes, wherever the planes are; in a level the
+    squares of what is missing add up. Raises `InvalidInput` for margins of the wrong number or not finite, a scene whose
+    axes are not all planned, and `NameNotFound` for the motion of an obstacle that there is not.
+    """
+
+    follows_guess: ClassVar[bool] = True
+    at: At = At.PATH
+    scene: CollisionScene
+    margins: Array
+    """(n_pairs,) [m] of the pairs of the scene."""
+    n_rows: AtLeastOne = 10
+    """[-] per node on pairs with what stands in the world."""
+    n_own_rows: AtLeastOne = 6
+    """[-] per node on pairs of the robot's own links."""
+    n_pair_rows: Count = 0
+    """[-] per node on each of these pairs instead, where it is not 0: simpler rows, for a scene of few pairs."""
+    moving: Mapping[str, Place] = field(default_factory=dict)
+    """Where obstacles are that do not stand still, by name."""
+
+    def __post_init__(self) -> None:
+        Term.__post_init__(self)
+        scene = self.scene
+        if np.shape(self.margins) != (scene.n_pairs,) or not np.isfinite(self.margins).all():
+            raise InvalidInput(
+                f"{self.name}: margins {np.shape(self.margins)}; give one finite number [m] for each of "
+                f"{scene.n_pairs} pairs"
+            )
+        if scene.coordinates.n_axes != scene.coordinates.robot.n_v:
+            raise InvalidInput(f"{self.name}: the scene plans {scene.coordinates.names}; give one that plans all axes")
+        names = [item.name for item in scene.geometry.geometryObjects]
+        for name in self.moving:
+            if name not in names:
+                raise NameNotFound("moving obstacle", name, names)
+
+    @cached_property
+    def _coal(self) -> CoalDistances:
+        """With shapes of its own where it moves them."""
+        scene = self.scene
+        return CoalDistances(replace(scene, geometry=pin.GeometryModel(scene.geometry)) if self.moving else scene)
+
+    @property
+    def name(self) -> str:
+        return "clearance"
+
+    def scenery(self, t: float) -> tuple[ObstacleData, ...]:
+        """Obstacles that have an end, as they are at time t [s]."""
+        shapes = [item for i, item in enumerate(self.scene.geometry.geometryObjects) if self.scene.is_obstacle(i)]
+        places = [self.moving[item.name](t) if item.name in self.moving else item.placement for item in shapes]
+        pairs = zip(shapes, places, strict=True)
+        found = [describe_obstacle(Obstacle(name=item.name, shape=item.geometry, X_WO=X)) for item, X in pairs]
+        return tuple(item for item in found if item is not None)
+
+    # --- rows -------------------------------------------------------------------------------------
+
+    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
+        ends = np.cumsum([0, *(group.n_parameters for group in self._groups)]).tolist()
+        parts = [parameters[first:stop] for first, stop in pairwise(ends)]
+        rows = [group.rows(stage.tick, part) for group, part in zip(self._groups, parts, strict=True)]
+        return bounded_residual(ca.vertcat(ca.SX(0, 1), *(row for part in rows for row in part)), lower=0.0)
+
+    @cached_property
+    def _groups(self) -> tuple[RowGroup, ...]:
+        """Those with the world, those between links, and those of each pair of links."""
+        pairs = self.scene.pairs
+        carried = np.array([(pair.first_joint, pair.second_joint) for pair in pairs], dtype=int).reshape(-1, 2)
+        world, n = carried[:, 0] == 0, self.n_pair_rows
+        groups = [(world, self.n_rows)]
+        groups += (
+            [(np.arange(len(pairs)) == k, n) for k in np.flatnonzero(~world)] if n else [(~world, self.n_own_rows)]
+        )
+        return tuple(_group(carried, chosen, rows) for chosen, rows in groups if chosen.any())
+
+    # --- parameters -------------------------------------------------------------------------------
+
+    def n_parameters(self, robot: Robot) -> int:
+        return sum(group.n_parameters for group in self._groups)
+
+    def reference(self, t: float) -> Array:
+        """At the configuration in which the coordinates of the scene stay, at time t [s]."""
+        coordinates = self.scene.coordinates
+        return self.references([t], coordinates.configurations(coordinates.reference[None]))[0]
+
+    def references(self, times: Sequence[float], q: Configurations, tightened: Wider | None = None) -> Array:
+        """At times (n,) [s] and configurations q (n, n_q) [m, rad], with margins wider by tightened (n, n_pairs) [m]."""
+        margins = self._margins(len(q), tightened)
+        parts = []
+        for group, found in zip(self._groups, self._chosen(times, q, margins), strict=True):
+            parts.append(np.tile(group.nothing(), (len(q), 1)))
+            group.write(parts[-1], found, found.offset + margins[found.sample, found.pair])
+        return np.concatenate([np.zeros((len(q), 0)), *parts], axis=1)
+
+    def mismatch(self, times: Sequence[float], written: Configurations, q: Configurations) -> float:
+        """[m] By how much rows that decide at q (n, n_q) [m, rad], written at configurations written (n, n_q) [m, rad], are off.
+
+        times (n,) [s].
+        """
+        poses, true = Poses.of(self.scene.coordinates.robot.model, q), self.distances(times, q)
+        least = np.full(true.shape, np.inf)
+        for found in self._chosen(times, written, self._margins(len(q), None)):
+            np.minimum.at(least, (found.sample, found.pair), found.heights(poses))
+        decides = least - self.margins < _BINDING
+        return float(np.abs(least - true)[decides].max(initial=0.0))
+
+    def _margins(self, n: int, tightened: Array | None) -> Array:
+        """(n, n_pairs) [m]"""
+        return np.broadcast_to(self.margins if tightened is None else self.margins + tightened, (n, self.scene.n_pairs))
+
+    def _chosen(self, times: Sequence[float], q: Array, margins: Array) -> list[Planes]:
+        """Of every group those that there is room for at configurations q (n, n_q): the ones least beyond their margins."""
+        contacts, poses = self._contacts(times, q), Poses.of(self.scene.coordinates.robot.model, q)
+        found = planes(self.scene, contacts, poses)
+        beyond = found.heights(poses) - margins[found.sample, found.pair]
+        kept = []
+        for group in self._groups:
+            rows = np.flatnonzero(group.pairs[found.pair])
+            order = rows[np.lexsort((beyond[rows], found.sample[rows]))]
+            kept.append(found.of(order[ranks(found.sample[order]) < group.n]))
+        return kept
+
+    # --- distances --------------------------------------------------------------------------------
+
+    def distances(self, times: Sequence[float], q: Configurations) -> Array:
+        """(n, n_pairs) [m] of all pairs at times (n,) [s] and configurations q (n, n_q) [m, rad], by coal."""
+        if not self.moving:
+            return self._coal.distances_at(q)
+        return np.concatenate([self._placed(t).distances_at(row[None]) for t, row in zip(times, q, strict=True)])
+
+    def _contacts(self, times: Sequence[float], q: Array) -> Contacts:
+        if not self.moving:
+            return self._coal.contacts(q)
+        found = [self._placed(t).contacts(row[None]) for t, row in zip(times, q, strict=True)]
+        sample = np.repeat(np.arange(len(q)), [len(one.sample) for one in found])
+        names = ("pair", "distance", "normal", "first", "second")
+        parts = {name: np.concatenate([getattr(one, name) for one in found]) for name in names}
+        return Contacts(sample=sample, **parts)
+
+    def _placed(self, t: float) -> CoalDistances:
+        for item in self._coal.scene.geometry.geometryObjects:
+            if item.name in self.moving:
+                item.placement = self.moving[item.name](t)
+        return self._coal
+
+
+def _group(carried: Indices, chosen: Mask, n: int) -> RowGroup:
+    """Of the chosen of pairs (n_pairs, 2) of joints."""
+    first, second = (tuple(np.unique(carried[chosen, side]).tolist()) for side in (0, 1))
+    return RowGroup(pairs=chosen, n=n, first=first, second=second)

@@ -1,1 +1,0 @@
-"""Distances as rows of optimal control problems, and proof of them between the nodes."""

@@ -1,0 +1,297 @@
+"""Write and read plans as files: arrays beside one text of values, in ``.npz`` or ``.json``, within bounds.
+
+Every number comes back as it was: arrays are stored as they are, texts hold the shortest decimals that round to the same.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import ValidationError
+
+from uvms_ocp.errors import InvalidInput, OutputError
+from uvms_ocp.model_errors import one_line, printable
+from uvms_ocp.ocp.trajectory import Trajectory
+from uvms_ocp.planning.conservative_advancement import ClearanceReport
+from uvms_ocp.planning.scene import Nearest
+from uvms_ocp.record.meta_values import MetaValue, Number, SurroundingsMeta
+from uvms_ocp.record.untrusted import read_arrays, read_text
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.solvers.nlp.level_solver import NlpPoint
+from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
+from uvms_ocp.solvers.nlp.program import NlpStatus
+
+# A plan as arrays and one text of values, in an ``.npz`` file or all of it in a ``.json`` file; and back, within bounds.
+#
+# Every number comes back as it was: arrays are stored as they are, texts hold the shortest decimals that round to the same.
+
+_TEXT = "summary"
+_NO_PLAN = f"no text {_TEXT!r}; give the plan.npz that `Plan.save` wrote"
+_LARGEST = 256 << 20  # [B] of a text
+
+
+class LevelValues(MetaValue):
+    """Of one level; see `uvms_ocp.ocp.plan.LevelReport`."""
+
+    name: str
+    status: str
+    advice: str
+    residual: float
+    """[-]"""
+    iterations: int
+    prices: tuple[float, ...] = ()
+    """[-]"""
+
+
+class SolverValues(MetaValue):
+    """Of the solver's result beside its arrays; see `uvms_ocp.solvers.nlp.lexicographic_nlp.LexicographicResult`."""
+
+    status: str
+    level_status: tuple[str, ...]
+    iterations: tuple[int, ...]
+    anticipated: bool
+    violation: float
+    """[-]"""
+    solve_time: Number
+
+
+class ClearanceValues(MetaValue):
+    """See `uvms_ocp.planning.conservative_advancement.ClearanceReport`, and `Nearest` for the last three."""
+
+    unshaped: tuple[str, ...] = ()
+    collision_free: bool
+    undecided: bool
+    n_samples: int
+    distance: float
+    """[m]"""
+    time: Number
+    pair: str
+
+
+class PlanValues(MetaValue):
+    """What a file of a plan tells beside its arrays."""
+
+    version: Literal["1"] = "1"
+    status: str
+    reason: str
+    advice: str
+    robot: str
+    duration: Number
+    energy: float | None
+    """[J]"""
+    peak_thrust: float | None
+    """[N]"""
+    iterations: int
+    solve_time: Number
+    levels: tuple[LevelValues, ...]
+    of_wrench: bool
+    surroundings: SurroundingsMeta
+    current: tuple[Number, Number, Number]
+    solver: SolverValues | None = None
+    clearance: ClearanceValues | None = None
+
+
+Arrays = Mapping[str, np.ndarray]
+"""By name."""
+
+
+def write_plan(target: Path, values: PlanValues, arrays: Arrays) -> Path:
+    """Write ``.json`` where the name ends so, else ``.npz``; returns the path. Raises `OutputError`."""
+    text = values.model_dump_json()
+    if target.suffix != ".json":
+        return write_arrays(target, _TEXT, text, arrays)
+    lists = {name: array.tolist() for name, array in arrays.items()}
+    with _writing(target):
+        target.write_text(json.dumps(json.loads(text) | lists), encoding="utf-8")
+    return target
+
+
+def write_arrays(target: Path, key: str, text: str, arrays: Arrays) -> Path:
+    """Write a text under a key beside arrays as ``.npz``, with that ending; returns the path. Raises `OutputError`."""
+    place = target.with_suffix(".npz")
+    with _writing(place), place.open("wb") as file:
+        np.savez(file, allow_pickle=False, **{key: np.array(text)}, **arrays)
+    return place
+
+
+@contextmanager
+def _writing(target: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"cannot write {target}: {error.strerror}; choose another place") from error
+
+
+def read_plan(source: Path) -> tuple[PlanValues, dict[str, np.ndarray]]:
+    """What `write_plan` wrote; arrays hold finite numbers.
+
+    Raises `InvalidInput`, in one line, for what is no such file, is damaged or too large.
+    """
+    try:
+        values, arrays = _from_text(source) if source.suffix == ".json" else from_arrays(source, _TEXT, _NO_PLAN)
+        for name, array in arrays.items():
+            if array.dtype != np.float64 or not np.isfinite(array).all():
+                raise InvalidInput(f"array {name[:60]!r} is {array.dtype} or not finite; allowed: finite float64")
+        return PlanValues.model_validate_json(json.dumps(values), strict=True), arrays
+    except ValidationError as error:
+        raise InvalidInput(f"{printable(str(source))}: not a plan: {one_line(error, PlanValues)}") from error
+    except OSError as error:
+        raise InvalidInput(f"{printable(str(source))}: not a plan: {error.strerror}") from error
+    except InvalidInput as error:
+        raise InvalidInput(f"{printable(str(source))}: not a plan written by uvms_ocp: {error}") from error
+
+
+def from_arrays(source: Path, key: str, missing: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """The object in the text under a key, and the arrays beside it, of a file that anyone may have written.
+
+    missing: what to say where there is none. Raises `InvalidInput`.
+    """
+    arrays = dict(read_arrays(source))
+    text = arrays.pop(key, np.zeros(0))
+    if text.dtype.kind != "U" or text.shape != ():
+        raise InvalidInput(missing)
+    return _object(str(text)), arrays
+
+
+def _from_text(source: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Lists beside the values are the arrays."""
+    whole = _object(read_text(source, _LARGEST))
+    values = {name: whole.pop(name) for name in PlanValues.model_fields if name in whole}
+    try:
+        return values, {name: np.atleast_1d(np.array(item, dtype=float)) for name, item in whole.items()}
+    except (ValueError, TypeError, OverflowError) as error:
+        raise InvalidInput(f"lists that are no arrays of numbers: {str(error)[:100]}") from error
+
+
+def _object(text: str) -> dict[str, Any]:
+    try:
+        values = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InvalidInput(f"a text that is no JSON: {str(error)[:200]}") from error
+    if not isinstance(values, dict):
+        raise InvalidInput(f"a text that is a {type(values).__name__}; allowed: an object")
+    return values
+
+
+# Arrays of a trajectory and of a solver's result, by names, what is proven of it, and back.
+
+_SHORTEST = 1e-6  # norm of a quaternion; that of a plan which breaks its constraints may be far from 1
+
+
+def trajectory_arrays(t: Trajectory) -> dict[str, np.ndarray]:
+    """By the names of the fields."""
+    return {"t": t.t, "q": t.q, "v": t.v, "a": t.a, "thrust": t.thrust, "torque": t.torque}
+
+
+def stored_trajectory(robot: Robot, arrays: Arrays, *, of_wrench: bool) -> Trajectory:
+    """The trajectory of `trajectory_arrays`. Raises `InvalidInput` for arrays that are none of this robot."""
+    n = len(arrays["t"]) if "t" in arrays and arrays["t"].ndim == 1 else 0
+    thrusters = robot.n_vehicle if of_wrench else len(robot.description.thrusters)
+    widths = {"q": robot.n_q, "v": robot.n_v, "a": robot.n_v, "thrust": thrusters, "torque": robot.n_joints}
+    shapes = {name: (n - (name in ("a", "thrust", "torque")), width) for name, width in widths.items()}
+    for name, shape in shapes.items():
+        given = arrays[name].shape if name in arrays else None
+        if n < 2 or given != shape:
+            raise InvalidInput(f"array {name!r} has shape {given}; {robot.name} with {n} times needs {shape}")
+    _check_values(robot, arrays)
+    return Trajectory(t=arrays["t"], **{name: arrays[name] for name in widths}, of_wrench=of_wrench)
+
+
+def _check_values(robot: Robot, arrays: Arrays) -> None:
+    t = arrays["t"]
+    if t[0] != 0.0 or not (np.diff(t) > 0).all():
+        raise InvalidInput("times t do not rise from 0")
+    if robot.n_vehicle and np.linalg.norm(arrays["q"][:, 3:7], axis=1).min() < _SHORTEST:
+        raise InvalidInput("array 'q' has a quaternion, columns 3 to 6, of norm 0")
+
+
+def result_arrays(result: LexicographicResult) -> dict[str, np.ndarray]:
+    """All arrays of the result of a solver; multipliers as far as there are any."""
+    arrays = {"x": result.x}
+    for i, (values, residuals, point) in enumerate(zip(result.values, result.residuals, result.points, strict=True)):
+        arrays |= {f"values_{i}": values, f"residuals_{i}": residuals, f"point_{i}": point.x}
+        if point.x_multipliers is not None and point.row_multipliers is not None:
+            arrays |= {f"x_multipliers_{i}": point.x_multipliers, f"row_multipliers_{i}": point.row_multipliers}
+    return arrays
+
+
+def solver_values(result: LexicographicResult) -> SolverValues:
+    """Its values beside the arrays."""
+    return SolverValues(
+        status=result.status.value,
+        level_status=tuple(status.value for status in result.level_status),
+        iterations=result.iterations,
+        anticipated=result.anticipated,
+        violation=result.violation,
+        solve_time=result.solve_time,
+    )
+
+
+def stored_result(values: SolverValues, arrays: Arrays) -> LexicographicResult:
+    """The result of `result_arrays` and `solver_values`. Raises `InvalidInput` for what does not belong together."""
+    levels = range(len(values.level_status))
+    n = arrays["x"].shape if "x" in arrays and arrays["x"].ndim == 1 else None
+    try:
+        points = tuple(_point(arrays, i) for i in levels)
+        rows = {point.row_multipliers.shape for point in points if point.row_multipliers is not None}
+        right = len(rows) <= 1 and all(point.x.shape == n for point in points) and len(values.iterations) == len(levels)
+        if n is None or not right:
+            raise InvalidInput("arrays of the solver's result do not fit each other")
+        return LexicographicResult(
+            x=arrays["x"],
+            status=_status(values.status),
+            level_status=tuple(_status(status) for status in values.level_status),
+            values=tuple(arrays[f"values_{i}"] for i in levels),
+            residuals=tuple(arrays[f"residuals_{i}"] for i in levels),
+            iterations=values.iterations,
+            anticipated=values.anticipated,
+            violation=values.violation,
+            points=points,
+            solve_time=values.solve_time,
+        )
+    except (KeyError, ValueError) as error:
+        raise InvalidInput(f"the solver's result lacks {str(error)[:100]}") from error
+
+
+def _status(value: str) -> NlpStatus:
+    """Raises `ValueError` for a word that is no status."""
+    return NlpStatus(value)  # type: ignore[call-arg]  # looked up by its value alone
+
+
+def _point(arrays: Arrays, i: int) -> NlpPoint:
+    """Raises `KeyError` where it has no x, `InvalidInput` for multipliers of another size."""
+    x, own, rows = arrays[f"point_{i}"], arrays.get(f"x_multipliers_{i}"), arrays.get(f"row_multipliers_{i}")
+    if (own is None) != (rows is None) or (own is not None and own.shape != x.shape):
+        raise InvalidInput("multipliers of the solver's result do not fit its points")
+    if rows is not None and rows.ndim != 1:
+        raise InvalidInput(f"multipliers of rows have shape {rows.shape}; allowed: a vector")
+    return NlpPoint(x=x, x_multipliers=own, row_multipliers=rows)
+
+
+def clearance_values(report: ClearanceReport) -> ClearanceValues:
+    """What the certificate found, as values."""
+    nearest = asdict(report.nearest)
+    return ClearanceValues(
+        collision_free=report.collision_free,
+        undecided=report.undecided,
+        n_samples=report.n_samples,
+        unshaped=report.unshaped,
+        **nearest,
+    )
+
+
+def stored_clearance(values: ClearanceValues) -> ClearanceReport:
+    """The report of `clearance_values`."""
+    return ClearanceReport(
+        collision_free=values.collision_free,
+        undecided=values.undecided,
+        n_samples=values.n_samples,
+        nearest=Nearest(distance=values.distance, time=values.time, pair=values.pair),
+        unshaped=values.unshaped,
+    )

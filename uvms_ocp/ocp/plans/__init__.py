@@ -1,1 +1,0 @@
-"""A trajectory with its verdict in; a record, a file and back, and how far a plant departed from it out."""

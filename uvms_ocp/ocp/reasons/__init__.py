@@ -1,1 +1,0 @@
-"""A plan that fails or misses in; what holds it back, and what would have to change, out."""

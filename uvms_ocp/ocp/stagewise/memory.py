@@ -1,0 +1,350 @@
+"""Numbers and ranges of a horizon, stage after stage, at the current point: shared by all levels.
+
+A turn takes no time. There the rows count that end a phase, and the length of the steps of the next phase is chosen: as a
+control, so that it is a state of the steps that follow and couples nothing else.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from uvms_ocp.codegen.buffered import BoundCalls
+from uvms_ocp.codegen.elementwise import excess
+from uvms_ocp.ocp.problem import OcpProblem
+from uvms_ocp.ocp.stagewise.functions import (
+    BlockFunctions,
+    RowGroup,
+    Tangent,
+    compiled,
+    force_rows,
+    motion_functions,
+    moved_function,
+)
+from uvms_ocp.ocp.transcription.stage import StageModel
+from uvms_ocp.ocp.transcription.term_rows import term_blocks
+from uvms_ocp.ocp.transcription.transcription import Transcription
+from uvms_ocp.solvers.nlp.program import RowBounds
+from uvms_ocp.solvers.stage_qp.problem import Found
+from uvms_ocp.types import Array
+
+# The stages of a horizon: its steps, the turn from one phase to the next, and the last node.
+#
+# A turn takes no time. There the rows count that end a phase, and the length of the steps of the next phase is chosen: as a
+# control, so that it is a state of the steps that follow and couples nothing else.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Stage:
+    """One stage."""
+
+    node: int
+    """[-] whose state it has."""
+    block: int | None
+    """[-] `TermBlock` whose rows count; None for a turn before the first phase."""
+    place: int = 0
+    """[-] of the node in that block."""
+    step: bool = False
+    """It takes time, and has accelerations."""
+    turn_to: int | None = None
+    """[-] phase that begins."""
+
+
+def chain(problem: OcpProblem) -> tuple[Stage, ...]:
+    """The stages of a problem, the last node last."""
+    starts, n = problem.starts_of_phases().tolist(), len(problem.phases)
+    stages: list[Stage] = []
+    for i in range(n):
+        if i or problem.free_time:
+            stages.append(Stage(node=starts[i], block=n + i - 1 if i else None, turn_to=i))
+        stages += [
+            Stage(node=node, block=i, place=node - starts[i], step=True) for node in range(starts[i], starts[i + 1])
+        ]
+    return (*stages, Stage(node=starts[n], block=2 * n - 1))
+
+
+# Where the numbers of a horizon are, stage after stage, at the point that is looked at: shared by all levels.
+
+
+class StageMemory:
+    """Points, parameters, rows and gaps of all stages, and the calls that move points and find values there."""
+
+    def __init__(self, whole: Transcription) -> None:
+        """whole: numbers parameters, variables and rows."""
+        problem = whole.problem
+        self.whole, self.stages = whole, chain(problem)
+        self.tangent = Tangent(model=StageModel(problem, eliminated=True))
+        self.forces = force_rows(self.tangent.model)
+        self.functions = self._block_functions()
+        self.steps = np.array([i for i, stage in enumerate(self.stages) if stage.step])
+        n, layout = len(self.stages), self.tangent.model.layout
+        self.z, self.z_from = np.zeros((n, layout.n_z)), np.zeros((n, layout.n_z))
+        self.x_step, self.u_step = np.zeros((n, self.tangent.n_x)), np.zeros((n, self.tangent.n_u))
+        self.share, self.water = np.ones(1), np.zeros((len(self.steps), 3))
+        self.gaps = np.zeros((n - 1, self.tangent.n_x))
+        """By how much each stage ends ahead of the next."""
+        self.parameters = [np.zeros((len(one.block.nodes), one.block.rows.n_parameters)) for one in self.functions]
+        self.thrust = np.zeros((len(self.steps), self.tangent.model.actuators.matrix.shape[1]))
+        self.torque = np.zeros((len(self.steps), problem.robot.n_joints))
+        self.held, self.held_parts = self._rows("held")
+        """Rows that may be held, stage after stage: limits of forces, constraints, then those of all levels."""
+        self._residuals = [self._level_rows(i) for i in range(self.n_levels)]
+        self.motion, self.motion_linear = motion_functions(self.tangent)
+        self.evaluate, self.move, self.find_inputs = self._evaluation(), self._moves(), self._inputs()
+
+    @property
+    def n_levels(self) -> int:
+        return len(self.whole.problem.levels)
+
+    def residuals(self, level: int) -> Array:
+        """Of all stages, whose half square is the cost of a level."""
+        return self._residuals[level][0]
+
+    def residual_parts(self, level: int) -> list[Array]:
+        """The same, stage by stage."""
+        return self._residuals[level][1]
+
+    def function(self, stage: Stage) -> BlockFunctions | None:
+        return None if stage.block is None else self.functions[stage.block]
+
+    def arguments(self, i: int) -> list[Array]:
+        """Of the functions of rows at stage i."""
+        stage = self.stages[i]
+        assert stage.block is not None
+        return [self.z[i], self.parameters[stage.block][stage.place], self.water[min(stage.node, len(self.water) - 1)]]
+
+    def _block_functions(self) -> tuple[BlockFunctions, ...]:
+        problem, free = self.whole.problem, self.tangent.free
+        n = len(problem.phases)
+        return tuple(
+            BlockFunctions(
+                block=block,
+                tangent=self.tangent,
+                forces=self.forces if i < n else None,
+                extra=int(free and n <= i < 2 * n - 1),
+            )
+            for i, block in enumerate(term_blocks(self.tangent.model))
+        )
+
+    def compile_curvature(self) -> None:
+        """Before any clock runs: it takes longest."""
+        for function in self.functions:
+            _ = function.bend, function.curvature
+
+    def groups(self, stage: Stage) -> tuple[RowGroup, ...]:
+        """Rows of a stage that may be held."""
+        function = self.function(stage)
+        return () if function is None else function.held
+
+    def _rows(self, kind: str) -> tuple[Array, list[list[Array]]]:
+        sizes = [[group.n for group in self.groups(stage)] for stage in self.stages]
+        flat = np.zeros(sum(map(sum, sizes)))
+        return flat, [_split(part, own) for part, own in zip(_split(flat, map(sum, sizes)), sizes, strict=True)]
+
+    def _level_rows(self, level: int) -> tuple[Array, list[Array]]:
+        found = [self.function(stage) for stage in self.stages]
+        sizes = [0 if function is None else function.errors[level].n for function in found]
+        flat = np.zeros(sum(sizes))
+        return flat, _split(flat, sizes)
+
+    def _evaluation(self) -> BoundCalls:
+        calls = BoundCalls()
+        for i, stage in enumerate(self.stages):
+            if stage.step:
+                calls.add(self.motion, [self.z[i], self.z[i + 1]], [self.gaps[i]])
+            function = self.function(stage)
+            if function is not None:
+                calls.add(function.values, self.arguments(i), self.row_memory(i))
+        return calls
+
+    def row_memory(self, i: int) -> list[Array]:
+        """Results of the functions of rows at stage i: residuals, then rows that may be held."""
+        return [*(self.residual_parts(level)[i] for level in range(self.n_levels)), *self.held_parts[i]]
+
+    def _moves(self) -> BoundCalls:
+        calls, function = BoundCalls(), moved_function(self.tangent)
+        for i in range(len(self.stages)):
+            calls.add(function, [self.z_from[i], self.x_step[i], self.u_step[i], self.share], [self.z[i]])
+        return calls
+
+    def _inputs(self) -> BoundCalls:
+        calls, model = BoundCalls(), self.tangent.model
+        function = compiled("inputs", [model.z, model.water], self.tangent.expanded(model.inputs))
+        for k, i in enumerate(self.steps):
+            calls.add(function, [self.z[i], self.water[k]], [self.thrust[k], self.torque[k]])
+        return calls
+
+
+def _split(flat: Array, sizes: object) -> list[Array]:
+    ends = np.cumsum([0, *sizes]).tolist()  # type: ignore[misc]
+    return [flat[first:stop] for first, stop in pairwise(ends)]
+
+
+# From the variables of a program to the points of all stages and back.
+
+
+class StagePoint:
+    """Reads and writes `StageMemory.z`."""
+
+    def __init__(self, memory: StageMemory) -> None:
+        self._memory, self._variables = memory, memory.whole.variables
+        self._nodes = np.array([stage.node for stage in memory.stages])
+        self._ends = np.array([stage.turn_to is not None for stage in memory.stages])
+
+    def set_parameters(self, p: Array) -> None:
+        """p (n_p,) [unit of the parameter]: those of `Transcription.parameters`."""
+        memory, layout = self._memory, self._memory.whole.parameter_layout
+        memory.water[...] = p[layout.water].reshape(-1, 3)
+        for own, place in zip(memory.parameters, layout.terms, strict=True):
+            own[...] = p[place].reshape(own.shape)
+
+    def read(self, x: Array, p: Array) -> None:
+        """Take variables x (n_x,) [unit of x], with the start and the lengths of steps of p (n_p,) [unit of the parameter]."""
+        memory, variables, layout = self._memory, self._variables, self._memory.tangent.model.layout
+        source, n, N = variables.model.layout, variables.n_step, variables.N
+        steps, column = x[: N * n].reshape(N, n), variables.columns(0)
+        state = np.vstack([steps[:, : source.h], x[N * n : N * n + source.h]])
+        memory.z[:, : layout.h] = state[self._nodes]
+        h = steps[:, column[source.h]] if variables.free else p[memory.whole.parameter_layout.steps]
+        memory.z[memory.steps, layout.h] = h
+        memory.z[memory.steps, layout.a] = steps[:, column[source.a]]
+        if source.n_thrust:
+            memory.z[memory.steps, layout.null] = steps[:, column[source.thrust]] @ memory.tangent.model.actuators.null
+        self._set_start(p)
+
+    def _set_start(self, p: Array) -> None:
+        memory, layout = self._memory, self._memory.tangent.model.layout
+        memory.z[self._nodes == 0, : layout.h] = p[memory.whole.parameter_layout.start]
+
+    def write(self) -> Array:
+        """Variables (n_x,) [unit of x] of the points."""
+        memory, variables, layout = self._memory, self._variables, self._memory.tangent.model.layout
+        target, n, N = variables.model.layout, variables.n_step, variables.N
+        x, z, column = np.zeros(variables.n_x), memory.z[memory.steps], variables.columns(0)
+        steps = x[: N * n].reshape(N, n)
+        steps[:, : target.h], steps[:, column[target.a]] = z[:, : layout.h], z[:, layout.a]
+        x[N * n : N * n + target.h] = memory.z[-1, : layout.h]
+        if variables.free:
+            steps[:, column[target.h]] = z[:, layout.h]
+            x[N * n + target.h] = z[-1, layout.h]
+        if target.n_thrust + target.n_torque:
+            memory.find_inputs()
+            steps[:, column[target.thrust]], steps[:, column[target.torque]] = memory.thrust, memory.torque
+        return x
+
+
+# Where rows and variables of all stages are to be.
+
+
+class StageRanges:
+    """Ranges of one solve of one level."""
+
+    def __init__(self, places: Places, bounds: RowBounds, level: int) -> None:
+        """level [-]: those above it are held, as `bounds` has it."""
+        self._places, whole = places, places.memory.whole
+        layout, levels = whole.row_layout, whole.ranges().levels
+        raw = np.full((2, layout.n_rows + 1), [[-np.inf], [np.inf]])
+        held = [(layout.constraints, slice(0, len(layout.constraints)))]
+        held += [(layout.levels[i], levels[i].frozen) for i in range(level)]
+        for rows, own in held:
+            raw[0, rows], raw[1, rows] = bounds.lower[own], bounds.upper[own]
+        self.lower = np.where(places.raw >= 0, raw[0, places.raw], places.force_lower)
+        """(n,) [unit of the row] of all rows that may be held."""
+        self.upper = np.where(places.raw >= 0, raw[1, places.raw], places.force_upper)
+        """(n,) [unit of the row]"""
+        self._z = places.z_ranges(bounds.x_lower, bounds.x_upper)
+        self._limited = np.isfinite(self._z).any(axis=0)
+
+    def z_excess(self, z: Array) -> Array:
+        """How far variables are outside at the points z (n, n_z) [unit of z]."""
+        own = self._limited
+        return np.asarray(excess(z.reshape(-1)[self._places.z[own]], self._z[0, own], self._z[1, own]))
+
+    def write_z(self, z: Array, lower: Array, upper: Array) -> None:
+        """Ranges of the step from z (n, n_z) [unit of z] into lower and upper (m,) [unit of z]."""
+        own = self._limited
+        here = z.reshape(-1)[self._places.z[own]]
+        lower[own], upper[own] = self._z[0, own] - here, self._z[1, own] - here
+
+
+class Places:
+    """What every row and every variable of the QP is."""
+
+    def __init__(self, memory: StageMemory) -> None:
+        self.memory = memory
+        rows = [self._row_numbers(i) for i in range(len(memory.stages))]
+        self.raw = np.concatenate([np.zeros(0, dtype=int), *rows])
+        """(n,) [-] raw row of each row that may be held; -1 for limits of forces."""
+        forces = memory.forces
+        self.force_lower, self.force_upper = np.full(len(self.raw), -np.inf), np.full(len(self.raw), np.inf)
+        self.force_lower[self.raw < 0] = np.tile(forces.lower, len(memory.steps))
+        self.force_upper[self.raw < 0] = np.tile(forces.upper, len(memory.steps))
+        self.z, self._x = self._variables()
+        self._force_x = self._inputs()
+
+    def _row_numbers(self, i: int) -> Array:
+        memory, stage = self.memory, self.memory.stages[i]
+        function = memory.function(stage)
+        if function is None:
+            return np.zeros(0, dtype=int)
+        assert stage.block is not None
+        own = memory.whole.row_layout.terms[stage.block][stage.place]
+        forces = np.full(len(memory.forces.lower) if stage.step else 0, -1)
+        return np.concatenate([forces, *(own[group.numbers] for group in function.held)])
+
+    def _variables(self) -> tuple[Array, Array]:
+        """Place of each variable of the QP in the points, and in x; where it has no range the latter is -1."""
+        memory, tangent, layout = self.memory, self.memory.tangent, self.memory.tangent.model.layout
+        variables, robot = memory.whole.variables, memory.whole.problem.robot
+        straight = np.full(tangent.n_v, -1)
+        for joint in robot.joints:
+            if joint.n_q == joint.n_v:
+                straight[joint.idx_v : joint.idx_v + joint.n_v] = np.arange(joint.q.start, joint.q.stop)
+        state = np.concatenate([straight, np.arange(layout.v.start, layout.v.stop)])
+        places, numbers = [], []
+        for i, stage in enumerate(memory.stages):
+            columns, n_z = variables.columns(stage.node), memory.z.shape[1]
+            own = np.concatenate([state, np.full(int(tangent.free), -1)])
+            if stage.step:
+                own = np.concatenate([own, np.arange(layout.a.start, layout.a.stop), np.full(layout.n_null, -1)])
+            used = own >= 0 if stage.turn_to is None else np.zeros(len(own), dtype=bool)
+            places.append(np.where(own >= 0, i * n_z + own, 0))
+            numbers.append(np.where(used, columns[np.maximum(own, 0)], -1))
+            if stage.turn_to is not None and tangent.free:
+                places.append(np.array([(i + 1) * n_z + layout.h]))
+                numbers.append(columns[[variables.model.layout.h]])
+        return np.concatenate(places), np.concatenate(numbers)
+
+    def _inputs(self) -> Array:
+        """Place in x of the thrust or torque of each row of forces, step after step; -1 where it has none."""
+        memory, variables = self.memory, self.memory.whole.variables
+        layout, own = variables.model.layout, memory.forces.inputs
+        if not layout.n_thrust + layout.n_torque:
+            return np.full(len(own) * len(memory.steps), -1)
+        first = [variables.columns(memory.stages[i].node)[layout.thrust.start] for i in memory.steps]
+        return np.concatenate([np.where(own >= 0, place + own, -1) for place in first])
+
+    def program_multipliers(self, rows: Array, found: Found) -> tuple[Array, Array]:
+        """Multipliers (n_x,) [1/unit of x] of bounds and (n_rows,) [1/unit of the row] of rows; 0 of laws, which nobody loosens.
+
+        rows (m,) [-]: which of those that may be held are in the QP that was solved.
+        """
+        whole, y = self.memory.whole, np.zeros(len(self.raw))
+        layout, levels = whole.row_layout, whole.ranges().levels
+        y[rows] = found.y[: len(rows)]
+        # What has no place is written behind the last one.
+        x, raw, kept = np.zeros(whole.n_x + 1), np.zeros(layout.n_rows + 1), np.zeros(whole.ranges().n_rows)
+        x[self._x], x[self._force_x] = found.y[len(rows) :], y[self.raw < 0]
+        x[whole.variables.columns(0)[: whole.model.layout.h]] = 0.0
+        raw[self.raw] = y
+        kept[: len(layout.constraints)] = raw[layout.constraints]
+        for level, own in zip(levels, layout.held, strict=True):
+            kept[level.frozen] = raw[own]
+        return x[:-1], kept
+
+    def z_ranges(self, x_lower: Array, x_upper: Array) -> Array:
+        """(2, n) of bounds x_lower and x_upper (n_x,) [unit of x]."""
+        none = self._x < 0
+        return np.array([np.where(none, -np.inf, x_lower[self._x]), np.where(none, np.inf, x_upper[self._x])])

@@ -1,0 +1,274 @@
+"""The program of a transcription, solved stage by stage: to convergence, or by lexicographic SQP in real time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from uvms_ocp.codegen.compile import has_compiler
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.ocp.problem import HessianKind, OcpProblem
+from uvms_ocp.ocp.stagewise.level_qp import LevelStages
+from uvms_ocp.ocp.stagewise.memory import Places, StageMemory, StagePoint, StageRanges
+from uvms_ocp.ocp.stagewise.sqp import SqpEnd, StageSqp
+from uvms_ocp.ocp.transcription.transcription import Transcription
+from uvms_ocp.solvers.nlp.level_solver import Deadline, NlpPoint, Outcome
+from uvms_ocp.solvers.nlp.lexicographic_sqp import Merit, Point
+from uvms_ocp.solvers.nlp.options import OF_MATRICES, STAGEWISE, NlpOptions
+from uvms_ocp.solvers.nlp.program import LexicographicProgram, NlpStatus, RowBounds, RowRanges
+from uvms_ocp.solvers.stage_qp.problem import Found, Near, StageQpOptions
+from uvms_ocp.types import Array
+
+# Levels of a horizon as the lexicographic solver calls them.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class WarmStages(NlpPoint):
+    """With the QP that ended there, whose multipliers are those by the rows and variables of the program."""
+
+    solution: Found | None = None
+
+
+_SQP_QP_OPTIONS = StageQpOptions(tolerance=1e-7)
+
+
+class StageLevels:
+    """All levels, on one memory."""
+
+    def __init__(self, memory: StageMemory, options: StageQpOptions = _SQP_QP_OPTIONS) -> None:
+        """options: of the QPs."""
+        self.memory, self._point, self._options = memory, StagePoint(memory), options
+        self._levels: dict[int, LevelStages] = {}
+        self._raw = np.zeros(memory.whole.row_layout.n_rows + 1)
+
+    def made(self, options: NlpOptions, deadline: Deadline) -> list[StageLevel]:
+        """One for each level."""
+        return [StageLevel(self, i, options, deadline) for i in range(self.memory.n_levels)]
+
+    def level(self, index: int) -> LevelStages:
+        """Bound to the memory when it is called for first."""
+        if index not in self._levels:
+            self._levels[index] = LevelStages(self.memory, index, self._options)
+        return self._levels[index]
+
+    def rows_at(self, x: Array, p: Array) -> tuple[Array, ...]:
+        """Rows of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
+        self.go_to(x, p)
+        self.memory.evaluate()
+        return self.rows()
+
+    def go_to(self, x: Array, p: Array) -> None:
+        """Take variables x (n_x,) [unit of x] and parameters p (n_p,) [unit of the parameter] into the memory."""
+        self._point.set_parameters(p)
+        self._point.read(x, p)
+
+    def variables(self) -> Array:
+        """Variables (n_x,) [unit of x] of the points in the memory."""
+        return self._point.write()
+
+    def rows(self) -> tuple[Array, ...]:
+        """Rows of every level as they were evaluated last."""
+        self._raw[self._places.raw] = self.memory.held
+        return tuple(self._raw[rows] for rows in self.memory.whole.row_layout.levels)
+
+    def ranges(self, bounds: RowBounds, level: int) -> StageRanges:
+        """Of a level [-], where those above it are held as `bounds` has it."""
+        return StageRanges(self._places, bounds, level)
+
+    def multipliers(self, level: int, solution: Found) -> tuple[Array, Array]:
+        """By the last QP of a level [-]: of bounds (n_x,) [1/unit of x] and rows (n_rows,) [1/unit of the row] of the program."""
+        return self._places.program_multipliers(self.level(level).held, solution)
+
+    @cached_property
+    def _places(self) -> Places:
+        return Places(self.memory)
+
+
+class StageLevel:
+    """One level; call it as `uvms_ocp.solvers.nlp.level_solver.LevelSolver`."""
+
+    def __init__(self, levels: StageLevels, index: int, options: NlpOptions, deadline: Deadline) -> None:
+        self._levels, self._index, self._options, self._deadline = levels, index, options, deadline
+
+    def fits(self, point: NlpPoint) -> bool:
+        """True for a start with as many variables as the program has."""
+        return len(point.x) == self._levels.memory.whole.variables.n_x
+
+    def __call__(self, start: NlpPoint, p: Array, bounds: RowBounds) -> Outcome:
+        """Solve from `start`, warm if it has a QP, with parameters p (n_p,) [unit of the parameter]."""
+        if self._deadline.over:
+            return Outcome(point=start, status=NlpStatus.TIME_LIMIT, iterations=0, violation=np.inf)
+        levels = self._levels
+        levels.go_to(start.x, p)
+        ranges = levels.ranges(bounds, self._index)
+        warm = start.solution if isinstance(start, WarmStages) else None
+        if warm is not None and not levels.level(self._index).fits(warm):
+            warm = None
+        return self._outcome(
+            StageSqp(levels.level(self._index), ranges, self._options, self._deadline).run(warm), start
+        )
+
+    def _outcome(self, end: SqpEnd, start: NlpPoint) -> Outcome:
+        x = self._levels.variables()
+        if not np.isfinite(x).all():
+            return Outcome(point=start, status=NlpStatus.NOT_A_NUMBER, iterations=end.iterations, violation=np.inf)
+        return Outcome(
+            point=self._point(x, end.solution),
+            usable=end.violation <= self._options.feasibility,
+            status=end.status,
+            iterations=end.iterations,
+            violation=end.violation,
+            cost=end.cost,
+        )
+
+    def _point(self, x: Array, solution: Found | None) -> WarmStages:
+        if solution is None:
+            return WarmStages(x=x)
+        bounds, rows = self._levels.multipliers(self._index, solution)
+        return WarmStages(x=x, x_multipliers=bounds, row_multipliers=rows, solution=solution)
+
+
+# The levels of a horizon for steps in real time, stage by stage.
+
+# An interior point that ends early keeps off the bounds: curvature then costs levels above less, and whole steps can be taken
+# more often than at the exact optimum.
+# Many of the slabs that levels above leave are reached: more complementarity to begin with saves a third of the factors.
+_REAL_TIME_QP_OPTIONS = StageQpOptions(tolerance=1e-4, cold_mu=10.0)
+
+
+class TurningStages:
+    """A `uvms_ocp.solvers.nlp.lexicographic_sqp.LevelModel` on the memory of a horizon, whose points are those of all stages.
+
+    Frozen rows are slabs: where limits bind there is often no motion that keeps them as they are. QPs of the first level start
+    from the last one; of so many slabs as those below have it would be guessed in vain which of them bind.
+    """
+
+    def __init__(self, memory: StageMemory, slack: float) -> None:
+        """slack [unit of the row]: half the width of what frozen rows keep."""
+        self._levels, self._memory = StageLevels(memory, _REAL_TIME_QP_OPTIONS), memory
+        self.slack = slack
+        self._last: Near | None = None
+        """QP of the first level."""
+        self._ranges: StageRanges | None = None
+        """Of the constraints alone."""
+
+    def begin(self, x: Array, p: Array, bounds: RowBounds) -> Point:
+        """As `LevelModel.begin`; x (n_x,) [unit of x], p (n_p,) [unit of the parameter]."""
+        self._levels.go_to(x, p)
+        self._ranges = self._levels.ranges(bounds, 0)
+        self._memory.evaluate()
+        return self._point()
+
+    def step(self, level: int, point: Point, bounds: RowBounds, damping: float) -> NlpStatus | None:
+        """As `LevelModel.step`; damping [1/unit of z^2]."""
+        memory, own = self._memory, self._levels.level(level)
+        memory.z[:] = point.x.reshape(memory.z.shape)
+        memory.z_from[:] = memory.z
+        own.linearize()
+        if not np.isfinite(memory.residuals(level)).all():
+            return NlpStatus.NOT_A_NUMBER
+        own.bend(None)
+        solution = own.solve(self._levels.ranges(bounds, level), damping, np.inf, None if level else self._last)
+        if not solution.status.usable:
+            return NlpStatus.STALLED
+        if level == 0:
+            self._last = solution.near()
+        return None
+
+    def moved(self, share: float) -> Point:
+        """As `LevelModel.moved`; share [-]."""
+        self._memory.share[0] = share
+        self._memory.move()
+        self._memory.evaluate()
+        return self._point()
+
+    def variables(self, point: Point) -> Array:
+        """As `LevelModel.variables`."""
+        self._memory.z[:] = point.x.reshape(self._memory.z.shape)
+        return self._levels.variables()
+
+    def _point(self) -> Point:
+        memory, rows = self._memory, self._levels.rows()
+        assert self._ranges is not None
+        pairs = zip(memory.whole.ranges().levels, rows, strict=True)
+        residuals = [float(np.linalg.norm(level.distance(y))) for level, y in pairs]
+        violation = float(self._levels.level(0).broken(self._ranges).max(initial=0.0))
+        return Point(
+            x=memory.z.ravel().copy(),
+            rows=rows,
+            merit=Merit(violation=violation if np.isfinite(violation) else np.inf, residuals=np.array(residuals)),
+        )
+
+
+# The program of a transcription, solved stage by stage.
+
+
+class StagewiseProgram:
+    """What `LexicographicNlp` solves; its variables, parameters and rows are numbered as in the sparse program.
+
+    Compiled where there is a compiler. Not for use from two threads at once.
+    """
+
+    def __init__(self, whole: Transcription) -> None:
+        """Raises `InvalidInput` for what couples all stages: a level above others with `relax`; and for a start that is free."""
+        _check(whole.problem)
+        self._whole, self.levels = whole, StageLevels(StageMemory(whole))
+        if whole.problem.hessian is HessianKind.EXACT:
+            self.levels.memory.compile_curvature()
+
+    @property
+    def ranges(self) -> RowRanges:
+        """With which it is solved unless others are given."""
+        return self._whole.ranges()
+
+    @property
+    def n_x(self) -> int:
+        """Variables."""
+        return self._whole.n_x
+
+    @property
+    def n_p(self) -> int:
+        """Parameters."""
+        return self._whole.parameter_layout.n
+
+    def solvers(self, options: NlpOptions, deadline: Deadline) -> Sequence[StageLevel]:
+        """One for each level."""
+        return self.levels.made(options, deadline)
+
+    def turning(self, slack: float) -> TurningStages:
+        """Its levels for steps in real time; slack [-] as `LevelModel` has it."""
+        return TurningStages(self.levels.memory, slack)
+
+    def rows_at(self, x: Array, p: Array) -> tuple[Array, ...]:
+        """Rows of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
+        return self.levels.rows_at(x, p)
+
+
+def program_for(plugin: str, whole: Transcription) -> LexicographicProgram | StagewiseProgram:
+    """The program of a transcription as a solver of that name takes it. Raises `InvalidInput` as `StagewiseProgram` does."""
+    return StagewiseProgram(whole) if plugin == STAGEWISE else whole.program
+
+
+def quickest(problem: OcpProblem) -> str:
+    """Name of the solver of steps in real time that takes least for a problem."""
+    coupled = bool(_relaxed(problem)) or not problem.fixed_start
+    return STAGEWISE if has_compiler() and not coupled else OF_MATRICES
+
+
+def _relaxed(problem: OcpProblem) -> list[str]:
+    return [level.name for level in problem.levels[:-1] if level.relax is not None]
+
+
+def _check(problem: OcpProblem) -> None:
+    relaxed = _relaxed(problem)
+    if relaxed:
+        raise InvalidInput(
+            f"level {relaxed[0]!r} has relax; plugin 'stagewise' takes none: leave it out, or use 'ipopt'"
+        )
+    if not problem.fixed_start:
+        raise InvalidInput(
+            "start_freedom is given; plugin 'stagewise' starts at the start: leave it out, or use 'ipopt'"
+        )

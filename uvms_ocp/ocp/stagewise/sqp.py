@@ -1,0 +1,353 @@
+"""Sequential quadratic programming over stages: Gauss-Newton steps where they work, a filter line search where not.
+
+A QP that no step can fulfil gives the step that breaks its rows least, in sum: the way to a point that keeps them, or,
+where that does not help either, the proof that no small change does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from uvms_ocp.ocp.stagewise.level_qp import LevelStages
+from uvms_ocp.ocp.stagewise.memory import StageRanges
+from uvms_ocp.solvers.nlp.level_solver import Deadline
+from uvms_ocp.solvers.nlp.options import NlpOptions
+from uvms_ocp.solvers.nlp.program import NlpStatus
+from uvms_ocp.solvers.stage_qp.problem import Found, Near, StageQpStatus
+
+# Which points are accepted: those that no point seen before beats in cost and violation alike [Waechter2006].
+
+_SHARE = 1e-5  # of the violation by which one of both must become less
+_ARMIJO = 1e-4  # of the descent that the slope promises
+_LOUD = 1e-4  # violation, beside the first one, below which descent alone decides
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Merit:
+    """What a point is worth."""
+
+    cost: float
+    """[-]"""
+    violation: float
+    """[-] sum over all rows"""
+
+    @property
+    def residual(self) -> float:
+        """[-] Norm whose half square is the cost."""
+        return float((2 * self.cost) ** 0.5)
+
+
+@dataclass(kw_only=True, slots=True)
+class Filter:
+    """Remembers what must not come again."""
+
+    first: float
+    """[-] Violation of the first point."""
+    most: float
+    """[-] Violation that is never accepted."""
+    entries: list[Merit] = field(default_factory=list)
+
+    def accepts(self, trial: Merit, here: Merit, slope: float, share: float) -> bool:
+        """Whether a `share` [-] of a step may be taken along which the cost has the `slope` [-]."""
+        if not (trial.violation <= self.most and all(_better(trial, entry) for entry in self.entries)):
+            return False
+        rounding = 1e-13 * max(1.0, abs(here.cost))
+        if self.descends(here, slope, share):
+            return trial.cost <= here.cost + _ARMIJO * share * slope + rounding
+        return _better(trial, here) or (trial.violation <= 1e-12 and trial.cost <= here.cost + rounding)
+
+    def descends(self, here: Merit, slope: float, share: float) -> bool:
+        """Whether descent of the cost is what a share [-] of a step along the slope [-] is for."""
+        if here.violation > _LOUD * max(1.0, self.first) or slope >= 0.0:
+            return False
+        return bool(share * (-slope) ** 2.3 > here.violation**1.1)
+
+    def add(self, here: Merit) -> None:
+        """A point that was left for less violation."""
+        self.entries.append(here)
+
+
+def _better(trial: Merit, entry: Merit) -> bool:
+    return trial.violation <= (1 - _SHARE) * entry.violation or trial.cost <= entry.cost - _SHARE * entry.violation
+
+
+# Sequential quadratic programming over stages: full steps of Gauss and Newton where they work, a filter where not.
+#
+# A QP that no step can fulfil gives the step that breaks its rows least, in sum: the way to a point that keeps them, or,
+# where that does not help either, the proof that no small change does.
+
+_SMALLEST_SHARE = 1e-7
+_MORE, _LESS = 10.0, 4.0  # by how much damping grows, and by how much it falls
+_KEPT = 0.25  # share of a violation down to which a step has to bring it for less damping
+_DAMPED, _IDLE = 1e-6, 1e-5  # [1/unit of z^2] from where it grows, and where steps do not lower the cost
+_NOTHING = 0.1  # share of the tolerance of a residual's norm that is not worth a step
+_STEEP = 100.0  # largest entry of the gradient at the start up to which errors are not scaled, as in IPOPT
+_GIVE = 1e4
+_MODELS = (
+    (1e-9, True, np.inf),
+    (1e-9, False, np.inf),
+    (1e-6, False, np.inf),
+    (1e-6, True, _GIVE),
+    (1e-4, False, _GIVE),
+    (1e-2, False, _GIVE),
+)
+"""Damping [1/unit of z^2], whether the cost has the curvature of constraints, and what it costs to miss levels above
+[1/unit of the row]; the next where one fails."""
+_PATIENCE, _DIGITS = 15, 1e-5  # iterations of the last level before a gain of this share of its cost is none
+_MENDS, _STIFF = 3, 1e6  # ways back to the rows, and what makes them short [1/unit of z^2]
+_LOUDEST = 1e4  # times the first violation
+_ROUGHLY, _ROUGHEST = 1e-3, 1e-5  # tolerance of a QP, of how far its point is from the optimum, and at most
+_NEARER = 0.5  # times the violation at which curvature was not convex, from where it may be
+_NO_HELP = 1e-6  # share of the violation that a step must take away to count as a help
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class SqpEnd:
+    """Where the iterations ended; the point is in the memory."""
+
+    status: NlpStatus
+    iterations: int
+    violation: float
+    """[-] Largest."""
+    cost: float
+    """[-]"""
+    solution: Found | None
+    """Of the last QP."""
+
+
+class StageSqp:
+    """One solve of one level, from the point in the memory."""
+
+    def __init__(self, level: LevelStages, ranges: StageRanges, options: NlpOptions, deadline: Deadline) -> None:
+        self._level, self._ranges, self._options, self._deadline = level, ranges, options, deadline
+        self._memory = level.memory
+        self._solution: Found | None = None
+        self._filter = Filter(first=0.0, most=np.inf)
+        self._steepest, self._worst, self._count = 0.0, np.inf, 0
+        self._model, self._damping, self._refused = 0, 0.0, np.inf
+        # What levels above leave open, those below decide: no step goes far there.
+        self._least = _DAMPED if level.level + 1 < level.memory.n_levels else 0.0
+
+    def run(self, warm: Found | None) -> SqpEnd:
+        """Iterate to the optimum."""
+        self._level.linearize()
+        here = self._merit()
+        self._steepest = self._level.steepest()
+        self._filter, self._solution = Filter(first=here.violation, most=self._most(here)), warm
+        if warm is not None and self._is_optimal(warm):
+            return self._end(NlpStatus.SOLVED, 0)
+        for iteration in range(self._options.max_iterations):
+            if not np.isfinite([here.cost, here.violation]).all():
+                return self._end(NlpStatus.NOT_A_NUMBER, iteration)
+            if self._deadline.over:
+                return self._end(NlpStatus.TIME_LIMIT, iteration)
+            status, here = self._iterate(here)
+            if status is not None:
+                return self._end(status, iteration + 1)
+        return self._end(NlpStatus.ITERATION_LIMIT, self._options.max_iterations)
+
+    @property
+    def _scale(self) -> float:
+        """Of errors."""
+        return max(1.0, self._steepest / _STEEP)
+
+    def _most(self, here: Merit) -> float:
+        """Below levels that are held where they were left no violation comes in: there may be no way back."""
+        if self._level.level and here.violation <= self._options.feasibility:
+            return self._options.feasibility
+        return _LOUDEST * max(1.0, here.violation)
+
+    def _iterate(self, here: Merit) -> tuple[NlpStatus | None, Merit]:
+        """Status where it ends, and what the new point is worth."""
+        self._count += 1
+        solution = self._solution = self._solved()
+        self._memory.z_from[:] = self._memory.z
+        if solution.status is StageQpStatus.INFEASIBLE:
+            return self._restore(here, solution)
+        if not solution.status.usable:
+            return NlpStatus.STALLED, here
+        slope = solution.products.slope
+        if solution.products.change <= self._options.convergence * self._scale and self._is_kept(here):
+            return NlpStatus.SOLVED, here
+        if self._is_flat(here, slope):
+            return NlpStatus.INEXACT, here
+        status, here = self._search(here, slope)
+        return (NlpStatus.SOLVED if status is None and self._is_optimal(solution) else status), here
+
+    def _is_optimal(self, found: Found) -> bool:
+        """Whether its multipliers are those of the point: of the step that led there."""
+        if self._worst > self._options.convergence:
+            return False
+        return self._level.error(self._ranges, found) <= self._options.convergence * self._scale
+
+    def _is_flat(self, here: Merit, slope: float) -> bool:
+        """No step promises what is worth one: of a level that others follow, what its tolerance would notice.
+
+        The last level gets some iterations first: where curvature is left out that matters, more would bring no more digits.
+        """
+        if self._least:
+            kept, worth = 0.1 * self._options.feasibility, _NOTHING * self._options.tolerance * here.residual
+        else:
+            kept, worth = self._options.feasibility, _DIGITS * here.cost
+        late = self._least or self._count > _PATIENCE
+        return bool(late and self._worst <= kept and -slope <= worth)
+
+    def _solved(self) -> Found:
+        """By the first model of the cost that is convex where the constraints leave freedom: that of the last, or coarser ones.
+
+        Where curvature makes none, that of Gauss and Newton takes the place; where that leaves directions open, steps are damped.
+        """
+        last = self._solution
+        near, solution, rough = self._near(), None, self._roughness(last)
+        for damping, curved, give in _MODELS[self._model :]:
+            if curved and give == np.inf and self._is_far:
+                continue
+            self._level.bend(last if curved else None)
+            damping += self._least + self._damping
+            solution = self._level.solve(self._ranges, damping, give, near, rough=rough)
+            if solution.status in (StageQpStatus.SOLVED, StageQpStatus.INFEASIBLE):
+                break
+            # Curvature may come back to be convex; what is singular once stays so.
+            if curved:
+                self._refused = self._worst
+            self._model = min(self._model + (not curved), len(_MODELS) - 1)
+        assert solution is not None
+        return solution
+
+    @property
+    def _is_far(self) -> bool:
+        """Where curvature is hardly more convex than it was when it was last found not to be."""
+        return self._worst > max(_NEARER * self._refused, self._options.feasibility)
+
+    def _near(self) -> Near | None:
+        """Where QPs start: from the last one, if it has an optimum."""
+        last = self._solution
+        return last.near() if last is not None and last.status is StageQpStatus.SOLVED else None
+
+    def _roughness(self, last: Found | None) -> float:
+        """What a QP may miss: as little of rows as the point breaks, and of the gradient as the last step has changed.
+
+        Where little is broken but much missed of the gradient, steps along weak curvature would break rows again.
+        """
+        changed = 1.0 if last is None else last.products.change / max(self._steepest, 1e-300)
+        return min(_ROUGHLY * min(self._worst, changed), _ROUGHEST)
+
+    def _search(self, here: Merit, slope: float) -> tuple[NlpStatus | None, Merit]:
+        share, before = 1.0, self._worst
+        while share > _SMALLEST_SHARE:
+            trial = self._mended(self._tried(share), share)
+            if self._filter.accepts(trial, here, slope, share):
+                if not self._filter.descends(here, slope, share):
+                    self._filter.add(here)
+                if share < 1.0:
+                    self._level.linearize()
+                self._trust(share, before, idle=-slope <= _DIGITS * here.cost)
+                return None, trial
+            share /= 2
+        self._back()
+        good = self._worst <= self._options.feasibility
+        return NlpStatus.INEXACT if good else NlpStatus.STALLED, here
+
+    def _mended(self, trial: Merit, share: float) -> Merit:
+        """The point after a share of the step, brought back by the shortest ways to rows that it breaks by too much.
+
+        Rows that are held bend: without it steps along them are as short as the root of what may be broken.
+        """
+        if trial.violation <= self._filter.most:
+            return trial
+        begin = self._memory.z_from.copy()
+        if share < 1.0:
+            self._level.linearize()
+        trial = self._brought_back(trial, self._filter.most)
+        if self._solution is not None:
+            self._level.keep(self._solution)
+        self._memory.z_from[:] = begin
+        return trial
+
+    def _brought_back(self, here: Merit, most: float) -> Merit:
+        """By short steps, until no more than `most` is broken in sum, or they do not help."""
+        near = self._near()
+        for _ in range(_MENDS):
+            self._memory.z_from[:] = self._memory.z
+            if not (here.violation > most and self._level.solve(self._ranges, _STIFF, np.inf, near).status.usable):
+                break
+            trial = self._tried(1.0)
+            if not trial.violation < here.violation:
+                self._back()
+                break
+            here = trial
+        return here
+
+    def _trust(self, share: float, before: float, *, idle: bool) -> None:
+        """Steps that had to be cut short were too long where nothing but damping makes them shorter.
+
+        So are those that leave the rows as broken as they were before, and more so idle ones, with which no cost falls.
+        """
+        kept = self._options.feasibility
+        if share < 1.0 or (idle and self._worst > max(before, kept)):
+            self._damping = max(_MORE * self._damping, _IDLE if idle else _DAMPED)
+        elif self._worst <= max(_KEPT * before, kept):
+            self._damping /= _LESS
+
+    def _restore(self, here: Merit, solution: Found) -> tuple[NlpStatus | None, Merit]:
+        """Towards the constraints, whatever it costs."""
+        missed = float(np.abs(solution.excess).sum())
+        gain, share = here.violation - missed, 1.0
+        if gain <= _NO_HELP * here.violation:
+            return NlpStatus.INFEASIBLE, here
+        while share > _SMALLEST_SHARE:
+            trial = self._tried(share)
+            if trial.violation <= here.violation - 0.1 * share * gain:
+                if share < 1.0:
+                    self._level.linearize()
+                return None, trial
+            share /= 2
+        self._back()
+        return NlpStatus.INFEASIBLE, here
+
+    def _tried(self, share: float) -> Merit:
+        """Of the point at a share of the step; a full step, which is mostly taken, is linearised at once."""
+        self._memory.share[0] = share
+        self._memory.move()
+        if share == 1.0:
+            self._level.linearize()
+        else:
+            self._memory.evaluate()
+        return self._merit()
+
+    def _is_kept(self, here: Merit) -> bool:
+        """Whether all rows are, after the last step; where rounding makes that worse it is not taken."""
+        before = self._worst
+        self._memory.share[0] = 1.0
+        self._memory.move()
+        self._memory.evaluate()
+        trial = self._merit()
+        if not trial.violation <= max(here.violation, self._options.convergence):
+            self._back()
+            self._worst = before
+        return self._worst <= self._options.convergence
+
+    def _back(self) -> None:
+        self._memory.z[:] = self._memory.z_from
+        self._level.linearize()
+
+    def _merit(self) -> Merit:
+        broken = self._level.broken(self._ranges)
+        self._worst = float(broken.max(initial=0.0))
+        return Merit(cost=self._level.cost, violation=float(broken.sum()))
+
+    def _end(self, status: NlpStatus, iterations: int) -> SqpEnd:
+        here = self._merit()
+        # What levels above lose by rounding, and by steps that were taken while little was broken, is given back.
+        if self._level.level and self._worst <= self._options.feasibility:
+            self._brought_back(here, self._options.convergence)
+            self._merit()
+        return SqpEnd(
+            status=status,
+            iterations=iterations,
+            violation=self._worst,
+            cost=self._level.cost,
+            solution=self._solution,
+        )

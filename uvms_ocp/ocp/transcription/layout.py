@@ -1,0 +1,494 @@
+"""Number the variables, parameters and rows of the NLP, among them those that tie the ends of the horizon.
+
+dynamics      step by step: the next state, then the forces where they are variables
+    start         the first state, and the last one where the motion is periodic
+    equal_steps   where durations are free: every step is as long as the one before
+    total         where it is limited: all steps together
+    terms         block by block, node by node
+    costs         one row for each level
+
+`uvms_ocp.ocp.transcription.horizon` gives their values in this order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.codegen.buffered import BufferedFunction
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.ocp.problem import HessianKind, OcpProblem
+from uvms_ocp.ocp.terms import Term
+from uvms_ocp.ocp.trajectory import Trajectory, has_thrusters, made_trajectory
+from uvms_ocp.ocp.transcription.reuse import Fitted
+from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel, derivatives
+from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, Nodes, TermBlock, TermNumbers
+from uvms_ocp.robot.signals import State
+from uvms_ocp.robot.symbolic_model import SymbolicModel
+
+# The variables of the NLP: those of step after step, then the state of the last node; units are those of z.
+
+
+class NodeVariables(NamedTuple):
+    """The variables as columns, node by node."""
+
+    steps: ca.MX
+    """(n_z, N) z of all steps"""
+    last: ca.MX
+    """(n_z,) z of the last node, zero but for its state"""
+    following: ca.MX
+    """(n_state, N) state at the end of each step"""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class VariableLayout:
+    """Where the entries of z of every node are among the variables x (n_x,), and how trajectories become variables."""
+
+    model: StageModel
+
+    @property
+    def N(self) -> int:
+        return self.model.problem.n_steps
+
+    @property
+    def free(self) -> bool:
+        """Durations are variables."""
+        return self.model.problem.free_time
+
+    @cached_property
+    def _column(self) -> np.ndarray:
+        """(n_z,) place of every entry of z among the variables of its step; -1 where it is none."""
+        kept = np.ones(self.model.layout.n_z, dtype=bool)
+        kept[self.model.layout.h] = self.free
+        return np.where(kept, np.cumsum(kept) - 1, -1)
+
+    @cached_property
+    def n_step(self) -> int:
+        """Variables of a step."""
+        return self.model.layout.n_z - (not self.free)
+
+    @cached_property
+    def n_state(self) -> int:
+        """Variables of the last node."""
+        return self.model.layout.h + self.free
+
+    @cached_property
+    def n_x(self) -> int:
+        return self.N * self.n_step + self.n_state
+
+    def columns(self, node: int) -> np.ndarray:
+        """Index in x of every entry of z at a node (n_z,); -1 where it is no variable."""
+        columns = np.where(self._column >= 0, self._column + node * self.n_step, -1)
+        if node == self.N:
+            columns[self.model.layout.h + 1 :] = -1
+        return columns
+
+    @cached_property
+    def all_columns(self) -> np.ndarray:
+        """(N + 1, n_z) of all nodes."""
+        return np.array([self.columns(k) for k in range(self.N + 1)])
+
+    @cached_property
+    def _inputs(self) -> BufferedFunction:
+        """``z (n_z, N), water (3, N) -> thrust, torque`` in shares of their limits."""
+        return BufferedFunction(self.model.inputs_function.map(self.N))
+
+    def nodes(self, x: ca.MX, h: ca.MX) -> NodeVariables:
+        """Columns of the variables x (n_x,); h (N,) [s]: lengths of the steps where they are no variables."""
+        layout, n = self.model.layout, self.N * self.n_step
+        W, end = ca.reshape(x[:n], self.n_step, self.N), x[n:]
+        return NodeVariables(
+            steps=W if self.free else ca.vertcat(W[: layout.h, :], h.T, W[layout.h :, :]),
+            last=ca.vertcat(end, ca.MX.zeros(layout.n_z - self.n_state)),
+            following=ca.horzcat(W[: self.n_state, 1:], end),
+        )
+
+    def bounds(self, problem: OcpProblem) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds (n_x,) of the variables: limits of the robot, durations of a problem of the same shape."""
+        lower, upper = self._step_bounds()
+        low, up = np.full(self.n_x, -np.inf), np.full(self.n_x, np.inf)
+        for k in range(self.N + 1):
+            columns = self.columns(k)
+            used = columns >= 0
+            low[columns[used]], up[columns[used]] = lower[used], upper[used]
+        if self.free:
+            self._bound_durations(problem, low, up)
+        if problem.fixed_start:
+            # It is given by rows; bounds on it could only contradict them.
+            first = self.columns(0)[: self.model.layout.h]
+            low[first], up[first] = -np.inf, np.inf
+        return low, up
+
+    def _bound_durations(self, problem: OcpProblem, low: np.ndarray, up: np.ndarray) -> None:
+        phases = [phase for phase in problem.phases for _ in range(phase.n_steps)]
+        for k, phase in enumerate([*phases, phases[-1]]):
+            shortest, longest = phase.range
+            # A range of no width would leave interior points no inside.
+            slack = 0.0 if phase.free else 1e-6
+            h = self.columns(k)[self.model.layout.h]
+            low[h], up[h] = (shortest - slack) / phase.n_steps, (longest + slack) / phase.n_steps
+
+    def _step_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        robot, layout, actuators = self.model.robot, self.model.layout, self.model.actuators
+        lower, upper = np.full(layout.n_z, -np.inf), np.full(layout.n_z, np.inf)
+        if not self.model.problem.limited:
+            return lower, upper
+        first = robot.n_vehicle
+        for joint in robot.joints:
+            if joint.n_q == joint.n_v:
+                own = slice(joint.idx_v - first, joint.idx_v - first + joint.n_v)
+                lower[joint.q], upper[joint.q] = robot.limits.position_lower[own], robot.limits.position_upper[own]
+        for part, limit in ((layout.v, robot.limits.velocity), (layout.a, robot.limits.acceleration)):
+            lower[part], upper[part] = -limit, limit
+        lower[layout.thrust], upper[layout.thrust] = actuators.thrust_lower, actuators.thrust_upper
+        lower[layout.torque], upper[layout.torque] = -actuators.torque_limit, actuators.torque_limit
+        return lower, upper
+
+    def pack(self, trajectory: Trajectory) -> np.ndarray:
+        """Variables (n_x,) of a trajectory; times are taken as they are where durations are free.
+
+        Raises `InvalidInput` for a trajectory of another number of steps.
+        """
+        if len(trajectory.a) != self.N:
+            raise InvalidInput(
+                f"the guess has {len(trajectory.a)} steps; give one of {self.N}, such as `through` makes"
+            )
+        actuators = self.model.actuators
+        shares = (trajectory.thrust / actuators.thrust_unit, trajectory.torque / actuators.torque_unit)
+        inputs = shares if self.model.decides_forces else ()
+        steps = np.hstack([np.diff(trajectory.t)[:, None], trajectory.a, *inputs])
+        Z = np.hstack([trajectory.q, trajectory.v, np.vstack([steps, steps[-1:]])])
+        x, used = np.zeros(self.n_x), self.all_columns >= 0
+        x[self.all_columns[used]] = Z[used]
+        return x
+
+    def unpack(self, x: np.ndarray, problem: OcpProblem) -> Trajectory:
+        """The trajectory of variables x (n_x,) [unit of x]; where durations are fixed, with those of the problem.
+
+        Numbers that are not finite stay so: the status of a result says whether they are, and receding horizon goes by it.
+        """
+        layout, actuators = self.model.layout, self.model.actuators
+        Z, used = np.zeros((self.N + 1, layout.n_z)), self.all_columns >= 0
+        Z[used] = x[self.all_columns[used]]
+        steps = Z[:-1, layout.h] if self.free else np.diff(problem.nominal_times())
+        Z[:-1, layout.h] = steps
+        thrust, torque = (part.reshape(-1, self.N).T for part in self._inputs(Z[:-1].T, problem.currents.T))
+        parts = {
+            "t": np.concatenate([[0.0], np.cumsum(steps)]),
+            "q": Z[:, layout.q].copy(),
+            "v": Z[:, layout.v].copy(),
+            "a": Z[:-1, layout.a].copy(),
+            "thrust": thrust * actuators.thrust_unit,
+            "torque": torque * actuators.torque_unit,
+        }
+        for part in parts.values():
+            part.flags.writeable = False
+        return made_trajectory(**parts, of_wrench=not has_thrusters(self.model.problem))
+
+
+# The parameters of the NLP, in this order: start, currents, lengths of the steps, and those of all terms in their units.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ParameterLayout:
+    """Where each part is."""
+
+    blocks: tuple[TermBlock, ...]
+    start: slice
+    """q [m, rad] and v [m/s, rad/s] of the first node."""
+    water: slice
+    """[m/s] Velocities of the water, step after step."""
+    steps: slice
+    """[s] Lengths of the steps."""
+    terms: tuple[slice, ...]
+    """Of each block, node after node."""
+
+    @property
+    def n(self) -> int:
+        return self.terms[-1].stop
+
+    def values(
+        self,
+        given: Fitted,
+        *,
+        t0: float,
+        start: State | None,
+        near: np.ndarray | None = None,
+        tightened: Mapping[Term, np.ndarray] | None = None,
+    ) -> np.ndarray:
+        """Parameters (n,) with the first node at t0 [s]; see `Transcription.parameters`.
+
+        near (n_nodes, n_q) [m, rad], tightened (n_nodes, ...) [unit of the row].
+        """
+        nominal, state = given.problem.nominal_times(), start or given.problem.start
+        times, rate = t0 + nominal, 1.0 / nominal[-1]
+        about = np.tile(state.q, (len(times), 1)) if near is None else near
+        parts = [state.q, state.v, given.problem.currents.ravel(), np.diff(nominal)]
+        for block, numbers in zip(self.blocks, given.numbers, strict=True):
+            own = block.nodes
+            extra = {term: more[own] for term, more in (tightened or {}).items()}
+            active = ((own > 0) | (not given.problem.fixed_start)).tolist()
+            nodes = Nodes(times=times[own].tolist(), active=active, q=about[own], tightened=extra)
+            parts.append(numbers.parameters(nodes, rate))
+        return np.concatenate(parts)
+
+
+def parameter_layout(problem: OcpProblem, blocks: tuple[TermBlock, ...]) -> ParameterLayout:
+    """Place the parameters of a problem whose terms are `blocks`."""
+    sizes = [block.rows.n_parameters * len(block.nodes) for block in blocks]
+    ends = np.cumsum([0, problem.robot.n_q + problem.robot.n_v, 3 * problem.n_steps, problem.n_steps, *sizes]).tolist()
+    start, water, steps, *places = (slice(first, stop) for first, stop in pairwise(ends))
+    return ParameterLayout(blocks=blocks, start=start, water=water, steps=steps, terms=tuple(places))
+
+
+# Rows that tie the ends of the horizon: the first state is given, or near the given one, and may be the last one too.
+
+START, PERIODIC = "start", "periodic"
+"""Names of the rows, in reports."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Boundary:
+    """Rows of the first and the last state ``[q_0, v_0, q_N, v_N]``; the given state ``[q, v]`` is their parameter."""
+
+    functions: Derivatives
+    lower: np.ndarray
+    """(m,) [m, rad, m/s, rad/s, -]"""
+    upper: np.ndarray
+    """(m,) [m, rad, m/s, rad/s, -]"""
+    names: tuple[str, ...]
+    """(m,)"""
+    coupled: bool
+    """The rows tie the last state to the first."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Ends:
+    """Symbols of one state each."""
+
+    first: ca.SX
+    last: ca.SX
+    given: ca.SX
+
+
+def boundary(model: StageModel) -> Boundary:
+    """Of the model's problem: `OcpProblem.start_freedom` and `OcpProblem.periodic`."""
+    problem, n = model.problem, model.layout.h
+    ends = _Ends(first=ca.SX.sym("first", n), last=ca.SX.sym("last", n), given=ca.SX.sym("given", n))
+    parts = [(START, *_given(model, ends))] + ([(PERIODIC, *_closed(model, ends))] if problem.periodic else [])
+    rows = ca.vertcat(*(rows for _, rows, _ in parts))
+    width = np.concatenate([width for _, _, width in parts])
+    residuals = None if problem.hessian is HessianKind.EXACT else ()
+    return Boundary(
+        functions=derivatives("boundary", ca.vertcat(ends.first, ends.last), ends.given, rows, residuals=residuals),
+        lower=-width,
+        upper=width,
+        names=tuple(name for name, part, _ in parts for _ in range(part.numel())),
+        coupled=problem.periodic,
+    )
+
+
+def _given(model: StageModel, ends: _Ends) -> tuple[ca.SX, np.ndarray]:
+    """Rows of the first state, and by how much each may differ from 0."""
+    freedom = model.problem.start_freedom
+    if freedom is None:
+        rows = ends.first - ends.given
+        return rows, np.zeros(rows.numel())
+    norms = _norms(model, ends.first)
+    rows = ca.vertcat(_difference(model, ends.given, ends.first), norms)
+    return rows, np.concatenate([freedom, np.zeros(norms.numel())])
+
+
+def _closed(model: StageModel, ends: _Ends) -> tuple[ca.SX, np.ndarray]:
+    """By axes: the integration keeps the norm of a quaternion, and a row for it would say nothing."""
+    rows = _difference(model, ends.first, ends.last)
+    return rows, np.zeros(rows.numel())
+
+
+def _difference(model: StageModel, one: ca.SX, other: ca.SX) -> ca.SX:
+    """(2 n_v,) from one state to another."""
+    n, tree = model.robot.n_q, SymbolicModel(model.robot.model)
+    return ca.vertcat(tree.difference(one[:n], other[:n]), other[n:] - one[n:])
+
+
+def _norms(model: StageModel, state: ca.SX) -> ca.SX:
+    """Of the quaternion of a vehicle, and of the cosine and sine of joints that turn without an end, less 1."""
+    parts = [slice(3, 7)] if model.robot.n_vehicle else []
+    parts += [slice(joint.q.stop - 2, joint.q.stop) for joint in model.robot.joints if joint.n_q > joint.n_v]
+    return ca.vertcat(ca.SX(0, 1), *(ca.sumsqr(state[part]) - 1 for part in parts))
+
+
+# The raw rows of a horizon, all numbered here: where each group of them is, and what every single row is.
+#
+#     dynamics      step by step: the next state, then the forces where they are variables
+#     start         the first state, and the last one where the motion is periodic
+#     equal_steps   where durations are free: every step is as long as the one before
+#     total         where it is limited: all steps together
+#     terms         block by block, node by node
+#     costs         one row for each level
+#
+# `uvms_ocp.ocp.transcription.horizon` gives their values in this order.
+
+FIXED = ("motion", "forces", START, "equal steps")
+"""Names of rows that are laws, not wishes."""
+TOTAL = "total duration"
+_DROPPED = -2  # level of rows that say nothing
+_START = 0.75  # stage of the first state: after the dynamics and the terms of the first node
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class RowLayout:
+    """Numbers of the raw rows of each group, and what every row is."""
+
+    dynamics: np.ndarray
+    """(N, n_dynamics) [-]"""
+    start: np.ndarray
+    """(n_boundary,) [-]"""
+    equal_steps: np.ndarray
+    """(N - 1,) [-], or none where durations are fixed."""
+    total: np.ndarray
+    """(1,) [-], or none where the steps together may take any time."""
+    terms: tuple[np.ndarray, ...]
+    """(n_nodes, n_rows) [-] of each block."""
+    costs: np.ndarray
+    """(n_levels,) [-]"""
+    n_state: int
+    """[-] Rows of the next state in the dynamics of a step."""
+    stage: np.ndarray
+    """(n_rows,) [-] node or step of each row, by which they are sorted."""
+    lower: np.ndarray
+    """(n_rows,) [unit of the row]"""
+    upper: np.ndarray
+    """(n_rows,) [unit of the row]"""
+    names: tuple[str, ...]
+    """(n_rows,) of what each row stands for, in reports."""
+    constraints: np.ndarray
+    """(n_constraints,) [-] rows that are constraints, in ascending order."""
+    levels: tuple[np.ndarray, ...]
+    """(m,) [-] rows of each level, in ascending order."""
+    held: tuple[np.ndarray, ...]
+    """(m,) [-] rows that keep what each level has reached: its own, or its cost where the level may be relaxed."""
+
+    @property
+    def n_rows(self) -> int:
+        return len(self.names)
+
+    def bounds(self, numbers: Sequence[TermNumbers], longest: float) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds (n_rows,) [unit of the row] with those of another problem of the same shape, block by block.
+
+        longest [s]: of all steps together.
+        """
+        lower, upper = self.lower.copy(), self.upper.copy()
+        upper[self.total] = longest
+        for rows, own in zip(self.terms, numbers, strict=True):
+            lower[rows], upper[rows] = own.lower, own.upper
+        return lower, upper
+
+
+def row_layout(problem: OcpProblem, blocks: Sequence[TermBlock], ends: Boundary, *, n_forces: int) -> RowLayout:
+    """Number the rows of a problem whose terms are `blocks`; n_forces: rows of forces in the dynamics of each step."""
+    N, n_state = problem.n_steps, problem.robot.n_q + problem.robot.n_v
+    groups = [
+        _dynamics(N, n_state, n_forces),
+        _ends(problem, ends),
+        _equal_steps(problem),
+        _total(problem),
+        *(_terms(block, fixed_start=problem.fixed_start) for block in blocks),
+        _costs(problem),
+    ]
+    stops = np.cumsum([0, *(len(group.names) for group in groups)])
+    dynamics, start, equal_steps, total, *terms, costs = (np.arange(first, stop) for first, stop in pairwise(stops))
+    level = np.concatenate([group.level for group in groups])
+    of_levels = tuple(np.flatnonzero(level == i) for i in range(len(problem.levels)))
+    held = [costs[i : i + 1] if item.relax is not None else of_levels[i] for i, item in enumerate(problem.levels)]
+    return RowLayout(
+        dynamics=dynamics.reshape(N, -1),
+        start=start,
+        equal_steps=equal_steps,
+        total=total,
+        terms=tuple(rows.reshape(len(block.nodes), -1) for rows, block in zip(terms, blocks, strict=True)),
+        costs=costs,
+        n_state=n_state,
+        stage=np.concatenate([group.stage for group in groups]),
+        lower=np.concatenate([group.lower for group in groups]),
+        upper=np.concatenate([group.upper for group in groups]),
+        names=tuple(name for group in groups for name in group.names),
+        constraints=np.flatnonzero(level == CONSTRAINT),
+        levels=of_levels,
+        held=tuple(held),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Group:
+    """What the rows of one group are; each field has one entry for every row."""
+
+    level: np.ndarray
+    """level, `CONSTRAINT` or `_DROPPED`"""
+    stage: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    names: tuple[str, ...]
+
+
+def _equalities(level: np.ndarray, stage: np.ndarray, names: tuple[str, ...]) -> _Group:
+    zero = np.zeros(len(names))
+    return _Group(level=level, stage=stage, lower=zero, upper=zero, names=names)
+
+
+def _dynamics(N: int, n_state: int, n_forces: int) -> _Group:
+    names = N * (*FIXED[:1] * n_state, *FIXED[1:2] * n_forces)
+    return _equalities(np.full(len(names), CONSTRAINT), np.repeat(np.arange(N), n_state + n_forces), names)
+
+
+def _ends(problem: OcpProblem, ends: Boundary) -> _Group:
+    """Rows that tie both ends come last."""
+    closed = np.array([name == PERIODIC for name in ends.names], dtype=bool)
+    return _Group(
+        level=np.full(len(closed), CONSTRAINT),
+        stage=np.where(closed, problem.n_steps + _START, _START),
+        lower=ends.lower,
+        upper=ends.upper,
+        names=ends.names,
+    )
+
+
+def _equal_steps(problem: OcpProblem) -> _Group:
+    """The first step of a phase may be longer or shorter than the last one of the phase before."""
+    n = problem.n_steps - 1 if problem.free_time else 0
+    first = np.isin(np.arange(1, n + 1), problem.starts_of_phases())
+    return _equalities(np.where(first, _DROPPED, CONSTRAINT), np.arange(n), FIXED[3:] * n)
+
+
+def _total(problem: OcpProblem) -> _Group:
+    n = int(problem.limits_total)
+    level, stage = np.full(n, CONSTRAINT), np.full(n, problem.n_steps + _START)
+    return _Group(
+        level=level, stage=stage, lower=np.full(n, -np.inf), upper=np.full(n, problem.longest), names=(TOTAL,) * n
+    )
+
+
+def _terms(block: TermBlock, *, fixed_start: bool) -> _Group:
+    """A state that is given is not asked for anything."""
+    rows, n = block.rows, len(block.nodes)
+    level = np.tile(rows.level, (n, 1))
+    if fixed_start:
+        level[(block.nodes == 0)[:, None] & rows.state_only] = _DROPPED
+    return _Group(
+        level=level.ravel(),
+        stage=np.repeat(block.nodes + 0.5, rows.n_rows),
+        lower=np.tile(rows.own.lower, n),
+        upper=np.tile(rows.own.upper, n),
+        names=n * rows.names,
+    )
+
+
+def _costs(problem: OcpProblem) -> _Group:
+    names = tuple(f"cost of {level.name}" for level in problem.levels)
+    return _equalities(np.full(len(names), _DROPPED), np.full(len(names), problem.n_steps + 1), names)

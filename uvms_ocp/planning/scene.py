@@ -1,0 +1,363 @@
+"""Planned coordinates of a robot, its shapes, the obstacles, and the pairs of them that must stay apart.
+
+x is [p_WB (3) [m], roll, pitch, yaw [rad], joints] for a vehicle with an arm and the joints alone for a fixed base;
+axes that are not planned keep their reference value. Roll-pitch-yaw is R = Rz Ry Rx, [Gao2022] eqs (6)-(9): singular at
+pitch = +-90 deg, which a planned vehicle motion must not cross.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.robot.kinematics import shape_reach
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.collision_model import self_pairs, shapes_among
+from uvms_ocp.robot.shapes.obstacles import Obstacle
+from uvms_ocp.types import Array, Indices, Shape
+
+# Coordinates of a planned motion: a plain vector x (n_axes,) in place of a configuration on the manifold.
+#
+# x is [p_WB (3) [m], roll, pitch, yaw [rad], joints] for a vehicle with an arm and the joints alone for a fixed base;
+# axes that are not planned keep their reference value. Roll-pitch-yaw is R = Rz Ry Rx, [Gao2022] eqs (6)-(9): singular at
+# pitch = +-90 deg, which a planned vehicle motion must not cross.
+
+VEHICLE_AXES = ("x", "y", "z", "roll", "pitch", "yaw")
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Coordinates:
+    """Which axes of a robot are planned, and where the others stay; see ``coordinates``."""
+
+    robot: Robot
+    reference: Array
+    """(n_v,) [m, rad] all axes."""
+    planned: Indices
+    """(n_axes,) indices of the planned axes among all axes."""
+
+    @property
+    def n_axes(self) -> int:
+        return self.planned.size
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the planned axes."""
+        names = _axis_names(self.robot)
+        return tuple(names[i] for i in self.planned)
+
+    @checked_on_failure
+    def all_axes(self, x: Annotated[Array, Shape(..., "self.n_axes")]) -> Array:
+        """(..., n_v) [m, rad] values of all axes from x (..., n_axes) [m, rad]."""
+        full = np.broadcast_to(self.reference, (*x.shape[:-1], self.reference.size)).copy()
+        full[..., self.planned] = x
+        return full
+
+    @checked_on_failure
+    def configurations(self, x: Annotated[Array, Shape("n", "self.n_axes")]) -> Array:
+        """(n, n_q) [m, rad] configurations from x (n, n_axes) [m, rad]."""
+        full = self.all_axes(x)
+        if not self.robot.n_vehicle:
+            return full
+        return np.concatenate([full[:, :3], _quaternions(full[:, 3:6]), full[:, 6:]], axis=1)
+
+    @checked_on_failure
+    def x(self, q: ArrayLike) -> Array:
+        """(n_axes,) [m, rad] coordinates of a configuration q (n_q,) [m, rad]. Raises `InvalidInput` for an invalid one."""
+        return _axis_values(self.robot, self.robot.check_configuration(q))[self.planned]
+
+    @checked_on_failure
+    def velocity_map(self, x: Annotated[Array, Shape("n", "self.n_axes")]) -> Array:
+        """(n, n_v, n_axes) [-]: generalized velocity v = map @ rate of x, at x (n, n_axes) [m, rad]."""
+        full = self.all_axes(x)
+        maps = np.broadcast_to(np.eye(full.shape[1]), (full.shape[0], full.shape[1], full.shape[1])).copy()
+        if self.robot.n_vehicle:
+            maps[:, :3, :3], maps[:, 3:6, 3:6] = _body_rate_maps(full[:, 3:6])
+        return maps[:, :, self.planned]
+
+    def symbolic_configuration(self, x: ca.SX) -> ca.SX:
+        """(n_q,) expression of the configuration at x (n_axes,)."""
+        full = ca.SX(ca.DM(self.reference))
+        full[self.planned.tolist()] = x
+        if not self.robot.n_vehicle:
+            return full
+        return ca.vertcat(full[:3], _symbolic_quaternion(full[3:6]), full[6:])
+
+    @checked_on_failure
+    def follows(self) -> Array:
+        """(n_axes, n_axes) [-] 1 where the column's axis is carried by the row's; the vehicle turns yaw, pitch, roll."""
+        model = self.robot.model
+        result = np.zeros((model.nv, model.nv))
+        for joint in range(1, model.njoints):
+            for carrier in list(model.supports[joint])[1:-1]:
+                result[model.joints[carrier].idx_v, model.joints[joint].idx_v] = 1.0
+        if self.robot.n_vehicle:
+            result[:6, 6:] = result[:3, 3:6] = 1.0
+            for before, after in ((5, 4), (5, 3), (4, 3)):
+                result[before, after] = 1.0
+        return result[np.ix_(self.planned, self.planned)]
+
+    def limits(self) -> tuple[Array, Array]:
+        """Lower and upper positions (n_axes,) [m, rad]; vehicle axes have none but pitch, which stays within 89 deg."""
+        free = np.full(self.robot.n_vehicle, np.inf)
+        if free.size:
+            free[4] = np.deg2rad(89.0)
+        lower = np.concatenate([-free, self.robot.limits.position_lower])
+        upper = np.concatenate([free, self.robot.limits.position_upper])
+        return lower[self.planned], upper[self.planned]
+
+
+@checked
+def coordinates(robot: Robot, *, reference: ArrayLike | None = None, axes: Sequence[str] | None = None) -> Coordinates:
+    """Choose the planned axes, by their names among x, y, z, roll, pitch, yaw and the joints; default all.
+
+    reference (n_q,) [m, rad]: configuration that axes not planned keep; default: origin, ``robot.home``. Raises
+    `NameNotFound` for an axis that the robot does not have, and `InvalidInput` for a joint that is not a single bounded
+    axis or a reference that is no valid configuration.
+    """
+    for joint in robot.joints:
+        if joint.n_q != 1 or joint.n_v != 1:
+            raise InvalidInput(f"joint {joint.name!r} has {joint.n_q} coordinates; planning needs single-axis joints.")
+    names = _axis_names(robot)
+    wanted = names if axes is None else tuple(axes)
+    for name in wanted:
+        if name not in names:
+            raise NameNotFound("axis", name, names)
+    q = robot.configuration() if reference is None else robot.check_configuration(reference)
+    planned = np.array([names.index(name) for name in wanted], dtype=np.intp)
+    return Coordinates(robot=robot, reference=_axis_values(robot, q), planned=planned)
+
+
+def _axis_names(robot: Robot) -> tuple[str, ...]:
+    return (*(VEHICLE_AXES if robot.n_vehicle else ()), *robot.joint_names)
+
+
+def _axis_values(robot: Robot, q: Array) -> Array:
+    if not robot.n_vehicle:
+        return np.array(q)
+    rpy = pin.rpy.matrixToRpy(pin.Quaternion(np.array(q[3:7])).toRotationMatrix())
+    return np.concatenate([q[:3], rpy, q[7:]])
+
+
+def _quaternions(rpy: Array) -> Array:
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy / 2.0).T, np.sin(rpy / 2.0).T
+    return np.stack(_quaternion_parts(cr, cp, cy, sr, sp, sy), axis=1)
+
+
+def _symbolic_quaternion(rpy: ca.SX) -> ca.SX:
+    c, s = ca.cos(rpy / 2.0), ca.sin(rpy / 2.0)
+    return ca.vertcat(*_quaternion_parts(c[0], c[1], c[2], s[0], s[1], s[2]))
+
+
+def _quaternion_parts(cr, cp, cy, sr, sp, sy):  # type: ignore[no-untyped-def]
+    """xyzw of Rz Ry Rx from cosines and sines of the half angles, numbers or expressions."""
+    return (
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
+    )
+
+
+def _body_rate_maps(rpy: Array) -> tuple[Array, Array]:
+    """R_BW (n, 3, 3), and (n, 3, 3) from Euler rates to the angular velocity in B, [Gao2022] eq. (9)."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy).T, np.sin(rpy).T
+    zero, one = np.zeros_like(cr), np.ones_like(cr)
+    R_WB = np.stack(
+        [
+            np.stack([cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr], axis=1),
+            np.stack([sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr], axis=1),
+            np.stack([-sp, cp * sr, cp * cr], axis=1),
+        ],
+        axis=1,
+    )
+    rates = np.stack(
+        [
+            np.stack([one, zero, -sp], axis=1),
+            np.stack([zero, cr, cp * sr], axis=1),
+            np.stack([zero, -sr, cp * cr], axis=1),
+        ],
+        axis=1,
+    )
+    return R_WB.transpose(0, 2, 1), rates
+
+
+# The robot's shapes, the obstacles, and the pairs of them that must stay apart.
+
+_LINKS = "its own links"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Pair:
+    """Two shapes by index in the geometry model, and the joints that carry them (0 is the world)."""
+
+    first: int
+    second: int
+    first_joint: int
+    second_joint: int
+    name: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Nearest:
+    """The smallest of many distances."""
+
+    distance: float
+    """[m]; infinite where there are no pairs."""
+    time: float
+    """[s] where it is."""
+    pair: str
+    """The two shapes it is between; empty where there are no pairs."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class CollisionScene:
+    """What ``collision_scene`` builds: a geometry model whose pairs are the ones checked."""
+
+    coordinates: Coordinates
+    geometry: pin.GeometryModel
+    pairs: tuple[Pair, ...]
+    moved: Array
+    """(n_pairs, n_axes) [-] -1, 0 or 1: does the axis move the second shape minus does it move the first."""
+    reach: Array
+    """(n_pairs, n_axes) [m per unit of the axis] upper bound on |d distance / d axis| at any configuration."""
+    carried: Array
+    """(n_pairs, n_axes) [-] 1 where the axis moves the second shape."""
+    follows: Array
+    """(n_axes, n_axes) [-] see ``Coordinates.follows``."""
+    gyration: Array
+    """(n_pairs,) [m] radius of gyration of the ball around the second shape."""
+    room: Array
+    """(n_pairs,) [m] half the distance of two links at ``robot.home``, close by design; infinite for obstacles."""
+
+    @property
+    def n_pairs(self) -> int:
+        return len(self.pairs)
+
+    @checked_on_failure
+    def is_obstacle(self, shape: int) -> bool:
+        """True for the index of an obstacle; the robot's own shapes come first."""
+        return shape >= self.coordinates.robot.collision_model.ngeoms
+
+    @checked_on_failure
+    def nearest(
+        self, t: Annotated[Array, Shape("n")], distances: Annotated[Array, Shape("n", "self.n_pairs")]
+    ) -> Nearest:
+        """The smallest of the distances (n, n_pairs) [m] at times t (n,) [s]."""
+        if not distances.size:
+            return Nearest(distance=np.inf, time=0.0, pair="")
+        row, pair = np.unravel_index(int(np.argmin(distances)), distances.shape)
+        return Nearest(distance=float(distances[row, pair]), time=float(t[row]), pair=self.pairs[pair].name)
+
+    def among(self, indices: Sequence[int]) -> CollisionScene:
+        """The same scene with these of its pairs alone. Raises `InvalidInput` for an index that no pair has."""
+        chosen = np.array(indices, dtype=int)
+        if not ((chosen >= 0) & (chosen < len(self.pairs))).all():
+            raise InvalidInput(
+                f"indices are {indices}; give some of 0 to {len(self.pairs) - 1}, the pairs of the scene"
+            )
+        geometry = pin.GeometryModel(self.geometry)
+        geometry.removeAllCollisionPairs()
+        pairs = tuple(self.pairs[k] for k in indices)
+        for pair in pairs:
+            geometry.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
+        parts = {name: getattr(self, name)[chosen] for name in ("moved", "reach", "carried", "gyration", "room")}
+        return replace(self, geometry=geometry, pairs=pairs, **parts)
+
+    def groups(self) -> dict[str, list[int]]:
+        """Indices of pairs by the obstacle they are with, and those of two links."""
+        groups: dict[str, list[int]] = {}
+        for index, pair in enumerate(self.pairs):
+            name = self.geometry.geometryObjects[pair.first].name if self.is_obstacle(pair.first) else _LINKS
+            groups.setdefault(name, []).append(index)
+        return groups
+
+    def check_apart(self, distances: Annotated[Array, Shape("self.n_pairs")], place: str) -> None:
+        """Raise `InvalidInput` where two shapes touch, by the distances (n_pairs,) [m] at the place of that name."""
+        if distances.min(initial=np.inf) <= 0.0:
+            nearest = int(np.argmin(distances))
+            raise InvalidInput(
+                f"{place} is in collision: {self.pairs[nearest].name} overlap by {abs(distances[nearest]):.3g} m; "
+                "move it or the obstacle"
+            )
+
+
+@checked
+def collision_scene(
+    coordinates: Coordinates, obstacles: Sequence[Obstacle], *, self_collision: bool = True
+) -> CollisionScene:
+    """All pairs link - obstacle, and the pairs of links of `self_pairs`, except those that no planned axis moves."""
+    robot = coordinates.robot
+    geometry, n_links = shapes_among(robot, obstacles), robot.collision_model.ngeoms
+    names = [shape.name for shape in geometry.geometryObjects]
+    joints = [shape.parentJoint for shape in geometry.geometryObjects]
+    indices = [(o, i) for o in range(n_links, geometry.ngeoms) for i in range(n_links)]
+    if self_collision:
+        indices += self_pairs(robot)
+    pairs = [
+        Pair(first=a, second=b, first_joint=joints[a], second_joint=joints[b], name=f"{names[a]} - {names[b]}")
+        for a, b in indices
+    ]
+    return _with_moving_pairs(coordinates, geometry, pairs)
+
+
+def _with_moving_pairs(
+    coordinates: Coordinates, geometry: pin.GeometryModel, candidates: Sequence[Pair]
+) -> CollisionScene:
+    supports = _supports(coordinates)
+    reaches = np.stack([_reach(coordinates, shape) for shape in geometry.geometryObjects])
+    pairs = [pair for pair in candidates if (supports[pair.second_joint] != supports[pair.first_joint]).any()]
+    shape = (len(pairs), coordinates.n_axes)
+    moved = np.array([supports[p.second_joint] - supports[p.first_joint] for p in pairs]).reshape(shape)
+    reach = np.array([np.maximum(reaches[p.first], reaches[p.second]) for p in pairs]).reshape(shape)
+    carried = np.array([supports[p.second_joint] for p in pairs]).reshape(shape)
+    radii = np.array([geometry.geometryObjects[p.second].geometry.aabb_radius for p in pairs])
+    for pair in pairs:
+        geometry.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
+    return CollisionScene(
+        coordinates=coordinates,
+        geometry=geometry,
+        pairs=tuple(pairs),
+        moved=moved,
+        reach=np.where(moved != 0.0, reach, 0.0),
+        carried=carried,
+        follows=coordinates.follows(),
+        gyration=radii * np.sqrt(0.4),
+        room=_room(coordinates.robot, geometry, pairs),
+    )
+
+
+def _room(robot: Robot, geometry: pin.GeometryModel, pairs: Sequence[Pair]) -> Array:
+    data = geometry.createData()
+    pin.computeDistances(robot.model, robot.model.createData(), geometry, data, robot.configuration())
+    return np.array(
+        [
+            data.distanceResults[k].min_distance / 2.0 if pair.first_joint and pair.second_joint else np.inf
+            for k, pair in enumerate(pairs)
+        ]
+    )
+
+
+def _supports(coordinates: Coordinates) -> Array:
+    """(n_joints + 1, n_axes) 1 where the axis moves the joint."""
+    model = coordinates.robot.model
+    supports = np.zeros((model.njoints, model.nv))
+    for joint in range(1, model.njoints):
+        for carrier in list(model.supports[joint])[1:]:
+            first = model.joints[carrier].idx_v
+            supports[joint, first : first + model.joints[carrier].nv] = 1.0
+    return supports[:, coordinates.planned]
+
+
+def _reach(coordinates: Coordinates, shape: pin.GeometryObject) -> Array:
+    """(n_axes,) the farthest that one unit of each planned axis can move any point of a shape [m]."""
+    return shape_reach(coordinates.robot, shape)[coordinates.planned]

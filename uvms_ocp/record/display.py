@@ -1,0 +1,140 @@
+"""Show values as small tables, in a shell and in a notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from enum import Enum
+from html import escape
+from typing import Any
+
+import numpy as np
+
+# Small tables: what a public value says of itself, as text of 80 columns and in notebooks.
+
+_WIDTH = 80
+_MOST_ROWS = 40
+_GAP = "  "
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SmallTable:
+    """A title and rows of texts, the first of which are the names of the columns if there are any."""
+
+    title: str
+    head: tuple[str, ...] = ()
+    rows: tuple[tuple[str, ...], ...]
+
+    def text(self) -> str:
+        """Lines of at most 80 characters; what is longer is cut, and rows beyond the first are counted."""
+        lines = [row for row in (self.head, *self._shown()) if row]
+        widths = [max(len(row[k]) for row in lines if k < len(row)) for k in range(max(map(len, lines), default=0))]
+        text = [
+            _GAP.join(cell.ljust(width) for cell, width in zip(row, widths, strict=False)).rstrip() for row in lines
+        ]
+        return "\n".join(_cut(line) for line in (self.title, *(f"{_GAP}{line}" for line in text), *self._rest()))
+
+    def html(self) -> str:
+        """The same as a table; names are text, whatever they hold."""
+        head = f"<thead>{_row('th', self.head)}</thead>" if self.head else ""
+        rows = "".join(_row("td", row) for row in self._shown())
+        rest = "".join(f"<p>{escape(line)}</p>" for line in self._rest())
+        return f"<b>{escape(self.title)}</b><table>{head}<tbody>{rows}</tbody></table>{rest}"
+
+    def _shown(self) -> Sequence[tuple[str, ...]]:
+        return self.rows[:_MOST_ROWS]
+
+    def _rest(self) -> tuple[str, ...]:
+        more = len(self.rows) - _MOST_ROWS
+        return (f"{_GAP}and {more} more",) if more > 0 else ()
+
+
+def rows_of(values: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
+    """A row for each value, numbers in four digits."""
+    return tuple((name.replace("_", " "), _cell(value)) for name, value in values.items())
+
+
+def _cell(value: Any) -> str:
+    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _cut(line: str) -> str:
+    plain = "".join(letter if letter.isprintable() else " " for letter in line)
+    return plain if len(plain) <= _WIDTH else plain[: _WIDTH - 1] + "…"
+
+
+def _row(cell: str, row: Sequence[str]) -> str:
+    style = ' style="text-align:left"'
+    return "<tr>" + "".join(f"<{cell}{style}>{escape(text)}</{cell}>" for text in row) + "</tr>"
+
+
+class Tabled:
+    """What shows itself as a `SmallTable`: in a shell, and in a notebook."""
+
+    __slots__ = ()
+
+    def _table(self) -> SmallTable:
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return self._table().text()
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        return self._table().html()
+
+
+# Values that show themselves by their fields: a row for each, in a shell and in a notebook.
+
+_FEW = 8  # entries of what is told in full
+_LONGEST = 120  # letters of a row
+
+
+class Fielded(Tabled):
+    """A dataclass, made with ``repr=False``, that shows itself as a table of its fields."""
+
+    __slots__ = ()
+
+    def _table(self) -> SmallTable:
+        shown = [field.name for field in fields(self) if field.repr]  # type: ignore[arg-type]
+        title = " ".join(str(part) for part in (type(self).__name__, getattr(self, "name", "")) if part)
+        return SmallTable(title=title, rows=tuple((name, in_a_row(getattr(self, name))) for name in shown))
+
+
+def in_a_row(value: Any) -> str:
+    """What a value is, in one short row."""
+    if value is None:
+        return "-"
+    if isinstance(value, np.ndarray):
+        return _of_array(value)
+    if isinstance(value, Tabled):
+        return value._table().title
+    if isinstance(value, Mapping):
+        return ", ".join(map(str, value)) or "none"
+    if isinstance(value, (tuple, list)):
+        return _of_items(value)
+    if isinstance(value, Enum):
+        return str(value.value)
+    if callable(value) and hasattr(value, "__qualname__"):
+        return str(value.__qualname__)
+    return _of_other(value)
+
+
+def _of_array(value: np.ndarray) -> str:
+    if value.size > _FEW or value.ndim > 1:
+        return f"array of shape {value.shape}"
+    return np.array2string(value, precision=4, suppress_small=True, max_line_width=_LONGEST)
+
+
+def _of_items(value: tuple[Any, ...] | list[Any]) -> str:
+    if any(isinstance(item, Mapping) for item in value):
+        return f"{len(value)} rows"
+    more = f" and {len(value) - _FEW} more" if len(value) > _FEW else ""
+    return (", ".join(map(in_a_row, value[:_FEW])) or "none") + more
+
+
+def _of_other(value: Any) -> str:
+    """By its own words, where these are few; else what kind of thing it is."""
+    words = f"{value:.4g}" if isinstance(value, float) else str(value) if isinstance(value, str) else repr(value)
+    return type(value).__name__ if "\n" in words or " at 0x" in words or len(words) > _LONGEST else words

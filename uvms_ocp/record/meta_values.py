@@ -1,0 +1,296 @@
+"""Small values that metadata of records are made of."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from itertools import pairwise
+from types import MappingProxyType
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+
+from uvms_ocp.model_errors import one_line_errors
+
+# An obstacle as plain values, as files and records keep it; `uvms_ocp.robot.shapes.obstacles` builds its shape.
+
+_MESH = "mesh"
+N_SIZES: Mapping[str, int] = MappingProxyType(
+    {"sphere": 1, "capsule": 2, "cylinder": 2, "cone": 2, "box": 3, "ellipsoid": 3, _MESH: 0}
+)
+"""How many sizes a shape has."""
+FARTHEST = 1e5
+"""[m] from the origin, and of a size: farther away single precision, which meshes are kept in, loses centimetres."""
+_Metres = Annotated[FiniteFloat, Field(ge=-FARTHEST, le=FARTHEST)]
+Triple = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+Point = tuple[_Metres, _Metres, _Metres]
+
+
+@one_line_errors
+class ObstacleData(BaseModel):
+    """One obstacle: a primitive shape with its sizes, or a mesh with its triangles."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: Annotated[str, Field(min_length=1)]
+    shape: Literal["sphere", "capsule", "cylinder", "cone", "box", "ellipsoid", "mesh"]
+    size: tuple[Annotated[FiniteFloat, Field(gt=0.0, le=FARTHEST)], ...] = ()
+    """[m] (radius) of a sphere, (radius, length) of a capsule, cylinder or cone along z, (x, y, z) of a box, half axes of an
+    ellipsoid; a capsule's length is that of its straight part."""
+    vertices: tuple[Point, ...] = ()
+    """(n, 3) [m] of a mesh, in its own frame."""
+    triangles: tuple[tuple[int, int, int], ...] = ()
+    """(m, 3) [-] indices of vertices."""
+    position: Point
+    """(3,) [m] of the middle in W."""
+    rpy: Triple = (0.0, 0.0, 0.0)
+    """(3,) [rad], R = Rz Ry Rx."""
+
+    @model_validator(mode="after")
+    def _has_its_sizes(self) -> ObstacleData:
+        if len(self.size) != N_SIZES[self.shape]:
+            raise ValueError(f"a {self.shape} has {N_SIZES[self.shape]} sizes, not {len(self.size)}")
+        corners = [corner for triangle in self.triangles for corner in triangle]
+        if (self.shape == _MESH) != bool(corners) or not all(0 <= corner < len(self.vertices) for corner in corners):
+            raise ValueError("a mesh, and only a mesh, has triangles, with indices from 0 below the number of vertices")
+        return self
+
+
+# The small values that metadata of records are made of.
+
+DONE, ABORT = "done", "abort"
+"""Where a mission ends: as wanted, or given up."""
+LARGEST = 1e30
+"""What reports and figures reckon with: its square is finite, and single precision, which scenes are kept in, holds it."""
+Number = Annotated[FiniteFloat, Field(ge=-LARGEST, le=LARGEST)]
+NEARLY_ONE = 1e-3
+"""By how much the norm of a stored unit quaternion may differ from 1."""
+
+
+class MetaValue(BaseModel):
+    """Base of all: unknown keys are refused, nothing can be changed, and infinity and NaN survive the way through JSON."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, ser_json_inf_nan="constants")
+
+
+class QuantityMeta(MetaValue):
+    """One value of a measured quantity."""
+
+    name: str
+    """``task.quantity``"""
+    value: float
+    """[m] or [rad]; NaN where it was not known"""
+
+
+class ConditionMeta(MetaValue):
+    """A limit on a measured quantity."""
+
+    quantity: str
+    """``task.quantity``"""
+    limit: Number
+    """[m] or [rad], as the quantity."""
+    sign: Literal["<", ">"]
+
+
+class ThresholdMeta(ConditionMeta):
+    """A condition that a phase waits for."""
+
+    phase: str
+
+
+class MetConditionMeta(ConditionMeta):
+    """A condition that came true."""
+
+    estimated: float
+    """[m] or [rad], what the mission went by."""
+
+
+class EventMeta(MetaValue):
+    """Why a phase ended."""
+
+    t: Number
+    """[s]"""
+    source: str
+    target: str
+    """The phase that began, or ``done``, or ``abort``."""
+    reason: str
+    """The conditions, as estimated, in words, or why the mission is given up."""
+    conditions: tuple[MetConditionMeta, ...] = ()
+    """All of them; empty where the mission is given up, and in older records."""
+    true_quantities: tuple[QuantityMeta, ...] = ()
+    """At the true state at that moment; empty in older records."""
+
+    @property
+    def truth(self) -> dict[str, float]:
+        """`true_quantities` by name [m] or [rad]."""
+        return {item.name: item.value for item in self.true_quantities}
+
+
+class AlarmMeta(MetaValue):
+    """What the watchdog said, or the monitor of the sensors, which names the channel first."""
+
+    t: Number
+    """[s]"""
+    text: str
+
+
+class FaultMeta(MetaValue):
+    """What went wrong on purpose."""
+
+    text: str
+    """As it was asked for, ``TARGET:KIND=VALUES@ONSET-END``."""
+    target: str
+    kind: str
+    t: Annotated[Number, Field(ge=0.0)]
+    """[s] from which it was there."""
+    end: Number | None = None
+    """[s] until which it was there; `None`: for ever."""
+
+    @model_validator(mode="after")
+    def _lasts(self) -> FaultMeta:
+        if self.end is not None and not self.t < self.end:
+            raise ValueError(f"the fault {self.text[:60]!r} ends at {self.end:g} s, not after {self.t:g} s")
+        return self
+
+
+class PhaseMeta(MetaValue):
+    """One action of a mission."""
+
+    name: str
+    title: str = ""
+    tasks: tuple[str, ...] = ()
+    """Names of those that are on."""
+
+
+class TaskMeta(MetaValue):
+    """A task of the hierarchy."""
+
+    name: str
+    label: str
+    """The paper's bracket, such as ``[R,E,AD]``."""
+
+
+class LevelMeta(MetaValue):
+    """A level of the hierarchy; its rows follow those of the level above."""
+
+    name: str
+    rows: Annotated[int, Field(ge=0)]
+
+
+class LimitsMeta(MetaValue):
+    """Limits of a robot, infinite where there is none; positions are of the joints, all else of the vehicle's axes too."""
+
+    position_lower: tuple[float, ...]
+    """(n_joints,) [rad or m]"""
+    position_upper: tuple[float, ...]
+    """(n_joints,) [rad or m]"""
+    velocity: tuple[float, ...]
+    """(n_v,) [m/s, rad/s]"""
+    acceleration: tuple[float, ...]
+    """(n_v,) [m/s2, rad/s2]"""
+    effort: tuple[float, ...]
+    """(n_joints,) [N m or N]"""
+
+    @model_validator(mode="after")
+    def _are_limits(self) -> LimitsMeta:
+        if not len(self.position_lower) == len(self.position_upper) == len(self.effort):
+            raise ValueError("position_lower, position_upper and effort have one number per joint")
+        if len(self.velocity) != len(self.acceleration):
+            raise ValueError("velocity and acceleration have one number per axis")
+        if not all(a <= b for a, b in zip(self.position_lower, self.position_upper, strict=True)):
+            raise ValueError("position_lower is not above position_upper")
+        if not all(x >= 0.0 for x in (*self.velocity, *self.acceleration, *self.effort)):
+            raise ValueError("limits of velocity, acceleration and effort are not negative")
+        return self
+
+
+class AxisLimitsMeta(MetaValue):
+    """Limits of the planned axes, by the series that they bound."""
+
+    x_rate: tuple[float, ...]
+    """(n_axes,) [m/s, rad/s]"""
+    x_acceleration: tuple[float, ...] | None = None
+    """(n_axes,) [m/s2, rad/s2]; `None` where the method limits forces instead."""
+
+
+class FrameMeta(MetaValue):
+    """A pose to draw."""
+
+    name: str
+    pose: tuple[Number, Number, Number, Number, Number, Number, Number]
+    """(7,) X_WF: p_WF [m] and quaternion xyzw [-]."""
+
+    @model_validator(mode="after")
+    def _turns(self) -> FrameMeta:
+        norm = math.hypot(*self.pose[3:])
+        if abs(norm - 1.0) > NEARLY_ONE:
+            raise ValueError(f"the quaternion of a pose, its last four numbers, has norm 1, not {norm:g}")
+        return self
+
+
+class MarkerMeta(MetaValue):
+    """A point to draw."""
+
+    name: str
+    position: Point
+    """(3,) [m] in W."""
+
+
+class PackageMeta(MetaValue):
+    """A package, or Python itself, and its version."""
+
+    name: str
+    version: str
+
+
+class ClearanceMeta(MetaValue):
+    """The smallest distance along a plan."""
+
+    t: Number
+    """[s]"""
+    distance: Number
+    """[m]; negative in collision."""
+    between: str
+    """The two shapes."""
+
+
+class FloorRelief(MetaValue):
+    """Heights of a rectangle of the floor, on a grid."""
+
+    x: tuple[Number, ...]
+    """(n,) [m] in W, ascending."""
+    y: tuple[Number, ...]
+    """(m,) [m] in W, ascending."""
+    z: tuple[tuple[Number, ...], ...]
+    """(m, n) [m] in W."""
+
+    @model_validator(mode="after")
+    def _is_a_grid(self) -> FloorRelief:
+        for axis in (self.x, self.y):
+            if len(axis) < 2 or any(b <= a for a, b in pairwise(axis)):
+                raise ValueError("x and y of a floor ascend, with two values or more each")
+        if len(self.z) != len(self.y) or any(len(row) != len(self.x) for row in self.z):
+            raise ValueError(f"z of this floor has {len(self.y)} rows of {len(self.x)} heights")
+        return self
+
+
+class SurroundingsMeta(MetaValue):
+    """What there is to draw around the robot."""
+
+    frames: tuple[FrameMeta, ...] = ()
+    """Such as goals."""
+    markers: tuple[MarkerMeta, ...] = ()
+    obstacles: tuple[ObstacleData, ...] = ()
+    floor_z: Number | None = None
+    """[m] height of the floor in W, below the start."""
+    floor: FloorRelief | None = None
+    """The floor around the way where it is not flat."""
+
+
+def require_once(what: str, names: Iterable[str]) -> None:
+    """Raise `ValueError` for two of one name."""
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise ValueError(f"two {what} are called {name[:60]!r}")
+        seen.add(name)

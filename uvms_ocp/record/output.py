@@ -1,0 +1,419 @@
+"""Replace all results of a command in a folder at once: claimed and checked before the work, whole or as before after it."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import stat
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Literal, TypeVar
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
+
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput, OutputError, UvmsError
+from uvms_ocp.model_errors import one_line
+from uvms_ocp.record.durable_files import discard, locked, remove_empty, sync_folders, sync_tree, write_durably
+
+# What a command of ours wrote into a folder, by which it is known again.
+
+STORE = ".uvms_ocp"  # in every folder that we write to
+_CHUNK = 1 << 20
+
+
+def _inner(name: str) -> str:
+    """A name that stays inside its folder, on every system."""
+    parts = name.split("/")
+    if not all(parts) or {".", "..", STORE} & set(parts) or any(sign in name for sign in '\\:\0\n"'):
+        raise ValueError("allowed: a path inside the folder, such as figures/path.png")
+    return name
+
+
+Name = Annotated[str, AfterValidator(_inner)]
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class Fingerprint(BaseModel):
+    """By which the contents of a file are known."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
+
+    size: int
+    """[bytes]."""
+    sha256: str
+
+
+class Manifest(BaseModel):
+    """The files that a command wrote, and the folders that it made for them."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
+
+    version: Literal[1] = 1
+    files: dict[Name, Fingerprint] = {}
+    folders: frozenset[Name] = frozenset()
+
+
+def read_as(kind: type[Model], path: Path) -> Model | None:
+    """A file of `STORE`; None where there is none. Raises `InvalidInput` for one that we did not write so, `OutputError`
+    for one that cannot be read."""
+    try:
+        return kind.model_validate_json(path.read_bytes())
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except OSError as error:
+        raise OutputError(f"{path}: cannot read it ({error.strerror}); choose another folder") from error
+    except ValidationError as error:
+        raise InvalidInput(
+            f"{path}: damaged ({one_line(error, kind)}); move its folder {STORE} and the results beside it away"
+        ) from error
+
+
+def parents_of(names: Iterable[str]) -> set[str]:
+    """Folders that files of these names need."""
+    return {str(parent) for name in names for parent in PurePosixPath(name).parents if parent.name}
+
+
+def names_below(root: Path) -> list[str]:
+    """Files, as a manifest names them."""
+    return sorted(path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file())
+
+
+def manifest_of(root: Path, names: Iterable[str], folders: Iterable[str] = ()) -> Manifest:
+    """Of files below `root`. Raises `OSError` for one that cannot be read."""
+    return Manifest(files={name: fingerprint(root / name) for name in names}, folders=frozenset(folders))
+
+
+def fingerprint(path: Path) -> Fingerprint:
+    """Of the contents of a file. Raises `OSError` where it cannot be read."""
+    digest, size = hashlib.sha256(), 0
+    with path.open("rb") as file:
+        while chunk := file.read(_CHUNK):
+            digest.update(chunk)
+            size += len(chunk)
+    return Fingerprint(size=size, sha256=digest.hexdigest())
+
+
+def is_same(path: Path, known: Fingerprint | None) -> bool:
+    """Whether a regular file with those contents is there. Raises `OSError` where it cannot be read."""
+    try:
+        status = os.lstat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    if known is None or not stat.S_ISREG(status.st_mode) or status.st_size != known.size:
+        return False
+    return fingerprint(path) == known
+
+
+# What stands in the way of writing: files of others, changed files, links that lead out of the folder.
+
+_ADVICE = "move it away or choose another folder"
+
+
+def require_ours(target: Path, names: Iterable[str], manifest: Manifest) -> None:
+    """Raise `InvalidInput`, naming the first thing in `target` that keeps us from writing `names`.
+
+    All that the manifest lists has to be as we left it, as what is not written anew is removed.
+    """
+    wanted = {*names, *manifest.files}
+    require_inside(target, wanted)
+    for name in sorted(wanted):
+        _require_free(target / name, manifest.files.get(name))
+
+
+def require_inside(target: Path, names: Iterable[str]) -> None:
+    """Raise `InvalidInput` where the way to one of `names` leads out of `target`, is none or cannot be written."""
+    _require_writable(target)
+    for folder in sorted(parents_of(names)):
+        _require_real_folder(target / folder, target)
+
+
+def _require_real_folder(folder: Path, target: Path) -> None:
+    status = _status(folder)
+    if status is None:
+        return
+    if stat.S_ISLNK(status.st_mode):
+        raise InvalidInput(f"{folder}: a link, which is not followed; {_ADVICE}")
+    if not stat.S_ISDIR(status.st_mode):
+        raise InvalidInput(f"{folder}: a file where a folder is to be; {_ADVICE}")
+    if status.st_dev != target.stat().st_dev:
+        raise InvalidInput(f"{folder}: on another disk than {target}; {_ADVICE}")
+    _require_writable(folder)
+
+
+def _require_writable(folder: Path) -> None:
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InvalidInput(f"{folder}: cannot write there (read-only folder); choose another folder")
+
+
+def _require_free(place: Path, known: Fingerprint | None) -> None:
+    status = _status(place)
+    if status is None:
+        return
+    if known is None:
+        raise InvalidInput(f"{place}: not written by an earlier command; {_ADVICE}")
+    if not is_same(place, known):
+        raise InvalidInput(f"{place}: changed since an earlier command wrote it; {_ADVICE}")
+    if not status.st_mode & stat.S_IWUSR:
+        raise InvalidInput(f"{place}: read-only; make it writable, {_ADVICE}")
+
+
+def _status(path: Path) -> os.stat_result | None:
+    try:
+        return os.lstat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+
+
+# The replacement of all files of a folder, in steps that can be completed or undone from wherever they were cut off.
+
+
+class Journal(BaseModel):
+    """What belongs into the folder before and after a replacement."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
+
+    before: Manifest
+    after: Manifest
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Replacement:
+    """Of the files of `target`. All methods are for the one process that holds the lock."""
+
+    target: Path
+
+    @property
+    def store(self) -> Path:
+        return self.target / STORE
+
+    @property
+    def new(self) -> Path:
+        """Where the new files wait."""
+        return self.store / "new"
+
+    def manifest(self) -> Manifest:
+        """Of what is there. Raises `InvalidInput` for one that cannot be read."""
+        return read_as(Manifest, self._manifest) or Manifest()
+
+    def is_left_over(self) -> bool:
+        """Whether a command was cut off, or is at it."""
+        return any(path.exists() for path in (self._journal, self._undoing, *self._remains()))
+
+    def is_begun(self) -> bool:
+        """Whether some files may be old and others new."""
+        return self._journal.exists() or self._undoing.exists()
+
+    def commit(self) -> None:
+        """Put the new files into their places and remove the old ones that have no successor.
+
+        Raises `InvalidInput` for what stands in the way and `OSError` where the disk refuses, with all as it was before.
+        """
+        manifest, names = self.manifest(), names_below(self.new)
+        require_ours(self.target, names, manifest)
+        after = manifest_of(self.new, names)
+        # What the user removed is not ours any more.
+        before = manifest.model_copy(update={"files": {n: f for n, f in manifest.files.items() if self._is_there(n)}})
+        needed = parents_of(names)
+        made = {folder for folder in needed if not self._is_there(folder)} | (needed & before.folders)
+        sync_tree(self.new)
+        journal = Journal(before=before, after=after.model_copy(update={"folders": frozenset(made)}))
+        write_durably(self._journal, journal.model_dump_json())
+        self._complete_or_undo(journal)
+        with suppress(OSError):  # which the next command does
+            self._remove_folders(journal)
+            self._clear()
+
+    def recover(self) -> None:
+        """Complete the replacement of a command that was cut off, or undo it where the disk refuses; remove what it left.
+
+        Raises `InvalidInput` for what stands in the way, and `OSError` where that or the removal fails.
+        """
+        if (undoing := read_as(Journal, self._undoing)) is not None:
+            self._undo(undoing)
+        elif (journal := read_as(Journal, self._journal)) is not None:
+            if self.manifest() != journal.after or names_below(self.new):
+                self._complete_or_undo(journal)
+            self._remove_folders(journal)
+        self._clear()
+
+    def _complete_or_undo(self, journal: Journal) -> None:
+        try:
+            self._complete(journal)
+        except OSError:
+            os.replace(self._journal, self._undoing)
+            self._undo(journal)
+            with suppress(OSError):
+                self._clear()
+            raise
+
+    def _clear(self) -> None:
+        for path in (self._journal, self._undoing):
+            path.unlink(missing_ok=True)
+        sync_folders([self.store])
+        for path in self._remains():
+            discard(path)
+        if self.is_left_over():
+            raise OSError(f"{self.store} cannot be emptied")
+
+    def _complete(self, journal: Journal) -> None:
+        before, after = journal.before, journal.after
+        self._require_unchanged(journal)
+        for name in after.files:
+            self._install(name)
+        for name, known in before.files.items():
+            if name not in after.files and is_same(self.target / name, known):
+                self._keep(name)
+                (self.target / name).unlink(missing_ok=True)
+        sync_folders([self.target, *(self.target / name for name in parents_of(after.files))])
+        write_durably(self._manifest, after.model_dump_json(indent=1))
+
+    def _remove_folders(self, journal: Journal) -> None:
+        """Not earlier: to undo this could take room that a full disk does not have."""
+        remove_empty(self.target / name for name in journal.before.folders - journal.after.folders)
+
+    def _install(self, name: str) -> None:
+        """The old file stays in its place until the new one takes it, so that a reader always finds one."""
+        if (self.new / name).exists():
+            place = self.target / name
+            place.parent.mkdir(parents=True, exist_ok=True)
+            self._keep(name)
+            os.replace(self.new / name, place)
+
+    def _keep(self, name: str) -> None:
+        """A second name for the old file, or where the file system has no links, another."""
+        place, kept = self.target / name, self._old / name
+        if kept.exists() or not place.exists():
+            return
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            os.link(place, kept)
+        except OSError:
+            os.replace(place, kept)
+
+    def _undo(self, journal: Journal) -> None:
+        before, after = journal.before, journal.after
+        require_inside(self.target, [*before.files, *after.files])
+        for name, known in after.files.items():
+            if name not in before.files and is_same(self.target / name, known):
+                (self.target / name).unlink()
+        for name in before.files:
+            if (self._old / name).exists():
+                os.replace(self._old / name, self.target / name)
+        remove_empty(self.target / name for name in after.folders - before.folders)
+        sync_folders([self.target, *(self.target / name for name in parents_of(before.files))])
+
+    def _require_unchanged(self, journal: Journal) -> None:
+        """Raise `InvalidInput` where the place of a file that still waits was taken while nobody was at it."""
+        before, after = journal.before.files, journal.after.files
+        require_inside(self.target, [*before, *after])
+        for name in after:
+            place = self.target / name
+            if (self.new / name).exists() and self._is_there(name) and not is_same(place, before.get(name)):
+                raise InvalidInput(
+                    f"{place}: in the way of a file that a command cut off is to put there; move it away"
+                )
+
+    def _remains(self) -> list[Path]:
+        return [self.new, self._old, *self.store.glob("*.tmp")]
+
+    def _is_there(self, name: str) -> bool:
+        return os.path.lexists(self.target / name)
+
+    @property
+    def _manifest(self) -> Path:
+        return self.store / "manifest.json"
+
+    @property
+    def _journal(self) -> Path:
+        return self.store / "journal.json"
+
+    @property
+    def _undoing(self) -> Path:
+        return self.store / "undoing.json"
+
+    @property
+    def _old(self) -> Path:
+        return self.store / "old"
+
+
+# A folder for the results of one command: checked and locked before the work, replaced whole after it.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class FolderClaim:
+    """A folder that only this command writes to until it ends."""
+
+    replacement: Replacement
+
+    @contextmanager
+    def staged(self) -> Iterator[Path]:
+        """Give an empty folder; the files written there then take the place of all earlier ones of ours.
+
+        On any error the folder is as before. Raises `OutputError` where the disk refuses, and `InvalidInput` for what has
+        come to stand in the way.
+        """
+        replacement = self.replacement
+        try:
+            with in_one_line(replacement.target):
+                replacement.new.mkdir()
+                yield replacement.new
+                replacement.commit()
+        except BaseException:
+            if not replacement.is_begun():
+                discard(replacement.new)
+            raise
+
+    def written(self) -> list[Path]:
+        """The files of ours that are there. Raises `InvalidInput` for a damaged manifest."""
+        return [self.replacement.target / name for name in sorted(self.replacement.manifest().files)]
+
+
+@contextmanager
+def claim_folder(target: Path, names: Collection[str]) -> Iterator[FolderClaim]:
+    """The folder `target` for one command that may write files of these `names`, such as ``figures/path.png``.
+
+    Completes or undoes first what a command that was cut off left. Raises `InvalidInput` for what stands in the way, and
+    `OutputError` where the folder cannot be written or another command is at it: before the work begins.
+    """
+    replacement = Replacement(target=target)
+    with ExitStack() as stack:
+        with in_one_line(target):
+            stack.callback(remove_empty, [folder for folder in (target, *target.parents) if not folder.exists()])
+            target.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(locked(replacement.store))
+            replacement.recover()
+            require_ours(target, names, replacement.manifest())
+        yield FolderClaim(replacement=replacement)
+
+
+@checked
+def recover_folder(folder: Path) -> None:
+    """Before `folder` is read: complete or undo what a command that was cut off left there.
+
+    Raises `OutputError` where that cannot be done, or is being done, and `InvalidInput` for what stands in the way.
+    """
+    replacement = Replacement(target=folder)
+    if not replacement.is_left_over():
+        return
+    try:
+        with in_one_line(folder), locked(replacement.store):
+            replacement.recover()
+    except OutputError:
+        # New files that wait beside complete old ones do not matter to a reader.
+        if replacement.is_begun():
+            raise
+
+
+@contextmanager
+def in_one_line(target: Path, advice: str = "choose another folder") -> Iterator[None]:
+    """What the system refuses in the block is an `OutputError` of a file or folder; what is an error of ours stays as it is."""
+    try:
+        yield
+    except UvmsError:
+        raise
+    except OSError as error:
+        reason = error.strerror or " ".join(str(error).split())
+        raise OutputError(f"{target}: cannot write there ({reason}); {advice}") from error

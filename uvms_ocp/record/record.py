@@ -1,0 +1,378 @@
+"""Time series of one run: recorded row by row, then frozen, checked, saved and loaded without pickle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.model_errors import printable
+from uvms_ocp.record import mcap as mcap_file
+from uvms_ocp.record import tables as record_files
+from uvms_ocp.record.display import SmallTable, Tabled
+from uvms_ocp.record.meta_values import LARGEST, NEARLY_ONE, LimitsMeta
+from uvms_ocp.record.run_meta import SHORTEST_TICK, VEHICLE_V, PlanMeta, RunMeta, is_floating, read_meta, write_meta
+from uvms_ocp.record.tables import meaning_of, unit_of
+from uvms_ocp.record.untrusted import read_arrays
+
+# What the series of a stored record have to be, so that every report and figure can bear them.
+
+Series = Mapping[str, np.ndarray]
+"""Time series by name, (n, ...) each."""
+
+_AXES = ("x", "x_rate", "x_acceleration", "x_jerk", "x_snap")
+_LOAD = ("load_weight", "load_weight_error", "load_mass", "load_mass_error")
+_COLUMNS = ("altimeter_range", "altimeter_spread", "joint_energy", "tick_time", "controller_time", *_LOAD)
+"""(n,) real numbers."""
+_TABLES = ("q", "v", "command", "gates", "activity", "residual", "quantities", "disturbance", "q_spread")
+_PLANT_TABLES = ("thrust", "asked_thrust", "torque", "thruster_energy", "clearance", "current")
+_REAL = (*_COLUMNS, *_TABLES, *_PLANT_TABLES, *_AXES)
+_UNKNOWN = ("thruster_energy", "load_mass")
+"""Where NaN means that it is not known."""
+_ENDLESS = ("altimeter_range", "altimeter_spread", "activity", "residual", "quantities")
+"""Where infinity too may stand, such as for a range without an echo, and at ticks whose input the solver refused."""
+_VEHICLE_Q = 7
+_WORST_HEALTH = 2
+"""Codes of health: 0 good, 1 suspect, 2 lost."""
+
+
+def check_series(series: Series, meta: RunMeta | PlanMeta) -> None:
+    """Raise `InvalidInput` where the series of a file are not what `Record` promises, or do not fit the metadata."""
+    if "t" not in series:
+        raise InvalidInput("no series 't'")
+    _check_times(series["t"])
+    for name, array in series.items():
+        _check_kind(name, array, series["t"])
+    for name, (least, most) in _widths(series, meta).items():
+        if name in series and not least <= series[name].shape[1] <= most:
+            columns = f"{least}" if most == least else f"{least} or more" if most == np.inf else f"{least} to {most:g}"
+            shape = series[name].shape
+            raise InvalidInput(f"series {name!r} has shape {shape}; its metadata allow {shape[0]} rows of {columns}")
+    _check_counts(series, meta)
+    _check_quaternions(series, meta)
+    _check_health(series, meta)
+    if isinstance(meta, RunMeta):
+        _check_start_and_events(series["t"], meta)
+
+
+def _check_times(t: np.ndarray) -> None:
+    right = t.dtype == np.float64 and t.ndim == 1 and t.size and (np.abs(t) <= LARGEST).all()
+    if not right or (np.diff(t) < SHORTEST_TICK).any():
+        raise InvalidInput(
+            f"times t of shape {t.shape}; allowed: one or more [s], finite, each later than the one before"
+        )
+
+
+def _check_kind(name: str, array: np.ndarray, t: np.ndarray) -> None:
+    """Raise `InvalidInput` for the wrong shape or type, and for what is not finite but is always known."""
+    allowed = (1,) if name in (*_COLUMNS, "saturated") else (2,) if name in _REAL else (1, 2)
+    if array.ndim not in allowed or len(array) != len(t) or array.dtype.kind == "U":
+        wanted = f"{len(t)} rows of numbers" if allowed == (2,) else f"numbers for {len(t)} times"
+        raise InvalidInput(f"series {name!r} is {array.dtype} of shape {array.shape}; allowed: {wanted}")
+    if name in _REAL and array.dtype != np.float64:
+        raise InvalidInput(f"series {name!r} is {array.dtype}; allowed: float64")
+    if name in _REAL:
+        _check_sizes(name, array, t)
+
+
+def _check_sizes(name: str, array: np.ndarray, t: np.ndarray) -> None:
+    there = np.isfinite(array)
+    allowed = np.isnan(array) if name in _UNKNOWN else ~there if name in _ENDLESS else np.zeros_like(there)
+    if not (there | allowed).all():
+        raise InvalidInput(
+            f"series {name!r} has NaN or infinity at t = {_first_wrong(t, there | allowed):g} s; record it anew"
+        )
+    small = ~there | (np.abs(array) <= LARGEST)
+    if not small.all():
+        raise InvalidInput(
+            f"series {name!r} is larger than {LARGEST:g} at t = {_first_wrong(t, small):g} s; record it anew"
+        )
+
+
+def _first_wrong(t: np.ndarray, right: np.ndarray) -> float:
+    return float(t[np.argmin(right.reshape(len(t), -1).all(axis=1))])
+
+
+def _widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[float, float]]:
+    """The fewest and the most columns of each series that has some."""
+    rows = sum(level.rows for level in meta.levels)
+    exact = {"gates": len(meta.tasks), "activity": rows, "residual": rows, "quantities": len(meta.quantities)}
+    exact["current"] = 3
+    if isinstance(meta, PlanMeta):
+        exact |= {name: len(meta.axes) for name in _AXES} | {"clearance": len(meta.clearance_groups)}
+    if meta.limits is not None:
+        _check_limits(meta.limits, floating=is_floating(series, meta))
+        exact["torque"] = len(meta.limits.effort)
+    return {name: (n, n) for name, n in exact.items()} | _motion_widths(series, meta)
+
+
+def _motion_widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[float, float]]:
+    """Of q and of what has a column for each velocity; q has more than v where a turn takes several numbers."""
+    joints, floating = len(meta.joints), is_floating(series, meta)
+    n_v: tuple[float, float] = (joints + (VEHICLE_V if floating else 0), np.inf)
+    if meta.limits is not None:
+        n_v = (max(n_v[0], len(meta.limits.velocity)), len(meta.limits.velocity))
+    elif "v" in series and series["v"].shape[1] >= n_v[0]:
+        n_v = (series["v"].shape[1],) * 2
+    least = n_v[0] + (_VEHICLE_Q - VEHICLE_V if floating else 0)
+    return {"q": (least, np.inf)} | dict.fromkeys(("v", "command", "disturbance", "q_spread"), n_v)
+
+
+def _check_limits(limits: LimitsMeta, *, floating: bool) -> None:
+    vehicle = VEHICLE_V if floating else 0
+    if len(limits.velocity) - len(limits.position_lower) != vehicle:
+        given = f"{len(limits.velocity)} limits of velocity and {len(limits.position_lower)} of position"
+        raise InvalidInput(f"{given}; allowed: {vehicle} more of velocity, those of the vehicle")
+
+
+def _check_counts(series: Series, meta: RunMeta | PlanMeta) -> None:
+    counted = {"phase": len(meta.phases)} | ({"status": len(meta.statuses)} if isinstance(meta, RunMeta) else {})
+    for name, n in counted.items():
+        if name in series:
+            values = series[name]
+            if values.dtype.kind not in "iu" or values.ndim != 1 or values.min() < 0 or values.max() >= n:
+                raise InvalidInput(
+                    f"series {name!r} counts what the metadata do not have; allowed: whole numbers below {n}"
+                )
+
+
+def _check_health(series: Series, meta: RunMeta | PlanMeta) -> None:
+    if "health" not in series:
+        return
+    values, n = series["health"], len(meta.channels) if isinstance(meta, RunMeta) else 0
+    columns = values.ndim == 2 and values.shape[1] == n and values.dtype.kind in "iu"
+    if not columns or (values.size and not 0 <= values.min() <= values.max() <= _WORST_HEALTH):
+        raise InvalidInput(
+            f"series 'health' is {values.dtype} of shape {values.shape}; "
+            f"allowed: whole numbers from 0 to {_WORST_HEALTH}, a column for each of {n} channels"
+        )
+
+
+def _check_quaternions(series: Series, meta: RunMeta | PlanMeta) -> None:
+    if "q" in series and is_floating(series, meta):
+        norms = np.linalg.norm(series["q"][:, 3:_VEHICLE_Q], axis=1)
+        right = np.abs(norms - 1.0) <= NEARLY_ONE
+        if not right.all():
+            when = _first_wrong(series["t"], right)
+            raise InvalidInput(f"series 'q' has a quaternion, columns 3 to 6, whose norm is not 1 at t = {when:g} s")
+
+
+def _check_start_and_events(t: np.ndarray, meta: RunMeta) -> None:
+    if t[0] != 0.0:
+        raise InvalidInput(f"a run that begins at t = {t[0]:g} s; allowed: 0 s")
+    for event in meta.events:
+        if not t[0] <= event.t <= t[-1]:
+            raise InvalidInput(f"an event at {event.t:g} s; allowed: {t[0]:g} to {t[-1]:g} s, the times of the record")
+
+
+# The time series of one run: filled row by row, then frozen, saved and loaded without pickle.
+
+_META_KEY = "__meta__"
+# From 4 MB on NumPy asks for large pages, whose first touch takes a fraction of the time.
+_BLOCK = 8 * 2**20  # [bytes]
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class Record(Tabled):
+    """Named time series that share their first axis, and what is needed to read them.
+
+    Plots and reports read nothing else. Raises `InvalidInput` for metadata of any other type.
+    """
+
+    series: Mapping[str, np.ndarray]
+    """By name, read-only, (n, ...) each; ``t`` (n,) [s] is always there."""
+    meta: RunMeta | PlanMeta
+
+    def __len__(self) -> int:
+        return len(self.series["t"])
+
+    def _table(self) -> SmallTable:
+        t, meta = self.series["t"], self.meta
+        span = f"{t[0]:g} to {t[-1]:g} s" if len(t) else "no time"
+        return SmallTable(
+            title=f"Record of a {meta.kind}, {meta.scenario}, {meta.robot}: {len(t)} rows, {span}",
+            head=("series", "shape", "unit", "meaning"),
+            rows=tuple(
+                (name, str(array.shape), unit_of(name), meaning_of(name)) for name, array in self.series.items()
+            ),
+        )
+
+    @checked_on_failure
+    def __getitem__(self, name: str) -> np.ndarray:
+        """The series `name` (n, ...), or that of a measured quantity such as ``T.position_error``.
+
+        Raises `NameNotFound` with the names there are.
+        """
+        if name in self.series:
+            return self.series[name]
+        if name in self.meta.quantities and "quantities" in self.series:
+            return self.series["quantities"][:, self.meta.quantities.index(name)]
+        raise NameNotFound("series", name, [*sorted(self.series), *self.meta.quantities])
+
+    @property
+    def run_meta(self) -> RunMeta:
+        """`meta` of a run. Raises `InvalidInput` for a plan."""
+        if self.meta.kind != "run":
+            raise InvalidInput(f"this record is of a plan ({self.meta.scenario}); give that of a run")
+        return self.meta
+
+    @property
+    def plan_meta(self) -> PlanMeta:
+        """`meta` of a plan. Raises `InvalidInput` for a run."""
+        if self.meta.kind != "plan":
+            raise InvalidInput(f"this record is of a run ({self.meta.scenario}); give that of a plan")
+        return self.meta
+
+    def save(self, path: Path | str) -> None:
+        """Write one ``.npz`` file; arrays stay arrays, `meta` becomes a JSON string."""
+        text = np.array(write_meta(self.meta))
+        with Path(path).open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **{_META_KEY: text}, **self.series)
+
+    def to_dataframe(self) -> Any:
+        """A pandas.DataFrame, one row per tick; `uvms_ocp.record.tables.SERIES` says what the columns are.
+
+        Raises `NotInstalled` without pandas, as do the files below.
+        """
+        return record_files.to_dataframe(self.series, self.meta)
+
+    def to_csv(self, path: Path | str) -> None:
+        """Write the table of `to_dataframe`, every number in full. Raises `OutputError`, `NotInstalled`."""
+        record_files.to_csv(self.series, self.meta, Path(path))
+
+    def to_parquet(self, path: Path | str) -> None:
+        """Write a file that `from_parquet` reads as the same record. Raises `OutputError`, `NotInstalled`."""
+        record_files.to_parquet(self.series, self.meta, Path(path))
+
+    @staticmethod
+    def from_parquet(path: Path | str) -> Record:
+        """Read a file of `to_parquet`. Raises `InvalidInput` for another or a damaged one, and `NotInstalled`."""
+        return _fitting(*record_files.from_parquet(Path(path)))
+
+    def to_mcap(self, path: Path | str) -> None:
+        """Write a file that Foxglove opens, and `from_mcap` as the same record. Raises `OutputError`, `NotInstalled`.
+
+        ``/tf`` has the poses of vehicle, its estimate and tool, ``/goals`` those of goals, ``/joint_states`` what a URDF layer
+        moves by, ``/wrench`` and others the forces, ``/log`` phases, alarms and faults, ``/series/...`` every series.
+        """
+        mcap_file.to_mcap(self.series, self.meta, Path(path))
+
+    @staticmethod
+    def from_mcap(path: Path | str) -> Record:
+        """Read a file of `to_mcap`. Raises `InvalidInput` for another or a damaged one, and `NotInstalled`."""
+        return _fitting(*mcap_file.from_mcap(Path(path)))
+
+    @staticmethod
+    def load(path: Path | str) -> Record:
+        """Read a file written by `save`, of this version or of 0.1; it alone: `uvms_ocp.record.output.recover_folder` looks after its folder.
+
+        Raises `InvalidInput`, in one line, for what is no such file, is damaged or too large, and for series that do not fit
+        each other, their times or the metadata.
+        """
+        try:
+            arrays = dict(read_arrays(path))
+            text = _text_of(arrays)
+            record = Record(series=arrays, meta=read_meta(text))
+            check_series(record.series, record.meta)
+        except InvalidInput as error:
+            raise InvalidInput(f"{printable(path)}: not a record written by uvms_ocp: {error}") from error
+        return record
+
+
+def _fitting(series: Mapping[str, np.ndarray], meta: RunMeta | PlanMeta) -> Record:
+    """The record of an exported file. Raises `InvalidInput` for series that do not fit each other or the metadata."""
+    check_series(series, meta)
+    return Record(series=series, meta=meta)
+
+
+def _text_of(arrays: dict[str, np.ndarray]) -> str:
+    """The metadata, taken out of the arrays."""
+    if _META_KEY not in arrays:
+        if {"breaks", "coefficients"} <= arrays.keys() or "summary" in arrays:
+            raise InvalidInput("a plan's trajectory; give the record.npz beside it")
+        raise InvalidInput(f"no series {_META_KEY!r}; give the record.npz that `run` or `plan` wrote")
+    text = arrays.pop(_META_KEY)
+    if text.dtype.kind != "U" or text.shape != ():
+        raise InvalidInput(f"metadata of shape {text.shape} and type {text.dtype}; allowed: one text")
+    return str(text)
+
+
+@checked
+def quantity(record: Record, name: str) -> np.ndarray | None:
+    """The series (n,) of a measured quantity such as ``T.position_error``; `None` where no task measures it."""
+    names = record.meta.quantities
+    return record["quantities"][:, names.index(name)] if name in names else None
+
+
+class Recorder:
+    """Collects rows of equal structure in blocks of memory, which stay where they are."""
+
+    def __init__(self, capacity: int = 0) -> None:
+        """capacity [-]: rows of a block; 0 for as many as the memory asked for at a time holds."""
+        self._capacity = capacity
+        self._n = 0
+        self._names: tuple[str, ...] = ()
+        self._row = np.dtype([])
+        self._pick: Callable[[Mapping[str, Any]], tuple[Any, ...]] = lambda row: ()
+        self._blocks: list[list[np.ndarray]] = []
+        """Of each, one view (capacity, ...) for every series: a row lies in one place, on one page or two."""
+
+    def append(self, row: Mapping[str, Any]) -> None:
+        """Add one row. Raises `InvalidInput` for one with other series than the first; shapes must fit those of the first."""
+        if not self._names:
+            self._begin(row)
+        if len(row) != len(self._names):
+            raise self._other(row)
+        try:
+            values = self._pick(row)
+        except KeyError:
+            raise self._other(row) from None
+        place = self._n % self._capacity
+        if place == 0:
+            block = np.empty(self._capacity, self._row)
+            self._blocks.append([block[name] for name in self._row.names or ()])
+        for memory, value in zip(self._blocks[-1], values, strict=True):
+            memory[place] = value
+        self._n += 1
+
+    def __contains__(self, name: str) -> bool:
+        """Whether there is a series of that name."""
+        return name in self._names
+
+    def last(self, name: str) -> Any:
+        """The newest value of the series `name`."""
+        return self.at(name, -1)
+
+    def at(self, name: str, row: int) -> Any:
+        """The value of the series `name` in a row."""
+        block, place = divmod(range(self._n)[row], self._capacity)
+        return self._blocks[block][self._names.index(name)][place]
+
+    def freeze(self, meta: RunMeta | PlanMeta) -> Record:
+        """The rows so far as a `Record`."""
+        return Record(series=self.series(), meta=meta)
+
+    def series(self) -> dict[str, np.ndarray]:
+        """The rows so far by name, (n, ...) each: copies."""
+        return {
+            name: np.concatenate([block[k] for block in self._blocks])[: self._n] for k, name in enumerate(self._names)
+        }
+
+    def _begin(self, row: Mapping[str, Any]) -> None:
+        names = tuple(row)
+        samples = enumerate(map(np.asarray, row.values()))
+        self._row = np.dtype([(f"series{k}", sample.dtype, sample.shape) for k, sample in samples], align=True)
+        self._capacity = self._capacity or max(1, _BLOCK // max(1, self._row.itemsize))
+        # A getter of one name would give its value in place of a tuple.
+        self._pick = itemgetter(*names) if len(names) > 1 else lambda row: (row[names[0]],)
+        self._names = names
+
+    def _other(self, row: Mapping[str, Any]) -> InvalidInput:
+        return InvalidInput(f"row of {', '.join(row)}; give {', '.join(self._names)}, as in the first one")

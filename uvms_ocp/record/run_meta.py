@@ -1,0 +1,283 @@
+"""Metadata of a record beside its series, `RunMeta` of a run or `PlanMeta` of a plan, and their JSON form.
+
+Values that cannot be changed. What a robot, a mission or a method does not have is `None` or empty.
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import Field, ValidationError, model_validator
+
+from uvms_ocp.argument_kinds import short
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.model_errors import one_line
+from uvms_ocp.record.display import SmallTable, Tabled, in_a_row
+from uvms_ocp.record.meta_values import (
+    ABORT,
+    DONE,
+    LARGEST,
+    AlarmMeta,
+    AxisLimitsMeta,
+    ClearanceMeta,
+    EventMeta,
+    FaultMeta,
+    LevelMeta,
+    LimitsMeta,
+    MetaValue,
+    Number,
+    PackageMeta,
+    PhaseMeta,
+    QuantityMeta,
+    SurroundingsMeta,
+    TaskMeta,
+    ThresholdMeta,
+    require_once,
+)
+from uvms_ocp.version import __version__
+
+SHORTEST_TICK = 1e-9
+"""[s] between two rows: what times are told apart by."""
+VERSION: Final = "0.2"
+"""Of the format; 0.1 had neither a version nor a kind, and is still read."""
+
+VEHICLE_V = 6
+"""Velocities of a vehicle."""
+_DEPENDENCIES = ("pin", "casadi", "coal", "numpy")
+
+
+class RecordMeta(Tabled, MetaValue):
+    """What figures, scenes and reports ask of any record."""
+
+    version: Literal["0.2"] = VERSION
+    scenario: str
+    """What was run or planned, in a few words."""
+    robot: str
+    joints: tuple[str, ...]
+    """Names in the order of q."""
+    thrusters: tuple[str, ...] = ()
+    """Names in the order of the series ``thrust``; empty in older records."""
+    phases: Annotated[tuple[PhaseMeta, ...], Field(min_length=1)]
+    """The series ``phase`` counts them; a plan has one."""
+    tasks: tuple[TaskMeta, ...] = ()
+    """Highest priority first, one per column of the series ``gates``."""
+    tool_task: str | None = None
+    """The task that brings the tool to its goal."""
+    levels: tuple[LevelMeta, ...] = ()
+    """Whose rows the columns of the series ``activity`` and ``residual`` are."""
+    quantities: tuple[str, ...] = ()
+    """``task.quantity``, one per column of the series ``quantities``."""
+    thresholds: tuple[ThresholdMeta, ...] = ()
+    limits: LimitsMeta | None = None
+    surroundings: SurroundingsMeta = SurroundingsMeta()
+    packages: tuple[PackageMeta, ...] = ()
+    """Versions of what computed the record."""
+
+    @model_validator(mode="after")
+    def _has_names_of_one_meaning(self) -> RecordMeta:
+        require_once("phases", [DONE, ABORT, *(phase.name for phase in self.phases)])
+        require_once("tasks", (task.name for task in self.tasks))
+        require_once("quantities", self.quantities)
+        return self
+
+    def _table(self) -> SmallTable:
+        told = {name: getattr(self, name) for name in type(self).model_fields}
+        rows = ((name, in_a_row(_by_name(value))) for name, value in told.items() if value not in ("", (), None))
+        return SmallTable(title=f"{type(self).__name__} of {self.scenario}", rows=tuple(rows))
+
+
+def _by_name(value: Any) -> Any:
+    """Values of many fields by their names; those without one are counted."""
+    if not (isinstance(value, tuple) and any(isinstance(item, MetaValue) for item in value)):
+        return value
+    return tuple(getattr(item, "name", {}) for item in value)
+
+
+class RunMeta(RecordMeta):
+    """Of a run: a mission, simulated tick by tick."""
+
+    kind: Literal["run"] = "run"
+    plant: str
+    solver: str
+    controller: str = ""
+    """Name of what ran, a user's own or the toolkit's; empty in older records."""
+    estimator: str = ""
+    """The same of the estimator."""
+    sensors: str = ""
+    """The same of the sensors."""
+    floating: bool
+    """Whether q begins with the pose of a vehicle."""
+    dt: Annotated[float, Field(ge=SHORTEST_TICK, le=LARGEST)]
+    """[s] control period."""
+    completed: bool
+    """Whether every phase came to its end."""
+    pending: str = ""
+    """What an incomplete mission still waited for."""
+    abort_phase: str = ""
+    """Name of the phase in which the mission is given up, if it has one."""
+    events: tuple[EventMeta, ...] = ()
+    alarms: tuple[AlarmMeta, ...] = ()
+    faults: tuple[FaultMeta, ...] = ()
+    """What went wrong on purpose; what the mission was not told."""
+    channels: tuple[str, ...] = ()
+    """Names of the sensors, one per column of the series ``health``; empty in older records."""
+    true_quantities: tuple[QuantityMeta, ...] = ()
+    """At the true state at the end."""
+    sensors_allow: tuple[QuantityMeta, ...] = ()
+    """Standard deviations of the estimate at the end, as far as the noise of the sensors tells; none with ideal sensors."""
+    spreads: tuple[QuantityMeta, ...] = ()
+    """Standard deviations of the estimate at the end, as the estimator gave them; none in older records."""
+    statuses: tuple[str, ...] = ()
+    """Words for the numbers of the series ``status``."""
+    seed: int = 0
+    noise: bool = False
+    wall_s: Number = 0.0
+    """[s] that the simulation took."""
+
+    @model_validator(mode="after")
+    def _has_channels_of_one_meaning(self) -> RunMeta:
+        require_once("channels", self.channels)
+        return self
+
+    @model_validator(mode="after")
+    def _goes_from_phase_to_phase(self) -> RunMeta:
+        known, here, t = {phase.name for phase in self.phases}, self.phases[0].name, -LARGEST
+        for event in self.events:
+            if event.source != here or here in (DONE, ABORT) or event.target not in {*known, DONE, ABORT}:
+                raise ValueError(f"an event at {event.t:g} s leads {_way(event)}; the mission was in {here[:60]!r}")
+            if event.t <= t:
+                raise ValueError(f"an event at {event.t:g} s after one at {t:g} s; events stand in order of time")
+            here, t = event.target, event.t
+        return self
+
+    @property
+    def allowance(self) -> dict[str, float]:
+        """`sensors_allow` by name [m] or [rad]."""
+        return {item.name: item.value for item in self.sensors_allow}
+
+    def spread(self, name: str) -> float | None:
+        """The standard deviation [m] or [rad] of ``task.quantity`` at the end, by the estimator; `None` if it gave none."""
+        return next((item.value for item in self.spreads if item.name == name), None)
+
+    def true_quantity(self, name: str) -> float | None:
+        """The value of ``task.quantity`` at the true state at the end, in its unit [m] or [rad]; `None` if not measured."""
+        return next((item.value for item in self.true_quantities if item.name == name), None)
+
+
+def _way(event: EventMeta) -> str:
+    return f"from {event.source[:60]!r} to {event.target[:60]!r}"
+
+
+class PlanMeta(RecordMeta):
+    """Of a plan: a motion that no one has made yet."""
+
+    kind: Literal["plan"] = "plan"
+    axes: tuple[str, ...]
+    """Planned axes, one per column of the series ``x``."""
+    axis_limits: AxisLimitsMeta
+    breaks: tuple[Number, ...]
+    """[s] where the pieces of the trajectory meet, both ends included."""
+    clearance_wanted: Number
+    """[m]"""
+    clearance_groups: tuple[str, ...] = ()
+    """What the columns of the series ``clearance`` are the distance from."""
+    min_clearance: ClearanceMeta | None = None
+    """The smallest distance met; `None` where nothing can meet."""
+
+    @model_validator(mode="after")
+    def _limits_each_axis(self) -> PlanMeta:
+        n = len(self.axes)
+        given = (self.axis_limits.x_rate, self.axis_limits.x_acceleration)
+        if any(limits is not None and len(limits) != n for limits in given):
+            raise ValueError(f"axis_limits have one number for each of {n} axes")
+        require_once("axes", self.axes)
+        return self
+
+
+def is_floating(series: Mapping[str, Any], meta: RunMeta | PlanMeta) -> bool:
+    """Whether q begins with the pose of a vehicle; a plan tells it by its velocities alone. series: (n, ...) each, by name."""
+    if isinstance(meta, RunMeta):
+        return meta.floating
+    return "v" in series and series["v"].shape[1] - len(meta.joints) == VEHICLE_V
+
+
+_KINDS: dict[str, type[RunMeta] | type[PlanMeta]] = {"run": RunMeta, "plan": PlanMeta}
+
+
+def packages() -> tuple[PackageMeta, ...]:
+    """This package, Python and what the numbers depend on."""
+    own = {"uvms_ocp": __version__, "python": platform.python_version()}
+    found = own | {name: version(name) for name in _DEPENDENCIES}
+    return tuple(PackageMeta(name=name, version=text) for name, text in found.items())
+
+
+def versions(found: tuple[PackageMeta, ...]) -> dict[str, str]:
+    """Versions by package, for reports."""
+    return {package.name: package.version for package in found}
+
+
+def write_meta(meta: RunMeta | PlanMeta) -> str:
+    """The JSON text that `read_meta` reads."""
+    return meta.model_dump_json()
+
+
+def read_meta(text: str) -> RunMeta | PlanMeta:
+    """The metadata in a JSON text of this format or of 0.1.
+
+    Raises `InvalidInput`, in one line, for what is neither, and names the keys that are wrong.
+    """
+    try:
+        values = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InvalidInput(f"metadata that is no JSON: {str(error)[:200]}") from error
+    if not isinstance(values, dict):
+        raise InvalidInput(f"metadata that is a {type(values).__name__}; allowed: an object with a kind and a version")
+    if "version" not in values:
+        values = _from_0_1(values)
+    model = _model(values)
+    try:
+        return model.model_validate_json(json.dumps(values), strict=True)
+    except ValidationError as error:
+        raise InvalidInput(one_line(error, model)) from error
+
+
+def _model(values: dict[str, Any]) -> type[RunMeta] | type[PlanMeta]:
+    if values["version"] != VERSION:
+        raise InvalidInput(
+            f"format {short(values['version'])}; this version reads {VERSION} and 0.1: install a newer one"
+        )
+    kind = str(values.get("kind"))
+    if kind not in _KINDS:
+        raise InvalidInput(f"a record of neither a run nor a plan, but {short(kind)}; give what `run` or `plan` wrote")
+    return _KINDS[kind]
+
+
+def _from_0_1(values: dict[str, Any]) -> dict[str, Any]:
+    """The same in this format; what is damaged stays as it is and is refused later."""
+    kind = "run" if "completed" in values else "plan" if "min_clearance" in values else "none"
+    named = {"markers": "position", "frames": "pose", "true_quantities": "value", "versions": "version"}
+    lists = {key: _named(values[key], field) for key, field in named.items() if key in values}
+    new = {**values, **lists, "kind": kind, "version": VERSION}
+    new["surroundings"] = {key: new.pop(key) for key in SurroundingsMeta.model_fields if key in new}
+    if "versions" in new:
+        new["packages"] = new.pop("versions")
+    if kind == "plan":
+        new["min_clearance"] = _nearest(values["min_clearance"])
+    return new
+
+
+def _named(values: Any, field: str) -> Any:
+    """Entries with a name, from a mapping."""
+    return [{"name": name, field: value} for name, value in values.items()] if isinstance(values, dict) else values
+
+
+def _nearest(values: Any) -> Any:
+    """Time, distance, infinite where nothing can meet, and pair by name."""
+    if not (isinstance(values, list) and len(values) == 3):
+        return values
+    nearest = dict(zip(("t", "distance", "between"), values, strict=True))
+    return None if nearest["distance"] == float("inf") else nearest

@@ -1,0 +1,339 @@
+"""Series as tables: meaning, unit, frame and columns of each, and pandas, CSV and Parquet files of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.errors import InvalidInput, NameNotFound, NotInstalled, OutputError
+from uvms_ocp.record.run_meta import read_meta, write_meta
+from uvms_ocp.record.untrusted import DENSEST, SMALL, require_regular
+
+# The one table of series: what each is, its units and frame, and which columns it has; units in figures are from here.
+
+_XYZ = ("x", "y", "z")
+_VEHICLE_Q = (*_XYZ, "qx", "qy", "qz", "qw")
+_VEHICLE_V = ("surge", "sway", "heave", "roll_rate", "pitch_rate", "yaw_rate")
+_FIRST, _SECOND = ("position", "linear", "force"), ("attitude", "angular", "moment")
+"""Names of the parts that a vehicle has."""
+
+_POSE = {"position": "m", "attitude": "-"}
+_PLACE = {**_POSE, "joints": "rad or m"}
+_SPREAD = {**_PLACE, "attitude": "rad"}
+_TWIST = {"linear": "m/s", "angular": "rad/s", "joints": "rad/s or m/s"}
+_WRENCH = {"force": "N", "moment": "N m"}
+_FORCE = {**_WRENCH, "joints": "N m or N"}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SeriesKind:
+    """Of one series of a record."""
+
+    meaning: str
+    shape: str
+    """After the first axis, which is time."""
+    units: Mapping[str, str]
+    """By part, such as position, attitude and joints; of the part ``""`` where all columns have one."""
+    frame: str = "-"
+    """In which it is expressed."""
+
+    @property
+    def unit(self) -> str:
+        """Of all its parts, one after the other."""
+        return ", ".join(self.units.values())
+
+
+def _of(meaning: str, shape: str, unit: str | Mapping[str, str], frame: str = "-") -> SeriesKind:
+    units = {"": unit} if isinstance(unit, str) else dict(unit)
+    return SeriesKind(meaning=meaning, shape=shape, units=MappingProxyType(units), frame=frame)
+
+
+def _axes(power: str) -> dict[str, str]:
+    """Of coordinates of a plan, differentiated by time."""
+    over = f"/s{power}" if power != "0" else ""
+    return {"position": f"m{over}", "attitude": f"rad{over}", "joints": f"rad{over} or m{over}"}
+
+
+SERIES: Mapping[str, SeriesKind] = {
+    "t": _of("time of the tick", "()", "s"),
+    "q": _of("true configuration: position, quaternion xyzw, joints", "(n_q,)", _PLACE, "W"),
+    "v": _of("true velocity: linear, angular, joints", "(n_v,)", _TWIST, "B"),
+    "q_measured": _of("configuration as estimated", "(n_q,)", _PLACE, "W"),
+    "v_measured": _of("velocity as estimated", "(n_v,)", _TWIST, "B"),
+    "q_spread": _of("standard deviations of the estimate of q", "(n_v,)", _SPREAD, "W, B"),
+    "altimeter_range": _of("range of the altimeter as estimated", "()", "m"),
+    "altimeter_spread": _of("standard deviation of that range", "()", "m"),
+    "command": _of("velocity that is asked for", "(n_v,)", _TWIST, "B"),
+    "health": _of("trust in every channel: 0 good, 1 suspect, 2 lost", "(n_channels,)", "-"),
+    "controller_time": _of("time that the whole controller took", "()", "s"),
+    "phase": _of("number of the phase", "()", "-"),
+    "gates": _of("external activation of every task", "(n_tasks,)", "-"),
+    "guided": _of("whether the velocity is that of a plan which is followed", "()", "-"),
+    "activity": _of("activation of every row of all levels", "(n_rows,)", "-"),
+    "residual": _of("what every row of all levels misses", "(n_rows,)", "of the task's rate"),
+    "quantities": _of("what the tasks measure, by name", "(n_quantities,)", "of the task"),
+    "status": _of("outcome of the solver, as `meta.statuses`", "()", "-"),
+    "viable_share": _of("share of the step that viability allows", "()", "-"),
+    "solve_time": _of("time that the solver took", "()", "s"),
+    "tick_time": _of("time that the layer of velocities took", "()", "s"),
+    "freshness": _of("which measurements are fresh enough", "()", "-"),
+    "disturbance": _of("generalized force that is not explained", "(n_v,)", _FORCE, "B"),
+    "wrench": _of("generalized force asked of the thrusters, or planned", "(6,)", _WRENCH, "B"),
+    "unreachable": _of("part of it that they cannot give", "(6,)", _WRENCH, "B"),
+    "saturated": _of("whether any thruster is at its limit", "()", "-"),
+    "thruster_share": _of("share of its thrust that each is believed to give", "(n_thrusters,)", "-"),
+    "thruster_constant": _of("thrust that each is believed to add", "(n_thrusters,)", "N"),
+    "thruster_health": _of("verdict on every thruster", "(n_thrusters,)", "-"),
+    "joint_health": _of("verdict on every joint", "(n_joints,)", "-"),
+    "load_weight": _of("net weight in water of what the tool carries, as learnt", "()", "N"),
+    "load_weight_error": _of("standard error of that weight", "()", "N"),
+    "load_mass": _of("mass of what the tool carries, as learnt; NaN while undetermined", "()", "kg"),
+    "load_mass_error": _of("standard error of that mass", "()", "kg"),
+    "thrust": _of("thrust that every thruster gives, or is planned to", "(n_thrusters,)", "N"),
+    "asked_thrust": _of("thrust that is asked of every thruster from now on", "(n_thrusters,)", "N"),
+    "torque": _of("effort of every joint", "(n_joints,)", "N m or N"),
+    "contact": _of("force of the floor on every corner of the skid", "(n_points,)", "N", "W"),
+    "current": _of("velocity of the water at the vehicle", "(3,)", "m/s", "W"),
+    "thruster_energy": _of("electrical energy of every thruster so far", "(n_thrusters,)", "J"),
+    "joint_energy": _of("electrical energy of all joints so far", "()", "J"),
+    "x": _of("coordinates of a plan", "(n_axes,)", _axes("0"), "W"),
+    "x_rate": _of("their first derivative", "(n_axes,)", _axes(""), "W"),
+    "x_acceleration": _of("their second derivative", "(n_axes,)", _axes("²"), "W"),
+    "x_jerk": _of("their third derivative", "(n_axes,)", _axes("³"), "W"),
+    "x_snap": _of("their fourth derivative", "(n_axes,)", _axes("⁴"), "W"),
+    "clearance": _of("distance from each group of shapes", "(n_groups,)", "m"),
+    "tool": _of("pose of the tool", "(7,)", _POSE, "W"),
+}
+"""By name. Controllers of one's own may record others."""
+
+
+QUANTITIES: Mapping[str, str] = MappingProxyType(
+    {
+        "position_error": "m",
+        "orientation_error": "rad",
+        "horizontal_error": "m",
+        "tilt": "rad",
+        "misalignment": "rad",
+        "overhead": "-",
+        "altitude": "m",
+        "clearance": "m",
+        "margin": "rad or m",
+        "posture_error": "rad or m",
+        "manipulability": "-",
+    }
+)
+"""Units of what our tasks measure, by the name after the task's. Tasks of one's own may measure more."""
+
+
+def unit_of(name: str, part: str = "") -> str:
+    """Of a series, of one of its parts, or of a quantity such as ``T.position_error``; "-" where nobody says."""
+    if name in SERIES:
+        units = SERIES[name].units
+        return units[part] if part in units else SERIES[name].unit
+    return QUANTITIES.get(name.rpartition(".")[2], "-")
+
+
+def meaning_of(name: str) -> str:
+    """What a series is; empty where nobody says."""
+    return SERIES[name].meaning if name in SERIES else ""
+
+
+def column_names(name: str, width: int, meta: Any) -> list[str]:
+    """Names of the columns of a series of that name with so many columns (width [-]); meta: of its record."""
+    if name == "quantities":
+        return list(meta.quantities)
+    return [f"{name}.{column}" for column in _columns(name, width, meta)]
+
+
+def column_units(name: str, width: int, meta: Any) -> list[str]:
+    """Units of the same columns."""
+    if name == "quantities":
+        return [unit_of(quantity) for quantity in meta.quantities]
+    units = SERIES[name].units if name in SERIES else {"": "-"}
+    return [units[_part(column, units)] for column in _columns(name, width, meta)]
+
+
+def _columns(name: str, width: int, meta: Any) -> list[str]:
+    found = [*_MAKERS[name](meta)] if name in _MAKERS else []
+    if len(found) != width:  # such as a fixed base, whose configuration is its joints
+        found = [*meta.joints] if len(meta.joints) == width else [str(k + 1) for k in range(width)]
+    return found
+
+
+def _part(column: str, units: Mapping[str, str]) -> str:
+    """The part of a series that a column of that name is of."""
+    if "" in units:
+        return ""
+    family = _FIRST if column in _LINEAR else _SECOND if column in _TURNING else ("joints",)
+    return next((part for part in units if part in family), [*units][-1])
+
+
+def _velocities(meta: Any) -> Sequence[str]:
+    return (*_VEHICLE_V, *meta.joints)
+
+
+_LINEAR = {"x", "y", "z", "surge", "sway", "heave"}
+_TURNING = {"qx", "qy", "qz", "qw", "roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate"}
+_MAKERS: Mapping[str, Callable[[Any], Sequence[str]]] = {
+    **dict.fromkeys(("q", "q_measured"), lambda meta: (*_VEHICLE_Q, *meta.joints)),
+    **dict.fromkeys(("v", "v_measured", "command", "q_spread", "disturbance"), _velocities),
+    **dict.fromkeys(("wrench", "unreachable"), lambda meta: _VEHICLE_V),
+    **dict.fromkeys(("torque", "joint_health"), lambda meta: meta.joints),
+    **dict.fromkeys(("x", "x_rate", "x_acceleration", "x_jerk", "x_snap"), lambda meta: getattr(meta, "axes", ())),
+    "tool": lambda meta: _VEHICLE_Q,
+    "clearance": lambda meta: getattr(meta, "clearance_groups", ()),
+    "current": lambda meta: _XYZ,
+    "gates": lambda meta: [task.name for task in meta.tasks],
+    "health": lambda meta: getattr(meta, "channels", ()),
+}
+
+
+def series_markdown() -> str:
+    """The table, for documentation."""
+    rows = (f"| `{name}` | {one.meaning} | {one.shape} | {one.unit} | {one.frame} |" for name, one in SERIES.items())
+    return "\n".join(("| series | meaning | shape | unit | frame |", "|---|---|---|---|---|", *rows))
+
+
+__doc__ = f"{__doc__}\n\n{series_markdown()}\n"
+
+
+# What a Parquet file says of itself, looked at before any of it is unpacked: a few bytes may stand for gigabytes of rows.
+
+_NUMBERS = ("is_integer", "is_floating", "is_boolean", "is_timestamp")
+
+
+def require_numbers(file: Any, path: Path, columns: Sequence[str]) -> None:
+    """Raise `InvalidInput` where these columns of a `pyarrow.parquet.ParquetFile` are none of numbers, or far larger than it.
+
+    Raises `NameNotFound` for a column that there is not.
+    """
+    from pyarrow import types
+
+    schema = file.schema_arrow
+    for name in columns:
+        if name not in schema.names:
+            raise NameNotFound(f"column of {path.name}", name, schema.names)
+        kind = schema.field(name).type
+        if not any(getattr(types, test)(kind) for test in _NUMBERS):
+            raise InvalidInput(f"{path}: column {name} holds {str(kind)[:60]}; numbers are read")
+    size = 8 * file.metadata.num_rows * len(columns)
+    if size > max(SMALL, DENSEST * path.stat().st_size):
+        raise InvalidInput(
+            f"{path}: {size / 1e9:.3g} GB of numbers in {path.stat().st_size / 1e6:.3g} MB; "
+            f"at most {DENSEST} times a file are read"
+        )
+
+
+# A record as a table that other programs read: pandas, Parquet, CSV; Parquet has all of it, and comes back.
+
+VERSION = "1"
+"""Of the files."""
+_KEY = b"uvms_ocp"
+_EXTRA = '"uvms-ocp[campaign]"'
+Series = Mapping[str, np.ndarray]
+
+
+def columns(series: Series, meta: Any) -> dict[str, np.ndarray]:
+    """All columns (n,) [unit of their series] by name, in the order of the series."""
+    found: dict[str, np.ndarray] = {}
+    for name, array in series.items():
+        if array.ndim == 1:
+            found[name] = array
+        else:
+            flat = array.reshape(len(array), -1)
+            found |= dict(zip(column_names(name, flat.shape[1], meta), flat.T, strict=True))
+    return found
+
+
+def to_dataframe(series: Series, meta: Any) -> Any:
+    """A pandas.DataFrame with one row per tick. Raises `NotInstalled` without pandas."""
+    try:
+        import pandas
+    except ImportError:
+        raise NotInstalled("a table", _EXTRA) from None
+    return pandas.DataFrame(columns(series, meta))
+
+
+def to_csv(series: Series, meta: Any, path: Path) -> None:
+    """One line of names, then one per tick, every number in full. Raises `NotInstalled`, and `OutputError` where it cannot."""
+    write_atomically(path, lambda file: to_dataframe(series, meta).to_csv(file, index=False))
+
+
+def to_parquet(series: Series, meta: Any, path: Path) -> None:
+    """Columns with unit, frame and meaning, and the metadata of the run: `from_parquet` gives the same record again.
+
+    Raises `NotInstalled` without pyarrow, and `OutputError` where it cannot be written.
+    """
+    pa = _arrow()
+    fields, arrays = [], []
+    for name, array in series.items():
+        flat = array[:, None] if array.ndim == 1 else array.reshape(len(array), -1)
+        names = [name] if array.ndim == 1 else column_names(name, flat.shape[1], meta)
+        units = column_units(name, flat.shape[1], meta)
+        for column, unit, values in zip(names, units, flat.T, strict=True):
+            arrays.append(pa.array(np.ascontiguousarray(values)))
+            fields.append(pa.field(column, arrays[-1].type, metadata={**series_description(name, array), "unit": unit}))
+    own = {_KEY: VERSION.encode(), b"meta": write_meta(meta).encode()}
+    table = pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=own))
+    write_atomically(path, lambda file: pa.parquet.write_table(table, file))
+
+
+def from_parquet(path: Path) -> tuple[dict[str, np.ndarray], Any]:
+    """Series by name and metadata of a file of `to_parquet`. Raises `InvalidInput` for another file, `NotInstalled`."""
+    pa = _arrow()
+    try:
+        require_regular(path)
+        with pa.parquet.ParquetFile(path) as file:
+            own = file.schema_arrow.metadata or {}
+            if own.get(_KEY) != VERSION.encode():
+                raise InvalidInput(f"{path}: no record of version {VERSION}; give a file that Record.to_parquet wrote")
+            require_numbers(file, path, file.schema_arrow.names)
+            return _series(file.read()), read_meta(own[b"meta"].decode())
+    except (OSError, KeyError, ValueError, pa.ArrowException) as error:
+        if isinstance(error, InvalidInput):
+            raise
+        raise InvalidInput(f"{path}: cannot be read ({' '.join(str(error).split())[:200]})") from None
+
+
+def _series(table: Any) -> dict[str, np.ndarray]:
+    parts: dict[str, list[np.ndarray]] = {}
+    flat: set[str] = set()
+    for field, column in zip(table.schema, table.columns, strict=True):
+        told = field.metadata or {}
+        name = told[b"series"].decode()
+        parts.setdefault(name, []).append(column.to_numpy())
+        if told[b"axes"] == b"1":
+            flat.add(name)
+    return {name: found[0] if name in flat else np.stack(found, axis=1) for name, found in parts.items()}
+
+
+def series_description(name: str, array: np.ndarray) -> dict[str, str]:
+    """What a file says of a series of that name; array (n, ...) [unit of it]."""
+    kind = SERIES.get(name)
+    told = {} if kind is None else {"meaning": kind.meaning, "frame": kind.frame}
+    return {"series": name, "axes": str(array.ndim), **told}
+
+
+def _arrow() -> Any:
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise NotInstalled("a Parquet file", _EXTRA) from None
+    return pyarrow
+
+
+def write_atomically(path: Path, write: Any) -> None:
+    """Whole or not at all. Raises `OutputError` where it cannot be written."""
+    fresh = path.with_name(path.name + ".tmp")
+    try:
+        write(fresh)
+        fresh.replace(path)
+    except OSError as error:
+        fresh.unlink(missing_ok=True)
+        raise OutputError(f"{path}: cannot write there ({error.strerror or error}); choose another place") from error

@@ -1,0 +1,303 @@
+"""Read files that anyone may have written, text, YAML, XML and arrays, within bounds of size, depth and number."""
+
+from __future__ import annotations
+
+import math
+import struct
+import warnings
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from lzma import LZMAError
+from pathlib import Path
+from tokenize import TokenError
+from types import MappingProxyType
+from typing import IO, Any, NoReturn, TypeVar
+from xml.etree import ElementTree
+from zipfile import BadZipFile, ZipFile, ZipInfo
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ValidationError
+from yaml.composer import ComposerError
+from yaml.events import AliasEvent
+from yaml.nodes import Node, ScalarNode
+
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.model_errors import one_line
+
+# The bytes of a file that is one: no device without end, and no pipe that waits for its writer.
+
+_READ: ContextVar[list[Path] | None] = ContextVar("files_read", default=None)
+
+
+@contextmanager
+def files_read() -> Iterator[list[Path]]:
+    """Inside, the list that is given grows by every file that is read here: what the results depend on."""
+    found: list[Path] = []
+    token = _READ.set(found)
+    try:
+        yield found
+    finally:
+        _READ.reset(token)
+
+
+def tell_read(path: Path) -> None:
+    """That a file is read, also one that others open."""
+    found = _READ.get()
+    if found is not None:
+        found.append(path.resolve())
+
+
+def require_regular(path: Path) -> None:
+    """Raise `InvalidInput` for a folder, a device or a pipe; what does not exist is for `open` to tell."""
+    if path.exists() and not path.is_file():
+        raise InvalidInput("no file but a folder or a device")
+
+
+def read_text(path: Path, largest: int) -> str:
+    """The text of a file of at most ``largest`` [B].
+
+    Raises `OSError`, and `InvalidInput` in one line for what is no file, larger, or no text in UTF-8.
+    """
+    require_regular(path)
+    tell_read(path)
+    with path.open("rb") as file:
+        content = file.read(largest + 1)
+    if len(content) > largest:
+        raise InvalidInput(f"larger than {largest >> 20} MB")
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InvalidInput(f"no text in UTF-8: {error.reason} at byte {error.start}") from None
+
+
+# Arrays of an ``.npz`` file whose sizes are known before anything of them is read, and of which nothing is executed.
+
+DENSEST = 400
+"""[B/B] of all arrays of a file over the file, where they are more than `SMALL`.
+
+A longer run makes a larger file, so that no length of it is refused; what a few bytes unpack to is. Motion packs 2 to 4
+times. A robot that stands still packs 144 times and not much more: every tick has its time and two readings of a clock,
+8 B after packing, beside 2 kB that hardly take any. Zeros alone pack 1,032 times, by other methods of the archive 10,000.
+"""
+SMALL = 64 << 20
+"""[B] of arrays that fit into any memory, however few bytes they come from."""
+_MOST = 256  # arrays
+_SUFFIX = ".npy"
+_KINDS = "fiubU"  # numbers and text: no objects, which would be unpickled
+_DAMAGE = (
+    *(OSError, EOFError, BadZipFile, zlib.error, LZMAError, struct.error),  # of the archive
+    *(ValueError, TypeError, SyntaxError, TokenError, OverflowError, MemoryError, Warning),  # of a header
+    *(KeyError, AttributeError, IndexError, NotImplementedError, RuntimeError),  # what zipfile says to invented bytes
+)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Declared:
+    """What the header of an array says of it."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    fortran: bool
+
+    @property
+    def size(self) -> int:
+        """[B]"""
+        return math.prod(self.shape) * self.dtype.itemsize
+
+
+def read_arrays(path: Path | str) -> Mapping[str, np.ndarray]:
+    """Every array of the file by its name, read-only.
+
+    Raises `InvalidInput` in one line for what is no such file, is damaged, declares more than it holds or, for its size,
+    more than is ever written, or holds objects.
+    """
+    source = Path(path)
+    require_regular(source)
+    try:
+        with warnings.catch_warnings(), source.open("rb") as file, ZipFile(file) as archive:
+            warnings.simplefilter("error")  # numpy's, of headers that it has to guess at
+            return MappingProxyType(_arrays(archive, source.stat().st_size))
+    except InvalidInput:
+        raise
+    except FileNotFoundError as error:
+        raise InvalidInput("No such file or directory; give the path of a file that is there") from error
+    except _DAMAGE as error:
+        raise InvalidInput(" ".join(f"damaged, or no .npz file ({_error_text(error)})".split())) from error
+
+
+def _error_text(error: BaseException) -> str:
+    return (getattr(error, "strerror", None) or str(error) or type(error).__name__)[:200]
+
+
+def _arrays(archive: ZipFile, size: int) -> dict[str, np.ndarray]:
+    members = _members(archive, size)
+    return {name: _array(archive, member, name) for name, member in members.items()}
+
+
+def _members(archive: ZipFile, size: int) -> dict[str, ZipInfo]:
+    listed = archive.infolist()
+    if len(listed) > _MOST:
+        raise InvalidInput(f"{len(listed)} arrays; at most {_MOST} are read")
+    for member in listed:
+        if not member.filename.endswith(_SUFFIX):
+            raise InvalidInput(f"{member.filename[:60]!r} in it is no array")
+    total = sum(member.file_size for member in listed)
+    if total > max(SMALL, DENSEST * size):
+        raise InvalidInput(
+            f"{total / 1e9:.3g} GB of arrays in {size / 1e6:.3g} MB; at most {DENSEST} times a file are read"
+        )
+    members = {member.filename.removesuffix(_SUFFIX): member for member in listed}
+    if len(members) < len(listed):
+        raise InvalidInput("two arrays of one name")
+    return members
+
+
+def _array(archive: ZipFile, member: ZipInfo, name: str) -> np.ndarray:
+    with archive.open(member) as file:
+        declared = _declared(file)
+        there = member.file_size - file.tell()
+        if declared.dtype.kind not in _KINDS:
+            raise InvalidInput(f"{name!r} holds {declared.dtype}; numbers and text are read")
+        if min(declared.shape, default=1) < 0 or declared.size != there:
+            raise InvalidInput(
+                f"{name!r} declares {declared.dtype} of shape {_short(declared.shape)}, but holds {there} bytes"
+            )
+        content = file.read()  # to its end, where its checksum is looked at
+    numbers = np.frombuffer(content, dtype=declared.dtype)
+    return numbers.reshape(declared.shape[::-1]).T if declared.fortran else numbers.reshape(declared.shape)
+
+
+def _declared(file: IO[bytes]) -> Declared:
+    version = np.lib.format.read_magic(file)
+    read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    if version not in read:
+        raise InvalidInput(f"arrays of format {version}; 1.0 and 2.0 are read")
+    shape, fortran, dtype = read[version](file)
+    return Declared(shape=shape, dtype=dtype, fortran=fortran)
+
+
+def _short(shape: tuple[int, ...]) -> str:
+    text = str(tuple(shape[:4]))[:60] if all(abs(n) < 1 << 63 for n in shape[:4]) else "(too large)"
+    return text if len(shape) <= 4 else f"{text[:-1]}, ...)"
+
+
+# XML as a tree of elements: bounded in size, depth and number, without entities that multiply.
+
+LARGEST_XML = 16 << 20
+"""[B] of a file; robots of 50 links have 0.2 MB."""
+MOST_ELEMENTS = 50_000
+"""Robots of 50 links have 3,000."""
+DEEPEST_XML = 32
+"""A URDF has 5 levels, what simulators add to it 8."""
+
+
+class _Bounded(ElementTree.TreeBuilder):
+    """Raises `InvalidInput` beyond the bounds, while the text is read."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._depth = 0
+        self._elements = 0
+
+    def start(self, tag: str, attrs: dict[str, str], /) -> ElementTree.Element:
+        self._depth += 1
+        self._elements += 1
+        if self._depth > DEEPEST_XML:
+            raise InvalidInput(f"deeper than {DEEPEST_XML} levels")
+        if self._elements > MOST_ELEMENTS:
+            raise InvalidInput(f"more than {MOST_ELEMENTS} elements")
+        return super().start(tag, attrs)
+
+    def end(self, tag: str, /) -> ElementTree.Element:
+        self._depth -= 1
+        return super().end(tag)
+
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> NoReturn:
+        """Entities are defined here, and a few lines of them stand for gigabytes."""
+        raise InvalidInput("a <!DOCTYPE> is not read; remove it")
+
+
+def read_xml(path: Path | str) -> ElementTree.Element:
+    """The root element of a file.
+
+    Raises `OSError`, and `InvalidInput` in one line for what is no file, no XML or beyond the bounds.
+    """
+    parser = ElementTree.XMLParser(target=_Bounded())
+    try:
+        parser.feed(read_text(Path(path), LARGEST_XML))
+        root: ElementTree.Element = parser.close()
+    except ElementTree.ParseError as error:
+        raise InvalidInput(f"the XML is broken ({error})") from None
+    return root
+
+
+# YAML as plain values: bounded in size, depth and number, so that no file takes long or much memory.
+
+_M = TypeVar("_M", bound=BaseModel)
+LARGEST_YAML = 16 << 20
+"""[B] of a file."""
+MOST_VALUES = 500_000
+"""In a file, keys included, each counted as often as anchors repeat it; a mesh of 60,000 triangles."""
+DEEPEST_YAML = 32
+_LONGEST_NUMBER = 100  # characters
+_INTEGER = "tag:yaml.org,2002:int"
+
+
+class BoundedLoader(yaml.SafeLoader):
+    """Raises `yaml.YAMLError` beyond the bounds, before values are built."""
+
+    most_values = MOST_VALUES
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._depth = 0
+        self._values = 0
+        self._sizes: dict[int, int] = {}
+        """How many values a node with an anchor stands for."""
+
+    def compose_node(self, parent: Node | None, index: Any) -> Node | None:
+        """One value with all that is in it. Raises `ComposerError` beyond the bounds."""
+        alias, event, before = self.check_event(AliasEvent), self.peek_event(), self._values
+        self._require(self._depth < DEEPEST_YAML, f"deeper than {DEEPEST_YAML} levels", event)
+        self._depth += 1
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        if alias:
+            self._require(id(node) in self._sizes, "a value that contains itself", event)
+            self._values += self._sizes[id(node)]
+        else:
+            self._values += 1
+            self._sizes[id(node)] = self._values - before
+        self._require(self._values <= self.most_values, f"more than {self.most_values} values", event)
+        if isinstance(node, ScalarNode) and node.tag == _INTEGER:
+            text = f"a number of {len(node.value)} characters; at most {_LONGEST_NUMBER} are read"
+            self._require(len(node.value) <= _LONGEST_NUMBER, text, event)
+        return node
+
+    @staticmethod
+    def _require(kept: bool, text: str, event: Any) -> None:
+        if not kept:
+            raise ComposerError(None, None, text, event.start_mark)
+
+
+def read_yaml(path: Path | str, loader: type[BoundedLoader] = BoundedLoader) -> object:
+    """The content of a file. Raises `OSError`, or `ValueError` in one line for what is no YAML or beyond the bounds."""
+    text = read_text(Path(path), LARGEST_YAML)
+    try:
+        return yaml.load(text, Loader=loader)
+    except (yaml.YAMLError, ValueError, TypeError, OverflowError, AttributeError, LookupError) as error:
+        # The constructors of PyYAML raise the latter for a date such as 2001-99-99.
+        raise ValueError(" ".join(f"not valid YAML: {error}".split())[:400]) from None
+
+
+def read_yaml_as(path: Path, model: type[_M]) -> _M:
+    """The content of a file as a model. Raises `InvalidInput` in one line, with the file's name, for what is none."""
+    try:
+        return model.model_validate(read_yaml(path))
+    except (OSError, ValueError) as error:
+        told = one_line(error, model) if isinstance(error, ValidationError) else str(error)
+        raise InvalidInput(f"{path}: {told}") from None

@@ -1,0 +1,152 @@
+"""Compare two runs or two plans, and the smoothness of phase changes of several runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.record import Record
+from uvms_ocp.report.metrics import error_bound, largest_tilt, max_velocity_step, none_if_nan, quantities_at, resources
+
+# Two runs, or two plans, side by side.
+
+
+@checked
+def compare(first: Record, second: Record) -> list[dict[str, Any]]:
+    """Rows with the keys ``figure``, ``first``, ``second`` and ``change`` [%], `None` where one record lacks it.
+
+    Raises `InvalidInput` for a run against a plan.
+    """
+    kinds = first.meta.kind, second.meta.kind
+    if kinds[0] != kinds[1]:
+        raise InvalidInput(f"the first is a {kinds[0]}, the second a {kinds[1]}; give two runs or two plans")
+    figures = _run_figures if kinds[0] == "run" else _plan_figures
+    pairs = zip(figures(first), figures(second), strict=True)
+    return [{"figure": name, "first": a, "second": b, "change": _change(a, b)} for (name, a), (_, b) in pairs]
+
+
+def _run_figures(record: Record) -> Iterator[tuple[str, Any]]:
+    meta = record.run_meta
+    yield "completed", meta.completed
+    yield "phases", " ".join(row["phase"] for row in resources(record)[:-1])
+    yield from ((name, value) for name, value in resources(record)[-1].items() if name != "phase")
+    yield "tool_position_error_m", none_if_nan(meta.true_quantity(f"{meta.tool_task}.position_error"))
+    estimated = quantities_at(record, float(record["t"][-1]))
+    yield "estimated_tool_position_error_m", none_if_nan(estimated.get(f"{meta.tool_task}.position_error"))
+    yield "tool_position_bound_m", error_bound(record, f"{meta.tool_task}.position_error")
+    yield "sensors_allow_tool_position_m", meta.allowance.get(f"{meta.tool_task}.position_error")
+    yield "largest_tilt_rad", largest_tilt(record)
+    yield "max_velocity_step", max_velocity_step(record)
+
+
+def _plan_figures(record: Record) -> Iterator[tuple[str, Any]]:
+    yield "plan", record.meta.scenario
+    yield "duration_s", float(record["t"][-1] - record["t"][0])
+    yield "path_length_m", _path_length(record)
+    thrusters, joints = (_last(record, name) for name in ("thruster_energy", "joint_energy"))
+    yield "thruster_energy_j", thrusters
+    yield "joint_energy_j", joints
+    yield "energy_j", None if thrusters is None or joints is None else thrusters + joints
+    yield "peak_thrust_n", float(np.abs(record["thrust"]).max(initial=0.0)) if "thrust" in record.series else None
+    nearest = record.plan_meta.min_clearance
+    yield "min_clearance_m", None if nearest is None else nearest.distance
+
+
+def _path_length(record: Record) -> float:
+    """Way of the vehicle; 0 where it is not planned."""
+    axes = [i for i, name in enumerate(record.plan_meta.axes) if name in ("x", "y", "z")]
+    return float(np.linalg.norm(np.diff(record["x"][:, axes], axis=0), axis=1).sum())
+
+
+def _last(record: Record, name: str) -> float | None:
+    """The total at the end; `None` where it is not known."""
+    total = float(np.sum(record[name][-1])) if name in record.series else np.nan
+    return None if np.isnan(total) else total
+
+
+def _change(a: Any, b: Any) -> float | None:
+    if isinstance(a, (bool, str)) or a is None or b is None or a == 0:
+        return None
+    return 100.0 * (b - a) / abs(a)
+
+
+# How smoothly a run changes from phase to phase, and what the higher levels pay for it.
+
+WINDOW = 1.0  # [s] after a phase change that belongs to it
+
+_NOT_ABOVE = (",AD]", ",O]")  # labels of actions and of what is optimised
+
+
+@checked
+def transition_series(record: Record) -> dict[str, np.ndarray]:
+    """Series over time ``t`` (n,) [s] of the commanded velocity, and the times ``changes`` (k,) [s] of phase changes.
+
+    ``step`` (n,): largest change of any axis since the tick before, as a share of its acceleration limit times dt.
+    ``jerk`` (n,) [m/s3, rad/s3]: largest second difference of any axis. ``lost`` (n,) [m/s, rad/s]: largest norm, over
+    the tasks that are fully on and of a class above the actions, of what the task misses of the rate that the
+    acceleration limits let it reach. Raises `InvalidInput` for a plan, or without limits.
+    """
+    dt, limits = record.run_meta.dt, _acceleration(record)
+    change = np.diff(record["command"], axis=0, prepend=0.0)
+    limited = limits > 0.0  # what may not move at all has no share
+    second = np.diff(change, axis=0, prepend=0.0)
+    starts = np.flatnonzero(np.diff(record["phase"])) + 1
+    return {
+        "t": record["t"],
+        "step": (np.abs(change[:, limited]) / dt / limits[limited]).max(axis=1, initial=0.0),
+        "jerk": np.abs(second).max(axis=1, initial=0.0) / dt**2,
+        "lost": _lost(record),
+        "changes": record["t"][starts],
+    }
+
+
+def _acceleration(record: Record) -> np.ndarray:
+    if record.meta.limits is None:
+        raise InvalidInput("this record tells no limits; shares of the acceleration limits need them")
+    return np.array(record.meta.limits.acceleration)
+
+
+@checked
+def transition_table(records: Mapping[str, Record]) -> list[dict[str, Any]]:
+    """One row per run and phase change, and one per run for all ticks: largest step, jerk and loss, root mean square jerk.
+
+    A change lasts `WINDOW`; its time, like that of the whole run, is in the column ``t_s``.
+    """
+    return [row for name, record in records.items() for row in _rows(name, record)]
+
+
+def _rows(name: str, record: Record) -> list[dict[str, Any]]:
+    series, phases = transition_series(record), [phase.name for phase in record.meta.phases]
+    t = series["t"]
+    windows = [(float(start), (t >= start) & (t < start + WINDOW)) for start in series["changes"]]
+    first = [int(np.argmax(rows)) for _, rows in windows]
+    labels = ["-".join(phases[record["phase"][row]] for row in (start - 1, start)) for start in first]
+    spans = [*zip(labels, windows, strict=True), ("all", (float(t[-1]), np.full(len(t), True)))]
+    return [
+        {
+            "run": name,
+            "change": label,
+            "t_s": time,
+            "step": float(series["step"][rows].max()),
+            "jerk": float(series["jerk"][rows].max()),
+            "jerk_rms": float(np.sqrt(np.mean(series["jerk"][rows] ** 2))),
+            "lost": float(series["lost"][rows].max()),
+        }
+        for label, (time, rows) in spans
+    ]
+
+
+def _lost(record: Record) -> np.ndarray:
+    above = {task.name: k for k, task in enumerate(record.meta.tasks) if not task.label.endswith(_NOT_ABOVE)}
+    lost, start = np.zeros(len(record)), 0
+    for level in record.meta.levels:
+        end = start + level.rows
+        if level.name in above:
+            on = record["gates"][:, above[level.name]] >= 1.0
+            lost = np.maximum(lost, np.where(on, np.linalg.norm(record["residual"][:, start:end], axis=1), 0.0))
+        start = end
+    return lost

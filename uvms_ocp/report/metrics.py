@@ -1,0 +1,207 @@
+"""Metrics of a run, read from its `Record`: errors of the estimate, resources of each phase, largest values."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.checks import checked
+from uvms_ocp.record.meta_values import ABORT, DONE
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.record import quantity as quantity
+
+# Series and scalars that several reports need.
+
+
+@checked
+def max_velocity_step(record: Record) -> float:
+    """Largest change of any component of the command in one tick, from rest at the start."""
+    steps = np.diff(record["command"], axis=0, prepend=np.zeros((1, record["command"].shape[1])))
+    return float(np.abs(steps).max(initial=0.0))
+
+
+def none_if_nan(value: float | None) -> float | None:
+    """The value [in its unit]; `None` for what is no number, such as an altitude without an echo."""
+    return None if value is None or np.isnan(value) else value
+
+
+def largest_or_none(values: np.ndarray | None) -> float | None:
+    """Of the values (n,) [in their unit] that are known; `None` where none is."""
+    return None if values is None or np.isnan(values).all() else float(np.nanmax(values))
+
+
+def largest_tilt(record: Record) -> float | None:
+    """[rad] while a task on it is on; `None` where none ever is."""
+    meta = record.run_meta
+    on = (
+        np.where(record["gates"][:, k] > 0.0, tilt, np.nan)
+        for k, task in enumerate(meta.tasks)
+        if (tilt := quantity(record, f"{task.name}.tilt")) is not None
+    )
+    return max((value for series in on if (value := largest_or_none(series)) is not None), default=None)
+
+
+def quantities_at(record: Record, t: float) -> dict[str, float]:
+    """All quantities [in their units] at time t [s], as estimated."""
+    row = record["quantities"][min(int(np.searchsorted(record["t"], t - 1e-9)), len(record) - 1)]
+    return dict(zip(record.meta.quantities, row.tolist(), strict=True))
+
+
+# What the estimator got wrong, beside what it said of itself.
+
+CHANCE = 0.95
+"""[-] that a true error is within its bound."""
+
+
+def error_bound(record: Record, quantity: str) -> float | None:
+    """What the true value of a distance or an angle at the end [m] or [rad] does not exceed with a chance of `CHANCE`.
+
+    By the estimate alone: its value there, and the covariance of its error, taken for the same in all three axes. `None`
+    where the estimator gave no covariance.
+    """
+    spread = record.run_meta.spread(quantity)
+    told = quantities_at(record, float(record["t"][-1])).get(quantity)
+    if spread is None or told is None or not np.isfinite([spread, told]).all():
+        return None
+    return norm_bound(told, spread)
+
+
+def norm_bound(told: float, spread: float) -> float:
+    """What the norm of three numbers [m or rad] does not exceed with a chance of `CHANCE`.
+
+    Mean and variance of its square are those of a multiple of chi-squared [Patnaik1949]. told [m or rad]: the norm of their
+    means. spread [m or rad]: root of the sum of their variances, which are alike.
+    """
+    if spread == 0.0:
+        return told
+    from scipy.special import gammaincinv  # a tenth of a second
+
+    variance = spread**2 / 3.0
+    mean, half = spread**2 + told**2, variance * (3.0 * variance + 2.0 * told**2)  # of the square; half its variance
+    of_chi_squared = 2.0 * gammaincinv(0.5 * mean**2 / half, CHANCE)
+    return float(np.sqrt(half / mean * of_chi_squared))
+
+
+def estimate_table(record: Record) -> list[dict[str, Any]]:
+    """One row for position [m], attitude [rad] and joints [rad or m], as far as there are; none with ideal sensors.
+
+    ``rms`` error of an axis over the second half of the run, ``spread``: the standard deviation that the filter gave, also root
+    mean square, and ``ratio`` of their squares, which is 1 where the process model holds, and None
+    where the spread is 0. No rows in older records.
+    """
+    if not {"q_measured", "q_spread"} <= record.series.keys():
+        return []
+    half = slice(len(record) // 2, None)
+    q, measured, spread = (record[name][half] for name in ("q", "q_measured", "q_spread"))
+    floating = record.run_meta.floating
+    n = spread.shape[1] - (6 if floating else 0)
+    plain = n > 0 and q.shape[1] == n + (7 if floating else 0)
+    rows = [_row("joints", (measured - q)[:, -n:], spread[:, -n:])] if plain else []
+    if not floating:
+        return rows
+    # The distance of two quaternions is half the angle between them; their signs do not matter.
+    signs = np.sign((q[:, 3:7] * measured[:, 3:7]).sum(axis=1, keepdims=True))
+    turns = 2.0 * np.linalg.norm(signs * measured[:, 3:7] - q[:, 3:7], axis=1, keepdims=True) / np.sqrt(3.0)
+    return [_row("position", (measured - q)[:, :3], spread[:, :3]), _row("attitude", turns, spread[:, 3:6]), *rows]
+
+
+def _row(name: str, errors: np.ndarray, spreads: np.ndarray) -> dict[str, Any]:
+    error, spread = (float(np.sqrt(np.mean(values**2))) for values in (errors, spreads))
+    return {"of": name, "rms": error, "spread": spread, "ratio": (error / spread) ** 2 if spread else None}
+
+
+# Resource allocation: what each phase takes in time, energy, thrust and room to the limits.
+
+_N_VEHICLE = 6  # velocity degrees of freedom of a free-flyer
+
+
+@checked
+def resources(record: Record) -> list[dict[str, Any]]:
+    """One row per visit to a phase, in order of time, and a last row ``total``: `phase` and `figures_between`.
+
+    Raises `InvalidInput` for the record of a plan.
+    """
+    t, meta = record["t"], record.run_meta
+    ends = [*(event.t for event in meta.events), float(t[-1])]
+    names = [meta.phases[0].name, *(event.target for event in meta.events)]
+    spans = [span for span in zip(names, [0.0, *ends], ends, strict=False) if span[0] not in (ABORT, DONE)]
+    rows = [{"phase": name, **figures_between(record, start, end)} for name, start, end in spans]
+    return [*rows, {"phase": "total", **figures_between(record, 0.0, float(t[-1]))}]
+
+
+def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
+    """What the time from `start` to `end` [s] took; `None` where the plant does not tell or the robot's file does not.
+
+    Path of the vehicle and of the joints, energy of thrusters and joints, peak thrust, time with thrusters at their
+    limits, least distance of a joint to its limits, largest velocity and torque in units of their limits.
+    """
+    first, last = (int(np.searchsorted(record["t"], t - 1e-9)) for t in (start, end))
+    rows = slice(first, min(last, len(record) - 1) + 1)
+    limits = record.meta.limits
+    thrusters, joints = _gain(record, "thruster_energy", rows), _gain(record, "joint_energy", rows)
+    return {
+        "duration_s": end - start,
+        "path_length_m": _length(record["q"][rows, :3]) if record.run_meta.floating else 0.0,
+        "joint_path_rad": _joint_path(record, rows),
+        "thruster_energy_j": thrusters,
+        "joint_energy_j": joints,
+        "energy_j": None if thrusters is None or joints is None else thrusters + joints,
+        "peak_thrust_n": _peak(record, "thrust", rows),
+        "saturation_time_s": _saturated(record, rows),
+        "joint_margin_rad": _joint_margin(record, rows),
+        "velocity_share": _share(record, "v", None if limits is None else limits.velocity, rows),
+        "torque_share": _share(record, "torque", None if limits is None else limits.effort, rows),
+    }
+
+
+def _gain(record: Record, name: str, rows: slice) -> float | None:
+    """Increase of a running total; of thrusters only where the power of each is known."""
+    if name not in record.series:
+        return None
+    total = record[name] if record[name].ndim == 1 else record[name].sum(axis=1)
+    gain = float(total[rows.stop - 1] - total[rows.start])
+    return None if np.isnan(gain) else gain
+
+
+def _length(points: np.ndarray) -> float:
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+def _joint_path(record: Record, rows: slice) -> float:
+    meta = record.run_meta
+    rates = record["v"][rows, _N_VEHICLE if meta.floating else 0 :]
+    return float(np.abs(rates[:-1]).sum() * meta.dt)
+
+
+def _peak(record: Record, name: str, rows: slice) -> float | None:
+    return float(np.abs(record[name][rows]).max(initial=0.0)) if name in record.series else None
+
+
+def _saturated(record: Record, rows: slice) -> float | None:
+    if "saturated" not in record.series:
+        return None
+    return float(np.count_nonzero(record["saturated"][rows][:-1]) * record.run_meta.dt)
+
+
+def _joint_margin(record: Record, rows: slice) -> float | None:
+    meta = record.run_meta
+    if meta.limits is None:
+        return None
+    lower, upper = np.array(meta.limits.position_lower), np.array(meta.limits.position_upper)
+    n_vehicle = 7 if meta.floating else 0
+    if record["q"].shape[1] - n_vehicle != len(lower) or not len(lower):
+        return None  # joints that turn without end have two entries in q
+    joints = record["q"][rows, n_vehicle:]
+    margin = float(np.minimum(joints - lower, upper - joints).min())
+    return margin if np.isfinite(margin) else None
+
+
+def _share(record: Record, name: str, limits: tuple[float, ...] | None, rows: slice) -> float | None:
+    """The largest value in units of its limit; what may not move at all has no unit."""
+    if name not in record.series or limits is None:
+        return None
+    bounds = np.array(limits)
+    limited = bounds > 0.0
+    with np.errstate(over="ignore"):  # a limit may be as small as it likes
+        return float((np.abs(record[name][rows][:, limited]) / bounds[limited]).max(initial=0.0))

@@ -1,0 +1,133 @@
+"""Compute the coefficients of links from a robot's description: shape rules, floats and ballast.
+
+The shape rules are strip theory: the displaced mass as lateral added mass, and drag on the frontal area;
+integrated along the shape they give the rotational terms. They are estimates for slender links, not
+measurements.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.robot import description as data
+from uvms_ocp.robot.description import forward_left_up
+from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
+
+
+def links_in_water(description: data.RobotDescription, density: float | None = None) -> tuple[LinkHydrodynamics, ...]:
+    """Coefficients of every wet link of a description, in forward-left-up axes.
+
+    density [kg/m3] is what the shape rules use, default the description's. Floats and ballast add their
+    volume to their link.
+    """
+    rho = description.water_density if density is None else density
+    description = forward_left_up(description)
+    links = {name: _link(name, link, rho) for name, link in description.links.items()}
+    for body in description.trim:
+        wet = links.get(body.link, LinkHydrodynamics(frame=body.link))
+        links[body.link] = _with_volume(wet, body.volume, np.array(body.position))
+    return tuple(links.values())
+
+
+def _link(name: str, link: data.LinkDescription, rho: float) -> LinkHydrodynamics:
+    ways = (link.coefficients, link.cylinder, link.box, link.sphere)
+    given = next(way for way in ways if way is not None)
+    if isinstance(given, data.LinkCoefficients):
+        return _from_coefficients(name, given)
+    if isinstance(given, data.Cylinder):
+        return _cylinder(name, given, rho)
+    return _box(name, given, rho) if isinstance(given, data.Box) else _sphere(name, given, rho)
+
+
+def _from_coefficients(name: str, given: data.LinkCoefficients) -> LinkHydrodynamics:
+    return LinkHydrodynamics(
+        frame=name,
+        X_FL=_se3(given.pose),
+        added_mass=data.as_matrix6(given.added_mass),
+        linear_drag=data.as_matrix6(given.linear_drag),
+        quadratic_drag=np.array(given.quadratic_drag),
+        volume=given.volume,
+        centre_of_buoyancy=np.array(given.centre_of_buoyancy or (0.0, 0.0, 0.0)),
+    )
+
+
+def _cylinder(name: str, shape: data.Cylinder, rho: float) -> LinkHydrodynamics:
+    radius, length = shape.radius, shape.length
+    volume = np.pi * radius**2 * length
+    mass, tumbling = rho * volume, rho * volume * length**2 / 12
+    side, end = 2 * radius * length, np.pi * radius**2
+    turning = _strips(2 * radius, length)
+    return _shaped(
+        name,
+        shape,
+        volume,
+        added_mass=(mass, mass, shape.axial_added_mass * mass, tumbling, tumbling, 0.0),
+        areas=rho / 2 * np.array([side, side, end, turning, turning, 0.0]),
+    )
+
+
+def _box(name: str, shape: data.Box, rho: float) -> LinkHydrodynamics:
+    x, y, z = shape.size
+    volume = x * y * z
+    mass = rho * volume
+    added = [mass * (a**2 - b**2) ** 2 / (a**2 + b**2) / 12 for a, b in ((y, z), (z, x), (x, y))]
+    turning = [_strips(s, a) + _strips(s, b) for s, a, b in ((x, y, z), (y, z, x), (z, x, y))]
+    return _shaped(
+        name,
+        shape,
+        volume,
+        added_mass=(mass, mass, mass, *added),
+        areas=rho / 2 * np.array([y * z, z * x, x * y, *turning]),
+    )
+
+
+def _sphere(name: str, shape: data.Sphere, rho: float) -> LinkHydrodynamics:
+    volume, area = 4 / 3 * np.pi * shape.radius**3, np.pi * shape.radius**2
+    mass = rho * volume / 2
+    return _shaped(
+        name,
+        shape,
+        volume,
+        added_mass=(mass, mass, mass, 0.0, 0.0, 0.0),
+        areas=rho / 2 * np.array([area, area, area, 0.0, 0.0, 0.0]),
+    )
+
+
+def _strips(width: float, length: float) -> float:
+    """Moment of ``|x omega| (x omega)`` over a plate of this width that turns about its middle [m5]."""
+    return width * length**4 / 32
+
+
+def _shaped(
+    name: str,
+    shape: data.Cylinder | data.Box | data.Sphere,
+    volume: float,
+    added_mass: Iterable[float],
+    areas: np.ndarray,
+) -> LinkHydrodynamics:
+    return LinkHydrodynamics(
+        frame=name,
+        X_FL=_se3(shape.pose),
+        added_mass=np.array(tuple(added_mass)),
+        linear_drag=np.array([shape.skin_drag] * 3 + [0.0] * 3),
+        quadratic_drag=shape.drag_coefficient * areas,
+        volume=volume,
+        centre_of_buoyancy=np.array(shape.pose.position),
+    )
+
+
+def _with_volume(link: LinkHydrodynamics, volume: float, centre: np.ndarray) -> LinkHydrodynamics:
+    """The link with another displaced volume fixed to it."""
+    total = link.volume + volume
+    if total == 0.0:
+        return link
+    moment = link.volume * link.centre_of_buoyancy + volume * centre
+    return replace(link, volume=total, centre_of_buoyancy=moment / total)
+
+
+def _se3(pose: data.Pose) -> pin.SE3:
+    return pin.SE3(pin.rpy.rpyToMatrix(np.array(pose.rpy)), np.array(pose.position))

@@ -1,0 +1,420 @@
+"""Schema and reader of ``robots/<name>/hydrodynamics.yaml``: what a URDF cannot say about a robot under water.
+
+North-east-down data become forward-left-up here, once; nothing after it knows of the other axes.
+
+SI units throughout; angles in rad. Vectors are in the link's own frame, forward-left-up unless the file says
+``convention: NED``. ``RobotDescription.model_json_schema()`` is the same schema for editors and other tools.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from uvms_ocp.errors import InvalidInput, RobotDataError
+from uvms_ocp.model_errors import one_line
+from uvms_ocp.record.untrusted import BoundedLoader, read_yaml
+
+# Schema of ``robots/<name>/hydrodynamics.yaml``: what a URDF cannot say about a robot under water.
+#
+# SI units throughout; angles in rad. Vectors are in the link's own frame, forward-left-up unless the file says
+# ``convention: NED``. ``RobotDescription.model_json_schema()`` is the same schema for editors and other tools.
+
+NonNegative = Annotated[float, Field(ge=0.0)]
+Positive = Annotated[float, Field(gt=0.0)]
+Coordinate = Annotated[float, Field(ge=-50.0, le=50.0)]  # [m]; larger numbers are millimetres by mistake
+Point = tuple[Coordinate, Coordinate, Coordinate]
+Vector3 = tuple[float, float, float]
+Vector6 = tuple[float, float, float, float, float, float]
+NonNegative6 = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
+Positive6 = tuple[Positive, Positive, Positive, Positive, Positive, Positive]
+Channel = Literal[
+    "position",
+    "depth",
+    "attitude",
+    "angular_velocity",
+    "linear_velocity",
+    "joint_positions",
+    "joint_velocities",
+    "altimeter_range",
+    "specific_force",
+]
+Matrix6 = tuple[Vector6, Vector6, Vector6, Vector6, Vector6, Vector6]
+
+
+class _Section(BaseModel):
+    """A part of the file: unknown keys, NaN and infinity are refused, values cannot be changed."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Pose(_Section):
+    """Pose of a coefficient frame in the frame of its link."""
+
+    position: Point = Field(default=(0.0, 0.0, 0.0), description="origin [m]")
+    rpy: Vector3 = Field(default=(0.0, 0.0, 0.0), description="roll, pitch, yaw [rad], R = Rz Ry Rx")
+
+
+class LinkCoefficients(_Section):
+    """Hydrodynamic coefficients of one link, linear axes before angular ones."""
+
+    pose: Pose = Field(default=Pose(), description="frame of added mass and drag, in the link frame")
+    added_mass: Vector6 | Matrix6 = Field(
+        default=(0.0,) * 6,
+        description="diagonal (6) or full matrix (6x6) [kg, kg m, kg m2], symmetric, not indefinite",
+    )
+    linear_drag: Vector6 | Matrix6 = Field(
+        default=(0.0,) * 6,
+        description="diagonal (6) or full matrix (6x6) [N/(m/s), N m/(rad/s)], dissipative",
+    )
+    quadratic_drag: NonNegative6 = Field(
+        default=(0.0,) * 6, description="factor of v|v| per axis [N/(m/s)^2, N m/(rad/s)^2], >= 0"
+    )
+    volume: float = Field(default=0.0, ge=0.0, le=1e4, description="displaced volume [m3]")
+    centre_of_buoyancy: Point | None = Field(default=None, description="in the link frame [m]; needs a volume")
+
+    @field_validator("added_mass")
+    @classmethod
+    def _added_mass_is_an_inertia(cls, value: Vector6 | Matrix6) -> Vector6 | Matrix6:
+        matrix = as_matrix6(value)
+        scale = max(1.0, float(np.abs(matrix).max()))
+        if np.abs(matrix / 2 - matrix.T / 2).max() > 0.5e-9 * scale:
+            raise ValueError("added mass must be a symmetric matrix")
+        if np.linalg.eigvalsh(matrix).min() < -1e-9 * scale:
+            raise ValueError("added mass must not be indefinite: all eigenvalues >= 0")
+        return value
+
+    @field_validator("linear_drag")
+    @classmethod
+    def _linear_drag_dissipates(cls, value: Vector6 | Matrix6) -> Vector6 | Matrix6:
+        matrix = as_matrix6(value)
+        scale = max(1.0, float(np.abs(matrix).max()))
+        powers, axes = np.linalg.eigh(matrix / 2 + matrix.T / 2)  # halves first: their sum is finite
+        if powers[0] < -1e-9 * scale:
+            nu = ", ".join(f"{entry:.4g}" for entry in axes[:, 0])
+            raise ValueError(f"drag feeds {-powers[0]:.3g} W at nu = ({nu}); eigenvalues of its symmetric part >= 0")
+        return value
+
+    @model_validator(mode="after")
+    def _buoyancy_needs_a_volume(self) -> LinkCoefficients:
+        if self.centre_of_buoyancy is not None and self.volume == 0.0:
+            raise ValueError("centre_of_buoyancy without volume; allowed: volume > 0 m3")
+        return self
+
+
+class _ShapeBase(_Section):
+    """Common part of the shape rules."""
+
+    pose: Pose = Field(default=Pose(), description="centre and axes of the shape, in the link frame")
+    skin_drag: NonNegative = Field(default=0.4, description="linear drag of translation [N/(m/s)]")
+    drag_coefficient: float = Field(default=0.6, ge=0.0, le=5.0, description="C_D on the frontal area [-]")
+
+
+class Cylinder(_ShapeBase):
+    """Cylinder rule; the axis is z of ``pose``."""
+
+    radius: float = Field(gt=0.0, le=10.0, description="[m]")
+    length: float = Field(gt=0.0, le=100.0, description="[m]")
+    axial_added_mass: float = Field(default=0.1, ge=0.0, le=1.0, description="axial share of the displaced mass [-]")
+
+
+class Box(_ShapeBase):
+    """Box rule; the sides are along the axes of ``pose``."""
+
+    size: tuple[Positive, Positive, Positive] = Field(description="full side lengths [m]")
+
+
+class Sphere(_ShapeBase):
+    """Sphere rule."""
+
+    radius: float = Field(gt=0.0, le=10.0, description="[m]")
+
+
+class LinkDescription(_Section):
+    """Water on one link: exactly one of the four keys."""
+
+    coefficients: LinkCoefficients | None = None
+    cylinder: Cylinder | None = None
+    box: Box | None = None
+    sphere: Sphere | None = None
+
+    @model_validator(mode="after")
+    def _exactly_one_way(self) -> LinkDescription:
+        given = [name for name in type(self).model_fields if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError(f"give exactly one of coefficients, cylinder, box, sphere; given: {given}")
+        return self
+
+
+class TrimBody(_Section):
+    """A float or a ballast weight fixed to a link; it adds mass and volume, no drag."""
+
+    name: str
+    link: str = "base_link"
+    position: Point = Field(description="centre, in the link frame [m]")
+    mass: float = Field(ge=0.0, le=1e4, description="[kg]")
+    volume: float = Field(ge=0.0, le=10.0, description="displaced volume [m3]")
+
+
+class Power(_Section):
+    """Electrical power of a thruster, ``watts (|T| / thrust) ** exponent``."""
+
+    thrust: float = Field(gt=0.0, le=1e5, description="reference thrust [N]")
+    watts: float = Field(gt=0.0, le=1e6, description="power at the reference thrust [W]")
+    exponent: float = Field(default=1.5, ge=1.0, le=3.0, description="[-]")
+
+
+class Thruster(_Section):
+    """One thruster fixed to a link."""
+
+    name: str
+    link: str = "base_link"
+    position: Point = Field(description="in the link frame [m]")
+    direction: Vector3 = Field(
+        description="of positive thrust on the vehicle, in the link frame; any length from 1e-9 to 1e9"
+    )
+    minimum: float = Field(ge=-1e5, le=0.0, description="thrust limit [N]")
+    maximum: float = Field(gt=0.0, le=1e5, description="thrust limit [N]")
+    time_constant: float = Field(ge=0.0, le=10.0, description="first-order lag [s]; 0 is instantaneous")
+    dead_zone: NonNegative = Field(default=0.0, description="commands smaller than this give no thrust [N]")
+    curve: tuple[tuple[float, float], ...] = Field(
+        default=(),
+        description="(command [-], thrust [N]) points, both increasing; empty is linear between the limits",
+    )
+    power: Power | None = None
+
+    @field_validator("direction")
+    @classmethod
+    def _direction_is_not_zero(cls, value: Vector3) -> Vector3:
+        if not 1e-9 <= math.hypot(*value) <= 1e9:
+            raise ValueError("direction must have a length from 1e-9 to 1e9")
+        return value
+
+    @field_validator("curve")
+    @classmethod
+    def _curve_increases(cls, value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+        points = np.array(value)
+        if len(value) == 1 or (points[1:] <= points[:-1]).any():
+            raise ValueError("curve needs two or more points, command and thrust both increasing")
+        return value
+
+    @model_validator(mode="after")
+    def _dead_zone_is_inside_the_limits(self) -> Thruster:
+        if self.dead_zone >= self.maximum:
+            raise ValueError(f"dead_zone {self.dead_zone} N outside [0, maximum {self.maximum} N)")
+        return self
+
+
+class VehicleLimits(_Section):
+    """Limits of the vehicle: surge, sway, heave, roll, pitch, yaw rates in the body frame."""
+
+    velocity: Positive6 = Field(description="[m/s, rad/s]")
+    acceleration: Positive6 = Field(description="[m/s2, rad/s2]")
+
+
+class JointDescription(_Section):
+    """What the URDF does not say about a joint."""
+
+    home: float | None = Field(
+        default=None,
+        description="stowed position [rad or m]; left out: 0, or mid-range where 0 is not allowed",
+    )
+    acceleration: Positive | None = Field(default=None, description="limit [rad/s2 or m/s2]; none is unlimited")
+
+
+class SensorDescription(_Section):
+    """One channel of the sensors; what is left out is as in `uvms_ocp.robot.signals.SensorSpecs`."""
+
+    rate: Positive | None = Field(default=None, description="[Hz]")
+    sigma: NonNegative | None = Field(default=None, description="standard deviation of the noise [unit of the channel]")
+    bias: float | tuple[float, ...] | None = Field(default=None, description="constant error [unit of the channel]")
+    delay: NonNegative | None = Field(default=None, description="[s]")
+    dropout: float | None = Field(default=None, ge=0.0, le=1.0, description="probability that a reading is lost [-]")
+
+
+class RobotDescription(_Section):
+    """The whole file."""
+
+    base: Literal["free_flyer", "fixed"] = "free_flyer"
+    convention: Literal["FLU", "NED"] = Field(default="FLU", description="axes of every vector and matrix in links")
+    water_density: float = Field(default=998.0, ge=900.0, le=1300.0, description="[kg/m3], fresh 998, sea 1025")
+    altimeter: str | None = Field(default=None, description="frame of the range sensor, which looks along its -z")
+    vehicle_limits: VehicleLimits | None = None
+    joints: dict[str, JointDescription] = Field(default={}, description="by joint name")
+    joint_efficiency: float = Field(default=0.6, gt=0.0, le=1.0, description="mechanical / electrical power [-]")
+    links: dict[str, LinkDescription] = Field(
+        default={}, description="by link name; links left out are dry, with a warning"
+    )
+    trim: tuple[TrimBody, ...] = Field(default=(), description="floats and ballast")
+    thrusters: tuple[Thruster, ...] = ()
+    sensors: dict[Channel, SensorDescription | None] = Field(
+        default={}, description="by channel; null is a robot without this sensor"
+    )
+
+    @field_validator("trim", "thrusters")
+    @classmethod
+    def _names_are_unique(cls, value: tuple[TrimBody | Thruster, ...]) -> tuple[TrimBody | Thruster, ...]:
+        names = [entry.name for entry in value]
+        if len(set(names)) != len(names):
+            raise ValueError(f"names must be unique; given: {names}")
+        return value
+
+
+def as_matrix6(value: Vector6 | Matrix6) -> np.ndarray:
+    """Return (6, 6) from a diagonal or a full matrix."""
+    array = np.array(value, dtype=float)
+    return np.diag(array) if array.ndim == 1 else array
+
+
+def checked_copy(description: RobotDescription, **changes: object) -> RobotDescription:
+    """Return a copy with other top-level values, validated. Raises ``InvalidInput``."""
+    try:
+        return RobotDescription.model_validate({**dict(description), **changes})
+    except ValidationError as error:
+        raise InvalidInput(one_line(error, RobotDescription)) from None
+
+
+# From ``hydrodynamics.yaml`` to a checked `RobotDescription`; a variant replaces some of its keys.
+
+
+def read_description(path: Path, variant: Path | None = None) -> RobotDescription:
+    """Read and validate one YAML file; every mistake is a one-line ``RobotDataError``.
+
+    The keys of ``variant``, a file of the same schema with some of its keys, replace those of the first file.
+    """
+    content = _read_mapping(path)
+    if variant is not None:
+        content = _overlaid(content, _read_mapping(variant))
+    try:
+        return RobotDescription.model_validate(content)
+    except ValidationError as error:
+        raise RobotDataError(variant or path, one_line(error, RobotDescription)) from None
+
+
+def _read_mapping(path: Path) -> dict[str, Any]:
+    content = _read_yaml(path)
+    if not isinstance(content, dict):
+        raise RobotDataError(path, "the file must hold keys and values; it is empty or a bare value")
+    return content
+
+
+def _overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    merged = dict(below)
+    for key, value in above.items():
+        nested = isinstance(value, dict) and isinstance(below.get(key), dict)
+        merged[key] = _overlaid(below[key], value) if nested else value
+    return merged
+
+
+def _read_yaml(path: Path) -> object:
+    try:
+        return read_yaml(path, _RobotFile)
+    except OSError as error:
+        raise RobotDataError(path, f"cannot be read ({error.strerror or error})") from None
+    except ValueError as error:
+        raise RobotDataError(path, str(error)) from None
+
+
+class _RobotFile(BoundedLoader):
+    """PyYAML silently keeps the last of two equal keys; a robot file must not hide a value."""
+
+    most_values = 50_000  # a robot of a hundred links has some 5,000
+
+
+def _mapping_with_unique_keys(loader: _RobotFile, node: yaml.MappingNode) -> dict[Any, Any]:
+    keys = [loader.construct_object(key, deep=True) for key, _ in node.value]
+    mapping = loader.construct_mapping(node, deep=True)  # refuses keys that cannot be counted
+    repeated = sorted(str(key) for key, n in Counter(keys).items() if n > 1)
+    if repeated:
+        raise yaml.constructor.ConstructorError(None, None, f"repeated key {repeated[:3]}", node.start_mark)
+    return mapping
+
+
+def _word(loader: _RobotFile, node: yaml.ScalarNode) -> str:
+    """Read yes, no, true, ... as words: nothing in the file is true or false, and true must not pass as 1.0."""
+    return str(loader.construct_scalar(node))
+
+
+_RobotFile.add_constructor("tag:yaml.org,2002:bool", _word)
+_RobotFile.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping_with_unique_keys)
+
+
+# North-east-down data to forward-left-up, once, when a file is read; nothing after it knows of the other axes.
+
+# A half turn about x: a rotation, so twists and wrenches turn like any other vectors.
+_TURN = np.diag([1.0, -1.0, -1.0])
+_TURN6 = np.kron(np.eye(2), _TURN)
+
+_ShapeRule = TypeVar("_Shape", Cylinder, Box, Sphere)
+
+
+def forward_left_up(description: RobotDescription) -> RobotDescription:
+    """Return the same robot with ``convention: FLU``."""
+    if description.convention == "FLU":
+        return description
+    return description.model_copy(
+        update={
+            "convention": "FLU",
+            "links": {name: _link(link) for name, link in description.links.items()},
+            "trim": tuple(_trim_body(body) for body in description.trim),
+            "thrusters": tuple(_thruster(thruster) for thruster in description.thrusters),
+        }
+    )
+
+
+def _link(link: LinkDescription) -> LinkDescription:
+    return LinkDescription(
+        coefficients=None if link.coefficients is None else _coefficients(link.coefficients),
+        cylinder=None if link.cylinder is None else _shape(link.cylinder),
+        box=None if link.box is None else _shape(link.box),
+        sphere=None if link.sphere is None else _shape(link.sphere),
+    )
+
+
+def _coefficients(water: LinkCoefficients) -> LinkCoefficients:
+    centre = water.centre_of_buoyancy
+    return water.model_copy(
+        update={
+            "pose": _pose(water.pose),
+            "added_mass": _matrix(water.added_mass),
+            "linear_drag": _matrix(water.linear_drag),
+            "centre_of_buoyancy": None if centre is None else _vector(centre),
+        }
+    )
+
+
+def _shape(shape: _ShapeRule) -> _ShapeRule:
+    return shape.model_copy(update={"pose": _pose(shape.pose)})
+
+
+def _trim_body(body: TrimBody) -> TrimBody:
+    return body.model_copy(update={"position": _vector(body.position)})
+
+
+def _thruster(thruster: Thruster) -> Thruster:
+    turned = {"position": _vector(thruster.position), "direction": _vector(thruster.direction)}
+    return thruster.model_copy(update=turned)
+
+
+def _pose(pose: Pose) -> Pose:
+    roll, pitch, yaw = pose.rpy
+    return Pose(position=_vector(pose.position), rpy=(roll, -pitch, -yaw))
+
+
+def _vector(vector: Vector3) -> Vector3:
+    x, y, z = vector
+    return (x, -y, -z)
+
+
+def _matrix(value: Vector6 | Matrix6) -> Vector6 | Matrix6:
+    array = np.array(value)
+    if array.ndim == 1:
+        return value
+    turned = _TURN6 @ array @ _TURN6
+    return tuple(tuple(row) for row in turned.tolist())  # type: ignore[return-value]

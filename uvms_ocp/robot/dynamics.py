@@ -1,0 +1,112 @@
+"""Numeric dynamics of a robot in water, fast enough for a simulation step in Python."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.codegen.buffered import BufferedFunction
+from uvms_ocp.record.display import Fielded
+from uvms_ocp.robot.coefficients import links_in_water
+from uvms_ocp.robot.hydrodynamics import STILL_WATER, Water
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
+from uvms_ocp.types import Positive
+
+
+@checked_on_failure
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Dynamics(Fielded):
+    """Equations of motion ``M a + C v + D v + g = tau``; see `SymbolicDynamics` for the terms.
+
+    Water moves as one, or link by link in the order of ``symbolic.links``.
+    Arguments of the wrong shape raise InvalidInput. Not for use from two threads at once.
+    """
+
+    symbolic: SymbolicDynamics
+    """The same equations as expressions and ``ca.Function``s."""
+    _functions: dict[str, BufferedFunction] = field(default_factory=dict, init=False, repr=False)
+    """By the name of their term, made when first asked for: few callers need them all."""
+
+    def __post_init__(self) -> None:
+        len(self.symbolic.links)  # what has no equations is refused here, not when they are asked for
+
+    def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
+        """Generalized force tau (n_v,) [N, N m] for the acceleration a (n_v,) [m/s2, rad/s2].
+
+        q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
+        """
+        return self._function("inverse_dynamics")(q, v, a, water.velocity.T, water.acceleration.T)[0]
+
+    def forward_dynamics(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
+        """Acceleration a (n_v,) [m/s2, rad/s2] under the generalized force tau (n_v,) [N, N m].
+
+        q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
+        """
+        return self._function("forward_dynamics")(q, v, tau, water.velocity.T, water.acceleration.T)[0]
+
+    def bias_force(self, q: ArrayLike, v: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
+        """Generalized force (n_v,) [N, N m] for zero acceleration: ``C v + D v + g``.
+
+        q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
+        """
+        return self._function("bias_force")(q, v, water.velocity.T, water.acceleration.T)[0]
+
+    def mass_matrix(self, q: ArrayLike) -> np.ndarray:
+        """Rigid-body plus added mass M (n_v, n_v) [kg, kg m, kg m2], symmetric, at q (n_q,) [m, rad]."""
+        n_v = self.symbolic.model.nv
+        return self._function("mass_matrix")(q)[0].reshape(n_v, n_v)
+
+    def damping_matrix(self, q: ArrayLike, v: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
+        """Symmetric part of D(q, v_r) (n_v, n_v) [N/(m/s), N m/(rad/s)]: drag of all links and joint friction.
+
+        q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
+        """
+        n_v = self.symbolic.model.nv
+        return self._function("damping_matrix")(q, v, water.velocity.T)[0].reshape(n_v, n_v)
+
+    def kinetic_energy(self, q: ArrayLike, v: ArrayLike) -> float:
+        """``1/2 v.T M v`` [J] at q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
+
+        With v relative to a uniform current it is the energy in the drifting frame.
+        """
+        return float(self._function("kinetic_energy")(q, v)[0][0])
+
+    def potential_energy(self, q: ArrayLike) -> float:
+        """Of weight and buoyancy [J] at q (n_q,) [m, rad], zero at the origin of W."""
+        return float(self._function("potential_energy")(q)[0][0])
+
+    def link_positions(self, q: ArrayLike) -> np.ndarray:
+        """Positions in W (n_links, 3) [m] at which a sheared current acts on the links, at q (n_q,) [m, rad]."""
+        return self._function("link_positions")(q)[0].reshape(3, -1).T
+
+    def _function(self, term: str) -> BufferedFunction:
+        if term not in self._functions:
+            self._functions[term] = BufferedFunction(getattr(self.symbolic, f"{term}_function")())
+        return self._functions[term]
+
+
+@checked
+def robot_dynamics(robot: Robot, density: Positive | None = None) -> Dynamics:
+    """Dynamics of a robot with the water of its description and the joint friction of its URDF.
+
+    density: of the water [kg/m3]; default the description's.
+    """
+    description = robot.description
+    symbolic = SymbolicDynamics(
+        model=robot.model,
+        links=links_in_water(description, density),
+        density=description.water_density if density is None else density,
+        damping=np.asarray(robot.model.damping, dtype=float),
+    )
+    return Dynamics(symbolic)
+
+
+@lru_cache(maxsize=2)
+def known_dynamics(robot: Robot) -> Dynamics:
+    """`robot_dynamics`, made once where many runs have one robot."""
+    return robot_dynamics(robot)

@@ -1,0 +1,172 @@
+"""Compute where the frames of a robot are, how they move, where its altimeter looks, and how far axes can move points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.checks import checked_on_failure
+from uvms_ocp.record.display import Fielded
+from uvms_ocp.robot.robot import Robot
+
+# How far an axis of a robot can move the points of its shapes.
+
+
+def shape_reach(robot: Robot, shape: pin.GeometryObject) -> np.ndarray:
+    """(n_v,) upper bound on the speed of any point of a shape per unit of each axis, within the joint limits [m, or 1].
+
+    Infinite for what turns a joint that travels without limit.
+    """
+    if shape.parentJoint == 0:
+        return np.zeros(robot.n_v)  # a floor has no end
+    shape.geometry.computeLocalAABB()
+    centre = shape.placement.act(np.array(shape.geometry.aabb_center))
+    return _reach_of_ball(robot, shape.parentJoint, float(np.linalg.norm(centre)) + shape.geometry.aabb_radius)
+
+
+def point_reach(robot: Robot, frame: str) -> np.ndarray:
+    """(n_v,) as `shape_reach`, for the origin of a frame. Raises FrameNotFound."""
+    found = robot.model.frames[robot.frame_id(frame)]
+    return _reach_of_ball(robot, found.parentJoint, float(np.linalg.norm(found.placement.translation)))
+
+
+def largest_change(reach: np.ndarray, motion: np.ndarray) -> np.ndarray:
+    """Upper bound (..., m) [m] of what moves by at most `reach` (m, n) [m, or 1] per unit of each axis; (...) for one (n,).
+
+    `motion` (..., n) [rad, or m] is how far each axis moves, not negative. An axis that stands still costs nothing, however
+    far it reaches.
+    """
+    endless = ~np.isfinite(reach)
+    if not endless.any():
+        return np.asarray(motion @ reach.T)
+    bound = motion @ np.where(endless, 0.0, reach).T
+    return np.where((motion > 0.0) @ endless.T, np.inf, bound)
+
+
+def _reach_of_ball(robot: Robot, carrier: int, length: float) -> np.ndarray:
+    """`length` [m] is the radius of a ball around the joint `carrier` that holds all points; it grows to the base."""
+    reach, neutral = np.zeros(robot.n_v), pin.neutral(robot.model)
+    while carrier:
+        joint = robot.model.joints[carrier]
+        linear, angular = _speeds(joint, neutral)
+        turns = angular > 0.0
+        own = linear.copy()
+        own[turns] += angular[turns] * length
+        reach[joint.idx_v : joint.idx_v + joint.nv] = own
+        length += _travel(robot, joint.idx_v + np.flatnonzero(linear))
+        length += float(np.linalg.norm(robot.model.jointPlacements[carrier].translation))
+        carrier = robot.model.parents[carrier]
+    return reach
+
+
+def _speeds(joint: pin.JointModel, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Linear and angular speed (nv,) per unit of each axis; the same at any configuration for the joints of a URDF."""
+    data = joint.createData()
+    joint.calc(data, q)
+    subspace = np.array(data.S).reshape(6, joint.nv)
+    return np.linalg.norm(subspace[:3], axis=0), np.linalg.norm(subspace[3:], axis=0)
+
+
+def _travel(robot: Robot, axes: np.ndarray) -> float:
+    """[m] from zero to the farthest corner of the limits of the axes."""
+    own = axes - robot.n_vehicle
+    if (own < 0).any():
+        return np.inf
+    limits = robot.limits
+    return float(np.linalg.norm(np.maximum(np.abs(limits.position_lower[own]), np.abs(limits.position_upper[own]))))
+
+
+# Where the frames of a robot are, and how they move, at one configuration; and where its altimeter looks.
+
+STEEP = 0.1
+"""[-] cosine of a beam's tilt below which its range says nothing about the height."""
+
+
+@checked_on_failure
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Kinematics(Fielded):
+    """A robot at a configuration; its existence proves that q is valid.
+
+    Raises InvalidInput, as `Robot.check_configuration`.
+    """
+
+    robot: Robot
+    """Whose frames they are."""
+    q: np.ndarray
+    """(n_q,) [m, rad]"""
+    _data: pin.Data = field(init=False, repr=False)
+    """With poses of all frames and Jacobians of all joints."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "q", self.robot.check_configuration(self.q))
+        data = self.robot.model.createData()
+        pin.computeJointJacobians(self.robot.model, data, self.q)
+        pin.updateFramePlacements(self.robot.model, data)
+        object.__setattr__(self, "_data", data)
+
+    def pose(self, frame: str) -> pin.SE3:
+        """Pose X_WF of a frame [m]. Raises FrameNotFound."""
+        return self._data.oMf[self.robot.frame_id(frame)].copy()
+
+    def jacobian(self, frame: str, expressed_in: str = "W") -> np.ndarray:
+        """Jacobian (6, n_v) [-, m] of a frame's velocity in W at the frame's origin, linear rows first.
+
+        expressed_in: "W" for world axes, "B" for those of the vehicle (the world's, if the base is fixed), or
+        the name of a frame for its axes. Raises FrameNotFound.
+        """
+        index = self.robot.frame_id(frame)
+        J = pin.getFrameJacobian(self.robot.model, self._data, index, pin.LOCAL_WORLD_ALIGNED)
+        J = np.reshape(J, (6, self.robot.n_v))  # Pinocchio returns a vector for a single joint
+        if expressed_in == "W":
+            return J
+        R = self._axes(expressed_in)
+        return np.vstack([R.T @ J[:3], R.T @ J[3:]])
+
+    def _axes(self, name: str) -> np.ndarray:
+        """Rotation R_WF of the axes that `jacobian` is expressed in."""
+        if name != "B":
+            return np.asarray(self._data.oMf[self.robot.frame_id(name)].rotation)
+        return self._data.oMi[1].rotation if self.robot.n_vehicle else np.eye(3)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Beam:
+    """Where a range sensor S looks: along -z of its frame."""
+
+    origin: np.ndarray
+    """p_WS (3,) [m]."""
+    direction: np.ndarray
+    """(3,) unit vector in W [-]."""
+    cosine: float
+    """[-] of the angle between the beam and straight down."""
+
+
+class AltimeterBeam:
+    """The beam of a robot's range sensor at one configuration after another. Holds working memory: not for two threads."""
+
+    __slots__ = ("_data", "_frame", "_model")
+
+    def __init__(self, robot: Robot, frame: str) -> None:
+        """frame: that of the sensor. Raises FrameNotFound."""
+        self._model, self._data, self._frame = robot.model, robot.model.createData(), robot.frame_id(frame)
+
+    def at(self, q: np.ndarray) -> Beam:
+        """The beam at q (n_q,) [m, rad]."""
+        pin.forwardKinematics(self._model, self._data, q)
+        return self._beam()
+
+    def moving(self, q: np.ndarray, v: np.ndarray) -> tuple[Beam, np.ndarray]:
+        """The beam at q (n_q,) [m, rad], and the velocity (3,) [m/s] of the sensor in W.
+
+        The robot moves with v (n_v,) [m/s, rad/s].
+        """
+        pin.forwardKinematics(self._model, self._data, q, v)
+        beam = self._beam()
+        return beam, pin.getFrameVelocity(self._model, self._data, self._frame, pin.LOCAL_WORLD_ALIGNED).linear
+
+    def _beam(self) -> Beam:
+        X_WS = pin.updateFramePlacement(self._model, self._data, self._frame)
+        R_WS = X_WS.rotation
+        return Beam(origin=X_WS.translation.copy(), direction=-R_WS[:, 2], cosine=float(R_WS[2, 2]))

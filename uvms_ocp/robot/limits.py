@@ -1,0 +1,163 @@
+"""Joints of a robot in q and v, limits of joints and of positions, and the stowed posture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.checks import checked
+from uvms_ocp.record.display import Fielded
+from uvms_ocp.robot.description import RobotDescription
+from uvms_ocp.types import read_only
+
+_UNLIMITED = 1e12  # Pinocchio writes the largest float where a URDF has no limit
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Joint:
+    """Where one joint lives in q and v."""
+
+    name: str
+    """As in the URDF."""
+    idx_q: int
+    """First entry in q."""
+    idx_v: int
+    """First entry in v."""
+    n_q: int
+    """Entries in q."""
+    n_v: int
+    """Entries in v."""
+
+    @property
+    def q(self) -> slice:
+        """The joint's part of q."""
+        return slice(self.idx_q, self.idx_q + self.n_q)
+
+    @property
+    def v(self) -> slice:
+        """The joint's part of v."""
+        return slice(self.idx_v, self.idx_v + self.n_v)
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class Limits(Fielded):
+    """Actuator and position limits, infinite where there is none; read-only arrays."""
+
+    position_lower: np.ndarray
+    """(n_joints,) [rad or m]"""
+    position_upper: np.ndarray
+    """(n_joints,) [rad or m]"""
+    velocity: np.ndarray
+    """(n_v,) [m/s, rad/s]"""
+    acceleration: np.ndarray
+    """(n_v,) [m/s2, rad/s2]"""
+    effort: np.ndarray
+    """(n_joints,) [N m or N]"""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class PositionLimit:
+    """Positions that stay at or above a bound, and that a robot must therefore be able to stop before."""
+
+    quantity: str
+    """Name of the smallest of the positions, as measured."""
+    lower: float
+    """[m] the bound."""
+    values: ca.Function | Callable[[np.ndarray, np.ndarray | None], np.ndarray]
+    """Function of q (n_q,) [m, rad]: the positions (m,) [m]. One that is not CasADi's is told which of them, None for all.
+
+    Kernels measure those of a `CollisionModel` by themselves where they can; Python is asked for any others.
+    """
+    n: int = 1
+    """[-] m"""
+    relative: bool = False
+    """The measured quantity is the truth at the present q; `values` tell how it changes from there."""
+    reach: np.ndarray
+    """(n_v,) upper bound on the rate of any of the positions per unit of each velocity [m, or 1]."""
+
+
+def joints_of(model: pin.Model, *, free_flyer: bool) -> tuple[Joint, ...]:
+    """Return the arm joints of a free-flyer, all joints otherwise."""
+    indices = range(2 if free_flyer else 1, model.njoints)
+    return tuple(_joint(model.names[i], model.joints[i]) for i in indices)
+
+
+def _joint(name: str, joint: pin.JointModel) -> Joint:
+    return Joint(name=name, idx_q=joint.idx_q, idx_v=joint.idx_v, n_q=joint.nq, n_v=joint.nv)
+
+
+def limits_of(model: pin.Model, description: RobotDescription, joints: tuple[Joint, ...]) -> Limits:
+    """Return the limits of the URDF (joints) and of the description (vehicle, accelerations)."""
+    vehicle_velocity, vehicle_acceleration = _vehicle_limits(description)
+    n_vehicle = len(vehicle_velocity)
+    return Limits(
+        position_lower=_position_limit(model.lowerPositionLimit, joints, -np.inf),
+        position_upper=_position_limit(model.upperPositionLimit, joints, np.inf),
+        velocity=read_only([*vehicle_velocity, *_or_unlimited(model.upperVelocityLimit[n_vehicle:])]),
+        acceleration=read_only([*vehicle_acceleration, *_joint_accelerations(description, joints)]),
+        effort=read_only(_or_unlimited(model.upperEffortLimit[n_vehicle:])),
+    )
+
+
+def _vehicle_limits(description: RobotDescription) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    if description.base == "fixed":
+        return (), ()
+    if description.vehicle_limits is None:
+        return (np.inf,) * 6, (np.inf,) * 6
+    return description.vehicle_limits.velocity, description.vehicle_limits.acceleration
+
+
+def _or_unlimited(limit: np.ndarray) -> np.ndarray:
+    # URDF has no word for "unlimited": files write 0 or leave the value out.
+    return np.where((limit <= 0.0) | (limit > _UNLIMITED), np.inf, limit)
+
+
+def _joint_accelerations(description: RobotDescription, joints: tuple[Joint, ...]) -> list[float]:
+    entries = [(description.joints.get(joint.name), joint.n_v) for joint in joints]
+    limits = [(None if entry is None else entry.acceleration, n_v) for entry, n_v in entries]
+    return [np.inf if limit is None else limit for limit, n_v in limits for _ in range(n_v)]
+
+
+def _position_limit(limit: np.ndarray, joints: tuple[Joint, ...], unlimited: float) -> np.ndarray:
+    # A joint with more positions than velocities (cos, sin) turns without end.
+    parts = [limit[j.q] if j.n_q == j.n_v else np.full(j.n_v, unlimited) for j in joints]
+    values = np.concatenate([np.zeros(0), *parts])
+    return read_only(np.where(np.abs(values) > _UNLIMITED, unlimited, values))
+
+
+def home_of(model: pin.Model, description: RobotDescription, joints: tuple[Joint, ...], limits: Limits) -> np.ndarray:
+    """Return the joint part of q [rad or m] in the stowed posture."""
+    n_vehicle = model.nv - len(limits.position_lower)
+    values = np.zeros(model.nv)
+    values[n_vehicle:] = _zero_or_middle(limits.position_lower, limits.position_upper)
+    for joint in joints:
+        entry = description.joints.get(joint.name)
+        if entry is not None and entry.home is not None:
+            values[joint.v] = entry.home
+    return read_only(from_joint_values(model, values)[7 if n_vehicle else 0 :])
+
+
+def _zero_or_middle(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    inside = (lower <= 0.0) & (upper >= 0.0)
+    return np.where(inside, 0.0, 0.5 * (np.where(inside, 0.0, lower) + np.where(inside, 0.0, upper)))
+
+
+def from_joint_values(model: pin.Model, values: np.ndarray) -> np.ndarray:
+    """Return q (n_q,) [m, rad], displaced from neutral by ``values`` (n_v,) [m, rad], whatever the types of the joints."""
+    return np.asarray(pin.integrate(model, pin.neutral(model), values))
+
+
+def bounded_joints(joints: Sequence[Joint], limits: Limits) -> list[tuple[Joint, float, float]]:
+    """Joints of one degree of freedom with a limit, with their lower and upper position [rad or m], one may be inf."""
+    first = joints[0].idx_v if joints else 0
+    found = (
+        (joint, float(limits.position_lower[joint.idx_v - first]), float(limits.position_upper[joint.idx_v - first]))
+        for joint in joints
+        if joint.n_q == joint.n_v == 1
+    )
+    return [(joint, low, up) for joint, low, up in found if np.isfinite([low, up]).any()]

@@ -1,0 +1,266 @@
+"""Find and load robots: URDF and description are read, checked against each other and joined.
+
+Robots are in ``robots/``, packed into the package or of an editable checkout.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import logging
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput, NameNotFound, RobotDataError
+from uvms_ocp.robot.coefficients import links_in_water
+from uvms_ocp.robot.description import RobotDescription, TrimBody, checked_copy, forward_left_up, read_description
+from uvms_ocp.robot.limits import home_of, joints_of, limits_of
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.urdf import UrdfModels, read_urdf
+
+# Where robots are found: ``robots/`` packed into the package, or the one of an editable checkout.
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+
+
+def robots_folder() -> Path:
+    """Return the folder that holds one folder per robot."""
+    packed = _PACKAGE / "robots"
+    return packed if packed.is_dir() else _PACKAGE.parent / "robots"
+
+
+def list_robots() -> tuple[str, ...]:
+    """Return the names that ``load_robot`` knows, sorted."""
+    return tuple(sorted(path.parent.name for path in robots_folder().glob("*/robot.urdf")))
+
+
+def robot_folder(name: str) -> Path:
+    """Return the folder of a robot. Raises ``NameNotFound`` with the alternatives."""
+    if name not in list_robots():
+        raise NameNotFound("robot", name, list_robots())
+    return robots_folder() / name
+
+
+def list_variants(name: str) -> tuple[str, ...]:
+    """Return the names of the other published data sets of a robot, sorted; ``load_robot(name, variant=...)``."""
+    return tuple(sorted(path.stem for path in (robot_folder(name) / "variants").glob("*.yaml")))
+
+
+def variant_file(name: str, variant: str) -> Path:
+    """Return the file of a variant. Raises ``NameNotFound`` with the alternatives."""
+    if variant not in list_variants(name):
+        raise NameNotFound(f"variant of {name}", variant, list_variants(name))
+    return robot_folder(name) / "variants" / f"{variant}.yaml"
+
+
+def example_robot_data() -> Path:
+    """Return the folder of the package example-robot-data, which holds ``robots/<maker>_description``.
+
+    Raises ``InvalidInput`` telling how to install it.
+    """
+    for path in _files_of("example-robot-data"):
+        if path.name == "package.xml" and path.parent.name == "example-robot-data":
+            return path.parent
+    raise InvalidInput('example-robot-data is not installed; run: pip install "uvms-ocp[robots]"')
+
+
+def _files_of(distribution: str) -> list[Path]:
+    try:
+        files = importlib.metadata.files(distribution)
+    except importlib.metadata.PackageNotFoundError:
+        return []
+    return [Path(str(file.locate())).resolve() for file in files or ()]
+
+
+# What the files of a robot leave open, and what comes of it: valid files whose gaps a user has to know of.
+
+_ROUNDING = 1e-9  # relative, of masses that are added and taken away again
+
+
+def unknowns(model: pin.Model, description: RobotDescription) -> Iterator[tuple[str, str]]:
+    """Subject and one sentence for everything that stays unknown or is left out. model: without trim bodies."""
+    dry = links_without_water(model, description)
+    if description.links and dry:
+        yield (
+            "water",
+            f"no water acts on link {', '.join(dry)}: give each an entry in links, {{coefficients: {{}}}} if dry",
+        )
+    elif description.base == "free_flyer" and not description.links:
+        yield "water", "no link is in water: give a hydrodynamics.yaml with links"
+    unknown = [thruster.name for thruster in description.thrusters if thruster.power is None]
+    if unknown:
+        yield "energy", f"no power is given for thruster {', '.join(unknown)}: the energy of the thrusters is not known"
+
+
+def links_without_water(model: pin.Model, description: RobotDescription) -> tuple[str, ...]:
+    """Names of the links with a mass that the description does not mention. model: without trim bodies."""
+    masses = link_masses(model)
+    return tuple(name for name, mass in masses.items() if mass > 0.0 and name not in description.links)
+
+
+def link_masses(model: pin.Model) -> dict[str, float]:
+    """Mass [kg] by link, as the URDF gives it.
+
+    Pinocchio keeps the mass of a link behind a fixed joint with the frame of that joint, that of the root of a fixed base
+    with the link's own frame, and of a moving link only the sum with all that is fixed to it.
+    """
+    on_frames, masses = np.zeros(model.njoints), {}
+    for frame in model.frames:
+        on_frames[frame.parentJoint] += frame.inertia.mass
+    for frame in model.frames:
+        if frame.type != pin.FrameType.BODY:
+            continue
+        above = model.frames[frame.parentFrame]
+        if frame.inertia.mass or above.type == pin.FrameType.FIXED_JOINT:
+            masses[frame.name] = frame.inertia.mass or above.inertia.mass
+        else:
+            total = model.inertias[frame.parentJoint].mass
+            rest = total - on_frames[frame.parentJoint]
+            masses[frame.name] = rest if rest > _ROUNDING * total else 0.0
+    return masses
+
+
+# From robot files to a `Robot`: URDF and description are read, checked against each other and joined.
+
+_log = logging.getLogger(__name__)
+
+
+@checked
+def load_robot(
+    name: str | None = None,
+    *,
+    urdf: Path | str | None = None,
+    hydrodynamics: Path | str | None = None,
+    variant: str | None = None,
+    base: str | None = None,
+    package_dirs: Sequence[Path | str] = (),
+    mimic: Literal["free"] | None = None,
+) -> Robot:
+    """Load a robot by name, or from a URDF file and, if there is one, its hydrodynamics file.
+
+    ``variant`` is another published data set of a named robot, see ``list_variants``. ``base`` overrides the file
+    (default: free_flyer). ``package_dirs`` are searched for ``package://`` meshes. Joints that ``<mimic>`` another one
+    are refused; ``mimic="free"`` makes them joints of their own, with the limits the URDF gives them. Raises
+    ``InvalidInput`` for neither or both of name and URDF, another ``mimic``, or a variant without a name,
+    ``NameNotFound`` for an unknown robot or variant, and ``RobotDataError`` for a file that is missing, broken, does not
+    fit the other, or holds numbers that the model built from it has not.
+
+    What the files leave open, such as links without water and thrusters without power data, is a warning of this module's
+    logger.
+    """
+    urdf_path, yaml_path = _paths(name, urdf, hydrodynamics)
+    description = _description(name, yaml_path, variant)
+    if base is not None:
+        description = checked_copy(description, base=base)
+    free_flyer = description.base == "free_flyer"
+    folders = [Path(folder) for folder in package_dirs]
+    models = read_urdf(urdf_path, free_flyer=free_flyer, package_dirs=folders, let_mimic=mimic is not None)
+    robot = assemble(models, description, yaml_path or urdf_path, name)
+    for _, text in unknowns(models.model, description):
+        _log.warning("%s: %s", yaml_path or urdf_path, text)
+    return robot
+
+
+def _paths(name: str | None, urdf: Path | str | None, hydrodynamics: Path | str | None) -> tuple[Path, Path | None]:
+    if (name is None) == (urdf is None):
+        raise InvalidInput("load_robot needs either a name or urdf=PATH; list_robots() gives the names")
+    given = None if hydrodynamics is None else Path(hydrodynamics)
+    if name is None:
+        return Path(str(urdf)), given
+    folder = robot_folder(name)
+    return folder / "robot.urdf", given or folder / "hydrodynamics.yaml"
+
+
+def _description(name: str | None, path: Path | None, variant: str | None) -> RobotDescription:
+    if path is None:
+        return RobotDescription()
+    if variant is None:
+        return read_description(path)
+    if name is None:
+        raise InvalidInput(f"variant {variant!r} without a robot's name; variants belong to named robots")
+    return read_description(path, variant_file(name, variant))
+
+
+def assemble(models: UrdfModels, description: RobotDescription, path: Path, name: str | None = None) -> Robot:
+    """Join the mechanism and its description.
+
+    Raises ``RobotDataError``, which blames the file ``path``, for names, thrusters and a home that do not fit.
+    """
+    description = forward_left_up(description)
+    _check_names(models.model, description, path)
+    trimmed = replace(models, model=_with_trim(models.model, description.trim))
+    robot = robot_of(trimmed, description, name or models.name)
+    _check_home(robot, path)
+    return robot
+
+
+def robot_of(models: UrdfModels, description: RobotDescription, name: str) -> Robot:
+    """Return the robot of a mechanism that already carries its trim bodies."""
+    joints = joints_of(models.model, free_flyer=description.base == "free_flyer")
+    limits = limits_of(models.model, description, joints)
+    return Robot(
+        name=name,
+        model=models.model,
+        visual_model=models.visual,
+        collision_model=models.collision,
+        description=description,
+        joints=joints,
+        limits=limits,
+        home=home_of(models.model, description, joints, limits),
+        hydrodynamics=links_in_water(description),
+    )
+
+
+def _check_home(robot: Robot, path: Path) -> None:
+    try:
+        robot.configuration()
+    except InvalidInput as error:
+        raise RobotDataError(path, f"home: {error}") from None
+
+
+def _check_names(model: pin.Model, description: RobotDescription, path: Path) -> None:
+    known_frames = tuple(frame.name for frame in model.frames[1:])
+    altimeter = [("altimeter", description.altimeter)] if description.altimeter else []
+    wanted = [
+        *(("links", link) for link in description.links),
+        *((f"trim {body.name!r} link", body.link) for body in description.trim),
+        *((f"thruster {thruster.name!r} link", thruster.link) for thruster in description.thrusters),
+        *altimeter,
+    ]
+    _check_known(path, wanted, known_frames)
+    _check_known(path, [("joints", joint) for joint in description.joints], tuple(model.names)[1:])
+    _check_thrusters(model, description, path)
+
+
+def _check_thrusters(model: pin.Model, description: RobotDescription, path: Path) -> None:
+    carrier = 1 if description.base == "free_flyer" else 0
+    for thruster in description.thrusters:
+        if model.frames[model.getFrameId(thruster.link)].parentJoint != carrier:
+            problem = f"thruster {thruster.name!r} link: given {thruster.link!r}; allowed: links fixed to the vehicle"
+            raise RobotDataError(path, problem)
+
+
+def _check_known(path: Path, wanted: Sequence[tuple[str, str]], known: Sequence[str]) -> None:
+    for key, name in wanted:
+        if name not in known:
+            raise RobotDataError(path, f"{key}: {name!r} is not in the URDF; allowed: {', '.join(known)}")
+
+
+def _with_trim(model: pin.Model, trim: Sequence[TrimBody]) -> pin.Model:
+    model = model.copy()
+    for body in trim:
+        joint, inertia = trim_inertia(model, body)
+        model.inertias[joint] += inertia
+    return model
+
+
+def trim_inertia(model: pin.Model, body: TrimBody) -> tuple[int, pin.Inertia]:
+    """Return the joint that carries a float or ballast, and its point mass in the frame of that joint."""
+    frame = model.frames[model.getFrameId(body.link)]
+    point_mass = pin.Inertia(body.mass, np.array(body.position), np.zeros((3, 3)))
+    return frame.parentJoint, frame.placement.act(point_mass)

@@ -1,0 +1,336 @@
+"""The robot as a value: mechanism, shapes, limits, configurations and the description of the water on it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.errors import FrameNotFound, InvalidInput, NameNotFound
+from uvms_ocp.record.display import SmallTable
+from uvms_ocp.robot.coefficients import links_in_water
+from uvms_ocp.robot.description import RobotDescription, checked_copy
+from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.robot.limits import Joint, Limits, from_joint_values
+from uvms_ocp.types import Range, read_only
+
+# Building and checking the configuration q of a robot.
+
+_LIMIT_TOLERANCE = 1e-9
+_UNIT_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ConfigurationSpace:
+    """What the configurations of one robot are made of."""
+
+    name: str
+    """Of the robot, for messages."""
+    model: pin.Model
+    joints: tuple[Joint, ...]
+    limits: Limits
+    home: np.ndarray
+    """(n_q - 7,) or (n_q,) [rad or m] stowed posture, the joint part of q."""
+
+    @property
+    def _n_vehicle(self) -> int:
+        return int(self.model.nv) - len(self.limits.position_lower)
+
+    @property
+    def _joint_q(self) -> slice:
+        return slice(self.model.nq - len(self.home), self.model.nq)
+
+    def vehicle_part(
+        self, position: ArrayLike | None, rpy: ArrayLike | None, quaternion: ArrayLike | None
+    ) -> np.ndarray:
+        """[p_WB, quaternion] (7,), or (0,) for a fixed base.
+
+        position (3,) [m]; rpy (3,) [rad] or quaternion (4,) [-] xyzw. Raises `InvalidInput` for both of them, a wrong shape,
+        or any of the three with a fixed base.
+        """
+        if not self._n_vehicle:
+            if position is not None or rpy is not None or quaternion is not None:
+                raise InvalidInput(f"robot {self.name!r} has a fixed base; give joints only")
+            return np.zeros(0)
+        p = np.zeros(3) if position is None else finite("position", position, 3)
+        return np.concatenate([p, _orientation(rpy, quaternion)])
+
+    def joint_part(self, joints: ArrayLike | Mapping[str, float] | None) -> np.ndarray:
+        """The joint part of q from `joints`: one value per degree of freedom (n_joints,) [rad or m], or by name on ``home``.
+
+        Raises `InvalidInput` for a wrong shape and `NameNotFound` for an unknown joint.
+        """
+        if joints is None:
+            return self.home
+        first, values = self._n_vehicle, np.zeros(self.model.nv)
+        if isinstance(joints, Mapping):
+            values[first:] = self._by_name(joints)
+        else:
+            values[first:] = finite("joints", joints, self.model.nv - first)
+        return from_joint_values(self.model, values)[self._joint_q]
+
+    def checked(self, q: ArrayLike) -> np.ndarray:
+        """q (n_q,) [m, rad] read-only. Raises `InvalidInput` naming what is wrong with it."""
+        array = finite("q", q, self.model.nq)
+        if self._n_vehicle:
+            _check_unit("quaternion", array[3:7])
+        for joint in self.joints:
+            self._check_joint(joint, array[joint.q])
+        return read_only(array)
+
+    def _by_name(self, joints: Mapping[str, float]) -> np.ndarray:
+        neutral = pin.neutral(self.model)
+        q = neutral.copy()
+        q[self._joint_q] = self.home
+        values = pin.difference(self.model, neutral, q)
+        own = {joint.name: joint for joint in self.joints}
+        for name, value in joints.items():
+            if name not in own:
+                raise NameNotFound("joint", name, own)
+            values[own[name].v] = value
+        return np.asarray(values[self._n_vehicle :])
+
+    def _check_joint(self, joint: Joint, values: np.ndarray) -> None:
+        if joint.n_q != joint.n_v:
+            _check_unit(f"(cos, sin) of joint {joint.name!r}", values[-2:])
+            return
+        for i, value in enumerate(values, start=joint.idx_v - self._n_vehicle):
+            low, high = self.limits.position_lower[i], self.limits.position_upper[i]
+            if not low - _LIMIT_TOLERANCE <= value <= high + _LIMIT_TOLERANCE:
+                raise InvalidInput(f"joint {joint.name!r}: given {value:.6g}; allowed: {low:.6g} to {high:.6g}")
+
+
+def _orientation(rpy: ArrayLike | None, quaternion: ArrayLike | None) -> np.ndarray:
+    if rpy is not None and quaternion is not None:
+        raise InvalidInput("give either rpy or quaternion, not both")
+    if quaternion is not None:
+        return finite("quaternion", quaternion, 4)
+    angles = np.zeros(3) if rpy is None else finite("rpy", rpy, 3)
+    return np.asarray(pin.Quaternion(pin.rpy.rpyToMatrix(angles)).coeffs())
+
+
+def _check_unit(what: str, values: np.ndarray) -> None:
+    norm = float(np.linalg.norm(values))
+    if abs(norm - 1.0) > _UNIT_TOLERANCE:
+        raise InvalidInput(f"{what} has norm {norm:.6g}; allowed: 1, divide it by its norm")
+
+
+def finite(what: str, values: ArrayLike, size: int) -> np.ndarray:
+    """``values`` (size,) [any] as numbers; `what` names them. Raises `InvalidInput` for another shape, NaN or infinity."""
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{what}: given {values!r}; allowed: {size} numbers") from None
+    if array.shape != (size,):
+        raise InvalidInput(f"{what} has shape {array.shape}; allowed: ({size},)")
+    if not np.isfinite(array).all():
+        where = np.flatnonzero(~np.isfinite(array)).tolist()
+        raise InvalidInput(f"{what} has NaN or infinite entries at {where}; allowed: finite numbers")
+    return array
+
+
+# Moving fixed frames (sensors, tools) of a Pinocchio model without touching the original.
+
+
+def check_movable(model: pin.Model, index: int) -> None:
+    """Raise ``InvalidInput`` for a frame that is itself a moving link."""
+    frame = model.frames[index]
+    is_link = frame.type == pin.FrameType.BODY
+    carrier = model.frames[frame.parentFrame] if is_link else frame
+    if carrier.type == pin.FrameType.JOINT:
+        raise InvalidInput(f"frame {frame.name!r} is a moving link; only frames fixed to a link can be moved")
+
+
+def frames_fixed_to(model: pin.Model, index: int) -> frozenset[int]:
+    """Return the frame and all frames rigidly attached to it."""
+    fixed = {index}
+    # Pinocchio appends children after their parents, so one pass finds all descendants.
+    for i, frame in enumerate(model.frames[index + 1 :], start=index + 1):
+        if frame.parentFrame in fixed and frame.type != pin.FrameType.JOINT:
+            fixed.add(i)
+    return frozenset(fixed)
+
+
+def shifted_frames(model: pin.Model, moved: frozenset[int], shift: pin.SE3) -> pin.Model:
+    """Return a copy of the model with the frames, and the joints they carry, moved by ``shift``."""
+    model = model.copy()
+    for i in moved:
+        model.frames[i].placement = shift * model.frames[i].placement
+    for frame in model.frames:
+        if frame.type == pin.FrameType.JOINT and frame.parentFrame in moved:
+            model.jointPlacements[frame.parentJoint] = shift * model.jointPlacements[frame.parentJoint]
+    return model
+
+
+def shifted_shapes(shapes: pin.GeometryModel, moved: frozenset[int], shift: pin.SE3) -> pin.GeometryModel:
+    """Return a copy of the shapes with those on the given frames moved by ``shift``."""
+    shapes = shapes.copy()
+    for shape in shapes.geometryObjects:
+        if shape.parentFrame in moved:
+            shape.placement = shift * shape.placement
+    return shapes
+
+
+# The robot as a value: mechanism, shapes, limits and the description of the water on it.
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class Robot:
+    """A vehicle with an arm, or a fixed-base arm; see `uvms_ocp.robot.loading.load_robot`.
+
+    For a free-flyer ``q`` is Pinocchio's [p_WB, quaternion xyzw, joints] and ``v`` is [v_B, omega_B, joint
+    rates]; W has z up. ``model`` and the geometry models are shared between copies and must not be changed.
+    """
+
+    name: str
+    model: pin.Model
+    visual_model: pin.GeometryModel
+    collision_model: pin.GeometryModel
+    description: RobotDescription
+    joints: tuple[Joint, ...]
+    """Arm joints of a free-flyer, all joints otherwise."""
+    limits: Limits
+    home: Annotated[np.ndarray, Range(open=True)]
+    """(n_q - 7,) or (n_q,) [rad or m] stowed posture, the joint part of q."""
+    hydrodynamics: tuple[LinkHydrodynamics, ...]
+    """Links in water; floats and ballast add their volume."""
+
+    def __repr__(self) -> str:
+        base = "free-flyer" if self.n_vehicle else "fixed base"
+        return f"Robot({self.name!r}, {base}, {self.n_joints} joints, {len(self.description.thrusters)} thrusters)"
+
+    def _repr_html_(self) -> str:
+        limits = zip(self.limits.position_lower, self.limits.position_upper, strict=True)
+        rows = [
+            (joint.name, f"{low:.4g}", f"{high:.4g}") for joint, (low, high) in zip(self.joints, limits, strict=False)
+        ]
+        return SmallTable(title=repr(self), head=("joint", "lower", "upper"), rows=tuple(rows)).html()
+
+    @property
+    def n_q(self) -> int:
+        """Size of q."""
+        return int(self.model.nq)
+
+    @property
+    def n_v(self) -> int:
+        """Size of v."""
+        return int(self.model.nv)
+
+    @property
+    def n_vehicle(self) -> int:
+        """Velocity degrees of freedom of the vehicle: 6, or 0 for a fixed base."""
+        return 6 if self.description.base == "free_flyer" else 0
+
+    @property
+    def n_joints(self) -> int:
+        """Velocity degrees of freedom of the joints."""
+        return self.n_v - self.n_vehicle
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints in the order of q."""
+        return tuple(joint.name for joint in self.joints)
+
+    @property
+    def thruster_names(self) -> tuple[str, ...]:
+        """Names of the thrusters in the order of thrust."""
+        return tuple(thruster.name for thruster in self.description.thrusters)
+
+    @property
+    def vehicle_v(self) -> slice:
+        """The vehicle's part of v."""
+        return slice(0, self.n_vehicle)
+
+    @property
+    def joint_v(self) -> slice:
+        """The joints' part of v."""
+        return slice(self.n_vehicle, self.n_v)
+
+    @property
+    def joint_q(self) -> slice:
+        """The joints' part of q."""
+        return slice(self.n_q - len(self.home), self.n_q)
+
+    @property
+    def frame_names(self) -> tuple[str, ...]:
+        """Names of all frames, without Pinocchio's universe."""
+        return tuple(frame.name for frame in self.model.frames[1:])
+
+    @checked_on_failure
+    def has_frame(self, name: str) -> bool:
+        """Tell whether the frame exists."""
+        return name in self.frame_names
+
+    @checked_on_failure
+    def frame_id(self, name: str) -> int:
+        """Return Pinocchio's index of a frame. Raises ``FrameNotFound`` with the alternatives."""
+        if not self.has_frame(name):
+            raise FrameNotFound(name, self.frame_names)
+        return int(self.model.getFrameId(name))
+
+    @checked_on_failure
+    def joint(self, name: str) -> Joint:
+        """Return a joint by name. Raises ``NameNotFound`` with the alternatives."""
+        for joint in self.joints:
+            if joint.name == name:
+                return joint
+        raise NameNotFound("joint", name, self.joint_names)
+
+    def with_frame_pose(self, frame: str, X_parent: pin.SE3) -> Robot:
+        """Return a copy whose fixed frame sits at ``X_parent`` in the moving link that carries it.
+
+        Frames, shapes and joints on that frame move along; masses fixed to the moving link stay. Raises
+        ``InvalidInput`` for a frame that is itself a moving link, and ``FrameNotFound``.
+        """
+        index = self.frame_id(frame)
+        check_movable(self.model, index)
+        moved = frames_fixed_to(self.model, index)
+        shift = X_parent * self.model.frames[index].placement.inverse()
+        return replace(
+            self,
+            model=shifted_frames(self.model, moved, shift),
+            visual_model=shifted_shapes(self.visual_model, moved, shift),
+            collision_model=shifted_shapes(self.collision_model, moved, shift),
+        )
+
+    def with_water_density(self, density: float) -> Robot:
+        """Return a copy in water of another density [kg/m3].
+
+        Buoyancy and the added mass of shapes follow it, published coefficients and the trim do not.
+        """
+        description = checked_copy(self.description, water_density=density)
+        return replace(self, description=description, hydrodynamics=links_in_water(description))
+
+    @checked_on_failure
+    def configuration(
+        self,
+        position: ArrayLike | None = None,
+        rpy: ArrayLike | None = None,
+        quaternion: ArrayLike | None = None,
+        joints: ArrayLike | Mapping[str, float] | None = None,
+    ) -> np.ndarray:
+        """Return a checked q (n_q,); parts left out are zero for the vehicle and ``home`` for the joints.
+
+        ``position`` (3,) [m] p_WB; ``rpy`` (3,) [rad], R = Rz Ry Rx, or ``quaternion`` (4,) [-] xyzw; ``joints``
+        (n_joints,) [rad or m], or values by name on top of ``home``. Raises ``InvalidInput`` for a wrong shape or what
+        `check_configuration` refuses, and ``NameNotFound`` for an unknown joint.
+        """
+        space = self._space
+        return space.checked(np.concatenate([space.vehicle_part(position, rpy, quaternion), space.joint_part(joints)]))
+
+    @checked_on_failure
+    def check_configuration(self, q: ArrayLike) -> np.ndarray:
+        """Return q (n_q,) [m, rad] as a read-only array. Raises ``InvalidInput`` naming what is wrong."""
+        return self._space.checked(q)
+
+    @property
+    def _space(self) -> ConfigurationSpace:
+        return ConfigurationSpace(
+            name=self.name, model=self.model, joints=self.joints, limits=self.limits, home=self.home
+        )

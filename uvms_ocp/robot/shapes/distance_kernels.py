@@ -1,0 +1,321 @@
+"""Signed distances of all pairs of spheres, capsules, cylinders and boxes in machine code; coal is their oracle.
+
+A layout that is to measure distances has a field ``DistanceMemory``; what `structure_of` needs for it is
+`CollisionModel.memory_sizes`, and `CollisionModel.write` writes into it what never changes. Then, in a kernel of one's own:
+
+    pair_distances(m.distances, m.q)            # m.distances.value[k] [m] of all pairs, at q
+    value = distance_of(m.distances, k)         # of one pair, after `place_solids(m.distances, m.q)`
+    bound = least_distance(m.distances, k)      # no more than that, by what was found last: ten times as fast
+    pair_gradient(m.distances, k, row)          # (n_v,) rate of the distance of the pair measured last, per unit of velocity
+
+Bounded: a pair takes at most `ROUNDS` differences of its solids, and where they overlap `GROWTH` more, and `ROUNDS` for each
+look at how they part.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Annotated, Any
+
+import casadi as ca
+import coal
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Smooth, Vector, zeros
+from uvms_ocp.robot.shapes.gjk import (
+    Meeting,
+    Solid,
+    bring_together,
+    dot,
+    height,
+    rotated,
+    search_apart,
+    subtract,
+    turned_back,
+)
+from uvms_ocp.robot.shapes.penetration import Hull, grow_hull, try_axes, try_axis
+from uvms_ocp.robot.spatial import skew
+from uvms_ocp.robot.symbolic_bodies import Pose, SymbolicJoint
+from uvms_ocp.robot.symbolic_model import SymbolicModel, function
+
+# The signed distance of two solids: apart, or overlapping.
+
+_SHIFT = 1e-3  # [m] that overlapping solids are taken apart by, for their nearest points
+_POLISH = 3  # [-] of the direction that a polytope gives to 1e-7 m
+
+
+def measure_solids(m: Meeting, hull: Hull, a: Solid, b: Solid) -> None:
+    """Distance, normal and nearest point of A, balls included, in the frame of A. A kernel."""
+    bring_together(m, a, b)
+    if not search_apart(m, a, b):
+        overlap_solids(m, hull, a, b)
+    m.distance -= a.ball + b.ball
+    for i in range(3):
+        m.at[i] += a.ball * m.normal[i]
+
+
+def overlap_solids(m: Meeting, hull: Hull, a: Solid, b: Solid) -> None:
+    """The shallowest direction, and the points that part last along it. A kernel."""
+    try_axes(m, a, b)
+    if is_curved(a, b):
+        grow_hull(hull, m, a, b)
+    for _ in range(_POLISH if is_curved(a, b) else 1):
+        part_solids(m, a, b)
+
+
+def is_curved(a: Solid, b: Solid) -> bool:
+    """Whether the difference has faces that `axes` does not know. A kernel."""
+    return (a.disk > 0.0 and not is_ball(b)) or (b.disk > 0.0 and not is_ball(a))
+
+
+def is_ball(s: Solid) -> bool:
+    """A kernel."""
+    return s.disk == 0.0 and s.half[0] == 0.0 and s.half[1] == 0.0 and s.half[2] == 0.0
+
+
+def part_solids(m: Meeting, a: Solid, b: Solid) -> None:
+    """Take B away from A along the normal; what is nearest then parts last, and tells the direction again. A kernel."""
+    p, n, distance = zeros(3), zeros(3), m.distance
+    for i in range(3):
+        p[i] = m.p[i]
+        n[i] = m.normal[i]
+        m.p[i] += (_SHIFT - distance) * n[i]
+    search_apart(m, a, b)
+    for i in range(3):
+        m.p[i] = p[i]
+        p[i] = m.normal[i]
+        m.normal[i] = n[i]
+    m.distance = distance
+    try_axis(m, a, b, p)
+
+
+# Distances of all pairs of a collision model in machine code, for programs that embed them.
+#
+# A layout that is to measure distances has a field ``DistanceMemory``; what `structure_of` needs for it is
+# `CollisionModel.memory_sizes`, and `CollisionModel.write` writes into it what never changes. Then, in a kernel of one's own:
+#
+#     pair_distances(m.distances, m.q)            # m.distances.value[k] [m] of all pairs, at q
+#     value = distance_of(m.distances, k)         # of one pair, after `place_solids(m.distances, m.q)`
+#     bound = least_distance(m.distances, k)      # no more than that, by what was found last: ten times as fast
+#     pair_gradient(m.distances, k, row)          # (n_v,) rate of the distance of the pair measured last, per unit of velocity
+#
+# Bounded: a pair takes at most `ROUNDS` differences of its solids, and where they overlap `GROWTH` more, and `ROUNDS` for each
+# look at how they part.
+
+_NOTHING = 1e-5
+"""[-, m] rate of an axis that does not change a distance, but for what a search that ends leaves: a hierarchy would heed it."""
+
+
+class Pair(Layout):
+    """Two solids, and what was found of them last."""
+
+    first: int
+    """Solid, by its index."""
+    second: int
+    known: bool
+    """It has been measured."""
+    normal: Annotated[Vector, Sized(3)]
+    """(3,) [-] in W, from the first to the second."""
+    at: Annotated[Vector, Sized(3)]
+    """(3,) [m] in W, the nearest point of the first."""
+
+
+class DistanceMemory(Layout):
+    """Solids of a robot and its obstacles, and their pairs."""
+
+    places: Smooth
+    """q, to the placements of all joints and the twists of all axes."""
+    placements: Annotated[Vector, Sized("n_placements")]
+    """(12 n_joints,) R_WJ [-], row after row, and p_WJ [m] of each joint."""
+    twists: Annotated[Vector, Sized("n_twists")]
+    """(6 n_v,) of each axis, at the origin of W: linear [m, or 1], angular [1]."""
+    n_solids: int
+    solids: Annotated[list[Solid], Sized("n_solids")]
+    """(n_solids,)"""
+    moves: Annotated[list[list[int]], Sized("n_solids", "n_v")]
+    """(n_solids, n_v) whether the axis moves the solid."""
+    n_pairs: int
+    pairs: Annotated[list[Pair], Sized("n_pairs")]
+    """(n_pairs,)"""
+    value: Annotated[Vector, Sized("n_pairs")]
+    """(n_pairs,) [m] signed distances as measured last."""
+    gradient: Annotated[list[Vector], Sized("n_pairs", "n_v")]
+    """(n_pairs, n_v) [-, m] of the chosen ones, one after the other."""
+    n_chosen: int
+    chosen: Annotated[list[int], Sized("n_pairs")]
+    """(n_chosen,) pairs that `chosen_distances` measures."""
+    meeting: Meeting
+    """Of the pair measured last, in the frame of its first solid."""
+    hull: Hull
+    """Working memory."""
+
+
+def pair_distances(m: DistanceMemory, q: Vector) -> None:
+    """`value` of all pairs at q (n_q,) [m, rad]. A kernel."""
+    place_solids(m, q)
+    for k in range(m.n_pairs):
+        m.value[k] = distance_of(m, k)
+
+
+def chosen_distances(m: DistanceMemory, q: Vector) -> None:
+    """`value` of the chosen pairs, at their places, at q (n_q,) [m, rad]. A kernel."""
+    place_solids(m, q)
+    for k in range(m.n_chosen):
+        m.value[m.chosen[k]] = distance_of(m, m.chosen[k])
+
+
+def chosen_gradients(m: DistanceMemory) -> None:
+    """`gradient` of the chosen pairs, where they were measured last. A kernel."""
+    for k in range(m.n_chosen):
+        pair_gradient(m, m.chosen[k], m.gradient[k])
+
+
+def place_solids(m: DistanceMemory, q: Vector) -> None:
+    """Everything that is not of a pair, at q (n_q,) [m, rad]. A kernel."""
+    m.places(q, m.placements, m.twists)
+    for k in range(m.n_solids):
+        if m.solids[k].joint >= 0:
+            place_solid(m.solids[k], m.placements)
+
+
+def place_solid(s: Solid, placements: Vector) -> None:
+    """One of a joint. A kernel."""
+    R, p, first = zeros(9), zeros(3), 12 * s.joint
+    for i in range(9):
+        R[i] = placements[first + i]
+    rotated(R, s.p_JS, p)
+    for i in range(3):
+        s.p[i] = placements[first + 9 + i] + p[i]
+        for j in range(3):
+            s.R[3 * i + j] = R[3 * i] * s.R_JS[j] + R[3 * i + 1] * s.R_JS[3 + j] + R[3 * i + 2] * s.R_JS[6 + j]
+
+
+def distance_of(m: DistanceMemory, k: int) -> float:
+    """Signed distance [m] of pair k, as its solids are placed. A kernel."""
+    pair, meeting = m.pairs[k], m.meeting
+    a, b = m.solids[pair.first], m.solids[pair.second]
+    measure_solids(meeting, m.hull, a, b)
+    rotated(a.R, meeting.normal, pair.normal)
+    rotated(a.R, meeting.at, pair.at)
+    for i in range(3):
+        pair.at[i] += a.p[i]
+    pair.known = True
+    return meeting.distance
+
+
+def least_distance(m: DistanceMemory, k: int) -> float:
+    """No more than the distance [m] of pair k: that along the direction found last, or of the balls around. A kernel."""
+    pair, way, turned = m.pairs[k], zeros(3), zeros(3)
+    a, b = m.solids[pair.first], m.solids[pair.second]
+    subtract(b.p, a.p, way)
+    found = math.sqrt(dot(way, way)) - a.size - b.size
+    if pair.known:
+        turned_back(a.R, pair.normal, turned)
+        along = dot(pair.normal, way) - height(a, turned) - a.ball
+        turned_back(b.R, pair.normal, turned)
+        found = max(found, along - height(b, turned) - b.ball)
+    return found
+
+
+def pair_gradient(m: DistanceMemory, k: int, row: Vector) -> None:
+    """Rate (n_v,) [-, m] of the distance of pair k per unit of each velocity, where it was measured last. A kernel."""
+    pair, moment, n_v = m.pairs[k], zeros(3), len(m.gradient[0])
+    n, x = pair.normal, pair.at
+    moment[0] = x[1] * n[2] - x[2] * n[1]
+    moment[1] = x[2] * n[0] - x[0] * n[2]
+    moment[2] = x[0] * n[1] - x[1] * n[0]
+    for i in range(n_v):
+        row[i] = 0.0
+        sign = m.moves[pair.second][i] - m.moves[pair.first][i]
+        for c in range(3):
+            row[i] += sign * (n[c] * m.twists[6 * i + c] + moment[c] * m.twists[6 * i + 3 + c])
+        if abs(row[i]) < _NOTHING:
+            row[i] = 0.0
+
+
+# Which shapes have a form in C, and a memory of their pairs that kernels work on.
+
+_STEP = 8  # sizes are multiples of it, so that models of about the same size share machine code
+
+
+def has_c_form(shape: coal.CollisionGeometry) -> bool:
+    """Whether it is a sphere, a capsule, a cylinder or a box."""
+    return isinstance(shape, (coal.Sphere, coal.Capsule, coal.Cylinder, coal.Box))
+
+
+def distance_sizes(model: pin.Model, *, n_solids: int, n_pairs: int) -> dict[str, Any]:
+    """What `structure_of` a layout with a `DistanceMemory` needs for that many solids and pairs [-], or fewer."""
+    places = _places(model)
+    return {
+        "places": places,
+        "n_placements": max(1, places.numel_out(0)),
+        "n_twists": max(1, places.numel_out(1)),
+        "n_v": model.nv,
+        "n_solids": -(-n_solids // _STEP) * _STEP,
+        "n_pairs": -(-n_pairs // _STEP) * _STEP,
+    }
+
+
+def write_distances(
+    memory: Any, model: pin.Model, shapes: Sequence[pin.GeometryObject], pairs: Sequence[tuple[int, int]]
+) -> None:
+    """Into a `DistanceMemory`: pairs of the shapes, by index, which have a form in C as far as they are used."""
+    used = sorted({k for pair in pairs for k in pair})
+    places = {k: i for i, k in enumerate(used)}
+    memory.n_solids, memory.n_pairs = len(used), len(pairs)
+    for k, i in places.items():
+        _write_solid(memory.solids[i], shapes[k])
+        memory.moves[i][:] = _movers(model, shapes[k].parentJoint)
+    for pair, (first, second) in zip(memory.pairs, pairs, strict=False):
+        pair.first, pair.second, pair.known = places[first], places[second], False
+
+
+def _write_solid(solid: Solid, shape: pin.GeometryObject) -> None:
+    half, disk, ball = _sums(shape.geometry)
+    solid.half[:], solid.disk, solid.ball = half, disk, ball
+    solid.size = float(np.hypot(np.hypot(half[0], half[1]) + disk, half[2])) + ball
+    solid.joint = int(shape.parentJoint) - 1
+    R, p = shape.placement.rotation.ravel().tolist(), shape.placement.translation.tolist()
+    solid.R_JS[:], solid.p_JS[:], solid.R[:], solid.p[:] = R, p, R, p
+
+
+def _sums(shape: Any) -> tuple[list[float], float, float]:
+    """Half sides of a box, radius of a disk, radius of a ball [m]."""
+    swept = float(shape.getSweptSphereRadius())
+    if isinstance(shape, coal.Box):
+        return np.asarray(shape.halfSide).tolist(), 0.0, swept
+    if isinstance(shape, coal.Sphere):
+        return [0.0, 0.0, 0.0], 0.0, shape.radius + swept
+    if isinstance(shape, coal.Capsule):
+        return [0.0, 0.0, shape.halfLength], 0.0, shape.radius + swept
+    return [0.0, 0.0, shape.halfLength], shape.radius, swept
+
+
+def _movers(model: pin.Model, joint: int) -> list[int]:
+    """(n_v,) 1 for axes that move a joint's body, 0 for others."""
+    found = [0] * model.nv
+    for index in model.supports[joint]:
+        if index:
+            first = model.joints[index].idx_v
+            found[first : first + model.joints[index].nv] = [1] * model.joints[index].nv
+    return found
+
+
+@lru_cache(maxsize=8)
+def _places(model: pin.Model) -> ca.Function:
+    """q -> placements of joints, row after row, and twists of axes at the origin of W, column after column."""
+    q, symbolic = ca.SX.sym("q", model.nq), SymbolicModel(model)
+    poses = symbolic.forward_kinematics(q).joint_poses[1:]
+    placements = [ca.vertcat(ca.vec(ca.densify(pose.R).T), pose.p) for pose in poses]
+    twists = [_twists(joint, pose) for joint, pose in zip(symbolic.joints, poses, strict=True)]
+    found = {"placements": ca.vertcat(*placements), "twists": ca.vec(ca.densify(ca.horzcat(*twists)))}
+    return function("places", {"q": q}, found)
+
+
+def _twists(joint: SymbolicJoint, pose: Pose) -> ca.SX:
+    """(6, n) of a joint's axes at unit speed."""
+    angular = pose.R @ joint.S_angular
+    return ca.vertcat(pose.R @ joint.S_linear + skew(pose.p) @ angular, angular)

@@ -1,0 +1,366 @@
+"""Nearest points of two convex solids that are apart (Gilbert-Johnson-Keerthi), as kernels.
+
+A solid is a box, a disk across the z axis and a ball, added up (Minkowski sum).
+
+The search is that of [Gilbert1988] (GJK), on boxes and disks; balls are added to what it finds. It remembers nothing, so that
+the same configuration always gives the same distances.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
+
+# Solids that have a form in C: a box, a disk across the z axis and a ball, added up (Minkowski).
+
+
+class Solid(Layout):
+    """A sphere is a ball, a capsule a segment and a ball, a cylinder a segment and a disk, a box itself.
+
+    Each looks the same from either side of its middle, and none has both a disk and a box that is wider than a segment.
+    """
+
+    half: Annotated[Vector, Sized(3)]
+    """(3,) [m] half sides of the box; along z alone it is a segment."""
+    disk: float
+    """[m] radius."""
+    ball: float
+    """[m] radius."""
+    size: float
+    """[m] radius of the ball around the middle that holds all of it."""
+    joint: int
+    """Whose body carries it, counted from 0; -1 where it stands still in W."""
+    R_JS: Annotated[Vector, Sized(9)]
+    """(9,) [-] on that body, row after row."""
+    p_JS: Annotated[Vector, Sized(3)]
+    """(3,) [m]"""
+    R: Annotated[Vector, Sized(9)]
+    """(9,) [-] R_WS, row after row."""
+    p: Annotated[Vector, Sized(3)]
+    """(3,) [m] p_WS."""
+
+
+def farthest(s: Solid, d: Vector, point: Vector) -> None:
+    """The point (3,) [m] of box and disk that is farthest along d (3,), in the solid's frame. A kernel."""
+    across = math.sqrt(d[0] * d[0] + d[1] * d[1])
+    share = s.disk / across if across > 0.0 else 0.0
+    point[0] = math.copysign(s.half[0], d[0]) + share * d[0]
+    point[1] = math.copysign(s.half[1], d[1]) + share * d[1]
+    point[2] = math.copysign(s.half[2], d[2])
+
+
+def nearest_to(s: Solid, x: Vector, point: Vector) -> None:
+    """The point (3,) [m] of box and disk that is nearest to x (3,) [m], in the solid's frame. A kernel."""
+    for i in range(3):
+        point[i] = min(s.half[i], max(-s.half[i], x[i]))
+    across = math.sqrt(x[0] * x[0] + x[1] * x[1])
+    if s.disk > 0.0:
+        share = min(1.0, s.disk / across) if across > 0.0 else 1.0
+        point[0] = share * x[0]
+        point[1] = share * x[1]
+
+
+def height(s: Solid, d: Vector) -> float:
+    """How far that is along d [m times its length]. A kernel."""
+    box = s.half[0] * abs(d[0]) + s.half[1] * abs(d[1]) + s.half[2] * abs(d[2])
+    return box + s.disk * math.sqrt(d[0] * d[0] + d[1] * d[1])
+
+
+def rotated(R: Vector, x: Vector, y: Vector) -> None:
+    """y = R x; R (9,) row after row, x and y (3,) not the same. A kernel."""
+    for i in range(3):
+        y[i] = R[3 * i] * x[0] + R[3 * i + 1] * x[1] + R[3 * i + 2] * x[2]
+
+
+def turned_back(R: Vector, x: Vector, y: Vector) -> None:
+    """y = R.T x. A kernel."""
+    for i in range(3):
+        y[i] = R[i] * x[0] + R[3 + i] * x[1] + R[6 + i] * x[2]
+
+
+def between(R: Vector, S: Vector, T: Vector) -> None:
+    """T = R.T S, all (9,) row after row. A kernel."""
+    for i in range(3):
+        for j in range(3):
+            T[3 * i + j] = R[i] * S[j] + R[3 + i] * S[3 + j] + R[6 + i] * S[6 + j]
+
+
+def dot(x: Vector, y: Vector) -> float:
+    """x.T y of (3,). A kernel."""
+    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
+
+
+def subtract(x: Vector, y: Vector, z: Vector) -> None:
+    """z = x - y, all (3,). A kernel."""
+    for i in range(3):
+        z[i] = x[i] - y[i]
+
+
+def cross(x: Vector, y: Vector, z: Vector) -> None:
+    """z = x cross y, all (3,), z neither of both. A kernel."""
+    z[0] = x[1] * y[2] - x[2] * y[1]
+    z[1] = x[2] * y[0] - x[0] * y[2]
+    z[2] = x[0] * y[1] - x[1] * y[0]
+
+
+# Up to four points of the difference of two solids, and the point of their hull nearest to the origin.
+
+FAR = 1e300
+"""[m2] what `squared` is of points that are no numbers."""
+
+
+class Simplex(Layout):
+    """In the frame of the first solid, A; the second is B."""
+
+    n: int
+    """[-] points."""
+    a: Annotated[list[Vector], Sized(4, 3)]
+    """(4, 3) [m] of A."""
+    b: Annotated[list[Vector], Sized(4, 3)]
+    """(4, 3) [m] of B, in the frame of B."""
+    w: Annotated[list[Vector], Sized(4, 3)]
+    """(4, 3) [m] a - b."""
+    v: Annotated[Vector, Sized(3)]
+    """(3,) [m] the nearest point."""
+    squared: float
+    """[m2] from the origin to it."""
+    inside: bool
+    """The origin is inside of four points."""
+    pick: Annotated[list[int], Sized(3)]
+    """Which points it lies between."""
+    lot: Annotated[Vector, Sized(3)]
+    """(3,) [-] their shares."""
+
+
+def find_nearest(s: Simplex) -> None:
+    """The nearest point of the hull of all points, or that the origin is inside. A kernel."""
+    s.squared = FAR
+    s.inside = s.n == 4 and holds_origin(s)
+    if s.n == 1:
+        offer_point(s, 0, 0, 0, 0.0, 0.0)
+    elif s.n == 2:
+        try_edge(s, 0, 1)
+    elif s.n == 3:
+        try_face(s, 0, 1, 2)
+    elif not s.inside:
+        try_faces(s)
+
+
+def try_faces(s: Simplex) -> None:
+    """On the four faces. A kernel."""
+    try_face(s, 0, 1, 2)
+    try_face(s, 0, 1, 3)
+    try_face(s, 0, 2, 3)
+    try_face(s, 1, 2, 3)
+
+
+def try_edge(s: Simplex, i: int, j: int) -> None:
+    """Between two points. A kernel."""
+    e, wi, wj = zeros(3), s.w[i], s.w[j]
+    subtract(wj, wi, e)
+    length = dot(e, e)
+    if length > 0.0:
+        offer_point(s, i, j, j, min(1.0, max(0.0, -dot(wi, e) / length)), 0.0)
+    else:
+        offer_point(s, i, i, i, 0.0, 0.0)
+
+
+def try_face(s: Simplex, i: int, j: int, k: int) -> None:
+    """Between three points. A kernel."""
+    e, f, normal, turned = zeros(3), zeros(3), zeros(3), zeros(3)
+    wi, wj, wk = s.w[i], s.w[j], s.w[k]
+    subtract(wj, wi, e)
+    subtract(wk, wi, f)
+    cross(e, f, normal)
+    area, x, y = dot(normal, normal), -1.0, -1.0
+    if area > 0.0:
+        cross(f, wi, turned)
+        x = dot(normal, turned) / area
+        cross(wi, e, turned)
+        y = dot(normal, turned) / area
+    if x >= 0.0 and y >= 0.0 and x + y <= 1.0:
+        offer_point(s, i, j, k, x, y)
+    else:
+        try_edge(s, i, j)
+        try_edge(s, i, k)
+        try_edge(s, j, k)
+
+
+def offer_point(s: Simplex, i: int, j: int, k: int, x: float, y: float) -> None:
+    """Take the point w_i + x (w_j - w_i) + y (w_k - w_i), x and y [-], if it is the nearest so far. A kernel."""
+    v, wi, wj, wk = zeros(3), s.w[i], s.w[j], s.w[k]
+    for c in range(3):
+        v[c] = wi[c] + x * (wj[c] - wi[c]) + y * (wk[c] - wi[c])
+    squared = dot(v, v)
+    if squared < s.squared:
+        s.squared = squared
+        s.pick[0] = i
+        s.pick[1] = j
+        s.pick[2] = k
+        s.lot[0] = 1.0 - x - y
+        s.lot[1] = x
+        s.lot[2] = y
+        for c in range(3):
+            s.v[c] = v[c]
+
+
+def holds_origin(s: Simplex) -> bool:
+    """Whether the origin is inside of the four points, which is not so where they lie in a plane. A kernel."""
+    e, f, g, turned = zeros(3), zeros(3), zeros(3), zeros(3)
+    subtract(s.w[1], s.w[0], e)
+    subtract(s.w[2], s.w[0], f)
+    subtract(s.w[3], s.w[0], g)
+    cross(f, g, turned)
+    volume = dot(e, turned)
+    side = 1.0 if volume > 0.0 else -1.0
+    x = -side * dot(s.w[0], turned)
+    cross(g, e, turned)
+    y = -side * dot(s.w[0], turned)
+    cross(e, f, turned)
+    z = -side * dot(s.w[0], turned)
+    return volume != 0.0 and x >= 0.0 and y >= 0.0 and z >= 0.0 and x + y + z <= abs(volume)
+
+
+def keep_nearest(s: Simplex) -> None:
+    """Drop the points that the nearest one does not lie between; `lot` are the shares of those that stay. A kernel."""
+    n = 0
+    for m in range(3):
+        if s.lot[m] > 0.0:
+            i = s.pick[m]  # never before n, as the picks are in their order
+            for c in range(3):
+                s.a[n][c] = s.a[i][c]
+                s.b[n][c] = s.b[i][c]
+                s.w[n][c] = s.w[i][c]
+            s.lot[n] = s.lot[m]
+            n += 1
+    s.n = n
+
+
+def keep_last(s: Simplex, others: bool) -> None:
+    """Count the point behind the last one; without the others, which first ones that are no corners give way to. A kernel."""
+    if not others:
+        for c in range(3):
+            s.a[0][c] = s.a[s.n][c]
+            s.b[0][c] = s.b[s.n][c]
+            s.w[0][c] = s.w[s.n][c]
+        s.n = 0
+    s.n += 1
+
+
+# Two solids that meet: where one is as the other sees it, and the nearest points of both while they are apart.
+#
+# The search is that of [Gilbert1988] (GJK), on boxes and disks; balls are added to what it finds. It remembers nothing, so that
+# the same configuration always gives the same distances.
+
+ROUNDS = 128
+"""[-] bound of a search; what it found is then what is told."""
+_TURNS = 3  # [-] of nearest points, after which most pairs are almost done
+_EXACT = 1e-12  # [-] of the distance, by which none can be smaller: its square root is what the normal is wrong by
+_STALLS = 4  # [-] rounds without a gain, after which rounding is all that is left
+TOUCHING = 1e-9
+"""[m] nearer solids count as overlapping, as rounding is all that is left of a direction."""
+
+
+class Meeting(Layout):
+    """Of solids A and B, in the frame of A; balls left out."""
+
+    R: Annotated[Vector, Sized(9)]
+    """(9,) [-] R_AB, row after row."""
+    p: Annotated[Vector, Sized(3)]
+    """(3,) [m] p_AB."""
+    simplex: Simplex
+    """Of the search, between whose points the nearest ones lie."""
+    normal: Annotated[Vector, Sized(3)]
+    """(3,) [-] from A to B."""
+    distance: float
+    """[m] negative where they overlap."""
+    at: Annotated[Vector, Sized(3)]
+    """(3,) [m] the nearest point of A."""
+
+
+def bring_together(m: Meeting, a: Solid, b: Solid) -> None:
+    """Where B is, as A sees it. A kernel."""
+    way = zeros(3)
+    subtract(b.p, a.p, way)
+    turned_back(a.R, way, m.p)
+    between(a.R, b.R, m.R)
+
+
+def begin_search(m: Meeting, a: Solid, b: Solid) -> None:
+    """One point of each, which lie near each other: nearest to the other's, in turn. A kernel."""
+    x, y, s = zeros(3), zeros(3), m.simplex
+    for i in range(3):
+        x[i] = m.p[i]
+    for _ in range(_TURNS):
+        nearest_to(a, x, s.a[0])
+        subtract(s.a[0], m.p, x)
+        turned_back(m.R, x, y)
+        nearest_to(b, y, s.b[0])
+        rotated(m.R, s.b[0], x)
+        for i in range(3):
+            x[i] += m.p[i]
+    place_difference(m, 0)
+    s.n = 1
+
+
+def place_difference(m: Meeting, k: int) -> None:
+    """The difference of the k-th points. A kernel."""
+    there, s = zeros(3), m.simplex
+    rotated(m.R, s.b[k], there)
+    for i in range(3):
+        s.w[k][i] = s.a[k][i] - m.p[i] - there[i]
+
+
+def add_corners(m: Meeting, a: Solid, b: Solid, d: Vector) -> None:
+    """The points of A and B whose difference is farthest along d (3,). A kernel."""
+    s, back = m.simplex, zeros(3)
+    farthest(a, d, s.a[s.n])
+    turned_back(m.R, d, back)
+    for i in range(3):
+        back[i] = -back[i]
+    farthest(b, back, s.b[s.n])
+    place_difference(m, s.n)
+    s.n += 1
+
+
+def search_apart(m: Meeting, a: Solid, b: Solid) -> bool:
+    """Whether A and B are apart; if so, their distance, normal and nearest points. A kernel."""
+    s, before, stalled = m.simplex, math.inf, 0
+    begin_search(m, a, b)
+    for k in range(ROUNDS):
+        find_nearest(s)
+        if s.inside or s.squared <= TOUCHING * TOUCHING:
+            return False
+        keep_nearest(s)
+        look_beyond(m, a, b)
+        stalled += 1 if s.squared >= before else 0
+        if s.squared - dot(s.v, s.w[s.n]) <= _EXACT * s.squared or stalled > _STALLS:
+            break
+        before = s.squared if k > 0 else math.inf
+        keep_last(s, k > 0)
+    tell_apart(m)
+    return True
+
+
+def look_beyond(m: Meeting, a: Solid, b: Solid) -> None:
+    """Write the points that are farthest towards the origin behind those of the simplex, without counting them. A kernel."""
+    s, away = m.simplex, zeros(3)
+    for i in range(3):
+        away[i] = -s.v[i]
+    add_corners(m, a, b, away)
+    s.n -= 1
+
+
+def tell_apart(m: Meeting) -> None:
+    """Distance, normal and nearest point from what the search ended with. A kernel."""
+    s = m.simplex
+    m.distance = math.sqrt(s.squared)
+    if not s.squared < FAR:
+        m.distance = math.nan
+    for i in range(3):
+        m.normal[i] = -s.v[i] / m.distance
+        m.at[i] = 0.0
+        for k in range(s.n):
+            m.at[i] += s.lot[k] * s.a[k][i]

@@ -1,0 +1,225 @@
+"""Obstacles: solid shapes that stand in the water, from code, a YAML file or words of a command line, and back to data.
+
+obstacles:
+      - {name: pile, shape: cylinder, size: [0.2, 3.0], position: [1.5, 0.0, 0.0]}
+      - {name: crate, shape: box, size: [0.4, 0.4, 0.8], position: [2.0, 1.0, -0.5], rpy: [0.0, 0.0, 0.3]}
+
+The entries are the fields of `ObstacleData`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Annotated, Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.model_errors import printable
+from uvms_ocp.record.meta_values import N_SIZES, ObstacleData
+from uvms_ocp.record.untrusted import read_yaml
+from uvms_ocp.types import Finite, Range, Shape
+
+# Obstacles: solid shapes that stand in the water.
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Obstacle:
+    """A coal shape at a fixed pose in W. Raises `InvalidInput` for an empty name or a pose that is not finite."""
+
+    name: str
+    shape: coal.CollisionGeometry
+    X_WO: pin.SE3
+    """[m] pose of the shape's own frame."""
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            raise InvalidInput("an obstacle needs a name; give one that is not empty")
+        if not np.isfinite(self.X_WO.homogeneous).all():
+            raise InvalidInput(f"pose of obstacle {self.name!r} has NaN or infinite entries; give finite numbers")
+
+
+@checked
+def obstacle(
+    name: str,
+    shape: coal.CollisionGeometry,
+    position: Annotated[ArrayLike, Range(open=True)],
+    rotation: Annotated[ArrayLike, Range(open=True)] | None = None,
+) -> Obstacle:
+    """An obstacle at `position` (3,) [m] p_WO with `rotation` (3, 3) [-] R_WO, identity by default.
+
+    Raises `InvalidInput` for other shapes and what `Obstacle` refuses.
+    """
+    p = np.asarray(position, dtype=float)
+    R = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
+    if p.shape != (3,) or R.shape != (3, 3):
+        raise InvalidInput(f"obstacle {name!r} has position {p} and rotation {R.tolist()}; give (3,) and (3, 3)")
+    return Obstacle(name=name, shape=shape, X_WO=pin.SE3(R, p))
+
+
+@checked
+def seafloor(height: Finite) -> Obstacle:
+    """The obstacle ``seafloor``: all below a level floor at z = height [m] in W."""
+    return obstacle("seafloor", coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), [0.0, 0.0, height])
+
+
+@checked
+def mesh_shape(
+    vertices: Annotated[np.ndarray, Shape("n", 3)], triangles: Annotated[np.ndarray, Shape("m", 3)]
+) -> coal.BVHModelOBBRSS:
+    """coal shape of a surface, such as `uvms_ocp.sim.floor_mesh` gives, for clearances and drawings.
+
+    vertices (n, 3) [m]; triangles (m, 3) [-] indices of vertices. Raises `InvalidInput` for indices of no vertex.
+    """
+    vertices, triangles = np.asarray(vertices, dtype=float), np.asarray(triangles, dtype=np.int64)
+    if not (triangles.size and triangles.min() >= 0 and triangles.max() < len(vertices)):
+        raise InvalidInput(f"a mesh of {len(vertices)} vertices needs triangles with indices from 0 below that number")
+    shape = coal.BVHModelOBBRSS()
+    shape.beginModel(len(triangles), len(vertices))
+    shape.addVertices(vertices)
+    shape.addTriangles(triangles)
+    shape.endModel()
+    shape.computeLocalAABB()
+    return shape
+
+
+# Obstacles from a YAML file or from words of a command line, and the way from `ObstacleData` to shapes and back.
+#
+#     obstacles:
+#       - {name: pile, shape: cylinder, size: [0.2, 3.0], position: [1.5, 0.0, 0.0]}
+#       - {name: crate, shape: box, size: [0.4, 0.4, 0.8], position: [2.0, 1.0, -0.5], rpy: [0.0, 0.0, 0.3]}
+#
+# The entries are the fields of `ObstacleData`.
+
+_MESH = "mesh"
+_EXAMPLE = "obstacles: [{name: ball, shape: sphere, size: [0.3], position: [1.0, 0.0, 0.0]}]"
+_SHAPES: Mapping[str, Callable[..., coal.ShapeBase]] = MappingProxyType(
+    {
+        "sphere": coal.Sphere,
+        "capsule": coal.Capsule,
+        "cylinder": coal.Cylinder,
+        "cone": coal.Cone,
+        "box": coal.Box,
+        "ellipsoid": coal.Ellipsoid,
+    }
+)
+
+
+class ObstacleFile(BaseModel):
+    """The whole file."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    obstacles: tuple[ObstacleData, ...]
+
+
+@checked
+def read_obstacles(path: Path | str) -> tuple[ObstacleData, ...]:
+    """Read a file of obstacles. Raises ``InvalidInput`` naming the file and the entry that is wrong."""
+    try:
+        content = read_yaml(path)
+        if not isinstance(content, dict) or "obstacles" not in content:
+            raise InvalidInput(f"{printable(path)}: holds no obstacles; give a mapping such as {_EXAMPLE}")
+        return ObstacleFile.model_validate(content).obstacles
+    except InvalidInput:
+        raise
+    except ValidationError as error:
+        raise InvalidInput(f"{printable(path)}: {_first(error)}") from error
+    except (OSError, ValueError) as error:
+        raise InvalidInput(f"{printable(path)}: cannot be read as YAML ({' '.join(str(error).split())})") from error
+
+
+@checked
+def obstacle_from_words(shape: str, words: str, name: str) -> ObstacleData:
+    """An obstacle from its position and sizes, numbers with commas or blanks between: ``"X,Y,Z,R"`` for a sphere.
+
+    Raises ``NameNotFound`` for an unknown shape, and ``InvalidInput``
+    for words that are not numbers, too many or too few, or a size that is not positive.
+    """
+    if shape not in N_SIZES:
+        raise NameNotFound("shape", shape, N_SIZES)
+    given = words.replace(",", " ").split()
+    wanted = 3 + N_SIZES[shape]
+    try:
+        numbers = [float(word) for word in given]
+    except ValueError:
+        numbers = []
+    if len(numbers) != wanted:
+        raise InvalidInput(f"{shape} {words!r}: give {wanted} numbers, the position and the size, such as 1,0,0.5,0.3")
+    try:
+        return ObstacleData.model_validate({"name": name, "shape": shape, "size": numbers[3:], "position": numbers[:3]})
+    except ValidationError as error:
+        raise InvalidInput(f"{shape} {words!r}: {_first(error)}") from error
+
+
+@checked
+def build_obstacle(data: ObstacleData) -> Obstacle:
+    """The obstacle that the data describe."""
+    rotation = pin.rpy.rpyToMatrix(*data.rpy)
+    if data.shape == _MESH:
+        shape = mesh_shape(np.array(data.vertices), np.array(data.triangles))
+    else:
+        shape = _SHAPES[data.shape](*data.size)
+    return obstacle(data.name, shape, data.position, rotation)
+
+
+@checked
+def describe_obstacle(item: Obstacle) -> ObstacleData | None:
+    """The data from which `build_obstacle` makes the obstacle again, a convex shape as the mesh of its surface.
+
+    `None` for a shape without an end, such as a plane.
+    """
+    form = _form(item.shape)
+    if form is None:
+        return None
+    rpy = pin.rpy.matrixToRpy(item.X_WO.rotation)
+    return ObstacleData(name=item.name, position=item.X_WO.translation.tolist(), rpy=rpy.tolist(), **form)
+
+
+def build_obstacles(obstacles: Sequence[ObstacleData]) -> list[Obstacle]:
+    """The obstacles themselves. Raises ``InvalidInput`` where two share a name."""
+    names = [item.name for item in obstacles]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise InvalidInput(f"two obstacles are called {twice[0]!r}; give each a name of its own")
+    return [build_obstacle(item) for item in obstacles]
+
+
+def _form(shape: coal.CollisionGeometry) -> dict[str, Any] | None:
+    """Shape and size of `ObstacleData`, or shape, vertices and triangles."""
+    from scipy.spatial import ConvexHull  # a quarter of a second, which few need
+
+    if isinstance(shape, coal.BVHModelBase):
+        triangles = [[shape.tri_indices(k)[i] for i in range(3)] for k in range(shape.num_tris)]
+        return {"shape": _MESH, "vertices": shape.vertices().tolist(), "triangles": triangles}
+    if isinstance(shape, coal.ConvexBase):
+        points = shape.points()  # coal gives the corners only
+        return {"shape": _MESH, "vertices": points.tolist(), "triangles": ConvexHull(points).simplices.tolist()}
+    for name, kind in _SHAPES.items():
+        if isinstance(shape, kind):  # type: ignore[arg-type]
+            return {"shape": name, "size": _size(shape)}
+    return None
+
+
+def _size(shape: Any) -> list[float]:
+    if isinstance(shape, coal.Box):
+        return (2 * shape.halfSide).tolist()
+    if isinstance(shape, coal.Ellipsoid):
+        return shape.radii.tolist()
+    return [shape.radius] if isinstance(shape, coal.Sphere) else [shape.radius, 2 * shape.halfLength]
+
+
+def _first(error: ValidationError) -> str:
+    first = error.errors()[0]
+    place = ".".join(str(part) for part in first["loc"])
+    text = first["msg"].removeprefix("Value error, ")
+    return f"{place}: {text}" if place else text

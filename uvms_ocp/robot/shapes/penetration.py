@@ -1,0 +1,241 @@
+"""Penetration depth of two overlapping solids, as kernels: separating axes, then an expanding polytope where they are curved.
+
+Without disks these are all (separating axes, [Ericson2005] 4.4.1); with one disk and a point besides, the way outward of the
+axis of the disk is left; for the rest they are where `hull` begins.
+
+Expanding polytope: what its nearest face and the difference there leave open is certain not to be missed. Faces are turned
+away from the middle of the difference, which is always inside, as both solids look the same from either side.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
+from uvms_ocp.robot.shapes.gjk import Meeting, Solid, add_corners, cross, dot, height, subtract, turned_back
+
+# How deep solids overlap along directions that may be the shallowest: those of their faces and edges.
+#
+# Without disks these are all (separating axes, [Ericson2005] 4.4.1); with one disk and a point besides, the way outward of the
+# axis of the disk is left; for the rest they are where `hull` begins.
+
+_PARALLEL = 1e-20  # [-] squared sine of edges that span no face
+
+
+def try_axes(m: Meeting, a: Solid, b: Solid) -> None:
+    """The shallowest of these directions, and the distance along it. A kernel."""
+    m.distance = -math.inf
+    for i in range(3):
+        try_face_and_edges(m, a, b, i)
+    try_outward(m, a, b)
+
+
+def try_face_and_edges(m: Meeting, a: Solid, b: Solid, i: int) -> None:
+    """Along the i-th axes of both, and across that of A and any of B. A kernel."""
+    along, other, both = zeros(3), zeros(3), zeros(3)
+    along[i] = 1.0
+    try_axis(m, a, b, along)
+    for j in range(3):
+        for k in range(3):
+            other[k] = m.R[3 * k + j]
+        if j == i:
+            try_axis(m, a, b, other)
+        cross(along, other, both)
+        try_axis(m, a, b, both)
+
+
+def try_outward(m: Meeting, a: Solid, b: Solid) -> None:
+    """From the z axis of either to the middle of the other. A kernel."""
+    out, z = zeros(3), zeros(3)
+    for k in range(2):
+        out[k] = m.p[k]
+    try_axis(m, a, b, out)
+    for k in range(3):
+        z[k] = m.R[3 * k + 2]
+    along = dot(z, m.p)
+    for k in range(3):
+        out[k] = m.p[k] - along * z[k]
+    try_axis(m, a, b, out)
+
+
+def try_axis(m: Meeting, a: Solid, b: Solid, d: Vector) -> None:
+    """Take d (3,), of any length, if the solids overlap less along it than along what was taken before. A kernel."""
+    n, length = zeros(3), math.sqrt(dot(d, d))
+    if not length * length > _PARALLEL:
+        return
+    side = 1.0 if dot(d, m.p) >= 0.0 else -1.0
+    for i in range(3):
+        n[i] = side * d[i] / length
+    distance = distance_along(m, a, b, n)
+    if distance > m.distance:
+        m.distance = distance
+        for i in range(3):
+            m.normal[i] = n[i]
+
+
+def distance_along(m: Meeting, a: Solid, b: Solid, n: Vector) -> float:
+    """By how much B lies beyond A along n (3,) [-] of length 1, in the frame of A [m]. A kernel."""
+    back = zeros(3)
+    turned_back(m.R, n, back)
+    return dot(n, m.p) - height(a, n) - height(b, back)
+
+
+# How deep two solids overlap whose difference is curved: a polytope inside of it grows where it is nearest to the origin.
+#
+# Expanding polytope: what its nearest face and the difference there leave open is certain not to be missed. Faces are turned
+# away from the middle of the difference, which is always inside, as both solids look the same from either side.
+
+GROWTH = 96
+"""[-] points that a polytope grows by at most."""
+POINTS = GROWTH + 6
+FACES = 2 * POINTS
+_OPEN = 1e-7  # [m] between a face and what lies beyond it
+_FLAT = 1e-30  # [m4] squared area of a face that has no direction
+_SEEN = 1e-13  # [m] by which a point lies beyond a face that goes
+
+
+class Hull(Layout):
+    """A polytope inside of A - B, in the frame of A."""
+
+    n: int
+    """[-] points."""
+    w: Annotated[list[Vector], Sized(POINTS, 3)]
+    """(n, 3) [m]"""
+    n_faces: int
+    face: Annotated[list[list[int]], Sized(FACES, 3)]
+    """(n_faces, 3) points of each."""
+    normal: Annotated[list[Vector], Sized(FACES, 3)]
+    """(n_faces, 3) [-] outward."""
+    offset: Annotated[Vector, Sized(FACES)]
+    """(n_faces,) [m] of the face along its normal; from the origin, if that is inside."""
+    n_edges: int
+    edge: Annotated[list[list[int]], Sized(FACES, 2)]
+    """(n_edges, 2) points of the edges of the hole that faces leave which go."""
+
+
+def grow_hull(h: Hull, m: Meeting, a: Solid, b: Solid) -> None:
+    """Find a shallower direction than that of `m`, or that there is none. A kernel."""
+    enclose(h, m, a, b)
+    for _ in range(GROWTH):
+        k = nearest_face(h)
+        if -m.distance - h.offset[k] <= _OPEN:
+            break
+        try_axis(m, a, b, h.normal[k])
+        write_corner(h, m, a, b, h.normal[k])
+        if dot(h.normal[k], h.w[h.n]) - h.offset[k] <= _OPEN:
+            break
+        open_up(h)
+        if not close_with(h, m):
+            break
+
+
+def write_corner(h: Hull, m: Meeting, a: Solid, b: Solid, d: Vector) -> None:
+    """Write the point that is farthest along d (3,) behind the others, without counting it. A kernel."""
+    m.simplex.n = 0
+    add_corners(m, a, b, d)
+    m.simplex.n = 0
+    for i in range(3):
+        h.w[h.n][i] = m.simplex.w[0][i]
+
+
+def nearest_face(h: Hull) -> int:
+    """The face with the smallest offset. A kernel."""
+    found = 0
+    for k in range(1, h.n_faces):
+        if h.offset[k] < h.offset[found]:
+            found = k
+    return found
+
+
+def enclose(h: Hull, m: Meeting, a: Solid, b: Solid) -> None:
+    """Begin with three points that lie in different directions from the middle, and those opposite. A kernel."""
+    d, first, second, least = zeros(3), zeros(3), zeros(3), zeros(3)
+    h.n = 0
+    h.n_faces = 0
+    d[0] = 1.0
+    add_opposite(h, m, a, b, d, first)
+    smallest = 0
+    for i in range(1, 3):
+        if abs(first[i]) < abs(first[smallest]):
+            smallest = i
+    least[smallest] = 1.0
+    cross(first, least, d)
+    add_opposite(h, m, a, b, d, second)
+    cross(first, second, d)
+    add_opposite(h, m, a, b, d, least)
+    for k in range(8):
+        add_face(h, m, k % 2, 2 + k // 2 % 2, 4 + k // 4)
+
+
+def add_opposite(h: Hull, m: Meeting, a: Solid, b: Solid, d: Vector, u: Vector) -> None:
+    """Two points, farthest along d (3,) and against it, and from the middle to the first, u (3,) [m]. A kernel."""
+    write_corner(h, m, a, b, d)
+    for i in range(3):
+        u[i] = h.w[h.n][i] + m.p[i]
+        h.w[h.n + 1][i] = -u[i] - m.p[i]
+    h.n += 2
+
+
+def add_face(h: Hull, m: Meeting, i: int, j: int, k: int) -> None:
+    """Between three points, outward. A kernel."""
+    e, f, n, new = zeros(3), zeros(3), h.normal[h.n_faces], h.n_faces
+    subtract(h.w[j], h.w[i], e)
+    subtract(h.w[k], h.w[i], f)
+    h.face[new][0] = i
+    h.face[new][1] = j
+    h.face[new][2] = k
+    cross(e, f, n)
+    length = math.sqrt(dot(n, n))
+    beyond = dot(n, h.w[i]) + dot(n, m.p)
+    for c in range(3):
+        n[c] = math.copysign(1.0, beyond) * n[c] / length if length * length > _FLAT else 0.0
+    h.offset[new] = dot(n, h.w[i]) if length * length > _FLAT else math.inf
+    h.n_faces += 1
+
+
+def open_up(h: Hull) -> None:
+    """Take away the faces that the new point sees. A kernel."""
+    h.n_edges = 0
+    k = 0
+    while k < h.n_faces:
+        if dot(h.normal[k], h.w[h.n]) > h.offset[k] + _SEEN:
+            for c in range(3):
+                cut_edge(h, h.face[k][c], h.face[k][(c + 1) % 3])
+            drop_face(h, k)
+        else:
+            k += 1
+
+
+def cut_edge(h: Hull, i: int, j: int) -> None:
+    """An edge of a face that goes, which is of the hole unless the other face goes too. A kernel."""
+    for k in range(h.n_edges):
+        if (h.edge[k][0] == i and h.edge[k][1] == j) or (h.edge[k][0] == j and h.edge[k][1] == i):
+            h.n_edges -= 1
+            for c in range(2):
+                h.edge[k][c] = h.edge[h.n_edges][c]
+            return
+    if h.n_edges < FACES:
+        h.edge[h.n_edges][0] = i
+        h.edge[h.n_edges][1] = j
+        h.n_edges += 1
+
+
+def drop_face(h: Hull, k: int) -> None:
+    """The last one takes its place. A kernel."""
+    h.n_faces -= 1
+    last = h.n_faces
+    for c in range(3):
+        h.face[k][c] = h.face[last][c]
+        h.normal[k][c] = h.normal[last][c]
+    h.offset[k] = h.offset[last]
+
+
+def close_with(h: Hull, m: Meeting) -> bool:
+    """Faces from the edges of the hole to the new point; false where there is no room for them. A kernel."""
+    if h.n_faces + h.n_edges > FACES or h.n_edges < 3 or h.n + 1 >= POINTS:
+        return False
+    for k in range(h.n_edges):
+        add_face(h, m, h.edge[k][0], h.edge[k][1], h.n)
+    h.n += 1
+    return True

@@ -1,0 +1,256 @@
+"""Signals between plant, estimator and controller: `Readings`, `StateEstimate`, `Command`; and the channels of the sensors.
+
+Configuration ``q`` and velocity ``v`` follow Pinocchio's free-flyer order, see `uvms_ocp.robot.spatial`.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Annotated, Any, Generic, TypeAlias, TypeVar
+
+import numpy as np
+
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.description import RobotDescription, SensorDescription
+from uvms_ocp.types import Shape, Vector3
+
+# How far each sensor can be trusted, and why.
+
+
+class Trust(enum.IntEnum):
+    """Of one channel."""
+
+    GOOD = 0
+    """Its readings are used."""
+    SUSPECT = 1
+    """Something speaks against it: its readings are used with care, or not for the moment."""
+    LOST = 2
+    """Its readings are not used."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ChannelHealth:
+    """What is thought of one channel."""
+
+    channel: str
+    """Its name, a field of `Readings`."""
+    trust: Trust
+    why: str = ""
+    """A few words with the figures; empty where it is good."""
+    since: float = 0.0
+    """[s] since when."""
+
+
+# What flows between plant and controller: `Readings` to an estimator, its `Measurement` in, `Command` out.
+#
+# Configuration ``q`` and velocity ``v`` follow Pinocchio's free-flyer order, see `uvms_ocp.robot.spatial`.
+
+Value = TypeVar("Value", float, np.ndarray)
+_Configuration: TypeAlias = Annotated[np.ndarray, Shape("n_q")]
+_Velocity: TypeAlias = Annotated[np.ndarray, Shape("n_v")]
+_Quaternion: TypeAlias = Annotated[np.ndarray, Shape(4)]
+_JointPositions: TypeAlias = Annotated[np.ndarray, Shape("n_joint_q")]
+_JointVelocities: TypeAlias = Annotated[np.ndarray, Shape("n_joints")]
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class State:
+    """True or estimated state of the robot."""
+
+    q: _Configuration
+    """(n_q,) [m, rad] configuration."""
+    v: _Velocity
+    """(n_v,) [m/s, rad/s] generalized velocity, vehicle part in B."""
+    a: _Velocity | None = None
+    """(n_v,) [m/s2, rad/s2] rate of v, where it is known; an accelerometer needs it."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Reading(Generic[Value]):
+    """The last value that a sensor delivered."""
+
+    value: Value
+    t: float
+    """[s] when it was taken, which is earlier than when it arrived if the sensor has a delay."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Readings:
+    """The last reading of every channel at one tick; `None` before the first and where there is no such sensor."""
+
+    position: Reading[Vector3] | None = None
+    """(3,) [m] p_WB"""
+    depth: Reading[float] | None = None
+    """[m] z of p_WB."""
+    attitude: Reading[_Quaternion] | None = None
+    """(4,) [-] quaternion xyzw of R_WB."""
+    angular_velocity: Reading[Vector3] | None = None
+    """(3,) [rad/s] in B."""
+    linear_velocity: Reading[Vector3] | None = None
+    """(3,) [m/s] of B over ground, in B."""
+    joint_positions: Reading[_JointPositions] | None = None
+    """(n_q - 7,) or (n_q,) [rad or m] the joint part of q."""
+    joint_velocities: Reading[_JointVelocities] | None = None
+    """(n_joints,) [rad/s or m/s]"""
+    altimeter_range: Reading[float] | None = None
+    """[m] along -z of the altimeter frame; nan without an echo."""
+    specific_force: Reading[Vector3] | None = None
+    """(3,) [m/s2] in B: acceleration of the origin of B less gravity."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Measurement:
+    """The navigation solution at one tick; the only thing a controller sees."""
+
+    q: _Configuration
+    """(n_q,) [m, rad] configuration."""
+    v: _Velocity
+    """(n_v,) [m/s, rad/s] generalized velocity."""
+    altimeter_range: float
+    """[m] along -z of the altimeter frame; nan where there is no echo."""
+    age: float = 0.0
+    """[s] of the oldest reading that it needs; inf before the first."""
+    oldest: str = ""
+    """The channel of that reading; empty where nobody tells."""
+    joint_age: float = 0.0
+    """[s] of the joint positions alone."""
+    health: tuple[ChannelHealth, ...] = ()
+    """Of every channel that the robot has; empty where nobody judges."""
+    spread: _Velocity | None = None
+    """(n_v,) [m, rad] standard deviations of q: position in W, attitude in B, joints; `None` where nobody tells."""
+    altimeter_spread: float = np.nan
+    """[m] standard deviation of `altimeter_range`; nan where it is not known."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Command:
+    """What a controller asks of the plant at one tick."""
+
+    v: _Velocity
+    """(n_v,) [m/s, rad/s] reference velocity."""
+    thrust: Annotated[np.ndarray, Shape("n_thrusters")] | None = None
+    """(n_thrusters,) [N] asked of the thrusters; kinematic layers leave it out."""
+    torque: Annotated[np.ndarray, Shape("n_joints")] | None = None
+    """(n_joints,) [N m or N] asked of the joint motors."""
+    hold: bool = False
+    """The vehicle's measured velocity is not to be trusted."""
+    stop: bool = False
+    """Cut the thrust."""
+    brakes: bool = False
+    """Lock the joints: they cannot be held by motors while their encoders are silent."""
+    finished: bool = False
+    """The mission is complete; the loop may stop."""
+    telemetry: Mapping[str, Any] = field(default_factory=dict)
+    """Scalars and arrays to record."""
+
+
+# What the sensors of a robot are like: rates, noise, delays. The simulated sensors and the estimator read the same.
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SensorSpec:
+    """One channel. Raises `InvalidInput` for a value outside its range."""
+
+    rate: float = math.inf
+    """[Hz]; inf is once per tick."""
+    sigma: float = 0.0
+    """[unit of the channel] standard deviation of the noise of every component."""
+    bias: float | tuple[float, ...] = 0.0
+    """[unit of the channel] constant error, of all components or of each."""
+    delay: float = 0.0
+    """[s] between taking a reading and delivering it."""
+    dropout: float = 0.0
+    """[-] probability that a reading is lost."""
+
+    def __post_init__(self) -> None:
+        if not self.rate > 0:
+            raise InvalidInput(f"sensor rate = {self.rate} Hz; give a number > 0, or inf for once per tick")
+        for name in ("sigma", "delay"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0):
+                raise InvalidInput(f"sensor {name} = {value}; give a finite number >= 0")
+        if not 0 <= self.dropout <= 1:
+            raise InvalidInput(f"sensor dropout = {self.dropout}; give a probability from 0 to 1")
+        if not all(math.isfinite(value) for value in self.biases):
+            raise InvalidInput(f"sensor bias = {self.bias}; give finite numbers")
+
+    @property
+    def biases(self) -> tuple[float, ...]:
+        """`bias` as one value for all components, or one per component."""
+        return self.bias if isinstance(self.bias, tuple) else (self.bias,)
+
+    @property
+    def exact(self) -> bool:
+        """Whether readings equal the truth."""
+        return self.sigma == 0.0 and not any(self.biases)
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SensorSpecs:
+    """All channels of `Readings`; `None` where the robot has no such sensor. The noise of the defaults is assumed."""
+
+    position: SensorSpec | None = SensorSpec(rate=5.0, sigma=0.02)
+    """[m]"""
+    depth: SensorSpec | None = SensorSpec(rate=10.0, sigma=0.01)
+    """[m]"""
+    attitude: SensorSpec | None = SensorSpec(rate=100.0, sigma=0.001)
+    """[rad], a rotation vector in B."""
+    angular_velocity: SensorSpec | None = SensorSpec(rate=100.0, sigma=0.002)
+    """[rad/s]"""
+    linear_velocity: SensorSpec | None = SensorSpec(rate=5.0, sigma=0.002)
+    """[m/s]"""
+    joint_positions: SensorSpec | None = SensorSpec(rate=200.0, sigma=1e-4)
+    """[rad or m]"""
+    joint_velocities: SensorSpec | None = None
+    """[rad/s or m/s]"""
+    altimeter_range: SensorSpec | None = SensorSpec(rate=10.0, sigma=0.01)
+    """[m]"""
+    specific_force: SensorSpec | None = None
+    """[m/s2] of an accelerometer at the origin of B; `ACCELEROMETER` is a usual one."""
+
+
+CHANNELS = tuple(field.name for field in fields(SensorSpecs))
+"""Names of the channels, the fields of `SensorSpecs` and of `Readings`."""
+
+UNITS: Mapping[str, str] = {
+    "position": "m",
+    "depth": "m",
+    "attitude": "rad",
+    "angular_velocity": "rad/s",
+    "linear_velocity": "m/s",
+    "joint_positions": "rad or m",
+    "joint_velocities": "rad/s or m/s",
+    "altimeter_range": "m",
+    "specific_force": "m/s2",
+}
+"""Of the values of each channel."""
+
+ACCELEROMETER = SensorSpec(rate=100.0, sigma=0.02)
+"""A usual one for `SensorSpecs.specific_force`, assumed: 2 mm/s2/sqrt(Hz)."""
+
+IDEAL_SENSORS = SensorSpecs(**dict.fromkeys(CHANNELS, SensorSpec()) | {"specific_force": None})
+"""Every channel of the state itself, once per tick, without error or delay; no accelerometer, which nothing needs then."""
+
+
+def sensors_of(description: RobotDescription) -> SensorSpecs:
+    """The channels of a robot: the defaults of `SensorSpecs`, with what its file says of them."""
+    channels = {name: _channel(getattr(SensorSpecs(), name), given) for name, given in description.sensors.items()}
+    return replace(SensorSpecs(), **channels)
+
+
+def _channel(default: SensorSpec | None, given: SensorDescription | None) -> SensorSpec | None:
+    if given is None:
+        return None
+    return replace(default or SensorSpec(), **given.model_dump(exclude_none=True))

@@ -1,0 +1,295 @@
+"""Notation, and the maths of rotations and rigid motions for NumPy arrays and CasADi expressions alike.
+
+Notation (Drake's monogram, ASCII):
+
+- ``W`` world, z up; ``B`` vehicle body, x forward, y left, z up; ``S`` altimeter; ``O`` operational target;
+  ``E`` arm flange; ``T`` tool; ``L`` a link; ``J`` the frame of a joint's child body; ``F`` any frame.
+- ``X_WB`` pose of B in W, ``R_WB`` its rotation, ``p_WB`` position of B's origin in W [m].
+  Adjacent letters match in products: ``X_WT = X_WB @ X_BT``.
+- ``V_WB_B`` twist of B relative to W expressed in B, ``J_WB_B`` its Jacobian. Linear rows first [m/s], then
+  angular [rad/s]. A wrench: force [N], then moment about the origin of its frame [N m].
+- Quaternions are xyzw. Roll, pitch, yaw mean ``R = Rz(yaw) Ry(pitch) Rx(roll)`` [Gao2022] eqs. (6)-(9).
+- ``q, v, a, tau``: configuration, velocity, acceleration and generalized force of the whole system, in
+  Pinocchio's order. Fossen's ``nu, M_A, C_A, D, g`` appear inside hydrodynamics only. Counts are ``n_...``.
+
+Every function takes ``numpy`` arrays or ``casadi.SX`` / ``MX`` and answers in kind; ``[any]`` is any unit. Expressions
+stay finite, and so do their derivatives, at zero angle (series) and at the angle pi.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.codegen.elementwise import is_symbolic
+from uvms_ocp.errors import InvalidInput
+
+Array = Any
+"""``numpy.ndarray``, ``casadi.SX`` or ``casadi.MX``; scalars of these."""
+
+_SERIES_BELOW = 1e-2  # squared angle [rad^2]: five terms are exact to rounding, the closed forms keep 13 digits
+_GIMBAL_COSINE = 1e-9
+
+_COS = (1.0, -1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800)
+_SINC = (1.0, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880)
+_COSC = (1 / 2, -1 / 24, 1 / 720, -1 / 40320, 1 / 3628800)
+_SINCC = (1 / 6, -1 / 120, 1 / 5040, -1 / 362880, 1 / 39916800)
+_COTC = (1 / 12, 1 / 720, 1 / 30240, 1 / 1209600, 1 / 47900160)
+_ATANC = (1.0, -1 / 3, 1 / 5, -1 / 7, 1 / 9, -1 / 11, 1 / 13)
+
+
+# --- numpy / CasADi shim --------------------------------------------------------------------------
+
+
+def where(condition: Array, if_true: Array, if_false: Array) -> Array:
+    """`if_true` or `if_false`, scalars () [any], by the condition () [-]. Both are evaluated, so both must be finite."""
+    if is_symbolic(condition):
+        return ca.if_else(condition, if_true, if_false)
+    return if_true if condition else if_false
+
+
+def column(*entries: Array) -> Array:
+    """Stack scalars or columns into one column."""
+    if is_symbolic(*entries):
+        return ca.vertcat(*entries)
+    return np.concatenate([np.atleast_1d(np.asarray(entry, dtype=float)) for entry in entries])
+
+
+def matrix(*rows: Sequence[Array]) -> Array:
+    """Build a matrix from rows of scalars; a literal integer 0 stays a structural zero of an expression."""
+    if not any(is_symbolic(*row) for row in rows):
+        return np.array(rows, dtype=float)
+    return ca.vertcat(*[ca.horzcat(*[_entry(x) for x in row]) for row in rows])
+
+
+def diagonal(entries: Array) -> Array:
+    """Square matrix with the entries (n,) [any] on its diagonal."""
+    return ca.diag(entries) if is_symbolic(entries) else np.diag(entries)
+
+
+def _entry(x: Array) -> Array:
+    return ca.DM(1, 1) if isinstance(x, int) and x == 0 else x
+
+
+def dot(a: Array, b: Array) -> Array:
+    """Inner product of a (3,) [any] and b (3,) [any]."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Cross product (3,) of a (3,) [any] and b (3,) [any]."""
+    return column(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def skew(a: Array) -> Array:
+    """Matrix (3, 3) with ``skew(a) @ b == cross(a, b)``, of a (3,) [any]."""
+    return matrix((0, -a[2], a[1]), (a[2], 0, -a[0]), (-a[1], a[0], 0))
+
+
+def _horner(x: Array, coefficients: Sequence[float]) -> Array:
+    value = coefficients[-1]
+    for coefficient in coefficients[-2::-1]:
+        value = value * x + coefficient
+    return value
+
+
+def _by_series_near_zero(x: Array, coefficients: Sequence[float], closed: Callable[[Array], Array]) -> Array:
+    """Power series of the squared angle x where it is small, closed form of the angle elsewhere.
+
+    The closed form sees 1 where the series is used: a NaN in the branch not taken would survive
+    differentiation.
+    """
+    near_zero = x < _SERIES_BELOW
+    angle = ca.sqrt(where(near_zero, 1.0, x))
+    return where(near_zero, _horner(x, coefficients), closed(angle))
+
+
+def cos_of_squared(x: Array) -> Array:
+    """``cos(t)`` of the squared angle x () [rad2], ``x = t^2``, smooth at 0."""
+    return _by_series_near_zero(x, _COS, ca.cos)
+
+
+def sinc_of_squared(x: Array) -> Array:
+    """``sin(t) / t`` of the squared angle x () [rad2], ``x = t^2``."""
+    return _by_series_near_zero(x, _SINC, lambda t: ca.sin(t) / t)
+
+
+def _cosc_of_squared(x: Array) -> Array:
+    return _by_series_near_zero(x, _COSC, lambda t: 2 * (ca.sin(t / 2) / t) ** 2)
+
+
+def _sincc_of_squared(x: Array) -> Array:
+    return _by_series_near_zero(x, _SINCC, lambda t: (t - ca.sin(t)) / (t * t * t))
+
+
+def cotc_of_squared(x: Array) -> Array:
+    """``(1 - t/2 cot(t/2)) / t^2`` of the squared angle x () [rad2], ``x = t^2``, finite up to ``t = pi`` and beyond."""
+    return _by_series_near_zero(x, _COTC, lambda t: (1 - t / 2 * ca.cos(t / 2) / ca.sin(t / 2)) / (t * t))
+
+
+# --- quaternions, xyzw ----------------------------------------------------------------------------
+
+
+def quaternion_to_matrix(quaternion: Array) -> Array:
+    """Rotation matrix (3, 3) [-] of a unit quaternion (4,) [-] xyzw, the same for either sign."""
+    x, y, z, w = (quaternion[i] for i in range(4))
+    return matrix(
+        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+    )
+
+
+def matrix_to_quaternion(R: Array) -> Array:
+    """Unit quaternion (4,) [-] xyzw of a rotation matrix R (3, 3) [-], of either sign.
+
+    The products ``4 q_k q`` are linear in R; the largest of the four ``4 q_k^2`` is at least 1, so that the
+    root and the division are safe at every rotation [Shepperd1978].
+    """
+    xx = 1 + R[0, 0] - R[1, 1] - R[2, 2]
+    yy = 1 - R[0, 0] + R[1, 1] - R[2, 2]
+    zz = 1 - R[0, 0] - R[1, 1] + R[2, 2]
+    ww = 1 + R[0, 0] + R[1, 1] + R[2, 2]
+    xy, xz, yz = R[0, 1] + R[1, 0], R[0, 2] + R[2, 0], R[1, 2] + R[2, 1]
+    xw, yw, zw = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    by_x, by_y, by_z, by_w = (xx, xy, xz, xw), (xy, yy, yz, yw), (xz, yz, zz, zw), (xw, yw, zw, ww)
+    first, second = _larger(xx, by_x, ww, by_w), _larger(yy, by_y, zz, by_z)
+    square, products = _larger(*second, *first)
+    scale = 0.5 / ca.sqrt(square)
+    return column(*[scale * product for product in products])
+
+
+def _larger(a: Array, row_a: Sequence[Array], b: Array, row_b: Sequence[Array]) -> tuple[Array, tuple[Array, ...]]:
+    choose_a = a > b
+    rows = tuple(where(choose_a, x, y) for x, y in zip(row_a, row_b, strict=True))
+    return where(choose_a, a, b), rows
+
+
+def quaternion_multiply(a: Array, b: Array) -> Array:
+    """Product (4,) [-] of the quaternions a (4,) [-] and b (4,) [-], xyzw: the rotation ``R(a) @ R(b)``."""
+    return column(
+        a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1],
+        a[3] * b[1] + a[1] * b[3] + a[2] * b[0] - a[0] * b[2],
+        a[3] * b[2] + a[2] * b[3] + a[0] * b[1] - a[1] * b[0],
+        a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2],
+    )
+
+
+def quaternion_conjugate(quaternion: Array) -> Array:
+    """Inverse (4,) [-] of a unit quaternion (4,) [-] xyzw."""
+    return column(-quaternion[0], -quaternion[1], -quaternion[2], quaternion[3])
+
+
+def quaternion_exp(rotation_vector: Array) -> Array:
+    """Unit quaternion (4,) [-] xyzw of the `rotation_vector` (3,) [rad]."""
+    quarter = dot(rotation_vector, rotation_vector) / 4
+    scale = sinc_of_squared(quarter) / 2
+    return column(*[scale * rotation_vector[i] for i in range(3)], cos_of_squared(quarter))
+
+
+def quaternion_log(quaternion: Array) -> Array:
+    """Rotation vector (3,) [rad] of norm at most pi of a unit quaternion (4,) [-] xyzw of either sign."""
+    sign = where(quaternion[3] < 0, -1.0, 1.0)
+    cosine, sine2 = sign * quaternion[3], dot(quaternion, quaternion)
+    near_zero = sine2 < _SERIES_BELOW
+    sine = ca.sqrt(where(near_zero, 1.0, sine2))
+    safe_cosine = where(near_zero, cosine, 1.0)
+    series = _horner(sine2 / (safe_cosine * safe_cosine), _ATANC) / safe_cosine
+    scale = 2 * sign * where(near_zero, series, ca.atan2(sine, cosine) / sine)
+    return column(*[scale * quaternion[i] for i in range(3)])
+
+
+# --- rotations and rigid motions ------------------------------------------------------------------
+
+
+def exp3(rotation_vector: Array) -> Array:
+    """Rotation matrix (3, 3) [-] of the `rotation_vector` (3,) [rad]."""
+    return quaternion_to_matrix(quaternion_exp(rotation_vector))
+
+
+def log3(R: Array) -> Array:
+    """Rotation vector (3,) [rad] of norm at most pi of a rotation matrix R (3, 3) [-].
+
+    At the angle pi both signs of the axis are right; one of them is returned.
+    """
+    return quaternion_log(matrix_to_quaternion(R))
+
+
+def exp6_translation(twist: Array) -> Array:
+    """Translation (3,) [m] after moving for one second with a constant body twist (6,) [m/s, rad/s]."""
+    linear, angular = twist[:3], twist[3:]
+    x = dot(angular, angular)
+    once = cross(angular, linear)
+    return linear + _cosc_of_squared(x) * once + _sincc_of_squared(x) * cross(angular, once)
+
+
+def exp6(twist: Array) -> tuple[Array, Array]:
+    """Rotation (3, 3) [-] and translation (3,) [m] after one second of a constant body twist (6,) [m/s, rad/s]."""
+    return exp3(twist[3:]), exp6_translation(twist)
+
+
+def log6_translation(rotation_vector: Array, p: Array) -> Array:
+    """Linear part (3,) [m/s] of the twist whose exponential has the `rotation_vector` (3,) [rad] and translation p (3,) [m]."""
+    once = cross(rotation_vector, p)
+    scale = cotc_of_squared(dot(rotation_vector, rotation_vector))
+    return p - once / 2 + scale * cross(rotation_vector, once)
+
+
+def log6(R: Array, p: Array) -> Array:
+    """Body twist (6,) [m/s, rad/s] that reaches R (3, 3) [-] and p (3,) [m] in one second.
+
+    Its angular part has a norm of at most pi.
+    """
+    rotation_vector = log3(R)
+    return column(log6_translation(rotation_vector, p), rotation_vector)
+
+
+# --- roll, pitch, yaw -----------------------------------------------------------------------------
+
+
+def rpy_to_matrix(rpy: Array) -> Array:
+    """``Rz(yaw) Ry(pitch) Rx(roll)`` (3, 3) [-] of rpy (3,) [rad], [Gao2022] eq. (6)."""
+    (sr, sp, sy), (cr, cp, cy) = _sines_cosines(rpy)
+    return matrix(
+        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        (-sp, cp * sr, cp * cr),
+    )
+
+
+def matrix_to_rpy(R: Array) -> Array:
+    """Roll, pitch, yaw (3,) [rad] of R (3, 3) [-]; pitch within +-90 deg, where roll and yaw stop being separable."""
+    pitch = ca.atan2(-R[2, 0], ca.sqrt(R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0]))
+    return column(ca.atan2(R[2, 1], R[2, 2]), pitch, ca.atan2(R[1, 0], R[0, 0]))
+
+
+def rpy_rates(rpy: Array, omega_B: Array) -> Array:
+    """Rates (3,) [rad/s] of rpy (3,) [rad] from the body angular velocity omega_B (3,) [rad/s], [Gao2022] eqs. (7)-(9).
+
+    Raises InvalidInput at pitch = +-90 deg, where the rates do not exist; an expression divides by
+    ``cos(pitch)``.
+    """
+    (sr, sp, _), (cr, cp, _) = _sines_cosines(rpy)
+    if not is_symbolic(cp) and abs(cp) < _GIMBAL_COSINE:
+        raise InvalidInput(
+            f"pitch {float(rpy[1]):.9g} rad: roll and yaw rates need |pitch| < pi/2; integrate a quaternion"
+        )
+    turn = (sr * omega_B[1] + cr * omega_B[2]) / cp
+    return column(omega_B[0] + sp * turn, cr * omega_B[1] - sr * omega_B[2], turn)
+
+
+def omega_from_rpy_rates(rpy: Array, rates: Array) -> Array:
+    """Body angular velocity (3,) [rad/s] from the rates (3,) [rad/s] of rpy (3,) [rad]; inverse of `rpy_rates`."""
+    (sr, sp, _), (cr, cp, _) = _sines_cosines(rpy)
+    return column(
+        rates[0] - sp * rates[2],
+        cr * rates[1] + sr * cp * rates[2],
+        cr * cp * rates[2] - sr * rates[1],
+    )
+
+
+def _sines_cosines(rpy: Array) -> tuple[list[Array], list[Array]]:
+    return [ca.sin(rpy[i]) for i in range(3)], [ca.cos(rpy[i]) for i in range(3)]

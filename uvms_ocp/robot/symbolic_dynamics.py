@@ -1,0 +1,317 @@
+"""Equations of motion of a robot in water as CasADi SX expressions.
+
+M(q) a + C(q, v_r) v_r + D(q, v_r) v_r + g(q) = tau
+
+M is rigid body plus added mass of every link; velocity and acceleration of the water enter link by link.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import copy
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.display import Fielded
+from uvms_ocp.robot import hydrodynamics as water
+from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.robot.symbolic_bodies import Pose, Wrench, inertial_wrench, sparse
+from uvms_ocp.robot.symbolic_model import BodyMotions, SymbolicModel, find_frame, function
+
+# Links in water on the joint bodies that carry them, with numbers or expressions for coefficients.
+
+Coefficient: TypeAlias = float | np.ndarray | ca.DM | ca.SX
+"""A number or an expression."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class WaterCoefficients:
+    """What the water does to one link, in its frame L."""
+
+    added_mass: Coefficient
+    """(6, 6) [kg, kg m, kg m2]"""
+    linear_drag: Coefficient
+    """(6, 6) [N/(m/s), N m/(rad/s)]"""
+    quadratic_drag: Coefficient
+    """(6, 6) [N/(m/s)^2, N m/(rad/s)^2]"""
+    displaced_mass: Coefficient
+    """[kg]"""
+    p_LB: Coefficient
+    """(3,) [m]"""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class WetLink:
+    """A link's coefficients with its placement on the joint body that carries it."""
+
+    joint: int
+    R_JL: ca.DM
+    """(3, 3) [-]"""
+    p_JL: ca.DM
+    """(3,) [m]"""
+    motion_LJ: ca.DM
+    """(6, 6) [-, m] twist of the joint body at J -> at L; transposed, wrench at L -> at J."""
+    water: WaterCoefficients
+
+    def point(self, poses: tuple[Pose, ...], p_L: Coefficient) -> ca.SX:
+        """Position (3,) [m] in W of p_L (3,) [m] in L, where the joint bodies are at `poses`."""
+        pose = poses[self.joint]
+        return pose.p + pose.R @ (self.p_JL + self.R_JL @ p_L)
+
+
+def wet_link(model: pin.Model, link: LinkHydrodynamics, density: float) -> WetLink:
+    """Read one link, in water of a density [kg/m3]. Raises FrameNotFound."""
+    frame = find_frame(model, link.frame)
+    X_JL = frame.placement * link.X_FL
+    return WetLink(
+        joint=frame.parentJoint,
+        R_JL=sparse(X_JL.rotation),
+        p_JL=sparse(X_JL.translation),
+        motion_LJ=sparse(X_JL.toActionMatrixInverse()),
+        water=WaterCoefficients(
+            added_mass=sparse(link.added_mass),
+            linear_drag=sparse(link.linear_drag),
+            quadratic_drag=sparse(link.quadratic_drag),
+            displaced_mass=density * link.volume,
+            p_LB=link.p_LB,
+        ),
+    )
+
+
+# Equations of motion of a robot in water as CasADi SX expressions.
+#
+#     M(q) a + C(q, v_r) v_r + D(q, v_r) v_r + g(q) = tau
+#
+# M is rigid body plus added mass of every link; velocity and acceleration of the water enter link by link.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class SymbolicDynamics(Fielded):
+    """Dynamics of a kinematic tree with water on some of its links.
+
+    Velocity u and acceleration ``Du_Dt = du/dt + (u . grad) u`` of the water are (3, n_links) in W, one column per link,
+    in the order of ``links``. Raises FrameNotFound and InvalidInput.
+    """
+
+    model: pin.Model
+    links: tuple[LinkHydrodynamics, ...] = ()
+    density: float = 998.0
+    """Of the water [kg/m3]."""
+    damping: np.ndarray | None = None
+    """Viscous friction of the joints (n_v,) [N m/(rad/s), N/(m/s)]; none by default."""
+    symbolic: SymbolicModel = field(init=False, repr=False)
+    _wet: tuple[WetLink, ...] = field(init=False, repr=False)
+    _rigid: tuple[ca.DM | ca.SX, ...] = field(init=False, repr=False)
+    """(6, 6) of every joint body, universe included."""
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.density) and self.density >= 0.0):
+            raise InvalidInput(f"density {self.density} kg/m3 given; allowed: 0 or more")
+        if self.damping is not None and np.shape(self.damping) != (self.model.nv,):
+            raise InvalidInput(f"damping of shape {np.shape(self.damping)} given; allowed: ({self.model.nv},)")
+        friction = np.asarray(0.0 if self.damping is None else self.damping)
+        if not (np.isfinite(friction).all() and (friction >= 0.0).all()):
+            raise InvalidInput(f"damping {friction.tolist()} given; allowed: finite, 0 or more: less feeds energy")
+        object.__setattr__(self, "symbolic", SymbolicModel(self.model))
+        self._set(
+            _wet=tuple(wet_link(self.model, link, self.density) for link in self.links),
+            _rigid=(ca.DM(6, 6), *(sparse(inertia.matrix()) for inertia in list(self.model.inertias)[1:])),
+        )
+
+    def with_coefficients(
+        self,
+        *,
+        rigid: Mapping[int, ca.SX] | None = None,
+        links: Mapping[int, WaterCoefficients] | None = None,
+        damping: ca.SX | None = None,
+    ) -> SymbolicDynamics:
+        """The same equations with expressions in place of numbers.
+
+        rigid: spatial inertias (6, 6) of joint bodies at their joints, by joint. links: what water does to links, by their
+        place in ``links``. damping: of the joints (n_v,). What is left out stays.
+        """
+        other = copy(self)
+        bodies, wet = dict(enumerate(self._rigid)) | dict(rigid or {}), dict(enumerate(self._wet))
+        wet |= {index: replace(wet[index], water=own) for index, own in (links or {}).items()}
+        other._set(_rigid=tuple(bodies.values()), _wet=tuple(wet.values()))
+        if damping is not None:
+            other._set(damping=damping)
+        return other
+
+    def joint_of(self, link: int) -> int:
+        """Which joint body carries a link, given by its place in ``links``."""
+        return self._wet[link].joint
+
+    # --- expressions ------------------------------------------------------------------------------
+
+    def inverse_dynamics(self, q: ca.SX, v: ca.SX, a: ca.SX, u: ca.SX, Du_Dt: ca.SX) -> ca.SX:
+        """Generalized force (n_v,) for the acceleration a: one outward and one inward pass over the tree."""
+        local = self.symbolic.local_poses(q)
+        motions = self.symbolic.body_motions(local, v, a)
+        wrenches = [
+            inertial_wrench(inertia, velocity, acceleration)
+            for inertia, velocity, acceleration in zip(
+                self._rigid, motions.velocities, motions.accelerations, strict=True
+            )
+        ]
+        for index, link in enumerate(self._wet):
+            wrenches[link.joint] += self._water_wrench(link, motions, u[:, index], Du_Dt[:, index])
+        tau = self.symbolic.generalized_force(local, wrenches) + self.model.armature * a
+        return tau if self.damping is None else tau + self.damping * v
+
+    def bias_force(self, q: ca.SX, v: ca.SX, u: ca.SX, Du_Dt: ca.SX) -> ca.SX:
+        """Generalized force (n_v,) for zero acceleration: ``C v + D v + g`` and the accelerating water."""
+        return self.inverse_dynamics(q, v, ca.SX(self.model.nv, 1), u, Du_Dt)
+
+    def mass_matrix(self, q: ca.SX) -> ca.SX:
+        """Rigid-body plus added mass (n_v, n_v)."""
+        M = self.symbolic.congruence(self.symbolic.local_poses(q), self._total_inertias())
+        return M + ca.diag(sparse(np.asarray(self.model.armature)))
+
+    def damping_matrix(self, q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
+        """Symmetric part of Fossen's D(q, v_r) with the joint friction (n_v, n_v), for implicit integration.
+
+        ``v.T D v`` is the dissipated power in still water; with a diagonal quadratic drag D is positive
+        semidefinite, so that ``M + h D`` damps at any step h.
+        """
+        return self._summed_damping(q, v, u, quadratic_factor=1)
+
+    def forward_dynamics(self, q: ca.SX, v: ca.SX, tau: ca.SX, u: ca.SX, Du_Dt: ca.SX) -> ca.SX:
+        """Acceleration (n_v,) under the generalized force tau.
+
+        For numeric use: differentiate `inverse_dynamics` instead, the derivative of the solution is ten times
+        as long.
+        """
+        D, L_transposed, order = ca.ldl(self.mass_matrix(q), False)
+        return ca.ldl_solve(tau - self.bias_force(q, v, u, Du_Dt), D, L_transposed, order)
+
+    def drag_slope(self, q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
+        """Derivative (n_v, n_v) of ``D v_r`` and joint friction with respect to v, its symmetric part.
+
+        ``M + h drag_slope`` makes a step of length h implicit in the drag, so that it cannot overshoot.
+        """
+        return self._summed_damping(q, v, u, quadratic_factor=2)
+
+    def kinetic_energy(self, q: ca.SX, v: ca.SX) -> ca.SX:
+        """``1/2 v.T M v`` [J], of the bodies and the water they carry along."""
+        motions = self.symbolic.body_motions(self.symbolic.local_poses(q), v, ca.SX(self.model.nv, 1))
+        twice = sum(
+            ca.bilin(ca.SX(inertia), velocity.stacked(), velocity.stacked())
+            for inertia, velocity in zip(self._total_inertias(), motions.velocities, strict=True)
+        )
+        return (twice + ca.dot(sparse(np.asarray(self.model.armature)), v * v)) / 2
+
+    def potential_energy(self, q: ca.SX) -> ca.SX:
+        """Of weight and buoyancy [J], zero at the origin of W."""
+        poses = self.symbolic.joint_poses(self.symbolic.local_poses(q))
+        moment = ca.SX(3, 1)  # sum of mass times position, displaced mass counting negative
+        for pose, inertia in zip(poses[1:], self._rigid[1:], strict=True):
+            first = ca.vertcat(inertia[5, 1], inertia[3, 2], inertia[4, 0])  # mass times lever, in the coupling block
+            moment += inertia[0, 0] * pose.p + pose.R @ first
+        for link in self._wet:
+            moment -= link.water.displaced_mass * link.point(poses, link.water.p_LB)
+        return -ca.dot(sparse(self.model.gravity.linear), moment)
+
+    def link_positions(self, q: ca.SX) -> ca.SX:
+        """Origins p_WL (3, n_links) [m] of the coefficient frames: where a sheared current acts."""
+        poses = self.symbolic.joint_poses(self.symbolic.local_poses(q))
+        columns = [link.point(poses, ca.DM(3, 1)) for link in self._wet]
+        return ca.horzcat(ca.SX(3, 0), *columns)
+
+    def inertias(self) -> list[np.ndarray]:
+        """Rigid-body plus added inertia (6, 6) of every joint body at its joint frame, universe included."""
+        return [np.asarray(ca.DM(total)) for total in self._total_inertias()]
+
+    def _total_inertias(self) -> list[ca.DM | ca.SX]:
+        total = list(self._rigid)
+        for link in self._wet:
+            total[link.joint] = total[link.joint] + link.motion_LJ.T @ link.water.added_mass @ link.motion_LJ
+        return [sparse(np.asarray(one)) if isinstance(one, ca.DM) else one for one in total]
+
+    def _water_wrench(self, link: WetLink, motions: BodyMotions, u: ca.SX, Du_Dt: ca.SX) -> Wrench:
+        """Wrench of the link on the water, at the joint that carries it."""
+        R_LW = link.R_JL.T @ motions.poses[link.joint].R.T
+        u_L, w_L = R_LW @ u, R_LW @ (Du_Dt - self.model.gravity.linear)
+        nu = link.motion_LJ @ motions.velocities[link.joint].stacked()
+        a = link.motion_LJ @ motions.accelerations[link.joint].stacked()
+        nu_r = water.relative_velocity(nu, u_L)
+        nu_r_dot = water.relative_acceleration(a, nu, u_L, w_L)
+        wrench = link.motion_LJ.T @ (
+            water.added_mass_wrench(link.water.added_mass, nu_r, nu_r_dot)
+            + water.drag_wrench(link.water.linear_drag, link.water.quadratic_drag, nu_r)
+            - water.pressure_wrench(link.water.displaced_mass, link.water.p_LB, w_L)
+        )
+        return Wrench(force=wrench[:3], moment=wrench[3:])
+
+    def _summed_damping(self, q: ca.SX, v: ca.SX, u: ca.SX, *, quadratic_factor: int) -> ca.SX:
+        """Sum of the links' damping, quadratic drag counting `quadratic_factor` times, and joint friction."""
+        local = self.symbolic.local_poses(q)
+        motions = self.symbolic.body_motions(local, v, ca.SX(self.model.nv, 1))
+        bodies = [ca.SX(6, 6) for _ in range(self.model.njoints)]
+        for index, link in enumerate(self._wet):
+            bodies[link.joint] += self._link_damping(link, motions, u[:, index], quadratic_factor)
+        D = self.symbolic.congruence(local, bodies)
+        return D if self.damping is None else D + ca.diag(ca.SX(self.damping))
+
+    def _link_damping(self, link: WetLink, motions: BodyMotions, u: ca.SX, quadratic_factor: int) -> ca.SX:
+        """Symmetric part of the link's D(nu_r) (6, 6), at the joint that carries it."""
+        u_L = link.R_JL.T @ (motions.poses[link.joint].R.T @ u)
+        nu_r = water.relative_velocity(link.motion_LJ @ motions.velocities[link.joint].stacked(), u_L)
+        D = water.damping_matrix(link.water.linear_drag, quadratic_factor * link.water.quadratic_drag, nu_r)
+        return link.motion_LJ.T @ ((D + D.T) / 2) @ link.motion_LJ
+
+    # --- ready-made functions ---------------------------------------------------------------------
+
+    def inverse_dynamics_function(self) -> ca.Function:
+        """Function ``q, v, a, u, Du_Dt -> tau``."""
+        x = self._symbols("q", "v", "a", "u", "Du_Dt")
+        return function("inverse_dynamics", x, {"tau": self.inverse_dynamics(*x.values())})
+
+    def bias_force_function(self) -> ca.Function:
+        """Function ``q, v, u, Du_Dt -> h``."""
+        x = self._symbols("q", "v", "u", "Du_Dt")
+        return function("bias_force", x, {"h": self.bias_force(*x.values())})
+
+    def mass_matrix_function(self) -> ca.Function:
+        """Function ``q -> M``."""
+        x = self._symbols("q")
+        return function("mass_matrix", x, {"M": self.mass_matrix(*x.values())})
+
+    def damping_matrix_function(self) -> ca.Function:
+        """Function ``q, v, u -> D``."""
+        x = self._symbols("q", "v", "u")
+        return function("damping_matrix", x, {"D": self.damping_matrix(*x.values())})
+
+    def forward_dynamics_function(self) -> ca.Function:
+        """Function ``q, v, tau, u, Du_Dt -> a``."""
+        x = self._symbols("q", "v", "tau", "u", "Du_Dt")
+        return function("forward_dynamics", x, {"a": self.forward_dynamics(*x.values())})
+
+    def kinetic_energy_function(self) -> ca.Function:
+        """Function ``q, v -> T``."""
+        x = self._symbols("q", "v")
+        return function("kinetic_energy", x, {"T": self.kinetic_energy(*x.values())})
+
+    def potential_energy_function(self) -> ca.Function:
+        """Function ``q -> V``."""
+        x = self._symbols("q")
+        return function("potential_energy", x, {"V": self.potential_energy(*x.values())})
+
+    def link_positions_function(self) -> ca.Function:
+        """Function ``q -> p_WL (3, n_links)``."""
+        x = self._symbols("q")
+        return function("link_positions", x, {"p_WL": self.link_positions(*x.values())})
+
+    def _set(self, **values: object) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def _symbols(self, *names: str) -> dict[str, ca.SX]:
+        n_v, n_links = self.model.nv, len(self.links)
+        shapes = {"q": (self.model.nq, 1), "u": (3, n_links), "Du_Dt": (3, n_links)}
+        return {name: ca.SX.sym(name, *shapes.get(name, (n_v, 1))) for name in names}

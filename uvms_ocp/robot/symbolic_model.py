@@ -1,0 +1,309 @@
+"""Rigid-body algorithms as CasADi SX expressions, read from a ``pin.Model``.
+
+The pip wheels of Pinocchio carry no CasADi scalar type; these recursions supply it. Pinocchio stays the
+numeric engine, and the oracle of the tests. Expressions keep structural zeros, so that functions built from
+them stay small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import FrameNotFound, InvalidInput
+from uvms_ocp.robot import spatial
+from uvms_ocp.robot.symbolic_bodies import (
+    Pose,
+    SymbolicJoint,
+    Twist,
+    TwistToWrench,
+    Wrench,
+    inertial_wrench,
+    sparse,
+    symbolic_joint,
+)
+from uvms_ocp.types import Point
+
+Inertias = Sequence[np.ndarray]
+"""One 6x6 spatial inertia per joint of the model, universe included, at the joint frame, linear first."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class BodyMotions:
+    """Velocity and acceleration of every joint body, in its own frame; index 0 is the universe.
+
+    ``accelerations`` are spatial, the rates of the components of ``velocities``, relative to free fall.
+    """
+
+    poses: tuple[Pose, ...]
+    velocities: tuple[Twist, ...]
+    accelerations: tuple[Twist, ...]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class SymbolicKinematics:
+    """Poses of all joints at one configuration; made by `SymbolicModel.forward_kinematics`."""
+
+    model: SymbolicModel
+    joint_poses: tuple[Pose, ...]
+
+    def pose(self, frame: str) -> tuple[ca.SX, ca.SX]:
+        """Pose X_WF of a frame: R_WF (3, 3) and p_WF (3,) [m]. Raises FrameNotFound."""
+        joint, R_JF, p_JF = self.model.frame(frame)
+        pose = self.joint_poses[joint].then(R_JF, p_JF)
+        return pose.R, pose.p
+
+    def jacobian(self, frame: str) -> ca.SX:
+        """Jacobian (6, n_v) of a frame's velocity at its origin, expressed in W, linear rows first.
+
+        Columns of joints that do not carry the frame are structurally zero. Raises FrameNotFound.
+        """
+        joint, _, _ = self.model.frame(frame)
+        _, p_WF = self.pose(frame)
+        J = ca.SX(6, self.model.model.nv)
+        while joint > 0:
+            J[:, self.model.joints[joint - 1].v] = self._columns(joint, p_WF)
+            joint = self.model.joints[joint - 1].parent
+        return J
+
+    def _columns(self, index: int, p_WF: ca.SX) -> ca.SX:
+        joint, pose = self.model.joints[index - 1], self.joint_poses[index]
+        angular = pose.R @ joint.S_angular
+        linear = pose.R @ joint.S_linear
+        if joint.S_angular.nnz():
+            linear = linear - spatial.skew(p_WF - pose.p) @ angular
+        return ca.vertcat(linear, angular)
+
+
+@checked
+@dataclass(frozen=True, slots=True, eq=False)
+class SymbolicModel:
+    """A kinematic tree as CasADi expressions of q (n_q,) [m, rad], v (n_v,) [m/s, rad/s] and a (n_v,) [m/s2, rad/s2].
+
+    Raises InvalidInput for joint types other than free-flyer, revolute, prismatic, planar and unbounded
+    revolute.
+    """
+
+    model: pin.Model
+    joints: tuple[SymbolicJoint, ...] = field(init=False, repr=False)
+    """Joint i of Pinocchio is ``joints[i - 1]``; the universe has no entry."""
+
+    def __post_init__(self) -> None:
+        joints = tuple(symbolic_joint(self.model, i) for i in range(1, self.model.njoints))
+        object.__setattr__(self, "joints", joints)
+
+    # --- kinematics -------------------------------------------------------------------------------
+
+    def frame(self, name: str) -> tuple[int, ca.DM, ca.DM]:
+        """Supporting joint of a frame and the frame's placement R_JF, p_JF on it. Raises FrameNotFound."""
+        found = find_frame(self.model, name)
+        return found.parentJoint, sparse(found.placement.rotation), sparse(found.placement.translation)
+
+    def forward_kinematics(self, q: ca.SX) -> SymbolicKinematics:
+        """Poses of all joints at q. Raises InvalidInput, as `local_poses`."""
+        return SymbolicKinematics(model=self, joint_poses=self.joint_poses(self.local_poses(q)))
+
+    def local_poses(self, q: ca.SX) -> tuple[Pose, ...]:
+        """Pose of every joint body in its parent body; index 0 is the universe. Raises InvalidInput for a q of another size."""
+        self._check_rows("q", q, self.model.nq)
+        across = (joint.pose(q) for joint in self.joints)
+        return (Pose.identity(), *(Pose(R=R, p=p) for R, p in across))
+
+    def joint_poses(self, local_poses: Sequence[Pose]) -> tuple[Pose, ...]:
+        """Pose X_WJ of every joint body; index 0 is the universe. Raises InvalidInput for another number of poses."""
+        self._check_bodies(local_poses=local_poses)
+        poses = [local_poses[0]]
+        for joint, local in zip(self.joints, local_poses[1:], strict=True):
+            poses.append(poses[joint.parent].then(local.R, local.p) if joint.parent else local)
+        return tuple(poses)
+
+    def integrate(self, q: ca.SX, v: ca.SX) -> ca.SX:
+        """Configuration (n_q,) after moving from q for one second with the constant velocity v.
+
+        Raises InvalidInput for a q or v of another size.
+        """
+        self._check_rows("q", q, self.model.nq)
+        self._check_rows("v", v, self.model.nv)
+        return ca.vertcat(ca.SX(0, 1), *[joint.kind.integrate(q[joint.q], v[joint.v]) for joint in self.joints])
+
+    def difference(self, q0: ca.SX, q1: ca.SX) -> ca.SX:
+        """Velocity (n_v,) that moves q0 to q1 in one second; rotations by at most pi.
+
+        Raises InvalidInput for a q0 or q1 of another size.
+        """
+        self._check_rows("q0", q0, self.model.nq)
+        self._check_rows("q1", q1, self.model.nq)
+        parts = [joint.kind.difference(q0[joint.q], q1[joint.q]) for joint in self.joints]
+        return ca.vertcat(ca.SX(0, 1), *parts)
+
+    # --- dynamics ---------------------------------------------------------------------------------
+
+    def rnea(
+        self,
+        q: ca.SX,
+        v: ca.SX,
+        a: ca.SX,
+        inertias: Inertias | None = None,
+        gravity: Point | None = None,
+    ) -> ca.SX:
+        """Generalized force (n_v,) [N, N m] of the recursive Newton-Euler algorithm.
+
+        inertias: 6x6 spatial inertia of each joint body, default the model's; added mass may be part of it.
+        gravity: (3,) [m/s2] in W, default the model's.
+        Raises InvalidInput for a q, v or a of another size, or inertias of another number of bodies.
+        """
+        local = self.local_poses(q)
+        motions = self.body_motions(local, v, a, gravity)
+        wrenches = [
+            inertial_wrench(sparse(inertia), velocity, acceleration)
+            for inertia, velocity, acceleration in zip(
+                self._inertias(inertias), motions.velocities, motions.accelerations, strict=True
+            )
+        ]
+        return self.generalized_force(local, wrenches) + self.model.armature * a
+
+    def _check_bodies(self, **given: Sequence[object]) -> None:
+        for name, values in given.items():
+            if len(values) != self.model.njoints:
+                raise InvalidInput(
+                    f"{name}: {len(values)} given, {self.model.njoints} wanted: the universe and each joint"
+                )
+
+    def body_motions(
+        self, local_poses: Sequence[Pose], v: ca.SX, a: ca.SX, gravity: Point | None = None
+    ) -> BodyMotions:
+        """Velocities and accelerations of all joint bodies: the outward pass.
+
+        gravity: (3,) [m/s2] in W, default the model's. Raises InvalidInput for another size of v or a, or number of poses.
+        """
+        self._check_bodies(local_poses=local_poses)
+        self._check_rows("v", v, self.model.nv)
+        self._check_rows("a", a, self.model.nv)
+        g = self.model.gravity.linear if gravity is None else np.asarray(gravity, dtype=float)
+        velocities = [Twist(linear=ca.SX(3, 1), angular=ca.SX(3, 1))]
+        accelerations = [Twist(linear=ca.SX(sparse(-g)), angular=ca.SX(3, 1))]
+        for joint, local in zip(self.joints, local_poses[1:], strict=True):
+            relative = _across(joint, v)
+            velocity = velocities[joint.parent].into_child(local) + relative
+            carried = accelerations[joint.parent].into_child(local) + _across(joint, a)
+            velocities.append(velocity)
+            accelerations.append(carried + velocity.cross(relative))
+        return BodyMotions(
+            poses=self.joint_poses(local_poses),
+            velocities=tuple(velocities),
+            accelerations=tuple(accelerations),
+        )
+
+    def generalized_force(self, local_poses: Sequence[Pose], wrenches: Sequence[Wrench]) -> ca.SX:
+        """Generalized force (n_v,) that balances a wrench on every joint body, else InvalidInput: the inward pass."""
+        self._check_bodies(local_poses=local_poses, wrenches=wrenches)
+        carried = list(wrenches)
+        rows = []
+        for index in range(len(self.joints), 0, -1):
+            joint, wrench = self.joints[index - 1], carried[index]
+            rows.append(joint.S_linear.T @ wrench.force + joint.S_angular.T @ wrench.moment)
+            if joint.parent:
+                carried[joint.parent] += wrench.onto_parent(local_poses[index])
+        return ca.vertcat(ca.SX(0, 1), *reversed(rows))
+
+    def mass_matrix(self, q: ca.SX, inertias: Inertias | None = None) -> ca.SX:
+        """Mass matrix (n_v, n_v) [kg, kg m, kg m2] of the composite-rigid-body algorithm, symmetric by construction.
+
+        inertias: as for `rnea`. Raises InvalidInput for a q of another size, or inertias of another number of bodies.
+        """
+        bodies = [sparse(inertia) for inertia in self._inertias(inertias)]
+        M = self.congruence(self.local_poses(q), bodies)
+        return M + ca.diag(sparse(np.asarray(self.model.armature)))
+
+    def congruence(self, local_poses: Sequence[Pose], matrices: Sequence[ca.DM | ca.SX]) -> ca.SX:
+        """``sum J_i.T X_i J_i`` (n_v, n_v) over the joint bodies, for symmetric X_i (6, 6) in their frames, else InvalidInput."""
+        self._check_bodies(local_poses=local_poses, matrices=matrices)
+        carried = [TwistToWrench.of(matrix) for matrix in matrices]
+        total = ca.SX(self.model.nv, self.model.nv)
+        for index in range(len(self.joints), 0, -1):
+            self._fill_columns(total, index, carried[index], local_poses)
+            parent = self.joints[index - 1].parent
+            if parent:
+                carried[parent] += carried[index].onto_parent(local_poses[index])
+        return ca.triu2symm(ca.triu(total))
+
+    def _fill_columns(self, total: ca.SX, index: int, carried: TwistToWrench, local: Sequence[Pose]) -> None:
+        joint = self.joints[index - 1]
+        wrench, columns = carried.times(joint.S_linear, joint.S_angular), joint.v
+        while index:
+            joint = self.joints[index - 1]
+            total[joint.v, columns] = joint.S_linear.T @ wrench.force + joint.S_angular.T @ wrench.moment
+            wrench = wrench.onto_parent(local[index])
+            index = joint.parent
+
+    def _inertias(self, inertias: Inertias | None) -> list[np.ndarray]:
+        if inertias is None:
+            return [np.zeros((6, 6)), *(Y.matrix() for Y in list(self.model.inertias)[1:])]
+        self._check_bodies(inertias=inertias)
+        return list(inertias)
+
+    def _check_rows(self, name: str, value: ca.SX, n_rows: int) -> None:
+        if value.shape != (n_rows, 1):
+            raise InvalidInput(f"{name}: shape {value.shape} given, a column of {n_rows} rows wanted")
+
+    # --- ready-made functions ---------------------------------------------------------------------
+
+    def pose_function(self, frame: str) -> ca.Function:
+        """Function ``q -> R (3, 3), p (3,)`` of a frame."""
+        q = self._q()
+        R, p = self.forward_kinematics(q).pose(frame)
+        return function("pose", {"q": q}, {"R": R, "p": p})
+
+    def jacobian_function(self, frame: str) -> ca.Function:
+        """Function ``q -> J (6, n_v)`` of a frame."""
+        q = self._q()
+        return function("jacobian", {"q": q}, {"J": self.forward_kinematics(q).jacobian(frame)})
+
+    def integrate_function(self) -> ca.Function:
+        """Function ``q, v -> q_next``."""
+        q, v = self._q(), self._v("v")
+        return function("integrate", {"q": q, "v": v}, {"q_next": self.integrate(q, v)})
+
+    def difference_function(self) -> ca.Function:
+        """Function ``q0, q1 -> v``."""
+        q0, q1 = self._q("q0"), self._q("q1")
+        return function("difference", {"q0": q0, "q1": q1}, {"v": self.difference(q0, q1)})
+
+    def rnea_function(self) -> ca.Function:
+        """Function ``q, v, a -> tau``."""
+        q, v, a = self._q(), self._v("v"), self._v("a")
+        return function("rnea", {"q": q, "v": v, "a": a}, {"tau": self.rnea(q, v, a)})
+
+    def mass_matrix_function(self) -> ca.Function:
+        """Function ``q -> M (n_v, n_v)``."""
+        q = self._q()
+        return function("mass_matrix", {"q": q}, {"M": self.mass_matrix(q)})
+
+    def _q(self, name: str = "q") -> ca.SX:
+        return ca.SX.sym(name, self.model.nq)
+
+    def _v(self, name: str) -> ca.SX:
+        return ca.SX.sym(name, self.model.nv)
+
+
+def find_frame(model: pin.Model, name: str) -> pin.Frame:
+    """Frame of a model by name; a body is preferred to a joint of the same name. Raises FrameNotFound."""
+    named = [frame for frame in model.frames if frame.name == name]
+    if not named:
+        raise FrameNotFound(name, dict.fromkeys(frame.name for frame in model.frames))
+    return next((frame for frame in named if frame.type == pin.FrameType.BODY), named[0])
+
+
+def function(name: str, inputs: dict[str, ca.SX], outputs: dict[str, ca.SX]) -> ca.Function:
+    """SX function with named, dense inputs and outputs."""
+    dense = [ca.densify(value) for value in outputs.values()]
+    return ca.Function(name, list(inputs.values()), dense, list(inputs), list(outputs), {"cse": True})
+
+
+def _across(joint: SymbolicJoint, v: ca.SX) -> Twist:
+    return Twist(linear=joint.S_linear @ v[joint.v], angular=joint.S_angular @ v[joint.v])

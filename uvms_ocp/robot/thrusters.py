@@ -1,0 +1,101 @@
+"""Compute what a set of thrusters can do: the wrench of each, limits, signals, and unactuated axes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.robot.description import Thruster
+from uvms_ocp.robot.robot import Robot
+
+_RANK_TOLERANCE = 1e-6  # relative; layouts are known to about a millimetre
+
+
+def thruster_matrix(robot: Robot) -> np.ndarray:
+    """Return (6, n_thrusters) [-, m]: wrench per newton on the vehicle about the origin of B, in B, linear rows first."""
+    columns = [_column(robot.model, thruster) for thruster in robot.description.thrusters]
+    return np.column_stack(columns) if columns else np.zeros((6, 0))
+
+
+def _column(model: pin.Model, thruster: Thruster) -> np.ndarray:
+    direction = np.array(thruster.direction) / np.linalg.norm(thruster.direction)
+    X_BF = model.frames[model.getFrameId(thruster.link)].placement
+    force = X_BF.rotation @ direction
+    return np.concatenate([force, np.cross(X_BF.act(np.array(thruster.position)), force)])
+
+
+def thrust_limits(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Return lower and upper (n_thrusters,) [N], the thrust limits inside the range of the curve."""
+    ranges = [_range(thruster) for thruster in robot.description.thrusters]
+    lower, upper = np.array(ranges).reshape(-1, 2).T
+    return lower, upper
+
+
+def _range(thruster: Thruster) -> tuple[float, float]:
+    if not thruster.curve:
+        return thruster.minimum, thruster.maximum
+    return max(thruster.minimum, thruster.curve[0][1]), min(thruster.maximum, thruster.curve[-1][1])
+
+
+def largest_wrench(robot: Robot) -> np.ndarray:
+    """Return (6,) [N, N m], what all thrusters can give at most axis by axis, ahead and up; nothing without thrusters."""
+    return np.asarray(np.abs(thruster_matrix(robot)) @ np.array([t.maximum for t in robot.description.thrusters]))
+
+
+def largest_force(robot: Robot) -> np.ndarray:
+    """Return (n_v,) [N, N m], what thrusters and motors can give at most on every axis."""
+    return np.concatenate([largest_wrench(robot)[: robot.n_vehicle], robot.limits.effort])
+
+
+def thrust_of_signals(robot: Robot, signals: np.ndarray) -> np.ndarray:
+    """Return steady thrust (n_thrusters,) [N] for command signals (n_thrusters,) [-], by each thruster's curve.
+
+    Without a curve: linear, -1 and 1 are the limits. Signals beyond the curve give its ends.
+    """
+    pairs = zip(robot.description.thrusters, signals, strict=True)
+    return np.array([np.interp(signal, *np.transpose(_curve(thruster))) for thruster, signal in pairs])
+
+
+def signals_of_thrust(robot: Robot, thrust: np.ndarray) -> np.ndarray:
+    """Return command signals (n_thrusters,) [-] for steady thrust (n_thrusters,) [N]; `thrust_of_signals` inverted."""
+    pairs = zip(robot.description.thrusters, thrust, strict=True)
+    return np.array([np.interp(value, *np.transpose(_curve(thruster))[::-1]) for thruster, value in pairs])
+
+
+def _curve(thruster: Thruster) -> tuple[tuple[float, float], ...]:
+    # A thruster that only pushes has no point at -1: np.interp needs thrust that increases.
+    pushing_only = ((0.0, 0.0), (1.0, thruster.maximum))
+    linear = ((-1.0, thruster.minimum), *pushing_only) if thruster.minimum < 0.0 else pushing_only
+    return thruster.curve or linear
+
+
+def unactuated_axes(robot: Robot) -> tuple[int, ...]:
+    """Return the vehicle axes 0-5 (surge, sway, heave, roll, pitch, yaw) that thrust cannot drive on their own.
+
+    As many axes as the thruster matrix lacks in rank, those that weigh most in its left null space: where sway
+    brings a little roll along, roll is the one out of reach. Empty for a fixed base.
+    """
+    return unreachable_axes(thruster_matrix(robot)) if robot.n_vehicle else ()
+
+
+def unreachable_axes(B: np.ndarray) -> tuple[int, ...]:
+    """`unactuated_axes` of a thruster matrix B (6, n_thrusters) [-, m]."""
+    null_space = left_null_space(B)
+    if not null_space.shape[1]:  # of which older SciPy finds no factors
+        return ()
+    import scipy.linalg  # a tenth of a second
+
+    _, _, order = scipy.linalg.qr(null_space.T, mode="economic", pivoting=True)
+    return tuple(sorted(int(axis) for axis in order[: null_space.shape[1]]))
+
+
+def left_null_space(B: np.ndarray) -> np.ndarray:
+    """Return an orthonormal basis (6, 6 - rank) [-] of the wrenches no thrust contributes to, of B (6, n_thrusters) [-, m].
+
+    Moments are divided by the typical lever arm of the layout, so that newtons and newton metres compare.
+    """
+    lever = np.linalg.norm(B[3:]) / max(float(np.linalg.norm(B[:3])), np.finfo(float).tiny)
+    scaled = B / np.repeat([1.0, lever or 1.0], 3)[:, None]
+    U, s, _ = np.linalg.svd(scaled)
+    rank = int((s > _RANK_TOLERANCE * s.max(initial=1e-300)).sum())
+    return U[:, rank:]

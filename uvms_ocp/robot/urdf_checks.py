@@ -1,0 +1,479 @@
+"""Check the XML of a URDF: numbers as strictly as urdfdom reads them, one line per mistake, words that nobody reads.
+
+urdfdom hands the whole text to a C++ stream in the classic locale: blanks may come before a number, nothing after it.
+Where that fails Pinocchio leaves the inertia or the shape out without a word, so what urdfdom does not read is refused
+here. Python's `float` takes more: blanks behind, ``1_0``, digits of other scripts, ``nan`` and ``inf``.
+
+Pinocchio's parser writes to stderr, ignores what it does not understand and does not say which element is wrong.
+
+A word that can only be a mistake is refused: one that is nearly a known word, or any unknown one where nothing but numbers
+of the robot stands. Others, such as what a simulator adds to links, are told in one warning. The known words are those of
+urdfdom's parsers and of Pinocchio's ``<collision_checking>``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from uvms_ocp.errors import RobotDataError, plain_line
+
+# Numbers of a URDF, read as strictly as urdfdom reads them.
+#
+# urdfdom hands the whole text to a C++ stream in the classic locale: blanks may come before a number, nothing after it.
+# Where that fails Pinocchio leaves the inertia or the shape out without a word, so what urdfdom does not read is refused
+# here. Python's `float` takes more: blanks behind, ``1_0``, digits of other scripts, ``nan`` and ``inf``.
+
+Element = ElementTree.Element
+
+_DECIMAL = re.compile(r"[ \t\n\v\f\r]*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+SHAPES = {"box": (), "sphere": ("radius",), "cylinder": ("radius", "length"), "mesh": ()}
+"""The scalar attributes of the shapes of a URDF."""
+
+_LONGEST_NUMBER = 60  # characters of a mistake that a message repeats
+
+
+def to_float(text: str | None) -> float:
+    """Return the number of one text, NaN for what urdfdom would not read or a float cannot hold."""
+    if text is None or _DECIMAL.fullmatch(text) is None:
+        return math.nan
+    value = float(text)
+    return value if math.isfinite(value) else math.nan
+
+
+def to_floats(text: str) -> tuple[float, ...]:
+    """Return the numbers between the spaces of a text, NaN in the places of `to_float`; a tab separates nothing."""
+    return tuple(to_float(word) for word in text.split(" ") if word)
+
+
+def read_number(path: Path, element: Element | None, key: str, where: str, default: float | None = None) -> float:
+    """Return the number of an attribute, or ``default`` [in its unit] where it is left out.
+
+    Raises ``RobotDataError`` where it is no number, or left out without a default.
+    """
+    text = None if element is None else element.get(key)
+    if text is None and default is not None:
+        return default
+    value = to_float(text)
+    if math.isnan(value):
+        given = "nothing" if text is None else quoted(text)
+        problem = f"{where}: given {given}; allowed: a finite number in plain digits, nothing after it"
+        raise RobotDataError(path, problem)
+    return value
+
+
+def read_vector(path: Path, element: Element, key: str, where: str) -> tuple[float, ...]:
+    """Return the three numbers of an attribute. Raises ``RobotDataError`` where they are not."""
+    text = element.get(key, "")
+    values = to_floats(text)
+    if len(values) != 3 or any(map(math.isnan, values)):
+        problem = f"{where} {key}: given {quoted(text)}; allowed: three finite numbers with spaces between them"
+        raise RobotDataError(path, problem)
+    return values
+
+
+def read_sizes(path: Path, shape: Element, where: str) -> tuple[float, ...]:
+    """Return the sizes [m] of a shape, or the scale [-] of a mesh. Raises ``RobotDataError``."""
+    if shape.tag == "box":
+        return read_vector(path, shape, "size", where)
+    if shape.tag == "mesh":
+        return read_vector(path, shape, "scale", where) if "scale" in shape.attrib else (1.0, 1.0, 1.0)
+    return tuple(read_number(path, shape, key, f"{where} {key}") for key in SHAPES[shape.tag])
+
+
+def quoted(text: str) -> str:
+    """Return a text in quotes on one line, shortened."""
+    return repr(text if len(text) <= _LONGEST_NUMBER else text[:_LONGEST_NUMBER] + "...")
+
+
+# Checks of a URDF's XML, each mistake one line that names the element.
+#
+# Pinocchio's parser writes to stderr, ignores what it does not understand and does not say which element is wrong.
+
+_JOINT_TYPES = ("revolute", "continuous", "prismatic", "planar", "floating", "fixed")
+_INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_ONCE = {
+    "link": {"inertial"},
+    "inertial": {"origin", "mass", "inertia"},
+    "visual": {"origin", "geometry", "material"},
+    "collision": {"origin", "geometry"},
+    "geometry": set(SHAPES),
+    "joint": {"origin", "parent", "child", "axis", "limit", "dynamics", "mimic", "safety_controller", "calibration"},
+}
+"""What an element may hold once. Of two, parsers take the first without a word."""
+_SHOWN_NAMES = 10  # names in a message
+_MOST_LINKS = 1000  # a humanoid with hands has 150; Pinocchio's recursion ends the process at some thousands in a row
+_SCALES = (1e-6, 1e6)  # of meshes, from micrometres to metres and back; beyond it numbers get lost
+_SOFT_LIMIT = ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity")
+
+
+def check_urdf(path: Path, root: Element, *, let_mimic: bool = False) -> None:
+    """Raise ``RobotDataError`` for the first mistake in links, joints or the tree they form.
+
+    Joints that mimic another one are a mistake unless ``let_mimic`` lets them through.
+    """
+    if not root.get("name"):
+        raise RobotDataError(path, "the <robot> has no name")
+    _check_repeats(path, root)
+    _check_materials(path, root)
+    _check_links(path, root)
+    _check_joints(path, root, let_mimic)
+    _check_tree(path, root)
+
+
+def _check_repeats(path: Path, root: Element) -> None:
+    for part in (*root.findall("link"), *root.findall("joint")):
+        for element in part.iter():
+            once = [child.tag for child in element if child.tag in _ONCE.get(element.tag, ())]
+            repeated = next((tag for tag in once if once.count(tag) > 1), None)
+            if repeated:
+                where = f"{part.tag} {part.get('name')!r}" + ("" if element is part else f" {element.tag}")
+                raise RobotDataError(path, f"{where}: given <{repeated}> {once.count(repeated)} times; allowed: once")
+
+
+def _check_materials(path: Path, root: Element) -> None:
+    defined = _names(path, root, "material")
+    for material in (*root.findall("material"), *root.findall("link/visual/material")):  # elsewhere it is a simulator's
+        name = material.get("name", "")
+        drawn = [part for part in ("color", "texture") if material.find(part) is not None]
+        if not name or not (drawn or name in defined) or (material in list(root) and not drawn):
+            raise RobotDataError(path, f"material {name!r}: given no name or no colour; allowed: a name and a <color>")
+        _check_colour(path, material.find("color"), f"material {name!r} color")
+
+
+def _check_colour(path: Path, colour: Element | None, where: str) -> None:
+    if colour is None:
+        return
+    values = to_floats(colour.get("rgba", ""))
+    if len(values) != 4 or not all(0.0 <= value <= 1.0 for value in values):
+        given = quoted(colour.get("rgba", ""))
+        raise RobotDataError(path, f"{where} rgba: given {given}; allowed: four numbers from 0 to 1")
+
+
+def _check_links(path: Path, root: Element) -> None:
+    names = _names(path, root, "link")
+    if not names:
+        raise RobotDataError(path, "no <link>; a robot needs at least one")
+    if len(names) > _MOST_LINKS:
+        raise RobotDataError(path, f"{len(names)} links; at most {_MOST_LINKS} are read")
+    for link in root.findall("link"):
+        _check_shapes(path, link)
+    total = sum(_check_inertial(path, link) for link in root.findall("link"))
+    if total <= 0.0:
+        raise RobotDataError(path, "no link has a mass; give an <inertial> with mass > 0 kg to the moving links")
+
+
+def _check_shapes(path: Path, link: Element) -> None:
+    for kind in ("visual", "collision"):
+        where = f"link {link.get('name')!r} {kind}"
+        for element in link.findall(kind):
+            _check_origin(path, element, where)
+            _check_shape(path, element.findall("geometry/*"), where)
+
+
+def _check_shape(path: Path, shapes: Sequence[Element], where: str) -> None:
+    given = [f"<{element.tag}>" for element in shapes if element.tag in SHAPES]
+    if len(given) > 1:
+        raise RobotDataError(
+            path, f"{where} geometry: given {', '.join(given)}; allowed: one shape, for the others get lost"
+        )
+    shape = shapes[0] if shapes else None
+    if shape is None or shape.tag not in SHAPES:
+        found = "nothing" if shape is None else f"<{shape.tag}>"
+        raise RobotDataError(path, f"{where} geometry: given {found}; allowed: {', '.join(SHAPES)}")
+    sizes = read_sizes(path, shape, f"{where} {shape.tag}")
+    if shape.tag == "mesh" and not all(_SCALES[0] <= abs(size) <= _SCALES[1] for size in sizes):
+        allowed = f"sizes from {_SCALES[0]:g} to {_SCALES[1]:g}, negative to mirror"
+        raise RobotDataError(path, f"{where} mesh scale: given {quoted(shape.get('scale', ''))}; allowed: {allowed}")
+    if shape.tag != "mesh" and min(sizes) <= 0.0:
+        raise RobotDataError(path, f"{where} {shape.tag}: given {dict(shape.attrib)}; allowed: sizes > 0 m")
+
+
+def _check_inertial(path: Path, link: Element) -> float:
+    inertial = link.find("inertial")
+    if inertial is None:
+        return 0.0
+    where = f"link {link.get('name')!r}"
+    _check_origin(path, inertial, where)
+    mass = read_number(path, inertial.find("mass"), "value", f"{where} mass")
+    if mass < 0.0:
+        raise RobotDataError(path, f"{where} mass: given {mass} kg; allowed: >= 0 kg")
+    _check_inertia(path, inertial.find("inertia"), f"{where} inertia", mass)
+    return mass
+
+
+def _check_inertia(path: Path, element: Element | None, where: str, mass: float) -> None:
+    xx, xy, xz, yy, yz, zz = (read_number(path, element, key, f"{where} {key}") for key in _INERTIA)
+    moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    if mass > 0.0 and moments[0] < -1e-9 * max(1.0, moments[2]):
+        raise RobotDataError(path, f"{where}: principal moment {moments[0]:.4g} kg m2; allowed: >= 0")
+
+
+def _check_joints(path: Path, root: Element, let_mimic: bool) -> None:
+    _names(path, root, "joint")
+    for joint in root.findall("joint"):
+        where = f"joint {joint.get('name')!r}"
+        kind = joint.get("type")
+        if kind not in _JOINT_TYPES:
+            raise RobotDataError(path, f"{where}: type {kind!r}; allowed: {', '.join(_JOINT_TYPES)}")
+        _check_origin(path, joint, where)
+        _check_axis(path, joint, where)
+        _check_dynamics(path, joint.find("dynamics"), f"{where} dynamics")
+        _check_limit(path, joint, f"{where} limit")
+        _check_unused(path, joint, where)
+        if not let_mimic:
+            _check_independent(path, joint, where)
+
+
+def _check_independent(path: Path, joint: Element, where: str) -> None:
+    leader = joint.find("mimic")
+    if leader is not None:
+        follows = f"{where} mimics {leader.get('joint')!r}, which is not modelled"
+        problem = f"{follows}; remove <mimic>, or give mimic='free' (check-robot --mimic free) for a joint of its own"
+        raise RobotDataError(path, problem)
+
+
+def _check_unused(path: Path, joint: Element, where: str) -> None:
+    """Numbers that nothing here uses, but for which urdfdom gives up the whole file."""
+    for tag, keys in (
+        ("mimic", ("multiplier", "offset")),
+        ("calibration", ("rising", "falling")),
+        ("safety_controller", _SOFT_LIMIT),
+    ):
+        for key in keys:
+            needed = key == "k_velocity" and joint.find(tag) is not None
+            read_number(path, joint.find(tag), key, f"{where} {tag} {key}", default=None if needed else 0.0)
+
+
+def _check_dynamics(path: Path, element: Element | None, where: str) -> None:
+    for key in ("damping", "friction"):
+        value = read_number(path, element, key, f"{where} {key}", default=0.0)
+        if value < 0.0:
+            raise RobotDataError(path, f"{where} {key}: given {value}; allowed: >= 0")
+
+
+def _check_axis(path: Path, joint: Element, where: str) -> None:
+    axis = joint.find("axis")
+    if axis is None or joint.get("type") in ("fixed", "floating"):
+        return
+    if not 1e-9 <= math.hypot(*read_vector(path, axis, "xyz", f"{where} axis")) <= 1e9:
+        raise RobotDataError(path, f"{where} axis: given {axis.get('xyz')!r}; allowed: a length from 1e-9 to 1e9")
+
+
+def _check_limit(path: Path, joint: Element, where: str) -> None:
+    element, bounded = joint.find("limit"), joint.get("type") in ("revolute", "prismatic")
+    if element is None:
+        if bounded:
+            raise RobotDataError(path, f"{where} is missing; give lower, upper, velocity and effort")
+        return
+    lower, upper = (read_number(path, element, key, f"{where} {key}", default=0.0) for key in ("lower", "upper"))
+    if bounded and lower > upper:
+        raise RobotDataError(path, f"{where}: lower {lower} > upper {upper}; allowed: lower <= upper")
+    for key in ("velocity", "effort"):
+        value = read_number(path, element, key, f"{where} {key}")
+        if value < 0.0:
+            raise RobotDataError(path, f"{where} {key}: given {value}; allowed: >= 0")
+
+
+def _check_tree(path: Path, root: Element) -> None:
+    links = dict.fromkeys(link.get("name") for link in root.findall("link"))
+    parent_of: dict[str | None, str | None] = {}
+    for joint in root.findall("joint"):
+        parent, child = (_linked(path, joint, end, links) for end in ("parent", "child"))
+        if child in parent_of:
+            raise RobotDataError(path, f"link {child!r} has two parents; allowed: one (a tree)")
+        parent_of[child] = parent
+    roots = [link for link in links if link not in parent_of]
+    if len(roots) != 1:
+        problem = f"{len(roots)} root links, {roots[:_SHOWN_NAMES]}"
+        raise RobotDataError(path, f"{problem}; allowed: exactly one, joints must form a tree")
+    _check_acyclic(path, parent_of)
+
+
+def _check_acyclic(path: Path, parent_of: dict[str | None, str | None]) -> None:
+    rooted: set[str | None] = set()  # links from which the way up is known to end
+    for start in parent_of:
+        way, link = set[str | None](), start
+        while link in parent_of and link not in rooted:
+            if link in way:
+                raise RobotDataError(path, f"the joints form a loop through link {link!r}; allowed: a tree")
+            way.add(link)
+            link = parent_of[link]
+        rooted |= way
+
+
+def _linked(path: Path, joint: Element, end: str, links: Collection[str | None]) -> str:
+    element = joint.find(end)
+    name = None if element is None else element.get("link")
+    if name is None or name not in links:
+        raise RobotDataError(path, f"joint {joint.get('name')!r}: {end} link {name!r} does not exist")
+    return name
+
+
+def _names(path: Path, root: Element, tag: str) -> list[str]:
+    names = [element.get("name", "") for element in root.findall(tag)]
+    if "" in names:
+        raise RobotDataError(path, f"a <{tag}> has no name")
+    repeated = sorted(name for name, n in Counter(names).items() if n > 1)
+    if repeated:
+        raise RobotDataError(path, f"<{tag}> names must be unique; repeated: {', '.join(repeated[:_SHOWN_NAMES])}")
+    return names
+
+
+def _check_origin(path: Path, element: Element, where: str) -> None:
+    origin = element.find("origin")
+    for key in ("xyz", "rpy"):
+        if origin is not None and key in origin.attrib:
+            read_vector(path, origin, key, f"{where} origin")
+
+
+# Elements and attributes of a URDF that nobody reads: urdfdom and Pinocchio skip a word that they do not know.
+#
+# A word that can only be a mistake is refused: one that is nearly a known word, or any unknown one where nothing but numbers
+# of the robot stands. Others, such as what a simulator adds to links, are told in one warning. The known words are those of
+# urdfdom's parsers and of Pinocchio's ``<collision_checking>``.
+
+_LIKENESS = 0.66  # of difflib: "dampning" to "damping" is 0.93, "xzy" to "xyz" 0.67
+_SHOWN_WORDS = 8  # words in a warning
+_LONGEST_WORD = 40  # characters of a word
+_XACRO = re.compile(r"\{[^}]*xacro[^}]*\}")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Place:
+    """What one element may hold."""
+
+    children: frozenset[str] = frozenset()
+    attributes: frozenset[str] = frozenset()
+    others: frozenset[str] = frozenset()
+    """Elements for other programs, which change nothing here."""
+    closed: bool = True
+    """Whether nobody adds attributes of their own."""
+
+
+def _place(children: str = "", attributes: str = "", others: str = "", closed: bool = True) -> _Place:
+    words = [frozenset(text.split()) for text in (children, attributes, others)]
+    return _Place(children=words[0], attributes=words[1], others=words[2], closed=closed)
+
+
+_SHAPES = "box sphere cylinder mesh"
+_PLACES = {
+    "robot": _place(
+        "link joint material", "name version", "gazebo transmission ros2_control sensor plugin verbose", closed=False
+    ),
+    "link": _place(
+        "inertial visual collision collision_checking",
+        "name",
+        "verbose contact contact_coefficients self_collision_checking sensor material",
+        closed=False,
+    ),
+    "collision_checking": _place("capsule convex"),
+    "capsule": _place("", "name"),
+    "convex": _place("", "name"),
+    "inertial": _place("origin mass inertia"),
+    "mass": _place("", "value"),
+    "inertia": _place("", "ixx ixy ixz iyy iyz izz"),
+    "visual": _place("origin geometry material", "name", closed=False),
+    "collision": _place("origin geometry", "name", "material verbose contact_coefficients", closed=False),
+    "geometry": _place(_SHAPES, "name", closed=False),
+    "box": _place("", "size"),
+    "sphere": _place("", "radius"),
+    "cylinder": _place("", "radius length"),
+    "mesh": _place("", "filename scale"),
+    "material": _place("color texture", "name"),
+    "color": _place("", "rgba"),
+    "texture": _place("", "filename"),
+    "joint": _place(
+        "origin parent child axis limit dynamics mimic safety_controller calibration", "name type", closed=False
+    ),
+    "origin": _place("", "xyz rpy"),
+    "parent": _place("", "link"),
+    "child": _place("", "link"),
+    "axis": _place("", "xyz"),
+    "limit": _place("", "lower upper velocity effort", closed=False),
+    "dynamics": _place("", "damping friction", closed=False),
+    "mimic": _place("", "joint multiplier offset"),
+    "safety_controller": _place("", "soft_lower_limit soft_upper_limit k_position k_velocity"),
+    "calibration": _place("", "rising falling reference_position"),
+}
+
+
+def unread_words(path: Path, root: Element) -> str:
+    """What the file holds that is not read, in words for a warning, "" for nothing.
+
+    Raises ``RobotDataError`` for the first word that is misspelt.
+    """
+    unread = Counter(_unread(path, root, "robot"))
+    for part in root:
+        if part.tag in _PLACES["robot"].children:
+            unread.update(_unread_below(path, part, f"{part.tag} {quoted(part.get('name', ''))}"))
+    words = [word if n == 1 else f"{word} ({n} times)" for word, n in unread.most_common(_SHOWN_WORDS)]
+    return ", ".join(words) + (f" and {len(unread) - _SHOWN_WORDS} more" if len(unread) > _SHOWN_WORDS else "")
+
+
+def _unread_below(path: Path, element: Element, where: str) -> Iterator[str]:
+    yield from _unread(path, element, where)
+    for child in element:
+        if child.tag in _PLACES[element.tag].children:
+            yield from _unread_below(path, child, f"{where} {child.tag}")
+
+
+def _unread(path: Path, element: Element, where: str) -> Iterator[str]:
+    """The words of one element, without those below, that nothing reads."""
+    place = _PLACES[element.tag]
+    for word in element.attrib:
+        if word not in place.attributes:
+            _check_attribute(path, word, place, element.attrib, where)
+            yield f"attribute {_shown(word)} of <{element.tag}>"
+    for child in element:
+        if child.tag not in place.children | place.others:
+            _check_element(path, child.tag, place, where)
+            yield f"<{_shown(child.tag)}> in <{element.tag}>"
+    if any(text and not text.isspace() for text in (element.text, *(child.tail for child in element))):
+        yield f"text in <{element.tag}>"
+
+
+def _check_attribute(path: Path, word: str, place: _Place, present: Collection[str], where: str) -> None:
+    parts = re.split("[_-]", word.lower())
+    replaced = [known for known in parts if known in place.attributes and known not in present]
+    meant = replaced or _meant(word, place.attributes)
+    if meant or (place.closed and not _is_foreign(word)):
+        raise RobotDataError(path, _unknown(f"{where}: unknown attribute {_shown(word)}", meant, place.attributes))
+
+
+def _check_element(path: Path, word: str, place: _Place, where: str) -> None:
+    if _XACRO.match(word):
+        raise RobotDataError(path, f"{where}: <{_shown(word)}> is of xacro; give the URDF that xacro makes of the file")
+    meant = _meant(word, place.children)
+    if meant:
+        raise RobotDataError(path, _unknown(f"{where}: unknown element <{_shown(word)}>", meant, place.children))
+
+
+def _meant(word: str, known: Collection[str]) -> list[str]:
+    parts = re.split("[_-]", word.lower())
+    # A longer word that contains a known one is somebody's own: gear_velocity, loop_joint.
+    candidates = sorted(set(known).difference(parts[1:] and parts))
+    return [] if _is_foreign(word) else get_close_matches(word.lower(), candidates, n=1, cutoff=_LIKENESS)
+
+
+def _is_foreign(word: str) -> bool:
+    """Whether the word is of another namespace, written by someone who knows that URDF does not have it."""
+    return word.startswith("{")
+
+
+def _unknown(problem: str, meant: list[str], known: Collection[str]) -> str:
+    allowed = f"allowed: {', '.join(sorted(known)) or 'none'}"
+    return f"{problem}; did you mean {meant[0]!r}? {allowed}" if meant else f"{problem}; {allowed}"
+
+
+def _shown(word: str) -> str:
+    """A word of anybody's, without the address of its namespace."""
+    return plain_line(word.rpartition("}")[2], _LONGEST_WORD)

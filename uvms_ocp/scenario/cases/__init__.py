@@ -1,0 +1,33 @@
+"""Ready-made scenarios; every number in them can be overridden."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from uvms_ocp.scenario.cases.bluerov import bluerov_inspection as bluerov_inspection
+from uvms_ocp.scenario.cases.bluerov import reach as reach
+from uvms_ocp.scenario.cases.case1 import Thresholds as Thresholds
+from uvms_ocp.scenario.cases.case1 import case1 as case1
+from uvms_ocp.scenario.cases.case1 import case1_unreachable as case1_unreachable
+from uvms_ocp.scenario.cases.case1 import current_drift as current_drift
+from uvms_ocp.scenario.cases.case1 import priority_swap as priority_swap
+from uvms_ocp.scenario.cases.case1 import two_targets as two_targets
+from uvms_ocp.scenario.cases.case2 import case2 as case2
+from uvms_ocp.scenario.cases.transit import obstacle_field as obstacle_field
+from uvms_ocp.scenario.cases.transit import transit as transit
+from uvms_ocp.scenario.options import RunOptions as RunOptions
+from uvms_ocp.scenario.scenario import Scenario
+
+SCENARIOS: dict[str, Callable[..., Scenario]] = {
+    "case1": case1,
+    "case1_unreachable": case1_unreachable,
+    "case2": case2,
+    "priority_swap": priority_swap,
+    "two_targets": two_targets,
+    "current_drift": current_drift,
+    "bluerov_inspection": bluerov_inspection,
+    "obstacle_field": obstacle_field,
+    "reach": reach,
+    "transit": transit,
+}
+"""Scenarios by the name that the command line knows."""

@@ -1,0 +1,197 @@
+"""Missions of a small vehicle with an arm: reach a position, turn a valve."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.checks import checked
+from uvms_ocp.mission.phase import Below, Phase, Transition
+from uvms_ocp.record.meta_values import DONE
+from uvms_ocp.robot.kinematics import Kinematics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.scenario.options import abort_phase, activate, approach_phase, mission_of, run_options
+from uvms_ocp.scenario.scenario import Scenario, pose_at
+from uvms_ocp.tasks.altitude import MinimumAltitude
+from uvms_ocp.tasks.attitude import FieldOfView, HorizontalAttitude
+from uvms_ocp.tasks.joints import JointLimits, JointTracking
+from uvms_ocp.tasks.pose import ToolPosition, VehiclePose
+from uvms_ocp.types import Period, Point, Positive, Range
+
+# A small vehicle that reaches with its arm while floating.
+
+
+@checked
+def reach(
+    *,
+    variant: str | None = None,
+    target: Point | None = None,
+    start: pin.SE3 | None = None,
+    tolerance: Positive = 0.01,
+    **options: Any,
+) -> Scenario:
+    """A small floating vehicle with a four-joint arm brings its tool to a position: approach, then reach.
+
+    The tool stays within tolerance [m] of the target (3,) [m] in W for 1 s; vehicle and arm reach together, the pose
+    of the vehicle comes second. variant: of the water on the plant's vehicle, such as another published set of drag; the
+    controller keeps the nominal one. target: by default drawn from `seed`, 2 to 4 m from the start. start: X_WB.
+    options: those of `RunOptions`; the robot is bluerov2_alpha5, the floor at -10 m.
+
+    Raises `UvmsError` where a name is unknown or a number is impossible.
+    """
+    run = run_options(options, robot="bluerov2_alpha5", seabed=-10.0)
+    robot = run.robot
+    origin = start or pose_at((0.0, 0.0, -5.0))
+    point = _random_target(origin, run.seed) if target is None else np.asarray(target, dtype=float)
+    q0 = run.start(origin)
+    way_point = pose_facing(origin, point, Kinematics(robot, q0))
+    tasks = [
+        JointLimits(),
+        MinimumAltitude(),
+        HorizontalAttitude(),
+        ToolPosition(goal=pin.SE3(np.eye(3), point)),
+        VehiclePose(goal=way_point),
+        JointTracking(joints=robot.joint_names, goal=robot.home),
+    ]
+    return run.scenario(
+        name="reach",
+        mission=mission_of(robot, tasks, _reach_phases(tolerance), abort=abort_phase("JL", "MAC", "HA", "MP")),
+        start=q0,
+        plant_robot=None if variant is None else load_robot(robot.name, variant=variant),
+        markers={"target": tuple(point), "way point": tuple(way_point.translation)},
+    )
+
+
+def _random_target(origin: pin.SE3, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    azimuth, distance, drop = rng.uniform(-np.pi, np.pi), rng.uniform(2.0, 4.0), rng.uniform(0.5, 1.5)
+    return origin.translation + distance * np.array([np.cos(azimuth), np.sin(azimuth), 0.0]) - [0.0, 0.0, drop]
+
+
+def pose_facing(origin: pin.SE3, target: np.ndarray, start: Kinematics) -> pin.SE3:
+    """Vehicle pose, level and facing the target (3,) [m] in W, from which the tool at its present posture is just there."""
+    p_BT = start.pose("base_link").actInv(start.pose("tool").translation)
+    d = target - origin.translation
+    R_WB = pin.rpy.rpyToMatrix(0.0, 0.0, float(np.arctan2(d[1], d[0])))
+    return pin.SE3(R_WB, target - R_WB @ p_BT)
+
+
+def _reach_phases(tolerance: float) -> tuple[Phase, ...]:
+    there = Below(quantity="TP.position_error", limit=tolerance)
+    return (
+        approach_phase(),
+        Phase(
+            name="B",
+            title="reach",
+            gates=activate("JL", "MAC", "HA", "TP", "PC", "MP"),
+            transitions=(Transition(to=DONE, when=(there,), hold=1.0),),
+        ),
+    )
+
+
+# A small vehicle turns a valve: approach, hold, and a circular tool path, in view of its camera.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Circle:
+    """A point that goes around a circle in a vertical plane, starting and ending at rest at its top: a `Reference`."""
+
+    centre: np.ndarray
+    """(3,) [m] in W."""
+    across: np.ndarray
+    """(3,) [-] horizontal unit vector in the plane of the circle."""
+    radius: float
+    """[m]"""
+    turns: float
+    """[-]"""
+    duration: float
+    """[s] of all turns."""
+
+    @property
+    def end(self) -> float:
+        """[s]"""
+        return float(self.duration)
+
+    def __call__(self, t: float) -> tuple[pin.SE3, np.ndarray]:
+        """Pose, of which the orientation has no meaning, and rate (6,) at time t [s]."""
+        s = min(max(t / self.duration, 0.0), 1.0)
+        angle = 2 * math.pi * self.turns * s**2 * (3.0 - 2.0 * s)
+        speed = 2 * math.pi * self.turns * 6.0 * s * (1.0 - s) / self.duration
+        up = np.array([0.0, 0.0, 1.0])
+        point = self.centre + self.radius * (math.sin(angle) * self.across + math.cos(angle) * up)
+        rate = self.radius * speed * (math.cos(angle) * self.across - math.sin(angle) * up)
+        return pin.SE3(np.eye(3), point), np.concatenate([rate, np.zeros(3)])
+
+
+@checked
+def bluerov_inspection(
+    *,
+    target: Point = (2.5, 1.0, -6.0),
+    radius: Annotated[float, Range(0.0, 10.0)] = 0.1,
+    turns: Annotated[float, Range(-100.0, 100.0)] = 2.0,
+    turning: Period = 24.0,
+    **options: Any,
+) -> Scenario:
+    """Valve turning by a BlueROV2 with a four-joint arm: approach, hold, follow a circular tool path.
+
+    The tool goes turns [-] times around a circle of radius [m] about the valve, target (3,) [m] in W, within turning [s]
+    and stays within 0.02 m of it all the time, while the valve stays within 0.4 rad of the axis of a camera on the
+    vehicle that is tilted towards the stowed tool. Vehicle and arm move together; the pose of the vehicle comes last.
+    With noise the tolerance is 0.06 m. options: those of `RunOptions`; the robot is bluerov2_alpha5, the floor at -10 m.
+
+    Raises `UvmsError` where a name is unknown or a number is impossible.
+    """
+    run = run_options(options, robot="bluerov2_alpha5", seabed=-10.0)
+    centre = np.asarray(target, dtype=float)
+    origin = pose_at((0.0, 0.0, -5.0))
+    q0 = run.start(origin)
+    start = Kinematics(run.robot, q0)
+    way_point = pose_facing(origin, centre, start)
+    circle = Circle(centre=centre, across=way_point.rotation[:, 1], radius=radius, turns=turns, duration=turning)
+    tasks = [
+        JointLimits(),
+        MinimumAltitude(),
+        HorizontalAttitude(),
+        FieldOfView(goal=centre, axis=_towards_tool(start)),
+        ToolPosition(goal=circle(0.0)[0]),
+        VehiclePose(goal=way_point),
+        JointTracking(joints=run.robot.joint_names, goal=run.robot.home),
+    ]
+    phases = _phases(circle, turning, tolerance=0.06 if run.noise else 0.02)
+    return run.scenario(
+        name="bluerov_inspection",
+        mission=mission_of(run.robot, tasks, phases, abort=abort_phase("JL", "MAC", "HA", "MP")),
+        start=q0,
+        markers={"valve": tuple(centre.tolist()), "way point": tuple(way_point.translation.tolist())},
+    )
+
+
+def _towards_tool(start: Kinematics) -> tuple[float, float, float]:
+    """Direction of the tool, from the vehicle and in its frame."""
+    p_BT = start.pose("base_link").actInv(start.pose("tool").translation)
+    x, y, z = (p_BT / np.linalg.norm(p_BT)).tolist()
+    return x, y, z
+
+
+def _phases(circle: Circle, turning: float, tolerance: float) -> tuple[Phase, ...]:
+    there = Below(quantity="TP.position_error", limit=tolerance)
+    return (
+        approach_phase(),
+        Phase(
+            name="B",
+            title="hold",
+            gates=activate("JL", "MAC", "HA", "FV", "TP", "PC", "MP"),
+            transitions=(Transition(to="C", when=(replace(there, limit=tolerance / 2),), hold=1.0),),
+        ),
+        Phase(
+            name="C",
+            title="turn",
+            gates=activate("JL", "MAC", "HA", "FV", "TP", "PC", "MP"),
+            goals={"TP": circle},
+            transitions=(Transition(to=DONE, when=(there,), hold=turning + 1.0),),
+        ),
+    )

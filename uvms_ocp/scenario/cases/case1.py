@@ -1,0 +1,268 @@
+"""Case 1 of the paper, way point, alignment, landing, tool frame, and its variants: current drift, priority swap, two targets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.checks import checked
+from uvms_ocp.control.force.dynamic import VelocityGains
+from uvms_ocp.mission.phase import Above, Below, Phase, Transition
+from uvms_ocp.record.meta_values import DONE
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.scenario.options import abort_phase, activate, mission_of, run_options
+from uvms_ocp.scenario.scenario import Scenario, pose_at
+from uvms_ocp.sim.currents import OnsetCurrent
+from uvms_ocp.tasks.altitude import LandingAltitude, MinimumAltitude
+from uvms_ocp.tasks.attitude import Alignment, HorizontalAttitude
+from uvms_ocp.tasks.joints import JointLimits, JointTracking
+from uvms_ocp.tasks.pose import NullVelocity, ToolPose, VehiclePose
+from uvms_ocp.tasks.task import Hierarchy, PoseReference, Task
+from uvms_ocp.types import Finite, Magnitude, Point
+
+# Case 1 of the paper: way point, alignment, landing, tool frame.
+
+_N_POSTURE_JOINTS = 4  # MP holds the last four joints ([Gao2022] Case 2)
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Thresholds:
+    """What ends the phases of Case 1."""
+
+    way_point: Magnitude = 0.1
+    """[m] A to B."""
+    misalignment: Magnitude = 0.07
+    """[rad] B to C, and held through C."""
+    landing_altitude: Magnitude = 0.17
+    """[m] C to D."""
+    landing_hold: Magnitude = 0.2
+    """[s] for which the landing altitude is held."""
+    tool_position: Magnitude = 1e-3
+    """[m] end of D."""
+    tool_orientation: Magnitude = 1e-3
+    """[rad] end of D."""
+    tool_hold: Magnitude = 1.0
+    """[s] for which the tool is held."""
+
+    @staticmethod
+    def suggested(*, plant: str, noise: bool) -> Thresholds:
+        """The paper's on the kinematic plant; a real hull touches down earlier, and noise hides millimetres."""
+        landing = 0.17 if plant == "kinematic" else 0.2
+        tool = (5e-3, 1e-2) if noise else (1e-3, 1e-3)
+        return Thresholds(landing_altitude=landing, tool_position=tool[0], tool_orientation=tool[1])
+
+
+@checked
+def case1(
+    *,
+    start: pin.SE3 | None = None,
+    posture: np.ndarray | None = None,
+    way_point: pin.SE3 | None = None,
+    target: Point = (12.2025, 37.3748, -39.886),
+    tool_goal: pin.SE3 | PoseReference | None = None,
+    tasks: Mapping[str, Mapping[str, Any]] | None = None,
+    order: Sequence[str] | None = None,
+    thresholds: Thresholds | None = None,
+    **options: Any,
+) -> Scenario:
+    """Way point, alignment, landing, tool frame ([Gao2022] Case 1, Tables 3 and 4).
+
+    start, way_point: X_WB. posture (n_joints,) [rad]: joints at the start, the stowed posture by default. target (3,) [m]
+    in W: where AT points. tool_goal: X_WT or a motion of it, at the target with the tool pointing down by default. tasks:
+    field overrides by task name, such as ``{"PC": {"gain_linear": 0.3}}``. order: task names, highest priority first,
+    instead of the order of the classes. options: those of `RunOptions`.
+
+    Raises `UvmsError` where a name is unknown or a number is impossible.
+    """
+    run = run_options(options)
+    origin = start or pose_at((8.5, 38.5, -36.0), (0.0, -0.06, 0.5))
+    goal = way_point or pose_at((10.8, 37.45, -38.0), (0.0, -0.06, 0.5))
+    point = np.asarray(target, dtype=float)
+    tool = tool_goal or pose_at(tuple(point), (np.pi, 0.0, 0.0))
+    limits = thresholds or Thresholds.suggested(plant=run.plant, noise=run.noise)
+    listed, phases = case1_tasks(run.robot, goal, point, tool), case1_phases(limits)
+    return run.scenario(
+        name="case1",
+        mission=mission_of(
+            run.robot, listed, phases, order=order, overrides=tasks, abort=abort_phase("JL", "MAC", "HA", "MP")
+        ),
+        start=run.start(origin, posture),
+        markers={"target": tuple(point), "way point": tuple(goal.translation)},
+    )
+
+
+@checked
+def case1_unreachable(**options: Any) -> Scenario:
+    """Case 1 with a way point from which, once landed, the arm stays 0.2 to 0.4 m short of its target.
+
+    Pre-flight refuses it and suggests a way point that is near enough. Options as for `case1`.
+    """
+    return replace(
+        case1(**{"way_point": pose_at((10.2, 37.5, -38.0), (0.0, -0.06, 0.5)), **options}), name="case1_unreachable"
+    )
+
+
+def case1_tasks(robot: Robot, way_point: pin.SE3, target: np.ndarray, tool_goal: pin.SE3 | PoseReference) -> list[Task]:
+    """[Gao2022] Table 3, for the goals X_WB, target (3,) [m] in W and X_WT."""
+    wrist = robot.joint_names[-_N_POSTURE_JOINTS:]
+    return [
+        NullVelocity(),
+        JointLimits(),
+        MinimumAltitude(),
+        HorizontalAttitude(),
+        Alignment(goal=target),
+        LandingAltitude(),
+        VehiclePose(goal=way_point),
+        ToolPose(goal=tool_goal),
+        JointTracking(joints=wrist, goal=robot.home[-_N_POSTURE_JOINTS:]),
+    ]
+
+
+def case1_phases(thresholds: Thresholds) -> tuple[Phase, ...]:
+    """[Gao2022] Table 4."""
+    aligned = Below(quantity="AT.misalignment", limit=thresholds.misalignment)
+    arrived = Below(quantity="PC.position_error", limit=thresholds.way_point)
+    landed = Below(quantity="LA.altitude", limit=thresholds.landing_altitude)
+    reached = (
+        Below(quantity="T.position_error", limit=thresholds.tool_position),
+        Below(quantity="T.orientation_error", limit=thresholds.tool_orientation),
+    )
+    return (
+        Phase(
+            name="A",
+            title="way point",
+            gates=activate("JL", "MAC", "HA", "PC", "MP"),
+            transitions=(Transition(to="B", when=(arrived,)),),
+        ),
+        Phase(
+            name="B",
+            title="alignment",
+            gates=activate("JL", "MAC", "HA", "AT", "MP"),
+            transitions=(Transition(to="C", when=(aligned,)),),
+        ),
+        Phase(
+            name="C",
+            title="landing",
+            gates=activate("JL", "HA", "AT", "LA", "MP"),
+            transitions=(Transition(to="D", when=(landed, aligned), hold=thresholds.landing_hold),),
+        ),
+        Phase(
+            name="D",
+            title="tool frame",
+            gates=activate("NR", "JL", "HA", "T", "MP"),
+            transitions=(Transition(to=DONE, when=reached, hold=thresholds.tool_hold),),
+        ),
+    )
+
+
+# A current that sets in while the arm works, and a mission that steps back because of it.
+
+ADRIFT = Above(quantity="PC.horizontal_error", limit=0.5, release=0.4)  # [m] off the way point
+
+
+@checked
+def current_drift(*, back_steps: bool = True, retries: int = 3, **options: Any) -> Scenario:
+    """Case 1 in a current that sets in during phase D and pushes the vehicle off, for null velocity is not position.
+
+    With back-steps the manager sees the vehicle adrift, returns to A and completes D at the second attempt, in the
+    current. Without them the vehicle ends more than 0.3 m off its place and the tool never reaches the target. The
+    velocity loop is a plain one, slow to reset and without observer: the default one drifts less than the arm can make
+    up for. retries: how often D may be left for A. Other options as for `case1`.
+    """
+    current = OnsetCurrent((-0.75, 0.2, 0.0), start=40.0, rise=1.0)
+    defaults: dict[str, Any] = {"current": current, "duration": 150.0}
+    scenario = case1(**{**defaults, **options})
+    if back_steps:
+        phases = tuple(with_back_step(phase, retries) for phase in scenario.mission.phases)
+        scenario = replace(scenario, mission=replace(scenario.mission, phases=phases))
+    return replace(scenario, name="current_drift", gains=VelocityGains(vehicle_reset=0.2, observer_vehicle=0.0))
+
+
+def with_back_step(phase: Phase, retries: int) -> Phase:
+    """Phase D with a way back to A where the vehicle is adrift; other phases as they are."""
+    if phase.name != "D":
+        return phase
+    back = Transition(to="A", when=(ADRIFT,), hold=0.5, retries=retries)
+    return replace(phase, transitions=(*phase.transitions, back))
+
+
+# What happens where horizontal attitude does not outrank the way point.
+
+
+@checked
+def priority_swap(*, swapped: bool = True, **options: Any) -> Scenario:
+    """Case 1 with a way point whose attitude is pitched by 0.3 rad, and PC above HA ([Gao2022], after Table 3).
+
+    Swapped, the vehicle follows the way point's attitude and tilts by more than 0.1 rad; in the right order HA keeps
+    the tilt below 0.1 rad. Both reach the target. Other options as for `case1`.
+    """
+    defaults: dict[str, Any] = {"way_point": pose_at((10.8, 37.45, -38.0), (0.0, -0.3, 0.5))}
+    scenario = case1(**{**defaults, **options})
+    if swapped:
+        hierarchy = scenario.mission.hierarchy
+        order = swapped(hierarchy.names, "HA", "PC")
+        mission = replace(scenario.mission, hierarchy=Hierarchy(hierarchy.tasks, order))
+        scenario = replace(scenario, mission=mission)
+    return replace(scenario, name="priority_swap")
+
+
+def swapped(names: tuple[str, ...], first: str, second: str) -> tuple[str, ...]:
+    """The names with two of them in each other's place."""
+    places = {first: second, second: first}
+    return tuple(places.get(name, name) for name in names)
+
+
+# Two tool poses in one mission, with a move of the vehicle between them.
+
+_APPROACH = np.array([-1.4025, 0.0752, 1.886])  # [m] from a target to its way point
+
+
+@checked
+def two_targets(*, second: Point = (13.6, 36.2, -39.886), second_yaw: Finite = -0.7, **options: Any) -> Scenario:
+    """Case 1 twice: tool pose 1, then the vehicle takes off, moves 1.8 m, lands again and reaches tool pose 2.
+
+    second (3,) [m]: the second target in W, second_yaw [rad]: the heading of the vehicle at its way point. Phases are
+    A1 to D1 and A2 to D2, over one hierarchy; goals belong to the phases. Both tool errors end below the thresholds of
+    `case1`, whose options apply.
+    """
+    defaults: dict[str, Any] = {"duration": 240.0}
+    scenario = case1(**{**defaults, **options})
+    target = np.asarray(second, dtype=float)
+    turn = pin.rpy.rpyToMatrix(0.0, 0.0, second_yaw)
+    goals = {
+        "PC": pose_at(tuple(target + turn @ _APPROACH), (0.0, -0.06, second_yaw)),
+        "AT": target,
+        "T": pose_at(tuple(target), (np.pi, 0.0, second_yaw)),
+    }
+    once = scenario.mission.phases
+    phases = (*_renamed(once, "1", after="A2"), *_renamed(_with_goals(once, goals), "2", after=None))
+    markers = {**scenario.markers, "second target": tuple(target.tolist())}
+    return replace(scenario, name="two_targets", mission=replace(scenario.mission, phases=phases), markers=markers)
+
+
+def _with_goals(phases: Sequence[Phase], goals: dict[str, Any]) -> tuple[Phase, ...]:
+    return tuple(replace(phase, goals=goals) for phase in phases)
+
+
+def _renamed(phases: Sequence[Phase], suffix: str, after: str | None) -> tuple[Phase, ...]:
+    """Phases whose names end in `suffix`; the last leads on to `after`, if given, and not to the end of the mission."""
+    names = {phase.name: phase.name + suffix for phase in phases}
+    return tuple(
+        replace(
+            phase,
+            name=names[phase.name],
+            transitions=tuple(_retargeted(transition, names, after) for transition in phase.transitions),
+        )
+        for phase in phases
+    )
+
+
+def _retargeted(transition: Transition, names: dict[str, str], after: str | None) -> Transition:
+    if transition.to in names:
+        return replace(transition, to=names[transition.to])
+    return transition if after is None else replace(transition, to=after)

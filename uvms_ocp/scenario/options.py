@@ -1,0 +1,234 @@
+"""Options that all scenarios take, and what their missions are built from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from uvms_ocp.checks import checked
+from uvms_ocp.control.force.dynamic import VelocityGains
+from uvms_ocp.control.payload import LoadLearning
+from uvms_ocp.control.velocity.kinematic import HierarchySolver
+from uvms_ocp.errors import NameNotFound
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.mission.phase import Abort, Below, Phase, Transition
+from uvms_ocp.record.meta_values import ABORT
+from uvms_ocp.robot.assembly import with_trim
+from uvms_ocp.robot.description import TrimBody
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.obstacles import Obstacle
+from uvms_ocp.robot.signals import IDEAL_SENSORS, sensors_of
+from uvms_ocp.robot.thrusters import unactuated_axes
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.sim.currents import Current, StillWater, UniformCurrent
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.faults import Fault, parse_faults
+from uvms_ocp.sim.seafloor import FlatSeafloor, Seafloor
+from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
+from uvms_ocp.tasks.pose import UnderActuation
+from uvms_ocp.tasks.task import Hierarchy, Task
+from uvms_ocp.types import Bound, Count, Finite
+
+# What every scenario can be told in the same words, and the `Scenario` made of it.
+
+Markers = Mapping[str, tuple[float, float, float]]
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class RunOptions:
+    """Options of every scenario. `run_options` makes them from keywords, which may give a robot or a current by less."""
+
+    robot: Robot
+    """The machine. As a keyword also the name of one."""
+    seabed: Finite
+    """[m] height of the floor in W, of a rough one between its protuberances."""
+    current: Current = field(default_factory=StillWater)
+    """Of the water. As a keyword also the velocity (3,) [m/s] in W of a uniform one."""
+    solver: HierarchySolver = field(default_factory=LexicographicActiveSet)
+    """Of the hierarchy."""
+    plant: str = "dynamic"
+    """What moves: `dynamic`, in water, or `kinematic`, whose velocities follow at once."""
+    payload: TrimBody | None = None
+    """A body that the dynamic plant carries and the controller does not know."""
+    observer: bool = True
+    """Whether the dynamic layer estimates and cancels disturbances."""
+    learn_load: bool = False
+    """Whether the dynamic layer learns what the tool carries, which needs the observer."""
+    noise: bool = False
+    """Whether sensors have the noise, rates and delays of the robot's file."""
+    seed: Count = 0
+    """Of everything random."""
+    faults: tuple[Fault, ...] = ()
+    """What goes wrong. As a keyword also texts, see `uvms_ocp.sim.parse_fault`."""
+    dt: Bound = 1 / 200
+    """[s] control period."""
+    duration: Bound = 120.0
+    """[s] at which an incomplete mission is stopped."""
+
+    def start(self, X_WB: pin.SE3, joints: ArrayLike | None = None) -> np.ndarray:
+        """Configuration (n_q,) with the vehicle at X_WB; joints (n_joints,) [rad or m], stowed by default.
+
+        Raises `InvalidInput` outside the joint limits.
+        """
+        quaternion = pin.Quaternion(X_WB.rotation).coeffs()
+        return self.robot.configuration(position=X_WB.translation, quaternion=quaternion, joints=joints)
+
+    def scenario(
+        self,
+        *,
+        name: str,
+        mission: Mission,
+        start: np.ndarray,
+        markers: Markers,
+        seafloor: Seafloor | None = None,
+        obstacles: Sequence[Obstacle] = (),
+        plant_robot: Robot | None = None,
+    ) -> Scenario:
+        """The scenario of a mission from start (n_q,) [m, rad]; the floor is flat unless given.
+
+        plant_robot: what moves, where it is not the robot that the controller knows. Raises `InvalidInput` and
+        `NameNotFound` as `Scenario` does.
+        """
+        real = plant_robot or self.robot
+        return Scenario(
+            name=name,
+            robot=self.robot,
+            mission=mission,
+            environment=Environment(
+                seafloor=seafloor or FlatSeafloor(z=self.seabed), current=self.current, obstacles=tuple(obstacles)
+            ),
+            start=start,
+            solver=self.solver,
+            plant=self.plant,
+            sensors=sensors_of(self.robot.description) if self.noise else IDEAL_SENSORS,
+            gains=VelocityGains() if self.observer else VelocityGains(observer_vehicle=0.0),
+            load=LoadLearning() if self.learn_load else None,
+            plant_robot=real if self.payload is None else with_trim(real, [self.payload]),
+            seed=self.seed,
+            dt=self.dt,
+            duration=self.duration,
+            markers=markers,
+            faults=self.faults,
+        )
+
+
+def run_options(
+    given: Mapping[str, Any], *, robot: Robot | str = "girona_maris7_full", seabed: float = -40.0
+) -> RunOptions:
+    """The options that were given by keyword, `None` for the default; robot and seabed [m] are the scenario's own.
+
+    Raises `NameNotFound` for an option or a robot that there is not, and `InvalidInput` for a current, a
+    fault or a seed that is none.
+    """
+    known = [item.name for item in fields(RunOptions)]
+    for name in given:
+        if name not in known:
+            raise NameNotFound("option of all scenarios", name, known)
+    options = {"robot": robot, "seabed": seabed, **{name: value for name, value in given.items() if value is not None}}
+    machine, current, faults = options.pop("robot"), options.pop("current", None), options.pop("faults", ())
+    return RunOptions(
+        robot=load_robot(machine) if isinstance(machine, str) else machine,
+        current=current_from(current),
+        faults=parse_faults((faults,) if isinstance(faults, str | Fault) else faults),
+        **options,
+    )
+
+
+def current_from(given: Current | Sequence[float] | None) -> Current:
+    """A current as it is; of a velocity given (3,) [m/s] in W the uniform one, still water for none."""
+    if given is None:
+        return StillWater()
+    return UniformCurrent(given) if isinstance(given, Sequence | np.ndarray) else given
+
+
+# Parts that scenarios share.
+
+
+def mission_of(
+    robot: Robot,
+    tasks: Sequence[Task],
+    phases: Sequence[Phase],
+    *,
+    order: Sequence[str] | None = None,
+    overrides: Mapping[str, Mapping[str, Any]] | None = None,
+    abort: Abort | None = None,
+) -> Mission:
+    """The mission of these tasks and phases; axes out of the thrusters' reach are reckoned with first, and always.
+
+    order: task names, highest priority first, instead of the order of the classes. overrides: fields of tasks by name.
+    Raises `NameNotFound` for an unknown task or field, and `InvalidInput` for an order that does not name every task.
+    """
+    first = _underactuation(robot)
+    names = tuple(task.name for task in first)
+    listed = override([*first, *tasks], overrides) if overrides else [*first, *tasks]
+    mission = Mission(
+        hierarchy=Hierarchy(listed, None if order is None else (*names, *order)), phases=tuple(phases), abort=abort
+    )
+    return with_gates(mission, activate(*names))
+
+
+def with_gates(mission: Mission, gates: Mapping[str, float]) -> Mission:
+    """The mission with these gates [-] in every phase that does not set them itself, that of its abort too."""
+    phases = tuple(replace(phase, gates={**gates, **phase.gates}) for phase in mission.all_phases)
+    n = len(mission.phases)
+    abort = None if mission.abort is None else replace(mission.abort, phase=phases[n])
+    return replace(mission, phases=phases[:n], abort=abort)
+
+
+def abort_phase(*names: str, arrived: float = 0.3, hold: float = 2.0) -> Abort:
+    """A climb to a safe altitude, where it is held: the vehicle by PC, the arm towards the posture of MP, if it is named.
+
+    names: of the tasks that are on beside PC, such as those that keep the robot safe. arrived [m] and hold [s]: how near to
+    that altitude, and for how long.
+    """
+    there = Below(quantity="PC.position_error", limit=arrived)
+    phase = Phase(
+        name="climb",
+        title="abort",
+        gates=activate("PC", *names),
+        transitions=(Transition(to=ABORT, when=(there,), hold=hold),),
+    )
+    return Abort(phase=phase)
+
+
+def _underactuation(robot: Robot) -> list[Task]:
+    axes = unactuated_axes(robot)
+    return [UnderActuation(axes=axes)] if axes else []
+
+
+def activate(*names: str) -> dict[str, float]:
+    """Gates of a phase: these tasks fully on."""
+    return dict.fromkeys(names, 1.0)
+
+
+def approach_phase() -> Phase:
+    """Phase A: the small vehicle comes near its way point, before its tool acts in phase B."""
+    near = Below(quantity="PC.position_error", limit=0.2)
+    turned = Below(quantity="PC.orientation_error", limit=0.2)
+    return Phase(
+        name="A",
+        title="approach",
+        gates=activate("JL", "MAC", "HA", "PC", "MP"),
+        transitions=(Transition(to="B", when=(near, turned)),),
+    )
+
+
+def override(tasks: list[Task], overrides: Mapping[str, Mapping[str, Any]]) -> list[Task]:
+    """Tasks with fields replaced; raises `NameNotFound` for an unknown task or field."""
+    by_name = {task.name: task for task in tasks}
+    for name, changes in overrides.items():
+        if name not in by_name:
+            raise NameNotFound("task", name, by_name)
+        allowed = [field.name for field in fields(by_name[name])]
+        for field_name in changes:
+            if field_name not in allowed:
+                raise NameNotFound(f"field of task {name}", field_name, allowed)
+        by_name[name] = replace(by_name[name], **changes)
+    return list(by_name.values())

@@ -1,0 +1,251 @@
+"""Load a scenario by name or from a user's code, ``file.py``, ``file.py:name`` or ``package.module:name``, which is run."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.util
+import sys
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from inspect import Parameter, signature
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput, NameNotFound, UvmsError, plain_line
+from uvms_ocp.robot.loading import load_robot, robot_folder
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import IDEAL_SENSORS, sensors_of
+from uvms_ocp.scenario.options import current_from
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.sim.faults import parse_faults
+from uvms_ocp.sim.seafloor import FlatSeafloor
+
+# What a user has written in Python: ``file.py``, ``file.py:name`` or ``package.module:name``. To load it is to run it.
+
+_PREFIX = "uvms_own_"  # of modules
+_HELPERS: dict[str, Path] = {}  # modules that files of one's own have imported, with the folder of the file
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class UserCode:
+    """Where it is. Raises `InvalidInput` for neither a file nor a module, or both."""
+
+    attribute: str
+    """What is wanted of it."""
+    file: Path | None = None
+    """A Python file."""
+    module: str = ""
+    """An installed module, or one in the working directory."""
+
+    def __post_init__(self) -> None:
+        if (self.file is None) == (not self.module):
+            raise InvalidInput(f"file = {self.file}, module = {self.module!r}; give one of them")
+
+    def load(self) -> Any:
+        """Run the code, and return what is wanted of it.
+
+        Raises `InvalidInput` for code that is not there or fails, in one line with its place, and `NameNotFound` for a name
+        that it does not define.
+        """
+        found = self._module()
+        if not hasattr(found, self.attribute):
+            own = [name for name, value in vars(found).items() if not name.startswith("_") and not _is_module(value)]
+            raise NameNotFound(f"name in {self.file or self.module}", self.attribute, own)
+        return getattr(found, self.attribute)
+
+    def called(self, function: Callable[..., Any], **options: Any) -> Any:
+        """What a function of it makes. Raises `InvalidInput` where it fails, in one line with its place."""
+        try:
+            return function(**options)
+        except UvmsError:
+            raise
+        except Exception as error:
+            raise _failed(str(self.file.resolve() if self.file else self.module), error) from error
+
+    def _module(self) -> ModuleType:
+        if self.file is None:
+            return _imported(self.module)
+        if not self.file.is_file():
+            raise InvalidInput(f"{self.file}: there is no such file; give a Python file, or a name of `uvms-ocp list`")
+        return _of_file(self.file.resolve())
+
+
+@checked
+def own_code(words: str, attribute: str = "scenario") -> UserCode | None:
+    """Where these words point to; `None` for those that are a plain name. attribute: what is wanted unless they say it."""
+    place, colon, name = words.rpartition(":")
+    if not colon or "/" in name or "\\" in name:
+        place, name = words, ""
+    wanted = name or attribute
+    if place.endswith(".py"):
+        return UserCode(file=Path(place), attribute=wanted)
+    return UserCode(module=place, attribute=wanted) if colon and name else None
+
+
+def siblings(folder: Path) -> list[Path]:
+    """Files below `folder` of all modules that have been imported so far."""
+    files = [getattr(module, "__file__", None) for module in list(sys.modules.values())]
+    paths = [Path(file).resolve() for file in files if file]
+    return sorted({path for path in paths if path.suffix == ".py" and path.is_relative_to(folder)})
+
+
+def _imported(name: str) -> ModuleType:
+    folder = str(Path.cwd())
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name and (name == error.name or name.startswith(f"{error.name}.")):
+            text = f"{name}: there is no such module; install it, or give a file such as mission.py:scenario"
+            raise InvalidInput(text) from None
+        raise _failed(name, error) from error
+    except Exception as error:
+        raise _failed(name, error) from error
+
+
+def _of_file(path: Path) -> ModuleType:
+    """The module of a file, run anew where the file has changed since."""
+    content = path.read_bytes()
+    name = f"{_PREFIX}{hashlib.sha256(str(path).encode() + content).hexdigest()[:16]}"
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise InvalidInput(f"{path}: cannot be loaded; give a Python file")
+    module = importlib.util.module_from_spec(spec)
+    _drop_helpers(path.parent)
+    before = set(sys.modules)
+    sys.modules[name] = module  # where dataclasses look for it
+    sys.path.insert(0, str(path.parent))
+    try:
+        spec.loader.exec_module(module)
+    except BaseException as error:
+        del sys.modules[name]
+        if isinstance(error, Exception):
+            raise _failed(str(path), error) from error
+        raise
+    finally:
+        sys.path.remove(str(path.parent))
+        _HELPERS.update({new: path.parent for new in set(sys.modules) - before if not new.startswith(_PREFIX)})
+    return module
+
+
+def _drop_helpers(folder: Path) -> None:
+    """Modules of other folders would stand in for those of the same name in this one."""
+    for name, home in list(_HELPERS.items()):
+        file = getattr(sys.modules.get(name), "__file__", None)
+        if home != folder and file and Path(file).resolve().is_relative_to(home):
+            del sys.modules[name], _HELPERS[name]
+
+
+def _failed(what: str, error: Exception) -> UvmsError:
+    if isinstance(error, SyntaxError):
+        return InvalidInput(f"{what}:{error.lineno}: {error.msg}")
+    own = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename == what]
+    place = f"{what}:{own[-1].lineno}" if own else what
+    return InvalidInput(f"{place}: {type(error).__name__}: {plain_line(str(error))}")
+
+
+def _is_module(value: Any) -> bool:
+    return isinstance(value, ModuleType)
+
+
+def forget_user_code() -> None:
+    """Run files of one's own anew when they are loaded the next time."""
+    for name in [name for name in sys.modules if name.startswith(_PREFIX)]:
+        del sys.modules[name]
+
+
+# A scenario by what a command line says: a name, or code of one's own, with options in the same words.
+
+_OF_A_VALUE = ("plant", "solver", "current", "seabed", "seed", "noise", "duration", "dt", "faults")
+
+
+@checked
+def chosen_scenario(words: str, options: Mapping[str, Any], makers: Mapping[str, Callable[..., Scenario]]) -> Scenario:
+    """The scenario of these words: one of the `makers` by name, ``file.py``, ``file.py:name`` or ``package.module:name``.
+
+    Code of one's own gives a `Scenario`, or a function that makes one and takes those options that it wants to. robot and
+    hydrodynamics may be names or files. Raises `NameNotFound` for an unknown name, `InvalidInput` for an option that the
+    scenario does not take.
+    """
+    given = with_robot(options)
+    code = own_code(words)
+    if code is None:
+        if words not in makers:
+            raise NameNotFound("scenario", words, makers)
+        return makers[words](**given)
+    found = code.load()
+    if isinstance(found, Scenario):
+        return _with_options(words, found, given)
+    if not callable(found):
+        raise InvalidInput(f"{words} is a {type(found).__name__}; give a Scenario, or a function that makes one")
+    made = code.called(found, **_taken(words, found, given))
+    if not isinstance(made, Scenario):
+        raise InvalidInput(f"{words} made a {type(made).__name__}; make a Scenario")
+    return made
+
+
+def with_robot(options: Mapping[str, Any]) -> dict[str, Any]:
+    """The options with the robot of a name, a folder or a URDF, and its hydrodynamics file, as a `Robot`.
+
+    Raises `InvalidInput` for a hydrodynamics file without a robot.
+    """
+    given = dict(options)
+    water = given.pop("hydrodynamics", None)
+    if isinstance(given.get("robot"), str):
+        given["robot"] = robot_of(given["robot"], water)
+    elif water is not None:
+        text = "give both, --robot the folder or URDF that they are of, or a robot alone"
+        raise InvalidInput(f"hydrodynamics {water} without a robot; {text}")
+    return given
+
+
+def robot_of(words: str, hydrodynamics: Path | str | None = None) -> Robot:
+    """The robot of a URDF, a folder with robot.urdf and hydrodynamics.yaml, or a name; with other hydrodynamics if given."""
+    path = Path(words)
+    is_name = words == path.name and not path.suffix and not path.exists()
+    if is_name:
+        robot_folder(words)  # refuses an unknown one
+        return load_robot(words, hydrodynamics=hydrodynamics)
+    if path.is_dir():
+        water = hydrodynamics or (path / "hydrodynamics.yaml" if (path / "hydrodynamics.yaml").exists() else None)
+        return load_robot(urdf=path / "robot.urdf", hydrodynamics=water)
+    return load_robot(urdf=path, hydrodynamics=hydrodynamics)
+
+
+def _taken(words: str, maker: Callable[..., Any], given: Mapping[str, Any]) -> Mapping[str, Any]:
+    parameters = signature(maker).parameters.values()
+    if any(parameter.kind is Parameter.VAR_KEYWORD for parameter in parameters):
+        return given
+    known = [parameter.name for parameter in parameters]
+    for name in given:
+        if name not in known:
+            takes = f"; it takes {', '.join(known)}" if known else ""
+            raise InvalidInput(f"{words} takes no option {name}{takes}: leave it out, or give the function a **options")
+    return given
+
+
+def _with_options(words: str, scenario: Scenario, given: Mapping[str, Any]) -> Scenario:
+    """A scenario that is a value, with what can be changed of it."""
+    for name in given:
+        if name not in _OF_A_VALUE:
+            text = f"{words} is a Scenario, whose {name} is fixed"
+            raise InvalidInput(f"{text}; leave the option out, or make it a function that takes {name}")
+    own = {name: value for name, value in given.items() if name in ("plant", "solver", "seed", "duration", "dt")}
+    environment = scenario.environment
+    if "current" in given:
+        environment = replace(environment, current=current_from(given["current"]))
+    if "seabed" in given:
+        environment = replace(environment, seafloor=FlatSeafloor(z=given["seabed"]))
+    if "noise" in given:
+        own["sensors"] = sensors_of(scenario.robot.description) if given["noise"] else IDEAL_SENSORS
+    if "faults" in given:
+        own["faults"] = parse_faults(given["faults"])
+    return replace(scenario, environment=environment, **own)

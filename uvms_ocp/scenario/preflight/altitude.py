@@ -1,0 +1,189 @@
+"""Check altitudes of way points, landing, goals and start, and that the robot is free of obstacles where phases begin and end."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.robot.kinematics import STEEP, AltimeterBeam
+from uvms_ocp.scenario.preflight.reachability import goals_of
+from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Visit, main_path, points_on_ball, threshold_of
+from uvms_ocp.sim.environment import closest_approach
+from uvms_ocp.tasks.altitude import LandingAltitude, MinimumAltitude
+from uvms_ocp.tasks.attitude import HorizontalAttitude
+from uvms_ocp.tasks.pose import PoseTask, ToolPosition, VehiclePose
+from uvms_ocp.tasks.task import evaluate_pose
+
+# Checks on heights: way points against the minimum altitude, landing against it, goals, and the start.
+
+MINIMUM_ALTITUDE, ECHO = "minimum altitude", "echo"
+
+
+def check_altitude(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
+    """Findings on the start, and on phases in which the minimum altitude is on."""
+    if not setup.robot.n_vehicle:
+        return
+    yield from _start(setup, visits[0])
+    for visit in visits:
+        minimum = visit.active(MinimumAltitude)
+        if minimum is None:
+            continue
+        if visit.active(VehiclePose) is not None:
+            yield from _way_point(setup, visit, minimum)
+        if visit.active(LandingAltitude) is not None:
+            yield from _landing(visit, minimum)
+
+
+def check_echo(setup: Setup) -> Iterator[Finding]:
+    """Findings on phases that go by an altitude which no echo tells: without an altimeter, or at the start."""
+    tasks = {task.name for task in setup.mission.hierarchy.tasks if task.needs_altimeter}
+    blind = setup.altimeter_frame is None or setup.sensors.altimeter_range is None
+    for index in main_path(setup.mission.phases) if blind else [0]:
+        phase = setup.mission.phases[index]
+        on = sorted(name for name in tasks if phase.gates.get(name, 0.0) > 0)
+        conditions = [condition for transition in phase.transitions for condition in transition.when]
+        awaited = {condition.quantity for condition in conditions if condition.quantity.rpartition(".")[0] in tasks}
+        if not (on or awaited):
+            continue
+        names = ", ".join([*on, *sorted(awaited)])
+        if blind:
+            text = f"{names}: there is no altimeter, so that no altitude is ever known; give one, or do without"
+            severity = Severity.ERROR if on else Severity.WARNING
+            yield Finding(severity=severity, check=ECHO, phase=phase.name, text=text)
+        else:
+            yield from _silent_start(setup, phase.name, names)
+
+
+def _silent_start(setup: Setup, phase: str, names: str) -> Iterator[Finding]:
+    beam = AltimeterBeam(setup.robot, setup.altimeter_frame or "").at(setup.start)
+    if beam.cosine > STEEP and math.isfinite(setup.environment.seafloor.range_along(beam.origin, beam.direction)):
+        return
+    tilt = math.acos(max(-1.0, min(1.0, beam.cosine)))
+    why = f"the altimeter looks {tilt:.2f} rad away from straight down, at most {math.acos(STEEP):.2f} rad tells an altitude"
+    text = (
+        f"{names}: the start has no echo ({why if beam.cosine <= STEEP else 'the floor returns none'}); until one comes "
+        "nothing sinks, no condition on altitude is met, and a task on it soon makes the robot hold; start elsewhere"
+    )
+    yield Finding(severity=Severity.WARNING, check=ECHO, phase=phase, text=text, figures={"tilt_rad": tilt})
+
+
+def check_goals(setup: Setup) -> Iterator[Finding]:
+    """Findings on goals of vehicle or tool that lie below the floor, one for each phase and task."""
+    for index, phase in enumerate(setup.mission.phases):
+        for task in setup.mission.tasks_of(index):
+            if isinstance(task, (PoseTask, ToolPosition)) and phase.gates.get(task.name, 0.0) > 0:
+                points = [goal.translation for goal in goals_of(setup, task.name, task.goal)]
+                floors = [setup.floor_at(x, y) for x, y, _ in points]
+                depth, z, floor = max((floor - p[2], p[2], floor) for p, floor in zip(points, floors, strict=True))
+                if depth >= 0:
+                    yield _buried(task.name, phase.name, float(z), floor)
+
+
+def _buried(task: str, phase: str, z: float, floor: float) -> Finding:
+    text = f"the goal of {task}, z = {z:g} m, is {floor - z:.2f} m below the seafloor, z = {floor:g} m; raise it"
+    figures = {"below_floor_m": floor - z}
+    return Finding(severity=Severity.ERROR, check="goal", phase=phase, text=text, figures=figures)
+
+
+def _start(setup: Setup, first: Visit) -> Iterator[Finding]:
+    X_WS = setup.altimeter_pose(setup.start)
+    altitude = float(X_WS.translation[2]) - setup.floor_at(X_WS.translation[0], X_WS.translation[1])
+    minimum = first.active(MinimumAltitude)
+    if altitude <= 0:
+        text = f"the altimeter starts {-altitude:.2f} m inside the floor; raise the start"
+        yield Finding(severity=Severity.ERROR, check="start", text=text, figures={"altitude_m": altitude})
+    elif minimum is not None and altitude < minimum.threshold:
+        text = f"the start is at an altitude of {altitude:.2f} m, below {minimum.name}'s {minimum.threshold:g} m"
+        yield Finding(severity=Severity.WARNING, check="start", text=text, figures={"altitude_m": altitude})
+    attitude = first.active(HorizontalAttitude)
+    tilt = math.acos(min(1.0, float(pin.Quaternion(setup.start[3:7]).matrix()[2, 2])))
+    if attitude is not None and tilt > attitude.bell.end:
+        text = f"the vehicle starts with a tilt of {tilt:.2f} rad, outside {attitude.name}'s {attitude.bell.end:g} rad"
+        yield Finding(severity=Severity.WARNING, check="start", text=text, figures={"tilt_rad": tilt})
+
+
+def _way_point(setup: Setup, visit: Visit, minimum: MinimumAltitude) -> Iterator[Finding]:
+    """How far the minimum altitude holds the vehicle above its way point."""
+    task = visit.active(VehiclePose)
+    if task is None:
+        return
+    goal, _ = evaluate_pose(task.name, task.goal, 0.0)
+    radius = threshold_of(visit.phase, f"{task.name}.position_error")
+    gap = minimum.threshold - _altitude(setup, goal)
+    if gap <= 0:
+        return
+    first = next(t.name for t in visit.tasks if t in (task, minimum))
+    figures = {"kept_away_m": gap, "ball_m": radius, "altitude_at_way_point_m": minimum.threshold - gap}
+    if first == task.name:
+        text = f"{task.name} ranks above {minimum.name} and breaks the minimum altitude by {gap:.2f} m at its way point"
+        yield Finding(
+            severity=Severity.WARNING, check=MINIMUM_ALTITUDE, phase=visit.phase.name, text=text, figures=figures
+        )
+        return
+    shut = radius is not None and _least_gap(setup, goal, minimum, radius) > 0
+    text = (
+        f"{minimum.name} keeps the vehicle {gap:.2f} m above its way point (altitude {minimum.threshold - gap:.2f} m, "
+        f"minimum {minimum.threshold:g} m)"
+    )
+    outside = f", outside the ball of {radius or 0:g} m that ends the phase; raise the way point by {gap:.2f} m"
+    severity = Severity.ERROR if shut else Severity.WARNING
+    yield Finding(
+        severity=severity, check=MINIMUM_ALTITUDE, phase=visit.phase.name, text=text + outside * shut, figures=figures
+    )
+
+
+def _altitude(setup: Setup, X_WB: pin.SE3) -> float:
+    """Altitude [m] of the altimeter above the floor below it, for the vehicle at X_WB."""
+    q = setup.start.copy()
+    q[:7] = pin.SE3ToXYZQUAT(X_WB)
+    p = setup.altimeter_pose(q).translation
+    return float(p[2]) - setup.floor_at(p[0], p[1])
+
+
+def _least_gap(setup: Setup, goal: pin.SE3, minimum: MinimumAltitude, radius: float) -> float:
+    """The least distance [m] by which the minimum altitude shuts the vehicle out, over the ball around a way point."""
+    top = pin.SE3(goal.rotation, goal.translation + np.array([0.0, 0.0, radius]))
+    rim = (pin.SE3(goal.rotation, point) for point in points_on_ball(goal.translation, radius))
+    return float(np.min([minimum.threshold - _altitude(setup, pose) for pose in (top, *rim)]))
+
+
+def _landing(visit: Visit, minimum: MinimumAltitude) -> Iterator[Finding]:
+    landing = visit.active(LandingAltitude)
+    if landing is None:
+        return
+    aim = landing.landing_distance + landing.safeguard
+    if aim < minimum.threshold:
+        text = f"{landing.name} aims at {aim:.2f} m while {minimum.name} keeps {minimum.threshold:g} m; switch one off"
+        figures = {"aim_m": aim, "minimum_m": minimum.threshold}
+        yield Finding(
+            severity=Severity.ERROR, check="contradiction", phase=visit.phase.name, text=text, figures=figures
+        )
+
+
+# Check: the robot is free of the obstacles where it starts and where its phases end.
+
+OBSTACLES = "obstacles"
+
+
+def check_obstacles(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
+    """An error for each place at which a shape of the robot, its joints as at the start, would be inside an obstacle.
+
+    The way between these places is not looked at: whether it is free, the clearance task and a plan have to see to.
+    """
+    if not setup.environment.obstacles:
+        return
+    yield from _touching(setup, setup.start, "the start", "")
+    for visit in visits:
+        q = visit.stances[0].configuration(setup)
+        yield from _touching(setup, q, "the place where the vehicle is likeliest to stop", visit.phase.name)
+
+
+def _touching(setup: Setup, q: np.ndarray, place: str, phase: str) -> Iterator[Finding]:
+    closest = closest_approach(setup.robot, setup.environment, q[None], floor=False)
+    if closest.distance <= 0:
+        text = f"{place} is in collision, {closest.pair} by {-closest.distance:.2f} m; move it or the obstacle"
+        figures = {"depth_m": -closest.distance}
+        yield Finding(severity=Severity.ERROR, check=OBSTACLES, phase=phase, text=text, figures=figures)

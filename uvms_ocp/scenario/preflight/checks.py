@@ -1,0 +1,240 @@
+"""Run every check of a mission before it begins: structure, freedom of tasks, accuracy of sensors, and those beside this file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from uvms_ocp.checks import checked
+from uvms_ocp.control.velocity.goals import task_parameters
+from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
+from uvms_ocp.estimation.estimator import spread_at_rest
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.mission.phase import Below, Phase
+from uvms_ocp.record.meta_values import DONE
+from uvms_ocp.robot.assembly import without_trim
+from uvms_ocp.robot.kinematics import Kinematics
+from uvms_ocp.robot.loading import unknowns
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import IDEAL_SENSORS
+from uvms_ocp.robot.spatial import quaternion_to_matrix
+from uvms_ocp.scenario.preflight.altitude import check_altitude, check_echo, check_goals, check_obstacles
+from uvms_ocp.scenario.preflight.forces import check_delays, check_forces, check_load, check_rest
+from uvms_ocp.scenario.preflight.reachability import check_tool
+from uvms_ocp.scenario.preflight.setup import Finding, PreflightReport, Setup, Severity, Visit, forecast
+from uvms_ocp.tasks.pose import PoseTask, ToolPosition
+from uvms_ocp.tasks.task import Task, TaskClass
+
+# Checks on the mission alone: phases, transitions and activations.
+
+CHECK = "activations"
+
+
+def check_structure(mission: Mission) -> Iterator[Finding]:
+    """Findings on phases that nothing leads to, that nothing ends, or in which nothing acts."""
+    yield from (_unreachable(name) for name in mission.unreachable_phases())
+    yield from (_trap(name) for name in mission.phases_without_exit())
+    for phase in mission.all_phases:
+        yield from _idle(mission, phase)
+        yield from _waiting_in_vain(mission, phase)
+    used = {name for phase in mission.all_phases for name, gate in phase.gates.items() if gate > 0}
+    for name in mission.hierarchy.names:
+        if name not in used:
+            text = f"task {name} is never switched on; use it or drop it"
+            yield Finding(severity=Severity.WARNING, check=CHECK, text=text)
+
+
+def _unreachable(name: str) -> Finding:
+    text = f"no transition leads to phase {name!r}; add one or drop the phase"
+    return Finding(severity=Severity.WARNING, check="phases", phase=name, text=text)
+
+
+def _trap(name: str) -> Finding:
+    text = f"the mission cannot end from phase {name!r}; add a transition towards {DONE!r}"
+    return Finding(severity=Severity.ERROR, check="phases", phase=name, text=text)
+
+
+def _idle(mission: Mission, phase: Phase) -> Iterator[Finding]:
+    """A phase needs a task that acts; constraints, safety and preferences that it does not wait for move nothing on purpose."""
+    acting = (TaskClass.PREREQUISITE, TaskClass.ACTION)
+    awaited = {c.quantity.rpartition(".")[0] for transition in phase.transitions for c in transition.when}
+    active = [task for task in mission.hierarchy.tasks if phase.gates.get(task.name, 0.0) > 0]
+    if not any(task.task_class in acting or task.name in awaited for task in active):
+        text = f"phase {phase.name!r} has no acting task switched on; nothing would happen in it"
+        yield Finding(severity=Severity.ERROR, check=CHECK, phase=phase.name, text=text)
+
+
+def _waiting_in_vain(mission: Mission, phase: Phase) -> Iterator[Finding]:
+    """A phase that waits for a quantity to fall must have the task on that makes it fall."""
+    for transition in phase.transitions:
+        for condition in transition.when:
+            task = condition.quantity.rpartition(".")[0]
+            if isinstance(condition, Below) and not phase.gates.get(task, 0.0) > 0 and not _alternatives(phase):
+                text = f"phase {phase.name!r} waits for {condition.quantity}, but task {task} is off in it"
+                yield Finding(severity=Severity.WARNING, check=CHECK, phase=phase.name, text=text)
+
+
+def _alternatives(phase: Phase) -> bool:
+    return len(phase.transitions) > 1
+
+
+# Check: the sensors can tell whether the thresholds of a mission are met.
+
+_PARTS = {"position_error": np.s_[:3], "horizontal_error": np.s_[:2], "orientation_error": np.s_[3:]}
+
+
+def quantity_spreads(setup: Setup, q: np.ndarray, spread: np.ndarray | None = None) -> dict[str, float]:
+    """By ``task.quantity``, what the sensors allow to know at q (n_q,) [m, rad]: a standard deviation [m] or [rad].
+
+    Of the distances and angles of frames from their goals, the root of the sum of the variances of their axes, from `spread`
+    (n_v,) [m, rad], that of the configuration as in `Measurement.spread`, or from `spread_at_rest`. Empty with ideal sensors,
+    which allow everything. Joints may be beyond their limits, where a fault has pushed them.
+    """
+    tasks = [task for task in setup.mission.hierarchy.tasks if isinstance(task, (PoseTask, ToolPosition))]
+    if setup.sensors == IDEAL_SENSORS or not tasks:
+        return {}
+    kinematics = Kinematics(_without_limits(setup.robot), q)
+    variance = np.diag((spread_at_rest(setup.robot, setup.sensors) if spread is None else spread) ** 2)
+    if setup.robot.n_vehicle:  # Jacobians take the velocity of B in B
+        R_WB = quaternion_to_matrix(q[3:7])
+        variance[:3, :3] = R_WB.T @ variance[:3, :3] @ R_WB
+    return {
+        f"{task.name}.{name}": float(np.sqrt(np.trace((J @ variance @ J.T)[rows, rows])))
+        for task in tasks
+        for J in [kinematics.jacobian(task.frame)]
+        for name, rows in _quantities(task).items()
+    }
+
+
+def _without_limits(robot: Robot) -> Robot:
+    unlimited = np.full(robot.n_joints, np.inf)
+    return replace(robot, limits=replace(robot.limits, position_lower=-unlimited, position_upper=unlimited))
+
+
+def _quantities(task: Task) -> dict[str, slice]:
+    return {"position_error": _PARTS["position_error"]} if isinstance(task, ToolPosition) else _PARTS
+
+
+def check_accuracy(setup: Setup) -> Iterator[Finding]:
+    """A threshold below what the sensors allow, in the posture of the start."""
+    allowed = quantity_spreads(setup, setup.start)
+    for phase in setup.mission.phases:
+        conditions = {condition for transition in phase.transitions for condition in transition.when}
+        for condition in sorted(conditions, key=lambda item: item.quantity):
+            sigma = allowed.get(condition.quantity, 0.0)
+            if isinstance(condition, Below) and condition.limit < sigma:
+                yield _below_the_noise(phase.name, condition, sigma)
+
+
+def _below_the_noise(phase: str, condition: Below, sigma: float) -> Finding:
+    text = (
+        f"{condition.quantity} < {condition.limit:g} is asked for, but the sensors tell it to {sigma:.2g} only (one "
+        "standard deviation): the phase may end early, or never; raise the limit or take better sensors"
+    )
+    figures = {"limit": condition.limit, "sensors_allow": sigma}
+    return Finding(severity=Severity.WARNING, check="accuracy", phase=phase, text=text, figures=figures)
+
+
+# All checks of a mission before it begins.
+
+_RANK = 1e-6  # singular values below it count as zero
+_TELLS = {
+    "plant": "forces, floor and obstacles are judged by the robot's files, which it may not follow; no part of an export",
+    "sensors": "accuracy is judged by their specs; no part of an export",
+    "estimator": "accuracy is judged by the toolkit's filter; no part of an export, which begins at its measurements",
+    "controller": "the mission is judged as the hierarchy would fly it; it has no form in C, so that it cannot be exported",
+}
+"""What pre-flight and export cannot say of a part that is not the toolkit's, by what it is."""
+
+
+@checked
+def check_mission(setup: Setup) -> PreflightReport:
+    """Every check on a mission; see `PreflightReport`. Raises what `build_levels` raises for unknown names."""
+    problem = build_levels(setup.robot, setup.mission.hierarchy, setup.dt)
+    setup.mission.check_quantities(problem.quantity_names)
+    if not setup.robot.n_vehicle:
+        findings = [*check_structure(setup.mission), *check_echo(setup), *check_goals(setup), *check_accuracy(setup)]
+        return PreflightReport(findings=(*findings, *check_delays(setup), *_check_wherever(setup)))
+    visits = forecast(setup)
+    findings = [
+        *check_structure(setup.mission),
+        *check_echo(setup),
+        *check_altitude(setup, visits),
+        *check_goals(setup),
+        *check_obstacles(setup, visits),
+        *check_freedom(setup, visits, problem),
+        *check_forces(setup, visits),
+        *check_rest(setup, visits),
+        *check_accuracy(setup),
+        *check_delays(setup, visits),
+        *_check_wherever(setup),
+    ]
+    return PreflightReport(findings=(*findings, *check_tool(setup, visits)))
+
+
+def _check_wherever(setup: Setup) -> Iterator[Finding]:
+    """What is looked at wherever the mission leads."""
+    yield from check_unspecified(setup)
+    yield from check_own_parts(setup)
+    yield from check_load(setup)
+
+
+def check_unspecified(setup: Setup) -> Iterator[Finding]:
+    """What the robot's files leave open and the plant takes for nothing."""
+    if setup.with_forces:
+        for subject, text in unknowns(without_trim(setup.robot).model, setup.robot.description):
+            yield Finding(severity=Severity.WARNING, check=subject, text=text)
+
+
+def check_own_parts(setup: Setup) -> Iterator[Finding]:
+    """A note on each part that is not the toolkit's."""
+    for what, name in setup.own_parts.items():
+        yield Finding(severity=Severity.NOTE, check="parts", text=f"{what} {name} is your own: {_TELLS[what]}")
+
+
+def check_freedom(setup: Setup, visits: Sequence[Visit], problem: LevelsProblem) -> Iterator[Finding]:
+    """Equality tasks of one phase must leave each other room: one that has no freedom left acts in name only."""
+    for visit in visits:
+        q = visit.stances[0].configuration(setup)
+        J = _jacobians(setup, problem, q)
+        N = np.eye(setup.robot.n_v)
+        for task in visit.tasks:
+            if not task.equality:
+                continue
+            rows = J[task.name]
+            if task.task_class < TaskClass.OPTIMIZATION and _rank(rows) and not _rank(rows @ N):
+                yield _without_freedom(visit, task)
+            N = N - np.linalg.pinv(rows @ N, rcond=_RANK) @ rows @ N
+
+
+def _without_freedom(visit: Visit, task: Task) -> Finding:
+    awaited = any(
+        condition.quantity.startswith(f"{task.name}.")
+        for transition in visit.phase.transitions
+        for condition in transition.when
+    )
+    names = ", ".join(other.name for other in visit.tasks if other.equality and other is not task)
+    return Finding(
+        severity=Severity.ERROR if awaited else Severity.WARNING,
+        check="contradiction",
+        phase=visit.phase.name,
+        text=f"{task.name} is on but has no freedom left below the other equality tasks ({names}); switch one off",
+    )
+
+
+def _rank(rows: np.ndarray) -> int:
+    return int(np.linalg.matrix_rank(rows, tol=_RANK)) if rows.size else 0
+
+
+def _jacobians(setup: Setup, problem: LevelsProblem, q: np.ndarray) -> dict[str, np.ndarray]:
+    """Jacobian of each level at q."""
+    n_v, n_tasks = setup.robot.n_v, len(setup.mission.hierarchy.tasks)
+    parameters = np.concatenate(
+        [task_parameters(task, task.reference(0.0), q) for task in setup.mission.hierarchy.tasks]
+    )
+    zeros = np.zeros(n_v)
+    outputs = problem.function(q, zeros, zeros, zeros, 10.0, parameters, np.ones(n_tasks))
+    J = np.array(outputs[problem.function.index_out("J")])
+    return dict(zip(problem.names, np.split(J, np.cumsum(problem.sizes)[:-1]), strict=True))

@@ -1,0 +1,298 @@
+"""Check thrust, torque and attitude at rest, delays that the loops can bear, and whether the load can be learnt."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.control.force.allocation import Allocation, allocation_of
+from uvms_ocp.control.force.velocity_law import CONTROLLER_DEAD_TIME, dead_time_borne, dead_times
+from uvms_ocp.control.payload import require_learnable
+from uvms_ocp.errors import UvmsError
+from uvms_ocp.mission.phase import Phase
+from uvms_ocp.robot.assembly import up_at_rest
+from uvms_ocp.robot.dynamics import Dynamics, known_dynamics, robot_dynamics
+from uvms_ocp.robot.thrusters import unactuated_axes
+from uvms_ocp.scenario.preflight.reachability import ArmReach, goals_of
+from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Visit, threshold_of
+from uvms_ocp.sim.currents import water_at
+from uvms_ocp.tasks.attitude import HorizontalAttitude
+from uvms_ocp.tasks.pose import NullVelocity, PoseTask, ToolPose, ToolPosition, VehiclePose
+
+# Checks: thrusters and motors can hold the robot still in the current and move it against that, and where they cannot
+# hold its attitude, how far it will tilt.
+
+FORCES = "forces"
+_TIMES = np.linspace(0.0, 120.0, 9)  # [s] at which a current that varies is sampled
+_FULL = 0.8  # share of a limit above which holding still is called tight
+_TILTED = 0.1  # [rad] that is worth a word where no task asks for a level vehicle
+_SHORT = 1e-3  # [N, N m] of force missing that counts
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class DriveLoad:
+    """What one stance asks of the drives."""
+
+    thrust: float
+    """[-] largest share of a limit; above 1 the force is not there."""
+    torque: float
+    """[-] likewise."""
+    missing: float
+    """[N, N m] of the wrench."""
+
+
+def check_forces(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
+    """The largest load over all phases of holding still, and of moving as fast as the way point task asks.
+
+    A current on a plant without water is a finding of its own.
+    """
+    if not setup.with_forces:
+        yield from _ignored(setup)
+    if not (setup.with_forces and setup.robot.description.thrusters):
+        return
+    dynamics = robot_dynamics(setup.robot)
+    still = [_hold(setup, dynamics, visit) for visit in visits]
+    worst = max(range(len(visits)), key=lambda k: (still[k].missing, still[k].thrust))
+    yield _force_finding(visits[worst], still[worst], "to hold still")
+    moving = [
+        (visit, _hold(setup, dynamics, visit, speed=_cruise(setup, visit)))
+        for visit in visits
+        if visit.active(VehiclePose) is not None
+    ]
+    for visit, load in moving:
+        if load.missing > _SHORT and still[visits.index(visit)].missing <= _SHORT:
+            text = f"thrust is short by {load.missing:.0f} N against the current at full speed: the approach is slower"
+            yield Finding(severity=Severity.WARNING, check=FORCES, phase=visit.phase.name, text=text)
+
+
+def _ignored(setup: Setup) -> Iterator[Finding]:
+    """A current that was asked for, on a plant that has no water."""
+    at_start = setup.start[None, :3]
+    speed = max(float(np.linalg.norm(setup.environment.current.velocity(at_start, t))) for t in _TIMES)
+    if speed > 0:
+        text = f"the kinematic plant ignores the current of {speed:.2g} m/s; use the dynamic plant"
+        yield Finding(severity=Severity.WARNING, check=FORCES, text=text, figures={"current_m_s": speed})
+
+
+def _force_finding(visit: Visit, load: DriveLoad, purpose: str) -> Finding:
+    figures = {"thrust_share": load.thrust, "torque_share": load.torque, "missing_N": load.missing}
+    if load.missing > _SHORT or load.torque > 1.0:
+        text = (
+            f"{purpose} in this current takes {load.missing:.0f} N (N m) more than the thrusters give and "
+            f"{100 * load.torque:.0f} % of the joint torque; wait for less current or take a stronger robot"
+        )
+        severity = Severity.ERROR
+    else:
+        text = (
+            f"{purpose} takes {100 * load.thrust:.0f} % of the thrust and {100 * load.torque:.0f} % of the joint torque"
+        )
+        severity = Severity.WARNING if max(load.thrust, load.torque) > _FULL else Severity.NOTE
+    return Finding(severity=severity, check=FORCES, phase=visit.phase.name, text=text, figures=figures)
+
+
+def _cruise(setup: Setup, visit: Visit) -> float:
+    task = visit.active(PoseTask)
+    limit = float(setup.robot.limits.velocity[:3].min())
+    return min(limit, task.saturation_linear) if task is not None else 0.0
+
+
+def _hold(setup: Setup, dynamics: Dynamics, visit: Visit, speed: float = 0.0) -> DriveLoad:
+    """The largest load over the times; `speed` [m/s] is over ground, against the current."""
+    q = visit.stances[0].configuration(setup)
+    forces = [_forces(setup, dynamics, q, t, speed) for t in _TIMES]
+    different = {tau.tobytes(): tau for tau in forces}.values()  # one in a steady current
+    allocation = allocation_of(setup.robot, compiled=False)  # what is refused is refused before anything is compiled
+    loads = [_load(setup, allocation, tau) for tau in different]
+    return max(loads, key=lambda load: (load.missing, load.thrust))
+
+
+def _forces(setup: Setup, dynamics: Dynamics, q: np.ndarray, t: float, speed: float) -> np.ndarray:
+    """Generalized force (n_v,) at rest over ground, in water that is faster by `speed`."""
+    water = water_at(setup.environment.current, dynamics.link_positions(q), t)
+    size = np.linalg.norm(water.velocity, axis=1, keepdims=True)
+    faster = replace(water, velocity=water.velocity * (1.0 + speed / np.maximum(size, 1e-9)))
+    return dynamics.inverse_dynamics(q, np.zeros(setup.robot.n_v), np.zeros(setup.robot.n_v), faster)
+
+
+def _load(setup: Setup, allocation: Allocation, tau: np.ndarray) -> DriveLoad:
+    robot = setup.robot
+    result = allocation.allocate(tau[robot.vehicle_v])
+    actuated = [axis for axis in range(6) if axis not in unactuated_axes(robot)]
+    missing = float(np.linalg.norm(result.unreachable[actuated])) if result.saturated else 0.0
+    limits = np.array([max(thruster.maximum, -thruster.minimum) for thruster in robot.description.thrusters])
+    effort = robot.limits.effort
+    return DriveLoad(
+        thrust=float(np.max(np.abs(result.thrust) / limits)),
+        torque=float(np.max(np.abs(tau[robot.joint_v]) / effort, initial=0.0)),
+        missing=missing,
+    )
+
+
+def check_rest(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
+    """The attitude in which weight and buoyancy leave the vehicle, with the arm as at the start.
+
+    An error where a phase waits for less tilt than that.
+    """
+    if not (setup.with_forces and setup.robot.description.thrusters):
+        return
+    up = up_at_rest(setup.robot, setup.start)
+    missed = [(visit.phase, task) for visit in visits if (task := _missed(visit, up)) is not None]
+    waiting = [pair for pair in missed if _waits(*pair, up)]
+    severity = Severity.ERROR if waiting else Severity.WARNING
+    for phase, task in (waiting or missed)[:1]:
+        yield _at_rest(up, severity, phase, task)
+    if not missed and _tilt(up) > _TILTED:
+        yield _at_rest(up, severity)
+
+
+def _missed(visit: Visit, up: np.ndarray) -> HorizontalAttitude | None:
+    """The task that is on and cannot bring the tilt into the range in which it lets the vehicle be."""
+    task = visit.active(HorizontalAttitude)
+    return task if task is not None and _tilt(up) > task.bell.end else None
+
+
+def _waits(phase: Phase, task: HorizontalAttitude, up: np.ndarray) -> bool:
+    limit = threshold_of(phase, f"{task.name}.tilt")
+    return limit is not None and limit < _tilt(up)
+
+
+def _tilt(up: np.ndarray) -> float:
+    return float(np.arccos(np.clip(up[2], -1.0, 1.0)))
+
+
+def _at_rest(
+    up: np.ndarray, severity: Severity, phase: Phase | None = None, task: HorizontalAttitude | None = None
+) -> Finding:
+    roll, pitch = float(np.arctan2(up[1], up[2])), float(-np.arcsin(up[0]))
+    text = f"where no thruster drives it the vehicle will rest at roll {_degrees(roll)}, pitch {_degrees(pitch)}"
+    if task is not None:
+        text += f": {task.name} is on, and its goal, a tilt of {task.aim:.2g} rad, is missed"
+    return Finding(
+        severity=severity,
+        check="attitude at rest",
+        phase="" if phase is None else phase.name,
+        text=f"{text}; trim the robot (`check-robot` tells by what)",
+        figures={"roll_rad": roll, "pitch_rad": pitch, "tilt_rad": _tilt(up)},
+    )
+
+
+def _degrees(angle: float) -> str:
+    return f"{np.rad2deg(angle):.0f} deg"
+
+
+# Check: the loops bear what the sensors are late by, with the weight and buoyancy that they carry.
+
+DELAYS = "delays"
+_SPARE = 1.25  # by how much longer dead times the loops have to bear than those that are known
+_STEP = 1e-5  # [m, rad] of the difference quotients
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Late:
+    """Axes that are known late."""
+
+    what: str
+    axes: slice
+    delay: float
+    """[s]"""
+    loop: Mapping[str, float]
+    """Bandwidth and reset [1/s], observer [rad/s]."""
+
+
+def check_delays(setup: Setup, visits: Sequence[Visit] = ()) -> Iterator[Finding]:
+    """One finding at most: of the axes, and of the posture foreseen, that bear least of what they are late by.
+
+    A DVL may be as late as it will: it tells of nothing that weight or buoyancy depends on.
+    """
+    late = [one for one in _late(setup) if one.delay > 0.0]
+    if not (late and setup.with_forces) or "controller" in setup.own_parts:
+        return
+    own, stiffness = (
+        CONTROLLER_DEAD_TIME * setup.dt,
+        [(phase, _stiffness(setup, q)) for phase, q in _postures(setup, visits)],
+    )
+    found = [(dead_time_borne(S[one.axes, one.axes], **one.loop), phase, one) for phase, S in stiffness for one in late]
+    borne, phase, worst = min(found, key=lambda entry: entry[0] / (entry[2].delay + own))
+    if worst.delay + own > borne / _SPARE:
+        yield _delay_finding(worst, phase, max(borne - own, 0.0), max(borne / _SPARE - own, 0.0))
+
+
+def _delay_finding(late: Late, phase: str, borne: float, allowed: float) -> Finding:
+    text = (
+        f"{late.what} {late.delay:.3g} s late, allowed {allowed:.2g} s: loops that carry the weight by where it was "
+        f"swing from {borne:.2g} s on; take quicker ones, or a posture in better balance"
+    )
+    figures = {"delay_s": late.delay, "allowed_s": allowed, "swings_from_s": borne}
+    severity = Severity.ERROR if late.delay > borne else Severity.WARNING
+    return Finding(severity=severity, check=DELAYS, phase=phase, text=text, figures=figures)
+
+
+def _late(setup: Setup) -> Iterator[Late]:
+    """Where both are late, what is between them is known to neither."""
+    times, robot, gains = dead_times(setup.sensors), setup.robot, setup.gains
+    observer = (gains.observer_joints or gains.observer_vehicle) if gains.observer_vehicle else 0.0
+    joints = {"bandwidth": gains.joints, "reset": gains.joints_reset, "observer": observer}
+    vehicle = {"bandwidth": gains.vehicle, "reset": gains.vehicle_reset, "observer": gains.observer_vehicle}
+    if robot.n_joints:
+        yield Late(what="encoders are", axes=robot.joint_v, delay=times.joints, loop=joints)
+    if robot.n_vehicle:
+        yield Late(what="gyro and attitude are", axes=robot.vehicle_v, delay=times.turning, loop=vehicle)
+    if robot.n_joints and robot.n_vehicle:
+        both = min(times.turning, times.joints)
+        yield Late(what="attitude and encoders are", axes=slice(None), delay=both, loop=joints)
+
+
+def _postures(setup: Setup, visits: Sequence[Visit]) -> Iterator[tuple[str, np.ndarray]]:
+    """By phase, q (n_q,) [m, rad] at the start and wherever a tool has to reach from a vehicle that stands still."""
+    yield "", setup.start
+    joints = setup.start[setup.robot.joint_q]
+    for visit in visits:
+        task = visit.active(ToolPose) or visit.active(ToolPosition)
+        if task is not None and visit.active(NullVelocity) is not None and setup.robot.n_joints == len(joints):
+            arm = ArmReach(setup.robot, task.frame, rotation_weight=float(isinstance(task, ToolPose)))
+            stance, goal = visit.stances[0], goals_of(setup, task.name, task.goal)[0]
+            q, joints = stance.configuration(setup), arm.solve(stance.X_WB, goal, (joints,)).joints
+            q[setup.robot.joint_q] = joints
+            yield visit.phase.name, q
+
+
+def _stiffness(setup: Setup, q: np.ndarray) -> np.ndarray:
+    """(n_v, n_v) [1/s2] acceleration per displacement from q (n_q,) [m, rad] by which weight and buoyancy bring it back."""
+    dynamics, model, still = known_dynamics(setup.robot), setup.robot.model, np.zeros(setup.robot.n_v)
+
+    def force(step: np.ndarray) -> np.ndarray:
+        return dynamics.inverse_dynamics(pin.integrate(model, q, step), still, still)
+
+    slopes = [force(step) - force(-step) for step in _STEP * np.eye(setup.robot.n_v)]
+    return np.linalg.solve(dynamics.mass_matrix(q), np.transpose(slopes) / (2 * _STEP))
+
+
+# Check: what the tool carries can be learnt by this robot, on this plant.
+
+_CHECK = "load"
+
+
+def check_load(setup: Setup) -> Iterator[Finding]:
+    """Where it is to be learnt: an error where our controller would refuse, and what comes of it elsewhere."""
+    if setup.load_bandwidth is None:
+        return
+    if not setup.with_forces:
+        text = "the kinematic plant carries no load, and none is learnt; use the dynamic plant"
+        yield Finding(severity=Severity.WARNING, check=_CHECK, text=text)
+    elif "controller" in setup.own_parts:
+        text = "a controller of your own learns no load by itself; the toolkit's does"
+        yield Finding(severity=Severity.WARNING, check=_CHECK, text=text)
+    else:
+        yield _learnt(setup)
+
+
+def _learnt(setup: Setup) -> Finding:
+    try:
+        require_learnable(setup.robot, observed=bool(setup.load_bandwidth))
+    except UvmsError as error:
+        return Finding(severity=Severity.ERROR, check=_CHECK, text=str(error))
+    text = "the load at the tool is learnt: its net weight from forces, its mass once the tool accelerates"
+    return Finding(severity=Severity.NOTE, check=_CHECK, text=text)

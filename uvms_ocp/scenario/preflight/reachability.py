@@ -1,0 +1,284 @@
+"""Check that the tool reaches its goal from wherever the vehicle may stand: inverse kinematics of the arm from many starts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Stance, Visit, forecast
+from uvms_ocp.tasks.pose import NullVelocity, ToolPose, ToolPosition, VehiclePose
+from uvms_ocp.tasks.task import PoseGoal, evaluate_pose
+
+# Inverse kinematics of the arm on a vehicle that stands still.
+
+REACHED = 1e-3  # [m, rad] what counts as reached: the thresholds at which a tool task ends
+_MARGIN = 1e-3  # share of the range by which starts keep away from the limits
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ReachResult:
+    """The nearest that the tool comes to its goal."""
+
+    joints: np.ndarray
+    """(n_joints,) [rad or m]"""
+    position: float
+    """[m] distance missing."""
+    orientation: float
+    """[rad] angle missing; 0 where it is free."""
+
+    @property
+    def reached(self) -> bool:
+        return self.position < REACHED and self.orientation < REACHED
+
+    @property
+    def cost(self) -> float:
+        return self.position**2 + self.orientation**2
+
+
+class ArmReach:
+    """Searches postures within the joint limits for a frame to meet a pose, from many starts (bounded least squares).
+
+    The error is that of a tool task: metres and radians count the same. rotation_weight [-]: 0 leaves orientation free.
+    """
+
+    def __init__(
+        self, robot: Robot, frame: str, *, n_starts: int = 12, seed: int = 0, rotation_weight: float = 1.0
+    ) -> None:
+        self._robot, self._frame, self._weight = robot, robot.frame_id(frame), rotation_weight
+        self._data = robot.model.createData()
+        limits = robot.limits
+        self._lower = np.where(np.isfinite(limits.position_lower), limits.position_lower, -np.pi)
+        self._upper = np.where(np.isfinite(limits.position_upper), limits.position_upper, np.pi)
+        rng = np.random.default_rng(seed)
+        self._starts = [self._lower + (self._upper - self._lower) * rng.random(robot.n_joints) for _ in range(n_starts)]
+
+    def solve(
+        self, X_WB: pin.SE3, goal: pin.SE3, near: Sequence[np.ndarray] = (), n_random: int | None = None
+    ) -> ReachResult:
+        """The best posture for the vehicle at X_WB and the goal X_WF.
+
+        `near` are further starts (n_joints,) [rad or m], tried first; `n_random` is how many of its own follow, default all.
+        """
+        best: ReachResult | None = None
+        for start in (*near, *self._starts[:n_random]):
+            for found in self._from(X_WB, goal, start):
+                best = found if best is None or found.cost < best.cost else best
+            if best is not None and (best.reached if self._weight else best.position < REACHED):
+                break
+        if best is None:
+            return self._reach(X_WB, goal, 0.5 * (self._lower + self._upper))
+        return best
+
+    def _from(self, X_WB: pin.SE3, goal: pin.SE3, start: np.ndarray) -> Iterator[ReachResult]:
+        """With the rotation weighed lightly first: it finds its way around more obstacles than the full error."""
+        x = start
+        for weight in (0.1 * self._weight, self._weight) if self._weight else (0.0,):
+            x = self._minimise(X_WB, goal, x, weight)
+        yield self._reach(X_WB, goal, x)
+
+    def _minimise(self, X_WB: pin.SE3, goal: pin.SE3, start: np.ndarray, weight: float) -> np.ndarray:
+        from scipy.optimize import least_squares  # half a second, which few need
+
+        weights = np.repeat([1.0, weight], 3)
+        span = _MARGIN * (self._upper - self._lower)
+        result = least_squares(
+            lambda x: weights * self._error(X_WB, goal, x)[0],
+            np.clip(start, self._lower + span, self._upper - span),
+            lambda x: weights[:, None] * self._error(X_WB, goal, x)[1],
+            bounds=(self._lower, self._upper),
+            xtol=1e-10,
+            max_nfev=60,
+        )
+        return np.asarray(result.x)
+
+    def _error(self, X_WB: pin.SE3, goal: pin.SE3, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Error (6,) of the frame, frame minus goal, and its derivative (6, n_joints)."""
+        model, data = self._robot.model, self._data
+        pin.computeJointJacobians(model, data, self._configuration(X_WB, joints))
+        X_WF = pin.updateFramePlacement(model, data, self._frame)
+        J = pin.getFrameJacobian(model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)[:, self._robot.joint_v]
+        R = X_WF.rotation @ goal.rotation.T
+        error = np.concatenate([X_WF.translation - goal.translation, pin.log3(R)])
+        return error, np.vstack([J[:3], pin.Jlog3(R).T @ J[3:]])
+
+    def _reach(self, X_WB: pin.SE3, goal: pin.SE3, joints: np.ndarray) -> ReachResult:
+        error, _ = self._error(X_WB, goal, joints)
+        return ReachResult(
+            joints=joints,
+            position=float(np.linalg.norm(error[:3])),
+            orientation=float(np.linalg.norm(error[3:])) if self._weight else 0.0,
+        )
+
+    def _configuration(self, X_WB: pin.SE3, joints: np.ndarray) -> np.ndarray:
+        v = np.zeros(self._robot.n_v)
+        v[self._robot.joint_v] = joints
+        q = pin.integrate(self._robot.model, pin.neutral(self._robot.model), v)
+        if self._robot.n_vehicle:
+            q[:7] = pin.SE3ToXYZQUAT(X_WB)
+        return q
+
+
+# Check: the tool reaches its goal from wherever the vehicle may stand by then.
+
+CHECK = "reachability"
+_N_TIMES = 5  # samples of a goal that moves
+_STEP = 0.05  # [m] between suggested way points
+_FARTHEST = 2.0  # [m] from the way point given
+_N_NEAR, _N_FEW = 3, 4  # starts from solved neighbours, and random ones beside them
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ReachShortfall:
+    """What is missing over all stances, and at worst over those where the vehicle is likely to stand."""
+
+    best: ReachResult
+    worst: ReachResult
+    likely: ReachResult
+
+    def figures(self) -> dict[str, float]:
+        found = {"best": self.best, "worst": self.worst, "likely": self.likely}
+        lengths = {f"missing_{name}_m": value.position for name, value in found.items()}
+        return lengths | {f"missing_{name}_rad": value.orientation for name, value in found.items()}
+
+
+def check_tool(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
+    """One finding per tool task that has to be fulfilled while the vehicle stands still.
+
+    A note where the goal is reached from every stance, a warning where it is from the likely ones, else an error.
+    """
+    for visit in visits:
+        task = visit.active(ToolPose) or visit.active(ToolPosition)
+        if task is None or visit.active(NullVelocity) is None or not _awaited(visit, task):
+            continue
+        yield _finding(setup, visit, task)
+
+
+def distances_missing(
+    robot_reach: ArmReach, stances: Sequence[Stance], goals: Sequence[pin.SE3], stop_at: float = np.inf
+) -> ReachShortfall:
+    """The distances missing from every stance; ends early where one exceeds `stop_at` [m]."""
+    found: list[ReachResult] = []
+    likely: list[ReachResult] = []
+    for stance in stances:
+        for goal in goals:
+            near = [reach.joints for reach in sorted(found, key=_cost)[:_N_NEAR]]
+            found.append(robot_reach.solve(stance.X_WB, goal, near, n_random=_N_FEW if near else None))
+            likely += found[-1:] if stance.likely else []
+        if found[-1].position > stop_at:
+            break
+    return ReachShortfall(
+        best=min(found, key=_cost), worst=max(found, key=_cost), likely=max(likely or found, key=_cost)
+    )
+
+
+def _cost(reach: ReachResult) -> float:
+    return reach.cost
+
+
+def _awaited(visit: Visit, task: ToolPose | ToolPosition) -> bool:
+    return any(
+        condition.quantity.startswith(f"{task.name}.")
+        for transition in visit.phase.transitions
+        for condition in transition.when
+    )
+
+
+def _finding(setup: Setup, visit: Visit, task: ToolPose | ToolPosition) -> Finding:
+    arm = ArmReach(setup.robot, task.frame, rotation_weight=float(isinstance(task, ToolPose)))
+    goals = goals_of(setup, task.name, task.goal)
+    distances = distances_missing(arm, visit.stances, goals)
+    figures: dict[str, Any] = distances.figures()
+    if distances.worst.reached:
+        text = f"{task.name}: the goal is reached from all {len(visit.stances)} foreseen vehicle positions"
+        return Finding(severity=Severity.NOTE, check=CHECK, phase=visit.phase.name, text=text, figures=figures)
+    suggestion = _suggestion(setup, arm, visit, goals)
+    figures |= _free_orientation(setup, visit, task, goals)
+    if suggestion is not None:
+        figures["suggested_way_point"] = [round(float(x), 3) for x in suggestion]
+    return Finding(
+        severity=Severity.WARNING if distances.likely.reached else Severity.ERROR,
+        check=CHECK,
+        phase=visit.phase.name,
+        text=_text(task.name, distances, suggestion),
+        figures=figures,
+    )
+
+
+def _text(name: str, distances: ReachShortfall, suggestion: np.ndarray | None) -> str:
+    advice = "no way point towards it helps: move the goal or use another arm"
+    if suggestion is not None:
+        advice = "try the way point ({:.2f}, {:.2f}, {:.2f})".format(*suggestion)
+    best, worst = distances.best, distances.worst
+    from_likely = ", though it reaches it from the likely ones" if distances.likely.reached else ""
+    return (
+        f"{name}: the arm misses the goal by {best.position:.3f} m ({best.orientation:.2f} rad) at best and "
+        f"{worst.position:.3f} m ({worst.orientation:.2f} rad) at worst over the vehicle positions foreseen"
+        f"{from_likely}; {advice}"
+    )
+
+
+def _free_orientation(
+    setup: Setup, visit: Visit, task: ToolPose | ToolPosition, goals: Sequence[pin.SE3]
+) -> dict[str, float]:
+    """How much is missing where the tool may point anywhere."""
+    distances = distances_missing(ArmReach(setup.robot, task.frame, rotation_weight=0.0), visit.stances, goals)
+    return {
+        "missing_best_with_free_orientation_m": distances.best.position,
+        "missing_worst_with_free_orientation_m": distances.worst.position,
+    }
+
+
+def goals_of(setup: Setup, name: str, goal: PoseGoal) -> list[pin.SE3]:
+    """The goal; where it comes to rest if it moves; samples of it if it never rests."""
+    last, rate = evaluate_pose(name, goal, setup.duration)
+    if not callable(goal) or not rate.any():
+        return [last]
+    return [evaluate_pose(name, goal, t)[0] for t in np.linspace(0.0, setup.duration, _N_TIMES)]
+
+
+def _suggestion(setup: Setup, arm: ArmReach, visit: Visit, goals: Sequence[pin.SE3]) -> np.ndarray | None:
+    """Position (3,) of the nearest way point on the line to the goal from which everything is reached."""
+    source = _last_way_point(setup, visit)
+    if source is None:
+        return None
+    phase, task = source
+    here, _ = evaluate_pose(task.name, task.goal, 0.0)
+    direction = (goals[0].translation - here.translation) * [1.0, 1.0, 0.0]
+    distance = float(np.linalg.norm(direction))
+    for step in np.arange(_STEP, min(distance, _FARTHEST), _STEP):
+        shifted = pin.SE3(here.rotation, here.translation + direction * (step / distance))
+        moved = replace(setup, mission=_with_goal(setup.mission, phase, task.name, shifted))
+        if _reached_from(moved, arm, visit, goals):
+            return np.asarray(shifted.translation)
+    return None
+
+
+def _last_way_point(setup: Setup, visit: Visit) -> tuple[int, VehiclePose] | None:
+    """Index of the last phase before `visit` with a way point, and its task."""
+    found = None
+    for earlier in forecast(setup):
+        if earlier.index == visit.index:
+            break
+        task = earlier.active(VehiclePose)
+        if task is not None and not callable(task.goal):
+            found = (earlier.index, task)
+    return found
+
+
+def _with_goal(mission: Mission, phase: int, name: str, goal: pin.SE3) -> Mission:
+    phases = list(mission.phases)
+    phases[phase] = replace(phases[phase], goals={**phases[phase].goals, name: goal})
+    return replace(mission, phases=tuple(phases))
+
+
+def _reached_from(setup: Setup, arm: ArmReach, visit: Visit, goals: Sequence[pin.SE3]) -> bool:
+    stances = next(later.stances for later in forecast(setup) if later.index == visit.index)
+    goal = goals[0].translation
+    farthest_first = sorted(stances, key=lambda stance: -float(np.linalg.norm(goal - stance.position)))
+    return distances_missing(arm, farthest_first, goals, stop_at=REACHED).worst.reached

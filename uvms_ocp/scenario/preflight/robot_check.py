@@ -1,0 +1,243 @@
+"""Check that a robot is fit for use: inertias, trim, thrusters, limits, frames and shapes that a valid file can still get wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.errors import RobotDataError
+from uvms_ocp.robot.assembly import body_of_lift, static_residual, without_trim
+from uvms_ocp.robot.loading import load_robot, unknowns
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.collision_model import links_without_shape
+from uvms_ocp.robot.thrusters import thruster_matrix
+
+FORCE_TOLERANCE = 0.5  # [N] residual of a trimmed robot with its arm stowed
+MOMENT_TOLERANCE = 0.5  # [N m]
+_RANK_TOLERANCE = 1e-6  # relative to the largest singular value
+_TRIANGLE_TOLERANCE = 1e-3  # relative; published inertias are rounded
+_LIMITING = "give vehicle_limits and joints in hydrodynamics.yaml, velocity and effort of joints in <limit> of the URDF"
+_FRAMES = ("base_link", "altimeter", "tool")
+_ALONE = (
+    "the file has links alone: a variant belongs over a whole file; identify writes that beside it, hydrodynamics.yaml"
+)
+_AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+
+
+class RobotVerdict(Enum):
+    """Weight of a finding."""
+
+    GOOD = "ok"
+    """As it should be."""
+    WARNING = "warning"
+    """Usable, but look at it."""
+    ERROR = "error"
+    """Results would be wrong."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RobotFinding:
+    """One thing that was checked."""
+
+    subject: str
+    verdict: RobotVerdict
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RobotReport:
+    """Everything that was checked about one robot."""
+
+    name: str
+    findings: tuple[RobotFinding, ...]
+
+    @property
+    def usable(self) -> bool:
+        """Whether nothing found would make results wrong."""
+        return all(finding.verdict is not RobotVerdict.ERROR for finding in self.findings)
+
+    @property
+    def advice(self) -> str:
+        """What to do next."""
+        number = {verdict: sum(finding.verdict is verdict for finding in self.findings) for verdict in RobotVerdict}
+        if errors := number[RobotVerdict.ERROR]:
+            return f"not usable: mend what is called error ({errors}), and check again"
+        begin = "next: `uvms-ocp new-mission FILE.py --robot DIR` writes a mission of it, `uvms-ocp show` draws it"
+        warnings = number[RobotVerdict.WARNING]
+        return (
+            f"usable, with {warnings} to look at: what is called warning says how to mend it; {begin}"
+            if warnings
+            else f"usable; {begin}"
+        )
+
+
+def check_robot_files(
+    path: Path | str,
+    hydrodynamics: Path | str | None = None,
+    *,
+    base: str | None = None,
+    package_dirs: Sequence[Path | str] = (),
+    mimic: Literal["free"] | None = None,
+) -> RobotReport:
+    """Load a URDF, or a folder with ``robot.urdf`` and ``hydrodynamics.yaml``, and check the robot.
+
+    Options as in `load_robot`. Files that cannot be loaded give a report with that one error; raises ``InvalidInput``
+    for options that do not exist.
+    """
+    urdf, water = _files(Path(path), hydrodynamics)
+    try:
+        robot = load_robot(urdf=urdf, hydrodynamics=water, base=base, package_dirs=package_dirs, mimic=mimic)
+    except RobotDataError as error:
+        return RobotReport(name=Path(path).name, findings=(_error("files", str(error)),))
+    return check_robot(robot)
+
+
+def check_robot(robot: Robot) -> RobotReport:
+    """Check a loaded robot; its meshes were resolved by loading it."""
+    findings = (
+        *_inertias(robot),
+        _mass_matrix(robot),
+        *_limits(robot),
+        *_frames(robot),
+        *_shapes(robot),
+        *_water(robot),
+        *(_warning(*gap) for gap in unknowns(without_trim(robot).model, robot.description)),
+    )
+    return RobotReport(name=robot.name, findings=findings)
+
+
+def _files(path: Path, hydrodynamics: Path | str | None) -> tuple[Path, Path | None]:
+    urdf = path / "robot.urdf" if path.is_dir() else path
+    if hydrodynamics is not None:
+        return urdf, Path(hydrodynamics)
+    beside = urdf.with_name("hydrodynamics.yaml")
+    return urdf, beside if beside.is_file() else None
+
+
+def _good(subject: str, text: str) -> RobotFinding:
+    return RobotFinding(subject=subject, verdict=RobotVerdict.GOOD, text=text)
+
+
+def _warning(subject: str, text: str) -> RobotFinding:
+    return RobotFinding(subject=subject, verdict=RobotVerdict.WARNING, text=text)
+
+
+def _error(subject: str, text: str) -> RobotFinding:
+    return RobotFinding(subject=subject, verdict=RobotVerdict.ERROR, text=text)
+
+
+def _inertias(robot: Robot) -> Iterator[RobotFinding]:
+    names, inertias = list(robot.model.names), list(robot.model.inertias)
+    moving = range(1, robot.model.njoints)
+    massless = [names[i] for i in moving if inertias[i].mass == 0.0]
+    impossible = [names[i] for i in moving if not _is_physical(inertias[i])]
+    if massless:
+        yield _warning("inertias", f"no mass behind joint {', '.join(massless)}; give links there an <inertial>")
+    if impossible:
+        yield _error(
+            "inertias",
+            f"behind joint {', '.join(impossible)}: a principal moment exceeds the sum of the others; mend <inertia>",
+        )
+    if not massless and not impossible:
+        yield _good("inertias", f"{robot.model.njoints - 1} moving bodies, {sum(i.mass for i in inertias):.6g} kg")
+
+
+def _is_physical(inertia: pin.Inertia) -> bool:
+    a, b, c = np.linalg.eigvalsh(inertia.inertia)
+    return bool(a >= -1e-12 and c <= (a + b) * (1.0 + _TRIANGLE_TOLERANCE) + 1e-12)
+
+
+def _mass_matrix(robot: Robot) -> RobotFinding:
+    M = pin.crba(robot.model, robot.model.createData(), np.array(robot.configuration()))
+    smallest = float(np.linalg.eigvalsh(np.triu(M) + np.triu(M, 1).T).min())
+    text = f"smallest eigenvalue of the mass matrix {smallest:.3g}"
+    return (
+        _good("mass matrix", text) if smallest > 0.0 else _error("mass matrix", f"{text}; give inertias to the links")
+    )
+
+
+def _limits(robot: Robot) -> Iterator[RobotFinding]:
+    named = {
+        "velocity": robot.limits.velocity,
+        "acceleration": robot.limits.acceleration,
+        "effort": robot.limits.effort,
+    }
+    unlimited = [
+        f"{np.isinf(values).sum()} of {len(values)} {name}" for name, values in named.items() if np.isinf(values).any()
+    ]
+    if unlimited:
+        yield _warning("limits", f"unlimited: {', '.join(unlimited)}; {_LIMITING}")
+    else:
+        yield _good("limits", "velocity, acceleration and effort are limited")
+
+
+def _frames(robot: Robot) -> Iterator[RobotFinding]:
+    named = robot.description.altimeter
+    missing = [name for name in _FRAMES if not robot.has_frame(name) and not (name == "altimeter" and named)]
+    if missing:
+        yield _warning("frames", f"without {', '.join(missing)}: name the frames to use in the tasks")
+    else:
+        yield _good("frames", f"{', '.join(_FRAMES)} exist")
+
+
+def _shapes(robot: Robot) -> Iterator[RobotFinding]:
+    for kind, shapes in (("visual", robot.visual_model), ("collision", robot.collision_model)):
+        meshes = sum(bool(shape.meshPath and Path(shape.meshPath).is_file()) for shape in shapes.geometryObjects)
+        text = f"{shapes.ngeoms} {kind} shapes, {meshes} of them meshes, all found"
+        yield _good("shapes", text) if shapes.ngeoms else _warning("shapes", f"no {kind} shapes; give <{kind}>")
+    unshaped = links_without_shape(robot)
+    if unshaped and robot.collision_model.ngeoms:
+        text = f"{', '.join(unshaped)}: nothing is told of what they touch; give them <collision>"
+        yield _warning("shapes", f"links with a mass, without a collision shape: {text}")
+
+
+def _water(robot: Robot) -> Iterator[RobotFinding]:
+    if not robot.n_vehicle:
+        yield _good("vehicle", "fixed base: no trim and no thrusters to check")
+        return
+    if not robot.hydrodynamics:
+        return
+    yield _trim(robot)
+    yield _thrusters(robot)
+
+
+def _trim(robot: Robot) -> RobotFinding:
+    force, moment = static_residual(robot, robot.configuration())
+    text = f"{force:+.3g} N upwards and {np.linalg.norm(moment):.3g} N m with the arm stowed"
+    density = f"in water of {robot.description.water_density:g} kg/m3"
+    if abs(force) < FORCE_TOLERANCE and np.linalg.norm(moment) < MOMENT_TOLERANCE:
+        return _good("trim", f"{text} {density}")
+    return _warning("trim", f"{text} {density}; {_trim_advice(robot, force, moment)}")
+
+
+def _trim_advice(robot: Robot, force: float, moment: np.ndarray) -> str:
+    if abs(force) < FORCE_TOLERANCE:
+        return "shift a float or ballast"
+    x, y = -moment[1] / force, moment[0] / force
+    kind = "ballast" if force > 0.0 else "float"
+    body = body_of_lift("NAME", x, y, -force, robot)
+    link = next(frame.name for frame in robot.model.frames if frame.type == pin.FrameType.BODY)
+    entry = f"{{name: {kind}, link: {link}, position: [{x:.3g}, {y:.3g}, {body.position[2]:g}], "
+    entry += f"mass: {body.mass:.4g}, volume: {body.volume:.4g}}}"
+    return f"a {kind} of {abs(force):.3g} N at x = {x:.3g} m, y = {y:.3g} m of {link} would trim it; in trim: - {entry}"
+
+
+def _thrusters(robot: Robot) -> RobotFinding:
+    matrix = thruster_matrix(robot)
+    if not matrix.shape[1]:
+        text = "none: the vehicle cannot be driven on the dynamic plant"
+        alone = robot.description.model_fields_set <= {"links"}  # as variants have them
+        return _warning("thrusters", f"{text}; {_ALONE}" if alone else text)
+    U, singular, _ = np.linalg.svd(matrix)
+    rank = int((singular > _RANK_TOLERANCE * singular[0]).sum())
+    text = f"{matrix.shape[1]} thrusters, rank {rank}, singular values {' '.join(f'{s:.3g}' for s in singular)}"
+    if rank == 6:
+        return _good("thrusters", text)
+    lost = [_AXES[int(np.argmax(np.abs(column)))] for column in U.T[rank:]]
+    return _warning("thrusters", f"{text}; under-actuated mainly in {', '.join(lost)}")

@@ -1,0 +1,113 @@
+"""Carry out a plan on a plant: open loop, with the forces of the planned motion alone, or with feedback."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from uvms_ocp.checks import checked
+from uvms_ocp.control.force.computed_torque import OPEN_LOOP
+from uvms_ocp.control.plan_following import PlanTracker
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.estimation.estimator import PassThrough
+from uvms_ocp.ocp.plan import TOOL, Mismatch, Plan, mismatch, tool_series
+from uvms_ocp.record.meta_values import AlarmMeta, PhaseMeta
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.run_meta import RunMeta, packages
+from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.robot.hydrodynamics import Water
+from uvms_ocp.robot.signals import IDEAL_SENSORS, State
+from uvms_ocp.sim.environment import Environment, closest_approach
+from uvms_ocp.sim.loop import simulate
+from uvms_ocp.sim.plant import DynamicPlant, Plant
+from uvms_ocp.sim.seafloor import FlatSeafloor
+from uvms_ocp.sim.sensors import SensorSuite
+from uvms_ocp.types import Period
+
+PlantOrEnvironment: TypeAlias = Plant | Environment
+"""A plant in any state, or an environment in which the robot starts as the plan does."""
+_DEEP = FlatSeafloor(z=-1e4)  # of plants, whose floor no one tells: the echo of the altimeter is not used
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Flight:
+    """What a plant made of a plan."""
+
+    record: Record
+    """True states, thrust, torque and energy, tick by tick; figures and scenes take it. An alarm says where the plan goes
+    below the sea floor of an environment."""
+    mismatch: Mismatch
+    """Of the tool, or of the robot's last frame where it has none."""
+
+
+@checked
+def replay(plan: Plan, where: PlantOrEnvironment, *, feedback: bool = True, dt: Period = 1 / 200) -> Flight:
+    """Carry out a plan on a plant, or on a `DynamicPlant` in an environment that starts in the plan's first state.
+
+    feedback: of positions and velocities, else the forces of the planned motion alone; by computed torque both. dt [s]:
+    control period.
+    Raises `InvalidInput` for a plan of a wrench: no plant takes one.
+    """
+    robot, trajectory = plan.robot, plan.trajectory
+    if trajectory.has_wrench:
+        raise InvalidInput("a plan with Actuation.WRENCH has no thrust to send; plan with Actuation.THRUSTERS")
+    dynamics = robot_dynamics(robot)
+    plant = _plant(plan, where, dynamics) if isinstance(where, Environment) else where
+    floor = where.seafloor if isinstance(where, Environment) else _DEEP
+    gains, water = None if feedback else OPEN_LOOP, Water(velocity=np.array(plan.current))
+    recorder = simulate(
+        plant=plant,
+        sensors=SensorSuite(robot, floor, IDEAL_SENSORS).read,
+        estimator=PassThrough(robot),
+        controller=PlanTracker(trajectory, robot, dynamics, dt=dt, gains=gains, water=water),
+        dt=dt,
+        duration=plan.duration + dt,
+    )
+    below = _below(plan, where) if isinstance(where, Environment) else ()
+    record = _record(plan, recorder.series(), dt, "with feedback" if feedback else "blind", below)
+    frame = TOOL if robot.has_frame(TOOL) else robot.frame_names[-1]
+    return Flight(record=record, mismatch=mismatch(trajectory, record["t"], record["q"], robot=robot, frame=frame))
+
+
+def _plant(plan: Plan, environment: Environment, dynamics: Dynamics) -> DynamicPlant:
+    start = plan.trajectory.q[0], plan.trajectory.v[0]
+    plant = DynamicPlant(plan.robot, start[0], dynamics=dynamics, environment=environment)
+    plant.state = State(q=start[0], v=start[1], a=np.zeros(plan.robot.n_v))
+    return plant
+
+
+def _below(plan: Plan, environment: Environment) -> tuple[AlarmMeta, ...]:
+    """Where a plan goes deepest below the floor, if it does: what was flown then says little of the plan."""
+    path, water = plan.trajectory, replace(environment, obstacles=())
+    found = closest_approach(plan.robot, water, path.q)
+    if found.distance >= 0:
+        return ()
+    text = f"the plan goes {-found.distance:.2g} m below the sea floor ({found.pair}); keep clear of the floor as of an obstacle"
+    return (AlarmMeta(t=float(path.t[found.row]), text=text),)
+
+
+def _record(
+    plan: Plan, series: dict[str, np.ndarray], dt: float, how: str, alarms: tuple[AlarmMeta, ...] = ()
+) -> Record:
+    """One phase, without tasks: no mission is carried out, but a motion."""
+    robot = plan.robot
+    meta = RunMeta(
+        scenario=f"plan carried out {how}",
+        robot=robot.name,
+        joints=robot.joint_names,
+        thrusters=robot.thruster_names,
+        phases=(PhaseMeta(name="plan"),),
+        surroundings=plan.surroundings,
+        packages=packages(),
+        plant="dynamic" if "thrust" in series else "kinematic",
+        solver="none",
+        floating=bool(robot.n_vehicle),
+        dt=dt,
+        completed=True,
+        alarms=alarms,
+    )
+    tool = {} if not robot.has_frame(TOOL) else {TOOL: tool_series(robot, series["q"])}
+    return Record(series=series | tool | {"phase": np.zeros(len(series["t"]), dtype=np.int64)}, meta=meta)

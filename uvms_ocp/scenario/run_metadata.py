@@ -1,0 +1,218 @@
+"""Write the metadata of the record of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.control.velocity.kinematic import KinematicController
+from uvms_ocp.estimation.health.monitor import HealthMonitor
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.mission.phase import Condition
+from uvms_ocp.record.meta_values import (
+    AlarmMeta,
+    EventMeta,
+    FaultMeta,
+    FloorRelief,
+    FrameMeta,
+    LevelMeta,
+    LimitsMeta,
+    MarkerMeta,
+    MetConditionMeta,
+    PhaseMeta,
+    QuantityMeta,
+    SurroundingsMeta,
+    TaskMeta,
+    ThresholdMeta,
+)
+from uvms_ocp.record.run_meta import RunMeta, packages
+from uvms_ocp.robot.limits import Limits
+from uvms_ocp.robot.shapes.obstacles import describe_obstacle
+from uvms_ocp.robot.signals import IDEAL_SENSORS
+from uvms_ocp.scenario.preflight.checks import quantity_spreads
+from uvms_ocp.scenario.preflight.setup import Setup
+from uvms_ocp.sim.seafloor import floor_relief
+from uvms_ocp.solvers.hierarchy.solution import Status
+from uvms_ocp.tasks.pose import PoseTask, ToolPose, ToolPosition
+from uvms_ocp.tasks.task import evaluate_pose
+
+Markers = Mapping[str, tuple[float, float, float]]
+"""Points (3,) [m] in W to draw, by name."""
+
+_FLOOR_AROUND = 12.0  # [m] of a floor with protuberances that a record keeps around the mission
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Ending:
+    """How a run ended."""
+
+    q: np.ndarray
+    """(n_q,) [m, rad] the true configuration."""
+    quantities: Mapping[str, float]
+    """By ``task.quantity``, at the true state [m] or [rad]."""
+    at_events: tuple[Mapping[str, float], ...]
+    """The same at the end of each phase, event by event [m] or [rad]."""
+    wall_s: float
+    """[s] that the simulation took."""
+    spread: np.ndarray | None = None
+    """(n_v,) [m, rad] standard deviation of the estimated configuration, where the estimator tells."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class PartNames:
+    """What ran."""
+
+    plant: str
+    solver: str
+    controller: str
+    estimator: str
+    sensors: str
+
+
+def run_meta(
+    *,
+    name: str,
+    setup: Setup,
+    parts: PartNames,
+    seed: int,
+    markers: Markers,
+    faults: tuple[FaultMeta, ...],
+    controller: KinematicController,
+    monitor: HealthMonitor,
+    ending: Ending,
+) -> RunMeta:
+    """What a record tells of a run of the mission in `setup`.
+
+    controller, monitor: those that ran, which know what happened.
+    """
+    robot, tasks, state = setup.robot, setup.mission.hierarchy.tasks, controller.state
+    return RunMeta(
+        scenario=name,
+        robot=robot.name,
+        joints=robot.joint_names,
+        thrusters=robot.thruster_names,
+        phases=_phases(setup.mission),
+        tasks=tuple(TaskMeta(name=task.name, label=task.label) for task in tasks),
+        tool_task=next((task.name for task in tasks if isinstance(task, (ToolPose, ToolPosition))), None),
+        levels=_levels(controller),
+        quantities=tuple(controller.problem.quantity_names),
+        thresholds=_thresholds(setup.mission),
+        limits=_limits(robot.limits),
+        surroundings=_surroundings(setup, markers, ending.q),
+        packages=packages(),
+        plant=parts.plant,
+        solver=parts.solver,
+        controller=parts.controller,
+        estimator=parts.estimator,
+        sensors=parts.sensors,
+        floating=bool(robot.n_vehicle),
+        dt=setup.dt,
+        completed=state.completed,
+        pending="" if state.completed else controller.pending(),
+        abort_phase="" if setup.mission.abort is None else setup.mission.abort.phase.name,
+        events=_events(controller, ending),
+        alarms=tuple(AlarmMeta(t=t, text=text) for t, text in sorted([*monitor.alarms, *controller.watchdog.alarms])),
+        channels=monitor.channels,
+        faults=faults,
+        true_quantities=_values(ending.quantities),
+        sensors_allow=_values(quantity_spreads(setup, ending.q)),
+        spreads=_values({} if ending.spread is None else quantity_spreads(setup, ending.q, ending.spread)),
+        statuses=tuple(status.value for status in Status),
+        seed=seed,
+        noise=setup.sensors != IDEAL_SENSORS,
+        wall_s=ending.wall_s,
+    )
+
+
+def _phases(mission: Mission) -> tuple[PhaseMeta, ...]:
+    return tuple(
+        PhaseMeta(name=phase.name, title=phase.title, tasks=tuple(name for name, gate in phase.gates.items() if gate))
+        for phase in mission.all_phases
+    )
+
+
+def _levels(controller: KinematicController) -> tuple[LevelMeta, ...]:
+    problem = controller.problem
+    return tuple(LevelMeta(name=name, rows=n) for name, n in zip(problem.names, problem.sizes, strict=True))
+
+
+def _events(controller: KinematicController, ending: Ending) -> tuple[EventMeta, ...]:
+    return tuple(
+        EventMeta(
+            t=e.t,
+            source=e.source,
+            target=e.target,
+            reason=e.reason,
+            conditions=tuple(
+                MetConditionMeta(**_condition_fields(condition), estimated=value) for condition, value in e.conditions
+            ),
+            true_quantities=_values(truth),
+        )
+        for e, truth in zip(controller.events, ending.at_events, strict=True)
+    )
+
+
+def _condition_fields(condition: Condition) -> dict[str, Any]:
+    """The fields of a `ConditionMeta`."""
+    return {"quantity": condition.quantity, "limit": condition.limit, "sign": condition.sign}
+
+
+def _values(quantities: Mapping[str, float]) -> tuple[QuantityMeta, ...]:
+    return tuple(QuantityMeta(name=name, value=value) for name, value in quantities.items())
+
+
+def _thresholds(mission: Mission) -> tuple[ThresholdMeta, ...]:
+    return tuple(
+        ThresholdMeta(**_condition_fields(condition), phase=phase.name)
+        for phase in mission.all_phases
+        for transition in phase.transitions
+        for condition in transition.when
+    )
+
+
+def _limits(limits: Limits) -> LimitsMeta:
+    return LimitsMeta(
+        position_lower=tuple(limits.position_lower.tolist()),
+        position_upper=tuple(limits.position_upper.tolist()),
+        velocity=tuple(limits.velocity.tolist()),
+        acceleration=tuple(limits.acceleration.tolist()),
+        effort=tuple(limits.effort.tolist()),
+    )
+
+
+def _surroundings(setup: Setup, markers: Markers, end: np.ndarray) -> SurroundingsMeta:
+    obstacles = map(describe_obstacle, setup.environment.obstacles)
+    return SurroundingsMeta(
+        frames=tuple(_goal_frames(setup.mission)),
+        markers=tuple(MarkerMeta(name=name, position=point) for name, point in markers.items()),
+        obstacles=tuple(item for item in obstacles if item is not None),
+        floor_z=setup.floor_at(*setup.start[:2]),
+        floor=_relief(setup, markers, end),
+    )
+
+
+def _goal_frames(mission: Mission) -> Iterator[FrameMeta]:
+    """Goals of all tasks that have a pose for one, those of phases too; where they begin, if they move."""
+    for task in mission.hierarchy.tasks:
+        if isinstance(task, (PoseTask, ToolPosition)):
+            own = {phase.name: phase.goals[task.name] for phase in mission.all_phases if task.name in phase.goals}
+            named = {f"goal of {task.name}": task.goal}
+            named |= {f"goal of {task.name} in {phase}": goal for phase, goal in own.items()}
+            for name, goal in named.items():
+                yield _frame(name, evaluate_pose(task.name, goal, 0.0)[0])
+
+
+def _frame(name: str, X_WF: pin.SE3) -> FrameMeta:
+    return FrameMeta(name=name, pose=tuple(pin.SE3ToXYZQUAT(X_WF).tolist()))
+
+
+def _relief(setup: Setup, markers: Markers, end: np.ndarray) -> FloorRelief | None:
+    """The floor around the way from the start to the configuration `end` (n_q,), and around the markers."""
+    ends = (setup.start[:2], end[:2]) if setup.robot.n_vehicle else np.zeros((1, 2))
+    points = np.array([*ends, *(point[:2] for point in markers.values())])
+    low, high = points.min(axis=0) - _FLOOR_AROUND, points.max(axis=0) + _FLOOR_AROUND
+    return floor_relief(setup.environment.seafloor, low, high)

@@ -1,0 +1,376 @@
+"""Scenario: robot, mission, environment, solver and parts composed, checked and simulated into a `Record`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import Any, Protocol
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from uvms_ocp.checks import checked
+from uvms_ocp.control.external import WatchedController
+from uvms_ocp.control.force.dynamic import DynamicController, VelocityGains
+from uvms_ocp.control.payload import LoadLearning
+from uvms_ocp.control.velocity.kinematic import Guide, HierarchySolver, KinematicController
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.estimation.estimator import Estimator, PassThrough
+from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
+from uvms_ocp.estimation.health.monitor import HealthMonitor
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.record.display import Fielded
+from uvms_ocp.record.record import Record, Recorder
+from uvms_ocp.record.run_meta import RunMeta
+from uvms_ocp.robot.dynamics import known_dynamics, robot_dynamics
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Measurement, SensorSpecs, State
+from uvms_ocp.scenario.preflight.checks import check_mission
+from uvms_ocp.scenario.preflight.setup import PreflightReport, Setup
+from uvms_ocp.scenario.run_metadata import Ending, PartNames, run_meta
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.fault_effects import require_possible
+from uvms_ocp.sim.faults import Fault
+from uvms_ocp.sim.loop import Progress, Sensors, StateEstimator, TickObserver, require_few_ticks, simulate
+from uvms_ocp.sim.own_parts import part_name, plant_name, require_plant, require_suffered, specs_of, takes_forces
+from uvms_ocp.sim.plant import DynamicPlant, KinematicPlant, Plant
+from uvms_ocp.sim.sensors import SensorSuite
+from uvms_ocp.sim.watched_parts import (
+    WatchedPlant,
+    WatchedSensors,
+    fault_meta,
+    require_fault,
+    struck_parts,
+    watched_estimator,
+)
+from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
+from uvms_ocp.types import DAY, Count
+
+# What makes the parts of one scenario's runs: `scenario.controller()`, `scenario.estimator()`.
+
+_OURS = (KinematicController, DynamicController)
+
+
+class MissionController(Protocol):
+    """What controls a run."""
+
+    @property
+    def kinematic(self) -> KinematicController:
+        """The layer that knows the mission, its events and its quantities."""
+
+    def __call__(self, measurement: Measurement, t: float) -> Command:
+        """The command for the tick at time t [s]."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ControllerOf:
+    """What makes the controllers of one scenario."""
+
+    maker: Callable[..., Any]
+    """Of any scenario's."""
+    scenario: Any = field(repr=False)
+
+    def __call__(self) -> MissionController:
+        """A fresh one. Raises `InvalidInput` where the maker makes no callable."""
+        made, scenario = self.maker(self.scenario), self.scenario
+        if type(made) in _OURS:
+            return made
+        if not callable(made):
+            raise InvalidInput(f"controller made {type(made).__name__}; make a callable (Measurement, t) -> Command")
+        n = len(scenario.robot.description.thrusters) if scenario.takes_forces else None
+        kinematic = scenario.kinematic_controller()
+        return WatchedController(controller=made, kinematic=kinematic, n_thrusters=n, name=part_name(self.maker))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class EstimatorOf:
+    """What makes the estimators of one scenario."""
+
+    maker: Callable[..., Any]
+    """Of any scenario's."""
+    scenario: Any = field(repr=False)
+
+    def __call__(self) -> GuardedEstimator:
+        """A fresh one, ``(Readings, t, Command | None) -> Measurement``; a monitor keeps from it what cannot be true.
+
+        Raises `InvalidInput` where the maker makes no callable.
+        """
+        made, scenario = self.maker(self.scenario), self.scenario
+        robot, specs = scenario.robot, scenario.specs
+        if not callable(made):
+            allowed = "make a callable (Readings, t, command) -> Measurement"
+            raise InvalidInput(f"estimator made {type(made).__name__}; {allowed}")
+        monitor = HealthMonitor(robot, specs, altimeter_frame=scenario.altimeter_frame)
+        return GuardedEstimator(watched_estimator(made, robot, part_name(self.maker)), robot, specs, monitor)
+
+
+def maker_of(what: str, given: Any) -> Callable[..., Any]:
+    """What was given for a part, also to the scenario that a changed one is made of. Raises `InvalidInput`."""
+    if isinstance(given, ControllerOf | EstimatorOf):
+        return given.maker
+    if not callable(given):
+        raise InvalidInput(f"{what} = {given!r}; give a callable that takes the scenario and makes one")
+    return given
+
+
+def own_names(parts: Mapping[str, Any], ours: tuple[Callable[..., Any], ...]) -> dict[str, str]:
+    """Names of those parts of a scenario that are not the toolkit's, which are values or made by `ours`."""
+    makers = {what: maker_of(what, part) for what, part in parts.items() if not isinstance(part, str | SensorSpecs)}
+    return {what: part_name(maker) for what, maker in makers.items() if maker not in ours}
+
+
+# Composition root: robot + mission + environment + solver, run into a `Record`.
+
+
+def our_controller(scenario: Scenario, guide: Guide | None = None) -> KinematicController | DynamicController:
+    """The hierarchy's, fresh."""
+    kinematic = scenario.kinematic_controller(guide)
+    if not scenario.takes_forces:
+        return kinematic
+    robot = scenario.robot
+    options: dict[str, Any] = {"gains": scenario.gains, "sensors": scenario.specs, "load": scenario.load}
+    return DynamicController(robot=robot, dynamics=known_dynamics(robot), kinematic=kinematic, **options)
+
+
+def our_estimator(scenario: Scenario) -> StateEstimator:
+    """The filter, fresh; ideal sensors are taken for the truth."""
+    if scenario.specs == IDEAL_SENSORS:
+        return PassThrough(scenario.robot, scenario.specs)
+    return Estimator(scenario.robot, scenario.specs, altimeter_frame=scenario.altimeter_frame)
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class Scenario(Fielded):
+    """Everything that one simulation needs.
+
+    Raises `InvalidInput` for a start outside the joint limits or below the seafloor, for a bad period, duration, seed or
+    solver, for what makes no part, or for a fault that robot or plant cannot have, `NameNotFound` for an unknown plant and
+    `FrameNotFound` for an unknown altimeter frame. Goals are judged by `check`.
+    """
+
+    name: str
+    robot: Robot
+    mission: Mission
+    environment: Environment
+    start: np.ndarray
+    """(n_q,) [m, rad] configuration at t = 0, at rest."""
+    solver: HierarchySolver = field(default_factory=LexicographicActiveSet)
+    plant: str | Callable[..., Any] = "dynamic"
+    """``dynamic``, ``kinematic``, or what makes a plant of a user's own, a `uvms_ocp.sim.PlantMaker`."""
+    sensors: SensorSpecs | Callable[..., Any] = IDEAL_SENSORS
+    """What those of the toolkit are like, or what makes others, a `uvms_ocp.sim.SensorsMaker`."""
+    real_sensors: SensorSpecs | None = None
+    """What the sensors are truly like, where that differs from what the estimator knows."""
+    estimator: Callable[..., Any] = our_estimator
+    """What makes an estimator for a run, a `uvms_ocp.sim.EstimatorMaker`; by default the toolkit's filter.
+
+    ``scenario.estimator()`` calls it, with a monitor around what it makes that keeps from it what cannot be true.
+    """
+    controller: Callable[..., Any] = our_controller
+    """What makes a controller for a run: takes the scenario, returns a callable ``(Measurement, t) -> Command``.
+
+    ``scenario.controller()`` calls it. By default it makes the hierarchy's, with thrust and torque unless the plant is kinematic;
+    any other is watched by the mission, see `WatchedController`.
+    """
+    gains: VelocityGains = field(default_factory=VelocityGains)
+    """Of the dynamic layer, which are less where sensors are known to be late; the kinematic plant has none."""
+    load: LoadLearning | None = None
+    """How the dynamic layer learns what the tool carries; by default it does not."""
+    plant_robot: Robot | None = None
+    """What moves in the water, where it differs from what the controller knows."""
+    seed: Count = 0
+    """Of the sensor noise."""
+    altimeter_frame: str | None = None
+    """By default the one that the robot's file names, if any."""
+    dt: float = 1 / 200
+    """[s] control period."""
+    duration: float = 120.0
+    """[s] at which an incomplete mission is stopped."""
+    markers: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    """Points (3,) [m] in W to draw, by name."""
+    faults: tuple[Fault | Callable[..., Any], ...] = ()
+    """What goes wrong, unknown to controller and pre-flight; also a user's own, each a `uvms_ocp.sim.FaultMaker`."""
+
+    def __post_init__(self) -> None:
+        require_plant(self.plant)
+        specs_of(self.sensors)
+        for name, value in (("dt", self.dt), ("duration", self.duration)):
+            if not (np.isfinite(value) and value > 0):
+                raise InvalidInput(f"{name} = {value} s; give a finite time > 0")
+        if self.duration < self.dt:
+            raise InvalidInput(f"duration = {self.duration} s; give at least one control period of {self.dt:g} s")
+        if self.duration > DAY:
+            raise InvalidInput(f"duration = {self.duration:g} s; give at most {DAY:g} s, a day")
+        require_few_ticks(self.duration, self.dt)
+        if isinstance(self.solver, type):
+            raise InvalidInput(f"solver = the class {self.solver.__name__}; give a value, {self.solver.__name__}()")
+        if not hasattr(self.solver, "bind"):
+            raise InvalidInput(f"solver = {self.solver!r}; give a value such as LexicographicActiveSet()")
+        self.robot.check_configuration(self.start)
+        if self.altimeter_frame is not None:
+            self.robot.frame_id(self.altimeter_frame)
+        if self.robot.n_vehicle:
+            self._require_above_floor()
+        for name, kind in (("controller", ControllerOf), ("estimator", EstimatorOf)):
+            object.__setattr__(self, name, kind(maker=maker_of(name, getattr(self, name)), scenario=self))
+        for fault in self.faults:
+            require_fault(fault)
+        if faults := self.known_faults:
+            require_possible(faults, self.plant_robot or self.robot, kinematic=self.plant == "kinematic")
+            require_suffered(faults, self.plant, self.sensors)
+            self._sensor_suite()
+
+    @property
+    def known_faults(self) -> tuple[Fault, ...]:
+        """Those of `faults` that are values of the toolkit, which plant and sensors have of themselves."""
+        return tuple(fault for fault in self.faults if isinstance(fault, Fault))
+
+    @property
+    def takes_forces(self) -> bool:
+        """Whether the plant takes thrust and torque, or velocities alone."""
+        return takes_forces(self.plant)
+
+    @property
+    def specs(self) -> SensorSpecs:
+        """What estimator, monitor and pre-flight expect of the sensors."""
+        return specs_of(self.sensors)
+
+    @property
+    def own_parts(self) -> dict[str, str]:
+        """Names of the parts that are not the toolkit's, by what they are."""
+        parts = {what: getattr(self, what) for what in ("plant", "sensors", "estimator", "controller")}
+        return own_names(parts, (our_estimator, our_controller))
+
+    def kinematic_controller(self, guide: Guide | None = None) -> KinematicController:
+        """Its layer of velocities alone, fresh; guide: what stands in for the hierarchy while it lasts."""
+        return KinematicController(robot=self.robot, mission=self.mission, solver=self.solver, dt=self.dt, guide=guide)
+
+    def guided(self, guide: Guide) -> MissionController:
+        """The hierarchy's controller, fresh, with a guide that stands in for the hierarchy while it lasts."""
+        return our_controller(self, guide)
+
+    def check(self) -> PreflightReport:
+        """Pre-flight: whether this mission can be completed, and what has to change if not."""
+        return check_mission(self.setup())
+
+    def setup(self) -> Setup:
+        """What pre-flight looks at."""
+        return Setup(
+            robot=self.robot,
+            mission=self.mission,
+            environment=self.environment,
+            start=np.array(self.start),
+            altimeter_frame=self.altimeter_frame or self.robot.description.altimeter,
+            with_forces=self.takes_forces,
+            dt=self.dt,
+            duration=self.duration,
+            sensors=self.specs,
+            own_parts=self.own_parts,
+            gains=self.gains,
+            load_bandwidth=None if self.load is None else self.gains.observer_vehicle,
+        )
+
+    def run(
+        self,
+        progress: Progress | None = None,
+        controller: MissionController | None = None,
+        watch: TickObserver | None = None,
+    ) -> Record:
+        """Simulate until the mission is complete or `duration` is over.
+
+        controller: a fresh one, for who wants to look into it meanwhile. watch: is told every tick, see `uvms_ocp.viz.scene.live.live`.
+        """
+        controller = controller or self.controller()
+        kinematic, estimator = controller.kinematic, self.estimator()
+        plant, sensors = struck_parts(self, self._plant(), self._sensors())
+        begin = perf_counter()
+        parts: dict[str, Any] = {"plant": plant, "sensors": sensors, "estimator": estimator, "controller": controller}
+        recorder = simulate(**parts, dt=self.dt, duration=self.duration, progress=progress, watch=watch)
+        wall = perf_counter() - begin
+        truth = kinematic.evaluate(self._true_measurement(plant.state), recorder.last("t"))
+        events = self._truth_at_events(kinematic, recorder)
+        spread = recorder.last("q_spread") if "q_spread" in recorder else None
+        ending = Ending(q=recorder.last("q"), quantities=truth, at_events=events, wall_s=wall, spread=spread)
+        return recorder.freeze(self._meta(controller, estimator, ending))
+
+    def _truth_at_events(self, kinematic: KinematicController, recorder: Recorder) -> tuple[dict[str, float], ...]:
+        """All quantities at the true state when each phase ended, of the goals that it had."""
+        truths = []
+        for event, state in zip(kinematic.events, kinematic.left, strict=True):
+            row = round(event.t / self.dt)
+            then = State(q=recorder.at("q", row), v=recorder.at("v", row))
+            truths.append(kinematic.evaluate(self._true_measurement(then), event.t, state))
+        return tuple(truths)
+
+    def _meta(self, controller: MissionController, estimator: GuardedEstimator, ending: Ending) -> RunMeta:
+        return run_meta(
+            name=self.name,
+            setup=self.setup(),
+            parts=self._part_names(controller, estimator),
+            seed=self.seed,
+            markers=self.markers,
+            faults=tuple(map(fault_meta, self.faults)),
+            controller=controller.kinematic,
+            monitor=estimator.monitor,
+            ending=ending,
+        )
+
+    def _part_names(self, controller: MissionController, estimator: GuardedEstimator) -> PartNames:
+        own = self.own_parts
+        return PartNames(
+            plant=plant_name(self.plant),
+            solver=type(self.solver).__name__,
+            sensors=own.get("sensors", SensorSuite.__name__),
+            estimator=own.get("estimator", type(estimator.estimator).__name__),
+            controller=getattr(controller, "name", type(controller).__name__),
+        )
+
+    def _plant(self) -> Plant:
+        if not isinstance(self.plant, str):
+            return WatchedPlant(self.plant(self), self.robot, part_name(self.plant))
+        if self.plant == "kinematic":
+            return KinematicPlant(self.robot, self.start, self.known_faults)
+        real = self.plant_robot or self.robot
+        dynamics = robot_dynamics(real)
+        options: dict[str, Any] = {"dynamics": dynamics, "environment": self.environment, "faults": self.known_faults}
+        return DynamicPlant(real, self.start, **options, shared=real is not self.robot)
+
+    def _sensors(self) -> Sensors:
+        if isinstance(self.sensors, SensorSpecs):
+            return self._sensor_suite().read
+        return WatchedSensors(self.sensors(self), self.robot, self.specs, part_name(self.sensors))
+
+    def _sensor_suite(self) -> SensorSuite:
+        floor, specs = self.environment.seafloor, self.real_sensors or self.specs
+        return SensorSuite(self.robot, floor, specs, self.seed, self.altimeter_frame, self.known_faults)
+
+    def _true_measurement(self, state: State) -> Measurement:
+        suite = SensorSuite(self.robot, self.environment.seafloor, IDEAL_SENSORS, altimeter_frame=self.altimeter_frame)
+        return PassThrough(self.robot, IDEAL_SENSORS)(suite.read(state, 0.0), 0.0)
+
+    def _require_above_floor(self) -> None:
+        x, y, z = self.start[:3].tolist()
+        floor = self.environment.seafloor.height(x, y)
+        if z <= floor:
+            given = f"start position of the vehicle z = {z:g} m"
+            raise InvalidInput(f"{given} is below the seafloor z = {floor:g} m; raise it")
+
+
+@checked
+def pose_at(position: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)) -> pin.SE3:
+    """Pose from a position (3,) [m] and rpy (3,) [rad], R = Rz Ry Rx. Raises `InvalidInput` for anything else."""
+    p, angles = _three("position", position), _three("rpy", rpy)
+    return pin.SE3(pin.rpy.rpyToMatrix(angles), p)
+
+
+def _three(what: str, values: ArrayLike) -> np.ndarray:
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{what} = {values!r}; give three numbers") from None
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise InvalidInput(f"{what} = {array.tolist()}; give three finite numbers")
+    return array

@@ -1,1 +1,0 @@
-"""What values say of themselves: any value in, a small table out, as text and for notebooks."""

@@ -1,0 +1,386 @@
+"""Effects of faults: on samples of sensors, on thrusters, joints and payload, and steps of the current."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.assembly import with_trim
+from uvms_ocp.robot.description import TrimBody
+from uvms_ocp.robot.limits import Joint
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.sim.currents import Current
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.faults import Fault
+from uvms_ocp.sim.seafloor import Seafloor, ground_at
+
+# What faults make of the samples of one sensor: another value, another time stamp, a later arrival, or nothing.
+
+Disturb = Callable[[Any, np.ndarray], Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample:
+    """What a sensor takes at one time."""
+
+    value: Any
+    stamp: float
+    """[s] at which the sensor says that it was taken."""
+    extra_delay: float = 0.0
+    """[s] on top of the sensor's own."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class FaultyChannel:
+    """What a channel measures."""
+
+    name: str
+    disturb: Disturb
+    """(value, error (n,)) -> value: how an error acts on it."""
+    n: int
+    """[-] components of an error."""
+    origin: Any = None
+    """Value from which `stuck` counts; zeros unless given."""
+    joints: tuple[Joint, ...] = ()
+    """Whose readings its parts are, one by one, if any."""
+
+
+SampleEffect = Callable[[Sample, bool], Sample | None]
+"""A sample and whether the fault is there, to what is left of it."""
+
+
+class ChannelFaults:
+    """All faults of one channel, in their order. Holds what they remember: build one per run."""
+
+    def __init__(self, channel: FaultyChannel, faults: Sequence[Fault], seed: np.random.SeedSequence) -> None:
+        """Raises `InvalidInput` for values or joints that the channel does not have."""
+        streams = seed.spawn(len(faults))
+        self._effects = [
+            (fault, _EFFECTS[fault.kind](fault, _part(channel, fault), np.random.default_rng(stream)))
+            for fault, stream in zip(faults, streams, strict=True)
+        ]
+
+    def __call__(self, value: Any, t: float) -> Sample | None:
+        """What becomes of a value that was measured at time t [s]; `None` where it never arrives."""
+        sample: Sample | None = Sample(value, t)
+        for fault, effect in self._effects:
+            if sample is not None:
+                sample = effect(sample, fault.active(t))
+        return sample
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Part:
+    """The part of a channel that a fault strikes: all, or the reading of one joint."""
+
+    channel: FaultyChannel
+    values: slice
+    """Of the value."""
+    errors: range
+    """Of the components of an error."""
+
+    def error(self, entries: float | np.ndarray) -> np.ndarray:
+        error = np.zeros(self.channel.n)
+        error[self.errors.start : self.errors.stop] = entries
+        return error
+
+    def put(self, value: Any, part: Any) -> Any:
+        """A value whose part is that of another."""
+        if np.ndim(value) == 0:
+            return part
+        mixed = np.array(value)
+        mixed[self.values] = np.broadcast_to(part, mixed.shape)[self.values]
+        return mixed
+
+
+def _part(channel: FaultyChannel, fault: Fault) -> _Part:
+    number = fault.strikes.number
+    if number > len(channel.joints):
+        raise InvalidInput(f"{fault}: the robot has {len(channel.joints)} joints; give one of them, from 1")
+    if not number:
+        part = _Part(channel=channel, values=slice(None), errors=range(channel.n))
+    else:
+        first, joint = channel.joints[0], channel.joints[number - 1]
+        errors = range(joint.idx_v - first.idx_v, joint.idx_v - first.idx_v + joint.n_v)
+        begin = joint.idx_q - first.idx_q
+        turned = slice(begin, begin + joint.n_q)
+        values = turned if channel.name == "joint_positions" else slice(errors.start, errors.stop)
+        part = _Part(channel=channel, values=values, errors=errors)
+    if fault.kind in ("bias", "stuck") and len(fault.values) not in (1, len(part.errors)):
+        raise InvalidInput(f"{fault}: {len(fault.values)} values; give 1 or {len(part.errors)}")
+    return part
+
+
+Make = Callable[[Fault, _Part, np.random.Generator], SampleEffect]
+
+
+def _frozen(fault: Fault, part: _Part, rng: np.random.Generator) -> SampleEffect:
+    held: Any = None
+
+    def effect(sample: Sample, active: bool) -> Sample:
+        nonlocal held
+        if not active or held is None:
+            held = sample.value
+        return replace(sample, value=part.put(sample.value, held)) if active else sample
+
+    return effect
+
+
+def _lost(fault: Fault, part: _Part, rng: np.random.Generator) -> SampleEffect:
+    return lambda sample, active: None if active else sample
+
+
+def _nan(fault: Fault, part: _Part, rng: np.random.Generator) -> SampleEffect:
+    return _while_active(lambda sample: replace(sample, value=part.put(sample.value, math.nan)))
+
+
+def _bias(fault: Fault, part: _Part, rng: np.random.Generator) -> SampleEffect:
+    error, disturb = part.error(np.array(fault.values)), part.channel.disturb
+    return _while_active(lambda sample: replace(sample, value=disturb(sample.value, error)))
+
+
+def _stuck(fault: Fault, part: _Part, rng: np.random.Generator) -> SampleEffect:
+    error, channel = part.error(np.array(fault.values)), part.channel
+
+    def effect(sample: Sample) -> Sample:
+        zero = 0.0 if np.ndim(sample.value) == 0 else np.zeros_like(sample.value)
+        value = channel.disturb(zero if channel.origin is None else channel.origin, error)
+        return replace(sample, value=part.put(sample.value, value))
+
+    return _while_active(effect)
+
+
+def _spikes(fault: Fault, part: _Part, rng: np.random.Generator) -> SampleEffect:
+    size, share = fault.values
+
+    def effect(sample: Sample) -> Sample:
+        # All three are drawn for every reading, so that another share leaves the others where they were.
+        strikes, sign, component = rng.random(), rng.choice((-1.0, 1.0)), rng.choice(part.errors)
+        if strikes >= share:
+            return sample
+        error = np.zeros(part.channel.n)
+        error[component] = sign * size
+        return replace(sample, value=part.channel.disturb(sample.value, error))
+
+    return _while_active(effect)
+
+
+def _late(fault: Fault, part: _Part, rng: np.random.Generator) -> SampleEffect:
+    (delay,) = fault.values
+    return _while_active(lambda sample: replace(sample, extra_delay=sample.extra_delay + delay))
+
+
+def _ahead(fault: Fault, part: _Part, rng: np.random.Generator) -> SampleEffect:
+    (ahead,) = fault.values
+    return _while_active(lambda sample: replace(sample, stamp=sample.stamp + ahead))
+
+
+def _while_active(change: Callable[[Sample], Sample]) -> SampleEffect:
+    return lambda sample, active: change(sample) if active else sample
+
+
+_EFFECTS: Mapping[str, Make] = {
+    "frozen": _frozen,
+    "lost": _lost,
+    "nan": _nan,
+    "bias": _bias,
+    "stuck": _stuck,
+    "spikes": _spikes,
+    "late": _late,
+    "ahead": _ahead,
+}
+
+
+# In what condition thrusters are: which are dead, stuck, weak or reversed.
+
+_SHARES = {"dead": 0.0, "stuck": 0.0, "reversed": -1.0}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ThrusterCondition:
+    """Of all thrusters of a robot. Their steady thrust is ``share sound + offset``, for that of sound ones."""
+
+    share: np.ndarray
+    """(n,) [-] 1 sound, less weak, negative reversed, 0 dead or stuck."""
+    offset: np.ndarray
+    """(n,) [N] thrust at which they are stuck."""
+    dead: np.ndarray
+    """(n,) [-] whether they give nothing."""
+
+
+def condition_of(faults: Sequence[Fault], thrust: np.ndarray) -> ThrusterCondition:
+    """What these faults make of the thrusters, thrust (n,) [N] now."""
+    share, offset, dead = np.ones(len(thrust)), np.zeros(len(thrust)), np.zeros(len(thrust), dtype=bool)
+    for fault in faults:
+        if fault.strikes.family == "thruster":
+            k = fault.strikes.number - 1
+            if fault.kind == "stuck":
+                offset[k] = fault.values[0] if fault.values else thrust[k]
+            dead[k] |= fault.kind == "dead"
+            share[k] *= fault.values[0] if fault.kind == "weak" else _SHARES[fault.kind]
+    return ThrusterCondition(share=share, offset=np.where(dead, 0.0, offset), dead=dead)
+
+
+# Faults of the machine itself: which joints cannot move, what the tool carries, and whether a robot can have them at all.
+
+_TOOL = "tool"
+_NEED_WATER = {
+    "thruster": "has no thrusters",
+    "current": "feels no current",
+    "payload": "has no mass",
+}
+"""What the kinematic plant lacks, by the family of what a fault strikes."""
+
+
+def active_of(faults: Sequence[Fault], t: float) -> tuple[Fault, ...]:
+    """Those that are there at time t [s]."""
+    return tuple(fault for fault in faults if fault.active(t))
+
+
+def jammed_axes(robot: Robot, faults: Sequence[Fault]) -> tuple[int, ...]:
+    """Entries of v [-] of the joints that cannot move."""
+    joints = [robot.joints[fault.strikes.number - 1] for fault in faults if fault.strikes.family == "joint"]
+    return tuple(sorted({axis for joint in joints for axis in range(joint.v.start, joint.v.stop)}))
+
+
+def payloads(faults: Sequence[Fault]) -> tuple[Fault, ...]:
+    """Those that put something into the tool."""
+    return tuple(fault for fault in faults if fault.strikes.family == "payload")
+
+
+def loaded(robot: Robot, carried: Sequence[Fault]) -> Robot:
+    """The robot with these payloads: point masses at the origin of the frame ``tool``."""
+    bodies = [
+        TrimBody(
+            name=f"payload {k + 1}",
+            link=_TOOL,
+            position=(0.0, 0.0, 0.0),
+            mass=fault.values[0],
+            volume=fault.values[1] if len(fault.values) > 1 else 0.0,
+        )
+        for k, fault in enumerate(carried)
+    ]
+    return with_trim(robot, bodies)
+
+
+def joined_velocity(before: np.ndarray, after: np.ndarray, v: np.ndarray, locked: tuple[int, ...] = ()) -> np.ndarray:
+    """Velocity (n_v,) [m/s, rad/s] once the robot has taken hold of something at rest: ``after v_next = before v``.
+
+    The momentum of the robot is then that of robot and load. before, after: mass matrices (n_v, n_v)
+    [kg, kg m, kg m2]; v (n_v,) [m/s, rad/s]. locked: entries [-] that are and stay at 0.
+    """
+    import scipy.linalg  # a tenth of a second, for the few that take hold of something
+
+    free = [i for i in range(len(v)) if i not in locked]
+    joined = np.zeros(len(v))
+    joined[free] = scipy.linalg.solve(after[np.ix_(free, free)], (before @ v)[free], assume_a="pos")
+    return joined
+
+
+def require_possible(faults: Sequence[Fault], robot: Robot, *, kinematic: bool) -> None:
+    """Raise `InvalidInput`, in one line, for a fault of what this robot or plant does not have. Sensors look at theirs."""
+    n_thrusters = len(robot.description.thrusters)
+    for fault in faults:
+        family, number = fault.strikes.family, fault.strikes.number
+        if kinematic and family in _NEED_WATER:
+            raise InvalidInput(f"{fault}: the kinematic plant {_NEED_WATER[family]}; use the dynamic plant")
+        if family == "thruster" and number > n_thrusters:
+            raise InvalidInput(f"{fault}: the robot has {n_thrusters} thrusters; give one of them, from 1")
+        if family == "joint" and number > len(robot.joints):
+            raise InvalidInput(f"{fault}: the robot has {len(robot.joints)} joints; give one of them, from 1")
+        if family == "payload" and not robot.has_frame(_TOOL):
+            raise InvalidInput(f"{fault}: the robot has no frame {_TOOL!r} to carry it; leave the fault out")
+
+
+# Currents that set in while the robot is under way, on top of what flows there anyway.
+
+RISE = 2.0
+"""[s] from nothing to the whole step, and back at its end."""
+LAYER = 2.0
+"""[m] above the floor over which the vertical part grows from 0 (assumed): no water flows through the floor."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class SteppedCurrent(Current):
+    """A current with steps on top, each a cosine in time; their vertical part is a cosine in the height above the floor.
+
+    The horizontal outflow that the vertical part would bring about above the floor is neglected.
+    """
+
+    base: Current
+    """What flows without the faults."""
+    seafloor: Seafloor
+    """Through which nothing flows."""
+    faults: tuple[Fault, ...]
+    """Steps of the current."""
+
+    def velocity(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        base, step = self.base.velocity(p_W, t), self._step(t)
+        return base + self._shape(p_W, step) if step.any() else base
+
+    def rate(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        base, slope = self.base.rate(p_W, t), self._slope(t)
+        return base + self._shape(p_W, slope) if slope.any() else base
+
+    def gradient(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        base, vertical = self.base.gradient(p_W, t), self._step(t)[2]
+        if not vertical:
+            return base
+        added = np.zeros((len(p_W), 3, 3))
+        added[:, 2] = vertical * self._slope_of_share(p_W)
+        return base + added
+
+    def _step(self, t: float) -> np.ndarray:
+        """(3,) [m/s] of all steps together, far above the floor."""
+        parts = [(_risen(t - fault.onset) - _risen(t - fault.end)) * np.array(fault.values) for fault in self.faults]
+        return np.sum(parts, axis=0)
+
+    def _slope(self, t: float) -> np.ndarray:
+        """(3,) [m/s2] of `_step` over time."""
+        parts = [(_rising(t - fault.onset) - _rising(t - fault.end)) * np.array(fault.values) for fault in self.faults]
+        return np.sum(parts, axis=0)
+
+    def _shape(self, p_W: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """(n, 3): a step at points p_W (n, 3), less its vertical part near the floor."""
+        field = np.tile(step, (len(p_W), 1))
+        if step[2]:
+            heights = p_W[:, 2] - ground_at(self.seafloor, p_W[:, :2])[0]
+            field[:, 2] *= [_smooth(height / LAYER) for height in heights.tolist()]
+        return field
+
+    def _slope_of_share(self, p_W: np.ndarray) -> np.ndarray:
+        """(n, 3) [1/m] gradient of the share of the vertical part that is left at points p_W (n, 3)."""
+        floor, normals = ground_at(self.seafloor, p_W[:, :2])
+        slopes = [_smooth_slope(height / LAYER) / LAYER for height in (p_W[:, 2] - floor).tolist()]
+        return np.array(slopes)[:, None] * normals / normals[:, 2:]
+
+
+def with_steps(environment: Environment, faults: Sequence[Fault]) -> Environment:
+    """The environment with the steps of its current that are among the faults."""
+    own = tuple(fault for fault in faults if fault.strikes.family == "current")
+    if not own:
+        return environment
+    current = SteppedCurrent(base=environment.current, seafloor=environment.seafloor, faults=own)
+    return replace(environment, current=current)
+
+
+def _risen(elapsed: float) -> float:
+    return _smooth(elapsed / RISE)
+
+
+def _rising(elapsed: float) -> float:
+    return _smooth_slope(elapsed / RISE) / RISE
+
+
+def _smooth(share: float) -> float:
+    """From 0 at 0 to 1 at 1, level beyond both."""
+    return 0.5 - 0.5 * math.cos(math.pi * min(max(share, 0.0), 1.0))
+
+
+def _smooth_slope(share: float) -> float:
+    return 0.5 * math.pi * math.sin(math.pi * share) if 0.0 < share < 1.0 else 0.0

@@ -1,0 +1,301 @@
+"""Faults: targets, kinds and values in one table, the fault as a value, and its notation ``TARGET:KIND=VALUES@ONSET-END``."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+from uvms_ocp.argument_kinds import short
+from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.robot.signals import CHANNELS
+from uvms_ocp.types import DAY, Bound
+
+# Every kind of fault: what it can strike, its values and their ranges. One table for values, text and messages.
+
+_LARGEST = 1e6
+_SHORT_NAMES = {"altimeter": "altimeter_range"}
+_COUNTER = re.compile(r"[1-9]\d{0,3}")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ValueRange:
+    """One number that a kind takes."""
+
+    what: str
+    """In words, with its unit."""
+    lower: float = -_LARGEST
+    """[unit of the value]"""
+    upper: float = _LARGEST
+    """[unit of the value]"""
+    above: bool = False
+    """Whether `lower` itself is too little."""
+    below: bool = False
+    """Whether `upper` itself is too much."""
+
+    def holds(self, value: float) -> bool:
+        """Whether a value [unit of the value] is allowed."""
+        inside = self.lower <= value <= self.upper
+        return inside and not (self.above and value == self.lower) and not (self.below and value == self.upper)
+
+    def __str__(self) -> str:
+        ends = (
+            f"{'more than ' if self.above else ''}{self.lower:g} to {'less than ' if self.below else ''}{self.upper:g}"
+        )
+        return f"{self.what}, {ends}"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FaultKind:
+    """What one kind of fault does and takes."""
+
+    does: str
+    """In words."""
+    values: tuple[ValueRange, ...] = ()
+    fewest: int | None = None
+    """[-] number of values that must be given; all by default."""
+    for_each: bool = False
+    """Whether its one value may also be given for each component of the channel."""
+
+    def takes(self, n: int) -> bool:
+        """Whether n [-] values may be given."""
+        return n >= 1 if self.for_each else self.least <= n <= len(self.values)
+
+    @property
+    def least(self) -> int:
+        """[-] number of values that must be given."""
+        return len(self.values) if self.fewest is None else self.fewest
+
+    def range_of(self, index: int) -> ValueRange:
+        """Of the value at index [-]."""
+        return self.values[0] if self.for_each else self.values[index]
+
+
+def _unit(what: str) -> ValueRange:
+    return ValueRange(what=f"{what} [unit of the channel]")
+
+
+_OF_VALUES: Mapping[str, FaultKind] = {
+    "frozen": FaultKind(does="repeats its last value, with new time stamps"),
+    "nan": FaultKind(does="reads what is no number"),
+    "spikes": FaultKind(
+        does="a share of the readings is off in one component, drawn, by the size, either way",
+        values=(
+            ValueRange(what="size [unit of the channel]", lower=0.0, above=True),
+            ValueRange(what="share of the readings [-]", lower=0.0, upper=1.0, above=True),
+        ),
+    ),
+    "bias": FaultKind(does="is off by a constant", values=(_unit("offset"),), for_each=True),
+    "stuck": FaultKind(does="reads one value", values=(_unit("value"),), for_each=True),
+}
+_OF_MESSAGES: Mapping[str, FaultKind] = {
+    "lost": FaultKind(does="delivers nothing new"),
+    "late": FaultKind(
+        does="delivers later than it should",
+        values=(ValueRange(what="extra delay [s]", lower=0.0, upper=1e3, above=True),),
+    ),
+    "ahead": FaultKind(
+        does="stamps readings with a time in the future",
+        values=(ValueRange(what="by how much [s]", lower=0.0, above=True),),
+    ),
+}
+_OF_THRUSTERS: Mapping[str, FaultKind] = {
+    "dead": FaultKind(does="gives no thrust and takes no power"),
+    "stuck": FaultKind(
+        does="stays at its thrust, or goes to the one given",
+        values=(ValueRange(what="thrust [N]", lower=-1e5, upper=1e5),),
+        fewest=0,
+    ),
+    "weak": FaultKind(
+        does="gives a share of what it should",
+        values=(ValueRange(what="share [-]", lower=0.0, upper=1.0, below=True),),
+    ),
+    "reversed": FaultKind(does="pushes the other way"),
+}
+_FLOW = ValueRange(what="velocity in W [m/s]", lower=-10.0, upper=10.0)
+
+FAMILIES: Mapping[str, Mapping[str, FaultKind]] = {
+    "sensor": {**_OF_VALUES, **_OF_MESSAGES},
+    "encoder": _OF_VALUES,
+    "thruster": _OF_THRUSTERS,
+    "joint": {"jam": FaultKind(does="cannot move any more")},
+    "current": {
+        "step": FaultKind(
+            does="adds a current that rises over 2 s; its vertical part falls to 0 at the floor", values=(_FLOW,) * 3
+        )
+    },
+    "payload": {
+        "mass": FaultKind(
+            does="picks up with the tool what lies still",
+            values=(
+                ValueRange(what="mass [kg]", lower=0.0, upper=1e4, above=True),
+                ValueRange(what="displaced volume [m3]", lower=0.0, upper=10.0),
+            ),
+            fewest=1,
+        )
+    },
+}
+"""Kinds by the family of their target: a channel, one joint's reading in it, a thruster, a joint, the water, the tool."""
+
+_ENCODERS = {"position": "joint_positions", "velocity": "joint_velocities"}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FaultTarget:
+    """What a fault strikes."""
+
+    name: str
+    """As faults spell it."""
+    family: str
+    """Key of `FAMILIES`."""
+    channel: str = ""
+    """Of sensors and encoders, one of `CHANNELS`."""
+    number: int = 0
+    """[-] of a thruster or joint, from 1."""
+
+
+@lru_cache(maxsize=1024)
+def target_of(name: str) -> FaultTarget:
+    """The target of that name, such as ``altimeter``, ``joint3_position``, ``thruster3``, ``joint2``, ``current`` or ``payload``.
+
+    Raises `NameNotFound` for any other.
+    """
+    name = _SHORT_NAMES.get(name, name)
+    if name in CHANNELS:
+        return FaultTarget(name=name, family="sensor", channel=name)
+    if name in ("current", "payload"):
+        return FaultTarget(name=name, family=name)
+    numbered = re.fullmatch(rf"(thruster|joint)({_COUNTER.pattern})(?:_(position|velocity))?", name)
+    if numbered is None or (numbered[1] == "thruster" and numbered[3]):
+        raise NameNotFound("target of a fault", name, known_targets(name))
+    if numbered[3]:
+        return FaultTarget(name=name, family="encoder", channel=_ENCODERS[numbered[3]], number=int(numbered[2]))
+    return FaultTarget(name=name, family=numbered[1], number=int(numbered[2]))
+
+
+def known_targets(like: str = "") -> tuple[str, ...]:
+    """Names of targets, with the number of the name that they are to be like."""
+    found = _COUNTER.search(like)
+    k = found[0] if found else "1"
+    numbered = (f"thruster{k}", f"joint{k}", f"joint{k}_position", f"joint{k}_velocity")
+    return (*CHANNELS, *_SHORT_NAMES, *numbered, "current", "payload")
+
+
+def kind_of(target: FaultTarget, name: str) -> FaultKind:
+    """The kind of that name. Raises `NameNotFound` where the target has no such fault."""
+    kinds = FAMILIES[target.family]
+    if name not in kinds:
+        raise NameNotFound(f"fault of {target.name}", name, kinds)
+    return kinds[name]
+
+
+# A fault: what goes wrong, how much, from when and until when.
+
+_EARLY = 1e-9  # [s] a tick that rounding puts just before a time counts
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Fault:
+    """One fault. `uvms_ocp.sim.faults` has the table of targets, kinds and values.
+
+    Raises `NameNotFound` for an unknown target or kind, and `InvalidInput` for values or times that are impossible.
+    """
+
+    target: str
+    """A channel such as ``altimeter``, or ``joint3_position``, ``thruster3``, ``joint2``, ``current``, ``payload``."""
+    kind: str
+    """Of that target, such as ``frozen``."""
+    values: tuple[float, ...] = ()
+    """[units of the kind]"""
+    onset: float = 0.0
+    """[s]"""
+    end: Bound = math.inf
+    """[s] from which all is well again; inf: never."""
+
+    def __post_init__(self) -> None:
+        target = target_of(self.target)
+        object.__setattr__(self, "target", target.name)
+        for name in ("values", "onset", "end"):  # whole numbers are numbers too
+            value = getattr(self, name)
+            object.__setattr__(self, name, tuple(map(float, value)) if name == "values" else float(value))
+        _require_values(self)
+        if not 0.0 <= self.onset <= DAY:
+            raise InvalidInput(f"onset of {self.target}:{self.kind} = {self.onset:g} s; give 0 to {DAY:g} s")
+        if not (self.onset < self.end and (self.end <= DAY or self.end == math.inf)):
+            times = f"onset = {self.onset:g} s, end = {self.end:g} s"
+            raise InvalidInput(f"{self.target}:{self.kind} with {times}; give an end after the onset, within a day")
+
+    def __str__(self) -> str:
+        """As `parse_fault` reads it."""
+        values = f"={','.join(map(plain, self.values))}" if self.values else ""
+        until = "" if self.end == math.inf else f"-{plain(self.end)}"
+        return f"{self.target}:{self.kind}{values}@{plain(self.onset)}{until}"
+
+    @property
+    def strikes(self) -> FaultTarget:
+        """What it strikes, looked up."""
+        return target_of(self.target)
+
+    @checked_on_failure
+    def active(self, t: float) -> bool:
+        """Whether it is there at time t [s]."""
+        return is_active(self.onset, self.end, t)
+
+
+def is_active(onset: float, end: float, t: float) -> bool:
+    """Whether something that lasts from `onset` [s] to `end` [s] is there at time t [s]."""
+    return onset <= t + _EARLY < end
+
+
+def plain(number: float) -> str:
+    """The shortest text that `float` reads as the same number [any unit]."""
+    return repr(number).removesuffix(".0")
+
+
+def _require_values(fault: Fault) -> None:
+    kind, n = kind_of(fault.strikes, fault.kind), len(fault.values)
+    what = f"{fault.target}:{fault.kind}"
+    if not kind.takes(n):
+        wanted = "; ".join(map(str, kind.values)) or "none"
+        optional = f", the first {kind.least} of them" if kind.least < len(kind.values) else ""
+        each = ", or one for each component" if kind.for_each else ""
+        raise InvalidInput(f"{what} with {n} values; give {wanted}{optional}{each}")
+    for index, value in enumerate(fault.values):
+        if not kind.range_of(index).holds(value):
+            raise InvalidInput(f"{what} with the value {value:g}; give {kind.range_of(index)}")
+
+
+# Faults as text, ``TARGET:KIND=VALUES@ONSET-END``; ``str`` of a fault is the way back.
+
+_FORM = "TARGET:KIND=VALUES@ONSET-END, such as altimeter:frozen@8, position:bias=5,0,0@10-20 or thruster3:dead@20"
+_DECIMAL = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_TEXT = re.compile(
+    r"(?P<target>\w+):(?P<kind>\w+)"
+    rf"(?:=(?P<values>{_DECIMAL}(?:,{_DECIMAL})*))?"
+    rf"(?:@(?P<onset>{_DECIMAL})(?:-(?P<end>{_DECIMAL}))?)?",
+    re.ASCII,
+)
+_LONGEST = 200
+
+
+@checked
+def parse_fault(text: str) -> Fault:
+    """The fault that a text describes: without values, onset 0 and no end where these are left out.
+
+    Times in s, values in the units of the kind. Raises `InvalidInput` and `NameNotFound`, in one line.
+    """
+    found = _TEXT.fullmatch(text.strip()) if len(text) <= _LONGEST else None
+    if found is None:
+        raise InvalidInput(f"fault {short(text)}; write {_FORM}")
+    values = tuple(float(word) for word in found["values"].split(",")) if found["values"] else ()
+    onset, end = float(found["onset"] or 0.0), float(found["end"] or math.inf)
+    return Fault(target=found["target"], kind=found["kind"], values=values, onset=onset, end=end)
+
+
+def parse_faults(given: Iterable[str | Fault]) -> tuple[Fault, ...]:
+    """Faults, of which some may be texts. Raises `InvalidInput` and `NameNotFound`, in one line."""
+    return tuple(fault if isinstance(fault, Fault) else parse_fault(fault) for fault in given)

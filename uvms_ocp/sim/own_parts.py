@@ -1,0 +1,163 @@
+"""Plants, sensors, estimators, controllers and faults of a user: protocols of what makes them, and what is required of these.
+
+A maker is called with the scenario and builds what takes long to build, so that a step only steps: an instance with settings, a
+function, or a class whose constructor takes the scenario. What it makes runs as Python beside what is compiled, fresh in every
+run: what it remembers belongs to that run, and what it draws it draws from `scenario.seed`. A maker that can be pickled, a class
+or a value of a class that can be imported, goes to the workers of studies. Shapes and numbers are checked at every tick; what
+does not fit raises `InvalidInput` with the name of the part. Records and reports name all parts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import partial
+from typing import Any, Protocol
+
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.robot.signals import Command, Readings, SensorSpecs
+from uvms_ocp.sim.faults import Fault
+from uvms_ocp.sim.loop import Controller, Sensors, StateEstimator
+from uvms_ocp.sim.plant import Plant
+
+# What was given for a part: a value of the toolkit's or what makes one of a user's own, and what is known of it beforehand.
+
+PLANTS = ("dynamic", "kinematic")
+"""Of the toolkit, by name."""
+
+
+def part_name(maker: Any) -> str:
+    """What records call the part that it makes: the name of a function or class, of anything else that of its class."""
+    if isinstance(maker, partial):
+        return part_name(maker.func)
+    return str(getattr(maker, "__name__", type(maker).__name__)).strip("<>")
+
+
+def plant_name(plant: Any) -> str:
+    """Of one of the toolkit's the name that it goes by."""
+    return plant if isinstance(plant, str) else part_name(plant)
+
+
+def require_plant(plant: Any) -> None:
+    """Raise `NameNotFound` for an unknown name, `InvalidInput` for a maker that does not tell what its plant takes."""
+    if isinstance(plant, str):
+        if plant not in PLANTS:
+            raise NameNotFound("plant", plant, PLANTS)
+    elif not isinstance(getattr(plant, "takes_forces", None), bool):
+        allowed = "give it True for thrust and torque, False for velocities alone"
+        raise InvalidInput(f"plant {part_name(plant)} has no takes_forces; {allowed}")
+
+
+def takes_forces(plant: Any) -> bool:
+    """Whether it takes thrust and torque, or velocities alone."""
+    return plant == "dynamic" if isinstance(plant, str) else bool(plant.takes_forces)
+
+
+def specs_of(sensors: Any) -> SensorSpecs:
+    """What to expect of the sensors. Raises `InvalidInput` for a maker that does not tell."""
+    specs = sensors if isinstance(sensors, SensorSpecs) else getattr(sensors, "specs", None)
+    if not isinstance(specs, SensorSpecs):
+        allowed = "give it what to expect of them, such as IDEAL_SENSORS"
+        raise InvalidInput(f"sensors {part_name(sensors)} have no specs, a SensorSpecs; {allowed}")
+    return specs
+
+
+def require_suffered(faults: Iterable[Fault], plant: Any, sensors: Any) -> None:
+    """Raise `InvalidInput` for a fault of a user's own plant or sensors that these do not have of themselves."""
+    for fault in faults:
+        channel = fault.strikes.channel
+        maker, what = (sensors, channel) if channel else (plant, fault.strikes.family)
+        own = not isinstance(maker, str | SensorSpecs)
+        if own and what not in getattr(maker, "suffers", ()):
+            whose = f"{'sensors' if channel else 'plant'} {part_name(maker)}"
+            raise InvalidInput(
+                f"{fault}: {whose} has no {what!r} in its suffers; add it and simulate it, or leave it out"
+            )
+
+
+# What `Scenario` takes for its parts beside the toolkit's own: values that make a part for each run.
+#
+# A maker is called with the scenario and builds what takes long to build, so that a step only steps: an instance with settings, a
+# function, or a class whose constructor takes the scenario. What it makes runs as Python beside what is compiled, fresh in every
+# run: what it remembers belongs to that run, and what it draws it draws from `scenario.seed`. A maker that can be pickled, a class
+# or a value of a class that can be imported, goes to the workers of studies. Shapes and numbers are looked at at every tick; what
+# does not fit raises `InvalidInput` with the name of the part. Records and reports tell the names of all parts.
+
+
+class PlantMaker(Protocol):
+    """Of ``Scenario(plant=...)``, where it is none of the names ``dynamic`` and ``kinematic``.
+
+    It may have `suffers`, a tuple of ``thruster``, ``joint``, ``current`` and ``payload``: the faults that its plant has of
+    itself when `scenario.known_faults` lists them; others are refused, those of sensors are none of its business. Campaigns vary
+    `scenario.plant_robot` and `scenario.environment`, and of a maker that is a dataclass every float by its name, such as
+    ``parts.plant.rate``: what a plant does not read is not varied.
+    """
+
+    takes_forces: bool
+    """Whether commands carry thrust and torque for it, from the controller's dynamic layer; otherwise velocities alone."""
+
+    def __call__(self, scenario: Any) -> Plant:
+        """The plant of a `Scenario`, at its start and at rest."""
+
+
+class Disturbance(Protocol):
+    """What goes wrong in one run, asked from its onset to its end."""
+
+    def readings(self, readings: Readings, t: float) -> Readings:
+        """What arrives of the sensors at time t [s]; the same object where nothing is wrong, others are new readings."""
+
+    def command(self, command: Command, t: float) -> Command:
+        """What arrives of the command at the plant at time t [s]. The record keeps what was asked for."""
+
+
+class FaultMaker(Protocol):
+    """Among ``Scenario(faults=...)``, beside each `Fault`: what goes wrong between the parts."""
+
+    onset: float
+    """[s], 0 or more."""
+    end: float
+    """[s] from which all is well again; inf: never."""
+
+    def __call__(self, scenario: Any) -> Disturbance:
+        """The fault in a run of a `Scenario`."""
+
+
+class SensorsMaker(Protocol):
+    """Of ``Scenario(sensors=...)``, where it is no `SensorSpecs`.
+
+    It may have `suffers`, a tuple of channels: the faults that its sensors have of themselves when `scenario.known_faults` lists
+    them; others are refused. Campaigns vary `scenario.real_sensors`, what they are truly like where that is not as `specs` say;
+    delays that are told are those of the toolkit's sensors alone.
+    """
+
+    @property
+    def specs(self) -> SensorSpecs:
+        """What estimator, monitor and pre-flight expect of them."""
+
+    def __call__(self, scenario: Any) -> Sensors:
+        """The sensors of a `Scenario`: a callable ``(State, t) -> Readings`` of the true state at time t [s].
+
+        A reading that is the same object as at the tick before is no new one. Values may be nan: that is a sensor which fails,
+        and the monitor deals with it. Of channels that `specs` has, readings of the shapes of `Readings`.
+        """
+
+
+class EstimatorMaker(Protocol):
+    """Of ``Scenario(estimator=...)``."""
+
+    def __call__(self, scenario: Any) -> StateEstimator:
+        """The estimator of a `Scenario`: a callable ``(Readings, t, command) -> Measurement`` at time t [s].
+
+        `command` has been acting since the last call, `None` at the first. A monitor stands around it: readings that cannot be
+        true are kept from it, and age and health of its measurements are the monitor's. One that has `outcomes` and
+        `doubt_velocity`, as `uvms_ocp.control.Estimator` does, is heard by the monitor too.
+        """
+
+
+class ControllerMaker(Protocol):
+    """Of ``Scenario(controller=...)``."""
+
+    def __call__(self, scenario: Any) -> Controller:
+        """The controller of a `Scenario`: a callable ``(Measurement, t) -> Command`` at time t [s].
+
+        The command has thrust and torque where the plant takes forces. `WatchedController` follows the mission beside it.
+        """

@@ -1,0 +1,284 @@
+"""Check what a user's own plant, sensors, estimator and faults return at every tick, and inject those faults."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.checks import unchecked_constructor
+from uvms_ocp.control.external import require_numbers
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.estimation.estimator import Estimator, PassThrough
+from uvms_ocp.estimation.filter_memory import NUMBER
+from uvms_ocp.estimation.health.guarded_estimator import Gating
+from uvms_ocp.estimation.health.settings import sizes_of
+from uvms_ocp.record.meta_values import NEARLY_ONE, FaultMeta
+from uvms_ocp.record.tables import SERIES
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import CHANNELS, Command, Measurement, Reading, Readings, SensorSpecs, State
+from uvms_ocp.sim.dynamic_step import skid_points
+from uvms_ocp.sim.faults import Fault, is_active, plain
+from uvms_ocp.sim.loop import Sensors, StateEstimator
+from uvms_ocp.sim.own_parts import Disturbance, part_name
+from uvms_ocp.sim.plant import EFFORTS, Plant
+from uvms_ocp.types import Array
+
+# Somebody else's estimator, whose measurements are looked at before anyone relies on them.
+
+_OURS = (PassThrough, Estimator)
+
+
+def watched_estimator(made: Any, robot: Robot, name: str) -> StateEstimator:
+    """It, watched unless it is the toolkit's own; one that tells of gates of its own still does."""
+    if type(made) in _OURS:
+        return made
+    return (WatchedGates if isinstance(made, Gating) else WatchedEstimator)(made, robot, name)
+
+
+class WatchedEstimator:
+    """A callable ``(Readings, t, command) -> Measurement`` that asks another one."""
+
+    def __init__(self, estimator: Any, robot: Robot, name: str) -> None:
+        """name: what messages call it."""
+        self._theirs, self._robot, self._whose = estimator, robot, f"the measurement of estimator {name}"
+        self._name = name
+
+    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
+        """Their measurement at time t [s]. Raises `InvalidInput` for one that no controller can take."""
+        told = self._theirs(readings, t, command)
+        if not isinstance(told, Measurement):
+            raise InvalidInput(f"estimator {self._name} returned {type(told).__name__}; return a Measurement")
+        robot = self._robot
+        require_numbers(self._whose, "q", told.q, (robot.n_q,))
+        require_numbers(self._whose, "v", told.v, (robot.n_v,))
+        if told.spread is not None:
+            require_numbers(self._whose, "spread", told.spread, (robot.n_v,))
+        require_normalized(self._whose, robot, told.q)
+        return told
+
+
+class WatchedGates(WatchedEstimator):
+    """One that tells which readings it refuses."""
+
+    def __init__(self, estimator: Any, robot: Robot, name: str) -> None:
+        """As of `WatchedEstimator`. Raises `InvalidInput` for outcomes that the monitor cannot share."""
+        super().__init__(estimator, robot, name)
+        self.outcomes: Array = estimator.outcomes
+        """(9, 4) [s, -, -, -] theirs, see `Gating.outcomes`."""
+        shape = (len(NUMBER), 4)
+        found = np.shape(self.outcomes)
+        if found != shape or self.outcomes.dtype != float or not self.outcomes.flags.c_contiguous:
+            raise InvalidInput(f"outcomes of estimator {name} of shape {found}; give {shape}, floats row by row")
+
+    def doubt_velocity(self, *, rests: bool = False) -> None:
+        """Pass it on."""
+        self._theirs.doubt_velocity(rests=rests)
+
+
+def require_normalized(whose: str, robot: Robot, q: np.ndarray) -> None:
+    """Raise `InvalidInput` for q (n_q,) [m, rad] whose quaternion, or pair of cos and sin, is not of norm 1."""
+    if not pin.isNormalized(robot.model, q, NEARLY_ONE):
+        raise InvalidInput(f"{whose} has q with an attitude or a turning joint not of norm 1; normalize it")
+
+
+# Somebody else's plant, whose state and telemetry are looked at before they are recorded.
+
+_REAL = "biuf"
+_MAYBE_UNKNOWN = "thruster_energy"
+
+
+class WatchedPlant(Plant):
+    """Another one, asked."""
+
+    def __init__(self, plant: Any, robot: Robot, name: str) -> None:
+        """name: what messages call it. Raises `InvalidInput` for what is no `Plant`, or one that begins with a wrong state."""
+        missing = [item for item in ("state", "step", "telemetry") if not hasattr(plant, item)]
+        if missing:
+            raise InvalidInput(f"plant {name} made {type(plant).__name__} without {', '.join(missing)}; make a Plant")
+        self._theirs, self._robot, self._name = plant, robot, name
+        n_thrusters, n_joints = len(robot.description.thrusters), robot.n_joints
+        self._shapes: dict[str, tuple[int, ...]] = dict(
+            zip(EFFORTS, ((n_thrusters,), (n_joints,), (n_thrusters,), ()), strict=True),
+            contact=(len(skid_points(robot)),),
+            current=(3,),
+        )
+        self.state = self._right(plant.state)
+
+    def step(self, command: Command, dt: float) -> None:
+        """Theirs, by dt [s]. Raises `InvalidInput` for a state that cannot be."""
+        self._theirs.step(command, dt)
+        self.state = self._right(self._theirs.state)
+
+    def telemetry(self) -> dict[str, Any]:
+        """Theirs. Raises `InvalidInput` for what cannot be recorded, or not under that name."""
+        told = self._theirs.telemetry()
+        if not isinstance(told, dict):
+            raise InvalidInput(f"telemetry of plant {self._name} is {type(told).__name__}; give a dict, empty for none")
+        given = [name for name in EFFORTS if name in told]
+        if given and len(given) < len(EFFORTS):
+            raise InvalidInput(
+                f"telemetry of plant {self._name} has {given[0]!r}; give all of {', '.join(EFFORTS)}, or none"
+            )
+        return {name: self._recorded(name, value) for name, value in told.items()}
+
+    def _right(self, state: Any) -> State:
+        name, robot = self._name, self._robot
+        if not isinstance(state, State):
+            raise InvalidInput(f"state of plant {name} is {type(state).__name__}; give a State")
+        whose = f"the state of plant {name}"
+        require_numbers(whose, "q", state.q, (robot.n_q,))
+        require_numbers(whose, "v", state.v, (robot.n_v,))
+        if state.a is not None:
+            require_numbers(whose, "a", state.a, (robot.n_v,))
+        require_normalized(whose, robot, state.q)
+        return state
+
+    def _recorded(self, name: str, value: Any) -> np.ndarray:
+        whose, array = f"telemetry of plant {self._name}", np.asarray(value)
+        if array.dtype.kind not in _REAL or array.ndim > 1:
+            raise InvalidInput(
+                f"{whose} has {name} of shape {array.shape} and type {array.dtype}; give numbers (n,), or one"
+            )
+        if name not in self._shapes:
+            if name in SERIES:
+                raise InvalidInput(f"{whose} has {name!r}, which means something else in records; rename it")
+            return array
+        known = array[~np.isnan(array)] if name == _MAYBE_UNKNOWN else array
+        if array.shape != self._shapes[name] or not np.isfinite(known).all():
+            found = f"of shape {array.shape}" if array.shape != self._shapes[name] else "not finite"
+            raise InvalidInput(f"{whose} has {name} {found}; give finite numbers of shape {self._shapes[name]}")
+        return array.astype(float)
+
+
+# Somebody else's sensors, whose readings are looked at before the monitor sees them.
+
+_all = attrgetter(*CHANNELS)
+_state = unchecked_constructor(State)
+
+
+class WatchedSensors:
+    """A callable ``(State, t) -> Readings`` that asks another one."""
+
+    def __init__(self, sensors: Any, robot: Robot, specs: SensorSpecs, name: str) -> None:
+        """specs: which channels to expect. name: what messages call them. Raises `InvalidInput` for what cannot be called."""
+        if not callable(sensors):
+            raise InvalidInput(f"sensors {name} made {type(sensors).__name__}; make a callable (State, t) -> Readings")
+        self._theirs: Callable[[State, float], Readings] = sensors
+        self._name, self._sizes = name, sizes_of(robot)
+        self._expected = {channel for channel in CHANNELS if getattr(specs, channel) is not None}
+        self._seen: dict[str, Reading[Any] | None] = dict.fromkeys(CHANNELS)
+
+    def __call__(self, state: State, t: float) -> Readings:
+        """Their readings of the true state at time t [s]. Raises `InvalidInput` for what is no reading of that channel."""
+        # Copied: nobody who writes to a reading reaches the true state.
+        readings = self._theirs(_state(q=state.q.copy(), v=state.v.copy(), a=state.a), t)
+        if not isinstance(readings, Readings):
+            raise InvalidInput(f"sensors {self._name} returned {type(readings).__name__}; return Readings")
+        for channel, reading in zip(CHANNELS, _all(readings), strict=True):
+            if reading is not None and reading is not self._seen[channel]:
+                self._require(channel, reading)
+                self._seen[channel] = reading
+        return readings
+
+    def _require(self, channel: str, reading: Reading[Any]) -> None:
+        if channel not in self._expected:
+            raise InvalidInput(f"sensors {self._name} read {channel}, which their specs leave out; add it to them")
+        shape, right = np.shape(reading.value), self._sizes[channel]
+        if shape != right:
+            raise InvalidInput(f"sensors {self._name} read {channel} of shape {shape}; give {right}")
+
+
+# Faults of a user's own, between the toolkit's parts or others: on what sensors tell and on what the plant is told.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Struck:
+    """A fault, made for one run."""
+
+    maker: Any
+    made: Disturbance
+
+    def active(self, t: float) -> bool:
+        """Whether it is there at time t [s]."""
+        return is_active(self.maker.onset, self.maker.end, t)
+
+    def command(self, command: Command, t: float) -> Command:
+        """What is left of a command at time t [s]. Raises `InvalidInput` for one that the plant cannot take."""
+        left = self.made.command(command, t)
+        name = part_name(self.maker)
+        if not isinstance(left, Command):
+            raise InvalidInput(f"fault {name} returned {type(left).__name__} for a command; return a Command")
+        for item in ("v", "thrust", "torque"):
+            if (asked := getattr(command, item)) is not None:
+                require_numbers(f"the command of fault {name}", item, getattr(left, item), asked.shape)
+        return left
+
+
+class StruckPlant(Plant):
+    """A plant that does not hear all that it is told."""
+
+    def __init__(self, plant: Plant, struck: Sequence[Struck]) -> None:
+        self._plant, self._struck, self._t = plant, tuple(struck), 0.0
+        self.state = plant.state
+
+    def step(self, command: Command, dt: float) -> None:
+        """Advance by dt [s], by what is left of the command."""
+        for fault in self._struck:
+            if fault.active(self._t):
+                command = fault.command(command, self._t)
+        self._plant.step(command, dt)
+        self._t += dt
+        self.state = self._plant.state
+
+    def telemetry(self) -> dict[str, Any]:
+        """That of the plant."""
+        return self._plant.telemetry()
+
+
+def struck_parts(scenario: Any, plant: Plant, sensors: Sensors) -> tuple[Plant, Sensors]:
+    """Plant and sensors of a run with the own faults of a scenario between them and the others."""
+    makers = [fault for fault in scenario.faults if not isinstance(fault, Fault)]
+    if not makers:
+        return plant, sensors
+    struck = [Struck(maker=maker, made=maker(scenario)) for maker in makers]
+    names = " and ".join(map(part_name, makers))
+    heard = WatchedSensors(_hearing(sensors, struck), scenario.robot, scenario.specs, f"with fault {names}")
+    return StruckPlant(plant, struck), heard
+
+
+def _hearing(sensors: Sensors, struck: Sequence[Struck]) -> Callable[[State, float], Readings]:
+    def read(state: State, t: float) -> Readings:
+        readings = sensors(state, t)
+        for fault in struck:
+            readings = fault.made.readings(readings, t) if fault.active(t) else readings
+        return readings
+
+    return read
+
+
+def require_fault(fault: Any) -> None:
+    """Raise `InvalidInput` for what is neither a `Fault` nor makes one of a user's own with an onset before its end."""
+    if isinstance(fault, Fault):
+        return
+    times: list[Any] = [getattr(fault, name, None) for name in ("onset", "end")]
+    (onset, end), numbers = times, all(isinstance(t, int | float | np.floating) for t in times)
+    if not (callable(fault) and numbers and 0.0 <= onset < end):
+        given = f"faults: {part_name(fault)} with onset = {onset} s, end = {end} s"
+        raise InvalidInput(
+            f"{given}; give a Fault, or what makes one, with times from 0 on, the end last, inf for never"
+        )
+
+
+def fault_meta(fault: Any) -> FaultMeta:
+    """What a record tells of a fault."""
+    end = float(fault.end) if np.isfinite(fault.end) else None
+    if isinstance(fault, Fault):
+        return FaultMeta(text=str(fault), target=fault.target, kind=fault.kind, t=fault.onset, end=end)
+    name = part_name(fault)
+    text = f"{name}@{plain(float(fault.onset))}" + ("" if end is None else f"-{plain(end)}")
+    return FaultMeta(text=text, target=name, kind="own", t=float(fault.onset), end=end)

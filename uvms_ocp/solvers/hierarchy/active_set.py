@@ -1,0 +1,244 @@
+"""Strict hierarchy by a dedicated active-set method for lexicographic least squares ([Escande2014], [Dimitrov2015]).
+
+In C where there is a compiler (`core_source` puts its files behind the sizes, tolerances and codes), in NumPy otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache, partial
+from importlib.resources import files
+from time import perf_counter
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
+from uvms_ocp.codegen.buffered import BufferedFunction
+from uvms_ocp.codegen.compile import compile_function, external_function
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.solvers.hierarchy.active_set_numpy import STATUSES, RowState, solve_levels
+from uvms_ocp.solvers.hierarchy.level import Level
+from uvms_ocp.solvers.hierarchy.solution import (
+    Solution,
+    Tick,
+    TickResult,
+    check_levels_function,
+    dense,
+    dense_inputs,
+    dense_outputs,
+    solved,
+    tick_velocity,
+)
+from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES, patience
+from uvms_ocp.types import Array
+
+# The C source of the solver: its own files, behind the sizes, tolerances and codes that Python decides.
+
+_INCLUDES = "#include <math.h>\n#include <string.h>\n"
+_SOURCES = ("equalities.c", "active_set.c", "scaling.c", "certificate.c", "fallbacks.c")
+
+
+def solver_source(n: int, sizes: Sequence[int]) -> str:
+    """C99 source for n velocities and levels of ``sizes`` rows: `solve_levels` of fallbacks.c, all else static; needs libm only.
+
+    Nothing is allocated: a call works on the stack, with 60 kB for 13 velocities and 60 rows. It makes 3 L + 3 runs for L levels
+    at most, which together end after `Patience.most_of_all` iterations, whatever the numbers, and L + 6 certificates, whose
+    search for every level ends after twelve rounds per row. Raises `InvalidInput` for levels without a row.
+    """
+    filled = [size for size in sizes if size]
+    if not filled:
+        raise InvalidInput(f"levels of {list(sizes)} rows; give at least one row")
+    parts = [
+        _INCLUDES,
+        _macros({"N": n, "M": sum(filled), "L": len(filled), "LEVEL_SIZES": ", ".join(map(str, filled))}),
+        _macros(asdict(TOLERANCES)),
+        _macros(asdict(patience(sum(filled)))),
+        _codes({code.name: code.value for code in RowState}),
+        _codes({status.name: code for code, status in enumerate(STATUSES)}),
+        *_texts(_SOURCES),
+    ]
+    return "\n".join(parts)
+
+
+def solver_declaration() -> str:
+    """`solve_levels` as other C code declares it, with a comment that says what it takes; M and N are numbers there."""
+    text = _texts(["fallbacks.c"])[0]
+    return f"{text[text.index('/* The solver:') : text.index(' {', text.index('int solve_levels('))]};\n"
+
+
+def core_source(n: int, sizes: Sequence[int]) -> str:
+    """As `solver_source`, with the solver and its certificate as functions for CasADi too."""
+    return "\n".join([solver_source(n, sizes), *_texts(["casadi.c"])])
+
+
+def _texts(names: Iterable[str]) -> list[str]:
+    folder = files("uvms_ocp.solvers.hierarchy")
+    return [folder.joinpath(name).read_text(encoding="utf-8") for name in names]
+
+
+def _macros(values: Mapping[str, object]) -> str:
+    return "".join(f"#define {name.upper()} {value}\n" for name, value in values.items())
+
+
+def _codes(codes: Mapping[str, int]) -> str:
+    return f"enum {{ {', '.join(f'{name} = {code}' for name, code in codes.items())} }};\n"
+
+
+# A bound active-set solver: one function of the levels and the solver in C, or in NumPy.
+
+_result = unchecked_constructor(TickResult)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ActiveSetFunctions:
+    """What a tick evaluates."""
+
+    tick: ca.Function | None
+    """(inputs, active set) -> v, active set, report, residual, *extras; None without C."""
+    levels: ca.Function
+    """inputs -> J, lower, upper, rate, activation, gate, *extras; dense"""
+    sizes: tuple[int, ...]
+    """Rows of each level."""
+
+
+class ActiveSetTick:
+    """Warm-started from the active set of the tick before."""
+
+    __slots__ = ("_active_set", "_functions", "_levels", "_tick")
+
+    def __init__(self, functions: ActiveSetFunctions) -> None:
+        self._functions = functions
+        self._tick = None if functions.tick is None else BufferedFunction(functions.tick)
+        self._levels = BufferedFunction(functions.levels)
+        self._active_set = np.zeros(sum(functions.sizes))
+
+    def reset(self) -> None:
+        """Forget the active set: the next tick starts cold."""
+        self._active_set[:] = 0.0
+
+    def adopt(self, *inputs: Array) -> Callable[[], TickResult]:
+        """The call with these arrays, (m,) or (m, n) [any], as they are then, without copies. No other call comes after it."""
+        if self._tick is None:
+            return partial(self, *inputs)
+        self._tick.adopt(*inputs, self._active_set)
+        return partial(self._evaluated, self._tick)
+
+    @property
+    def compiled(self) -> bool:
+        """True if the whole tick is one Function with the solver in C."""
+        return self._tick is not None
+
+    def __call__(self, *inputs: ArrayLike) -> TickResult:
+        """Raises `InvalidInput` for a wrong number or shape of inputs."""
+        start = perf_counter()
+        if self._tick is None:
+            return self._in_numpy(inputs, start)
+        return self._told(self._tick(*inputs, self._active_set), start)
+
+    def _evaluated(self, tick: BufferedFunction) -> TickResult:
+        """Of inputs that are adopted."""
+        start = perf_counter()
+        tick.evaluate()
+        return self._told([result.copy() for result in tick.results], start)
+
+    def _told(self, results: Sequence[Array], start: float) -> TickResult:
+        v, active_set, report, missed, *extras = results
+        self._active_set[:] = active_set
+        status = STATUSES[int(report[0])]
+        return _result(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)
+
+    def _in_numpy(self, inputs: Sequence[ArrayLike], start: float) -> TickResult:
+        J, lower, upper, _, _, gate, *extras = self._levels(*inputs)
+        J = J.reshape(-1, self._functions.levels.size2_out(0))
+        found = solve_levels(J, lower, upper, gate, self._active_set, self._functions.sizes)
+        self._active_set[:] = found.active_set
+        return _result(
+            v=found.v,
+            status=found.status,
+            residual=found.residual,
+            extras=tuple(extras),
+            solve_time=perf_counter() - start,
+        )
+
+
+# Strict hierarchy by a dedicated active-set method for lexicographic least squares ([Escande2014], [Dimitrov2015]).
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LexicographicActiveSet:
+    """Exact lexicographic least squares, warm-started from the active set of the call before.
+
+    In C where there is a compiler, in NumPy otherwise, with the same results. Where the method gives up it starts anew cold,
+    then goes level by level, then with fewer levels, as said in `uvms_ocp.solvers.hierarchy.active_set_numpy`; a call
+    takes ``120 + 60 M`` iterations at most for M rows of all levels, whatever the numbers.
+
+    What a gate between 0 and 1 does is said in `uvms_ocp.solvers.hierarchy.level`. In a controller priorities stay strict
+    and accelerations within their limits while gates change, and the jerk is bounded (`uvms_ocp.control.velocity.levels`);
+    `Icat` keeps none of the three.
+    """
+
+    compiled: bool = True
+    """False keeps to NumPy."""
+
+    @checked_on_failure
+    def solve(self, levels: Sequence[Level]) -> Solution:
+        """From a cold start. Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
+        return solved(levels, partial(tick_velocity, self._bind_cold))
+
+    def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> ActiveSetTick:
+        """One Function of ``levels_function`` and the solver; outputs beyond the six of ``Level`` are extras."""
+        check_levels_function(levels_function, sizes)
+        if self.compiled:
+            levels_function = compile_function(levels_function)
+        function = self.function(levels_function, sizes)
+        return ActiveSetTick(
+            ActiveSetFunctions(
+                tick=function,
+                levels=dense(levels_function),
+                sizes=tuple(sizes),
+            )
+        )
+
+    def core(self, n: int, sizes: Sequence[int]) -> ca.Function | None:
+        """(J, lower, upper, gate, active set) -> v, active set, report, residual, in machine code; None where that cannot be.
+
+        n [-]: velocities. sizes [-]: rows of each level.
+        """
+        return _core(n, tuple(sizes)) if self.compiled else None
+
+    def _bind_cold(self, levels_function: ca.Function, sizes: Sequence[int]) -> Tick:
+        tick = self.bind(levels_function, sizes)
+
+        def cold(*inputs: ArrayLike) -> TickResult:
+            tick.reset()
+            return tick(*inputs)
+
+        return cold
+
+    def function(self, levels_function: ca.Function, sizes: Sequence[int]) -> ca.Function | None:
+        """(inputs, active_set) -> v, active_set, report, residual, *extras: pure, for ``map`` and export.
+
+        ``report`` is [place of the ``Status`` among all of them, iterations]; v is 0 where the input is invalid.
+        None where the solver cannot be compiled.
+        """
+        core = self.core(levels_function.size2_out(0), sizes)
+        if core is None:
+            return None
+        inputs, names = dense_inputs(levels_function), levels_function.name_in()
+        J, lower, upper, _, _, gate, *extras = dense_outputs(levels_function, inputs)
+        active = ca.MX.sym("active_set", J.shape[0])
+        outputs = [*core(J, lower, upper, gate, active), *extras]
+        labels = ["v", "active_set_out", "report", "residual", *(f"extra_{i}" for i in range(len(extras)))]
+        return ca.Function("tick", [*inputs, active], outputs, [*names, "active_set"], labels)
+
+
+@lru_cache(maxsize=64)
+def _core(n: int, sizes: tuple[int, ...]) -> ca.Function | None:
+    """(J, lower, upper, gate, active set) -> v, active set, report, residual; see casadi.c."""
+    if sum(sizes) == 0:
+        return None
+    return external_function("lexls", core_source(n, sizes))

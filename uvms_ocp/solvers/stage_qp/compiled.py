@@ -1,0 +1,287 @@
+"""Run the interior-point method in C on memory made once for a shape."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping
+from dataclasses import asdict
+from functools import lru_cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.codegen.compile import compile_library, loaded_library
+from uvms_ocp.solvers.stage_qp.problem import (
+    STAGE_TOLERANCES,
+    Near,
+    Products,
+    StageQp,
+    StageQpOptions,
+    StageQpStatus,
+    StageShape,
+    kkt_residual,
+    places,
+)
+from uvms_ocp.solvers.stage_qp.rows import End, Point, RowTable, Start, may_be_fixed, point_of
+from uvms_ocp.types import Array
+
+_INCLUDES = "#include <math.h>\n#include <stddef.h>\n#include <string.h>\n"
+_SOURCES = ("blocks.c", "riccati.c", "interior_point.c", "iteration.c")
+# At -O3 the blocks leave the registers again.
+_FLAGS = ("-O2", "-ftree-vectorize", "-std=c99")
+_STATUSES = tuple(StageQpStatus)
+_SIZES = ("n_x", "n_u", "n_r", "n_c")
+_PLACES = ("x", "z", "r", "c", "F", "J", "H", "C", "M")
+_DATA = {
+    "dynamics": "dynamics",
+    "offset": "b",
+    "rows": "J",
+    "residual": "r",
+    "hessian": "H",
+    "gradient": "g",
+    "damping": "damping",
+    "constraints": "C",
+}
+_STAGE_WORK = ("fixed", "Q", "q", "L", "inverse", "W", "v", "list")
+_TABLE = ("bound", "side", "elastic", "equal", "target", "l1", "l2", "compliance", "norm")
+_BOUNDS = {
+    "lower": "lower",
+    "upper": "upper",
+    "c_l1": "l1",
+    "c_l2": "l2",
+    **{name: name for name in ("z_lower", "z_upper", "z_l1", "z_l2")},
+}
+_HELD = ("loose", "active", "no_side", "held_equal", "held_target")
+_WORK = ("elasticity", "point", "best", "step", "affine", "trial")
+_DIRECTION = ("weight", "soft", "left", "gap", "pull", "rhs", "t_side", "t_elastic")
+_RESIDUALS = ("grad", "held", "defect", "value", "row", "equal", "dual")
+
+
+def _pointers(*names: str) -> tuple[tuple[str, Any], ...]:
+    return tuple((name, ctypes.c_void_p) for name in names)
+
+
+def _numbers(*names: str) -> tuple[tuple[str, Any], ...]:
+    return tuple((name, ctypes.c_double) for name in names)
+
+
+def _integers(*names: str) -> tuple[tuple[str, Any], ...]:
+    return tuple((name, ctypes.c_int) for name in names)
+
+
+class _Stages(ctypes.Structure):
+    """As `Stages` in riccati.c."""
+
+    _fields_ = (
+        *_integers("N"),
+        *_pointers(*_SIZES, *_PLACES, *_DATA, *_STAGE_WORK),
+        *_numbers("most", "least"),
+    )
+
+
+class _Residuals(ctypes.Structure):
+    """As `Residuals` in interior_point.c."""
+
+    _fields_ = (
+        *_pointers(*_RESIDUALS),
+        *_numbers("stationarity", "primal", "complementarity", "steepest", "gradient", "variable", "linear", "worst"),
+    )
+
+
+class _Problem(ctypes.Structure):
+    """As `Problem` in interior_point.c."""
+
+    _fields_ = (
+        ("stages", _Stages),
+        *_integers("M", "m", "n", "n_x"),
+        *_pointers(*_TABLE, *_BOUNDS, *_HELD, *_WORK, *_DIRECTION, "bounded"),
+        ("now", _Residuals),
+        ("other", _Residuals),
+        *_numbers("curvature", "tolerance", "warm_mu", "cold_mu", "slow", "share"),
+        *_integers("n_bounded", "max_iterations", "iterations", "corrections", "status", "start", "is_elastic"),
+    )
+
+
+class CompiledCore:
+    """The solver of one shape."""
+
+    def __init__(self, library: ctypes.CDLL, shape: StageShape) -> None:
+        self._library, self._n, self._n_x = library, sum(shape.n_z), sum(shape.n_x)
+        n, m = self._n, sum(shape.n_c)
+        self._problem = _Problem(M=m + n, m=m, n=n, n_x=self._n_x)
+        self._problem.stages.N = shape.N
+        # What ctypes only knows the address of.
+        self._indices, self._stage_work = _indices(shape), _stage_work(shape)
+        self._work, self._table = _work(n, m, self._n_x), _table(n, m)
+        self._work["loose"][:] = may_be_fixed(shape)
+        self._loaded: StageQp | None = None
+        self._found = np.zeros(3)
+        self._found_address = _address(self._found)
+        self._now, self._other = (_residuals(n, m, self._n_x) for _ in range(2))
+        _point(self._problem.stages, {**self._indices, **self._stage_work})
+        _point(self._problem, self._work | self._table)
+        _point(self._problem.now, self._now)
+        _point(self._problem.other, self._other)
+
+    def run(
+        self,
+        qp: StageQp,
+        table: RowTable,
+        point: Point,
+        options: StageQpOptions,
+        *,
+        start: Start,
+        costless: bool,
+        damped: bool,
+    ) -> End:
+        """As `NumpyCore.run`."""
+        self._load(qp, options)
+        for name, array in self._table.items():
+            array[:] = np.ravel(getattr(table, name))
+        self._stage_work["fixed"][:] = table.fixed
+        self._work["point"][:] = point.flat()
+        self._problem.start = int(start)
+        self._library.solve_qp(ctypes.byref(self._problem), int(costless), int(damped))
+        return self._end()
+
+    def solve(self, qp: StageQp, options: StageQpOptions, near: Near | None) -> End:
+        """As `NumpyCore.solve`."""
+        self._load(qp, options)
+        point = self._work["point"]
+        if near is not None:
+            np.concatenate([near.z, near.costate, near.y], out=point[: self._n + self._n_x + self._problem.M])
+        self._library.solve_whole(ctypes.byref(self._problem), int(near is not None))
+        return self._end()
+
+    def products(self, qp: StageQp, z: Array) -> Products:
+        """As `NumpyCore.products`; z (n,) [unit of z]."""
+        self._load(qp, None)
+        self._library.products(ctypes.byref(self._problem.stages), _address(z), self._found_address)
+        slope, square, change = self._found.tolist()
+        return Products(slope=slope, square=square, change=change)
+
+    def steepest(self, qp: StageQp) -> float:
+        """As `NumpyCore.steepest`."""
+        self._load(qp, None)
+        return float(self._library.steepest(ctypes.byref(self._problem.stages)))
+
+    def stationarity(self, qp: StageQp, near: Near) -> float:
+        """As `NumpyCore.stationarity`."""
+        self._load(qp, None)
+        stages, m = ctypes.byref(self._problem.stages), ctypes.c_int(self._problem.m)
+        return float(self._library.stationarity(stages, _address(near.costate), _address(near.y), m))
+
+    def _load(self, qp: StageQp, options: StageQpOptions | None) -> None:
+        problem = self._problem
+        if qp is not self._loaded:
+            _point(problem.stages, {name: qp.flat[own] for name, own in _DATA.items()})
+            _point(problem, {name: qp.flat[own] for name, own in _BOUNDS.items()})
+            self._loaded = qp
+        if options is not None:
+            problem.tolerance, problem.max_iterations = options.tolerance, options.max_iterations
+            problem.warm_mu, problem.cold_mu = options.warm_mu, options.cold_mu
+
+    def _end(self) -> End:
+        problem, now = self._problem, self._problem.now
+        return End(
+            status=_STATUSES[problem.status],
+            point=point_of(self._work["point"].copy(), self._n, self._n_x),
+            value=self._now["value"].copy(),
+            held=self._now["held"].copy(),
+            kkt=kkt_residual(stationarity=now.stationarity, primal=now.primal, complementarity=now.complementarity),
+            worst=now.worst,
+            iterations=problem.iterations,
+        )
+
+
+def _point(structure: ctypes.Structure, arrays: Mapping[str, Any]) -> None:
+    for name, array in arrays.items():
+        setattr(structure, name, array.ctypes.data)
+
+
+def _address(array: Array) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+def compiled_core(shape: StageShape) -> CompiledCore | None:
+    """None without a compiler."""
+    library = _library()
+    return None if library is None else CompiledCore(library, shape)
+
+
+@lru_cache(maxsize=1)
+def _library() -> ctypes.CDLL | None:
+    path = compile_library(core_source(), _FLAGS, "QPs of stages")
+    if path is None:
+        return None
+    library = loaded_library(path)
+    library.stationarity.restype = library.steepest.restype = ctypes.c_double
+    return library
+
+
+def core_source() -> str:
+    """C99 source of the solver, for all shapes: `solve_qp` of iteration.c; needs libm only and allocates nothing."""
+    folder = files("uvms_ocp.solvers.stage_qp")
+    texts = (folder.joinpath(name).read_text(encoding="utf-8") for name in _SOURCES)
+    macros = "".join(f"#define {name.upper()} {value}\n" for name, value in asdict(STAGE_TOLERANCES).items())
+    codes = ", ".join(f"{status.name} = {code}" for code, status in enumerate(_STATUSES))
+    starts = ", ".join(f"START_{start.name} = {start.value}" for start in Start)
+    return "\n".join([_INCLUDES, macros, f"enum {{ {codes} }};\nenum {{ {starts} }};", *texts])
+
+
+def _indices(shape: StageShape) -> dict[str, Any]:
+    n_x, n_z, n_r, n_c = shape.n_x, shape.n_z, shape.n_r, shape.n_c
+    sizes = {
+        "x": n_x,
+        "z": n_z,
+        "r": n_r,
+        "c": n_c,
+        "F": [m * n for m, n in zip(n_x[1:], n_z, strict=False)],
+        "J": [m * n for m, n in zip(n_r, n_z, strict=True)],
+        "H": [n * n for n in n_z],
+        "C": [m * n for m, n in zip(n_c, n_z, strict=True)],
+        "M": [padded(n) ** 2 for n in n_z],
+    }
+    given = {name: np.array((*getattr(shape, name), 0), dtype=np.int32) for name in _SIZES}
+    return {**given, **{name: np.array(places(size), dtype=np.int32) for name, size in sizes.items()}}
+
+
+def padded(n: int) -> int:
+    """Columns [-] that C gives a matrix of n [-]."""
+    return (n + 3) // 4 * 4
+
+
+def _stage_work(shape: StageShape) -> dict[str, Array]:
+    n, most, factor = sum(shape.n_z), padded(max(shape.n_z)), sum(padded(n) ** 2 for n in shape.n_z)
+    sizes = {
+        "fixed": n,
+        "Q": factor,
+        "q": n,
+        "L": factor,
+        "inverse": n,
+        "W": 2 * padded(max(shape.n_x)) * most,
+        "v": 2 * most,
+        "list": 14 * max(*shape.n_r, *shape.n_c),
+    }
+    return {name: np.zeros(size + 4) for name, size in sizes.items()} | {"fixed": np.zeros(n)}
+
+
+def _work(n: int, m: int, n_x: int) -> dict[str, Any]:
+    M = m + n
+    sizes = {"elasticity": M, "pull": M, "rhs": n}
+    sizes |= dict.fromkeys(("weight", "soft", "left", "gap", "t_side", "t_elastic"), 2 * M)
+    numbers = {name: np.zeros(sizes.get(name, n + n_x + 9 * M)) for name in (*_WORK, *_DIRECTION)}
+    held = {name: np.zeros(2 * M) for name in _HELD}
+    return {**numbers, **held, "loose": np.zeros(n), "bounded": np.zeros(M, dtype=np.int32)}
+
+
+def _table(n: int, m: int) -> dict[str, Array]:
+    twice = ("bound", "side", "elastic")
+    return {name: np.zeros((2 if name in twice else 1) * (m + n)) for name in _TABLE}
+
+
+def _residuals(n: int, m: int, n_x: int) -> dict[str, Array]:
+    M = m + n
+    sizes = {"grad": n, "held": n, "defect": n_x, "value": M, "row": 2 * M, "equal": M, "dual": 2 * M}
+    return {name: np.zeros(size) for name, size in sizes.items()}

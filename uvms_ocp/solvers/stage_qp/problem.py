@@ -1,0 +1,373 @@
+"""Convex QPs of stages as arrays written in place, the options of their solver, and their solutions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import accumulate, pairwise
+
+import numpy as np
+
+from uvms_ocp.checks import checked, unchecked_constructor
+from uvms_ocp.errors import AdvisedStatus, InvalidInput
+from uvms_ocp.types import Array, Bound
+
+# The numbers of a QP of stages, in arrays that are made once and written into, and how many there are.
+
+_BEYOND = 4  # numbers that compiled code may read after the end
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class StageShape:
+    """N + 1 stages: N with states and controls, a last one with states only. Sizes may differ from stage to stage.
+
+    Raises `InvalidInput` for lists of other lengths, negative sizes, and a horizon in which nothing varies.
+    """
+
+    n_x: tuple[int, ...]
+    """(N + 1,) [-] states."""
+    n_u: tuple[int, ...]
+    """(N,) [-] controls."""
+    n_r: tuple[int, ...]
+    """(N + 1,) [-] rows of the residual."""
+    n_c: tuple[int, ...]
+    """(N + 1,) [-] rows of constraints."""
+
+    def __post_init__(self) -> None:
+        for name, length in (("n_x", self.N + 1), ("n_r", self.N + 1), ("n_c", self.N + 1)):
+            if len(getattr(self, name)) != length:
+                given = len(getattr(self, name))
+                raise InvalidInput(f"{name} of {given} stages and n_u of {self.N}; give one stage more than in n_u")
+        if min((*self.n_x, *self.n_u, *self.n_r, *self.n_c)) < 0:
+            raise InvalidInput("a stage has a negative size; give sizes >= 0")
+        if sum(self.n_z) == 0:
+            raise InvalidInput("no stage has a state or a control; give at least one")
+
+    @property
+    def N(self) -> int:
+        """[-] Steps."""
+        return len(self.n_u)
+
+    @property
+    def n_z(self) -> tuple[int, ...]:
+        """(N + 1,) [-] Variables ``z = (x, u)``."""
+        return _sums(self.n_x, (*self.n_u, 0))
+
+
+@lru_cache(maxsize=256)
+def _sums(a: tuple[int, ...], b: tuple[int, ...]) -> tuple[int, ...]:
+    return tuple(one + other for one, other in zip(a, b, strict=True))
+
+
+def places(sizes: Iterable[int]) -> list[int]:
+    """Where parts of such `sizes` [-] begin in one array, and where the last one ends."""
+    return [0, *accumulate(sizes)]
+
+
+@lru_cache(maxsize=256)
+def slices(sizes: tuple[int, ...]) -> tuple[slice, ...]:
+    """The same as slices; sizes [-]."""
+    begin = places(sizes)
+    return tuple(slice(a, b) for a, b in pairwise(begin))
+
+
+@checked
+class StageQp:
+    """min sum_k 1/2 |J_k z_k + r_k|^2 + 1/2 z_k' H_k z_k + g_k' z_k + 1/2 z_k' diag(damping_k) z_k, z_k = (x_k, u_k), with
+    x_{k+1} = A_k x_k + B_k u_k + b_k, lower_k <= C_k z_k <= upper_k, z_lower_k <= z_k <= z_upper_k.
+
+    Every attribute below is a tuple with a view per stage; write with ``qp.A[k][:] = ...``. The views of one name lie one after
+    the other in ``qp.flat[name]``, row-major; A and B are columns of ``dynamics`` (n_x[k+1], n_z[k]). A cost that is not convex
+    is noticed while solving. Bounds may be infinite, and equal: an equality, or a fixed variable. A state x_0 that is given is
+    one whose bounds are equal (`fix_initial_state`).
+
+    A row of constraints or a bound is soft where its ``l1`` is finite: it may be missed by e >= 0 on either side, which costs
+    ``l1 e + l2 e^2 / 2``. All are hard at first: ``l1`` is infinite.
+    """
+
+    def __init__(self, shape: StageShape) -> None:
+        self.shape = shape
+        n_z, n_x, n_r, n_c = shape.n_z, shape.n_x, shape.n_r, shape.n_c
+        steps = list(zip(n_x[1:], n_z, strict=False))
+        self.flat: dict[str, Array] = {}
+        self.dynamics = self._matrices("dynamics", steps)
+        """(n_x[k+1], n_z[k])"""
+        self.A = tuple(F[:, :n] for F, n in zip(self.dynamics, n_x, strict=False))
+        """(n_x[k+1], n_x[k])"""
+        self.B = tuple(F[:, n:] for F, n in zip(self.dynamics, n_x, strict=False))
+        """(n_x[k+1], n_u[k])"""
+        self.b = self._vectors("b", n_x[1:])
+        """(n_x[k+1],)"""
+        self.J = self._matrices("J", list(zip(n_r, n_z, strict=True)))
+        """(n_r, n_z)"""
+        self.r = self._vectors("r", n_r)
+        """(n_r,)"""
+        self.H = self._matrices("H", list(zip(n_z, n_z, strict=True)))
+        """(n_z, n_z) symmetric."""
+        self.g = self._vectors("g", n_z)
+        """(n_z,)"""
+        self.damping = self._vectors("damping", n_z)
+        """(n_z,)"""
+        self.C = self._matrices("C", list(zip(n_c, n_z, strict=True)))
+        """(n_c, n_z)"""
+        self.lower, self.upper = self._vectors("lower", n_c, -np.inf), self._vectors("upper", n_c, np.inf)
+        """(n_c,)"""
+        self.l1, self.l2 = self._vectors("l1", n_c, np.inf), self._vectors("l2", n_c)
+        """(n_c,)"""
+        self.z_lower, self.z_upper = self._vectors("z_lower", n_z, -np.inf), self._vectors("z_upper", n_z, np.inf)
+        """(n_z,)"""
+        self.z_l1, self.z_l2 = self._vectors("z_l1", n_z, np.inf), self._vectors("z_l2", n_z)
+        """(n_z,)"""
+
+    @checked
+    def fix_initial_state(self, x: Array) -> None:
+        """Begin the horizon at x (n,) [unit of x], n the states of the first stage. Raises `InvalidInput` for another shape."""
+        if np.shape(x) != (self.shape.n_x[0],):
+            raise InvalidInput(f"x of shape {np.shape(x)}; give ({self.shape.n_x[0]},)")
+        self.z_lower[0][: self.shape.n_x[0]] = x
+        self.z_upper[0][: self.shape.n_x[0]] = x
+
+    def _vectors(self, name: str, sizes: tuple[int, ...], value: float = 0.0) -> tuple[Array, ...]:
+        flat = self.flat[name] = np.full(sum(sizes) + _BEYOND, value)[: sum(sizes)]
+        return tuple(flat[own] for own in slices(sizes))
+
+    def _matrices(self, name: str, sizes: list[tuple[int, int]]) -> tuple[Array, ...]:
+        flat = self._vectors(name, tuple(m * n for m, n in sizes))
+        return tuple(part.reshape(size) for part, size in zip(flat, sizes, strict=True))
+
+
+def is_valid(qp: StageQp) -> bool:
+    """Whether entries are finite but for bounds that there are not; slack costs something."""
+    flat = qp.flat
+    bounds = ("lower", "upper", "l1", "z_lower", "z_upper", "z_l1")
+    numbers = all(np.isfinite(array).all() for name, array in flat.items() if name not in bounds)
+    sides = all((flat[f"{z}lower"] < np.inf).all() and (flat[f"{z}upper"] > -np.inf).all() for z in ("", "z_"))
+    return numbers and sides and all((flat[name] >= 0.0).all() for name in ("l1", "l2", "z_l1", "z_l2"))
+
+
+# How exactly a QP of stages is solved.
+
+_MOST_ITERATIONS = 10_000
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class StageQpOptions:
+    """Raises `InvalidInput` for numbers that are not positive and finite, and more than 10,000 iterations."""
+
+    tolerance: float = 1e-9
+    """[-] of the KKT conditions, relative to the largest term in them."""
+    max_iterations: int = 60
+    """[-] factors of one run; a QP that one run does not solve takes two more."""
+    warm_mu: float = 1e-6
+    """[-] complementarity at a warm start, relative to the largest curvature: a squared distance to bounds."""
+    cold_mu: float = 0.1
+    """[-] complementarity at a cold start, relative to what missed bounds cost by curvature and gradient. With more of it QPs in
+    which many bounds are reached take fewer factors, and those without a point are told later."""
+    compiled: bool = True
+    """False keeps to NumPy."""
+
+    def __post_init__(self) -> None:
+        for name in ("tolerance", "max_iterations", "warm_mu", "cold_mu"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise InvalidInput(f"{name} = {getattr(self, name)}; give a finite value > 0")
+        if self.max_iterations > _MOST_ITERATIONS:
+            raise InvalidInput(f"max_iterations = {self.max_iterations}; give at most {_MOST_ITERATIONS}")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class StageTolerances:
+    """Numbers that C and NumPy share."""
+
+    rounding: float = 4e-15
+    """[-] pivot, relative to its diagonal entry, that may be rounding alone."""
+    tiny: float = 1e-290
+    """[-] pivot that is none."""
+    indefinite: float = 1e-9
+    """[-] negative pivot, relative to its diagonal entry, that is no rounding."""
+    damped: float = 1e-8
+    """[-] pivot, relative to its diagonal entry, that takes the place of rounding."""
+    smallest_curvature: float = 1e-12
+    """[-] of a diagonal entry that pivots are compared with, relative to the largest."""
+    elasticity: float = 1e-7
+    """[-] compliance of equalities in one step, relative to that of the stiffest variable; what it leaves, the next one takes."""
+    side_elasticity: float = 1e-5
+    """[-] that of inequalities, relative to the one of equalities."""
+    slow: float = 1e-7
+    """[-] curvature that steps of a second run reckon with in every direction, relative to gradient over variables."""
+    phase_one: float = 1e-6
+    """[-] curvature in phase one, beside a cost of 1 for what is missed."""
+    to_boundary: float = 0.995
+    """[-] share of the way to the nearest bound."""
+    short_step: float = 0.1
+    """[-] share of a step that the second order has spoilt."""
+    floor: float = 1e-4
+    """[-] complementarity aimed at, relative to the tolerance: less only loses digits."""
+    sharper: float = 1e3
+    """[-] of complementarity: a bound that only just binds is missed by the root of what is left of it."""
+    least_size: float = 1e-3
+    """[unit of z] variables below which a gradient is compared with the curvature."""
+    counts: float = 1e-6
+    """[-] multiplier, beside the largest, of a bound that is reached."""
+    many_changes: int = 8
+    """[-] of bounds that are held, more than which must fall from round to round."""
+    vain_changes: int = 2
+    """[-] rounds in which fewer do not."""
+    most_corrections: int = 10
+    """[-] of a solution without inequalities."""
+    exact: float = 1e-5
+    """[-] of the tolerance, down to which those corrections go on while they help."""
+    finished: float = 1e-5
+    """[-] tolerance above which what an interior point comes close to is not looked for: it keeps off the bounds."""
+    sharp: float = 1e-2
+    """[-] of the tolerance, by which a side must be missed to be held."""
+    far: float = 0.5
+    """[-] failure of all conditions from which the solution of a QP nearby is no start."""
+    nearer: float = 1e2
+    """[-] by which complementarity at a warm start is more where that is far, and less where it is not."""
+    least_missed: float = 0.1
+    """[unit of z] violation of bounds that a cold start reckons with."""
+    stuck: float = 1e-7
+    """[-] share of a step that leads nowhere."""
+    hopeless: float = 1e6
+    """[-] by which multipliers grow where there is no point."""
+    inexact_tolerances: float = 1e3
+    """[-] tolerances to which an optimum can still be used."""
+    most_vain: int = 6
+    """[-] iterations that bring such an optimum no nearer, after which it stays as it is."""
+    most_high: int = 15
+    """[-] iterations in which the violation does not fall, after which phase one is asked."""
+    endless: float = 1e12
+    """[unit of z] variables beyond which a cost falls without end."""
+
+
+STAGE_TOLERANCES = StageTolerances()
+
+
+# What comes of a QP of stages.
+
+
+class StageQpStatus(AdvisedStatus):
+    """Outcome of one QP."""
+
+    SOLVED = "solved", "nothing to do"
+    INEXACT = "inexact", "the KKT conditions hold to a thousand times the tolerance only; scale the rows"
+    INFEASIBLE = "infeasible", "no point keeps the constraints; loosen them, or make rows soft"
+    UNBOUNDED = "unbounded", "the cost falls without end; add damping, or bounds"
+    NOT_CONVEX = "not convex", "a Hessian is indefinite; use Gauss-Newton, or add damping"
+    ITERATION_LIMIT = "iteration limit", "raise max_iterations, or scale the rows"
+    NOT_A_NUMBER = (
+        "not a number",
+        "an entry of the QP is not finite, a bound endless on the wrong side, or slack rewarded; look where it comes from",
+    )
+
+    @property
+    def usable(self) -> bool:
+        """True where the point can be used as the optimum."""
+        return self in (StageQpStatus.SOLVED, StageQpStatus.INEXACT)
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class KktResidual:
+    """By how much the optimality conditions fail, in units of the QP."""
+
+    stationarity: Bound
+    """[1/unit of z] largest entry of the gradient of the Lagrangian."""
+    primal: Bound
+    """[unit of the row] largest violation of dynamics, hard rows and hard bounds."""
+    complementarity: Bound
+    """[-] largest product of a multiplier and what is left to its bound."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class StageQpSolution:
+    """Point and multipliers; tuples have an entry per stage, views of arrays of their own.
+
+    Lagrangian: ``cost + costate_{k+1}' (A x + B u + b - x_{k+1}) + y' C z + y_z' z``: a multiplier is positive at an upper bound
+    and negative at a lower one.
+    """
+
+    status: StageQpStatus
+    """How far the rest can be relied on; where INFEASIBLE, the point misses the hard rows least, in sum."""
+    z: tuple[Array, ...]
+    """(n_z,) [unit of z]"""
+    x: tuple[Array, ...]
+    """(n_x,) [unit of x]"""
+    u: tuple[Array, ...]
+    """(n_u,) [unit of u], N of them."""
+    costate: tuple[Array, ...]
+    """(n_x,) [1/unit of x] of the step that leads to a state; 0 for x_0."""
+    y: tuple[Array, ...]
+    """(n_c,) [1/unit of the row] multipliers of rows."""
+    y_z: tuple[Array, ...]
+    """(n_z,) [1/unit of z] multipliers of bounds."""
+    excess: tuple[Array, ...]
+    """(n_c,) [unit of the row] by how much rows are missed: below 0 at the lower bound."""
+    iterations: int
+    """[-] factorisations."""
+    kkt: KktResidual
+    """Of the point."""
+    cost: float
+    """[-] without what soft rows cost."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Near:
+    """The multipliers of a QP nearby, and where to start: in arrays with stage after stage."""
+
+    z: Array
+    """(n,) [unit of z]"""
+    costate: Array
+    """(n_x,) [1/unit of x]"""
+    y: Array
+    """(M,) [1/unit of the row] of rows, then of bounds."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Found:
+    """A `StageQpSolution` in arrays with stage after stage, for who solves one QP after the other."""
+
+    shape: StageShape
+    """Of the QP."""
+    status: StageQpStatus
+    """How far the rest can be relied on."""
+    z: Array
+    """(n,) [unit of z]"""
+    costate: Array
+    """(n_x,) [1/unit of x]"""
+    y: Array
+    """(M,) [1/unit of the row] of rows, then of bounds."""
+    excess: Array
+    """(m,) [unit of the row] by how much rows are missed."""
+    iterations: int
+    """[-] factorisations."""
+    kkt: KktResidual
+    """Of the point."""
+    products: Products
+    """Of the residuals along z."""
+
+    def near(self) -> Near:
+        """For a QP nearby that starts where this one ends."""
+        return Near(z=np.zeros_like(self.z), costate=self.costate, y=self.y)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Products:
+    """Of the residuals' rows along z."""
+
+    slope: float
+    """[-] r' J z: derivative of the half square."""
+    square: float
+    """[-] of J z."""
+    change: float
+    """[1/unit of z] largest entry of J' J z: of what the gradient of the half square changes by."""
+
+
+kkt_residual = unchecked_constructor(KktResidual)
+"""Without a look at its arguments."""
+stage_qp_solution = unchecked_constructor(StageQpSolution)
+"""The same."""

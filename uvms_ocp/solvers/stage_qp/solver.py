@@ -1,0 +1,318 @@
+"""Solve QPs of stages by an interior point: one factorisation per iteration, and only one where no bound is reached.
+
+A QP that a first run has not solved is looked at again: with its residuals as rows, and for recession directions, along
+which its cost falls without end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked
+from uvms_ocp.codegen.elementwise import distance, excess
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.solvers.stage_qp.compiled import compiled_core
+from uvms_ocp.solvers.stage_qp.iteration import NumpyCore, at_rest
+from uvms_ocp.solvers.stage_qp.problem import (
+    STAGE_TOLERANCES,
+    Found,
+    Near,
+    StageQp,
+    StageQpOptions,
+    StageQpSolution,
+    StageQpStatus,
+    StageShape,
+    places,
+    slices,
+    stage_qp_solution,
+)
+from uvms_ocp.solvers.stage_qp.rows import End, Point, RowTable, Start, row_table
+from uvms_ocp.types import Array
+
+# A QP with its residuals as rows: where a Hessian is the sum of stiff and weak ones, the weak are lost to rounding.
+
+_COPIED = ("dynamics", "b", "H", "g", "damping", "z_lower", "z_upper", "z_l1", "z_l2")
+_ROWS = ("C", "lower", "upper", "l1", "l2")
+
+
+def with_residuals_as_rows(qp: StageQp) -> StageQp:
+    """The same QP where every residual is a row behind the others that is missed at the same cost."""
+    other = with_rows(qp, qp.J)
+    for name in _COPIED:
+        other.flat[name][:] = qp.flat[name]
+    for k, (J, r) in enumerate(zip(qp.J, qp.r, strict=True)):
+        n, norm = qp.shape.n_c[k], norms(J)
+        other.lower[k][n:] = other.upper[k][n:] = -r / norm
+        other.l1[k][n:], other.l2[k][n:] = 0.0, norm**2
+    return other
+
+
+def own_rows(shape: StageShape, larger: StageShape) -> Array:
+    """(M,) [-] where the rows and variables of a QP stand among those of one that has more rows behind them in each stage."""
+    firsts, M = places(larger.n_c)[:-1], sum(larger.n_c)
+    rows = [np.arange(first, first + n) for first, n in zip(firsts, shape.n_c, strict=True)]
+    return np.concatenate([*rows, np.arange(M, M + sum(shape.n_z))])
+
+
+def with_rows(qp: StageQp, rows: Sequence[Array]) -> StageQp:
+    """Its constraints and, without a cost, more `rows` (m, n_z) [any], of largest entry 1, that are to be 0."""
+    n_c = tuple(n + len(own) for n, own in zip(qp.shape.n_c, rows, strict=True))
+    other = StageQp(replace(qp.shape, n_r=(0,) * len(n_c), n_c=n_c))
+    for k, (n, own) in enumerate(zip(qp.shape.n_c, rows, strict=True)):
+        for name in _ROWS:
+            getattr(other, name)[k][:n] = getattr(qp, name)[k]
+        other.C[k][n:] = own / norms(own)[:, None]
+        other.lower[k][n:] = other.upper[k][n:] = 0.0
+    return other
+
+
+def norms(rows: Array) -> Array:
+    """(m,) Largest entry of each of the rows (m, n) [any], 1 where all are 0."""
+    norm = np.abs(rows).max(axis=1, initial=0.0)
+    return np.where(norm > 0.0, norm, 1.0)
+
+
+# Ways along which the cost of a QP falls without end: no curvature, no bound and no row ends them.
+
+_EXACT = 1e-7  # relative violation of what a way has to keep
+_STEEP = 1e-6  # least descent along a way, relative to the gradient
+_SIDES = (("lower", -np.inf), ("upper", np.inf))
+
+
+def may_fall_endlessly(qp: StageQp) -> bool:
+    """Whether some variable has neither curvature of its own nor two bounds."""
+    held = np.isfinite(qp.flat["z_lower"]) & np.isfinite(qp.flat["z_upper"]) & (qp.flat["z_l1"] == np.inf)
+    return bool((~held & (qp.flat["damping"] == 0.0)).any())
+
+
+def ways_down(qp: StageQp) -> StageQp:
+    """The QP whose optimum is the steepest of all ways along which no cost but the linear one changes, and no hard row breaks.
+
+    Ways are a cone, and the optimum is what of the gradient lies in it: 0 where there is none.
+    """
+    curved = [H[np.abs(H).any(axis=1)] for H in qp.H]
+    other = with_rows(qp, [np.vstack(pair) for pair in zip(qp.J, curved, strict=True)])
+    steepest = max(np.abs(qp.flat["g"]).max(), 1e-300)
+    other.flat["dynamics"][:], other.flat["damping"][:] = qp.flat["dynamics"], 1.0
+    other.flat["g"][:] = qp.flat["g"] / steepest
+    for name in ("z_lower", "z_upper", "z_l1", "z_l2"):
+        other.flat[name][:] = qp.flat[name]
+    for z in ("", "z_"):
+        _make_cone(other, z, steepest)
+    bent = qp.flat["damping"] > 0.0
+    other.flat["z_lower"][bent], other.flat["z_upper"][bent], other.flat["z_l1"][bent] = 0.0, 0.0, np.inf
+    return other
+
+
+def _make_cone(other: StageQp, z: str, steepest: float) -> None:
+    """Bounds of ways; what is missed at a cost that bends is not missed at all."""
+    for side, endless in _SIDES:
+        bound = other.flat[f"{z}{side}"]
+        bound[bound != endless] = 0.0
+    l1, l2 = other.flat[f"{z}l1"], other.flat[f"{z}l2"]
+    l1 /= steepest
+    l1[l2 > 0.0], l2[:] = np.inf, 0.0
+
+
+def leads_down(other: StageQp, z: tuple[Array, ...]) -> bool:
+    """Whether the optimum z (n_z,) [unit of z] of `ways_down` is such a way, by its own numbers."""
+    longest = max(np.abs(own).max(initial=0.0) for own in z)
+    if not 0.0 < longest < np.inf:
+        return False
+    way, worst, rise = [own / longest for own in z], 0.0, 0.0
+    for k, d in enumerate(way):
+        missed = excess(other.C[k] @ d, other.lower[k], other.upper[k])
+        beyond = excess(d, other.z_lower[k], other.z_upper[k])
+        for l1, by, norm in ((other.l1[k], missed, norms(other.C[k])), (other.z_l1[k], beyond, 1.0)):
+            worst = max(worst, (by / norm)[l1 == np.inf].max(initial=0.0))
+            soft = l1 < np.inf
+            rise += float(l1[soft] @ by[soft])
+        rise += float(other.g[k] @ d)
+        if k:
+            ahead = other.dynamics[k - 1] @ way[k - 1] - d[: other.shape.n_x[k]]
+            worst = max(worst, np.abs(ahead).max(initial=0.0))
+    return bool(worst <= _EXACT and rise <= -_STEEP)
+
+
+# QPs of stages by an interior point: with a factor per iteration, and one only where no bound is reached.
+
+_UNCLEAR = (StageQpStatus.ITERATION_LIMIT, StageQpStatus.UNBOUNDED)
+_MISSED = 1e-5  # relative violation that no point does without
+_ROUGH = 1e-6  # tolerance of phase one
+
+
+@checked
+class StageQpSolver:
+    """Solves QPs of one shape, one at a time; memory is made once, here.
+
+    In C where there is a compiler, without holding the interpreter's lock; in NumPy otherwise, with the same results to rounding.
+    """
+
+    def __init__(self, shape: StageShape, options: StageQpOptions | None = None) -> None:
+        self.shape, self.options = shape, options or StageQpOptions()
+        self._core = (compiled_core(shape) if self.options.compiled else None) or NumpyCore(shape)
+
+    @checked_on_failure
+    def solve(self, qp: StageQp, warm: StageQpSolution | None = None) -> StageQpSolution:
+        """The optimum; where there is none, what `StageQpStatus` says. No numbers raise anything.
+
+        warm: the solution of a QP nearby, of the same shape. Raises `InvalidInput` for a QP of another shape.
+        """
+        near = None if warm is None else _near(warm)
+        return _split(qp, self.find(qp, near))
+
+    @checked_on_failure
+    def find(
+        self, qp: StageQp, near: Near | None = None, *, tolerance: float | None = None, explained: bool = True
+    ) -> Found:
+        """The same in arrays with stage after stage.
+
+        near: the solution of a QP nearby. tolerance [-]: instead of that of the options. explained: False takes less time where
+        no optimum is found, and does not tell infeasible from unbounded. Raises `InvalidInput` as `solve` does.
+        """
+        if qp.shape is not self.shape and qp.shape != self.shape:
+            raise InvalidInput("the QP has another shape than the solver; make a solver for it")
+        options = self.options if tolerance is None else replace_unchecked(self.options, tolerance=tolerance)
+        end = self._core.solve(qp, options, near)
+        if explained and (end.status in _UNCLEAR or _only_rounding(qp, end)):
+            end = self._judged(qp, row_table(qp), end)
+        return self._found(qp, end)
+
+    @checked_on_failure
+    def steepest(self, qp: StageQp) -> float:
+        """Largest entry [1/unit of z] of the gradient of the residuals' half square, at 0."""
+        return self._core.steepest(qp)
+
+    @checked_on_failure
+    def error(self, qp: StageQp, near: Near) -> float:
+        """By how much the multipliers of the QP that was solved last miss the optimality conditions of another one at 0.
+
+        Largest entry [1/unit of z] of the gradient of its Lagrangian, or [-] product with what is left to a bound.
+        """
+        y, flat = near.y, qp.flat
+        lower, upper = (np.concatenate([flat[name], flat[f"z_{name}"]]) for name in ("lower", "upper"))
+        counts = y != 0.0
+        left = y[counts] * np.where(y > 0.0, upper, lower)[counts]
+        return max(self._core.stationarity(qp, near), float(np.abs(left).max(initial=0.0)))
+
+    def _judged(self, qp: StageQp, table: RowTable, failed: End) -> End:
+        """What it means that no optimum was found: phase one tells whether there is a point at all, and where."""
+        if failed.worst <= self._inexact and failed.status is StageQpStatus.ITERATION_LIMIT:
+            return replace(failed, status=StageQpStatus.INEXACT)
+        least = self._run(qp, row_table(qp, phase_one=True), at_rest(qp, table), costless=True)
+        spent = failed.iterations + least.iterations
+        missed = table.violation(_values(qp, least.point.z))
+        if least.status is StageQpStatus.SOLVED and missed > _MISSED * (1.0 + np.abs(least.point.z).max()):
+            return replace(least, status=StageQpStatus.INFEASIBLE, iterations=spent)
+        if self._is_endless(qp):
+            return replace(failed, status=StageQpStatus.UNBOUNDED, iterations=spent)
+        again = self._run_slowly(qp, least.point)
+        best = min(failed, again, key=lambda end: end.worst)
+        return replace(best, status=self._last_word(best), iterations=spent + again.iterations)
+
+    @property
+    def _inexact(self) -> float:
+        return self.options.tolerance * STAGE_TOLERANCES.inexact_tolerances
+
+    def _last_word(self, best: End) -> StageQpStatus:
+        """Endless steps, and rounding, prove nothing."""
+        if best.status is StageQpStatus.SOLVED:
+            return best.status
+        known = best.status is StageQpStatus.NOT_A_NUMBER
+        status = best.status if known else StageQpStatus.ITERATION_LIMIT
+        return StageQpStatus.INEXACT if best.worst <= self._inexact else status
+
+    def _is_endless(self, qp: StageQp) -> bool:
+        """Whether there is a way along which the cost falls for ever."""
+        if not may_fall_endlessly(qp):
+            return False
+        other = ways_down(qp)
+        way = StageQpSolver(other.shape, self.options).solve(other)
+        return way.status.usable and leads_down(other, way.z)
+
+    def _run_slowly(self, qp: StageQp, start: Point) -> End:
+        """With residuals as rows, and some curvature for directions that have none, from the z of a start."""
+        other = with_residuals_as_rows(qp)
+        table, own = row_table(other), own_rows(qp.shape, other.shape)
+        slow = StageQpSolver(other.shape, self.options)
+        point = replace(at_rest(other, table), z=start.z)
+        end = slow._run(other, table, point, Start.COLD, damped=True)
+        return replace(end, point=end.point.of_rows(own))
+
+    def _run(
+        self,
+        qp: StageQp,
+        table: RowTable,
+        point: Point,
+        start: Start = Start.EQUALITIES,
+        *,
+        costless: bool = False,
+        damped: bool = False,
+    ) -> End:
+        # With next to no curvature phase one loses digits, and needs few.
+        options = replace(self.options, tolerance=max(self.options.tolerance, _ROUGH)) if costless else self.options
+        return self._core.run(qp, table, point, options, start=start, costless=costless, damped=damped)
+
+    @np.errstate(invalid="ignore")  # of what is not a number there is no excess
+    def _found(self, qp: StageQp, end: End) -> Found:
+        m, y, flat = len(qp.flat["lower"]), end.point.row_multipliers(), qp.flat
+        y[m:] -= end.held
+        return Found(
+            shape=self.shape,
+            status=end.status,
+            z=end.point.z,
+            costate=end.point.costate,
+            y=y,
+            excess=distance(end.value[:m], flat["lower"], flat["upper"]),
+            iterations=end.iterations,
+            kkt=end.kkt,
+            products=self._core.products(qp, end.point.z),
+        )
+
+
+def _only_rounding(qp: StageQp, end: End) -> bool:
+    """Whether a cost that is convex, as a sum of squares, seemed not to be."""
+    return end.status is StageQpStatus.NOT_CONVEX and not qp.flat["H"].any() and bool((qp.flat["damping"] >= 0.0).all())
+
+
+def _split(qp: StageQp, found: Found) -> StageQpSolution:
+    shape, m = qp.shape, len(found.excess)
+    z = _parts(found.z, shape.n_z)
+    return stage_qp_solution(
+        status=found.status,
+        z=z,
+        x=tuple(own[:n] for own, n in zip(z, shape.n_x, strict=True)),
+        u=tuple(own[n:] for own, n in zip(z[:-1], shape.n_x, strict=False)),
+        costate=_parts(found.costate, shape.n_x),
+        y=_parts(found.y[:m], shape.n_c),
+        y_z=_parts(found.y[m:], shape.n_z),
+        excess=_parts(found.excess, shape.n_c),
+        iterations=found.iterations,
+        kkt=found.kkt,
+        cost=_cost(qp, found),
+    )
+
+
+def _parts(flat: Array, sizes: tuple[int, ...]) -> tuple[Array, ...]:
+    return tuple(flat[own] for own in slices(sizes))
+
+
+def _values(qp: StageQp, z: Array) -> Array:
+    """(M,) of rows and variables."""
+    return np.concatenate([*(C @ own for C, own in zip(qp.C, _parts(z, qp.shape.n_z), strict=True)), z])
+
+
+def _near(solution: StageQpSolution) -> Near:
+    y = np.concatenate([*solution.y, *solution.y_z])
+    return Near(z=np.concatenate(solution.z), costate=np.concatenate(solution.costate), y=y)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # of what is not a number there is no cost
+def _cost(qp: StageQp, found: Found) -> float:
+    r, z, flat, products = qp.flat["r"], found.z, qp.flat, found.products
+    straight = products.slope + z @ flat["g"]
+    bend = sum(own @ H @ own for H, own in zip(qp.H, _parts(z, qp.shape.n_z), strict=True))
+    return float((r @ r + products.square + bend + z @ (flat["damping"] * z)) / 2 + straight)

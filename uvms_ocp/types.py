@@ -1,0 +1,161 @@
+"""Names for what signatures take: arrays, ranges of numbers, shapes, frozen mappings and arrays."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+# Names of arrays in signatures.
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+
+
+# What annotations say of numbers and arrays beyond their type: in which range, of which shape.
+
+_OF = "length of "  # before the name of a length, so that no argument is meant
+
+
+@dataclass(frozen=True)
+class Range:
+    """In an annotation: the numbers that are allowed, from `low` to `high`; `open` leaves both ends out. NaN is never inside."""
+
+    low: float = -np.inf
+    """[any]"""
+    high: float = np.inf
+    """[any]"""
+    open: bool = False
+    """Without the ends: of an infinite one, infinity."""
+
+    def holds(self, value: float) -> bool:
+        """Whether the value [any] is inside."""
+        return self.low < value < self.high if self.open else self.low <= value <= self.high
+
+    def doubt(self, name: str) -> str:
+        """Source that is true where the number `name` is not inside; `_inf` is infinity."""
+        low, high = (repr(float(end)).replace("inf", "_inf") for end in (self.low, self.high))
+        return f"not {low} {'<' if self.open else '<='} {name} {'<' if self.open else '<='} {high}"
+
+    def __str__(self) -> str:
+        if np.isinf(self.low) and np.isinf(self.high):
+            return ", finite" if self.open else ", not NaN"
+        if np.isinf(self.high):
+            return f" {'>' if self.open else '>='} {self.low:g}"
+        return f" {'between' if self.open else 'from'} {self.low:g} {'and' if self.open else 'to'} {self.high:g}"
+
+
+class Shape:
+    """In an annotation: the shape of an array, where `...` stands for any axes before the others.
+
+    A name stands for one length throughout a call; one with dots, such as ``self.robot.n_q``, is read from its arguments.
+    """
+
+    def __init__(self, *sizes: int | str | types.EllipsisType) -> None:
+        self._any_before = ... in sizes
+        self._sizes = tuple(size for size in sizes if not isinstance(size, types.EllipsisType))
+
+    def holds(self, value: Any) -> bool:
+        """Whether an array has such a shape."""
+        shape, n = np.shape(value), len(self._sizes)
+        if len(shape) < n or (len(shape) > n and not self._any_before):
+            return False
+        last = shape[len(shape) - n :]
+        return all(isinstance(size, str) or size == m for size, m in zip(self._sizes, last, strict=True))
+
+    def doubt(self, name: str) -> str:
+        """Source that is true where the array `name` has other axes than the value knows whose method it is."""
+        n = len(self._sizes)
+        known = [
+            f"{name}.shape[{i - n}] != {size}"
+            for i, size in enumerate(self._sizes)
+            if isinstance(size, int) or size.startswith("self.")
+        ]
+        return " or ".join([f"{name}.ndim {'<' if self._any_before else '!='} {n}", *known])
+
+    def among(self, arguments: Mapping[str, object]) -> Shape:
+        """The shape with the lengths that the arguments of a call tell."""
+        sizes = [_length(size, arguments) if isinstance(size, str) else size for size in self._sizes]
+        return Shape(*([...] if self._any_before else []), *sizes)
+
+    def named(self, value: Any) -> dict[str, int]:
+        """The lengths that an array of such a shape gives to names."""
+        last = np.shape(value)[np.ndim(value) - len(self._sizes) :]
+        return {f"{_OF}{size}": n for size, n in zip(self._sizes, last, strict=True) if isinstance(size, str)}
+
+    @property
+    def names(self) -> list[str]:
+        """What `named` calls the lengths."""
+        return [f"{_OF}{size}" for size in self._sizes if isinstance(size, str)]
+
+    def __str__(self) -> str:
+        text = ", ".join(["..."] * self._any_before + [str(size) for size in self._sizes])
+        return f"({text}{',' if len(self._sizes) == 1 and not self._any_before else ''})"
+
+
+def _length(name: str, known: Mapping[str, object]) -> int | str:
+    first, *rest = name.split(".")
+    value = known.get(first if rest else f"{_OF}{name}")
+    for part in rest:
+        value = getattr(value, part, None)
+    return value if isinstance(value, int) else name
+
+
+# Annotations that say more than their type, by name.
+
+Finite = Annotated[float, Range(open=True)]
+Positive = Annotated[float, Range(0.0, open=True)]
+Count = Annotated[int, Range(0)]
+AtLeastOne = Annotated[int, Range(1)]
+Magnitude = Annotated[float, Range(0.0, 1e6)]
+"""[m], [rad], [s] Never negative, and finite."""
+DAY = 86_400.0
+"""[s] Beyond it no run, plan or solution is waited for."""
+Bound = Annotated[float, Range()]
+"""Infinite where there is no bound, never NaN."""
+Period = Annotated[float, Range(0.0, DAY, open=True)]
+"""[s] Of control, of a step, of an action: no longer than a day."""
+Vector3 = Annotated[np.ndarray, Shape(3)]
+Point = Annotated[Sequence[float], Shape(3), Range(open=True)]
+
+
+# Values that cannot be changed: mappings and arrays.
+
+
+class FrozenDict(dict[Any, Any]):
+    """A dictionary that stays as it was made; it can be pickled, copied and written as JSON."""
+
+    __slots__ = ()
+
+    def _refuse(self, *_: object, **__: object) -> NoReturn:
+        raise TypeError(
+            "this mapping is part of a frozen value; make a new one, as by dict(...) or dataclasses.replace"
+        )
+
+    __setitem__ = __delitem__ = __ior__ = _refuse
+    clear = pop = popitem = setdefault = update = _refuse
+
+    def __reduce__(self) -> tuple[type[FrozenDict], tuple[dict[Any, Any]]]:
+        return FrozenDict, (dict(self),)
+
+    def __copy__(self) -> FrozenDict:
+        return self
+
+
+def frozen_mapping(items: Mapping[Any, Any]) -> FrozenDict:
+    """The same entries, for good."""
+    return items if type(items) is FrozenDict else FrozenDict(items)
+
+
+def read_only(values: ArrayLike, dtype: type | None = None) -> np.ndarray:
+    """``values`` (...) [any] as an array that neither its holder nor its giver can write to: a copy unless it is one."""
+    array = np.asarray(values, dtype=dtype)
+    if array is not values or array.flags.writeable or array.base is not None:
+        array = np.array(array)
+        array.flags.writeable = False
+    return array

@@ -1,1 +1,0 @@
-"""In: files that anyone may have written. Out: plain values within bounds, or one line that says what is wrong."""

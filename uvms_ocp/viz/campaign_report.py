@@ -1,0 +1,157 @@
+"""Report of a campaign as one page of HTML that needs no network, and its figures."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from uvms_ocp.viz.style import (
+    BLUE,
+    FADED,
+    GREEN,
+    ORANGE,
+    THRESHOLD,
+    VERMILLION,
+    WIDTH,
+    RecordFigure,
+    label_text,
+    styled,
+)
+
+# Figures of many runs: how sure the rate is, how runs end, how figures of merit spread, what they depend on.
+
+_COLUMNS = 3
+_MOST = 12  # bars
+_LONGEST = 60
+
+
+@styled
+def figure_rate(success: np.ndarray, interval: tuple[float, float]) -> Figure:
+    """The share of successes over the number of runs; success (n,) [-] of all runs in their order, interval [-] of the whole."""
+    figure = RecordFigure(figsize=(WIDTH, 2.4))
+    axis = figure.subplots()
+    n = np.arange(1, len(success) + 1)
+    axis.axhspan(100 * interval[0], 100 * interval[1], color=BLUE, alpha=0.15, lw=0)
+    axis.plot(n, 100 * np.cumsum(success) / n, color=BLUE)
+    axis.set(xlabel="runs", ylabel="successes [%]", xlim=(1, max(2, len(success))))
+    figure.suptitle("Success rate, and its 95 % interval at the end", fontsize=10, fontweight="bold", x=0.01, ha="left")
+    return figure
+
+
+@styled
+def figure_outcomes(outcomes: Sequence[Mapping[str, Any]]) -> Figure:
+    """Shares of all outcomes with their intervals; rows as the report has them."""
+    rows = list(outcomes)[:_MOST][::-1]
+    figure = RecordFigure(figsize=(WIDTH, 0.7 + 0.28 * len(rows)))
+    axis = figure.subplots()
+    shares = np.array([100 * row["share"] for row in rows])
+    errors = np.array([[100 * (row["share"] - row["lower"]), 100 * (row["upper"] - row["share"])] for row in rows]).T
+    colors = [GREEN if row["outcome"] == "completed" else VERMILLION for row in rows]
+    axis.barh(
+        [label_text(row["outcome"], _LONGEST) for row in rows], shares, xerr=np.maximum(errors, 0.0), color=colors
+    )
+    axis.set(xlabel="share of runs [%], with 95 % intervals", xlim=(0, 100))
+    return figure
+
+
+@styled
+def figure_spread(values: Mapping[str, np.ndarray], success: np.ndarray) -> Figure:
+    """Histograms of figures of merit, values (n,) [unit in the name] by name, NaN where a run has none; success (n,) [-]."""
+    names = [name for name, column in values.items() if np.isfinite(column).any()]
+    n_rows = max(1, -(-len(names) // _COLUMNS))
+    figure = RecordFigure(figsize=(WIDTH, 1.7 * n_rows))
+    axes = figure.subplots(n_rows, _COLUMNS, squeeze=False).ravel()
+    for axis, name in zip(axes, names, strict=False):
+        known = np.isfinite(values[name])
+        edges = np.histogram_bin_edges(values[name][known], bins=30)
+        parts = [values[name][known & success], values[name][known & ~success]]
+        axis.hist(parts, bins=edges, stacked=True, color=[GREEN, VERMILLION], label=["success", "failure"])
+        axis.set_xlabel(label_text(name))
+    for axis in axes[len(names) :]:
+        axis.set_axis_off()
+    axes[0].legend()
+    return figure
+
+
+@styled
+def figure_sensitivity(rows: Sequence[Mapping[str, Any]], figure_name: str) -> Figure:
+    """PAWN indices of one figure by parameter, beside what a number of no effect would have; rows as the report has them."""
+    own = sorted((row for row in rows if row["figure"] == figure_name), key=lambda row: row["pawn"])[-_MOST:]
+    figure = RecordFigure(figsize=(WIDTH, 0.8 + 0.28 * len(own)))
+    axis = figure.subplots()
+    names = [label_text(row["parameter"], _LONGEST) for row in own]
+    above = [row["pawn"] > row["pawn_floor"] for row in own]
+    axis.barh(names, [row["pawn"] for row in own], color=[ORANGE if told else FADED for told in above])
+    if own:
+        axis.axvline(own[0]["pawn_floor"], color=THRESHOLD, lw=0.9, ls=(0, (5, 3)))
+    axis.set_xlabel(f"PAWN index of {figure_name} [-]; left of the dashed line nothing is told")
+    return figure
+
+
+# The report of a campaign as one page of HTML, which needs no network.
+
+_STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; max-width: 1100px; margin: 2em auto; padding: 0 1em; color: #1a1a1a }
+h1 { font-size: 1.5em } h2 { font-size: 1.15em; margin-top: 2em }
+table { border-collapse: collapse; font-size: 13px; display: block; overflow-x: auto }
+td, th { padding: .25em .7em; border-bottom: 1px solid #ddd; text-align: left; vertical-align: top }
+td.n { text-align: right; font-variant-numeric: tabular-nums } img { max-width: 100%; margin: .5em 0 }
+.rate { font-size: 1.35em } code { background: #f3f3f3; padding: .1em .3em }
+"""
+_SAME = "Nothing but the seed of each run."
+
+
+def report_page(report: Mapping[str, Any], figures: Mapping[str, bytes]) -> str:
+    """A page of a report, with PNG figures by their titles."""
+    title = f"Campaign {report['campaign']}"
+    state = f"{report['finished']} of {report['runs']} runs are finished"
+    drawn = f"sampler {report['sampler']}, seed {report['seed']}, uvms_ocp {report['package']}"
+    parts = [
+        f"<h1>{escape(title)}</h1>",
+        f'<p class="rate">Success: {escape(report["success_text"])}</p>',
+        f"<p>Counted as success: {escape('; '.join(report['criterion']))}. {escape(state)}; {escape(drawn)}.</p>",
+        *(_figure(name, png) for name, png in figures.items()),
+        "<h2>Outcomes</h2>" + _table(report["outcomes"]),
+        "<h2>Causes of failure</h2><p>Causes that differ in their numbers alone are one; the numbers are those of the run that "
+        "is named.</p>" + _table(report["causes"], "No run failed."),
+        "<h2>Distributions</h2>" + _table(report["distributions"], "No run has a figure of merit."),
+        "<h2>Sensitivity</h2><p>Spearman's rank correlation is a first look; a PAWN index that is not clearly above its "
+        "floor says nothing; s1 and st are Sobol' indices, of their own design only.</p>"
+        + _table(report["sensitivity"], report["sensitivity_silent"]),
+        f"<h2>The {len(report['worst'])} worst runs</h2><p>Worst first: {escape(report['worst_first'])}.</p>"
+        + _table(report["worst"], code=("repeat",)),
+        "<h2>What was varied</h2>"
+        + _table([{"parameter": name, "distribution": text} for name, text in report["parameters"].items()], _SAME),
+    ]
+    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{_STYLE}</style>'
+    return f"<!doctype html><html><head>{head}</head><body>{''.join(parts)}</body></html>\n"
+
+
+def _figure(name: str, png: bytes) -> str:
+    data = base64.b64encode(png).decode("ascii")
+    return f'<figure><img alt="{escape(name)}" src="data:image/png;base64,{data}"></figure>'
+
+
+def _table(rows: Sequence[Mapping[str, Any]], empty: str = "", code: Sequence[str] = ()) -> str:
+    """empty: why there is no row."""
+    if not rows:
+        return f"<p>{escape(empty)}</p>"
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    head = "".join(f"<th>{escape(name.replace('_', ' '))}</th>" for name in columns)
+    body = "".join(f"<tr>{''.join(_cell(row.get(name), name in code) for name in columns)}</tr>" for row in rows)
+    return f"<table><tr>{head}</tr>{body}</table>"
+
+
+def _cell(value: Any, is_code: bool) -> str:
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "<td>-</td>"
+    if isinstance(value, int | float):
+        return f'<td class="n">{value:.4g}</td>' if isinstance(value, float) else f'<td class="n">{value}</td>'
+    text = escape(str(value))
+    return f"<td><code>{text}</code></td>" if is_code else f"<td>{text}</td>"

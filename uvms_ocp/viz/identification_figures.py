@@ -1,0 +1,203 @@
+"""Figures of an identification: measured against predicted, residuals, whiteness, intervals, profiles, recordings left out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from operator import itemgetter
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from uvms_ocp.identification.calibration import Calibration, Comparison
+from uvms_ocp.identification.fit import Predicted
+from uvms_ocp.identification.parameters import AXES
+from uvms_ocp.identification.uncertainty import CHANNELS, INTERVAL, LEAST_TOLD, Whiteness
+from uvms_ocp.identification.validation import SCORED, LeftOut, Profile, errors
+from uvms_ocp.viz.series import labelled
+from uvms_ocp.viz.style import (
+    BLACK,
+    BLUE,
+    FADED,
+    GREEN,
+    ORANGE,
+    THRESHOLD,
+    VERMILLION,
+    WIDTH,
+    RecordFigure,
+    heading_legend,
+    label_text,
+    save_figure,
+    stacked,
+    styled,
+)
+
+# What speaks for and against a calibration: residuals and whether they are white, profiles, recordings that were left out.
+
+_UNITS = ("m/s", "rad/s", "-")
+"""Of what the three sensors show."""
+_COLUMNS = 4  # of profiles beside each other
+_PREDICTORS = (BLUE, FADED, ORANGE, GREEN)
+_ROOM = 1.15  # [-] of the tallest bar but those of the vehicle before, which may be anywhere
+
+
+@styled
+def figure_residuals(one: Comparison) -> Figure:
+    """What the search has left, simulated less measured, and how it is correlated."""
+    told = {each.channel: each for each in one.whiteness}
+    figure = RecordFigure(figsize=(WIDTH, 0.95 * len(CHANNELS) + 0.6))
+    _title(figure, f"{label_text(one.name)}: what the search has left, and its autocorrelation")
+    grid = figure.subplots(len(CHANNELS), 2, sharex="col", squeeze=False, gridspec_kw={"width_ratios": (3, 1)})
+    for i, (name, (over_time, over_lags)) in enumerate(zip(CHANNELS, grid, strict=True)):
+        sensor, column = divmod(i, 3)
+        left = one.left.rows[sensor][:, column] - one.left.seen[sensor][:, column]
+        over_time.plot(one.left.t[sensor], left, color=BLUE, lw=0.6)
+        over_time.set_ylabel(f"{name}\n[{_UNITS[sensor]}]")
+        if name in told:
+            _correlation(over_lags, told[name])
+    grid[-1, 0].set_xlabel(labelled("time", "t"))
+    grid[-1, 1].set_xlabel("lag [s]")
+    return figure
+
+
+def _correlation(axis: Axes, one: Whiteness) -> None:
+    lags = one.interval * np.arange(len(one.correlation))
+    axis.axhspan(-one.bound, one.bound, color=FADED, alpha=0.5, lw=0)
+    axis.vlines(lags[1:], 0.0, one.correlation[1:], color=BLUE, lw=1.2)
+    axis.set_ylim(-1.05, 1.05)
+    color = THRESHOLD if one.white else VERMILLION
+    p = f"p = {one.p:.2g}" if one.p > LEAST_TOLD else f"p < {LEAST_TOLD:g}"
+    axis.set_title(f"{p}, {one.together:.2g} alike", fontsize=7, color=color, pad=2)
+
+
+@styled
+def figure_profiles(told: Sequence[Profile]) -> Figure:
+    """Roots of the deviance with each number held, and the straight line that standard errors take for them."""
+    n_rows = -(-len(told) // _COLUMNS)
+    figure = RecordFigure(figsize=(WIDTH, 1.5 * n_rows + 0.7))
+    _title(figure, "Root of the deviance, a number held (grey: by standard errors)")
+    axes = figure.subplots(n_rows, _COLUMNS, sharex=True, sharey=True, squeeze=False).ravel()
+    for axis, one in zip(axes, told, strict=False):
+        _profile(axis, one)
+    for axis in axes[len(told) :]:
+        axis.set_axis_off()
+    figure.supxlabel("standard errors from where the search has ended", fontsize=8)
+    return figure
+
+
+def _profile(axis: Axes, one: Profile) -> None:
+    number, color = one.number, VERMILLION if one.differs else BLUE
+    for end in (-INTERVAL, INTERVAL):
+        axis.axhline(end, color=THRESHOLD, lw=0.7, ls=(0, (5, 3)))
+    straight, found = ((np.array(ends) - number.value) / number.sigma for ends in (number.interval, one.values))
+    axis.plot(straight, (-INTERVAL, INTERVAL), color=FADED, lw=2.5)
+    axis.plot(found, one.roots, color=color, lw=1.0, marker="o", ms=3)
+    axis.set_title(f"{label_text(number.name)}\n{number.value:.4g} ± {number.sigma:.2g}", fontsize=7)
+
+
+@styled
+def figure_left_out(found: Sequence[LeftOut]) -> Figure:
+    """Errors of predictions of recordings that were left out, medians over them, beside those that know less."""
+    asked = sorted({each.asked for one in found for each in one.horizons})
+    figure = RecordFigure(figsize=(WIDTH, 4.6))
+    _title(figure, "Recordings that were left out: errors by horizon; taller bars are cut")
+    axes = figure.subplots(2, 4).ravel()
+    for i, (axis, name) in enumerate(zip(axes, SCORED, strict=False)):
+        _bars(axis, found, asked, i)
+        axis.set_title(name)
+        axis.set_ylabel("[deg]" if i == len(SCORED) - 1 else f"[{_UNITS[i // 3]}]")
+    axes[-1].set_axis_off()
+    handles, labels = axes[0].get_legend_handles_labels()
+    axes[-1].legend(handles, labels, loc="center", frameon=False)
+    return figure
+
+
+def _bars(axis: Axes, found: Sequence[LeftOut], asked: Sequence[float], i: int) -> None:
+    names = list(next((each.by for one in found for each in one.horizons), ()))
+    if not names:
+        return
+    heights = np.array([[_median(found, horizon, name, i) for horizon in asked] for name in names])
+    for k, name in enumerate(names):
+        axis.bar(np.arange(len(asked)) + 0.2 * (k - 1.5), heights[k], 0.2, color=_PREDICTORS[k], label=name)
+    axis.set_ylim(0.0, _ROOM * max(heights[0].max(), heights[2:].max()))
+    axis.set_xticks(np.arange(len(asked)), [f"{horizon:g} s" for horizon in asked])
+
+
+def _median(found: Sequence[LeftOut], asked: float, name: str, i: int) -> float:
+    chosen = [each for one in found for each in one.horizons if each.asked == asked]
+    return float(np.median([errors(each.by[name])[i] for each in chosen]))
+
+
+def _title(figure: RecordFigure, text: str) -> None:
+    figure.suptitle(text, fontsize=10, fontweight="bold", x=0.01, ha="left")
+
+
+# A calibration to look at: measured against predicted, what is left, how sure its numbers are, and what others predict.
+
+_PARTS = ("linear", "angular")
+"""Of the velocity, as the sensors measure them."""
+_WIDEST = 100.0  # [%] of an interval that is drawn: beyond it nothing is known
+
+
+def write_identification_figures(one: Calibration, folder: Path) -> list[Path]:
+    """As PNG into the folder: two for each recording, one for all numbers, and those of what was asked for besides."""
+    paths = [save_figure(figure_intervals(one), folder / "intervals.png")]
+    kinds: dict[str, Callable[[Comparison], Figure]] = {"predicted": figure_predicted, "residuals": figure_residuals}
+    for k, each in enumerate(one.comparisons):
+        paths += [save_figure(draw(each), folder / f"{kind}_{k}.png") for kind, draw in kinds.items()]
+    if one.profiles:
+        paths.append(save_figure(figure_profiles(one.profiles), folder / "profiles.png"))
+    long_enough = [each for each in one.left_out if each.horizons]
+    if long_enough:
+        paths.append(save_figure(figure_left_out(long_enough), folder / "left_out.png"))
+    return paths
+
+
+@styled
+def figure_predicted(one: Comparison) -> Figure:
+    """Velocities, roll and pitch, measured and predicted from commands alone."""
+    figure, axes = stacked(len(AXES) + 2, 1.0, f"{label_text(one.name)}: measured and predicted")
+    for i, (axis, name) in enumerate(zip(axes, AXES, strict=False)):
+        sensor, column = divmod(i, 3)
+        axis.set_ylabel(labelled(name, "v", _PARTS[sensor]))
+        _draw(axis, one, sensor, itemgetter((slice(None), column)))
+    for axis, name, angle in zip(axes[len(AXES) :], ("roll", "pitch"), (_roll, _pitch), strict=True):
+        axis.set_ylabel(f"{name} [deg]")
+        _draw(axis, one, 2, angle)
+    heading_legend(figure, axes[0].get_lines())
+    return figure
+
+
+def _draw(axis: Axes, one: Comparison, sensor: int, column: Callable[[np.ndarray], np.ndarray]) -> None:
+    drawn: tuple[tuple[str, Predicted, str], ...] = (
+        ("before", one.before, FADED),
+        ("at rest in balance", one.balance, GREEN),
+        ("calibrated", one.calibrated, VERMILLION),
+    )
+    axis.plot(one.calibrated.t[sensor], column(one.calibrated.seen[sensor]), color=BLACK, lw=0.7, label="measured")
+    for name, predicted, color in drawn:
+        axis.plot(predicted.t[sensor], column(predicted.rows[sensor]), color=color, lw=0.9, label=name)
+
+
+def _roll(vertical: np.ndarray) -> np.ndarray:
+    return np.asarray(np.rad2deg(np.arctan2(vertical[:, 1], vertical[:, 2])))
+
+
+def _pitch(vertical: np.ndarray) -> np.ndarray:
+    return np.asarray(np.rad2deg(-np.arcsin(np.clip(vertical[:, 0], -1.0, 1.0))))
+
+
+@styled
+def figure_intervals(one: Calibration) -> Figure:
+    """Intervals of 95 %, relative to the sizes of numbers; those that are not determined are faded."""
+    told = one.numbers
+    figure = RecordFigure(figsize=(WIDTH, 0.17 * len(told) + 1.0))
+    figure.suptitle("Half widths of 95 % intervals", fontsize=10, fontweight="bold", x=0.01, ha="left")
+    axis = figure.subplots()
+    widths = [min(100.0 * INTERVAL * each.sigma / max(each.size, 1e-300), _WIDEST) for each in told]
+    axis.barh(np.arange(len(told)), widths, color=[BLUE if each.determined else FADED for each in told])
+    axis.set_yticks(np.arange(len(told)), [label_text(each.name) for each in told])
+    axis.set_ylim(len(told) - 0.4, -0.6)
+    axis.set_xlabel(f"[%] of the number's size, cut off at {_WIDEST:.0f}; grey: not determined")
+    return figure

@@ -1,0 +1,183 @@
+"""Data that the page's script needs beside meshcat's commands: views, legend, readouts, time line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.record.record import Record, quantity
+from uvms_ocp.record.tables import unit_of
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import Trust
+from uvms_ocp.viz.scene.animation import Frames, Ghost, joint_node, rounded
+from uvms_ocp.viz.scene.shapes import hex_of
+from uvms_ocp.viz.scene.surroundings import extent, labels
+from uvms_ocp.viz.series import as_known, fault_spans, intervals_of, phase_spans
+
+# What the page's script needs beside the commands of meshcat: where to look from, names of places, the floor.
+
+_FAR = 12.0  # robot sizes; a longer mission opens with the camera on the vehicle
+_LONGEST_SHOW = 60.0  # [s] beyond it playback begins sped up
+_SHORT_WAY = 0.2  # [m] a shorter horizontal way has no direction
+_SPEEDS = (0.25, 1, 2, 5, 10, 20, 50, 100)
+
+
+def page_details(record: Record, robot: Robot, frames: Frames, centre: np.ndarray) -> dict[str, Any]:
+    """JSON values for the page; centre (3,) [m] in W is the origin of its frame."""
+    points, of_robot = _thinned(extent(record, frames)) - centre, robot_details(robot)
+    far = np.linalg.norm(np.ptp(points, axis=0)) > _FAR * of_robot["size"]
+    return {
+        "scenario": record.meta.scenario,
+        "known": as_known(record).strip(),
+        **_playback(float(frames.t[-1])),
+        "floor": _lowest_floor(record, centre),
+        "relief": _relief(record, centre),
+        "labels": labels(record, centre),
+        "points": points.tolist(),
+        "start_view": "vehicle" if far and robot.n_vehicle else "mission",
+        "direction": _viewing_direction(record, frames, forward=0.4),
+        "close_direction": _viewing_direction(record, frames, forward=1.2),
+        **of_robot,
+    }
+
+
+def robot_details(robot: Robot) -> dict[str, Any]:
+    """JSON values about the robot alone."""
+    return {
+        "robot": robot.name,
+        "size": _robot_size(robot),
+        "views": ["mission", "vehicle", "tool"] if robot.n_vehicle else ["mission", "tool"],
+        "body": ["meshcat", "scene", "robot", joint_node(robot.model, 1)],
+        "hand": ["meshcat", "scene", "robot", joint_node(robot.model, robot.model.njoints - 1)],
+    }
+
+
+def _playback(duration: float) -> dict[str, Any]:
+    fitting = (speed for speed in _SPEEDS if speed >= 1 and duration / speed <= _LONGEST_SHOW)
+    return {"duration": duration, "speed": next(fitting, _SPEEDS[-1]), "speeds": _SPEEDS}
+
+
+def _lowest_floor(record: Record, centre: np.ndarray) -> float | None:
+    """Height [m] of the plane around a floor that is not flat, or of the flat floor, in the frame of the page."""
+    relief, plane = record.meta.surroundings.floor, record.meta.surroundings.floor_z
+    lowest = plane if relief is None else float(np.min(relief.z))
+    return None if lowest is None else float(lowest - centre[2])
+
+
+def _relief(record: Record, centre: np.ndarray) -> dict[str, Any] | None:
+    """The floor that is not flat, in the frame of the page."""
+    relief = record.meta.surroundings.floor
+    if relief is None:
+        return None
+    axes = {"x": relief.x, "y": relief.y, "z": relief.z}
+    values = {
+        axis: (np.array(points) - middle).round(3) for (axis, points), middle in zip(axes.items(), centre, strict=True)
+    }
+    return {axis: value.tolist() for axis, value in values.items()}
+
+
+def _thinned(points: np.ndarray, limit: int = 400) -> np.ndarray:
+    return points[:: max(1, len(points) // limit)]
+
+
+def _robot_size(robot: Robot) -> float:
+    """Radius [m] of a ball around the robot's shapes, about its first joint."""
+    data, shapes = robot.model.createData(), robot.visual_model.createData()
+    q = robot.configuration(joints=robot.home) if robot.n_vehicle else np.asarray(robot.home)
+    pin.updateGeometryPlacements(robot.model, data, robot.visual_model, shapes, q)
+    if not len(shapes.oMg):
+        return 0.5
+    first = data.oMi[1].translation
+    return max(float(np.linalg.norm(X.translation - first)) for X in shapes.oMg) + 0.2
+
+
+def _viewing_direction(record: Record, frames: Frames, *, forward: float) -> list[float]:
+    """From where to look: from the side of the run's horizontal way, `forward` of it and a little above."""
+    points = extent(record, frames)
+    way = (points[-1] - frames.placements[0, 1, :3])[:2]
+    length = float(np.linalg.norm(way))
+    ahead = way / length if length > _SHORT_WAY else np.array([1.0, 0.0])
+    side = np.array([ahead[1], -ahead[0]])
+    return [*(side + forward * ahead).tolist(), 0.4 * float(np.hypot(1.0, forward))]
+
+
+# What the page can show and hide, by name and colour.
+
+_SCENE = ("meshcat", "scene")
+
+
+def legend(record: Record, trails: list[dict[str, Any]], ghosts: list[Ghost], *, beam: bool) -> list[dict[str, Any]]:
+    """JSON values: rows that show or hide nodes of the scene by their paths; the page adds arrows and witness lines."""
+    rows = [_row(f"path of the {trail['name']}", trail["colour"], trail["path"]) for trail in trails]
+    if beam:
+        rows.append(_row("altimeter", "#80ffe6", [*_SCENE, "beam"]))
+    if record.meta.surroundings.frames or record.meta.surroundings.markers:
+        rows.append(_row("goals", "#f24d1a", [*_SCENE, "goals"]))
+    rows += [_row(ghost.name, hex_of(ghost.rgb), [*_SCENE, ghost.node]) for ghost in ghosts]
+    return rows
+
+
+def _row(label: str, colour: str, path: list[str]) -> dict[str, Any]:
+    return {"label": label, "colour": colour, "path": path}
+
+
+# What the page writes beside the picture: every measured quantity of the record, own ones too.
+
+
+def readouts(record: Record, frames: Frames) -> dict[str, Any]:
+    """JSON values: ``times`` (n,) [s] of the frames and a row for each quantity; `None` where it is not known."""
+    return {"times": frames.t.round(3).tolist(), "readouts": list(_rows(record, frames))}
+
+
+def _rows(record: Record, frames: Frames) -> Iterator[dict[str, Any]]:
+    for name in record.meta.quantities:
+        values = quantity(record, name)
+        if values is not None and np.isfinite(values).any():
+            yield readout(name, values[frames.row])
+
+
+def readout(name: str, values: np.ndarray) -> dict[str, Any]:
+    """JSON values: the row of a quantity with its values (n,) [its unit]."""
+    task, _, what = name.rpartition(".")
+    label = f"{task} {what.replace('_', ' ')}".strip()
+    return {"task": task, "label": label, "unit": unit_of(name).strip("-"), "values": rounded(values)}
+
+
+# What stands on the time line of the page: phases, faults, health of the sensors, alarms.
+
+
+def time_line(record: Record) -> dict[str, list[dict[str, Any]]]:
+    """JSON values, times [s] since the record began."""
+    start = float(record["t"][0])
+    tasks = {phase.name: list(phase.tasks) for phase in record.meta.phases}
+    return {
+        "phases": [
+            {"name": s.name, "title": s.title, "index": s.index, "tasks": tasks[s.name]} | _from(s.start, s.end, start)
+            for s in phase_spans(record)
+        ],
+        "faults": [{"name": s.name, "ended": s.ended} | _from(s.start, s.end, start) for s in fault_spans(record)],
+        "health": list(_ill_spells(record)),
+        "alarms": [{"t": a.t - start, "text": a.text} for a in _alarms(record)],
+    }
+
+
+def _from(begin: float, end: float, start: float) -> dict[str, float]:
+    return {"start": begin - start, "end": end - start}
+
+
+def _alarms(record: Record) -> tuple[Any, ...]:
+    return record.meta.alarms if record.meta.kind == "run" else ()
+
+
+def _ill_spells(record: Record) -> Iterator[dict[str, Any]]:
+    """Stays of a channel in a state that is not good."""
+    if record.meta.kind != "run" or "health" not in record.series:
+        return
+    t = record["t"] - record["t"][0]
+    for channel, codes in zip(record.meta.channels, record["health"].T, strict=True):
+        for i, j, code in intervals_of(codes):
+            if code:
+                yield {"channel": channel, "state": Trust(code).name.lower()} | _from(float(t[i]), float(t[j]), 0.0)

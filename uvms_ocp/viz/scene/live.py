@@ -1,0 +1,171 @@
+"""Show a run in the browser while it goes on: the loop publishes the newest state, browsers fetch it frame by frame.
+
+A tick pays one assignment, and the wait that keeps the run to the clock. Frames are made by the threads of those who look, of
+whatever is the newest then: slow ones miss some, and none waits for them.
+"""
+
+from __future__ import annotations
+
+import html
+import json
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+from threading import Event
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.checks import checked
+from uvms_ocp.record.record import Record
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import Command, State
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.types import AtLeastOne, Count, Positive
+from uvms_ocp.viz.scene.animation import draw_robot, frames_of, joint_node, require_fit, rounded
+from uvms_ocp.viz.scene.details import legend, page_details, readout
+from uvms_ocp.viz.scene.page import CommandLog, ScenePage, build_page, served
+from uvms_ocp.viz.scene.shapes import shifted
+from uvms_ocp.viz.scene.show import STATIC_DETAILS
+from uvms_ocp.viz.scene.surroundings import draw_goals, draw_obstacles, middle
+
+# The page of a run that goes on: the scene as the run begins, and what the page's script needs to move it.
+
+_FPS = 1.0  # [Hz] of the frames of the beginning, of which the first is shown
+
+
+def live_page(record: Record, robot: Robot, height: int) -> ScenePage:
+    """record: how a run of `robot` begins. height [px] of its frame in a notebook. Raises `InvalidInput` as `show`."""
+    require_fit(record, robot)
+    frames = frames_of(record, robot, _FPS)
+    centre, log = middle(record, frames), CommandLog()
+    root = log.visualizer()["scene"]
+    root.set_transform(shifted(-centre))
+    draw_robot(root["robot"], robot)
+    for joint in range(1, robot.model.njoints):
+        X_WJ = pin.XYZQUATToSE3(frames.placements[0, joint])
+        root["robot"][joint_node(robot.model, joint)].set_transform(X_WJ.homogeneous)
+    draw_goals(root["goals"], record)
+    draw_obstacles(root["obstacles"], record)
+    log.animate({})
+    details = (
+        STATIC_DETAILS | page_details(record, robot, frames, centre) | _still(record) | {"live": _moved(record, robot)}
+    )
+    return build_page(
+        log, title=f"{record.meta.scenario}: {record.meta.robot}", details=details, height=height, live=True
+    )
+
+
+def _still(record: Record) -> dict[str, Any]:
+    """JSON values of a page without a time line, whose readouts are filled in frame by frame."""
+    return {
+        "duration": 0.0,
+        "speeds": (),
+        "annotations": ["goals"],
+        "legend": legend(record, [], [], beam=False),
+        "readouts": [readout(name, np.full(1, np.nan)) for name in record.meta.quantities],
+        "joints": (),
+    }
+
+
+def _moved(record: Record, robot: Robot) -> dict[str, Any]:
+    """JSON values: nodes in the order of a frame's poses, and phases by their numbers."""
+    nodes = [["meshcat", "scene", "robot", joint_node(robot.model, j)] for j in range(1, robot.model.njoints)]
+    phases = [{"name": p.name, "title": p.title, "tasks": list(p.tasks), "start": 0.0} for p in record.meta.phases]
+    return {"nodes": nodes, "phases": phases}
+
+
+# A run to look at while it goes on: the loop hands over the newest state, and whoever looks fetches it, frame by frame.
+#
+# What a tick pays is one assignment, and the wait that keeps the run to the clock. Frames are made by the threads of those who
+# look, of whatever is the newest then: slow ones miss some, and none waits for them.
+
+_FRAME_RATE = 25.0  # [Hz] of frames, by the clock on the wall
+_DIGITS = 7  # more than the 32-bit floats of the page hold
+
+_Moment = tuple[float, State, Command]
+"""Time [s], true state and command of a tick."""
+
+
+class LiveView:
+    """Shows what it is called with: give it to a run as `watch`. Served on the loopback address alone, until it is closed."""
+
+    def __init__(self, robot: Robot, page: ScenePage, *, speed: float, port: int) -> None:
+        """speed [-] and port [-] as `live` has them. Raises `OutputError` for a port that is taken."""
+        self._robot, self._height, self._speed = robot, page.height, speed
+        self._now: _Moment | None = None
+        self._began = 0.0  # [s] on the clock at which the run was at 0
+        self._closed, self._stack = Event(), ExitStack()
+        self.address = self._stack.enter_context(served(page, port, self.frames))
+        """For a browser of this machine."""
+
+    def __call__(self, t: float, state: State, command: Command) -> None:
+        """The newest tick, at t [s]; returns when the clock has come there, too."""
+        if self._now is None or t < self._now[0]:
+            self._began = time.monotonic() - t / self._speed
+        self._now = (t, state, command)
+        early = self._began + t / self._speed - time.monotonic()
+        if early > 0.0:
+            time.sleep(early)
+
+    def frames(self) -> Iterator[str]:
+        """What a browser is sent, as JSON: one after the other as they come, the last one too, until all is closed."""
+        data, closed = self._robot.model.createData(), False
+        shown: _Moment | None = None
+        while not closed:
+            closed = self._closed.wait(1.0 / _FRAME_RATE)
+            now = self._now
+            if now is not None and now is not shown:
+                yield json.dumps(_frame(self._robot, data, *now), allow_nan=False)
+                shown = now
+
+    def close(self) -> None:
+        """Serve no longer; pages that are open keep what they show."""
+        self._closed.set()
+        self._stack.close()
+
+    def __enter__(self) -> LiveView:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"LiveView({self.address})"
+
+    def _repr_html_(self) -> str:
+        # A page of its own origin, which is not the notebook's.
+        style, allowed = f"width:100%;height:{self._height:d}px;border:none", "allow-scripts allow-same-origin"
+        return f'<iframe sandbox="{allowed}" src="{html.escape(self.address)}" style="{style}"></iframe>'
+
+
+def _frame(robot: Robot, data: pin.Data, t: float, state: State, command: Command) -> dict[str, Any]:
+    """JSON values: time, a pose for each joint of the model, and what the controller tells of phase and quantities."""
+    pin.forwardKinematics(robot.model, data, state.q)
+    told = command.telemetry
+    return {
+        "t": round(t, 4),
+        "poses": [rounded(pin.SE3ToXYZQUAT(X), _DIGITS) for X in list(data.oMi)[1:]],
+        "phase": int(told["phase"]) if "phase" in told else None,
+        "values": rounded(told["quantities"]) if "quantities" in told else [],
+    }
+
+
+@checked
+def live(scenario: Scenario, *, speed: Positive = 1.0, port: Count = 0, height: AtLeastOne = 520) -> LiveView:
+    """A page that shows a run while it goes on: ``scenario.run(watch=live(scenario))``.
+
+    Notebooks display it, `height` [px] high, and other browsers of this machine find it at its ``address``; nobody else is
+    served. speed [-]: times that of the clock, which the run does not overtake; it may be slower. port [-]: 0 for any that is
+    free. The record of the run is the same with and without. Two ticks are run beforehand, to know what is around.
+
+    Raises `OutputError` for a port that is taken, and as `Scenario.run`.
+    """
+    begun = replace(scenario, duration=scenario.dt).run()
+    page = live_page(begun, scenario.robot, height)
+    return LiveView(scenario.robot, page, speed=speed, port=port)

@@ -1,0 +1,316 @@
+"""HTML page of a meshcat scene without its server; served on the loopback address, or drawn as pictures by Chromium."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import json
+import math
+import os
+import re
+import shutil
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.resources import files
+from pathlib import Path
+from threading import Thread
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import umsgpack  # type: ignore[import-untyped]
+
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput, OutputError, plain_line
+from uvms_ocp.types import AtLeastOne, Positive
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+
+# The parts of meshcat that scenes use, imported without the deprecation warning that its unused server raises.
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", DeprecationWarning)
+    from meshcat import geometry as geometry
+    from meshcat import viewer_assets_path as viewer_assets_path
+    from meshcat.animation import Animation as Animation
+    from meshcat.animation import AnimationClip as AnimationClip
+    from meshcat.animation import AnimationTrack as AnimationTrack
+    from meshcat.commands import SetAnimation as SetAnimation
+    from meshcat.path import Path as ScenePath
+    from meshcat.visualizer import Visualizer as Visualizer
+
+__all__ = [
+    "Animation",
+    "AnimationClip",
+    "AnimationTrack",
+    "ScenePath",
+    "SetAnimation",
+    "Visualizer",
+    "geometry",
+    "viewer_assets_path",
+]
+
+
+# A meshcat scene without meshcat's server: commands are collected here and packed into one HTML page.
+
+
+@dataclass(kw_only=True, slots=True)
+class CommandLog:
+    """Stands in for meshcat's window: keeps every command instead of sending it to a server."""
+
+    blobs: list[bytes] = field(default_factory=list)
+
+    def send(self, command: Any) -> None:
+        """What meshcat's `Visualizer` calls; 32-bit floats halve the page."""
+        self.blobs.append(umsgpack.packb(command.lower(), force_float_precision="single"))
+
+    def visualizer(self) -> Visualizer:
+        """A meshcat visualizer that writes into this log."""
+        return Visualizer(window=self)
+
+    def animate(self, clips: Mapping[ScenePath, Any]) -> None:
+        """Load one clip per path; the page starts and drives them."""
+        self.send(SetAnimation(Animation(clips=dict(clips)), play=False))
+
+    def commands(self) -> Iterator[Any]:
+        """The commands as plain values."""
+        return (umsgpack.unpackb(blob) for blob in self.blobs)
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ScenePage:
+    """A finished page: write it to a file, or show it as the last value of a notebook cell."""
+
+    html: str = field(repr=False)
+    height: AtLeastOne = 520
+    """[px] in a notebook."""
+
+    def write(self, path: Path | str) -> Path:
+        """Raises `OutputError` where `path` cannot be written."""
+        path = Path(path)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(self.html, encoding="utf-8")
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written ({error}); choose another place") from error
+        return path
+
+    def _repr_html_(self) -> str:
+        style = f"width:100%;height:{self.height:d}px;border:none"
+        return f'<iframe sandbox="allow-scripts" srcdoc="{html.escape(self.html)}" style="{style}"></iframe>'
+
+
+def build_page(
+    log: CommandLog, *, title: str, details: Mapping[str, Any], height: int = 520, live: bool = False
+) -> ScenePage:
+    """Fill the page template with meshcat's viewer, the commands and `details` (JSON values) for the page's script.
+
+    The page's policy lets the viewer and the page's script run, by their hashes, and nothing else, and loads nothing; a live
+    one hears from whoever serves it.
+    """
+    folder = files("uvms_ocp.viz.scene") / "assets"
+    own = "".join((folder / f"{name}.js").read_text(encoding="utf-8") for name in _SCRIPTS)
+    scripts = {"VIEWER": _viewer_source(), "SCRIPT": own}
+    parts = {
+        **scripts,
+        "POLICY": _policy(scripts.values()) + ("; connect-src 'self'" if live else ""),
+        "TITLE": html.escape(plain_line(title)),
+        "STYLE": (folder / "page.css").read_text(encoding="utf-8"),
+        "DETAILS": _data_block(details),
+        "COMMANDS": _data_block([base64.b64encode(blob).decode("ascii") for blob in log.blobs]),
+    }
+    # In one pass, so that no text that is filled in is looked through for marks.
+    page = _MARK.sub(lambda mark: parts[mark[1]], (folder / "page.html").read_text(encoding="utf-8"))
+    return ScenePage(html=page, height=height)
+
+
+_SCRIPTS = ("stage", "camera", "legend", "time", "arrows", "joints", "live", "main")
+"""One after the other: the page's script."""
+_MARK = re.compile("__([A-Z]+)__")
+
+
+def _policy(scripts: Iterable[str]) -> str:
+    """What the page may do; meshcat's panels make style sheets, and its textures are data."""
+    digests = (base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii") for text in scripts)
+    hashes = " ".join(f"'sha256-{digest}'" for digest in digests)
+    return (
+        f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; "
+        "base-uri 'none'; form-action 'none'"
+    )
+
+
+def _viewer_source() -> str:
+    source = Path(viewer_assets_path()) / "dist" / "main.min.js"
+    # Browsers hash what they parsed: line ends as in HTML.
+    text = source.read_text(encoding="utf-8").replace("\r\n", "\n").replace("\r", "\n")
+    return text.replace("</script", "<\\/script")
+
+
+def _data_block(value: object) -> str:
+    """JSON that nothing in it can end early; numbers that JSON has not are null."""
+    return json.dumps(_finite(value), allow_nan=False).replace("<", "\\u003c")
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+# One page for the browsers of this machine, and what a live one is told: served on the loopback address alone.
+
+_HOST = "127.0.0.1"
+FRAMES = "/frames"
+"""The path at which a live page hears of frames, as server-sent events."""
+
+
+@contextmanager
+def served(page: ScenePage, port: int = 0, frames: Callable[[], Iterator[str]] | None = None) -> Iterator[str]:
+    """Serve the page while the context lasts; gives its address. port [-]: 0 for any that is free.
+
+    frames: makes the lines that a live page is told, for each browser in a thread of its own. Raises `OutputError` where the
+    port is taken.
+    """
+    try:
+        server = ThreadingHTTPServer((_HOST, port), _handler_of(page, frames))
+    except (OSError, OverflowError) as error:
+        raise OutputError(f"port {port} of {_HOST} cannot be served ({error}); give another, or 0 for any") from error
+    thread = Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    try:
+        yield f"http://{_HOST}:{server.server_port}/"
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
+def _handler_of(page: ScenePage, frames: Callable[[], Iterator[str]] | None) -> type[BaseHTTPRequestHandler]:
+    body = page.html.encode()
+
+    class Handler(BaseHTTPRequestHandler):
+        """Knows one page, and no one but those who ask for this machine by its loopback address."""
+
+        def do_GET(self) -> None:
+            # A name that another site has led here is no loopback address.
+            known = self.headers.get("Host", "").partition(":")[0] in (_HOST, "localhost")
+            if known and self.path == FRAMES and frames is not None:
+                self._tell(frames())
+                return
+            found = known and self.path == "/"
+            self.send_response(200 if found else 404 if known else 403)
+            self.send_header("Content-Type", "text/html; charset=utf-8")
+            self.send_header("Content-Length", str(len(body) if found else 0))
+            self.end_headers()
+            if found:
+                self.wfile.write(body)
+
+        def _tell(self, lines: Iterator[str]) -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", "text/event-stream")
+            self.send_header("Cache-Control", "no-store")
+            self.end_headers()
+            with suppress(ConnectionError):  # nobody looks any longer
+                for line in lines:
+                    self.wfile.write(f"data: {line}\n\n".encode())
+                self.wfile.write(b"event: end\ndata: end\n\n")
+
+        def log_message(self, format: str, *args: Any) -> None:
+            """Nobody reads it."""
+
+    return Handler
+
+
+# Pictures of a page, such as the frames of a video: drawn by a Chromium without a window, which playwright drives.
+
+CHROMIUM = "UVMS_OCP_CHROMIUM"
+"""The variable that says where Chromium is, unless it is found by its name."""
+_NAMES = ("chromium", "chromium-browser", "google-chrome")
+_DRAWN_BY_THE_PROCESSOR = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+_MOST_FRAMES = 100_000
+_AT = """(t) => new Promise((done) => {
+  showTime(t);
+  requestAnimationFrame(() => requestAnimationFrame(done));
+})"""
+
+
+def missing() -> str:
+    """What has to be installed before pictures can be made; empty where nothing is missing."""
+    try:
+        import playwright.sync_api  # noqa: F401 - only whether it is there
+    except ImportError:
+        return 'playwright is not installed; run: pip install "uvms-ocp[video]"'
+    if _chromium() is None:
+        return f"no {', '.join(_NAMES)} is found; install Chromium, or say where it is by {CHROMIUM}"
+    return ""
+
+
+def _chromium() -> str | None:
+    return os.environ.get(CHROMIUM) or next(filter(None, map(shutil.which, _NAMES)), None)
+
+
+@contextmanager
+def browser() -> Iterator[Browser]:
+    """A Chromium without a window. Raises `InvalidInput` with what is missing."""
+    if lacking := missing():
+        raise InvalidInput(lacking)
+    from playwright.sync_api import sync_playwright
+
+    flags = [*_DRAWN_BY_THE_PROCESSOR, *(["--no-sandbox"] if os.geteuid() == 0 else [])]  # root has no sandbox
+    with sync_playwright() as driver:
+        chromium = driver.chromium.launch(executable_path=_chromium(), args=flags)
+        try:
+            yield chromium
+        finally:
+            chromium.close()
+
+
+@checked
+def write_frames(
+    page: ScenePage,
+    folder: Path | str,
+    *,
+    fps: Positive = 25.0,
+    width: AtLeastOne = 1280,
+    height: AtLeastOne = 720,
+    view: str = "mission",
+) -> tuple[Path, ...]:
+    """Write what the page shows as ``00000.png``, ``00001.png`` and so on; returns their paths.
+
+    fps [Hz]: pictures per second of the run. width, height [px]. view: the camera, ``mission``, ``vehicle`` or ``tool``.
+    A video from them: ``ffmpeg -framerate 25 -i %05d.png -pix_fmt yuv420p video.mp4``. Raises `InvalidInput` where playwright
+    or Chromium is missing, or the run is too long for so many pictures, and `OutputError` where the folder cannot be written.
+    """
+    folder = Path(folder)
+    with browser() as chromium, served(page) as address:
+        sheet = chromium.new_page(viewport={"width": width, "height": height})
+        sheet.goto(f"{address}#t=0&view={view}")
+        sheet.evaluate("document.body.classList.add('film')")
+        duration = float(sheet.evaluate("DETAILS.duration"))
+        if duration * fps > _MOST_FRAMES:
+            raise InvalidInput(f"fps = {fps:g} for {duration:g} s; give fewer than {_MOST_FRAMES} pictures")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            return tuple(_picture(sheet, t, folder / f"{k:05d}.png") for k, t in enumerate(_times(duration, fps)))
+        except OSError as error:
+            raise OutputError(f"{folder}: cannot be written ({error}); choose another folder") from error
+
+
+def _times(duration: float, fps: float) -> list[float]:
+    times: list[float] = (np.arange(int(duration * fps) + 1) / fps).tolist()
+    return times
+
+
+def _picture(sheet: Page, t: float, path: Path) -> Path:
+    """What the page shows at t [s]."""
+    sheet.evaluate(_AT, t)
+    sheet.screenshot(path=path)
+    return path
