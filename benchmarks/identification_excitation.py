@@ -17,16 +17,16 @@ from recording.report import Report, Row, Table, begin, parser_of
 from uvms_ocp.identification.experiment_design import (
     BY_HAND,
     HALF,
-    Assignment,
     DesignSettings,
     DesignStatus,
     Excitation,
+    ExperimentTask,
     design_experiment,
     largest,
 )
 from uvms_ocp.identification.fit import Search, search_fit
 from uvms_ocp.identification.model import stage_of
-from uvms_ocp.identification.rollout import Prepared, Rollout
+from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 from uvms_ocp.identification.uncertainty import DETERMINED_BELOW, TOTAL, IdentifiedNumber, numbers, values_of
 
 DURATION, VEHICLES, SINGLE = 60.0, 8, 3
@@ -78,10 +78,10 @@ def main() -> None:
     run.write(Report(name=name, title=title, prose=prose, tables=[Table(rows=rows, columns=form)], data={name: rows}))
 
 
-def assignment(duration: float) -> tuple[Assignment, Rollout]:
+def assignment(duration: float) -> tuple[ExperimentTask, Rollout]:
     """The vehicle and its pool, for recordings of some duration [s]."""
     one = vehicle({name: status for name, status in LEARNT.items() if name not in SCALED})
-    return Assignment(vehicle=one, limits=limits(one), duration=duration, noise=NOISE), Rollout(stage_of(one))
+    return ExperimentTask(vehicle=one, limits=limits(one), duration=duration, noise=NOISE), Rollout(stage_of(one))
 
 
 def compared(found: Mapping[str, Excitation]) -> list[Row]:
@@ -105,7 +105,7 @@ def farthest(rows: Sequence[Row]) -> list[Row]:
     return sorted((row for row in rows if not row["number"].startswith(TOTAL)), key=ratio, reverse=True)
 
 
-def alone(given: Assignment, rollout: Rollout, rows: Sequence[Row], quick: bool) -> dict[str, float]:
+def alone(given: ExperimentTask, rollout: Rollout, rows: Sequence[Row], quick: bool) -> dict[str, float]:
     """Standard errors [%] of single numbers where nothing else matters."""
     names = [row["number"] for row in rows]
     found = {
@@ -114,7 +114,7 @@ def alone(given: Assignment, rollout: Rollout, rows: Sequence[Row], quick: bool)
     return {name: _share(next(each for each in one.numbers if each.name == name)) for name, one in found.items()}
 
 
-def fitted(given: Assignment, rollout: Rollout, found: Mapping[str, Excitation], n: int) -> dict[str, float]:
+def fitted(given: ExperimentTask, rollout: Rollout, found: Mapping[str, Excitation], n: int) -> dict[str, float]:
     """Root mean square error after the design, over that by hand, of each number, as n drawn vehicles have it."""
     truths = drawn(given.vehicle, np.random.default_rng(0), n)
     squares = {
@@ -125,15 +125,17 @@ def fitted(given: Assignment, rollout: Rollout, found: Mapping[str, Excitation],
     return dict(zip([each.name for each in found[DESIGNED].numbers], less.tolist(), strict=True))
 
 
-def _errors(given: Assignment, rollout: Rollout, truth: np.ndarray, one: Excitation, seed: int) -> np.ndarray:
+def _errors(given: ExperimentTask, rollout: Rollout, truth: np.ndarray, one: Excitation, seed: int) -> np.ndarray:
     """(m,) [-] of all numbers, by their sizes."""
     recording = recorded(given.vehicle, rollout.stage, truth, np.random.default_rng(seed), one.commands)
-    estimate = search_fit(given.vehicle, [Prepared.of(recording, given.vehicle)], NOISE, rollout, Search(step=0.005))
+    estimate = search_fit(
+        given.vehicle, [PreparedRecording.of(recording, given.vehicle)], NOISE, rollout, Search(step=0.005)
+    )
     pairs = zip(numbers(given.vehicle, estimate), values_of(given.vehicle, truth), strict=True)
     return np.array([(told.value - wanted) / told.size for told, wanted in pairs])
 
 
-def told(given: Assignment, found: Mapping[str, Excitation], rows: Sequence[Row]) -> dict[str, object]:
+def told(given: ExperimentTask, found: Mapping[str, Excitation], rows: Sequence[Row]) -> dict[str, object]:
     """Figures of the prose."""
     ratios, single = np.array([ratio(row) for row in rows]), farthest([row for row in rows if row[ALONE] is not None])
     sides = given.limits.pool[1] - given.limits.pool[0]

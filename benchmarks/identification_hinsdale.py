@@ -21,7 +21,7 @@ from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.identification.fit import Predicted
 from uvms_ocp.identification.output_error import Estimate
-from uvms_ocp.identification.rollout import Prepared
+from uvms_ocp.identification.rollout import PreparedRecording
 
 OTHERS, SEEN, PRIOR, STILL, APART = "left out", "seen", "the author's figures", "nothing moves", "between the sensors"
 WANTED, PERIOD, DAMPING = 0.65, 10.0, 30.0
@@ -58,7 +58,7 @@ class Session:
 
     sensor: str
     learner: Learner
-    prepared: tuple[Prepared, ...]
+    prepared: tuple[PreparedRecording, ...]
     estimate: Estimate
     """From all recordings."""
     left_out: tuple[Predicted, ...]
@@ -88,7 +88,7 @@ def session(folder: Path, sensor: str, *, quick: bool) -> Session:
     """Identify by one sensor, from all recordings and from all but one; searches begin where all of them together end."""
     learner = pool_learner(NOISE[sensor])
     recordings = [one for one in recordings_of(folder)[sensor] if moves(one)][: 2 if quick else None]
-    prepared = tuple(Prepared.of(one, learner.vehicle) for one in recordings)
+    prepared = tuple(PreparedRecording.of(one, learner.vehicle) for one in recordings)
     everything = learner.trained(prepared, iterations=2 if quick else 25)
     return Session(
         sensor=sensor,
@@ -100,7 +100,12 @@ def session(folder: Path, sensor: str, *, quick: bool) -> Session:
 
 
 def _left_out(
-    learner: Learner, prepared: Sequence[Prepared], held: Prepared, everything: Estimate, *, quick: bool
+    learner: Learner,
+    prepared: Sequence[PreparedRecording],
+    held: PreparedRecording,
+    everything: Estimate,
+    *,
+    quick: bool,
 ) -> Predicted:
     others = [one for one in prepared if one is not held]
     found = learner.trained(others, everything.shared, 1 if quick else 15)

@@ -15,15 +15,15 @@ from drawn_vehicles.driving import NOISE, RATE, VELOCITY, VERTICAL, drawn, limit
 from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.identification.experiment_design import (
-    Assignment,
     DesignSettings,
     Excitation,
+    ExperimentTask,
     design_experiment,
     simulate_commands,
 )
 from uvms_ocp.identification.fit import Search, search_fit
 from uvms_ocp.identification.model import Vehicle, stage_of
-from uvms_ocp.identification.rollout import Prepared, Rollout
+from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 from uvms_ocp.identification.uncertainty import DETERMINED_BELOW, INTERVAL, SIZES, IdentifiedNumber, numbers, values_of
 
 ROBOTS, RECORDINGS, DURATION = 20, 5, 60.0
@@ -52,7 +52,7 @@ def identified(one: Vehicle, rollout: Rollout, truth: np.ndarray, driven: Excita
     names = [f"drawn{k}" for k in range(RECORDINGS)]
     found = [recorded(one, rollout.stage, truth, rng, driven.commands, name) for name in names]
     begun = process_time()
-    estimate = search_fit(one, [Prepared.of(each, one) for each in found], NOISE, rollout, SEARCH)
+    estimate = search_fit(one, [PreparedRecording.of(each, one) for each in found], NOISE, rollout, SEARCH)
     taken, off = process_time() - begun, estimate.shared - truth
     same = {"robot": seed, "status": estimate.status.value, "time [s]": taken,
             "weighed": float(off @ estimate.information @ off) / len(off)}  # fmt: skip
@@ -102,7 +102,7 @@ def main() -> None:
     """Design, draw, drive and identify."""
     _, run = begin(parser_of(__doc__))
     one, robots = vehicle(), 2 if run.quick else ROBOTS
-    given = Assignment(vehicle=one, limits=limits(one), duration=6.0 if run.quick else DURATION, noise=NOISE)
+    given = ExperimentTask(vehicle=one, limits=limits(one), duration=6.0 if run.quick else DURATION, noise=NOISE)
     rollout = Rollout(stage_of(one))
     driven = design_experiment(given, rollout, DesignSettings(iterations=2, starts=1) if run.quick else None)
     truths = drawn(one, np.random.default_rng(0), robots)
@@ -118,7 +118,7 @@ def main() -> None:
     )
 
 
-def told(given: Assignment, rows: Sequence[Row], summary: Sequence[Row]) -> dict[str, object]:
+def told(given: ExperimentTask, rows: Sequence[Row], summary: Sequence[Row]) -> dict[str, object]:
     """Figures of the prose."""
     known = [row for row in rows if row["determined"]]
     weighed = [row["weighed"] for row in rows if row["unknown"] == rows[0]["unknown"]]

@@ -23,7 +23,7 @@ from uvms_ocp.identification.fit import FitContext, Predicted, Predictor, Search
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import Estimate, Noise, OutputErrorProblem
 from uvms_ocp.identification.parameters import Prior
-from uvms_ocp.identification.rollout import RATE_WINDOW, Prepared, Rollout
+from uvms_ocp.identification.rollout import RATE_WINDOW, PreparedRecording, Rollout
 from uvms_ocp.identification.validation import static_baseline, without
 
 STEP, HORIZONS = 0.1, (5.0, 20.0)
@@ -71,10 +71,10 @@ class Bench:
 
     vehicle: Vehicle
     rollout: Rollout
-    prepared: tuple[Prepared, ...]
+    prepared: tuple[PreparedRecording, ...]
 
     def trained(
-        self, chosen: Sequence[Prepared], shared: np.ndarray | None, stages: Sequence[tuple[float | None, int]]
+        self, chosen: Sequence[PreparedRecording], shared: np.ndarray | None, stages: Sequence[tuple[float | None, int]]
     ) -> Estimate:
         """Identified on some recordings, in short stretches first."""
         for duration, iterations in stages:
@@ -105,7 +105,9 @@ def bench(folder: Path, *, quick: bool, **learnt: Prior) -> Bench:
     one = vehicle(**learnt)
     recordings = read_recordings(folder)[: 2 if quick else None]
     return Bench(
-        vehicle=one, rollout=Rollout(stage_of(one)), prepared=tuple(Prepared.of(each, one) for each in recordings)
+        vehicle=one,
+        rollout=Rollout(stage_of(one)),
+        prepared=tuple(PreparedRecording.of(each, one) for each in recordings),
     )
 
 
@@ -131,7 +133,7 @@ def left_out(one: Bench, drifting: Bench, everything: Estimate, *, quick: bool) 
     return rows
 
 
-def _by_horizon(held: Prepared, predictor: Predictor, how: str) -> list[Row]:
+def _by_horizon(held: PreparedRecording, predictor: Predictor, how: str) -> list[Row]:
     return [
         row(held.recording.name, f"{horizon:g} s{how}", predictor.over(held, STEP, horizon)) for horizon in HORIZONS
     ]

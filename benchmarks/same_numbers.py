@@ -209,7 +209,7 @@ def identification(setting: Setting) -> Values:
     record.save(paths[1])
     settings = find("read_settings", "identification")(paths[0])
     recordings = [find("read_recording", "identification")(paths[1])]
-    subject = find("subject_of", "identification")(settings, setting.work)
+    subject = find("calibrated_robot", "identification")(settings, setting.work)
     result = find("calibrated", "identification")(subject, settings, recordings)
     values = of_run(record, "run/")
     for number in attribute(result, "numbers"):

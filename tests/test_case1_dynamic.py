@@ -101,7 +101,7 @@ def test_the_observer_does_the_work_of_an_integral() -> None:
 
 def test_controllers_see_the_measurement_and_not_the_truth() -> None:
     record = case1(noise=True, duration=1.0).run()
-    assert (record["q"] != record["q_measured"]).any()
+    assert (record["q"] != record["q_estimated"]).any()
 
 
 @pytest.mark.parametrize("seed", [0, 1])

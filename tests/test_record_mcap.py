@@ -49,7 +49,7 @@ def read(record: Record, path: Path) -> dict[str, list[Any]]:
 def test_poses_are_transforms_at_their_times(record: Record, topics: dict[str, list[Any]]) -> None:
     assert [when for when, _, _ in topics["/tf"]] == np.rint(1e9 * record["t"]).astype(int).tolist()
     assert {schema for _, schema, _ in topics["/tf"]} == {"foxglove.FrameTransforms"}
-    for (_, _, told), q, estimated in zip(topics["/tf"], record["q"], record["q_measured"], strict=True):
+    for (_, _, told), q, estimated in zip(topics["/tf"], record["q"], record["q_estimated"], strict=True):
         for one, frame, row in zip(told.transforms, ("base_link", "base_link_estimated"), (q, estimated), strict=True):
             assert (one.parent_frame_id, one.child_frame_id) == ("world", frame)
             assert [one.translation.x, one.translation.y, one.translation.z] == row[:3].tolist()

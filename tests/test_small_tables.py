@@ -14,7 +14,7 @@ from uvms_ocp.campaign import Campaign, StudyResult, table2
 from uvms_ocp.control import Nmpc
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import Effort
-from uvms_ocp.record.display import SmallTable, in_a_row
+from uvms_ocp.record.display import SmallTable, format_value
 from uvms_ocp.record.meta_values import PhaseMeta
 from uvms_ocp.record.run_meta import RunMeta
 from uvms_ocp.robot.signals import State
@@ -162,7 +162,7 @@ def test_a_robot_tells_its_joints_in_a_notebook() -> None:
     ],
 )
 def test_a_field_is_told_in_a_row(value: Any, row: str) -> None:
-    assert in_a_row(value) == row
+    assert format_value(value) == row
 
 
 def test_rows_beyond_the_first_are_counted() -> None:

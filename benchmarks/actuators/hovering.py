@@ -17,7 +17,7 @@ from uvms_ocp.control.faults.monitor import ActuatorMonitor
 from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning
 from uvms_ocp.control.force.dynamic import DynamicController
 from uvms_ocp.control.payload import LoadEstimate, LoadLearning
-from uvms_ocp.control.velocity.abort import Strain
+from uvms_ocp.control.velocity.abort import ActuationFeedback
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.estimation.degraded_modes import FREE
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
@@ -25,10 +25,10 @@ from uvms_ocp.estimation.fallbacks import Watchdog
 from uvms_ocp.robot.assembly import with_trim
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.description import TrimBody
-from uvms_ocp.robot.dynamics import known_dynamics, robot_dynamics
+from uvms_ocp.robot.dynamics import cached_dynamics, robot_dynamics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Measurement, State, sensors_of
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Measurement, State, robot_sensors
 from uvms_ocp.robot.thrusters import thrust_limits
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
 from uvms_ocp.sim.environment import Environment
@@ -119,8 +119,8 @@ class WayPoints(KinematicController):
         self.measurement, self.t = measurement, t
         return self
 
-    def feel(self, strain: Strain) -> None:
-        self.given_up = self.given_up or strain.fault
+    def on_actuation_feedback(self, feedback: ActuationFeedback) -> None:
+        self.given_up = self.given_up or feedback.fault
 
     def command(self, tick: Any) -> Command:
         if self.t >= self._next:
@@ -148,12 +148,12 @@ def run(hover: Hover) -> Outcome:
     """Simulate, by default with the noise, rates and delays of the robot's sensors."""
     robot, rng = load_robot(hover.robot), np.random.default_rng(hover.seed)
     plant, floor = _plant(robot, hover, rng.uniform(0.0, 2.0 * np.pi))
-    specs = sensors_of(robot.description) if hover.noise else IDEAL_SENSORS
+    specs = robot_sensors(robot.description) if hover.noise else IDEAL_SENSORS
     suite = SensorSuite(robot, floor, specs, hover.seed)
     estimator: Any = Estimator(robot, specs) if hover.noise else PassThrough(robot, specs)
     points = WayPoints(robot, hover)
     health = ActuatorHealthTuning() if hover.watched else None
-    model = known_dynamics(robot)
+    model = cached_dynamics(robot)
     controller = DynamicController(robot=robot, dynamics=model, kinematic=points, health=health, load=hover.load)
     monitor = controller.monitor
     outcome = Outcome(monitor=monitor, alarms=points.watchdog.alarms, errors=np.zeros(0), commands=np.zeros((0, 0)))

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from curves.segments import segment_distance, symbolic_segment_distance
 from uvms_ocp.planning.capsules import Capsule, capsule_of
-from uvms_ocp.planning.distances import NearPairs, nothing_near
+from uvms_ocp.planning.distances import NearPairs, no_near_pairs
 from uvms_ocp.planning.path_cost import CostWeights, symbolic_penalty
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.robot.symbolic_bodies import Pose
@@ -49,7 +49,7 @@ class ClosedFormDistances:
         distance = witness.distance.reshape(len(x), -1) - self._radii.sum(axis=1)
         sample, pair = np.nonzero(distance < thresholds)
         if not sample.size:
-            return nothing_near(x.shape[1])
+            return no_near_pairs(x.shape[1])
         row = sample * self.scene.n_pairs + pair
         normal = witness.normal[row]
         screws = self._screws(x, sample)

@@ -10,7 +10,7 @@ from driven_auv.recordings import CHANNELS, MOVING, judged
 from driven_auv.vehicle import ACTUATORS
 from uvms_ocp.identification.fit import Predicted, fit
 from uvms_ocp.identification.recording import GRID, Recording, rotations, smoothed
-from uvms_ocp.identification.rollout import Prepared
+from uvms_ocp.identification.rollout import PreparedRecording
 
 WINDOW = 1.0
 """[s] of the local quadratics that differentiate position."""
@@ -23,10 +23,10 @@ _LAGS = np.arange(-0.6, 0.61, 0.05)
 def measured_twice(recording: Recording) -> dict[str, float | None]:
     """Fits [%] of the measured velocity by the derivative of the measured position, at the lag at which they agree best."""
     position, velocity = recording.channel("position"), recording.channel("linear_velocity")
-    t, rate = smoothed(position.known_t, position.values, WINDOW, derivative=1)
+    t, rate = smoothed(position.undelayed_t, position.values, WINDOW, derivative=1)
     rate = np.einsum("nji,nj->ni", rotations(recording.channel("attitude"), t), rate)
-    inside = (velocity.known_t > t[0] + WINDOW) & (velocity.known_t < t[-1] - WINDOW)
-    at, seen = velocity.known_t[inside], velocity.values[inside]
+    inside = (velocity.undelayed_t > t[0] + WINDOW) & (velocity.undelayed_t < t[-1] - WINDOW)
+    at, seen = velocity.undelayed_t[inside], velocity.values[inside]
     found: dict[str, float | None] = dict.fromkeys(CHANNELS)
     for k, name in enumerate(CHANNELS[:3]):
         if seen[:, k].std() > MOVING[name]:
@@ -34,7 +34,7 @@ def measured_twice(recording: Recording) -> dict[str, float | None]:
     return found
 
 
-def filtered(recordings: Sequence[Prepared], step: float) -> list[dict[str, float | None]]:
+def filtered(recordings: Sequence[PreparedRecording], step: float) -> list[dict[str, float | None]]:
     """Fits [%] of each recording by one linear filter for each channel, fitted to all of them: it has seen everything."""
     found: list[dict[str, float | None]] = [dict.fromkeys(CHANNELS) for _ in recordings]
     for name in CHANNELS:
@@ -50,7 +50,7 @@ def n_coefficients() -> int:
     return 2 * len(ACTUATORS.names) * round(MEMORY / _TAP) + 1
 
 
-def _part(one: Prepared, name: str, step: float) -> tuple[np.ndarray, np.ndarray]:
+def _part(one: PreparedRecording, name: str, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Regressors (m, n) and what was seen (m,)."""
     (whole,) = one.stretches(step)
     seen = judged(Predicted(t=whole.t, rows=whole.seen, seen=whole.seen))[name][0]

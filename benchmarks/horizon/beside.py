@@ -13,7 +13,7 @@ from recording.report import Row
 from horizon.following import CURRENT, DT, GUSTS, PERIOD, Experiment, problem, start_of, tool_position
 from horizon.receding_conflicts import moving_goal
 from uvms_ocp.control.nmpc import Nmpc
-from uvms_ocp.control.solve_workers import InLine, ProcessWorker
+from uvms_ocp.control.solve_workers import ProcessWorker, SynchronousWorker
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import Measurement
@@ -25,9 +25,9 @@ from uvms_ocp.sim.seafloor import FlatSeafloor
 SELDOM = 2.5
 """[s] between two plans where none is to be counted: less than a horizon, so that there is always one to follow."""
 NONE, LINE, BESIDE = "no plans", "plans in line", "plans beside"
-_WORKERS: dict[str, tuple[float, InLine | ProcessWorker]] = {
-    NONE: (SELDOM, InLine()),
-    LINE: (PERIOD, InLine()),
+_WORKERS: dict[str, tuple[float, SynchronousWorker | ProcessWorker]] = {
+    NONE: (SELDOM, SynchronousWorker()),
+    LINE: (PERIOD, SynchronousWorker()),
     BESIDE: (PERIOD, ProcessWorker()),
 }
 
@@ -114,7 +114,7 @@ def _figures(way: _Way, without: _Way) -> Row:
     }
 
 
-def _way(experiment: Experiment, period: float, worker: InLine | ProcessWorker) -> _Way:
+def _way(experiment: Experiment, period: float, worker: SynchronousWorker | ProcessWorker) -> _Way:
     robot = load_robot("girona_maris7_full")
     water = GustyCurrent(base=UniformCurrent(CURRENT), sigma=GUSTS, seed=1)
     environment = Environment(seafloor=FlatSeafloor(z=-40), current=water)

@@ -10,7 +10,7 @@ from pool.learnt import STEP, Learner
 from pool.replay import at_times, roll_pitch
 from pool.scores import without_offset
 from uvms_ocp.identification.fit import Predicted
-from uvms_ocp.identification.rollout import Prepared
+from uvms_ocp.identification.rollout import PreparedRecording
 from uvms_ocp.robot.spatial import exp3
 
 ANGLES = ("roll", "pitch")
@@ -45,7 +45,7 @@ def row(name: str, sensor: str, kind: str, rmse: np.ndarray) -> Row:
     }
 
 
-def turned_back(learner: Learner, prepared: Prepared, shared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def turned_back(learner: Learner, prepared: PreparedRecording, shared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Times (m,) [s], and roll and pitch (m, 2) [rad] of B, by a sensor that sits as unknowns shared (n,) have it."""
     (whole,) = prepared.stretches(STEP)
     turn = np.asarray(ca.DM(exp3(learner.vehicle.shared.values(ca.SX(ca.DM(shared)))["attitude_turn"])))

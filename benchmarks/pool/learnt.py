@@ -13,7 +13,7 @@ from uvms_ocp.identification.fit import Predicted, Predictor
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import Estimate, Noise, OutputErrorProblem
 from uvms_ocp.identification.parameters import ActuatorModel, NominalParameters, Prior, Unknowns, vehicle_declaration
-from uvms_ocp.identification.rollout import Prepared, Rollout
+from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 
 STEP, KNOWN = 0.04, 2.0
 """[s], [s] of the beginning from which a start and the offset of the attitude are found."""
@@ -40,13 +40,15 @@ class Learner:
     rollout: Rollout
     noise: Noise
 
-    def trained(self, chosen: Sequence[Prepared], shared: np.ndarray | None = None, iterations: int = 15) -> Estimate:
+    def trained(
+        self, chosen: Sequence[PreparedRecording], shared: np.ndarray | None = None, iterations: int = 15
+    ) -> Estimate:
         """Identified on whole recordings."""
         stretches = [one.stretches(STEP)[0] for one in chosen]
         error = OutputErrorProblem(self.vehicle, stretches, self.noise, self.rollout)
         return error.solve(error.start(shared), iterations=iterations, tolerance=1e-3)
 
-    def predicted(self, one: Prepared, shared: np.ndarray) -> Predicted:
+    def predicted(self, one: PreparedRecording, shared: np.ndarray) -> Predicted:
         """A whole recording, with unknowns shared (n,) [as `Unknowns.start`]."""
         predictor = Predictor(
             vehicle=self.vehicle, rollout=self.rollout, shared=shared, noise=self.noise, known=KNOWN, own=True

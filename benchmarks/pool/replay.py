@@ -54,6 +54,6 @@ def quaternion_of(attitude: np.ndarray) -> np.ndarray:
     return np.array([sr * cp, cr * sp, -sr * sp, cr * cp])
 
 
-def at_times(t: np.ndarray, known_t: np.ndarray, values: np.ndarray) -> np.ndarray:
+def at_times(t: np.ndarray, undelayed_t: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Values (m, k) that are known at times (m,) [s], at the times t (n,) [s]."""
-    return np.column_stack([np.interp(t, known_t, column) for column in values.T])
+    return np.column_stack([np.interp(t, undelayed_t, column) for column in values.T])

@@ -22,7 +22,7 @@ SMALLEST, LARGE = 0.05, 0.2
 def rests(recording: Recording) -> Iterator[tuple[float, float]]:
     """From when to when [s] the arm rests."""
     joints = recording.channel("joint_positions")
-    t, rates = smoothed(joints.known_t, joints.values, _WINDOW, derivative=1)
+    t, rates = smoothed(joints.undelayed_t, joints.values, _WINDOW, derivative=1)
     moving = np.abs(rates).max(axis=1) > _REST
     edges = np.concatenate([[0], 1 + np.flatnonzero(np.diff(moving)), [len(t) - 1]])
     for first, last in pairwise(edges):

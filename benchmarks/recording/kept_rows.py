@@ -11,7 +11,7 @@ from pathlib import Path
 from recording.progress import show_progress
 from recording.report import Row
 from uvms_ocp.campaign.store import part_paths
-from uvms_ocp.campaign.study import Study, known_rows
+from uvms_ocp.campaign.study import Study, finished_rows
 
 _ROUND = 7  # cases, from all over a study, that are run one after the other
 
@@ -32,7 +32,7 @@ def kept_rows(study: Study, folder: Path, jobs: int, hours: float) -> list[Row]:
     spread = replace(study, cases=[study.cases[k] for k in order])
     with suppress(Over):
         spread.run(folder, workers=jobs, progress=tell)
-    known = known_rows(folder) if part_paths(folder) else {}
+    known = finished_rows(folder) if part_paths(folder) else {}
     return [row for _, row in sorted(((order[run], row) for run, row in known.items()), key=lambda entry: entry[0])]
 
 

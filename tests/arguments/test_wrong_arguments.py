@@ -67,7 +67,7 @@ MAY_BE_NAN = (
     *(
         "value",
         "altimeter_range",
-        "altimeter_spread",
+        "altimeter_std",
         "age",
         "joint_age",
         "since",

@@ -21,13 +21,13 @@ from public_surface import Call
 from uvms_ocp import control, mission, ocp, planning, report, sim, solvers, tasks, trajectories, without_arm
 from uvms_ocp import planning as collision
 from uvms_ocp.campaign import Campaign, Choice, LogNormal, Normal, Study, StudyResult, Triangular, Uniform
-from uvms_ocp.campaign.jobs import attempted
+from uvms_ocp.campaign.jobs import attempt_job
 from uvms_ocp.campaign.store import opened
 from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.control.plan_following import PlannedPhase
 from uvms_ocp.control.velocity import levels
-from uvms_ocp.control.velocity.abort import Strain
-from uvms_ocp.control.velocity.tick_state import TickState
+from uvms_ocp.control.velocity.abort import ActuationFeedback
+from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.estimation.fallbacks import Freshness, Watchdog
 from uvms_ocp.mission_plan import MissionPlan
 from uvms_ocp.mission_plan.plan import digests
@@ -267,15 +267,15 @@ def dynamic_controller() -> control.DynamicController:
     return control.DynamicController(robot=robot(), dynamics=dynamics(), kinematic=scenario().kinematic_controller())
 
 
-def tick() -> TickState:
+def tick() -> TickInputs:
     state = controller().mission.start()
     gates = controller().mission.gates(state, 0.0)
-    return TickState(
+    return TickInputs(
         begin=0.0,
         t=0.0,
         measurement=measurement(),
         echo=3.0,
-        altitude_known=True,
+        altitude_valid=True,
         mission=state,
         gates=gates,
         freshness=Freshness.FRESH,
@@ -513,8 +513,8 @@ POOL: dict[str, Callable[[], Any]] = {
     "Record | Plan": curve_record,
     "Plan | Record": plan,
     "Where": lambda: sim.KinematicPlant(arm(), arm().configuration()),
-    "Flight": lambda: replay(plan(), from_pool("Where", "where")),
-    "Mismatch": lambda: from_pool("Flight", "flight").mismatch,
+    "ReplayResult": lambda: replay(plan(), from_pool("Where", "where")),
+    "Mismatch": lambda: from_pool("ReplayResult", "flight").mismatch,
     "OwnRows": lambda: lambda stage: stage.tick.q[0],
     "Transcription": lambda: Transcription(problem()),
     "LexicographicProgram": small_program,
@@ -538,11 +538,11 @@ POOL: dict[str, Callable[[], Any]] = {
     "Readings": readings,
     "Fault": fault,
     "Command": lambda: Command(v=np.zeros(robot().n_v)),
-    "TickState": tick,
+    "TickInputs": tick,
     "MissionState": lambda: scenario().mission.start(),
     "Phase": phase,
     "Abort": abort,
-    "Strain": Strain,
+    "ActuationFeedback": ActuationFeedback,
     "tuple[Phase, ...]": lambda: (phase(),),
     "tuple[Transition, ...]": lambda: (transition(),),
     "tuple[Condition, ...]": lambda: (below(),),
@@ -587,7 +587,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "tuple[Finding, ...]": lambda: (Finding(severity=next(iter(Severity)), check="a", text="b"),),
     "RunOptions": lambda: RunOptions(robot=robot(), seabed=-60.0),
     "ScenePage": lambda: ScenePage(html="<p>"),
-    "Bell": lambda: tasks.Bell(0.1, 0.2),
+    "SmoothActivation": lambda: tasks.SmoothActivation(0.1, 0.2),
     "SensorSpec": SensorSpec,
     "SensorSpecs": lambda: IDEAL_SENSORS,
     "Study": lambda: _study(),
@@ -687,12 +687,12 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "JointTracking.rows": lambda: parameters(2),
     "JointTracking.residual": lambda: parameters(2),
     "Clearance.rows": lambda: parameters(clearance().n_parameters(robot())),
-    "Bell": lambda: {"start": 0.0, "end": 1.0},
+    "SmoothActivation": lambda: {"start": 0.0, "end": 1.0},
     "BufferedFunction.__call__": dict,
     "BufferedFunction.adopt": dict,
     "CoalDistances.near": lambda: {"thresholds": np.full(len(scene().pairs), 0.1)},
     "CollisionScene": lambda: fields_of(scene()),
-    "CollisionScene.check_apart": lambda: {"distances": np.ones(len(scene().pairs))},
+    "CollisionScene.check_no_overlap": lambda: {"distances": np.ones(len(scene().pairs))},
     "CollisionScene.nearest": lambda: {"t": np.arange(2.0), "distances": np.ones((2, len(scene().pairs)))},
     "CollisionPlan": lambda: fields_of(path_plan()),
     "Coordinates": lambda: fields_of(scene().coordinates),
@@ -735,7 +735,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "Posture": lambda: {"q": arm().configuration()},
     "MinSnap": lambda: fields_of(trajectories.min_snap(curve().evaluate([0.0, 1.0, 2.0]), [0.0, 1.0, 2.0])),
     "Abort": lambda: {"phase": climb()},
-    "MissionState": lambda: {"gates_before": np.zeros(13), "held_since": (None,)},
+    "MissionState": lambda: {"activations_before": np.zeros(13), "held_since": (None,)},
     "Mission.tasks_of": lambda: {"phase": 0},
     "NlpLevel": lambda: {"y": ca.SX.sym("x", 2)},
     "Nmpc.__call__": lambda: {"measurement": arm_measurement()},
@@ -798,7 +798,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "load_robot": lambda: {"name": "planar5"},
     "mesh_shape": lambda: {"vertices": np.eye(3), "triangles": np.array([[0, 1, 2]])},
     "mount": lambda: {"vehicle": without_arm(robot()), "arm": arm()},
-    "obstacle_from_words": lambda: {"shape": "sphere", "words": "1 2 3 0.3"},
+    "parse_obstacle": lambda: {"shape": "sphere", "words": "1 2 3 0.3"},
     "ocp_record": lambda: {"result": ocp_result()},
     "plan_soft_collision": lambda: {"waypoints": two_postures(), "limits": limits()},
     "read_obstacles": lambda: {"path": _obstacle_file()},
@@ -848,7 +848,7 @@ def _campaign_folder() -> Path:
     """Of a campaign with one run that is finished; it has no rows of others."""
     campaign, folder = _campaign(), Path(mkdtemp())
     with opened(folder, campaign.identity(), {}) as kept:
-        kept.add(attempted(campaign.work, 0, "here"))
+        kept.add(attempt_job(campaign.work, 0, "here"))
     return folder
 
 

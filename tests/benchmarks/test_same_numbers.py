@@ -68,4 +68,4 @@ def test_a_class_is_found_wherever_it_is_defined() -> None:
 
 def test_times_of_computation_are_left_out() -> None:
     assert all(map(is_clock, ("tick_time", "report/tick_us/max", "wall_s", "solve_time")))
-    assert not any(map(is_clock, ("t", "status", "report/duration_s", "q_measured")))
+    assert not any(map(is_clock, ("t", "status", "report/duration_s", "q_estimated")))

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from trivial_runs import TrivialRuns, cluster, identity_of
 
-from uvms_ocp.campaign.execution import carry_out
+from uvms_ocp.campaign.execution import run_jobs
 from uvms_ocp.campaign.jobs import OverTime, time_limit
 from uvms_ocp.campaign.store import read_table
 from uvms_ocp.errors import InvalidInput, OutputError
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.filterwarnings(
 @pytest.mark.slow
 def test_a_raising_run_is_a_row_with_its_text_and_a_deadly_one_too_and_none_else_is_blamed(tmp_path: Path) -> None:
     work, told = TrivialRuns(pause=0.4, deadly=frozenset({3}), broken=frozenset({5})), []
-    carry_out(tmp_path, identity_of(work, 10), work, workers=2, progress=lambda *numbers: told.append(numbers))
+    run_jobs(tmp_path, identity_of(work, 10), work, workers=2, progress=lambda *numbers: told.append(numbers))
     table = read_table(tmp_path).set_index("run")
     assert table.index.tolist() == list(range(10))
     assert table["outcome"][table["outcome"] != "completed"].to_dict() == {3: "killed", 5: "error"}
@@ -34,7 +34,7 @@ def test_a_raising_run_is_a_row_with_its_text_and_a_deadly_one_too_and_none_else
 
 def test_a_run_without_end_is_a_row_that_says_so_and_the_others_go_on(tmp_path: Path) -> None:
     work = TrivialRuns(endless=frozenset({2}), asleep=frozenset({4}))
-    carry_out(tmp_path, identity_of(work, 8), work, workers=1, limit=1.5)
+    run_jobs(tmp_path, identity_of(work, 8), work, workers=1, limit=1.5)
     table = read_table(tmp_path).set_index("run")
     assert table.index.tolist() == list(range(8))
     assert table["outcome"][table["outcome"] != "completed"].to_dict() == {2: "time limit", 4: "time limit"}
@@ -59,7 +59,7 @@ def test_a_time_that_is_over_ends_the_block_whatever_it_catches_and_never_what_f
 
 def test_short_runs_share_tasks_and_come_back_whole(tmp_path: Path) -> None:
     work = TrivialRuns()
-    carry_out(tmp_path, identity_of(work, 3000), work, workers=1)
+    run_jobs(tmp_path, identity_of(work, 3000), work, workers=1)
     table = read_table(tmp_path)
     assert (table["square"] == table["run"] ** 2).all()
     assert len(table) == 3000
@@ -76,7 +76,7 @@ def test_a_cluster_at_an_address_loses_a_worker_and_gets_another(tmp_path: Path)
                 processes.add_worker()
 
         out = tmp_path / "campaign"
-        carry_out(out, identity_of(work, 80), work, scheduler=processes.address, progress=kill_one)
+        run_jobs(out, identity_of(work, 80), work, scheduler=processes.address, progress=kill_one)
     table = read_table(out)
     assert table["run"].tolist() == list(range(80))
     assert table["success"].all()
@@ -92,7 +92,7 @@ def test_on_a_cluster_of_others_only_the_run_that_ends_processes_by_itself_is_bl
                 processes.add_worker()
 
         out = tmp_path / "campaign"
-        carry_out(out, identity_of(work, 5), work, scheduler=processes.address, progress=replace_the_dead)
+        run_jobs(out, identity_of(work, 5), work, scheduler=processes.address, progress=replace_the_dead)
     assert read_table(out)["outcome"].tolist() == ["completed", "completed", "killed", "completed", "completed"]
 
 
@@ -102,10 +102,10 @@ def test_an_address_where_nobody_answers_is_an_error_in_one_line(
     monkeypatch.setattr("uvms_ocp.campaign.cluster._PATIENCE", 1.0)
     work = TrivialRuns()
     with pytest.raises(OutputError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
-        carry_out(tmp_path, identity_of(work, 3), work, scheduler="tcp://127.0.0.1:9")
+        run_jobs(tmp_path, identity_of(work, 3), work, scheduler="tcp://127.0.0.1:9")
 
 
 def test_workers_are_not_for_a_cluster_of_others(tmp_path: Path) -> None:
     work = TrivialRuns()
     with pytest.raises(InvalidInput, match="a cluster has its own"):
-        carry_out(tmp_path, identity_of(work, 3), work, scheduler="tcp://127.0.0.1:9", workers=2)
+        run_jobs(tmp_path, identity_of(work, 3), work, scheduler="tcp://127.0.0.1:9", workers=2)

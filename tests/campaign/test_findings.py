@@ -8,7 +8,7 @@ import pytest
 
 from uvms_ocp.campaign.analysis import Rate, cause_table, outcome_table, sensitivity_table
 from uvms_ocp.campaign.distributions import Design
-from uvms_ocp.campaign.jobs import MERITS, spread_table
+from uvms_ocp.campaign.jobs import METRICS, distribution_table
 from uvms_ocp.campaign.report import _pairs, judged, parse_bounds
 from uvms_ocp.errors import InvalidInput, NameNotFound
 
@@ -16,7 +16,7 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 def table(n: int, **columns: object) -> pd.DataFrame:
     """Of n runs that succeeded, with other columns."""
     own = {"run": np.arange(n), "outcome": "completed", "success": True, "cause": "", "finished": True, "wall_s": 1.0}
-    return pd.DataFrame(own | dict.fromkeys(MERITS, np.nan) | columns)
+    return pd.DataFrame(own | dict.fromkeys(METRICS, np.nan) | columns)
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,7 @@ def test_a_run_without_the_figure_does_not_keep_its_bound() -> None:
 
 
 def test_quantiles_are_of_the_runs_that_have_the_figure() -> None:
-    (row,) = spread_table(table(5, energy_j=[1.0, 2.0, 3.0, np.nan, np.nan]))
+    (row,) = distribution_table(table(5, energy_j=[1.0, 2.0, 3.0, np.nan, np.nan]))
     assert (row["figure"], row["runs"], row["median"], row["largest"]) == ("energy_j", 3, 2.0, 3.0)
 
 

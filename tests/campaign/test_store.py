@@ -10,8 +10,8 @@ import pytest
 from trivial_runs import TrivialRuns, identity_of
 
 from uvms_ocp.campaign import store as parts_module
-from uvms_ocp.campaign.jobs import attempted
-from uvms_ocp.campaign.store import opened, read_identity, read_table
+from uvms_ocp.campaign.jobs import attempt_job
+from uvms_ocp.campaign.store import opened, read_manifest, read_table
 from uvms_ocp.errors import InvalidInput, OutputError
 
 WORK = TrivialRuns()
@@ -20,7 +20,7 @@ WORK = TrivialRuns()
 def made(folder: Path, runs: list[int], total: int = 20, work: TrivialRuns = WORK) -> None:
     with opened(folder, identity_of(WORK, total), {"scenario/a.txt": b"copy"}) as campaign:
         for run in runs:
-            campaign.add(attempted(work, run, "here"))
+            campaign.add(attempt_job(work, run, "here"))
 
 
 def test_rows_are_there_by_run_number_whatever_their_order(tmp_path: Path) -> None:
@@ -34,13 +34,13 @@ def test_what_is_finished_is_known_and_is_not_kept_twice(tmp_path: Path) -> None
     with opened(tmp_path, identity_of(WORK, 20), {}) as campaign:
         assert 4 not in campaign.left
         assert len(campaign.left) == 18
-        campaign.add(attempted(TrivialRuns(broken=frozenset({4})), 4, "there"))
+        campaign.add(attempt_job(TrivialRuns(broken=frozenset({4})), 4, "there"))
     assert read_table(tmp_path)["outcome"].tolist() == ["completed", "completed"]
 
 
 def test_rows_are_on_the_disk_when_the_block_ends_in_an_interrupt(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt), opened(tmp_path, identity_of(WORK, 20), {}) as campaign:
-        campaign.add(attempted(WORK, 2, "here"))
+        campaign.add(attempt_job(WORK, 2, "here"))
         raise KeyboardInterrupt
     assert read_table(tmp_path)["run"].tolist() == [2]
 
@@ -48,7 +48,7 @@ def test_rows_are_on_the_disk_when_the_block_ends_in_an_interrupt(tmp_path: Path
 def test_rows_that_have_waited_go_to_the_disk_by_themselves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("uvms_ocp.campaign.store._BATCH_AGE", 0.0)
     with opened(tmp_path, identity_of(WORK, 20), {}) as campaign:
-        campaign.add(attempted(WORK, 2, "here"))
+        campaign.add(attempt_job(WORK, 2, "here"))
         campaign.flush()
         assert read_table(tmp_path)["run"].tolist() == [2]
 
@@ -134,4 +134,4 @@ def test_records_and_copies_are_kept_whole(tmp_path: Path) -> None:
 
 def test_what_is_no_campaign_is_told(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="no campaign is there"):
-        read_identity(tmp_path)
+        read_manifest(tmp_path)

@@ -10,7 +10,7 @@ from compiler import long_without_compiler
 from scipy import stats
 
 from uvms_ocp.campaign.distributions import SAMPLERS, Choice, Design, LogNormal, Normal, OfScipy, Triangular, Uniform
-from uvms_ocp.campaign.variations import Variation, known_parameters, quantiles, require_known, vary
+from uvms_ocp.campaign.variations import Variation, available_parameters, quantiles, require_available, vary
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.hydrodynamics import Water
@@ -52,15 +52,15 @@ def test_of_many_parameters_an_unknown_one_is_refused_with_the_nearest_first_and
     scenario: Scenario,
 ) -> None:
     with pytest.raises(NameNotFound, match=r"unknown parameter 'water.darg'\. Did you mean 'water.drag'\?") as refused:
-        require_known([Variation("water.darg", Uniform(0.5, 1.5))], scenario)
+        require_available([Variation("water.darg", Uniform(0.5, 1.5))], scenario)
     assert "--parameters` lists them" in str(refused.value)
-    assert len(str(refused.value)) < 300 < len(", ".join(known_parameters(scenario)))
+    assert len(str(refused.value)) < 300 < len(", ".join(available_parameters(scenario)))
 
 
 def test_a_parameter_has_one_distribution(scenario: Scenario) -> None:
     twice = [Variation("water.drag", Uniform(0.5, 1.5)), Variation("water.drag", LogNormal())]
     with pytest.raises(InvalidInput, match="varied twice"):
-        require_known(twice, scenario)
+        require_available(twice, scenario)
 
 
 def test_what_is_no_distribution_is_refused() -> None:
@@ -70,7 +70,7 @@ def test_what_is_no_distribution_is_refused() -> None:
 
 def test_a_parameter_of_ones_own_is_applied(scenario: Scenario) -> None:
     own = Variation("slowness", Uniform(1.0, 2.0), apply=lambda given, value: replace(given, dt=0.01 * value))
-    require_known([own], scenario)
+    require_available([own], scenario)
     assert vary(scenario, [own], {"slowness": 1.5}, 3).dt == 0.015
 
 
@@ -183,9 +183,9 @@ def test_a_goal_is_moved(scenario: Scenario, name: str) -> None:
 
 
 def test_every_parameter_says_its_unit_and_meaning(scenario: Scenario) -> None:
-    known = known_parameters(scenario)
+    known = available_parameters(scenario)
     assert all(parameter.unit and parameter.meaning and parameter.name == name for name, parameter in known.items())
-    assert "water.drag" not in known_parameters(replace(scenario, plant="kinematic"))
+    assert "water.drag" not in available_parameters(replace(scenario, plant="kinematic"))
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)

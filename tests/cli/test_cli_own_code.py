@@ -56,7 +56,7 @@ def test_a_command_builds_what_is_asked_for(
     def asked(words: str, options: Mapping[str, Any], *_: Any) -> None:
         raise Asked(words, options.get("robot"), options.get("hydrodynamics"))
 
-    monkeypatch.setattr("uvms_ocp.cli.options.chosen_scenario", asked)
+    monkeypatch.setattr("uvms_ocp.cli.options.load_scenario", asked)
     words = [word.format(form) for word in COMMANDS[command]]
     machine = ["--robot", "my.urdf", "--hydrodynamics", "my.yaml"] if command != "compare" else []
     with pytest.raises(Asked) as told:

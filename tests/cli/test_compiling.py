@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from uvms_ocp.cli.printing import told_of_compiling, warned_behind_errors
+from uvms_ocp.cli.printing import show_compilation, warned_behind_errors
 from uvms_ocp.codegen.compile import PROGRESS, compile_library
 
 LOGGER = logging.getLogger("uvms_ocp.codegen.compile")
@@ -17,7 +17,7 @@ LOGGER = logging.getLogger("uvms_ocp.codegen.compile")
 def test_it_tells_what_is_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path / "cache"))
     told = list[str]()
-    with told_of_compiling(told.append):
+    with show_compilation(told.append):
         compile_library("int answer(void) { return 42; }", name="answer")
         compile_library("int answer(void) { return 42; }", name="answer")
         LOGGER.warning("no compiler")

@@ -8,12 +8,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.estimation.estimator import Estimator, spread_at_rest
+from uvms_ocp.estimation.estimator import Estimator, std_at_rest
 from uvms_ocp.mission.phase import Below
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import Reading, Readings, SensorSpec, SensorSpecs, State
 from uvms_ocp.scenario.cases.case1 import case1
-from uvms_ocp.scenario.preflight.checks import quantity_spreads
+from uvms_ocp.scenario.preflight.checks import quantity_stds
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import SensorSuite
@@ -32,7 +32,7 @@ def test_the_estimate_of_a_robot_at_rest_spreads_as_promised() -> None:
         if k * dt > 10.0:
             error = pin.difference(robot.model, q, measured)
             errors.append(np.concatenate([measured[:3] - q[:3], error[3:]]))
-    share = np.sqrt(np.mean(np.square(errors), axis=0)) / spread_at_rest(robot, SPECS)
+    share = np.sqrt(np.mean(np.square(errors), axis=0)) / std_at_rest(robot, SPECS)
     # The filter expects more motion than there is at rest, so that it knows a little more than it says.
     assert share.max() < 1.5
     assert share.min() > 0.25
@@ -55,14 +55,14 @@ def test_between_readings_the_spread_grows_with_what_may_have_happened_since() -
 @pytest.mark.parametrize("name", ["girona_maris7", "planar5"])
 def test_better_sensors_allow_more(name: str) -> None:
     robot = load_robot(name)
-    noisy = spread_at_rest(robot, SPECS)
+    noisy = std_at_rest(robot, SPECS)
     fields = {item: getattr(SPECS, item) for item in SPECS.__slots__ if getattr(SPECS, item) is not None}
     better = SensorSpecs(**{item: replace(spec, sigma=spec.sigma / 4) for item, spec in fields.items()})
-    assert (spread_at_rest(robot, better) < 0.7 * noisy).all()
+    assert (std_at_rest(robot, better) < 0.7 * noisy).all()
     biased = replace(SPECS, joint_positions=replace(SPECS.joint_positions, bias=0.01))
-    np.testing.assert_allclose(spread_at_rest(robot, biased)[-1], np.hypot(noisy[-1], 0.01))
+    np.testing.assert_allclose(std_at_rest(robot, biased)[-1], np.hypot(noisy[-1], 0.01))
     silent = replace(SPECS, joint_positions=SensorSpec(rate=200.0, sigma=1e-4, dropout=1.0))
-    assert spread_at_rest(robot, silent)[-1] > 1.0
+    assert std_at_rest(robot, silent)[-1] > 1.0
 
 
 def with_limit(scenario: Scenario, limit: float) -> Scenario:
@@ -89,7 +89,7 @@ def with_limit(scenario: Scenario, limit: float) -> Scenario:
 @pytest.mark.parametrize("noise", [True, False])
 def test_a_threshold_below_what_the_sensors_allow_is_a_warning(noise: bool) -> None:
     scenario = case1(noise=noise, plant="kinematic")
-    allowed = quantity_spreads(scenario.setup(), scenario.start).get("T.position_error", 0.0)
+    allowed = quantity_stds(scenario.setup(), scenario.start).get("T.position_error", 0.0)
     assert (allowed > 1e-3) == noise
     for limit in (1e-3, 0.99 * allowed, 1.01 * allowed):
         found = with_limit(scenario, max(limit, 1e-6)).check().of_check("accuracy")

@@ -15,26 +15,26 @@ from compiler import needs_compiler
 from scipy.optimize import linprog
 
 from uvms_ocp.codegen.kernel_layout import structure_of
-from uvms_ocp.codegen.kernels import bind_kernels, memory_of
+from uvms_ocp.codegen.kernels import bind_kernels, make_memory
 from uvms_ocp.control.faults.authority import authority_of
-from uvms_ocp.control.faults.detection import ActuatorLook, JointFaultMemory, look_at_actuators, look_at_joints
+from uvms_ocp.control.faults.detection import FaultDetection, JointFaultMemory, detect_faults, detect_joint_faults
 from uvms_ocp.control.faults.monitor import (
+    detection_sizes,
     joint_verdicts,
-    look_sizes,
-    looks_kept,
     thruster_verdicts,
+    window_capacity,
+    write_detection,
     write_joint_watch,
-    write_look,
     write_thruster_watch,
 )
-from uvms_ocp.control.faults.thrusters import ThrusterFaultMemory, look_at_thrusters
+from uvms_ocp.control.faults.thrusters import ThrusterFaultMemory, detect_thruster_faults
 from uvms_ocp.control.faults.verdicts import (
     ActuatorHealthTuning,
     FaultKind,
     FilteredCommands,
     ThrusterEffectiveness,
     ThrusterVerdict,
-    intake_of,
+    residual_filter_for,
 )
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.dynamics import robot_dynamics
@@ -69,12 +69,12 @@ class Watched:
         period: float,
         compiled: bool,
     ) -> None:
-        sizes = {"n_thrusters": 8, "n_looks": looks_kept(tuning, period)}
+        sizes = {"n_thrusters": 8, "n_looks": window_capacity(tuning, period)}
         structures = structure_of(ThrusterFaultMemory, **sizes), structure_of(ThrusterEffectiveness, **sizes)
         self.watch, self.effect = (structure() for structure in structures)
         write_thruster_watch(self.watch, matrix, lower, upper, tuning=tuning, bandwidth=3.0, period=period)
         self.effect.share[:] = [1.0] * 8
-        (self._look,) = bind_kernels((look_at_thrusters,), structures, compiled=compiled)
+        (self._look,) = bind_kernels((detect_thruster_faults,), structures, compiled=compiled)
 
     def look(self, residual: np.ndarray, asked: np.ndarray, t: float) -> int:
         return int(self._look(self.watch, self.effect, vector(residual), vector(asked), t))
@@ -105,8 +105,8 @@ def watched(
     machine = load_robot(robot)
     matrix, (lower, upper) = thruster_matrix(machine), thrust_limits(machine)
     tuning = ActuatorHealthTuning()
-    intake, known = intake_of(tuning, bandwidth=3.0, dt=0.02), nothing_asked(8, 6)
-    watch = Watched(matrix, lower, upper, tuning, 0.02 * intake.every, compiled=compiled)
+    residual_filter, known = residual_filter_for(tuning, bandwidth=3.0, dt=0.02), nothing_asked(8, 6)
+    watch = Watched(matrix, lower, upper, tuning, 0.02 * residual_filter.every, compiled=compiled)
     rng, noise, seen = np.random.default_rng(thruster), np.zeros(8), np.zeros(6)
     reach, back = np.abs(matrix) @ upper, np.linalg.pinv(matrix)
     for k in range(600):
@@ -116,7 +116,7 @@ def watched(
         if k >= 200:
             lost[thruster] = (share - 1.0) * asked[thruster] + constant * upper[thruster]
         seen += (1.0 - np.exp(-3.0 * 0.02)) * (matrix @ lost + reach * push[k] - seen)
-        known = intake.after(known, asked, np.zeros(6))
+        known = residual_filter.after(known, asked, np.zeros(6))
         if known.ticks == 0.0 and watch.look(seen, known.thrust, 0.02 * k) >= 0:
             break
     return watch.verdicts
@@ -181,7 +181,7 @@ def test_what_sound_thrusters_reach_is_all_there() -> None:
 def pushed(effort: float, moves: float) -> list[FaultKind]:
     """After 3 s in which two joints are asked for 0.2 rad/s: one stands, one goes at `moves` [rad/s], against `effort` [N m]."""
     structure = structure_of(JointFaultMemory, n_joints=2)
-    watch, (look,) = structure(), bind_kernels((look_at_joints,), (structure,))
+    watch, (look,) = structure(), bind_kernels((detect_joint_faults,), (structure,))
     write_joint_watch(watch, np.array([10.0, 10.0]), ActuatorHealthTuning())
     for k in range(30):
         q = np.array([0.0, 0.1 * k * moves])
@@ -219,7 +219,7 @@ def test_the_way_of_a_joint_that_turns_without_end_is_known(tmp_path: Path) -> N
     memory, look, every = looks_of(machine)
     q, v = machine.configuration(), np.zeros(machine.n_v)
     v[machine.joint_v] = 0.3
-    memory.joints_known, memory.way[:], memory.residual[:] = True, (every * v).tolist(), (-10.0 * v).tolist()
+    memory.encoders_trusted, memory.way[:], memory.residual[:] = True, (every * v).tolist(), (-10.0 * v).tolist()
     for k in range(1, 100):
         q = pin.integrate(machine.model, q, 0.1 * v)
         memory.q[:] = q.tolist()
@@ -228,19 +228,19 @@ def test_the_way_of_a_joint_that_turns_without_end_is_known(tmp_path: Path) -> N
 
 
 def test_thrust_is_taken_in_as_late_as_the_residual_tells_of_it() -> None:
-    intake, known = intake_of(ActuatorHealthTuning(), bandwidth=3.0, dt=0.02), nothing_asked(2, 0)
+    residual_filter, known = residual_filter_for(ActuatorHealthTuning(), bandwidth=3.0, dt=0.02), nothing_asked(2, 0)
     for k in range(1, 101):
-        known = intake.after(known, np.array([5.0, -40.0]), np.zeros(0))
+        known = residual_filter.after(known, np.array([5.0, -40.0]), np.zeros(0))
         np.testing.assert_allclose(known.thrust, (1.0 - np.exp(-3.0 * 0.02 * k)) * np.array([5.0, -40.0]))
 
 
 @pytest.mark.parametrize("dt", [1 / 200, 1 / 50, 1.0])
 def test_a_look_is_due_at_its_period_and_hears_of_every_velocity_once(dt: float) -> None:
     tuning = ActuatorHealthTuning()
-    intake, known = intake_of(tuning, bandwidth=0.5, dt=dt), nothing_asked(0, 1)
+    residual_filter, known = residual_filter_for(tuning, bandwidth=0.5, dt=dt), nothing_asked(0, 1)
     looks = []
     for k in range(1, 201):
-        known = intake.after(known, np.zeros(0), np.array([float(k)]))
+        known = residual_filter.after(known, np.zeros(0), np.array([float(k)]))
         if known.ticks == 0.0:
             looks.append((k, known.way[0]))
     ticks = np.array([k for k, _ in looks])
@@ -251,11 +251,11 @@ def test_a_look_is_due_at_its_period_and_hears_of_every_velocity_once(dt: float)
 def looks_of(machine: Robot) -> tuple[Any, Callable[..., int], int]:
     """The memory of looks at a robot, the kernel, and the ticks from look to look."""
     tuning, dt = ActuatorHealthTuning(), 0.02
-    intake = intake_of(tuning, bandwidth=3.0, dt=dt)
-    sizes = look_sizes(machine, robot_dynamics(machine).symbolic, tuning, intake.every * dt)
-    memory, (look,) = memory_of(structure_of(ActuatorLook, **sizes), (look_at_actuators,))
-    write_look(memory, machine, tuning, intake, bandwidth=3.0, dt=dt)
-    return memory, look, intake.every
+    residual_filter = residual_filter_for(tuning, bandwidth=3.0, dt=dt)
+    sizes = detection_sizes(machine, robot_dynamics(machine).symbolic, tuning, residual_filter.every * dt)
+    memory, (look,) = make_memory(structure_of(FaultDetection, **sizes), (detect_faults,))
+    write_detection(memory, machine, tuning, residual_filter, bandwidth=3.0, dt=dt)
+    return memory, look, residual_filter.every
 
 
 @needs_compiler

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import null_space
 from scipy.optimize import LinearConstraint, lsq_linear, minimize
 
-from uvms_ocp.control.force.allocation import Allocation, allocation_of, share_out, take_effect
+from uvms_ocp.control.force.allocation import Allocation, allocate_thrust, allocation_of, apply_effectiveness
 from uvms_ocp.control.force.minimum_power import majorizing_weight
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.loading import list_robots, load_robot
@@ -229,10 +229,10 @@ def test_a_wrench_is_shared_out_by_the_same_bits_in_c_and_in_python(powered: All
     dead = with_dead_zone(powered, 0.05)
     other = type(dead.memory)()
     dead.write(other)
-    take_effect(other)
+    apply_effectiveness(other)
     for wrench in wrenches[::50]:
         other.wrench[:] = wrench.tolist()
-        assert share_out(other)
+        assert allocate_thrust(other)
         result = dead.allocate(wrench)
         assert other.thrust[: len(result.thrust)] == result.thrust.tolist()
         assert bool(other.saturated) == result.saturated

@@ -12,9 +12,9 @@ import pytest
 
 from uvms_ocp.control.force.dynamic import DynamicController, VelocityGains
 from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.control.velocity.tick_state import TickState
+from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.estimation.degraded_modes import FREE
-from uvms_ocp.estimation.fallbacks import LastSound
+from uvms_ocp.estimation.fallbacks import LastValidEstimate
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.robot.signals import Command, Measurement
 from uvms_ocp.scenario.cases.case1 import case1
@@ -97,13 +97,13 @@ def test_the_dynamic_layer_leaves_the_velocities_of_the_kinematic_one_as_they_ar
 def test_a_tick_asks_once_whether_its_measurement_is_sound(
     scenario: Scenario, measurements: list[Measurement], build: Build, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked, ask = [], LastSound.standing_for
+    asked, ask = [], LastValidEstimate.substitute
 
-    def counting(self: LastSound, measurement: Measurement) -> Measurement:
+    def counting(self: LastValidEstimate, measurement: Measurement) -> Measurement:
         asked.append(measurement)
         return ask(self, measurement)
 
-    monkeypatch.setattr(LastSound, "standing_for", counting)
+    monkeypatch.setattr(LastValidEstimate, "substitute", counting)
     fed(build(scenario), measurements[:50], scenario.dt)
     assert [id(measurement) for measurement in asked] == [id(measurement) for measurement in measurements[:50]]
 
@@ -122,7 +122,7 @@ def test_what_a_tick_knows_is_finite_and_cannot_be_changed(scenario: Scenario, m
     control = kinematic(scenario)
     for k, measurement in enumerate(measurements[:100]):
         tick = control.observe(measurement, k * scenario.dt)
-        assert isinstance(tick, TickState)
+        assert isinstance(tick, TickInputs)
         assert np.isfinite(tick.measurement.q).all()
         assert np.isfinite(tick.echo)
         assert tick.mission is control.state

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uvms_ocp.control.force.velocity_law import DeadTimes, borne_by, dead_time_borne
+from uvms_ocp.control.force.velocity_law import DeadTimes, bandwidth_derating, largest_dead_time
 
 BEHIND, TIMES = 200, 120
 LOOP: dict[str, float] = {"bandwidth": 12.0, "reset": 3.0, "observer": 4.0}
@@ -15,7 +15,7 @@ LOOP: dict[str, float] = {"bandwidth": 12.0, "reset": 3.0, "observer": 4.0}
 
 def growth(stiffness: float, late: float) -> float:
     """Of one axis after a push: its largest velocity in the last of four quarters over that in the second."""
-    share = borne_by(DeadTimes(joints=late), vehicle=1.0, joints=LOOP["bandwidth"], dt=0.0).joints
+    share = bandwidth_derating(DeadTimes(joints=late), vehicle=1.0, joints=LOOP["bandwidth"], dt=0.0).joints
     k, r, w = (share * LOOP[name] for name in ("bandwidth", "reset", "observer"))
     dt, x, v = late / BEHIND, np.zeros(TIMES * BEHIND), np.zeros(TIMES * BEHIND)
     v[BEHIND], total, d, expected = 1.0, 0.0, 0.0, 0.0
@@ -33,7 +33,7 @@ def growth(stiffness: float, late: float) -> float:
 
 @pytest.mark.parametrize("stiffness", [-14.0, -2.0, 30.0, 80.0])
 def test_what_is_pushed_comes_to_rest_below_the_dead_time_borne_and_swings_beyond_it(stiffness: float) -> None:
-    borne = dead_time_borne(np.array([[stiffness]]), **LOOP)
+    borne = largest_dead_time(np.array([[stiffness]]), **LOOP)
     assert growth(stiffness, 0.9 * borne) < 0.5
     assert growth(stiffness, 1.1 * borne) > 2.0
 
@@ -41,13 +41,13 @@ def test_what_is_pushed_comes_to_rest_below_the_dead_time_borne_and_swings_beyon
 def test_of_many_axes_the_one_that_bears_least_counts() -> None:
     turn: Any = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
     stiffness = turn @ np.diag([-14.0, 2.0, 30.0]) @ turn.T
-    alone = [dead_time_borne(np.array([[one]]), **LOOP) for one in (-14.0, 2.0, 30.0)]
-    assert dead_time_borne(stiffness, **LOOP) == pytest.approx(min(alone))
+    alone = [largest_dead_time(np.array([[one]]), **LOOP) for one in (-14.0, 2.0, 30.0)]
+    assert largest_dead_time(stiffness, **LOOP) == pytest.approx(min(alone))
 
 
 def test_what_carries_nothing_may_be_late_for_ever() -> None:
-    assert dead_time_borne(np.zeros((3, 3)), **LOOP) == np.inf
+    assert largest_dead_time(np.zeros((3, 3)), **LOOP) == np.inf
 
 
 def test_nothing_that_falls_is_caught_by_loops_that_swing_by_themselves() -> None:
-    assert dead_time_borne(np.array([[-1.0]]), bandwidth=1.0, reset=10.0, observer=0.0) < 1e-3
+    assert largest_dead_time(np.array([[-1.0]]), bandwidth=1.0, reset=10.0, observer=0.0) < 1e-3

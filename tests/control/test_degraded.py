@@ -10,7 +10,7 @@ import pytest
 from broken_sensors import BrokenSensors
 from compiler import long_without_compiler
 
-from uvms_ocp.estimation.degraded_modes import FREE, MODES, restriction_of
+from uvms_ocp.estimation.degraded_modes import DEGRADED_MODES, FREE, restriction_for
 from uvms_ocp.record.meta_values import ABORT, DONE, EventMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import cause_of_end
@@ -170,15 +170,15 @@ def test_where_every_channel_is_good_nothing_is_other_than_where_nobody_judges(s
 
 def test_nobody_who_judges_and_only_good_channels_restrict_nothing() -> None:
     good = tuple(ChannelHealth(channel=name, trust=Trust.GOOD) for name in CHANNELS)
-    assert restriction_of((), 0.0) is FREE
-    assert restriction_of(good, 0.0) is FREE
+    assert restriction_for((), 0.0) is FREE
+    assert restriction_for(good, 0.0) is FREE
 
 
 def test_every_mode_says_what_is_still_known_and_losing_more_never_allows_more() -> None:
-    assert all(mode.known and mode.without <= set(CHANNELS) for mode in MODES)
+    assert all(mode.known and mode.without <= set(CHANNELS) for mode in DEGRADED_MODES)
 
     def lost(names: set[str]) -> tuple[float, ...]:
-        found = restriction_of([ChannelHealth(channel=name, trust=Trust.LOST) for name in names], 60.0)
+        found = restriction_for([ChannelHealth(channel=name, trust=Trust.LOST) for name in names], 60.0)
         bars = (found.no_descent, found.joints_held, found.hold, found.blind, not found.climbs, bool(found.abort))
         return (1.0 - found.speed, *map(float, bars))
 

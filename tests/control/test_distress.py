@@ -11,7 +11,14 @@ from broken_sensors import BrokenSensors
 from compiler import long_without_compiler
 
 from uvms_ocp.codegen.kernel_layout import doubles, structure_of
-from uvms_ocp.control.velocity.abort import ClimbMemory, Distress, Strain, aim_ascent, climb_goal, climb_sizes
+from uvms_ocp.control.velocity.abort import (
+    AbortMonitor,
+    ActuationFeedback,
+    AscentMemory,
+    aim_ascent,
+    ascent_goal,
+    ascent_sizes,
+)
 from uvms_ocp.estimation.estimator import PassThrough
 from uvms_ocp.mission.phase import Abort
 from uvms_ocp.record.record import Record
@@ -36,7 +43,7 @@ def with_abort(scenario: Scenario, **changes: float) -> Scenario:
 
 def reasons(
     scenario: Scenario,
-    strain: Strain,
+    feedback: ActuationFeedback,
     seconds: float,
     *,
     error: float = 1.0,
@@ -44,12 +51,12 @@ def reasons(
     health: tuple[ChannelHealth, ...] = (),
 ) -> list[str]:
     """At every tick of phase A, where every quantity is `error`, which falls with `rate` [1/s]."""
-    control, distress = scenario.kinematic_controller(), Distress(scenario.mission)
+    control, distress = scenario.kinematic_controller(), AbortMonitor(scenario.mission)
     measured = Measurement(q=scenario.start, v=np.zeros(scenario.robot.n_v), altimeter_range=3.0, health=health)
     found = []
     for k in range(round(seconds / DT)):
         now = dict.fromkeys(control.problem.quantity_names, error * np.exp(-rate * k * DT))
-        found.append(distress.reason(control.observe(measured, k * DT), now, strain))
+        found.append(distress.reason(control.observe(measured, k * DT), now, feedback))
     return found
 
 
@@ -60,13 +67,13 @@ def first(found: list[str]) -> float:
 
 def test_each_reason_needs_its_time_and_says_what_it_was(still: Scenario) -> None:
     given = with_abort(still, contact_after=0.5, thrust_after=1.0, stall_after=2.0)
-    pushed = reasons(given, Strain(push=0.31, short=True), 0.7)
+    pushed = reasons(given, ActuationFeedback(push=0.31, short=True), 0.7)
     assert first(pushed) == pytest.approx(0.5, abs=3 * DT)
     assert "31 % of the thrusters' lift" in pushed[-1]
-    short = reasons(given, Strain(push=0.29, short=True), 1.2)
+    short = reasons(given, ActuationFeedback(push=0.29, short=True), 1.2)
     assert first(short) == pytest.approx(1.0, abs=3 * DT)
     assert "limits for 1 s" in short[-1]
-    stalled = reasons(given, Strain(), 2.2)
+    stalled = reasons(given, ActuationFeedback(), 2.2)
     assert first(stalled) == pytest.approx(2.0, abs=3 * DT)
     assert stalled[-1] == "stall: PC.position_error = 1 not < 0.1, no nearer for 2 s"
 
@@ -74,7 +81,7 @@ def test_each_reason_needs_its_time_and_says_what_it_was(still: Scenario) -> Non
 def test_a_stall_says_once_for_all_sensors_why_they_hold_it_back(still: Scenario) -> None:
     given, why = with_abort(still, stall_after=1.0), "0.05 s later than its delay is said to be, allowed 0.025 s"
     late = [ChannelHealth(channel=name, trust=Trust.SUSPECT, why=why) for name in ("position", "depth")]
-    stalled = reasons(given, Strain(), 1.2, health=tuple(late))[-1]
+    stalled = reasons(given, ActuationFeedback(), 1.2, health=tuple(late))[-1]
     assert stalled.startswith("stall: PC.position_error = 1 not < 0.1, no nearer for 1 s; ")
     assert f"end no phase: {why} (depth, position); see to them" in stalled
 
@@ -83,8 +90,8 @@ def test_a_stall_says_once_for_all_sensors_why_they_hold_it_back(still: Scenario
 def test_a_mission_that_comes_nearer_or_waits_for_nothing_is_not_stalled(
     still: Scenario, error: float, rate: float
 ) -> None:
-    assert not any(reasons(with_abort(still, stall_after=1.0), Strain(), 4.0, error=error, rate=rate))
-    assert any(reasons(with_abort(still, stall_after=1.0), Strain(), 4.0, error=1.0, rate=0.001))
+    assert not any(reasons(with_abort(still, stall_after=1.0), ActuationFeedback(), 4.0, error=error, rate=rate))
+    assert any(reasons(with_abort(still, stall_after=1.0), ActuationFeedback(), 4.0, error=1.0, rate=0.001))
 
 
 @pytest.mark.parametrize("beyond", [1e-3, 30.0])
@@ -92,10 +99,10 @@ def test_a_robot_that_takes_its_joints_for_beyond_their_limits_still_climbs(stil
     yaw = 2.5
     q = still.robot.configuration(position=(1.0, 2.0, -9.0), rpy=(0.3, -0.4, yaw)).copy()
     q[still.robot.joint_q] = still.robot.limits.position_upper + beyond
-    memory = structure_of(ClimbMemory, **climb_sizes(still.robot, still.mission))(altitude=2.5)
+    memory = structure_of(AscentMemory, **ascent_sizes(still.robot, still.mission))(altitude=2.5)
     for floor, rise in ((np.nan, 2.5), (q[2] - 1.0, 1.5), (q[2] - 3.0, 0.0)):
         aim_ascent(memory, doubles(q), floor)
-        goal = climb_goal(memory)
+        goal = ascent_goal(memory)
         np.testing.assert_allclose(goal.translation - q[:3], [0.0, 0.0, rise], atol=1e-12)
         np.testing.assert_allclose(goal.rotation, pin.rpy.rpyToMatrix(0.0, 0.0, yaw), atol=1e-12)
 
@@ -103,7 +110,7 @@ def test_a_robot_that_takes_its_joints_for_beyond_their_limits_still_climbs(stil
 def test_pushing_counts_only_while_a_minimum_altitude_is_asked_for(still: Scenario) -> None:
     landing = replace(still.mission, phases=still.mission.phases[2:])
     given = with_abort(replace(still, mission=landing), contact_after=0.1)
-    assert not any(reasons(given, Strain(push=1.0), 0.5))
+    assert not any(reasons(given, ActuationFeedback(push=1.0), 0.5))
 
 
 class High(PassThrough):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
-from uvms_ocp.control.velocity.levels import EASING, LevelsProblem, build_levels
+from uvms_ocp.control.velocity.levels import JERK_LIMIT, LevelsProblem, build_levels
 from uvms_ocp.report.comparison import transition_table
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -62,7 +62,7 @@ def easing(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of the level that eases."""
     outputs = problem.function(robot.configuration(), previous, previous, change, 5.0, np.zeros(0), np.zeros(0))
-    rows = list(row_slices(problem.sizes))[problem.names.index(EASING)]
+    rows = list(row_slices(problem.sizes))[problem.names.index(JERK_LIMIT)]
     return np.array(outputs[1]).ravel()[rows], np.array(outputs[2]).ravel()[rows]
 
 
@@ -98,11 +98,11 @@ def _problem(mission: Callable[..., Scenario]) -> tuple[Scenario, LevelsProblem]
 
 def test_easing_is_below_what_keeps_the_robot_safe_and_above_what_is_wanted() -> None:
     scenario, problem = _problem(case1)
-    assert problem.names[:6] == ("limits", "NR", "JL", "MAC", "HA", EASING)
+    assert problem.names[:6] == ("limits", "NR", "JL", "MAC", "HA", JERK_LIMIT)
     assert problem.names[6:] == (*scenario.mission.hierarchy.names[4:], "rest")
 
 
 def test_where_an_order_puts_an_action_above_safety_easing_is_above_that_action(problem: LevelsProblem) -> None:
     _, swapped = _problem(priority_swap)
-    assert swapped.names.index(EASING) < min(swapped.names.index("PC"), swapped.names.index("HA"))
-    assert problem.names == ("limits", EASING, "rest")
+    assert swapped.names.index(JERK_LIMIT) < min(swapped.names.index("PC"), swapped.names.index("HA"))
+    assert problem.names == ("limits", JERK_LIMIT, "rest")

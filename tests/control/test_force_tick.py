@@ -13,16 +13,16 @@ from compiler import needs_compiler
 from uvms_ocp.checks import replace_unchecked
 from uvms_ocp.codegen import compile_function
 from uvms_ocp.codegen.kernel_layout import column_view, view
-from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, Intake, ThrusterEffectiveness
+from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, ResidualFilter, ThrusterEffectiveness
 from uvms_ocp.control.force.allocation import thruster_lag
 from uvms_ocp.control.force.observer import ObserverLaw
 from uvms_ocp.control.force.tick import ForceTick
 from uvms_ocp.control.force.tick_functions import (
     DesiredForce,
+    ForceLaws,
     ForceOutputs,
     ForceState,
     MonitorStep,
-    TickLaws,
     observe_function,
     views_of,
     want_function,
@@ -40,16 +40,16 @@ ROBOTS = (FULL, "bluerov2_alpha5", "planar5")
 
 
 @lru_cache
-def laws(name: str = FULL) -> TickLaws:
+def laws(name: str = FULL) -> ForceLaws:
     robot = load_robot(name)
     ones = np.ones(robot.n_v)
-    return TickLaws(
+    return ForceLaws(
         robot=robot,
         velocity=VelocityLaw(dynamics=dynamics(name).symbolic, K_p=3.0 * ones, reset=ones, dt=DT),
         lag=thruster_lag(robot, lead=4.0, dt=DT),
         lift=500.0,
         observer=ObserverLaw(bandwidth=3.0 * ones, limit=500.0 * ones, dt=DT),
-        intake=Intake(share=0.03, every=5),
+        residual_filter=ResidualFilter(share=0.03, every=5),
     )
 
 

@@ -14,7 +14,7 @@ import pytest
 import uvms_ocp as uo
 from uvms_ocp.control.force.dynamic import DynamicController
 from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.estimation.fallbacks import LastSound
+from uvms_ocp.estimation.fallbacks import LastValidEstimate
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -88,21 +88,21 @@ def any_joints() -> SimpleNamespace:
 def test_a_configuration_is_sound_where_every_quaternion_and_circle_in_it_has_norm_one() -> None:
     """By Pinocchio, which knows the manifold of each joint."""
     anything, rng, seen = any_joints(), np.random.default_rng(1), set()
-    sound, v = LastSound(anything), np.zeros(anything.n_v)  # type: ignore[arg-type]
+    sound, v = LastValidEstimate(anything), np.zeros(anything.n_v)  # type: ignore[arg-type]
     assert sound.memory.n_units == 4
     for _ in range(100):
         q = pin.randomConfiguration(anything.model, -np.ones(anything.n_q), np.ones(anything.n_q))
         q[rng.integers(anything.n_q)] *= 1.0 + 3e-3 * rng.normal()
         found = sound(Measurement(q=q, v=v, altimeter_range=1.0), 0.0)
-        assert bool(sound.memory.is_sound) == pin.isNormalized(anything.model, q, 1e-3)
-        assert (found.q == q).all() == bool(sound.memory.is_sound)
-        seen.add(bool(sound.memory.is_sound))
+        assert bool(sound.memory.is_valid) == pin.isNormalized(anything.model, q, 1e-3)
+        assert (found.q == q).all() == bool(sound.memory.is_valid)
+        seen.add(bool(sound.memory.is_valid))
     assert seen == {True, False}
 
 
 def test_a_robot_that_has_never_measured_is_stopped(robot: Robot) -> None:
     broken = Measurement(q=np.full(robot.n_q, np.nan), v=np.zeros(robot.n_v), altimeter_range=math.nan)
-    assert LastSound(robot)(broken, 0.0).age == np.inf
+    assert LastValidEstimate(robot)(broken, 0.0).age == np.inf
     command = diving(robot)(broken, 0.0)
     assert command.stop
     assert not command.v.any()

@@ -13,22 +13,22 @@ import pytest
 
 import uvms_ocp as uo
 from uvms_ocp.codegen.kernel_layout import doubles, structure_of
-from uvms_ocp.codegen.kernels import bind_to
+from uvms_ocp.codegen.kernels import bind_memory
 from uvms_ocp.control.velocity.distances import NearestMemory, measure_pairs, place_along_stop
 from uvms_ocp.control.velocity.goals import (
-    Measuring,
+    DistanceProvider,
     StoppingMotion,
+    load_goals,
     measured_distances,
     mission_parameters,
     nearest_sizes,
-    take_goals,
 )
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission.progress import write_state
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.collision_model import CollisionModel, distance_room
+from uvms_ocp.robot.shapes.collision_model import CollisionModel, distance_layout_sizes
 from uvms_ocp.robot.shapes.obstacles import Obstacle, mesh_shape
 from uvms_ocp.robot.signals import Measurement
 from uvms_ocp.tasks.clearance import Clearance
@@ -207,11 +207,11 @@ def test_kernels_and_python_measure_the_same_of_shapes_that_have_a_form_in_c(rob
     """In motion, where bounds stand in for what is far; Python, as `evaluate` asks it, takes the distances of all pairs."""
     rocks, rng = [ball(1.6, 0.4, -0.3), ball(-1.8, 0.0, 0.4)], np.random.default_rng(6)
     pairs = NearestPairs(task="CL", model=CollisionModel(robot, rocks), n=6, threshold=0.05)
-    sizes = nearest_sizes(robot, [pairs], robot.n_q, robot.n_v) | distance_room([pairs.model], robot)
+    sizes = nearest_sizes(robot, [pairs], robot.n_q, robot.n_v) | distance_layout_sizes([pairs.model], robot)
     memory = structure_of(NearestMemory, **sizes)()
-    Measuring(memory, [(0, pairs.n_parameters, pairs)], robot)
+    DistanceProvider(memory, [(0, pairs.n_parameters, pairs)], robot)
     assert memory.pairs[0].in_c
-    looks, measures = bind_to(memory, (place_along_stop, measure_pairs))
+    looks, measures = bind_memory(memory, (place_along_stop, measure_pairs))
     values, acceleration, moved = doubles(np.zeros(pairs.n_parameters)), doubles(robot.limits.acceleration), 0
     for _ in range(40):
         q, motion = random_motion(robot, rng)
@@ -263,7 +263,7 @@ def test_a_goal_that_moves_is_asked_at_every_tick_and_a_still_one_once_in_a_phas
         now = replace(state, phase=phase)
         for t in (1.0, 2.0, 3.0):
             write_state(memory.mission, now)
-            take_goals(memory.goals, memory.mission, memory.climb, t)
+            load_goals(memory.goals, memory.mission, memory.climb, t)
             control._parameters.ask(now, t)
             np.testing.assert_array_equal(memory.goals.values, [goal, 0.0, t, 1.0])
             found = mission_parameters(mission, now, t, gates=np.ones(2), q=q, motion=None)
@@ -290,7 +290,7 @@ def test_a_goal_that_ends_is_held_as_samples_and_not_asked_again(robot: Robot, m
     monkeypatch.setattr(PiecewisePolynomial, "__call__", lambda self, t: None)
     for (state, t), parameters in zip(ticks, wanted, strict=True):
         write_state(memory.mission, state)
-        take_goals(memory.goals, memory.mission, memory.climb, t)
+        load_goals(memory.goals, memory.mission, memory.climb, t)
         control._parameters.ask(state, t)
         close = 1e-9 if t / DT == round(t / DT) else 1e-2
         np.testing.assert_allclose(memory.goals.values, parameters, rtol=0, atol=close)

@@ -28,7 +28,7 @@ def test_a_dvl_that_is_off_is_found_out_by_position_fixes() -> None:
     way = case1(**usual).run()["q"][:, :3]
     biased = case1(**usual, faults=(parse_fault(f"linear_velocity:bias=0.3,0,0@{ONSET:g}"),)).run()
     assert cKDTree(way).query(biased["q"][:, :3])[0].max() < 5.0
-    estimated, true = biased["q_measured"][:, :3], biased["q"][:, :3]
+    estimated, true = biased["q_estimated"][:, :3], biased["q"][:, :3]
     assert np.abs(estimated - true)[biased["t"] > ONSET + 8.0].max() < 0.2
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.control.solve_workers import HOLD, Replanner, Request, SolveDelay
+from uvms_ocp.control.solve_workers import HOLD, Replanner, ReplanningRequest, SolveDelay
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import At, Effort, TaskTerm
 from uvms_ocp.robot.loading import load_robot
@@ -31,13 +31,15 @@ def reach() -> OcpProblem:
 def test_a_plan_begins_where_the_present_one_leaves_the_measured_state_by_then(delay: float) -> None:
     problem = reach()
     replanner = Replanner(problem, options=None, time_limit=np.inf, clock=lambda: 0.0)
-    first = replanner(Request(state=problem.start, t=0.0, in_use=HOLD, begin=0.0, delay=delay)).planned
+    first = replanner(ReplanningRequest(state=problem.start, t=0.0, in_use=HOLD, begin=0.0, delay=delay)).planned
     assert first is not None
     model, t = problem.robot.model, 0.1
     q, v, _ = first.trajectory.state_at(model, t)
     apart = 1e-3 * np.arange(problem.robot.n_v)
     measured = State(q=pin.integrate(model, q, apart), v=v + apart)
-    plan = replanner(Request(state=measured, t=t, in_use=first.number, begin=first.begin, delay=delay)).planned
+    plan = replanner(
+        ReplanningRequest(state=measured, t=t, in_use=first.number, begin=first.begin, delay=delay)
+    ).planned
     assert plan is not None
     assert plan.begin == pytest.approx(t + delay)
     q, v, _ = first.trajectory.state_at(model, t + delay)

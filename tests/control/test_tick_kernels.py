@@ -10,12 +10,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.control.velocity.abort import Strain, climb_goal
+from uvms_ocp.control.velocity.abort import ActuationFeedback, ascent_goal
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.control.velocity.tick import prepare_tick, solve_and_finish
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Above, Below, Phase, Transition
-from uvms_ocp.mission.progress import gates_at
+from uvms_ocp.mission.progress import activations_at
 from uvms_ocp.record.meta_values import ABORT
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
@@ -37,7 +37,7 @@ def scenario() -> Scenario:
     return case1(plant="kinematic", dt=DT)
 
 
-def babble(scenario: Scenario, n: int) -> list[tuple[Measurement, Strain]]:
+def babble(scenario: Scenario, n: int) -> list[tuple[Measurement, ActuationFeedback]]:
     """Measurements near the start; channels are doubted and lost and good again, echoes come and go."""
     rng, rest, found = np.random.default_rng(3), np.zeros(scenario.robot.n_v), []
     for k in range(n):
@@ -50,7 +50,7 @@ def babble(scenario: Scenario, n: int) -> list[tuple[Measurement, Strain]]:
             age=1.0 if 150 < k < 160 else 0.0,
             health=health,
         )
-        found.append((measurement, Strain(push=0.2, short=k % 3 == 0, jammed=(7,) if k > 100 else ())))
+        found.append((measurement, ActuationFeedback(push=0.2, short=k % 3 == 0, jammed=(7,) if k > 100 else ())))
     return found
 
 
@@ -60,7 +60,7 @@ def twins(build: Callable[[], KinematicController], monkeypatch: pytest.MonkeyPa
     bound: list[object] = []
     with monkeypatch.context() as without:
         for room in ("kinematic", "tick.finishing"):
-            name = f"uvms_ocp.control.velocity.{room}.bind_to"
+            name = f"uvms_ocp.control.velocity.{room}.bind_memory"
             without.setattr(name, lambda memory, kernels: bound.extend(kernels) or kernels)
         slow = build()
     assert slow._before is prepare_tick
@@ -74,9 +74,9 @@ def test_a_controller_whose_kernels_are_python_gives_the_same_bits(
 ) -> None:
     quick, slow = twins(scenario.controller, monkeypatch)
     fed = babble(scenario, 260)
-    for k, (measurement, strain) in enumerate(fed):
+    for k, (measurement, feedback) in enumerate(fed):
         for control in (quick, slow):
-            control.feel(strain)
+            control.on_actuation_feedback(feedback)
         first, second = quick(measurement, k * DT), slow(measurement, k * DT)
         np.testing.assert_array_equal(first.v, second.v)
         for name in ("quantities", "gates", "freshness"):
@@ -90,8 +90,8 @@ def test_a_controller_whose_kernels_are_python_gives_the_same_bits(
 def test_what_babble_feeds_meets_every_branch(scenario: Scenario) -> None:
     """Otherwise the test above would say less than it seems to."""
     control, seen = scenario.controller(), set()
-    for k, (measurement, strain) in enumerate(babble(scenario, 260)):
-        control.feel(strain)
+    for k, (measurement, feedback) in enumerate(babble(scenario, 260)):
+        control.on_actuation_feedback(feedback)
         tick = control.observe(measurement, k * DT)
         command = control.command(tick)
         less = tick.restriction
@@ -124,7 +124,7 @@ def test_transitions_are_those_of_the_mission_alone_in_c_and_in_python(
         state, event = mission.step(state, k * DT, quick.quantities)
         alone += [] if event is None else [event]
         for control in (quick, slow):
-            np.testing.assert_array_equal(control.state.gates_before, state.gates_before)
+            np.testing.assert_array_equal(control.state.activations_before, state.activations_before)
             for name in ("phase", "since", "held_since", "fired", "aborted", "completed"):
                 assert getattr(control.state, name) == getattr(state, name), name
     assert [event.target for event in alone] == ["B", "A", "B", "A", "B", "A", ABORT]
@@ -147,7 +147,7 @@ def test_giving_up_is_that_of_the_mission_alone_in_c_and_in_python(
         assert [event.target for event in control.events] == ["climb", ABORT]
         stalled, late = control.events
         before, climbing = control.left
-        goal = climb_goal(control.memory.climb)
+        goal = ascent_goal(control.memory.climb)
         began, event = mission.abandon(before, stalled.t, stalled.reason, goal)
         assert event == stalled
         assert (began.phase, began.since, began.why) == (climbing.phase, climbing.since, climbing.why)
@@ -196,7 +196,7 @@ def test_gates_of_a_mission_without_memory_are_those_of_the_controller(scenario:
         tick = control.observe(measured(scenario), t)
         np.testing.assert_array_equal(tick.gates, mission.gates(mission.start(), t))
     gates = [0.0] * mission.n_tasks
-    gates_at(control.memory.mission, 0.1, gates)
+    activations_at(control.memory.mission, 0.1, gates)
     np.testing.assert_allclose(gates, 0.5 * np.array([row["A"] for row in mission.table()]))
 
 

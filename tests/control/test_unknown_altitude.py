@@ -13,7 +13,7 @@ from recording_solver import RecordingSolver
 
 import uvms_ocp as uo
 from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.estimation.fallbacks import LastEcho, Watchdog
+from uvms_ocp.estimation.fallbacks import LastFloorRange, Watchdog
 from uvms_ocp.mission.phase import Condition
 from uvms_ocp.record.record import Record, quantity
 from uvms_ocp.report.summary import summarize
@@ -178,7 +178,7 @@ def test_an_echo_is_carried_for_as_long_as_the_watchdog_waits_and_no_longer(robo
 def test_a_carried_echo_stands_for_the_height_above_its_floor_however_the_robot_is_turned(
     robot: Robot, roll: float
 ) -> None:
-    echo = LastEcho(robot, "altimeter")
+    echo = LastFloorRange(robot, "altimeter")
     at = measured(robot, 3.0)
     floor = float(AltimeterBeam(robot, "altimeter").at(at.q).origin[2]) - echo.range(at, 0.0, 9.0)
     turned = measured(robot, math.nan, roll=roll)

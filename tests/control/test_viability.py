@@ -169,7 +169,7 @@ def test_what_a_limit_raises_is_raised_by_the_rule(compiled: bool, monkeypatch: 
         raise ValueError("no such place")
 
     if not compiled:
-        monkeypatch.setattr("uvms_ocp.control.velocity.viability.bind_to", lambda memory, kernels: kernels)
+        monkeypatch.setattr("uvms_ocp.control.velocity.viability.bind_memory", lambda memory, kernels: kernels)
     planar, limit = load_robot("planar5"), PositionLimit(quantity="room", lower=0.0, values=refuse, reach=np.ones(5))
     task = SimpleNamespace(name="y", position_limit=lambda robot: limit)
     rule = Viability(robot=planar, tasks=(task,), quantity_names=("y.room",), dt=DT)
@@ -184,7 +184,7 @@ def test_what_a_limit_raises_is_raised_by_the_rule(compiled: bool, monkeypatch: 
 def test_the_rule_without_compiler_gives_the_same_bits(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     quick = Guarded(robot)
     with monkeypatch.context() as without:
-        without.setattr("uvms_ocp.control.velocity.viability.bind_to", lambda memory, kernels: kernels)
+        without.setattr("uvms_ocp.control.velocity.viability.bind_memory", lambda memory, kernels: kernels)
         slow = Guarded(robot)
     assert slow.rule._keep is viability.keep
     assert quick.rule._keep is not viability.keep

@@ -56,7 +56,7 @@ def test_a_controller_that_does_nothing_is_reported_like_any_other() -> None:
 
 def test_a_changed_scenario_keeps_its_controller() -> None:
     scenario = replace(replace(case1(duration=0.1), controller=still), duration=0.2)
-    assert type(scenario.controller()).__name__ == "WatchedController"
+    assert type(scenario.controller()).__name__ == "SupervisedController"
 
 
 @pytest.mark.parametrize(

@@ -13,12 +13,12 @@ import pytest
 from uvms_ocp.control.nmpc import Nmpc
 from uvms_ocp.control.solve_workers import (
     HOLD,
-    InLine,
     ProcessWorker,
     ReplanningJob,
+    ReplanningRequest,
     ReplanningResult,
-    Request,
     RunningWorker,
+    SynchronousWorker,
     WorkerStatus,
     start_worker,
 )
@@ -57,7 +57,7 @@ def job(robot: Robot, goal: PoseGoal | None = None) -> ReplanningJob:
     return ReplanningJob(problem=reach(robot, goal), period=PERIOD, options=None, clock=lambda: 0.0)
 
 
-def answered(worker: RunningWorker, request: Request) -> ReplanningResult:
+def answered(worker: RunningWorker, request: ReplanningRequest) -> ReplanningResult:
     worker.ask(request)
     for _ in range(PATIENCE):
         answer = worker.answer()
@@ -81,10 +81,10 @@ def ticks(nmpc: Nmpc, robot: Robot, begin: float, n: int) -> list[Command]:
 
 
 def test_plans_made_beside_are_those_made_in_line(robot: Robot, beside: RunningWorker) -> None:
-    within = start_worker(InLine(), job(robot))
+    within = start_worker(SynchronousWorker(), job(robot))
     number, began = HOLD, 0.0
     for t in (0.0, 0.0, 0.05, 0.1):
-        request = Request(state=start(robot), t=t, in_use=number, begin=began, delay=PERIOD)
+        request = ReplanningRequest(state=start(robot), t=t, in_use=number, begin=began, delay=PERIOD)
         one, other = answered(within, request), answered(beside, request)
         assert one.first is other.first is (number == HOLD)
         assert one.planned is not None
@@ -127,7 +127,7 @@ def test_a_process_that_was_killed_is_a_status_and_ticks_go_on(robot: Robot) -> 
 def test_a_solve_that_takes_too_long_is_stopped(robot: Robot) -> None:
     worker = start_worker(ProcessWorker(timeout=1e-9), job(robot))
     process = worker._process  # type: ignore[attr-defined]
-    worker.ask(Request(state=start(robot), t=0.0, in_use=HOLD, begin=0.0, delay=PERIOD))
+    worker.ask(ReplanningRequest(state=start(robot), t=0.0, in_use=HOLD, begin=0.0, delay=PERIOD))
     assert worker.answer() is None
     assert worker.status is WorkerStatus.SILENT
     worker.close()
@@ -142,7 +142,7 @@ def test_closing_ends_the_process_and_may_be_done_twice(robot: Robot, beside: Ru
     beside.close()
     assert not process.is_alive()
     assert beside.status is WorkerStatus.CLOSED
-    beside.ask(Request(state=start(robot), t=0.0, in_use=HOLD, begin=0.0, delay=PERIOD))
+    beside.ask(ReplanningRequest(state=start(robot), t=0.0, in_use=HOLD, begin=0.0, delay=PERIOD))
     assert beside.answer() is None
 
 

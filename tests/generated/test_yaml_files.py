@@ -19,7 +19,7 @@ from promises import DAMAGES, Tally, damaged, damaged_bytes
 from uvms_ocp.record.meta_values import ObstacleData
 from uvms_ocp.robot.description import RobotDescription, as_matrix6, read_description
 from uvms_ocp.robot.loading import robot_folder
-from uvms_ocp.robot.shapes.obstacles import build_obstacles, describe_obstacle, obstacle_from_words, read_obstacles
+from uvms_ocp.robot.shapes.obstacles import build_obstacles, describe_obstacle, parse_obstacle, read_obstacles
 
 pytestmark = pytest.mark.slow
 
@@ -141,12 +141,12 @@ def test_any_words_are_an_obstacle_or_refused_in_one_line() -> None:
     @settings(max_examples=500)
     @given(chosen(["sphere", "box"]), either(words, texts(most=12)))
     def holds(shape: str, text: str) -> None:
-        data = tally.outcome(lambda: obstacle_from_words(shape, text, "a"))
+        data = tally.outcome(lambda: parse_obstacle(shape, text, "a"))
         if data is not None:
             check_obstacles((data,))
 
     holds()
-    data = tally.outcome(lambda: obstacle_from_words("sphere", "1, 2,3 0.5", "a"))
+    data = tally.outcome(lambda: parse_obstacle("sphere", "1, 2,3 0.5", "a"))
     assert data is not None
     assert data.size == (0.5,)
     tally.check()

@@ -13,7 +13,7 @@ from uvms_ocp.identification.model import Vehicle
 from uvms_ocp.identification.output_error import FitStatus, Noise, OutputErrorProblem
 from uvms_ocp.identification.parameters import Prior
 from uvms_ocp.identification.recording import Channel, ZeroOrderHold
-from uvms_ocp.identification.rollout import N_START, Rollout, Seen, Segment, SegmentStart
+from uvms_ocp.identification.rollout import N_START, PredictedOutputs, Rollout, Segment, SegmentStart
 
 NOISE = Noise(velocity=0.1, rate=0.1, vertical=0.1, outliers=1e6)
 
@@ -26,13 +26,13 @@ class LinearRollout(Rollout):
 
     def seen(
         self, stretches: Sequence[Segment], starts: Sequence[SegmentStart], p: np.ndarray, *, slopes: bool
-    ) -> list[Seen]:
+    ) -> list[PredictedOutputs]:
         return [self._seen(row) for row in p]
 
-    def _seen(self, p: np.ndarray) -> Seen:
+    def _seen(self, p: np.ndarray) -> PredictedOutputs:
         still = np.zeros((*self.G[0].shape[:2], N_START))
         slopes = tuple(np.concatenate([g * (1.0 + 2.0 * self._bend * p), still], axis=2) for g in self.G)
-        return Seen(rows=tuple(g @ (p + self._bend * p**2) for g in self.G), end=np.zeros(0), slopes=slopes)
+        return PredictedOutputs(rows=tuple(g @ (p + self._bend * p**2) for g in self.G), end=np.zeros(0), slopes=slopes)
 
 
 def vehicle() -> Vehicle:

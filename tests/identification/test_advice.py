@@ -13,8 +13,8 @@ from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import Noise, OutputErrorProblem
 from uvms_ocp.identification.parameters import Free
 from uvms_ocp.identification.results import advice
-from uvms_ocp.identification.rollout import Prepared, Rollout
-from uvms_ocp.identification.uncertainty import UnidentifiableDirection, left_open
+from uvms_ocp.identification.rollout import PreparedRecording, Rollout
+from uvms_ocp.identification.uncertainty import UnidentifiableDirection, unidentifiable_directions
 
 
 def combination(*names: str) -> UnidentifiableDirection:
@@ -31,8 +31,8 @@ def problem() -> tuple[Vehicle, Rollout]:
 def left(size: Sequence[float]) -> tuple[UnidentifiableDirection, ...]:
     one, rollout = problem()
     recording = drive(rollout.stage, np.concatenate([one.shared.start, one.own.start]), seed=0, noise=0.005, size=size)
-    error = OutputErrorProblem(one, Prepared.of(recording, one).stretches(0.1, 10.0), Noise(), rollout)
-    return left_open(one, error.solve(error.start(), iterations=3))
+    error = OutputErrorProblem(one, PreparedRecording.of(recording, one).stretches(0.1, 10.0), Noise(), rollout)
+    return unidentifiable_directions(one, error.solve(error.start(), iterations=3))
 
 
 def test_what_did_not_move_is_to_be_driven_and_then_is_known() -> None:

@@ -15,8 +15,13 @@ from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import Estimate, Noise, OutputErrorProblem
 from uvms_ocp.identification.parameters import Free, Prior
 from uvms_ocp.identification.recording import Channel, Recording
-from uvms_ocp.identification.rollout import Prepared, Rollout
-from uvms_ocp.identification.uncertainty import bartlett, certainties, left_open, variance_inflation
+from uvms_ocp.identification.rollout import PreparedRecording, Rollout
+from uvms_ocp.identification.uncertainty import (
+    bartlett,
+    parameter_uncertainties,
+    unidentifiable_directions,
+    variance_inflation,
+)
 
 LEARNT = {
     "mass": Free(),
@@ -46,13 +51,13 @@ def predictor() -> Predictor:
 
 def estimate(*given: Recording) -> Estimate:
     one, rollout = problem()
-    stretches = [stretch for each in given for stretch in Prepared.of(each, one).stretches(0.1, 10.0)]
+    stretches = [stretch for each in given for stretch in PreparedRecording.of(each, one).stretches(0.1, 10.0)]
     error = OutputErrorProblem(one, stretches, NOISE, rollout)
     return error.solve(error.start())
 
 
 def test_the_true_vehicle_predicts_nearly_all() -> None:
-    (whole,) = Prepared.of(recording(), problem()[0]).stretches(0.05)
+    (whole,) = PreparedRecording.of(recording(), problem()[0]).stretches(0.05)
     predicted = predictor().of(whole)
     for axis in range(3):
         assert fit(predicted.seen[0][:, axis], predicted.rows[0][:, axis]) > 90.0
@@ -63,7 +68,7 @@ def test_what_is_seen_later_changes_no_prediction() -> None:
     velocity = honest.channels["linear_velocity"]
     values = np.where((velocity.t > 2.5)[:, None], 7.0, velocity.values)
     lying = replace(honest, channels={**honest.channels, "linear_velocity": Channel(t=velocity.t, values=values)})
-    rows = [predictor().of(Prepared.of(each, one).stretches(0.1)[0]).rows[0] for each in (honest, lying)]
+    rows = [predictor().of(PreparedRecording.of(each, one).stretches(0.1)[0]).rows[0] for each in (honest, lying)]
     np.testing.assert_array_equal(*rows)
 
 
@@ -75,12 +80,12 @@ def test_a_force_of_one_recording_is_found_at_its_beginning_where_that_is_asked(
     rollout = Rollout(stage_of(one))
     drifting = drive(rollout.stage, np.array([8.0]), seed=0, t_end=20.0, size=(0.0,) * 6)
     found = Predictor(vehicle=one, rollout=rollout, shared=one.shared.start, noise=NOISE, own=own)
-    predicted = found.of(Prepared.of(drifting, one).stretches(0.05)[0])
+    predicted = found.of(PreparedRecording.of(drifting, one).stretches(0.05)[0])
     assert least < fit(predicted.seen[0][:, 2], predicted.rows[0][:, 2]) < most
 
 
 def test_horizons_follow_each_other() -> None:
-    prepared = Prepared.of(recording(), problem()[0])
+    prepared = PreparedRecording.of(recording(), problem()[0])
     predicted = predictor().over(prepared, 0.1, 5.0)
     t = predicted.t[0]
     assert (np.diff(t) > 0.0).all()
@@ -96,18 +101,18 @@ def test_a_fit_is_a_hundred_where_all_is_right_and_zero_at_the_mean() -> None:
 
 def test_an_actuator_that_was_never_asked_is_left_open_and_the_others_are_determined() -> None:
     one, found = problem()[0], estimate(recording(0, 0.02, size=(12.0, 0.0, 10.0, 0.8, 0.8, 3.0)))
-    told = {each.name: each for each in certainties(one, found)}
+    told = {each.name: each for each in parameter_uncertainties(one, found)}
     assert told["gain surge"].determined
     assert told["added_mass surge"].determined
     assert not told["gain sway"].determined
-    (opened,) = left_open(one, found)
+    (opened,) = unidentifiable_directions(one, found)
     assert [name for name, _ in opened.shares] == ["gain sway"]
 
 
 def test_a_prior_is_not_taken_for_knowledge_of_the_recordings() -> None:
     one, found = problem()[0], estimate(recording(0, 0.02))
     nothing = replace(found, information=np.diag(1.0 / one.shared.sigma**2))
-    told = {each.name: each for each in certainties(one, nothing)}
+    told = {each.name: each for each in parameter_uncertainties(one, nothing)}
     assert not any(each.determined for each in told.values())
     assert told["linear_drag surge"].sigma == pytest.approx(0.5)
 

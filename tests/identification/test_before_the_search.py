@@ -18,7 +18,7 @@ from uvms_ocp.errors import UvmsError
 from uvms_ocp.identification import calibration as fitting
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.recording import Channel, Recording
-from uvms_ocp.identification.settings import CalibrationSettings, subject_of
+from uvms_ocp.identification.settings import CalibrationSettings, calibrated_robot
 from uvms_ocp.identification.tables import write_recording
 from uvms_ocp.robot.loading import robot_folder
 
@@ -46,7 +46,7 @@ def _no_search(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @cache
 def recording() -> Recording:
-    one = subject_of(CalibrationSettings.model_validate(yaml.safe_load(SETTINGS)), Path()).vehicle
+    one = calibrated_robot(CalibrationSettings.model_validate(yaml.safe_load(SETTINGS)), Path()).vehicle
     return drive(stage_of(one), one.shared.start, seed=2, t_end=8.0)
 
 
@@ -134,7 +134,7 @@ def test_the_vehicle_is_its_largest_link_in_whatever_order_a_file_has_them(tmp_p
     settings = CalibrationSettings.model_validate(yaml.safe_load(SETTINGS.replace("taken off", "as it is")))
     for name, links in (("first", content["links"]), ("last", dict(reversed(content["links"].items())))):
         (tmp_path / name).write_text(yaml.safe_dump({**content, "links": links}, sort_keys=False))
-        assert subject_of(settings.model_copy(update={"hydrodynamics": name}), tmp_path).frame == "base_link"
+        assert calibrated_robot(settings.model_copy(update={"hydrodynamics": name}), tmp_path).frame == "base_link"
 
 
 def test_doubts_are_told_before_the_search(tmp_path: Path) -> None:

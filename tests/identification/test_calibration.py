@@ -20,7 +20,7 @@ from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.parameters import NominalParameters
 from uvms_ocp.identification.recording import Recording
 from uvms_ocp.identification.results import report_text, variant_text, whole_text
-from uvms_ocp.identification.settings import CalibrationSettings, read_settings, subject_of
+from uvms_ocp.identification.settings import CalibrationSettings, calibrated_robot, read_settings
 from uvms_ocp.identification.tables import write_recording
 from uvms_ocp.identification.validation import errors
 from uvms_ocp.robot.dynamics import robot_dynamics
@@ -48,7 +48,7 @@ HEAVIER, ROUGHER, NOISE = 0.1, 0.25, 0.01
 @cache
 def case() -> tuple[CalibrationSettings, Recording, Calibration]:
     settings = CalibrationSettings.model_validate(_yaml())
-    subject = subject_of(settings, Path())
+    subject = calibrated_robot(settings, Path())
     one = subject.vehicle
     truth = one.shared.start.copy()
     truth[one.shared.names.index("added_mass surge")] += HEAVIER
@@ -172,7 +172,7 @@ def test_mistakes_in_settings_are_told_in_one_line(tmp_path: Path) -> None:
         read_settings(path)
     path.write_text(SETTINGS.replace("{prior: 0.02}", "{prior: 0.02, bounds: [0.01, 0.02]}"))
     with pytest.raises(InvalidInput, match="one of them"):
-        subject_of(read_settings(path), tmp_path)
+        calibrated_robot(read_settings(path), tmp_path)
 
 
 def test_equal_names_of_recordings_are_refused() -> None:
@@ -185,4 +185,4 @@ def test_a_robot_out_of_the_water_is_refused(tmp_path: Path) -> None:
     (tmp_path / "my.urdf").write_text((robot_folder("bluerov2_alpha5") / "robot.urdf").read_text())
     (tmp_path / "my.yaml").write_text(SETTINGS.replace("bluerov2_alpha5", "my.urdf"))
     with pytest.raises(InvalidInput, match="has no hydrodynamics of a link in water"):
-        subject_of(read_settings(tmp_path / "my.yaml"), tmp_path)
+        calibrated_robot(read_settings(tmp_path / "my.yaml"), tmp_path)

@@ -12,7 +12,7 @@ from vehicles import vehicle
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification.equation_error import LinearFit, fit_equation_error, regressor_of
 from uvms_ocp.identification.model import Vehicle, stage_of
-from uvms_ocp.identification.rollout import Prepared
+from uvms_ocp.identification.rollout import PreparedRecording
 
 ASKED = (
     "linear drag surge-surge",
@@ -29,9 +29,9 @@ def still_known() -> Vehicle:
 
 
 @cache
-def prepared() -> Prepared:
+def prepared() -> PreparedRecording:
     one = still_known()
-    return Prepared.of(drive(stage_of(one), np.zeros(0), seed=4, t_end=60.0), one)
+    return PreparedRecording.of(drive(stage_of(one), np.zeros(0), seed=4, t_end=60.0), one)
 
 
 def fit(*names: str) -> LinearFit:

@@ -13,13 +13,13 @@ from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.identification.experiment import Courses, ExperimentLimits, KnotCommands, edges_of, multisine
+from uvms_ocp.identification.experiment import ExperimentLimits, KnotCommands, TrajectorySimulator, edges_of, multisine
 from uvms_ocp.identification.experiment_design import (
     BY_HAND,
-    Assignment,
     DesignSettings,
     DesignStatus,
     Excitation,
+    ExperimentTask,
     Objective,
     design_experiment,
     excitation_of,
@@ -49,10 +49,10 @@ def rollout() -> Rollout:
     return Rollout(stage_of(assignment().vehicle))
 
 
-def assignment(**other: object) -> Assignment:
+def assignment(**other: object) -> ExperimentTask:
     learnt = {name: Free() for name in ("added_mass", "quadratic_drag", "lag", "delay")}
     one = vehicle_of(known().learning(**learnt, velocity_delay=Prior(sigma=0.3)))
-    return replace(Assignment(vehicle=one, limits=LIMITS, duration=8.0, noise=NOISE), **other)
+    return replace(ExperimentTask(vehicle=one, limits=LIMITS, duration=8.0, noise=NOISE), **other)
 
 
 @cache
@@ -60,8 +60,8 @@ def found() -> Excitation:
     return design_experiment(assignment(), rollout(), EFFORT)
 
 
-def objective(given: Assignment) -> Objective:
-    courses = Courses(rollout(), given.unknowns, 0.1, given.still)
+def objective(given: ExperimentTask) -> Objective:
+    courses = TrajectorySimulator(rollout(), given.unknowns, 0.1, given.still)
     aim, history = given.aim(), KnotCommands.of(4.0, 0.5, 0.1, courses.delay)
     return Objective(aim, given.limits, history, courses, target_deviations(given, rollout()))
 
@@ -117,7 +117,7 @@ def test_commands_are_late_as_channels_are() -> None:
     np.testing.assert_allclose(history.nearest(history.told @ knots), knots, atol=1e-12)
 
 
-def by_hand(given: Assignment) -> np.ndarray:
+def by_hand(given: ExperimentTask) -> np.ndarray:
     made = [largest(given, rollout(), name).numbers for name in BY_HAND]
     return np.array([[one.sigma for one in numbers] for numbers in made]).min(axis=0)
 
@@ -134,7 +134,7 @@ def test_of_what_is_not_believed_half_the_standard_error_by_hand_is_wanted() -> 
 def test_what_signals_by_hand_tell_less_of_than_is_believed_is_left_to_belief() -> None:
     learnt = {"added_mass": Prior(sigma=1e-5)}
     one = vehicle_of(known().learning(**learnt))
-    given = Assignment(vehicle=one, limits=LIMITS, duration=8.0, noise=NOISE)
+    given = ExperimentTask(vehicle=one, limits=LIMITS, duration=8.0, noise=NOISE)
     aim = given.aim()
     np.testing.assert_allclose(
         target_deviations(given, Rollout(stage_of(one))), aim.deviations(np.zeros_like(aim.known)), rtol=1e-6

@@ -13,8 +13,8 @@ from uvms_ocp.identification.fit import FitContext, Search, search_fit
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.output_error import FitStatus, Noise
 from uvms_ocp.identification.parameters import Free
-from uvms_ocp.identification.rollout import Prepared, Rollout
-from uvms_ocp.identification.uncertainty import DETERMINED, certainties
+from uvms_ocp.identification.rollout import PreparedRecording, Rollout
+from uvms_ocp.identification.uncertainty import DETERMINED, parameter_uncertainties
 
 NOISE = Noise(velocity=0.02, rate=0.02, vertical=0.02)
 SEARCH = Search(step=0.05, stretch=10.0)
@@ -25,7 +25,7 @@ def fitted() -> FitContext:
     one = vehicle_of(known().learning(added_mass=Free(only=("surge",)), quadratic_drag=Free(only=("surge", "yaw"))))
     rollout = Rollout(stage_of(one))
     recording = drive(rollout.stage, one.shared.start + np.array([0.1, 0.3, -0.2]), seed=0, noise=0.02, t_end=12.0)
-    prepared = (Prepared.of(recording, one),)
+    prepared = (PreparedRecording.of(recording, one),)
     estimate = search_fit(one, prepared, NOISE, rollout, SEARCH)
     return FitContext(vehicle=one, rollout=rollout, prepared=prepared, noise=NOISE, search=SEARCH, estimate=estimate)
 
@@ -39,9 +39,9 @@ def test_where_all_is_determined_a_file_has_what_the_search_has_found() -> None:
 
 def test_what_stays_open_is_as_declared_and_the_others_are_best_beside_it() -> None:
     unknowns, left = fitted().vehicle.shared, fitted().estimate
-    sigma = np.array([one.sigma for one in certainties(fitted().vehicle, left)])
+    sigma = np.array([one.sigma for one in parameter_uncertainties(fitted().vehicle, left)])
     together = (1.1 * DETERMINED / sigma.max()) ** 2
-    still_open = np.array([one.sigma > DETERMINED for one in certainties(fitted().vehicle, left, together)])
+    still_open = np.array([one.sigma > DETERMINED for one in parameter_uncertainties(fitted().vehicle, left, together)])
     assert 0 < still_open.sum() < len(sigma)
     found = exported_estimate(fitted(), together)
     assert found.kept == tuple(np.array(unknowns.names)[still_open])

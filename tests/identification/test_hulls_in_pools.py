@@ -14,12 +14,12 @@ from scipy.spatial.transform import Rotation
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.experiment import ExperimentLimits
-from uvms_ocp.identification.experiment_design import Assignment, DesignSettings, DesignStatus, design_experiment
+from uvms_ocp.identification.experiment_design import DesignSettings, DesignStatus, ExperimentTask, design_experiment
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.parameters import Free
 from uvms_ocp.identification.results import excitation_text
 from uvms_ocp.identification.rollout import Rollout
-from uvms_ocp.identification.settings import CalibrationSettings, subject_of
+from uvms_ocp.identification.settings import CalibrationSettings, calibrated_robot
 
 LIMITS = ExperimentLimits(
     thrust=np.outer([20.0, 20.0, 20.0, 2.0, 2.0, 2.0], [-1.0, 1.0]),
@@ -64,7 +64,7 @@ def test_the_slope_of_what_is_beyond_is_that_of_its_value() -> None:
 
 def test_a_design_keeps_the_whole_hull_inside_and_tells_where_it_sweeps() -> None:
     one = vehicle_of(known().learning(added_mass=Free()))
-    given = Assignment(vehicle=one, limits=LIMITS, duration=5.0)
+    given = ExperimentTask(vehicle=one, limits=LIMITS, duration=5.0)
     found = design_experiment(
         given, Rollout(stage_of(one)), DesignSettings(step=0.1, knots=0.5, starts=1, iterations=15)
     )
@@ -85,7 +85,7 @@ def test_a_hull_that_does_not_fit_is_refused() -> None:
 def test_the_hull_of_settings_is_turned_from_its_link_to_the_body() -> None:
     hull = [[-0.3, -0.2, -0.1], [0.5, 0.2, 0.1]]
     text = yaml.safe_load(f"{{robot: bluerov2_alpha5, arm: taken off, hull: {hull}, learn: {{lag: {{}}}}}}")
-    subject = subject_of(CalibrationSettings.model_validate(text), Path())
+    subject = calibrated_robot(CalibrationSettings.model_validate(text), Path())
     X = subject.robot.model.frames[subject.robot.model.getFrameId(subject.frame)].placement
     places = np.array([X.act(np.array(corner)) for corner in product(*np.transpose(hull))])
     np.testing.assert_allclose(subject.hull_in_body(hull), [places.min(axis=0), places.max(axis=0)], atol=1e-12)

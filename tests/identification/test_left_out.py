@@ -18,14 +18,14 @@ from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.parameters import Free
 from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.results import left_out_tables
-from uvms_ocp.identification.rollout import Prepared, Rollout
+from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 from uvms_ocp.identification.validation import (
     BALANCE,
     BEFORE,
     OTHERS,
     SCORED,
     STATIC,
-    LeftOut,
+    HeldOutRecording,
     StaticBalance,
     errors,
     leave_one_out,
@@ -55,7 +55,7 @@ def recordings() -> tuple[Recording, ...]:
 
 def solved(given: Sequence[Recording]) -> FitContext:
     one, rollout = problem()
-    prepared = tuple(Prepared.of(each, one) for each in given)
+    prepared = tuple(PreparedRecording.of(each, one) for each in given)
     estimate = search_fit(one, prepared, NOISE, rollout, SEARCH)
     return FitContext(vehicle=one, rollout=rollout, prepared=prepared, noise=NOISE, search=SEARCH, estimate=estimate)
 
@@ -66,7 +66,7 @@ def fitted() -> FitContext:
 
 
 @cache
-def found() -> tuple[LeftOut, ...]:
+def found() -> tuple[HeldOutRecording, ...]:
     return tuple(leave_one_out(fitted(), horizons=(3.0, 60.0, 90.0)))
 
 
@@ -79,7 +79,9 @@ def lying(one: Recording) -> Recording:
 
 def test_what_is_judged_does_not_change_what_the_others_tell() -> None:
     honest = fitted()
-    other = replace(honest, prepared=(*honest.prepared[:2], Prepared.of(lying(recordings()[2]), honest.vehicle)))
+    other = replace(
+        honest, prepared=(*honest.prepared[:2], PreparedRecording.of(lying(recordings()[2]), honest.vehicle))
+    )
     one, two = (without(each, each.prepared[2]) for each in (honest, other))
     np.testing.assert_array_equal(one.shared, two.shared)
     np.testing.assert_array_equal(one.information, two.information)

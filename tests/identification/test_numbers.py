@@ -12,7 +12,7 @@ from driven import drive, known, vehicle_of
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise, OutputErrorProblem
 from uvms_ocp.identification.parameters import Free, Prior
-from uvms_ocp.identification.rollout import Prepared, Rollout
+from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 from uvms_ocp.identification.uncertainty import IdentifiedNumber, numbers, values_of
 
 LEARNT = {
@@ -28,7 +28,7 @@ def found() -> tuple[Vehicle, Estimate]:
     one = vehicle_of(known().learning(**LEARNT))
     rollout = Rollout(stage_of(one))
     recording = drive(rollout.stage, np.concatenate([one.shared.start, one.own.start]), seed=1, noise=0.02)
-    error = OutputErrorProblem(one, Prepared.of(recording, one).stretches(0.1, 10.0), Noise(), rollout)
+    error = OutputErrorProblem(one, PreparedRecording.of(recording, one).stretches(0.1, 10.0), Noise(), rollout)
     return one, error.solve(error.start())
 
 

@@ -22,7 +22,7 @@ from uvms_ocp.identification.output_error import (
 )
 from uvms_ocp.identification.parameters import Free, Prior
 from uvms_ocp.identification.recording import Channel, Recording
-from uvms_ocp.identification.rollout import N_START, Prepared, Rollout, Segment, SegmentStart
+from uvms_ocp.identification.rollout import N_START, PreparedRecording, Rollout, Segment, SegmentStart
 
 LEARNT = {
     "added_mass": Free(only=("surge", "sway", "heave", "yaw")),
@@ -59,7 +59,7 @@ def recording(seed: int = 0, noise: float = 0.0) -> Recording:
 
 
 def stretches(given: Recording, duration: float | None = 10.0, step: float = 0.05) -> tuple[Segment, ...]:
-    return Prepared.of(given, problem()[0]).stretches(step, duration)
+    return PreparedRecording.of(given, problem()[0]).stretches(step, duration)
 
 
 def fit(*given: Recording, noise: Noise = EXACT, **options: float) -> Estimate:
@@ -144,12 +144,12 @@ def test_what_is_missing_is_told() -> None:
     channels = dict(recording().channels)
     del channels["wrench"]
     with pytest.raises(InvalidInput, match=r"commands \[\] recorded; allowed: one of thrust, wrench"):
-        Prepared.of(Recording(name="r", channels=channels), problem()[0])
+        PreparedRecording.of(Recording(name="r", channels=channels), problem()[0])
     with pytest.raises(NameNotFound, match="unknown channel 'attitude'"):
-        Prepared.of(Recording(name="r", channels={"wrench": recording().channels["wrench"]}), problem()[0])
+        PreparedRecording.of(Recording(name="r", channels={"wrench": recording().channels["wrench"]}), problem()[0])
     thrust = Channel(t=np.array([0.0, 1.0]), values=np.zeros((2, 8)))
     with pytest.raises(InvalidInput, match="thrust has 8 columns; the actuators' allocation takes 6"):
-        Prepared.of(Recording(name="r", channels={**channels, "thrust": thrust}), problem()[0])
+        PreparedRecording.of(Recording(name="r", channels={**channels, "thrust": thrust}), problem()[0])
 
 
 def test_of_several_commands_those_are_taken_that_the_actuators_name() -> None:
@@ -157,11 +157,11 @@ def test_of_several_commands_those_are_taken_that_the_actuators_name() -> None:
     both = {**given, "thrust": replace(given["wrench"], values=2.0 * given["wrench"].values)}
     for name in ("thrust", "wrench"):
         named = replace(one, actuators=replace(one.actuators, commands=name))
-        told = Prepared.of(Recording(name="r", channels=both), named).commands.channel
+        told = PreparedRecording.of(Recording(name="r", channels=both), named).commands.channel
         np.testing.assert_array_equal(told.values, both[name].values)
     named = replace(one, actuators=replace(one.actuators, commands="thrust"))
     with pytest.raises(NameNotFound, match="unknown channel 'thrust'"):
-        Prepared.of(recording(), named)
+        PreparedRecording.of(recording(), named)
 
 
 def test_a_search_that_begins_where_the_simulation_runs_away_ends_with_a_status() -> None:

@@ -19,12 +19,12 @@ from uvms_ocp.identification.data_quality import check_data_quality
 from uvms_ocp.identification.reading import run_recording
 from uvms_ocp.identification.recording import Recording
 from uvms_ocp.identification.results import variant_text, whole_text
-from uvms_ocp.identification.rollout import Prepared
-from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, subject_of
+from uvms_ocp.identification.rollout import PreparedRecording
+from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, calibrated_robot
 from uvms_ocp.identification.uncertainty import IdentifiedNumber
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.description import read_description
-from uvms_ocp.robot.signals import sensors_of
+from uvms_ocp.robot.signals import robot_sensors
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 from uvms_ocp.scenario.cases.bluerov import bluerov_inspection
 from uvms_ocp.scenario.cases.case1 import case1
@@ -53,7 +53,7 @@ def run() -> Record:
 @cache
 def subject() -> tuple[CalibratedRobot, CalibrationSettings]:
     settings = CalibrationSettings.model_validate(yaml.safe_load(SETTINGS))
-    return subject_of(settings, Path()), settings
+    return calibrated_robot(settings, Path()), settings
 
 
 def learnt_lag(record: Record) -> IdentifiedNumber:
@@ -79,12 +79,12 @@ def test_a_plant_without_thrusters_is_asked_for_no_thrust() -> None:
     record = case1(plant="kinematic", dt=0.02, duration=0.1).run()
     assert "asked_thrust" not in record.series
     with pytest.raises(LookupError, match="unknown channel 'thrust'"):
-        Prepared.of(run_recording(record, "run"), subject()[0].vehicle)
+        PreparedRecording.of(run_recording(record, "run"), subject()[0].vehicle)
 
 
 @pytest.mark.parametrize("noise", [False, True])
 def test_the_lag_of_thrusters_is_learnt_from_a_run(noise: bool) -> None:
-    record = driven_run(sensors=sensors_of(slow().description)) if noise else run()
+    record = driven_run(sensors=robot_sensors(slow().description)) if noise else run()
     assert learnt_lag(record).value == pytest.approx(LAG, rel=0.03)
     assert told(record) == ""
 
@@ -95,7 +95,7 @@ def test_dead_zones_are_learnt_from_a_run_as_robot_files_have_them() -> None:
     settings = CalibrationSettings.model_validate(
         subject()[1].model_dump() | {"learn": learn, "dead_zone": 3.0, "stretch": 10.0}
     )
-    found = calibrate(subject_of(settings, Path()), settings, [run_recording(record, "run")]).numbers
+    found = calibrate(calibrated_robot(settings, Path()), settings, [run_recording(record, "run")]).numbers
     (lag,), zones = (one for one in found if one.quantity == "lag"), [one for one in found if one.quantity != "lag"]
     assert lag.value == pytest.approx(LAG, rel=0.03)
     assert len(zones) == 16
@@ -111,7 +111,7 @@ def test_of_an_older_run_the_lag_is_lost_and_that_is_told() -> None:
 
 
 def test_before_a_run_thrusters_are_at_rest() -> None:
-    commands = Prepared.of(run_recording(run(), "run"), subject()[0].vehicle).commands
+    commands = PreparedRecording.of(run_recording(run(), "run"), subject()[0].vehicle).commands
     np.testing.assert_array_equal(commands.at(np.array([-1.0, -0.01])), 0.0)
     np.testing.assert_array_equal(commands.at(np.array([0.0]))[0], run()["asked_thrust"][0])
 
@@ -155,17 +155,17 @@ def columns_turned(recording: Recording, channel: str) -> Recording:
 
 def test_thrusters_go_by_their_names() -> None:
     recording, vehicle = run_recording(run(), "run"), subject()[0].vehicle
-    straight, turned = (Prepared.of(one, vehicle) for one in (recording, columns_turned(recording, "thrust")))
+    straight, turned = (PreparedRecording.of(one, vehicle) for one in (recording, columns_turned(recording, "thrust")))
     np.testing.assert_array_equal(turned.commands.channel.values, straight.commands.channel.values)
     others = replace(recording.channel("thrust"), columns=tuple("abcdefgh"))
     with pytest.raises(InvalidInput, match=r"run: thrust is of a, b, .*; allowed: T1, T2"):
-        Prepared.of(replace(recording, channels={**recording.channels, "thrust": others}), vehicle)
+        PreparedRecording.of(replace(recording, channels={**recording.channels, "thrust": others}), vehicle)
 
 
 def also_told(record: Record, **changed: object) -> str:
     (one, settings), recording = subject(), run_recording(record, "run")
     other = CalibrationSettings.model_validate(settings.model_dump() | changed)
-    return "; ".join(map(str, check_settings(subject_of(other, Path()) if changed else one, other, recording)))
+    return "; ".join(map(str, check_settings(calibrated_robot(other, Path()) if changed else one, other, recording)))
 
 
 def test_a_strong_current_that_nothing_learns_is_refused_before_the_search() -> None:
@@ -176,7 +176,7 @@ def test_a_strong_current_that_nothing_learns_is_refused_before_the_search() -> 
     with pytest.raises(InvalidInput, match=r"run: a current of 0\.14 m/s.*learn it too"):
         calibrate(one, settings, [flowing])
     learning = CalibrationSettings.model_validate(settings.model_dump() | {"learn": {"current": {}}})
-    require_current(subject_of(learning, Path()), flowing)
+    require_current(calibrated_robot(learning, Path()), flowing)
     require_current(one, recording)
 
 
@@ -199,7 +199,7 @@ def test_a_lag_that_is_not_given_begins_with_that_of_the_thrusters() -> None:
     settings = CalibrationSettings.model_validate(subject()[1].model_dump() | given)
     thrusters = load_robot("girona_maris7_full").description.thrusters
     for lag in (None, 0.3):
-        found = subject_of(settings.model_copy(update={"lag": lag}), Path()).vehicle.actuators.lag
+        found = calibrated_robot(settings.model_copy(update={"lag": lag}), Path()).vehicle.actuators.lag
         assert found == pytest.approx(lag or np.mean([one.time_constant for one in thrusters]))
 
 
@@ -207,7 +207,7 @@ def test_a_lag_that_is_not_given_begins_with_that_of_the_thrusters() -> None:
 def test_a_wrench_of_our_controller_is_ahead_of_the_lag_and_that_is_told() -> None:
     record = bluerov_inspection(duration=2.0).run()
     settings = CalibrationSettings.model_validate(subject()[1].model_dump() | {"arm": "as it is", "commands": "wrench"})
-    doubt, *more = check_settings(subject_of(settings, Path()), settings, run_recording(record, "run"))
+    doubt, *more = check_settings(calibrated_robot(settings, Path()), settings, run_recording(record, "run"))
     assert not more
     assert str(doubt).startswith("wrench: thrusters were driven ahead of their lag")
 

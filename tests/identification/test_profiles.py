@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from linear_problem import NOISE, problem
 
-from uvms_ocp.identification.output_error import Pull
+from uvms_ocp.identification.output_error import ProfilePenalty
 from uvms_ocp.identification.uncertainty import INTERVAL, IdentifiedNumber, number_of, numbers
 from uvms_ocp.identification.validation import profiles
 
@@ -33,7 +33,7 @@ def test_a_number_that_is_held_is_fitted_around_as_algebra_says() -> None:
     fitted, (_, sway, _) = problem(), told(1.0)
     number = number_of(fitted.vehicle, sway)
     target = sway.value + 2.0 * sway.sigma
-    error = fitted.problem(Pull(number=number, target=target, sigma=1e-3 * sway.sigma))
+    error = fitted.problem(ProfilePenalty(number=number, target=target, sigma=1e-3 * sway.sigma))
     found = error.solve(error.resumed(fitted.estimate), tolerance=1e-13, damping=1e-12)
     C = np.linalg.inv(fitted.estimate.information)
     wanted = fitted.estimate.shared + C[:, 1] / C[1, 1] * (target - sway.value)

@@ -36,8 +36,8 @@ def test_a_record_of_a_run_is_a_recording_of_what_was_measured(ending: str, run:
     {".npz": run.save, ".parquet": run.to_parquet, ".mcap": run.to_mcap}[ending](path)
     recording = read_recording(path)
     assert recording.name == "dive"
-    wanted = {"position": run["q_measured"][:, :3], "angular_velocity": run["v_measured"][:, 3:6]}
-    wanted |= {"joint_positions": run["q_measured"][:, 7:], "current": run["current"]}
+    wanted = {"position": run["q_estimated"][:, :3], "angular_velocity": run["v_estimated"][:, 3:6]}
+    wanted |= {"joint_positions": run["q_estimated"][:, 7:], "current": run["current"]}
     for name, values in wanted.items():
         np.testing.assert_array_equal(recording.channels[name].t, run["t"])
         np.testing.assert_array_equal(recording.channels[name].values, values)

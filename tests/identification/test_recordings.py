@@ -13,7 +13,7 @@ from motions import DOWN, changed, recorded
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification.data_quality import check_data_quality
-from uvms_ocp.identification.reading import RecordingMapping, evenly_sent, mapped_recording, read_mapping
+from uvms_ocp.identification.reading import RecordingMapping, even_send_times, mapped_recording, read_mapping
 from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold, angular_rate, rotations
 from uvms_ocp.identification.tables import read_columns, stored_recording, write_columns, write_recording
 
@@ -91,7 +91,7 @@ def test_even_messages_are_told_when_they_were_sent() -> None:
     rng, sent = np.random.default_rng(1), 0.02 * np.arange(3000)
     lost = (sent < 20.0) | (sent > 20.3)
     arrived = np.maximum.accumulate(sent[lost] + 0.05 + rng.exponential(0.1, size=lost.sum()))
-    late, left = (times - sent[lost] - 0.05 for times in (arrived, evenly_sent(arrived, 0.02)))
+    late, left = (times - sent[lost] - 0.05 for times in (arrived, even_send_times(arrived, 0.02)))
     assert (left <= late + 1e-12).all()
     assert left.min() > -1e-9
     assert left.mean() < 0.25 * late.mean()

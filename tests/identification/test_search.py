@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from driven import drive, known, vehicle_of
 
-from uvms_ocp.identification.fit import Search, gone_on, search_fit
+from uvms_ocp.identification.fit import Search, resumed_search, search_fit
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import FitStatus, Noise, OutputErrorProblem
 from uvms_ocp.identification.parameters import Free
-from uvms_ocp.identification.rollout import Prepared, Rollout
+from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 
 NOISE = Noise(velocity=0.005, rate=0.005, vertical=0.005, process=0.02, start=0.05)
 
@@ -22,7 +22,7 @@ def test_what_is_twice_as_large_is_found() -> None:
     one = vehicle()
     rollout = Rollout(stage_of(one))
     truth = one.shared.start + np.where([name.startswith("added_mass") for name in one.shared.names], 0.35, 0.7)
-    prepared = Prepared.of(drive(rollout.stage, truth, seed=4, noise=0.005), one)
+    prepared = PreparedRecording.of(drive(rollout.stage, truth, seed=4, noise=0.005), one)
     found = search_fit(one, [prepared], NOISE, rollout, Search(step=0.025, stretch=15.0))
     assert found.status is FitStatus.CONVERGED
     np.testing.assert_allclose(found.shared, truth, atol=0.08)
@@ -45,10 +45,10 @@ def test_a_search_goes_on_by_itself_where_its_iterations_are_too_few() -> None:
     rollout = Rollout(stage_of(one))
     truth = one.shared.start + 0.1
     error = OutputErrorProblem(
-        one, Prepared.of(drive(rollout.stage, truth, seed=4), one).stretches(0.05, 15.0), NOISE, rollout
+        one, PreparedRecording.of(drive(rollout.stage, truth, seed=4), one).stretches(0.05, 15.0), NOISE, rollout
     )
     short = error.solve(error.start(), iterations=1)
-    found, wanted = gone_on(error, short, 1), error.solve(error.start(), iterations=20)
+    found, wanted = resumed_search(error, short, 1), error.solve(error.start(), iterations=20)
     assert (short.status, wanted.status) == (FitStatus.ITERATION_LIMIT, FitStatus.CONVERGED)
     assert found.status is FitStatus.CONVERGED
     assert 1 < found.iterations < 10

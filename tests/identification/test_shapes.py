@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from uvms_ocp import load_robot
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.identification.settings import CalibrationSettings, require_no_shape, subject_of
+from uvms_ocp.identification.settings import CalibrationSettings, calibrated_robot, require_no_shape
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.loading import robot_folder
 
@@ -42,12 +42,12 @@ def shaped(folder: Path, link: dict[str, object]) -> Path:
 def test_the_coefficients_that_are_told_are_those_of_the_shape(name: str, tmp_path: Path) -> None:
     folder = shaped(tmp_path, {name: SHAPES[name]})
     with pytest.raises(InvalidInput) as stopped:
-        require_no_shape(subject_of(CalibrationSettings.model_validate(SETTINGS), folder))
+        require_no_shape(calibrated_robot(CalibrationSettings.model_validate(SETTINGS), folder))
     told = re.search(r"\{coefficients: .*\}\}", str(stopped.value))
     assert told
     before = load_robot(urdf=folder / "mine/robot.urdf", hydrodynamics=folder / "mine/hydrodynamics.yaml")
     shaped(tmp_path, yaml.safe_load(told[0]))
-    after = subject_of(CalibrationSettings.model_validate(SETTINGS), folder)
+    after = calibrated_robot(CalibrationSettings.model_validate(SETTINGS), folder)
     require_no_shape(after)
     for one, other in zip(*(links_in_water(robot.description) for robot in (before, after.robot)), strict=False):
         for field in ("added_mass", "linear_drag", "quadratic_drag", "volume", "centre_of_buoyancy"):

@@ -13,7 +13,7 @@ from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Abort, Below, Phase, Transition
 from uvms_ocp.record.meta_values import ABORT, DONE
 from uvms_ocp.scenario.cases.case1 import case1
-from uvms_ocp.scenario.options import abort_phase, with_gates
+from uvms_ocp.scenario.options import abort_phase, with_activations
 from uvms_ocp.scenario.scenario import pose_at
 from uvms_ocp.tasks.attitude import HorizontalAttitude
 from uvms_ocp.tasks.pose import VehiclePose
@@ -82,7 +82,7 @@ def test_tables_diagrams_and_preflight_know_the_abort_phase() -> None:
 
 
 def test_gates_for_every_phase_reach_the_abort_phase_and_leave_those_that_are_set() -> None:
-    m = with_gates(mission(climbing()), {"HA": 0.5})
+    m = with_activations(mission(climbing()), {"HA": 0.5})
     assert [phase.gates["HA"] for phase in m.all_phases] == [0.5, 1.0, 1.0]
 
 

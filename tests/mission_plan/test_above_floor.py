@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.mission_plan.surroundings import AboveFloor, rims_of
+from uvms_ocp.mission_plan.surroundings import FloorClearance, rims_of
 from uvms_ocp.ocp.problem import OcpLevel, single_phase
 from uvms_ocp.ocp.terms import Effort
 from uvms_ocp.ocp.transcription.stage import StageModel
@@ -25,7 +25,7 @@ def test_the_lowest_row_is_the_distance_of_the_arm_from_a_plane(seed: int) -> No
     lower, upper = robot.limits.position_lower, robot.limits.position_upper
     q = robot.configuration(position=(0, 0, 5.0), rpy=rng.uniform(-0.3, 0.3, 3), joints=rng.uniform(lower, upper))
     rims = rims_of(robot)
-    rows = heights(robot, q, AboveFloor(rims=rims, height=0.0))
+    rows = heights(robot, q, FloorClearance(rims=rims, height=0.0))
     arm = [row for row, rim in zip(rows, rims, strict=True) if rim.joint > 1]
     assert min(arm) == pytest.approx(distance_of_arm(robot, q), abs=1e-4)
     X_WB = pin.XYZQUATToSE3(q[:7])
@@ -33,7 +33,7 @@ def test_the_lowest_row_is_the_distance_of_the_arm_from_a_plane(seed: int) -> No
     np.testing.assert_allclose(hull, [X_WB.act(point)[2] for point in skid_points(robot)], atol=1e-3)
 
 
-def heights(robot: Robot, q: np.ndarray, term: AboveFloor) -> np.ndarray:
+def heights(robot: Robot, q: np.ndarray, term: FloorClearance) -> np.ndarray:
     """Rows (m,) [m] of the term at q (n_q,)."""
     start = State(q=q, v=np.zeros(robot.n_v))
     level = OcpLevel(name="effort", terms=(Effort(),))

@@ -9,13 +9,13 @@ import pytest
 
 from uvms_ocp.errors import RobotDataError
 from uvms_ocp.robot.description import Channel, read_description
-from uvms_ocp.robot.signals import CHANNELS, SensorSpec, SensorSpecs, sensors_of
+from uvms_ocp.robot.signals import CHANNELS, SensorSpec, SensorSpecs, robot_sensors
 
 
 def described(tmp_path: Path, text: str) -> SensorSpecs:
     path = tmp_path / "hydrodynamics.yaml"
     path.write_text(text)
-    return sensors_of(read_description(path))
+    return robot_sensors(read_description(path))
 
 
 def test_the_channels_of_a_file_are_those_of_the_readings() -> None:

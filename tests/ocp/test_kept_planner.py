@@ -20,8 +20,8 @@ import pytest
 from same_words import require_same_words
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.mission_plan.surroundings import AboveFloor, Rim
-from uvms_ocp.mission_plan.terms import Preferred, Rest, RowsWithin
+from uvms_ocp.mission_plan.surroundings import FloorClearance, Rim
+from uvms_ocp.mission_plan.terms import BoundedRows, Rest, TaskPreference
 from uvms_ocp.ocp.clearance import Ball, BallClearance, ShapeClearance
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
@@ -45,7 +45,7 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import obstacle
 from uvms_ocp.robot.signals import State
 from uvms_ocp.solvers.nlp.options import NlpOptions
-from uvms_ocp.tasks.activation import Bell
+from uvms_ocp.tasks.activation import SmoothActivation
 from uvms_ocp.tasks.altitude import LandingAltitude, MinimumAltitude
 from uvms_ocp.tasks.attitude import Alignment, FieldOfView, HorizontalAttitude
 from uvms_ocp.tasks.joints import JointLimits, JointTracking, Manipulability
@@ -90,16 +90,16 @@ TERMS: dict[str, Term] = {
         "own", lambda stage, goal: stage.tick.q[:3] - goal, lower=-1.0, upper=1.0, parameters=np.zeros(3)
     ),
     "shapes": ShapeClearance(scene=among(3.0, 0.2), margins=np.full(4, 0.05), n_rows=3, n_own_rows=1),
-    "rows": RowsWithin(task=ToolPosition(goal=GOAL), rows=(0, 1), lower=-0.1, upper=0.1),
-    "liked": Preferred(task=ToolPosition(goal=GOAL)),
+    "rows": BoundedRows(task=ToolPosition(goal=GOAL), rows=(0, 1), lower=-0.1, upper=0.1),
+    "liked": TaskPreference(task=ToolPosition(goal=GOAL)),
     "rest": Rest(axes=(0, 1)),
-    "floor": AboveFloor(rims=(RIM,), height=5.0),
+    "floor": FloorClearance(rims=(RIM,), height=5.0),
 }
 OTHERS: dict[str, Any] = {
     "frame": "link2",
     "name": "another",
     "phase": "stay",
-    "bell": Bell(0.03, 0.09),
+    "bell": SmoothActivation(0.03, 0.09),
     "joints": ("y0", "x0"),
     "axes": (0, 2),
     "axis": (0.0, 1.0, 0.0),

@@ -24,7 +24,7 @@ class ExtraDrag:
     rate: float = 0.0
     """[1/s] of the decay of all velocities."""
     takes_forces: ClassVar[bool] = True
-    suffers: ClassVar[tuple[str, ...]] = ("thruster", "current")
+    simulated_faults: ClassVar[tuple[str, ...]] = ("thruster", "current")
 
     def __call__(self, scenario: Scenario) -> DraggedPlant:
         return DraggedPlant(scenario, self.rate)
@@ -33,7 +33,7 @@ class ExtraDrag:
 class DraggedPlant:
     def __init__(self, scenario: Scenario, rate: float) -> None:
         robot = scenario.plant_robot or scenario.robot
-        options: dict[str, Any] = {"environment": scenario.environment, "faults": scenario.known_faults}
+        options: dict[str, Any] = {"environment": scenario.environment, "faults": scenario.toolkit_faults}
         self.plant, self.rate = DynamicPlant(robot, scenario.start, dynamics=robot_dynamics(robot), **options), rate
         self.state = self.plant.state
 
@@ -161,7 +161,7 @@ class CopiedFilter:
         self.ours: Any = PassThrough(scenario.robot)
         if scenario.specs != IDEAL_SENSORS:
             self.ours = Estimator(scenario.robot, scenario.specs)
-            self.outcomes, self.doubt_velocity = self.ours.outcomes, self.ours.doubt_velocity
+            self.outcomes, self.inflate_velocity_variance = self.ours.outcomes, self.ours.inflate_velocity_variance
 
     def __call__(self, readings: Readings, t: float, command: Command | None) -> Measurement:
         return self.ours(readings, t, command)

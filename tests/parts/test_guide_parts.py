@@ -23,7 +23,7 @@ def test_the_parts_that_the_guide_shows_run_as_printed_and_the_plant_lags_by_wha
     record = space["record"]
     meta = record.run_meta
     assert (meta.plant, meta.sensors, meta.estimator) == ("Lagging", "Sensors", "trusting")
-    assert np.allclose(record["q_measured"], record["q"], atol=0.01)
+    assert np.allclose(record["q_estimated"], record["q"], atol=0.01)
     expected = record["v"][:-1] + 5.0 * meta.dt * (record["command"][:-1] - record["v"][:-1])
     assert np.abs(record["v"][1:]).max() > 0.01
     assert np.allclose(record["v"][1:], expected, atol=1e-9)

@@ -25,7 +25,7 @@ def flown(**options: Any) -> Scenario:
 def test_up_to_its_onset_and_without_it_a_run_is_the_same() -> None:
     sound, struck = flown().run(), replace(flown(), faults=(LooseCable(onset=1.0),)).run()
     before = sound["t"] < 1.0
-    for name in ("q", "q_measured", "command", "thrust"):
+    for name in ("q", "q_estimated", "command", "thrust"):
         np.testing.assert_array_equal(struck[name][before], sound[name][before], err_msg=name)
     assert not np.array_equal(struck["q"], sound["q"])
     whole = replace(flown(), faults=(LooseCable(onset=5.0),)).run()

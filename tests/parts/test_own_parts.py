@@ -16,9 +16,9 @@ import pytest
 from compiler import long_without_compiler
 from own_examples import Bursts, ComplementaryFilter, CopiedFilter, CopiedKinematics, DoubleIntegrator, ExtraDrag, Pid
 
-from uvms_ocp.campaign.campaign import MissionRuns
+from uvms_ocp.campaign.campaign import MissionJob
 from uvms_ocp.campaign.distributions import Design, Uniform
-from uvms_ocp.campaign.variations import Variation, known_parameters
+from uvms_ocp.campaign.variations import Variation, available_parameters
 from uvms_ocp.record.record import Record
 from uvms_ocp.report import summarize
 from uvms_ocp.scenario.cases import case1
@@ -113,7 +113,7 @@ def test_a_plant_that_takes_velocities_gets_them_alone_and_lags_behind() -> None
 def test_a_complementary_filter_flies_the_mission() -> None:
     record = replace(flown(noise=True, duration=30.0), estimator=ComplementaryFilter).run()
     assert [event.target for event in record.run_meta.events] == ["B", "C"]
-    missed = np.linalg.norm((record["q"] - record["q_measured"])[:, :3], axis=1)
+    missed = np.linalg.norm((record["q"] - record["q_estimated"])[:, :3], axis=1)
     assert 1e-3 < missed.max() < 0.05
 
 
@@ -129,7 +129,7 @@ def test_runs_with_parts_of_ones_own_are_the_same_again_for_the_same_seed_alone(
     scenario = all_own()
     first, again, other = scenario.run(), scenario.run(), replace(scenario, seed=1).run()
     assert list(same(first, again)) == []
-    assert {"q", "q_measured"} <= set(same(first, other))
+    assert {"q", "q_estimated"} <= set(same(first, other))
 
 
 def ran(scenario: Scenario) -> np.ndarray:
@@ -186,7 +186,7 @@ def a_slowed_mission() -> Scenario:
 def test_campaigns_vary_the_numbers_of_parts_of_ones_own() -> None:
     drag = Variation("parts.plant.rate", Uniform(1.0, 2.0))
     design = Design(sampler="random", runs=2, parameters=1, seed=3)
-    work = MissionRuns(scenario=a_slowed_mission, variations=[drag], names=(drag.name,), design=design)
+    work = MissionJob(scenario=a_slowed_mission, variations=[drag], names=(drag.name,), design=design)
     sent = pickle.loads(pickle.dumps(work))
     for run in range(2):
         plant = sent.scenario_of(run).plant
@@ -194,4 +194,4 @@ def test_campaigns_vary_the_numbers_of_parts_of_ones_own() -> None:
         assert plant.rate == work.make(run).row["parts.plant.rate"]
         assert 1.0 < plant.rate < 2.0
     assert sent.make(1).row == work.make(1).row
-    assert not [name for name in known_parameters(flown()) if name.startswith("parts.")]
+    assert not [name for name in available_parameters(flown()) if name.startswith("parts.")]

@@ -230,11 +230,15 @@ def test_the_names_of_plants_are_known() -> None:
 @pytest.mark.parametrize(
     ("parts", "fault", "message"),
     [
-        ({"plant": ExtraDrag()}, "joint2:jam@1", "joint2:jam@1: plant ExtraDrag has no 'joint' in its suffers"),
+        (
+            {"plant": ExtraDrag()},
+            "joint2:jam@1",
+            "joint2:jam@1: plant ExtraDrag has no 'joint' in its simulated_faults",
+        ),
         (
             {"plant": DoubleIntegrator},
             "current:step=0.1,0,0@1",
-            "plant DoubleIntegrator has no 'current' in its suffers",
+            "plant DoubleIntegrator has no 'current' in its simulated_faults",
         ),
         ({"sensors": Bursts(share=0.0, specs=IDEAL_SENSORS)}, "depth:lost@1", "sensors Bursts has no 'depth'"),
     ],

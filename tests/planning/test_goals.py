@@ -82,7 +82,7 @@ def test_a_goal_on_an_axis_that_is_not_planned_is_refused_by_name(robot: Robot, 
 
 def test_shapes_that_touch_are_told_with_their_place(empty: CollisionScene) -> None:
     apart = np.full(empty.n_pairs, 0.1)
-    empty.check_apart(apart, "the start")
+    empty.check_no_overlap(apart, "the start")
     apart[1] = -0.02
     with pytest.raises(InvalidInput, match=f"the start is in collision: {empty.pairs[1].name} overlap by 0.02 m"):
-        empty.check_apart(apart, "the start")
+        empty.check_no_overlap(apart, "the start")

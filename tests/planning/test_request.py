@@ -19,7 +19,7 @@ from uvms_ocp.robot.shapes.obstacles import (
     describe_obstacle,
     mesh_shape,
     obstacle,
-    obstacle_from_words,
+    parse_obstacle,
     read_obstacles,
 )
 
@@ -68,7 +68,7 @@ def test_unknown_axes_and_obstacles_of_one_name_are_refused(robot: Robot) -> Non
 )
 def test_words_and_files_build_the_same_obstacle(shape: str, size: int, kind: type, tmp_path: Path) -> None:
     sizes = [0.2, 0.4, 0.6][:size]
-    words = obstacle_from_words(shape, ",".join(map(str, [1.0, -2.0, 0.5, *sizes])), "a")
+    words = parse_obstacle(shape, ",".join(map(str, [1.0, -2.0, 0.5, *sizes])), "a")
     path = tmp_path / "a.yaml"
     path.write_text(f"obstacles: [{{name: a, shape: {shape}, size: {sizes}, position: [1.0, -2.0, 0.5]}}]")
     assert read_obstacles(path) == (words,)

@@ -22,7 +22,7 @@ from uvms_ocp.planning.soft_collision import (
     PlanStatus,
     SoftCollisionOptions,
     plan_soft_collision,
-    straight_start,
+    straight_guess,
 )
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -47,7 +47,7 @@ def test_a_straight_line_through_an_obstacle_is_bent_around_it(
     robot: Robot, blocked: CollisionScene, ends: np.ndarray
 ) -> None:
     exact, limits = CoalDistances(blocked), limits_of(robot)
-    assert not check_clearance(exact, straight_start(ends, limits)).collision_free
+    assert not check_clearance(exact, straight_guess(ends, limits)).collision_free
     plan = plan_soft_collision(blocked, ends, limits=limits)
     t = np.linspace(plan.trajectory.start, plan.trajectory.end, 3000)
     assert plan.status is PlanStatus.FREE
@@ -123,7 +123,7 @@ def test_the_certificate_finds_a_thin_wall_between_samples(planned: Coordinates,
     thin = collision_scene(
         planned, [obstacle("sheet", coal.Box(60.0, 1e-4, 60.0), [0.0, 0.8, 0.0])], self_collision=False
     )
-    line = straight_start(ends, MotionLimits(velocity=1.0))
+    line = straight_guess(ends, MotionLimits(velocity=1.0))
     report = check_clearance(CoalDistances(thin), line, per_piece=1)
     assert not report.collision_free
 
@@ -163,7 +163,7 @@ def test_a_tool_goal_inside_an_obstacle_is_not_found(blocked: CollisionScene, en
 
 
 def test_joint_tracking_follows_a_planned_trajectory(robot: Robot, ends: np.ndarray) -> None:
-    curve = straight_start(ends, limits_of(robot)).axes(range(9, 13))
+    curve = straight_guess(ends, limits_of(robot)).axes(range(9, 13))
     task = JointTracking(joints=robot.joint_names[-4:], goal=curve)
     np.testing.assert_allclose(task.reference(1.0), np.concatenate(curve(1.0)))
 

@@ -9,7 +9,7 @@ import pytest
 
 from uvms_ocp.identification.reading import ChannelMapping
 from uvms_ocp.identification.recording import CHANNEL_KINDS
-from uvms_ocp.identification.settings import CalibrationSettings, Learnt, NoiseSettings
+from uvms_ocp.identification.settings import CalibrationSettings, NoiseSettings, QuantitySettings
 from uvms_ocp.record.tables import SERIES
 from uvms_ocp.reference import build
 from uvms_ocp.reference.build import CITED, broken_links, documented_modules, guide_pages, place_of, theory_pages
@@ -52,7 +52,7 @@ def test_tables_hold_every_series_every_field_and_every_command() -> None:
     assert "[Thruster](#thruster)" in pages["robot_files"]
     known = (
         *CalibrationSettings.model_fields,
-        *Learnt.model_fields,
+        *QuantitySettings.model_fields,
         *NoiseSettings.model_fields,
         "quadratic_drag",
         "wrench_offset",

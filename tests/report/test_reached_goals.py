@@ -45,7 +45,7 @@ def test_the_truth_at_the_end_of_a_phase_is_that_of_the_true_state(noisy: tuple[
     data = robot.model.createData()
     for row in rows:
         at = int(np.searchsorted(record["t"], row["t"] - 1e-9))
-        for series, value in (("q", row["true"]), ("q_measured", row["estimated"])):
+        for series, value in (("q", row["true"]), ("q_estimated", row["estimated"])):
             pin.framesForwardKinematics(robot.model, data, record[series][at])
             place = data.oMf[robot.frame_id("tool")].translation
             assert np.linalg.norm(place - goal.translation) == pytest.approx(value, rel=1e-9)

@@ -10,7 +10,7 @@ from uvms_ocp.campaign.code_source import CodeSource
 from uvms_ocp.errors import InvalidInput, NameNotFound, UvmsError
 from uvms_ocp.robot.loading import robot_folder
 from uvms_ocp.scenario.cases import SCENARIOS
-from uvms_ocp.scenario.own_code import chosen_scenario
+from uvms_ocp.scenario.own_code import load_scenario
 from uvms_ocp.scenario.scenario import Scenario
 
 MISSION = """
@@ -41,7 +41,7 @@ def mission(tmp_path: Path) -> Path:
 
 
 def chosen(words: object, **options: object) -> Scenario:
-    return chosen_scenario(str(words), options, SCENARIOS)
+    return load_scenario(str(words), options, SCENARIOS)
 
 
 def test_a_file_gives_its_scenario_with_the_options_that_it_takes(mission: Path) -> None:

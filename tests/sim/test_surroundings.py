@@ -21,7 +21,7 @@ from uvms_ocp.sim.currents import (
     water_at,
 )
 from uvms_ocp.sim.dynamic_step import skid_points
-from uvms_ocp.sim.environment import Environment, Surroundings, everywhere, is_steady
+from uvms_ocp.sim.environment import Environment, EnvironmentSampler, everywhere, is_steady
 from uvms_ocp.sim.seafloor import FlatSeafloor, HeightField, Seafloor, ground_at
 
 ROBOT = load_robot("girona_maris7_full")
@@ -88,7 +88,7 @@ def sampled(current: Current, floor: Seafloor, q: np.ndarray) -> dict[str, np.nd
     given = {name: np.full((n_links, 3), np.nan) for name in ("u", "Du_Dt")}
     given |= {"floor_z": np.full(n_points, np.nan), "floor_normal": np.full((n_points, 3), np.nan)}
     given["dt"] = np.array([0.005])
-    around = Surroundings(Environment(seafloor=floor, current=current), DYNAMICS.symbolic, POINTS)
+    around = EnvironmentSampler(Environment(seafloor=floor, current=current), DYNAMICS.symbolic, POINTS)
     around.bind(given)
     around.sample(ROBOT.configuration(position=(5.0, 5.0, 0.0)), 0.1)
     around.sample(q, T)

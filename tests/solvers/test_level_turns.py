@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uvms_ocp.solvers.nlp.lexicographic_sqp import LevelTurns, Merit, Point, ProximalWeights, TimeBudget, acceptance
+from uvms_ocp.solvers.nlp.lexicographic_sqp import (
+    LexicographicSqp,
+    Merit,
+    Point,
+    ProximalWeights,
+    TimeBudget,
+    acceptance,
+)
 from uvms_ocp.solvers.nlp.options import SqpOptions
 from uvms_ocp.solvers.nlp.program import LevelRows, RowBounds
 
@@ -45,7 +52,7 @@ def test_below_the_first_only_levels_that_lack_more_than_they_may_lose_have_thei
 ) -> None:
     model = Stuck(Point(x=np.zeros(1), rows=(np.zeros(1),) * 3, merit=merit(0.0, *lacking)))
     bounds = RowBounds(lower=np.zeros(3), upper=np.zeros(3), x_lower=np.zeros(1), x_upper=np.zeros(1))
-    point, failure = LevelTurns(model, SqpOptions(tolerance=0.1), 3).step(
+    point, failure = LexicographicSqp(model, SqpOptions(tolerance=0.1), 3).step(
         model.point, (level(),) * 3, bounds, TimeBudget(np.inf, lambda: 0.0)
     )
     assert failure is None

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uvms_ocp.tasks.activation import Bell
+from uvms_ocp.tasks.activation import SmoothActivation
 
-BELL = Bell(0.2, 0.7)
+BELL = SmoothActivation(0.2, 0.7)
 
 
 def sampled(step: float = 1e-4) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ from uvms_ocp.control.velocity.levels import tick_symbols
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.tasks.activation import Bell
+from uvms_ocp.tasks.activation import SmoothActivation
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.attitude import Alignment, HorizontalAttitude
 from uvms_ocp.tasks.joints import JointLimits, JointTracking, Manipulability
@@ -195,7 +195,7 @@ def test_a_goal_can_be_a_function_of_time(robot: Robot) -> None:
         (lambda: JointLimits(margin=0.3, guard=0.2), "guard = 0.2; give shares of the range, together below 0.5"),
         (lambda: JointLimits(guard=-0.1), "guard = -0.1"),
         (lambda: NullVelocity(axes=(7,)), r"NR: axes \(7,\)"),
-        (lambda: Bell(0.2, 0.1), r"Bell\(0.2, 0.1\)"),
+        (lambda: SmoothActivation(0.2, 0.1), r"SmoothActivation\(0.2, 0.1\)"),
         (lambda: Manipulability().with_goal(1), "MU: Manipulability has no goal"),
     ],
 )

@@ -46,8 +46,8 @@ def synthetic_record(robot: Robot, *, duration: float = 6.0, dt: float = 0.02, *
     series = {
         "t": t,
         "q": q,
-        "q_measured": q,
-        "q_spread": np.full((len(t), robot.n_v), 1e-3),
+        "q_estimated": q,
+        "q_std": np.full((len(t), robot.n_v), 1e-3),
         "v": v,
         "command": v,
         "altimeter_range": np.linspace(4.0, 0.2, len(t)),

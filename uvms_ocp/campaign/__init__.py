@@ -18,7 +18,7 @@ from uvms_ocp.campaign.study import Study as Study
 from uvms_ocp.campaign.study import StudyResult as StudyResult
 from uvms_ocp.campaign.table2 import table2 as table2
 from uvms_ocp.campaign.variations import Variation as Variation
-from uvms_ocp.campaign.variations import known_parameters as known_parameters
+from uvms_ocp.campaign.variations import available_parameters as available_parameters
 
 STUDIES: dict[str, Callable[..., Study]] = {
     "table2": table2,

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.campaign.distributions import problem_of
-from uvms_ocp.campaign.jobs import MERITS, merit_values
+from uvms_ocp.campaign.jobs import METRICS, metric_values
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NotInstalled, plain_line
 from uvms_ocp.types import AtLeastOne, Count
@@ -124,8 +124,8 @@ def sensitivity_table(table: Any, parameters: Sequence[str], *, indices: bool) -
     if not parameters:
         return []
     rows = []
-    for name in ("success", *MERITS):
-        y = table[name].to_numpy(dtype=float, na_value=np.nan) if name == "success" else merit_values(table, name)
+    for name in ("success", *METRICS):
+        y = table[name].to_numpy(dtype=float, na_value=np.nan) if name == "success" else metric_values(table, name)
         known = np.isfinite(y)
         if known.sum() >= _FEWEST and np.ptp(y[known]) > 0.0:
             rows += _of_figure(name, table[list(parameters)].to_numpy(dtype=float), y, parameters, indices)

@@ -13,13 +13,13 @@ from typing import Any
 
 from uvms_ocp.campaign.code_source import CodeSource
 from uvms_ocp.campaign.distributions import Design
-from uvms_ocp.campaign.execution import Progress, Workers, carry_out
-from uvms_ocp.campaign.jobs import COMPLETED, MERITS, CampaignJob, Row, RunResult, run_metrics
-from uvms_ocp.campaign.store import SOURCES, CampaignManifest, read_identity, read_table, types_of
-from uvms_ocp.campaign.variations import Variation, quantiles, require_known, vary
+from uvms_ocp.campaign.execution import Progress, Workers, run_jobs
+from uvms_ocp.campaign.jobs import COMPLETED, METRICS, CampaignJob, Row, RunResult, run_metrics
+from uvms_ocp.campaign.store import SOURCES, CampaignManifest, read_manifest, read_table, types_of
+from uvms_ocp.campaign.variations import Variation, quantiles, require_available, vary
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.record.display import Fielded
+from uvms_ocp.record.display import FieldTable
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import cause_of_end
 from uvms_ocp.scenario.scenario import Scenario
@@ -33,7 +33,7 @@ KEPT = ("none", "failures", "all")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class MissionRuns(CampaignJob):
+class MissionJob(CampaignJob):
     """Goes to workers. Raises `NameNotFound` for unknown `records`."""
 
     scenario: CodeSource | Callable[[], Scenario]
@@ -51,7 +51,7 @@ class MissionRuns(CampaignJob):
     def __post_init__(self) -> None:
         if self.records not in KEPT:
             raise NameNotFound("choice of records", self.records, KEPT)
-        own = {"seed": int, **dict.fromkeys(self.names, float), **dict.fromkeys(MERITS, float), "finished": bool}
+        own = {"seed": int, **dict.fromkeys(self.names, float), **dict.fromkeys(METRICS, float), "finished": bool}
         object.__setattr__(self, "_columns", own)
 
     @property
@@ -115,7 +115,7 @@ _MOST_RUNS = 10_000_000
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
-class Campaign(Fielded):
+class Campaign(FieldTable):
     """Runs of one scenario with parameters drawn anew for each.
 
     Raises `NameNotFound` for an unknown parameter or sampler, and `InvalidInput` for numbers that make no campaign.
@@ -135,7 +135,7 @@ class Campaign(Fielded):
     """Of a scenario that is given by words."""
     records: str = "none"
     """Which runs keep their whole record: none, failures or all."""
-    work: MissionRuns = field(init=False, repr=False)
+    work: MissionJob = field(init=False, repr=False)
     """What workers get."""
 
     def __post_init__(self) -> None:
@@ -146,8 +146,8 @@ class Campaign(Fielded):
         values = _checked_values(built(variations))
         design = Design(sampler=self.sampler, runs=self.runs, parameters=len(values), seed=self.seed)
         names = tuple(variation.name for variation in values)
-        work = MissionRuns(scenario=scenario, variations=variations, names=names, design=design, records=self.records)
-        require_known(values, work.base())
+        work = MissionJob(scenario=scenario, variations=variations, names=names, design=design, records=self.records)
+        require_available(values, work.base())
         object.__setattr__(self, "work", work)
 
     def run(
@@ -167,7 +167,7 @@ class Campaign(Fielded):
         Raises `InvalidInput` where another campaign is in the folder, `OutputError` where it cannot be written, and
         `NotInstalled` without the extra ``uvms-ocp[campaign]``.
         """
-        carry_out(
+        run_jobs(
             out,
             self.identity(),
             self.work,
@@ -218,7 +218,7 @@ def kept_campaign(folder: Path) -> Campaign:
     Raises `InvalidInput` where there is none, where a copy was changed, and for one whose scenario is a function of Python,
     which is not kept.
     """
-    known = read_identity(folder)
+    known = read_manifest(folder)
     if "words" not in known.scenario:
         raise InvalidInput(
             f"{folder}: its scenario was a function in Python, which is not kept; use Campaign.scenario_of there"

@@ -13,10 +13,10 @@ from typing import Any
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.durable_files import discard
-from uvms_ocp.record.untrusted import files_read
+from uvms_ocp.record.untrusted import record_files_read
 from uvms_ocp.robot.loading import robots_folder
 from uvms_ocp.scenario.cases import SCENARIOS
-from uvms_ocp.scenario.own_code import chosen_scenario, forget_user_code, own_code, siblings
+from uvms_ocp.scenario.own_code import forget_user_code, load_scenario, own_code, siblings
 
 _PACKED = "uvms_ocp_robots/"  # names of files of our own robots
 _PLACES = ("robot", "hydrodynamics")  # options that may be files
@@ -44,7 +44,7 @@ class CodeSource:
         given = {name: _absolute(value) if name in _PLACES else value for name, value in (options or {}).items()}
         bare = CodeSource(words=_placed(words, Path.cwd()), attribute=attribute, options=given)
         forget_user_code()
-        with files_read() as found:
+        with record_files_read() as found:
             bare.build()
         paths = set(found)
         if code is not None and code.file is not None:
@@ -59,7 +59,7 @@ class CodeSource:
         """
         here = self.located()
         if self.attribute == "scenario":
-            return chosen_scenario(here.words, here.options, SCENARIOS)
+            return load_scenario(here.words, here.options, SCENARIOS)
         code = own_code(here.words, self.attribute)
         if code is None:
             raise InvalidInput(f"{here.words!r} is no Python code; give FILE.py, FILE.py:NAME or PACKAGE.MODULE:NAME")

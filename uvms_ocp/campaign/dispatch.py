@@ -18,7 +18,7 @@ from uuid import uuid4
 from distributed import WorkerPlugin, get_worker
 
 from uvms_ocp.campaign.cluster import dask
-from uvms_ocp.campaign.jobs import ERROR, KILLED, TIME_LIMIT, CampaignJob, RunResult, attempted, failed_row, over_time
+from uvms_ocp.campaign.jobs import ERROR, KILLED, TIME_LIMIT, CampaignJob, RunResult, attempt_job, failed_row, over_time
 from uvms_ocp.campaign.store import CampaignFolder
 from uvms_ocp.errors import OutputError
 
@@ -27,7 +27,7 @@ from uvms_ocp.errors import OutputError
 _LOG_DELAY = 1.0  # [s] in which word of it arrives
 
 
-class WorkHere(WorkerPlugin):
+class JobPlugin(WorkerPlugin):
     """Every worker gets it as it joins, one that replaces another too."""
 
     def __init__(self, name: str, work: CampaignJob) -> None:
@@ -44,7 +44,7 @@ def make_runs(name: str, runs: Sequence[int], limit: float) -> list[RunResult]:
     worker = get_worker()
     work: CampaignJob = worker.plugins[name].work
     place = f"{worker.address} {os.getpid()}"
-    return [attempted(work, run, place, limit, partial(_end, worker, name, run)) for run in runs]
+    return [attempt_job(work, run, place, limit, partial(_end, worker, name, run)) for run in runs]
 
 
 def _end(worker: Any, name: str, run: int) -> None:
@@ -93,7 +93,7 @@ class Dispatch:
         Raises `OutputError` where the cluster is lost. Rows that have come are in the folder then, as after an interrupt.
         """
         todo = iter(runs)
-        self._client.register_plugin(WorkHere(self._name, self._work), name=self._name)
+        self._client.register_plugin(JobPlugin(self._name, self._work), name=self._name)
         self._client.subscribe_topic(self._name, self._overdue.put)
         try:
             self._fill(todo)

@@ -21,7 +21,7 @@ Workers = Annotated[int, Range(1, 4096)]
 """Processes of this machine."""
 
 
-def carry_out(
+def run_jobs(
     out: Path,
     identity: CampaignManifest,
     work: CampaignJob,

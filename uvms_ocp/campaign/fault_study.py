@@ -134,7 +134,7 @@ _COLUMNS = (
 
 def _judged(scenario: Scenario, record: Record, kind: FaultKind, usual: Nominal) -> Row:
     cause, contact = cause_of_end(record), truth.contact_outside_landing(scenario, record, kind.floor)
-    told = _told(scenario.known_faults, scenario, record, cause["text"])
+    told = _told(scenario.toolkit_faults, scenario, record, cause["text"])
     joints, way = truth.joint_excess(scenario.robot, record["q"]), truth.astray(usual.way, record["q"])
     completed = record.run_meta.completed
     harmless = not contact.at_the_end and joints <= JOINTS + kind.joints and way <= ASTRAY

@@ -132,7 +132,7 @@ def columns_of(work: CampaignJob) -> dict[str, type]:
     return {**FIRST, **work.columns, **LAST}
 
 
-def attempted(
+def attempt_job(
     work: CampaignJob, run: int, worker: str, limit: float = THREADS_WAIT, stuck: Callable[[], None] = lambda: None
 ) -> RunResult:
     """The whole row of a run [-]; an exception is one too, with its text, and the end of the time `limit` [s].
@@ -180,7 +180,7 @@ def _place(error: BaseException) -> str:
 
 # Figures of merit of one run, a number each: what a campaign has distributions of.
 
-MERITS: Mapping[str, str] = {
+METRICS: Mapping[str, str] = {
     "duration_s": "simulated time until the run ended [s]",
     "tool_position_error_m": "true distance of the tool from its goal at the end [m]",
     "tool_orientation_error_rad": "true angle of the tool from its goal at the end [rad]",
@@ -201,7 +201,7 @@ _LOOKS = 200  # configurations at which the clearance is measured
 
 
 def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
-    """By name, as `MERITS`; `None` where a run has no such figure."""
+    """By name, as `METRICS`; `None` where a run has no such figure."""
     meta, task, end = record.run_meta, record.run_meta.tool_task, float(record["t"][-1])
     spent, ranges = figures_between(record, 0.0, end), record["altimeter_range"]
     seen = ranges[np.isfinite(ranges)]
@@ -238,16 +238,16 @@ QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
 _NAMES = ("least", "5 %", "25 %", "median", "75 %", "95 %", "largest")
 
 
-def merit_values(table: Any, name: str) -> np.ndarray:
+def metric_values(table: Any, name: str) -> np.ndarray:
     """(n,) [unit of the merit] of all runs, NaN where one has none."""
     return np.asarray(table[name].to_numpy(dtype=float, na_value=np.nan))
 
 
-def spread_table(table: Any) -> list[dict[str, Any]]:
+def distribution_table(table: Any) -> list[dict[str, Any]]:
     """One row per figure that some run has: quantiles over the runs that have it, failed ones too."""
     rows = []
-    for name, meaning in MERITS.items():
-        values = merit_values(table, name)
+    for name, meaning in METRICS.items():
+        values = metric_values(table, name)
         known = values[np.isfinite(values)]
         if known.size:
             spread = dict(zip(_NAMES, map(float, np.quantile(known, QUANTILES)), strict=True))

@@ -18,7 +18,7 @@ from uvms_ocp.report.summary import cause_of_end
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.robot.shapes.obstacles import Obstacle, obstacle
 from uvms_ocp.scenario.cases.case1 import case1
-from uvms_ocp.scenario.options import activate, with_gates
+from uvms_ocp.scenario.options import activate, with_activations
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.sim.environment import closest_approach
 from uvms_ocp.sim.seafloor import FlatSeafloor, HeightField, Seafloor
@@ -170,6 +170,6 @@ def _past(scenario: Scenario, boulder: Obstacle) -> Scenario:
     """The scenario with the boulder, and a clearance task that keeps away from it in all phases."""
     clearance = Clearance(model=CollisionModel(scenario.robot, [boulder], self_collision=False), threshold=0.15)
     wider = replace(scenario.mission, hierarchy=Hierarchy([*scenario.mission.hierarchy.tasks, clearance]))
-    mission = with_gates(wider, activate(clearance.name))
+    mission = with_activations(wider, activate(clearance.name))
     environment = replace(scenario.environment, obstacles=(boulder,))
     return replace(scenario, mission=mission, environment=environment)

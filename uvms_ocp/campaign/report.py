@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.campaign.analysis import SILENT, Rate, cause_table, outcome_table, sensitivity_table
-from uvms_ocp.campaign.jobs import COMPLETED, MERITS, merit_values, spread_table
-from uvms_ocp.campaign.store import read_identity, read_table
+from uvms_ocp.campaign.jobs import COMPLETED, METRICS, distribution_table, metric_values
+from uvms_ocp.campaign.store import read_manifest, read_table
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound
 
@@ -32,7 +32,7 @@ class Bound:
 
     def kept(self, table: Any) -> np.ndarray:
         """(n,) whether each run of a table keeps it; one without the figure does not."""
-        values = merit_values(table, self.merit)
+        values = metric_values(table, self.merit)
         return np.asarray(values < self.limit if self.sign == "<" else values > self.limit)
 
     def __str__(self) -> str:
@@ -53,8 +53,8 @@ def _parse(text: str) -> Bound:
         raise InvalidInput(
             f"success {text!r}; give a figure, < or > and a number: tool_position_error_m<0.01"
         ) from None
-    if name not in MERITS:
-        raise NameNotFound("figure of merit", name, MERITS)
+    if name not in METRICS:
+        raise NameNotFound("figure of merit", name, METRICS)
     return Bound(merit=name, sign=sign, limit=value)
 
 
@@ -91,12 +91,12 @@ def campaign_report(folder: Path, success: Sequence[Bound] = ()) -> dict[str, An
     success: bounds that a run has to keep, in place of what the mission itself counts. Raises `InvalidInput` where there is no
     campaign, or none of its runs is finished.
     """
-    return report_of(folder, judged_table(folder, success), success)
+    return report_of(folder, table_with_success(folder, success), success)
 
 
 def report_of(folder: Path, table: Any, success: Sequence[Bound]) -> dict[str, Any]:
-    """`campaign_report` of the `judged_table` of that folder."""
-    identity, rate = read_identity(folder), Rate(number=int(table["success"].sum()), runs=len(table))
+    """`campaign_report` of the `table_with_success` of that folder."""
+    identity, rate = read_manifest(folder), Rate(number=int(table["success"].sum()), runs=len(table))
     return {
         "campaign": identity.name,
         "folder": str(folder),
@@ -111,7 +111,7 @@ def report_of(folder: Path, table: Any, success: Sequence[Bound]) -> dict[str, A
         "success_text": str(rate),
         "outcomes": outcome_table(table),
         "causes": cause_table(table),
-        "distributions": spread_table(table),
+        "distributions": distribution_table(table),
         "sensitivity": sensitivity_table(
             table, [*identity.parameters], indices=identity.sampler == "indices" and len(table) == identity.runs
         ),
@@ -122,9 +122,9 @@ def report_of(folder: Path, table: Any, success: Sequence[Bound]) -> dict[str, A
     }
 
 
-def judged_table(folder: Path, success: Sequence[Bound] = ()) -> Any:
+def table_with_success(folder: Path, success: Sequence[Bound] = ()) -> Any:
     """All finished runs with their success. Raises `InvalidInput` where there are none, and for a study."""
-    if "study" in read_identity(folder).scenario:
+    if "study" in read_manifest(folder).scenario:
         raise InvalidInput(
             f"{folder}: the campaign of a study; give the name of the study with this --out for its table"
         )
@@ -136,7 +136,7 @@ def judged_table(folder: Path, success: Sequence[Bound] = ()) -> Any:
 
 def worst_runs(table: Any, folder: Path) -> list[dict[str, Any]]:
     """Ten rows in the order of `WORST_FIRST`, each with the command that repeats it."""
-    keys = [np.nan_to_num(merit_values(table, name), nan=np.inf) for name in reversed(_FINISHED_WORSE)]
+    keys = [np.nan_to_num(metric_values(table, name), nan=np.inf) for name in reversed(_FINISHED_WORSE)]
     order = np.lexsort([-key for key in keys] + [table["success"].to_numpy(dtype=bool)])[:_WORST]
     rows = table.iloc[order]
     return [
@@ -169,7 +169,7 @@ def compare_campaigns(first: Path, second: Path, success: Sequence[Bound] = ()) 
     count in which one succeeded and the other did not (McNemar's exact test), and differences have intervals by the bootstrap.
     success: bounds as for `campaign_report`. Raises `InvalidInput` where there is no campaign or no finished run.
     """
-    folders, tables = (first, second), [judged_table(folder, success) for folder in (first, second)]
+    folders, tables = (first, second), [table_with_success(folder, success) for folder in (first, second)]
     rates = [Rate(number=int(table["success"].sum()), runs=len(table)) for table in tables]
     told: dict[str, Any] = {
         "campaigns": [str(folder) for folder in folders],
@@ -185,7 +185,7 @@ def compare_campaigns(first: Path, second: Path, success: Sequence[Bound] = ()) 
 
 
 def _same_draws(first: Path, second: Path) -> bool:
-    a, b = (read_identity(folder) for folder in (first, second))
+    a, b = (read_manifest(folder) for folder in (first, second))
     return all(getattr(a, name) == getattr(b, name) for name in ("runs", "seed", "sampler", "parameters"))
 
 
@@ -204,13 +204,13 @@ def _pairs(a: Any, b: Any) -> dict[str, Any]:
         "first_only_runs": a["run"].to_numpy()[lost[:_MOST]].tolist(),
         "second_only_runs": a["run"].to_numpy()[won[:_MOST]].tolist(),
         "p_value": float(binomtest(len(won), discordant).pvalue) if discordant else 1.0,
-        "figures": [row for name in MERITS if (row := _difference(name, a, b))],
+        "figures": [row for name in METRICS if (row := _difference(name, a, b))],
     }
 
 
 def _difference(name: str, a: Any, b: Any) -> dict[str, Any] | None:
     """Second less first, of the runs in which both have the figure."""
-    change = merit_values(b, name) - merit_values(a, name)
+    change = metric_values(b, name) - metric_values(a, name)
     known = change[np.isfinite(change)]
     if not known.size:
         return None

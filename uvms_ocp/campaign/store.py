@@ -16,7 +16,7 @@ from uvms_ocp.campaign.jobs import CampaignJob, RunResult, columns_of
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NotInstalled
 from uvms_ocp.record.durable_files import discard, locked, replacing, sync_folders, write_durably
-from uvms_ocp.record.output import STORE, in_one_line, read_as
+from uvms_ocp.record.output import STORE, as_output_errors, read_as
 
 # A file of a campaign, of rows, a record or a copy.
 
@@ -24,7 +24,7 @@ from uvms_ocp.record.output import STORE, in_one_line, read_as
 @contextmanager
 def whole_file(path: Path) -> Iterator[BinaryIO]:
     """As `replacing` gives it. Raises `OutputError` where the disk refuses."""
-    with in_one_line(path, "free some space"), replacing(path) as file:
+    with as_output_errors(path, "free some space"), replacing(path) as file:
         yield file
 
 
@@ -73,7 +73,7 @@ def types_of(work: CampaignJob) -> dict[str, str]:
     return {name: kind.__name__ for name, kind in columns_of(work).items()}
 
 
-def read_identity(folder: Path) -> CampaignManifest:
+def read_manifest(folder: Path) -> CampaignManifest:
     """Of the campaign in a folder. Raises `InvalidInput` where there is none, or one that is damaged."""
     found = read_as(CampaignManifest, folder / FILE)
     if found is None:
@@ -81,7 +81,7 @@ def read_identity(folder: Path) -> CampaignManifest:
     return found
 
 
-def claim_identity(folder: Path, wanted: CampaignManifest) -> None:
+def claim_manifest(folder: Path, wanted: CampaignManifest) -> None:
     """Write down what a new campaign is.
 
     Raises `InvalidInput`, naming what differs, for another campaign, and for a folder of something else.
@@ -271,10 +271,10 @@ def opened(folder: Path, identity: CampaignManifest, sources: Mapping[str, bytes
     written or another process is at it.
     """
     with ExitStack() as stack:
-        with in_one_line(folder):
+        with as_output_errors(folder):
             folder.mkdir(parents=True, exist_ok=True)
             stack.enter_context(locked(folder / STORE))
-            claim_identity(folder, identity)
+            claim_manifest(folder, identity)
             for name, content in sources.items():
                 if not (folder / SOURCES / name).exists():
                     _write_whole(folder / SOURCES / name, content)
@@ -286,7 +286,7 @@ def opened(folder: Path, identity: CampaignManifest, sources: Mapping[str, bytes
 
 
 def _write_whole(path: Path, content: bytes) -> None:
-    with in_one_line(path):
+    with as_output_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as file:
         file.write(content)
@@ -301,5 +301,5 @@ def read_table(folder: Path) -> Any:
 
     Raises `InvalidInput` where there is none, and `NotInstalled` without the extra ``uvms-ocp[campaign]``.
     """
-    identity = read_identity(folder)
+    identity = read_manifest(folder)
     return read_rows(folder, identity.types).to_pandas()

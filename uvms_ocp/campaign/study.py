@@ -12,12 +12,12 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from uvms_ocp.campaign.execution import Progress, Workers, carry_out
+from uvms_ocp.campaign.execution import Progress, Workers, run_jobs
 from uvms_ocp.campaign.jobs import COMPLETED, CampaignJob, Row, RunResult
 from uvms_ocp.campaign.store import CampaignManifest, read_table, types_of
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.record.display import Fielded, SmallTable, Tabled, in_a_row
+from uvms_ocp.record.display import FieldTable, SmallTable, TableDisplay, format_value
 from uvms_ocp.record.durable_files import write_durably
 from uvms_ocp.types import Period
 from uvms_ocp.version import __version__
@@ -29,7 +29,7 @@ _SUCCESS = ("completed", "passed")  # columns of studies that tell of it
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
-class StudyResult(Tabled):
+class StudyResult(TableDisplay):
     """Rows of all cases, and the table that sums them up."""
 
     name: str
@@ -40,7 +40,7 @@ class StudyResult(Tabled):
     def _table(self) -> SmallTable:
         head, rows = tuple(self.table[0]) if self.table else (), (row.values() for row in self.table)
         title = f"{self.title} ({len(self.cases)} cases)"
-        return SmallTable(title=title, head=head, rows=tuple(tuple(map(in_a_row, row)) for row in rows))
+        return SmallTable(title=title, head=head, rows=tuple(tuple(map(format_value, row)) for row in rows))
 
     def to_dict(self) -> dict[str, Any]:
         """JSON values only."""
@@ -58,7 +58,7 @@ class StudyResult(Tabled):
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
-class Study(Fielded):
+class Study(FieldTable):
     """Cases are arguments of `run_case`; both go to other processes."""
 
     name: str
@@ -86,8 +86,8 @@ class Study(Fielded):
                 options: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "time_limit": time_limit}
                 return self.run(Path(folder, "study"), progress=progress, **options)
         work, cluster = _Cases(study=self), dict[str, Any](workers=workers, scheduler=scheduler, limit=time_limit)
-        carry_out(out, self._identity(work), work, progress=progress, **cluster)
-        rows = tuple(known_rows(out).values())
+        run_jobs(out, self._identity(work), work, progress=progress, **cluster)
+        rows = tuple(finished_rows(out).values())
         return StudyResult(name=self.name, title=self.title, cases=rows, table=tuple(self.summarize(rows)))
 
     def _identity(self, work: CampaignJob) -> CampaignManifest:
@@ -127,7 +127,7 @@ class _Cases(CampaignJob):
         return RunResult(row={_ROW: json.dumps(row), **told})
 
 
-def known_rows(out: Path) -> dict[int, Row]:
+def finished_rows(out: Path) -> dict[int, Row]:
     """Of the finished cases of a study, by number. Raises `InvalidInput` where some raised or ended their process."""
     table = read_table(out)
     failed = table[table[_ROW].isna()]

@@ -262,7 +262,7 @@ _FAMILIES = (
 
 
 @checked
-def known_parameters(scenario: Scenario) -> dict[str, Parameter]:
+def available_parameters(scenario: Scenario) -> dict[str, Parameter]:
     """Of water and current, of what moves, of the sensors, of start, floor and obstacles, of goals and tasks, of own parts.
 
     What concerns the robot and its sensors is the truth that the plant has: the controller goes on with what it knows. Of delays
@@ -300,9 +300,9 @@ class Variation:
 
 
 @checked
-def require_known(variations: Sequence[Variation], scenario: Scenario) -> None:
+def require_available(variations: Sequence[Variation], scenario: Scenario) -> None:
     """Raise `NameNotFound` for a parameter that the scenario does not have, `InvalidInput` for one that is varied twice."""
-    known, names = known_parameters(scenario), [variation.name for variation in variations]
+    known, names = available_parameters(scenario), [variation.name for variation in variations]
     for variation in variations:
         if names.count(variation.name) > 1:
             raise InvalidInput(f"{variation.name} is varied twice; give each parameter one distribution")
@@ -314,10 +314,10 @@ def require_known(variations: Sequence[Variation], scenario: Scenario) -> None:
 def vary(scenario: Scenario, variations: Sequence[Variation], values: Mapping[str, float], seed: int) -> Scenario:
     """The scenario with these `values` [unit of each] by name of a parameter, and everything else that is random by `seed` [-].
 
-    Parameters are applied in the order in which `known_parameters` has them, those of one's own last. Raises what a value
+    Parameters are applied in the order in which `available_parameters` has them, those of one's own last. Raises what a value
     that is impossible raises.
     """
-    known, own = known_parameters(scenario), {v.name: v.apply for v in variations if v.apply is not None}
+    known, own = available_parameters(scenario), {v.name: v.apply for v in variations if v.apply is not None}
     changed = seeded(scenario, seed)
     for name, parameter in known.items():
         if name in values and name not in own:

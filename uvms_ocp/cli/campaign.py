@@ -13,7 +13,7 @@ from uvms_ocp.campaign.campaign import Campaign, kept_campaign
 from uvms_ocp.campaign.distributions import SAMPLERS
 from uvms_ocp.campaign.report import Bound, compare_campaigns, parse_bounds
 from uvms_ocp.campaign.store import FILE
-from uvms_ocp.campaign.variations import known_parameters
+from uvms_ocp.campaign.variations import available_parameters
 from uvms_ocp.cli.campaign_output import interruptible, make_study, print_comparison, progress_bar, write_report
 from uvms_ocp.cli.options import (
     CurrentVelocity,
@@ -31,7 +31,7 @@ from uvms_ocp.cli.options import (
     given,
     label,
 )
-from uvms_ocp.cli.printing import console_of, print_json, require_accepted, table_of, told_of_compiling
+from uvms_ocp.cli.printing import console_of, print_json, require_accepted, show_compilation, table_of
 from uvms_ocp.cli.run import run_and_write
 from uvms_ocp.errors import InvalidInput
 
@@ -161,13 +161,13 @@ def _repeat(folder: Path, run: int, out: Path, console: Console, as_json: bool) 
 
 
 def _require_fit(wanted: Campaign, force: bool, console: Console) -> None:
-    with console.status("looking over the mission") as status, told_of_compiling(status.update):
+    with console.status("looking over the mission") as status, show_compilation(status.update):
         preflight = wanted.work.base().check()
     require_accepted(preflight, "the mission itself", console, force=force)
 
 
 def _list_parameters(what: str, options: dict[str, Any], console: Console, as_json: bool) -> None:
-    known = known_parameters(build_scenario(what, options)).values()
+    known = available_parameters(build_scenario(what, options)).values()
     rows = [{"parameter": p.name, "unit": p.unit, "meaning": p.meaning} for p in known]
     if as_json:
         print_json(rows)

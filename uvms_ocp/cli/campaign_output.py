@@ -14,8 +14,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from uvms_ocp.campaign import STUDIES
-from uvms_ocp.campaign.jobs import MERITS, merit_values
-from uvms_ocp.campaign.report import Bound, judged_table, report_of
+from uvms_ocp.campaign.jobs import METRICS, metric_values
+from uvms_ocp.campaign.report import Bound, report_of, table_with_success
 from uvms_ocp.campaign.study import StudyResult
 from uvms_ocp.cli.options import default_folder, require_taken
 from uvms_ocp.cli.printing import print_json, print_line, print_paths, table_of
@@ -37,7 +37,7 @@ def write_report(folder: Path, success: Sequence[Bound], console: Console) -> di
     """Write report.json and report.html into the folder of a campaign, and print what matters. Raises `OutputError`."""
     from uvms_ocp.viz.campaign_report import report_page
 
-    table = judged_table(folder, success)
+    table = table_with_success(folder, success)
     report = report_of(folder, table, success)
     with console.status("drawing"):
         page = report_page(report, _figures(table, report))
@@ -60,7 +60,7 @@ def _figures(table: Any, report: dict[str, Any]) -> dict[str, bytes]:
     drawn = {
         "success rate": figures.figure_rate(good, (rate["lower"], rate["upper"])),
         "outcomes": figures.figure_outcomes(report["outcomes"]),
-        "distributions": figures.figure_spread({name: merit_values(table, name) for name in MERITS}, good),
+        "distributions": figures.figure_spread({name: metric_values(table, name) for name in METRICS}, good),
     }
     for name in ("success", "tool_position_error_m", "duration_s"):
         if any(row["figure"] == name for row in report["sensitivity"]):
@@ -82,7 +82,7 @@ def _print_report(report: dict[str, Any], console: Console) -> None:
     causes = "causes of failure, with the numbers of the run that is named"
     _print_table(console, causes, report["causes"], ("number", "outcome", "cause", "run"))
     spread = ("figure", "least", "5 %", "median", "95 %", "largest")
-    _print_table(console, "distributions", report["distributions"], spread, len(MERITS))
+    _print_table(console, "distributions", report["distributions"], spread, len(METRICS))
     ranked = sorted(report["sensitivity"], key=lambda row: row["pawn_floor"] - row["pawn"])
     own = [row for row in ranked if row["figure"] in ("success", "tool_position_error_m")]
     _print_table(console, "sensitivity", own, _SENSITIVITY)
@@ -112,7 +112,7 @@ def print_comparison(found: dict[str, Any], console: Console) -> None:
     console.print(f"{text} of two campaigns that succeed equally often", highlight=False)
     columns = ("figure", "pairs", "mean_change", "lower", "upper", "median_change")
     title = "second less first: mean over the pairs with its 95 % interval (lower, upper) by the bootstrap, and median"
-    _print_table(console, title, found["figures"], columns, len(MERITS))
+    _print_table(console, title, found["figures"], columns, len(METRICS))
 
 
 @contextmanager

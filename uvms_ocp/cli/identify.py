@@ -9,19 +9,19 @@ import numpy as np
 import typer
 
 from uvms_ocp.cli.options import NOT_COMPLETED, Json, folder
-from uvms_ocp.cli.printing import console_of, print_json, print_line, print_paths, table_of, told_of_compiling
+from uvms_ocp.cli.printing import console_of, print_json, print_line, print_paths, show_compilation, table_of
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.calibration import Calibration, calibrate
 from uvms_ocp.identification.data_quality import check_data_quality
 from uvms_ocp.identification.experiment import ExperimentLimits
-from uvms_ocp.identification.experiment_design import Assignment, DesignSettings, DesignStatus, design_experiment
+from uvms_ocp.identification.experiment_design import DesignSettings, DesignStatus, ExperimentTask, design_experiment
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.reading import read_mapping, read_recording
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, split_at_gaps
 from uvms_ocp.identification.results import excitation_text, report_text, require_coefficients, variant_text, whole_text
 from uvms_ocp.identification.rollout import Rollout
-from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, read_settings, subject_of
+from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, calibrated_robot, read_settings
 from uvms_ocp.identification.tables import write_recording
 from uvms_ocp.record.output import claim_folder
 from uvms_ocp.robot.thrusters import thrust_limits
@@ -105,12 +105,12 @@ def identify(
     their places, for --hydrodynamics of other commands. Where the search does not converge neither is written.
     """
     given = read_settings(settings)
-    subject = subject_of(given, settings.parent)
+    subject = calibrated_robot(given, settings.parent)
     require_coefficients(subject)
     found = split_at_gaps(read_recordings(recordings, mapping))
     console = console_of()
     with claim_folder(out, _names(len(found), profiles, leave_one_out)) as claim:
-        with console.status("identifying") as status, told_of_compiling(status.update):
+        with console.status("identifying") as status, show_compilation(status.update):
             voices = {"tell": status.update, "warn": lambda doubt: print_line(console, f"doubtful: {doubt}")}
             result = calibrate(subject, given, found, profiled=profiles, leave_one_out=leave_one_out, **voices)
         with claim.staged() as staging:
@@ -162,7 +162,7 @@ def excite(
     excitation.csv has what each thruster is told and when; report.md what a recording of it is expected to determine.
     """
     given = read_settings(settings)
-    subject, console = subject_of(given, settings.parent), console_of()
+    subject, console = calibrated_robot(given, settings.parent), console_of()
     require_coefficients(subject)  # rather than after it was driven
     thrust = thrust_within(subject, given, share)
     limits = ExperimentLimits(
@@ -170,7 +170,7 @@ def excite(
     )
     wanted = _assignment(subject, given, limits, duration)
     with claim_folder(out, [COMMANDS, EXCITE_REPORT]) as claim:
-        with console.status("designing") as status, told_of_compiling(status.update):
+        with console.status("designing") as status, show_compilation(status.update):
             found = design_experiment(wanted, Rollout(stage_of(subject.vehicle)), DesignSettings(seed=seed))
         text = excitation_text(found, subject.vehicle.actuators.names)
         with claim.staged() as staging:
@@ -195,6 +195,6 @@ def thrust_within(subject: CalibratedRobot, given: CalibrationSettings, share: f
 
 def _assignment(
     subject: CalibratedRobot, given: CalibrationSettings, limits: ExperimentLimits, duration: float
-) -> Assignment:
+) -> ExperimentTask:
     noise, joints = Noise(**given.noise.model_dump()), tuple(subject.robot.home.tolist())
-    return Assignment(vehicle=subject.vehicle, limits=limits, duration=duration, noise=noise, joints=joints)
+    return ExperimentTask(vehicle=subject.vehicle, limits=limits, duration=duration, noise=noise, joints=joints)

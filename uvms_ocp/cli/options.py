@@ -17,7 +17,7 @@ from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.errors import InvalidInput, NameNotFound, OutputError
 from uvms_ocp.robot.loading import list_robots
 from uvms_ocp.scenario.cases import SCENARIOS
-from uvms_ocp.scenario.own_code import chosen_scenario, own_code
+from uvms_ocp.scenario.own_code import load_scenario, own_code
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.own_parts import PLANTS
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
@@ -28,7 +28,7 @@ from uvms_ocp.solvers.hierarchy.icat import Icat
 # Options that several commands share, written once as fields of a dataclass.
 
 
-def spread_options(command: Callable[..., None]) -> Callable[..., None]:
+def expand_options(command: Callable[..., None]) -> Callable[..., None]:
     """A command whose first parameter is a dataclass, as one that has the fields of it as options of its own.
 
     typer reads the options of a command from its signature: first those of the dataclass, then the others.
@@ -151,7 +151,7 @@ def build_scenario(name: str, options: Mapping[str, Any], solver: str | None = N
         raise InvalidInput(f"{name} is a study of many missions; give one scenario: {', '.join(SCENARIOS)}")
     if own_code(name) is None and name not in SCENARIOS:
         raise NameNotFound("scenario", name, (*SCENARIOS, *STUDIES))
-    return chosen_scenario(name, with_solver(options, solver), SCENARIOS)
+    return load_scenario(name, with_solver(options, solver), SCENARIOS)
 
 
 def with_solver(options: Mapping[str, Any], solver: str | None) -> Mapping[str, Any]:

@@ -25,9 +25,9 @@ from uvms_ocp.cli.options import (
     build_scenario,
     default_folder,
     defaults_of,
+    expand_options,
     given,
     label,
-    spread_options,
 )
 from uvms_ocp.cli.printing import console_of, print_json, print_paths, table_of
 from uvms_ocp.errors import InvalidInput, plain_line
@@ -42,7 +42,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.report.planned_motion import motion_record, ocp_record, ocp_report, plan_report
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.obstacles import obstacle_from_words, read_obstacles
+from uvms_ocp.robot.shapes.obstacles import parse_obstacle, read_obstacles
 from uvms_ocp.solvers.nlp.level_solver import Moment
 from uvms_ocp.solvers.nlp.options import PLUGINS, NlpOptions
 
@@ -108,8 +108,8 @@ class MotionOptions:
     def _obstacles(self) -> tuple[ObstacleData, ...]:
         return (
             *(read_obstacles(self.obstacles) if self.obstacles else ()),
-            *(obstacle_from_words("sphere", words, f"sphere{i}") for i, words in enumerate(self.sphere or (), 1)),
-            *(obstacle_from_words("box", words, f"box{i}") for i, words in enumerate(self.box or (), 1)),
+            *(parse_obstacle("sphere", words, f"sphere{i}") for i, words in enumerate(self.sphere or (), 1)),
+            *(parse_obstacle("box", words, f"box{i}") for i, words in enumerate(self.box or (), 1)),
         )
 
 
@@ -131,7 +131,7 @@ _FILES = (  # of any plan; which of them there are depends on the method and on 
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class MadePlan:
+class PlanOutput:
     """A plan of any method, ready to be written."""
 
     robot: Robot
@@ -161,7 +161,7 @@ Tell = Callable[[str], None]
 """Told how far the search is, to show while it goes on."""
 
 
-def put_out(make: Callable[[Tell], MadePlan], out: Path, as_json: bool) -> None:
+def make_and_write_plan(make: Callable[[Tell], PlanOutput], out: Path, as_json: bool) -> None:
     """Make the plan, write it to the folder `out` and print what came of it; exit where it is not good."""
     console = console_of(stderr=as_json)
     with claim_folder(out, _FILES) as claim:
@@ -177,7 +177,7 @@ def put_out(make: Callable[[Tell], MadePlan], out: Path, as_json: bool) -> None:
         raise typer.Exit(NOT_COMPLETED)
 
 
-def _print_plan(console: Console, made: MadePlan, paths: list[Path]) -> None:
+def _print_plan(console: Console, made: PlanOutput, paths: list[Path]) -> None:
     report = made.report
     status = report["status"] + (f" ({report['reason']})" if "reason" in report else "")
     console.print(plain_line(f"plan: {status}; advice: {report['advice']}"))
@@ -296,7 +296,7 @@ def curve(
     """
     request = PlanRequest(**motion.asked(), axes=axes, seed=seed)
     changed = _changed(_CURVE | _MOTION, robot=motion.robot, seed=seed)
-    put_out(lambda _: _by_curve(request), out or default_folder(("plan", "curve"), changed), as_json)
+    make_and_write_plan(lambda _: _by_curve(request), out or default_folder(("plan", "curve"), changed), as_json)
 
 
 def ocp(
@@ -325,12 +325,12 @@ def ocp(
         plugin=nlp,
     )
     changed = _changed(_OCP | _MOTION, robot=motion.robot, current=current)
-    put_out(lambda tell: _by_ocp(request, tell), out or default_folder(("plan", "ocp"), changed), as_json)
+    make_and_write_plan(lambda tell: _by_ocp(request, tell), out or default_folder(("plan", "ocp"), changed), as_json)
 
 
 app = typer.Typer(help="Plan a motion among obstacles, or a whole mission.", no_args_is_help=True)
-app.command(name="curve")(spread_options(curve))
-app.command(name="ocp")(spread_options(ocp))
+app.command(name="curve")(expand_options(curve))
+app.command(name="ocp")(expand_options(ocp))
 app.command(name="mission")(mission)
 
 
@@ -338,7 +338,7 @@ def _changed(defaults: Mapping[str, Any], **options: Any) -> dict[str, Any]:
     return {name: value for name, value in options.items() if value != defaults[name]}
 
 
-def _by_curve(request: PlanRequest) -> MadePlan:
+def _by_curve(request: PlanRequest) -> PlanOutput:
     result = solve(request)
     plan = result.plan
 
@@ -347,7 +347,7 @@ def _by_curve(request: PlanRequest) -> MadePlan:
         plan.trajectory.to_numpy(folder / "plan.npz")
         plan.trajectory.to_csv(folder / "plan.csv", _PERIOD, names=result.scene.coordinates.names)
 
-    return MadePlan(
+    return PlanOutput(
         robot=request.robot,
         report=plan_report(result),
         record=None if plan is None else motion_record(result, plan),
@@ -356,14 +356,14 @@ def _by_curve(request: PlanRequest) -> MadePlan:
     )
 
 
-def _by_ocp(request: OcpRequest, tell: Tell) -> MadePlan:
+def _by_ocp(request: OcpRequest, tell: Tell) -> PlanOutput:
     result = solve_ocp(request, progress=lambda moment: tell(_words(moment)))
 
     def save(folder: Path) -> None:
         for name in ("plan.npz", "plan.json"):
             result.plan.save(folder / name)
 
-    return MadePlan(
+    return PlanOutput(
         robot=request.robot,
         report=ocp_report(result),
         record=ocp_record(result) if result.plan.status.usable else None,

@@ -53,14 +53,14 @@ def print_line(console: Console, text: str, style: str = "") -> None:
     console.print("\n".join(lines), style=style, highlight=False, soft_wrap=True)
 
 
-def table_of(title: str, rows: Sequence[Mapping[str, Any]], columns: tuple[str, ...]) -> Parted:
+def table_of(title: str, rows: Sequence[Mapping[str, Any]], columns: tuple[str, ...]) -> FoldingTable:
     """A table of the given columns of all rows."""
     cells = tuple(tuple(cell(row[column]) for row in rows) for column in columns)
-    return Parted(title=plain_line(title), head=tuple(map(plain_line, columns)), cells=cells)
+    return FoldingTable(title=plain_line(title), head=tuple(map(plain_line, columns)), cells=cells)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Parted:
+class FoldingTable:
     """A table that breaks no short word: columns for which a console has no room come below, beside the first one again."""
 
     title: str
@@ -145,7 +145,7 @@ def print_findings(console: Console, preflight: PreflightReport, *, notes: bool 
 _LOGGER = logging.getLogger("uvms_ocp.codegen.compile")
 
 
-class _Told(logging.Handler):
+class _CompilationHandler(logging.Handler):
     def __init__(self, tell: Callable[[str], None]) -> None:
         super().__init__(logging.INFO)
         self._tell = tell
@@ -175,9 +175,9 @@ class _Warnings(logging.Handler):
 
 
 @contextmanager
-def told_of_compiling(tell: Callable[[str], None]) -> Iterator[None]:
+def show_compilation(tell: Callable[[str], None]) -> Iterator[None]:
     """Inside, `tell` is given what is being compiled, in a few words."""
-    before, handler = _LOGGER.level, _Told(tell)
+    before, handler = _LOGGER.level, _CompilationHandler(tell)
     _LOGGER.addHandler(handler)
     _LOGGER.setLevel(logging.INFO)
     try:

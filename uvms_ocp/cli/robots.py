@@ -22,7 +22,7 @@ from uvms_ocp.cli.options import (
     folder,
     given,
 )
-from uvms_ocp.cli.printing import cell, console_of, print_json, print_paths, told_of_compiling
+from uvms_ocp.cli.printing import cell, console_of, print_json, print_paths, show_compilation
 from uvms_ocp.errors import InvalidInput, OutputError, plain_line
 from uvms_ocp.export.controller import export_controller
 from uvms_ocp.robot.description import RobotDescription
@@ -195,6 +195,6 @@ def controller(
     """Write the whole controller as C source that needs libm only, with a recorded run to compare with."""
     options = given(plant=plant, robot=robot, hydrodynamics=hydrodynamics)
     console = console_of()
-    with console.status("running the scenario once") as status, told_of_compiling(status.update):
+    with console.status("running the scenario once") as status, show_compilation(status.update):
         paths = export_controller(build_scenario(scenario, options), out)
     print_paths(console, paths)

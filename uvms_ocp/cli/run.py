@@ -51,14 +51,14 @@ from uvms_ocp.cli.printing import (
     print_json,
     print_paths,
     require_accepted,
+    show_compilation,
     table_of,
-    told_of_compiling,
 )
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.mission_plan.plan import MissionPlan
 from uvms_ocp.record.output import claim_folder
 from uvms_ocp.record.record import Record
-from uvms_ocp.report.summary import load_line, summarize
+from uvms_ocp.report.summary import format_load, summarize
 from uvms_ocp.robot.signals import Command
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.faults import parse_faults
@@ -249,7 +249,7 @@ def _simulate(scenario: Scenario, plan: MissionPlan | None, console: Console, wa
     """Run with a progress bar that names the phase and what it waits for; what is compiled before."""
     with _bar(console) as bar:
         task = bar.add_task("", total=scenario.duration, waiting="")
-        with told_of_compiling(lambda text: bar.update(task, description=text)):
+        with show_compilation(lambda text: bar.update(task, description=text)):
             controller = scenario.controller() if plan is None else plan.controller(scenario)
 
             def show(t: float, command: Command) -> None:
@@ -310,7 +310,7 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     for phase in report["phases"]:
         _print_end(console, phase)
     _print_what_went_wrong(console, report)
-    if carried := load_line(report["load"]):
+    if carried := format_load(report["load"]):
         console.print(carried)
     resources = _transposed(report["resources"])
     console.print(table_of("resources", resources, tuple(resources[0])))

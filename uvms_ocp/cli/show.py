@@ -26,7 +26,7 @@ from uvms_ocp.cli.options import (
     build_scenario,
     given,
 )
-from uvms_ocp.cli.printing import console_of, print_findings, print_json, print_paths, table_of, told_of_compiling
+from uvms_ocp.cli.printing import console_of, print_findings, print_json, print_paths, show_compilation, table_of
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.mission_plan.plan import MissionPlan
 from uvms_ocp.ocp.plan import Plan
@@ -112,7 +112,7 @@ def _given(words: str) -> Record | Scenario:
 def _record(words: str, given: Record | Scenario, console: Console) -> Record:
     if isinstance(given, Record):
         return given
-    with console.status(f"running {plain_line(words, 60)}") as status, told_of_compiling(status.update):
+    with console.status(f"running {plain_line(words, 60)}") as status, show_compilation(status.update):
         return given.run()
 
 

@@ -351,12 +351,12 @@ _EXACT = frozenset((0.0, 1.0, -1.0, 2.0, 0.5))  # of the form of an expression r
 
 
 @checked
-def compile_shared(function: ca.Function) -> ca.Function:
+def compile_lifted(function: ca.Function) -> ca.Function:
     """``function`` of SX in machine code that is compiled once for all of the same form, whatever numbers stand in them.
 
     The results are those of `compile_function` to the last bit; where nothing can be compiled it is the function itself.
     """
-    form, numbers = numbers_apart(function)
+    form, numbers = lift_constants(function)
     compiled = compile_function(form)
     if compiled is form:
         return function
@@ -366,7 +366,7 @@ def compile_shared(function: ca.Function) -> ca.Function:
 
 
 @checked
-def numbers_apart(function: ca.Function) -> tuple[ca.Function, np.ndarray]:
+def lift_constants(function: ca.Function) -> tuple[ca.Function, np.ndarray]:
     """The form of ``function`` of SX, which takes as a last input the numbers (n,) [-] that are returned with it."""
     inputs = [ca.SX.sym(function.name_in(k), function.sparsity_in(k)) for k in range(function.n_in())]
     known: dict[float, ca.SX] = {}

@@ -30,7 +30,7 @@ class Smooth:
         """What stands in a kernel."""
 
 
-class SmoothStructure(ctypes.Structure):
+class FunctionStructure(ctypes.Structure):
     """Of one function: its address, and the memory that it works in."""
 
     __slots__ = ()
@@ -47,7 +47,7 @@ class SmoothStructure(ctypes.Structure):
 
 
 @lru_cache(maxsize=256)
-def smooth_structure(function: ca.Function) -> type[SmoothStructure]:
+def function_structure(function: ca.Function) -> type[FunctionStructure]:
     """The type of the field. Raises `InvalidInput` for a function with structural zeros among what it takes or gives."""
     if not all(function.sparsity_in(i).is_dense() for i in range(function.n_in())) or not all(
         function.sparsity_out(i).is_dense() for i in range(function.n_out())
@@ -58,7 +58,7 @@ def smooth_structure(function: ca.Function) -> type[SmoothStructure]:
     memory = [(name, kind * size) for name, kind, size in zip(("arg", "res", "iw", "w"), kinds, sizes, strict=True)]
     fields: list[tuple[str, Any]] = [("call", ctypes.c_void_p), *memory]
     name = "Smooth_" + "_".join(map(str, (function.name(), *sizes)))
-    return type(name, (SmoothStructure,), {"__slots__": (), "_fields_": fields, "function": function})
+    return type(name, (FunctionStructure,), {"__slots__": (), "_fields_": fields, "function": function})
 
 
 def work_sizes(function: ca.Function) -> tuple[int, int, int, int]:
@@ -76,9 +76,9 @@ def connect(memory: ctypes.Structure) -> bool:
     return done
 
 
-def functions_in(memory: Any) -> Iterator[SmoothStructure]:
+def functions_in(memory: Any) -> Iterator[FunctionStructure]:
     """Those of a memory, of its parts, and of arrays of parts."""
-    if isinstance(memory, SmoothStructure):
+    if isinstance(memory, FunctionStructure):
         yield memory
     elif isinstance(memory, ctypes.Structure):
         for name, *_ in type(memory)._fields_:
@@ -125,7 +125,7 @@ class Ask:
         """What stands in a kernel."""
 
 
-class AskStructure(smooth_structure(_NOTHING)):  # type: ignore[misc]
+class CallbackStructure(function_structure(_NOTHING)):  # type: ignore[misc]
     """What `Ask` is in memory: a function of nothing, at the place where a `Smooth` has its machine code."""
 
     __slots__ = ()
@@ -138,7 +138,7 @@ class AskStructure(smooth_structure(_NOTHING)):  # type: ignore[misc]
 class Answer:
     """The Python function that answers a question in a memory, for as long as this lives."""
 
-    def __init__(self, question: AskStructure, function: Callable[[], None]) -> None:
+    def __init__(self, question: CallbackStructure, function: Callable[[], None]) -> None:
         self._function = function
         self._error: BaseException | None = None
         self._called = _CALL(self._call)
@@ -209,9 +209,9 @@ def _field(name: str, hint: Any, sizes: Mapping[str, Any]) -> Any:
     if isinstance(hint, type) and issubclass(hint, Layout):
         return sizes.get(name.rpartition(".")[2]) or structure_of(hint, **sizes)
     if hint is Ask:
-        return AskStructure
+        return CallbackStructure
     if hint is Smooth:
-        return smooth_structure(_known(name, name.rpartition(".")[2], sizes))
+        return function_structure(_known(name, name.rpartition(".")[2], sizes))
     item = _item(hint)
     if item is None:
         raise InvalidInput(

@@ -33,7 +33,7 @@ from uvms_ocp.codegen.kernel_expressions import (
     number,
     of_ctypes,
 )
-from uvms_ocp.codegen.kernel_layout import Layout, SmoothStructure, Vector, work_sizes, zeros
+from uvms_ocp.codegen.kernel_layout import FunctionStructure, Layout, Vector, work_sizes, zeros
 from uvms_ocp.errors import InvalidInput
 
 # Statements of kernels, from Python to C.
@@ -183,7 +183,7 @@ def _called_function(call: ast.Call, scope: Scope) -> C | None:
 
 
 def _smooth_call(call: ast.Call, target: C, scope: Scope) -> list[str]:
-    if not (isinstance(target.type.structure, type) and issubclass(target.type.structure, SmoothStructure)):
+    if not (isinstance(target.type.structure, type) and issubclass(target.type.structure, FunctionStructure)):
         raise kernel_error(call, "calls what is no function")
     function = target.type.structure.function
     n, sizes = function.n_in(), sizes_of(function)
@@ -274,7 +274,7 @@ def c_program(kernels: Sequence[Callable[..., Any]], structures: Iterable[type[c
 
 def shape_of(kind: Any) -> Any:
     """All that a C program tells of a type of a field, or of a structure."""
-    if issubclass(kind, SmoothStructure):
+    if issubclass(kind, FunctionStructure):
         return kind.__name__, *sizes_of(kind.function)
     if issubclass(kind, ctypes.Structure):
         return kind.__name__, *((name, shape_of(part)) for name, part in kind._fields_)
@@ -338,7 +338,7 @@ class _Program:
             return _PLAIN.get(hint, NOTHING)
         if isinstance(hint, type) and issubclass(hint, Layout) and hint.__name__ in self._structures:
             return CType(hint.__name__, (), self._structures[hint.__name__])
-        layouts = [name for name, kind in self._structures.items() if not issubclass(kind, SmoothStructure)]
+        layouts = [name for name, kind in self._structures.items() if not issubclass(kind, FunctionStructure)]
         raise InvalidInput(f"{what} is annotated with {hint}; give float, int, bool, Vector or a layout of {layouts}")
 
     def _declare(self, structure: type[ctypes.Structure]) -> None:
@@ -347,7 +347,7 @@ class _Program:
             if self._structures[name] is not structure:
                 raise InvalidInput(f"layout {name} has two sizes in one program; give it one")
             return
-        if issubclass(structure, SmoothStructure):
+        if issubclass(structure, FunctionStructure):
             self._structures[name] = structure
             self.declared.append(_function_declaration(structure))
             return
@@ -365,7 +365,7 @@ def _head(signature: Signature) -> str:
     return f"{signature.result.name} {PREFIX}{signature.name}({given})"
 
 
-def _function_declaration(structure: type[SmoothStructure]) -> str:
+def _function_declaration(structure: type[FunctionStructure]) -> str:
     n_arg, n_res, n_iw, n_w = work_sizes(structure.function)
     call = "int (*call)(const double **, double **, long long int *, double *, int);"
     memory = f"const double *arg[{n_arg}];\n  double *res[{n_res}];\n  long long int iw[{n_iw}];\n  double w[{n_w}];"

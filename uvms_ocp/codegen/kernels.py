@@ -26,7 +26,7 @@ import casadi as ca
 
 from uvms_ocp.codegen.compile import MATH, compile_library, loaded_library
 from uvms_ocp.codegen.kernel_expressions import PREFIX, c_name
-from uvms_ocp.codegen.kernel_layout import Layout, SmoothStructure, connect, functions_in
+from uvms_ocp.codegen.kernel_layout import FunctionStructure, Layout, connect, functions_in
 from uvms_ocp.codegen.kernel_program import c_program, shape_of
 
 # A memory as C text: what initialises another one like it.
@@ -39,7 +39,7 @@ def initial_value(memory: ctypes.Structure) -> str:
 
 def _text(value: Any) -> str:
     """Nothing for what is zero."""
-    if isinstance(value, SmoothStructure):
+    if isinstance(value, FunctionStructure):
         return f"{{.call = {value.function.name()}}}"
     if isinstance(value, ctypes.Structure):
         return _structure(value)
@@ -89,7 +89,7 @@ def bind_kernels(
     return _bound(tuple(kernels), tuple(structures)) if compiled else tuple(kernels)
 
 
-def memory_of(
+def make_memory(
     structure: type[ctypes.Structure], kernels: Sequence[Callable[..., Any]], *, compiled: bool = True
 ) -> tuple[ctypes.Structure, tuple[Callable[..., Any], ...]]:
     """A new memory whose functions are at their places, and the `kernels` that work on it, as `bind_kernels` gives them.
@@ -97,13 +97,13 @@ def memory_of(
     Where one of its functions cannot be compiled the kernels stay in Python.
     """
     memory = structure()
-    return memory, bind_to(memory, kernels, compiled=compiled)
+    return memory, bind_memory(memory, kernels, compiled=compiled)
 
 
-def bind_to(
+def bind_memory(
     memory: ctypes.Structure, kernels: Sequence[Callable[..., Any]], *, compiled: bool = True
 ) -> tuple[Callable[..., Any], ...]:
-    """The `kernels` for a memory, as `memory_of` gives them, once its functions are at their places."""
+    """The `kernels` for a memory, as `make_memory` gives them, once its functions are at their places."""
     return bind_kernels(kernels, (type(memory),), compiled=compiled and connect(memory))
 
 

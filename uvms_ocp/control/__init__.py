@@ -4,8 +4,8 @@ from uvms_ocp.control.force.dynamic import DynamicController as DynamicControlle
 from uvms_ocp.control.force.dynamic import VelocityGains as VelocityGains
 from uvms_ocp.control.nmpc import Nmpc as Nmpc
 from uvms_ocp.control.payload import LoadLearning as LoadLearning
-from uvms_ocp.control.solve_workers import InLine as InLine
 from uvms_ocp.control.solve_workers import ProcessWorker as ProcessWorker
+from uvms_ocp.control.solve_workers import SynchronousWorker as SynchronousWorker
 from uvms_ocp.control.solve_workers import WorkerStatus as WorkerStatus
 from uvms_ocp.control.velocity.kinematic import KinematicController as KinematicController
 from uvms_ocp.control.velocity.levels import LevelsProblem as LevelsProblem

@@ -11,13 +11,13 @@ import numpy as np
 from uvms_ocp.checks import unchecked_constructor
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.record.display import SmallTable, Tabled
+from uvms_ocp.record.display import SmallTable, TableDisplay
 from uvms_ocp.robot.signals import Command, Measurement
 
 _command = unchecked_constructor(Command)
 
 
-class WatchedController(Tabled):
+class SupervisedController(TableDisplay):
     """A callable ``(Measurement, t) -> Command`` that asks another one, and tells what the mission makes of it.
 
     A kinematic layer of its own measures all quantities, goes through the phases and ends the run; what it would command goes
@@ -39,7 +39,7 @@ class WatchedController(Tabled):
         """
         self.kinematic = kinematic
         """Which watches."""
-        self._theirs, self.name, robot = controller, name, kinematic.robot
+        self._wrapped, self.name, robot = controller, name, kinematic.robot
         self._shapes: dict[str, tuple[int, ...]] = {"v": (robot.n_v,)}
         if n_thrusters is not None:
             self._shapes |= {"thrust": (n_thrusters,), "torque": (robot.n_joints,)}
@@ -48,7 +48,7 @@ class WatchedController(Tabled):
         """Their command for the tick at time t [s]. Raises `InvalidInput` for one that the plant cannot take."""
         watched = self.kinematic.command(self.kinematic.observe(measurement, t))
         begin = perf_counter()
-        command = self._theirs(measurement, t)
+        command = self._wrapped(measurement, t)
         spent = perf_counter() - begin
         self._require(command, watched)
         self.kinematic.follow(command)

@@ -13,19 +13,19 @@ from uvms_ocp.control.force.computed_torque import ComputedTorque, TrackingGains
 from uvms_ocp.control.force.dynamic import VelocityGains, observer_of
 from uvms_ocp.control.solve_workers import (
     HOLD,
-    InLine,
     ProcessWorker,
     ReplanningJob,
-    Request,
+    ReplanningRequest,
+    SynchronousWorker,
     TimedPlan,
     WorkerStatus,
     start_worker,
 )
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.estimation.fallbacks import LastSound
+from uvms_ocp.estimation.fallbacks import LastValidEstimate
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
 from uvms_ocp.ocp.trajectory import hold
-from uvms_ocp.record.display import SmallTable, Tabled, rows_of
+from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.hydrodynamics import Water
 from uvms_ocp.robot.signals import Command, Measurement, State
@@ -55,7 +55,7 @@ class NmpcStatistics:
 
 
 @checked
-class Nmpc(Tabled):
+class Nmpc(TableDisplay):
     """A callable ``(Measurement, t) -> Command``.
 
     Once per `period` a plan is made: from the state in which the present plan will leave the measured one by the time that
@@ -81,12 +81,12 @@ class Nmpc(Tabled):
         gains: TrackingGains | None = None,
         observer: VelocityGains | None = None,
         clock: Callable[[], float] = perf_counter,
-        worker: InLine | ProcessWorker | None = None,
+        worker: SynchronousWorker | ProcessWorker | None = None,
     ) -> None:
         """problem: fixed durations; the measured state replaces its start, its Hessian is that of Gauss and Newton.
 
         dt, period [s]: of control and planning. clock [s]: by which deadlines in line are judged. worker: where solves run,
-        by default `InLine`. Raises `InvalidInput` unless 0 < dt <= period, for a problem with free durations or a current
+        by default `SynchronousWorker`. Raises `InvalidInput` unless 0 < dt <= period, for a problem with free durations or a current
         per step, and for one that cannot be sent to a worker beside; `UvmsError` where that does not start.
         """
         if not (np.isfinite([dt, period]).all() and 0 < dt <= period):
@@ -100,11 +100,12 @@ class Nmpc(Tabled):
         self._robot, self.period = problem.robot, period
         self._problem = replace(problem, hessian=HessianKind.GAUSS_NEWTON)
         self._worker = start_worker(
-            worker or InLine(), ReplanningJob(problem=self._problem, period=period, options=options, clock=clock)
+            worker or SynchronousWorker(),
+            ReplanningJob(problem=self._problem, period=period, options=options, clock=clock),
         )
         robot, dynamics = problem.robot, robot_dynamics(problem.robot)
         self._observer = observer_of(robot, dynamics, observer or VelocityGains(), dt, problem.current)
-        self._sound = LastSound(robot)
+        self._sound = LastValidEstimate(robot)
         self._law = ComputedTorque(robot, dynamics, dt=dt, gains=gains, water=Water(velocity=problem.current))
         self._now: TimedPlan | None = None
         self._coming: TimedPlan | None = None
@@ -188,7 +189,7 @@ class Nmpc(Tabled):
         if self._now is None or self._asked is not None or t < self._next - _ROUNDING:
             return
         self._asked, delay = t, self._worker.delay
-        self._worker.ask(Request(state=state, t=t, in_use=self._now.number, begin=begin, delay=delay))
+        self._worker.ask(ReplanningRequest(state=state, t=t, in_use=self._now.number, begin=begin, delay=delay))
         self._collect(t)
 
     def _collect(self, t: float) -> None:

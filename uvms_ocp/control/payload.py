@@ -253,7 +253,7 @@ _LEAST_FLOW = (
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Response:
+class ForceResponse:
     """Of an observer to k forces, each as if it were the only disturbance."""
 
     estimate: ca.SX
@@ -262,10 +262,10 @@ class Response:
     """(n_v, k) [m/s, rad/s] of its innovation."""
 
 
-class Follower(Protocol):
+class ObserverResponseLaw(Protocol):
     """What is asked of an observer's law."""
 
-    def response(self, before: Response, M: ca.SX, force: ca.SX, share: ca.SX) -> Response:
+    def response(self, before: ForceResponse, M: ca.SX, force: ca.SX, share: ca.SX) -> ForceResponse:
         """A tick later, under forces (n_v, k) [N, N m], with the mass matrix M and a share (n_v,) [-] of the bandwidth."""
 
 
@@ -301,7 +301,7 @@ def tool_function(body: SymbolicDynamics) -> ca.Function:
     return ca.Function("tool", [q, v], [ca.densify(weight), velocity], ["q", "v"], ["weight", "velocity"])
 
 
-def response_function(body: SymbolicDynamics, law: Follower) -> ca.Function:
+def response_function(body: SymbolicDynamics, law: ObserverResponseLaw) -> ca.Function:
     """Function ``q, v, acceleration, current, share, estimate, innovation -> estimate, innovation``.
 
     The response of the observer to what is put into its estimate and bears no force, to `load_force` and to `current_force`.
@@ -309,7 +309,7 @@ def response_function(body: SymbolicDynamics, law: Follower) -> ca.Function:
     n, symbol = body.model.nv, ca.SX.sym
     x = {"q": symbol("q", body.model.nq), "v": symbol("v", n), "acceleration": symbol("acceleration", 3)}
     x |= {"current": symbol("current", 3), "share": symbol("share", n)}
-    before = Response(estimate=symbol("estimate", n, COLUMNS), innovation=symbol("innovation", n, COLUMNS))
+    before = ForceResponse(estimate=symbol("estimate", n, COLUMNS), innovation=symbol("innovation", n, COLUMNS))
     drag = current_force(body, x["q"], x["v"], x["current"])
     force = ca.horzcat(ca.SX(n, 1), load_force(body, x["q"], x["acceleration"]), drag)
     after = law.response(before, body.mass_matrix(x["q"]), force, x["share"])
@@ -350,7 +350,7 @@ class LoadFunctions:
     """As `response_function` has it."""
 
 
-def load_functions(body: SymbolicDynamics, law: Follower) -> LoadFunctions:
+def load_functions(body: SymbolicDynamics, law: ObserverResponseLaw) -> LoadFunctions:
     """Compiled where there is a compiler."""
     return LoadFunctions(compile_function(tool_function(body)), compile_function(response_function(body, law)))
 

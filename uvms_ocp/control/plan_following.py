@@ -10,11 +10,11 @@ import pinocchio as pin
 
 from uvms_ocp.checks import checked, replace_unchecked, unchecked_constructor
 from uvms_ocp.control.force.computed_torque import ComputedTorque, TrackingGains
-from uvms_ocp.control.velocity.abort import Strain
-from uvms_ocp.control.velocity.kinematic import Guided
-from uvms_ocp.control.velocity.tick_state import TickState
+from uvms_ocp.control.velocity.abort import ActuationFeedback
+from uvms_ocp.control.velocity.kinematic import GuideOutput
+from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.estimation.degraded_modes import describe_channels
-from uvms_ocp.estimation.fallbacks import LastSound
+from uvms_ocp.estimation.fallbacks import LastValidEstimate
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.robot.dynamics import Dynamics
@@ -48,7 +48,7 @@ class PlanTracker:
         self._trajectory, self._model = trajectory, robot.model
         self._law = ComputedTorque(robot, dynamics, dt=dt, gains=gains, water=water)
         self._end = float(trajectory.t[-1]) - 0.5 * dt
-        self._sound = LastSound(robot)
+        self._sound = LastValidEstimate(robot)
 
     def __call__(self, measurement: Measurement, t: float) -> Command:
         """The command for the tick at time t [s] of the trajectory; finished at its end."""
@@ -61,7 +61,7 @@ class PlanTracker:
 # A plan of a whole mission as a guide: followed while the mission goes as planned, left where it does not.
 
 _CATCH_UP = 1.2  # [-] speed of the plan's clock where a goal that moves has begun before its phase in the plan
-_LEFT = Guided(v=None)
+_LEFT = GuideOutput(v=None)
 
 
 @checked
@@ -131,30 +131,30 @@ class PlanGuide:
         """[-] Of the velocity loop, all of it once the plan is left."""
         return 1.0 if self._left else self._tuning.bandwidth
 
-    def __call__(self, tick: TickState, strain: Strain, waiting: Callable[[], str]) -> Guided:
+    def __call__(self, tick: TickInputs, feedback: ActuationFeedback, waiting: Callable[[], str]) -> GuideOutput:
         """The velocity along the plan, or that it is left."""
         if self._left:
             return _LEFT
         q, v, _ = self._trajectory.state_at(self._model, self._clock)
         error = pin.difference(self._model, tick.measurement.q, q)
-        why = self._why(tick, strain, error, waiting)
+        why = self._why(tick, feedback, error, waiting)
         if why:
             self._left = True
-            return Guided(v=None, why=f"plan left at {self._clock:.2f} s of it: {why}")
+            return GuideOutput(v=None, why=f"plan left at {self._clock:.2f} s of it: {why}")
         rate = self._rate(tick)
         self._clock += rate * self._dt
         self._correction += self._dt / self._tuning.smoothing * (self._gain * error - self._correction)
-        return Guided(v=np.clip(rate * v + self._correction, -self._most, self._most))
+        return GuideOutput(v=np.clip(rate * v + self._correction, -self._most, self._most))
 
-    def _why(self, tick: TickState, strain: Strain, error: np.ndarray, waiting: Callable[[], str]) -> str:
+    def _why(self, tick: TickInputs, feedback: ActuationFeedback, error: np.ndarray, waiting: Callable[[], str]) -> str:
         """Why the plan is left, or nothing."""
         if tick.restriction.bad or tick.blind:
             return describe_channels(tick.restriction.bad) or "measurements are too old"
-        if strain.fault or strain.handicap:
-            return strain.fault or strain.handicap
+        if feedback.fault or feedback.fault_summary:
+            return feedback.fault or feedback.fault_summary
         return self._other_phase(tick) or self._away(error) or self._too_late(waiting)
 
-    def _other_phase(self, tick: TickState) -> str:
+    def _other_phase(self, tick: TickInputs) -> str:
         following = self._at + 1
         if following < len(self._phases) and tick.mission.phase == self._phases[following].phase:
             self._at, self._late = following, 0.0
@@ -179,7 +179,7 @@ class PlanGuide:
             return ""
         return f"phase {self._mission.phase_names[phase.phase]!r} does not end: {waiting()}"
 
-    def _rate(self, tick: TickState) -> float:
+    def _rate(self, tick: TickInputs) -> float:
         """Speed of the plan's clock [-]."""
         now, following = self._phases[self._at], self._phases[min(self._at + 1, len(self._phases) - 1)]
         if following.moves and following is not now and self._clock >= now.end:

@@ -77,7 +77,7 @@ class TimedPlan:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Request:
+class ReplanningRequest:
     """What a solve starts from."""
 
     state: State
@@ -133,7 +133,7 @@ class Replanner:
         """Fit for use or not."""
         self._solves = 0
 
-    def __call__(self, request: Request) -> ReplanningResult:
+    def __call__(self, request: ReplanningRequest) -> ReplanningResult:
         """A plan that begins as long after it was asked for as the request has it, or the first one."""
         wall, processor = self._clock(), process_time()
         first = self._newest is None
@@ -145,7 +145,7 @@ class Replanner:
             processor_time=process_time() - processor,
         )
 
-    def _first(self, request: Request) -> TimedPlan | None:
+    def _first(self, request: ReplanningRequest) -> TimedPlan | None:
         """As good as a few solves make it, from the guess to stay."""
         stay = last = hold(self._problem, request.state)
         self._plans[HOLD] = self._newest = best = TimedPlan(number=HOLD, trajectory=stay, begin=request.t)
@@ -157,7 +157,7 @@ class Replanner:
         self._plans[best.number] = self._newest = best
         return best
 
-    def _replanned(self, request: Request) -> TimedPlan | None:
+    def _replanned(self, request: ReplanningRequest) -> TimedPlan | None:
         self._plans = {number: plan for number, plan in self._plans.items() if number >= request.in_use}
         now, begin = replace(self._plans[request.in_use], begin=request.begin), request.t + request.delay
         last = now if self._newest is None or self._newest.number == now.number else self._newest
@@ -186,7 +186,7 @@ class Replanner:
             clock=self._clock,
         )
 
-    def _expected(self, now: TimedPlan, request: Request) -> State:
+    def _expected(self, now: TimedPlan, request: ReplanningRequest) -> State:
         """The state in which the plan will begin: the measured one, moved as planned."""
         model, age, state = self._problem.robot.model, request.t - now.begin, request.state
         q, v, _ = now.trajectory.state_at(model, age)
@@ -201,15 +201,15 @@ _FIELDS = ("t", "q", "v", "a", "thrust", "torque", "of_wrench")
 Message: TypeAlias = tuple[Any, ...]
 
 
-def request_message(request: Request) -> Message:
+def request_message(request: ReplanningRequest) -> Message:
     """As it is sent."""
     return request.state.q, request.state.v, request.t, request.in_use, request.begin, request.delay
 
 
-def request_of(message: Message) -> Request:
+def request_of(message: Message) -> ReplanningRequest:
     """As it was."""
     q, v, t, in_use, begin, delay = message
-    return Request(state=_state_messages(q=q, v=v), t=t, in_use=in_use, begin=begin, delay=delay)
+    return ReplanningRequest(state=_state_messages(q=q, v=v), t=t, in_use=in_use, begin=begin, delay=delay)
 
 
 def answer_message(answer: ReplanningResult) -> Message:
@@ -274,7 +274,7 @@ class RunningWorker(ABC):
         """Now."""
 
     @abstractmethod
-    def ask(self, request: Request) -> None:
+    def ask(self, request: ReplanningRequest) -> None:
         """Begin a solve; only where the last one was answered."""
 
     @abstractmethod
@@ -288,7 +288,7 @@ class RunningWorker(ABC):
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True)
-class InLine:
+class SynchronousWorker:
     """Within the tick that asks, which lasts as long: simulations are reproducible. Plans are as late as their solves took."""
 
 
@@ -312,7 +312,7 @@ class ProcessWorker:
     """[s] for the process to be ready, which compiles what is not in the cache."""
 
 
-def start_worker(worker: InLine | ProcessWorker, job: ReplanningJob) -> RunningWorker:
+def start_worker(worker: SynchronousWorker | ProcessWorker, job: ReplanningJob) -> RunningWorker:
     """A worker that is ready; a process is waited for.
 
     Raises `InvalidInput` for a problem that cannot be sent to a process, and `UvmsError` where that does not get ready.
@@ -336,7 +336,7 @@ class _InLine(RunningWorker):
     def status(self) -> WorkerStatus:
         return self._status
 
-    def ask(self, request: Request) -> None:
+    def ask(self, request: ReplanningRequest) -> None:
         if self._status is WorkerStatus.WORKING:
             self._answer = self._replanner(request)
 
@@ -382,7 +382,7 @@ class _Beside(RunningWorker):
     def delay(self) -> float:
         return self._delay.seconds
 
-    def ask(self, request: Request) -> None:
+    def ask(self, request: ReplanningRequest) -> None:
         if self._status is not WorkerStatus.WORKING:
             return
         self._asked = perf_counter()
@@ -429,7 +429,7 @@ def _sent(job: ReplanningJob) -> bytes:
     except (pickle.PicklingError, AttributeError, TypeError) as error:
         raise InvalidInput(
             f"the problem cannot be sent to another process ({error}); define its goals and tasks at the top level of a"
-            " module, or solve with InLine()"
+            " module, or solve with SynchronousWorker()"
         ) from error
 
 

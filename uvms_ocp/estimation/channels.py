@@ -48,7 +48,7 @@ def needed_channels(robot: Robot, specs: SensorSpecs, altimeter_frame: str | Non
 # Where the altimeter looks from, for the filter and for who watches the floor.
 
 
-class BeamMount:
+class AltimeterMount:
     """The altimeter in B: fixed to the vehicle, or carried by the arm, which a tick then has to look at."""
 
     __slots__ = ("_data", "_frame", "_memory", "_robot", "moves")

@@ -1,6 +1,6 @@
 /* When readings are taken that arrive late, and which clone stands for one. clones.py is the same; keep both in step. */
 
-static void learn_lag(double *m, int c) {
+static void update_lag(double *m, int c) {
   double age = m_now[0] - m_stamp[c];
   if (age > 1.5 * m_dt[0] + EARLY && age > m_lag[c]) m_lag[c] = smaller_of(age, LONGEST_LAG);
 }
@@ -13,7 +13,7 @@ static double wanted(const double *m, int c) {
   return (m_lag[c] + 2.0 * m_dt[0]) / apart + 1.0;
 }
 
-static void space_out(double *m, int first, int last, int slots) {
+static void space_clones(double *m, int first, int last, int slots) {
   double most = MOST_CLONES, sum = slots + 1;
   for (; most > 2; most -= 1) {
     sum = 0;

@@ -18,7 +18,7 @@ _SOFT = 0.25  # of Case 1 without DVL: at 1 it runs away, at 0.5 it swings by 0.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Mode:
+class DegradedMode:
     """What is done while some channels are lost, or suspect."""
 
     without: frozenset[str]
@@ -52,17 +52,17 @@ class Restriction:
     """All modes that apply at one tick, as one."""
 
     speed: float = 1.0
-    """[-] as that of `Mode`."""
+    """[-] as that of `DegradedMode`."""
     no_descent: bool = False
     joints_held: bool = False
     hold: bool = False
     blind: bool = False
     feedback: float = 1.0
-    """[-] as that of `Mode`."""
+    """[-] as that of `DegradedMode`."""
     joint_feedback: float = 1.0
     """[-]"""
     climbs: bool = True
-    """As the fields of `Mode`."""
+    """As the fields of `DegradedMode`."""
     abort: str = ""
     """Why the mission cannot go on, or nothing."""
     bad: tuple[ChannelHealth, ...] = ()
@@ -83,13 +83,13 @@ FREE = Restriction()
 """Of a robot whose channels are all good, or that nobody judges."""
 
 
-def _mode(*without: str, **what: object) -> Mode:
-    return Mode(without=frozenset(without), **what)  # type: ignore[arg-type]
+def _mode(*without: str, **what: object) -> DegradedMode:
+    return DegradedMode(without=frozenset(without), **what)  # type: ignore[arg-type]
 
 
 _VEHICLE = ("position", "attitude", "linear_velocity", "angular_velocity")
 
-MODES = (
+DEGRADED_MODES = (
     _mode(ALTIMETER, trust=Trust.SUSPECT, known="the last floor", no_descent=True),
     _mode(ALTIMETER, known="the last floor", no_descent=True, bears=5.0),
     _mode("position", trust=Trust.SUSPECT, known="velocity, integrated", speed=_SLOW),
@@ -109,15 +109,15 @@ MODES = (
 """Depth and joint velocities are not in it alone: others tell the same."""
 CHANNELS = tuple(Readings.__dataclass_fields__)
 """In the order of a `RestrictionMemory`."""
-_N_MODES, _N_CHANNELS = len(MODES), len(CHANNELS)
+_N_MODES, _N_CHANNELS = len(DEGRADED_MODES), len(CHANNELS)
 
 
-def bad_of(health: Sequence[ChannelHealth]) -> list[ChannelHealth]:
+def degraded_channels(health: Sequence[ChannelHealth]) -> list[ChannelHealth]:
     """Channels that are not good."""
     return [item for item in health if item.trust is not _GOOD]
 
 
-class BadChannels:
+class DegradedChannels:
     """Those of one tick after the other, looked for where somebody has judged anew."""
 
     __slots__ = ("_bad", "_health")
@@ -127,14 +127,14 @@ class BadChannels:
         self._bad: list[ChannelHealth] = []
 
     def among(self, health: tuple[ChannelHealth, ...]) -> list[ChannelHealth]:
-        """As `bad_of`."""
+        """As `degraded_channels`."""
         if health is not self._health:
-            self._health, self._bad = health, bad_of(health)
+            self._health, self._bad = health, degraded_channels(health)
         return self._bad
 
 
 class RestrictionMemory(Layout):
-    """`MODES`, how far each of `CHANNELS` can be trusted, and what applies."""
+    """`DEGRADED_MODES`, how far each of `CHANNELS` can be trusted, and what applies."""
 
     needs: Annotated[list[list[int]], Sized(_N_MODES, _N_CHANNELS)]
     """(n_modes, n_channels) which channels each mode is without."""
@@ -175,15 +175,15 @@ class RestrictionMemory(Layout):
     """Some channel is lost."""
     ended: bool
     """The mission cannot go on."""
-    to_blame: Annotated[list[int], Sized(_N_CHANNELS)]
+    at_fault: Annotated[list[int], Sized(_N_CHANNELS)]
     """(n_channels,) which channels that is due to."""
 
 
 def restrict(r: RestrictionMemory, t: float, altitude_matters: bool) -> None:
-    """As `restriction_of` at t [s], of the channels in the memory. A kernel."""
+    """As `restriction_for` at t [s], of the channels in the memory. A kernel."""
     _nothing(r)
     for c in range(len(r.level)):
-        r.to_blame[c] = False
+        r.at_fault[c] = False
         r.any_bad = r.any_bad or r.level[c] != Trust.GOOD
         r.any_lost = r.any_lost or r.level[c] == Trust.LOST
     for k in range(len(r.trust)):
@@ -229,12 +229,12 @@ def _apply(r: RestrictionMemory, k: int, t: float, altitude_matters: bool) -> No
         r.ended = True
         for c in range(len(r.level)):
             if needs[c] != 0:
-                r.to_blame[c] = True
+                r.at_fault[c] = True
 
 
 def write_modes(memory: Any) -> None:
-    """`MODES` into a `RestrictionMemory`."""
-    for k, mode in enumerate(MODES):
+    """`DEGRADED_MODES` into a `RestrictionMemory`."""
+    for k, mode in enumerate(DEGRADED_MODES):
         for c, channel in enumerate(CHANNELS):
             memory.needs[k][c] = channel in mode.without
         memory.trust[k], memory.of_altitude[k] = mode.trust, mode.without == {ALTIMETER}
@@ -253,11 +253,11 @@ def write_channels(memory: Any, bad: Sequence[ChannelHealth]) -> None:
         memory.since[c] = 0.0 if item is None else item.since
 
 
-def restriction_in(memory: Any, bad: Sequence[ChannelHealth]) -> Restriction:
+def read_restriction(memory: Any, bad: Sequence[ChannelHealth]) -> Restriction:
     """What `restrict` has found of the channels that are not good."""
     if not bad:
         return FREE
-    to_blame = [item for item in bad if item.channel in CHANNELS and memory.to_blame[CHANNELS.index(item.channel)]]
+    at_fault = [item for item in bad if item.channel in CHANNELS and memory.at_fault[CHANNELS.index(item.channel)]]
     return Restriction(
         speed=memory.speed,
         no_descent=bool(memory.no_descent),
@@ -267,22 +267,22 @@ def restriction_in(memory: Any, bad: Sequence[ChannelHealth]) -> Restriction:
         feedback=memory.feedback,
         joint_feedback=memory.joint_feedback,
         climbs=bool(memory.climbs),
-        abort=describe_channels(sorted(to_blame, key=lambda item: item.channel)),
+        abort=describe_channels(sorted(at_fault, key=lambda item: item.channel)),
         bad=tuple(bad),
     )
 
 
-def restriction_of(health: Sequence[ChannelHealth], t: float, *, altitude_matters: bool = True) -> Restriction:
+def restriction_for(health: Sequence[ChannelHealth], t: float, *, altitude_matters: bool = True) -> Restriction:
     """What applies at time t [s]; `FREE` where nobody judges.
 
     altitude_matters: some task on altitude is on. Without, a mission goes on without altimeter.
     """
     memory: Any = structure_of(RestrictionMemory)()
     write_modes(memory)
-    bad = bad_of(health)
+    bad = degraded_channels(health)
     write_channels(memory, bad)
     restrict(memory, t, altitude_matters)
-    return restriction_in(memory, bad)
+    return read_restriction(memory, bad)
 
 
 def describe_channels(channels: Iterable[ChannelHealth]) -> str:

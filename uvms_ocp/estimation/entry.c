@@ -11,7 +11,7 @@
 
 static void tell_vehicle(double *m) {
   double R[9];
-  static _Thread_local Sight s;
+  static _Thread_local PredictedMeasurement s;
   matrix_of(m_turn, R);
   rotate_back(R, X(PART_SPEED), m_twist);
   for (int i = 0; i < 3; ++i) {

@@ -12,12 +12,12 @@ import pinocchio as pin
 
 from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.estimation.channels import JOINT_CHANNELS, BeamMount, age_of, needed_channels, oldest_of
+from uvms_ocp.estimation.channels import JOINT_CHANNELS, AltimeterMount, age_of, needed_channels, oldest_of
 from uvms_ocp.estimation.filter_memory import N_VEHICLE, NUMBER, ChannelIndex, FilterMemory
 from uvms_ocp.estimation.filter_tuning import EstimatorTuning, initialise
 from uvms_ocp.estimation.kalman_filter import bound_tick
-from uvms_ocp.estimation.vehicle_model import doubt_velocity
-from uvms_ocp.record.display import SmallTable, Tabled, rows_of
+from uvms_ocp.estimation.vehicle_model import inflate_velocity_variance
+from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import (
     CHANNELS,
@@ -95,7 +95,7 @@ _LATEST = 1e9  # [s] of any clock; thirty years
 
 
 @checked
-class Estimator(Tabled):
+class Estimator(TableDisplay):
     """A callable ``(Readings, t, command) -> Measurement``. Holds its estimate: build one per run.
 
     Until a channel has its first reading its part of the estimate means nothing, and `Measurement.age` is inf. A reading
@@ -130,7 +130,7 @@ class Estimator(Tabled):
         for name in needed_channels(robot, specs, altimeter_frame):
             memory.needed[NUMBER[name]] = 1.0
         self._has_range = frame is not None
-        self._beam = None if frame is None else BeamMount(robot, frame, memory)
+        self._beam = None if frame is None else AltimeterMount(robot, frame, memory)
         self._chart = JointChart(robot, memory)
         self._joints = self._chart.configuration()
         self.advance = bound_tick(memory, compiled=compiled)
@@ -193,9 +193,9 @@ class Estimator(Tabled):
         _number(channel)
         self._refused = self._refused | {channel} if refused else self._refused - {channel}
 
-    def doubt_velocity(self, *, rests: bool = False) -> None:
+    def inflate_velocity_variance(self, *, rests: bool = False) -> None:
         """Take linear velocity and acceleration for unknown: what told them proved wrong. rests: and for zero, at a guess."""
-        doubt_velocity(self.memory, rests=rests)
+        inflate_velocity_variance(self.memory, rests=rests)
 
     @property
     def spread(self) -> np.ndarray:
@@ -242,7 +242,7 @@ class Estimator(Tabled):
             age=age,
             joint_age=joint_age,
             spread=self.spread,
-            altimeter_spread=echo_spread,
+            altimeter_std=echo_spread,
         )
 
 
@@ -261,7 +261,7 @@ _RATE = 100.0  # [Hz] at which the estimator is run
 _SETTLED = 20.0  # [s] after which its covariance no longer changes
 
 
-def spread_at_rest(robot: Robot, specs: SensorSpecs) -> np.ndarray:
+def std_at_rest(robot: Robot, specs: SensorSpecs) -> np.ndarray:
     """Standard deviation (n_v,) [m, rad] of the estimated configuration, when the filter has settled.
 
     The vehicle's position in W, its attitude in B, the joints. From the filter's own covariance, which rests on the noise,
@@ -305,7 +305,7 @@ def _bias(robot: Robot, specs: SensorSpecs) -> np.ndarray:
 
 
 @checked
-class PassThrough(Tabled):
+class PassThrough(TableDisplay):
     """Takes readings for the truth: for sensors without noise, which it repeats exactly."""
 
     def __init__(self, robot: Robot, specs: SensorSpecs = IDEAL_SENSORS, altimeter_frame: str | None = None) -> None:

@@ -71,7 +71,7 @@ class Watchdog:
     @checked_on_failure
     def judge(self, age: float, t: float, channel: str = "") -> Freshness:
         """The verdict on a measurement of `age` [s] at time t [s], that of `channel` if known; nan counts as lost."""
-        verdict = Freshness(verdict_on(age, self.hold_after, self.stop_after))
+        verdict = Freshness(freshness_of(age, self.hold_after, self.stop_after))
         early = self._is_early(age, t)
         if verdict is not self._verdict and not early:
             self.alarms.append((t, _describe(verdict, age, channel)))
@@ -85,7 +85,7 @@ class Watchdog:
         return self._waits and t - self._begun <= self.stop_after
 
 
-def verdict_on(age: float, hold_after: float, stop_after: float) -> int:
+def freshness_of(age: float, hold_after: float, stop_after: float) -> int:
     """The `Freshness` of a measurement of `age` [s], by `hold_after` [s] and `stop_after` [s] of a `Watchdog`. A kernel."""
     if age <= hold_after:
         return Freshness.FRESH
@@ -113,7 +113,7 @@ _UNIT = 1e-3  # by which the norm of a quaternion may differ from 1, as in recor
 _LEVEL = 1e-6  # cosine of a tilt; a beam nearer to the horizon has no range that stands for a height
 
 
-class SoundMemory(Layout):
+class LastValidMemory(Layout):
     """The last measurement that was sound, and what stands in for one that is not."""
 
     n_units: int
@@ -132,17 +132,17 @@ class SoundMemory(Layout):
     """[s] of the measurement of now, or of what stands in for it."""
     joint_age: float
     """[s] the same of the joints."""
-    is_sound: bool
+    is_valid: bool
     """The measurement of now."""
 
 
-def last_sound(m: SoundMemory, t: float, q: Vector, v: Vector, age: float, joint_age: float) -> None:
+def hold_last_valid(m: LastValidMemory, t: float, q: Vector, v: Vector, age: float, joint_age: float) -> None:
     """A measurement of q [m, rad] and v [m/s, rad/s] at t [s], or where it is not sound, the last in its place. A kernel.
 
     age, joint_age [s]: as those of `Measurement`; the memory holds those that hold true.
     """
-    m.is_sound = _is_sound(m, q, v)
-    if m.is_sound:
+    m.is_valid = _is_sound(m, q, v)
+    if m.is_valid:
         _store(m, t, q, v)
         m.was[0] = age
         m.was[1] = joint_age
@@ -157,7 +157,7 @@ def last_sound(m: SoundMemory, t: float, q: Vector, v: Vector, age: float, joint
     m.joint_age = max(joint_age, m.was[1] + t - m.since)
 
 
-def _store(m: SoundMemory, t: float, q: Vector, v: Vector) -> None:
+def _store(m: LastValidMemory, t: float, q: Vector, v: Vector) -> None:
     for i in range(len(m.q)):
         m.q[i] = q[i]
     for i in range(len(m.v)):
@@ -165,7 +165,7 @@ def _store(m: SoundMemory, t: float, q: Vector, v: Vector) -> None:
     m.since = t
 
 
-def _is_sound(m: SoundMemory, q: Vector, v: Vector) -> bool:
+def _is_sound(m: LastValidMemory, q: Vector, v: Vector) -> bool:
     """All numbers are finite, and what should have norm 1 does."""
     sound = True
     for i in range(len(m.q)):
@@ -180,15 +180,15 @@ def _is_sound(m: SoundMemory, q: Vector, v: Vector) -> bool:
     return sound
 
 
-class LastSound:
+class LastValidEstimate:
     """The measurement, or where its q or v is not finite or its quaternion none, the last that was sound, with its true age."""
 
     __slots__ = ("_last", "_shapes", "memory")
 
     def __init__(self, robot: Robot, memory: Any = None) -> None:
-        """memory: a `SoundMemory` of the caller's, who asks the kernel."""
-        self.memory: Any = structure_of(SoundMemory, n_q=robot.n_q, n_v=robot.n_v)() if memory is None else memory
-        """The `SoundMemory`."""
+        """memory: a `LastValidMemory` of the caller's, who asks the kernel."""
+        self.memory: Any = structure_of(LastValidMemory, n_q=robot.n_q, n_v=robot.n_v)() if memory is None else memory
+        """The `LastValidMemory`."""
         self._last = Measurement(q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=np.nan)
         self._shapes = self._last.q.shape, self._last.v.shape
         view(self.memory.q)[:], self.memory.since = self._last.q, -math.inf
@@ -201,17 +201,17 @@ class LastSound:
         """t [s]: time of the tick. Raises `InvalidInput` for a q or v of another robot's size."""
         self.check(measurement)
         q, v = doubles(measurement.q), doubles(measurement.v)
-        last_sound(self.memory, t, q, v, measurement.age, measurement.joint_age)
-        return self.standing_for(measurement)
+        hold_last_valid(self.memory, t, q, v, measurement.age, measurement.joint_age)
+        return self.substitute(measurement)
 
     def check(self, measurement: Measurement) -> None:
         """Raise `InvalidInput` for a q or v of another robot's size."""
         if (measurement.q.shape, measurement.v.shape) != self._shapes:
             raise InvalidInput(self._misfit(measurement))
 
-    def standing_for(self, measurement: Measurement) -> Measurement:
+    def substitute(self, measurement: Measurement) -> Measurement:
         """The measurement that the kernel was asked with, if it is sound, or what stands in for it."""
-        if self.memory.is_sound:
+        if self.memory.is_valid:
             self._last = measurement
             return measurement
         return replace_unchecked(
@@ -236,8 +236,8 @@ def _units(robot: Robot) -> list[tuple[int, int]]:
     return [(end - lengths.get(joint.shortname(), 2), end) for end, joint in ends]
 
 
-class EchoMemory(Layout):
-    """What `LastEcho` knows, and where the altimeter looks: along -z of its frame."""
+class AltimeterMemory(Layout):
+    """What `LastFloorRange` knows, and where the altimeter looks: along -z of its frame."""
 
     look: Smooth
     """q to `beam` and `climb`."""
@@ -257,21 +257,21 @@ class EchoMemory(Layout):
     """[s] time of the last echo, 0 before the first."""
 
 
-def look_down(m: EchoMemory, q: Vector) -> None:
+def point_altimeter(m: AltimeterMemory, q: Vector) -> None:
     """Where the altimeter looks at q [m, rad]. A kernel."""
     if m.exists:
         m.look(q, m.beam, m.climb)
 
 
-def echo_range(m: EchoMemory, t: float, echo: float, unknown: float, doubted: bool) -> float:
-    """As `LastEcho.range` at t [s], of the echo [m] along the beam that the memory holds, or `unknown` [m]. A kernel."""
+def echo_range(m: AltimeterMemory, t: float, echo: float, unknown: float, doubted: bool) -> float:
+    """As `LastFloorRange.range` at t [s], of the echo [m] along the beam that the memory holds, or `unknown` [m]. A kernel."""
     if doubted and m.exists:
         x, y = m.beam[0] - m.place[0], m.beam[1] - m.place[1]
         m.highest += _SLOPE * math.sqrt(x * x + y * y)
         m.floor = m.highest
         m.place[0] = m.beam[0]
         m.place[1] = m.beam[1]
-    if doubted or not tells_altitude(m, echo):
+    if doubted or not has_altitude(m, echo):
         return range_to_last_floor(m, unknown)
     floor = m.beam[2] - m.beam[3] * echo
     faded = m.highest - _FORGETTING * (t - m.since)
@@ -283,12 +283,12 @@ def echo_range(m: EchoMemory, t: float, echo: float, unknown: float, doubted: bo
     return echo
 
 
-def tells_altitude(m: EchoMemory, echo: float) -> bool:
+def has_altitude(m: AltimeterMemory, echo: float) -> bool:
     """Whether an echo [m] along the beam stands for a height. A kernel."""
     return m.exists and math.isfinite(echo) and m.beam[3] > STEEP
 
 
-def range_to_last_floor(m: EchoMemory, unknown: float) -> float:
+def range_to_last_floor(m: AltimeterMemory, unknown: float) -> float:
     """Range [m] to the floor of the last echo; before the first one, to an altitude of `unknown` [m]. A kernel."""
     if not m.exists:
         return 0.0
@@ -296,7 +296,7 @@ def range_to_last_floor(m: EchoMemory, unknown: float) -> float:
     return height / math.copysign(max(abs(m.beam[3]), _LEVEL), m.beam[3])
 
 
-class LastEcho:
+class LastFloorRange:
     """How high the altimeter is above the floor: by its echo, or by the last one, carried along with the measured motion.
 
     Carrying takes the floor for level, except in doubt: then it is the highest of late, as the echoes may have lied for some
@@ -308,10 +308,10 @@ class LastEcho:
     def __init__(self, robot: Robot, frame: str | None, memory: Any = None) -> None:
         """frame: that of the altimeter; `None` or one that the robot does not have: no altitude is ever known.
 
-        memory: an `EchoMemory` of the caller's, of the `echo_sizes` of the frame.
+        memory: an `AltimeterMemory` of the caller's, of the `echo_sizes` of the frame.
         """
-        self.memory: Any = structure_of(EchoMemory, **echo_sizes(robot, frame))() if memory is None else memory
-        """The `EchoMemory`."""
+        self.memory: Any = structure_of(AltimeterMemory, **echo_sizes(robot, frame))() if memory is None else memory
+        """The `AltimeterMemory`."""
         self.memory.exists = frame is not None and robot.has_frame(frame)
         self.memory.floor = self.memory.highest = math.nan
 
@@ -320,18 +320,18 @@ class LastEcho:
 
         doubted: no echo of now is to be believed.
         """
-        look_down(self.memory, doubles(measurement.q))
+        point_altimeter(self.memory, doubles(measurement.q))
         return echo_range(self.memory, t, measurement.altimeter_range, unknown, doubted)
 
     def at(self, measurement: Measurement) -> tuple[float, bool]:
         """Range [m], always finite, at a measurement that is not remembered, and whether its echo tells the altitude."""
-        look_down(self.memory, doubles(measurement.q))
-        tells = tells_altitude(self.memory, measurement.altimeter_range)
+        point_altimeter(self.memory, doubles(measurement.q))
+        tells = has_altitude(self.memory, measurement.altimeter_range)
         return (measurement.altimeter_range, True) if tells else (range_to_last_floor(self.memory, 0.0), False)
 
 
 def echo_sizes(robot: Robot, frame: str | None) -> dict[str, Any]:
-    """Of an `EchoMemory`, with the function that tells where the altimeter looks."""
+    """Of an `AltimeterMemory`, with the function that tells where the altimeter looks."""
     return {"n_v": robot.n_v, "look": _beam(robot, frame if frame is not None and robot.has_frame(frame) else None)}
 
 

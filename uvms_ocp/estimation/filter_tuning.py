@@ -50,7 +50,7 @@ class EstimatorTuning:
     """[s] for which the altitude is known without an echo."""
     response_time: float = 0.1
     """[s] with which velocities are taken to follow commands."""
-    response_doubt: float = 0.5
+    response_uncertainty: float = 0.5
     """[-] standard deviation of a velocity after a step of the commanded one, as a share of that step."""
     recovery: float = 1.0
     """[s] for which readings that contradict the estimate must agree with each other to be believed."""
@@ -121,7 +121,7 @@ def _set_drive(memory: FilterMemory, tuning: EstimatorTuning) -> None:
     )
     drive[ProcessNoise.ROUGHNESS], drive[ProcessNoise.SETTLING] = tuning.floor_roughness, tuning.altitude_drift
     drive[ProcessNoise.JOINT] = tuning.joint_acceleration
-    drive[ProcessNoise.REPLY] = tuning.response_doubt * math.sqrt(2.0 * tuning.response_time)
+    drive[ProcessNoise.REPLY] = tuning.response_uncertainty * math.sqrt(2.0 * tuning.response_time)
 
 
 def _set_first(memory: FilterMemory, specs: SensorSpecs, tuning: EstimatorTuning) -> None:

@@ -18,26 +18,26 @@ static int is_usable(const double *m, int c) {
 }
 
 /* Second derivative of what a channel that sets a part sees. */
-static double second_of(const double *m, int c, int i) {
+static double second_derivative(const double *m, int c, int i) {
   if (c == CHANNEL_ATTITUDE) return X(PART_SPIN_UP)[i];
   return X(PART_ACCELERATION)[rows_of[c] == 3 ? i : 2];
 }
 
 /* Variance of the way since a reading of that age. */
-static double doubt_since(const double *m, int c, const Sight *s, double age) {
+static double process_variance(const double *m, int c, const PredictedMeasurement *s, double age) {
   int turns = c == CHANNEL_ATTITUDE;
   double drive = m_drive[turns ? NOISE_ANGULAR_JERK : NOISE_JERK], squared = age * age;
-  double second = doubt_of(m, turns ? PART_SPIN_UP : PART_ACCELERATION);
+  double second = mean_variance(m, turns ? PART_SPIN_UP : PART_ACCELERATION);
   return squared * s->doubt + squared * squared / 4 * second + drive * drive * squared * squared * age / 20;
 }
 
-static void set_floor(double *m, const Sight *s, double age, int n) {
+static void set_floor(double *m, const PredictedMeasurement *s, double age, int n) {
   int at = PART_FLOOR, c = CHANNEL_ALTIMETER_RANGE;
   double cosine = s->seen[1], row[STATES], noise = cosine * m_sigma[c], R[9], arm = 0;
   if (cosine <= STEEP) return;
   matrix_of(m_turn, R);
   for (int i = 0; i < 3; ++i) arm += R[6 + i] * m_beam_at[i];
-  double late = doubt_since(m, c, s, age), moved = age * s->rate[0] - age * age / 2 * second_of(m, c, 0);
+  double late = process_variance(m, c, s, age), moved = age * s->rate[0] - age * age / 2 * second_derivative(m, c, 0);
   X(at)[0] = X(PART_PLACE)[2] + arm - (cosine * m_value[4 * c] + moved);
   double own = s->S[0][0] + 2 * s->HP[0][at] + AT(at, at);
   for (int j = 0; j < n; ++j) row[j] = s->HP[0][j] + ENTRY(at, j);
@@ -48,11 +48,11 @@ static void set_floor(double *m, const Sight *s, double age, int n) {
 }
 
 /* The first reading is taken for the truth, unless it is too old to be; nothing that was cloned before can be right. */
-static void set(double *m, int c, Sight *s) {
+static void set(double *m, int c, PredictedMeasurement *s) {
   int n = active(m), first = own_part[c];
   double age = m_now[0] - m_stamp[c], noise = m_sigma[c] * m_sigma[c], *value = m_value + 4 * c;
   look(m, c, n, s);
-  if (noise + doubt_since(m, c, s, age) > UNKNOWN * m_limit[first] * m_limit[first]) return;
+  if (noise + process_variance(m, c, s, age) > UNKNOWN * m_limit[first] * m_limit[first]) return;
   for (int slot = 0; slot < SLOTS; ++slot) m_owner[slot] = -1;
   n = active(m), look(m, c, n, s);
   m_used[c] = m_stamp[c];
@@ -60,8 +60,8 @@ static void set(double *m, int c, Sight *s) {
     set_floor(m, s, age, n);
     return;
   }
-  double moved[3], late = doubt_since(m, c, s, age);
-  for (int i = 0; i < 3; ++i) moved[i] = age * s->rate[i] - age * age / 2 * second_of(m, c, i);
+  double moved[3], late = process_variance(m, c, s, age);
+  for (int i = 0; i < 3; ++i) moved[i] = age * s->rate[i] - age * age / 2 * second_derivative(m, c, i);
   for (int i = 0; i < rows_of[c]; ++i) clear(m, first + i, n, noise + late);
   if (c == CHANNEL_ATTITUDE) {
     double norm = norm4(value);
@@ -73,7 +73,7 @@ static void set(double *m, int c, Sight *s) {
 }
 
 /* Measured minus seen, which is carried on by delta. */
-static void innovation(const double *m, int c, const Sight *s, double delta, double *nu) {
+static void innovation(const double *m, int c, const PredictedMeasurement *s, double delta, double *nu) {
   const double *value = m_value + 4 * c;
   if (c != CHANNEL_ATTITUDE) {
     double scale = c == CHANNEL_ALTIMETER_RANGE ? s->seen[1] : 1;
@@ -93,13 +93,13 @@ static void innovation(const double *m, int c, const Sight *s, double delta, dou
   for (int i = 0; i < 3; ++i) nu[i] = share * error[i];
 }
 
-static double noise_of(const double *m, int c, const Sight *s, double delta) {
+static double noise_of(const double *m, int c, const PredictedMeasurement *s, double delta) {
   double sigma = m_sigma[c] * (c == CHANNEL_ALTIMETER_RANGE ? s->seen[1] : 1);
   double walk = c == CHANNEL_SPECIFIC_FORCE ? m_drive[NOISE_JERK] * m_drive[NOISE_JERK] : 0;
   return sigma * sigma + delta * delta * larger_of(0, s->doubt) + fabs(delta) * walk;
 }
 
-static double squared_of(const Sight *s, double more, int n, const double *nu) {
+static double squared_of(const PredictedMeasurement *s, double more, int n, const double *nu) {
   double L[3][3], x[3] = {0}, sum = 0;
   memcpy(x, nu, n * sizeof(double));
   factor(s, more, n, L), divide(L, n, x);
@@ -107,7 +107,7 @@ static double squared_of(const Sight *s, double more, int n, const double *nu) {
   return sum;
 }
 
-static int is_convincing(double *m, int c, const Sight *s, double more, const double *nu) {
+static int is_convincing(double *m, int c, const PredictedMeasurement *s, double more, const double *nu) {
   double change[3], *refused = m_refused + 3 * c;
   int rows = rows_of[c];
   for (int i = 0; i < rows; ++i) change[i] = nu[i] - refused[i];
@@ -192,7 +192,7 @@ WIDE static void lose(double *restrict m, const double *restrict u, const double
   }
 }
 
-static void correct(double *restrict m, int c, Sight *restrict s, double *nu, double own, int n) {
+static void correct(double *restrict m, int c, PredictedMeasurement *restrict s, double *nu, double own, int n) {
   double L[3][3], dx[STATES];
   int rows = rows_of[c];
   factor(s, own, rows, L), divide(L, rows, nu);
@@ -218,7 +218,7 @@ static void correct(double *restrict m, int c, Sight *restrict s, double *nu, do
   apply(m, dx);
 }
 
-static void judge(double *m, int c, int slot, double delta, Sight *s) {
+static void judge(double *m, int c, int slot, double delta, PredictedMeasurement *s) {
   double nu[3] = {0};
   int n = active(m), rows = rows_of[c];
   look_back(m, c, slot, n, s);
@@ -241,7 +241,7 @@ static void judge(double *m, int c, int slot, double delta, Sight *s) {
   correct(m, c, s, nu, own, n);
 }
 
-static void take(double *m, int c, Sight *s) {
+static void take(double *m, int c, PredictedMeasurement *s) {
   int slot;
   double delta;
   if (!is_usable(m, c)) return;
@@ -250,13 +250,13 @@ static void take(double *m, int c, Sight *s) {
     m_used[c] = m_stamp[c];
     return;
   }
-  learn_lag(m, c);
+  update_lag(m, c);
   if (is_turning(c) && is_unknown(m, PART_TURN, 3)) return;
   if (sets(c) && is_unknown(m, own_part[c], rows_of[c])) set(m, c, s);
   else if (nearest(m, c, m_owner, m_taken, SLOTS, &slot, &delta)) judge(m, c, slot, delta, s);
 }
 
-static void clone(double *m, int c, Sight *s) {
+static void clone(double *m, int c, PredictedMeasurement *s) {
   int slot = free_slot(m_owner, SLOTS), before = active(m), rows = rows_of[c], at = MAIN + 3 * slot;
   if (slot < 0 || (is_turning(c) && is_unknown(m, PART_TURN, 3))) return;
   if (sets(c) && is_unknown(m, own_part[c], rows)) return;
@@ -275,8 +275,8 @@ static void clone(double *m, int c, Sight *s) {
 }
 
 static void fuse(double *m) {
-  static _Thread_local Sight s;
-  space_out(m, 0, N_VEHICLE, SLOTS);
+  static _Thread_local PredictedMeasurement s;
+  space_clones(m, 0, N_VEHICLE, SLOTS);
   for (int c = 0; c < N_VEHICLE; ++c)
     if (m_fresh[c]) take(m, c, &s);
   for (int c = 0; c < N_VEHICLE; ++c) {

@@ -19,13 +19,13 @@ from uvms_ocp.estimation.measurement_update import (
     free_slot,
     gate_allowance,
     is_due,
-    learn_lag,
     nearest_clone,
     record_outcome,
-    space_out,
+    space_clones,
     time_since_accepted,
+    update_lag,
 )
-from uvms_ocp.estimation.vehicle_model import are_known, reply_doubt
+from uvms_ocp.estimation.vehicle_model import are_determined, response_variance
 from uvms_ocp.types import Array, Mask
 
 _FIRST = ChannelIndex.JOINT_POSITIONS
@@ -37,7 +37,7 @@ def predict(m: FilterMemory) -> None:
     if m.told[0]:
         change = m.asked[6:] - m.asked_rates
         m.joint_x[:, 1] += change
-        m.joint_P[:, 1, 1] += reply_doubt(m, change)
+        m.joint_P[:, 1, 1] += response_variance(m, change)
         m.asked_rates[:] = m.asked[6:]
     dt, step = float(m.dt[0]), float(min(m.dt[0], CONSTANTS.longest_step))
     if dt <= 0.0:
@@ -52,7 +52,7 @@ def predict(m: FilterMemory) -> None:
     P[:, 1, 1] += drive * dt
     for i in range(2):
         lost = ~np.isfinite(x[:, i])
-        unknown = lost | ~are_known(P[:, i, i], m.joint_limit[i] ** 2)
+        unknown = lost | ~are_determined(P[:, i, i], m.joint_limit[i] ** 2)
         carried = unknown & ~lost & (i == 1) & (P[:, i, i] > 0.0) & (P[:, i, i] < np.inf)
         share = (m.joint_limit[i] / np.sqrt(P[carried, i, i]))[:, None]
         P[carried, i, :] *= share
@@ -65,7 +65,7 @@ def predict(m: FilterMemory) -> None:
 
 def fuse(m: FilterMemory) -> None:
     """Use what is fresh, then clone what late channels see now."""
-    space_out(m, _FIRST, N_CHANNELS, JOINT_SLOTS)
+    space_clones(m, _FIRST, N_CHANNELS, JOINT_SLOTS)
     for c in _CHANNELS:
         if m.fresh[c] and _is_usable(m, c):
             _ingest(m, c)
@@ -83,7 +83,7 @@ def _is_usable(m: FilterMemory, c: ChannelIndex) -> bool:
 
 def _ingest(m: FilterMemory, c: ChannelIndex) -> None:
     m.last[c] = m.stamp[c]
-    learn_lag(m, c)
+    update_lag(m, c)
     limit = CONSTANTS.unknown * m.joint_limit[0] ** 2
     unknown = (m.joint_P[:, 0, 0] > limit) & (c == _FIRST)
     if unknown.any():

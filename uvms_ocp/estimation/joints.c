@@ -29,7 +29,7 @@ static void predict_joints(double *m) {
   for (int j = 0; j < N_JOINTS; ++j) {
     if (m_told[0]) {
       double change = m_asked[6 + j] - m_asked_rates[j];
-      JX(j, 1) += change, JP(j, 1, 1) += reply_doubt(m, change), m_asked_rates[j] = m_asked[6 + j];
+      JX(j, 1) += change, JP(j, 1, 1) += response_variance(m, change), m_asked_rates[j] = m_asked[6 + j];
     }
     if (!(dt > 0)) continue;
     JX(j, 0) += h * JX(j, 1);
@@ -141,7 +141,7 @@ static void take_joints(double *m, int c) {
   for (int j = 0; j < N_JOINTS; ++j)
     if (!(fabs(m_joint_value[k * N_JOINTS + j]) <= LARGEST)) return;
   m_last[c] = m_stamp[c];
-  learn_lag(m, c);
+  update_lag(m, c);
   for (int j = 0; j < N_JOINTS; ++j)
     if (!k && JP(j, 0, 0) > limit) unknown[j] = 1, ++count, set_joint(m, j);
   for (slot = 0; count && slot < JOINT_SLOTS; ++slot)
@@ -165,7 +165,7 @@ static void clone_joints(double *m, int c) {
 }
 
 static void fuse_joints(double *m) {
-  space_out(m, CHANNEL_JOINT_POSITIONS, N_CHANNELS, JOINT_SLOTS);
+  space_clones(m, CHANNEL_JOINT_POSITIONS, N_CHANNELS, JOINT_SLOTS);
   for (int c = CHANNEL_JOINT_POSITIONS; c < N_CHANNELS; ++c)
     if (m_fresh[c]) take_joints(m, c);
   for (int c = CHANNEL_JOINT_POSITIONS; c < N_CHANNELS; ++c) {

@@ -1,4 +1,4 @@
-"""Gate and fuse the readings of the vehicle's channels, late ones by stochastic cloning, in NumPy: the twin of fusion.c and clones.c."""
+"""PlausibilityGate and fuse the readings of the vehicle's channels, late ones by stochastic cloning, in NumPy: the twin of fusion.c and clones.c."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from uvms_ocp.estimation.filter_memory import (
     ProcessNoise,
 )
 from uvms_ocp.estimation.vehicle_model import (
-    Sight,
+    PredictedMeasurement,
     active,
     clear,
-    doubt_since,
     is_unknown,
     part,
     predict_measurement,
+    process_variance,
     rotation,
-    second_of,
+    second_derivative,
     turned,
 )
 from uvms_ocp.types import Array, Mask
@@ -38,7 +38,7 @@ from uvms_ocp.types import Array, Mask
 _NOW = -1
 
 
-def space_out(m: FilterMemory, first: int, last: int, slots: int) -> None:
+def space_clones(m: FilterMemory, first: int, last: int, slots: int) -> None:
     """Share the slots among the late ones of channels first to last: where all their readings do not fit, none has many."""
     channels = [c for c in range(first, last) if m.lag[c] > 0.0]
     most = CONSTANTS.most_clones
@@ -59,7 +59,7 @@ def _wanted(m: FilterMemory, c: int) -> float:
     return float((m.lag[c] + 2.0 * m.dt[0]) / apart + 1.0)
 
 
-def learn_lag(m: FilterMemory, c: int) -> None:
+def update_lag(m: FilterMemory, c: int) -> None:
     """Remember how late the fresh reading of channel c is."""
     age = m.now[0] - m.stamp[c]
     if age > 1.5 * m.dt[0] + CONSTANTS.early and age > m.lag[c]:
@@ -162,7 +162,7 @@ _FREE = -1.0
 
 def fuse(m: FilterMemory) -> None:
     """Use what is fresh, then clone what late channels see now."""
-    space_out(m, 0, N_VEHICLE, SLOTS)
+    space_clones(m, 0, N_VEHICLE, SLOTS)
     for c in ChannelIndex:
         if c < N_VEHICLE and m.fresh[c]:
             _ingest(m, c)
@@ -180,7 +180,7 @@ def _ingest(m: FilterMemory, c: ChannelIndex) -> None:
     if c == ChannelIndex.ALTIMETER_RANGE and math.isnan(m.value[c, 0]):
         m.used[c] = m.stamp[c]  # no echo is an answer too
         return
-    learn_lag(m, c)
+    update_lag(m, c)
     if c in _NEEDS_ATTITUDE and is_unknown(m, Part.TURN, 3):
         return
     if c in _INITIALISING and is_unknown(m, _CORRECTED_BY[c], ROWS[c]):
@@ -206,7 +206,7 @@ def _is_usable(m: FilterMemory, c: ChannelIndex) -> bool:
 def _initialise(m: FilterMemory, c: ChannelIndex) -> None:
     """Take the first reading for the truth, unless it is too old to be. Nothing that was cloned before can be right."""
     age, first, sight = m.now[0] - m.stamp[c], _CORRECTED_BY[c], predict_measurement(m, c)
-    variance = float(m.sigma[c] ** 2) + doubt_since(m, c, sight, age)
+    variance = float(m.sigma[c] ** 2) + process_variance(m, c, sight, age)
     if variance > CONSTANTS.unknown * m.limit[first] ** 2:
         return
     m.owner[:] = _FREE
@@ -214,7 +214,7 @@ def _initialise(m: FilterMemory, c: ChannelIndex) -> None:
     if c == ChannelIndex.ALTIMETER_RANGE:
         _set_floor(m, sight, age)
     else:
-        moved = age * sight.rate[:3] - age * age / 2 * second_of(m, c)
+        moved = age * sight.rate[:3] - age * age / 2 * second_derivative(m, c)
         for i in range(ROWS[c]):
             clear(m, first + i, n, variance)
         if c == ChannelIndex.ATTITUDE:
@@ -224,18 +224,18 @@ def _initialise(m: FilterMemory, c: ChannelIndex) -> None:
     m.used[c] = m.stamp[c]
 
 
-def _set_floor(m: FilterMemory, sight: Sight, age: float) -> None:
+def _set_floor(m: FilterMemory, sight: PredictedMeasurement, age: float) -> None:
     cosine = sight.seen[1]
     if cosine <= CONSTANTS.steep:
         return
     c, i, n = ChannelIndex.ALTIMETER_RANGE, Part.FLOOR, active(m)
-    measured = cosine * m.value[c, 0] + age * sight.rate[0] - age * age / 2 * second_of(m, c)[0]
+    measured = cosine * m.value[c, 0] + age * sight.rate[0] - age * age / 2 * second_derivative(m, c)[0]
     m.x[i - Part.PLACE] = part(m, Part.PLACE)[2] + rotation(m)[2] @ m.beam_at - measured
     row = sight.HP[0] + m.P[i, :n]  # of the height of the altimeter
     own = sight.S[0, 0] + 2.0 * sight.HP[0, i] + m.P[i, i]
     m.P[i, :n] = row
     m.P[:n, i] = row
-    m.P[i, i] = own + (cosine * m.sigma[c]) ** 2 + doubt_since(m, c, sight, age)
+    m.P[i, i] = own + (cosine * m.sigma[c]) ** 2 + process_variance(m, c, sight, age)
     m.echo[0] = m.stamp[c]
 
 
@@ -263,17 +263,17 @@ def _gate(m: FilterMemory, c: ChannelIndex, slot: int, delta: float) -> None:
         _correct(m, c, sight, nu, own)
 
 
-def _sight_of(m: FilterMemory, c: ChannelIndex, slot: int) -> Sight:
+def _sight_of(m: FilterMemory, c: ChannelIndex, slot: int) -> PredictedMeasurement:
     """What c saw at the time of the clone, -1 for now."""
     if slot < 0:
         return predict_measurement(m, c)
     n, at = active(m), MAIN + 3 * slot
     HP = m.P[at : at + ROWS[c], :n].copy()
     S = HP[:, at : at + ROWS[c]]
-    return Sight(seen=m.seen[slot], rate=m.rate[slot], doubt=float(m.doubt[slot]), HP=HP, S=S)
+    return PredictedMeasurement(seen=m.seen[slot], rate=m.rate[slot], doubt=float(m.doubt[slot]), HP=HP, S=S)
 
 
-def _innovation(m: FilterMemory, c: ChannelIndex, sight: Sight, delta: float) -> Array:
+def _innovation(m: FilterMemory, c: ChannelIndex, sight: PredictedMeasurement, delta: float) -> Array:
     """(rows,) measured minus seen, which is carried on by delta [s]."""
     n = ROWS[c]
     if c == ChannelIndex.ATTITUDE:
@@ -284,19 +284,19 @@ def _innovation(m: FilterMemory, c: ChannelIndex, sight: Sight, delta: float) ->
     return np.asarray(measured - sight.seen[:n] - delta * sight.rate[:n])
 
 
-def _noise(m: FilterMemory, c: ChannelIndex, sight: Sight, delta: float) -> float:
+def _noise(m: FilterMemory, c: ChannelIndex, sight: PredictedMeasurement, delta: float) -> float:
     """Variance of every entry of the reading."""
     sigma = m.sigma[c] * (sight.seen[1] if c == ChannelIndex.ALTIMETER_RANGE else 1.0)
     walk = m.drive[ProcessNoise.JERK] ** 2 if c == ChannelIndex.SPECIFIC_FORCE else 0.0
     return float(sigma * sigma + delta * delta * max(0.0, sight.doubt) + abs(delta) * walk)
 
 
-def _squared_innovation(sight: Sight, more: float, nu: Array) -> float:
+def _squared_innovation(sight: PredictedMeasurement, more: float, nu: Array) -> float:
     w = np.linalg.solve(sight.factor(more), nu)
     return float(w @ w)
 
 
-def _is_consistent(m: FilterMemory, c: ChannelIndex, sight: Sight, more: float, nu: Array) -> bool:
+def _is_consistent(m: FilterMemory, c: ChannelIndex, sight: PredictedMeasurement, more: float, nu: Array) -> bool:
     """Whether a reading outside the gate agrees with those before it, for long enough; a nearer floor needs no witness."""
     rows = len(nu)
     known = math.isfinite(m.since[c])
@@ -344,7 +344,7 @@ def _inflate_own(m: FilterMemory, c: ChannelIndex, variance: float) -> None:
     m.P[:n, :n] += variance * G @ G.T
 
 
-def _correct(m: FilterMemory, c: ChannelIndex, sight: Sight, nu: Array, own: float) -> None:
+def _correct(m: FilterMemory, c: ChannelIndex, sight: PredictedMeasurement, nu: Array, own: float) -> None:
     """The Kalman update. Echoes move the floor alone: they are no means to tell where the vehicle is."""
     n, L = active(m), sight.factor(own)
     W, w = np.linalg.solve(L, sight.HP), np.linalg.solve(L, nu)

@@ -108,13 +108,13 @@ static int is_unknown(const double *m, int first, int n) {
 }
 
 /* Variance of a velocity after a tick in which the asked one changed by so much: the faster, the less it follows. */
-static double reply_doubt(const double *m, double change) {
+static double response_variance(const double *m, double change) {
   double drive = m_drive[NOISE_REPLY] * change;
   return m_dt[0] > 0 ? drive * drive / m_dt[0] : 0;
 }
 
 static void change_by(double *m, int i, double change) {
-  X(i)[0] += change, AT(i, i) += reply_doubt(m, change);
+  X(i)[0] += change, AT(i, i) += response_variance(m, change);
 }
 
 static void follow(double *m) {

@@ -4,7 +4,7 @@ typedef struct {
   double seen[4], rate[3], doubt;
   double HP[3][STATES]; /* covariance with all errors */
   double S[3][3];       /* its own */
-} Sight;
+} PredictedMeasurement;
 
 typedef struct { double H[3][MAIN]; } Rows;
 
@@ -22,11 +22,11 @@ static void put_skew(Rows *rows, const double *v) {
   put(rows, PART_TURN, K, 1, 0);
 }
 
-static double doubt_of(const double *m, int first) {
+static double mean_variance(const double *m, int first) {
   return (AT(first, first) + AT(first + 1, first + 1) + AT(first + 2, first + 2)) / 3;
 }
 
-static void see_body(const double *m, int c, Sight *s, Rows *rows) {
+static void see_body(const double *m, int c, PredictedMeasurement *s, Rows *rows) {
   double R[9], v[3], in_B[3], rate[3], turning[3];
   int force = c == CHANNEL_SPECIFIC_FORCE, own = force ? PART_ACCELERATION : PART_SPEED;
   int bias = force ? PART_FORCE_BIAS : PART_DVL_BIAS;
@@ -41,10 +41,10 @@ static void see_body(const double *m, int c, Sight *s, Rows *rows) {
     s->rate[i] = (force ? 0 : rate[i]) - turning[i];
   }
   double size = in_B[0] * in_B[0] + in_B[1] * in_B[1] + in_B[2] * in_B[2];
-  s->doubt = force ? doubt_of(m, PART_SPIN) * size : doubt_of(m, PART_ACCELERATION);
+  s->doubt = force ? mean_variance(m, PART_SPIN) * size : mean_variance(m, PART_ACCELERATION);
 }
 
-static void see_floor(const double *m, Sight *s, Rows *rows) {
+static void see_floor(const double *m, PredictedMeasurement *s, Rows *rows) {
   double R[9], arm[3], tilt[3], *down = R + 6;
   matrix_of(m_turn, R);
   double cosine = 0, altitude = X(PART_PLACE)[2] - X(PART_FLOOR)[0];
@@ -57,19 +57,19 @@ static void see_floor(const double *m, Sight *s, Rows *rows) {
   s->doubt = AT(PART_SPEED + 2, PART_SPEED + 2);
 }
 
-static void see(const double *m, int c, Sight *s, Rows *rows) {
+static void see(const double *m, int c, PredictedMeasurement *s, Rows *rows) {
   switch (c) {
   case CHANNEL_ATTITUDE:
     memcpy(s->seen, m_turn, 4 * sizeof(double)), memcpy(s->rate, X(PART_SPIN), 3 * sizeof(double));
-    s->doubt = doubt_of(m, PART_SPIN), put_one(rows, PART_TURN);
+    s->doubt = mean_variance(m, PART_SPIN), put_one(rows, PART_TURN);
     return;
   case CHANNEL_ANGULAR_VELOCITY:
     for (int i = 0; i < 3; ++i) s->seen[i] = X(PART_SPIN)[i] + X(PART_GYRO_BIAS)[i], s->rate[i] = X(PART_SPIN_UP)[i];
-    s->doubt = doubt_of(m, PART_SPIN_UP), put_one(rows, PART_SPIN), put_one(rows, PART_GYRO_BIAS);
+    s->doubt = mean_variance(m, PART_SPIN_UP), put_one(rows, PART_SPIN), put_one(rows, PART_GYRO_BIAS);
     return;
   case CHANNEL_POSITION:
     memcpy(s->seen, X(PART_PLACE), 3 * sizeof(double)), memcpy(s->rate, X(PART_SPEED), 3 * sizeof(double));
-    s->doubt = doubt_of(m, PART_SPEED), put_one(rows, PART_PLACE);
+    s->doubt = mean_variance(m, PART_SPEED), put_one(rows, PART_PLACE);
     return;
   case CHANNEL_DEPTH:
     s->seen[0] = X(PART_PLACE)[2], s->rate[0] = X(PART_SPEED)[2], rows->H[0][PART_PLACE + 2] = 1;
@@ -81,7 +81,7 @@ static void see(const double *m, int c, Sight *s, Rows *rows) {
 }
 
 /* What channel c sees now. */
-static void look(const double *m, int c, int n, Sight *s) {
+static void look(const double *m, int c, int n, PredictedMeasurement *s) {
   Rows rows;
   memset(&rows, 0, sizeof(rows)), memset(s->seen, 0, sizeof(s->seen)), memset(s->rate, 0, sizeof(s->rate));
   see(m, c, s, &rows);
@@ -102,7 +102,7 @@ static void look(const double *m, int c, int n, Sight *s) {
 }
 
 /* Lower factor of S + more on its diagonal, which bounds the pivots but for rounding. */
-static void factor(const Sight *s, double more, int n, double L[3][3]) {
+static void factor(const PredictedMeasurement *s, double more, int n, double L[3][3]) {
   for (int j = 0; j < n; ++j)
     for (int i = j; i < n; ++i) {
       double sum = s->S[i][j] + (i == j ? more : 0);
@@ -119,7 +119,7 @@ static void divide(double L[3][3], int n, double *x) {
 }
 
 /* What it saw at the time of a clone, -1 for now. */
-static void look_back(const double *m, int c, int slot, int n, Sight *s) {
+static void look_back(const double *m, int c, int slot, int n, PredictedMeasurement *s) {
   if (slot < 0) {
     look(m, c, n, s);
     return;

@@ -71,10 +71,10 @@ def _follow(m: FilterMemory) -> None:
 def _change(m: FilterMemory, which: Part, by: Array) -> None:
     part(m, which)[:] += by
     axes = range(which, which + 3)
-    m.P[axes, axes] += reply_doubt(m, by)
+    m.P[axes, axes] += response_variance(m, by)
 
 
-def reply_doubt(m: FilterMemory, change: Array) -> Array:
+def response_variance(m: FilterMemory, change: Array) -> Array:
     """Variances after a tick in which the asked velocities made a change (n,) [m/s, rad/s]: the faster, the less they follow.
 
     That of an error with the time constant of the response and a standard deviation in proportion to the asked acceleration:
@@ -141,7 +141,7 @@ def _forget_unknown(m: FilterMemory) -> None:
     """What has become less certain than `limit` is not known at all: no growth, and no correlation if a reading can set it."""
     n, no_turn = active(m), not np.isfinite(m.turn).all()
     lost = np.concatenate([np.full(3, no_turn), ~np.isfinite(m.x)])
-    for i in np.flatnonzero(lost | ~are_known(np.diag(m.P)[:MAIN], m.limit**2)):
+    for i in np.flatnonzero(lost | ~are_determined(np.diag(m.P)[:MAIN], m.limit**2)):
         carried = Part.SPEED <= i < Part.FLOOR and not lost[i] and 0.0 < m.P[i, i] < math.inf
         (_limit_to if carried else clear)(m, int(i), n, float(m.limit[i]) ** 2)
         if i >= Part.PLACE and (lost[i] or _FORGOTTEN.start <= i < _FORGOTTEN.stop):
@@ -150,7 +150,7 @@ def _forget_unknown(m: FilterMemory) -> None:
         m.turn[:] = 0.0, 0.0, 0.0, 1.0
 
 
-def are_known(variance: Array, most: Array | float) -> Mask:
+def are_determined(variance: Array, most: Array | float) -> Mask:
     """Whether each variance (n,) [square of a unit] is within `most` (n,) or () [the same]. One below zero rounding has eaten."""
     return np.asarray((variance >= 0.0) & (variance <= most))
 
@@ -176,7 +176,7 @@ def is_unknown(m: FilterMemory, first: int, n: int) -> bool:
     return bool((np.diag(m.P)[entries] > CONSTANTS.unknown * m.limit[entries] ** 2).any())
 
 
-def doubt_velocity(m: FilterMemory, *, rests: bool) -> None:
+def inflate_velocity_variance(m: FilterMemory, *, rests: bool) -> None:
     """Linear velocity and acceleration may be anything that vehicles do. Rare, and so in NumPy for both cores.
 
     rests: they are taken for zero from here on, as what was carried on without readings leads ever farther astray.
@@ -193,7 +193,7 @@ def doubt_velocity(m: FilterMemory, *, rests: bool) -> None:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Sight:
+class PredictedMeasurement:
     """What a channel sees of the estimate, now or at the time of a clone."""
 
     seen: Array
@@ -218,11 +218,13 @@ class Sight:
         return L
 
 
-def predict_measurement(m: FilterMemory, c: ChannelIndex) -> Sight:
+def predict_measurement(m: FilterMemory, c: ChannelIndex) -> PredictedMeasurement:
     """What channel c sees now."""
     seen, H, rate, doubt = _MODELS[c](m)
     HP = H @ m.P[:MAIN, : active(m)]
-    return Sight(seen=np.resize(seen, 4), rate=np.resize(rate, 3), doubt=doubt, HP=HP, S=HP[:, :MAIN] @ H.T)
+    return PredictedMeasurement(
+        seen=np.resize(seen, 4), rate=np.resize(rate, 3), doubt=doubt, HP=HP, S=HP[:, :MAIN] @ H.T
+    )
 
 
 _View = tuple[Array, Array, Array, float]
@@ -235,24 +237,24 @@ def _rows(n: int, *blocks: tuple[int, Array]) -> Array:
     return H
 
 
-def doubt_of(m: FilterMemory, first: int) -> float:
+def mean_variance(m: FilterMemory, first: int) -> float:
     """Mean variance of three entries of the error state."""
     return float((m.P[first, first] + m.P[first + 1, first + 1] + m.P[first + 2, first + 2]) / 3)
 
 
 def _predict_attitude(m: FilterMemory) -> _View:
-    return m.turn.copy(), _rows(3, (Part.TURN, np.eye(3))), part(m, Part.SPIN).copy(), doubt_of(m, Part.SPIN)
+    return m.turn.copy(), _rows(3, (Part.TURN, np.eye(3))), part(m, Part.SPIN).copy(), mean_variance(m, Part.SPIN)
 
 
 def _predict_angular_velocity(m: FilterMemory) -> _View:
     seen = part(m, Part.SPIN) + part(m, Part.GYRO_BIAS)
     H = _rows(3, (Part.SPIN, np.eye(3)), (Part.GYRO_BIAS, np.eye(3)))
-    return seen, H, part(m, Part.SPIN_UP).copy(), doubt_of(m, Part.SPIN_UP)
+    return seen, H, part(m, Part.SPIN_UP).copy(), mean_variance(m, Part.SPIN_UP)
 
 
 def _predict_position(m: FilterMemory) -> _View:
     H = _rows(3, (Part.PLACE, np.eye(3)))
-    return part(m, Part.PLACE).copy(), H, part(m, Part.SPEED).copy(), doubt_of(m, Part.SPEED)
+    return part(m, Part.PLACE).copy(), H, part(m, Part.SPEED).copy(), mean_variance(m, Part.SPEED)
 
 
 def _predict_depth(m: FilterMemory) -> _View:
@@ -265,14 +267,19 @@ def _predict_velocity(m: FilterMemory) -> _View:
     v_B = R.T @ part(m, Part.SPEED)
     rate = R.T @ part(m, Part.ACCELERATION) - np.cross(spin, v_B)
     H = _rows(3, (Part.TURN, pin.skew(v_B)), (Part.SPEED, R.T), (Part.DVL_BIAS, np.eye(3)))
-    return v_B + part(m, Part.DVL_BIAS), H, rate, doubt_of(m, Part.ACCELERATION)
+    return v_B + part(m, Part.DVL_BIAS), H, rate, mean_variance(m, Part.ACCELERATION)
 
 
 def _predict_specific_force(m: FilterMemory) -> _View:
     R, spin = rotation(m), part(m, Part.SPIN)
     force = R.T @ (part(m, Part.ACCELERATION) - m.gravity)
     H = _rows(3, (Part.TURN, pin.skew(force)), (Part.ACCELERATION, R.T), (Part.FORCE_BIAS, np.eye(3)))
-    return force + part(m, Part.FORCE_BIAS), H, -np.cross(spin, force), doubt_of(m, Part.SPIN) * float(force @ force)
+    return (
+        force + part(m, Part.FORCE_BIAS),
+        H,
+        -np.cross(spin, force),
+        mean_variance(m, Part.SPIN) * float(force @ force),
+    )
 
 
 def _predict_altitude(m: FilterMemory) -> _View:
@@ -297,7 +304,7 @@ _MODELS = {
 }
 
 
-def second_of(m: FilterMemory, c: ChannelIndex) -> Array:
+def second_derivative(m: FilterMemory, c: ChannelIndex) -> Array:
     """(3,) second derivative of what a channel that sets a part sees; its first entry alone for one row."""
     if c == ChannelIndex.ATTITUDE:
         return part(m, Part.SPIN_UP).copy()
@@ -305,10 +312,10 @@ def second_of(m: FilterMemory, c: ChannelIndex) -> Array:
     return acceleration.copy() if ROWS[c] == 3 else np.repeat(acceleration[2], 3)
 
 
-def doubt_since(m: FilterMemory, c: ChannelIndex, sight: Sight, age: float) -> float:
+def process_variance(m: FilterMemory, c: ChannelIndex, sight: PredictedMeasurement, age: float) -> float:
     """Variance of the way since a reading of that age [s]."""
     turns = c == ChannelIndex.ATTITUDE
     drive = m.drive[ProcessNoise.ANGULAR_JERK if turns else ProcessNoise.JERK]
-    second = doubt_of(m, Part.SPIN_UP if turns else Part.ACCELERATION)
+    second = mean_variance(m, Part.SPIN_UP if turns else Part.ACCELERATION)
     squared = age * age
     return float(squared * sight.doubt + squared * squared / 4 * second + drive * drive * squared * squared * age / 20)

@@ -116,11 +116,11 @@ def _plain(name: str) -> str:
 
 
 def _documented(layout: type[Layout]) -> str:
-    lines = [f"   {name}: {text}" for name, text in fields_told(layout).items()]
+    lines = [f"   {name}: {text}" for name, text in field_docs(layout).items()]
     return "\n".join([f"/* {layout.__name__}: {inspect.cleandoc(layout.__doc__ or '')}", *lines, "*/"])
 
 
-def fields_told(layout: type[Layout]) -> Mapping[str, str]:
+def field_docs(layout: type[Layout]) -> Mapping[str, str]:
     """What is written under each field of a layout, or under the next one that has something."""
     body = _class_body(layout)
     told, waiting = dict[str, str](), list[str]()

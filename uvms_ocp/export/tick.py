@@ -178,7 +178,7 @@ def _write_force_inputs(f: ForceMemory, m: TickMemory, told: ControllerOutputs) 
     f.brakes = told.brakes
     f.t = m.t
     f.joint_age = m.joint_age
-    f.encoders_known = less.level[_ENCODERS] == Trust.GOOD and less.level[_RATES] == Trust.GOOD
+    f.encoders_trusted = less.level[_ENCODERS] == Trust.GOOD and less.level[_RATES] == Trust.GOOD
 
 
 def _feed_back_actuation(m: TickMemory, f: ForceMemory) -> None:

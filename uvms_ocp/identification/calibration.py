@@ -19,7 +19,7 @@ from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise
 from uvms_ocp.identification.parameters import Quantity, Unknowns
 from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold, split_at_gaps
-from uvms_ocp.identification.rollout import Prepared, Rollout
+from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 from uvms_ocp.identification.sample_checks import QualityIssue
 from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings
 from uvms_ocp.identification.uncertainty import (
@@ -28,13 +28,13 @@ from uvms_ocp.identification.uncertainty import (
     IdentifiedNumber,
     UnidentifiableDirection,
     Whiteness,
-    certainties,
-    left_open,
     numbers,
+    parameter_uncertainties,
+    unidentifiable_directions,
     variance_inflation,
     whiteness,
 )
-from uvms_ocp.identification.validation import LeftOut, Profile, StaticBalance, profiles, static_baseline
+from uvms_ocp.identification.validation import HeldOutRecording, Profile, StaticBalance, profiles, static_baseline
 from uvms_ocp.identification.validation import leave_one_out as left_out
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 
@@ -184,7 +184,7 @@ def _of_thrust(recording: Recording, thrust: Channel, subject: CalibratedRobot) 
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Flown:
+class ExportedEstimate:
     """Of an estimate."""
 
     estimate: Estimate
@@ -197,13 +197,15 @@ class Flown:
         return self.estimate.status is FitStatus.CONVERGED
 
 
-def exported_estimate(fitted: FitContext, together: float) -> Flown:
+def exported_estimate(fitted: FitContext, together: float) -> ExportedEstimate:
     """All that is open is held where the recordings allow it, or else of one quantity after the other.
 
-    together: [-] samples that miss alike, as `correlated` finds.
+    together: [-] samples that miss alike, as `variance_inflation` finds.
     """
     shared, estimate = fitted.vehicle.shared, fitted.estimate
-    is_open = np.array([one.sigma > DETERMINED for one in certainties(fitted.vehicle, estimate, together)], dtype=bool)
+    is_open = np.array(
+        [one.sigma > DETERMINED for one in parameter_uncertainties(fitted.vehicle, estimate, together)], dtype=bool
+    )
     kept, best = np.zeros(len(is_open), dtype=bool), estimate
     if estimate.status is FitStatus.CONVERGED:
         for chosen in _chosen(shared, is_open):
@@ -211,7 +213,7 @@ def exported_estimate(fitted: FitContext, together: float) -> Flown:
             allowed = INTERVAL**2 * together * int((kept | chosen).sum())
             if found is not None and 2.0 * (found.cost - estimate.cost) < allowed:
                 kept, best = kept | chosen, found
-    return Flown(estimate=best, kept=tuple(np.array(shared.names)[kept].tolist()))
+    return ExportedEstimate(estimate=best, kept=tuple(np.array(shared.names)[kept].tolist()))
 
 
 def _chosen(shared: Unknowns, is_open: np.ndarray) -> Iterator[np.ndarray]:
@@ -259,7 +261,7 @@ class Calibration:
 
     subject: CalibratedRobot
     estimate: Estimate
-    flown: Flown
+    flown: ExportedEstimate
     """What the robot's file says of it."""
     numbers: tuple[IdentifiedNumber, ...]
     open: tuple[UnidentifiableDirection, ...]
@@ -272,7 +274,7 @@ class Calibration:
     doubts: tuple[str, ...]
     profiles: tuple[Profile, ...] = ()
     """Of the numbers that are determined, where they were asked for."""
-    left_out: tuple[LeftOut, ...] = ()
+    left_out: tuple[HeldOutRecording, ...] = ()
     """Every recording, predicted by what the others tell, where that was asked for."""
 
 
@@ -294,7 +296,7 @@ def calibrate(
     """
     recordings = split_at_gaps(recordings)
     _require(recordings, leave_one_out)
-    prepared = tuple(Prepared.of(one, subject.vehicle) for one in recordings)
+    prepared = tuple(PreparedRecording.of(one, subject.vehicle) for one in recordings)
     for one in prepared:
         one.stretches(settings.step, settings.stretch)  # or it is too short
         require_current(subject, one.recording)
@@ -310,7 +312,7 @@ def calibrate(
         estimate=fitted.estimate,
         flown=exported_estimate(fitted, together),
         numbers=told,
-        open=left_open(subject.vehicle, fitted.estimate, together),
+        open=unidentifiable_directions(subject.vehicle, fitted.estimate, together),
         together=together,
         whiteness=whiteness(left, fitted.noise),
         comparisons=_comparisons(fitted),
@@ -337,7 +339,9 @@ def _require(recordings: Sequence[Recording], leave_one_out: bool) -> None:
         raise InvalidInput(f"recordings {names} given; leave-one-out needs at least 2")
 
 
-def _fitted(subject: CalibratedRobot, settings: CalibrationSettings, prepared: tuple[Prepared, ...]) -> FitContext:
+def _fitted(
+    subject: CalibratedRobot, settings: CalibrationSettings, prepared: tuple[PreparedRecording, ...]
+) -> FitContext:
     vehicle, noise = subject.vehicle, Noise(**settings.noise.model_dump())
     rollout = Rollout(stage_of(vehicle))
     search = Search(step=settings.step, stretch=settings.stretch)
@@ -356,7 +360,7 @@ def _comparisons(fitted: FitContext) -> tuple[Comparison, ...]:
     return tuple(_comparison(fitted, balance, one) for one in fitted.prepared)
 
 
-def _comparison(fitted: FitContext, balance: StaticBalance, one: Prepared) -> Comparison:
+def _comparison(fitted: FitContext, balance: StaticBalance, one: PreparedRecording) -> Comparison:
     (whole,) = one.stretches(fitted.search.step)
     after, before = fitted.predictor(), fitted.predictor(fitted.vehicle.shared.start)
     left = fitted.left(one.recording.name)

@@ -28,6 +28,8 @@ from uvms_ocp.identification.sample_checks import (
     WAYS,
     WINDOW,
     correlation,
+    describe_delay,
+    describe_factor,
     explained,
     has_times,
     named,
@@ -36,8 +38,6 @@ from uvms_ocp.identification.sample_checks import (
     of_samples,
     of_stuck,
     offset,
-    told_factor,
-    told_late,
 )
 from uvms_ocp.identification.sample_checks import QualityIssue as QualityIssue
 
@@ -75,7 +75,7 @@ def _references(recording: Recording) -> Iterator[tuple[str, _Reference]]:
         t, omega = angular_rate(channels["attitude"], WINDOW)
         yield "angular_velocity", _Reference(t[_INSIDE], omega[_INSIDE])
     if "linear_velocity" in channels and "position" in channels:
-        t, rate = smoothed(channels["position"].known_t, channels["position"].values, WINDOW, derivative=1)
+        t, rate = smoothed(channels["position"].undelayed_t, channels["position"].values, WINDOW, derivative=1)
         t, rate = t[_INSIDE], rate[_INSIDE]
         R = rotations(channels["attitude"], t)
         yield "linear_velocity", _Reference(t, np.einsum("nji,nj->ni", R, rate), rate, R)
@@ -85,11 +85,11 @@ def _rate_issues(recording: Recording, name: str, reference: _Reference) -> Iter
     measured, partner = recording.channels[name], _PARTNER[name]
     if np.ptp(measured.values, axis=0).max() < DEAD or reference.body.std(axis=0).max() < MOVES[name]:
         return
-    t, values = smoothed(measured.known_t, measured.values, WINDOW)
+    t, values = smoothed(measured.undelayed_t, measured.values, WINDOW)
     late, steady = offset(reference.t, reference.body, t, values)
     seen = np.column_stack([np.interp(reference.t + late, t, column) for column in values.T])
     jump = "its clock and that of the {} differ at the end by another time than at the beginning: a jump?"
-    told = [told_late(late) if steady else jump, told_factor(reference.body, seen)]
+    told = [describe_delay(late) if steady else jump, describe_factor(reference.body, seen)]
     yield from ((name, text.format(partner)) for text in told if text)
     factor = float(np.linalg.norm(seen) / np.linalg.norm(reference.body))
     yield from _rate_axes(reference, seen / factor, name)
@@ -138,14 +138,14 @@ def of_joints(recording: Recording) -> Iterator[tuple[str, str]]:
     if positions.values.shape[1] != velocities.values.shape[1]:
         yield _NAMES[1], f"{velocities.values.shape[1]} of them, and {positions.values.shape[1]} positions"
         return
-    t, rate = smoothed(positions.known_t, positions.values, WINDOW, derivative=1)
-    t_seen, seen = smoothed(velocities.known_t, velocities.values, WINDOW)
+    t, rate = smoothed(positions.undelayed_t, positions.values, WINDOW, derivative=1)
+    t_seen, seen = smoothed(velocities.undelayed_t, velocities.values, WINDOW)
     yield from _dead(rate, seen, np.ptp(positions.values, axis=0), np.ptp(velocities.values, axis=0))
     if rate.std(axis=0).max() < _MOVING_JOINT or seen.std(axis=0).max() < DEAD:
         return
     late, _ = offset(t, rate, t_seen, seen)
     shifted = np.column_stack([np.interp(t + late, t_seen, column) for column in seen.T])
-    told = [told_late(late), told_factor(rate, shifted)]
+    told = [describe_delay(late), describe_factor(rate, shifted)]
     yield from ((_NAMES[1], text.format("positions")) for text in told if text)
     yield from _columns(rate, shifted)
 
@@ -202,7 +202,7 @@ def motion_of(recording: Recording) -> ExplainedMotion | None:
     channels = recording.channels
     if "attitude" not in channels or "linear_velocity" not in channels:
         return None
-    t, _ = smoothed(channels["attitude"].known_t, channels["attitude"].values, WINDOW)
+    t, _ = smoothed(channels["attitude"].undelayed_t, channels["attitude"].values, WINDOW)
     start, end = recording.span
     t = t[(t > start - SHIFTS[0]) & (t < end - SHIFTS[-1])]
     if len(t) < _LEAST:
@@ -221,8 +221,8 @@ def motion_of(recording: Recording) -> ExplainedMotion | None:
 
 def _at(t: np.ndarray, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
     """Values and rates (m, k) at t (m,)."""
-    grid, values = smoothed(channel.known_t, channel.values, WINDOW)
-    _, rates = smoothed(channel.known_t, channel.values, WINDOW, derivative=1)
+    grid, values = smoothed(channel.undelayed_t, channel.values, WINDOW)
+    _, rates = smoothed(channel.undelayed_t, channel.values, WINDOW, derivative=1)
     return _interpolated(t, grid, values), _interpolated(t, grid, rates)
 
 
@@ -324,7 +324,7 @@ def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
     """Everything that is doubtful about a recording."""
     sound = {name: one for name, one in recording.channels.items() if CHANNEL_KINDS[name].command or has_times(one)}
     others = replace(recording, channels=sound)
-    found = [*recording.known_doubts, *of_samples(recording)]
+    found = [*recording.issues_in_file, *of_samples(recording)]
     found += [
         each for kind in (of_poses, of_rates, of_joints, of_gravity, of_stuck, of_commands) for each in kind(others)
     ]

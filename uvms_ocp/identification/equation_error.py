@@ -18,7 +18,7 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification.model import PAST, PAST_STEP, Vehicle, stage_of
 from uvms_ocp.identification.parameters import AXES
 from uvms_ocp.identification.recording import smoothed
-from uvms_ocp.identification.rollout import Prepared
+from uvms_ocp.identification.rollout import PreparedRecording
 from uvms_ocp.robot.spatial import skew
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics, WaterCoefficients
 from uvms_ocp.robot.symbolic_model import function
@@ -129,7 +129,7 @@ class LinearFit:
 
 
 def fit_equation_error(
-    vehicle: Vehicle, recordings: Sequence[Prepared], names: Sequence[str], window: float = 0.6
+    vehicle: Vehicle, recordings: Sequence[PreparedRecording], names: Sequence[str], window: float = 0.6
 ) -> LinearFit:
     """Fit the named parameters of the regressor to recordings of a vehicle without joints; window [s].
 
@@ -148,25 +148,27 @@ def fit_equation_error(
     return _solved(tuple(names), Y[:, :, columns], tau - Y[:, :, others] @ regressor.phi[others])
 
 
-def _rows(vehicle: Vehicle, regressor: Regressor, one: Prepared, window: float) -> tuple[np.ndarray, np.ndarray]:
+def _rows(
+    vehicle: Vehicle, regressor: Regressor, one: PreparedRecording, window: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Regressors (m, 6, n) and wrenches (m, 6) where everything is known."""
     attitude = one.recording.channel("attitude")
     t, v, a = _motion(one, window)
-    turn = np.array([np.interp(t, attitude.known_t, column) for column in attitude.values.T])
+    turn = np.array([np.interp(t, attitude.undelayed_t, column) for column in attitude.values.T])
     q = np.vstack([np.zeros((3, len(t))), turn / np.linalg.norm(turn, axis=0)])
     still = np.zeros((3, len(vehicle.dynamics.links) * len(t)))
     many = np.asarray(regressor.matrix.map(len(t))(q, v.T, a.T, still, still))
     return many.reshape(6, len(t), -1).transpose(1, 0, 2), _wrench(vehicle, one, t)
 
 
-def _motion(one: Prepared, window: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _motion(one: PreparedRecording, window: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times (m,), velocities and accelerations (m, 6) in B."""
     channels = one.recording.channel("linear_velocity"), one.rate
     begin, end = one.recording.span
     found = []
     for channel in channels:
-        t, values = smoothed(channel.known_t, channel.values, window)
-        found.append((t, values, smoothed(channel.known_t, channel.values, window, derivative=1)[1]))
+        t, values = smoothed(channel.undelayed_t, channel.values, window)
+        found.append((t, values, smoothed(channel.undelayed_t, channel.values, window, derivative=1)[1]))
     times = found[0][0][::_EVERY]
     times = times[(times > begin + window) & (times < end - window) & (times < found[1][0][-1])]
     v, a = (
@@ -175,7 +177,7 @@ def _motion(one: Prepared, window: float) -> tuple[np.ndarray, np.ndarray, np.nd
     return times, v, a
 
 
-def _wrench(vehicle: Vehicle, one: Prepared, t: np.ndarray) -> np.ndarray:
+def _wrench(vehicle: Vehicle, one: PreparedRecording, t: np.ndarray) -> np.ndarray:
     stage, p = stage_of(vehicle), np.concatenate([vehicle.shared.start, vehicle.own.start])
     values = vehicle.values(ca.SX(ca.DM(p)))
     late = float(np.asarray(stage.delays(p)[0])[0, 0])

@@ -151,7 +151,7 @@ _AT_REST = np.array([0.0, 0, 0, 0, 0, 0, 1])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Course:
+class ExperimentTrajectory:
     """From rest, in steps of one length."""
 
     x: np.ndarray
@@ -172,7 +172,7 @@ class Course:
     """(n + 1, 9, n_p) [any] how what is seen changes with the unknowns."""
 
 
-class Courses:
+class TrajectorySimulator:
     """Of one vehicle with unknowns p (n_p,) [as `Unknowns.start`], in steps h [s], with joints (3 n_j,) [as `Stage`]."""
 
     def __init__(self, rollout: Rollout, p: np.ndarray, h: float, joints: np.ndarray) -> None:
@@ -188,7 +188,7 @@ class Courses:
         (after,) = self._outputs(("step", len(u)), whole, x, *self._given(u))
         return np.vstack([x, after.T])
 
-    def of(self, u: np.ndarray, late: np.ndarray) -> Course:
+    def of(self, u: np.ndarray, late: np.ndarray) -> ExperimentTrajectory:
         """Simulate commands u (n, n_u) [N, N m] as they act, which change with the delay by late (n, n_u) [N/s, N m/s]."""
         x, stage = self.states(u), self._stage
         A, B, C = self._mapped("slope", self._rollout.slope, x[:-1].T, *self._given(u))
@@ -197,9 +197,9 @@ class Courses:
         y, y_x, y_p = self._mapped("seen", stage.seen, x.T, self._p)
         J = y_x @ S + y_p
         J[1:, :3] -= np.diff(y[:, :3], axis=0) / self.h * self._seen_late
-        return Course(x=x, u=u, late=late, y=y[:, :, 0], slopes=(A, B, C), S=S, y_x=y_x, J=J)
+        return ExperimentTrajectory(x=x, u=u, late=late, y=y[:, :, 0], slopes=(A, B, C), S=S, y_x=y_x, J=J)
 
-    def pulled(self, one: Course, M: np.ndarray, with_x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def pulled(self, one: ExperimentTrajectory, M: np.ndarray, with_x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How a figure [-] changes with u and late (n, n_u) [1/N, 1/(N m), and s times these].
 
         M: (n + 1, 9, n_p) [1 / unit of J] is how it changes with J, with_x: (n + 1, n_x) [1 / unit of x] with x itself.
@@ -214,11 +214,11 @@ class Courses:
         adjoint = _backward(A, own[:, :, None])[1:, :, 0]
         return bent_u + np.einsum("kij,ki->kj", C, adjoint), np.einsum("kij,ki->kj", C, late)
 
-    def _bent(self, one: Course, weights: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray]:
+    def _bent(self, one: ExperimentTrajectory, weights: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray]:
         found = self._mapped("bent", self._functions[0], one.x[:-1].T, *self._given(one.u), *_wide(weights))
         return found[0][:, :, 0], found[1][:, :, 0]
 
-    def _bent_seen(self, one: Course, M: np.ndarray) -> np.ndarray:
+    def _bent_seen(self, one: ExperimentTrajectory, M: np.ndarray) -> np.ndarray:
         """With x (n + 1, n_x), by what is seen."""
         weights = M @ np.swapaxes(one.S, 1, 2), M
         (found,) = self._mapped("bent seen", self._functions[1], one.x.T, self._p, *_wide(weights))
@@ -288,7 +288,7 @@ _SHARP = (
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Aim:
+class InformationCriterion:
     """What is to be learnt."""
 
     slopes: np.ndarray
@@ -304,12 +304,12 @@ class Aim:
         sigma = np.repeat([self.noise.velocity, self.noise.rate, self.noise.vertical], 3)
         return self.rate * h / sigma**2
 
-    def information(self, one: Course, h: float) -> np.ndarray:
+    def information(self, one: ExperimentTrajectory, h: float) -> np.ndarray:
         """(n_p, n_p) [1 / unknowns^2] of a course alone, in steps h [s]."""
         J = (one.J * np.sqrt(self.weights(h))[:, None]).reshape(-1, one.J.shape[-1])
         return np.asarray(J.T @ J)
 
-    def figure(self, one: Course, h: float, wanted: np.ndarray) -> tuple[float, np.ndarray]:
+    def figure(self, one: ExperimentTrajectory, h: float, wanted: np.ndarray) -> tuple[float, np.ndarray]:
         """[-] Logarithm of the numbers' standard errors over those wanted (m,) [units of numbers], those farthest off first.
 
         With its slope with J (n + 1, 9, n_p); steps h [s].

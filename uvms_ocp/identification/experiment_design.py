@@ -14,7 +14,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from uvms_ocp.errors import AdvisedStatus, InvalidInput, NameNotFound
-from uvms_ocp.identification.experiment import Aim, Courses, ExperimentLimits, KnotCommands, edges_of, multisine
+from uvms_ocp.identification.experiment import (
+    ExperimentLimits,
+    InformationCriterion,
+    KnotCommands,
+    TrajectorySimulator,
+    edges_of,
+    multisine,
+)
 from uvms_ocp.identification.model import N_Q, N_V, Vehicle
 from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.recording import Channel, ZeroOrderHold
@@ -28,7 +35,7 @@ _SHORTEST, _LONGEST = 1.0, 1800.0  # [s]: maps from knots to commands grow with 
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Assignment:
+class ExperimentTask:
     """One. Raises InvalidInput for limits of other actuators, and too little time or too much."""
 
     vehicle: Vehicle
@@ -71,13 +78,13 @@ class Assignment:
         """Places of the m numbers that matter, as `numbers` has them. Raises NameNotFound for one that there is not."""
         return _chosen(slopes_of(self.vehicle, self.vehicle.shared.start)[0], self.matter)
 
-    def aim(self) -> Aim:
+    def aim(self) -> InformationCriterion:
         """Raises NameNotFound for a number that does not depend on the unknowns."""
         names, slopes = slopes_of(self.vehicle, self.vehicle.shared.start)
         chosen = slopes[_chosen(names, self.matter)]
         priors = np.concatenate([self.vehicle.shared.sigma, self.vehicle.own.sigma])
         known = np.zeros((len(priors),) * 2) if self.known is None else self.known
-        return Aim(
+        return InformationCriterion(
             slopes=np.hstack([chosen, np.zeros((len(chosen), len(self.vehicle.own.start)))]),
             known=known + np.diag(1.0 / priors**2),
             noise=self.noise,
@@ -126,10 +133,10 @@ class Excitation:
     status: DesignStatus
 
 
-def excitation_of(given: Assignment, rollout: Rollout, commands: Channel) -> Excitation:
+def excitation_of(given: ExperimentTask, rollout: Rollout, commands: Channel) -> Excitation:
     """What other commands, held for equal steps, would tell."""
     step = float(commands.t[1] - commands.t[0])
-    courses, held = Courses(rollout, given.unknowns, step, given.still), ZeroOrderHold(commands)
+    courses, held = TrajectorySimulator(rollout, given.unknowns, step, given.still), ZeroOrderHold(commands)
     edges = commands.t[0] + edges_of(len(commands.t), step, courses.delay)
     aim = given.aim()
     information = aim.information(courses.of(held.mean(edges), -held.mean_slope(edges)), step)
@@ -145,10 +152,10 @@ def excitation_of(given: Assignment, rollout: Rollout, commands: Channel) -> Exc
     )
 
 
-def simulate_commands(given: Assignment, rollout: Rollout, commands: Channel, p: np.ndarray) -> np.ndarray:
+def simulate_commands(given: ExperimentTask, rollout: Rollout, commands: Channel, p: np.ndarray) -> np.ndarray:
     """States (k, n_x) [as `Stage`] to which commands lead a vehicle with unknowns p (n_p,) [as `Unknowns.start`]."""
     step = float(commands.t[1] - commands.t[0]) / FINER
-    courses = Courses(rollout, p, step, given.still)
+    courses = TrajectorySimulator(rollout, p, step, given.still)
     edges = commands.t[0] + edges_of(FINER * len(commands.t), step, courses.delay)
     return courses.states(ZeroOrderHold(commands).mean(edges))
 
@@ -158,7 +165,7 @@ def simulate_commands(given: Assignment, rollout: Rollout, commands: Channel, p:
 _AHEAD = 1.0  # [s] that the spring looks ahead
 
 
-def kept_inside(given: Assignment, rollout: Rollout, wanted: np.ndarray, step: float) -> np.ndarray:
+def keep_inside_pool(given: ExperimentTask, rollout: Rollout, wanted: np.ndarray, step: float) -> np.ndarray:
     """(n, n_u) [N, N m] within thrust and slew; wanted: (n, 6) [-] of what each axis can get alone, held for a step [s].
 
     At a wall the spring balances all that an axis can get; the vehicle is as it is believed to be.
@@ -222,12 +229,12 @@ BY_HAND: dict[str, Callable[[np.ndarray, np.random.Generator], np.ndarray]] = {
 }
 
 
-def largest(given: Assignment, rollout: Rollout, name: str, seed: int = 0) -> Excitation:
+def largest(given: ExperimentTask, rollout: Rollout, name: str, seed: int = 0) -> Excitation:
     """One of these, as large as it may be."""
     t = STEP * np.arange(round(given.duration / STEP))
     wanted = BY_HAND[name](t, np.random.default_rng(seed))
     for share in _AMPLITUDES:
-        told = kept_inside(given, rollout, share * wanted, STEP)
+        told = keep_inside_pool(given, rollout, share * wanted, STEP)
         found = excitation_of(given, rollout, Channel(t=t, values=told))
         if found.status is DesignStatus.INSIDE:
             break
@@ -240,7 +247,7 @@ HALF = 0.5
 """[-] of the smallest standard error by hand, which is wanted."""
 
 
-def target_deviations(given: Assignment, rollout: Rollout) -> np.ndarray:
+def target_deviations(given: ExperimentTask, rollout: Rollout) -> np.ndarray:
     """(m,) [units of numbers] standard errors of those that matter.
 
     Recordings can only add to what is believed: it is their own information that is to be more. Where those by hand say less
@@ -263,10 +270,10 @@ def target_deviations(given: Assignment, rollout: Rollout) -> np.ndarray:
 class Objective:
     """Of knots (n_knots, n_u) [N, N m]."""
 
-    aim: Aim
+    aim: InformationCriterion
     limits: ExperimentLimits
     history: KnotCommands
-    courses: Courses
+    courses: TrajectorySimulator
     wanted: np.ndarray
     """(m,) [units of numbers] standard errors that those of the aim are compared with."""
     off: np.ndarray = field(default_factory=lambda: np.zeros(1))
@@ -341,7 +348,7 @@ class DesignSettings:
     seed: int = 0
 
 
-def design_experiment(given: Assignment, rollout: Rollout, effort: DesignSettings | None = None) -> Excitation:
+def design_experiment(given: ExperimentTask, rollout: Rollout, effort: DesignSettings | None = None) -> Excitation:
     """Search. rollout: of the vehicle's stage. Raises NameNotFound for a number that there is not."""
     search = _Search.of(given, rollout, effort or DesignSettings())
     knots = search.begun()
@@ -358,14 +365,14 @@ def design_experiment(given: Assignment, rollout: Rollout, effort: DesignSetting
 class _Search:
     """For knots (n_knots, n_u) [N, N m]."""
 
-    given: Assignment
+    given: ExperimentTask
     rollout: Rollout
     effort: DesignSettings
     objective: Objective
 
     @staticmethod
-    def of(given: Assignment, rollout: Rollout, effort: DesignSettings) -> _Search:
-        aim, courses = given.aim(), Courses(rollout, given.unknowns, effort.step, given.still)
+    def of(given: ExperimentTask, rollout: Rollout, effort: DesignSettings) -> _Search:
+        aim, courses = given.aim(), TrajectorySimulator(rollout, given.unknowns, effort.step, given.still)
         history = KnotCommands.of(given.duration, effort.knots, effort.step, courses.delay)
         objective = Objective(aim, given.limits, history, courses, target_deviations(given, rollout))
         return _Search(given=given, rollout=rollout, effort=effort, objective=objective)
@@ -376,7 +383,7 @@ class _Search:
         found = []
         for share in _START_AMPLITUDES * self.effort.starts:
             sines = multisine(rng, history.told.shape[0], 6, given.duration * self.effort.fastest)
-            flown = kept_inside(given, self.rollout, share * sines, self.effort.step)
+            flown = keep_inside_pool(given, self.rollout, share * sines, self.effort.step)
             found.append(np.clip(history.nearest(flown), *given.limits.thrust.T))
         return min(found, key=lambda knots: self.objective.value(knots, _PRICES[0])[0])
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uvms_ocp.identification.model import Vehicle
-from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise, OutputErrorProblem, Pull
-from uvms_ocp.identification.rollout import Prepared, Rollout, Segment, SegmentStart
+from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise, OutputErrorProblem, ProfilePenalty
+from uvms_ocp.identification.rollout import PreparedRecording, Rollout, Segment, SegmentStart
 
 # What a vehicle predicts of a recording from its commands alone, once it is known how the vehicle moved at the beginning.
 
@@ -85,7 +85,7 @@ class Predictor:
         own = found.own[stretch.recording] if self.own else self.vehicle.own.start
         return rolled_out(self.rollout, stretch, found.starts[0], self.shared, own)
 
-    def over(self, prepared: Prepared, step: float, horizon: float) -> Predicted:
+    def over(self, prepared: PreparedRecording, step: float, horizon: float) -> Predicted:
         """Predict a recording horizon by horizon [s], in steps of `step` [s], each from what was known before it."""
         windows = prepared.windows(step, self.known, horizon)
         return Predicted.joined([self.of(one).after(float(one.edges[0]) + self.known) for one in windows])
@@ -121,7 +121,11 @@ class Search:
 
 
 def search_fit(
-    vehicle: Vehicle, recordings: Sequence[Prepared], noise: Noise, rollout: Rollout, search: Search | None = None
+    vehicle: Vehicle,
+    recordings: Sequence[PreparedRecording],
+    noise: Noise,
+    rollout: Rollout,
+    search: Search | None = None,
 ) -> Estimate:
     """The unknowns that explain the recordings best, from where the declaration has them."""
     chosen = search or Search()
@@ -130,10 +134,10 @@ def search_fit(
     for step in (min(_COARSE * chosen.step, _ROUGH_STEP), chosen.step):
         error = _error(vehicle, recordings, noise, rollout, step, chosen.stretch)
         near = error.solve(error.start(near.shared), iterations=chosen.iterations)
-    return gone_on(error, near, chosen.iterations)
+    return resumed_search(error, near, chosen.iterations)
 
 
-def gone_on(error: OutputErrorProblem, found: Estimate, iterations: int) -> Estimate:
+def resumed_search(error: OutputErrorProblem, found: Estimate, iterations: int) -> Estimate:
     """From where a search has reached its limit, in rounds of iterations, until it converges or no step is left."""
     for _ in range(_ROUNDS - 1):
         if found.status is not FitStatus.ITERATION_LIMIT:
@@ -149,7 +153,12 @@ def _rough(noise: Noise) -> Noise:
 
 
 def _error(
-    vehicle: Vehicle, recordings: Sequence[Prepared], noise: Noise, rollout: Rollout, step: float, stretch: float
+    vehicle: Vehicle,
+    recordings: Sequence[PreparedRecording],
+    noise: Noise,
+    rollout: Rollout,
+    step: float,
+    stretch: float,
 ) -> OutputErrorProblem:
     parts = [part for one in recordings for part in one.stretches(step, stretch)]
     return OutputErrorProblem(vehicle, parts, noise, rollout)
@@ -164,7 +173,7 @@ class FitContext:
 
     vehicle: Vehicle
     rollout: Rollout
-    prepared: tuple[Prepared, ...]
+    prepared: tuple[PreparedRecording, ...]
     noise: Noise
     search: Search
     """By which recordings are cut into stretches."""
@@ -193,14 +202,14 @@ class FitContext:
         chosen = self.estimate.shared if shared is None else shared
         return Predictor(vehicle=self.vehicle, rollout=self.rollout, shared=chosen, noise=self.noise)
 
-    def problem(self, pull: Pull | None = None) -> OutputErrorProblem:
+    def problem(self, pull: ProfilePenalty | None = None) -> OutputErrorProblem:
         """What the estimate solves, with a number drawn to a value besides."""
         return OutputErrorProblem(self.vehicle, self.stretches, self.noise, self.rollout, pull)
 
     def widened(self, together: float) -> FitContext:
         """The problem whose information intervals are taken from: the same optimum, where samples tell less.
 
-        together: [-] samples that miss alike, as `correlated` finds. The cost of what is seen is divided by it. Priors are
+        together: [-] samples that miss alike, as `variance_inflation` finds. The cost of what is seen is divided by it. Priors are
         not; they are moved, so that they draw as little as the recordings do and the estimate stays where it is.
         """
         seen = ("velocity", "rate", "vertical", "process", "start")

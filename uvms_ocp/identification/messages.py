@@ -23,7 +23,7 @@ import numpy as np
 from uvms_ocp.errors import InvalidInput, NameNotFound, NotInstalled, UvmsError
 from uvms_ocp.identification.tables import MOST_ROWS
 from uvms_ocp.record.mcap import mcap_messages, mcap_topics, require_mcap
-from uvms_ocp.record.untrusted import read_yaml, require_regular
+from uvms_ocp.record.untrusted import read_yaml, require_regular_file
 
 # What the library of the extra ``uvms-ocp[rosbags]`` knows: bags of ROS 2 in SQLite, and what messages of ROS 2 mean.
 
@@ -149,7 +149,7 @@ def _topics(path: Path) -> Iterator[str]:
 def _mcap_files(path: Path) -> list[Path] | None:
     """Those that hold the messages; none of a folder whose storage is another."""
     if not path.is_dir():
-        require_regular(path)
+        require_regular_file(path)
         return [path]
     about: Any = read_yaml(path / METADATA)
     told = about["rosbag2_bagfile_information"]
@@ -158,7 +158,7 @@ def _mcap_files(path: Path) -> list[Path] | None:
         raise InvalidInput(f"{path}: packed by {packed}; unpack it by `ros2 bag convert`")
     files = [path / PurePath(name).name for name in told["relative_file_paths"]]
     for file in files:
-        require_regular(file)
+        require_regular_file(file)
     return files if told["storage_identifier"] == _MCAP[1:] else None
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from uvms_ocp.errors import AdvisedStatus
 from uvms_ocp.identification.model import N_Q, N_V, Vehicle
-from uvms_ocp.identification.rollout import N_START, Rollout, Seen, Segment, SegmentStart, turn_slope
+from uvms_ocp.identification.rollout import N_START, PredictedOutputs, Rollout, Segment, SegmentStart, turn_slope
 from uvms_ocp.robot.spatial import quaternion_conjugate, quaternion_log, quaternion_multiply
 
 # What a residual costs: half its square near zero, and linearly more far away, where outliers are (pseudo-Huber's loss).
@@ -90,7 +90,7 @@ def difference(of: SegmentStart, to: SegmentStart) -> np.ndarray:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Pull:
+class ProfilePenalty:
     """Of one number."""
 
     number: Callable[[np.ndarray], tuple[float, np.ndarray]]
@@ -180,7 +180,12 @@ class OutputErrorProblem:
     """A problem: a vehicle, stretches of recordings and noise. Stretches of a recording follow each other."""
 
     def __init__(
-        self, vehicle: Vehicle, stretches: Sequence[Segment], noise: Noise, rollout: Rollout, pull: Pull | None = None
+        self,
+        vehicle: Vehicle,
+        stretches: Sequence[Segment],
+        noise: Noise,
+        rollout: Rollout,
+        pull: ProfilePenalty | None = None,
     ) -> None:
         self._vehicle, self._noise, self._rollout, self._pull = vehicle, noise, rollout, pull
         self._recordings = [tuple(group) for _, group in groupby(stretches, key=lambda one: one.recording)]
@@ -319,14 +324,14 @@ class OutputErrorProblem:
         with np.errstate(all="ignore"):
             return [self._block(k, point, seen) for k, seen in enumerate(self._all_seen(point, slopes=True))]
 
-    def _all_seen(self, point: SearchPoint, *, slopes: bool) -> list[list[Seen]]:
+    def _all_seen(self, point: SearchPoint, *, slopes: bool) -> list[list[PredictedOutputs]]:
         """By recording; stretches that have equally many steps are simulated together."""
         flat = [
             (k, stretch, start)
             for k, group in enumerate(self._recordings)
             for stretch, start in zip(group, point.starts[k], strict=True)
         ]
-        found: dict[int, Seen] = {}
+        found: dict[int, PredictedOutputs] = {}
         for n in {len(stretch.edges) for _, stretch, _ in flat}:
             chosen = [i for i, (_, stretch, _) in enumerate(flat) if len(stretch.edges) == n]
             p = np.array([np.concatenate([point.shared, point.own[flat[i][0]]]) for i in chosen])
@@ -334,11 +339,11 @@ class OutputErrorProblem:
             found |= dict(zip(chosen, self._rollout.seen(*parts, p, slopes=slopes), strict=True))
         return [[found[i] for i, (k, _, _) in enumerate(flat) if k == group] for group in range(len(self._recordings))]
 
-    def _cost(self, k: int, point: SearchPoint, seen: list[Seen]) -> float:
+    def _cost(self, k: int, point: SearchPoint, seen: list[PredictedOutputs]) -> float:
         squares = sum(loss(r, self._noise.outliers) for rows in self._residuals(k, seen) for r in rows)
         return float(squares + self._beginnings(k, point)[1] + sum(d @ d for d, _ in self._gaps(k, point, seen)) / 2)
 
-    def _residuals(self, k: int, seen: list[Seen]) -> list[list[np.ndarray]]:
+    def _residuals(self, k: int, seen: list[PredictedOutputs]) -> list[list[np.ndarray]]:
         pairs = zip(self._recordings[k], seen, strict=True)
         return [[(one.rows[j] - stretch.seen[j]) / self._sigma[j] for j in range(3)] for stretch, one in pairs]
 
@@ -349,7 +354,7 @@ class OutputErrorProblem:
         own = (point.own[k] - self._vehicle.own.start) / self._vehicle.own.sigma
         return far, float(sum(one @ one for one in far) + own @ own) / 2
 
-    def _gaps(self, k: int, point: SearchPoint, seen: list[Seen]) -> list[tuple[np.ndarray, np.ndarray]]:
+    def _gaps(self, k: int, point: SearchPoint, seen: list[PredictedOutputs]) -> list[tuple[np.ndarray, np.ndarray]]:
         """Between the ends of stretches and the next ones, weighted, with their slopes with end states (9, n_x)."""
         found = []
         for one, after in zip(seen[:-1], point.starts[k][1:], strict=True):
@@ -360,7 +365,7 @@ class OutputErrorProblem:
             found.append((difference(after, end) / self._noise.process, slope / self._noise.process))
         return found
 
-    def _block(self, k: int, point: SearchPoint, seen: list[Seen]) -> NormalEquations:
+    def _block(self, k: int, point: SearchPoint, seen: list[PredictedOutputs]) -> NormalEquations:
         n, m, count = self._n, self._m, len(seen)
         size = n + m + N_START * count
         H, g = np.zeros((size, size)), np.zeros(size)

@@ -49,7 +49,7 @@ from uvms_ocp.robot.spatial import matrix_to_quaternion, quaternion_to_matrix, r
 # When messages were sent that arrived late, in bursts or with gaps.
 
 
-def evenly_sent(arrived: np.ndarray, period: float) -> np.ndarray:
+def even_send_times(arrived: np.ndarray, period: float) -> np.ndarray:
     """Times (n,) [s] at which messages were sent every `period` [s], from when they arrived (n,) [s].
 
     A message was sent no later than it arrived, and at least a period before the next one: of all these bounds the least. Where
@@ -152,7 +152,7 @@ def mapped_recording(source: Path, mapping: RecordingMapping, name: str = "") ->
     return Recording(
         name=name,
         channels={key: replace(one, t=one.t - start) for key, one in found.items()},
-        known_doubts=tuple(doubt for key, one in mapping.channels.items() for doubt in _unknown(key, one, rows[key])),
+        issues_in_file=tuple(doubt for key, one in mapping.channels.items() for doubt in _unknown(key, one, rows[key])),
     )
 
 
@@ -211,7 +211,7 @@ def _samples(key: str, one: ChannelMapping, rows: np.ndarray) -> Channel:
     if len(rows) < 2:
         raise InvalidInput(f"fewer than two samples of {key}; leave the channel out")
     given = rows[:, 0]
-    t, first = np.unique(given if one.sent_every is None else evenly_sent(given, one.sent_every), return_index=True)
+    t, first = np.unique(given if one.sent_every is None else even_send_times(given, one.sent_every), return_index=True)
     return Channel(
         t=t,
         values=_converted(key, one, rows[first, 1:]),
@@ -268,11 +268,11 @@ def run_recording(record: Record, name: str) -> Recording:
         channels[key] = _from_nothing(_channel(record["t"], values), meta.dt)
     named = {"joint_positions": meta.joints, "joint_velocities": meta.joints, "thrust": meta.thrusters}
     channels = {key: _with_names(one, named.get(key, ())) for key, one in channels.items()}
-    return Recording(name=name, channels=channels, known_doubts=tuple(_spoiled(record)), at_once=True)
+    return Recording(name=name, channels=channels, issues_in_file=tuple(_spoiled(record)), at_once=True)
 
 
 def _estimated_rows(record: Record, floating: bool) -> Iterator[tuple[str, np.ndarray]]:
-    q, v = record["q_measured"], record["v_measured"]
+    q, v = record["q_estimated"], record["v_estimated"]
     if floating:
         yield "position", q[:, :3]
         yield "attitude", continuous_quaternions(q[:, 3:_POSE])

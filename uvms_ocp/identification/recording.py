@@ -101,7 +101,7 @@ class Channel:
         return float((len(self.t) - 1) / (self.t[-1] - self.t[0]))
 
     @property
-    def known_t(self) -> np.ndarray:
+    def undelayed_t(self) -> np.ndarray:
         """(n,) [s] without the delay."""
         return self.t - self.delay
 
@@ -112,7 +112,7 @@ class Recording:
 
     name: str
     channels: Mapping[str, Channel]
-    known_doubts: tuple[tuple[str, str], ...] = ()
+    issues_in_file: tuple[tuple[str, str], ...] = ()
     """What speaks against which channel, as far as its file says so itself."""
     at_once: bool = False
     """Whether it is known that commands act from their times on, as in runs of this toolkit."""
@@ -136,7 +136,7 @@ class Recording:
     @property
     def span(self) -> tuple[float, float]:
         """[s] from when to when all channels are known."""
-        times = [channel.known_t for channel in self.channels.values()]
+        times = [channel.undelayed_t for channel in self.channels.values()]
         return max(t[0] for t in times), min(t[-1] for t in times)
 
 
@@ -162,7 +162,7 @@ class ZeroOrderHold:
     """(n, k) [unit of the channel times s] integral up to each sample."""
 
     def __post_init__(self) -> None:
-        t, values = self.channel.known_t, self.channel.values
+        t, values = self.channel.undelayed_t, self.channel.values
         whole = np.vstack([np.zeros(values.shape[1]), np.cumsum(values[:-1] * np.diff(t)[:, None], axis=0)])
         object.__setattr__(self, "_whole", whole)
 
@@ -177,14 +177,14 @@ class ZeroOrderHold:
     def total(self, t: np.ndarray) -> np.ndarray:
         """Integral (m, k) [unit of the channel times s] from the first sample to t (m,) [s]."""
         index = self._index(t)
-        return self._whole[index] + self.channel.values[index] * (t - self.channel.known_t[index])[:, None]
+        return self._whole[index] + self.channel.values[index] * (t - self.channel.undelayed_t[index])[:, None]
 
     def mean_slope(self, edges: np.ndarray) -> np.ndarray:
         """Rate (m - 1, k) [unit of the channel per s] of these means where all edges (m,) [s] move together."""
         return np.asarray(np.diff(self.at(edges), axis=0) / np.diff(edges)[:, None])
 
     def _index(self, t: np.ndarray) -> np.ndarray:
-        index = np.searchsorted(self.channel.known_t, t, side="right") - 1
+        index = np.searchsorted(self.channel.undelayed_t, t, side="right") - 1
         return np.asarray(np.clip(index, 0, len(self.channel.t) - 1))
 
 
@@ -212,8 +212,8 @@ def continuous_quaternions(quaternions: np.ndarray) -> np.ndarray:
 
 def angular_rate(attitude: Channel, window: float) -> tuple[np.ndarray, np.ndarray]:
     """Uniform times (m,) [s] and the angular velocity in B (m, 3) [rad/s] of an attitude, smoothed over `window` [s]."""
-    t, quaternions = smoothed(attitude.known_t, attitude.values, window)
-    _, rates = smoothed(attitude.known_t, attitude.values, window, derivative=1)
+    t, quaternions = smoothed(attitude.undelayed_t, attitude.values, window)
+    _, rates = smoothed(attitude.undelayed_t, attitude.values, window, derivative=1)
     x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
     a, b, c, d = rates.T
     # Twice the vector part of the conjugate times the rate.
@@ -225,7 +225,7 @@ def angular_rate(attitude: Channel, window: float) -> tuple[np.ndarray, np.ndarr
 
 def rotations(attitude: Channel, t: np.ndarray) -> np.ndarray:
     """R_WB (m, 3, 3) [-] at t (m,) [s], between samples interpolated."""
-    found = np.column_stack([np.interp(t, attitude.known_t, column) for column in attitude.values.T])
+    found = np.column_stack([np.interp(t, attitude.undelayed_t, column) for column in attitude.values.T])
     found /= np.linalg.norm(found, axis=1, keepdims=True)
     return np.moveaxis(np.array(quaternion_to_matrix(found.T)), -1, 0)
 
@@ -258,16 +258,16 @@ def _parts(one: Recording) -> tuple[Recording, ...]:
             f"{given}; allowed: {SHORTEST:g} s at least without {LONGEST_GAP:g} s of silence: look at its times"
         )
     told = f"nothing is recorded for {longest:.3g} s at {silences[int(np.argmax(np.diff(silences))), 0]:.3g} s"
-    known = (*one.known_doubts, ("times", f"{told}: lost, or a clock that was set? It is cut where it is silent"))
+    known = (*one.issues_in_file, ("times", f"{told}: lost, or a clock that was set? It is cut where it is silent"))
     return tuple(
-        replace(part, name=f"{one.name} part {k}", known_doubts=known if k == 1 else one.known_doubts)
+        replace(part, name=f"{one.name} part {k}", issues_in_file=known if k == 1 else one.issues_in_file)
         for k, part in enumerate(found, start=1)
     )
 
 
 def _silences(one: Recording) -> np.ndarray:
     """(n, 2) [s] from the last sample before each to the first after it."""
-    t = np.unique(np.concatenate([channel.known_t for channel in one.channels.values()]))
+    t = np.unique(np.concatenate([channel.undelayed_t for channel in one.channels.values()]))
     last = np.flatnonzero(np.diff(t) > LONGEST_GAP)
     return np.column_stack([t[last], t[last + 1]])
 
@@ -281,5 +281,5 @@ def _between(one: Recording, begin: float, end: float) -> Recording | None:
 
 
 def _cut(channel: Channel, begin: float, end: float) -> Channel | None:
-    inside = (channel.known_t >= begin) & (channel.known_t <= end)
+    inside = (channel.undelayed_t >= begin) & (channel.undelayed_t <= end)
     return replace(channel, t=channel.t[inside], values=channel.values[inside]) if inside.sum() > 1 else None

@@ -20,12 +20,12 @@ from uvms_ocp.identification.parameters import AXES
 from uvms_ocp.identification.settings import CalibratedRobot, require_no_shape
 from uvms_ocp.identification.uncertainty import (
     DETERMINED_BELOW,
-    LEAST_TOLD,
+    LEAST_P,
     LEVEL,
     IdentifiedNumber,
     UnidentifiableDirection,
 )
-from uvms_ocp.identification.validation import OTHERS, SCORED, Horizon, LeftOut, Profile, errors
+from uvms_ocp.identification.validation import OTHERS, SCORED, HeldOutRecording, Horizon, Profile, errors
 from uvms_ocp.robot.description import LinkCoefficients, read_description
 
 # What to do about a combination that recordings leave open, in words: which motion shows it, or what has to be measured.
@@ -209,7 +209,7 @@ def _by_axis(predicted: Predicted) -> list[str]:
     return [f"{fit(*pair):.0f}" if np.std(pair[0]) > _STILL else "-" for pair in pairs]
 
 
-def left_out_tables(one: Sequence[LeftOut]) -> Iterator[str]:
+def left_out_tables(one: Sequence[HeldOutRecording]) -> Iterator[str]:
     """Of recordings that were not, by horizons; nothing where none was left out."""
     if not one:
         return
@@ -234,7 +234,7 @@ def _horizon(asked: float, found: Sequence[Horizon]) -> Iterator[str]:
         yield f"| {name} | {' | '.join(_cell(*pair) for pair in zip(row, worse, strict=True))} |"
 
 
-def _by_recording(one: Sequence[LeftOut]) -> Iterator[str]:
+def _by_recording(one: Sequence[HeldOutRecording]) -> Iterator[str]:
     yield "\n### Each recording, over the longest horizon that it has\n"
     yield "In brackets: the best that knows less.\n"
     yield "| recording | " + " | ".join(SCORED) + " |"
@@ -330,7 +330,7 @@ def _white(one: Calibration) -> Iterator[str]:
     yield "| channel | size | samples that miss alike | p | white |"
     yield "|---|---:|---:|---:|---|"
     for each in one.whiteness:
-        word, p = "yes" if each.white else "no", f"{each.p:.2g}" if each.p > LEAST_TOLD else f"below {LEAST_TOLD:g}"
+        word, p = "yes" if each.white else "no", f"{each.p:.2g}" if each.p > LEAST_P else f"below {LEAST_P:g}"
         yield f"| {each.channel} | {each.size:.2g} | {each.together:.3g} | {p} | {word} |"
 
 

@@ -59,7 +59,7 @@ class Segment:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Prepared:
+class PreparedRecording:
     """A recording with what follows from its channels: a rate of turning, commands of actuators, joints."""
 
     recording: Recording
@@ -69,7 +69,7 @@ class Prepared:
     """Their positions, where the vehicle has any."""
 
     @staticmethod
-    def of(recording: Recording, vehicle: Vehicle, window: float = RATE_WINDOW) -> Prepared:
+    def of(recording: Recording, vehicle: Vehicle, window: float = RATE_WINDOW) -> PreparedRecording:
         """window: [s] over which attitude is smoothed where no angular velocity is recorded.
 
         Raises NameNotFound for a channel that is missing, and InvalidInput for one of other joints or actuators and for
@@ -80,10 +80,10 @@ class Prepared:
         rate = recording.channels.get("angular_velocity")
         if rate is None:
             t, omega = angular_rate(attitude, window)
-            at = attitude.known_t[(attitude.known_t >= t[0]) & (attitude.known_t <= t[-1])]
+            at = attitude.undelayed_t[(attitude.undelayed_t >= t[0]) & (attitude.undelayed_t <= t[-1])]
             rate = Channel(t=at, values=np.column_stack([np.interp(at, t, column) for column in omega.T]))
         commands = ZeroOrderHold(_actuator_commands(recording, vehicle))
-        return Prepared(recording=recording, rate=rate, commands=commands, joints=_moved(recording, vehicle))
+        return PreparedRecording(recording=recording, rate=rate, commands=commands, joints=_moved(recording, vehicle))
 
     def stretches(self, step: float, duration: float | None = None) -> tuple[Segment, ...]:
         """The recording in steps of `step` [s], cut into equal stretches of about `duration` [s]; all of it by default.
@@ -113,8 +113,12 @@ class Prepared:
 
     def _whole(self, edges: np.ndarray) -> Segment:
         attitude, velocity = self.recording.channel("attitude"), self.recording.channel("linear_velocity")
-        vertical = rotations(attitude, attitude.known_t)[:, 2, :]
-        seen = (velocity.known_t, velocity.values), (self.rate.known_t, self.rate.values), (attitude.known_t, vertical)
+        vertical = rotations(attitude, attitude.undelayed_t)[:, 2, :]
+        seen = (
+            (velocity.undelayed_t, velocity.values),
+            (self.rate.undelayed_t, self.rate.values),
+            (attitude.undelayed_t, vertical),
+        )
         return Segment(
             recording=self.recording.name,
             edges=edges,
@@ -129,7 +133,7 @@ class Prepared:
     def _stretch(self, whole: Segment, first: int, last: int) -> Segment:
         t = whole.edges[first]
         attitude = self.recording.channel("attitude")
-        quaternion = np.array([np.interp(t, attitude.known_t, column) for column in attitude.values.T])
+        quaternion = np.array([np.interp(t, attitude.undelayed_t, column) for column in attitude.values.T])
         v = [np.interp(t, whole.t[k], column) for k in (0, 1) for column in whole.seen[k].T]
         q = np.concatenate([np.zeros(3), quaternion / np.linalg.norm(quaternion)])
         return _cut(whole, first, last, q, np.array(v))
@@ -192,7 +196,7 @@ def _joints(channel: Channel | None, edges: np.ndarray, window: float = 0.4) -> 
     middle = (edges[1:] + edges[:-1]) / 2
     if channel is None:
         return np.zeros((0, len(middle)))
-    parts = [smoothed(channel.known_t, channel.values, window, derivative) for derivative in range(3)]
+    parts = [smoothed(channel.undelayed_t, channel.values, window, derivative) for derivative in range(3)]
     return np.array([np.interp(middle, t, column) for t, values in parts for column in values.T])
 
 
@@ -221,7 +225,7 @@ class SegmentStart:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Seen:
+class PredictedOutputs:
     """What a stretch should show, by the three sensors, and where it ends."""
 
     rows: tuple[np.ndarray, ...]
@@ -244,7 +248,7 @@ class Rollout:
 
     def seen(
         self, stretches: Sequence[Segment], starts: Sequence[SegmentStart], p: np.ndarray, *, slopes: bool
-    ) -> list[Seen]:
+    ) -> list[PredictedOutputs]:
         """Simulate stretches of equally many steps, all with unknowns p (n, n_p) [any], a row for each.
 
         Raises InvalidInput where they have different numbers of steps, or joints other than the vehicle's.
@@ -287,11 +291,11 @@ class _Run:
         states = np.asarray(after).T.reshape(len(p), n, -1)
         self._x = np.concatenate([np.array(x0)[:, None], states], axis=1)
 
-    def rows(self) -> list[Seen]:
+    def rows(self) -> list[PredictedOutputs]:
         y, _, _ = self._outputs()
-        return [Seen(rows=self._sampled(k, y[k]), end=self._x[k, -1]) for k in range(len(self._stretches))]
+        return [PredictedOutputs(rows=self._sampled(k, y[k]), end=self._x[k, -1]) for k in range(len(self._stretches))]
 
-    def with_slopes(self) -> list[Seen]:
+    def with_slopes(self) -> list[PredictedOutputs]:
         y, y_x, y_p = self._outputs()
         S, n_p = self._sensitivities(), self._stage.n_p
         found = []
@@ -301,7 +305,7 @@ class _Run:
             rows, slopes = self._sampled(k, y[k]), list(self._sampled(k, dy))
             dd = self._delays[k][1]
             slopes[0] = slopes[0] - self._rate(k, y[k])[:, :, None] * np.concatenate([dd[1], np.zeros(N_START)])
-            found.append(Seen(rows=rows, slopes=tuple(slopes), end=self._x[k, -1], end_slope=S[k, -1]))
+            found.append(PredictedOutputs(rows=rows, slopes=tuple(slopes), end=self._x[k, -1], end_slope=S[k, -1]))
         return found
 
     def _outputs(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -59,7 +59,7 @@ def named(Q: np.ndarray) -> str:
     return f"({', '.join(entries)})"
 
 
-def told_factor(wanted: np.ndarray, seen: np.ndarray) -> str:
+def describe_factor(wanted: np.ndarray, seen: np.ndarray) -> str:
     """How much larger seen (m, k) [any] is than wanted (m, k) [any], and of which unit that is; empty where it may be equal.
 
     Whatever part of either is noise, the factor lies between the slopes of their magnitudes upon each other.
@@ -88,7 +88,7 @@ def _of_unit(factor: float, one: float, unit: str) -> Iterator[str]:
         yield f"is the other in {unit}?"
 
 
-def told_late(late: float) -> str:
+def describe_delay(late: float) -> str:
     """An offset late [s] in words; empty where it is none."""
     return (
         f"{abs(late):.2f} s {'late' if late > 0 else 'early'} against the rate of the {{}}" if abs(late) > _LATE else ""
@@ -175,7 +175,7 @@ def of_poses(recording: Recording) -> Iterator[tuple[str, str]]:
     """Poses and what their rates say against them."""
     if "position" in recording.channels:
         channel = recording.channels["position"]
-        _, rate = smoothed(channel.known_t, channel.values, WINDOW, derivative=1)
+        _, rate = smoothed(channel.undelayed_t, channel.values, WINDOW, derivative=1)
         yield from (("position", text) for text in _too_fast(rate, 10.0, "m/s", "mm"))
     if "attitude" in recording.channels:
         _, omega = angular_rate(recording.channels["attitude"], WINDOW)
@@ -277,13 +277,13 @@ def _felt(mean: np.ndarray) -> Iterator[str]:
 
 
 def _lies(attitude: Channel) -> Iterator[str]:
-    if rotations(attitude, attitude.known_t)[:, 2, 2].mean() < 0.0:
+    if rotations(attitude, attitude.undelayed_t)[:, 2, 2].mean() < 0.0:
         yield "the vehicle lies on its back: z down in one of its frames (NED, FRD)?"
 
 
 def _in_world(attitude: Channel, force: Channel) -> np.ndarray:
     """Mean (3,) [m/s2] of what is felt, in W."""
-    R = rotations(attitude, force.known_t)
+    R = rotations(attitude, force.undelayed_t)
     return np.asarray(np.einsum("nij,nj->ni", R, force.values).mean(axis=0))
 
 
@@ -319,10 +319,10 @@ def _frozen(recording: Recording, pose: str, velocity: str) -> Iterator[tuple[st
     """By magnitudes, which have no axes."""
     one, other = recording.channels[pose], recording.channels[velocity]
     if pose == "position":
-        t, rate = smoothed(one.known_t, one.values, WINDOW, derivative=1)
+        t, rate = smoothed(one.undelayed_t, one.values, WINDOW, derivative=1)
     else:
         t, rate = angular_rate(one, WINDOW)
-    speed = np.interp(t, other.known_t, np.linalg.norm(other.values, axis=1))
+    speed = np.interp(t, other.undelayed_t, np.linalg.norm(other.values, axis=1))
     apart = np.linalg.norm(rate, axis=1) - speed
     for name, mate, channel in ((pose, velocity, one), (velocity, pose, other)):
         begin, end = _longest(channel)
@@ -338,8 +338,8 @@ def _longest(channel: Channel) -> tuple[float, float]:
     """[s] from when to when its samples are the same for longest."""
     new = np.flatnonzero((np.diff(channel.values, axis=0) != 0.0).any(axis=1)) + 1
     first, last = np.r_[0, new], np.r_[new - 1, len(channel.t) - 1]
-    k = int(np.argmax(channel.known_t[last] - channel.known_t[first]))
-    return float(channel.known_t[first[k]]), float(channel.known_t[last[k]])
+    k = int(np.argmax(channel.undelayed_t[last] - channel.undelayed_t[first]))
+    return float(channel.undelayed_t[first[k]]), float(channel.undelayed_t[last[k]])
 
 
 def _unrecorded(recording: Recording) -> Iterator[tuple[str, str]]:

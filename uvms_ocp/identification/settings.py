@@ -75,7 +75,7 @@ class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class Learnt(_Section):
+class QuantitySettings(_Section):
     """What is known of a quantity; with nothing in it all of it is free."""
 
     free: tuple[str, ...] | None = Field(default=None, description="only these of its coordinates may be learnt")
@@ -122,7 +122,7 @@ class CalibrationSettings(_Section):
     dead_zone: _NonNegative | None = Field(
         default=None, description="of actuators [N, N m]; default: of thrusters their mean, or 0.001"
     )
-    learn: dict[str, Learnt] = Field(min_length=1, description="by the names of quantities")
+    learn: dict[str, QuantitySettings] = Field(min_length=1, description="by the names of quantities")
     noise: NoiseSettings = Field(default=NoiseSettings(), description="of sensors")
     step: _Positive = Field(default=_SEARCH.step, description="of the simulation [s]")
     stretch: _Positive = Field(default=_SEARCH.stretch, description="length of stretches [s]")
@@ -162,7 +162,7 @@ class CalibratedRobot:
         return np.array([middle - reach, middle + reach])
 
 
-def subject_of(settings: CalibrationSettings, folder: Path) -> CalibratedRobot:
+def calibrated_robot(settings: CalibrationSettings, folder: Path) -> CalibratedRobot:
     """Load it; files are looked for in the settings' folder. Raises InvalidInput, NameNotFound and RobotDataError."""
     urdf, file = _files(settings, folder)
     robot = load_robot(urdf=urdf, hydrodynamics=file)

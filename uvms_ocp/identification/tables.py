@@ -16,7 +16,7 @@ import numpy as np
 from uvms_ocp.errors import InvalidInput, NameNotFound, NotInstalled, UvmsError
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording
 from uvms_ocp.record.tables import require_numbers
-from uvms_ocp.record.untrusted import require_regular
+from uvms_ocp.record.untrusted import require_regular_file
 
 # Columns of numbers in a file that anyone may have written: CSV, also packed by gzip, and Parquet.
 
@@ -33,14 +33,14 @@ def read_columns(path: Path, wanted: Sequence[str]) -> np.ndarray:
     Raises NameNotFound for a column that there is not, NotInstalled, and InvalidInput for what is no table of numbers.
     """
     require_there(path)
-    require_regular(path)
+    require_regular_file(path)
     return _from_parquet(path, wanted) if path.suffix == ".parquet" else _from_csv(path, wanted)
 
 
 def column_names(path: Path) -> tuple[str, ...]:
     """Of a table. Raises InvalidInput for what is none, and NotInstalled."""
     require_there(path)
-    require_regular(path)
+    require_regular_file(path)
     if path.suffix == ".parquet":
         with _parquet(path) as file:
             return tuple(file.schema_arrow.names)

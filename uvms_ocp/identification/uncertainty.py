@@ -33,7 +33,7 @@ _TOLD = 0.3  # of the largest entry of a combination
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Certainty:
+class ParameterUncertainty:
     """Of one unknown."""
 
     name: str
@@ -55,16 +55,20 @@ class UnidentifiableDirection:
     """Unknowns and what they change by along it [-], the largest first."""
 
 
-def certainties(vehicle: Vehicle, estimate: Estimate, together: float = 1.0) -> tuple[Certainty, ...]:
-    """Of every shared unknown. together: [-] samples that miss alike, as `correlated` finds."""
+def parameter_uncertainties(
+    vehicle: Vehicle, estimate: Estimate, together: float = 1.0
+) -> tuple[ParameterUncertainty, ...]:
+    """Of every shared unknown. together: [-] samples that miss alike, as `variance_inflation` finds."""
     sigma = np.sqrt(np.diag(covariance(vehicle, estimate, together)))
     learnt = (sigma < DETERMINED) & (sigma < NARROWED * vehicle.shared.sigma)
     rows = zip(vehicle.shared.names, estimate.shared, sigma, learnt, strict=True)
-    return tuple(Certainty(name=n, value=float(v), sigma=float(s), determined=bool(d)) for n, v, s, d in rows)
+    return tuple(
+        ParameterUncertainty(name=n, value=float(v), sigma=float(s), determined=bool(d)) for n, v, s, d in rows
+    )
 
 
 def covariance(vehicle: Vehicle, estimate: Estimate, together: float = 1.0) -> np.ndarray:
-    """(n, n) [unknowns^2] of the shared unknowns, by recordings and priors; together: [-] as in `certainties`."""
+    """(n, n) [unknowns^2] of the shared unknowns, by recordings and priors; together: [-] as in `parameter_uncertainties`."""
     prior = np.diag(1.0 / vehicle.shared.sigma**2 + _NOTHING)
     return np.asarray(np.linalg.inv(_data(vehicle, estimate, together) + prior))
 
@@ -74,8 +78,10 @@ def prior_covariance(vehicle: Vehicle) -> np.ndarray:
     return np.diag(1.0 / (1.0 / vehicle.shared.sigma**2 + _NOTHING))
 
 
-def left_open(vehicle: Vehicle, estimate: Estimate, together: float = 1.0) -> tuple[UnidentifiableDirection, ...]:
-    """Combinations of which less is known than `DETERMINED`, the worst first; together: [-] as in `certainties`."""
+def unidentifiable_directions(
+    vehicle: Vehicle, estimate: Estimate, together: float = 1.0
+) -> tuple[UnidentifiableDirection, ...]:
+    """Combinations of which less is known than `DETERMINED`, the worst first; together: [-] as in `parameter_uncertainties`."""
     values, axes = np.linalg.eigh(_data(vehicle, estimate, together))
     found = []
     for value, axis in zip(values, axes.T, strict=True):
@@ -184,7 +190,7 @@ class _Entry:
 
 
 def numbers(vehicle: Vehicle, estimate: Estimate, together: float = 1.0) -> tuple[IdentifiedNumber, ...]:
-    """Every number that depends on a shared unknown. together: [-] samples that miss alike, as in `certainties`."""
+    """Every number that depends on a shared unknown. together: [-] samples that miss alike, as in `parameter_uncertainties`."""
     found = numbers_at(vehicle, estimate.shared, covariance(vehicle, estimate, together))
     return tuple(replace(one, settled=estimate.status is FitStatus.CONVERGED) for one in found)
 
@@ -290,7 +296,7 @@ CHANNELS = (*AXES, "vertical x", "vertical y", "vertical z")
 """Of the three sensors, three of each."""
 LEVEL = 0.05
 """[-] of white residuals that the test takes for coloured."""
-LEAST_TOLD = 1e-6
+LEAST_P = 1e-6
 """[-] chance that is not told more exactly."""
 _LAGS = 20
 

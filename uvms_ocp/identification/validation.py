@@ -17,9 +17,9 @@ import numpy as np
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.fit import FitContext, Predicted, Predictor
 from uvms_ocp.identification.model import N_Q, Vehicle, as_measured, vehicle_dynamics
-from uvms_ocp.identification.output_error import Estimate, Expansion, OutputErrorProblem, Pull, SearchPoint
+from uvms_ocp.identification.output_error import Estimate, Expansion, OutputErrorProblem, ProfilePenalty, SearchPoint
 from uvms_ocp.identification.parameters import AXES
-from uvms_ocp.identification.rollout import Prepared, Segment
+from uvms_ocp.identification.rollout import PreparedRecording, Segment
 from uvms_ocp.identification.uncertainty import INTERVAL, IdentifiedNumber, number_of
 
 # How sure a number is, without the belief that all is linear: it is held, and all else is fitted anew.
@@ -129,7 +129,7 @@ def _side(
     """One and two standard errors away, and on until the interval closes."""
     found, last = [], middle
     for k in range(1, _FARTHEST + 1):
-        pull = Pull(number=number, target=middle.place + k * step, sigma=_SOFT * abs(step))
+        pull = ProfilePenalty(number=number, target=middle.place + k * step, sigma=_SOFT * abs(step))
         last = _held(best, last, pull, k)
         found.append(last)
         if k > 1 and abs(last.root) > INTERVAL:
@@ -137,7 +137,7 @@ def _side(
     return found
 
 
-def _held(best: _Best, near: _Held, pull: Pull, k: int) -> _Held:
+def _held(best: _Best, near: _Held, pull: ProfilePenalty, k: int) -> _Held:
     """By one step from the optimum where its cost is what the step promises, by some more or a search where it is not."""
     problem = best.wide.problem(pull)
     point, cost = problem.stepped(best.expansion)
@@ -153,7 +153,7 @@ def _held(best: _Best, near: _Held, pull: Pull, k: int) -> _Held:
     return _found(best, pull, problem.resumed(found), found.cost)
 
 
-def _found(best: _Best, pull: Pull, point: SearchPoint, cost: float) -> _Held:
+def _found(best: _Best, pull: ProfilePenalty, point: SearchPoint, cost: float) -> _Held:
     deviance = 2.0 * (cost - pull.cost(point.shared) - best.cost)
     side = np.sign(pull.target - pull.number(best.expansion.point.shared)[0])
     return _Held(pull.number(point.shared)[0], float(side * np.sqrt(max(deviance, 0.0))), point)
@@ -272,7 +272,7 @@ class Horizon:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class LeftOut:
+class HeldOutRecording:
     """A recording that was left out."""
 
     name: str
@@ -286,7 +286,7 @@ class LeftOut:
 
 def leave_one_out(
     fitted: FitContext, horizons: Sequence[float] = HORIZONS, tell: Callable[[str], None] = lambda _: None
-) -> Iterator[LeftOut]:
+) -> Iterator[HeldOutRecording]:
     """One after the other; horizons [s]; tell is told of each. Raises InvalidInput where there is one recording alone.
 
     The search on the others begins where all of them together end, which only its last digits can show.
@@ -300,7 +300,7 @@ def leave_one_out(
         predictor, step = fitted.predictor(found.shared), fitted.search.step
         asked = _lengths(held, step, predictor.known, horizons)
         told = tuple(_horizon(fitted, predictor, balance, held, *pair) for pair in asked)
-        yield LeftOut(
+        yield HeldOutRecording(
             name=held.recording.name,
             estimate=found,
             predictor=predictor,
@@ -308,14 +308,16 @@ def leave_one_out(
         )
 
 
-def without(fitted: FitContext, held: Prepared) -> Estimate:
+def without(fitted: FitContext, held: PreparedRecording) -> Estimate:
     """Identified on the other recordings, from where the estimate is."""
     others = replace(fitted, prepared=tuple(one for one in fitted.prepared if one is not held))
     problem: OutputErrorProblem = others.problem()
     return problem.solve(problem.start(fitted.estimate.shared), iterations=fitted.search.iterations)
 
 
-def _lengths(one: Prepared, step: float, known: float, asked: Sequence[float]) -> Iterator[tuple[float, float]]:
+def _lengths(
+    one: PreparedRecording, step: float, known: float, asked: Sequence[float]
+) -> Iterator[tuple[float, float]]:
     """Horizons, and how long they are: the first that a recording is too short for is cut, longer ones are left out."""
     begin, end = one.recording.span
     longest = step * (int((end - begin) / step) - round(known / step))
@@ -327,7 +329,12 @@ def _lengths(one: Prepared, step: float, known: float, asked: Sequence[float]) -
 
 
 def _horizon(
-    fitted: FitContext, predictor: Predictor, balance: StaticBalance, held: Prepared, asked: float, length: float
+    fitted: FitContext,
+    predictor: Predictor,
+    balance: StaticBalance,
+    held: PreparedRecording,
+    asked: float,
+    length: float,
 ) -> Horizon:
     step, known, before = fitted.search.step, predictor.known, fitted.vehicle.shared.start
     windows = held.windows(step, known, length)

@@ -18,17 +18,17 @@ from uvms_ocp.mission.progress import (
     NONE,
     MissionMemory,
     abort_mission,
-    gates_at,
-    gave_up,
+    activations_at,
     quantities_read,
     sizes_of,
+    state_after_abort,
+    state_after_transition,
     take_transition,
     transition_due,
-    went_on,
     write_conditions,
     write_state,
 )
-from uvms_ocp.record.display import SmallTable, Tabled
+from uvms_ocp.record.display import SmallTable, TableDisplay
 from uvms_ocp.record.meta_values import ABORT, DONE
 from uvms_ocp.tasks.pose import PoseTask
 from uvms_ocp.tasks.task import Hierarchy, Task
@@ -108,7 +108,7 @@ def _label(transition: Transition) -> str:
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
-class Mission(Tabled):
+class Mission(TableDisplay):
     """Phases over one hierarchy; the first phase begins at t = 0.
 
     Raises `NameNotFound` for an unknown task or phase name, and `InvalidInput` without phases, for a ramp below 0, and for
@@ -175,13 +175,13 @@ class Mission(Tabled):
     def start(self) -> MissionState:
         """The state at t = 0: every gate rises from zero."""
         waiting = (None,) * len(self.all_phases[0].transitions)
-        return MissionState(phase=0, since=0.0, gates_before=np.zeros(self.n_tasks), held_since=waiting)
+        return MissionState(phase=0, since=0.0, activations_before=np.zeros(self.n_tasks), held_since=waiting)
 
     @checked_on_failure
     def gates(self, state: MissionState, t: float) -> np.ndarray:
         """External activation (n_tasks,) [-] of each task at time t [s] ([Gao2022] eq. 22 in time)."""
         gates = [0.0] * max(1, self.n_tasks)
-        gates_at(self._memory(state), t, gates)
+        activations_at(self._memory(state), t, gates)
         return np.array(gates[: self.n_tasks])
 
     @property
@@ -220,7 +220,7 @@ class Mission(Tabled):
         due = transition_due(memory, t, [read.get(name, math.nan) for name in names])
         if due != NONE:
             take_transition(memory, t, due)
-        return went_on(self.all_phases, state, memory, due, t, quantities)
+        return state_after_transition(self.all_phases, state, memory, due, t, quantities)
 
     def _memory(self, state: MissionState) -> Any:
         """Of a state, asked with the quantities that conditions read."""
@@ -231,17 +231,17 @@ class Mission(Tabled):
 
     @checked_on_failure
     def abandon(
-        self, state: MissionState, t: float, why: str, climb_to: pin.SE3 | None = None
+        self, state: MissionState, t: float, why: str, ascent_pose: pin.SE3 | None = None
     ) -> tuple[MissionState, Event]:
         """The state after the mission is given up at t [s], for the reason `why`, and the event that tells of it.
 
-        climb_to: the goal of the task that climbs in the abort phase, which begins. Without, without such a phase, or already
+        ascent_pose: the goal of the task that climbs in the abort phase, which begins. Without, without such a phase, or already
         in it, the mission ends.
         """
         memory = self._memory(state)
-        abort_mission(memory, t, climb_to is not None)
-        goals = () if climb_to is None else self.climb_goals(climb_to)
-        return gave_up(self.all_phases, state, memory, t, why, goals)
+        abort_mission(memory, t, ascent_pose is not None)
+        goals = () if ascent_pose is None else self.ascent_goals(ascent_pose)
+        return state_after_abort(self.all_phases, state, memory, t, why, goals)
 
     def climbs(self, phase: int, task: int) -> bool:
         """Whether a task has a goal that is made as a phase begins: the one that climbs in the abort phase."""
@@ -249,12 +249,12 @@ class Mission(Tabled):
             return False
         return self.hierarchy.tasks[task].name == self.abort.climb
 
-    def climb_goals(self, climb_to: pin.SE3) -> GoalFunctions:
+    def ascent_goals(self, ascent_pose: pin.SE3) -> GoalFunctions:
         """Of all tasks in the abort phase, which climbs to a pose; none without such a phase."""
         if self.abort is None:
             return ()
         climb = self.abort.climb
-        tasks = [task.with_goal(climb_to) if task.name == climb else task for task in self._tasks[-1]]
+        tasks = [task.with_goal(ascent_pose) if task.name == climb else task for task in self._tasks[-1]]
         return _references(self.abort.phase, tasks)
 
     def pending(self, state: MissionState, quantities: Mapping[str, float]) -> str:

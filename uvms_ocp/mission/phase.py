@@ -11,7 +11,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.record.display import Fielded
+from uvms_ocp.record.display import FieldTable
 from uvms_ocp.record.meta_values import ABORT as ABORT
 from uvms_ocp.record.meta_values import DONE as DONE
 from uvms_ocp.types import Positive, Shape
@@ -169,7 +169,7 @@ time since the start of the phase."""
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
-class Phase(Fielded):
+class Phase(FieldTable):
     """One action: the external activation of each task, and what ends it.
 
     Raises `InvalidInput` where the transitions are not a tuple, and for an activation outside [0, 1].
@@ -204,7 +204,7 @@ class MissionState:
     """Index among all phases of the mission."""
     since: float
     """[s] start of the phase."""
-    gates_before: Annotated[np.ndarray, Shape("n_tasks")]
+    activations_before: Annotated[np.ndarray, Shape("n_tasks")]
     """(n_tasks,) [-] gates when the phase began; the bell leads on from them."""
     held_since: tuple[float | None, ...]
     """[s] since when each transition of the phase holds."""

@@ -68,7 +68,7 @@ class MissionMemory(Layout):
     """Where it is."""
     since: float
     """[s] start of the phase."""
-    gates_before: Annotated[Vector, Sized("n_tasks")]
+    activations_before: Annotated[Vector, Sized("n_tasks")]
     """(n_tasks,) [-] as in `MissionState`."""
     held_since: Annotated[Vector, Sized("n_transitions")]
     """(n_transitions,) [s] since when each holds; NaN where it does not."""
@@ -84,14 +84,14 @@ class MissionMemory(Layout):
     """It is, or was at its end, in the abort phase."""
 
 
-def gates_at(m: MissionMemory, t: float, gates: Vector) -> None:
+def activations_at(m: MissionMemory, t: float, gates: Vector) -> None:
     """External activation of each task at time t [s] ([Gao2022] eq. 22 in time)."""
     target, passed = m.targets[m.phase], t - m.since
     blend = 0.0
     if 0.0 < passed < m.ramp:
         blend = 0.5 - 0.5 * math.cos(math.pi * (passed / m.ramp))
-    for i in range(len(m.gates_before)):
-        gates[i] = target[i] if passed >= m.ramp else (1.0 - blend) * m.gates_before[i] + blend * target[i]
+    for i in range(len(m.activations_before)):
+        gates[i] = target[i] if passed >= m.ramp else (1.0 - blend) * m.activations_before[i] + blend * target[i]
 
 
 def transition_due(m: MissionMemory, t: float, quantities: Vector) -> int:
@@ -142,7 +142,7 @@ def is_over(m: MissionMemory) -> bool:
 
 
 def _enter(m: MissionMemory, phase: int, t: float) -> None:
-    gates_at(m, t, m.gates_before)
+    activations_at(m, t, m.activations_before)
     m.phase = phase
     m.since = t
     for i in range(len(m.held_since)):
@@ -193,7 +193,7 @@ def write_state(memory: Any, state: MissionState) -> None:
     """Where a mission is."""
     memory.phase, memory.since = state.phase, state.since
     memory.completed, memory.aborted, memory.given_up = state.completed, bool(state.aborted), bool(state.why)
-    view(memory.gates_before)[: len(state.gates_before)] = state.gates_before
+    view(memory.activations_before)[: len(state.activations_before)] = state.activations_before
     view(memory.fired)[:] = 0
     for (phase, index), n in state.fired.items():
         memory.fired[memory.first[phase] + index] = n
@@ -205,7 +205,7 @@ def write_state(memory: Any, state: MissionState) -> None:
 # What kernels have made of a mission's memory, in words: the state after, and the event that tells of it.
 
 
-def went_on(
+def state_after_transition(
     phases: Sequence[Phase], state: MissionState, memory: Any, due: int, t: float, quantities: Mapping[str, float]
 ) -> tuple[MissionState, Event | None]:
     """What `Mission.step` returns, from the state before, after `transition_due` and where one was due, `follow` at t [s].
@@ -224,7 +224,7 @@ def went_on(
     return _after(phases, state, memory, reason), event
 
 
-def gave_up(
+def state_after_abort(
     phases: Sequence[Phase], state: MissionState, memory: Any, t: float, why: str, goals: GoalFunctions
 ) -> tuple[MissionState, Event]:
     """What `Mission.abandon` returns, from the state before, after `give_up` at t [s]. goals: of the abort phase."""
@@ -242,7 +242,7 @@ def _after(phases: Sequence[Phase], state: MissionState, memory: Any, reason: st
     return MissionState(
         phase=memory.phase,
         since=memory.since,
-        gates_before=np.array(memory.gates_before)[: len(state.gates_before)],
+        activations_before=np.array(memory.activations_before)[: len(state.activations_before)],
         held_since=_held_since(memory),
         fired=_fired(phases, memory),
     )

@@ -19,7 +19,7 @@ from uvms_ocp.model_errors import printable
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.plan_file import Arrays, from_arrays, trajectory_arrays, write_arrays
 from uvms_ocp.ocp.trajectory import Trajectory
-from uvms_ocp.record.display import SmallTable, Tabled, rows_of
+from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.scenario import MissionController, Scenario
@@ -119,7 +119,7 @@ def _check(arrays: Arrays) -> None:
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
-class MissionPlan(Tabled):
+class MissionPlan(TableDisplay):
     """What `plan_mission` returns."""
 
     scenario: str

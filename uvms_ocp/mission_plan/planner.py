@@ -13,26 +13,26 @@ from uvms_ocp.checks import checked
 from uvms_ocp.control.plan_following import PlannedPhase
 from uvms_ocp.mission_plan.plan import MissionPlan, digests
 from uvms_ocp.mission_plan.segments import (
-    GreedyWay,
+    GreedyRollout,
     Margins,
     Stretch,
     active,
-    end_of_goals,
     foretold_way,
-    greedy_way,
-    stretches_of,
+    goals_end_time,
+    greedy_rollout,
+    horizon_segments,
 )
 from uvms_ocp.mission_plan.surroundings import (
+    certify_along,
     clearance,
     floor_along,
     floor_terms,
-    missed_links,
+    link_pairs,
     near_links,
-    of_links,
-    of_obstacles,
-    proof_along,
+    obstacle_pairs,
+    violated_links,
 )
-from uvms_ocp.mission_plan.terms import Terms, Weights, levels_of, terms_of
+from uvms_ocp.mission_plan.terms import Terms, Weights, levels_of, mission_terms
 from uvms_ocp.ocp.clearance import ShapeClearance
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
@@ -82,7 +82,7 @@ class MissionProblem:
     def keeping(self, links: Mask) -> MissionProblem:
         """With a constraint on pairs of links (n_pairs,) too."""
         assert self.shapes is not None
-        constraints = (*self.problem.constraints, of_links(self.shapes, links))
+        constraints = (*self.problem.constraints, link_pairs(self.shapes, links))
         return replace(self, problem=replace(self.problem, constraints=constraints))
 
     def at(self, weights: Weights, way: Trajectory, longest: float) -> OcpProblem:
@@ -98,11 +98,11 @@ class MissionProblem:
 def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> MissionProblem:
     """step [s] of the horizon. Raises `InvalidInput` as `plan_mission` does."""
     _stated(scenario, foretold_way(scenario), margins, step)  # or it is refused before anything is compiled
-    way = greedy_way(scenario)
+    way = greedy_rollout(scenario)
     stretches, terms, problem = _stated(scenario, way, margins, step)
     shapes = clearance(scenario, margins)
     if shapes is not None and scenario.environment.obstacles:
-        problem = replace(problem, constraints=(*problem.constraints, of_obstacles(shapes)))
+        problem = replace(problem, constraints=(*problem.constraints, obstacle_pairs(shapes)))
     return MissionProblem(
         problem=problem,
         stretches=tuple(stretches),
@@ -115,16 +115,16 @@ def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> Mis
 
 
 def _stated(
-    scenario: Scenario, way: GreedyWay, margins: Margins, step: float
+    scenario: Scenario, way: GreedyRollout, margins: Margins, step: float
 ) -> tuple[list[Stretch], Terms, OcpProblem]:
     """By a way of the mission, without obstacles."""
-    stretches = stretches_of(scenario.mission, way, margins, step=step)
-    terms = terms_of(scenario.robot, scenario.mission, way.phases, stretches, margins)
+    stretches = horizon_segments(scenario.mission, way, margins, step=step)
+    terms = mission_terms(scenario.robot, scenario.mission, way.phases, stretches, margins)
     return stretches, terms, _problem(scenario, way, stretches, terms, margins)
 
 
 def _problem(
-    scenario: Scenario, way: GreedyWay, stretches: Sequence[Stretch], terms: Terms, margins: Margins
+    scenario: Scenario, way: GreedyRollout, stretches: Sequence[Stretch], terms: Terms, margins: Margins
 ) -> OcpProblem:
     robot, floor = scenario.robot, floor_along(scenario, way)
     above = floor_terms(scenario, stretches, floor, margins)
@@ -139,7 +139,7 @@ def _problem(
     )
 
 
-def _guess(problem: OcpProblem, way: GreedyWay, stretches: Sequence[Stretch]) -> Trajectory:
+def _guess(problem: OcpProblem, way: GreedyRollout, stretches: Sequence[Stretch]) -> Trajectory:
     """The greedy way in the nominal times of the problem."""
     marks = np.cumsum([0.0, *(stretch.ocp.nominal for stretch in stretches)])
     greedy = np.array([stretch.greedy[0] for stretch in stretches] + [stretches[-1].greedy[1]])
@@ -190,7 +190,7 @@ def plan_mission(
     longest = duration or posed.greedy_duration
     search = _Search(posed, options or OPTIONS)
     plan = search.found(longest)
-    proof = None if posed.shapes is None else proof_along(posed.shapes, plan.trajectory)
+    proof = None if posed.shapes is None else certify_along(posed.shapes, plan.trajectory)
     status, reason = _verdict(plan, proof, longest)
     phases = _phases(scenario, posed.stretches, plan.trajectory.t[posed.problem.starts_of_phases()])
     return MissionPlan(
@@ -274,7 +274,7 @@ class _Search:
         kept: Mask = np.zeros(shapes.scene.n_pairs, dtype=bool)
         options = replace(self._options, time_limit=min(self._options.time_limit, _PATIENCE))
         for _ in range(_ROUNDS):
-            missed = missed_links(shapes, plan.trajectory)
+            missed = violated_links(shapes, plan.trajectory)
             if not (missed & ~kept).any():
                 break
             kept |= near_links(shapes, plan.trajectory)
@@ -311,6 +311,6 @@ def _phases(scenario: Scenario, stretches: Sequence[Stretch], times: np.ndarray)
             found[-1] = replace(found[-1], end=end)
             continue
         phase = scenario.mission.phases[stretch.phase]
-        moves = end_of_goals(phase, active(phase, scenario.mission.tasks_of(stretch.phase))) > 0
+        moves = goals_end_time(phase, active(phase, scenario.mission.tasks_of(stretch.phase))) > 0
         found.append(PlannedPhase(phase=stretch.phase, begin=begin, end=end, moves=moves))
     return tuple(found)

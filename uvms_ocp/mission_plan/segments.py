@@ -64,7 +64,7 @@ def active(phase: Phase, tasks: Collection[Task]) -> list[Task]:
     return [task for task in tasks if phase.gates.get(task.name, 0.0) > 0]
 
 
-def kept_tasks(
+def active_constraints(
     phase: Phase, tasks: Collection[Task], out: Transition, before: Collection[str], margins: Margins
 ) -> list[Task]:
     """Constraints, what keeps the robot safe, and prerequisites that are established: stricter than the mission has them.
@@ -88,8 +88,8 @@ def is_prerequisite(task: Task) -> bool:
     return task.task_class is TaskClass.PREREQUISITE and not task.equality
 
 
-def is_broken(task: Task, quantities: Mapping[str, float]) -> bool:
-    """Whether quantities [in their units] are outside what a task of `kept_tasks` allows, as far as they tell."""
+def is_violated(task: Task, quantities: Mapping[str, float]) -> bool:
+    """Whether quantities [in their units] are outside what a task of `active_constraints` allows, as far as they tell."""
     if isinstance(task, MinimumAltitude):
         return quantities[f"{task.name}.altitude"] < task.threshold
     if isinstance(task, AngleTask):
@@ -126,7 +126,7 @@ _FORETOLD = 0.5  # [s] between two configurations that are foretold
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class GreedyWay:
+class GreedyRollout:
     """Configurations, and when each phase of the way begins."""
 
     t: np.ndarray
@@ -150,7 +150,7 @@ class GreedyWay:
         return {name: float(values[row]) for name, values in self.quantities.items()}
 
 
-def greedy_way(scenario: Scenario) -> GreedyWay:
+def greedy_rollout(scenario: Scenario) -> GreedyRollout:
     """Fly it without water, noise and faults."""
     ideal = replace(
         scenario,
@@ -167,7 +167,7 @@ def greedy_way(scenario: Scenario) -> GreedyWay:
     phases = main_path(scenario.mission.phases)
     names = [scenario.mission.phases[index].name for index in phases]
     kept = slice(None, None, _EVERY)
-    return GreedyWay(
+    return GreedyRollout(
         t=record["t"][kept],
         q=record["q"][kept],
         phases=tuple(phases),
@@ -176,7 +176,7 @@ def greedy_way(scenario: Scenario) -> GreedyWay:
     )
 
 
-def foretold_way(scenario: Scenario) -> GreedyWay:
+def foretold_way(scenario: Scenario) -> GreedyRollout:
     """As pre-flight foretells it: what cannot be planned is found on it before anything is flown, and compiled for that.
 
     Straight from stance to stance, as long in every phase; no quantity is known on it. Raises `FrameNotFound` and
@@ -191,7 +191,7 @@ def foretold_way(scenario: Scenario) -> GreedyWay:
         q[:, :3] = np.stack([np.interp(t, begins, marks[:, axis]) for axis in range(3)], axis=1)
     names = build_levels(scenario.robot, scenario.mission.hierarchy, scenario.dt).quantity_names
     unknown = np.full(len(t), np.nan)
-    return GreedyWay(t=t, q=q, phases=tuple(phases), begins=begins, quantities=dict.fromkeys(names, unknown))
+    return GreedyRollout(t=t, q=q, phases=tuple(phases), begins=begins, quantities=dict.fromkeys(names, unknown))
 
 
 def _begins(names: Sequence[str], ends: Sequence[tuple[str, float]]) -> np.ndarray:
@@ -229,7 +229,7 @@ class Stretch:
     """Names of tasks that do not hold yet when it begins, but when it ends."""
 
 
-def way_out(phases: Sequence[Phase], way: Sequence[int], k: int) -> Transition:
+def exit_transition(phases: Sequence[Phase], way: Sequence[int], k: int) -> Transition:
     """The transition by which the mission leaves the k-th phase of its way. Raises `InvalidInput` where there is none."""
     phase = phases[way[k]]
     to = phases[way[k + 1]].name if k + 1 < len(way) else DONE
@@ -241,22 +241,22 @@ def way_out(phases: Sequence[Phase], way: Sequence[int], k: int) -> Transition:
     )
 
 
-def stretches_of(mission: Mission, greedy: GreedyWay, margins: Margins, *, step: float) -> list[Stretch]:
+def horizon_segments(mission: Mission, greedy: GreedyRollout, margins: Margins, *, step: float) -> list[Stretch]:
     """All parts in their order. step [s]: of the horizon."""
     found: list[Stretch] = []
     before: set[str] = set()
     for k, index in enumerate(greedy.phases):
-        phase, out = mission.phases[index], way_out(mission.phases, greedy.phases, k)
+        phase, out = mission.phases[index], exit_transition(mission.phases, greedy.phases, k)
         on = active(phase, mission.tasks_of(index))
-        kept = kept_tasks(phase, on, out, before, margins)
+        kept = active_constraints(phase, on, out, before, margins)
         before = {task.name for task in on if is_prerequisite(task)}
-        moving = end_of_goals(phase, on)
-        marks = _Marks(begin=greedy.begins[k], entered=_entered(greedy, k, kept), end=greedy.begins[k + 1])
-        parts = _Parts(
+        moving = goals_end_time(phase, on)
+        marks = _PhaseTimes(begin=greedy.begins[k], entered=_entered(greedy, k, kept), end=greedy.begins[k + 1])
+        parts = _SegmentBuilder(
             index=index, phase=phase, hold=out.hold, moving=moving, step=min(step, _FOLLOWED) if moving else step
         )
         broken = frozenset(
-            task.name for task in kept if len(greedy.rows(k)) and is_broken(task, greedy.at(greedy.rows(k)[0]))
+            task.name for task in kept if len(greedy.rows(k)) and is_violated(task, greedy.at(greedy.rows(k)[0]))
         )
         found += parts.entering(marks, broken)
         found += parts.free(marks)
@@ -265,7 +265,7 @@ def stretches_of(mission: Mission, greedy: GreedyWay, margins: Margins, *, step:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Marks:
+class _PhaseTimes:
     """[s] of a phase on the greedy way."""
 
     begin: float
@@ -275,7 +275,7 @@ class _Marks:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Parts:
+class _SegmentBuilder:
     """Makes those of one phase."""
 
     index: int
@@ -283,24 +283,24 @@ class _Parts:
     hold: float
     """[s] of its way out."""
     moving: float
-    """[s] as `end_of_goals`."""
+    """[s] as `goals_end_time`."""
     step: float
     """[s]"""
 
-    def entering(self, marks: _Marks, broken: frozenset[str]) -> Iterator[Stretch]:
+    def entering(self, marks: _PhaseTimes, broken: frozenset[str]) -> Iterator[Stretch]:
         """Until what is broken at the beginning holds."""
         if broken:
             ocp = self._free_phase(f"{self.phase.name} entered", marks.entered - marks.begin)
             yield self._stretch(ocp, (marks.begin, marks.entered), waits_for=broken)
 
-    def free(self, marks: _Marks) -> Iterator[Stretch]:
+    def free(self, marks: _PhaseTimes) -> Iterator[Stretch]:
         """A goal that rests while conditions have to hold is followed from the beginning of that: nothing is free then."""
         if not 0 < self.moving <= self.hold:
             middle = max(marks.entered, marks.end - self.hold)
             ocp = self._free_phase(self.phase.name, middle - marks.entered)
             yield self._stretch(ocp, (marks.entered, middle), ends=not self.hold)
 
-    def held(self, marks: _Marks, margins: Margins) -> Iterator[Stretch]:
+    def held(self, marks: _PhaseTimes, margins: Margins) -> Iterator[Stretch]:
         """Where the conditions of the way out hold."""
         if self.hold:
             n, duration = max(2, math.ceil(self.hold / self.step)), self.hold + margins.hold
@@ -316,15 +316,15 @@ class _Parts:
         return OcpPhase(name=name, n_steps=max(_FEWEST, math.ceil(greedy / self.step)), duration=(shortest, longest))
 
 
-def _entered(greedy: GreedyWay, k: int, kept: Sequence[Task]) -> float:
+def _entered(greedy: GreedyRollout, k: int, kept: Sequence[Task]) -> float:
     """When [s] all of the kept tasks hold for the first time in the k-th phase of the greedy way."""
     for row in greedy.rows(k):
-        if not any(is_broken(task, greedy.at(row)) for task in kept):
+        if not any(is_violated(task, greedy.at(row)) for task in kept):
             return float(greedy.t[row]) if row > greedy.rows(k)[0] else float(greedy.begins[k])
     return float(greedy.begins[k + 1])
 
 
-def end_of_goals(phase: Phase, on: Sequence[Task]) -> float:
+def goals_end_time(phase: Phase, on: Sequence[Task]) -> float:
     """When the goals that are the phase's own come to rest [s after its beginning]; 0 where none moves. on: its tasks."""
     ends = [0.0]
     for task in on:
@@ -335,7 +335,7 @@ def end_of_goals(phase: Phase, on: Sequence[Task]) -> float:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Delayed:
+class DelayedReference:
     """A reference that begins later."""
 
     goal: Callable[[float], Any]
@@ -348,9 +348,9 @@ class Delayed:
         return self.goal(max(t - self.start, 0.0))
 
 
-def task_in_time(task: Task, phase: Phase, begin: float) -> Task:
+def delay_task(task: Task, phase: Phase, begin: float) -> Task:
     """A task of a phase that begins at `begin` [s] on the horizon."""
     goal = getattr(task, "goal", None)
     if task.name not in phase.goals or not callable(goal):
         return task
-    return task.with_goal(Delayed(goal=goal, start=begin))
+    return task.with_goal(DelayedReference(goal=goal, start=begin))

@@ -1,4 +1,4 @@
-"""Surroundings of a mission as constraints: a level floor that hull and arm stay above, and obstacles."""
+"""EnvironmentSampler of a mission as constraints: a level floor that hull and arm stay above, and obstacles."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.mission_plan.segments import GreedyWay, Margins, Stretch, active
+from uvms_ocp.mission_plan.segments import GreedyRollout, Margins, Stretch, active
 from uvms_ocp.ocp.clearance import ShapeClearance
 from uvms_ocp.ocp.clearance_certificate import SteppedMotion, certificate, shortfall
 from uvms_ocp.ocp.terms import At, StageSymbols, Term
@@ -47,7 +47,7 @@ class Rim:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class AboveFloor(Term):
+class FloorClearance(Term):
     """One row per rim: its lowest point above `height` [m]."""
 
     at: At = At.PATH
@@ -103,7 +103,7 @@ _NEAR = 0.01  # [m] beyond its margin, within which a pair gets rows
 _PAIR_ROWS = 4  # per node and pair of links
 
 
-def floor_along(scenario: Scenario, way: GreedyWay) -> float:
+def floor_along(scenario: Scenario, way: GreedyRollout) -> float:
     """Height [m] of the floor below the way; raises `InvalidInput` where it is not level."""
     if not scenario.robot.n_vehicle:
         return -np.inf
@@ -125,7 +125,7 @@ def floor_terms(scenario: Scenario, stretches: Sequence[Stretch], floor: float, 
         phase = scenario.mission.phases[stretch.phase]
         on = active(phase, scenario.mission.hierarchy.tasks)
         if not any(isinstance(task, MinimumAltitude) and task.name not in stretch.waits_for for task in on):
-            found.append(AboveFloor(rims=rims, height=floor + margins.altitude, phase=stretch.ocp.name))
+            found.append(FloorClearance(rims=rims, height=floor + margins.altitude, phase=stretch.ocp.name))
     return found
 
 
@@ -146,12 +146,12 @@ def _links(scene: CollisionScene) -> Mask:
     return np.isfinite(scene.room)
 
 
-def of_obstacles(shapes: ShapeClearance) -> ShapeClearance:
+def obstacle_pairs(shapes: ShapeClearance) -> ShapeClearance:
     """Of these pairs those with obstacles."""
     return _among(shapes, ~_links(shapes.scene))
 
 
-def of_links(shapes: ShapeClearance, pairs: Mask) -> ShapeClearance:
+def link_pairs(shapes: ShapeClearance, pairs: Mask) -> ShapeClearance:
     """Of these pairs the chosen (n_pairs,) of links, with rows of their own."""
     return replace(_among(shapes, pairs), n_pair_rows=_PAIR_ROWS)
 
@@ -160,17 +160,17 @@ def _among(shapes: ShapeClearance, pairs: Mask) -> ShapeClearance:
     return replace(shapes, scene=shapes.scene.among(np.flatnonzero(pairs).tolist()), margins=shapes.margins[pairs])
 
 
-def missed_links(shapes: ShapeClearance, way: Trajectory) -> Mask:
+def violated_links(shapes: ShapeClearance, way: Trajectory) -> Mask:
     """(n_pairs,) True for links that do not keep their margins along a way, at its nodes and between them."""
     return (shortfall(shapes, way, 0.0).max(axis=0) > _MISSED) & _links(shapes.scene)
 
 
 def near_links(shapes: ShapeClearance, way: Trajectory) -> Mask:
     """(n_pairs,) True for links that nearly do not."""
-    return missed_links(replace(shapes, margins=shapes.margins + _NEAR), way)
+    return violated_links(replace(shapes, margins=shapes.margins + _NEAR), way)
 
 
-def proof_along(shapes: ShapeClearance, way: Trajectory) -> ClearanceReport:
+def certify_along(shapes: ShapeClearance, way: Trajectory) -> ClearanceReport:
     """The certificate that all pairs stay apart along a way, with the least distance that is met, at its nodes too."""
     report = certificate(shapes, way)
     sampled = SteppedMotion(term=shapes, trajectory=way).nearest()

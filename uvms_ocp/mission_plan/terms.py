@@ -17,14 +17,14 @@ from uvms_ocp.mission_plan.segments import (
     Margins,
     Stretch,
     active,
+    active_constraints,
+    delay_task,
+    exit_transition,
     inside,
     is_prerequisite,
-    kept_tasks,
-    task_in_time,
-    way_out,
 )
 from uvms_ocp.ocp.problem import OcpLevel
-from uvms_ocp.ocp.terms import At, Duration, Effort, Energy, OfTask, Smoothness, StageSymbols, TaskTerm, Term
+from uvms_ocp.ocp.terms import At, Duration, Effort, Energy, Smoothness, StageSymbols, TaskRows, TaskTerm, Term
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.tasks.altitude import LandingAltitude, MinimumAltitude
 from uvms_ocp.tasks.attitude import AngleTask
@@ -38,7 +38,7 @@ from uvms_ocp.types import Bound
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class RowsWithin(OfTask):
+class BoundedRows(TaskRows):
     """The residual of a task, of which some rows are looked at."""
 
     rows: tuple[int, ...]
@@ -54,7 +54,7 @@ class RowsWithin(OfTask):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Preferred(OfTask):
+class TaskPreference(TaskRows):
     """The residual of a task as a cost, not as something to be reached."""
 
     is_goal: ClassVar[bool] = False
@@ -100,9 +100,9 @@ class Place:
     """Of the horizon."""
     at: At
 
-    def rows(self, task: Task, rows: tuple[int, ...], lower: float = -np.inf, upper: float = np.inf) -> RowsWithin:
+    def rows(self, task: Task, rows: tuple[int, ...], lower: float = -np.inf, upper: float = np.inf) -> BoundedRows:
         """Of the residual of a task, at least `lower` and at most `upper` [unit of the rows]."""
-        return RowsWithin(task=task, rows=rows, lower=lower, upper=upper, at=self.at, phase=self.stretch)
+        return BoundedRows(task=task, rows=rows, lower=lower, upper=upper, at=self.at, phase=self.stretch)
 
 
 def condition_term(tasks: Sequence[Task], condition: Condition, place: Place, margins: Margins, *, met: bool) -> Term:
@@ -170,7 +170,7 @@ class Terms:
     """What tasks of optimization would like, for a little of what is least in the end."""
 
 
-def terms_of(
+def mission_terms(
     robot: Robot, mission: Mission, way: Sequence[int], stretches: Sequence[Stretch], margins: Margins
 ) -> Terms:
     """Raises `InvalidInput` for tasks and conditions that no residual states, by their names."""
@@ -229,9 +229,9 @@ class _Phase:
         margins: Margins,
     ) -> None:
         self._phase: Phase = mission.phases[way[k]]
-        self._out, self._parts, self._margins = way_out(mission.phases, way, k), parts, margins
+        self._out, self._parts, self._margins = exit_transition(mission.phases, way, k), parts, margins
         self._last = k + 1 == len(way)
-        self.tasks = tuple(task_in_time(task, self._phase, begin) for task in mission.tasks_of(way[k]))
+        self.tasks = tuple(delay_task(task, self._phase, begin) for task in mission.tasks_of(way[k]))
         self.on = active(self._phase, self.tasks)
         self._asked = {condition.quantity.rpartition(".")[0] for condition in self._out.when}
         self.reached = {task.name for task in self.on if is_prerequisite(task)}
@@ -248,7 +248,7 @@ class _Phase:
 
     def kept(self, before: set[str]) -> Iterator[Term]:
         """By tasks all along the phase. before: names of prerequisites that the phase before has established."""
-        for task in kept_tasks(self._phase, self.on, self._out, before, self._margins):
+        for task in active_constraints(self._phase, self.on, self._out, before, self._margins):
             for part in self._parts:
                 if task.name not in part.waits_for and not (part.holds and task.name in self._asked):
                     yield TaskTerm(task=task, at=At.PATH, phase=part.ocp.name)
@@ -258,7 +258,7 @@ class _Phase:
         for task in self.on:
             if task.task_class is TaskClass.OPTIMIZATION and task.equality and task.name not in self._asked:
                 for part in self._parts:
-                    yield Preferred(task=task, at=At.PATH, phase=part.ocp.name, weight=_LIKED)
+                    yield TaskPreference(task=task, at=At.PATH, phase=part.ocp.name, weight=_LIKED)
 
     def not_triggered(self) -> Iterator[Term]:
         """Of every other way out of the phase, one condition fails all along."""

@@ -48,7 +48,7 @@ class Group:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Grouped:
+class GroupIndex:
     """Groups, and to which of them variables or rows belong."""
 
     groups: tuple[Group, ...]
@@ -69,7 +69,7 @@ class Grouped:
         return tuple(axis for axis in ranked if axis and total[axis] >= _AXIS_SHARE * most)[:_MOST_AXES]
 
 
-def variable_groups(transcription: Transcription) -> Grouped:
+def variable_groups(transcription: Transcription) -> GroupIndex:
     """Of the bounds of the variables (n_x,)."""
     labels, scales, axes = _labels(transcription)
     layout, groups = transcription.variables, tuple(dict.fromkeys(label for label in labels if label))
@@ -80,7 +80,7 @@ def variable_groups(transcription: Transcription) -> Grouped:
     number, scale, names = np.full(layout.n_x, -1), np.ones(layout.n_x), np.full(layout.n_x, "", dtype=object)
     number[columns], scale[columns] = numbers[entries], np.array(scales)[entries]
     names[columns] = np.array(axes, dtype=object)[entries]
-    return Grouped(groups=groups, number=number, scale=scale, axes=tuple(names.tolist()))
+    return GroupIndex(groups=groups, number=number, scale=scale, axes=tuple(names.tolist()))
 
 
 def _labels(transcription: Transcription) -> tuple[list[Group | None], list[float], list[str]]:
@@ -107,13 +107,13 @@ def _labels(transcription: Transcription) -> tuple[list[Group | None], list[floa
     return labels, scales, names
 
 
-def row_groups(transcription: Transcription, problem: OcpProblem) -> Grouped:
+def row_groups(transcription: Transcription, problem: OcpProblem) -> GroupIndex:
     """Of the constraints (n_constraints,) in the numbering of the program."""
     names = transcription.constraint_names
     roots = {term.name: float(np.sqrt(term.weight)) for term in reversed(problem.constraints)}
     found = {name: i for i, name in enumerate(name for name in dict.fromkeys(names) if name not in FIXED)}
     number = np.array([found.get(name, -1) for name in names], dtype=int)
-    return Grouped(
+    return GroupIndex(
         groups=tuple(Group(name=f"constraint {name!r}", measure=Measure.ROW) for name in found),
         number=number,
         scale=np.array([roots.get(name, 1.0) for name in names]),
@@ -129,7 +129,7 @@ _FARTHEST = 10.0  # times its scale: what would have to give way by more does no
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Binding:
+class BindingGroup:
     """A group that holds a level back."""
 
     group: Group
@@ -154,7 +154,7 @@ def is_held(point: NlpPoint) -> bool:
 
 def bindings(
     transcription: Transcription, problem: OcpProblem, point: NlpPoint, level: int, cost: float
-) -> list[Binding]:
+) -> list[BindingGroup]:
     """What holds a level back where it ended, at `cost` [-], the strongest first; none where its end has no multipliers."""
     if point.x_multipliers is None or point.row_multipliers is None or cost == 0.0:
         return []
@@ -169,18 +169,18 @@ def bindings(
     return [item for item in strong if item.strength >= _WEAK * strong[0].strength][:_MOST_GROUPS]
 
 
-def _summed(grouped: Grouped, multipliers: np.ndarray) -> Iterator[Binding]:
+def _summed(grouped: GroupIndex, multipliers: np.ndarray) -> Iterator[BindingGroup]:
     """An amount of 1 loosens all bounds of a group at all nodes."""
     strengths = np.abs(multipliers) * grouped.scale
     for i, group in enumerate(grouped.groups):
         strength = float(strengths[grouped.number == i].sum())
-        yield Binding(group=group, strength=strength, axes=grouped.strongest(i, strengths))
+        yield BindingGroup(group=group, strength=strength, axes=grouped.strongest(i, strengths))
 
 
-def _levels(transcription: Transcription, multipliers: np.ndarray, level: int) -> Iterator[Binding]:
+def _levels(transcription: Transcription, multipliers: np.ndarray, level: int) -> Iterator[BindingGroup]:
     rows = transcription.ranges().levels
     for above, price in zip(rows[:level], prices_of(rows, multipliers, level), strict=True):
-        yield Binding(group=Group(name=f"level {above.name!r}", measure=Measure.LEVEL), strength=price, axes=())
+        yield BindingGroup(group=Group(name=f"level {above.name!r}", measure=Measure.LEVEL), strength=price, axes=())
 
 
 def prices_of(rows: tuple[LevelRows, ...], multipliers: np.ndarray, level: int) -> tuple[float, ...]:
@@ -248,7 +248,7 @@ class PhaseOne:
 class _Elastic:
     """Rows ``P [g; x] + Q s`` within bounds, with amounts s >= 0 of the groups."""
 
-    grouped: Grouped
+    grouped: GroupIndex
     """Of the constraints, then of the variables."""
     P: ca.DM
     """(m, n_g + n_x)"""
@@ -325,8 +325,8 @@ def _elastic(transcription: Transcription, problem: OcpProblem) -> _Elastic:
     )
 
 
-def _together(rows: Grouped, variables: Grouped) -> Grouped:
-    return Grouped(
+def _together(rows: GroupIndex, variables: GroupIndex) -> GroupIndex:
+    return GroupIndex(
         groups=(*rows.groups, *variables.groups),
         number=np.concatenate([rows.number, np.where(variables.number < 0, -1, variables.number + len(rows.groups))]),
         scale=np.concatenate([rows.scale, variables.scale]),

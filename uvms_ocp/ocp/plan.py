@@ -28,7 +28,7 @@ from uvms_ocp.ocp.plan_file import (
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.planning.scene import Coordinates, coordinates
-from uvms_ocp.record.display import SmallTable, Tabled, rows_of
+from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.record.meta_values import AxisLimitsMeta, PhaseMeta, SurroundingsMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import PlanMeta, packages
@@ -220,7 +220,7 @@ class LevelReport:
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
-class Plan(Tabled):
+class Plan(TableDisplay):
     """States at nodes, inputs of steps, and how it came about."""
 
     robot: Robot

@@ -20,13 +20,13 @@ from uvms_ocp.ocp.clearance import ShapeClearance
 from uvms_ocp.ocp.clearance_certificate import certificate, shortfall
 from uvms_ocp.ocp.diagnosis import level_prices
 from uvms_ocp.ocp.plan import LevelReport, OcpStatus, Plan
-from uvms_ocp.ocp.prechecks import crowded_start, impossible_start
+from uvms_ocp.ocp.prechecks import describe_crowded_start, impossible_start
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.stagewise.program import program_for
 from uvms_ocp.ocp.terms import TaskTerm, Term
 from uvms_ocp.ocp.trajectory import Trajectory, hold
 from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.ocp.verdict import Court, Verdict
+from uvms_ocp.ocp.verdict import Diagnosis, Verdict
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.record.meta_values import FrameMeta, ObstacleData, SurroundingsMeta
 from uvms_ocp.solvers.nlp.level_solver import Progress
@@ -261,7 +261,7 @@ class Planner:
             obstruction = self.transcription.obstruction(given)
             if obstruction is not None:
                 name, depth = obstruction
-                text = f"{name} is broken by {depth:.4g} at the start{crowded_start(given, name)}"
+                text = f"{name} is broken by {depth:.4g} at the start{describe_crowded_start(given, name)}"
                 return self._failed(given, OcpStatus.OBSTRUCTED, text, begin)
             impossible = impossible_start(given)
             if impossible is not None:
@@ -306,14 +306,14 @@ class Planner:
             return guess.result if guess.result is not None else self.transcription.pack(guess.trajectory)
         return self.transcription.pack(guess)
 
-    def _court(self, given: OcpProblem, found: Written, t0: float, deadline: float | None) -> Court:
+    def _court(self, given: OcpProblem, found: Written, t0: float, deadline: float | None) -> Diagnosis:
         def solve(other: OcpProblem, x: np.ndarray | None, limit: float) -> LexicographicResult:
             numbers = self.transcription.parameters(other, t0=t0, near=found.near, tightened=found.tightened)
             guess = hold(other) if x is None else self.transcription.unpack(x, other)
             return self.solve(numbers, guess, problem=other, time_limit=limit)
 
         feasibility = self.options.feasibility
-        return Court(
+        return Diagnosis(
             transcription=self.transcription,
             problem=given,
             p=found.p,

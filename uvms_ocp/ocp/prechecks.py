@@ -17,7 +17,7 @@ from uvms_ocp.robot.robot import Robot
 # Which shapes are nearer at the start than a constraint allows, in words.
 
 
-def crowded_start(problem: OcpProblem, constraint: str) -> str:
+def describe_crowded_start(problem: OcpProblem, constraint: str) -> str:
     """The pair that a constraint of that name finds nearest for its margin, as a bracket; empty for one without shapes."""
     terms = [term for term in problem.constraints if isinstance(term, ShapeClearance) and term.name == constraint]
     return max((_lack(term, problem) for term in terms), default=(0.0, ""))[1]
@@ -111,7 +111,7 @@ def check_goal(scene: CollisionScene, goal: Goal, start: np.ndarray) -> None:
     """
     if isinstance(goal, ToolGoal):
         _check_tool(scene, goal)
-    scene.check_apart(goal_distances(scene, goal, start), "the goal")
+    scene.check_no_overlap(goal_distances(scene, goal, start), "the goal")
 
 
 def start_distances(scene: CollisionScene, start: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Effort, Posture, Smoothness, TaskTerm
 from uvms_ocp.ocp.trajectory import Trajectory, hold, through
 from uvms_ocp.planning.distances import CoalDistances
-from uvms_ocp.planning.request import FiniteTriple, Goal, PlanRequest, PostureGoal, check_way, solve
+from uvms_ocp.planning.request import FiniteTriple, Goal, PlanRequest, PostureGoal, check_goal_distance, solve
 from uvms_ocp.planning.scene import CollisionScene, Coordinates, Nearest, collision_scene, coordinates
 from uvms_ocp.record.meta_values import ObstacleData
 from uvms_ocp.robot.robot import Robot
@@ -133,11 +133,11 @@ def solve_ocp(request: OcpRequest, *, progress: Progress | None = None) -> OcpRe
     Raises `NameNotFound` for an unknown joint, frame or NLP solver, `InvalidInput` for a goal outside limits, a start or
     goal in collision, two obstacles of one name, and numbers out of their range.
     """
-    check_way(request.robot, request.start, request.goal)
+    check_goal_distance(request.robot, request.start, request.goal)
     planned = coordinates(request.robot, reference=request.start)
     scene = collision_scene(planned, _surroundings(request))
     problem = _problem(request, scene)
-    scene.check_apart(start_distances(scene, request.start), "the start")
+    scene.check_no_overlap(start_distances(scene, request.start), "the start")
     check_goal(scene, request.goal, request.start)
     return OcpResult(request=request, scene=scene, plan=_planned(request, problem, progress))
 

@@ -110,7 +110,7 @@ class Term(ABC):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class OfTask(Term):
+class TaskRows(Term):
     """Rows of a task of the velocity hierarchy, with its name, goal and environment."""
 
     task: Task
@@ -128,7 +128,7 @@ class OfTask(Term):
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class TaskTerm(OfTask):
+class TaskTerm(TaskRows):
     """A task of the velocity hierarchy over the horizon, by its `Task.residual`.
 
     Raises `InvalidInput` for a tolerance that is negative or not finite.
@@ -294,7 +294,7 @@ OwnRows = Callable[..., ca.SX]
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _OwnTerm(Term):
+class _FunctionTerm(Term):
     """Rows by a function, within bounds."""
 
     label: str
@@ -352,7 +352,7 @@ def residual_term(
     what a kept planner may be given anew. Raises `InvalidInput` as the term does when a planner is built: for rows that are
     no column of SX, bounds that do not fit them, and rows that read inputs without `inputs`.
     """
-    return _OwnTerm(
+    return _FunctionTerm(
         label=name,
         rows=rows,
         lower=lower,

@@ -82,7 +82,7 @@ class Trajectory:
         return int(intervals_of(self.t, t))
 
 
-made_trajectory = unchecked_constructor(Trajectory)
+unchecked_trajectory = unchecked_constructor(Trajectory)
 """Without a look at its arguments, of arrays that belong to it."""
 
 

@@ -37,7 +37,7 @@ class Verdict:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Court:
+class Diagnosis:
     """Judges one result."""
 
     transcription: Transcription

@@ -25,5 +25,5 @@ from uvms_ocp.robot.shapes.obstacles import build_obstacle as build_obstacle
 from uvms_ocp.robot.shapes.obstacles import describe_obstacle as describe_obstacle
 from uvms_ocp.robot.shapes.obstacles import mesh_shape as mesh_shape
 from uvms_ocp.robot.shapes.obstacles import obstacle as obstacle
-from uvms_ocp.robot.shapes.obstacles import obstacle_from_words as obstacle_from_words
+from uvms_ocp.robot.shapes.obstacles import parse_obstacle as parse_obstacle
 from uvms_ocp.robot.shapes.obstacles import read_obstacles as read_obstacles

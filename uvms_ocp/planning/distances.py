@@ -156,7 +156,7 @@ class CoalDistances:
             self._collect(sample, chosen, limits, found)
             jacobians[sample] = self._jacobian(configurations[sample])
         if not found:
-            return nothing_near(x.shape[1])
+            return no_near_pairs(x.shape[1])
         samples, pairs, distances, normals, points, centres = map(np.array, zip(*found, strict=True))
         screws = (jacobians @ self.scene.coordinates.velocity_map(x))[samples]
         wrench = np.concatenate([normals, np.cross(points, normals)], axis=1)
@@ -197,7 +197,7 @@ def _grouped(candidates: Mask) -> Iterator[tuple[int, list[int]]]:
 _Contact = tuple[int, int, float, Array, Array, Array]
 
 
-def nothing_near(n_axes: int) -> NearPairs:
+def no_near_pairs(n_axes: int) -> NearPairs:
     """No pair."""
     none = np.zeros(0, dtype=np.intp)
     return NearPairs(

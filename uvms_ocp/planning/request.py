@@ -240,7 +240,7 @@ class PostureGoal:
 Goal: TypeAlias = ToolGoal | PostureGoal
 
 
-def check_way(robot: Robot, start: Array, goal: Goal) -> None:
+def check_goal_distance(robot: Robot, start: Array, goal: Goal) -> None:
     """Raise `InvalidInput` for a goal that is very far from the start (n_q,) [m, rad]: plans are sampled densely."""
     if goal.position is None or not np.isfinite(goal.position).all():
         return  # said by others, with the axis
@@ -302,7 +302,7 @@ def solve(request: PlanRequest) -> PlanResult:
     Raises `NameNotFound` for unknown axes, joints or frames, `InvalidInput` for a start or goal in collision or outside limits,
     a goal on axes that are not planned, a start that is the goal, and two obstacles of one name.
     """
-    check_way(request.robot, request.start, request.goal)
+    check_goal_distance(request.robot, request.start, request.goal)
     planned = _planned_axes(request)
     scene = collision_scene(planned, build_obstacles(request.obstacles))
     goal = request.goal.as_coordinates(CoalDistances(scene), seed=request.seed)

@@ -281,7 +281,7 @@ class CollisionScene:
             groups.setdefault(name, []).append(index)
         return groups
 
-    def check_apart(self, distances: Annotated[Array, Shape("self.n_pairs")], place: str) -> None:
+    def check_no_overlap(self, distances: Annotated[Array, Shape("self.n_pairs")], place: str) -> None:
         """Raise `InvalidInput` where two shapes touch, by the distances (n_pairs,) [m] at the place of that name."""
         if distances.min(initial=np.inf) <= 0.0:
             nearest = int(np.argmin(distances))

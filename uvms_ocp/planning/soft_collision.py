@@ -98,7 +98,7 @@ def plan_soft_collision(
     began, settings = perf_counter(), options or SoftCollisionOptions()
     exact = CoalDistances(scene)
     _check_ends(scene, exact, np.asarray(waypoints, dtype=float))
-    start = straight_start(waypoints, limits, times)
+    start = straight_guess(waypoints, limits, times)
     attempts = _attempts(distances or exact, exact, start, limits, settings, times_given=times is not None)
     plans = (_verified(problem, problem.solve(guess, settings), exact) for problem, guess in attempts)
     best, n_attempts = _first_free(plans)
@@ -115,7 +115,7 @@ def _first_free(plans: Iterator[CollisionPlan]) -> tuple[CollisionPlan, int]:
     return best, n
 
 
-def straight_start(waypoints: ArrayLike, limits: MotionLimits, times: ArrayLike | None = None) -> PiecewisePolynomial:
+def straight_guess(waypoints: ArrayLike, limits: MotionLimits, times: ArrayLike | None = None) -> PiecewisePolynomial:
     """Minimum snap through waypoints (n, n_axes) [m, rad], at times (n,) [s] or as fast as the limits allow."""
     if times is not None:
         return min_snap(waypoints, times).trajectory
@@ -141,7 +141,7 @@ def _attempts(
         ends = start.evaluate([start.start, start.end])
         found = sampled_waypoints(exact, ends[0], ends[1], options.sampling)
         if found is not None:
-            detour = _Problem.of(distances, straight_start(found, limits), limits, options, times_given=False)
+            detour = _Problem.of(distances, straight_guess(found, limits), limits, options, times_given=False)
             yield detour, detour.start
 
 
@@ -256,7 +256,7 @@ def _check_ends(scene: CollisionScene, distances: PairDistances, waypoints: Arra
                 f"allowed is {lower[axis]:.6g} to {upper[axis]:.6g}."
             )
         d = distances.distances(waypoints[index : index + 1])[0]
-        scene.check_apart(d, f"way point {index} (the {name})")
+        scene.check_no_overlap(d, f"way point {index} (the {name})")
 
 
 def _verified(problem: _Problem, descent: Descent, exact: CoalDistances) -> CollisionPlan:

@@ -68,7 +68,7 @@ def _row(cell: str, row: Sequence[str]) -> str:
     return "<tr>" + "".join(f"<{cell}{style}>{escape(text)}</{cell}>" for text in row) + "</tr>"
 
 
-class Tabled:
+class TableDisplay:
     """What shows itself as a `SmallTable`: in a shell, and in a notebook."""
 
     __slots__ = ()
@@ -91,7 +91,7 @@ _FEW = 8  # entries of what is told in full
 _LONGEST = 120  # letters of a row
 
 
-class Fielded(Tabled):
+class FieldTable(TableDisplay):
     """A dataclass, made with ``repr=False``, that shows itself as a table of its fields."""
 
     __slots__ = ()
@@ -99,16 +99,16 @@ class Fielded(Tabled):
     def _table(self) -> SmallTable:
         shown = [field.name for field in fields(self) if field.repr]  # type: ignore[arg-type]
         title = " ".join(str(part) for part in (type(self).__name__, getattr(self, "name", "")) if part)
-        return SmallTable(title=title, rows=tuple((name, in_a_row(getattr(self, name))) for name in shown))
+        return SmallTable(title=title, rows=tuple((name, format_value(getattr(self, name))) for name in shown))
 
 
-def in_a_row(value: Any) -> str:
+def format_value(value: Any) -> str:
     """What a value is, in one short row."""
     if value is None:
         return "-"
     if isinstance(value, np.ndarray):
         return _of_array(value)
-    if isinstance(value, Tabled):
+    if isinstance(value, TableDisplay):
         return value._table().title
     if isinstance(value, Mapping):
         return ", ".join(map(str, value)) or "none"
@@ -131,7 +131,7 @@ def _of_items(value: tuple[Any, ...] | list[Any]) -> str:
     if any(isinstance(item, Mapping) for item in value):
         return f"{len(value)} rows"
     more = f" and {len(value) - _FEW} more" if len(value) > _FEW else ""
-    return (", ".join(map(in_a_row, value[:_FEW])) or "none") + more
+    return (", ".join(map(format_value, value[:_FEW])) or "none") + more
 
 
 def _of_other(value: Any) -> str:

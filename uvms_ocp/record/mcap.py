@@ -17,7 +17,7 @@ import numpy as np
 from uvms_ocp.errors import InvalidInput, NotInstalled
 from uvms_ocp.record.run_meta import is_floating, read_meta, write_meta
 from uvms_ocp.record.tables import column_names, column_units, series_description, write_atomically
-from uvms_ocp.record.untrusted import DENSEST, SMALL, require_regular
+from uvms_ocp.record.untrusted import DENSEST, SMALL, require_regular_file
 
 # Messages of an MCAP file in the order that they stand there, unpacked chunk by chunk within what each chunk declares.
 
@@ -167,7 +167,7 @@ def _numbers(n: int) -> list[int]:
 
 Series = Mapping[str, np.ndarray]
 WORLD, VEHICLE = "world", "base_link"
-_POSES = {"q": VEHICLE, "q_measured": f"{VEHICLE}_estimated", "tool": "tool"}
+_POSES = {"q": VEHICLE, "q_estimated": f"{VEHICLE}_estimated", "tool": "tool"}
 """Series that begin with a pose in W, and the frame that has it."""
 _WRENCHES = ("wrench", "unreachable", "disturbance")
 _POSE, _WRENCH = 7, 6
@@ -357,7 +357,7 @@ def from_mcap(path: Path) -> tuple[dict[str, np.ndarray], Any]:
 
     damage = (McapError, DecodeError, ZstdError, OSError, ValueError, KeyError, TypeError, struct.error, MemoryError)
     try:
-        require_regular(path)
+        require_regular_file(path)
         return _read(path)
     except InvalidInput:
         raise

@@ -63,7 +63,7 @@ DONE, ABORT = "done", "abort"
 LARGEST = 1e30
 """What reports and figures reckon with: its square is finite, and single precision, which scenes are kept in, holds it."""
 Number = Annotated[FiniteFloat, Field(ge=-LARGEST, le=LARGEST)]
-NEARLY_ONE = 1e-3
+UNIT_NORM_TOLERANCE = 1e-3
 """By how much the norm of a stored unit quaternion may differ from 1."""
 
 
@@ -223,7 +223,7 @@ class FrameMeta(MetaValue):
     @model_validator(mode="after")
     def _turns(self) -> FrameMeta:
         norm = math.hypot(*self.pose[3:])
-        if abs(norm - 1.0) > NEARLY_ONE:
+        if abs(norm - 1.0) > UNIT_NORM_TOLERANCE:
             raise ValueError(f"the quaternion of a pose, its last four numbers, has norm 1, not {norm:g}")
         return self
 
@@ -287,7 +287,7 @@ class SurroundingsMeta(MetaValue):
     """The floor around the way where it is not flat."""
 
 
-def require_once(what: str, names: Iterable[str]) -> None:
+def require_unique(what: str, names: Iterable[str]) -> None:
     """Raise `ValueError` for two of one name."""
     seen: set[str] = set()
     for name in names:

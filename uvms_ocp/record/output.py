@@ -112,7 +112,7 @@ def is_same(path: Path, known: Fingerprint | None) -> bool:
 _ADVICE = "move it away or choose another folder"
 
 
-def require_ours(target: Path, names: Iterable[str], manifest: Manifest) -> None:
+def require_own_files(target: Path, names: Iterable[str], manifest: Manifest) -> None:
     """Raise `InvalidInput`, naming the first thing in `target` that keeps us from writing `names`.
 
     All that the manifest lists has to be as we left it, as what is not written anew is removed.
@@ -198,11 +198,11 @@ class Replacement:
         """Of what is there. Raises `InvalidInput` for one that cannot be read."""
         return read_as(Manifest, self._manifest) or Manifest()
 
-    def is_left_over(self) -> bool:
+    def is_unfinished(self) -> bool:
         """Whether a command was cut off, or is at it."""
         return any(path.exists() for path in (self._journal, self._undoing, *self._remains()))
 
-    def is_begun(self) -> bool:
+    def is_partly_replaced(self) -> bool:
         """Whether some files may be old and others new."""
         return self._journal.exists() or self._undoing.exists()
 
@@ -212,7 +212,7 @@ class Replacement:
         Raises `InvalidInput` for what stands in the way and `OSError` where the disk refuses, with all as it was before.
         """
         manifest, names = self.manifest(), names_below(self.new)
-        require_ours(self.target, names, manifest)
+        require_own_files(self.target, names, manifest)
         after = manifest_of(self.new, names)
         # What the user removed is not ours any more.
         before = manifest.model_copy(update={"files": {n: f for n, f in manifest.files.items() if self._is_there(n)}})
@@ -255,7 +255,7 @@ class Replacement:
         sync_folders([self.store])
         for path in self._remains():
             discard(path)
-        if self.is_left_over():
+        if self.is_unfinished():
             raise OSError(f"{self.store} cannot be emptied")
 
     def _complete(self, journal: Journal) -> None:
@@ -357,12 +357,12 @@ class FolderClaim:
         """
         replacement = self.replacement
         try:
-            with in_one_line(replacement.target):
+            with as_output_errors(replacement.target):
                 replacement.new.mkdir()
                 yield replacement.new
                 replacement.commit()
         except BaseException:
-            if not replacement.is_begun():
+            if not replacement.is_partly_replaced():
                 discard(replacement.new)
             raise
 
@@ -380,12 +380,12 @@ def claim_folder(target: Path, names: Collection[str]) -> Iterator[FolderClaim]:
     """
     replacement = Replacement(target=target)
     with ExitStack() as stack:
-        with in_one_line(target):
+        with as_output_errors(target):
             stack.callback(remove_empty, [folder for folder in (target, *target.parents) if not folder.exists()])
             target.mkdir(parents=True, exist_ok=True)
             stack.enter_context(locked(replacement.store))
             replacement.recover()
-            require_ours(target, names, replacement.manifest())
+            require_own_files(target, names, replacement.manifest())
         yield FolderClaim(replacement=replacement)
 
 
@@ -396,19 +396,19 @@ def recover_folder(folder: Path) -> None:
     Raises `OutputError` where that cannot be done, or is being done, and `InvalidInput` for what stands in the way.
     """
     replacement = Replacement(target=folder)
-    if not replacement.is_left_over():
+    if not replacement.is_unfinished():
         return
     try:
-        with in_one_line(folder), locked(replacement.store):
+        with as_output_errors(folder), locked(replacement.store):
             replacement.recover()
     except OutputError:
         # New files that wait beside complete old ones do not matter to a reader.
-        if replacement.is_begun():
+        if replacement.is_partly_replaced():
             raise
 
 
 @contextmanager
-def in_one_line(target: Path, advice: str = "choose another folder") -> Iterator[None]:
+def as_output_errors(target: Path, advice: str = "choose another folder") -> Iterator[None]:
     """What the system refuses in the block is an `OutputError` of a file or folder; what is an error of ours stays as it is."""
     try:
         yield

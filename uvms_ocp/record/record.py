@@ -15,9 +15,9 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.model_errors import printable
 from uvms_ocp.record import mcap as mcap_file
 from uvms_ocp.record import tables as record_files
-from uvms_ocp.record.display import SmallTable, Tabled
-from uvms_ocp.record.meta_values import LARGEST, NEARLY_ONE, LimitsMeta
-from uvms_ocp.record.run_meta import SHORTEST_TICK, VEHICLE_V, PlanMeta, RunMeta, is_floating, read_meta, write_meta
+from uvms_ocp.record.display import SmallTable, TableDisplay
+from uvms_ocp.record.meta_values import LARGEST, UNIT_NORM_TOLERANCE, LimitsMeta
+from uvms_ocp.record.run_meta import MIN_TICK, VEHICLE_V, PlanMeta, RunMeta, is_floating, read_meta, write_meta
 from uvms_ocp.record.tables import meaning_of, unit_of
 from uvms_ocp.record.untrusted import read_arrays
 
@@ -28,14 +28,14 @@ Series = Mapping[str, np.ndarray]
 
 _AXES = ("x", "x_rate", "x_acceleration", "x_jerk", "x_snap")
 _LOAD = ("load_weight", "load_weight_error", "load_mass", "load_mass_error")
-_COLUMNS = ("altimeter_range", "altimeter_spread", "joint_energy", "tick_time", "controller_time", *_LOAD)
+_COLUMNS = ("altimeter_range", "altimeter_std", "joint_energy", "tick_time", "controller_time", *_LOAD)
 """(n,) real numbers."""
-_TABLES = ("q", "v", "command", "gates", "activity", "residual", "quantities", "disturbance", "q_spread")
+_TABLES = ("q", "v", "command", "gates", "activity", "residual", "quantities", "disturbance", "q_std")
 _PLANT_TABLES = ("thrust", "asked_thrust", "torque", "thruster_energy", "clearance", "current")
 _REAL = (*_COLUMNS, *_TABLES, *_PLANT_TABLES, *_AXES)
 _UNKNOWN = ("thruster_energy", "load_mass")
 """Where NaN means that it is not known."""
-_ENDLESS = ("altimeter_range", "altimeter_spread", "activity", "residual", "quantities")
+_ENDLESS = ("altimeter_range", "altimeter_std", "activity", "residual", "quantities")
 """Where infinity too may stand, such as for a range without an echo, and at ticks whose input the solver refused."""
 _VEHICLE_Q = 7
 _WORST_HEALTH = 2
@@ -63,7 +63,7 @@ def check_series(series: Series, meta: RunMeta | PlanMeta) -> None:
 
 def _check_times(t: np.ndarray) -> None:
     right = t.dtype == np.float64 and t.ndim == 1 and t.size and (np.abs(t) <= LARGEST).all()
-    if not right or (np.diff(t) < SHORTEST_TICK).any():
+    if not right or (np.diff(t) < MIN_TICK).any():
         raise InvalidInput(
             f"times t of shape {t.shape}; allowed: one or more [s], finite, each later than the one before"
         )
@@ -121,7 +121,7 @@ def _motion_widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[
     elif "v" in series and series["v"].shape[1] >= n_v[0]:
         n_v = (series["v"].shape[1],) * 2
     least = n_v[0] + (_VEHICLE_Q - VEHICLE_V if floating else 0)
-    return {"q": (least, np.inf)} | dict.fromkeys(("v", "command", "disturbance", "q_spread"), n_v)
+    return {"q": (least, np.inf)} | dict.fromkeys(("v", "command", "disturbance", "q_std"), n_v)
 
 
 def _check_limits(limits: LimitsMeta, *, floating: bool) -> None:
@@ -157,7 +157,7 @@ def _check_health(series: Series, meta: RunMeta | PlanMeta) -> None:
 def _check_quaternions(series: Series, meta: RunMeta | PlanMeta) -> None:
     if "q" in series and is_floating(series, meta):
         norms = np.linalg.norm(series["q"][:, 3:_VEHICLE_Q], axis=1)
-        right = np.abs(norms - 1.0) <= NEARLY_ONE
+        right = np.abs(norms - 1.0) <= UNIT_NORM_TOLERANCE
         if not right.all():
             when = _first_wrong(series["t"], right)
             raise InvalidInput(f"series 'q' has a quaternion, columns 3 to 6, whose norm is not 1 at t = {when:g} s")
@@ -180,7 +180,7 @@ _BLOCK = 8 * 2**20  # [bytes]
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
-class Record(Tabled):
+class Record(TableDisplay):
     """Named time series that share their first axis, and what is needed to read them.
 
     Plots and reports read nothing else. Raises `InvalidInput` for metadata of any other type.

@@ -16,7 +16,7 @@ from pydantic import Field, ValidationError, model_validator
 from uvms_ocp.argument_kinds import short
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.model_errors import one_line
-from uvms_ocp.record.display import SmallTable, Tabled, in_a_row
+from uvms_ocp.record.display import SmallTable, TableDisplay, format_value
 from uvms_ocp.record.meta_values import (
     ABORT,
     DONE,
@@ -36,11 +36,11 @@ from uvms_ocp.record.meta_values import (
     SurroundingsMeta,
     TaskMeta,
     ThresholdMeta,
-    require_once,
+    require_unique,
 )
 from uvms_ocp.version import __version__
 
-SHORTEST_TICK = 1e-9
+MIN_TICK = 1e-9
 """[s] between two rows: what times are told apart by."""
 VERSION: Final = "0.2"
 """Of the format; 0.1 had neither a version nor a kind, and is still read."""
@@ -50,7 +50,7 @@ VEHICLE_V = 6
 _DEPENDENCIES = ("pin", "casadi", "coal", "numpy")
 
 
-class RecordMeta(Tabled, MetaValue):
+class RecordMeta(TableDisplay, MetaValue):
     """What figures, scenes and reports ask of any record."""
 
     version: Literal["0.2"] = VERSION
@@ -79,14 +79,14 @@ class RecordMeta(Tabled, MetaValue):
 
     @model_validator(mode="after")
     def _has_names_of_one_meaning(self) -> RecordMeta:
-        require_once("phases", [DONE, ABORT, *(phase.name for phase in self.phases)])
-        require_once("tasks", (task.name for task in self.tasks))
-        require_once("quantities", self.quantities)
+        require_unique("phases", [DONE, ABORT, *(phase.name for phase in self.phases)])
+        require_unique("tasks", (task.name for task in self.tasks))
+        require_unique("quantities", self.quantities)
         return self
 
     def _table(self) -> SmallTable:
         told = {name: getattr(self, name) for name in type(self).model_fields}
-        rows = ((name, in_a_row(_by_name(value))) for name, value in told.items() if value not in ("", (), None))
+        rows = ((name, format_value(_by_name(value))) for name, value in told.items() if value not in ("", (), None))
         return SmallTable(title=f"{type(self).__name__} of {self.scenario}", rows=tuple(rows))
 
 
@@ -111,7 +111,7 @@ class RunMeta(RecordMeta):
     """The same of the sensors."""
     floating: bool
     """Whether q begins with the pose of a vehicle."""
-    dt: Annotated[float, Field(ge=SHORTEST_TICK, le=LARGEST)]
+    dt: Annotated[float, Field(ge=MIN_TICK, le=LARGEST)]
     """[s] control period."""
     completed: bool
     """Whether every phase came to its end."""
@@ -140,7 +140,7 @@ class RunMeta(RecordMeta):
 
     @model_validator(mode="after")
     def _has_channels_of_one_meaning(self) -> RunMeta:
-        require_once("channels", self.channels)
+        require_unique("channels", self.channels)
         return self
 
     @model_validator(mode="after")
@@ -194,7 +194,7 @@ class PlanMeta(RecordMeta):
         given = (self.axis_limits.x_rate, self.axis_limits.x_acceleration)
         if any(limits is not None and len(limits) != n for limits in given):
             raise ValueError(f"axis_limits have one number for each of {n} axes")
-        require_once("axes", self.axes)
+        require_unique("axes", self.axes)
         return self
 
 

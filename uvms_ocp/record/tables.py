@@ -12,7 +12,7 @@ import numpy as np
 
 from uvms_ocp.errors import InvalidInput, NameNotFound, NotInstalled, OutputError
 from uvms_ocp.record.run_meta import read_meta, write_meta
-from uvms_ocp.record.untrusted import DENSEST, SMALL, require_regular
+from uvms_ocp.record.untrusted import DENSEST, SMALL, require_regular_file
 
 # The one table of series: what each is, its units and frame, and which columns it has; units in figures are from here.
 
@@ -63,11 +63,11 @@ SERIES: Mapping[str, SeriesKind] = {
     "t": _of("time of the tick", "()", "s"),
     "q": _of("true configuration: position, quaternion xyzw, joints", "(n_q,)", _PLACE, "W"),
     "v": _of("true velocity: linear, angular, joints", "(n_v,)", _TWIST, "B"),
-    "q_measured": _of("configuration as estimated", "(n_q,)", _PLACE, "W"),
-    "v_measured": _of("velocity as estimated", "(n_v,)", _TWIST, "B"),
-    "q_spread": _of("standard deviations of the estimate of q", "(n_v,)", _SPREAD, "W, B"),
+    "q_estimated": _of("configuration as estimated", "(n_q,)", _PLACE, "W"),
+    "v_estimated": _of("velocity as estimated", "(n_v,)", _TWIST, "B"),
+    "q_std": _of("standard deviations of the estimate of q", "(n_v,)", _SPREAD, "W, B"),
     "altimeter_range": _of("range of the altimeter as estimated", "()", "m"),
-    "altimeter_spread": _of("standard deviation of that range", "()", "m"),
+    "altimeter_std": _of("standard deviation of that range", "()", "m"),
     "command": _of("velocity that is asked for", "(n_v,)", _TWIST, "B"),
     "health": _of("trust in every channel: 0 good, 1 suspect, 2 lost", "(n_channels,)", "-"),
     "controller_time": _of("time that the whole controller took", "()", "s"),
@@ -180,8 +180,8 @@ def _velocities(meta: Any) -> Sequence[str]:
 _LINEAR = {"x", "y", "z", "surge", "sway", "heave"}
 _TURNING = {"qx", "qy", "qz", "qw", "roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate"}
 _MAKERS: Mapping[str, Callable[[Any], Sequence[str]]] = {
-    **dict.fromkeys(("q", "q_measured"), lambda meta: (*_VEHICLE_Q, *meta.joints)),
-    **dict.fromkeys(("v", "v_measured", "command", "q_spread", "disturbance"), _velocities),
+    **dict.fromkeys(("q", "q_estimated"), lambda meta: (*_VEHICLE_Q, *meta.joints)),
+    **dict.fromkeys(("v", "v_estimated", "command", "q_std", "disturbance"), _velocities),
     **dict.fromkeys(("wrench", "unreachable"), lambda meta: _VEHICLE_V),
     **dict.fromkeys(("torque", "joint_health"), lambda meta: meta.joints),
     **dict.fromkeys(("x", "x_rate", "x_acceleration", "x_jerk", "x_snap"), lambda meta: getattr(meta, "axes", ())),
@@ -287,7 +287,7 @@ def from_parquet(path: Path) -> tuple[dict[str, np.ndarray], Any]:
     """Series by name and metadata of a file of `to_parquet`. Raises `InvalidInput` for another file, `NotInstalled`."""
     pa = _arrow()
     try:
-        require_regular(path)
+        require_regular_file(path)
         with pa.parquet.ParquetFile(path) as file:
             own = file.schema_arrow.metadata or {}
             if own.get(_KEY) != VERSION.encode():

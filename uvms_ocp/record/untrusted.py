@@ -30,11 +30,11 @@ from uvms_ocp.model_errors import one_line
 
 # The bytes of a file that is one: no device without end, and no pipe that waits for its writer.
 
-_READ: ContextVar[list[Path] | None] = ContextVar("files_read", default=None)
+_READ: ContextVar[list[Path] | None] = ContextVar("record_files_read", default=None)
 
 
 @contextmanager
-def files_read() -> Iterator[list[Path]]:
+def record_files_read() -> Iterator[list[Path]]:
     """Inside, the list that is given grows by every file that is read here: what the results depend on."""
     found: list[Path] = []
     token = _READ.set(found)
@@ -44,14 +44,14 @@ def files_read() -> Iterator[list[Path]]:
         _READ.reset(token)
 
 
-def tell_read(path: Path) -> None:
+def note_file_read(path: Path) -> None:
     """That a file is read, also one that others open."""
     found = _READ.get()
     if found is not None:
         found.append(path.resolve())
 
 
-def require_regular(path: Path) -> None:
+def require_regular_file(path: Path) -> None:
     """Raise `InvalidInput` for a folder, a device or a pipe; what does not exist is for `open` to tell."""
     if path.exists() and not path.is_file():
         raise InvalidInput("no file but a folder or a device")
@@ -62,8 +62,8 @@ def read_text(path: Path, largest: int) -> str:
 
     Raises `OSError`, and `InvalidInput` in one line for what is no file, larger, or no text in UTF-8.
     """
-    require_regular(path)
-    tell_read(path)
+    require_regular_file(path)
+    note_file_read(path)
     with path.open("rb") as file:
         content = file.read(largest + 1)
     if len(content) > largest:
@@ -116,7 +116,7 @@ def read_arrays(path: Path | str) -> Mapping[str, np.ndarray]:
     more than is ever written, or holds objects.
     """
     source = Path(path)
-    require_regular(source)
+    require_regular_file(source)
     try:
         with warnings.catch_warnings(), source.open("rb") as file, ZipFile(file) as archive:
             warnings.simplefilter("error")  # numpy's, of headers that it has to guess at

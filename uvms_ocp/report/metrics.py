@@ -90,10 +90,10 @@ def estimate_table(record: Record) -> list[dict[str, Any]]:
     mean square, and ``ratio`` of their squares, which is 1 where the process model holds, and None
     where the spread is 0. No rows in older records.
     """
-    if not {"q_measured", "q_spread"} <= record.series.keys():
+    if not {"q_estimated", "q_std"} <= record.series.keys():
         return []
     half = slice(len(record) // 2, None)
-    q, measured, spread = (record[name][half] for name in ("q", "q_measured", "q_spread"))
+    q, measured, spread = (record[name][half] for name in ("q", "q_estimated", "q_std"))
     floating = record.run_meta.floating
     n = spread.shape[1] - (6 if floating else 0)
     plain = n > 0 and q.shape[1] == n + (7 if floating else 0)

@@ -165,7 +165,7 @@ def _obstruction(record: Record, name: str) -> str:
 
 
 @checked
-def learnt_load(record: Record) -> dict[str, float | None] | None:
+def load_estimate(record: Record) -> dict[str, float | None] | None:
     """At the end of a run: net weight [N] and mass [kg], with standard errors; `None` where nothing was to be learnt.
 
     The mass is `None` while it is undetermined.
@@ -176,8 +176,8 @@ def learnt_load(record: Record) -> dict[str, float | None] | None:
     return {f"{name}_{unit}": none_if_nan(float(record[f"load_{name}"][-1])) for name, unit in units.items()}
 
 
-def load_line(load: dict[str, float | None] | None) -> str:
-    """In words; load [N, kg]: a `learnt_load`. Empty where nothing was to be."""
+def format_load(load: dict[str, float | None] | None) -> str:
+    """In words; load [N, kg]: a `load_estimate`. Empty where nothing was to be."""
     if load is None:
         return ""
     mass = "undetermined" if load["mass_kg"] is None else f"{load['mass_kg']:.2f} kg +- {load['mass_error_kg']:.2f}"
@@ -250,7 +250,7 @@ def summarize(record: Record) -> dict[str, Any]:
         "noise": meta.noise,
         "faults": [fault.model_dump() for fault in meta.faults],
         "sensor_health": sensor_health(record),
-        "load": learnt_load(record),
+        "load": load_estimate(record),
         "alarms": [alarm.model_dump() for alarm in meta.alarms],
         "tool_position_error_m": none_if_nan(meta.true_quantity(f"{task}.position_error")),
         "tool_orientation_error_rad": none_if_nan(meta.true_quantity(f"{task}.orientation_error")),

@@ -265,10 +265,10 @@ def _trim_bodies(robot: Robot, bow: float, stern: float) -> list[TrimBody]:
     if abs(lifts[strongest]) > 0.0:
         y[strongest] = -moment[0] / lifts[strongest]
     stations = zip(("trim_bow", "trim_stern"), (bow, stern), y, lifts, strict=True)
-    return [body_of_lift(*station, robot) for station in stations if abs(station[-1]) > 0.0]
+    return [trim_body(*station, robot) for station in stations if abs(station[-1]) > 0.0]
 
 
-def body_of_lift(name: str, x: float, y: float, lift: float, robot: Robot) -> TrimBody:
+def trim_body(name: str, x: float, y: float, lift: float, robot: Robot) -> TrimBody:
     """Return a float of foam, or ballast of lead, at x [m], y [m] in ``base_link`` with a lift [N] in the robot's water."""
     material = _FOAM if lift > 0.0 else _LEAD
     gravity = float(np.linalg.norm(robot.model.gravity.linear))

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.codegen.buffered import BufferedFunction
-from uvms_ocp.record.display import Fielded
+from uvms_ocp.record.display import FieldTable
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.hydrodynamics import STILL_WATER, Water
 from uvms_ocp.robot.robot import Robot
@@ -20,7 +20,7 @@ from uvms_ocp.types import Positive
 
 @checked_on_failure
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Dynamics(Fielded):
+class Dynamics(FieldTable):
     """Equations of motion ``M a + C v + D v + g = tau``; see `SymbolicDynamics` for the terms.
 
     Water moves as one, or link by link in the order of ``symbolic.links``.
@@ -107,6 +107,6 @@ def robot_dynamics(robot: Robot, density: Positive | None = None) -> Dynamics:
 
 
 @lru_cache(maxsize=2)
-def known_dynamics(robot: Robot) -> Dynamics:
+def cached_dynamics(robot: Robot) -> Dynamics:
     """`robot_dynamics`, made once where many runs have one robot."""
     return robot_dynamics(robot)

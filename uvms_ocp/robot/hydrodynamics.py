@@ -132,7 +132,9 @@ def overload(quadratic_drag: np.ndarray) -> tuple[float, np.ndarray]:
     return float(shares.max()), np.where(shares > 1.0 + _ROUNDING, d, 0.0) / root
 
 
-def fed_velocity(linear_drag: np.ndarray, quadratic_drag: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, float] | None:
+def amplified_velocity(
+    linear_drag: np.ndarray, quadratic_drag: np.ndarray, d: np.ndarray
+) -> tuple[np.ndarray, float] | None:
     """A velocity nu (6,) [m/s, rad/s] and the power [W] that drag feeds there, if one is found.
 
     linear_drag (6, 6) [N/(m/s), N m/(rad/s)]; quadratic_drag (6, 6) [N/(m/s)^2, N m/(rad/s)^2]; d (6,) [m/s, rad/s]:
@@ -336,11 +338,11 @@ def _check_dissipates(frame: str, linear: np.ndarray, quadratic: np.ndarray) -> 
         raise InvalidInput(f"{frame}: linear_drag {found}; allowed: no eigenvalue below 0 in its symmetric part")
     worst = int(np.argmin(np.diag(quadratic)))
     if quadratic[worst, worst] < 0.0:
-        found = _feeding(fed_velocity(linear, quadratic, np.eye(6)[worst]))
+        found = _feeding(amplified_velocity(linear, quadratic, np.eye(6)[worst]))
         raise InvalidInput(f"{frame}: quadratic_drag {found}; allowed: a diagonal of 0 or more")
     factor, d = overload(quadratic)
     if factor > 1.0 + _TOLERANCE:
-        found = _feeding(fed_velocity(linear, quadratic, d))
+        found = _feeding(amplified_velocity(linear, quadratic, d))
         raise InvalidInput(
             f"{frame}: quadratic_drag {found}; allowed: couplings at most {1 / factor:.3g} times as large"
         )

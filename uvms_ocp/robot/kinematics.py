@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked_on_failure
-from uvms_ocp.record.display import Fielded
+from uvms_ocp.record.display import FieldTable
 from uvms_ocp.robot.robot import Robot
 
 # How far an axis of a robot can move the points of its shapes.
@@ -86,7 +86,7 @@ STEEP = 0.1
 
 @checked_on_failure
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Kinematics(Fielded):
+class Kinematics(FieldTable):
     """A robot at a configuration; its existence proves that q is valid.
 
     Raises InvalidInput, as `Robot.check_configuration`.

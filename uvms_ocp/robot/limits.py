@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked
-from uvms_ocp.record.display import Fielded
+from uvms_ocp.record.display import FieldTable
 from uvms_ocp.robot.description import RobotDescription
 from uvms_ocp.types import read_only
 
@@ -45,7 +45,7 @@ class Joint:
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
-class Limits(Fielded):
+class Limits(FieldTable):
     """Actuator and position limits, infinite where there is none; read-only arrays."""
 
     position_lower: np.ndarray

@@ -127,7 +127,7 @@ class Measurement:
     """Of every channel that the robot has; empty where nobody judges."""
     spread: _Velocity | None = None
     """(n_v,) [m, rad] standard deviations of q: position in W, attitude in B, joints; `None` where nobody tells."""
-    altimeter_spread: float = np.nan
+    altimeter_std: float = np.nan
     """[m] standard deviation of `altimeter_range`; nan where it is not known."""
 
 
@@ -244,7 +244,7 @@ IDEAL_SENSORS = SensorSpecs(**dict.fromkeys(CHANNELS, SensorSpec()) | {"specific
 """Every channel of the state itself, once per tick, without error or delay; no accelerometer, which nothing needs then."""
 
 
-def sensors_of(description: RobotDescription) -> SensorSpecs:
+def robot_sensors(description: RobotDescription) -> SensorSpecs:
     """The channels of a robot: the defaults of `SensorSpecs`, with what its file says of them."""
     channels = {name: _channel(getattr(SensorSpecs(), name), given) for name, given in description.sensors.items()}
     return replace(SensorSpecs(), **channels)

@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.record.display import Fielded
+from uvms_ocp.record.display import FieldTable
 from uvms_ocp.robot import hydrodynamics as water
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 from uvms_ocp.robot.symbolic_bodies import Pose, Wrench, inertial_wrench, sparse
@@ -91,7 +91,7 @@ def wet_link(model: pin.Model, link: LinkHydrodynamics, density: float) -> WetLi
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
-class SymbolicDynamics(Fielded):
+class SymbolicDynamics(FieldTable):
     """Dynamics of a kinematic tree with water on some of its links.
 
     Velocity u and acceleration ``Du_Dt = du/dt + (u . grad) u`` of the water are (3, n_links) in W, one column per link,

@@ -23,7 +23,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from uvms_ocp.errors import InvalidInput, RobotDataError
-from uvms_ocp.record.untrusted import read_xml, tell_read
+from uvms_ocp.record.untrusted import note_file_read, read_xml
 from uvms_ocp.robot.urdf_checks import check_urdf, quoted, read_number, read_sizes, read_vector, unread_words
 
 # Does the model that Pinocchio built hold the numbers of the XML?
@@ -288,7 +288,7 @@ def _resolve_meshes(path: Path, root: Element, search: Iterable[Path]) -> None:
 def _resolve_mesh(path: Path, filename: str, folders: Sequence[Path]) -> Path:
     for candidate in _mesh_candidates(path, filename, folders):
         if candidate.is_file():
-            tell_read(candidate)
+            note_file_read(candidate)
             return candidate
     advice = (
         "give package_dirs=[folder that contains the package], `check-robot --packages DIR`; or put that above the URDF"

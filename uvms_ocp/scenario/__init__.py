@@ -18,7 +18,7 @@ from uvms_ocp.scenario.preflight.setup import PreflightReport as PreflightReport
 from uvms_ocp.scenario.preflight.setup import Setup as Setup
 from uvms_ocp.scenario.preflight.setup import Severity as Severity
 from uvms_ocp.scenario.preflight.setup import forecast as forecast
-from uvms_ocp.scenario.replay import Flight as Flight
+from uvms_ocp.scenario.replay import ReplayResult as ReplayResult
 from uvms_ocp.scenario.replay import replay as replay
 from uvms_ocp.scenario.scenario import Scenario as Scenario
 from uvms_ocp.scenario.scenario import pose_at as pose_at

@@ -23,7 +23,7 @@ from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import Obstacle
-from uvms_ocp.robot.signals import IDEAL_SENSORS, sensors_of
+from uvms_ocp.robot.signals import IDEAL_SENSORS, robot_sensors
 from uvms_ocp.robot.thrusters import unactuated_axes
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.currents import Current, StillWater, UniformCurrent
@@ -107,7 +107,7 @@ class RunOptions:
             start=start,
             solver=self.solver,
             plant=self.plant,
-            sensors=sensors_of(self.robot.description) if self.noise else IDEAL_SENSORS,
+            sensors=robot_sensors(self.robot.description) if self.noise else IDEAL_SENSORS,
             gains=VelocityGains() if self.observer else VelocityGains(observer_vehicle=0.0),
             load=LoadLearning() if self.learn_load else None,
             plant_robot=real if self.payload is None else with_trim(real, [self.payload]),
@@ -171,10 +171,10 @@ def mission_of(
     mission = Mission(
         hierarchy=Hierarchy(listed, None if order is None else (*names, *order)), phases=tuple(phases), abort=abort
     )
-    return with_gates(mission, activate(*names))
+    return with_activations(mission, activate(*names))
 
 
-def with_gates(mission: Mission, gates: Mapping[str, float]) -> Mission:
+def with_activations(mission: Mission, gates: Mapping[str, float]) -> Mission:
     """The mission with these gates [-] in every phase that does not set them itself, that of its abort too."""
     phases = tuple(replace(phase, gates={**gates, **phase.gates}) for phase in mission.all_phases)
     n = len(mission.phases)

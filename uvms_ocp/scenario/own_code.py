@@ -18,7 +18,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound, UvmsError, plain_line
 from uvms_ocp.robot.loading import load_robot, robot_folder
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import IDEAL_SENSORS, sensors_of
+from uvms_ocp.robot.signals import IDEAL_SENSORS, robot_sensors
 from uvms_ocp.scenario.options import current_from
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.faults import parse_faults
@@ -168,7 +168,7 @@ _OF_A_VALUE = ("plant", "solver", "current", "seabed", "seed", "noise", "duratio
 
 
 @checked
-def chosen_scenario(words: str, options: Mapping[str, Any], makers: Mapping[str, Callable[..., Scenario]]) -> Scenario:
+def load_scenario(words: str, options: Mapping[str, Any], makers: Mapping[str, Callable[..., Scenario]]) -> Scenario:
     """The scenario of these words: one of the `makers` by name, ``file.py``, ``file.py:name`` or ``package.module:name``.
 
     Code of one's own gives a `Scenario`, or a function that makes one and takes those options that it wants to. robot and
@@ -245,7 +245,7 @@ def _with_options(words: str, scenario: Scenario, given: Mapping[str, Any]) -> S
     if "seabed" in given:
         environment = replace(environment, seafloor=FlatSeafloor(z=given["seabed"]))
     if "noise" in given:
-        own["sensors"] = sensors_of(scenario.robot.description) if given["noise"] else IDEAL_SENSORS
+        own["sensors"] = robot_sensors(scenario.robot.description) if given["noise"] else IDEAL_SENSORS
     if "faults" in given:
         own["faults"] = parse_faults(given["faults"])
     return replace(scenario, environment=environment, **own)

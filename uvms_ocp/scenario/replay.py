@@ -33,7 +33,7 @@ _DEEP = FlatSeafloor(z=-1e4)  # of plants, whose floor no one tells: the echo of
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Flight:
+class ReplayResult:
     """What a plant made of a plan."""
 
     record: Record
@@ -44,7 +44,7 @@ class Flight:
 
 
 @checked
-def replay(plan: Plan, where: PlantOrEnvironment, *, feedback: bool = True, dt: Period = 1 / 200) -> Flight:
+def replay(plan: Plan, where: PlantOrEnvironment, *, feedback: bool = True, dt: Period = 1 / 200) -> ReplayResult:
     """Carry out a plan on a plant, or on a `DynamicPlant` in an environment that starts in the plan's first state.
 
     feedback: of positions and velocities, else the forces of the planned motion alone; by computed torque both. dt [s]:
@@ -69,7 +69,9 @@ def replay(plan: Plan, where: PlantOrEnvironment, *, feedback: bool = True, dt: 
     below = _below(plan, where) if isinstance(where, Environment) else ()
     record = _record(plan, recorder.series(), dt, "with feedback" if feedback else "blind", below)
     frame = TOOL if robot.has_frame(TOOL) else robot.frame_names[-1]
-    return Flight(record=record, mismatch=mismatch(trajectory, record["t"], record["q"], robot=robot, frame=frame))
+    return ReplayResult(
+        record=record, mismatch=mismatch(trajectory, record["t"], record["q"], robot=robot, frame=frame)
+    )
 
 
 def _plant(plan: Plan, environment: Environment, dynamics: Dynamics) -> DynamicPlant:

@@ -33,7 +33,7 @@ from uvms_ocp.record.run_meta import RunMeta, packages
 from uvms_ocp.robot.limits import Limits
 from uvms_ocp.robot.shapes.obstacles import describe_obstacle
 from uvms_ocp.robot.signals import IDEAL_SENSORS
-from uvms_ocp.scenario.preflight.checks import quantity_spreads
+from uvms_ocp.scenario.preflight.checks import quantity_stds
 from uvms_ocp.scenario.preflight.setup import Setup
 from uvms_ocp.sim.seafloor import floor_relief
 from uvms_ocp.solvers.hierarchy.solution import Status
@@ -47,7 +47,7 @@ _FLOOR_AROUND = 12.0  # [m] of a floor with protuberances that a record keeps ar
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Ending:
+class RunOutcome:
     """How a run ended."""
 
     q: np.ndarray
@@ -83,7 +83,7 @@ def run_meta(
     faults: tuple[FaultMeta, ...],
     controller: KinematicController,
     monitor: HealthMonitor,
-    ending: Ending,
+    ending: RunOutcome,
 ) -> RunMeta:
     """What a record tells of a run of the mission in `setup`.
 
@@ -119,8 +119,8 @@ def run_meta(
         channels=monitor.channels,
         faults=faults,
         true_quantities=_values(ending.quantities),
-        sensors_allow=_values(quantity_spreads(setup, ending.q)),
-        spreads=_values({} if ending.spread is None else quantity_spreads(setup, ending.q, ending.spread)),
+        sensors_allow=_values(quantity_stds(setup, ending.q)),
+        spreads=_values({} if ending.spread is None else quantity_stds(setup, ending.q, ending.spread)),
         statuses=tuple(status.value for status in Status),
         seed=seed,
         noise=setup.sensors != IDEAL_SENSORS,
@@ -140,7 +140,7 @@ def _levels(controller: KinematicController) -> tuple[LevelMeta, ...]:
     return tuple(LevelMeta(name=name, rows=n) for name, n in zip(problem.names, problem.sizes, strict=True))
 
 
-def _events(controller: KinematicController, ending: Ending) -> tuple[EventMeta, ...]:
+def _events(controller: KinematicController, ending: RunOutcome) -> tuple[EventMeta, ...]:
     return tuple(
         EventMeta(
             t=e.t,

@@ -12,7 +12,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked
-from uvms_ocp.control.external import WatchedController
+from uvms_ocp.control.external import SupervisedController
 from uvms_ocp.control.force.dynamic import DynamicController, VelocityGains
 from uvms_ocp.control.payload import LoadLearning
 from uvms_ocp.control.velocity.kinematic import Guide, HierarchySolver, KinematicController
@@ -21,28 +21,28 @@ from uvms_ocp.estimation.estimator import Estimator, PassThrough
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.mission.mission import Mission
-from uvms_ocp.record.display import Fielded
+from uvms_ocp.record.display import FieldTable
 from uvms_ocp.record.record import Record, Recorder
 from uvms_ocp.record.run_meta import RunMeta
-from uvms_ocp.robot.dynamics import known_dynamics, robot_dynamics
+from uvms_ocp.robot.dynamics import cached_dynamics, robot_dynamics
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Measurement, SensorSpecs, State
 from uvms_ocp.scenario.preflight.checks import check_mission
 from uvms_ocp.scenario.preflight.setup import PreflightReport, Setup
-from uvms_ocp.scenario.run_metadata import Ending, PartNames, run_meta
+from uvms_ocp.scenario.run_metadata import PartNames, RunOutcome, run_meta
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.fault_effects import require_possible
 from uvms_ocp.sim.faults import Fault
 from uvms_ocp.sim.loop import Progress, Sensors, StateEstimator, TickObserver, require_few_ticks, simulate
-from uvms_ocp.sim.own_parts import part_name, plant_name, require_plant, require_suffered, specs_of, takes_forces
+from uvms_ocp.sim.own_parts import part_name, plant_name, require_plant, require_simulated, specs_of, takes_forces
 from uvms_ocp.sim.plant import DynamicPlant, KinematicPlant, Plant
 from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.sim.watched_parts import (
     WatchedPlant,
     WatchedSensors,
     fault_meta,
+    inject_faults,
     require_fault,
-    struck_parts,
     watched_estimator,
 )
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
@@ -65,7 +65,7 @@ class MissionController(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class ControllerOf:
+class ControllerFactory:
     """What makes the controllers of one scenario."""
 
     maker: Callable[..., Any]
@@ -81,11 +81,11 @@ class ControllerOf:
             raise InvalidInput(f"controller made {type(made).__name__}; make a callable (Measurement, t) -> Command")
         n = len(scenario.robot.description.thrusters) if scenario.takes_forces else None
         kinematic = scenario.kinematic_controller()
-        return WatchedController(controller=made, kinematic=kinematic, n_thrusters=n, name=part_name(self.maker))
+        return SupervisedController(controller=made, kinematic=kinematic, n_thrusters=n, name=part_name(self.maker))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class EstimatorOf:
+class EstimatorFactory:
     """What makes the estimators of one scenario."""
 
     maker: Callable[..., Any]
@@ -108,7 +108,7 @@ class EstimatorOf:
 
 def maker_of(what: str, given: Any) -> Callable[..., Any]:
     """What was given for a part, also to the scenario that a changed one is made of. Raises `InvalidInput`."""
-    if isinstance(given, ControllerOf | EstimatorOf):
+    if isinstance(given, ControllerFactory | EstimatorFactory):
         return given.maker
     if not callable(given):
         raise InvalidInput(f"{what} = {given!r}; give a callable that takes the scenario and makes one")
@@ -131,7 +131,7 @@ def our_controller(scenario: Scenario, guide: Guide | None = None) -> KinematicC
         return kinematic
     robot = scenario.robot
     options: dict[str, Any] = {"gains": scenario.gains, "sensors": scenario.specs, "load": scenario.load}
-    return DynamicController(robot=robot, dynamics=known_dynamics(robot), kinematic=kinematic, **options)
+    return DynamicController(robot=robot, dynamics=cached_dynamics(robot), kinematic=kinematic, **options)
 
 
 def our_estimator(scenario: Scenario) -> StateEstimator:
@@ -143,7 +143,7 @@ def our_estimator(scenario: Scenario) -> StateEstimator:
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
-class Scenario(Fielded):
+class Scenario(FieldTable):
     """Everything that one simulation needs.
 
     Raises `InvalidInput` for a start outside the joint limits or below the seafloor, for a bad period, duration, seed or
@@ -173,7 +173,7 @@ class Scenario(Fielded):
     """What makes a controller for a run: takes the scenario, returns a callable ``(Measurement, t) -> Command``.
 
     ``scenario.controller()`` calls it. By default it makes the hierarchy's, with thrust and torque unless the plant is kinematic;
-    any other is watched by the mission, see `WatchedController`.
+    any other is watched by the mission, see `SupervisedController`.
     """
     gains: VelocityGains = field(default_factory=VelocityGains)
     """Of the dynamic layer, which are less where sensors are known to be late; the kinematic plant has none."""
@@ -214,17 +214,17 @@ class Scenario(Fielded):
             self.robot.frame_id(self.altimeter_frame)
         if self.robot.n_vehicle:
             self._require_above_floor()
-        for name, kind in (("controller", ControllerOf), ("estimator", EstimatorOf)):
+        for name, kind in (("controller", ControllerFactory), ("estimator", EstimatorFactory)):
             object.__setattr__(self, name, kind(maker=maker_of(name, getattr(self, name)), scenario=self))
         for fault in self.faults:
             require_fault(fault)
-        if faults := self.known_faults:
+        if faults := self.toolkit_faults:
             require_possible(faults, self.plant_robot or self.robot, kinematic=self.plant == "kinematic")
-            require_suffered(faults, self.plant, self.sensors)
+            require_simulated(faults, self.plant, self.sensors)
             self._sensor_suite()
 
     @property
-    def known_faults(self) -> tuple[Fault, ...]:
+    def toolkit_faults(self) -> tuple[Fault, ...]:
         """Those of `faults` that are values of the toolkit, which plant and sensors have of themselves."""
         return tuple(fault for fault in self.faults if isinstance(fault, Fault))
 
@@ -285,15 +285,15 @@ class Scenario(Fielded):
         """
         controller = controller or self.controller()
         kinematic, estimator = controller.kinematic, self.estimator()
-        plant, sensors = struck_parts(self, self._plant(), self._sensors())
+        plant, sensors = inject_faults(self, self._plant(), self._sensors())
         begin = perf_counter()
         parts: dict[str, Any] = {"plant": plant, "sensors": sensors, "estimator": estimator, "controller": controller}
         recorder = simulate(**parts, dt=self.dt, duration=self.duration, progress=progress, watch=watch)
         wall = perf_counter() - begin
         truth = kinematic.evaluate(self._true_measurement(plant.state), recorder.last("t"))
         events = self._truth_at_events(kinematic, recorder)
-        spread = recorder.last("q_spread") if "q_spread" in recorder else None
-        ending = Ending(q=recorder.last("q"), quantities=truth, at_events=events, wall_s=wall, spread=spread)
+        spread = recorder.last("q_std") if "q_std" in recorder else None
+        ending = RunOutcome(q=recorder.last("q"), quantities=truth, at_events=events, wall_s=wall, spread=spread)
         return recorder.freeze(self._meta(controller, estimator, ending))
 
     def _truth_at_events(self, kinematic: KinematicController, recorder: Recorder) -> tuple[dict[str, float], ...]:
@@ -305,7 +305,7 @@ class Scenario(Fielded):
             truths.append(kinematic.evaluate(self._true_measurement(then), event.t, state))
         return tuple(truths)
 
-    def _meta(self, controller: MissionController, estimator: GuardedEstimator, ending: Ending) -> RunMeta:
+    def _meta(self, controller: MissionController, estimator: GuardedEstimator, ending: RunOutcome) -> RunMeta:
         return run_meta(
             name=self.name,
             setup=self.setup(),
@@ -332,10 +332,10 @@ class Scenario(Fielded):
         if not isinstance(self.plant, str):
             return WatchedPlant(self.plant(self), self.robot, part_name(self.plant))
         if self.plant == "kinematic":
-            return KinematicPlant(self.robot, self.start, self.known_faults)
+            return KinematicPlant(self.robot, self.start, self.toolkit_faults)
         real = self.plant_robot or self.robot
         dynamics = robot_dynamics(real)
-        options: dict[str, Any] = {"dynamics": dynamics, "environment": self.environment, "faults": self.known_faults}
+        options: dict[str, Any] = {"dynamics": dynamics, "environment": self.environment, "faults": self.toolkit_faults}
         return DynamicPlant(real, self.start, **options, shared=real is not self.robot)
 
     def _sensors(self) -> Sensors:
@@ -345,7 +345,7 @@ class Scenario(Fielded):
 
     def _sensor_suite(self) -> SensorSuite:
         floor, specs = self.environment.seafloor, self.real_sensors or self.specs
-        return SensorSuite(self.robot, floor, specs, self.seed, self.altimeter_frame, self.known_faults)
+        return SensorSuite(self.robot, floor, specs, self.seed, self.altimeter_frame, self.toolkit_faults)
 
     def _true_measurement(self, state: State) -> Measurement:
         suite = SensorSuite(self.robot, self.environment.seafloor, IDEAL_SENSORS, altimeter_frame=self.altimeter_frame)

@@ -51,7 +51,7 @@ _NEAR = 1.0  # [m] above its highest part the floor is looked at anyhow
 _FASTEST = 10.0  # [m/s] no vehicle sinks faster
 
 
-class Surroundings:
+class EnvironmentSampler:
     """Writes the environment where a `StepSequence` reads it. What never changes is written once, by `bind`."""
 
     def __init__(
@@ -79,23 +79,23 @@ class Surroundings:
         """
         self._given = given
         if self._steady:
-            self._feel_water(_NOWHERE, 0.0)
+            self._sample_water(_NOWHERE, 0.0)
         if self._flat:
-            self._feel_floor(np.zeros((len(given["floor_z"]), 3)))
+            self._sample_floor(np.zeros((len(given["floor_z"]), 3)))
 
     def sample(self, q: np.ndarray, t: float) -> None:
         """Write what there is at configuration q (n_q,) [m, rad] and time t [s]."""
         sites = _NOWHERE if self._sites is None else self._sites(q)[0].T
         if not self._steady:
-            self._feel_water(sites[: self._n_links], t)
+            self._sample_water(sites[: self._n_links], t)
         if not self._flat:
             points = sites[self._n_links :]
             if points[:, 2].min() > self._top + _NEAR + _FASTEST * self._given["dt"][0]:
                 self._given["floor_z"][:] = self._top  # as much out of reach as all that is below it
             else:
-                self._feel_floor(points)
+                self._sample_floor(points)
 
-    def _feel_water(self, p_W: np.ndarray, t: float) -> None:
+    def _sample_water(self, p_W: np.ndarray, t: float) -> None:
         current, given = self._environment.current, self._given
         flow = everywhere(current, t) if self._uniform else None
         if flow is None:
@@ -104,7 +104,7 @@ class Surroundings:
         else:
             given["u"][:], given["Du_Dt"][:] = flow
 
-    def _feel_floor(self, p_W: np.ndarray) -> None:
+    def _sample_floor(self, p_W: np.ndarray) -> None:
         given = self._given
         given["floor_z"][:], given["floor_normal"][:] = ground_at(self._environment.seafloor, p_W[:, :2])
 

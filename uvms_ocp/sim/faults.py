@@ -170,13 +170,13 @@ def target_of(name: str) -> FaultTarget:
         return FaultTarget(name=name, family=name)
     numbered = re.fullmatch(rf"(thruster|joint)({_COUNTER.pattern})(?:_(position|velocity))?", name)
     if numbered is None or (numbered[1] == "thruster" and numbered[3]):
-        raise NameNotFound("target of a fault", name, known_targets(name))
+        raise NameNotFound("target of a fault", name, fault_targets(name))
     if numbered[3]:
         return FaultTarget(name=name, family="encoder", channel=_ENCODERS[numbered[3]], number=int(numbered[2]))
     return FaultTarget(name=name, family=numbered[1], number=int(numbered[2]))
 
 
-def known_targets(like: str = "") -> tuple[str, ...]:
+def fault_targets(like: str = "") -> tuple[str, ...]:
     """Names of targets, with the number of the name that they are to be like."""
     found = _COUNTER.search(like)
     k = found[0] if found else "1"

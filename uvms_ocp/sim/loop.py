@@ -51,7 +51,7 @@ def simulate(
     state too. Raises `InvalidInput` for more ticks than ordinary memory holds.
     """
     require_few_ticks(duration, dt)
-    recorder, trusts = Recorder(), _Trusts()
+    recorder, trusts = Recorder(), _HealthCodes()
     command: Command | None = None
     for k in range(round(duration / dt) + 1):
         t = k * dt
@@ -84,7 +84,7 @@ def require_few_ticks(duration: float, dt: float) -> None:
         )
 
 
-class _Trusts:
+class _HealthCodes:
     """How far each channel can be trusted, (n_channels,) [-], made anew only where somebody has judged anew."""
 
     __slots__ = ("_health", "_row")
@@ -120,12 +120,12 @@ def _row(
         "t": t,
         "q": state.q,
         "v": state.v,
-        "q_measured": measurement.q,
-        "v_measured": measurement.v,
+        "q_estimated": measurement.q,
+        "v_estimated": measurement.v,
         "altimeter_range": float(measurement.altimeter_range),
     }
     if measurement.spread is not None:  # how well the estimate is known, where the estimator tells
-        row["q_spread"], row["altimeter_spread"] = measurement.spread, float(measurement.altimeter_spread)
+        row["q_std"], row["altimeter_std"] = measurement.spread, float(measurement.altimeter_std)
     row["command"] = command.v
     if asked is not None:
         row["asked_thrust"] = asked

@@ -61,16 +61,16 @@ def specs_of(sensors: Any) -> SensorSpecs:
     return specs
 
 
-def require_suffered(faults: Iterable[Fault], plant: Any, sensors: Any) -> None:
+def require_simulated(faults: Iterable[Fault], plant: Any, sensors: Any) -> None:
     """Raise `InvalidInput` for a fault of a user's own plant or sensors that these do not have of themselves."""
     for fault in faults:
         channel = fault.strikes.channel
         maker, what = (sensors, channel) if channel else (plant, fault.strikes.family)
         own = not isinstance(maker, str | SensorSpecs)
-        if own and what not in getattr(maker, "suffers", ()):
+        if own and what not in getattr(maker, "simulated_faults", ()):
             whose = f"{'sensors' if channel else 'plant'} {part_name(maker)}"
             raise InvalidInput(
-                f"{fault}: {whose} has no {what!r} in its suffers; add it and simulate it, or leave it out"
+                f"{fault}: {whose} has no {what!r} in its simulated_faults; add it and simulate it, or leave it out"
             )
 
 
@@ -86,8 +86,8 @@ def require_suffered(faults: Iterable[Fault], plant: Any, sensors: Any) -> None:
 class PlantMaker(Protocol):
     """Of ``Scenario(plant=...)``, where it is none of the names ``dynamic`` and ``kinematic``.
 
-    It may have `suffers`, a tuple of ``thruster``, ``joint``, ``current`` and ``payload``: the faults that its plant has of
-    itself when `scenario.known_faults` lists them; others are refused, those of sensors are none of its business. Campaigns vary
+    It may have `simulated_faults`, a tuple of ``thruster``, ``joint``, ``current`` and ``payload``: the faults that its plant has of
+    itself when `scenario.toolkit_faults` lists them; others are refused, those of sensors are none of its business. Campaigns vary
     `scenario.plant_robot` and `scenario.environment`, and of a maker that is a dataclass every float by its name, such as
     ``parts.plant.rate``: what a plant does not read is not varied.
     """
@@ -124,7 +124,7 @@ class FaultMaker(Protocol):
 class SensorsMaker(Protocol):
     """Of ``Scenario(sensors=...)``, where it is no `SensorSpecs`.
 
-    It may have `suffers`, a tuple of channels: the faults that its sensors have of themselves when `scenario.known_faults` lists
+    It may have `simulated_faults`, a tuple of channels: the faults that its sensors have of themselves when `scenario.toolkit_faults` lists
     them; others are refused. Campaigns vary `scenario.real_sensors`, what they are truly like where that is not as `specs` say;
     delays that are told are those of the toolkit's sensors alone.
     """
@@ -149,7 +149,7 @@ class EstimatorMaker(Protocol):
 
         `command` has been acting since the last call, `None` at the first. A monitor stands around it: readings that cannot be
         true are kept from it, and age and health of its measurements are the monitor's. One that has `outcomes` and
-        `doubt_velocity`, as `uvms_ocp.control.Estimator` does, is heard by the monitor too.
+        `inflate_velocity_variance`, as `uvms_ocp.control.Estimator` does, is heard by the monitor too.
         """
 
 
@@ -159,5 +159,5 @@ class ControllerMaker(Protocol):
     def __call__(self, scenario: Any) -> Controller:
         """The controller of a `Scenario`: a callable ``(Measurement, t) -> Command`` at time t [s].
 
-        The command has thrust and torque where the plant takes forces. `WatchedController` follows the mission beside it.
+        The command has thrust and torque where the plant takes forces. `SupervisedController` follows the mission beside it.
         """

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
-from uvms_ocp.codegen.compile import compile_function, compile_shared
+from uvms_ocp.codegen.compile import compile_function, compile_lifted
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.robot.robot import Robot
@@ -25,7 +25,7 @@ from uvms_ocp.sim.dynamic_step import (
     skid_points,
     step_function,
 )
-from uvms_ocp.sim.environment import Environment, Surroundings
+from uvms_ocp.sim.environment import Environment, EnvironmentSampler
 from uvms_ocp.sim.fault_effects import (
     active_of,
     condition_of,
@@ -96,7 +96,7 @@ class KinematicPlant(Plant):
 
 _plant_state = unchecked_constructor(State)
 
-_STRUCK = ("thruster", "joint", "payload")
+_PLANT_FAULTS = ("thruster", "joint", "payload")
 BRAKE_FRICTION = 1e6  # [N m s/rad] of a locked joint, which creeps by less than a milliradian in a minute (assumed)
 
 
@@ -143,10 +143,10 @@ class DynamicPlant(Plant):
             stops=stops or JointStops(),
             thrusters=Thrusters.of(robot),
         )
-        compiled = compile_shared if shared else compile_function
+        compiled = compile_lifted if shared else compile_function
         self._step = compiled(step_function(self._model))
-        self._surroundings = Surroundings(self._environment, dynamics.symbolic, self._points)
-        self._faults = tuple(fault for fault in faults if fault.strikes.family in _STRUCK)
+        self._surroundings = EnvironmentSampler(self._environment, dynamics.symbolic, self._points)
+        self._faults = tuple(fault for fault in faults if fault.strikes.family in _PLANT_FAULTS)
         self._active: tuple[Fault, ...] = ()
         self._t = 0.0
         self._shapes = (len(robot.description.thrusters),), (robot.n_joints,)
@@ -164,7 +164,7 @@ class DynamicPlant(Plant):
         Raises `InvalidInput` for a command without thrust or torque, or with some that are not finite or of another number.
         """
         if self._faults and (active := active_of(self._faults, self._t)) != self._active:
-            self._suffer(active)
+            self._apply_faults(active)
         if dt != self._dt:
             self._begin(dt)
         given, advance = self._given, self._advance
@@ -212,7 +212,7 @@ class DynamicPlant(Plant):
         given["share"][:], given["offset"][:] = self._condition.share, self._condition.offset
         self._surroundings.bind(given)
 
-    def _suffer(self, active: tuple[Fault, ...]) -> None:
+    def _apply_faults(self, active: tuple[Fault, ...]) -> None:
         """Go on with other faults than before."""
         self._after = self._after.copy()
         thrust = self._after[self._parts["thrust"]]
@@ -226,7 +226,9 @@ class DynamicPlant(Plant):
             # Not compiled: a run does not wait for that in its middle.
             self._model = replace(self._model, dynamics=self._dynamics.symbolic, locked=locked)
             self._step = step_function(self._model)
-            self._surroundings = Surroundings(self._environment, self._dynamics.symbolic, self._points, compiled=False)
+            self._surroundings = EnvironmentSampler(
+                self._environment, self._dynamics.symbolic, self._points, compiled=False
+            )
         self._begin(self._dt)
 
     def _carry(self, had: tuple[Fault, ...], have: tuple[Fault, ...]) -> None:

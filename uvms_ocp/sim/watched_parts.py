@@ -15,9 +15,9 @@ from uvms_ocp.control.external import require_numbers
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
 from uvms_ocp.estimation.filter_memory import NUMBER
-from uvms_ocp.estimation.health.guarded_estimator import Gating
+from uvms_ocp.estimation.health.guarded_estimator import GatedEstimator
 from uvms_ocp.estimation.health.settings import sizes_of
-from uvms_ocp.record.meta_values import NEARLY_ONE, FaultMeta
+from uvms_ocp.record.meta_values import UNIT_NORM_TOLERANCE, FaultMeta
 from uvms_ocp.record.tables import SERIES
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import CHANNELS, Command, Measurement, Reading, Readings, SensorSpecs, State
@@ -37,7 +37,7 @@ def watched_estimator(made: Any, robot: Robot, name: str) -> StateEstimator:
     """It, watched unless it is the toolkit's own; one that tells of gates of its own still does."""
     if type(made) in _OURS:
         return made
-    return (WatchedGates if isinstance(made, Gating) else WatchedEstimator)(made, robot, name)
+    return (WatchedGates if isinstance(made, GatedEstimator) else WatchedEstimator)(made, robot, name)
 
 
 class WatchedEstimator:
@@ -45,12 +45,12 @@ class WatchedEstimator:
 
     def __init__(self, estimator: Any, robot: Robot, name: str) -> None:
         """name: what messages call it."""
-        self._theirs, self._robot, self._whose = estimator, robot, f"the measurement of estimator {name}"
+        self._wrapped, self._robot, self._whose = estimator, robot, f"the measurement of estimator {name}"
         self._name = name
 
     def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
         """Their measurement at time t [s]. Raises `InvalidInput` for one that no controller can take."""
-        told = self._theirs(readings, t, command)
+        told = self._wrapped(readings, t, command)
         if not isinstance(told, Measurement):
             raise InvalidInput(f"estimator {self._name} returned {type(told).__name__}; return a Measurement")
         robot = self._robot
@@ -69,20 +69,20 @@ class WatchedGates(WatchedEstimator):
         """As of `WatchedEstimator`. Raises `InvalidInput` for outcomes that the monitor cannot share."""
         super().__init__(estimator, robot, name)
         self.outcomes: Array = estimator.outcomes
-        """(9, 4) [s, -, -, -] theirs, see `Gating.outcomes`."""
+        """(9, 4) [s, -, -, -] theirs, see `GatedEstimator.outcomes`."""
         shape = (len(NUMBER), 4)
         found = np.shape(self.outcomes)
         if found != shape or self.outcomes.dtype != float or not self.outcomes.flags.c_contiguous:
             raise InvalidInput(f"outcomes of estimator {name} of shape {found}; give {shape}, floats row by row")
 
-    def doubt_velocity(self, *, rests: bool = False) -> None:
+    def inflate_velocity_variance(self, *, rests: bool = False) -> None:
         """Pass it on."""
-        self._theirs.doubt_velocity(rests=rests)
+        self._wrapped.inflate_velocity_variance(rests=rests)
 
 
 def require_normalized(whose: str, robot: Robot, q: np.ndarray) -> None:
     """Raise `InvalidInput` for q (n_q,) [m, rad] whose quaternion, or pair of cos and sin, is not of norm 1."""
-    if not pin.isNormalized(robot.model, q, NEARLY_ONE):
+    if not pin.isNormalized(robot.model, q, UNIT_NORM_TOLERANCE):
         raise InvalidInput(f"{whose} has q with an attitude or a turning joint not of norm 1; normalize it")
 
 
@@ -100,7 +100,7 @@ class WatchedPlant(Plant):
         missing = [item for item in ("state", "step", "telemetry") if not hasattr(plant, item)]
         if missing:
             raise InvalidInput(f"plant {name} made {type(plant).__name__} without {', '.join(missing)}; make a Plant")
-        self._theirs, self._robot, self._name = plant, robot, name
+        self._wrapped, self._robot, self._name = plant, robot, name
         n_thrusters, n_joints = len(robot.description.thrusters), robot.n_joints
         self._shapes: dict[str, tuple[int, ...]] = dict(
             zip(EFFORTS, ((n_thrusters,), (n_joints,), (n_thrusters,), ()), strict=True),
@@ -111,12 +111,12 @@ class WatchedPlant(Plant):
 
     def step(self, command: Command, dt: float) -> None:
         """Theirs, by dt [s]. Raises `InvalidInput` for a state that cannot be."""
-        self._theirs.step(command, dt)
-        self.state = self._right(self._theirs.state)
+        self._wrapped.step(command, dt)
+        self.state = self._right(self._wrapped.state)
 
     def telemetry(self) -> dict[str, Any]:
         """Theirs. Raises `InvalidInput` for what cannot be recorded, or not under that name."""
-        told = self._theirs.telemetry()
+        told = self._wrapped.telemetry()
         if not isinstance(told, dict):
             raise InvalidInput(f"telemetry of plant {self._name} is {type(told).__name__}; give a dict, empty for none")
         given = [name for name in EFFORTS if name in told]
@@ -168,7 +168,7 @@ class WatchedSensors:
         """specs: which channels to expect. name: what messages call them. Raises `InvalidInput` for what cannot be called."""
         if not callable(sensors):
             raise InvalidInput(f"sensors {name} made {type(sensors).__name__}; make a callable (State, t) -> Readings")
-        self._theirs: Callable[[State, float], Readings] = sensors
+        self._wrapped: Callable[[State, float], Readings] = sensors
         self._name, self._sizes = name, sizes_of(robot)
         self._expected = {channel for channel in CHANNELS if getattr(specs, channel) is not None}
         self._seen: dict[str, Reading[Any] | None] = dict.fromkeys(CHANNELS)
@@ -176,7 +176,7 @@ class WatchedSensors:
     def __call__(self, state: State, t: float) -> Readings:
         """Their readings of the true state at time t [s]. Raises `InvalidInput` for what is no reading of that channel."""
         # Copied: nobody who writes to a reading reaches the true state.
-        readings = self._theirs(_state(q=state.q.copy(), v=state.v.copy(), a=state.a), t)
+        readings = self._wrapped(_state(q=state.q.copy(), v=state.v.copy(), a=state.a), t)
         if not isinstance(readings, Readings):
             raise InvalidInput(f"sensors {self._name} returned {type(readings).__name__}; return Readings")
         for channel, reading in zip(CHANNELS, _all(readings), strict=True):
@@ -197,7 +197,7 @@ class WatchedSensors:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Struck:
+class InjectedFault:
     """A fault, made for one run."""
 
     maker: Any
@@ -219,10 +219,10 @@ class Struck:
         return left
 
 
-class StruckPlant(Plant):
+class FaultyPlant(Plant):
     """A plant that does not hear all that it is told."""
 
-    def __init__(self, plant: Plant, struck: Sequence[Struck]) -> None:
+    def __init__(self, plant: Plant, struck: Sequence[InjectedFault]) -> None:
         self._plant, self._struck, self._t = plant, tuple(struck), 0.0
         self.state = plant.state
 
@@ -240,18 +240,18 @@ class StruckPlant(Plant):
         return self._plant.telemetry()
 
 
-def struck_parts(scenario: Any, plant: Plant, sensors: Sensors) -> tuple[Plant, Sensors]:
+def inject_faults(scenario: Any, plant: Plant, sensors: Sensors) -> tuple[Plant, Sensors]:
     """Plant and sensors of a run with the own faults of a scenario between them and the others."""
     makers = [fault for fault in scenario.faults if not isinstance(fault, Fault)]
     if not makers:
         return plant, sensors
-    struck = [Struck(maker=maker, made=maker(scenario)) for maker in makers]
+    struck = [InjectedFault(maker=maker, made=maker(scenario)) for maker in makers]
     names = " and ".join(map(part_name, makers))
-    heard = WatchedSensors(_hearing(sensors, struck), scenario.robot, scenario.specs, f"with fault {names}")
-    return StruckPlant(plant, struck), heard
+    heard = WatchedSensors(_faulty_sensors(sensors, struck), scenario.robot, scenario.specs, f"with fault {names}")
+    return FaultyPlant(plant, struck), heard
 
 
-def _hearing(sensors: Sensors, struck: Sequence[Struck]) -> Callable[[State, float], Readings]:
+def _faulty_sensors(sensors: Sensors, struck: Sequence[InjectedFault]) -> Callable[[State, float], Readings]:
     def read(state: State, t: float) -> Readings:
         readings = sensors(state, t)
         for fault in struck:

@@ -1,6 +1,6 @@
 """Tasks: what is wanted of the robot, one file per family."""
 
-from uvms_ocp.tasks.activation import Bell as Bell
+from uvms_ocp.tasks.activation import SmoothActivation as SmoothActivation
 from uvms_ocp.tasks.altitude import LandingAltitude as LandingAltitude
 from uvms_ocp.tasks.altitude import MinimumAltitude as MinimumAltitude
 from uvms_ocp.tasks.attitude import Alignment as Alignment

@@ -14,12 +14,12 @@ from uvms_ocp.codegen.elementwise import is_symbolic
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.spatial import Array
 
-# Bell functions: smooth steps between 0 and 1 ([Gao2022] eq. 22).
+# SmoothActivation functions: smooth steps between 0 and 1 ([Gao2022] eq. 22).
 
 
 @checked_on_failure
 @dataclass(frozen=True, slots=True)
-class Bell:
+class SmoothActivation:
     """A cosine step over ``start <= x <= end``: C1 everywhere, 0 or 1 outside.
 
     Raises `InvalidInput` unless ``start < end`` and both are finite.
@@ -32,7 +32,9 @@ class Bell:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.start) and math.isfinite(self.end) and self.start < self.end):
-            raise InvalidInput(f"Bell({self.start}, {self.end}): start and end must be finite and start < end")
+            raise InvalidInput(
+                f"SmoothActivation({self.start}, {self.end}): start and end must be finite and start < end"
+            )
 
     def increasing(self, x: ca.SX | float) -> ca.SX:
         """0 where x [its unit] is below `start`, 1 where it is above `end`."""

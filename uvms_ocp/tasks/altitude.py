@@ -13,7 +13,7 @@ from uvms_ocp.robot.kinematics import point_reach
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_model import SymbolicModel
-from uvms_ocp.tasks.activation import Bell, approach_speed, row_acceleration, saturate
+from uvms_ocp.tasks.activation import SmoothActivation, approach_speed, row_acceleration, saturate
 from uvms_ocp.tasks.task import (
     Residual,
     Rows,
@@ -117,7 +117,7 @@ class MinimumAltitude(Task):
             dt=symbols.dt,
             saturation=self.saturation,
         )
-        bell = Bell(self.threshold, self.threshold + self.margin)
+        bell = SmoothActivation(self.threshold, self.threshold + self.margin)
         return Rows(
             jacobian=row,
             rate=saturate(self.gain * (bell.end - h), self.saturation),

@@ -12,7 +12,7 @@ from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.spatial import skew
-from uvms_ocp.tasks.activation import Bell, approach_speed, row_acceleration, saturate
+from uvms_ocp.tasks.activation import SmoothActivation, approach_speed, row_acceleration, saturate
 from uvms_ocp.tasks.task import (
     Residual,
     Rows,
@@ -53,7 +53,7 @@ class AngleTask(Task):
     """[1/s]"""
     saturation: float
     """[rad/s]"""
-    bell: Bell
+    bell: SmoothActivation
     """[rad] activation rises over this range."""
     aim: float
     """[rad] angle at which the strict hierarchy's bound lets theta rest."""
@@ -96,7 +96,7 @@ class HorizontalAttitude(AngleTask):
     """[1/s]"""
     saturation: float = 0.5
     """[rad/s]"""
-    bell: Bell = Bell(0.025, 0.1)
+    bell: SmoothActivation = SmoothActivation(0.025, 0.1)
     """[rad]"""
     aim: float = 0.025
     """[rad]"""
@@ -131,7 +131,7 @@ class Alignment(AngleTask):
     """[1/s]"""
     saturation: float = 0.2
     """[rad/s]"""
-    bell: Bell = Bell(0.0, 0.07)
+    bell: SmoothActivation = SmoothActivation(0.0, 0.07)
     """[rad]"""
     aim: float = 0.035
     """[rad]"""
@@ -199,7 +199,7 @@ class FieldOfView(AngleTask):
     """[1/s]"""
     saturation: float = 0.3
     """[rad/s]"""
-    bell: Bell = Bell(0.3, 0.5)
+    bell: SmoothActivation = SmoothActivation(0.3, 0.5)
     """[rad]"""
     aim: float = 0.4
     """[rad]"""

@@ -12,7 +12,7 @@ from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
-from uvms_ocp.tasks.activation import Bell, approach_speed, row_acceleration, saturate
+from uvms_ocp.tasks.activation import SmoothActivation, approach_speed, row_acceleration, saturate
 from uvms_ocp.tasks.task import NearestPairs, Rows, Task, TaskClass, TickSymbols, require_positive
 
 
@@ -81,7 +81,7 @@ class Clearance(Task):
             dt=symbols.dt,
             saturation=self.saturation,
         )
-        bell = Bell(self.threshold, self.threshold + self.margin)
+        bell = SmoothActivation(self.threshold, self.threshold + self.margin)
         rates = [saturate(self.gain * (bell.end - pairs.distance[k]), self.saturation) for k in range(n)]
         return Rows(
             jacobian=pairs.jacobian,

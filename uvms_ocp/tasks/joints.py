@@ -12,7 +12,7 @@ from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.limits import Joint, bounded_joints
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.tasks.activation import Bell, approach_speed, saturate
+from uvms_ocp.tasks.activation import SmoothActivation, approach_speed, saturate
 from uvms_ocp.tasks.task import (
     Residual,
     Rows,
@@ -92,7 +92,7 @@ class JointLimits(Task):
         """Rate, lower, upper, activation and distance to the nearer limit of one joint."""
         q, margin = symbols.q[joint.idx_q], self.margin * (upper - lower)
         low, high = self._kept(lower, upper)
-        bell_low, bell_high = Bell(low, low + margin), Bell(high - margin, high)
+        bell_low, bell_high = SmoothActivation(low, low + margin), SmoothActivation(high - margin, high)
         below, above = bell_low.decreasing(q), bell_high.increasing(q)
         back = ca.if_else(q < bell_low.end, bell_low.end - q, ca.fmin(bell_high.start - q, 0))
         return (
@@ -176,7 +176,7 @@ class Manipulability(Task):
     """[1/s]"""
     target: float = 0.12
     """[unit of mu] that the rate leads to."""
-    bell: Bell = Bell(0.02, 0.05)
+    bell: SmoothActivation = SmoothActivation(0.02, 0.05)
     """[unit of mu] activation falls over this range."""
 
     def __post_init__(self) -> None:

@@ -20,7 +20,7 @@ import pinocchio as pin
 
 from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.record.display import SmallTable, Tabled
+from uvms_ocp.record.display import SmallTable, TableDisplay
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
@@ -279,10 +279,10 @@ class Task(ABC):
 
         Never of a class of one's own that has its own `reference`.
         """
-        return self.is_told_by_goal and not callable(getattr(self, "goal", None))
+        return self.follows_goal_alone and not callable(getattr(self, "goal", None))
 
     @property
-    def is_told_by_goal(self) -> bool:
+    def follows_goal_alone(self) -> bool:
         """Whether `reference` depends on nothing but the goal, as that of every class but one's own that has its own does."""
         return type(self).reference.__module__.startswith("uvms_ocp.")
 
@@ -363,7 +363,7 @@ def require_positive(task: str, **values: float) -> None:
 
 
 @checked
-class Hierarchy(Tabled):
+class Hierarchy(TableDisplay):
     """Tasks from the highest priority to the lowest.
 
     Without `order` the classes decide (`TaskClass`), ties keep the given order. `order` names every task once, highest

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.record.display import Fielded
+from uvms_ocp.record.display import FieldTable
 from uvms_ocp.trajectories.free_derivatives import (
     Pieces,
     coefficients,
@@ -231,7 +231,7 @@ class CostGradients:
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
-class MinSnap(Fielded):
+class MinSnap(FieldTable):
     """A minimum-derivative trajectory and the data of its nodes."""
 
     trajectory: PiecewisePolynomial

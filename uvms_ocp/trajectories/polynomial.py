@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.errors import InvalidInput, OutputError
 from uvms_ocp.model_errors import printable
-from uvms_ocp.record.display import Fielded
+from uvms_ocp.record.display import FieldTable
 from uvms_ocp.record.untrusted import read_arrays
 from uvms_ocp.types import Array, Count, Finite, read_only
 
@@ -28,7 +28,7 @@ _EXTREMUM_GRID = np.linspace(0.0, 1.0, 65)
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class PiecewisePolynomial(Fielded):
+class PiecewisePolynomial(FieldTable):
     """A curve ``t -> R^n_axes`` made of polynomials; as a callable it is a ``Reference``, ``t -> (value, rate)``.
 
     Raises `InvalidInput` for wrong shapes, NaN, or breaks that do not increase (the first offending index is named).

@@ -12,7 +12,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.tables import unit_of
-from uvms_ocp.viz.series import labelled, n_joints, phase_spans
+from uvms_ocp.viz.series import axis_label, n_joints, phase_spans
 from uvms_ocp.viz.style import (
     BLACK,
     BLUE,
@@ -54,7 +54,7 @@ def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> 
             axis.plot(record["t"][rows] - span.start, column, color=color, lw=1.0)
     for axis, name in zip(axes, joints, strict=True):
         axis.set_ylabel(label_text(name), rotation=0, ha="right", va="center")
-    axes[-1].set_xlabel(labelled(f"time since phase {label_text(phase)} began", "t"))
+    axes[-1].set_xlabel(axis_label(f"time since phase {label_text(phase)} began", "t"))
     heading_legend(
         figure,
         [Line2D([], [], color=color, label=label_text(name)) for name, color in zip(records, _COLORS, strict=False)],
@@ -83,7 +83,7 @@ def figure_paths(paths: Mapping[str, np.ndarray]) -> Figure:
             axis.plot(path[:, i], path[:, j], color=color, ls="-" if k else "--", label=label_text(name), zorder=3 - k)
             axis.plot(path[0, i], path[0, j], "o", color=color, ms=4)
             axis.plot(path[-1, i], path[-1, j], "*", color=color, ms=8)
-        axis.set(xlabel=labelled(labels[0], "q", "position"), ylabel=labelled(labels[1], "q", "position"))
+        axis.set(xlabel=axis_label(labels[0], "q", "position"), ylabel=axis_label(labels[1], "q", "position"))
         axis.set_aspect("equal", adjustable="datalim")
     for axis, title in zip(views, ("from above", "from the side"), strict=True):
         axis.set_title(title)

@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from uvms_ocp.identification.calibration import Calibration, Comparison
 from uvms_ocp.identification.fit import Predicted
 from uvms_ocp.identification.parameters import AXES
-from uvms_ocp.identification.uncertainty import CHANNELS, INTERVAL, LEAST_TOLD, Whiteness
-from uvms_ocp.identification.validation import SCORED, LeftOut, Profile, errors
-from uvms_ocp.viz.series import labelled
+from uvms_ocp.identification.uncertainty import CHANNELS, INTERVAL, LEAST_P, Whiteness
+from uvms_ocp.identification.validation import SCORED, HeldOutRecording, Profile, errors
+from uvms_ocp.viz.series import axis_label
 from uvms_ocp.viz.style import (
     BLACK,
     BLUE,
@@ -56,7 +56,7 @@ def figure_residuals(one: Comparison) -> Figure:
         over_time.set_ylabel(f"{name}\n[{_UNITS[sensor]}]")
         if name in told:
             _correlation(over_lags, told[name])
-    grid[-1, 0].set_xlabel(labelled("time", "t"))
+    grid[-1, 0].set_xlabel(axis_label("time", "t"))
     grid[-1, 1].set_xlabel("lag [s]")
     return figure
 
@@ -67,7 +67,7 @@ def _correlation(axis: Axes, one: Whiteness) -> None:
     axis.vlines(lags[1:], 0.0, one.correlation[1:], color=BLUE, lw=1.2)
     axis.set_ylim(-1.05, 1.05)
     color = THRESHOLD if one.white else VERMILLION
-    p = f"p = {one.p:.2g}" if one.p > LEAST_TOLD else f"p < {LEAST_TOLD:g}"
+    p = f"p = {one.p:.2g}" if one.p > LEAST_P else f"p < {LEAST_P:g}"
     axis.set_title(f"{p}, {one.together:.2g} alike", fontsize=7, color=color, pad=2)
 
 
@@ -97,7 +97,7 @@ def _profile(axis: Axes, one: Profile) -> None:
 
 
 @styled
-def figure_left_out(found: Sequence[LeftOut]) -> Figure:
+def figure_left_out(found: Sequence[HeldOutRecording]) -> Figure:
     """Errors of predictions of recordings that were left out, medians over them, beside those that know less."""
     asked = sorted({each.asked for one in found for each in one.horizons})
     figure = RecordFigure(figsize=(WIDTH, 4.6))
@@ -113,7 +113,7 @@ def figure_left_out(found: Sequence[LeftOut]) -> Figure:
     return figure
 
 
-def _bars(axis: Axes, found: Sequence[LeftOut], asked: Sequence[float], i: int) -> None:
+def _bars(axis: Axes, found: Sequence[HeldOutRecording], asked: Sequence[float], i: int) -> None:
     names = list(next((each.by for one in found for each in one.horizons), ()))
     if not names:
         return
@@ -124,7 +124,7 @@ def _bars(axis: Axes, found: Sequence[LeftOut], asked: Sequence[float], i: int) 
     axis.set_xticks(np.arange(len(asked)), [f"{horizon:g} s" for horizon in asked])
 
 
-def _median(found: Sequence[LeftOut], asked: float, name: str, i: int) -> float:
+def _median(found: Sequence[HeldOutRecording], asked: float, name: str, i: int) -> float:
     chosen = [each for one in found for each in one.horizons if each.asked == asked]
     return float(np.median([errors(each.by[name])[i] for each in chosen]))
 
@@ -160,7 +160,7 @@ def figure_predicted(one: Comparison) -> Figure:
     figure, axes = stacked(len(AXES) + 2, 1.0, f"{label_text(one.name)}: measured and predicted")
     for i, (axis, name) in enumerate(zip(axes, AXES, strict=False)):
         sensor, column = divmod(i, 3)
-        axis.set_ylabel(labelled(name, "v", _PARTS[sensor]))
+        axis.set_ylabel(axis_label(name, "v", _PARTS[sensor]))
         _draw(axis, one, sensor, itemgetter((slice(None), column)))
     for axis, name, angle in zip(axes[len(AXES) :], ("roll", "pitch"), (_roll, _pitch), strict=True):
         axis.set_ylabel(f"{name} [deg]")

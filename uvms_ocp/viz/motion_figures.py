@@ -15,7 +15,7 @@ from uvms_ocp.ocp.separating_planes import support_of
 from uvms_ocp.record.meta_values import ObstacleData
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.shapes.obstacles import build_obstacle
-from uvms_ocp.viz.series import PhaseSpan, axis_names, floor_heights, has_vehicle, labelled, n_joints, phase_spans
+from uvms_ocp.viz.series import PhaseSpan, axis_label, axis_names, floor_heights, has_vehicle, n_joints, phase_spans
 from uvms_ocp.viz.style import (
     AXES_XYZ,
     BLACK,
@@ -28,7 +28,7 @@ from uvms_ocp.viz.style import (
     label_text,
     legend_beside,
     mark_time,
-    room_above,
+    space_above,
     stacked,
     styled,
 )
@@ -61,14 +61,14 @@ def _thrust(record: Record, axes: Sequence[Axes]) -> None:
     for i, thrust in enumerate(record["thrust"].T):
         style = DASHES[i // len(LINES) % len(DASHES)]
         axes[0].plot(record["t"], thrust, color=LINES[i % len(LINES)], ls=style, lw=0.8, label=f"thruster{i + 1}")
-    axes[0].set_ylabel(labelled("thrust", "thrust"))
+    axes[0].set_ylabel(axis_label("thrust", "thrust"))
 
 
 def _wrench(record: Record, axes: Sequence[Axes]) -> None:
     for axis, part, values in zip(axes, _PARTS, np.hsplit(record["wrench"], len(_PARTS)), strict=True):
         for color, name, column in zip(AXES_XYZ, "xyz", values.T, strict=True):
             axis.plot(record["t"], column, color=color, lw=0.8, label=name)
-        axis.set_ylabel(labelled(part, "wrench", part))
+        axis.set_ylabel(axis_label(part, "wrench", part))
 
 
 _PUSHES: Mapping[str, Callable[[Record, Sequence[Axes]], None]] = {"thrust": _thrust, "wrench": _wrench}
@@ -78,7 +78,7 @@ def _torque(record: Record, axis: Axes) -> None:
     names = axis_names(record, record["torque"].shape[1])
     for i, (name, torque) in enumerate(zip(names, record["torque"].T, strict=True)):
         axis.plot(record["t"], torque, color=LINES[i % len(LINES)], lw=0.8, label=label_text(name, 10))
-    axis.set_ylabel(labelled("torque", "torque"))
+    axis.set_ylabel(axis_label("torque", "torque"))
 
 
 def _energy(record: Record, axis: Axes) -> None:
@@ -86,7 +86,7 @@ def _energy(record: Record, axis: Axes) -> None:
     unknown = " (not known)" if np.isnan(thrusters).any() else ""
     axis.plot(record["t"], thrusters, color=BLUE, label=f"thrusters{unknown}")
     axis.plot(record["t"], record["joint_energy"], color=VERMILLION, label="joints")
-    axis.set_ylabel(labelled("energy", "joint_energy"))
+    axis.set_ylabel(axis_label("energy", "joint_energy"))
 
 
 @checked
@@ -102,8 +102,8 @@ def figure_tracking(record: Record) -> Figure | None:
         axes[0].plot(t, 1e3 * error[:, i], color=color, lw=0.9, label=linear)
         axes[1].plot(t, 1e3 * error[:, 3 + i], color=color, lw=0.9, label=angular)
         axes[2].plot(t, record["disturbance"][:, i], color=color, lw=0.9, label=linear)
-    velocity, rate = (labelled(f"{what} error", "v", part, "m") for what, part in _TRACKED.items())
-    labels = (velocity, rate, labelled("disturbance", "disturbance", "force"))
+    velocity, rate = (axis_label(f"{what} error", "v", part, "m") for what, part in _TRACKED.items())
+    labels = (velocity, rate, axis_label("disturbance", "disturbance", "force"))
     for axis, label in zip(axes, labels, strict=True):
         axis.set_ylabel(label)
         legend_beside(axis)
@@ -146,8 +146,8 @@ def figure_velocities(record: Record) -> Figure | None:
 
 
 _VELOCITY_PANELS = (
-    (slice(0, 3), labelled("linear", "v", "linear"), ("surge", "sway", "heave")),
-    (slice(3, 6), labelled("angular", "v", "angular"), ("roll", "pitch", "yaw")),
+    (slice(0, 3), axis_label("linear", "v", "linear"), ("surge", "sway", "heave")),
+    (slice(3, 6), axis_label("angular", "v", "angular"), ("roll", "pitch", "yaw")),
 )
 
 
@@ -157,7 +157,7 @@ def _whole_run(parent: Figure, record: Record) -> None:
         _velocity_lines(axis, record, part, names)
         axis.set_ylabel(label)
         legend_beside(axis)
-    axes[-1].set_xlabel(labelled("time", "t"))
+    axes[-1].set_xlabel(axis_label("time", "t"))
     mark_time(axes, record, share=0.92)
 
 
@@ -172,7 +172,7 @@ def _zooms(parent: Figure, record: Record, changes: Sequence[float], spans: Sequ
             if column == 0:
                 axis.set_ylabel(label)
         grid[0, column].set_title(_change(spans[column], spans[column + 1]), fontsize=8)
-        grid[1, column].set_xlabel(labelled("time", "t"))
+        grid[1, column].set_xlabel(axis_label("time", "t"))
 
 
 def _change(before: PhaseSpan, after: PhaseSpan) -> str:
@@ -210,11 +210,11 @@ def figure_joints(record: Record) -> Figure | None:
     for axis, name in zip(grid[:, 0], names, strict=True):
         axis.set_ylabel(label_text(name), rotation=0, ha="right", va="center")
     for axis, title in zip(
-        grid[0], (labelled("position", "q", "joints"), labelled("velocity", "v", "joints")), strict=True
+        grid[0], (axis_label("position", "q", "joints"), axis_label("velocity", "v", "joints")), strict=True
     ):
-        axis.set_title(title, pad=1 + room_above(record))
+        axis.set_title(title, pad=1 + space_above(record))
     for axis in grid[-1]:
-        axis.set_xlabel(labelled("time", "t"))
+        axis.set_xlabel(axis_label("time", "t"))
     for column in grid.T:
         mark_time(column, record, share=0.46)
     figure.align_ylabels(grid[:, 0])
@@ -257,7 +257,7 @@ def figure_path(record: Record) -> Figure | None:
     above, side = figure.subplots(1, 2)
     for axis, (i, j) in ((above, (0, 1)), (side, (0, 2))):
         _path_panel(axis, record, i, j)
-        axis.set(**{f"{side}label": labelled("xyz"[k], "q", "position") for side, k in (("x", i), ("y", j))})
+        axis.set(**{f"{side}label": axis_label("xyz"[k], "q", "position") for side, k in (("x", i), ("y", j))})
         axis.set_aspect("equal", adjustable="datalim")
         axis.margins(0.14)
     _draw_floor(side, record)

@@ -16,7 +16,7 @@ from uvms_ocp.record.meta_values import ClearanceMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.tables import unit_of
 from uvms_ocp.viz.motion_figures import figure_efforts
-from uvms_ocp.viz.series import labelled, require_rows
+from uvms_ocp.viz.series import axis_label, require_rows
 from uvms_ocp.viz.style import (
     BLACK,
     DASHES,
@@ -75,7 +75,7 @@ def figure_clearance(record: Record) -> Figure | None:
     top, bottom = min(float(d.max()), max(_FAR, 5.0 * wanted)), min(float(d.min()), 0.0)
     axis.set_ylim(1.1 * bottom - 0.03 * top, 1.05 * top)
     axis.axhspan(axis.get_ylim()[0], 0.0, color=VERMILLION, alpha=0.15, lw=0)
-    axis.set_ylabel(labelled("distance", "clearance"))
+    axis.set_ylabel(axis_label("distance", "clearance"))
     figure.legend(loc="outside upper right", ncols=4)
     _mark_breaks([axis], record)
     return figure

@@ -23,7 +23,7 @@ from uvms_ocp.record.meta_values import AlarmMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.viz.motion_figures import figure_efforts, figure_joints, figure_path, figure_tracking, figure_velocities
 from uvms_ocp.viz.plan_figures import plan_figures
-from uvms_ocp.viz.series import axis_names, has_vehicle, intervals_of, labelled, n_joints, phase_spans, require_rows
+from uvms_ocp.viz.series import axis_label, axis_names, has_vehicle, intervals_of, n_joints, phase_spans, require_rows
 from uvms_ocp.viz.style import (
     AXES_XYZ,
     BLACK,
@@ -65,7 +65,7 @@ _SHOWN = 98.0  # [%] of the ticks whose bands fit; before the first readings the
 @styled
 def figure_estimate(record: Record) -> Figure | None:
     """Errors of position, attitude and joints, estimate less truth, within two standard deviations that the filter gives."""
-    panels = _panels(record) if {"q", "q_measured", "q_spread"} <= record.series.keys() else []
+    panels = _panels(record) if {"q", "q_estimated", "q_std"} <= record.series.keys() else []
     if not panels:
         return None
     figure, axes = stacked(len(panels), 1.5, "Estimate less truth, and two standard deviations")
@@ -80,14 +80,14 @@ _Panel = tuple[str, Sequence[str], Sequence[str], np.ndarray, np.ndarray]
 
 
 def _panels(record: Record) -> list[_Panel]:
-    q, measured, spread = record["q"], record["q_measured"], record["q_spread"]
+    q, measured, spread = record["q"], record["q_estimated"], record["q_std"]
     found: list[_Panel] = []
     if has_vehicle(record):
         place, turn = 1e3 * (measured - q)[:, :3], 1e3 * _turns(q[:, 3:7], measured[:, 3:7])
         found += [
-            (labelled("position", "q", "position", "m"), ("x", "y", "z"), AXES_XYZ, place, 1e3 * spread[:, :3]),
+            (axis_label("position", "q", "position", "m"), ("x", "y", "z"), AXES_XYZ, place, 1e3 * spread[:, :3]),
             (
-                labelled("attitude", "q_spread", "attitude", "m"),
+                axis_label("attitude", "q_std", "attitude", "m"),
                 ("roll", "pitch", "yaw"),
                 AXES_XYZ,
                 turn,
@@ -99,7 +99,13 @@ def _panels(record: Record) -> list[_Panel]:
         names = [label_text(name, 10) for name in axis_names(record, n)]
         colors = [LINES[i % len(LINES)] for i in range(n)]
         found.append(
-            (labelled("joints", "q", "joints", "m"), names, colors, 1e3 * (measured - q)[:, -n:], 1e3 * spread[:, -n:])
+            (
+                axis_label("joints", "q", "joints", "m"),
+                names,
+                colors,
+                1e3 * (measured - q)[:, -n:],
+                1e3 * spread[:, -n:],
+            )
         )
     return found
 
@@ -146,7 +152,7 @@ def figure_health(record: Record) -> Figure | None:
     axis.set_yticks(range(len(names)), [label_text(name) for name in names])
     axis.set_ylim(len(names) - 0.5, -0.5)
     axis.grid(visible=False, axis="y")
-    axis.set_xlabel(labelled("time", "t"))
+    axis.set_xlabel(axis_label("time", "t"))
     if told:
         figure.supxlabel("\n".join(told), x=0.01, ha="left", fontsize=7)
     shade_phases([axis], phase_spans(record), share=0.85)
@@ -189,7 +195,7 @@ def figure_tick_time(record: Record) -> Figure | None:
     over_time, spread = figure.subplots(1, 2, sharey=True, width_ratios=(3, 1))
     logarithmic(over_time)
     over_time.plot(record["t"], tick, ".", ms=1.4, color=BLUE, rasterized=True)
-    over_time.set(xlabel=labelled("time", "t"), ylabel=labelled("tick", "tick_time", prefix="µ"))
+    over_time.set(xlabel=axis_label("time", "t"), ylabel=axis_label("tick", "tick_time", prefix="µ"))
     spread.hist(tick, bins=np.geomspace(tick.min(), tick.max() * 1.01, 50), orientation="horizontal", color=BLUE)
     spread.set_xlabel("ticks")
     lines = [_percentile_line((over_time, spread), tick, *entry) for entry in ((50, BLACK), (99, VERMILLION))]

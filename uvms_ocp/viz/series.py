@@ -63,12 +63,12 @@ def fault_spans(record: Record) -> tuple[FaultSpan, ...]:
     )
 
 
-def labelled(text: str, name: str, part: str = "", prefix: str = "") -> str:
+def axis_label(text: str, name: str, part: str = "", prefix: str = "") -> str:
     """What stands on an axis: a text, and the unit of a series, or of one of its parts, or of a quantity; prefix: such as m."""
     return f"{text} [{' or '.join(prefix + unit for unit in unit_of(name, part).split(' or '))}]"
 
 
-def as_known(record: Record) -> str:
+def estimate_suffix(record: Record) -> str:
     """What to add to the name of a quantity that a run measures: with noisy sensors it is an estimate."""
     return " (estimated)" if record.meta.kind == "run" and record.meta.noise else ""
 

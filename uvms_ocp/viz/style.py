@@ -21,7 +21,7 @@ from matplotlib.ticker import LogFormatterSciNotation
 
 from uvms_ocp.errors import OutputError, plain_line
 from uvms_ocp.record.record import Record
-from uvms_ocp.viz.series import PhaseSpan, fault_spans, labelled, phase_spans
+from uvms_ocp.viz.series import PhaseSpan, axis_label, fault_spans, phase_spans
 
 # One look for all figures: colours that colour-blind readers can tell apart, phase bands, a figure without pyplot.
 
@@ -149,7 +149,7 @@ def stacked(n_rows: int, height: float, title: str) -> tuple[RecordFigure, list[
     figure = RecordFigure(figsize=(WIDTH, height * n_rows + 0.55))
     figure.suptitle(title, fontsize=10, fontweight="bold", x=0.01, ha="left")
     axes = figure.subplots(n_rows, 1, sharex=True, squeeze=False)[:, 0]
-    axes[-1].set_xlabel(labelled("time", "t"))
+    axes[-1].set_xlabel(axis_label("time", "t"))
     return figure, list(axes)
 
 
@@ -269,7 +269,7 @@ def mark_time(axes: Sequence[Axes], record: Record, *, named: bool = True, share
         _name(axes[0], start, plain_line(", ".join(names), _LONGEST), line)
 
 
-def room_above(record: Record) -> float:
+def space_above(record: Record) -> float:
     """[points] that the names of phases and faults take above a panel."""
     return _ABOVE_PHASES + _LINE * len({fault.start for fault in fault_spans(record)})
 

@@ -15,9 +15,9 @@ from uvms_ocp.record.meta_values import TaskMeta
 from uvms_ocp.record.record import Record, quantity
 from uvms_ocp.record.tables import column_names, column_units, unit_of
 from uvms_ocp.viz.series import (
-    as_known,
+    axis_label,
     axis_names,
-    labelled,
+    estimate_suffix,
     require_rows,
     task_activity,
     task_gate,
@@ -88,10 +88,10 @@ def _quantity_figure(
     known = [row for row in rows if quantity(record, row[0]) is not None]
     if not known:
         return None
-    figure, axes = stacked(len(known), 1.75, title + as_known(record))
+    figure, axes = stacked(len(known), 1.75, title + estimate_suffix(record))
     for axis, (name, label, color) in zip(axes, known, strict=True):
         panel(axis, record, name, color)
-        axis.set_ylabel(labelled(label, name))
+        axis.set_ylabel(axis_label(label, name))
     mark_time(axes, record)
     heading_legend(
         figure,
@@ -164,7 +164,7 @@ def figure_altitude(record: Record) -> Figure | None:
             threshold(axis, limit, f"landed below {limit:g} m")
     lowest = int(np.nanargmin(altitude))
     axes[1].plot(t[lowest], altitude[lowest], "v", color=VERMILLION, ms=5, label=f"lowest: {altitude[lowest]:.3f} m")
-    label = labelled("altitude", name)
+    label = axis_label("altitude", name)
     axes[0].set(ylabel=label, ylim=(0, None))
     axes[1].set(ylabel=f"{label},\nnear the floor", ylim=(0, near))
     curve, *_, mark = axes[1].get_lines()
@@ -200,7 +200,9 @@ def figure_of(record: Record, name: str, *names: str) -> Figure:
     require_rows(record)
     names = (name, *names)
     curves = [_curves(record, name) for name in names]
-    figure, axes = stacked(len(names), 1.75, ", ".join(label_text(name) for name in names[:4]) + as_known(record))
+    figure, axes = stacked(
+        len(names), 1.75, ", ".join(label_text(name) for name in names[:4]) + estimate_suffix(record)
+    )
     for axis, one, (lines, unit) in zip(axes, names, curves, strict=True):
         for k, (label, values) in enumerate(lines.items()):
             style = DASHES[k // len(LINES) % len(DASHES)]

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.control.force.observer import Observed, ObserverLaw
+from uvms_ocp.control.force.observer import ObserverLaw, ObserverState
 from uvms_ocp.control.payload import COLUMNS, LOAD_FRAME, current_force, load_force, response_function
 from uvms_ocp.robot.assembly import with_trim
 from uvms_ocp.robot.description import TrimBody
@@ -92,6 +92,6 @@ def observer_function(law: ObserverLaw, model: Dynamics, robot: Robot) -> ca.Fun
     q, n = ca.SX.sym("q", robot.n_q), robot.n_v
     v, tau, estimate, v_hat = (ca.SX.sym(name, n) for name in ("v", "tau", "estimate", "v_hat"))
     follows = ca.SX.sym("follows")
-    before = Observed(estimate=estimate, lead=ca.SX(n, 1), v_hat=v_hat, follows=follows)
+    before = ObserverState(estimate=estimate, lead=ca.SX(n, 1), v_hat=v_hat, follows=follows)
     after = law.after(before, model.symbolic, q, v, tau, ca.SX.ones(n))
     return ca.Function("observer", [q, v, tau, estimate, v_hat, follows], [after.estimate, after.v_hat, after.follows])

@@ -15,7 +15,7 @@ from sample_kernels import Curious, Memory, Motion, Roots, advance, inquire, tak
 
 from uvms_ocp.codegen.kernel_layout import Answer, Layout, column_view, structure_of
 from uvms_ocp.codegen.kernel_program import c_program
-from uvms_ocp.codegen.kernels import bind_kernels, memory_of
+from uvms_ocp.codegen.kernels import bind_kernels, make_memory
 from uvms_ocp.errors import InvalidInput
 
 
@@ -63,8 +63,8 @@ def _pendulum() -> ca.Function:
 def test_kernels_call_smooth_functions() -> None:
     """In machine code from machine code, and in Python with the same numbers up to rounding."""
     structure = structure_of(Motion, dynamics=_pendulum())
-    mine, (in_c,) = memory_of(structure, (advance,))
-    other, (in_python,) = memory_of(structure, (advance,), compiled=False)
+    mine, (in_c,) = make_memory(structure, (advance,))
+    other, (in_python,) = make_memory(structure, (advance,), compiled=False)
     assert in_python is advance
     assert in_c is not advance
     for memory in (mine, other):
@@ -79,7 +79,7 @@ def test_two_functions_of_one_form_are_not_mixed_up() -> None:
     x, push = ca.SX.sym("x", 2), ca.SX.sym("push")
     for gain in (1.0, -2.0):
         function = ca.Function("linear", [x, push], [gain * x, ca.SX.ones(2, 2), ca.sumsqr(x)])
-        memory, (in_c,) = memory_of(structure_of(Motion, dynamics=function), (advance,))
+        memory, (in_c,) = make_memory(structure_of(Motion, dynamics=function), (advance,))
         memory.x[0] = 1.0
         in_c(memory, 0.0, 1)
         assert memory.x[0] == 1.0 + 0.01 * gain
@@ -87,7 +87,7 @@ def test_two_functions_of_one_form_are_not_mixed_up() -> None:
 
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 def test_a_layout_of_nothing_but_numbers_is_a_vector_of_them(compiled: bool) -> None:
-    memory, (roots,) = memory_of(structure_of(Roots, root=_ROOT), (take_roots,), compiled=compiled)
+    memory, (roots,) = make_memory(structure_of(Roots, root=_ROOT), (take_roots,), compiled=compiled)
     memory.given.first[0], memory.given.rest[:] = 4.0, [9.0, 16.0, 25.0]
     roots(memory)
     assert (*memory.told.first, *memory.told.rest) == (2.0, 3.0, 4.0, 5.0)
@@ -97,7 +97,7 @@ def test_a_layout_of_nothing_but_numbers_is_a_vector_of_them(compiled: bool) -> 
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 def test_a_kernel_asks_python_which_answers_in_its_memory(compiled: bool) -> None:
     memory: Any
-    memory, (ask_on,) = memory_of(structure_of(Curious), (inquire,), compiled=compiled)
+    memory, (ask_on,) = make_memory(structure_of(Curious), (inquire,), compiled=compiled)
     assert compiled == (ask_on is not inquire)
 
     def double() -> None:

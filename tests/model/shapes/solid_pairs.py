@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.codegen.kernel_layout import structure_of, view
-from uvms_ocp.codegen.kernels import memory_of
+from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.robot.shapes.distance_kernels import (
     DistanceMemory,
     chosen_gradients,
@@ -49,7 +49,7 @@ class SolidPair:
             self.model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), name)
         sizes = distance_sizes(self.model, n_solids=2, n_pairs=1)
         self.memory: Any
-        self.memory, kernels = memory_of(
+        self.memory, kernels = make_memory(
             structure_of(DistanceMemory, **sizes), (pair_distances, chosen_gradients), compiled=compiled
         )
         self._distances, self._gradients = kernels

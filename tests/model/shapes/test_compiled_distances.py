@@ -12,7 +12,7 @@ from compiler import needs_compiler
 
 import uvms_ocp as uo
 from uvms_ocp.codegen.kernel_layout import structure_of
-from uvms_ocp.codegen.kernels import memory_of
+from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes import collision_model as compiled_pairs
@@ -83,7 +83,7 @@ def test_shapes_without_a_form_in_c_are_named(robot: Robot) -> None:
 @needs_compiler
 def test_without_a_compiler_coal_measures_the_same(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     compiled = CollisionModel(robot, ROCKS)
-    monkeypatch.setattr(compiled_pairs, "memory_of", partial(memory_of, compiled=False))
+    monkeypatch.setattr(compiled_pairs, "make_memory", partial(make_memory, compiled=False))
     model = CollisionModel(robot, ROCKS)
     assert model.by_coal
     assert model.without_c_form == ()

@@ -11,7 +11,7 @@ import pytest
 from compiler import needs_compiler
 from solid_pairs import KINDS, SolidPair, by_coal, height, random_pose
 
-from uvms_ocp.robot.shapes.distance_kernels import least_distance, place_solids
+from uvms_ocp.robot.shapes.distance_kernels import distance_lower_bound, place_solids
 
 PAIRS = [*product(KINDS, KINDS)]
 EXACT = 1e-6  # [m]
@@ -156,7 +156,7 @@ def test_the_bound_by_the_direction_found_last_is_below_the_distance(pair: Solid
             pair.at_q(q)
             q = pin.integrate(pair.model, q, 0.02 * rng.normal(size=12))
             place_solids(pair.memory, q.tolist())
-            bound = least_distance(pair.memory, 0)
+            bound = distance_lower_bound(pair.memory, 0)
             exact = pair.at_q(q).distance
             assert bound <= exact + 1e-9
             tight += exact - bound < 0.01

@@ -13,7 +13,7 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario.cases.case1 import case1
-from uvms_ocp.scenario.preflight.checks import quantity_spreads
+from uvms_ocp.scenario.preflight.checks import quantity_stds
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.faults import parse_faults
 
@@ -101,7 +101,7 @@ def test_what_sensors_allow_is_told_of_a_run_that_ends_with_a_joint_beyond_its_l
     scenario = case1(noise=True)
     q = scenario.start.copy()
     q[scenario.robot.joint_q] = scenario.robot.limits.position_upper + 0.01
-    spreads = quantity_spreads(scenario.setup(), q)
+    spreads = quantity_stds(scenario.setup(), q)
     assert spreads
     assert all(0.0 < spread < 1.0 for spread in spreads.values())
 

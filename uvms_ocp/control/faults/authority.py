@@ -12,7 +12,7 @@ import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of, view
 from uvms_ocp.codegen.kernels import bind_kernels
-from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness, given_by
+from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness, effective_thrust
 from uvms_ocp.solvers.linear_program import LinearProgram, program_sizes, solve_program, value_of
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
@@ -50,8 +50,8 @@ def judge_authority(a: AuthorityMemory, e: ThrusterEffectiveness) -> None:
         a.program.upper[i] = a.upper[i]
     _reach_out(a, False)
     for i in range(len(a.lower)):
-        a.program.lower[i] = min(given_by(e, i, a.lower[i]), given_by(e, i, a.upper[i]))
-        a.program.upper[i] = max(given_by(e, i, a.lower[i]), given_by(e, i, a.upper[i]))
+        a.program.lower[i] = min(effective_thrust(e, i, a.lower[i]), effective_thrust(e, i, a.upper[i]))
+        a.program.upper[i] = max(effective_thrust(e, i, a.lower[i]), effective_thrust(e, i, a.upper[i]))
     _reach_out(a, True)
     _conclude_authority(a)
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Smooth, Vector
 from uvms_ocp.control.faults.authority import AuthorityMemory, judge_authority
-from uvms_ocp.control.faults.thrusters import ThrusterFaultMemory, look_at_thrusters
+from uvms_ocp.control.faults.thrusters import ThrusterFaultMemory, detect_thruster_faults
 from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness
 
 # The wrench that holds the robot still, averaged once it has settled after a fault.
@@ -29,7 +29,7 @@ class WrenchBalance(Layout):
     """(6,) [N, N m] where it is time to judge."""
 
 
-def begin_balance(b: WrenchBalance, t: float) -> None:
+def begin_wrench_balance(b: WrenchBalance, t: float) -> None:
     """Anew, at time t [s]; infinity where what was seen is not to be trusted: from the next look on."""
     b.began = t
     b.count = 0
@@ -37,7 +37,7 @@ def begin_balance(b: WrenchBalance, t: float) -> None:
         b.total[k] = 0.0
 
 
-def take_in_balance(b: WrenchBalance, wrench: Vector, t: float) -> bool:
+def update_wrench_balance(b: WrenchBalance, wrench: Vector, t: float) -> bool:
     """A wrench (6,) [N, N m] at time t [s]; whether it is time to judge."""
     b.began = min(b.began, t)
     if t - b.began > 0.5 * b.wait:
@@ -88,7 +88,7 @@ class JointFaultMemory(Layout):
     """(n_joints,) jammed, by the last look."""
 
 
-def forget_joints(w: JointFaultMemory) -> None:
+def reset_joints(w: JointFaultMemory) -> None:
     """Encoders are silent or doubted."""
     w.started = False
     for j in range(w.count):
@@ -99,7 +99,7 @@ def forget_joints(w: JointFaultMemory) -> None:
             w.since[j] = math.inf
 
 
-def look_at_joints(w: JointFaultMemory, way: Vector, q: Vector, resistance: Vector, t: float) -> bool:
+def detect_joint_faults(w: JointFaultMemory, way: Vector, q: Vector, resistance: Vector, t: float) -> bool:
     """Take in the way (n_joints,) [rad or m] asked since the last look, and q (n_joints,) [rad or m] where they are, by the way
     they went, at time t [s].
 
@@ -136,7 +136,7 @@ def _look_at_joint(w: JointFaultMemory, j: int, resistance: float, t: float) -> 
 _TILT = 0.1  # [rad] in which the righting moment may balance what thrusters no longer can
 
 
-class ActuatorLook(Layout):
+class FaultDetection(Layout):
     """What one look shows of the actuators, what is remembered of those before, and what comes of them."""
 
     # given
@@ -150,7 +150,7 @@ class ActuatorLook(Layout):
     """(n_thrusters,) [N] as `Asked.thrust`."""
     way: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] as `Asked.way`."""
-    joints_known: bool
+    encoders_trusted: bool
     """Whether the encoders are to be trusted."""
     # of the robot
     joint_way: Smooth
@@ -198,24 +198,24 @@ class ActuatorLook(Layout):
     """Any of that, or another thruster is suspect."""
 
 
-def pause_looks(m: ActuatorLook) -> None:
+def pause_detection(m: FaultDetection) -> None:
     """What is measured is not to be trusted."""
     if not m.paused:
         m.paused = True
         m.thrusters.started = False
-        forget_joints(m.joints)
-        begin_balance(m.balance, math.inf)
+        reset_joints(m.joints)
+        begin_wrench_balance(m.balance, math.inf)
 
 
-def look_at_actuators(m: ActuatorLook, t: float) -> bool:
+def detect_faults(m: FaultDetection, t: float) -> bool:
     """At time t [s]; whether anything was found faulty."""
     m.paused = False
     _go_on(m)
-    if not m.joints_known:
-        forget_joints(m.joints)
-    m.jam = m.joints_known and look_at_joints(m.joints, m.asked_way, m.gone, m.resistance, t)
+    if not m.encoders_trusted:
+        reset_joints(m.joints)
+    m.jam = m.encoders_trusted and detect_joint_faults(m.joints, m.asked_way, m.gone, m.resistance, t)
     suspect = m.thrusters.suspect
-    m.thruster = look_at_thrusters(m.thrusters, m.effect, m.residual, m.asked, t)
+    m.thruster = detect_thruster_faults(m.thrusters, m.effect, m.residual, m.asked, t)
     m.judgement = _judge(m, t)
     m.judged = m.judged or m.judgement
     found = m.jam or m.thruster >= 0
@@ -223,7 +223,7 @@ def look_at_actuators(m: ActuatorLook, t: float) -> bool:
     return found
 
 
-def _go_on(m: ActuatorLook) -> None:
+def _go_on(m: FaultDetection) -> None:
     """Where the joints went, and what they were asked."""
     if m.started:
         m.joint_way(m.before, m.q, m.step)
@@ -236,23 +236,23 @@ def _go_on(m: ActuatorLook) -> None:
         m.before[k] = m.q[k]
 
 
-def _judge(m: ActuatorLook, t: float) -> bool:
+def _judge(m: FaultDetection, t: float) -> bool:
     """What is left of the thrusters, once the robot has settled after a verdict; whether it was judged now."""
     if m.thruster >= 0:
-        begin_balance(m.balance, t)
+        begin_wrench_balance(m.balance, t)
         m.balance.runs = True
     elif m.balance.runs:
         m.weight(m.q, m.wrench)
         for k in range(6):
             m.wrench[k] -= m.disturbance[k]
-        if take_in_balance(m.balance, m.wrench, t):
+        if update_wrench_balance(m.balance, m.wrench, t):
             _find_trim(m)
             judge_authority(m.authority, m.effect)
             return True
     return False
 
 
-def _find_trim(m: ActuatorLook) -> None:
+def _find_trim(m: FaultDetection) -> None:
     """The wrench that holds the robot still, and moments of weight and buoyancy within the allowed tilt from level."""
     for k in range(len(m.q)):
         m.tilted[k] = m.q[k]
@@ -267,7 +267,7 @@ def _find_trim(m: ActuatorLook) -> None:
             m.authority.righting[axis] = max(m.wrench[axis] - m.upright[axis], 0.0)
 
 
-def _tilt(m: ActuatorLook, axis: int, angle: float) -> None:
+def _tilt(m: FaultDetection, axis: int, angle: float) -> None:
     """The quaternion xyzw, from level."""
     for k in range(3):
         m.tilted[3 + k] = math.sin(0.5 * angle) if k == axis else 0.0

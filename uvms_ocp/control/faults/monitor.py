@@ -15,13 +15,13 @@ from uvms_ocp.control.faults.verdicts import (
     ActuatorHealth,
     ActuatorHealthTuning,
     FaultKind,
-    Intake,
     JointVerdict,
+    ResidualFilter,
     ThrusterVerdict,
+    faulty_joints,
+    faulty_thrusters,
     joint_alarm,
-    joints_named,
     thruster_alarm,
-    thrusters_named,
 )
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
@@ -32,36 +32,44 @@ from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 _NOTHING = 0.3  # share below which a thruster is dead, not weak
 
 
-def look_sizes(robot: Robot, symbolic: SymbolicDynamics, tuning: ActuatorHealthTuning, period: float) -> dict[str, Any]:
-    """Of an `ActuatorLook` [-], and its functions; period [s] of looks."""
+def detection_sizes(
+    robot: Robot, symbolic: SymbolicDynamics, tuning: ActuatorHealthTuning, period: float
+) -> dict[str, Any]:
+    """Of an `FaultDetection` [-], and its functions; period [s] of looks."""
     return {
         "n_q": robot.n_q,
         "n_tilted": max(robot.n_q, 7),
         "n_v": robot.n_v,
         "n_joints": robot.n_joints,
-        "n_looks": looks_kept(tuning, period),
+        "n_looks": window_capacity(tuning, period),
         **authority_sizes(len(robot.description.thrusters)),
         "weight": _weight_function(robot, symbolic),
         "joint_way": _joint_way_function(robot, symbolic),
     }
 
 
-def looks_kept(tuning: ActuatorHealthTuning, period: float) -> int:
-    """Looks [-] that a `BlameWindow` has room for; period [s] of them."""
+def window_capacity(tuning: ActuatorHealthTuning, period: float) -> int:
+    """Looks [-] that a `IsolationWindow` has room for; period [s] of them."""
     return 2 * _window_length(tuning, period) + LATE + EARLY
 
 
-def write_look(
-    memory: Any, robot: Robot, tuning: ActuatorHealthTuning, intake: Intake, *, bandwidth: float, dt: float
+def write_detection(
+    memory: Any,
+    robot: Robot,
+    tuning: ActuatorHealthTuning,
+    residual_filter: ResidualFilter,
+    *,
+    bandwidth: float,
+    dt: float,
 ) -> None:
-    """An `ActuatorLook` before the first; bandwidth [rad/s] of the observer; dt [s] of a tick."""
+    """An `FaultDetection` before the first; bandwidth [rad/s] of the observer; dt [s] of a tick."""
     matrix, limits = thruster_matrix(robot), thrust_limits(robot)
     memory.dt, memory.n_vehicle, memory.balance.wait = dt, robot.n_vehicle, tuning.judged_after
     memory.thruster = -1
     view(memory.effect.share)[:] = 1.0
     write_authority(memory.authority, matrix, *limits)
     write_thruster_watch(
-        memory.thrusters, matrix, *limits, tuning=tuning, bandwidth=bandwidth, period=intake.every * dt
+        memory.thrusters, matrix, *limits, tuning=tuning, bandwidth=bandwidth, period=residual_filter.every * dt
     )
     write_joint_watch(memory.joints, robot.limits.effort, tuning)
 
@@ -155,10 +163,10 @@ def _joint_way_function(robot: Robot, symbolic: SymbolicDynamics) -> ca.Function
 
 
 class ActuatorMonitor:
-    """Says what an `ActuatorLook` finds, and logs it in `alarms`."""
+    """Says what an `FaultDetection` finds, and logs it in `alarms`."""
 
     def __init__(self, robot: Robot, memory: Any, alarms: list[tuple[float, str]]) -> None:
-        """memory: the `ActuatorLook`; alarms: time [s] and text of each, appended to."""
+        """memory: the `FaultDetection`; alarms: time [s] and text of each, appended to."""
         self._robot, self._memory, self.alarms = robot, memory, alarms
         self.thrusters: list[ThrusterVerdict] = []
         """Verdicts on each."""
@@ -172,7 +180,7 @@ class ActuatorMonitor:
     @property
     def faulty(self) -> str:
         """All that is faulty, in a few words; nothing where nothing is."""
-        return ", ".join((*thrusters_named(self.thrusters), *joints_named(self.joints)))
+        return ", ".join((*faulty_thrusters(self.thrusters), *faulty_joints(self.joints)))
 
     def hear(self, t: float) -> None:
         """What the look at time t [s] has changed."""

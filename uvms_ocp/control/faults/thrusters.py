@@ -29,7 +29,7 @@ LATE = 2  # looks by which what is measured of the motion may lag what is asked,
 EARLY = 4  # looks by which what is asked lags what pushes, where it only answers it; and half of them
 
 
-class BlameWindow(Layout):
+class IsolationWindow(Layout):
     """What was seen lately, in a ring of looks, and the likeliest culprit."""
 
     directions: Annotated[list[Vector], Sized(6, "n_thrusters")]
@@ -67,7 +67,7 @@ class BlameWindow(Layout):
     """[-] what the next best leaves unexplained, over what this one does."""
 
 
-def take_in_look(w: BlameWindow, residual: Vector, t: float) -> int:
+def append_sample(w: IsolationWindow, residual: Vector, t: float) -> int:
     """The residual (6,) [N, N m] at time t [s]; where to write the thrust asked."""
     slot = w.count % len(w.time)
     for k in range(6):
@@ -77,7 +77,7 @@ def take_in_look(w: BlameWindow, residual: Vector, t: float) -> int:
     return slot
 
 
-def find_culprit(w: BlameWindow) -> None:
+def isolate_fault(w: IsolationWindow) -> None:
     """In the last `window` seconds, or half of it at the beginning."""
     n = min(w.length, w.count - LATE - EARLY)
     w.thruster = -1
@@ -92,13 +92,13 @@ def find_culprit(w: BlameWindow) -> None:
                 w.thruster = best
 
 
-def _precedes(w: BlameWindow, best: int, total: float, first: int, n: int) -> bool:
+def _precedes(w: IsolationWindow, best: int, total: float, first: int, n: int) -> bool:
     """Whether what a thruster is asked comes before the changes, and does not answer them."""
     answers = max(_explained(w, best, first + EARLY // 2, n), _explained(w, best, first + EARLY, n))
     return total - answers >= w.precedes * (1.0 - w.explained) * total
 
 
-def _lead(w: BlameWindow, total: float, first: int, n: int) -> int:
+def _lead(w: IsolationWindow, total: float, first: int, n: int) -> int:
     """The thruster that explains most, at the delay at which any does."""
     most, best, delay = -1.0, 0, 0
     for late in range(LATE + 1):
@@ -116,7 +116,7 @@ def _lead(w: BlameWindow, total: float, first: int, n: int) -> int:
     return best
 
 
-def _changes(w: BlameWindow, first: int, n: int) -> float:
+def _changes(w: IsolationWindow, first: int, n: int) -> float:
     """Sum of squares of the changes of the residual in n looks, which are laid out along all directions."""
     mean, total = zeros(6), 0.0
     for k in range(6):
@@ -135,7 +135,7 @@ def _changes(w: BlameWindow, first: int, n: int) -> float:
     return total
 
 
-def _explained(w: BlameWindow, i: int, first: int, n: int) -> float:
+def _explained(w: IsolationWindow, i: int, first: int, n: int) -> float:
     """Of the sum of squares, by what thruster i was asked in n looks."""
     mean, size, along = 0.0, 0.0, 0.0
     for j in range(n):
@@ -158,7 +158,7 @@ _REVERSED = 0.5  # share, the other way, from which a thruster counts as reverse
 _STUCK = 0.1  # of what a dead thruster would leave unexplained
 
 
-class Line(Layout):
+class LineFit(Layout):
     """Fitted to y over x."""
 
     x: Annotated[Vector, Sized("n_looks")]
@@ -198,8 +198,8 @@ class FaultFit(Layout):
     """(n_looks,) [-] what the filter still has of the time before an onset."""
     lost: Annotated[Vector, Sized("n_looks")]
     """(n_looks,) [N] of what was asked since."""
-    shares: Line
-    stops: Line
+    shares: LineFit
+    stops: LineFit
     dead: float
     """[N^2] that is left where it gives nothing, at least."""
     # found
@@ -213,7 +213,7 @@ class FaultFit(Layout):
     """[s]"""
 
 
-def find_manner(m: FaultFit) -> None:
+def classify_fault(m: FaultFit) -> None:
     """By what was asked and what came of it."""
     m.shares.least = math.inf
     m.stops.least = math.inf
@@ -253,7 +253,7 @@ def _scatter(y: Vector, n: int) -> float:
     return total
 
 
-def _try_line(f: Line, n: int, onset: float) -> None:
+def _try_line(f: LineFit, n: int, onset: float) -> None:
     mean_x, mean_y, size, along = 0.0, 0.0, 0.0, 0.0
     for j in range(n):
         mean_x += f.x[j] / n
@@ -300,7 +300,7 @@ class ThrusterFaultMemory(Layout):
     """[-]"""
     sound_share: float
     """[-]"""
-    window: BlameWindow
+    window: IsolationWindow
     manner: FaultFit
     started: bool
     quiet_until: float
@@ -312,7 +312,7 @@ class ThrusterFaultMemory(Layout):
     suspect: int
     """Counted from 0 [-]; -1 for none."""
     health: Annotated[list[int], Sized("n_thrusters")]
-    """(n_thrusters,) each a `Health`."""
+    """(n_thrusters,) each a `ActuatorHealth`."""
     kind: Annotated[list[int], Sized("n_thrusters")]
     """(n_thrusters,) each a `FaultKind`."""
     confidence: Annotated[Vector, Sized("n_thrusters")]
@@ -321,7 +321,7 @@ class ThrusterFaultMemory(Layout):
     """(n_thrusters,) [s] likewise."""
 
 
-def look_at_thrusters(
+def detect_thruster_faults(
     w: ThrusterFaultMemory, e: ThrusterEffectiveness, residual: Vector, asked: Vector, t: float
 ) -> int:
     """Take in the residual (6,) [N, N m] at time t [s], and the thrust asked (n_thrusters,) [N] that it tells of, of thrusters
@@ -330,10 +330,10 @@ def look_at_thrusters(
         _restart(w, t)
     if t < w.quiet_until:
         return -1
-    slot = take_in_look(w.window, residual, t)
+    slot = append_sample(w.window, residual, t)
     for i in range(len(w.health)):
         w.window.asked[slot][i] = e.share[i] * asked[i]
-    find_culprit(w.window)
+    isolate_fault(w.window)
     again = w.window.thruster >= 0 and w.window.thruster == w.last
     counts = min(w.window.lead / w.clear_lead, 1.0)
     w.evidence = w.evidence + counts * counts if again else 0.0
@@ -362,7 +362,7 @@ def _conclude_fault(w: ThrusterFaultMemory, e: ThrusterEffectiveness, t: float) 
     """The verdict, unless so little is missing that it does no harm, and what comes of commands from now on."""
     i = w.last
     _select_thruster(w, i)
-    find_manner(w.manner)
+    classify_fault(w.manner)
     if w.manner.share > w.sound_share:
         w.evidence = 0.0
         return -1

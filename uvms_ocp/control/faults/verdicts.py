@@ -51,7 +51,7 @@ class ThrusterEffectiveness(Layout):
         return where(self.works, (given - self.constant) / self.share_or_one, 0.0)
 
 
-def given_by(e: ThrusterEffectiveness, i: int, asked: float) -> float:
+def effective_thrust(e: ThrusterEffectiveness, i: int, asked: float) -> float:
     """As `Effect.given`, of thruster i, as a kernel: thrust [N] for that asked [N]."""
     return e.share[i] * asked + e.constant[i]
 
@@ -128,12 +128,12 @@ def joint_alarm(number: int, name: str) -> str:
     return f"joint{number} jammed ({name}): pushed, and does not move; the others do without it"
 
 
-def thrusters_named(verdicts: Sequence[ThrusterVerdict]) -> list[str]:
+def faulty_thrusters(verdicts: Sequence[ThrusterVerdict]) -> list[str]:
     """Those that are faulty, such as ``thruster3 dead``."""
     return [f"thruster{i + 1} {verdict.kind.word}" for i, verdict in enumerate(verdicts) if verdict.kind]
 
 
-def joints_named(verdicts: Sequence[JointVerdict]) -> list[str]:
+def faulty_joints(verdicts: Sequence[JointVerdict]) -> list[str]:
     """Those that are faulty, such as ``joint2 jammed``."""
     return [f"joint{j + 1} {verdict.kind.word}" for j, verdict in enumerate(verdicts) if verdict.kind]
 
@@ -207,7 +207,7 @@ class FilteredCommands:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Intake:
+class ResidualFilter:
     """The law of it."""
 
     share: float
@@ -228,6 +228,6 @@ class Intake:
         )
 
 
-def intake_of(tuning: ActuatorHealthTuning, *, bandwidth: float, dt: float) -> Intake:
+def residual_filter_for(tuning: ActuatorHealthTuning, *, bandwidth: float, dt: float) -> ResidualFilter:
     """bandwidth [rad/s] of the residual; dt [s] of a tick."""
-    return Intake(share=1.0 - math.exp(-bandwidth * dt), every=max(1, round(tuning.sample_time / dt)))
+    return ResidualFilter(share=1.0 - math.exp(-bandwidth * dt), every=max(1, round(tuning.sample_time / dt)))

@@ -18,7 +18,12 @@ from uvms_ocp.codegen.elementwise import Array, clipped, where
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness
-from uvms_ocp.control.force.minimum_power import LimitedThrust, limited_thrust, minimum_power, prepare_powers
+from uvms_ocp.control.force.minimum_power import (
+    LimitedThrustMemory,
+    limited_thrust,
+    minimum_power,
+    prepare_minimum_power,
+)
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.description import Power, Thruster
 from uvms_ocp.robot.robot import Robot
@@ -30,11 +35,11 @@ from uvms_ocp.solvers.bounded_least_squares import room_for
 # Of what is dead or stuck nothing is asked, of what is weak so much, of what is reversed the other way. The thrust is that in
 # the water: a weak thruster takes the power of what it is asked, which is more.
 
-MOST = 1e12
+LARGEST_WRENCH = 1e12
 """[N, N m] that any part of a wrench may be."""
 
 
-class ThrustSharing(Layout):
+class AllocationMemory(Layout):
     """Of an `Allocation`, whose fields are described there. Room for n thrusters, of which `count` are there."""
 
     count: int
@@ -56,14 +61,14 @@ class ThrustSharing(Layout):
     """(n,) [-] as those of `Effect`."""
     constant: Annotated[Vector, Sized("n")]
     """(n,) [N]"""
-    # found by `take_effect`
-    left: LimitedThrust
+    # found by `apply_effectiveness`
+    left: LimitedThrustMemory
     """Of the thrusters that follow."""
     place: Annotated[list[int], Sized("n")]
     """Of each of them among all."""
     known: Annotated[Vector, Sized("m")]
     """(6,) [N, N m] of those that are stuck."""
-    # found by `share_out`
+    # found by `allocate_thrust`
     wrench: Annotated[Vector, Sized("m")]
     """(6,) [N, N m] asked for; given."""
     thrust: Annotated[Vector, Sized("n")]
@@ -75,7 +80,7 @@ class ThrustSharing(Layout):
     saturated: bool
 
 
-def take_effect(a: ThrustSharing) -> None:
+def apply_effectiveness(a: AllocationMemory) -> None:
     """From now on: share and constant."""
     n = 0
     for i in range(a.count):
@@ -86,10 +91,10 @@ def take_effect(a: ThrustSharing) -> None:
     a.left.problem.rows = len(a.matrix)
     a.left.problem.columns = n
     _find_stuck_wrench(a)
-    prepare_powers(a.left.powers)
+    prepare_minimum_power(a.left.powers)
 
 
-def _find_stuck_wrench(a: ThrustSharing) -> None:
+def _find_stuck_wrench(a: AllocationMemory) -> None:
     for k in range(len(a.matrix)):
         a.left.powers.wrench_weight[k] = a.wrench_weight[k]
         a.known[k] = 0.0
@@ -97,11 +102,11 @@ def _find_stuck_wrench(a: ThrustSharing) -> None:
             a.known[k] += a.matrix[k][i] * a.constant[i]
 
 
-def share_out(a: ThrustSharing) -> bool:
+def allocate_thrust(a: AllocationMemory) -> bool:
     """Find the thrust for the wrench; whether that is a number, and one whose square is: if not, there is none."""
     finite = True
     for k in range(len(a.matrix)):
-        finite = finite and abs(a.wrench[k]) < MOST
+        finite = finite and abs(a.wrench[k]) < LARGEST_WRENCH
         a.left.wrench[k] = a.wrench[k] - a.known[k]
     if finite:
         minimum_power(a.left.powers, a.left.wrench, a.left.unbounded)
@@ -110,7 +115,7 @@ def share_out(a: ThrustSharing) -> bool:
     return finite
 
 
-def _keep(a: ThrustSharing, i: int, to: int) -> None:
+def _keep(a: AllocationMemory, i: int, to: int) -> None:
     """Thruster i, which follows."""
     left, share, size = a.left, a.share[i], abs(a.share[i])
     a.place[to] = i
@@ -124,7 +129,7 @@ def _keep(a: ThrustSharing, i: int, to: int) -> None:
     left.powers.exponent[to] = a.power_exponent[i]
 
 
-def _to_all(a: ThrustSharing) -> None:
+def _to_all(a: AllocationMemory) -> None:
     """What is found to where it belongs."""
     for i in range(a.count):
         a.thrust[i] = a.constant[i]
@@ -183,20 +188,20 @@ class Allocation:
     compiled: bool = field(default=True, repr=False)
     """Whether it is worth a compiler: not for a few wrenches."""
     memory: Any = field(init=False, repr=False)
-    """A `ThrustSharing`"""
+    """A `AllocationMemory`"""
     _share_out: Callable[[Any], int] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         self._check()
-        structure = structure_of(ThrustSharing, **sharing_sizes(len(self.lower)))
-        take, share = bind_kernels((take_effect, share_out), (structure,), compiled=self.compiled)
+        structure = structure_of(AllocationMemory, **allocation_sizes(len(self.lower)))
+        take, share = bind_kernels((apply_effectiveness, allocate_thrust), (structure,), compiled=self.compiled)
         object.__setattr__(self, "memory", structure())
         object.__setattr__(self, "_share_out", share)
         self.write(self.memory)
         take(self.memory)
 
     def write(self, memory: Any) -> None:
-        """All that `take_effect` asks into a `ThrustSharing` with room for the `sharing_sizes` of these thrusters."""
+        """All that `apply_effectiveness` asks into a `AllocationMemory` with room for the `allocation_sizes` of these thrusters."""
         n, effect = len(self.lower), self.effect or ThrusterEffectiveness.sound(len(self.lower))
         memory.count, memory.wrench_weight[:] = n, self.wrench_weight.tolist()
         for k in range(6):
@@ -208,12 +213,12 @@ class Allocation:
     def allocate(self, wrench: ArrayLike) -> AllocationResult:
         """Thrust for a wrench (6,) [N, N m] about the origin of B, in B.
 
-        Raises `InvalidInput` unless it is finite, and below `MOST`.
+        Raises `InvalidInput` unless it is finite, and below `LARGEST_WRENCH`.
         """
         w, memory = _six(wrench), self.memory
         memory.wrench[:] = w.tolist()
         if not self._share_out(memory):
-            raise InvalidInput(f"wrench {w} given; allowed: six finite numbers below {MOST:g} [N, N m]")
+            raise InvalidInput(f"wrench {w} given; allowed: six finite numbers below {LARGEST_WRENCH:g} [N, N m]")
         found = (np.array(memory.thrust[: memory.count]), np.array(memory.reached), np.array(memory.unreachable))
         return AllocationResult(*found, bool(memory.saturated))
 
@@ -229,8 +234,8 @@ class Allocation:
         _require((self.dead_zone >= 0.0).all(), "dead_zone", "0 or more")
 
 
-def sharing_sizes(n: int) -> dict[str, int]:
-    """Of a `ThrustSharing` [-] with room for n [-] thrusters."""
+def allocation_sizes(n: int) -> dict[str, int]:
+    """Of a `AllocationMemory` [-] with room for n [-] thrusters."""
     return {"m": 6, "n": room_for(n)}
 
 

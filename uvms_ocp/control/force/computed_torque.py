@@ -19,7 +19,7 @@ from uvms_ocp.robot.signals import Command, State
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Realized:
+class RealizedForce:
     """What thrusters and motors can do of a generalized force."""
 
     allocation: AllocationResult
@@ -47,16 +47,16 @@ class Actuators:
         wrench = self._allocation.matrix @ self._thrust
         return np.concatenate([wrench[: self._robot.n_vehicle], self._torque])
 
-    def realize(self, tau: np.ndarray) -> Realized:
+    def realize(self, tau: np.ndarray) -> RealizedForce:
         """What the limits leave of tau (n_v,) [N, N m]."""
         n, limit = self._robot.n_vehicle, self._robot.limits.effort
         wrench = np.zeros(6)
         wrench[:n] = tau[self._robot.vehicle_v]
         torque = np.clip(tau[self._robot.joint_v], -limit, limit)
         result = self._allocation.allocate(wrench)
-        return Realized(allocation=result, torque=torque, force=np.concatenate([result.reached[:n], torque]))
+        return RealizedForce(allocation=result, torque=torque, force=np.concatenate([result.reached[:n], torque]))
 
-    def drive(self, realized: Realized) -> np.ndarray:
+    def drive(self, realized: RealizedForce) -> np.ndarray:
         """Command (n_thrusters,) [N] of the thrusters for a tick, through their lag, ahead of it."""
         command = self._lag.command(self._thrust, realized.allocation.thrust, True)
         self._thrust, self._torque = self._lag.after(self._thrust, command), realized.torque

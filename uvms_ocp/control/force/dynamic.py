@@ -9,23 +9,23 @@ import numpy as np
 
 from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
 from uvms_ocp.control.faults.monitor import ActuatorMonitor
-from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, intake_of
+from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, residual_filter_for
 from uvms_ocp.control.force.allocation import thruster_lag
 from uvms_ocp.control.force.observer import DisturbanceObserver, ObserverLaw
 from uvms_ocp.control.force.tick import ForceTick
-from uvms_ocp.control.force.tick_functions import TickLaws
-from uvms_ocp.control.force.velocity_law import DeadTimes, VelocityLaw, borne_by, dead_times
+from uvms_ocp.control.force.tick_functions import ForceLaws
+from uvms_ocp.control.force.velocity_law import DeadTimes, VelocityLaw, bandwidth_derating, dead_times
 from uvms_ocp.control.payload import LoadFunctions, LoadLearner, LoadLearning, load_functions, require_learnable
-from uvms_ocp.control.velocity.abort import Strain
+from uvms_ocp.control.velocity.abort import ActuationFeedback
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.record.display import SmallTable, Tabled, rows_of
+from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.robot.dynamics import Dynamics
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import Command, Measurement, SensorSpecs
 from uvms_ocp.robot.thrusters import largest_force, largest_wrench
 
-_command, _strain = unchecked_constructor(Command), unchecked_constructor(Strain)
+_command, _strain = unchecked_constructor(Command), unchecked_constructor(ActuationFeedback)
 
 DEFAULT_FAULT_TUNING = ActuatorHealthTuning()
 """For faulty thrusters and joints, by default."""
@@ -65,7 +65,7 @@ class VelocityGains:
 
 
 @checked
-class DynamicController(Tabled):
+class DynamicController(TableDisplay):
     """Tracks the velocities of a kinematic layer: a callable ``(Measurement, t) -> Command`` with thrust and torque.
 
     The force of `VelocityLaw` less the disturbance of an `ObserverLaw`, shared out by an `Allocation`; thrusters are inverted
@@ -99,7 +99,9 @@ class DynamicController(Tabled):
         self._robot = robot
         laws = _laws(robot, dynamics, gains, health, kinematic.dt)
         late = DeadTimes() if sensors is None else dead_times(sensors)
-        self._tick = ForceTick(laws, borne_by(late, vehicle=gains.vehicle, joints=gains.joints, dt=kinematic.dt))
+        self._tick = ForceTick(
+            laws, bandwidth_derating(late, vehicle=gains.vehicle, joints=gains.joints, dt=kinematic.dt)
+        )
         self.memory = memory = self._tick.memory
         """All that the layer of forces knows, a `ForceMemory`."""
         # Parts of it are made anew whenever they are asked for.
@@ -126,7 +128,7 @@ class DynamicController(Tabled):
     def _table(self) -> SmallTable:
         told = {
             "bandwidth borne by the vehicle [-]": self.memory.bears,
-            "bandwidth borne by the joints [-]": self.memory.joints_bear,
+            "bandwidth borne by the joints [-]": self.memory.joint_bandwidth_share,
             "faults of thrusters and joints": "not searched for"
             if self.monitor is None
             else self._handicap or "none found",
@@ -147,8 +149,10 @@ class DynamicController(Tabled):
     def _told(self, command: Command, told: list[np.ndarray]) -> Command:
         """As a command, and to the layer below."""
         thrust, torque, disturbance, wrench, unreachable, push = told
-        short, fault, handicap = bool(self._sharing.saturated), self._fault, self._handicap
-        self.kinematic.feel(_strain(short=short, push=push.item(), fault=fault, handicap=handicap, jammed=self._jammed))
+        short, fault, fault_summary = bool(self._sharing.saturated), self._fault, self._handicap
+        self.kinematic.on_actuation_feedback(
+            _strain(short=short, push=push.item(), fault=fault, fault_summary=fault_summary, jammed=self._jammed)
+        )
         telemetry = {
             **command.telemetry,
             "disturbance": disturbance,
@@ -181,7 +185,7 @@ class DynamicController(Tabled):
                 self.learner.leave(self._jammed)
         self._fault = f"{self._handicap}: {monitor.authority}" if self.memory.gives_up else ""
 
-    def _monitor(self, laws: TickLaws) -> ActuatorMonitor | None:
+    def _monitor(self, laws: ForceLaws) -> ActuatorMonitor | None:
         if laws.search is None:
             return None
         return ActuatorMonitor(self._robot, self._look, self.kinematic.watchdog.alarms)
@@ -190,10 +194,10 @@ class DynamicController(Tabled):
 @lru_cache(maxsize=2)
 def _laws(
     robot: Robot, dynamics: Dynamics, gains: VelocityGains, health: ActuatorHealthTuning | None, dt: float
-) -> TickLaws:
+) -> ForceLaws:
     """Made once where many runs have one robot, so that what is derived from them is, too; dt [s]."""
     search = health if gains.observer_vehicle and robot.n_vehicle else None
-    return TickLaws(
+    return ForceLaws(
         robot=robot,
         velocity=VelocityLaw(
             dynamics=dynamics.symbolic,
@@ -204,12 +208,14 @@ def _laws(
         lag=thruster_lag(robot, lead=gains.lead, dt=dt),
         lift=float(largest_wrench(robot)[2]),
         observer=_observer_law(robot, gains, dt),
-        intake=None if search is None else intake_of(search, bandwidth=gains.observer_vehicle, dt=dt),
+        residual_filter=None
+        if search is None
+        else residual_filter_for(search, bandwidth=gains.observer_vehicle, dt=dt),
         search=search,
     )
 
 
-def _learner(laws: TickLaws, settings: LoadLearning) -> LoadLearner:
+def _learner(laws: ForceLaws, settings: LoadLearning) -> LoadLearner:
     observer = laws.observer
     require_learnable(laws.robot, observed=observer is not None)
     assert observer is not None
@@ -218,7 +224,7 @@ def _learner(laws: TickLaws, settings: LoadLearning) -> LoadLearner:
 
 
 @lru_cache(maxsize=2)
-def _load_functions(laws: TickLaws, observer: ObserverLaw) -> LoadFunctions:
+def _load_functions(laws: ForceLaws, observer: ObserverLaw) -> LoadFunctions:
     """Made once, as `_laws`."""
     return load_functions(laws.velocity.dynamics, observer)
 

@@ -49,7 +49,7 @@ class PowerMemory(Layout):
     """(n,) [-]"""
     largest: Annotated[Vector, Sized("n")]
     """(n,) [N] thrust."""
-    # found by `prepare_powers`
+    # found by `prepare_minimum_power`
     quadratic: Annotated[Vector, Sized("n")]
     """(n,) [W/N^2] weights of the parabolas that meet the power at the largest thrust."""
     inverse: Annotated[list[Vector], Sized("n", "m")]
@@ -62,7 +62,7 @@ class PowerMemory(Layout):
     inner: Rows
 
 
-def prepare_powers(p: PowerMemory) -> None:
+def prepare_minimum_power(p: PowerMemory) -> None:
     """Find what is the same for every wrench."""
     exponent = 1.0
     for i in range(p.count):
@@ -183,7 +183,7 @@ _SETTLED = 1e-4  # share of the largest thrust
 _EXACT = 1e-9  # relative loss of wrench that counts as none
 
 
-class LimitedThrust(Layout):
+class LimitedThrustMemory(Layout):
     """Of an `Allocation`, whose fields are described there. Room for n thrusters, as many as `powers.count` are used."""
 
     powers: PowerMemory
@@ -202,7 +202,7 @@ class LimitedThrust(Layout):
     """(n,) [N] the answer."""
 
 
-def limited_thrust(p: LimitedThrust) -> bool:
+def limited_thrust(p: LimitedThrustMemory) -> bool:
     """Find the thrust; whether the limits keep the wrench from being reached."""
     n, inside = p.problem.columns, True
     for i in range(n):
@@ -215,7 +215,7 @@ def limited_thrust(p: LimitedThrust) -> bool:
     return saturated
 
 
-def _bounded(p: LimitedThrust) -> None:
+def _bounded(p: LimitedThrustMemory) -> None:
     """Inside the limits: of least quadratic power, then step by step of least power."""
     n, before = p.problem.columns, zeros(len(p.thrust))
     for i in range(n):
@@ -236,14 +236,14 @@ def _bounded(p: LimitedThrust) -> None:
             break
 
 
-def _touch(p: LimitedThrust) -> None:
+def _touch(p: LimitedThrustMemory) -> None:
     for i in range(p.problem.columns):
         p.problem.weight[i] = majorizing_weight(
             p.powers.factor[i], p.powers.exponent[i], p.powers.largest[i], p.thrust[i]
         )
 
 
-def _solve(p: LimitedThrust, started: bool) -> None:
+def _solve(p: LimitedThrustMemory, started: bool) -> None:
     """The thrust for the weights and limits in the problem; started: from the thrust that there is."""
     for k in range(p.problem.rows):
         p.problem.b[k] = p.powers.wrench_weight[k] * p.wrench[k]
@@ -257,7 +257,7 @@ def _solve(p: LimitedThrust, started: bool) -> None:
         p.thrust[i] = p.problem.x[i]
 
 
-def _loses(p: LimitedThrust) -> bool:
+def _loses(p: LimitedThrustMemory) -> bool:
     """Whether the wrench is another one than that of the unbounded thrust."""
     lost, wanted = 0.0, 0.0
     for k in range(p.problem.rows):
@@ -272,7 +272,7 @@ def _loses(p: LimitedThrust) -> bool:
     return math.sqrt(lost) > _EXACT * math.sqrt(wanted)
 
 
-def _leave_dead_zones(p: LimitedThrust) -> None:
+def _leave_dead_zones(p: LimitedThrustMemory) -> None:
     """Round what lies inside a dead zone, and let the other thrusters make up for it."""
     for i in range(p.problem.columns):
         p.problem.lower[i] = p.lower[i]
@@ -282,7 +282,7 @@ def _leave_dead_zones(p: LimitedThrust) -> None:
         _solve(p, False)
 
 
-def _fix_inside_dead_zones(p: LimitedThrust) -> bool:
+def _fix_inside_dead_zones(p: LimitedThrustMemory) -> bool:
     """At the nearest thrust that can be commanded; whether there was any that was not yet fixed."""
     found = False
     for i in range(p.problem.columns):

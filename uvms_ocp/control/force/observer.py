@@ -11,7 +11,7 @@ import numpy as np
 
 from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.codegen.elementwise import Array
-from uvms_ocp.control.payload import Response
+from uvms_ocp.control.payload import ForceResponse
 from uvms_ocp.errors import InvalidInput
 
 
@@ -31,7 +31,7 @@ class ObserverDynamics(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Observed:
+class ObserverState:
     """What an observer knows."""
 
     estimate: Array
@@ -66,14 +66,14 @@ class ObserverLaw:
 
     def after(
         self,
-        before: Observed,
+        before: ObserverState,
         body: ObserverDynamics,
         q: ca.SX,
         v: ca.SX,
         tau: ca.SX,
         share: ca.SX,
         current: ca.DM | None = None,
-    ) -> Observed:
+    ) -> ObserverState:
         """After a tick with measured q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
 
         tau (n_v,) [N, N m] has acted since the last one. share (n_v,) [-]: of the bandwidth, as much as v bears now.
@@ -89,9 +89,9 @@ class ObserverLaw:
         water = still if current is None else ca.repmat(ca.SX(current), 1, len(body.links))
         acceleration = body.forward_dynamics(q, v, tau + estimate, water, still)
         v_hat = v_hat + self.dt * (acceleration + 2 * w * innovation)
-        return Observed(estimate=estimate, lead=push / w, v_hat=v_hat, follows=ca.SX(1.0))
+        return ObserverState(estimate=estimate, lead=push / w, v_hat=v_hat, follows=ca.SX(1.0))
 
-    def response(self, before: Response, M: ca.SX, force: ca.SX, share: ca.SX) -> Response:
+    def response(self, before: ForceResponse, M: ca.SX, force: ca.SX, share: ca.SX) -> ForceResponse:
         """What of the estimate comes from forces (n_v, k) [N, N m], each by itself, a tick later.
 
         An observer is linear in what disturbs it, until its limit. M (n_v, n_v) [kg, kg m, kg m2]; share (n_v,) [-] as above.
@@ -101,7 +101,7 @@ class ObserverLaw:
         estimate = before.estimate + self.dt * M @ (ca.diag(w**2) @ before.innovation)
         drift = ca.ldl_solve(force - estimate, D, L_transposed, order) - 2 * ca.diag(w) @ before.innovation
         innovation = before.innovation + self.dt * drift
-        return Response(estimate=estimate, innovation=innovation)
+        return ForceResponse(estimate=estimate, innovation=innovation)
 
 
 def limited(y: ca.SX, limit: np.ndarray) -> ca.SX:
@@ -122,7 +122,7 @@ class DisturbanceObserver:
         n = len(law.bandwidth)
         q, (v, tau, kept, v_hat) = ca.SX.sym("q", n_q), (ca.SX.sym(name, n) for name in ("v", "tau", "kept", "v_hat"))
         follows, M = ca.SX.sym("follows"), body.mass_matrix(q)
-        before = Observed(estimate=M @ kept, lead=ca.SX(n, 1), v_hat=v_hat, follows=follows)
+        before = ObserverState(estimate=M @ kept, lead=ca.SX(n, 1), v_hat=v_hat, follows=follows)
         after = law.after(before, body, q, v, tau, ca.SX.ones(n), None if current is None else ca.DM(current))
         D, L_transposed, order = ca.ldl(M, False)
         outputs = [after.estimate, ca.ldl_solve(after.estimate, D, L_transposed, order), after.v_hat]

@@ -17,9 +17,14 @@ import casadi as ca
 
 from uvms_ocp.codegen.elementwise import Array
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, declared_sizes, view
-from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, FilteredCommands, Intake, ThrusterEffectiveness
+from uvms_ocp.control.faults.verdicts import (
+    ActuatorHealthTuning,
+    FilteredCommands,
+    ResidualFilter,
+    ThrusterEffectiveness,
+)
 from uvms_ocp.control.force.allocation import ThrusterLag
-from uvms_ocp.control.force.observer import Observed, ObserverLaw, limited
+from uvms_ocp.control.force.observer import ObserverLaw, ObserverState, limited
 from uvms_ocp.control.force.velocity_law import VelocityLaw
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_bodies import sparse
@@ -74,7 +79,7 @@ class ForceState(Layout):
     estimate: Annotated[Array, Sized("n_v")]
     """(n_v,) [N, N m] disturbance."""
     lead: Annotated[Array, Sized("n_v")]
-    """(n_v,) [N, N m] as `Observed.lead`."""
+    """(n_v,) [N, N m] as `ObserverState.lead`."""
     v_hat: Annotated[Array, Sized("n_v")]
     """(n_v,) [m/s, rad/s] that the observer expects."""
     follows: Annotated[Array, Sized(1)]
@@ -191,7 +196,7 @@ _FULL = 0.95  # share of its bandwidth that the observer needs for its findings 
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class TickLaws:
+class ForceLaws:
     """Of one robot."""
 
     robot: Robot
@@ -200,7 +205,7 @@ class TickLaws:
     lift: float
     """[N] of all thrusters at most."""
     observer: ObserverLaw | None = None
-    intake: Intake | None = None
+    residual_filter: ResidualFilter | None = None
     """Of the monitor of actuators, where there is one."""
     search: ActuatorHealthTuning | None = None
     """For faulty thrusters and joints, with what is taken in; `None` for none."""
@@ -216,7 +221,7 @@ class TickLaws:
         return sparse(thruster_matrix(self.robot))
 
 
-def observe_function(laws: TickLaws) -> ca.Function:
+def observe_function(laws: ForceLaws) -> ca.Function:
     """Function ``given, effect, known -> now``: what it knows once it has looked, but for what it asks in this tick."""
     x, (given, effect, known) = _symbols(laws, given=ForceInputs, effect=ThrusterEffectiveness, known=ForceState)
     gain = min(1.0, laws.velocity.dt / _EASE)
@@ -224,11 +229,11 @@ def observe_function(laws: TickLaws) -> ca.Function:
     integral = _by_part(laws, ca.if_else(given.stop, 0.0, known.integral), known.integral)
     now = replace(known, share=share, integral=integral)
     now = now if laws.observer is None else _observed(laws, laws.observer, given, effect, now)
-    now = now if laws.intake is None else _taken_in(laws, laws.intake, given, now)
+    now = now if laws.residual_filter is None else _taken_in(laws, laws.residual_filter, given, now)
     return ca.Function("observe", list(x.values()), [ca.cse(column_of(now))], list(x), ["now"])
 
 
-def want_function(laws: TickLaws) -> ca.Function:
+def want_function(laws: ForceLaws) -> ca.Function:
     """Function ``given, now -> wanted``."""
     x, (given, now) = _symbols(laws, given=ForceInputs, now=ForceState)
     trusted = _by_part(laws, 1.0 - given.hold, given.joints)
@@ -245,7 +250,7 @@ def want_function(laws: TickLaws) -> ca.Function:
     return ca.Function("want", list(x.values()), [ca.cse(column_of(wanted))], list(x), ["wanted"])
 
 
-def follow_function(laws: TickLaws) -> ca.Function:
+def follow_function(laws: ForceLaws) -> ca.Function:
     """Function ``given, effect, now, wanted, allocated -> known, told``, known for the next tick."""
     kinds: dict[str, type[Any]] = {
         "given": ForceInputs,
@@ -276,12 +281,12 @@ def follow_function(laws: TickLaws) -> ca.Function:
 
 
 def _observed(
-    laws: TickLaws, law: ObserverLaw, given: ForceInputs, effect: ThrusterEffectiveness, now: ForceState
+    laws: ForceLaws, law: ObserverLaw, given: ForceInputs, effect: ThrusterEffectiveness, now: ForceState
 ) -> ForceState:
     """Where the velocity is not to be trusted the estimate is kept, or set to zero where the robot is stopped."""
     wrench = ca.mtimes(laws.matrix, effect.given(now.thrust))
     force = ca.vertcat(wrench[: laws.robot.n_vehicle], now.torque)
-    before = Observed(estimate=now.estimate, lead=now.lead, v_hat=now.v_hat, follows=now.follows)
+    before = ObserverState(estimate=now.estimate, lead=now.lead, v_hat=now.v_hat, follows=now.follows)
     found = law.after(before, laws.velocity.dynamics, given.q, given.v, force, now.share)
     held = partial(ca.if_else, given.hold)
     return replace(
@@ -293,11 +298,13 @@ def _observed(
     )
 
 
-def _taken_in(laws: TickLaws, intake: Intake, given: ForceInputs, now: ForceState) -> ForceState:
+def _taken_in(laws: ForceLaws, residual_filter: ResidualFilter, given: ForceInputs, now: ForceState) -> ForceState:
     """While everything is fed back with nearly the full bandwidth."""
     joints = given.joints if laws.robot.n_joints else 1.0
     watches = ca.logic_and(ca.logic_and(1.0 - given.hold, joints), now.share[0] >= _FULL)
-    after = intake.after(FilteredCommands(thrust=now.asked, way=now.way, ticks=now.ticks), now.thrust, now.before)
+    after = residual_filter.after(
+        FilteredCommands(thrust=now.asked, way=now.way, ticks=now.ticks), now.thrust, now.before
+    )
     when = partial(ca.if_else, watches)
     status = ca.if_else(after.ticks == 0.0, float(MonitorStep.DUE), float(MonitorStep.TAKES_IN))
     return replace(
@@ -309,7 +316,7 @@ def _taken_in(laws: TickLaws, intake: Intake, given: ForceInputs, now: ForceStat
     )
 
 
-def _symbols(laws: TickLaws, **kinds: type[Any]) -> tuple[dict[str, ca.SX], tuple[Any, ...]]:
+def _symbols(laws: ForceLaws, **kinds: type[Any]) -> tuple[dict[str, ca.SX], tuple[Any, ...]]:
     """Columns by name, and the parts of each."""
     columns, parts = {}, []
     for name, kind in kinds.items():
@@ -318,7 +325,7 @@ def _symbols(laws: TickLaws, **kinds: type[Any]) -> tuple[dict[str, ca.SX], tupl
     return columns, tuple(parts)
 
 
-def _by_part(laws: TickLaws, vehicle: ca.SX, joints: ca.SX) -> ca.SX:
+def _by_part(laws: ForceLaws, vehicle: ca.SX, joints: ca.SX) -> ca.SX:
     """(n_v,) of the axes of the vehicle the one, of the joints the other; either may be one number for all."""
     n_v, n = laws.robot.n_v, laws.robot.n_vehicle
     vehicle, joints = (ca.repmat(part, n_v) if part.is_scalar() else part for part in (vehicle, joints))

@@ -69,7 +69,7 @@ class DeadTimes:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Borne:
+class BandwidthDerating:
     """What sensors leave of the bandwidth of the loops."""
 
     vehicle: float = 1.0
@@ -91,16 +91,16 @@ def dead_times(specs: SensorSpecs) -> DeadTimes:
     )
 
 
-def borne_by(late: DeadTimes, *, vehicle: float, joints: float, dt: float) -> Borne:
+def bandwidth_derating(late: DeadTimes, *, vehicle: float, joints: float, dt: float) -> BandwidthDerating:
     """Of loops with the bandwidths vehicle [1/s] and joints [1/s], closed once in dt [s]."""
     shares = (
         _share(vehicle, late.vehicle + CONTROLLER_DEAD_TIME * dt),
         _share(joints, late.joints + CONTROLLER_DEAD_TIME * dt),
     )
-    return Borne(vehicle=shares[0], joints=shares[1], joints_late=late.joints)
+    return BandwidthDerating(vehicle=shares[0], joints=shares[1], joints_late=late.joints)
 
 
-def dead_time_borne(stiffness: np.ndarray, *, bandwidth: float, reset: float, observer: float) -> float:
+def largest_dead_time(stiffness: np.ndarray, *, bandwidth: float, reset: float, observer: float) -> float:
     """Dead time [s] from which loops swing that carry weight and buoyancy of a late configuration; inf where they never do.
 
     stiffness (n, n) [1/s2]: ``M^-1 dg/dq`` of the axes that are late. bandwidth, reset [1/s] and observer [rad/s]: of them.

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Smooth, Vector, structure_of
-from uvms_ocp.control.velocity.tick_state import TickState
+from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.estimation.degraded_modes import describe_channels
 from uvms_ocp.mission.mission import Mission, write_mission
 from uvms_ocp.mission.phase import Abort
@@ -28,7 +28,7 @@ from uvms_ocp.tasks.altitude import MinimumAltitude
 N_POSE = 12  # position, then rotation column by column
 
 
-class ClimbMemory(Layout):
+class AscentMemory(Layout):
     """The frame that climbs, and its goal."""
 
     pose: Smooth
@@ -43,7 +43,7 @@ class ClimbMemory(Layout):
     """(12,) [m, -] position and rotation in W that it climbs to."""
 
 
-def aim_ascent(m: ClimbMemory, q: Vector, floor: float) -> None:
+def aim_ascent(m: AscentMemory, q: Vector, floor: float) -> None:
     """The goal from q [m, rad], which may show joints beyond their limits. A kernel.
 
     floor [m]: z in W of the highest that is known, NaN where none is to be believed.
@@ -62,8 +62,8 @@ def aim_ascent(m: ClimbMemory, q: Vector, floor: float) -> None:
     m.goal[11] = 1.0
 
 
-def climb_sizes(robot: Robot, mission: Mission) -> dict[str, ca.Function]:
-    """Of a `ClimbMemory`; nothing climbs without an abort phase."""
+def ascent_sizes(robot: Robot, mission: Mission) -> dict[str, ca.Function]:
+    """Of a `AscentMemory`; nothing climbs without an abort phase."""
     q = ca.SX.sym("q", robot.n_q)
     R_WF, p_WF = ca.SX.eye(3), ca.SX.zeros(3)
     if mission.abort is not None:
@@ -72,8 +72,8 @@ def climb_sizes(robot: Robot, mission: Mission) -> dict[str, ca.Function]:
     return {"pose": ca.Function("climb_frame", [q], outputs, {"cse": True})}
 
 
-def climb_goal(memory: Any) -> pin.SE3:
-    """The goal that `aim` has left in a `ClimbMemory`."""
+def ascent_goal(memory: Any) -> pin.SE3:
+    """The goal that `aim` has left in a `AscentMemory`."""
     goal = np.array(memory.goal)
     return pin.SE3(goal[3:].reshape(3, 3, order="F"), goal[:3])
 
@@ -84,7 +84,7 @@ _PROGRESS = 0.02  # share of what is missing to a limit that counts as progress
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Strain:
+class ActuationFeedback:
     """What the force layer met in the last tick."""
 
     short: bool = False
@@ -93,7 +93,7 @@ class Strain:
     """[-] upward force on the vehicle that the model does not know, as a share of the largest of the thrusters."""
     fault: str = ""
     """Of thrusters or joints, without which the mission cannot go on."""
-    handicap: str = ""
+    fault_summary: str = ""
     """All that is known to be faulty of them, such as ``thruster3 dead``."""
     jammed: tuple[int, ...] = ()
     """Axes of v [-] that do not move whatever is asked."""
@@ -112,7 +112,7 @@ class AbortReason(IntEnum):
     STALL = 7
 
 
-class DistressMemory(Layout):
+class AbortMemory(Layout):
     """What sends a mission into its abort phase, what the force layer met, and since when [s] it has been so."""
 
     aborts: bool
@@ -130,11 +130,11 @@ class DistressMemory(Layout):
     high: Annotated[list[int], Sized("n_tasks")]
     """(n_tasks,) which tasks keep the robot well above the floor."""
     short: bool
-    """As that of `Strain`."""
+    """As that of `ActuationFeedback`."""
     fault: bool
-    """There is one of `Strain`."""
+    """There is one of `ActuationFeedback`."""
     push: float
-    """[-] as that of `Strain`."""
+    """[-] as that of `ActuationFeedback`."""
     pushed: bool
     """Something under the vehicle bears it where it should be well above the floor."""
     contact_since: float
@@ -149,8 +149,8 @@ class DistressMemory(Layout):
     """(n_quantities,) [unit of the quantity] the least that was missing to its limit in this phase."""
 
 
-def distress_of(
-    d: DistressMemory, m: MissionMemory, t: float, gates: Vector, quantities: Vector, hopeless: bool, ended: bool
+def abort_reason(
+    d: AbortMemory, m: MissionMemory, t: float, gates: Vector, quantities: Vector, hopeless: bool, ended: bool
 ) -> int:
     """Why the mission is to be given up at t [s], a `Why`. A kernel.
 
@@ -184,7 +184,7 @@ def _since(so: bool, since: float, t: float) -> float:
     return since if so and not math.isnan(since) else t
 
 
-def _is_high(d: DistressMemory, gates: Vector) -> bool:
+def _is_high(d: AbortMemory, gates: Vector) -> bool:
     """Whether the robot should be well above the floor."""
     found = False
     for i in range(len(d.high)):
@@ -192,7 +192,7 @@ def _is_high(d: DistressMemory, gates: Vector) -> bool:
     return found
 
 
-def _progresses(d: DistressMemory, m: MissionMemory, quantities: Vector) -> bool:
+def _progresses(d: AbortMemory, m: MissionMemory, quantities: Vector) -> bool:
     """Whether something that the phase waits for to fall has come nearer to its limit, or nothing is missing."""
     if m.since != d.began:
         d.began = m.since
@@ -212,13 +212,13 @@ def _progresses(d: DistressMemory, m: MissionMemory, quantities: Vector) -> bool
 
 
 class _Alone(Layout):
-    """For a `Distress` of its own."""
+    """For a `AbortMonitor` of its own."""
 
     mission: MissionMemory
-    distress: DistressMemory
+    distress: AbortMemory
 
 
-class Distress:
+class AbortMonitor:
     """Why the mission is to be given up, asked at every tick. Remembers since when: build one per run."""
 
     def __init__(self, mission: Mission, quantity_names: Sequence[str] = (), memory: Any = None) -> None:
@@ -234,31 +234,35 @@ class Distress:
         self._memory = memory
         self._write(memory.distress)
 
-    def reason(self, tick: TickState, quantities: Mapping[str, float], strain: Strain) -> str:
+    def reason(self, tick: TickInputs, quantities: Mapping[str, float], feedback: ActuationFeedback) -> str:
         """Empty while there is none. quantities [in their units]: NaN where not known. Names what is faulty."""
         memory, values = self._memory, [float(quantities[name]) for name in self._names]
         write_state(memory.mission, tick.mission)
-        self.feel(strain)
+        self.on_actuation_feedback(feedback)
         hopeless, ended = bool(self._hopeless(tick)), bool(tick.restriction.abort)
-        why = distress_of(memory.distress, memory.mission, tick.t, tick.gates.tolist(), values, hopeless, ended)
-        return self.told(AbortReason(why), tick, quantities, strain)
+        why = abort_reason(memory.distress, memory.mission, tick.t, tick.gates.tolist(), values, hopeless, ended)
+        return self.told(AbortReason(why), tick, quantities, feedback)
 
-    def feel(self, strain: Strain) -> None:
+    def on_actuation_feedback(self, feedback: ActuationFeedback) -> None:
         """Take in what the force layer met."""
         memory = self._memory.distress
-        memory.short, memory.push, memory.fault = strain.short, strain.push, bool(strain.fault)
+        memory.short, memory.push, memory.fault = feedback.short, feedback.push, bool(feedback.fault)
 
-    def told(self, why: AbortReason, tick: TickState, quantities: Mapping[str, float], strain: Strain) -> str:
+    def told(
+        self, why: AbortReason, tick: TickInputs, quantities: Mapping[str, float], feedback: ActuationFeedback
+    ) -> str:
         """What the kernel found at a tick, in words, from the quantities [in their units]."""
-        words = self._told(why, tick, quantities, strain)
-        return f"{words}; {strain.handicap}" if words and strain.handicap not in words else words
+        words = self._told(why, tick, quantities, feedback)
+        return f"{words}; {feedback.fault_summary}" if words and feedback.fault_summary not in words else words
 
-    def _told(self, why: AbortReason, tick: TickState, quantities: Mapping[str, float], strain: Strain) -> str:
+    def _told(
+        self, why: AbortReason, tick: TickInputs, quantities: Mapping[str, float], feedback: ActuationFeedback
+    ) -> str:
         abort = self._mission.abort
         if why is AbortReason.NOTHING or why is AbortReason.FAULT or abort is None:
-            return strain.fault if why is AbortReason.FAULT else ""
+            return feedback.fault if why is AbortReason.FAULT else ""
         if why is AbortReason.CONTACT:
-            lift = f"{100 * strain.push:.0f} % of the thrusters' lift"
+            lift = f"{100 * feedback.push:.0f} % of the thrusters' lift"
             return f"contact or rising water: pushed up by {lift} for {abort.contact_after:g} s"
         texts = {
             AbortReason.LATE: f"{abort.time_limit:g} s were not enough for it",
@@ -268,11 +272,11 @@ class Distress:
         }
         return texts[why] if why in texts else self._stalled(abort, tick, quantities)
 
-    def _hopeless(self, tick: TickState) -> str:
+    def _hopeless(self, tick: TickInputs) -> str:
         """Where the thrust is cut, and somebody judges why."""
         return (tick.restriction.abort or describe_channels(tick.restriction.lost)) if tick.stopped else ""
 
-    def _stalled(self, abort: Abort, tick: TickState, quantities: Mapping[str, float]) -> str:
+    def _stalled(self, abort: Abort, tick: TickInputs, quantities: Mapping[str, float]) -> str:
         pending = self._mission.pending(tick.mission, quantities)
         return f"stall: {pending}, no nearer for {abort.stall_after:g} s{_held_back(tick.restriction.bad)}"
 

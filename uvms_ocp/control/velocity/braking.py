@@ -16,7 +16,7 @@ import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Smooth, Vector, doubles, structure_of, view, zeros
 from uvms_ocp.estimation.degraded_modes import RestrictionMemory
-from uvms_ocp.estimation.fallbacks import EchoMemory
+from uvms_ocp.estimation.fallbacks import AltimeterMemory
 from uvms_ocp.robot.limits import bounded_joints
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_model import SymbolicModel
@@ -32,7 +32,7 @@ NONE = -1
 """No limit asks to be looked at."""
 
 
-class WayToRest(Layout):
+class StopMemory(Layout):
     """Where a robot is on its way to rest, and how far it may go before limits are to be looked at."""
 
     step: Smooth
@@ -71,12 +71,12 @@ def time_to_rest(acceleration: Vector, v: Vector, n: int) -> float:
     return time
 
 
-def slow_down(m: WayToRest, q: Vector, v: Vector, slower: Vector) -> None:
+def slow_down(m: StopMemory, q: Vector, v: Vector, slower: Vector) -> None:
     """v [m/s, rad/s] one tick nearer to rest, at q [m, rad]. A kernel."""
     m.slower(q, v, time_to_rest(m.acceleration, v, len(m.v)), slower)
 
 
-def set_out(m: WayToRest, q: Vector, v: Vector) -> None:
+def begin_stop(m: StopMemory, q: Vector, v: Vector) -> None:
     """Begin at q [m, rad] with v [m/s, rad/s]. A kernel."""
     for i in range(len(m.q)):
         m.q[i] = q[i]
@@ -86,7 +86,7 @@ def set_out(m: WayToRest, q: Vector, v: Vector) -> None:
     m.done = False
 
 
-def step_on(m: WayToRest) -> None:
+def step_stop(m: StopMemory) -> None:
     """One tick nearer to rest. A kernel."""
     m.step(m.q, m.v, m.time, m.next_q, m.next_v)
     for i in range(len(m.q)):
@@ -98,7 +98,7 @@ def step_on(m: WayToRest) -> None:
     m.done = not m.time >= _AT_REST  # also where v is not a number
 
 
-def go_on(m: WayToRest) -> int:
+def advance_stop(m: StopMemory) -> int:
     """Ticks until a limit may be reached, which one that is, or `NONE` where the robot rests before. A kernel."""
     while True:
         for k in range(m.n_limits):
@@ -106,7 +106,7 @@ def go_on(m: WayToRest) -> int:
                 return k
         if m.done:
             return NONE
-        step_on(m)
+        step_stop(m)
         for k in range(m.n_limits):
             reach, way = m.reach[k], 0.0
             for i in range(len(m.v)):
@@ -115,7 +115,7 @@ def go_on(m: WayToRest) -> int:
 
 
 def stop_sizes(robot: Robot, dt: float) -> dict[str, Any]:
-    """Of a `WayToRest` at control period dt [s], but for `n_limits`."""
+    """Of a `StopMemory` at control period dt [s], but for `n_limits`."""
     step, slower = _functions(robot, dt)
     return {"n_q": robot.n_q, "n_v": robot.n_v, "step": step, "slower": slower}
 
@@ -124,11 +124,11 @@ class Stop:
     """The velocity of the next tick on the way to rest as a function of this one's. Not for use from two threads at once."""
 
     def __init__(self, robot: Robot, dt: float, memory: Any = None) -> None:
-        """dt [s] is the control period; memory: a `WayToRest` of the caller's, which is set up."""
+        """dt [s] is the control period; memory: a `StopMemory` of the caller's, which is set up."""
         if memory is None:
-            memory = structure_of(WayToRest, n_limits=1, **stop_sizes(robot, dt))()
+            memory = structure_of(StopMemory, n_limits=1, **stop_sizes(robot, dt))()
         self.way: Any = memory
-        """The `WayToRest`."""
+        """The `StopMemory`."""
         self.acceleration = np.minimum(robot.limits.acceleration, ENDLESS)
         """(n_v,) [m/s2, rad/s2] finite."""
         memory.dt = dt
@@ -148,9 +148,9 @@ class Stop:
 
         From q (n_q,) [m, rad] with v (n_v,) [m/s, rad/s].
         """
-        set_out(self.way, doubles(q), doubles(v))
+        begin_stop(self.way, doubles(q), doubles(v))
         while not self.way.done:
-            step_on(self.way)
+            step_stop(self.way)
             yield np.array(self.way.q), np.array(self.way.velocity)
 
 
@@ -185,7 +185,7 @@ def _slower(robot: Robot, acceleration: np.ndarray, dt: float, q: ca.SX, v: ca.S
 _ZERO_SPEED = 1e-12  # [m/s, rad/s]
 
 
-class RestraintMemory(Layout):
+class SpeedLimitMemory(Layout):
     """What of the robot it depends on."""
 
     step: Annotated[Vector, Sized("n_v")]
@@ -196,8 +196,14 @@ class RestraintMemory(Layout):
     """The first six axes are those of one."""
 
 
-def restrain(
-    m: RestraintMemory, less: RestrictionMemory, beam: EchoMemory, q: Vector, previous: Vector, pace: float, v: Vector
+def limit_speed(
+    m: SpeedLimitMemory,
+    less: RestrictionMemory,
+    beam: AltimeterMemory,
+    q: Vector,
+    previous: Vector,
+    pace: float,
+    v: Vector,
 ) -> float:
     """Makes of the velocity v [m/s, rad/s] that is wanted the one for this tick, and returns the pace [-] that it is at.
 
@@ -213,7 +219,7 @@ def restrain(
     return found
 
 
-def _pace(m: RestraintMemory, speed: float, wanted: Vector, previous: Vector, pace: float) -> float:
+def _pace(m: SpeedLimitMemory, speed: float, wanted: Vector, previous: Vector, pace: float) -> float:
     """As near to the speed as the acceleration limits let it come in this tick; they always let it stay where it is."""
     low, high = 0.0, 1.0
     for i in range(len(m.step)):
@@ -224,12 +230,12 @@ def _pace(m: RestraintMemory, speed: float, wanted: Vector, previous: Vector, pa
     return min(max(speed, min(low, pace)), max(high, pace))
 
 
-def _within(m: RestraintMemory, v: Vector, previous: Vector) -> None:
+def _within(m: SpeedLimitMemory, v: Vector, previous: Vector) -> None:
     for i in range(len(m.step)):
         v[i] = min(max(v[i], previous[i] - m.step[i]), previous[i] + m.step[i])
 
 
-def _lift(beam: EchoMemory, q: Vector, v: Vector, n: int) -> None:
+def _lift(beam: AltimeterMemory, q: Vector, v: Vector, n: int) -> None:
     """Neither vehicle nor altimeter sinks."""
     x, y, z, w = q[3], q[4], q[5], q[6]
     up = zeros(3)

@@ -13,8 +13,8 @@ from uvms_ocp.codegen.kernel_layout import Ask, Layout, Sized, Smooth, Vector
 from uvms_ocp.control.velocity.braking import time_to_rest
 from uvms_ocp.robot.shapes.distance_kernels import (
     DistanceMemory,
+    distance_lower_bound,
     distance_of,
-    least_distance,
     pair_gradient,
     place_solids,
 )
@@ -143,7 +143,7 @@ def _look_at(m: NearestMemory, p: PairsMemory, place: int, limit: float) -> None
     place_solids(p.distances, m.place[place])
     for i in range(p.n_pairs):
         if p.counts[i] != 0:
-            p.value[i] = least_distance(p.distances, i)
+            p.value[i] = distance_lower_bound(p.distances, i)
             if p.value[i] <= min(limit, p.lowest[i]):
                 p.value[i] = _measured(p, i, place)
 

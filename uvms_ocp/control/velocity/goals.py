@@ -13,13 +13,13 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import Answer, Layout, Sized, Vector, doubles, structure_of, view
-from uvms_ocp.control.velocity.abort import ClimbMemory
+from uvms_ocp.control.velocity.abort import AscentMemory
 from uvms_ocp.control.velocity.distances import NearestMemory, measure_pairs, place_along_stop
 from uvms_ocp.mission.mission import Mission, is_still
 from uvms_ocp.mission.phase import MissionState
 from uvms_ocp.mission.progress import MissionMemory
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.collision_model import distance_room, in_c
+from uvms_ocp.robot.shapes.collision_model import distance_layout_sizes, in_c
 from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.tasks.activation import ENDLESS
 from uvms_ocp.tasks.task import EndingReference, NearestPairs, Task
@@ -99,7 +99,7 @@ def tracks_of(mission: Mission, dt: float) -> tuple[Track, ...]:
 def _length(task: Task, dt: float) -> int:
     """The first sample [-] at which the goal of a task surely rests; 0 where its goal is no track."""
     goal = getattr(task, "goal", None)
-    if not (isinstance(goal, EndingReference) and task.is_told_by_goal and task.nearest_pairs is None):
+    if not (isinstance(goal, EndingReference) and task.follows_goal_alone and task.nearest_pairs is None):
         return 0
     ticks = goal.end / dt if isinstance(goal.end, float) else math.inf
     return math.ceil(max(0.0, ticks)) + 1 if ticks < _MOST else 0
@@ -140,7 +140,7 @@ class GoalsMemory(Layout):
     """(n_parameters,) [their units] of now."""
 
 
-def take_goals(g: GoalsMemory, m: MissionMemory, climb: ClimbMemory, t: float) -> None:
+def load_goals(g: GoalsMemory, m: MissionMemory, climb: AscentMemory, t: float) -> None:
     """Those of the phase at t [s]; the abort phase climbs to where its beginning has aimed at. A kernel."""
     goals = g.of_phase[m.phase]
     for i in range(len(g.values)):
@@ -209,7 +209,7 @@ def _asked_in(
     return tuple(found)
 
 
-def asking_of(mission: Mission) -> list[tuple[int, int, NearestPairs]]:
+def distance_tasks(mission: Mission) -> list[tuple[int, int, NearestPairs]]:
     """Tasks that ask for distances: index, where its parameters end among those of all, its pairs."""
     found = zip(mission.hierarchy.tasks, places_of(mission), strict=True)
     return [
@@ -223,7 +223,7 @@ def places_of(mission: Mission) -> list[slice]:
     return [slice(start, end) for start, end in pairwise(ends)]
 
 
-class Measuring:
+class DistanceProvider:
     """What a `NearestMemory` knows of the tasks that ask, and who answers where kernels cannot measure: `CollisionModel`."""
 
     def __init__(self, memory: Any, asking: Sequence[tuple[int, int, NearestPairs]], robot: Robot | None) -> None:
@@ -255,7 +255,7 @@ class Measuring:
 
 
 def nearest_sizes(robot: Robot | None, asking: Sequence[NearestPairs], n_q: int, n_v: int) -> dict[str, Any]:
-    """Of a `NearestMemory` for a q (n_q,) [m, rad] and velocities (n_v,) [m/s, rad/s], but for the `distance_room`.
+    """Of a `NearestMemory` for a q (n_q,) [m, rad] and velocities (n_v,) [m/s, rad/s], but for the `distance_layout_sizes`.
 
     Without a robot nothing moves.
     """
@@ -312,9 +312,12 @@ def task_parameters(
 def measured_distances(pairs: NearestPairs, q: np.ndarray, motion: StoppingMotion | None = None) -> np.ndarray:
     """What `measure` finds at q (n_q,) [m, rad], and on the way to rest, as one vector (`NearestPairs.parameters`)."""
     robot, n_v = None if motion is None else motion.robot, pairs.model.n_v
-    sizes = {**nearest_sizes(robot, [pairs], len(q), n_v), **distance_room([pairs.model], None)}
+    sizes = {**nearest_sizes(robot, [pairs], len(q), n_v), **distance_layout_sizes([pairs.model], None)}
     memory: Any = structure_of(NearestMemory, **sizes)()
-    measuring, values = Measuring(memory, [(0, pairs.n_parameters, pairs)], None), doubles(np.zeros(pairs.n_parameters))
+    measuring, values = (
+        DistanceProvider(memory, [(0, pairs.n_parameters, pairs)], None),
+        doubles(np.zeros(pairs.n_parameters)),
+    )
     v, acceleration, dt = np.zeros(n_v), np.ones(n_v), np.inf
     if motion is not None:
         v, acceleration, dt = motion.v, np.minimum(motion.robot.limits.acceleration, ENDLESS), motion.dt

@@ -12,13 +12,13 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked, unchecked_constructor
-from uvms_ocp.codegen.kernels import bind_to
-from uvms_ocp.control.velocity.abort import AbortReason, Distress, Strain, climb_goal
+from uvms_ocp.codegen.kernels import bind_memory
+from uvms_ocp.control.velocity.abort import AbortMonitor, AbortReason, ActuationFeedback, ascent_goal
 from uvms_ocp.control.velocity.goals import (
-    Measuring,
+    DistanceProvider,
     MissionParameters,
     StoppingMotion,
-    asking_of,
+    distance_tasks,
     mission_parameters,
     nearest_sizes,
     track_sizes,
@@ -36,34 +36,40 @@ from uvms_ocp.control.velocity.tick import (
     velocity_controller,
 )
 from uvms_ocp.control.velocity.tick_memory import altimeter_of, arrays_of, inputs_of, tick_memory
-from uvms_ocp.control.velocity.tick_state import TickState
-from uvms_ocp.control.velocity.viability import Guarding, guards_of, models_of, rule_sizes, without_c_form
+from uvms_ocp.control.velocity.tick_state import TickInputs
+from uvms_ocp.control.velocity.viability import (
+    ViabilitySetup,
+    models_of,
+    position_guards,
+    viability_sizes,
+    without_c_form,
+)
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.degraded_modes import (
     ALTIMETER,
     FREE,
-    BadChannels,
+    DegradedChannels,
     Restriction,
     describe_channels,
-    restriction_in,
+    read_restriction,
     write_channels,
 )
-from uvms_ocp.estimation.fallbacks import Freshness, LastEcho, LastSound, Watchdog
+from uvms_ocp.estimation.fallbacks import Freshness, LastFloorRange, LastValidEstimate, Watchdog
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Event, MissionState
-from uvms_ocp.mission.progress import gave_up, is_over, went_on, write_state
-from uvms_ocp.record.display import SmallTable, Tabled, rows_of
+from uvms_ocp.mission.progress import is_over, state_after_abort, state_after_transition, write_state
+from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.collision_model import distance_room
+from uvms_ocp.robot.shapes.collision_model import distance_layout_sizes
 from uvms_ocp.robot.signals import ChannelHealth, Command, Measurement
-from uvms_ocp.solvers.hierarchy.solution import SharedTick, Tick
+from uvms_ocp.solvers.hierarchy.solution import InPlaceTick, Tick
 from uvms_ocp.types import Period
 
 # What may stand in for the hierarchy: a velocity from elsewhere, as long as it lasts.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Guided:
+class GuideOutput:
     """What a guide says at a tick."""
 
     v: np.ndarray | None
@@ -79,11 +85,11 @@ class Guide(Protocol):
     def bandwidth(self) -> float:
         """[-] Share of the usual feedback of velocities that is enough: what it knows beforehand needs little."""
 
-    def __call__(self, tick: TickState, strain: Strain, waiting: Callable[[], str]) -> Guided:
+    def __call__(self, tick: TickInputs, feedback: ActuationFeedback, waiting: Callable[[], str]) -> GuideOutput:
         """waiting: tells what the mission waits for, in words; strain: what the layer of forces meets."""
 
 
-class Led(Protocol):
+class GuidedController(Protocol):
     """What is told of a guide's velocities: a `KinematicController`."""
 
     watchdog: Watchdog
@@ -95,9 +101,11 @@ class Led(Protocol):
         """Take what is commanded in place of its own."""
 
 
-def apply_guide(layer: Led, guide: Guide, tick: TickState, strain: Strain, command: Command) -> Command:
+def apply_guide(
+    layer: GuidedController, guide: Guide, tick: TickInputs, feedback: ActuationFeedback, command: Command
+) -> Command:
     """The command of a layer as its guide has it; that it is left is an alarm."""
-    said = guide(tick, strain, layer.pending)
+    said = guide(tick, feedback, layer.pending)
     if said.why:
         layer.watchdog.alarms.append((tick.t, said.why))
     telemetry = {**command.telemetry, "guided": said.v is not None}
@@ -110,7 +118,7 @@ def apply_guide(layer: Led, guide: Guide, tick: TickState, strain: Strain, comma
 
 # Kinematic control layer: measurements in, reference velocities out ([Gao2022] figure 4).
 
-_command, _tick_state = unchecked_constructor(Command), unchecked_constructor(TickState)
+_command, _tick_state = unchecked_constructor(Command), unchecked_constructor(TickInputs)
 _FRESHNESS = tuple(Freshness)
 
 
@@ -121,7 +129,7 @@ class HierarchySolver(Protocol):
 
 
 @checked
-class KinematicController(Tabled):
+class KinematicController(TableDisplay):
     """Runs a mission: a callable ``(Measurement, t) -> Command``.
 
     One tick: `observe` what is known, solve the hierarchy, keep what a stop can keep, advance the mission, `command`. Holds
@@ -150,28 +158,28 @@ class KinematicController(Tabled):
         """Where the mission was at each event, just before."""
         self.watchdog = watchdog or Watchdog()
         names, tasks = self.problem.quantity_names, mission.hierarchy.tasks
-        guards, tracks, asking = guards_of(robot, tasks, names), tracks_of(mission, dt), asking_of(mission)
+        guards, tracks, asking = position_guards(robot, tasks, names), tracks_of(mission, dt), distance_tasks(mission)
         pairs = [pairs for _, _, pairs in asking]
         nearest = nearest_sizes(robot, pairs, robot.n_q, robot.n_v)
-        room = distance_room([*models_of(guards), *(asked.model for asked in pairs)], robot)
-        sizes = {**rule_sizes(robot, guards, dt), **track_sizes(tracks), **nearest, **room}
+        room = distance_layout_sizes([*models_of(guards), *(asked.model for asked in pairs)], robot)
+        sizes = {**viability_sizes(robot, guards, dt), **track_sizes(tracks), **nearest, **room}
         memory = tick_memory(robot, mission, self.problem, self.watchdog, sizes)
         self._whole = velocity_controller(memory, self.problem, solver)
         self.memory = memory = memory if self._whole is None else self._whole.tick
         """All that a tick knows, a `TickMemory`."""
         self._arrays = arrays_of(memory, self.problem)
         self._parameters = MissionParameters(mission, memory.goals, tracks, dt)
-        self._measuring = Measuring(memory.nearest, asking, robot)
-        self._before, self._take = bind_to(memory, (prepare_tick, commit_velocity))
+        self._measuring = DistanceProvider(memory.nearest, asking, robot)
+        self._before, self._take = bind_memory(memory, (prepare_tick, commit_velocity))
         self._finish = finish_in_c(self._whole) if self._whole is not None else self._finish_by(solver)
-        self._guarding = Guarding(robot, guards, dt, memory.rule)
-        self._sound = LastSound(robot, memory.sound)
-        self._echo = LastEcho(robot, altimeter_of(robot, tasks), memory.beam)
-        self._distress = Distress(mission, names, memory)
-        self._strain = self._felt = Strain()
+        self._guarding = ViabilitySetup(robot, guards, dt, memory.rule)
+        self._sound = LastValidEstimate(robot, memory.sound)
+        self._echo = LastFloorRange(robot, altimeter_of(robot, tasks), memory.beam)
+        self._distress = AbortMonitor(mission, names, memory)
+        self._strain = self._felt = ActuationFeedback()
         self._jammed = self._felt.jammed
         self._restriction = FREE
-        self._bad = BadChannels()
+        self._bad = DegradedChannels()
         self._state = mission.start()
         write_state(memory.mission, self._state)
 
@@ -187,7 +195,7 @@ class KinematicController(Tabled):
     @property
     def quantities(self) -> dict[str, float]:
         """As last measured [in their units]; NaN where nothing tells."""
-        return self._named(self._arrays.last_told)
+        return self._named(self._arrays.last_phase_quantities)
 
     @property
     def without_c_form(self) -> dict[str, str]:
@@ -205,7 +213,7 @@ class KinematicController(Tabled):
         return self.command(self.observe(measurement, t))
 
     @checked_on_failure
-    def observe(self, measurement: Measurement, t: float) -> TickState:
+    def observe(self, measurement: Measurement, t: float) -> TickInputs:
         """What is known at time t [s]; what is missing of the measurement is replaced by what was known last."""
         started, memory, arrays = perf_counter(), self.memory, self._arrays
         self._sound.check(measurement)
@@ -217,7 +225,7 @@ class KinematicController(Tabled):
             write_channels(memory.restriction, bad)
         self._before(memory)
         self._measuring.answer.check()
-        measurement = self._sound.standing_for(measurement)
+        measurement = self._sound.substitute(measurement)
         restriction = self._restricted(bad) if bad or self._restriction is not FREE else FREE
         freshness = _FRESHNESS[memory.freshness]
         if freshness is not self.watchdog.verdict:
@@ -227,7 +235,7 @@ class KinematicController(Tabled):
             t=t,
             measurement=measurement,
             echo=arrays.echo.item(),
-            altitude_known=bool(memory.altitude_known),
+            altitude_valid=bool(memory.altitude_valid),
             mission=self._state,
             gates=arrays.gates.copy(),
             freshness=freshness,
@@ -235,12 +243,12 @@ class KinematicController(Tabled):
         )
 
     @checked_on_failure
-    def feel(self, strain: Strain) -> None:
+    def on_actuation_feedback(self, feedback: ActuationFeedback) -> None:
         """Take in what the force layer meets."""
-        self._strain, self._jammed = strain, strain.jammed
+        self._strain, self._jammed = feedback, feedback.jammed
 
     @checked_on_failure
-    def command(self, tick: TickState) -> Command:
+    def command(self, tick: TickInputs) -> Command:
         """The command for what `observe` has found."""
         arrays, memory = self._arrays, self.memory
         if self._parameters.asked[tick.mission.phase]:
@@ -264,8 +272,8 @@ class KinematicController(Tabled):
     def _finish_by(self, solver: HierarchySolver) -> Callable[[], Solved]:
         tick = solver.bind(self.problem.function, self.problem.sizes)
         inputs = inputs_of(self.memory, self._arrays, self.problem)
-        solve = tick.adopt(*inputs) if isinstance(tick, SharedTick) else partial(tick, *inputs)
-        (settle,) = bind_to(self.memory, (finish_tick,))
+        solve = tick.adopt(*inputs) if isinstance(tick, InPlaceTick) else partial(tick, *inputs)
+        (settle,) = bind_memory(self.memory, (finish_tick,))
         return finish_by(solve, partial(settle, self.memory), self._arrays, self.memory)
 
     @checked_on_failure
@@ -303,7 +311,7 @@ class KinematicController(Tabled):
         """What is not done, as the kernel has found of the channels that are not good."""
         found, before = self.memory.restriction, self._restriction
         if not (bad == list(before.bad) and before.abort == "" and not found.ended):
-            self._restriction = restriction_in(found, bad)
+            self._restriction = read_restriction(found, bad)
         return self._restriction
 
     def _alarm(self, measurement: Measurement, t: float) -> None:
@@ -315,21 +323,21 @@ class KinematicController(Tabled):
     def _feel(self) -> None:
         """What the force layer met, for the kernels."""
         changed, self._felt = self._jammed != self._felt.jammed, self._strain
-        self._distress.feel(self._strain)
+        self._distress.on_actuation_feedback(self._strain)
         if changed:
             for axis in range(self.robot.n_v):
                 self.memory.jammed[axis] = axis in self._jammed
 
-    def _advance(self, tick: TickState) -> None:
+    def _advance(self, tick: TickInputs) -> None:
         """What the kernels have made of the mission, in words."""
         memory, state, quantities = self.memory, self._state, self._named(self._arrays.told)
         phases, known = self.mission.all_phases, memory.mission
         if memory.why:
             why = self._distress.told(AbortReason(memory.why), tick, quantities, self._strain)
-            goals = () if is_over(known) else self.mission.climb_goals(climb_goal(memory.climb))
-            went: tuple[MissionState, Event | None] = gave_up(phases, state, known, tick.t, why, goals)
+            goals = () if is_over(known) else self.mission.ascent_goals(ascent_goal(memory.climb))
+            went: tuple[MissionState, Event | None] = state_after_abort(phases, state, known, tick.t, why, goals)
         else:
-            went = went_on(phases, state, known, memory.due, tick.t, quantities)
+            went = state_after_transition(phases, state, known, memory.due, tick.t, quantities)
         self._state, event = went
         if event is not None:
             self.events.append(event)
@@ -339,7 +347,7 @@ class KinematicController(Tabled):
         return dict(zip(self.problem.quantity_names, quantities.tolist(), strict=True))
 
 
-def _telemetry(tick: TickState, solved: Solved, quantities: np.ndarray, share: float) -> dict[str, Any]:
+def _telemetry(tick: TickInputs, solved: Solved, quantities: np.ndarray, share: float) -> dict[str, Any]:
     """For the record."""
     status, residual, activity, solve_time = solved
     return {

@@ -36,7 +36,7 @@ _FALL = 0.1  # [s] from the acceleration limit to a reference; longer, so that t
 _NOTHING = 1e-12  # keeps the division by a change of zero finite
 
 
-def easing_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Rows:
+def jerk_limit_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Rows:
     """Each axis changes by what it changed by in the tick before, give or take what its jerk allows.
 
     previous (n_v,) [m/s, rad/s]: commanded in the tick before; change (n_v,) [m/s, rad/s]: of it since the tick before that.
@@ -57,7 +57,7 @@ def easing_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Rows:
     )
 
 
-def eased_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+def smooth_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
     """Share (m,) [-] of the changes `wanted` (m,) [any/s] that rates can make in this tick, so as to arrive smoothly.
 
     acceleration (m,) [any/s2]: largest of each rate. dt [s].
@@ -66,7 +66,7 @@ def eased_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
 
 
 def common_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    """Least of `eased_share` (m,) [-] over all rows, with one root for all of them: () [-].
+    """Least of `smooth_share` (m,) [-] over all rows, with one root for all of them: () [-].
 
     wanted (m,) [any/s]; acceleration (m,) [any/s2]; dt [s].
     """
@@ -74,7 +74,7 @@ def common_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
 
 
 def falling_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    """As `eased_share`, but for the acceleration limit itself: the acceleration falls to 0 on the last part of the way.
+    """As `smooth_share`, but for the acceleration limit itself: the acceleration falls to 0 on the last part of the way.
 
     wanted (m,) [any/s]; acceleration (m,) [any/s2]; dt [s].
     """
@@ -140,13 +140,13 @@ def _way(room: ca.SX, acceleration: ca.SX, dt: float, eased: bool) -> ca.SX:
     """How far (m,) rates may go in this tick towards bounds that leave them this room (m,); negative: have to come back."""
     near = ca.fmin(room, ENDLESS)
     ahead = ca.if_else(room < ENDLESS, near * falling_share(near, acceleration, dt), ca.inf)
-    back = near * eased_share(near, acceleration, dt) if eased else ca.fmax(near, -acceleration * dt)
+    back = near * smooth_share(near, acceleration, dt) if eased else ca.fmax(near, -acceleration * dt)
     return ca.if_else(room > 0, ahead, back)
 
 
 # From tasks to the levels of one tick: a CasADi Function that stacks limits, tasks, easing and minimum velocity.
 
-LIMITS, EASING, REST = "limits", "easing", "rest"
+LIMITS, JERK_LIMIT, REST = "limits", "easing", "rest"
 """Names of the levels that every hierarchy has: the first, the one below the tasks that keep the robot safe, the last."""
 _INPUTS = ("q", "velocity", "previous", "change", "altimeter_range", "parameters", "gates")
 
@@ -192,7 +192,7 @@ def build_levels(robot: Robot, hierarchy: Hierarchy, dt: Period) -> LevelsProble
     levels = [
         _Level(LIMITS, _limit_rows(symbols, previous)),
         *wanted[:n_safe],
-        _Level(EASING, easing_rows(symbols, previous, change)),
+        _Level(JERK_LIMIT, jerk_limit_rows(symbols, previous, change)),
         *wanted[n_safe:],
         _Level(REST, _rest_rows(symbols, previous)),
     ]

@@ -10,17 +10,17 @@ from typing import Annotated, Any
 import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Smooth, Vector, structure_of, view
-from uvms_ocp.codegen.kernels import bind_to
-from uvms_ocp.control.velocity.abort import AbortReason, aim_ascent, distress_of
-from uvms_ocp.control.velocity.braking import restrain, set_out, step_on
+from uvms_ocp.codegen.kernels import bind_memory
+from uvms_ocp.control.velocity.abort import AbortReason, abort_reason, aim_ascent
+from uvms_ocp.control.velocity.braking import begin_stop, limit_speed, step_stop
 from uvms_ocp.control.velocity.distances import measure_pairs, place_along_stop
-from uvms_ocp.control.velocity.goals import take_goals
+from uvms_ocp.control.velocity.goals import load_goals
 from uvms_ocp.control.velocity.levels import LevelsProblem
 from uvms_ocp.control.velocity.tick_memory import TickArrays, TickMemory
-from uvms_ocp.control.velocity.viability import comes_near, enforce_viability
+from uvms_ocp.control.velocity.viability import enforce_viability, may_reach_limit
 from uvms_ocp.estimation.degraded_modes import restrict
-from uvms_ocp.estimation.fallbacks import Freshness, echo_range, last_sound, look_down, verdict_on
-from uvms_ocp.mission.progress import NONE, abort_mission, gates_at, is_over, take_transition, transition_due
+from uvms_ocp.estimation.fallbacks import Freshness, echo_range, freshness_of, hold_last_valid, point_altimeter
+from uvms_ocp.mission.progress import NONE, abort_mission, activations_at, is_over, take_transition, transition_due
 from uvms_ocp.robot.signals import Trust
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.solution import Status, TickResult, dense
@@ -32,7 +32,7 @@ from uvms_ocp.solvers.hierarchy.solution import Status, TickResult, dense
 
 def _begin(m: TickMemory) -> None:
     """External activations, which tell whether the altitude matters."""
-    gates_at(m.mission, m.t, m.gates)
+    activations_at(m.mission, m.t, m.gates)
     m.altitude_matters = False
     for i in range(len(m.gates)):
         m.altitude_matters = m.altitude_matters or (m.reads_altitude[i] != 0 and m.gates[i] != 0.0)
@@ -40,12 +40,12 @@ def _begin(m: TickMemory) -> None:
 
 def prepare_tick(m: TickMemory) -> None:
     """What is known, from the measurement and the channels that are not good."""
-    last_sound(m.sound, m.t, m.q, m.v, m.age, m.joint_age)
+    hold_last_valid(m.sound, m.t, m.q, m.v, m.age, m.joint_age)
     m.age = m.sound.age
     m.joint_age = m.sound.joint_age
-    look_down(m.beam, m.q)
+    point_altimeter(m.beam, m.q)
     _begin(m)
-    take_goals(m.goals, m.mission, m.climb, m.t)
+    load_goals(m.goals, m.mission, m.climb, m.t)
     restrict(m.restriction, m.t, m.altitude_matters)
     doubted = _doubts_altimeter(m)
     lowest, lower = 0.0, False
@@ -56,14 +56,14 @@ def prepare_tick(m: TickMemory) -> None:
             lowest = m.rest_altitude[i]
             lower = True
     m.echo[0] = echo_range(m.beam, m.t, m.altimeter_range, lowest, doubted)
-    m.altitude_known = math.isfinite(m.beam.floor) and m.t - m.beam.since <= m.hold_after
+    m.altitude_valid = math.isfinite(m.beam.floor) and m.t - m.beam.since <= m.hold_after
     # Joints that brakes hold are where they were.
     braked = m.restriction.joints_held and math.isfinite(m.age) and m.joint_age >= m.age
     age = 0.0 if braked else m.age
     echo_age = m.t - m.beam.since if m.altitude_matters and not doubted else 0.0
     m.echo_is_oldest = echo_age > age
     m.oldest = max(age, echo_age)
-    m.freshness = verdict_on(m.oldest, m.hold_after, m.stop_after)
+    m.freshness = freshness_of(m.oldest, m.hold_after, m.stop_after)
     m.holds = is_blind(m) or m.restriction.hold or (m.restriction.ended and not m.distress.aborts)
     for i in range(len(m.previous)):
         m.previous[i] = m.command[i] / m.pace
@@ -101,7 +101,7 @@ def _check_mission(m: TickMemory) -> None:
     """Go on with the mission, or give it up."""
     less, stopped = m.restriction, is_stopped(m)
     hopeless = stopped and (less.ended or less.any_lost)
-    m.why = distress_of(m.distress, m.mission, m.t, m.gates, m.told, hopeless, less.ended)
+    m.why = abort_reason(m.distress, m.mission, m.t, m.gates, m.told, hopeless, less.ended)
     if m.why != AbortReason.NOTHING:
         m.eventful = True
         if not m.mission.given_up:
@@ -125,12 +125,12 @@ def _doubts_altimeter(m: TickMemory) -> bool:
 
 
 def is_blind(m: TickMemory) -> bool:
-    """As that of `TickState`."""
+    """As that of `TickInputs`."""
     return m.freshness != Freshness.FRESH or m.restriction.blind
 
 
 def is_stopped(m: TickMemory) -> bool:
-    """As that of `TickState`."""
+    """As that of `TickInputs`."""
     return m.freshness == Freshness.LOST or (m.restriction.ended and not m.restriction.climbs)
 
 
@@ -142,12 +142,12 @@ def commit_velocity(m: TickMemory) -> None:
     m.pace = m.wanted_pace
 
 
-def is_unknown(age: float, of_altitude: bool, altitude_known: bool) -> bool:
+def is_unknown(age: float, of_altitude: bool, altitude_valid: bool) -> bool:
     """Whether a quantity is NaN: before the first measurement, and where it rests on an altitude that only stands in for one.
 
     age [s]: of the measurement.
     """
-    return age == math.inf or (of_altitude and not altitude_known)
+    return age == math.inf or (of_altitude and not altitude_valid)
 
 
 def _report(m: TickMemory) -> None:
@@ -157,7 +157,7 @@ def _report(m: TickMemory) -> None:
     """
     of_altitude = m.rests_on[m.altimeter]
     for i in range(len(m.quantities)):
-        unknown = is_unknown(m.age, of_altitude[i] != 0, m.altitude_known)
+        unknown = is_unknown(m.age, of_altitude[i] != 0, m.altitude_valid)
         m.reported[i] = math.nan if unknown else m.quantities[i]
         m.told[i] = m.reported[i]
     for k in range(len(m.channel)):
@@ -167,14 +167,14 @@ def _report(m: TickMemory) -> None:
                 m.told[i] = math.nan
     for i in range(len(m.quantities)):
         if not m.holds:
-            m.last_told[i] = m.told[i]
+            m.last_phase_quantities[i] = m.told[i]
 
 
 def _come_to_rest(m: TickMemory) -> None:
     """Along the stop that the last tick with a measurement has found clear."""
     way = m.rule.stop
-    set_out(way, m.place, m.command)
-    step_on(way)
+    begin_stop(way, m.place, m.command)
+    step_stop(way)
     for i in range(len(m.place)):
         m.place[i] = way.q[i]
     for i in range(len(m.command)):
@@ -188,7 +188,7 @@ def _choose(m: TickMemory) -> None:
     for i in range(len(m.place)):
         m.place[i] = m.q[i]
     _wanted_velocity(m)
-    m.near = comes_near(m.rule, m.wanted, m.gates, m.quantities)
+    m.near = may_reach_limit(m.rule, m.wanted, m.gates, m.quantities)
     m.share = enforce_viability(m.rule, m.q, m.command, m.wanted, m.gates, m.quantities) if m.near else 1.0
     commit_velocity(m)
 
@@ -199,7 +199,7 @@ def _wanted_velocity(m: TickMemory) -> None:
     if m.usable:
         _shorten(m)
         if m.restriction.any_bad or m.pace != 1.0:
-            m.wanted_pace = restrain(m.restraint, m.restriction, m.beam, m.q, m.command, m.pace, m.wanted)
+            m.wanted_pace = limit_speed(m.restraint, m.restriction, m.beam, m.q, m.command, m.pace, m.wanted)
     else:
         _brake(m)
     for i in range(len(m.wanted)):
@@ -307,7 +307,7 @@ _STATUS_CODE = {status: code for code, status in enumerate(Status)}
 
 def finish_in_c(whole: Any) -> Callable[[], Solved]:
     """On a `VelocityController`."""
-    (run,) = bind_to(whole, (solve_and_finish,))
+    (run,) = bind_memory(whole, (solve_and_finish,))
     residual, activity = view(whole.residual), view(whole.activity)
 
     def call() -> Solved:

@@ -10,14 +10,14 @@ from typing import Annotated, Any
 import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of, view
-from uvms_ocp.control.velocity.abort import ClimbMemory, DistressMemory, climb_sizes
-from uvms_ocp.control.velocity.braking import RestraintMemory
+from uvms_ocp.control.velocity.abort import AbortMemory, AscentMemory, ascent_sizes
+from uvms_ocp.control.velocity.braking import SpeedLimitMemory
 from uvms_ocp.control.velocity.distances import NearestMemory
 from uvms_ocp.control.velocity.goals import GoalsMemory
 from uvms_ocp.control.velocity.levels import LevelsProblem
-from uvms_ocp.control.velocity.viability import RuleMemory
+from uvms_ocp.control.velocity.viability import ViabilityMemory
 from uvms_ocp.estimation.degraded_modes import ALTIMETER, CHANNELS, RestrictionMemory, write_modes
-from uvms_ocp.estimation.fallbacks import EchoMemory, SoundMemory, Watchdog, echo_sizes
+from uvms_ocp.estimation.fallbacks import AltimeterMemory, LastValidMemory, Watchdog, echo_sizes
 from uvms_ocp.mission.mission import Mission, write_mission
 from uvms_ocp.mission.progress import MissionMemory, sizes_of
 from uvms_ocp.robot.robot import Robot
@@ -31,19 +31,19 @@ class TickMemory(Layout):
 
     mission: MissionMemory
     """Where it is."""
-    distress: DistressMemory
+    distress: AbortMemory
     """Whether it is to be given up."""
-    rule: RuleMemory
+    rule: ViabilityMemory
     """Limits on positions."""
     restriction: RestrictionMemory
     """What is not done because of channels that cannot be trusted."""
-    restraint: RestraintMemory
+    restraint: SpeedLimitMemory
     """What is left of a velocity."""
-    sound: SoundMemory
+    sound: LastValidMemory
     """What stands in for a measurement that is not sound."""
-    beam: EchoMemory
+    beam: AltimeterMemory
     """Where the altimeter looks."""
-    climb: ClimbMemory
+    climb: AscentMemory
     """Where the abort phase leads to."""
     goals: GoalsMemory
     """Parameters of the tasks, an input of the levels."""
@@ -89,8 +89,8 @@ class TickMemory(Layout):
     """A task that is on reads the altimeter."""
     echo: Annotated[Vector, Sized(1)]
     """(1,) [m] range that tasks act on."""
-    altitude_known: bool
-    """As that of `TickState`."""
+    altitude_valid: bool
+    """As that of `TickInputs`."""
     echo_is_oldest: bool
     """Of all that is needed."""
     oldest: float
@@ -117,7 +117,7 @@ class TickMemory(Layout):
     """(n_quantities,) [their units] NaN where not known."""
     told: Annotated[Vector, Sized("n_quantities")]
     """(n_quantities,) [their units] what phases may end on."""
-    last_told: Annotated[Vector, Sized("n_quantities")]
+    last_phase_quantities: Annotated[Vector, Sized("n_quantities")]
     """(n_quantities,) [their units] the same of the last tick that did not hold."""
     why: int
     """A `Why`."""
@@ -172,7 +172,7 @@ class TickArrays:
     """(n_quantities,) [their units]"""
     told: np.ndarray
     """(n_quantities,) [their units]"""
-    last_told: np.ndarray
+    last_phase_quantities: np.ndarray
     """(n_quantities,) [their units]"""
     command: np.ndarray
     """(n_v,) [m/s, rad/s]"""
@@ -183,7 +183,7 @@ def tick_memory(
 ) -> Any:
     """A `TickMemory` at rest, before the first measurement; what tells of distress, echoes, limits and goals is not in it yet.
 
-    sizes: as `rule_sizes` and `track_sizes` tell them.
+    sizes: as `viability_sizes` and `track_sizes` tell them.
     """
     tasks, names = mission.hierarchy.tasks, problem.quantity_names
     known = {
@@ -192,7 +192,7 @@ def tick_memory(
         "n_quantities": len(names),
         "n_channels": len(problem.rests_on),
         "n_parameters": problem.function.size1_in("parameters"),
-        **climb_sizes(robot, mission),
+        **ascent_sizes(robot, mission),
         **echo_sizes(robot, altimeter_of(robot, tasks)),
         **sizes_of(mission.all_phases),
     }
@@ -203,7 +203,7 @@ def tick_memory(
     memory.pace, memory.near = 1.0, True
     view(memory.place)[:] = robot.configuration()
     write_modes(memory.restriction)
-    view(memory.last_told)[:] = math.nan
+    view(memory.last_phase_quantities)[:] = math.nan
     view(memory.velocity_limit)[:] = robot.limits.velocity
     _write_restraint(memory.restraint, robot, problem.step)
     memory.altimeter = [*problem.rests_on].index(ALTIMETER)
@@ -219,7 +219,10 @@ def tick_memory(
 def arrays_of(memory: Any, problem: LevelsProblem) -> TickArrays:
     """The arrays of a `TickMemory`, which has room for one of each where there is none."""
     n_tasks, n_quantities = problem.function.size1_in("gates"), len(problem.quantity_names)
-    sizes = {"gates": n_tasks, **dict.fromkeys(("quantities", "reported", "told", "last_told"), n_quantities)}
+    sizes = {
+        "gates": n_tasks,
+        **dict.fromkeys(("quantities", "reported", "told", "last_phase_quantities"), n_quantities),
+    }
     names = TickArrays.__dataclass_fields__
     return TickArrays(**{name: view(getattr(memory, name))[: sizes.get(name)] for name in names})
 

@@ -13,7 +13,7 @@ from uvms_ocp.robot.signals import Measurement
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class TickState:
+class TickInputs:
     """What is known when a tick begins."""
 
     begin: float
@@ -25,7 +25,7 @@ class TickState:
     echo: float
     """[m] range of the altimeter that tasks act on: carried along with the motion where there is no echo, cautious before the
     first one."""
-    altitude_known: bool
+    altitude_valid: bool
     """An echo supports it, of now or of not too long ago."""
     mission: MissionState
     """Where the mission is."""

@@ -17,25 +17,25 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import Answer, Ask, Layout, Sized, Smooth, Vector, doubles, structure_of, view
-from uvms_ocp.codegen.kernels import bind_to
+from uvms_ocp.codegen.kernels import bind_memory
 from uvms_ocp.control.velocity.braking import (
     NONE,
     Stop,
-    WayToRest,
-    go_on,
-    set_out,
+    StopMemory,
+    advance_stop,
+    begin_stop,
     slow_down,
-    step_on,
+    step_stop,
     stop_sizes,
     time_to_rest,
 )
-from uvms_ocp.control.velocity.goals import asked_in_phases, asking_of, tracks_of
+from uvms_ocp.control.velocity.goals import asked_in_phases, distance_tasks, tracks_of
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.collision_model import CollisionModel, distance_room, in_c
+from uvms_ocp.robot.shapes.collision_model import CollisionModel, distance_layout_sizes, in_c
 from uvms_ocp.robot.shapes.collision_model import without_c_form as not_measured
-from uvms_ocp.robot.shapes.distance_kernels import DistanceMemory, distance_of, least_distance, place_solids
+from uvms_ocp.robot.shapes.distance_kernels import DistanceMemory, distance_lower_bound, distance_of, place_solids
 from uvms_ocp.tasks.activation import ENDLESS
 from uvms_ocp.tasks.task import Task
 
@@ -48,10 +48,10 @@ from uvms_ocp.tasks.task import Task
 _HALVINGS = 5
 
 
-class RuleMemory(Layout):
+class ViabilityMemory(Layout):
     """Limits, and which of them a velocity could come to within its stop."""
 
-    stop: WayToRest
+    stop: StopMemory
     """With the reach of the limits."""
     smooth: Smooth
     """q to the positions that have an expression, those of the first limits."""
@@ -101,7 +101,7 @@ class RuleMemory(Layout):
     """(n_v,) [m/s, rad/s] between that and what is wanted."""
 
 
-def comes_near(m: RuleMemory, v: Vector, gates: Vector, quantities: Vector) -> bool:
+def may_reach_limit(m: ViabilityMemory, v: Vector, gates: Vector, quantities: Vector) -> bool:
     """Whether some position may come to a limit that counts until the robot rests from v [m/s, rad/s]. A kernel.
 
     gates [-] of tasks, quantities [in their units] as measured. Leaves what each axis moves at most, and which limits it is.
@@ -116,7 +116,7 @@ def comes_near(m: RuleMemory, v: Vector, gates: Vector, quantities: Vector) -> b
     return any_near
 
 
-def _farthest(m: RuleMemory, k: int) -> float:
+def _farthest(m: ViabilityMemory, k: int) -> float:
     """[m] that any position of a limit moves at most."""
     reach, way = m.stop.reach[k], 0.0
     for i in range(len(m.travel)):
@@ -125,7 +125,7 @@ def _farthest(m: RuleMemory, k: int) -> float:
 
 
 def enforce_viability(
-    m: RuleMemory, q: Vector, previous: Vector, wanted: Vector, gates: Vector, quantities: Vector
+    m: ViabilityMemory, q: Vector, previous: Vector, wanted: Vector, gates: Vector, quantities: Vector
 ) -> float:
     """Makes of the velocity `wanted` [m/s, rad/s] the one for this tick, and returns the share [-] that is left of it. A kernel.
 
@@ -137,7 +137,7 @@ def enforce_viability(
     for i in range(len(m.mixed)):
         # Of every mixture of the two: it may be as fast as the one and need as long to rest as the other.
         m.mixed[i] = max(abs(wanted[i]), abs(m.slower[i]))
-    if not comes_near(m, m.mixed, gates, quantities):
+    if not may_reach_limit(m, m.mixed, gates, quantities):
         return 1.0
     _select_near(m, q, quantities)
     if _is_clear(m, q, wanted):
@@ -150,7 +150,7 @@ def enforce_viability(
     return share
 
 
-def _select_near(m: RuleMemory, q: Vector, quantities: Vector) -> None:
+def _select_near(m: ViabilityMemory, q: Vector, quantities: Vector) -> None:
     """Take the limits that are near as they are at q [m, rad], with the positions that may come to them."""
     for k in range(m.n_limits):
         if m.near[k] != 0:
@@ -161,7 +161,7 @@ def _select_near(m: RuleMemory, q: Vector, quantities: Vector) -> None:
             _measure(m, k, quantities[m.quantity[k]])
 
 
-def _measure(m: RuleMemory, k: int, measured: float) -> None:
+def _measure(m: ViabilityMemory, k: int, measured: float) -> None:
     """Room [m] before a limit from what is measured [m], and the positions that may come to it."""
     lowest, way = math.inf, _farthest(m, k)
     for i in range(m.first[k], m.end[k]):
@@ -172,7 +172,7 @@ def _measure(m: RuleMemory, k: int, measured: float) -> None:
         m.counts[i] = m.position[i] - m.base[k] <= way
 
 
-def _look_at(m: RuleMemory, k: int, q: Vector) -> None:
+def _look_at(m: ViabilityMemory, k: int, q: Vector) -> None:
     """The positions of a limit at q [m, rad], of those that count at least; of distances a bound from below."""
     if m.pairs[k] != NONE:
         _look_at_pairs(m, k, q)
@@ -186,22 +186,22 @@ def _look_at(m: RuleMemory, k: int, q: Vector) -> None:
     m.ask()
 
 
-def _look_at_pairs(m: RuleMemory, k: int, q: Vector) -> None:
+def _look_at_pairs(m: ViabilityMemory, k: int, q: Vector) -> None:
     distances = m.distances[m.pairs[k]]
     place_solids(distances, q)
     for i in range(m.first[k], m.end[k]):
         if m.counts[i] != 0:
-            m.position[i] = least_distance(distances, i - m.first[k])
+            m.position[i] = distance_lower_bound(distances, i - m.first[k])
 
 
-def _height(m: RuleMemory, k: int, i: int, enough: float) -> float:
+def _height(m: ViabilityMemory, k: int, i: int, enough: float) -> float:
     """[m] of a position over its limit, as last looked at; where that is `enough` [m], no less than that."""
     if m.pairs[k] != NONE and not m.position[i] - m.base[k] >= enough:
         m.position[i] = distance_of(m.distances[m.pairs[k]], i - m.first[k])
     return m.position[i] - m.base[k]
 
 
-def _is_clear(m: RuleMemory, q: Vector, v: Vector) -> bool:
+def _is_clear(m: ViabilityMemory, q: Vector, v: Vector) -> bool:
     """Whether the stop from v [m/s, rad/s] keeps all positions that count at or above their floors, at every tick.
 
     Ticks that no position can have reached its floor at since it was last looked at are passed over
@@ -209,18 +209,18 @@ def _is_clear(m: RuleMemory, q: Vector, v: Vector) -> bool:
     """
     for k in range(m.n_limits):
         m.stop.room[k] = m.room[k] if m.near[k] != 0 else math.inf
-    set_out(m.stop, q, v)
-    k = go_on(m.stop)
+    begin_stop(m.stop, q, v)
+    k = advance_stop(m.stop)
     while k != NONE:
         _look_at(m, k, m.stop.q)
         m.stop.room[k] = _slack(m, k)
         if m.stop.room[k] < 0.0:
             return False
-        k = go_on(m.stop)
+        k = advance_stop(m.stop)
     return True
 
 
-def _slack(m: RuleMemory, k: int) -> float:
+def _slack(m: ViabilityMemory, k: int) -> float:
     """[m] by which the positions of a limit that count are above their floors, as last looked at."""
     slack = math.inf
     for i in range(m.first[k], m.end[k]):
@@ -229,11 +229,11 @@ def _slack(m: RuleMemory, k: int) -> float:
     return slack
 
 
-def _lower_floors(m: RuleMemory, q: Vector) -> None:
+def _lower_floors(m: ViabilityMemory, q: Vector) -> None:
     """To where the stop from the slower velocity leads, if that is below the limit."""
-    set_out(m.stop, q, m.slower)
+    begin_stop(m.stop, q, m.slower)
     while not m.stop.done:
-        step_on(m.stop)
+        step_stop(m.stop)
         for k in range(m.n_limits):
             if m.near[k] != 0:
                 _look_at(m, k, m.stop.q)
@@ -242,18 +242,18 @@ def _lower_floors(m: RuleMemory, q: Vector) -> None:
         m.room[k] = 0.0
 
 
-def _lower_floor(m: RuleMemory, k: int) -> None:
+def _lower_floor(m: ViabilityMemory, k: int) -> None:
     for i in range(m.first[k], m.end[k]):
         if m.counts[i] != 0:
             m.floor[i] = min(m.floor[i], _height(m, k, i, m.floor[i]))
 
 
-def _interpolate(m: RuleMemory, wanted: Vector, share: float) -> None:
+def _interpolate(m: ViabilityMemory, wanted: Vector, share: float) -> None:
     for i in range(len(m.mixed)):
         m.mixed[i] = m.slower[i] + share * (wanted[i] - m.slower[i])
 
 
-def _largest_share(m: RuleMemory, q: Vector, wanted: Vector) -> float:
+def _largest_share(m: ViabilityMemory, q: Vector, wanted: Vector) -> float:
     """Of `wanted` [m/s, rad/s] from which the stop is clear, by halving; 0 is known to be clear."""
     _interpolate(m, wanted, 1.0)
     if _is_clear(m, q, m.mixed):
@@ -278,7 +278,7 @@ _MOVES = "a goal that moves without telling its end"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Guard:
+class PositionGuard:
     """A limit of one task, and where its measured quantity is."""
 
     limit: PositionLimit
@@ -303,13 +303,15 @@ class Guard:
         return owner if isinstance(owner, CollisionModel) and values == owner.values else None
 
 
-def guards_of(robot: Robot, tasks: Sequence[Task], quantity_names: Sequence[str]) -> tuple[Guard, ...]:
+def position_guards(robot: Robot, tasks: Sequence[Task], quantity_names: Sequence[str]) -> tuple[PositionGuard, ...]:
     """The limits that `tasks` stand for, those with an expression first; quantity_names: of the vector, "task.quantity"."""
     found = [(k, task, limit) for k, task in enumerate(tasks) if (limit := task.position_limit(robot)) is not None]
     found.sort(key=lambda item: not isinstance(item[2].values, ca.Function))
     firsts = np.cumsum([0, *(limit.n for _, _, limit in found)])
     return tuple(
-        Guard(limit=limit, task=k, quantity=quantity_names.index(f"{task.name}.{limit.quantity}"), first=int(first))
+        PositionGuard(
+            limit=limit, task=k, quantity=quantity_names.index(f"{task.name}.{limit.quantity}"), first=int(first)
+        )
         for (k, task, limit), first in zip(found, firsts, strict=False)
     )
 
@@ -321,26 +323,26 @@ def without_c_form(robot: Robot, mission: Mission, dt: float, quantity_names: Se
     """
     tasks = mission.hierarchy.tasks
     found = {item.name: _MOVES for phase in asked_in_phases(mission, tracks_of(mission, dt)) for item in phase}
-    limits = {guard.task: _told_by_python(guard, robot) for guard in guards_of(robot, tasks, quantity_names)}
-    distances = {task: not_measured(pairs.model, robot) for task, _, pairs in asking_of(mission)}
+    limits = {guard.task: _told_by_python(guard, robot) for guard in position_guards(robot, tasks, quantity_names)}
+    distances = {task: not_measured(pairs.model, robot) for task, _, pairs in distance_tasks(mission)}
     told = [(tasks[task].name, why) for known in (limits, distances) for task, why in known.items()]
     return found | {name: why for name, why in told if why}
 
 
-def _told_by_python(guard: Guard, robot: Robot) -> str:
+def _told_by_python(guard: PositionGuard, robot: Robot) -> str:
     """Why it is; empty where it is not."""
     if guard.model is not None:
         return not_measured(guard.model, robot)
     return "" if isinstance(guard.limit.values, ca.Function) else "a limit on positions without an expression"
 
 
-def models_of(guards: Sequence[Guard]) -> list[CollisionModel]:
+def models_of(guards: Sequence[PositionGuard]) -> list[CollisionModel]:
     """Those that the guards have."""
     return [guard.model for guard in guards if guard.model is not None]
 
 
-def rule_sizes(robot: Robot, guards: Sequence[Guard], dt: float) -> dict[str, Any]:
-    """Of a `RuleMemory` at control period dt [s], but for the `distance_room` of its guards."""
+def viability_sizes(robot: Robot, guards: Sequence[PositionGuard], dt: float) -> dict[str, Any]:
+    """Of a `ViabilityMemory` at control period dt [s], but for the `distance_layout_sizes` of its guards."""
     q = ca.SX.sym("q", robot.n_q)
     smooth = [guard.limit.values(q) for guard in guards if isinstance(guard.limit.values, ca.Function)]
     return {
@@ -352,11 +354,11 @@ def rule_sizes(robot: Robot, guards: Sequence[Guard], dt: float) -> dict[str, An
     }
 
 
-class Guarding:
-    """What a `RuleMemory` knows of a robot and its limits, and who answers for those without expression."""
+class ViabilitySetup:
+    """What a `ViabilityMemory` knows of a robot and its limits, and who answers for those without expression."""
 
-    def __init__(self, robot: Robot, guards: Sequence[Guard], dt: float, memory: Any) -> None:
-        """dt [s]: control period. memory: of the `rule_sizes` of the guards, which is set up."""
+    def __init__(self, robot: Robot, guards: Sequence[PositionGuard], dt: float, memory: Any) -> None:
+        """dt [s]: control period. memory: of the `viability_sizes` of the guards, which is set up."""
         self.stop = Stop(robot, dt, memory.stop)
         """On the way to rest that the rule looks along."""
         self._guards, self._memory = guards, memory
@@ -367,7 +369,7 @@ class Guarding:
         for k, guard in enumerate(guards):
             self._write(k, guard)
 
-    def _write(self, k: int, guard: Guard) -> None:
+    def _write(self, k: int, guard: PositionGuard) -> None:
         memory, limit = self._memory, guard.limit
         memory.lower[k], memory.relative[k] = limit.lower, limit.relative
         memory.task[k], memory.quantity[k] = guard.task, guard.quantity
@@ -408,11 +410,11 @@ class Viability:
 
     def __init__(self, *, robot: Robot, tasks: Sequence[Task], quantity_names: Sequence[str], dt: float) -> None:
         """dt [s]: control period. quantity_names: of the vector of quantities, "task.quantity"."""
-        guards = guards_of(robot, tasks, quantity_names)
-        sizes = {**rule_sizes(robot, guards, dt), **distance_room(models_of(guards), robot)}
-        self._memory: Any = structure_of(RuleMemory, **sizes)()
-        self._comes_near, self._keep = bind_to(self._memory, (comes_near, enforce_viability))
-        self._guarding = Guarding(robot, guards, dt, self._memory)
+        guards = position_guards(robot, tasks, quantity_names)
+        sizes = {**viability_sizes(robot, guards, dt), **distance_layout_sizes(models_of(guards), robot)}
+        self._memory: Any = structure_of(ViabilityMemory, **sizes)()
+        self._comes_near, self._keep = bind_memory(self._memory, (may_reach_limit, enforce_viability))
+        self._guarding = ViabilitySetup(robot, guards, dt, self._memory)
 
     @property
     def stop(self) -> Stop:

@@ -12,10 +12,10 @@ from typing import Annotated
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
 from uvms_ocp.estimation.filter_memory import N_CHANNELS
 from uvms_ocp.estimation.health.estimate_history import EstimateHistory, PastEstimate
-from uvms_ocp.estimation.health.floor import FloorWatch
-from uvms_ocp.estimation.health.plausibility import EncoderMemory, Gate, Repeats
+from uvms_ocp.estimation.health.floor import FloorMemory
+from uvms_ocp.estimation.health.plausibility import EncoderMemory, PlausibilityGate, RepetitionMemory
 from uvms_ocp.estimation.health.redundancy import DepthAgainstPosition, RateAgainstAttitude, VelocityAgainstPosition
-from uvms_ocp.estimation.health.tuning import Complaint, Reason, copy_why, set_complaint
+from uvms_ocp.estimation.health.tuning import Complaint, Reason, copy_complaint, set_complaint
 from uvms_ocp.robot.signals import Trust
 
 # All that the monitor knows, as layouts that kernels work on: one part per channel, and what channels share.
@@ -43,7 +43,7 @@ class ChannelMemory(Layout):
     """A channel that may be why the estimate does not agree with this one, -1 for none."""
     other_rival: int
     """Another one."""
-    gate: Gate
+    gate: PlausibilityGate
     # The newest reading.
     fresh: bool
     """Whether there is one since the last tick."""
@@ -74,7 +74,7 @@ class ChannelMemory(Layout):
     """[s] when one was last refused before the filter saw it: one that could not be, whatever else is wrong."""
     bad_at: float
     """[s] when something last spoke against the channel."""
-    barred_until: float
+    excluded_until: float
     """[s] when its readings may be used again."""
     heard: float
     """[s] stamp of the last reading whose outcome was heard."""
@@ -93,10 +93,10 @@ class ChannelMemory(Layout):
     """`Trust`"""
     changed: bool
     """Whether the verdict did, in the last tick."""
-    repeats: Repeats
+    repeats: RepetitionMemory
 
 
-class Rules(Layout):
+class TrustRules(Layout):
     """Of `HealthTuning`, what the verdict on any channel takes."""
 
     periods_to_suspect: float
@@ -117,7 +117,7 @@ class Rules(Layout):
     """[s]"""
 
 
-class Belief(Layout):
+class ScreeningResult(Layout):
     """What to do with a reading."""
 
     used: bool
@@ -135,7 +135,7 @@ class HealthMemory(Layout):
     """[-] channels that the robot has."""
     order: Annotated[list[int], Sized(N_CHANNELS)]
     """(9,) [-] their numbers, in the order of `Readings`."""
-    rules: Rules
+    rules: TrustRules
     started: bool
     t: float
     """[s] of the tick."""
@@ -151,11 +151,11 @@ class HealthMemory(Layout):
     """[s] when that was so last, 0 before."""
     now: PastEstimate
     history: EstimateHistory
-    belief: Belief
+    belief: ScreeningResult
     channels: Annotated[list[ChannelMemory], Sized(N_CHANNELS)]
     """By `Channel`."""
     encoders: EncoderMemory
-    floor: FloorWatch
+    floor: FloorMemory
     velocity: VelocityAgainstPosition
     rate: RateAgainstAttitude
     depth: DepthAgainstPosition
@@ -193,7 +193,7 @@ def reject(c: ChannelMemory, why: Complaint, t: float) -> None:
 def suspect(c: ChannelMemory, why: Complaint, t: float) -> None:
     """Something speaks against the channel at time t [s]; its readings are used all the same."""
     if c.trust == Trust.GOOD or c.complaint.code == Reason.NONE:
-        copy_why(c.complaint, why)
+        copy_complaint(c.complaint, why)
     c.bad_at = t
 
 
@@ -202,15 +202,15 @@ def exclude(c: ChannelMemory, why: Complaint, t: float, clean: float) -> bool:
 
     Returns whether that is news.
     """
-    news = not is_barred(c, t)
+    news = not is_excluded(c, t)
     suspect(c, why, t)
-    c.barred_until = t + clean
+    c.excluded_until = t + clean
     return news
 
 
-def is_barred(c: ChannelMemory, t: float) -> bool:
+def is_excluded(c: ChannelMemory, t: float) -> bool:
     """Whether no reading is used at time t [s]."""
-    return t <= c.barred_until
+    return t <= c.excluded_until
 
 
 def update_gate_outcome(
@@ -255,7 +255,7 @@ def _mark_used(c: ChannelMemory, t: float) -> None:
         c.used_at = t
 
 
-def _by_silence(c: ChannelMemory, rules: Rules, quiet: float, period: float) -> int:
+def _by_silence(c: ChannelMemory, rules: TrustRules, quiet: float, period: float) -> int:
     patience = c.delay + period * c.losses
     lost = patience + max(rules.least_to_lose, rules.periods_to_lose * period)
     suspect = patience + max(rules.least_to_suspect, rules.periods_to_suspect * period)
@@ -269,7 +269,7 @@ def _be_silent(c: ChannelMemory, quiet: float, t: float, anew: bool) -> None:
     code = c.complaint.code
     if code == Reason.NONE or c.bad_at < t - quiet or (anew and (code == Reason.SILENT or code == Reason.NO_ECHO)):
         if c.gated and c.refused_at >= t - quiet:
-            copy_why(c.complaint, c.refusal)
+            copy_complaint(c.complaint, c.refusal)
         else:
             set_complaint(c.complaint, int(Reason.NO_ECHO) if c.empty else int(Reason.SILENT), quiet, 0.0)
     c.bad_at = t

@@ -17,11 +17,11 @@ from uvms_ocp.estimation.health.tuning import Complaint, HealthTuning, Reason, s
 
 # Where echoes came from, in rings of those that are remembered.
 
-MOST_SPOTS = 128
+MAX_FLOOR_POINTS = 128
 _STEEPEST = 0.6  # of a slope along which a beam runs down
 
 
-class Spot(Layout):
+class FloorPoint(Layout):
     """Where an echo came from, in W."""
 
     t: float
@@ -44,20 +44,20 @@ class Spot(Layout):
     """[m] the same."""
 
 
-class Spots(Layout):
+class FloorPoints(Layout):
     """In the order of time, in a ring."""
 
     first: int
     count: int
-    kept: Annotated[list[Spot], Sized(MOST_SPOTS)]
+    kept: Annotated[list[FloorPoint], Sized(MAX_FLOOR_POINTS)]
 
 
-def slot_of(s: Spots, k: int) -> int:
+def slot_of(s: FloorPoints, k: int) -> int:
     """Of spot k [-], from the oldest."""
     return (s.first + k) % len(s.kept)
 
 
-def append_spot(s: Spots, new: Spot) -> None:
+def append_floor_point(s: FloorPoints, new: FloorPoint) -> None:
     """Keep a spot; where all places are taken the oldest goes."""
     if s.count == len(s.kept):
         forget_first(s)
@@ -65,33 +65,33 @@ def append_spot(s: Spots, new: Spot) -> None:
     s.count += 1
 
 
-def forget_first(s: Spots) -> None:
+def forget_first(s: FloorPoints) -> None:
     """The oldest goes."""
     s.first = (s.first + 1) % len(s.kept)
     s.count -= 1
 
 
-def forget_older(s: Spots, t: float) -> None:
+def forget_older(s: FloorPoints, t: float) -> None:
     """Those from before time t [s] go, the last one aside."""
     while s.count > 1 and s.kept[s.first].t < t:
         forget_first(s)
 
 
-def keep_alone(s: Spots, new: Spot) -> None:
+def keep_alone(s: FloorPoints, new: FloorPoint) -> None:
     """A spot and nothing before it."""
     s.count = 0
-    append_spot(s, new)
+    append_floor_point(s, new)
 
 
-def copy_spots(to: Spots, other: Spots) -> None:
+def copy_floor_points(to: FloorPoints, other: FloorPoints) -> None:
     """Make one the same as the other."""
     to.first = 0
     to.count = 0
     for k in range(other.count):
-        append_spot(to, other.kept[slot_of(other, k)])
+        append_floor_point(to, other.kept[slot_of(other, k)])
 
 
-def floor_step(known: Spots, new: Spot, base: float, slope: float) -> float:
+def floor_step(known: FloorPoints, new: FloorPoint, base: float, slope: float) -> float:
     """By how much [m] the floor would rise from the known spot that fits least to a new one; 0 where all fit.
 
     base [m]: that is nothing. slope [-]: of the steepest floor.
@@ -108,7 +108,7 @@ def floor_step(known: Spots, new: Spot, base: float, slope: float) -> float:
     return worst
 
 
-def height_allowance(new: Spot, old: Spot, slope: float) -> float:
+def height_allowance(new: FloorPoint, old: FloorPoint, slope: float) -> float:
     """By how much [m] the floor may rise or fall from an old spot to a new one; slope [-]: of the steepest floor.
 
     A beam that goes deeper than the old spot has passed its level at a point near it or far from it: from there on both
@@ -122,12 +122,12 @@ def height_allowance(new: Spot, old: Spot, slope: float) -> float:
     return away / (1.0 - min(slope * (_length(dx, dy) / fall), _STEEPEST))
 
 
-def horizontal_distance(a: Spot, b: Spot) -> float:
+def horizontal_distance(a: FloorPoint, b: FloorPoint) -> float:
     """[m] horizontally between the places of the sensor."""
     return _length(a.sensor_x - b.sensor_x, a.sensor_y - b.sensor_y)
 
 
-def vertical_travel(s: Spots) -> float:
+def vertical_travel(s: FloorPoints) -> float:
     """[m] between the lowest and the highest place of the sensor."""
     lowest, highest = math.inf, -math.inf
     for k in range(s.count):
@@ -141,7 +141,7 @@ def _length(x: float, y: float) -> float:
     return math.sqrt(x * x + y * y)
 
 
-def _copy_spot(to: Spot, new: Spot) -> None:
+def _copy_spot(to: FloorPoint, new: FloorPoint) -> None:
     to.t = new.t
     to.x = new.x
     to.y = new.y
@@ -165,7 +165,7 @@ _SPACING = 0.5  # [s] between the echoes that are kept
 _RETURN = 3  # echoes in a row from a floor known before that bring it back
 
 
-class FloorWatch(Layout):
+class FloorMemory(Layout):
     """What echoes showed so far, and which steps of a floor are possible."""
 
     base: float
@@ -184,24 +184,24 @@ class FloorWatch(Layout):
     """[m] of horizontal motion."""
     relief: float
     """[m] of the highest step."""
-    here: Spot
+    here: FloorPoint
     """The newest."""
-    known: Spots
-    before: Spots
-    candidates: Spots
+    known: FloorPoints
+    before: FloorPoints
+    candidates: FloorPoints
     """Of a floor that is farther away; each with the vertical motion until the next one."""
     returned: int
 
 
-def expect_floor(memory: ctypes.Structure, sigma: float, tuning: HealthTuning) -> None:
-    """Prepare a `FloorWatch`; sigma [m]: noise of the altimeter."""
+def init_floor(memory: ctypes.Structure, sigma: float, tuning: HealthTuning) -> None:
+    """Prepare a `FloorMemory`; sigma [m]: noise of the altimeter."""
     memory.base, memory.slope, memory.memory = tuning.position + _SIGMAS * sigma, tuning.slope, tuning.floor_memory
-    memory.spacing = max(_SPACING, tuning.floor_memory / (MOST_SPOTS - 2))
+    memory.spacing = max(_SPACING, tuning.floor_memory / (MAX_FLOOR_POINTS - 2))
     for name in ("step_time", "step_travel", "step_way", "relief"):
         setattr(memory, name, getattr(tuning, name))
 
 
-def accept_echo(w: FloorWatch, why: Complaint) -> bool:
+def accept_echo(w: FloorMemory, why: Complaint) -> bool:
     """Whether to believe the echo from `here`, in order of time; what speaks against it otherwise, or all the same."""
     _forget(w)
     step = floor_step(w.known, w.here, w.base, w.slope)
@@ -218,34 +218,34 @@ def accept_echo(w: FloorWatch, why: Complaint) -> bool:
     return _farther(w, step, why)
 
 
-def _accept(w: FloorWatch) -> None:
+def _accept(w: FloorMemory) -> None:
     known = w.known
     if known.count == 0 or w.here.t - known.kept[slot_of(known, known.count - 1)].t >= w.spacing:
-        append_spot(known, w.here)
+        append_floor_point(known, w.here)
     w.candidates.count = 0
     w.returned = 0
 
 
-def _take_nearer(w: FloorWatch) -> None:
+def _take_nearer(w: FloorMemory) -> None:
     if w.before.count == 0:
-        copy_spots(w.before, w.known)
+        copy_floor_points(w.before, w.known)
     keep_alone(w.known, w.here)
     w.candidates.count = 0
     w.returned = 0
 
 
-def _as_before(w: FloorWatch, step: float, why: Complaint) -> bool:
+def _as_before(w: FloorMemory, step: float, why: Complaint) -> bool:
     w.returned += 1
     if w.returned < _RETURN:
         set_complaint(why, Reason.AS_BEFORE, -step, 0.0)
         return False
-    copy_spots(w.known, w.before)
+    copy_floor_points(w.known, w.before)
     w.before.count = 0
     _accept(w)
     return True
 
 
-def _farther(w: FloorWatch, step: float, why: Complaint) -> bool:
+def _farther(w: FloorMemory, step: float, why: Complaint) -> bool:
     if w.candidates.count > 0 and not abs(w.here.z - _first_candidate_z(w)) <= _tolerance(w):
         w.candidates.count = 0
     _add_candidate(w)
@@ -258,16 +258,16 @@ def _farther(w: FloorWatch, step: float, why: Complaint) -> bool:
     return False
 
 
-def _first_candidate_z(w: FloorWatch) -> float:
+def _first_candidate_z(w: FloorMemory) -> float:
     return w.candidates.kept[w.candidates.first].z
 
 
-def _tolerance(w: FloorWatch) -> float:
+def _tolerance(w: FloorMemory) -> float:
     """[m] by which an echo may differ from the first one that was not believed, of one floor."""
     return 0.5 * (w.base + height_allowance(w.here, w.candidates.kept[w.candidates.first], w.slope))
 
 
-def _add_candidate(w: FloorWatch) -> None:
+def _add_candidate(w: FloorMemory) -> None:
     found, here = w.candidates, w.here
     if found.count > 0:
         last = found.kept[slot_of(found, found.count - 1)]
@@ -275,10 +275,10 @@ def _add_candidate(w: FloorWatch) -> None:
             last.lowest = min(last.lowest, here.sensor_z)
             last.highest = max(last.highest, here.sensor_z)
             return
-    append_spot(found, here)
+    append_floor_point(found, here)
 
 
-def _is_proven(w: FloorWatch, step: float) -> bool:
+def _is_proven(w: FloorMemory, step: float) -> bool:
     """Whether the vehicle has moved as one does above a floor that is a step [m] farther away, and above another place."""
     known, found = w.known, w.candidates
     if w.here.t - found.kept[found.first].t < w.step_time or step > w.relief:
@@ -288,7 +288,7 @@ def _is_proven(w: FloorWatch, step: float) -> bool:
     return vertical_travel(found) >= max(w.step_travel, 2.0 * _tolerance(w))
 
 
-def _forget(w: FloorWatch) -> None:
+def _forget(w: FloorMemory) -> None:
     oldest, found = w.here.t - w.memory, w.candidates
     forget_older(w.known, oldest)
     forget_older(w.before, oldest)

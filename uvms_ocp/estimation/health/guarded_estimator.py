@@ -1,4 +1,4 @@
-"""Guard an estimator by a health monitor: it sees screened readings, and its estimate carries the health of every channel."""
+"""PositionGuard an estimator by a health monitor: it sees screened readings, and its estimate carries the health of every channel."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked, unch
 from uvms_ocp.estimation.estimator import PassThrough
 from uvms_ocp.estimation.filter_memory import NUMBER
 from uvms_ocp.estimation.health.monitor import HealthMonitor
-from uvms_ocp.estimation.health.support import repeated_by, stand_ins, support_of, supporting_channels
-from uvms_ocp.record.display import SmallTable, Tabled, in_a_row, rows_of
+from uvms_ocp.estimation.health.support import fallback_sensors, pass_through_memory, support_of, supporting_channels
+from uvms_ocp.record.display import SmallTable, TableDisplay, format_value, rows_of
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import ChannelHealth, Command, Measurement, Readings, SensorSpecs
 from uvms_ocp.types import Array
@@ -26,7 +26,7 @@ _OUTCOMES = 4 * len(NUMBER)  # numbers that a filter tells of its channels
 
 
 @runtime_checkable
-class Gating(Protocol):
+class GatedEstimator(Protocol):
     """An estimator with gates of its own, which also finds rates from attitudes where there is no gyro."""
 
     @property
@@ -37,15 +37,15 @@ class Gating(Protocol):
         the first. In the order of `filter.memory.Channel`.
         """
 
-    def doubt_velocity(self, *, rests: bool = False) -> None:
+    def inflate_velocity_variance(self, *, rests: bool = False) -> None:
         """Take the linear velocity for unknown; rests: and for zero, at a guess."""
 
 
 @checked
-class GuardedEstimator(Tabled):
+class GuardedEstimator(TableDisplay):
     """A callable ``(Readings, t, command) -> Measurement`` around another one. Build one per run.
 
-    `Measurement.age` counts channels that q and v rest on, as far as nothing stands in for them (`support.stand_ins`); a lost
+    `Measurement.age` counts channels that q and v rest on, as far as nothing stands in for them (`support.fallback_sensors`); a lost
     altimeter gives no range.
     """
 
@@ -63,13 +63,13 @@ class GuardedEstimator(Tabled):
         exact = isinstance(estimator, PassThrough)
         # One of a class of its own may do more than to repeat.
         plain = estimator if isinstance(estimator, PassThrough) and type(estimator) is PassThrough else None
-        self._repeated = repeated_by(plain) if plain is not None and self.monitor.repeats else None
+        self._repeated = pass_through_memory(plain) if plain is not None and self.monitor.repeats else None
         self._started = False
         self._begun = not exact
-        self._gating = estimator if isinstance(estimator, Gating) else None
+        self._gating = estimator if isinstance(estimator, GatedEstimator) else None
         gating = self._gating is not None
         self._needed = supporting_channels(robot, specs, rates=exact)
-        others = stand_ins(self.monitor.tuning, gyro_by_attitude=gating)
+        others = fallback_sensors(self.monitor.tuning, gyro_from_attitude=gating)
         self._support = support_of(self._needed, others, exact=exact, gating=gating)
         self._outcomes = _shared(np.zeros(_OUTCOMES) if self._gating is None else self._gating.outcomes.reshape(-1))
         self._nothing = _measurement(
@@ -83,21 +83,23 @@ class GuardedEstimator(Tabled):
             q, v, echo = self._take(readings, self._support, self._repeated, t, command)
             return self._told(q, v, echo, self.monitor.health)
         monitor = self.monitor
-        vetted = monitor.vet(readings, t, command)
+        vetted = monitor.screen(readings, t, command)
         if not self._begun and not self._begin(vetted):
             return replace_unchecked(self._nothing, health=monitor.judge(self._nothing, t))
-        if self._gating is not None and (monitor.velocity_exposed or monitor.adrift):
-            self._gating.doubt_velocity(rests=monitor.adrift)
+        if self._gating is not None and (monitor.velocity_invalidated or monitor.adrift):
+            self._gating.inflate_velocity_variance(rests=monitor.adrift)
         measured = self.estimator(vetted, t, command)
-        health = monitor.conclude(measured, self._support, self._outcomes, t)
+        health = monitor.finish(measured, self._support, self._outcomes, t)
         self._started = True
         return self._told(
-            measured.q, measured.v, measured.altimeter_range, health, measured.spread, measured.altimeter_spread
+            measured.q, measured.v, measured.altimeter_range, health, measured.spread, measured.altimeter_std
         )
 
     def _table(self) -> SmallTable:
         watched = {one.channel: one.trust.name.lower() for one in self.monitor.health}
-        return SmallTable(title=type(self).__name__, rows=rows_of({"estimator": in_a_row(self.estimator), **watched}))
+        return SmallTable(
+            title=type(self).__name__, rows=rows_of({"estimator": format_value(self.estimator), **watched})
+        )
 
     def _told(
         self,
@@ -106,7 +108,7 @@ class GuardedEstimator(Tabled):
         echo: float,
         health: tuple[ChannelHealth, ...],
         spread: Array | None = None,
-        altimeter_spread: float = math.nan,
+        altimeter_std: float = math.nan,
     ) -> Measurement:
         """With the age that the support of the estimate gives it."""
         support = self._support
@@ -120,7 +122,7 @@ class GuardedEstimator(Tabled):
             joint_age=support.joint_age,
             health=health,
             spread=spread,
-            altimeter_spread=altimeter_spread,
+            altimeter_std=altimeter_std,
         )
 
     def _begin(self, readings: Readings) -> bool:

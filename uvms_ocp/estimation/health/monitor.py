@@ -12,14 +12,14 @@ import numpy as np
 from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
 from uvms_ocp.codegen.kernel_layout import Vector, structure_of
 from uvms_ocp.codegen.kernels import bind_kernels
-from uvms_ocp.estimation.channels import BeamMount
+from uvms_ocp.estimation.channels import AltimeterMount
 from uvms_ocp.estimation.filter_memory import NUMBER, ChannelIndex
 from uvms_ocp.estimation.health.channel_state import (
     ChannelMemory,
     HealthMemory,
     accept,
     accept_empty,
-    is_barred,
+    is_excluded,
     reject,
     suspect,
     update_gate_outcome,
@@ -27,9 +27,9 @@ from uvms_ocp.estimation.health.channel_state import (
 )
 from uvms_ocp.estimation.health.estimate_history import remember, slot_at
 from uvms_ocp.estimation.health.plausibility import integrate_command
-from uvms_ocp.estimation.health.screening import compare, is_empty, is_stubborn, look_at
+from uvms_ocp.estimation.health.screening import compare, is_empty, is_persistent, screen_reading
 from uvms_ocp.estimation.health.settings import health_memory, sizes_of
-from uvms_ocp.estimation.health.support import EstimateSupport, Repeated, age_by_support, repeat, tell_echo
+from uvms_ocp.estimation.health.support import EstimateSupport, PassThroughMemory, repeat, update_age, update_echo
 from uvms_ocp.estimation.health.tuning import HealthTuning, Reason, ReasonTexts
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import CHANNELS, ChannelHealth, Command, Measurement, Reading, Readings, SensorSpecs, Trust
@@ -38,7 +38,7 @@ from uvms_ocp.types import Array
 # From the readings of one channel to where kernels see them, and back to those that the filter may see.
 
 
-class Seat:
+class ChannelBuffer:
     """Where a channel's readings are taken in."""
 
     __slots__ = ("_scalar", "_shape", "_texts", "_value", "memory", "seen", "used")
@@ -78,7 +78,7 @@ _N_OUTCOME = 4  # numbers of an outcome
 _ADRIFT = 1.0  # [s] for which a velocity may be carried on by itself
 
 
-def vet(m: HealthMemory, t: float, moving: bool) -> None:
+def screen(m: HealthMemory, t: float, moving: bool) -> None:
     """Look at the fresh readings at time t [s]; moving: there was a command, and no brakes."""
     _begin(m, t)
     integrate_command(m.encoders, moving, m.dt)
@@ -126,7 +126,7 @@ def judge(m: HealthMemory, t: float, known: bool) -> int:
     return n
 
 
-def conclude(m: HealthMemory, s: EstimateSupport, outcomes: Vector, t: float) -> int:
+def finish(m: HealthMemory, s: EstimateSupport, outcomes: Vector, t: float) -> int:
     """After the filter: its outcomes (36,), four numbers per channel, what the estimate `now` rests on, and the verdicts.
 
     t [s] is the time of the tick. Returns how many verdicts changed [-].
@@ -136,17 +136,17 @@ def conclude(m: HealthMemory, s: EstimateSupport, outcomes: Vector, t: float) ->
     return _update_all_trust(m, s, t)
 
 
-def screen_and_finish(m: HealthMemory, s: EstimateSupport, r: Repeated, t: float, moving: bool) -> int:
-    """`vet` at time t [s], and `conclude` of the readings that are used, taken for the truth."""
-    vet(m, t, moving)
+def screen_and_finish(m: HealthMemory, s: EstimateSupport, r: PassThroughMemory, t: float, moving: bool) -> int:
+    """`screen` at time t [s], and `finish` of the readings that are used, taken for the truth."""
+    screen(m, t, moving)
     repeat(m, r)
     return _update_all_trust(m, s, t)
 
 
 def _update_all_trust(m: HealthMemory, s: EstimateSupport, t: float) -> int:
-    age_by_support(m, s)
+    update_age(m, s)
     n = judge(m, t, s.age < math.inf)
-    tell_echo(m, s)
+    update_echo(m, s)
     return n
 
 
@@ -164,8 +164,8 @@ def _vet_newest(m: HealthMemory, c: ChannelMemory) -> None:
 
 
 def _vet_new(m: HealthMemory, c: ChannelMemory) -> None:
-    slot, barred, b = slot_at(m.history, c.stamp), is_barred(c, m.t), m.belief
-    look_at(m, c, slot)
+    slot, barred, b = slot_at(m.history, c.stamp), is_excluded(c, m.t), m.belief
+    screen_reading(m, c, slot)
     if not b.used:
         reject(c, b.why, m.t)
     elif not barred and is_empty(c):
@@ -175,7 +175,7 @@ def _vet_new(m: HealthMemory, c: ChannelMemory) -> None:
     if b.used and b.why.code != Reason.NONE:
         suspect(c, b.why, m.t)
     # Fixes are heard even where the estimate contradicts them, as it may err, and so is a DVL that insists.
-    heard = b.used or (b.sane and (barred or c.number == ChannelIndex.POSITION or is_stubborn(c)))
+    heard = b.used or (b.sane and (barred or c.number == ChannelIndex.POSITION or is_persistent(c)))
     if heard and slot >= 0 and not is_empty(c):
         compare(m, c, m.history.kept[slot])
 
@@ -203,7 +203,7 @@ _JOINTS = ("joint_positions", "joint_velocities")
 class HealthMonitor:
     """Judges every channel. Holds what it has seen: build one per run.
 
-    Each tick: `vet` the readings, run the filter on what is left, tell the outcomes of its own gates by `hear`, and `judge`.
+    Each tick: `screen` the readings, run the filter on what is left, tell the outcomes of its own gates by `hear`, and `judge`.
     """
 
     def __init__(
@@ -224,14 +224,16 @@ class HealthMonitor:
         present = {name: getattr(specs, name) for name in _present(robot, specs, frame)}
         self.memory = memory = health_memory(robot, present, self.tuning)
         """All that it knows, a `HealthMemory`."""
-        structures = (type(memory), structure_of(EstimateSupport), structure_of(Repeated))
+        structures = (type(memory), structure_of(EstimateSupport), structure_of(PassThroughMemory))
         self._vet, self._judge, self._conclude, self._take, self._hear = bind_kernels(
-            (vet, judge, conclude, screen_and_finish, update_gate_outcome), structures, compiled=compiled
+            (screen, judge, finish, screen_and_finish, update_gate_outcome), structures, compiled=compiled
         )
         shapes, self._texts = sizes_of(robot), ReasonTexts(robot.joint_names)
-        self._seats = {name: Seat(memory.channels[NUMBER[name]], shapes[name], self._texts) for name in present}
+        self._seats = {
+            name: ChannelBuffer(memory.channels[NUMBER[name]], shapes[name], self._texts) for name in present
+        }
         self._places = tuple(self._seats.get(name) for name in CHANNELS)
-        self._beam = BeamMount(robot, frame, memory.now) if "altimeter_range" in present and frame else None
+        self._beam = AltimeterMount(robot, frame, memory.now) if "altimeter_range" in present and frame else None
         self._joint_q, self._joint_v = robot.joint_q, robot.joint_v
         self._q, self._v = np.ctypeslib.as_array(memory.now.q), np.ctypeslib.as_array(memory.now.v)
         self._rates = np.ctypeslib.as_array(memory.encoders.rates)[: robot.n_joints]
@@ -253,7 +255,7 @@ class HealthMonitor:
         return self._health
 
     @property
-    def velocity_exposed(self) -> bool:
+    def velocity_invalidated(self) -> bool:
         """What told the velocity has been found out in this tick."""
         return bool(self.memory.exposed)
 
@@ -273,7 +275,7 @@ class HealthMonitor:
         return {name: None if math.isnan(t) else t for name, t in times.items()}
 
     @checked_on_failure
-    def vet(self, readings: Readings, t: float, command: Command | None = None) -> Readings:
+    def screen(self, readings: Readings, t: float, command: Command | None = None) -> Readings:
         """What the filter may see at time t [s]: in place of a refused reading the last one of its channel that was used.
 
         `command` has been acting since the last call.
@@ -299,10 +301,10 @@ class HealthMonitor:
         t: float,
         command: Command | None = None,
     ) -> tuple[Array, Array, float]:
-        """`vet` and `conclude` at once, at time t [s], for who takes readings for the truth.
+        """`screen` and `finish` at once, at time t [s], for who takes readings for the truth.
 
         Returns q (n_q,) [m, rad], v (n_v,) [m/s, rad/s] and the range of the altimeter [m], nan without one; `health` has the
-        verdicts. support, repeated: a `Support` and a `Repeated`.
+        verdicts. support, repeated: a `Support` and a `PassThroughMemory`.
         """
         fresh, _ = self._seat(readings)
         if self._take(self.memory, support, repeated, t, self._is_moved(command)):
@@ -310,7 +312,7 @@ class HealthMonitor:
         self._use(fresh)
         return self._q.copy(), self._v.copy(), self._range.item()
 
-    def _seat(self, readings: Readings) -> tuple[list[Seat], bool]:
+    def _seat(self, readings: Readings) -> tuple[list[ChannelBuffer], bool]:
         """Channels with another reading than before, and whether one is given that is not to be, or none where one was."""
         fresh, strange = [], False
         for reading, seat in zip(_all(readings), self._places, strict=True):
@@ -330,7 +332,7 @@ class HealthMonitor:
         self._rates[:] = command.v[self._joint_v]
         return True
 
-    def _use(self, fresh: list[Seat]) -> None:
+    def _use(self, fresh: list[ChannelBuffer]) -> None:
         """What the filter sees from now on."""
         behind = self.memory.n_behind
         for seat in fresh:
@@ -357,12 +359,12 @@ class HealthMonitor:
         return self._health
 
     @checked_on_failure
-    def conclude(
+    def finish(
         self, measurement: Measurement, support: ctypes.Structure, outcomes: ctypes.Array[ctypes.c_double], t: float
     ) -> tuple[ChannelHealth, ...]:
         """As `judge`, after all outcomes of the filter's gates, with the age that the support of the estimate gives it.
 
-        support: a `Support`, which then tells the ages. outcomes (36,) [s, -, -, -]: `Gating.outcomes`. t [s]
+        support: a `Support`, which then tells the ages. outcomes (36,) [s, -, -, -]: `GatedEstimator.outcomes`. t [s]
         is the time of the tick.
         """
         self._note(measurement)

@@ -48,7 +48,7 @@ def _is_no_rotation(value: Vector, why: Complaint) -> bool:
 # Whether a reading can be true, given where the robot was estimated to be when it was taken.
 
 
-class Gate(Layout):
+class PlausibilityGate(Layout):
     """By how much a reading may differ from the estimate: at once, and by how much more for every second without any.
 
     It grows with that time without end, so that it never shuts a channel out for good.
@@ -75,7 +75,9 @@ class Gate(Layout):
     """[unit of the channel] norm that no value exceeds."""
 
 
-def is_off(g: Gate, value: Vector, estimate: PastEstimate, away: float, growth: float, why: Complaint) -> bool:
+def is_off(
+    g: PlausibilityGate, value: Vector, estimate: PastEstimate, away: float, growth: float, why: Complaint
+) -> bool:
     """Whether a value cannot be, against an estimate made `away` [s] from it; growth [unit of the channel] of the gate."""
     error = _error(g, value, estimate)
     allowed = g.base + growth + g.alone * away
@@ -85,7 +87,7 @@ def is_off(g: Gate, value: Vector, estimate: PastEstimate, away: float, growth: 
     return True
 
 
-def is_impossible(g: Gate, value: Vector, why: Complaint) -> bool:
+def is_impossible(g: PlausibilityGate, value: Vector, why: Complaint) -> bool:
     """Whether no robot of this kind can ever read the value (size,) [unit of the channel]."""
     if not (g.exists and math.isfinite(g.most)):
         return False
@@ -98,7 +100,7 @@ def is_impossible(g: Gate, value: Vector, why: Complaint) -> bool:
     return True
 
 
-def _error(g: Gate, value: Vector, estimate: PastEstimate) -> float:
+def _error(g: PlausibilityGate, value: Vector, estimate: PastEstimate) -> float:
     if g.channel == ChannelIndex.ATTITUDE:
         q = estimate.q
         along = value[0] * q[3] + value[1] * q[4] + value[2] * q[5] + value[3] * q[6]
@@ -112,7 +114,7 @@ def _error(g: Gate, value: Vector, estimate: PastEstimate) -> float:
     return _distance(g, value, estimate.v)
 
 
-def _distance(g: Gate, value: Vector, estimated: Vector) -> float:
+def _distance(g: PlausibilityGate, value: Vector, estimated: Vector) -> float:
     squared = 0.0
     for i in range(g.size):
         by = value[i] - estimated[g.start + i]
@@ -120,7 +122,7 @@ def _distance(g: Gate, value: Vector, estimated: Vector) -> float:
     return math.sqrt(squared)
 
 
-def _largest(g: Gate, value: Vector, estimated: Vector) -> float:
+def _largest(g: PlausibilityGate, value: Vector, estimated: Vector) -> float:
     most = 0.0
     for i in range(g.size):
         most = max(most, abs(value[i] - estimated[g.start + i]))
@@ -142,7 +144,7 @@ _LEAST = 3  # repetitions, however unlikely: some sensors send a reading twice
 _NEVER = 1e-300
 
 
-class Repeats(Layout):
+class RepetitionMemory(Layout):
     """How often each component of a channel has repeated itself."""
 
     noise: float
@@ -162,13 +164,13 @@ class Repeats(Layout):
     """(n_width,) [-] repetitions of each."""
 
 
-def expect_repeats(memory: ctypes.Structure, sigma: float, *, size: int, each: bool, chance: float) -> None:
-    """Prepare a `Repeats`: noise sigma [unit of the channel] of size [-] components; chance [-] of a false alarm."""
+def init_repetitions(memory: ctypes.Structure, sigma: float, *, size: int, each: bool, chance: float) -> None:
+    """Prepare a `RepetitionMemory`: noise sigma [unit of the channel] of size [-] components; chance [-] of a false alarm."""
     memory.noise, memory.each, memory.chance = _SHARE * sigma, each, math.log(chance)
     memory.size, memory.finest = size, math.inf
 
 
-def repeated(r: Repeats, value: Vector, why: Complaint) -> bool:
+def repeated(r: RepetitionMemory, value: Vector, why: Complaint) -> bool:
     """Whether the channel counts as frozen, by its newest value (size,) [unit of the channel]."""
     if r.noise == 0.0:
         return False
@@ -189,7 +191,7 @@ def repeated(r: Repeats, value: Vector, why: Complaint) -> bool:
     return same and _too_often(r, why)
 
 
-def _too_often(r: Repeats, why: Complaint) -> bool:
+def _too_often(r: RepetitionMemory, why: Complaint) -> bool:
     worst, most, together = 0, r.runs[0], r.runs[0]
     for i in range(1, r.size):
         if r.runs[i] > most:
@@ -202,7 +204,7 @@ def _too_often(r: Repeats, why: Complaint) -> bool:
     return True
 
 
-def _unlikely(r: Repeats, most: int, together: int) -> bool:
+def _unlikely(r: RepetitionMemory, most: int, together: int) -> bool:
     p = math.erf(r.finest / (2.0 * r.noise)) if math.isfinite(r.finest) else 1.0
     one = math.log(max(p, _NEVER))
     if together >= _LEAST and together * r.size * one < r.chance:

@@ -14,7 +14,7 @@ from uvms_ocp.estimation.health.estimate_history import angle_between, conjugate
 LONGEST = 64
 
 
-class Trail(Layout):
+class SampleRing(Layout):
     """In the order of time."""
 
     first: int
@@ -25,17 +25,17 @@ class Trail(Layout):
     """(64, 4) of any unit."""
 
 
-def ring_slot(s: Trail, k: int) -> int:
+def ring_slot(s: SampleRing, k: int) -> int:
     """Of entry k [-], from the oldest."""
     return (s.first + k) % len(s.t)
 
 
-def time_at(s: Trail, k: int) -> float:
+def time_at(s: SampleRing, k: int) -> float:
     """[s] of entry k [-], from the oldest."""
     return s.t[ring_slot(s, k)]
 
 
-def append_value(s: Trail, t: float, value: Vector, n: int) -> None:
+def append_value(s: SampleRing, t: float, value: Vector, n: int) -> None:
     """Add n [-] numbers of time t [s]; where all places are taken the oldest go."""
     if s.count == len(s.t):
         drop_oldest(s)
@@ -46,18 +46,18 @@ def append_value(s: Trail, t: float, value: Vector, n: int) -> None:
     s.count += 1
 
 
-def drop_oldest(s: Trail) -> None:
+def drop_oldest(s: SampleRing) -> None:
     """One goes."""
     s.first = ring_slot(s, 1)
     s.count -= 1
 
 
-def span_of(s: Trail) -> float:
+def span_of(s: SampleRing) -> float:
     """[s] from the oldest to the newest."""
     return time_at(s, s.count - 1) - time_at(s, 0)
 
 
-def mean_time(s: Trail, start: int, n: int) -> float:
+def mean_time(s: SampleRing, start: int, n: int) -> float:
     """[s] of n [-] entries from `start` [-] on."""
     total = 0.0
     for k in range(start, start + n):
@@ -65,7 +65,7 @@ def mean_time(s: Trail, start: int, n: int) -> float:
     return total / n
 
 
-def median_of(s: Trail, i: int, start: int, n: int) -> float:
+def median_of(s: SampleRing, i: int, start: int, n: int) -> float:
     """Of number i [-] of n [-] entries from `start` [-] on."""
     x = zeros(LONGEST)
     for k in range(n):
@@ -77,7 +77,7 @@ def median_of(s: Trail, i: int, start: int, n: int) -> float:
     return x[n // 2] if n % 2 == 1 else 0.5 * (x[n // 2 - 1] + x[n // 2])
 
 
-def value_at(s: Trail, i: int, t: float) -> float:
+def value_at(s: SampleRing, i: int, t: float) -> float:
     """Number i [-] at time t [s], straight between entries, the oldest before them and the newest after."""
     after = s.count - 1
     while after > 0 and time_at(s, after - 1) > t:
@@ -111,9 +111,9 @@ class VelocityAgainstPosition(Layout):
     """(3,) [m] in W."""
     velocity: Annotated[Vector, Sized(3)]
     """(3,) [m/s] in W."""
-    ways: Trail
+    ways: SampleRing
     """`way` at the last readings of the DVL, which late fixes may be compared with."""
-    offsets: Trail
+    offsets: SampleRing
     """Of fixes from the way."""
 
 
@@ -128,7 +128,7 @@ class RateAgainstAttitude(Layout):
     """(4,) [-]"""
     rate: Annotated[Vector, Sized(3)]
     """(3,) [rad/s]"""
-    offsets: Trail
+    offsets: SampleRing
     """Of attitudes from the turn: constant in B where both turn alike."""
 
 
@@ -149,7 +149,7 @@ class DepthAgainstPosition(Layout):
     """(5,) [m] of the newest ones, in a ring."""
 
 
-def expect_drifts(
+def init_comparisons(
     velocity: ctypes.Structure, rate: ctypes.Structure, depth: ctypes.Structure, noise: dict[str, float]
 ) -> None:
     """Prepare all three; noise [unit of the channel] of position, attitude and depth."""
@@ -161,7 +161,7 @@ def expect_drifts(
     rate.turn[3] = 1.0
 
 
-def hear_velocity(d: VelocityAgainstPosition, v_W: Vector, t: float) -> None:
+def update_velocity(d: VelocityAgainstPosition, v_W: Vector, t: float) -> None:
     """The DVL's velocity v_W (3,) [m/s] in W at time t [s]."""
     dt = t - d.t
     known = 0.0 <= dt <= _BLIND
@@ -176,7 +176,7 @@ def hear_velocity(d: VelocityAgainstPosition, v_W: Vector, t: float) -> None:
     append_value(d.ways, t, d.way, 3)
 
 
-def drift_by(d: VelocityAgainstPosition, p: Vector, t: float) -> float:
+def drift_rate(d: VelocityAgainstPosition, p: Vector, t: float) -> float:
     """How fast [m/s] the two drift apart, by a fix p (3,) [m] in W at time t [s]; 0 where they agree.
 
     Thirds of the span are compared by their medians, which fixes that are far off now and then do not move.
@@ -199,7 +199,7 @@ def drift_by(d: VelocityAgainstPosition, p: Vector, t: float) -> float:
     return rate if rate > d.tolerance else 0.0
 
 
-def _change(found: Trail) -> float:
+def _change(found: SampleRing) -> float:
     """[m] from the first third to the last."""
     n, squared = found.count // 3, 0.0
     for i in range(3):
@@ -208,7 +208,7 @@ def _change(found: Trail) -> float:
     return math.sqrt(squared)
 
 
-def _time_between(found: Trail) -> float:
+def _time_between(found: SampleRing) -> float:
     """[s] from the first third to the last."""
     n = found.count // 3
     return mean_time(found, found.count - n, n) - mean_time(found, 0, n)
@@ -219,7 +219,7 @@ def _way_at(d: VelocityAgainstPosition, i: int, t: float) -> float:
     return d.way[i] + (t - d.t) * d.velocity[i] if t >= d.t else value_at(d.ways, i, t)
 
 
-def hear_rate(d: RateAgainstAttitude, omega: Vector, t: float) -> None:
+def update_rate(d: RateAgainstAttitude, omega: Vector, t: float) -> None:
     """The gyro's omega (3,) [rad/s] in B at time t [s]."""
     dt = t - d.t
     mean = zeros(3)
@@ -265,13 +265,13 @@ def _turn_on(d: RateAgainstAttitude, rate: Vector, dt: float, out: Vector) -> No
         out[i] = turned[i]
 
 
-def hear_depth(d: DepthAgainstPosition, z: float, t: float) -> None:
+def update_depth(d: DepthAgainstPosition, z: float, t: float) -> None:
     """The depth z [m] at time t [s]."""
     d.depth = z
     d.t = t
 
 
-def apart_by(d: DepthAgainstPosition, z: float, climb: float, t: float) -> float:
+def depth_difference(d: DepthAgainstPosition, z: float, climb: float, t: float) -> float:
     """By how much [m] the two differ, by the z [m] of a fix at time t [s] and the climb [m/s]; 0 where they agree."""
     if not abs(t - d.t) <= _GAP:
         return 0.0

@@ -6,9 +6,9 @@ import math
 
 from uvms_ocp.codegen.kernel_layout import Vector, zeros
 from uvms_ocp.estimation.filter_memory import ChannelIndex
-from uvms_ocp.estimation.health.channel_state import Belief, ChannelMemory, HealthMemory, exclude, suspect
+from uvms_ocp.estimation.health.channel_state import ChannelMemory, HealthMemory, ScreeningResult, exclude, suspect
 from uvms_ocp.estimation.health.estimate_history import PastEstimate, rotate
-from uvms_ocp.estimation.health.floor import Spot, accept_echo
+from uvms_ocp.estimation.health.floor import FloorPoint, accept_echo
 from uvms_ocp.estimation.health.plausibility import (
     is_impossible,
     is_mistimed,
@@ -18,12 +18,12 @@ from uvms_ocp.estimation.health.plausibility import (
     stands_still,
 )
 from uvms_ocp.estimation.health.redundancy import (
-    apart_by,
-    drift_by,
-    hear_depth,
-    hear_rate,
-    hear_velocity,
+    depth_difference,
+    drift_rate,
     rotation_drift,
+    update_depth,
+    update_rate,
+    update_velocity,
 )
 from uvms_ocp.estimation.health.tuning import Complaint, Reason, set_complaint
 from uvms_ocp.robot.kinematics import STEEP
@@ -39,7 +39,7 @@ _STUBBORN = 3
 """Readings in a row that were refused: by then it is no spike."""
 
 
-def look_at(m: HealthMemory, c: ChannelMemory, slot: int) -> None:
+def screen_reading(m: HealthMemory, c: ChannelMemory, slot: int) -> None:
     """What to do with the newest reading of a channel, in `belief`; slot [-] of the estimate of its time, -1 for none."""
     b = m.belief
     b.sane = not (_means_nothing(m, c, b.why) or _cannot_be(m, c, b.why))
@@ -82,7 +82,7 @@ def _cannot_be(m: HealthMemory, c: ChannelMemory, why: Complaint) -> bool:
     return repeated(c.repeats, c.value, why) or is_impossible(c.gate, c.value, why)
 
 
-def _compare_with_estimate(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, b: Belief) -> None:
+def _compare_with_estimate(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, b: ScreeningResult) -> None:
     if c.number == ChannelIndex.ALTIMETER_RANGE:
         b.used = _is_floor(m, c, estimate, b.why)
     elif c.gate.exists and not _agrees(m, c, estimate, b.why):
@@ -97,7 +97,7 @@ def _agrees(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, why: Comp
     carried = _is_good(m, gate.by) or _is_good(m, gate.or_by)
     rate = gate.supported if carried else gate.alone
     growth = 0.0 if math.isnan(c.taken) else rate * max(c.stamp - c.taken, 0.0)
-    if carried and is_stubborn(c):
+    if carried and is_persistent(c):
         growth -= 0.5 * gate.base
     if is_off(gate, c.value, estimate, abs(c.stamp - estimate.t), growth, why):
         c.off_in_a_row += 1
@@ -107,7 +107,7 @@ def _agrees(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, why: Comp
     return True
 
 
-def is_stubborn(c: ChannelMemory) -> bool:
+def is_persistent(c: ChannelMemory) -> bool:
     """Whether a DVL insists on what cannot be.
 
     While fixes carry the velocity it is taken again at half its gate: one reading of a biased one that noise brings just
@@ -130,7 +130,7 @@ def _is_floor(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, why: Co
     return accept_echo(m.floor, why)
 
 
-def _place(here: Spot, c: ChannelMemory, estimate: PastEstimate, up: Vector, at: Vector) -> None:
+def _place(here: FloorPoint, c: ChannelMemory, estimate: PastEstimate, up: Vector, at: Vector) -> None:
     """Of an echo: up [-] and at [m], axis and place of the altimeter, are in W, seen from the vehicle."""
     here.t = c.stamp
     here.sensor_x = estimate.q[0] + at[0]
@@ -154,11 +154,11 @@ def compare(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate) -> None:
     elif c.number == ChannelIndex.LINEAR_VELOCITY:
         v_W = zeros(3)
         rotate(estimate.q, c.value, v_W)
-        hear_velocity(m.velocity, v_W, c.stamp)
+        update_velocity(m.velocity, v_W, c.stamp)
     elif c.number == ChannelIndex.DEPTH:
-        hear_depth(m.depth, c.value[0], c.stamp)
+        update_depth(m.depth, c.value[0], c.stamp)
     elif c.number == ChannelIndex.ANGULAR_VELOCITY:
-        hear_rate(m.rate, c.value, c.stamp)
+        update_rate(m.rate, c.value, c.stamp)
     elif c.number == ChannelIndex.ATTITUDE:
         rate = rotation_drift(m.rate, c.value, c.stamp)
     if rate > 0.0:
@@ -168,9 +168,9 @@ def compare(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate) -> None:
 
 def _compare_fix(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, why: Complaint) -> None:
     v_W = zeros(3)
-    rate = drift_by(m.velocity, c.value, c.stamp)
+    rate = drift_rate(m.velocity, c.value, c.stamp)
     rotate(estimate.q, estimate.v, v_W)
-    by = apart_by(m.depth, c.value[2], v_W[2], c.stamp)
+    by = depth_difference(m.depth, c.value[2], v_W[2], c.stamp)
     if rate > 0.0:
         set_complaint(why, Reason.DRIFT, rate, 0.0)
         _exclude_velocity(m, why)

@@ -12,9 +12,9 @@ import numpy as np
 from uvms_ocp.codegen.kernel_layout import structure_of
 from uvms_ocp.estimation.filter_memory import N_CHANNELS, NUMBER
 from uvms_ocp.estimation.health.channel_state import N_ESTIMATES, HealthMemory
-from uvms_ocp.estimation.health.floor import expect_floor
-from uvms_ocp.estimation.health.plausibility import expect_repeats
-from uvms_ocp.estimation.health.redundancy import expect_drifts
+from uvms_ocp.estimation.health.floor import init_floor
+from uvms_ocp.estimation.health.plausibility import init_repetitions
+from uvms_ocp.estimation.health.redundancy import init_comparisons
 from uvms_ocp.estimation.health.tuning import HealthTuning
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import SensorSpec
@@ -79,7 +79,7 @@ def sizes_of(robot: Robot) -> dict[str, tuple[int, ...]]:
 
 def _set_nothing(c: ctypes.Structure, number: int) -> None:
     c.number, c.rival, c.other_rival, c.gate.by, c.gate.or_by = number, -1, -1, -1, -1
-    c.used = c.refused_at = c.impossible_at = c.bad_at = c.barred_until = c.heard = -math.inf
+    c.used = c.refused_at = c.impossible_at = c.bad_at = c.excluded_until = c.heard = -math.inf
     c.taken = c.used_at = math.nan
 
 
@@ -88,7 +88,7 @@ def _set_channel(c: ctypes.Structure, robot: Robot, name: str, spec: SensorSpec,
     c.delay, c.period, c.losses = spec.delay, 1.0 / spec.rate, _losses(spec.dropout, tuning.chance)
     c.rival, c.other_rival = _two(_RIVALS.get(name, ()))
     plain = not name.startswith("joint") or robot.n_joints == len(robot.home)
-    expect_repeats(c.repeats, spec.sigma, size=c.size, each=plain and name not in _WHOLE, chance=tuning.chance)
+    init_repetitions(c.repeats, spec.sigma, size=c.size, each=plain and name not in _WHOLE, chance=tuning.chance)
 
 
 def _losses(dropout: float, chance: float) -> float:
@@ -198,5 +198,5 @@ def _set_comparisons(memory: ctypes.Structure, specs: Mapping[str, SensorSpec], 
         name: spec.sigma + max(map(abs, spec.biases)) if (spec := specs.get(name)) else 0.0
         for name in ("position", "attitude", "depth")
     }
-    expect_drifts(memory.velocity, memory.rate, memory.depth, noise)
-    expect_floor(memory.floor, specs["altimeter_range"].sigma if "altimeter_range" in specs else 0.0, tuning)
+    init_comparisons(memory.velocity, memory.rate, memory.depth, noise)
+    init_floor(memory.floor, specs["altimeter_range"].sigma if "altimeter_range" in specs else 0.0, tuning)

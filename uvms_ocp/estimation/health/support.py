@@ -21,7 +21,7 @@ _VEHICLE = ("position", "attitude", "linear_velocity", "angular_velocity")
 _JOINTS = ("joint_positions",)
 
 
-class StandIn(NamedTuple):
+class FallbackSensor(NamedTuple):
     """A channel whose readings carry the estimate of another one."""
 
     channel: str
@@ -40,7 +40,7 @@ class EstimateSupport(Layout):
     """[-] channels that q and v rest on."""
     needed: Annotated[list[int], Sized(N_CHANNELS)]
     """(9,) [-] their numbers."""
-    stand_in: Annotated[list[int], Sized(N_CHANNELS)]
+    fallback: Annotated[list[int], Sized(N_CHANNELS)]
     """(9,) [-] by the channel that is missing, -1 for none."""
     bears: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [s] for which it stands in."""
@@ -54,18 +54,18 @@ class EstimateSupport(Layout):
     """Whether the altitude is known."""
 
 
-def stand_ins(tuning: HealthTuning, *, gyro_by_attitude: bool) -> dict[str, StandIn]:
+def fallback_sensors(tuning: HealthTuning, *, gyro_from_attitude: bool) -> dict[str, FallbackSensor]:
     """By the channel that is missing.
 
     Depth is replaced by the z of position and joint velocities by the change of joint positions, always: nobody needs them.
     Encoders and the altimeter are replaced by nothing. A DVL carries the position for as long as the mission bears it
-    (`uvms_ocp.estimation.degraded_modes`). gyro_by_attitude: the estimator finds rates from attitudes alone.
+    (`uvms_ocp.estimation.degraded_modes`). gyro_from_attitude: the estimator finds rates from attitudes alone.
     """
-    gyro = {"angular_velocity": StandIn("attitude", math.inf)} if gyro_by_attitude else {}
+    gyro = {"angular_velocity": FallbackSensor("attitude", math.inf)} if gyro_from_attitude else {}
     return gyro | {
-        "position": StandIn("linear_velocity", math.inf),
-        "linear_velocity": StandIn("position", math.inf),
-        "attitude": StandIn("angular_velocity", tuning.gyro_alone),
+        "position": FallbackSensor("linear_velocity", math.inf),
+        "linear_velocity": FallbackSensor("position", math.inf),
+        "attitude": FallbackSensor("angular_velocity", tuning.max_gyro_only),
     }
 
 
@@ -79,19 +79,19 @@ def supporting_channels(robot: Robot, specs: SensorSpecs, *, rates: bool) -> tup
 
 
 def support_of(
-    needed: tuple[str, ...], stand_in: Mapping[str, StandIn], *, exact: bool, gating: bool
+    needed: tuple[str, ...], fallback: Mapping[str, FallbackSensor], *, exact: bool, gating: bool
 ) -> ctypes.Structure:
     """A `Support` of an estimator that takes readings for the truth (exact), or has gates of its own (gating)."""
     made = structure_of(EstimateSupport)()
     made.exact, made.gating, made.n = exact, gating, len(needed)
     made.needed[: len(needed)] = [int(NUMBER[name]) for name in needed]
-    made.stand_in[:] = [-1] * N_CHANNELS
-    for name, other in stand_in.items():
-        made.stand_in[NUMBER[name]], made.bears[NUMBER[name]] = int(NUMBER[other.channel]), other.time
+    made.fallback[:] = [-1] * N_CHANNELS
+    for name, other in fallback.items():
+        made.fallback[NUMBER[name]], made.bears[NUMBER[name]] = int(NUMBER[other.channel]), other.time
     return made
 
 
-def age_by_support(m: HealthMemory, s: EstimateSupport) -> None:
+def update_age(m: HealthMemory, s: EstimateSupport) -> None:
     """Age at the time of the tick of what is least supported, its channel, and that of the joints.
 
     A channel without readings counts as old as its stand-in's, and ages from when that falls silent too or has carried it for
@@ -116,14 +116,14 @@ def age_by_support(m: HealthMemory, s: EstimateSupport) -> None:
 
 def _supported_until(m: HealthMemory, s: EstimateSupport, number: int) -> float:
     """[s] until when readings carry a channel, nan before its first one."""
-    own, other = m.channels[number].taken, s.stand_in[number]
+    own, other = m.channels[number].taken, s.fallback[number]
     by = m.channels[other].taken if other >= 0 else math.nan
     if math.isnan(own) or math.isnan(by):
         return own
     return max(own, min(by, own + s.bears[number]))
 
 
-def tell_echo(m: HealthMemory, s: EstimateSupport) -> None:
+def update_echo(m: HealthMemory, s: EstimateSupport) -> None:
     """An estimator carries the altitude on while the altimeter is suspect; an echo alone is true for its moment only."""
     c = m.channels[ChannelIndex.ALTIMETER_RANGE]
     old = s.exact and m.t - c.taken > m.rules.least_to_suspect
@@ -133,7 +133,7 @@ def tell_echo(m: HealthMemory, s: EstimateSupport) -> None:
 # The estimate of one who takes readings for the truth: what the monitor lets through, as it is.
 
 
-class Repeated(Layout):
+class PassThroughMemory(Layout):
     """Which channels q and v are made of."""
 
     n: int
@@ -144,9 +144,9 @@ class Repeated(Layout):
     """(n,) [-]"""
 
 
-def repeated_by(estimator: PassThrough) -> ctypes.Structure:
-    """A `Repeated` as this one repeats them."""
-    made, n = structure_of(Repeated)(), len(estimator.q_channels)
+def pass_through_memory(estimator: PassThrough) -> ctypes.Structure:
+    """A `PassThroughMemory` as this one repeats them."""
+    made, n = structure_of(PassThroughMemory)(), len(estimator.q_channels)
     made.n = n
     made.of_q[:n], made.of_v[:n] = (
         [int(NUMBER[name]) for name in names] for names in (estimator.q_channels, estimator.v_channels)
@@ -154,7 +154,7 @@ def repeated_by(estimator: PassThrough) -> ctypes.Structure:
     return made
 
 
-def repeat(m: HealthMemory, r: Repeated) -> None:
+def repeat(m: HealthMemory, r: PassThroughMemory) -> None:
     """`now` as the readings say that are used. A kernel."""
     at, there = 0, 0
     for k in range(r.n):

@@ -79,7 +79,7 @@ class HealthTuning:
     """[s] for which an echo tells of the floor where it was taken."""
     encoder_travel: float = 0.02
     """[rad or m] that is asked of a joint while its encoder does not change by a bit."""
-    gyro_alone: float = 10.0
+    max_gyro_only: float = 10.0
     """[s] for which a gyro stands in for the attitude: 0.01 rad at a drift of 1e-3 rad/s."""
 
     def __post_init__(self) -> None:
@@ -142,7 +142,7 @@ def set_complaint(why: Complaint, code: int, first: float, second: float) -> Non
     why.second = second
 
 
-def copy_why(to: Complaint, other: Complaint) -> None:
+def copy_complaint(to: Complaint, other: Complaint) -> None:
     """Make one the same as the other."""
     set_complaint(to, other.code, other.first, other.second)
 

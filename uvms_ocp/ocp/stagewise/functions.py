@@ -110,10 +110,10 @@ class Tangent:
 
     @cached_property
     def bent(self) -> ca.SX:
-        """What `forces_bent` gives, as symbols: code too long for the memory it is read from takes three times as long."""
-        return ca.SX.sym("bent", self.forces_bent(ca.SX(self.n_v, 1)).numel())
+        """What `force_curvature_terms` gives, as symbols: code too long for the memory it is read from takes three times as long."""
+        return ca.SX.sym("bent", self.force_curvature_terms(ca.SX(self.n_v, 1)).numel())
 
-    def forces_bent(self, weights: ca.SX) -> ca.SX:
+    def force_curvature_terms(self, weights: ca.SX) -> ca.SX:
         """Slope, and nonzeros of the curvature, of a sum of forces by the motion in the middle of a step, which they come from.
 
         weights (n_v,) [any]: of the sum.
@@ -226,7 +226,7 @@ class BlockFunctions:
         """``z, parameters, water, multipliers of rows that may be held, of residuals -> what forces bend``: for `curvature`."""
         value, y, e = self._weighted
         weights, rows = self.tangent.weights(value), self.block.rows
-        found = self.tangent.forces_bent(weights) if weights.nnz() else ca.SX(0, 1)
+        found = self.tangent.force_curvature_terms(weights) if weights.nnz() else ca.SX(0, 1)
         inputs = [rows.model.z, rows.parameters, rows.model.water, y, e]
         return compiled(f"{rows.name}_bend", inputs, self.tangent.expanded([found]))
 

@@ -51,7 +51,7 @@ class Multipliers:
 # The QP of one level about a point: its residuals, and what levels above and limits hold.
 
 
-class LevelStages:
+class StageLevelQp:
     """Linearised at `StageMemory.z`; the QP moves from there."""
 
     def __init__(self, memory: StageMemory, level: int, options: StageQpOptions) -> None:

@@ -48,7 +48,7 @@ class Stage:
     """[-] of the node in that block."""
     step: bool = False
     """It takes time, and has accelerations."""
-    turn_to: int | None = None
+    starts_phase: int | None = None
     """[-] phase that begins."""
 
 
@@ -58,7 +58,7 @@ def chain(problem: OcpProblem) -> tuple[Stage, ...]:
     stages: list[Stage] = []
     for i in range(n):
         if i or problem.free_time:
-            stages.append(Stage(node=starts[i], block=n + i - 1 if i else None, turn_to=i))
+            stages.append(Stage(node=starts[i], block=n + i - 1 if i else None, starts_phase=i))
         stages += [
             Stage(node=node, block=i, place=node - starts[i], step=True) for node in range(starts[i], starts[i + 1])
         ]
@@ -185,13 +185,13 @@ def _split(flat: Array, sizes: object) -> list[Array]:
 # From the variables of a program to the points of all stages and back.
 
 
-class StagePoint:
+class StageVariables:
     """Reads and writes `StageMemory.z`."""
 
     def __init__(self, memory: StageMemory) -> None:
         self._memory, self._variables = memory, memory.whole.variables
         self._nodes = np.array([stage.node for stage in memory.stages])
-        self._ends = np.array([stage.turn_to is not None for stage in memory.stages])
+        self._ends = np.array([stage.starts_phase is not None for stage in memory.stages])
 
     def set_parameters(self, p: Array) -> None:
         """p (n_p,) [unit of the parameter]: those of `Transcription.parameters`."""
@@ -309,10 +309,10 @@ class Places:
             own = np.concatenate([state, np.full(int(tangent.free), -1)])
             if stage.step:
                 own = np.concatenate([own, np.arange(layout.a.start, layout.a.stop), np.full(layout.n_null, -1)])
-            used = own >= 0 if stage.turn_to is None else np.zeros(len(own), dtype=bool)
+            used = own >= 0 if stage.starts_phase is None else np.zeros(len(own), dtype=bool)
             places.append(np.where(own >= 0, i * n_z + own, 0))
             numbers.append(np.where(used, columns[np.maximum(own, 0)], -1))
-            if stage.turn_to is not None and tangent.free:
+            if stage.starts_phase is not None and tangent.free:
                 places.append(np.array([(i + 1) * n_z + layout.h]))
                 numbers.append(columns[[variables.model.layout.h]])
         return np.concatenate(places), np.concatenate(numbers)

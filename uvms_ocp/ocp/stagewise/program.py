@@ -11,13 +11,13 @@ import numpy as np
 from uvms_ocp.codegen.compile import has_compiler
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
-from uvms_ocp.ocp.stagewise.level_qp import LevelStages
-from uvms_ocp.ocp.stagewise.memory import Places, StageMemory, StagePoint, StageRanges
-from uvms_ocp.ocp.stagewise.sqp import SqpEnd, StageSqp
+from uvms_ocp.ocp.stagewise.level_qp import StageLevelQp
+from uvms_ocp.ocp.stagewise.memory import Places, StageMemory, StageRanges, StageVariables
+from uvms_ocp.ocp.stagewise.sqp import SqpOutcome, StageSqp
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.level_solver import Deadline, NlpPoint, Outcome
 from uvms_ocp.solvers.nlp.lexicographic_sqp import Merit, Point
-from uvms_ocp.solvers.nlp.options import OF_MATRICES, STAGEWISE, NlpOptions
+from uvms_ocp.solvers.nlp.options import SPARSE_PLUGIN, STAGEWISE, NlpOptions
 from uvms_ocp.solvers.nlp.program import LexicographicProgram, NlpStatus, RowBounds, RowRanges
 from uvms_ocp.solvers.stage_qp.problem import Found, Near, StageQpOptions
 from uvms_ocp.types import Array
@@ -26,7 +26,7 @@ from uvms_ocp.types import Array
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class WarmStages(NlpPoint):
+class StagewisePoint(NlpPoint):
     """With the QP that ended there, whose multipliers are those by the rows and variables of the program."""
 
     solution: Found | None = None
@@ -35,23 +35,23 @@ class WarmStages(NlpPoint):
 _SQP_QP_OPTIONS = StageQpOptions(tolerance=1e-7)
 
 
-class StageLevels:
+class StagewiseLevels:
     """All levels, on one memory."""
 
     def __init__(self, memory: StageMemory, options: StageQpOptions = _SQP_QP_OPTIONS) -> None:
         """options: of the QPs."""
-        self.memory, self._point, self._options = memory, StagePoint(memory), options
-        self._levels: dict[int, LevelStages] = {}
+        self.memory, self._point, self._options = memory, StageVariables(memory), options
+        self._levels: dict[int, StageLevelQp] = {}
         self._raw = np.zeros(memory.whole.row_layout.n_rows + 1)
 
-    def made(self, options: NlpOptions, deadline: Deadline) -> list[StageLevel]:
+    def made(self, options: NlpOptions, deadline: Deadline) -> list[StageLevelSolver]:
         """One for each level."""
-        return [StageLevel(self, i, options, deadline) for i in range(self.memory.n_levels)]
+        return [StageLevelSolver(self, i, options, deadline) for i in range(self.memory.n_levels)]
 
-    def level(self, index: int) -> LevelStages:
+    def level(self, index: int) -> StageLevelQp:
         """Bound to the memory when it is called for first."""
         if index not in self._levels:
-            self._levels[index] = LevelStages(self.memory, index, self._options)
+            self._levels[index] = StageLevelQp(self.memory, index, self._options)
         return self._levels[index]
 
     def rows_at(self, x: Array, p: Array) -> tuple[Array, ...]:
@@ -87,10 +87,10 @@ class StageLevels:
         return Places(self.memory)
 
 
-class StageLevel:
+class StageLevelSolver:
     """One level; call it as `uvms_ocp.solvers.nlp.level_solver.LevelSolver`."""
 
-    def __init__(self, levels: StageLevels, index: int, options: NlpOptions, deadline: Deadline) -> None:
+    def __init__(self, levels: StagewiseLevels, index: int, options: NlpOptions, deadline: Deadline) -> None:
         self._levels, self._index, self._options, self._deadline = levels, index, options, deadline
 
     def fits(self, point: NlpPoint) -> bool:
@@ -104,14 +104,14 @@ class StageLevel:
         levels = self._levels
         levels.go_to(start.x, p)
         ranges = levels.ranges(bounds, self._index)
-        warm = start.solution if isinstance(start, WarmStages) else None
+        warm = start.solution if isinstance(start, StagewisePoint) else None
         if warm is not None and not levels.level(self._index).fits(warm):
             warm = None
         return self._outcome(
             StageSqp(levels.level(self._index), ranges, self._options, self._deadline).run(warm), start
         )
 
-    def _outcome(self, end: SqpEnd, start: NlpPoint) -> Outcome:
+    def _outcome(self, end: SqpOutcome, start: NlpPoint) -> Outcome:
         x = self._levels.variables()
         if not np.isfinite(x).all():
             return Outcome(point=start, status=NlpStatus.NOT_A_NUMBER, iterations=end.iterations, violation=np.inf)
@@ -124,11 +124,11 @@ class StageLevel:
             cost=end.cost,
         )
 
-    def _point(self, x: Array, solution: Found | None) -> WarmStages:
+    def _point(self, x: Array, solution: Found | None) -> StagewisePoint:
         if solution is None:
-            return WarmStages(x=x)
+            return StagewisePoint(x=x)
         bounds, rows = self._levels.multipliers(self._index, solution)
-        return WarmStages(x=x, x_multipliers=bounds, row_multipliers=rows, solution=solution)
+        return StagewisePoint(x=x, x_multipliers=bounds, row_multipliers=rows, solution=solution)
 
 
 # The levels of a horizon for steps in real time, stage by stage.
@@ -139,7 +139,7 @@ class StageLevel:
 _REAL_TIME_QP_OPTIONS = StageQpOptions(tolerance=1e-4, cold_mu=10.0)
 
 
-class TurningStages:
+class StagewiseLevelModel:
     """A `uvms_ocp.solvers.nlp.lexicographic_sqp.LevelModel` on the memory of a horizon, whose points are those of all stages.
 
     Frozen rows are slabs: where limits bind there is often no motion that keeps them as they are. QPs of the first level start
@@ -148,7 +148,7 @@ class TurningStages:
 
     def __init__(self, memory: StageMemory, slack: float) -> None:
         """slack [unit of the row]: half the width of what frozen rows keep."""
-        self._levels, self._memory = StageLevels(memory, _REAL_TIME_QP_OPTIONS), memory
+        self._levels, self._memory = StagewiseLevels(memory, _REAL_TIME_QP_OPTIONS), memory
         self.slack = slack
         self._last: Near | None = None
         """QP of the first level."""
@@ -215,7 +215,7 @@ class StagewiseProgram:
     def __init__(self, whole: Transcription) -> None:
         """Raises `InvalidInput` for what couples all stages: a level above others with `relax`; and for a start that is free."""
         _check(whole.problem)
-        self._whole, self.levels = whole, StageLevels(StageMemory(whole))
+        self._whole, self.levels = whole, StagewiseLevels(StageMemory(whole))
         if whole.problem.hessian is HessianKind.EXACT:
             self.levels.memory.compile_curvature()
 
@@ -234,13 +234,13 @@ class StagewiseProgram:
         """Parameters."""
         return self._whole.parameter_layout.n
 
-    def solvers(self, options: NlpOptions, deadline: Deadline) -> Sequence[StageLevel]:
+    def solvers(self, options: NlpOptions, deadline: Deadline) -> Sequence[StageLevelSolver]:
         """One for each level."""
         return self.levels.made(options, deadline)
 
-    def turning(self, slack: float) -> TurningStages:
+    def turning(self, slack: float) -> StagewiseLevelModel:
         """Its levels for steps in real time; slack [-] as `LevelModel` has it."""
-        return TurningStages(self.levels.memory, slack)
+        return StagewiseLevelModel(self.levels.memory, slack)
 
     def rows_at(self, x: Array, p: Array) -> tuple[Array, ...]:
         """Rows of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
@@ -255,7 +255,7 @@ def program_for(plugin: str, whole: Transcription) -> LexicographicProgram | Sta
 def quickest(problem: OcpProblem) -> str:
     """Name of the solver of steps in real time that takes least for a problem."""
     coupled = bool(_relaxed(problem)) or not problem.fixed_start
-    return STAGEWISE if has_compiler() and not coupled else OF_MATRICES
+    return STAGEWISE if has_compiler() and not coupled else SPARSE_PLUGIN
 
 
 def _relaxed(problem: OcpProblem) -> list[str]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from uvms_ocp.ocp.stagewise.level_qp import LevelStages
+from uvms_ocp.ocp.stagewise.level_qp import StageLevelQp
 from uvms_ocp.ocp.stagewise.memory import StageRanges
 from uvms_ocp.solvers.nlp.level_solver import Deadline
 from uvms_ocp.solvers.nlp.options import NlpOptions
@@ -104,7 +104,7 @@ _NO_HELP = 1e-6  # share of the violation that a step must take away to count as
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class SqpEnd:
+class SqpOutcome:
     """Where the iterations ended; the point is in the memory."""
 
     status: NlpStatus
@@ -120,7 +120,7 @@ class SqpEnd:
 class StageSqp:
     """One solve of one level, from the point in the memory."""
 
-    def __init__(self, level: LevelStages, ranges: StageRanges, options: NlpOptions, deadline: Deadline) -> None:
+    def __init__(self, level: StageLevelQp, ranges: StageRanges, options: NlpOptions, deadline: Deadline) -> None:
         self._level, self._ranges, self._options, self._deadline = level, ranges, options, deadline
         self._memory = level.memory
         self._solution: Found | None = None
@@ -130,7 +130,7 @@ class StageSqp:
         # What levels above leave open, those below decide: no step goes far there.
         self._least = _DAMPED if level.level + 1 < level.memory.n_levels else 0.0
 
-    def run(self, warm: Found | None) -> SqpEnd:
+    def run(self, warm: Found | None) -> SqpOutcome:
         """Iterate to the optimum."""
         self._level.linearize()
         here = self._merit()
@@ -243,7 +243,7 @@ class StageSqp:
                     self._filter.add(here)
                 if share < 1.0:
                     self._level.linearize()
-                self._trust(share, before, idle=-slope <= _DIGITS * here.cost)
+                self._adapt_damping(share, before, idle=-slope <= _DIGITS * here.cost)
                 return None, trial
             share /= 2
         self._back()
@@ -260,13 +260,13 @@ class StageSqp:
         begin = self._memory.z_from.copy()
         if share < 1.0:
             self._level.linearize()
-        trial = self._brought_back(trial, self._filter.most)
+        trial = self._restored(trial, self._filter.most)
         if self._solution is not None:
             self._level.keep(self._solution)
         self._memory.z_from[:] = begin
         return trial
 
-    def _brought_back(self, here: Merit, most: float) -> Merit:
+    def _restored(self, here: Merit, most: float) -> Merit:
         """By short steps, until no more than `most` is broken in sum, or they do not help."""
         near = self._near()
         for _ in range(_MENDS):
@@ -280,7 +280,7 @@ class StageSqp:
             here = trial
         return here
 
-    def _trust(self, share: float, before: float, *, idle: bool) -> None:
+    def _adapt_damping(self, share: float, before: float, *, idle: bool) -> None:
         """Steps that had to be cut short were too long where nothing but damping makes them shorter.
 
         So are those that leave the rows as broken as they were before, and more so idle ones, with which no cost falls.
@@ -338,13 +338,13 @@ class StageSqp:
         self._worst = float(broken.max(initial=0.0))
         return Merit(cost=self._level.cost, violation=float(broken.sum()))
 
-    def _end(self, status: NlpStatus, iterations: int) -> SqpEnd:
+    def _end(self, status: NlpStatus, iterations: int) -> SqpOutcome:
         here = self._merit()
         # What levels above lose by rounding, and by steps that were taken while little was broken, is given back.
         if self._level.level and self._worst <= self._options.feasibility:
-            self._brought_back(here, self._options.convergence)
+            self._restored(here, self._options.convergence)
             self._merit()
-        return SqpEnd(
+        return SqpOutcome(
             status=status,
             iterations=iterations,
             violation=self._worst,

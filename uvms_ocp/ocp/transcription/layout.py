@@ -25,7 +25,7 @@ from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
 from uvms_ocp.ocp.terms import Term
-from uvms_ocp.ocp.trajectory import Trajectory, has_thrusters, made_trajectory
+from uvms_ocp.ocp.trajectory import Trajectory, has_thrusters, unchecked_trajectory
 from uvms_ocp.ocp.transcription.reuse import Fitted
 from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel, derivatives
 from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, Nodes, TermBlock, TermNumbers
@@ -161,7 +161,7 @@ class VariableLayout:
             )
         actuators = self.model.actuators
         shares = (trajectory.thrust / actuators.thrust_unit, trajectory.torque / actuators.torque_unit)
-        inputs = shares if self.model.decides_forces else ()
+        inputs = shares if self.model.has_force_variables else ()
         steps = np.hstack([np.diff(trajectory.t)[:, None], trajectory.a, *inputs])
         Z = np.hstack([trajectory.q, trajectory.v, np.vstack([steps, steps[-1:]])])
         x, used = np.zeros(self.n_x), self.all_columns >= 0
@@ -189,7 +189,7 @@ class VariableLayout:
         }
         for part in parts.values():
             part.flags.writeable = False
-        return made_trajectory(**parts, of_wrench=not has_thrusters(self.model.problem))
+        return unchecked_trajectory(**parts, of_wrench=not has_thrusters(self.model.problem))
 
 
 # The parameters of the NLP, in this order: start, currents, lengths of the steps, and those of all terms in their units.

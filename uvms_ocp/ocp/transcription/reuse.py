@@ -19,8 +19,8 @@ from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.ocp.transcription.term_rows import (
     CONSTRAINT,
-    Member,
     TermBlock,
+    TermEntry,
     TermNumbers,
     TermRows,
     residual_of,
@@ -100,7 +100,7 @@ def _numbers(model: StageModel, rows: TermRows, given: OcpProblem) -> TermNumber
     return term_numbers(terms, residuals)
 
 
-def _residual(model: StageModel, member: Member, term: Term) -> Residual:
+def _residual(model: StageModel, member: TermEntry, term: Term) -> Residual:
     """Of a term in the place of another one."""
     built = member.residual
     if term is member.term or not any(_differences(member.term, term)):
@@ -126,7 +126,7 @@ def _same_expression(one: ca.SX, other: ca.SX, *symbols: ca.SX) -> bool:
     return bool(texts[0] == texts[1])
 
 
-def _other(model: StageModel, member: Member, given: Term) -> InvalidInput:
+def _other(model: StageModel, member: TermEntry, given: Term) -> InvalidInput:
     place = "constraints" if member.level == CONSTRAINT else f"level {model.problem.levels[member.level].name!r}"
     found = ", ".join(_differences(member.term, given))
     return InvalidInput(f"{place}: term {given.name!r} differs in {found} from the planner's: build a new Planner")

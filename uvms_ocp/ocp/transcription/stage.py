@@ -208,8 +208,8 @@ class StageModel:
         self.problem, self.robot, self._like = problem, robot, like
         self.actuators = Actuators(robot, problem.actuation)
         direct = not robot.n_vehicle or problem.actuation is Actuation.WRENCH
-        self.decides_forces = not eliminated and (problem.water or problem.limited or not direct)
-        n_thrust, n_torque = (self.actuators.matrix.shape[1], robot.n_joints) if self.decides_forces else (0, 0)
+        self.has_force_variables = not eliminated and (problem.water or problem.limited or not direct)
+        n_thrust, n_torque = (self.actuators.matrix.shape[1], robot.n_joints) if self.has_force_variables else (0, 0)
         n_null = self.actuators.null.shape[1] if eliminated else 0
         self.layout = StepLayout(n_q=robot.n_q, n_v=robot.n_v, n_thrust=n_thrust, n_torque=n_torque, n_null=n_null)
         self.z = ca.SX.sym("z", self.layout.n_z)
@@ -227,7 +227,7 @@ class StageModel:
     @property
     def n_forces(self) -> int:
         """Rows of forces in the dynamics."""
-        return self.robot.n_v if self.decides_forces else 0
+        return self.robot.n_v if self.has_force_variables else 0
 
     @cached_property
     def dynamics(self) -> Derivatives:
@@ -240,7 +240,7 @@ class StageModel:
         z, layout = self.z, self.layout
         q, v, h, a = z[layout.q], z[layout.v], z[layout.h], z[layout.a]
         rows = ca.vertcat(self.moved(q, v, a, h), v + h * a)
-        if self.decides_forces:
+        if self.has_force_variables:
             given = ca.vertcat(
                 sparse(self.actuators.matrix) @ (z[layout.thrust] * ca.DM(self.actuators.thrust_unit)),
                 z[layout.torque] * ca.DM(self.actuators.torque_unit),
@@ -278,7 +278,7 @@ class StageModel:
     @cached_property
     def inputs(self) -> tuple[ca.SX, ca.SX]:
         """Thrust and torque of a step, in shares of their limits."""
-        if self.decides_forces:
+        if self.has_force_variables:
             return self.z[self.layout.thrust], self.z[self.layout.torque]
         n, force, actuators = self.robot.n_vehicle, self.force, self.actuators
         thrust = sparse(actuators.spread) @ force[:n] + sparse(actuators.null) @ self.z[self.layout.null]
@@ -288,7 +288,7 @@ class StageModel:
     def inputs_function(self) -> ca.Function:
         """``z, water -> thrust, torque`` in shares of their limits."""
         function = ca.Function("inputs", [self.z, self.water], [ca.densify(part) for part in self.inputs])
-        return function if self.decides_forces else compile_function(function)
+        return function if self.has_force_variables else compile_function(function)
 
     def moved(self, q: ca.SX, v: ca.SX, a: ca.SX, h: ca.SX) -> ca.SX:
         """Configuration after the time h of constant acceleration."""

@@ -28,7 +28,7 @@ _N_COMMON = 2  # active, 1 / time
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Member:
+class TermEntry:
     """A term with rows at a kind of node, as it was built in."""
 
     place: int
@@ -111,7 +111,7 @@ class TermRows:
     """(n_levels,) [-]"""
     errors: tuple[ca.SX, ...]
     """Of every level, the vector whose half square is its cost."""
-    members: tuple[Member, ...]
+    members: tuple[TermEntry, ...]
     own: TermNumbers
     """Of the problem that was built in."""
     kinds: RowKinds
@@ -130,7 +130,7 @@ class TermRows:
         z, rows, costs = self.model.z, self.rows, self.costs
         functions = derivatives(self.name, z, self.parameters, rows, costs=costs, residuals=residuals)
         # Terms of forces hold the equations of motion where forces are no variables.
-        return functions if self.model.decides_forces else compiled(functions)
+        return functions if self.model.has_force_variables else compiled(functions)
 
     @cached_property
     def value(self) -> ca.Function:
@@ -172,7 +172,7 @@ def term_blocks(model: StageModel) -> tuple[TermBlock, ...]:
 Counts = Callable[[OcpProblem, Term, OcpPhase], bool]
 
 
-def _members(model: StageModel, phase: OcpPhase, counts: Counts) -> list[Member]:
+def _members(model: StageModel, phase: OcpPhase, counts: Counts) -> list[TermEntry]:
     problem = model.problem
     levels = [CONSTRAINT] * len(problem.constraints)
     levels += [i for i, level in enumerate(problem.levels) for _ in level.terms]
@@ -180,10 +180,10 @@ def _members(model: StageModel, phase: OcpPhase, counts: Counts) -> list[Member]
     return [_member(model, *one) for one in placed if counts(problem, one[-1], phase)]
 
 
-def _member(model: StageModel, place: int, level: int, term: Term) -> Member:
+def _member(model: StageModel, place: int, level: int, term: Term) -> TermEntry:
     goals = ca.SX.sym("goals", term.n_parameters(model.robot))
     residual = residual_of(model, term, goals)
-    return Member(place=place, level=level, term=term, residual=residual, goals=goals)
+    return TermEntry(place=place, level=level, term=term, residual=residual, goals=goals)
 
 
 def residual_of(model: StageModel, term: Term, goals: ca.SX) -> Residual:
@@ -213,7 +213,7 @@ class _Symbols:
     """(m,)"""
 
 
-def _term_rows(model: StageModel, members: Sequence[Member], name: str, *, on_path: bool) -> TermRows:
+def _term_rows(model: StageModel, members: Sequence[TermEntry], name: str, *, on_path: bool) -> TermRows:
     """Costs on the path are integrals, as shares of the nominal time of the horizon."""
     own = term_numbers([member.term for member in members], [member.residual for member in members])
     kinds, m = row_kinds(own.lower, own.upper), len(own.lower)
@@ -246,7 +246,7 @@ def _term_rows(model: StageModel, members: Sequence[Member], name: str, *, on_pa
 
 
 def _costs(
-    n_levels: int, members: Sequence[Member], rows: ca.SX, shared: _Symbols, kinds: RowKinds, share: ca.SX
+    n_levels: int, members: Sequence[TermEntry], rows: ca.SX, shared: _Symbols, kinds: RowKinds, share: ca.SX
 ) -> tuple[ca.SX, list[ca.SX]]:
     """Cost of every level (n_levels,), and the vectors whose half squares they are."""
     costs = [ca.SX(0) for _ in range(n_levels)]

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.codegen.kernel_layout import structure_of, view
-from uvms_ocp.codegen.kernels import memory_of
+from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.kinematics import shape_reach
 from uvms_ocp.robot.robot import Robot
@@ -21,7 +21,7 @@ from uvms_ocp.robot.shapes.distance_kernels import (
     chosen_distances,
     chosen_gradients,
     distance_sizes,
-    has_c_form,
+    has_kernel,
     write_distances,
 )
 from uvms_ocp.robot.shapes.obstacles import Obstacle
@@ -115,7 +115,7 @@ class CompiledPairs:
         """geometry: the shapes, of which those of the pairs (by index) are measured."""
         n_solids = len({k for pair in pairs for k in pair})
         sizes = distance_sizes(model, n_solids=n_solids, n_pairs=len(pairs))
-        self._memory, (self._distances, self._gradients) = memory_of(
+        self._memory, (self._distances, self._gradients) = make_memory(
             structure_of(DistanceMemory, **sizes), (chosen_distances, chosen_gradients)
         )
         self.compiled = self._distances is not chosen_distances
@@ -206,7 +206,7 @@ class CollisionModel:
     def without_c_form(self) -> tuple[str, ...]:
         """Names of the shapes that only coal measures, such as meshes."""
         shapes = self._geometry.geometryObjects
-        return tuple(shapes[k].name for k in _used(self._pairs) if not has_c_form(shapes[k].geometry))
+        return tuple(shapes[k].name for k in _used(self._pairs) if not has_kernel(shapes[k].geometry))
 
     @property
     def n_solids(self) -> int:
@@ -269,7 +269,7 @@ def _engines(
 ) -> list[tuple[_Engine, np.ndarray]]:
     """Who measures the pairs, and the index (n_pairs,) there of each, -1 of others."""
     shapes = geometry.geometryObjects
-    clear = np.array([all(has_c_form(shapes[k].geometry) for k in pair) for pair in pairs], dtype=bool)
+    clear = np.array([all(has_kernel(shapes[k].geometry) for k in pair) for pair in pairs], dtype=bool)
     engines: list[tuple[_Engine, np.ndarray]] = []
     if clear.any():
         compiled = CompiledPairs(model, geometry, [pair for pair, has in zip(pairs, clear, strict=True) if has])
@@ -341,7 +341,7 @@ def in_c(model: CollisionModel, robot: Robot | None) -> bool:
     return robot is not None and not model.by_coal and model.is_of(robot)
 
 
-def distance_room(models: Iterable[CollisionModel], robot: Robot | None) -> dict[str, Any]:
+def distance_layout_sizes(models: Iterable[CollisionModel], robot: Robot | None) -> dict[str, Any]:
     """What `structure_of` layouts with a `DistanceMemory` for any of the models needs; Python measures those not `in_c`."""
     known = list(models)
     n_pairs = max((model.n_pairs for model in known), default=0)

@@ -5,7 +5,7 @@ A layout that is to measure distances has a field ``DistanceMemory``; what `stru
 
     pair_distances(m.distances, m.q)            # m.distances.value[k] [m] of all pairs, at q
     value = distance_of(m.distances, k)         # of one pair, after `place_solids(m.distances, m.q)`
-    bound = least_distance(m.distances, k)      # no more than that, by what was found last: ten times as fast
+    bound = distance_lower_bound(m.distances, k)      # no more than that, by what was found last: ten times as fast
     pair_gradient(m.distances, k, row)          # (n_v,) rate of the distance of the pair measured last, per unit of velocity
 
 Bounded: a pair takes at most `ROUNDS` differences of its solids, and where they overlap `GROWTH` more, and `ROUNDS` for each
@@ -26,17 +26,17 @@ import pinocchio as pin
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Smooth, Vector, zeros
 from uvms_ocp.robot.shapes.gjk import (
-    Meeting,
+    RelativePlacement,
     Solid,
-    bring_together,
     dot,
     height,
+    place_relative,
     rotated,
     search_apart,
     subtract,
     turned_back,
 )
-from uvms_ocp.robot.shapes.penetration import Hull, grow_hull, try_axes, try_axis
+from uvms_ocp.robot.shapes.penetration import Hull, expand_polytope, try_axes, try_axis
 from uvms_ocp.robot.spatial import skew
 from uvms_ocp.robot.symbolic_bodies import Pose, SymbolicJoint
 from uvms_ocp.robot.symbolic_model import SymbolicModel, function
@@ -47,9 +47,9 @@ _SHIFT = 1e-3  # [m] that overlapping solids are taken apart by, for their neare
 _POLISH = 3  # [-] of the direction that a polytope gives to 1e-7 m
 
 
-def measure_solids(m: Meeting, hull: Hull, a: Solid, b: Solid) -> None:
+def measure_solids(m: RelativePlacement, hull: Hull, a: Solid, b: Solid) -> None:
     """Distance, normal and nearest point of A, balls included, in the frame of A. A kernel."""
-    bring_together(m, a, b)
+    place_relative(m, a, b)
     if not search_apart(m, a, b):
         overlap_solids(m, hull, a, b)
     m.distance -= a.ball + b.ball
@@ -57,13 +57,13 @@ def measure_solids(m: Meeting, hull: Hull, a: Solid, b: Solid) -> None:
         m.at[i] += a.ball * m.normal[i]
 
 
-def overlap_solids(m: Meeting, hull: Hull, a: Solid, b: Solid) -> None:
+def overlap_solids(m: RelativePlacement, hull: Hull, a: Solid, b: Solid) -> None:
     """The shallowest direction, and the points that part last along it. A kernel."""
     try_axes(m, a, b)
     if is_curved(a, b):
-        grow_hull(hull, m, a, b)
+        expand_polytope(hull, m, a, b)
     for _ in range(_POLISH if is_curved(a, b) else 1):
-        part_solids(m, a, b)
+        separate_solids(m, a, b)
 
 
 def is_curved(a: Solid, b: Solid) -> bool:
@@ -76,7 +76,7 @@ def is_ball(s: Solid) -> bool:
     return s.disk == 0.0 and s.half[0] == 0.0 and s.half[1] == 0.0 and s.half[2] == 0.0
 
 
-def part_solids(m: Meeting, a: Solid, b: Solid) -> None:
+def separate_solids(m: RelativePlacement, a: Solid, b: Solid) -> None:
     """Take B away from A along the normal; what is nearest then parts last, and tells the direction again. A kernel."""
     p, n, distance = zeros(3), zeros(3), m.distance
     for i in range(3):
@@ -99,7 +99,7 @@ def part_solids(m: Meeting, a: Solid, b: Solid) -> None:
 #
 #     pair_distances(m.distances, m.q)            # m.distances.value[k] [m] of all pairs, at q
 #     value = distance_of(m.distances, k)         # of one pair, after `place_solids(m.distances, m.q)`
-#     bound = least_distance(m.distances, k)      # no more than that, by what was found last: ten times as fast
+#     bound = distance_lower_bound(m.distances, k)      # no more than that, by what was found last: ten times as fast
 #     pair_gradient(m.distances, k, row)          # (n_v,) rate of the distance of the pair measured last, per unit of velocity
 #
 # Bounded: a pair takes at most `ROUNDS` differences of its solids, and where they overlap `GROWTH` more, and `ROUNDS` for each
@@ -147,7 +147,7 @@ class DistanceMemory(Layout):
     n_chosen: int
     chosen: Annotated[list[int], Sized("n_pairs")]
     """(n_chosen,) pairs that `chosen_distances` measures."""
-    meeting: Meeting
+    meeting: RelativePlacement
     """Of the pair measured last, in the frame of its first solid."""
     hull: Hull
     """Working memory."""
@@ -206,7 +206,7 @@ def distance_of(m: DistanceMemory, k: int) -> float:
     return meeting.distance
 
 
-def least_distance(m: DistanceMemory, k: int) -> float:
+def distance_lower_bound(m: DistanceMemory, k: int) -> float:
     """No more than the distance [m] of pair k: that along the direction found last, or of the balls around. A kernel."""
     pair, way, turned = m.pairs[k], zeros(3), zeros(3)
     a, b = m.solids[pair.first], m.solids[pair.second]
@@ -241,7 +241,7 @@ def pair_gradient(m: DistanceMemory, k: int, row: Vector) -> None:
 _STEP = 8  # sizes are multiples of it, so that models of about the same size share machine code
 
 
-def has_c_form(shape: coal.CollisionGeometry) -> bool:
+def has_kernel(shape: coal.CollisionGeometry) -> bool:
     """Whether it is a sphere, a capsule, a cylinder or a box."""
     return isinstance(shape, (coal.Sphere, coal.Capsule, coal.Cylinder, coal.Box))
 

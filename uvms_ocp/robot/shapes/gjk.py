@@ -51,7 +51,7 @@ def farthest(s: Solid, d: Vector, point: Vector) -> None:
     point[2] = math.copysign(s.half[2], d[2])
 
 
-def nearest_to(s: Solid, x: Vector, point: Vector) -> None:
+def nearest_point(s: Solid, x: Vector, point: Vector) -> None:
     """The point (3,) [m] of box and disk that is nearest to x (3,) [m], in the solid's frame. A kernel."""
     for i in range(3):
         point[i] = min(s.half[i], max(-s.half[i], x[i]))
@@ -263,7 +263,7 @@ TOUCHING = 1e-9
 """[m] nearer solids count as overlapping, as rounding is all that is left of a direction."""
 
 
-class Meeting(Layout):
+class RelativePlacement(Layout):
     """Of solids A and B, in the frame of A; balls left out."""
 
     R: Annotated[Vector, Sized(9)]
@@ -280,7 +280,7 @@ class Meeting(Layout):
     """(3,) [m] the nearest point of A."""
 
 
-def bring_together(m: Meeting, a: Solid, b: Solid) -> None:
+def place_relative(m: RelativePlacement, a: Solid, b: Solid) -> None:
     """Where B is, as A sees it. A kernel."""
     way = zeros(3)
     subtract(b.p, a.p, way)
@@ -288,16 +288,16 @@ def bring_together(m: Meeting, a: Solid, b: Solid) -> None:
     between(a.R, b.R, m.R)
 
 
-def begin_search(m: Meeting, a: Solid, b: Solid) -> None:
+def begin_search(m: RelativePlacement, a: Solid, b: Solid) -> None:
     """One point of each, which lie near each other: nearest to the other's, in turn. A kernel."""
     x, y, s = zeros(3), zeros(3), m.simplex
     for i in range(3):
         x[i] = m.p[i]
     for _ in range(_TURNS):
-        nearest_to(a, x, s.a[0])
+        nearest_point(a, x, s.a[0])
         subtract(s.a[0], m.p, x)
         turned_back(m.R, x, y)
-        nearest_to(b, y, s.b[0])
+        nearest_point(b, y, s.b[0])
         rotated(m.R, s.b[0], x)
         for i in range(3):
             x[i] += m.p[i]
@@ -305,7 +305,7 @@ def begin_search(m: Meeting, a: Solid, b: Solid) -> None:
     s.n = 1
 
 
-def place_difference(m: Meeting, k: int) -> None:
+def place_difference(m: RelativePlacement, k: int) -> None:
     """The difference of the k-th points. A kernel."""
     there, s = zeros(3), m.simplex
     rotated(m.R, s.b[k], there)
@@ -313,7 +313,7 @@ def place_difference(m: Meeting, k: int) -> None:
         s.w[k][i] = s.a[k][i] - m.p[i] - there[i]
 
 
-def add_corners(m: Meeting, a: Solid, b: Solid, d: Vector) -> None:
+def add_support(m: RelativePlacement, a: Solid, b: Solid, d: Vector) -> None:
     """The points of A and B whose difference is farthest along d (3,). A kernel."""
     s, back = m.simplex, zeros(3)
     farthest(a, d, s.a[s.n])
@@ -325,7 +325,7 @@ def add_corners(m: Meeting, a: Solid, b: Solid, d: Vector) -> None:
     s.n += 1
 
 
-def search_apart(m: Meeting, a: Solid, b: Solid) -> bool:
+def search_apart(m: RelativePlacement, a: Solid, b: Solid) -> bool:
     """Whether A and B are apart; if so, their distance, normal and nearest points. A kernel."""
     s, before, stalled = m.simplex, math.inf, 0
     begin_search(m, a, b)
@@ -334,26 +334,26 @@ def search_apart(m: Meeting, a: Solid, b: Solid) -> bool:
         if s.inside or s.squared <= TOUCHING * TOUCHING:
             return False
         keep_nearest(s)
-        look_beyond(m, a, b)
+        write_support(m, a, b)
         stalled += 1 if s.squared >= before else 0
         if s.squared - dot(s.v, s.w[s.n]) <= _EXACT * s.squared or stalled > _STALLS:
             break
         before = s.squared if k > 0 else math.inf
         keep_last(s, k > 0)
-    tell_apart(m)
+    write_separation(m)
     return True
 
 
-def look_beyond(m: Meeting, a: Solid, b: Solid) -> None:
+def write_support(m: RelativePlacement, a: Solid, b: Solid) -> None:
     """Write the points that are farthest towards the origin behind those of the simplex, without counting them. A kernel."""
     s, away = m.simplex, zeros(3)
     for i in range(3):
         away[i] = -s.v[i]
-    add_corners(m, a, b, away)
+    add_support(m, a, b, away)
     s.n -= 1
 
 
-def tell_apart(m: Meeting) -> None:
+def write_separation(m: RelativePlacement) -> None:
     """Distance, normal and nearest point from what the search ended with. A kernel."""
     s = m.simplex
     m.distance = math.sqrt(s.squared)

@@ -139,7 +139,7 @@ def read_obstacles(path: Path | str) -> tuple[ObstacleData, ...]:
 
 
 @checked
-def obstacle_from_words(shape: str, words: str, name: str) -> ObstacleData:
+def parse_obstacle(shape: str, words: str, name: str) -> ObstacleData:
     """An obstacle from its position and sizes, numbers with commas or blanks between: ``"X,Y,Z,R"`` for a sphere.
 
     Raises ``NameNotFound`` for an unknown shape, and ``InvalidInput``

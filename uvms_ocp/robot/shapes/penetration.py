@@ -13,7 +13,7 @@ import math
 from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
-from uvms_ocp.robot.shapes.gjk import Meeting, Solid, add_corners, cross, dot, height, subtract, turned_back
+from uvms_ocp.robot.shapes.gjk import RelativePlacement, Solid, add_support, cross, dot, height, subtract, turned_back
 
 # How deep solids overlap along directions that may be the shallowest: those of their faces and edges.
 #
@@ -23,7 +23,7 @@ from uvms_ocp.robot.shapes.gjk import Meeting, Solid, add_corners, cross, dot, h
 _PARALLEL = 1e-20  # [-] squared sine of edges that span no face
 
 
-def try_axes(m: Meeting, a: Solid, b: Solid) -> None:
+def try_axes(m: RelativePlacement, a: Solid, b: Solid) -> None:
     """The shallowest of these directions, and the distance along it. A kernel."""
     m.distance = -math.inf
     for i in range(3):
@@ -31,7 +31,7 @@ def try_axes(m: Meeting, a: Solid, b: Solid) -> None:
     try_outward(m, a, b)
 
 
-def try_face_and_edges(m: Meeting, a: Solid, b: Solid, i: int) -> None:
+def try_face_and_edges(m: RelativePlacement, a: Solid, b: Solid, i: int) -> None:
     """Along the i-th axes of both, and across that of A and any of B. A kernel."""
     along, other, both = zeros(3), zeros(3), zeros(3)
     along[i] = 1.0
@@ -45,7 +45,7 @@ def try_face_and_edges(m: Meeting, a: Solid, b: Solid, i: int) -> None:
         try_axis(m, a, b, both)
 
 
-def try_outward(m: Meeting, a: Solid, b: Solid) -> None:
+def try_outward(m: RelativePlacement, a: Solid, b: Solid) -> None:
     """From the z axis of either to the middle of the other. A kernel."""
     out, z = zeros(3), zeros(3)
     for k in range(2):
@@ -59,7 +59,7 @@ def try_outward(m: Meeting, a: Solid, b: Solid) -> None:
     try_axis(m, a, b, out)
 
 
-def try_axis(m: Meeting, a: Solid, b: Solid, d: Vector) -> None:
+def try_axis(m: RelativePlacement, a: Solid, b: Solid, d: Vector) -> None:
     """Take d (3,), of any length, if the solids overlap less along it than along what was taken before. A kernel."""
     n, length = zeros(3), math.sqrt(dot(d, d))
     if not length * length > _PARALLEL:
@@ -74,7 +74,7 @@ def try_axis(m: Meeting, a: Solid, b: Solid, d: Vector) -> None:
             m.normal[i] = n[i]
 
 
-def distance_along(m: Meeting, a: Solid, b: Solid, n: Vector) -> float:
+def distance_along(m: RelativePlacement, a: Solid, b: Solid, n: Vector) -> float:
     """By how much B lies beyond A along n (3,) [-] of length 1, in the frame of A [m]. A kernel."""
     back = zeros(3)
     turned_back(m.R, n, back)
@@ -114,7 +114,7 @@ class Hull(Layout):
     """(n_edges, 2) points of the edges of the hole that faces leave which go."""
 
 
-def grow_hull(h: Hull, m: Meeting, a: Solid, b: Solid) -> None:
+def expand_polytope(h: Hull, m: RelativePlacement, a: Solid, b: Solid) -> None:
     """Find a shallower direction than that of `m`, or that there is none. A kernel."""
     enclose(h, m, a, b)
     for _ in range(GROWTH):
@@ -122,18 +122,18 @@ def grow_hull(h: Hull, m: Meeting, a: Solid, b: Solid) -> None:
         if -m.distance - h.offset[k] <= _OPEN:
             break
         try_axis(m, a, b, h.normal[k])
-        write_corner(h, m, a, b, h.normal[k])
+        write_polytope_support(h, m, a, b, h.normal[k])
         if dot(h.normal[k], h.w[h.n]) - h.offset[k] <= _OPEN:
             break
-        open_up(h)
-        if not close_with(h, m):
+        remove_visible_faces(h)
+        if not fill_hole(h, m):
             break
 
 
-def write_corner(h: Hull, m: Meeting, a: Solid, b: Solid, d: Vector) -> None:
+def write_polytope_support(h: Hull, m: RelativePlacement, a: Solid, b: Solid, d: Vector) -> None:
     """Write the point that is farthest along d (3,) behind the others, without counting it. A kernel."""
     m.simplex.n = 0
-    add_corners(m, a, b, d)
+    add_support(m, a, b, d)
     m.simplex.n = 0
     for i in range(3):
         h.w[h.n][i] = m.simplex.w[0][i]
@@ -148,7 +148,7 @@ def nearest_face(h: Hull) -> int:
     return found
 
 
-def enclose(h: Hull, m: Meeting, a: Solid, b: Solid) -> None:
+def enclose(h: Hull, m: RelativePlacement, a: Solid, b: Solid) -> None:
     """Begin with three points that lie in different directions from the middle, and those opposite. A kernel."""
     d, first, second, least = zeros(3), zeros(3), zeros(3), zeros(3)
     h.n = 0
@@ -168,16 +168,16 @@ def enclose(h: Hull, m: Meeting, a: Solid, b: Solid) -> None:
         add_face(h, m, k % 2, 2 + k // 2 % 2, 4 + k // 4)
 
 
-def add_opposite(h: Hull, m: Meeting, a: Solid, b: Solid, d: Vector, u: Vector) -> None:
+def add_opposite(h: Hull, m: RelativePlacement, a: Solid, b: Solid, d: Vector, u: Vector) -> None:
     """Two points, farthest along d (3,) and against it, and from the middle to the first, u (3,) [m]. A kernel."""
-    write_corner(h, m, a, b, d)
+    write_polytope_support(h, m, a, b, d)
     for i in range(3):
         u[i] = h.w[h.n][i] + m.p[i]
         h.w[h.n + 1][i] = -u[i] - m.p[i]
     h.n += 2
 
 
-def add_face(h: Hull, m: Meeting, i: int, j: int, k: int) -> None:
+def add_face(h: Hull, m: RelativePlacement, i: int, j: int, k: int) -> None:
     """Between three points, outward. A kernel."""
     e, f, n, new = zeros(3), zeros(3), h.normal[h.n_faces], h.n_faces
     subtract(h.w[j], h.w[i], e)
@@ -194,20 +194,20 @@ def add_face(h: Hull, m: Meeting, i: int, j: int, k: int) -> None:
     h.n_faces += 1
 
 
-def open_up(h: Hull) -> None:
+def remove_visible_faces(h: Hull) -> None:
     """Take away the faces that the new point sees. A kernel."""
     h.n_edges = 0
     k = 0
     while k < h.n_faces:
         if dot(h.normal[k], h.w[h.n]) > h.offset[k] + _SEEN:
             for c in range(3):
-                cut_edge(h, h.face[k][c], h.face[k][(c + 1) % 3])
+                toggle_edge(h, h.face[k][c], h.face[k][(c + 1) % 3])
             drop_face(h, k)
         else:
             k += 1
 
 
-def cut_edge(h: Hull, i: int, j: int) -> None:
+def toggle_edge(h: Hull, i: int, j: int) -> None:
     """An edge of a face that goes, which is of the hole unless the other face goes too. A kernel."""
     for k in range(h.n_edges):
         if (h.edge[k][0] == i and h.edge[k][1] == j) or (h.edge[k][0] == j and h.edge[k][1] == i):
@@ -231,7 +231,7 @@ def drop_face(h: Hull, k: int) -> None:
     h.offset[k] = h.offset[last]
 
 
-def close_with(h: Hull, m: Meeting) -> bool:
+def fill_hole(h: Hull, m: RelativePlacement) -> bool:
     """Faces from the edges of the hole to the new point; false where there is no room for them. A kernel."""
     if h.n_faces + h.n_edges > FACES or h.n_edges < 3 or h.n + 1 >= POINTS:
         return False

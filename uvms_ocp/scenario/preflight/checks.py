@@ -10,7 +10,7 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.control.velocity.goals import task_parameters
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
-from uvms_ocp.estimation.estimator import spread_at_rest
+from uvms_ocp.estimation.estimator import std_at_rest
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Below, Phase
 from uvms_ocp.record.meta_values import DONE
@@ -85,18 +85,18 @@ def _alternatives(phase: Phase) -> bool:
 _PARTS = {"position_error": np.s_[:3], "horizontal_error": np.s_[:2], "orientation_error": np.s_[3:]}
 
 
-def quantity_spreads(setup: Setup, q: np.ndarray, spread: np.ndarray | None = None) -> dict[str, float]:
+def quantity_stds(setup: Setup, q: np.ndarray, spread: np.ndarray | None = None) -> dict[str, float]:
     """By ``task.quantity``, what the sensors allow to know at q (n_q,) [m, rad]: a standard deviation [m] or [rad].
 
     Of the distances and angles of frames from their goals, the root of the sum of the variances of their axes, from `spread`
-    (n_v,) [m, rad], that of the configuration as in `Measurement.spread`, or from `spread_at_rest`. Empty with ideal sensors,
+    (n_v,) [m, rad], that of the configuration as in `Measurement.spread`, or from `std_at_rest`. Empty with ideal sensors,
     which allow everything. Joints may be beyond their limits, where a fault has pushed them.
     """
     tasks = [task for task in setup.mission.hierarchy.tasks if isinstance(task, (PoseTask, ToolPosition))]
     if setup.sensors == IDEAL_SENSORS or not tasks:
         return {}
     kinematics = Kinematics(_without_limits(setup.robot), q)
-    variance = np.diag((spread_at_rest(setup.robot, setup.sensors) if spread is None else spread) ** 2)
+    variance = np.diag((std_at_rest(setup.robot, setup.sensors) if spread is None else spread) ** 2)
     if setup.robot.n_vehicle:  # Jacobians take the velocity of B in B
         R_WB = quaternion_to_matrix(q[3:7])
         variance[:3, :3] = R_WB.T @ variance[:3, :3] @ R_WB
@@ -119,7 +119,7 @@ def _quantities(task: Task) -> dict[str, slice]:
 
 def check_accuracy(setup: Setup) -> Iterator[Finding]:
     """A threshold below what the sensors allow, in the posture of the start."""
-    allowed = quantity_spreads(setup, setup.start)
+    allowed = quantity_stds(setup, setup.start)
     for phase in setup.mission.phases:
         conditions = {condition for transition in phase.transitions for condition in transition.when}
         for condition in sorted(conditions, key=lambda item: item.quantity):

@@ -9,12 +9,12 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.control.force.allocation import Allocation, allocation_of
-from uvms_ocp.control.force.velocity_law import CONTROLLER_DEAD_TIME, dead_time_borne, dead_times
+from uvms_ocp.control.force.velocity_law import CONTROLLER_DEAD_TIME, dead_times, largest_dead_time
 from uvms_ocp.control.payload import require_learnable
 from uvms_ocp.errors import UvmsError
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.robot.assembly import up_at_rest
-from uvms_ocp.robot.dynamics import Dynamics, known_dynamics, robot_dynamics
+from uvms_ocp.robot.dynamics import Dynamics, cached_dynamics, robot_dynamics
 from uvms_ocp.robot.thrusters import unactuated_axes
 from uvms_ocp.scenario.preflight.reachability import ArmReach, goals_of
 from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Visit, threshold_of
@@ -191,7 +191,7 @@ _STEP = 1e-5  # [m, rad] of the difference quotients
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Late:
+class DelayedAxes:
     """Axes that are known late."""
 
     what: str
@@ -214,13 +214,15 @@ def check_delays(setup: Setup, visits: Sequence[Visit] = ()) -> Iterator[Finding
         CONTROLLER_DEAD_TIME * setup.dt,
         [(phase, _stiffness(setup, q)) for phase, q in _postures(setup, visits)],
     )
-    found = [(dead_time_borne(S[one.axes, one.axes], **one.loop), phase, one) for phase, S in stiffness for one in late]
+    found = [
+        (largest_dead_time(S[one.axes, one.axes], **one.loop), phase, one) for phase, S in stiffness for one in late
+    ]
     borne, phase, worst = min(found, key=lambda entry: entry[0] / (entry[2].delay + own))
     if worst.delay + own > borne / _SPARE:
         yield _delay_finding(worst, phase, max(borne - own, 0.0), max(borne / _SPARE - own, 0.0))
 
 
-def _delay_finding(late: Late, phase: str, borne: float, allowed: float) -> Finding:
+def _delay_finding(late: DelayedAxes, phase: str, borne: float, allowed: float) -> Finding:
     text = (
         f"{late.what} {late.delay:.3g} s late, allowed {allowed:.2g} s: loops that carry the weight by where it was "
         f"swing from {borne:.2g} s on; take quicker ones, or a posture in better balance"
@@ -230,19 +232,19 @@ def _delay_finding(late: Late, phase: str, borne: float, allowed: float) -> Find
     return Finding(severity=severity, check=DELAYS, phase=phase, text=text, figures=figures)
 
 
-def _late(setup: Setup) -> Iterator[Late]:
+def _late(setup: Setup) -> Iterator[DelayedAxes]:
     """Where both are late, what is between them is known to neither."""
     times, robot, gains = dead_times(setup.sensors), setup.robot, setup.gains
     observer = (gains.observer_joints or gains.observer_vehicle) if gains.observer_vehicle else 0.0
     joints = {"bandwidth": gains.joints, "reset": gains.joints_reset, "observer": observer}
     vehicle = {"bandwidth": gains.vehicle, "reset": gains.vehicle_reset, "observer": gains.observer_vehicle}
     if robot.n_joints:
-        yield Late(what="encoders are", axes=robot.joint_v, delay=times.joints, loop=joints)
+        yield DelayedAxes(what="encoders are", axes=robot.joint_v, delay=times.joints, loop=joints)
     if robot.n_vehicle:
-        yield Late(what="gyro and attitude are", axes=robot.vehicle_v, delay=times.turning, loop=vehicle)
+        yield DelayedAxes(what="gyro and attitude are", axes=robot.vehicle_v, delay=times.turning, loop=vehicle)
     if robot.n_joints and robot.n_vehicle:
         both = min(times.turning, times.joints)
-        yield Late(what="attitude and encoders are", axes=slice(None), delay=both, loop=joints)
+        yield DelayedAxes(what="attitude and encoders are", axes=slice(None), delay=both, loop=joints)
 
 
 def _postures(setup: Setup, visits: Sequence[Visit]) -> Iterator[tuple[str, np.ndarray]]:
@@ -261,7 +263,7 @@ def _postures(setup: Setup, visits: Sequence[Visit]) -> Iterator[tuple[str, np.n
 
 def _stiffness(setup: Setup, q: np.ndarray) -> np.ndarray:
     """(n_v, n_v) [1/s2] acceleration per displacement from q (n_q,) [m, rad] by which weight and buoyancy bring it back."""
-    dynamics, model, still = known_dynamics(setup.robot), setup.robot.model, np.zeros(setup.robot.n_v)
+    dynamics, model, still = cached_dynamics(setup.robot), setup.robot.model, np.zeros(setup.robot.n_v)
 
     def force(step: np.ndarray) -> np.ndarray:
         return dynamics.inverse_dynamics(pin.integrate(model, q, step), still, still)

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.errors import RobotDataError
-from uvms_ocp.robot.assembly import body_of_lift, static_residual, without_trim
+from uvms_ocp.robot.assembly import static_residual, trim_body, without_trim
 from uvms_ocp.robot.loading import load_robot, unknowns
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import links_without_shape
@@ -221,7 +221,7 @@ def _trim_advice(robot: Robot, force: float, moment: np.ndarray) -> str:
         return "shift a float or ballast"
     x, y = -moment[1] / force, moment[0] / force
     kind = "ballast" if force > 0.0 else "float"
-    body = body_of_lift("NAME", x, y, -force, robot)
+    body = trim_body("NAME", x, y, -force, robot)
     link = next(frame.name for frame in robot.model.frames if frame.type == pin.FrameType.BODY)
     entry = f"{{name: {kind}, link: {link}, position: [{x:.3g}, {y:.3g}, {body.position[2]:g}], "
     entry += f"mass: {body.mass:.4g}, volume: {body.volume:.4g}}}"

@@ -15,7 +15,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Below, Phase
-from uvms_ocp.record.display import SmallTable, Tabled
+from uvms_ocp.record.display import SmallTable, TableDisplay
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import IDEAL_SENSORS, SensorSpecs
@@ -55,7 +55,7 @@ class Finding:
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, repr=False)
-class PreflightReport(Tabled):
+class PreflightReport(TableDisplay):
     """All findings of one mission, errors first."""
 
     findings: tuple[Finding, ...]
@@ -264,7 +264,7 @@ def _stances_after(setup: Setup, visit: Visit) -> tuple[Stance, ...]:
         goal, _ = evaluate_pose(pose.name, pose.goal, 0.0)
         radius = threshold_of(visit.phase, f"{pose.name}.position_error") or 0.0
         origin = visit.stances[0].position
-        stances = way_point_stances(goal, radius, origin=origin, towards=_next_target(setup, visit))
+        stances = stances_at_way_point(goal, radius, origin=origin, towards=_next_target(setup, visit))
     alignment = visit.active(Alignment)
     if alignment is not None:
         target, _ = evaluate_vector(alignment.name, alignment.goal, 0.0)
@@ -277,7 +277,7 @@ def _stances_after(setup: Setup, visit: Visit) -> tuple[Stance, ...]:
     return stances
 
 
-def way_point_stances(
+def stances_at_way_point(
     goal: pin.SE3, radius: float, *, origin: np.ndarray, towards: np.ndarray | None = None
 ) -> tuple[Stance, ...]:
     """Stances in a ball of `radius` [m] around a way point.

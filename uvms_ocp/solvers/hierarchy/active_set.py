@@ -29,8 +29,8 @@ from uvms_ocp.solvers.hierarchy.solution import (
     dense,
     dense_inputs,
     dense_outputs,
+    solve_stacked,
     solved,
-    tick_velocity,
 )
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES, patience
 from uvms_ocp.types import Array
@@ -45,7 +45,7 @@ def solver_source(n: int, sizes: Sequence[int]) -> str:
     """C99 source for n velocities and levels of ``sizes`` rows: `solve_levels` of fallbacks.c, all else static; needs libm only.
 
     Nothing is allocated: a call works on the stack, with 60 kB for 13 velocities and 60 rows. It makes 3 L + 3 runs for L levels
-    at most, which together end after `Patience.most_of_all` iterations, whatever the numbers, and L + 6 certificates, whose
+    at most, which together end after `IterationBudget.most_of_all` iterations, whatever the numbers, and L + 6 certificates, whose
     search for every level ends after twelve rounds per row. Raises `InvalidInput` for levels without a row.
     """
     filled = [size for size in sizes if size]
@@ -187,7 +187,7 @@ class LexicographicActiveSet:
     @checked_on_failure
     def solve(self, levels: Sequence[Level]) -> Solution:
         """From a cold start. Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
-        return solved(levels, partial(tick_velocity, self._bind_cold))
+        return solved(levels, partial(solve_stacked, self._bind_cold))
 
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> ActiveSetTick:
         """One Function of ``levels_function`` and the solver; outputs beyond the six of ``Level`` are extras."""

@@ -18,10 +18,10 @@ from enum import IntEnum
 import numpy as np
 
 from uvms_ocp.codegen.elementwise import distance
-from uvms_ocp.solvers.hierarchy.certificate import NOTHING_LOST, NormalRows, normal_certificate, normal_rows
+from uvms_ocp.solvers.hierarchy.certificate import NO_NEGLIGIBLE_ROWS, NormalRows, normal_certificate, normal_rows
 from uvms_ocp.solvers.hierarchy.level import gated, is_valid, residual, row_slices
 from uvms_ocp.solvers.hierarchy.solution import Status
-from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES, Patience, patience
+from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES, IterationBudget, patience
 from uvms_ocp.types import Array
 
 # What the numbers mean that the solver in C and Python exchange.
@@ -274,7 +274,7 @@ def lexicographic_least_squares(
     return work.v, work.state, most
 
 
-def _rule(stalled: int, iteration: int, given: Patience, rule: _Rule) -> _Rule:
+def _rule(stalled: int, iteration: int, given: IterationBudget, rule: _Rule) -> _Rule:
     if stalled > given.tabu_stalls or iteration > given.tabu_iterations:
         return _Rule.TABU
     return _Rule.BLAND if stalled > given.bland_stalls else rule
@@ -376,7 +376,7 @@ class SolvedRows:
     residual: Array
     """(M,) [rate] signed distance of J v to [lower, upper], 0 where the gate is 0."""
     iterations: int
-    """[-] of all runs, `Patience.most_of_all` at most."""
+    """[-] of all runs, `IterationBudget.most_of_all` at most."""
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows ends without a certificate
@@ -392,7 +392,7 @@ def solve_levels(
         return SolvedRows(v=v, active_set=nothing, status=Status.INVALID_INPUT, residual=nothing.copy(), iterations=0)
     rows = normal_rows(J, *gated(J, lower, upper, gate), sizes)
     # No run gets hold of what is lost.
-    chain = _Chain(replace(rows, lost=NOTHING_LOST))
+    chain = _Chain(replace(rows, lost=NO_NEGLIGIBLE_ROWS))
     status, v = chain.solve(active_set), chain.best.w * rows.velocity
     if not (np.abs(v) < TOLERANCES.endless).all():
         v, status = np.zeros_like(v), Status.INEXACT

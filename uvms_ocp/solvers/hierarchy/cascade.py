@@ -39,8 +39,8 @@ from uvms_ocp.solvers.hierarchy.solution import (
     check_levels_function,
     dense_inputs,
     dense_outputs,
+    solve_stacked,
     solved,
-    tick_velocity,
 )
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 from uvms_ocp.types import Array
@@ -94,7 +94,7 @@ class QpTick:
         with contextlib.redirect_stdout(io.StringIO()):
             outputs = self._tick(*inputs)
             if self._tick.failed or (outputs[1][0] == _INEXACT and not self._fresh):
-                outputs = self._rescued(inputs)
+                outputs = self._solve_by_level(inputs)
         # Where fresh plugins do not help either, they would not at the next tick.
         self._fresh = bool(outputs[1][0] == _INEXACT)
         v, status, missed, *extras = outputs
@@ -117,7 +117,7 @@ class QpTick:
         exact = normal_certificate(rows, v / rows.velocity) <= TOLERANCES.certified
         return Status.SOLVED if exact else Status.INEXACT
 
-    def _rescued(self, inputs: Sequence[ArrayLike]) -> tuple[Array, ...]:
+    def _solve_by_level(self, inputs: Sequence[ArrayLike]) -> tuple[Array, ...]:
         """On fresh plugins first, then level by level, where a level that still fails keeps v."""
         for conic in self._conics():
             conic.checkout()
@@ -201,7 +201,7 @@ class LexicographicQp:
     @checked_on_failure
     def solve(self, levels: Sequence[Level]) -> Solution:
         """Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
-        return solved(levels, partial(tick_velocity, self.bind))
+        return solved(levels, partial(solve_stacked, self.bind))
 
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> Tick:
         """One Function of ``levels_function`` and the cascade; outputs beyond the six of ``Level`` are extras."""

@@ -61,7 +61,7 @@ class Box:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class LostRows:
+class NegligibleRows:
     """Rows that count as nothing beside the largest, as they were given."""
 
     J: Array
@@ -83,7 +83,7 @@ class LostRows:
         return bool((nearer > np.maximum(TOLERANCES.unnoticed, TOLERANCES.certified * missed)).any())
 
 
-NOTHING_LOST = LostRows(J=np.zeros((0, 0)), lower=np.zeros(0), upper=np.zeros(0))
+NO_NEGLIGIBLE_ROWS = NegligibleRows(J=np.zeros((0, 0)), lower=np.zeros(0), upper=np.zeros(0))
 """Where all rows count."""
 
 
@@ -108,7 +108,7 @@ class NormalRows:
     unit: float
     """[-] What counts as much of a rate: the largest that any row asks for over the largest row of all levels, at most 1. It
     is less where rows that are small beside others ask for large velocities."""
-    lost: LostRows
+    lost: NegligibleRows
     """Rows that are 0 in `J` and were not."""
 
     def levels(self) -> list[Level]:
@@ -127,7 +127,7 @@ def normal_rows(J: Array, lower: Array, upper: Array, sizes: Sequence[int]) -> N
     real = norm > TOLERANCES.vanished * largest
     level = np.array([_power(norm[rows][real[rows]].max(initial=0.0)) for rows in row_slices(sizes)])
     divisor, lost = np.repeat(level, sizes), ~real & (norm > 0.0)
-    lost_rows = LostRows(J=J[lost], lower=lower[lost], upper=upper[lost])
+    lost_rows = NegligibleRows(J=J[lost], lower=lower[lost], upper=upper[lost])
     asked = _asked(lower, upper, real) / largest if largest > 0.0 else 0.0
     J = np.where(real[:, None], J / divisor[:, None], 0.0)
     lower, upper = lower / divisor, upper / divisor

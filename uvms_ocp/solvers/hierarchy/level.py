@@ -15,7 +15,7 @@ from uvms_ocp.checks import checked_on_failure
 from uvms_ocp.codegen.elementwise import Array as elementwise_Array
 from uvms_ocp.codegen.elementwise import both, distance, everywhere, row_sums, where
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.record.display import Fielded
+from uvms_ocp.record.display import FieldTable
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 from uvms_ocp.types import Array
 
@@ -26,7 +26,7 @@ from uvms_ocp.types import Array
 
 @checked_on_failure
 @dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
-class Level(Fielded):
+class Level(FieldTable):
     """Rows ``lower <= jacobian @ v <= upper`` of one priority; an equality has ``lower == upper``.
 
     Every field but ``jacobian`` may be omitted or given as a scalar for all rows; arrays are read-only.

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked, unchecked_constructor
 from uvms_ocp.errors import AdvisedStatus, InvalidInput
-from uvms_ocp.record.display import Fielded
+from uvms_ocp.record.display import FieldTable
 from uvms_ocp.solvers.hierarchy.certificate import certificate
 from uvms_ocp.solvers.hierarchy.level import Level, residual, stack
 from uvms_ocp.types import Array, Shape
@@ -80,7 +80,7 @@ class Status(AdvisedStatus):
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
-class Solution(Fielded):
+class Solution(FieldTable):
     """Velocity that solves a hierarchy of levels."""
 
     v: Annotated[Array, Shape("n")]
@@ -150,7 +150,7 @@ class Tick(Protocol):
 
 
 @runtime_checkable
-class SharedTick(Tick, Protocol):
+class InPlaceTick(Tick, Protocol):
     """One that can read its inputs where they are."""
 
     def adopt(self, *inputs: Array) -> Callable[[], TickResult]:
@@ -201,7 +201,7 @@ def solved(levels: Sequence[Level], velocity: Callable[[Sequence[Level]], tuple[
     return _solution(v=v, status=status, residuals=row_residuals(levels, v), solve_time=perf_counter() - start)
 
 
-def tick_velocity(bind: Bind, levels: Sequence[Level]) -> tuple[Array, Status]:
+def solve_stacked(bind: Bind, levels: Sequence[Level]) -> tuple[Array, Status]:
     """v (n,) and status, from a tick whose inputs are the stacked levels; it is bound once for all calls of one shape.
 
     ``bind`` is a method of a solver. Raises `InvalidInput` where ``levels`` is empty or of mixed width.

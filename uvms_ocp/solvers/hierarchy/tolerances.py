@@ -83,7 +83,7 @@ TOLERANCES = Tolerances()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Patience:
+class IterationBudget:
     """Of the runs with a given number of rows."""
 
     most_iterations: int
@@ -98,10 +98,10 @@ class Patience:
     """[-] Iterations after which the same holds, since a cycle may move a little."""
 
 
-def patience(n_rows: int) -> Patience:
+def patience(n_rows: int) -> IterationBudget:
     """What runs over n_rows rows of all levels are given."""
     most = 20 + 10 * n_rows
-    return Patience(
+    return IterationBudget(
         most_iterations=most,
         most_of_all=6 * most,
         bland_stalls=n_rows // 2 + 10,

@@ -90,7 +90,7 @@ class Watch:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-class Best:
+class BestIterate:
     """The best iterate of one NLP: one that keeps the bounds and has the least cost, else the one that breaks them least."""
 
     def __init__(self, bounds: RowBounds, rows: np.ndarray, feasibility: float) -> None:
@@ -190,7 +190,7 @@ class LevelSolver:
         if self._deadline.over:
             return Outcome(point=start, status=NlpStatus.TIME_LIMIT, iterations=0, violation=np.inf)
         solver = self._warm if start.warm else self._cold
-        best = self._stop.best = Best(bounds, rows, self._options.feasibility)
+        best = self._stop.best = BestIterate(bounds, rows, self._options.feasibility)
         arguments: dict[str, Any] = {"x0": start.x, "p": p, "lbx": bounds.x_lower, "ubx": bounds.x_upper}
         arguments |= {"lbg": bounds.lower[rows], "ubg": bounds.upper[rows]}
         if start.row_multipliers is not None:
@@ -217,7 +217,7 @@ class LevelSolver:
             cost=float(solution["f"][0]),
         )
 
-    def _interrupted(self, best: Best) -> Outcome:
+    def _interrupted(self, best: BestIterate) -> Outcome:
         """Without multipliers: they are not those of the best iterate."""
         assert best.x is not None
         return Outcome(
@@ -247,7 +247,7 @@ class _Stop(ca.Callback):  # type: ignore[misc]  # CasADi has no types
     def __init__(self, nlp: LevelNlp, name: str, deadline: Deadline, watch: Watch) -> None:
         ca.Callback.__init__(self)
         self._name, self._deadline, self._watch = name, deadline, watch
-        self.best: Best | None = None
+        self.best: BestIterate | None = None
         """Of the present call."""
         n, m, n_p = (nlp.nlp[key].numel() for key in ("x", "g", "p"))
         self._sizes: Mapping[str, int] = {"x": n, "f": 1, "g": m, "lam_x": n, "lam_g": m, "lam_p": n_p}

@@ -70,7 +70,7 @@ class LexicographicResult:
         return np.array([np.linalg.norm(residual) for residual in self.residuals])
 
 
-class LevelCall(Protocol):
+class NlpSolver(Protocol):
     """The NLP of one level, solved by whoever can; as `LevelSolver`."""
 
     def fits(self, point: NlpPoint) -> bool:
@@ -96,7 +96,7 @@ class SelfSolving(Protocol):
     def n_p(self) -> int:
         """Parameters."""
 
-    def solvers(self, options: NlpOptions, deadline: Deadline) -> Sequence[LevelCall]:
+    def solvers(self, options: NlpOptions, deadline: Deadline) -> Sequence[NlpSolver]:
         """One for each level."""
 
     def rows_at(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -116,7 +116,7 @@ class LexicographicNlp:
         self.deadline, self.watch = Deadline(), Watch()
         self.levels = self._solvers(program)
 
-    def _solvers(self, program: LexicographicProgram | SelfSolving) -> Sequence[LevelCall]:
+    def _solvers(self, program: LexicographicProgram | SelfSolving) -> Sequence[NlpSolver]:
         if isinstance(program, LexicographicProgram):
             if self.options.plugin == STAGEWISE:
                 raise InvalidInput("plugin 'stagewise' solves problems over a horizon; give 'ipopt' or 'fatrop'")

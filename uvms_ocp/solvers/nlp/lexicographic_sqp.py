@@ -135,7 +135,7 @@ class Point:
     reached: tuple[float, ...] = ()
     """(n,) [-] norm of the residual of each level that had its turn, at its end."""
 
-    def after_turn(self) -> Point:
+    def after_level(self) -> Point:
         """The same once the next level has had its turn here."""
         return replace(self, reached=(*self.reached, float(self.merit.residuals[len(self.reached)])))
 
@@ -163,7 +163,7 @@ class LevelModel(Protocol):
         ...
 
 
-class LevelTurns:
+class LexicographicSqp:
     """Of one program; the weights of its levels are carried from step to step."""
 
     def __init__(self, model: LevelModel, options: SqpOptions, n_levels: int) -> None:
@@ -179,7 +179,7 @@ class LevelTurns:
         budget.count()
         if failure is not None:
             return guess, failure
-        point = self._first_searched(guess, levels).after_turn()
+        point = self._first_searched(guess, levels).after_level()
         for i in range(1, len(levels)):
             if budget.over:
                 break
@@ -188,7 +188,7 @@ class LevelTurns:
             if point.merit.residuals[i] > self._options.tolerance:
                 point = self._turn(point, levels, bounds)
                 budget.count()
-            point = point.after_turn()
+            point = point.after_level()
         return point, None
 
     def _first_searched(self, guess: Point, levels: tuple[LevelRows, ...]) -> Point:

@@ -103,7 +103,7 @@ _WARM: dict[str, dict[str, Any]] = {
 # How real-time SQP makes a step.
 
 QP_PLUGINS = ("hpipm", "proxqp", "piqp")
-OF_MATRICES = QP_PLUGINS[0]
+SPARSE_PLUGIN = QP_PLUGINS[0]
 """By default, of programs without stages."""
 
 

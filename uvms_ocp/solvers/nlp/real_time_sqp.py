@@ -24,8 +24,8 @@ import numpy as np
 
 from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.solvers.nlp.lexicographic_sqp import LevelModel, LevelTurns, Merit, Point, TimeBudget
-from uvms_ocp.solvers.nlp.options import OF_MATRICES, STAGEWISE, SqpOptions
+from uvms_ocp.solvers.nlp.lexicographic_sqp import LevelModel, LexicographicSqp, Merit, Point, TimeBudget
+from uvms_ocp.solvers.nlp.options import SPARSE_PLUGIN, STAGEWISE, SqpOptions
 from uvms_ocp.solvers.nlp.program import (
     LevelNlp,
     LexicographicProgram,
@@ -83,7 +83,7 @@ class LevelQp:
         upper = nlp.functions["nlp_hess_l"](x, p, 1, ca.MX.zeros(m))
         H = ca.triu2symm(upper) + damping * ca.MX.eye(n)
         self._linearize = ca.Function(f"linear_{index}", [x, p, damping], [gradient, H, g, A])
-        shape, plugin = {"h": H.sparsity(), "a": A.sparsity()}, options.plugin or OF_MATRICES
+        shape, plugin = {"h": H.sparsity(), "a": A.sparsity()}, options.plugin or SPARSE_PLUGIN
         self._qp = ca.conic(f"qp_{index}", plugin, shape, {"error_on_fail": False, **_OPTIONS[plugin]})
 
     def step(
@@ -229,7 +229,7 @@ class RealTimeSqp:
     def __init__(self, program: LexicographicProgram | StagedProgram, options: SqpOptions | None = None) -> None:
         self.program, self.options = program, options or SqpOptions()
         self._model = _model(program, self.options)
-        self._turns = LevelTurns(self._model, self.options, len(program.ranges.levels))
+        self._turns = LexicographicSqp(self._model, self.options, len(program.ranges.levels))
 
     @checked_on_failure
     def solve(

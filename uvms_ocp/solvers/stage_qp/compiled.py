@@ -23,7 +23,7 @@ from uvms_ocp.solvers.stage_qp.problem import (
     kkt_residual,
     places,
 )
-from uvms_ocp.solvers.stage_qp.rows import End, Point, RowTable, Start, may_be_fixed, point_of
+from uvms_ocp.solvers.stage_qp.rows import End, Point, RowTable, Start, undetermined_variables, unpack_point
 from uvms_ocp.types import Array
 
 _INCLUDES = "#include <math.h>\n#include <stddef.h>\n#include <string.h>\n"
@@ -114,7 +114,7 @@ class CompiledCore:
         # What ctypes only knows the address of.
         self._indices, self._stage_work = _indices(shape), _stage_work(shape)
         self._work, self._table = _work(n, m, self._n_x), _table(n, m)
-        self._work["loose"][:] = may_be_fixed(shape)
+        self._work["loose"][:] = undetermined_variables(shape)
         self._loaded: StageQp | None = None
         self._found = np.zeros(3)
         self._found_address = _address(self._found)
@@ -186,7 +186,7 @@ class CompiledCore:
         problem, now = self._problem, self._problem.now
         return End(
             status=_STATUSES[problem.status],
-            point=point_of(self._work["point"].copy(), self._n, self._n_x),
+            point=unpack_point(self._work["point"].copy(), self._n, self._n_x),
             value=self._now["value"].copy(),
             held=self._now["held"].copy(),
             kkt=kkt_residual(stationarity=now.stationarity, primal=now.primal, complementarity=now.complementarity),

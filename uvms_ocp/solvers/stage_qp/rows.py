@@ -75,7 +75,7 @@ class Point:
         return np.concatenate([getattr(self, own.name).ravel() for own in fields(self)])
 
 
-def point_of(flat: Array, n: int, n_x: int) -> Point:
+def unpack_point(flat: Array, n: int, n_x: int) -> Point:
     """The point in one array, with n variables [-] and n_x states [-]; flat (n + n_x + 9 M,) [any]."""
     m = (len(flat) - n - n_x) // 9
     parts = flat[n + n_x :].reshape(9, m)
@@ -85,7 +85,7 @@ def point_of(flat: Array, n: int, n_x: int) -> Point:
 
 def resting(z: Array, n_x: int, m: int) -> Point:
     """At z (n,) [unit of z], with nothing else; n_x [-] states, m [-] rows."""
-    return point_of(np.concatenate([z, np.zeros(n_x + 9 * m)]), len(z), n_x)
+    return unpack_point(np.concatenate([z, np.zeros(n_x + 9 * m)]), len(z), n_x)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -166,7 +166,7 @@ def row_table(qp: StageQp, *, phase_one: bool = False) -> RowTable:
     flat = qp.flat
     lower, upper, l1, l2 = (np.concatenate([flat[name], flat[f"z_{name}"]]) for name in ("lower", "upper", "l1", "l2"))
     n_rows, norm = len(flat["lower"]), _norms(qp)
-    fixed = may_be_fixed(qp.shape) & (flat["z_lower"] == flat["z_upper"]) & (flat["z_l1"] == np.inf)
+    fixed = undetermined_variables(qp.shape) & (flat["z_lower"] == flat["z_upper"]) & (flat["z_l1"] == np.inf)
     counts = np.concatenate([np.ones(n_rows, dtype=bool), ~fixed])
     hard = l1 == np.inf
     if phase_one:
@@ -199,7 +199,7 @@ def _norms(qp: StageQp) -> Array:
 
 
 @lru_cache(maxsize=64)
-def may_be_fixed(shape: StageShape) -> Mask:
+def undetermined_variables(shape: StageShape) -> Mask:
     """(n,) what the dynamics of a shape do not determine: the first state and all controls."""
     own = [np.ones(n, dtype=bool) for n in shape.n_z]
     for k, n_x in enumerate(shape.n_x[1:], start=1):

@@ -50,7 +50,7 @@ def with_residuals_as_rows(qp: StageQp) -> StageQp:
     return other
 
 
-def own_rows(shape: StageShape, larger: StageShape) -> Array:
+def original_rows(shape: StageShape, larger: StageShape) -> Array:
     """(M,) [-] where the rows and variables of a QP stand among those of one that has more rows behind them in each stage."""
     firsts, M = places(larger.n_c)[:-1], sum(larger.n_c)
     rows = [np.arange(first, first + n) for first, n in zip(firsts, shape.n_c, strict=True)]
@@ -82,13 +82,13 @@ _STEEP = 1e-6  # least descent along a way, relative to the gradient
 _SIDES = (("lower", -np.inf), ("upper", np.inf))
 
 
-def may_fall_endlessly(qp: StageQp) -> bool:
+def may_be_unbounded(qp: StageQp) -> bool:
     """Whether some variable has neither curvature of its own nor two bounds."""
     held = np.isfinite(qp.flat["z_lower"]) & np.isfinite(qp.flat["z_upper"]) & (qp.flat["z_l1"] == np.inf)
     return bool((~held & (qp.flat["damping"] == 0.0)).any())
 
 
-def ways_down(qp: StageQp) -> StageQp:
+def recession_problem(qp: StageQp) -> StageQp:
     """The QP whose optimum is the steepest of all ways along which no cost but the linear one changes, and no hard row breaks.
 
     Ways are a cone, and the optimum is what of the gradient lies in it: 0 where there is none.
@@ -117,8 +117,8 @@ def _make_cone(other: StageQp, z: str, steepest: float) -> None:
     l1[l2 > 0.0], l2[:] = np.inf, 0.0
 
 
-def leads_down(other: StageQp, z: tuple[Array, ...]) -> bool:
-    """Whether the optimum z (n_z,) [unit of z] of `ways_down` is such a way, by its own numbers."""
+def is_recession_direction(other: StageQp, z: tuple[Array, ...]) -> bool:
+    """Whether the optimum z (n_z,) [unit of z] of `recession_problem` is such a way, by its own numbers."""
     longest = max(np.abs(own).max(initial=0.0) for own in z)
     if not 0.0 < longest < np.inf:
         return False
@@ -209,15 +209,15 @@ class StageQpSolver:
             return replace(least, status=StageQpStatus.INFEASIBLE, iterations=spent)
         if self._is_endless(qp):
             return replace(failed, status=StageQpStatus.UNBOUNDED, iterations=spent)
-        again = self._run_slowly(qp, least.point)
+        again = self._run_damped(qp, least.point)
         best = min(failed, again, key=lambda end: end.worst)
-        return replace(best, status=self._last_word(best), iterations=spent + again.iterations)
+        return replace(best, status=self._final_status(best), iterations=spent + again.iterations)
 
     @property
     def _inexact(self) -> float:
         return self.options.tolerance * STAGE_TOLERANCES.inexact_tolerances
 
-    def _last_word(self, best: End) -> StageQpStatus:
+    def _final_status(self, best: End) -> StageQpStatus:
         """Endless steps, and rounding, prove nothing."""
         if best.status is StageQpStatus.SOLVED:
             return best.status
@@ -227,16 +227,16 @@ class StageQpSolver:
 
     def _is_endless(self, qp: StageQp) -> bool:
         """Whether there is a way along which the cost falls for ever."""
-        if not may_fall_endlessly(qp):
+        if not may_be_unbounded(qp):
             return False
-        other = ways_down(qp)
+        other = recession_problem(qp)
         way = StageQpSolver(other.shape, self.options).solve(other)
-        return way.status.usable and leads_down(other, way.z)
+        return way.status.usable and is_recession_direction(other, way.z)
 
-    def _run_slowly(self, qp: StageQp, start: Point) -> End:
+    def _run_damped(self, qp: StageQp, start: Point) -> End:
         """With residuals as rows, and some curvature for directions that have none, from the z of a start."""
         other = with_residuals_as_rows(qp)
-        table, own = row_table(other), own_rows(qp.shape, other.shape)
+        table, own = row_table(other), original_rows(qp.shape, other.shape)
         slow = StageQpSolver(other.shape, self.options)
         point = replace(at_rest(other, table), z=start.z)
         end = slow._run(other, table, point, Start.COLD, damped=True)

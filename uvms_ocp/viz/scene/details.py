@@ -15,7 +15,7 @@ from uvms_ocp.robot.signals import Trust
 from uvms_ocp.viz.scene.animation import Frames, Ghost, joint_node, rounded
 from uvms_ocp.viz.scene.shapes import hex_of
 from uvms_ocp.viz.scene.surroundings import extent, labels
-from uvms_ocp.viz.series import as_known, fault_spans, intervals_of, phase_spans
+from uvms_ocp.viz.series import estimate_suffix, fault_spans, intervals_of, phase_spans
 
 # What the page's script needs beside the commands of meshcat: where to look from, names of places, the floor.
 
@@ -31,7 +31,7 @@ def page_details(record: Record, robot: Robot, frames: Frames, centre: np.ndarra
     far = np.linalg.norm(np.ptp(points, axis=0)) > _FAR * of_robot["size"]
     return {
         "scenario": record.meta.scenario,
-        "known": as_known(record).strip(),
+        "known": estimate_suffix(record).strip(),
         **_playback(float(frames.t[-1])),
         "floor": _lowest_floor(record, centre),
         "relief": _relief(record, centre),
@@ -159,7 +159,7 @@ def time_line(record: Record) -> dict[str, list[dict[str, Any]]]:
             for s in phase_spans(record)
         ],
         "faults": [{"name": s.name, "ended": s.ended} | _from(s.start, s.end, start) for s in fault_spans(record)],
-        "health": list(_ill_spells(record)),
+        "health": list(_unhealthy_intervals(record)),
         "alarms": [{"t": a.t - start, "text": a.text} for a in _alarms(record)],
     }
 
@@ -172,7 +172,7 @@ def _alarms(record: Record) -> tuple[Any, ...]:
     return record.meta.alarms if record.meta.kind == "run" else ()
 
 
-def _ill_spells(record: Record) -> Iterator[dict[str, Any]]:
+def _unhealthy_intervals(record: Record) -> Iterator[dict[str, Any]]:
     """Stays of a channel in a state that is not good."""
     if record.meta.kind != "run" or "health" not in record.series:
         return

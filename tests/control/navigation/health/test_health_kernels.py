@@ -24,10 +24,10 @@ from uvms_ocp.estimation.health.estimate_history import (
 )
 from uvms_ocp.estimation.health.estimate_history import rotate as turn
 from uvms_ocp.estimation.health.floor import (
-    MOST_SPOTS,
-    Spot,
-    Spots,
-    append_spot,
+    MAX_FLOOR_POINTS,
+    FloorPoint,
+    FloorPoints,
+    append_floor_point,
     floor_step,
     forget_older,
     height_allowance,
@@ -36,7 +36,7 @@ from uvms_ocp.estimation.health.floor import (
 )
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.estimation.health.monitor import HealthMonitor
-from uvms_ocp.estimation.health.redundancy import Trail, append_value, mean_time, median_of, value_at
+from uvms_ocp.estimation.health.redundancy import SampleRing, append_value, mean_time, median_of, value_at
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import SensorSpecs
@@ -99,7 +99,7 @@ def test_the_estimate_nearest_to_a_time_is_found_for_as_long_as_any_reading_take
 
 
 def test_a_trail_has_the_medians_means_and_values_of_numpy() -> None:
-    structure, draw = structure_of(Trail), np.random.default_rng(0)
+    structure, draw = structure_of(SampleRing), np.random.default_rng(0)
     trail, t, x = structure(), np.cumsum(draw.random(150)), draw.normal(size=150)
     add, median, mean, value = bind_kernels((append_value, median_of, mean_time, value_at), (structure,))
     for time, number in zip(t, x, strict=True):
@@ -125,12 +125,12 @@ def test_turns_are_those_of_rotation_matrices() -> None:
 
 
 def test_spots_beyond_those_that_fit_push_the_oldest_out_and_one_is_never_forgotten() -> None:
-    structure, spot = structure_of(Spots), structure_of(Spot)
-    add, older, place, keep = bind_kernels((append_spot, forget_older, slot_of, keep_alone), (structure, spot))
+    structure, spot = structure_of(FloorPoints), structure_of(FloorPoint)
+    add, older, place, keep = bind_kernels((append_floor_point, forget_older, slot_of, keep_alone), (structure, spot))
     spots = structure()
     for t in range(200):
         add(spots, spot(t=float(t)))
-    assert [spots.kept[place(spots, k)].t for k in range(spots.count)] == list(range(200 - MOST_SPOTS, 200))
+    assert [spots.kept[place(spots, k)].t for k in range(spots.count)] == list(range(200 - MAX_FLOOR_POINTS, 200))
     older(spots, 190.0)
     assert [spots.kept[place(spots, k)].t for k in range(spots.count)] == list(range(190, 200))
     older(spots, 1000.0)
@@ -140,8 +140,8 @@ def test_spots_beyond_those_that_fit_push_the_oldest_out_and_one_is_never_forgot
 
 
 def test_a_floor_may_rise_with_the_way_and_more_along_a_beam_that_tilts() -> None:
-    structure, spot = structure_of(Spots), structure_of(Spot)
-    add, step, may = bind_kernels((append_spot, floor_step, height_allowance), (structure, spot))
+    structure, spot = structure_of(FloorPoints), structure_of(FloorPoint)
+    add, step, may = bind_kernels((append_floor_point, floor_step, height_allowance), (structure, spot))
     spots, old = structure(), spot(x=0.0, z=-40.0, sensor_z=-36.0)
     add(spots, old)
     for x, z, sensor_x, rise in [

@@ -14,7 +14,7 @@ from uvms_ocp.codegen.kernel_layout import structure_of
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
-from uvms_ocp.estimation.health.plausibility import Repeats, expect_repeats, repeated
+from uvms_ocp.estimation.health.plausibility import RepetitionMemory, init_repetitions, repeated
 from uvms_ocp.estimation.health.tuning import Complaint
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -90,9 +90,9 @@ def test_case1_with_noise_in_gusts_raises_no_alarm() -> None:
 
 def _repeats(sigma: float, readings: Iterable[np.ndarray]) -> list[bool]:
     """Which readings (3,) make a sensor with noise sigma count as frozen."""
-    memory, why = structure_of(Repeats, n_width=4)(), structure_of(Complaint)()
+    memory, why = structure_of(RepetitionMemory, n_width=4)(), structure_of(Complaint)()
     (look,) = bind_kernels((repeated,), (type(memory), type(why)))
-    expect_repeats(memory, sigma, size=3, each=True, chance=1e-9)
+    init_repetitions(memory, sigma, size=3, each=True, chance=1e-9)
     return [bool(look(memory, (ctypes.c_double * 3)(*reading), why)) for reading in readings]
 
 

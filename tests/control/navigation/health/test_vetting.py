@@ -40,7 +40,7 @@ class Vetting:
         """What is left of the readings of the next tick, with others in their place."""
         self.t += DT
         self.given = replace_unchecked(self.suite.read(self.state, self.t), **other)  # arrays of any shape too
-        vetted = self.monitor.vet(self.given, self.t)
+        vetted = self.monitor.screen(self.given, self.t)
         self.monitor.judge(Measurement(q=self.state.q, v=self.state.v, altimeter_range=4.0), self.t)
         return vetted
 
