@@ -20,7 +20,7 @@ from uvms_ocp.robot.hydrodynamics import Water
 from uvms_ocp.robot.loading import list_robots, load_robot
 
 SIZES = {"gentle": 0.02, "beyond the limits": 1.0}
-"""[-] share of the wrench of all thrusters together, one sigma per axis."""
+"""share of the wrench of all thrusters together, one sigma per axis."""
 PROSE = """
 Dynamics: means over batches of {calls} calls at a random state, in water that moves differently at every link; of
 {batches} batches. Allocation: the shortest of {repeats} calls for each of {wrenches} random wrenches; gentle ones have
@@ -64,7 +64,7 @@ def batch_us(call: Callable[[], object], calls: int) -> float:
 
 
 def wrench_us(allocation: Allocation, share: float, counts: Counts) -> list[float]:
-    """Shortest time [us] of each of the random wrenches of a share [-] of the largest."""
+    """Shortest time [us] of each of the random wrenches of a share of the largest."""
     largest = np.linalg.norm(allocation.matrix * allocation.upper, axis=1)
     drawn = np.random.default_rng(0).normal(size=(counts.wrenches, 6)) * share * largest
     return [min(batch_us(partial(allocation.allocate, wrench), 1) for _ in range(counts.repeats)) for wrench in drawn]

@@ -35,7 +35,7 @@ _TOP = 6
 
 
 def throughput(variations: Any, runs: int, folder: Path, workers: int) -> float:
-    """Runs per second [1/s] of one campaign of `runs` [-] on `workers` [-], from the first row to the last."""
+    """Runs per second [1/s] of one campaign of `runs` on `workers`, from the first row to the last."""
     times: list[tuple[float, int]] = []
     campaign = Campaign(scenario=noisy_case1, variations=variations, runs=runs, seed=1)
     campaign.run(folder, workers=workers, progress=lambda done, *_: times.append((perf_counter(), done)))

@@ -25,7 +25,7 @@ _ALLOWED = 3.0  # [ms]
 
 
 def measured(runs: int, workers: int) -> Row:
-    """Of one campaign of `runs` [-] on as many `workers` [-]."""
+    """Of one campaign of `runs` on as many `workers`."""
     times: list[tuple[float, int]] = []
     with tempfile.TemporaryDirectory() as folder:
         out, work, begun = Path(folder, "campaign"), Trivial(), perf_counter()

@@ -31,7 +31,7 @@ after it: {lost}. The table equals that of a campaign that nobody disturbed, tim
 
 
 def campaign_of(runs: int) -> Campaign:
-    """The same in every process; runs [-]."""
+    """The same in every process; runs."""
     return Campaign(scenario=brief_case1, variations=BRIEF, runs=runs)
 
 
@@ -41,7 +41,7 @@ def finished(folder: Path) -> set[int]:
 
 
 def killed(folder: Path, runs: int, draw: random.Random, *, a_worker: bool) -> Row:
-    """Start the client, wait for new rows and a random while, and kill; runs [-]."""
+    """Start the client, wait for new rows and a random while, and kill; runs."""
     before = finished(folder)
     client = subprocess.Popen([sys.executable, __file__, "--child", str(folder), "--runs", str(runs)])
     while client.poll() is None and len(finished(folder)) <= len(before):

@@ -30,7 +30,7 @@ from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 from uvms_ocp.identification.uncertainty import DETERMINED_BELOW, TOTAL, IdentifiedNumber, numbers, values_of
 
 DURATION, VEHICLES, SINGLE = 60.0, 8, 3
-"""[s] of a recording; [-] whose recordings are fitted; [-] numbers that a design is made for alone."""
+"""[s] of a recording; whose recordings are fitted; numbers that a design is made for alone."""
 DESIGNED, ALONE = "designed", "alone"
 """A kind of excitation; what one for a single number would tell of it."""
 LITTLE = DesignSettings(iterations=2, starts=1)
@@ -96,7 +96,7 @@ def _share(one: IdentifiedNumber) -> float:
 
 
 def ratio(row: Row, kind: str = DESIGNED) -> float:
-    """[-] Standard error over that of the best by hand."""
+    """Standard error over that of the best by hand."""
     return float(row[kind] / min(row[name] for name in BY_HAND))
 
 
@@ -126,7 +126,7 @@ def fitted(given: ExperimentTask, rollout: Rollout, found: Mapping[str, Excitati
 
 
 def _errors(given: ExperimentTask, rollout: Rollout, truth: np.ndarray, one: Excitation, seed: int) -> np.ndarray:
-    """(m,) [-] of all numbers, by their sizes."""
+    """(m,) of all numbers, by their sizes."""
     recording = recorded(given.vehicle, rollout.stage, truth, np.random.default_rng(seed), one.commands)
     estimate = search_fit(
         given.vehicle, [PreparedRecording.of(recording, given.vehicle)], NOISE, rollout, Search(step=0.005)

@@ -27,7 +27,7 @@ from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 from uvms_ocp.identification.uncertainty import DETERMINED_BELOW, INTERVAL, SIZES, IdentifiedNumber, numbers, values_of
 
 ROBOTS, RECORDINGS, DURATION = 20, 5, 60.0
-"""[-], [-] of each, [s] of one."""
+""", of each, [s] of one."""
 SEARCH = Search(step=0.005)
 """Longer steps move delays by more than five minutes leave open: by their square over eight lags."""
 PROSE = """

@@ -19,7 +19,7 @@ from recording.report import Report, Row, Table, begin, parser_of
 LARGEST_ERROR, LATE = 20.0, 1.0
 """[mm], [%] that NMPC should keep."""
 TICKS = 1.2
-"""[-] highest percentile of ticks with plans beside to that without."""
+"""highest percentile of ticks with plans beside to that without."""
 PROSE = """
 {seeds} runs of {seconds:g} s each, mean current {current:g} m/s, gusts of {gusts:g} m/s (double: {double:g} m/s) standard
 deviation; {plans:.0f} plans per second over {steps} steps and {horizon:g} s; control at {rate:.0f} Hz. A plan takes

@@ -130,7 +130,7 @@ class _Flown:
 
 
 def _used(record: Record, *, estimated: bool = False) -> float | None:
-    """The largest share [-] of the limit of a condition at the end of its phase, true or as it was estimated."""
+    """The largest share of the limit of a condition at the end of its phase, true or as it was estimated."""
     shares = [
         (condition.estimated if estimated else event.truth[condition.quantity]) / condition.limit
         for event in record.run_meta.events

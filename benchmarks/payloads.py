@@ -21,11 +21,11 @@ from uvms_ocp.robot.loading import load_robot
 ROBOTS = ("girona_maris7_full", "bluerov2_alpha5")
 MASSES = (0.0, 0.5, 1.0, 2.0, 4.0)
 BUOYANT = (0.0, 0.5)
-"""[-] share of the weight that buoyancy bears."""
+"""share of the weight that buoyancy bears."""
 CURRENT, GUSTS = 0.3, 0.03
 """[m/s]"""
 NEAR = 0.1
-"""[-] of a weight."""
+"""of a weight."""
 WATERS: dict[str, dict[str, Any]] = {
     "still, ideal sensors": {"noise": False, "current": 0.0, "gusts": 0.0},
     "current, noise": {"current": CURRENT, "gusts": GUSTS},
@@ -104,7 +104,7 @@ def _from_when_on(runs: Sequence[np.ndarray]) -> float | None:
 
 
 def _inside(runs: Sequence[Sequence[LoadEstimate]], weight: float, mass: float) -> Row:
-    """Shares [-] of seconds; of the mass `None` where it is never determined."""
+    """Shares of seconds; of the mass `None` where it is never determined."""
     seconds = [load for found in runs for load in found[round(SOON[0] / DT) :: round(1.0 / DT)]]
     weights = [abs(load.weight - weight) <= CERTAIN * load.weight_error for load in seconds]
     masses = [abs(load.mass - mass) <= CERTAIN * load.mass_error for load in seconds if not np.isnan(load.mass)]

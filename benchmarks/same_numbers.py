@@ -368,7 +368,7 @@ class Verdict:
     """On one item."""
 
     difference: float
-    """[-] largest of all arrays, each relative to its own largest value; infinite where counts, flags or shapes differ."""
+    """largest of all arrays, each relative to its own largest value; infinite where counts, flags or shapes differ."""
     text: str
 
 
@@ -408,7 +408,7 @@ def same_bits(first: np.ndarray, second: np.ndarray) -> bool:
 
 
 def difference(first: np.ndarray, second: np.ndarray) -> float:
-    """Largest difference [-] relative to the largest value of the first; infinite for what is no number or no real one."""
+    """Largest difference relative to the largest value of the first; infinite for what is no number or no real one."""
     if first.shape != second.shape:
         return np.inf
     if first.dtype.kind != "f" or second.dtype.kind != "f":

@@ -8,7 +8,7 @@ import pytest
 
 _NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 _SHOWN = 1e-2
-"""[-] of a number that is shown with three digits."""
+"""of a number that is shown with three digits."""
 
 
 def require_same_words(found: str, wanted: str) -> None:

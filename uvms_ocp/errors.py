@@ -94,7 +94,7 @@ class NotInstalled(UvmsError, ImportError):
 def plain_line(text: str, longest: int | None = None) -> str:
     """A text that holds names of users' own, on one line, without control characters and what no encoding can write.
 
-    longest [-]: number of characters after which it is cut.
+    longest: number of characters after which it is cut.
     """
     plain = " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
     return plain if longest is None or len(plain) <= longest else plain[: longest - 1] + "…"

@@ -63,13 +63,13 @@ class Hover:
     """A joint and when it jams [s]."""
     duration: float = 30.0
     moves: float = 1.0
-    """[-] size of the way."""
+    """size of the way."""
     current: float = 0.5
     """[m/s]"""
     gusts: float = 0.05
     """[m/s] standard deviation."""
     wrong: tuple[float, float] = (1.0, 1.0)
-    """[-] true added mass and drag, in those that the controller knows."""
+    """true added mass and drag, in those that the controller knows."""
     watched: bool = True
     stays: float = 0.0
     """[s] for which it and its arm stay where they are."""

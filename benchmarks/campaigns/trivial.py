@@ -19,18 +19,18 @@ class Trivial(CampaignJob):
         return {"square": int, "share": float}
 
     def head(self, run: int) -> Row:
-        """What is known of a run [-] before it is made."""
+        """What is known of a run before it is made."""
         return {"share": run / 7.0}
 
     def make(self, run: int) -> RunResult:
-        """The row of a run [-]."""
+        """The row of a run."""
         return RunResult(
             row={**self.head(run), "square": run * run, "outcome": "completed", "success": True, "cause": ""}
         )
 
 
 def identity_of(work: CampaignJob, runs: int) -> CampaignManifest:
-    """By which the folder of such a campaign knows it; runs [-]."""
+    """By which the folder of such a campaign knows it; runs."""
     return CampaignManifest(
         name="trivial",
         package=__version__,

@@ -16,7 +16,7 @@ class Witness(NamedTuple):
     distance: Array
     """(n,) [m] between the segments, not negative."""
     normal: Array
-    """(n, 3) [-] unit vector from the first to the second."""
+    """(n, 3) unit vector from the first to the second."""
     first: Array
     """(n, 3) [m] closest point of the first segment."""
 

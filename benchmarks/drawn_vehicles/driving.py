@@ -25,13 +25,13 @@ from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.thrusters import thruster_matrix
 
 FINE, EVERY = 0.0025, 40
-"""[s] of the simulation; [-] steps between samples."""
+"""[s] of the simulation; steps between samples."""
 VELOCITY, RATE, VERTICAL = 0.01, 0.01, 0.005
-"""[m/s], [rad/s], [-] of the noise of sensors."""
+"""[m/s], [rad/s], of the noise of sensors."""
 NOISE = Noise(velocity=VELOCITY, rate=RATE, vertical=VERTICAL, process=0.02, start=0.05)
 """As a search is told."""
 _HULL = np.array([[-0.25, -0.2, -0.15], [0.25, 0.2, 0.15]])
-_WITHOUT_PRIOR = 0.3  # [-] deviation of what is drawn where the declaration has none
+_WITHOUT_PRIOR = 0.3  # deviation of what is drawn where the declaration has none
 LEARNT: dict[str, ParameterStatus] = {
     "mass": Prior(sigma=0.01),
     "added_mass": Free(),

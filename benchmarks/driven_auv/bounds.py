@@ -16,7 +16,7 @@ WINDOW = 1.0
 """[s] of the local quadratics that differentiate position."""
 MEMORY = 6.0
 """[s] of commands that a filter knows."""
-_TAP, _RIDGE = 0.2, 1.0  # [s], [-]
+_TAP, _RIDGE = 0.2, 1.0  # [s],
 _LAGS = np.arange(-0.6, 0.61, 0.05)
 
 
@@ -46,7 +46,7 @@ def filtered(recordings: Sequence[PreparedRecording], step: float) -> list[dict[
 
 
 def n_coefficients() -> int:
-    """[-] of a filter."""
+    """of a filter."""
     return 2 * len(ACTUATORS.names) * round(MEMORY / _TAP) + 1
 
 

@@ -25,7 +25,7 @@ from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
 MASS, VOLUME, DENSITY = 21.0, 0.0214, 1000.0
 """[kg], [m3], [kg/m3]"""
-_ROOT, _YAW, _ROLL, _PITCH = np.sqrt(0.5), 0.466302, 0.213083, 0.23876  # [-], [m] of the thruster matrix
+_ROOT, _YAW, _ROLL, _PITCH = np.sqrt(0.5), 0.466302, 0.213083, 0.23876  # , [m] of the thruster matrix
 _HULL = np.array([[-0.5, -0.4, -0.3], [0.5, 0.4, 0.3]])
 # Body axes are forward-left-up: the rows of sway, heave, pitch and yaw have other signs than in the file.
 _THRUSTERS = np.array(

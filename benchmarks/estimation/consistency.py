@@ -30,7 +30,7 @@ DELAYS = {
 CALM = EstimatorTuning(angular_jerk=0.003)
 """Turns so little that the altimeter keeps the floor in sight."""
 TOGETHER = 0.95
-"""[-] chance that a filter which errs as much as it says passes all tests."""
+"""chance that a filter which errs as much as it says passes all tests."""
 SETTLED = 4.0
 """[s] after which errors are looked at."""
 APART = {

@@ -52,7 +52,7 @@ def _squares(run: Watched) -> dict[str, float]:
 
 
 def delay_table(robot: Robot, specs: SensorSpecs, *, seeds: Sequence[int], duration: float) -> list[dict[str, object]]:
-    """One row per case of `CASES`: errors over those without a delay [-]; without one, the errors themselves in SI units."""
+    """One row per case of `CASES`: errors over those without a delay; without one, the errors themselves in SI units."""
     rows: list[dict[str, object]] = []
     exact: dict[str, float] = {}
     for case, delays in CASES.items():

@@ -188,5 +188,5 @@ def times(found: Mapping[str, Any], reference: float | None) -> dict[str, float 
 
 
 def off(value: float | None, best: float | None) -> float | None:
-    """[-] share by which a value exceeds the best; None where either is not known."""
+    """share by which a value exceeds the best; None where either is not known."""
     return None if value is None or best is None else value / best - 1.0

@@ -33,7 +33,7 @@ class ConflictRuns:
 
     seeds: tuple[int, ...] = tuple(range(1, 11))
     weights: tuple[float, ...] = (10.0, 100.0)
-    """[-] of a level's terms against those of the next, in one level."""
+    """of a level's terms against those of the next, in one level."""
     only: tuple[str, ...] = ()
     """Names of conflicts; all by default."""
     seconds: float = np.inf

@@ -19,7 +19,7 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
 from uvms_ocp.tasks.pose import ToolPosition
 
-N_LINKS, LINK = 11, 0.1  # [-], [m] length of each
+N_LINKS, LINK = 11, 0.1  # , [m] length of each
 MARKS = {"shoulder": 3, "elbow": 6, "tool": 11}  # joints from the base to the frame
 AHEAD = 3.0
 """[m] from the tool to its goal."""

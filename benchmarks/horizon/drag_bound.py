@@ -22,7 +22,7 @@ _ROUNDING = 1e-6  # [N]
 def quasi_static_energy(
     robot: Robot, current: Current, t: np.ndarray, q: np.ndarray, v: np.ndarray, *, every: int, inertia: bool = False
 ) -> float:
-    """Of thrusters [J] along q (n, n_q) [m, rad] with v (n, n_v) [m/s, rad/s] at t (n,) [s], looked at `every` rows [-].
+    """Of thrusters [J] along q (n, n_q) [m, rad] with v (n, n_v) [m/s, rad/s] at t (n,) [s], looked at `every` rows.
 
     inertia: count the accelerations between the rows looked at as well.
     """

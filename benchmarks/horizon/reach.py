@@ -25,7 +25,7 @@ from uvms_ocp.solvers.nlp.options import NlpOptions
 
 PLUGINS = ("stagewise", "ipopt", "fatrop")
 LOOSE = 1e-6
-"""[-] convergence with Gauss and Newton's Hessian."""
+"""convergence with Gauss and Newton's Hessian."""
 SHIFT, TURN = 0.02, 0.02
 """[m, rad] by which a start has moved, as a measurement would have it."""
 

@@ -17,7 +17,7 @@ JUMP = 0.5
 _REST = 0.05  # [rad/s] below which the arm stands still
 _LONG_ENOUGH = 5.0  # [s] of rest in which a swing can be seen
 EXPLAINED = 0.9
-"""[-] share of what is no drift that a damped swing must explain to be one."""
+"""share of what is no drift that a damped swing must explain to be one."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -27,7 +27,7 @@ class Swing:
     period: float
     """[s]"""
     damping: float
-    """[-] ratio to critical damping."""
+    """ratio to critical damping."""
 
 
 def offset_deg(recording: Recording, predicted: np.ndarray) -> np.ndarray:
@@ -39,7 +39,7 @@ def offset_deg(recording: Recording, predicted: np.ndarray) -> np.ndarray:
 
 
 def restoring_ratio(vehicle: PoolVehicle, recording: Recording, shift: np.ndarray) -> float:
-    """[-] mean righting moment of a shift (3,) [m] of the centre of buoyancy, over that without one."""
+    """mean righting moment of a shift (3,) [m] of the centre of buoyancy, over that without one."""
     fitted, own = (np.linalg.norm(righting(vehicle, recording, s), axis=1) for s in (shift, np.zeros(3)))
     return float(fitted.mean() / own.mean())
 

@@ -24,11 +24,11 @@ class Score:
     rmse: float
     """[deg]"""
     correlation: float
-    """[-]"""
+    """"""
     lag: float
     """[s] of the prediction behind the measurement, where they agree best; nan: at no lag they do."""
     overshoot: float
-    """[-] peak-to-peak of the prediction over that of the measurement, less 1."""
+    """peak-to-peak of the prediction over that of the measurement, less 1."""
 
 
 def compared(recording: Recording, predicted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -99,7 +99,7 @@ def watched(
 ) -> list[ThrusterVerdict]:
     """Verdicts after 12 s in which one thruster gives ``share * asked + constant`` of its limit from 4 s on.
 
-    All are asked smooth noise, which grows with `busy` [-]; push (k, 6) [-], shares of the reach, acts as the observer sees
+    All are asked smooth noise, which grows with `busy`; push (k, 6), shares of the reach, acts as the observer sees
     it, and what is asked makes up for it half a second later.
     """
     machine = load_robot(robot)

@@ -42,7 +42,7 @@ noise: {velocity: 0.02, rate: 0.02, vertical: 0.01}
 step: 0.05
 """
 HEAVIER, ROUGHER, NOISE = 0.1, 0.25, 0.01
-"""[-] logarithms of the root of added mass and of drag in surge; [m/s, rad/s] of sensors."""
+"""logarithms of the root of added mass and of drag in surge; [m/s, rad/s] of sensors."""
 
 
 @cache

@@ -32,7 +32,7 @@ pytestmark = pytest.mark.slow
 
 DURATION = 8.0
 WAYS = ("hierarchy", "minimum snap", "last solution")
-SAME = {"ipopt": 1e-6, "stagewise": 0.01}  # [-] of the cost: there are optima beside each other
+SAME = {"ipopt": 1e-6, "stagewise": 0.01}  # of the cost: there are optima beside each other
 
 
 @pytest.fixture(scope="module")

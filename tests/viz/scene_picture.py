@@ -35,7 +35,7 @@ def record_to_look_at(robot: Robot) -> Record:
 
 
 def at(page: Any, t: float) -> np.ndarray:
-    """The picture (height, width, 3) [-] of an open page at t [s]."""
+    """The picture (height, width, 3) of an open page at t [s]."""
     page.evaluate("setPlaying(false)")
     page.evaluate(
         "(t) => new Promise((done) => { showTime(t); requestAnimationFrame(() => requestAnimationFrame(done)); })", t
@@ -45,7 +45,7 @@ def at(page: Any, t: float) -> np.ndarray:
 
 
 def coarse(picture: np.ndarray) -> np.ndarray:
-    """The mean colour of every block of the picture (height, width, 3) [-]."""
+    """The mean colour of every block of the picture (height, width, 3)."""
     height, width = (n // _BLOCK for n in picture.shape[:2])
     blocks: np.ndarray = picture[: height * _BLOCK, : width * _BLOCK].reshape(height, _BLOCK, width, _BLOCK, 3)
     means: np.ndarray = blocks.mean(axis=(1, 3))

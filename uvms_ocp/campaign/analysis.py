@@ -27,9 +27,9 @@ class Rate:
     """How often something happened. Raises `InvalidInput` for more cases than runs."""
 
     number: Count
-    """[-] of the runs in which it did."""
+    """Of the runs in which it did."""
     runs: AtLeastOne
-    """[-] of all."""
+    """Of all."""
 
     def __post_init__(self) -> None:
         if self.number > self.runs:
@@ -37,7 +37,6 @@ class Rate:
 
     @property
     def share(self) -> float:
-        """[-]"""
         return self.number / self.runs
 
     @property
@@ -47,7 +46,7 @@ class Rate:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """(lower, upper) [-] that holds the true share in 95 % of all campaigns."""
+        """(lower, upper) that holds the true share in 95 % of all campaigns."""
         from scipy.stats import binomtest
 
         kind: Any = "exact" if self.method == "Clopper-Pearson" else "wilson"

@@ -59,15 +59,15 @@ class MissionJob(CampaignJob):
         return self._columns
 
     def head(self, run: int) -> Row:
-        """Seed and values of the parameters of a run [-]."""
+        """Seed and values of the parameters of a run."""
         return {"seed": self.design.seed_of(run), **self.values(run)}
 
     def values(self, run: int) -> dict[str, float]:
-        """Values [unit of each] of the parameters of a run [-], by name."""
+        """Values [unit of each] of the parameters of a run, by name."""
         return quantiles(self._variations(), self.design.row(run).tolist())
 
     def scenario_of(self, run: int) -> Scenario:
-        """What a run [-] simulates."""
+        """What a run simulates."""
         return vary(self.base(), self._variations(), self.values(run), self.design.seed_of(run))
 
     def base(self) -> Scenario:
@@ -75,7 +75,7 @@ class MissionJob(CampaignJob):
         return _made(self.scenario)
 
     def make(self, run: int) -> RunResult:
-        """The row of a run [-], and its record where that is to be kept."""
+        """The row of a run, and its record where that is to be kept."""
         scenario = self.scenario_of(run)
         record = scenario.run()
         cause = cause_of_end(record)
@@ -126,11 +126,10 @@ class Campaign(FieldTable):
     variations: str | CodeSource | Sequence[Variation] = ()
     """What is uncertain: values, or a file that defines `variations`."""
     runs: AtLeastOne = 100
-    """[-]"""
     seed: Count = 0
     """Of all that is drawn."""
     sampler: str = "sobol"
-    """random, latin, sobol, or indices, the design that Sobol' indices need."""
+    """Random, latin, sobol, or indices, the design that Sobol' indices need."""
     options: Mapping[str, Any] = field(default_factory=dict)
     """Of a scenario that is given by words."""
     records: str = "none"
@@ -161,7 +160,7 @@ class Campaign(FieldTable):
     ) -> Any:
         """Make all runs that are not finished in the folder `out`, and return the table of all: a pandas.DataFrame.
 
-        workers [-]: processes of this machine, by default as many as it has processors. scheduler: address of a Dask cluster in
+        workers: processes of this machine, by default as many as it has processors. scheduler: address of a Dask cluster in
         their place. time_limit [s]: of a run, whose row says so where it takes longer. Killed at any moment
         and called again, it neither loses nor repeats a run whose row is on the disk.
         Raises `InvalidInput` where another campaign is in the folder, `OutputError` where it cannot be written, and
@@ -180,7 +179,7 @@ class Campaign(FieldTable):
         return read_table(out)
 
     def scenario_of(self, run: Count) -> Scenario:
-        """What run `run` [-] simulates. Raises `InvalidInput` for one that there is not."""
+        """What run `run` simulates. Raises `InvalidInput` for one that there is not."""
         require_run(run, self.runs)
         return self.work.scenario_of(run)
 
@@ -239,7 +238,7 @@ def kept_campaign(folder: Path) -> Campaign:
 
 
 def require_run(run: int, runs: int) -> None:
-    """Raise `InvalidInput` for a run [-] that a campaign of `runs` [-] does not have."""
+    """Raise `InvalidInput` for a run that a campaign of `runs` does not have."""
     if not 0 <= run < runs:
         raise InvalidInput(f"run {run} of a campaign with {runs} runs; give a number from 0 to {runs - 1}")
 

@@ -46,7 +46,7 @@ def dask() -> Any:
 
 @contextmanager
 def connected(scheduler: str | None, workers: int | None) -> Iterator[Any]:
-    """A `distributed.Client` of the cluster at an address, or of as many `workers` [-] of this machine as it has processors.
+    """A `distributed.Client` of the cluster at an address, or of as many `workers` of this machine as it has processors.
 
     Raises `OutputError` where nobody answers at the address, `InvalidInput` for an address and a number of workers.
     """

@@ -40,7 +40,7 @@ class JobPlugin(WorkerPlugin):
 
 
 def make_runs(name: str, runs: Sequence[int], limit: float) -> list[RunResult]:
-    """The rows of these runs [-] of the campaign of that name; limit [s] of each."""
+    """The rows of these runs of the campaign of that name; limit [s] of each."""
     worker = get_worker()
     work: CampaignJob = worker.plugins[name].work
     place = f"{worker.address} {os.getpid()}"
@@ -88,7 +88,7 @@ class Dispatch:
         self._alone_since: float | None = None
 
     def run(self, runs: Iterable[int], progress: Any) -> None:
-        """Make all of these runs [-]; progress: called without arguments whenever rows have come.
+        """Make all of these runs; progress: called without arguments whenever rows have come.
 
         Raises `OutputError` where the cluster is lost. Rows that have come are in the folder then, as after an interrupt.
         """

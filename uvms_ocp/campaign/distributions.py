@@ -51,7 +51,7 @@ class Distribution(Protocol):
     """Of the values of one parameter."""
 
     def quantile(self, u: float) -> Any:
-        """The value below which a share u [-] of all values lies."""
+        """The value below which a share u of all values lies."""
 
 
 @checked
@@ -69,7 +69,7 @@ class Uniform(Distribution):
             raise InvalidInput(f"Uniform: lower = {self.lower:g}, upper = {self.upper:g}; give a larger upper bound")
 
     def quantile(self, u: Share) -> float:
-        """The value [unit of the parameter] below which a share u [-] lies."""
+        """The value [unit of the parameter] below which a share u lies."""
         return self.lower + u * (self.upper - self.lower)
 
 
@@ -84,7 +84,7 @@ class Normal(Distribution):
     """[unit of the parameter] standard deviation."""
 
     def quantile(self, u: Share) -> float:
-        """The value [unit of the parameter] below which a share u [-] lies."""
+        """The value [unit of the parameter] below which a share u lies."""
         return self.mean + self.sigma * _standard_normal(u)
 
 
@@ -96,10 +96,10 @@ class LogNormal(Distribution):
     median: Positive = 1.0
     """[unit of the parameter]"""
     sigma: Positive = 0.2
-    """[-] standard deviation of the natural logarithm; while small, a relative error."""
+    """Standard deviation of the natural logarithm; while small, a relative error."""
 
     def quantile(self, u: Share) -> float:
-        """The value [unit of the parameter] below which a share u [-] lies."""
+        """The value [unit of the parameter] below which a share u lies."""
         return self.median * math.exp(self.sigma * _standard_normal(u))
 
 
@@ -121,7 +121,7 @@ class Triangular(Distribution):
             raise InvalidInput(f"{given}; give lower bound, mode and upper bound in this order")
 
     def quantile(self, u: Share) -> float:
-        """The value [unit of the parameter] below which a share u [-] lies."""
+        """The value [unit of the parameter] below which a share u lies."""
         width, left = self.upper - self.lower, self.mode - self.lower
         if u * width <= left:
             return self.lower + math.sqrt(u * width * left)
@@ -142,7 +142,7 @@ class Choice(Distribution):
             raise InvalidInput("Choice of no values; give one or more")
 
     def quantile(self, u: Share) -> float:
-        """The value [unit of the parameter] that a number u [-] stands for."""
+        """The value [unit of the parameter] that a number u stands for."""
         return float(self.values[min(int(u * len(self.values)), len(self.values) - 1)])
 
 
@@ -153,7 +153,7 @@ class OfScipy(Distribution):
     frozen: Any
 
     def quantile(self, u: float) -> float:
-        """The value [unit of the parameter] below which a share u [-] lies."""
+        """The value [unit of the parameter] below which a share u lies."""
         return float(self.frozen.ppf(u))
 
     def __repr__(self) -> str:
@@ -190,11 +190,9 @@ class Design:
 
     sampler: str
     runs: int
-    """[-]"""
     parameters: int
-    """[-] that are varied."""
+    """That are varied."""
     seed: int
-    """[-]"""
 
     def __post_init__(self) -> None:
         if self.sampler not in SAMPLERS:
@@ -203,7 +201,7 @@ class Design:
             self._require_blocks()
 
     def row(self, run: int) -> np.ndarray:
-        """Numbers (parameters,) [-] of a run [-], from 0 to 1. Raises `NotInstalled` for indices without SALib."""
+        """Numbers (parameters,) of a run, from 0 to 1. Raises `NotInstalled` for indices without SALib."""
         if not self.parameters:
             return np.zeros(0)
         if self.sampler == "random":
@@ -211,7 +209,7 @@ class Design:
         return np.asarray(_table(self)[run])
 
     def seed_of(self, run: int) -> int:
-        """Of everything else that is random in a run [-]."""
+        """Of everything else that is random in a run."""
         return int(self._entropy(run, _SEED).generate_state(1)[0])
 
     def _entropy(self, run: int, stream: int) -> np.random.SeedSequence:
@@ -230,7 +228,7 @@ class Design:
 
 @lru_cache(maxsize=4)
 def _table(design: Design) -> Any:
-    """(runs, parameters) [-]."""
+    """(runs, parameters)."""
     from scipy.stats import qmc
 
     if design.sampler == "indices":

@@ -32,7 +32,7 @@ def run_jobs(
     limit: float = math.inf,
     progress: Progress | None = None,
 ) -> None:
-    """Make all runs of `work` that are not finished in the folder `out`; workers [-]: processes of this machine;
+    """Make all runs of `work` that are not finished in the folder `out`; workers: processes of this machine;
     limit [s] of a run.
 
     Raises what `opened`, `connected` and `Dispatch.run` raise, and `NotInstalled` without the extra ``uvms-ocp[campaign]``.

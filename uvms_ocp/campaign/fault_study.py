@@ -40,9 +40,9 @@ def faults(
     dt: Period = 1 / 200,
     duration: Period = 120.0,
 ) -> Study:
-    """All `kinds` of `KINDS` that set in in each of the `phases`, with the n [-] seeds `seed`, `seed` + 1, ...
+    """All `kinds` of `KINDS` that set in in each of the `phases`, with the n seeds `seed`, `seed` + 1, ...
 
-    fault_free: runs [-] without faults in still water, and as many in gusts. Sensors are noisy. dt [s]: control period;
+    fault_free: runs without faults in still water, and as many in gusts. Sensors are noisy. dt [s]: control period;
     duration [s] of a run at most.
     Raises `NameNotFound` for an unknown kind or phase.
     """

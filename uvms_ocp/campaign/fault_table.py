@@ -10,7 +10,7 @@ from uvms_ocp.sim.faults import Fault, parse_fault
 BURST = 1.0
 """[s] that readings are no numbers."""
 SPIKED = 0.1
-"""[-] share of the readings that are spikes."""
+"""Share of the readings that are spikes."""
 AHEAD = 5.0
 """[s] by which clocks are ahead."""
 PHASES = ("A", "B", "C", "D")

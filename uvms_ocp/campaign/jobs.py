@@ -121,10 +121,10 @@ class CampaignJob(Protocol):
         """Its own, with the type of their values: int, float, str or bool."""
 
     def head(self, run: int) -> Row:
-        """What is known of a run [-] before it is made."""
+        """What is known of a run before it is made."""
 
     def make(self, run: int) -> RunResult:
-        """Make a run [-]."""
+        """Make a run."""
 
 
 def columns_of(work: CampaignJob) -> dict[str, type]:
@@ -135,7 +135,7 @@ def columns_of(work: CampaignJob) -> dict[str, type]:
 def attempt_job(
     work: CampaignJob, run: int, worker: str, limit: float = THREADS_WAIT, stuck: Callable[[], None] = lambda: None
 ) -> RunResult:
-    """The whole row of a run [-]; an exception is one too, with its text, and the end of the time `limit` [s].
+    """The whole row of a run; an exception is one too, with its text, and the end of the time `limit` [s].
 
     stuck: called where a run does not end by itself then.
     """
@@ -153,7 +153,7 @@ def attempt_job(
 
 
 def failed_row(work: CampaignJob, run: int, outcome: str, text: str) -> dict[str, Any]:
-    """Of a run [-] that made none itself."""
+    """Of a run that made none itself."""
     try:
         head = dict(work.head(run))
     except Exception as error:

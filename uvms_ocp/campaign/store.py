@@ -46,9 +46,7 @@ class CampaignManifest(BaseModel):
     package: str
     """Version of uvms_ocp."""
     runs: int
-    """[-]"""
     seed: int
-    """[-]"""
     sampler: str
     """Of `uvms_ocp.campaign.distributions.SAMPLERS`."""
     parameters: dict[str, str]
@@ -234,7 +232,7 @@ class CampaignFolder:
 
     @property
     def left(self) -> np.ndarray:
-        """(n,) [-] numbers of the runs that are not finished."""
+        """(n,) numbers of the runs that are not finished."""
         return np.flatnonzero(~self.finished)
 
     def add(self, done: RunResult) -> None:

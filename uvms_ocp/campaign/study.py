@@ -78,7 +78,7 @@ class Study(FieldTable):
     ) -> StudyResult:
         """All cases, those aside that the folder `out` has already, and their sum; without a folder nothing is kept.
 
-        workers [-], scheduler, time_limit [s] and what is raised as `Campaign.run` has them; `InvalidInput`, too, for cases that
+        workers, scheduler, time_limit [s] and what is raised as `Campaign.run` has them; `InvalidInput`, too, for cases that
         raised or ended their process: they stay in the folder.
         """
         if out is None:

@@ -312,7 +312,7 @@ def require_available(variations: Sequence[Variation], scenario: Scenario) -> No
 
 @checked
 def vary(scenario: Scenario, variations: Sequence[Variation], values: Mapping[str, float], seed: int) -> Scenario:
-    """The scenario with these `values` [unit of each] by name of a parameter, and everything else that is random by `seed` [-].
+    """The scenario with these `values` [unit of each] by name of a parameter, and everything else that is random by `seed`.
 
     Parameters are applied in the order in which `available_parameters` has them, those of one's own last. Raises what a value
     that is impossible raises.
@@ -328,7 +328,7 @@ def vary(scenario: Scenario, variations: Sequence[Variation], values: Mapping[st
 
 
 def seeded(scenario: Scenario, seed: int) -> Scenario:
-    """The scenario with this seed [-] of sensors and gusts."""
+    """The scenario with this seed of sensors and gusts."""
     water, environment = scenario.environment.current, scenario.environment
     if isinstance(water, GustyCurrent):
         environment = replace(environment, current=replace(water, seed=seed))
@@ -336,7 +336,7 @@ def seeded(scenario: Scenario, seed: int) -> Scenario:
 
 
 def quantiles(variations: Sequence[Variation], u: Sequence[float]) -> dict[str, float]:
-    """Values by name of the numbers u (n_variations,) [-] from 0 to 1."""
+    """Values by name of the numbers u (n_variations,) from 0 to 1."""
 
     def value(distribution: Distribution, share: float) -> float:
         return float(distribution.quantile(float(share)))

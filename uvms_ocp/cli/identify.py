@@ -185,7 +185,7 @@ def excite(
 
 
 def thrust_within(subject: CalibratedRobot, given: CalibrationSettings, share: float) -> np.ndarray:
-    """(n_u, 2) [N] a share [-] of what thrusters can do. Raises InvalidInput for wrenches, and for no share."""
+    """(n_u, 2) [N] a share of what thrusters can do. Raises InvalidInput for wrenches, and for no share."""
     if given.commands != "thrust":
         raise InvalidInput(f"commands: {given.commands} given; thrust alone has limits: give commands: thrust")
     if not 0.0 < share <= 1.0:

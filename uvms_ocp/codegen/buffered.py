@@ -106,7 +106,7 @@ class BoundFunction:
     __slots__ = ("_kept", "evaluate")
 
     def __init__(self, function: ca.Function, arguments: Sequence[Array], results: Sequence[Array]) -> None:
-        """arguments and results, (m,) or (m, n) [any]: matrices in column-major order.
+        """Arguments and results, (m,) or (m, n) [any]: matrices in column-major order.
 
         Raises `InvalidInput` for another size or order.
         """
@@ -129,7 +129,7 @@ class BoundFunction:
 
 
 def sizes_of(function: ca.Function) -> list[int]:
-    """Numbers [-] of every argument, then of every result."""
+    """Numbers of every argument, then of every result."""
     taken = [function.numel_in(i) for i in range(function.n_in())]
     return taken + [function.numel_out(i) for i in range(function.n_out())]
 

@@ -367,7 +367,7 @@ def compile_lifted(function: ca.Function) -> ca.Function:
 
 @checked
 def lift_constants(function: ca.Function) -> tuple[ca.Function, np.ndarray]:
-    """The form of ``function`` of SX, which takes as a last input the numbers (n,) [-] that are returned with it."""
+    """The form of ``function`` of SX, which takes as a last input the numbers (n,) that are returned with it."""
     inputs = [ca.SX.sym(function.name_in(k), function.sparsity_in(k)) for k in range(function.n_in())]
     known: dict[float, ca.SX] = {}
     results = _walked(function, inputs, known)

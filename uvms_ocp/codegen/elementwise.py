@@ -31,7 +31,7 @@ def clipped(y: Array, lower: Array, upper: Array) -> Array:
 
 
 def where(condition: Array, if_true: Array, if_false: Array) -> Array:
-    """`if_true` or `if_false`, (...) [any], entry by entry, as the condition (...) [-] is.
+    """`if_true` or `if_false`, (...) [any], entry by entry, as the condition (...) is.
 
     A scalar stands for all entries, infinity included. What is not selected may be NaN.
     """
@@ -41,17 +41,17 @@ def where(condition: Array, if_true: Array, if_false: Array) -> Array:
 
 
 def both(a: Array, b: Array) -> Array:
-    """True where both a (...) [-] and b (...) [-] are."""
+    """True where both a (...) and b (...) are."""
     return ca.logic_and(a, b) if is_symbolic(a, b) else a & b
 
 
 def either(a: Array, b: Array) -> Array:
-    """True where a (...) [-] or b (...) [-] is."""
+    """True where a (...) or b (...) is."""
     return ca.logic_or(a, b) if is_symbolic(a, b) else a | b
 
 
 def everywhere(condition: Array) -> Array:
-    """True if the condition (...) [-] holds for all entries, also where there are none."""
+    """True if the condition (...) holds for all entries, also where there are none."""
     return ca.sum1(ca.vec(condition)) >= condition.numel() if is_symbolic(condition) else condition.all()
 
 

@@ -27,7 +27,7 @@ class CType:
 
     name: str
     sizes: tuple[int, ...] = ()
-    """[-] of an array; 0 where it is unknown, as of a parameter."""
+    """Of an array; 0 where it is unknown, as of a parameter."""
     structure: Any = None
     """The type in ctypes, of a structure."""
 
@@ -73,7 +73,7 @@ def field_of(owner: CType, name: str) -> CType:
 
 
 def column_size(kind: CType) -> int:
-    """Numbers [-] of a structure of nothing else, which are one after the other; 0 of any other type."""
+    """Numbers of a structure of nothing else, which are one after the other; 0 of any other type."""
     if kind.structure is None or kind.sizes:
         return 0
     fields = [of_ctypes(item[1]) for item in kind.structure._fields_]

@@ -62,7 +62,7 @@ def function_structure(function: ca.Function) -> type[FunctionStructure]:
 
 
 def work_sizes(function: ca.Function) -> tuple[int, int, int, int]:
-    """Pointers to arguments and results, whole numbers and numbers [-] that a call needs memory for."""
+    """Pointers to arguments and results, whole numbers and numbers that a call needs memory for."""
     return tuple(max(1, size) for size in (function.sz_arg(), function.sz_res(), function.sz_iw(), function.sz_w()))
 
 
@@ -186,7 +186,7 @@ _NUMBERS: dict[Any, Any] = {float: ctypes.c_double, int: ctypes.c_int, bool: cty
 
 
 def structure_of(layout: type[Layout], **sizes: int | ca.Function | type[ctypes.Structure]) -> type[ctypes.Structure]:
-    """The type of a layout in memory, with the sizes [-] that its arrays and those of its parts are declared with, and functions.
+    """The type of a layout in memory, with the sizes that its arrays and those of its parts are declared with, and functions.
 
     A part whose type is made already is given by its name. Raises `InvalidInput` for a size or function that is not given, and
     a field of another type.
@@ -244,13 +244,13 @@ def _item(hint: Any) -> Any:
 
 
 def declared_sizes(layout: type[Layout], sizes: Mapping[str, int]) -> dict[str, int]:
-    """Entries [-] of each array of one dimension in a layout of nothing else, by name, with the `sizes` [-] given for names."""
+    """Entries of each array of one dimension in a layout of nothing else, by name, with the `sizes` given for names."""
     declared = {name: get_args(hint)[1].sizes[0] for name, hint in get_type_hints(layout, include_extras=True).items()}
     return {name: sizes[size] if isinstance(size, str) else size for name, size in declared.items()}
 
 
 def zeros(n: int) -> list[float]:
-    """A local array of a kernel: n numbers [-], which is a constant, or the `len` of an array in a layout."""
+    """A local array of a kernel: n numbers, which is a constant, or the `len` of an array in a layout."""
     return [0.0] * n
 
 

@@ -33,7 +33,7 @@ class SupervisedController(TableDisplay):
         n_thrusters: int | None,
         name: str,
     ) -> None:
-        """n_thrusters [-]: of the plant; `None` for one that takes velocities, without thrust and torque.
+        """n_thrusters: of the plant; `None` for one that takes velocities, without thrust and torque.
 
         name: what messages call the controller.
         """
@@ -81,7 +81,7 @@ class SupervisedController(TableDisplay):
 def require_numbers(whose: str, name: str, value: np.ndarray | None, shape: tuple[int, ...]) -> None:
     """Raise `InvalidInput`, with the words that say whose it is, for a value (n,) [any unit] that is not as wanted.
 
-    shape [-]: that it has to have.
+    shape: that it has to have.
     """
     if value is None or value.shape != shape:
         given = "None" if value is None else f"of shape {value.shape}"

@@ -45,9 +45,9 @@ class NmpcStatistics:
     processor_times: tuple[float, ...]
     """[s] the same without what other processes took."""
     missed: int
-    """[-] solves that took longer than the period."""
+    """Solves that took longer than the period."""
     rejected: int
-    """[-] solves without a plan that keeps the constraints, so that the last plan went on."""
+    """Solves without a plan that keeps the constraints, so that the last plan went on."""
 
     @property
     def missed_share(self) -> float:

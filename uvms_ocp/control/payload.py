@@ -46,23 +46,23 @@ class LoadLearning:
     current_walk: float = 0.01
     """[m/s] by which the current may change within a second."""
     lasting: float = 0.005
-    """[-] force that the model lacks for long on every axis, share of the most that thrusters or motors give there."""
+    """Force that the model lacks for long on every axis, share of the most that thrusters or motors give there."""
     lasting_time: float = 60.0
     """[s] after which that has become another."""
     unsteady: float = 0.001
-    """[-] force, the same share, below which the disturbance is noise at least."""
+    """Force, the same share, below which the disturbance is noise at least."""
     alike: float = 2.0
     """[s] for which the disturbance is wrong in the same way: what the model lacks of a motion lasts longer than noise."""
     drag: float = 0.1
-    """[-] share of its slope that the drag of a moving tool's velocity may be wrong by."""
+    """Share of its slope that the drag of a moving tool's velocity may be wrong by."""
     least_acceleration: float = 0.05
     """[m/s2] of the tool, below which nothing is learnt of the mass: noise of the velocity looks the same."""
     surprise: float = 4.0
-    """[-] standard deviations, root mean square of all axes, beyond which something else is carried, or the water has changed."""
+    """Standard deviations, root mean square of all axes, beyond which something else is carried, or the water has changed."""
     scale: float = 0.03
-    """[-] to which the forces of thrusters and motors are known: standard errors of weight and mass are no smaller share."""
+    """to which the forces of thrusters and motors are known: standard errors of weight and mass are no smaller share."""
     mass_share: float = 0.25
-    """[-] standard error, share of the mass, at which this is determined."""
+    """Standard error, share of the mass, at which this is determined."""
     mass_error: float = 0.25
     """[kg] or that at most: a tool that carries nothing has no share."""
 
@@ -88,7 +88,7 @@ _OUTLIER = 3.0  # times its size, beyond which a change of the noise counts as t
 _FIRST_NOISE, _COOLING = 300.0, 1.0  # times that noise is taken for more at first, and [s] after which it is by e less
 _PATIENCE = 3  # looks at a surprise, one after the other, that are one
 _NO_FORCE = 1e-6  # [N, N m] what rounding leaves of an axis that no thruster acts on
-_COLOUR = 4.0  # [-] noise of an observer is alike for so many times 1 / bandwidth, by the integral of its correlation
+_COLOUR = 4.0  # noise of an observer is alike for so many times 1 / bandwidth, by the integral of its correlation
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -108,14 +108,14 @@ class LoadSample:
     velocity: np.ndarray
     """(3,) [m/s] of the tool in W."""
     known: np.ndarray
-    """(n_v,) [-] whether an axis tells anything."""
+    """(n_v,) whether an axis tells anything."""
 
 
 class LoadFilter:
     """What is known of a load. Holds it: build one per run."""
 
     def __init__(self, settings: LoadLearning, limit: np.ndarray, bandwidth: np.ndarray) -> None:
-        """limit (n_v,) [N, N m] of thrusters and motors; bandwidth (n_v,) [rad/s] of the observer.
+        """Limit (n_v,) [N, N m] of thrusters and motors; bandwidth (n_v,) [rad/s] of the observer.
 
         Raises `InvalidInput` for a limit that is none, or nothing.
         """
@@ -218,7 +218,7 @@ class LoadFilter:
 
 
 def require_limits(limit: np.ndarray) -> int:
-    """How many axes [-] a limit (n_v,) [N, N m] is of. Raises `InvalidInput` where one bears no force, or any."""
+    """How many axes a limit (n_v,) [N, N m] is of. Raises `InvalidInput` where one bears no force, or any."""
     wrong = np.flatnonzero(~((limit > _NO_FORCE) & (limit < np.inf)))
     if len(wrong):
         given = f"axes {wrong.tolist()} of {len(limit)} bear no force, or have no limit of it"
@@ -227,7 +227,7 @@ def require_limits(limit: np.ndarray) -> int:
 
 
 def _looks_apart(settings: LoadLearning, bandwidth: np.ndarray) -> int:
-    """[-] looks between two whose noise has little in common."""
+    """Looks between two whose noise has little in common."""
     return max(1, round(_COLOUR / (float(bandwidth.min()) * settings.period)))
 
 
@@ -266,7 +266,7 @@ class ObserverResponseLaw(Protocol):
     """What is asked of an observer's law."""
 
     def response(self, before: ForceResponse, M: ca.SX, force: ca.SX, share: ca.SX) -> ForceResponse:
-        """A tick later, under forces (n_v, k) [N, N m], with the mass matrix M and a share (n_v,) [-] of the bandwidth."""
+        """A tick later, under forces (n_v, k) [N, N m], with the mass matrix M and a share (n_v,) of the bandwidth."""
 
 
 def load_force(body: SymbolicDynamics, q: ca.SX, acceleration: ca.SX) -> ca.SX:
@@ -318,7 +318,7 @@ def response_function(body: SymbolicDynamics, law: ObserverResponseLaw) -> ca.Fu
 
 
 COLUMNS = 7
-"""[-] of `response_function`."""
+"""Of `response_function`."""
 
 
 # What the tool carries: learnt tick by tick, told for the record, and carried along with the arm.
@@ -364,7 +364,7 @@ class LoadLearner:
     def __init__(
         self, functions: LoadFunctions, settings: LoadLearning, *, limit: np.ndarray, bandwidth: np.ndarray, dt: float
     ) -> None:
-        """limit (n_v,) [N, N m] and bandwidth (n_v,) [rad/s] of the observer, dt [s] its period."""
+        """Limit (n_v,) [N, N m] and bandwidth (n_v,) [rad/s] of the observer, dt [s] its period."""
         self._tool, self._response = BufferedFunction(functions.tool), BufferedFunction(functions.response)
         self._every, self._settling = max(1, round(settings.period / dt)), round(settings.settling / dt)
         self._settings, self._dt, n = settings, dt, len(limit)
@@ -391,7 +391,7 @@ class LoadLearner:
         )
 
     def leave(self, jammed: Sequence[int]) -> None:
-        """Axes [-] of v that do not move, and tell nothing."""
+        """Axes of v that do not move, and tell nothing."""
         self._free[list(jammed)] = False
 
     def carry(self, q: np.ndarray, v: np.ndarray, estimate: np.ndarray) -> None:
@@ -412,7 +412,7 @@ class LoadLearner:
     def learn(self, q: np.ndarray, v: np.ndarray, estimate: np.ndarray, share: np.ndarray, sure: bool) -> None:
         """From the observer's estimate (n_v,) [N, N m] of this tick, at q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
 
-        share (n_v,) [-] of its bandwidth; sure: whether it observes, at velocities that are to be trusted. An estimate at
+        share (n_v,) of its bandwidth; sure: whether it observes, at velocities that are to be trusted. An estimate at
         its limit tells nothing either.
         """
         if not (sure and (np.abs(estimate) < self._limit).all()):

@@ -44,7 +44,7 @@ class PlanTracker:
         gains: TrackingGains | None = None,
         water: Water = STILL_WATER,
     ) -> None:
-        """dt [s]: control period. gains, water: as `ComputedTorque` takes them."""
+        """Dt [s]: control period. gains, water: as `ComputedTorque` takes them."""
         self._trajectory, self._model = trajectory, robot.model
         self._law = ComputedTorque(robot, dynamics, dt=dt, gains=gains, water=water)
         self._end = float(trajectory.t[-1]) - 0.5 * dt
@@ -60,7 +60,7 @@ class PlanTracker:
 
 # A plan of a whole mission as a guide: followed while the mission goes as planned, left where it does not.
 
-_CATCH_UP = 1.2  # [-] speed of the plan's clock where a goal that moves has begun before its phase in the plan
+_CATCH_UP = 1.2  # speed of the plan's clock where a goal that moves has begun before its phase in the plan
 _LEFT = GuideOutput(v=None)
 
 
@@ -89,7 +89,7 @@ class FollowingTuning:
     joints: Positive = 2.0
     """[1/s]"""
     bandwidth: Positive = 0.7
-    """[-] share of the usual feedback of the vehicle's velocity: the plan is fed forward."""
+    """Share of the usual feedback of the vehicle's velocity: the plan is fed forward."""
     smoothing: Positive = 0.5
     """[s] of the correction: noise is not to become acceleration."""
     position: Positive = 0.3
@@ -128,7 +128,7 @@ class PlanGuide:
 
     @property
     def bandwidth(self) -> float:
-        """[-] Of the velocity loop, all of it once the plan is left."""
+        """Of the velocity loop, all of it once the plan is left."""
         return 1.0 if self._left else self._tuning.bandwidth
 
     def __call__(self, tick: TickInputs, feedback: ActuationFeedback, waiting: Callable[[], str]) -> GuideOutput:
@@ -180,7 +180,7 @@ class PlanGuide:
         return f"phase {self._mission.phase_names[phase.phase]!r} does not end: {waiting()}"
 
     def _rate(self, tick: TickInputs) -> float:
-        """Speed of the plan's clock [-]."""
+        """Speed of the plan's clock."""
         now, following = self._phases[self._at], self._phases[min(self._at + 1, len(self._phases) - 1)]
         if following.moves and following is not now and self._clock >= now.end:
             return 0.0

@@ -33,7 +33,7 @@ from uvms_ocp.types import Positive
 # When a plan that is asked for now will be there, judged by the solves before.
 
 _FORGOTTEN = 0.95
-"""[-] what is left of the longest one after every shorter one: twenty solves count."""
+"""what is left of the longest one after every shorter one: twenty solves count."""
 _SENT = 1e-3
 """[s] for question and answer on their way."""
 
@@ -42,7 +42,7 @@ class SolveDelay:
     """The longest solve of late. A plan that is late all the same keeps its time stamps; one that is early has to wait."""
 
     def __init__(self, first: float) -> None:
-        """first [s]: before any solve was made."""
+        """First [s]: before any solve was made."""
         self._longest = first
 
     @property
@@ -59,9 +59,9 @@ class SolveDelay:
 
 _state = unchecked_constructor(State)
 HOLD = -1
-"""[-] Number of the plan to stay where the robot was at first, which is in use until there is another."""
+"""Number of the plan to stay where the robot was at first, which is in use until there is another."""
 _FIRST_SOLVES = 10
-"""[-] for the first plan, whose guess is to stay where the robot is."""
+"""For the first plan, whose guess is to stay where the robot is."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -69,7 +69,7 @@ class TimedPlan:
     """A plan, and when it begins."""
 
     number: int
-    """[-] of the solve that made it."""
+    """Of the solve that made it."""
     trajectory: Trajectory
     """With times from its first node."""
     begin: float
@@ -85,7 +85,7 @@ class ReplanningRequest:
     t: float
     """[s] when."""
     in_use: int
-    """[-] number of the plan that is tracked then."""
+    """Number of the plan that is tracked then."""
     begin: float
     """[s] when that one began, which is later than planned for a first plan that came late; of the request for the first plan,
     when that is to begin."""
@@ -233,7 +233,7 @@ def answer_of(message: Message) -> ReplanningResult:
 # Where the solves of receding-horizon control run: within the tick, or in a process beside it.
 
 _PATIENCE = 3
-"""[-] periods after which a solve beside begins no further step: a plan that comes late is of more use than none."""
+"""periods after which a solve beside begins no further step: a plan that comes late is of more use than none."""
 
 
 class WorkerStatus(AdvisedStatus):

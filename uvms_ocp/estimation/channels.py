@@ -56,7 +56,7 @@ class AltimeterMount:
     def __init__(self, robot: Robot, frame: str, memory: Any) -> None:
         """frame: that of the altimeter. Raises `FrameNotFound`.
 
-        memory: who is told, with `beam_at` (3,) [m] the altimeter in B, and `beam_up` (3,) [-] its z axis there.
+        memory: who is told, with `beam_at` (3,) [m] the altimeter in B, and `beam_up` (3,) its z axis there.
         """
         self._robot, self._frame, self._memory = robot, robot.frame_id(frame), memory
         self._data = robot.model.createData()

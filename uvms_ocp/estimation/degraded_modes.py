@@ -28,7 +28,7 @@ class DegradedMode:
     known: str
     """By what their part is still known."""
     speed: float = 1.0
-    """[-] more than 0; share of what the tasks and limits make it otherwise."""
+    """More than 0; share of what the tasks and limits make it otherwise."""
     no_descent: bool = False
     """Nothing sinks, landing is off; tasks on altitude take the floor for higher, the farther the robot has moved."""
     joints_held: bool = False
@@ -38,9 +38,9 @@ class DegradedMode:
     blind: bool = False
     """Without feedback of the vehicle's velocity."""
     feedback: float = 1.0
-    """[-] more than 0; share of the usual bandwidth of the velocity loop: a velocity that is known late bears less."""
+    """More than 0; share of the usual bandwidth of the velocity loop: a velocity that is known late bears less."""
     joint_feedback: float = 1.0
-    """[-] more than 0; the same of the joints."""
+    """More than 0; the same of the joints."""
     bears: float = math.inf
     """[s] after which the mission is given up."""
     climbs: bool = True
@@ -52,15 +52,14 @@ class Restriction:
     """All modes that apply at one tick, as one."""
 
     speed: float = 1.0
-    """[-] as that of `DegradedMode`."""
+    """As that of `DegradedMode`."""
     no_descent: bool = False
     joints_held: bool = False
     hold: bool = False
     blind: bool = False
     feedback: float = 1.0
-    """[-] as that of `DegradedMode`."""
+    """As that of `DegradedMode`."""
     joint_feedback: float = 1.0
-    """[-]"""
     climbs: bool = True
     """As the fields of `DegradedMode`."""
     abort: str = ""
@@ -141,11 +140,11 @@ class RestrictionMemory(Layout):
     trust: Annotated[list[int], Sized(_N_MODES)]
     """(n_modes,) from which on."""
     mode_speed: Annotated[Vector, Sized(_N_MODES)]
-    """(n_modes,) [-]"""
+    """(n_modes,) """
     mode_feedback: Annotated[Vector, Sized(_N_MODES)]
-    """(n_modes,) [-]"""
+    """(n_modes,) """
     mode_joint_feedback: Annotated[Vector, Sized(_N_MODES)]
-    """(n_modes,) [-]"""
+    """(n_modes,) """
     bears: Annotated[Vector, Sized(_N_MODES)]
     """(n_modes,) [s]"""
     flags: Annotated[list[list[int]], Sized(_N_MODES, 5)]
@@ -159,11 +158,9 @@ class RestrictionMemory(Layout):
     """(n_channels,) [s] since when."""
 
     speed: float
-    """[-] as all that follows of `Restriction`."""
+    """As all that follows of `Restriction`."""
     feedback: float
-    """[-]"""
     joint_feedback: float
-    """[-]"""
     no_descent: bool
     joints_held: bool
     hold: bool

@@ -42,9 +42,9 @@ class GateOutcome:
     t: float
     """[s] when it was taken."""
     squared: float
-    """[-] innovation, normalised and squared: chi-squared with `degrees` where sensor and vehicle are as expected."""
+    """Innovation, normalised and squared: chi-squared with `degrees` where sensor and vehicle are as expected."""
     degrees: int
-    """[-] of freedom."""
+    """Of freedom."""
     accepted: bool
     """Whether it was used; of the joints, every one of them."""
 

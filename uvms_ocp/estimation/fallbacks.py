@@ -107,7 +107,7 @@ _TEXTS = {
 
 # What stands in for a measurement that is missing: the last one, older by the time since.
 
-_SLOPE = 0.3  # [-] of a floor that nobody sees: it rises by so much of the way
+_SLOPE = 0.3  # of a floor that nobody sees: it rises by so much of the way
 _FORGETTING = 0.05  # [m/s] with which the highest floor sinks to the present one
 _UNIT = 1e-3  # by which the norm of a quaternion may differ from 1, as in records
 _LEVEL = 1e-6  # cosine of a tilt; a beam nearer to the horizon has no range that stands for a height
@@ -117,7 +117,7 @@ class LastValidMemory(Layout):
     """The last measurement that was sound, and what stands in for one that is not."""
 
     n_units: int
-    """[-] parts of q that have norm 1."""
+    """Parts of q that have norm 1."""
     unit: Annotated[list[list[int]], Sized("n_v", 2)]
     """(n_units, 2) first entry in q of each, and the one after its last."""
     q: Annotated[Vector, Sized("n_q")]
@@ -198,7 +198,7 @@ class LastValidEstimate:
             self.memory.unit[k][:] = ends
 
     def __call__(self, measurement: Measurement, t: float) -> Measurement:
-        """t [s]: time of the tick. Raises `InvalidInput` for a q or v of another robot's size."""
+        """T [s]: time of the tick. Raises `InvalidInput` for a q or v of another robot's size."""
         self.check(measurement)
         q, v = doubles(measurement.q), doubles(measurement.v)
         hold_last_valid(self.memory, t, q, v, measurement.age, measurement.joint_age)
@@ -240,11 +240,11 @@ class AltimeterMemory(Layout):
     """What `LastFloorRange` knows, and where the altimeter looks: along -z of its frame."""
 
     look: Smooth
-    """q to `beam` and `climb`."""
+    """Q to `beam` and `climb`."""
     exists: bool
     """There is an altimeter."""
     beam: Annotated[Vector, Sized(4)]
-    """(4,) [m] origin in W, and [-] cosine of the angle between the beam and straight down."""
+    """(4,) [m] origin in W, and cosine of the angle between the beam and straight down."""
     climb: Annotated[Vector, Sized("n_v")]
     """(n_v,) [-, m] rise of the origin per unit of each velocity."""
     floor: float
@@ -337,7 +337,7 @@ def echo_sizes(robot: Robot, frame: str | None) -> dict[str, Any]:
 
 @lru_cache(maxsize=8)
 def _beam(robot: Robot, frame: str | None) -> ca.Function:
-    """q -> origin (3,) [m] and cosine [-] of the beam, and how the origin rises with each velocity (n_v,) [m, or 1]."""
+    """Q -> origin (3,) [m] and cosine of the beam, and how the origin rises with each velocity (n_v,) [m, or 1]."""
     q = ca.SX.sym("q", robot.n_q)
     beam, climb = ca.SX.zeros(4), ca.SX.zeros(robot.n_v)
     if frame is not None:

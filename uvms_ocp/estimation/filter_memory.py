@@ -91,23 +91,23 @@ class FilterConstants:
     longest_lag: float = 3.0
     """[s] of readings that are older no state is remembered."""
     most_clones: float = 24.0
-    """[-] of one channel; where more are needed they stand further apart."""
+    """Of one channel; where more are needed they stand further apart."""
     spacing: float = 0.01
     """[s] between two clones at least, for each time that an acceleration is integrated in what they see."""
     persuasion: float = 4.0
-    """[-] variance, in squared innovations, that is added to what rejected readings have proved wrong."""
+    """Variance, in squared innovations, that is added to what rejected readings have proved wrong."""
     surprise: float = 0.05
     """[s] for which the robot may have accelerated as it can before the process model notices."""
     unit: float = 1e-3
-    """[-] by which the norm of a measured quaternion may differ from 1."""
+    """By which the norm of a measured quaternion may differ from 1."""
     exposed: float = 1.0
     """[m/s, m/s2] by which the motion may be wrong where what told it proves wrong: more than vehicles make."""
     largest: float = 1e9
     """[unit of the channel] no sensor reads more: a larger number is none."""
     unknown: float = 0.25
-    """[-] share of the largest variance from which on a part counts as unknown."""
+    """Share of the largest variance from which on a part counts as unknown."""
     steep: float = STEEP
-    """[-] cosine of a beam's tilt below which its range says nothing about the height."""
+    """Cosine of a beam's tilt below which its range says nothing about the height."""
 
 
 CONSTANTS = FilterConstants()
@@ -122,13 +122,13 @@ class FilterMemory:
     period: Array
     """(9,) [s] between its readings, 0 for once per tick."""
     gate: Array
-    """(9,) [-] largest squared innovation that is believed; of one joint for the joints."""
+    """(9,) largest squared innovation that is believed; of one joint for the joints."""
     agility: Array
     """(9,) [m/s2, rad/s2] largest change of acceleration of what each channel measures."""
     recovery: Array
     """(9,) [s] for which rejected readings must agree to be believed."""
     needed: Array
-    """(9,) [-] 1 where the age counts."""
+    """(9,) 1 where the age counts."""
     drive: Array
     """(9,) [of `EstimatorTuning`, and s^0.5] `Noise`."""
     limit: Array
@@ -140,22 +140,22 @@ class FilterMemory:
     beam_at: Array
     """(3,) [m] the altimeter in B."""
     beam_up: Array
-    """(3,) [-] its z axis in B."""
+    """(3,) its z axis in B."""
     echo_memory: Array
     """(1,) [s]"""
     floating: Array
-    """(1,) [-] 1 where there is a vehicle."""
+    """(1,) 1 where there is a vehicle."""
     guided: Array
-    """(1,) [-] 1 where commanded linear velocities are taken to be followed."""
+    """(1,) 1 where commanded linear velocities are taken to be followed."""
     # What a tick is given.
     now: Array
     """(1,) [s]"""
     told: Array
-    """(1,) [-] 1 if there is a command."""
+    """(1,) 1 if there is a command."""
     asked: Array
     """(6 + n_joints,) [m/s, rad/s] the velocity that it has brought about."""
     fresh: Array
-    """(9,) [-] 1 where there is a reading."""
+    """(9,) 1 where there is a reading."""
     stamp: Array
     """(9,) [s] when it was taken."""
     value: Array
@@ -164,13 +164,13 @@ class FilterMemory:
     """(2, n_joints) [rad or m, rad/s or m/s] what the joints' channels read."""
     # What it knows.
     started: Array
-    """(1,) [-]"""
+    """(1,) """
     before: Array
     """(1,) [s] time of the last tick."""
     dt: Array
     """(1,) [s]"""
     turn: Array
-    """(4,) [-] quaternion xyzw of R_WB."""
+    """(4,) quaternion xyzw of R_WB."""
     x: Array
     """(MAIN - 3,) [SI] the parts from `PLACE` on."""
     P: Array
@@ -182,7 +182,7 @@ class FilterMemory:
     asked_rates: Array
     """(n_joints,) [rad/s or m/s]"""
     owner: Array
-    """(SLOTS,) [-] channel of each clone, -1 for none."""
+    """(SLOTS,) channel of each clone, -1 for none."""
     taken: Array
     """(SLOTS,) [s] its time."""
     seen: Array
@@ -212,7 +212,7 @@ class FilterMemory:
     joint_P: Array
     """(n_joints, JOINT_STATES, JOINT_STATES) [SI]"""
     joint_owner: Array
-    """(JOINT_SLOTS,) [-]"""
+    """(JOINT_SLOTS,) """
     joint_taken: Array
     """(JOINT_SLOTS,) [s]"""
     joint_seen: Array

@@ -43,7 +43,7 @@ class EstimatorTuning:
     joint_acceleration: float = 0.04
     """[rad/s2/sqrt(Hz)]"""
     floor_roughness: float = 0.3
-    """[-] slope."""
+    """Slope."""
     altitude_drift: float = 0.005
     """[m/sqrt(s)] at rest."""
     echo_memory: float = 1.0
@@ -51,7 +51,7 @@ class EstimatorTuning:
     response_time: float = 0.1
     """[s] with which velocities are taken to follow commands."""
     response_uncertainty: float = 0.5
-    """[-] standard deviation of a velocity after a step of the commanded one, as a share of that step."""
+    """Standard deviation of a velocity after a step of the commanded one, as a share of that step."""
     recovery: float = 1.0
     """[s] for which readings that contradict the estimate must agree with each other to be believed."""
 

@@ -69,7 +69,7 @@ def update_lag(m: FilterMemory, c: int) -> None:
 def nearest_clone(m: FilterMemory, c: int, owner: Array, taken: Array) -> tuple[int, float, bool]:
     """The clone for the fresh reading of channel c, -1 for now; by how much the reading is newer [s]; if near enough.
 
-    owner (slots,) [-] and taken (slots,) [s]: channel and time of each clone.
+    owner (slots,) and taken (slots,) [s]: channel and time of each clone.
     """
     best, delta, reach = _NOW, m.stamp[c] - m.now[0], 1.5 * m.dt[0] + CONSTANTS.early
     for slot in np.flatnonzero(owner == c):
@@ -99,14 +99,14 @@ def is_due(m: FilterMemory, c: int) -> bool:
 def free_expired(m: FilterMemory, c: int, owner: Array, taken: Array) -> None:
     """Free clones of channel c whose readings are lost, or that are older than the last one.
 
-    owner (slots,) [-] and taken (slots,) [s]: channel and time of each clone.
+    owner (slots,) and taken (slots,) [s]: channel and time of each clone.
     """
     old = (m.now[0] - taken > m.lag[c] + 2.0 * m.dt[0] + CONSTANTS.early) | (taken <= m.last[c] + CONSTANTS.early)
     owner[(owner == c) & old] = -1.0
 
 
 def free_slot(owner: Array) -> int:
-    """The first free one, -1 for none; owner (slots,) [-]."""
+    """The first free one, -1 for none; owner (slots,)."""
     free = np.flatnonzero(owner < 0)
     return int(free[0]) if len(free) else -1
 
@@ -126,7 +126,7 @@ def time_since_accepted(m: FilterMemory, c: ChannelIndex) -> float:
 
 
 def record_outcome(m: FilterMemory, c: ChannelIndex, squared: float, degrees: int, *, believed: bool) -> None:
-    """What became of the fresh reading of channel c: `squared` [-] and its degrees of freedom."""
+    """What became of the fresh reading of channel c: `squared` and its degrees of freedom."""
     m.outcome[c] = m.stamp[c], squared, degrees, float(believed)
     if believed:
         m.used[c] = m.stamp[c]

@@ -22,12 +22,12 @@ def part(m: FilterMemory, which: Part) -> Array:
 
 
 def rotation(m: FilterMemory) -> Array:
-    """R_WB (3, 3) [-]."""
+    """R_WB (3, 3)."""
     return np.asarray(pin.Quaternion(m.turn).toRotationMatrix())
 
 
 def turned(quaternion: Array, by: Array) -> Array:
-    """quaternion (4,) [-] times the rotation by the vector `by` (3,) [rad]."""
+    """Quaternion (4,) times the rotation by the vector `by` (3,) [rad]."""
     squared = float(by @ by)
     angle = math.sqrt(squared)
     share = math.sin(angle / 2) / angle if angle > 1e-4 else 0.5 - squared / 48
@@ -97,7 +97,7 @@ def _predict_covariance(m: FilterMemory, step: float, angle: Array) -> None:
 
 
 def _diffusion(m: FilterMemory, J: Array) -> Array:
-    """Covariance (MAIN, MAIN) that the driving noise adds in a tick; J (3, 3) [-] turns it with the vehicle."""
+    """Covariance (MAIN, MAIN) that the driving noise adds in a tick; J (3, 3) turns it with the vehicle."""
     dt, Q = float(m.dt[0]), np.zeros((MAIN, MAIN))
     third = _thrice_integrated(dt)
     jerk, spin = m.drive[ProcessNoise.JERK] ** 2, m.drive[ProcessNoise.ANGULAR_JERK] ** 2

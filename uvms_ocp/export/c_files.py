@@ -46,7 +46,7 @@ class ControllerNames:
 
 
 def header(library: CLibrary, names: ControllerNames, memory: str) -> str:
-    """controller.h; memory: the name of the type of all that is remembered."""
+    """Controller.h; memory: the name of the type of all that is remembered."""
     return "\n".join(
         [
             "#ifndef CONTROLLER_H",
@@ -70,7 +70,7 @@ def header(library: CLibrary, names: ControllerNames, memory: str) -> str:
 
 
 def source(library: CLibrary, names: ControllerNames, kernel: str) -> str:
-    """controller.c, whose tick is the `kernel` of that name."""
+    """Controller.c, whose tick is the `kernel` of that name."""
     return "\n".join(
         [
             '#include "controller.h"',
@@ -142,7 +142,7 @@ def _class_body(layout: type[Layout]) -> Sequence[ast.stmt]:
 
 
 def interface_sizes(controller: KinematicController, n_thrusters: int) -> dict[str, int]:
-    """[-] of what goes in and out."""
+    """Of what goes in and out."""
     robot = controller.robot
     return {
         "n_q": robot.n_q,

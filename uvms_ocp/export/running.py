@@ -26,7 +26,7 @@ class CController:
     """A callable ``(Measurement, t) -> Command``, at the beginning of its mission."""
 
     def __init__(self, folder: Path, sizes: dict[str, int], *, forces: bool) -> None:
-        """folder: where the files of C are. sizes [-]: of `interface_types`.
+        """folder: where the files of C are. sizes: of `interface_types`.
 
         forces: its commands have thrust and torque. Raises `InvalidInput` where the files cannot be compiled, or are of
         a controller for another robot or mission.
@@ -50,7 +50,7 @@ class CController:
 
 
 def interface_types(sizes: dict[str, int]) -> tuple[type[ctypes.Structure], type[ctypes.Structure]]:
-    """What is given and told at every tick, for n_q, n_v, n_joints, n_thrusters and n_quantities [-]."""
+    """What is given and told at every tick, for n_q, n_v, n_joints, n_thrusters and n_quantities."""
     return structure_of(ControllerInputs, **sizes), structure_of(ControllerOutputs, **sizes)
 
 
@@ -83,7 +83,7 @@ class RecordingController:
         inputs: ctypes.Structure,
         outputs: ctypes.Structure,
     ) -> None:
-        """inputs, outputs: what numbers are written to on their way."""
+        """Inputs, outputs: what numbers are written to on their way."""
         self.kinematic = kinematic
         """The layer below."""
         self._controller, self._inputs, self._outputs = controller, inputs, outputs

@@ -66,7 +66,7 @@ class ControllerOutputs(Layout):
     status: int
     """Of the hierarchy: a place in CONTROLLER_STATUSES."""
     viable_share: float
-    """[-] of the hierarchy's velocity that a stop allows."""
+    """Of the hierarchy's velocity that a stop allows."""
     quantities: Annotated[Vector, Sized("n_quantities")]
     """[m, rad, ...] those of CONTROLLER_QUANTITIES; NAN where nothing tells."""
 

@@ -40,9 +40,9 @@ from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 
 # Whether a vehicle accelerates as its thrusters push, or as if some were exchanged or reversed.
 
-_BETTER = 0.5  # [-] of one axis, by which another way must explain more
-_WELL = 0.4  # [-] of what moves, that it must explain: what holds a vehicle against waves pushes against its motion
-_MOST = 4  # [-] changes that are looked for, one after the other
+_BETTER = 0.5  # of one axis, by which another way must explain more
+_WELL = 0.4  # of what moves, that it must explain: what holds a vehicle against waves pushes against its motion
+_MOST = 4  # changes that are looked for, one after the other
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +55,7 @@ class _Agreement:
     """(m, n, n) [N2] of thrust."""
 
     def of(self, B: np.ndarray) -> float:
-        """Shares [-] that thrusters B (6, n) [-, m] explain, less where a vehicle accelerates against them; mean over axes."""
+        """Shares that thrusters B (6, n) [-, m] explain, less where a vehicle accelerates against them; mean over axes."""
         along = (B * self.common).sum(axis=2)
         size = np.sqrt(np.maximum(np.einsum("ij,mjk,ik->mi", B, self.gram, B), 0.0))
         pushed = size > 1e-9 * max(float(size.max()), 1e-300)
@@ -92,7 +92,7 @@ def _agreement(motion: ExplainedMotion, thrust: Channel) -> _Agreement:
 
 
 def _ways(names: Sequence[str]) -> dict[str, np.ndarray]:
-    """(n, n) [-] each, by what they do."""
+    """(n, n) each, by what they do."""
     n = len(names)
     return {"all reversed": -np.eye(n)} | dict(_reversed(names)) | dict(_exchanged(names))
 
@@ -114,7 +114,7 @@ def _exchanged(names: Sequence[str]) -> Iterator[tuple[str, np.ndarray]]:
 _FLOWS = 0.01  # [m/s] of a current that is told
 _STRONG = 0.05  # [m/s] of one that spoils a fit without it: added mass and drag take its place
 _SOON = 0.005  # [s] of a delay that is not
-_BEYOND = 1e-3  # [-] of a limit
+_BEYOND = 1e-3  # of a limit
 
 
 def check_settings(
@@ -200,7 +200,7 @@ class ExportedEstimate:
 def exported_estimate(fitted: FitContext, together: float) -> ExportedEstimate:
     """All that is open is held where the recordings allow it, or else of one quantity after the other.
 
-    together: [-] samples that miss alike, as `variance_inflation` finds.
+    together: samples that miss alike, as `variance_inflation` finds.
     """
     shared, estimate = fitted.vehicle.shared, fitted.estimate
     is_open = np.array(
@@ -267,7 +267,7 @@ class Calibration:
     open: tuple[UnidentifiableDirection, ...]
     """Combinations of unknowns that the recordings do not determine."""
     together: float
-    """[-] samples that miss alike: intervals are wider by its root than white residuals would have them."""
+    """samples that miss alike: intervals are wider by its root than white residuals would have them."""
     whiteness: tuple[Whiteness, ...]
     """Of what is left of all recordings."""
     comparisons: tuple[Comparison, ...]

@@ -35,7 +35,7 @@ class Coordinates(Protocol):
         """The quantity at x (n,)."""
 
     def encode(self, value: np.ndarray) -> np.ndarray:
-        """x (n,) of a value (...) [unit of the quantity]. Raises InvalidInput for one that no x stands for."""
+        """X (n,) of a value (...) [unit of the quantity]. Raises InvalidInput for one that no x stands for."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -83,7 +83,7 @@ class Interval:
         return ca.DM(self.lower + self.upper) / 2 + ca.DM(self.upper - self.lower) / 2 * ca.tanh(x)
 
     def encode(self, value: np.ndarray) -> np.ndarray:
-        """x (n,) of value (n,) [unit of the quantity]. Raises InvalidInput for one that is not inside."""
+        """X (n,) of value (n,) [unit of the quantity]. Raises InvalidInput for one that is not inside."""
         share = (2 * _column(value, self.names) - self.lower - self.upper) / (self.upper - self.lower)
         if not (np.abs(share) < 1.0).all():
             ends = f"{self.lower.tolist()} to {self.upper.tolist()}"
@@ -131,7 +131,7 @@ class PositiveDefinite:
         return scaled @ scaled.T
 
     def encode(self, value: np.ndarray) -> np.ndarray:
-        """x of a value (n, n) [unit of the quantity]. Raises InvalidInput for one that is not positive definite on its axes."""
+        """X of a value (n, n) [unit of the quantity]. Raises InvalidInput for one that is not positive definite on its axes."""
         own = np.ix_(self.own, self.own)
         L = np.zeros((len(self.axes),) * 2)
         unit = np.diag(1.0 / self.scale[list(self.own)])
@@ -187,7 +187,7 @@ class LinearDrag:
         return D
 
     def encode(self, value: np.ndarray) -> np.ndarray:
-        """x of D value (6, 6) [N/(m/s), N m/(rad/s)]. Raises InvalidInput for one that does not dissipate."""
+        """X of D value (6, 6) [N/(m/s), N m/(rad/s)]. Raises InvalidInput for one that does not dissipate."""
         D = np.asarray(value, dtype=float)
         skew = [(D[i, j] - D[j, i]) / 2 / self._unit(i, j) for i, j in self.symmetric.below]
         return np.concatenate([self.symmetric.encode((D + D.T) / 2), skew])
@@ -235,7 +235,7 @@ class QuadraticDrag:
         return Q
 
     def encode(self, value: np.ndarray) -> np.ndarray:
-        """x of Q value (6, 6) [N/(m/s)^2, N m/(rad/s)^2]. Raises InvalidInput where couplings outweigh the diagonal."""
+        """X of Q value (6, 6) [N/(m/s)^2, N m/(rad/s)^2]. Raises InvalidInput where couplings outweigh the diagonal."""
         Q = np.asarray(value, dtype=float)
         coupled = {(i, j): Q[i, j] / self._unit(i, j) for i, j in self.couplings}
         needed = self._needed({pair: float(_size(x)) for pair, x in coupled.items()})

@@ -125,8 +125,8 @@ def _in_world(reference: _Reference, seen: np.ndarray, name: str) -> Mapping[tup
 # Whether velocities of joints are the rates of their positions: order, sign, units, clocks, and what is dead in one alone.
 
 _MOVING_JOINT = 0.01  # [rad/s, m/s] standard deviation; less says nothing
-_OTHER = 0.5  # [-] correlation below which a joint may be another
-_BETTER = 0.3  # [-] by which that must fit better
+_OTHER = 0.5  # correlation below which a joint may be another
+_BETTER = 0.3  # by which that must fit better
 _NAMES = ("joint_positions", "joint_velocities")
 
 
@@ -175,8 +175,8 @@ SHIFTS = np.arange(-2.0, 3.0 + 1e-9, GRID)
 MAY = (SHIFTS > -0.15) & (SHIFTS < 1.2)
 """Of these, whether it may: thrusters lag, and messages take their time."""
 _MOVING_VEHICLE = 0.01  # [m/s, rad/s] standard deviation of what moves
-_LEAST = 200  # [-] samples
-_STILL = 1e-6  # [-] of a command's size, left of it beside drag and weight: nothing by itself
+_LEAST = 200  # samples
+_STILL = 1e-6  # of a command's size, left of it beside drag and weight: nothing by itself
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,11 +186,11 @@ class ExplainedMotion:
     t: np.ndarray
     """(m,) [s]"""
     acceleration: np.ndarray
-    """(m, 6) [-] linear and angular in B, in units of their own spread, without what drag and weight explain."""
+    """(m, 6) linear and angular in B, in units of their own spread, without what drag and weight explain."""
     beside: np.ndarray
-    """(m, l) [-] orthonormal: drag, weight and the turning of the frame."""
+    """(m, l) orthonormal: drag, weight and the turning of the frame."""
     R: np.ndarray
-    """(m, 3, 3) [-] from B to W."""
+    """(m, 3, 3) from B to W."""
 
     def rest(self, values: np.ndarray) -> np.ndarray:
         """What these do not explain of values (m, k) [any]."""
@@ -249,8 +249,8 @@ def commanded(held: ZeroOrderHold, motion: ExplainedMotion, shift: float, *, tur
 # time that cannot be explains much more than all that can be, the clocks differ.
 
 _COMMANDS = tuple(name for name, kind in CHANNEL_KINDS.items() if kind.command)
-_CLEARER, _CLEAR = 0.1, 0.3  # [-] of what drag leaves: by how much more another time must explain, and how much
-_MORE = 0.3  # [-] by which other axes of a wrench must explain more, of one axis
+_CLEARER, _CLEAR = 0.1, 0.3  # of what drag leaves: by how much more another time must explain, and how much
+_MORE = 0.3  # by which other axes of a wrench must explain more, of one axis
 _PARTS = {"forces": slice(0, 3), "moments": slice(3, 6)}
 
 
@@ -290,13 +290,13 @@ def _wrench_axes(held: ZeroOrderHold, motion: ExplainedMotion, late: float) -> I
 
 
 def _along(acceleration: np.ndarray, seen: np.ndarray, Q: np.ndarray) -> float:
-    """Shares [-] that each axis of Q seen (m, 3) explains of its acceleration (m, 3), less where it points away; their sum."""
+    """Shares that each axis of Q seen (m, 3) explains of its acceleration (m, 3), less where it points away; their sum."""
     along = np.diag(_correlations(acceleration, seen @ Q.T))
     return float((along * np.abs(along)).sum())
 
 
 def _shares(motion: ExplainedMotion, seen: np.ndarray, signed: bool) -> np.ndarray:
-    """Shares (6,) [-] of all accelerations that a command explains; signed: of its own axis, and along it."""
+    """Shares (6,) of all accelerations that a command explains; signed: of its own axis, and along it."""
     if signed:
         return np.maximum(np.diag(_correlations(motion.acceleration, seen)), 0.0) ** 2
     size = np.maximum(np.linalg.norm(seen, axis=0), 1e-300)
@@ -308,7 +308,7 @@ def _shares(motion: ExplainedMotion, seen: np.ndarray, signed: bool) -> np.ndarr
 
 
 def _correlations(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Of columns (k, l) [-]."""
+    """Of columns (k, l)."""
     sizes = np.outer(np.linalg.norm(x, axis=0), np.linalg.norm(y, axis=0))
     return np.asarray(x.T @ y / np.maximum(sizes, 1e-300))
 

@@ -121,11 +121,11 @@ class LinearFit:
     sigma: np.ndarray
     """(k,) [as `Regressor.phi`] standard errors, from residuals taken as white."""
     explained: np.ndarray
-    """(6,) [-] share of each row's squares, beyond what the other parameters give, that they explain."""
+    """(6,) share of each row's squares, beyond what the other parameters give, that they explain."""
     weakest: tuple[tuple[str, float], ...]
-    """The combination that is determined least, of parameters in their standard units [-]."""
+    """The combination that is determined least, of parameters in their standard units."""
     condition: float
-    """[-] of the regressor with columns of length 1."""
+    """Of the regressor with columns of length 1."""
 
 
 def fit_equation_error(

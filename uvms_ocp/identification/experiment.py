@@ -42,7 +42,7 @@ class ExperimentLimits:
     tilt: float = 0.7
     """[rad] between the vehicle's z axis and W's."""
     margin: float = 0.1
-    """[-] share of the pool's half width and of the tilt that is kept free: other numbers lead elsewhere."""
+    """Share of the pool's half width and of the tilt that is kept free: other numbers lead elsewhere."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "thrust", read_only(self.thrust, np.float64))
@@ -100,7 +100,7 @@ class ExperimentLimits:
     def beyond(self, x: np.ndarray, margin: float | None = None) -> tuple[np.ndarray, np.ndarray]:
         """How far states x (n, n_x) leave pool and tilt (n, 4) [-, in half widths], and the slope with x (n, 4, 7).
 
-        margin: [-] default: the limits' own.
+        margin: default: the limits' own.
         """
         left = 1.0 - (self.margin if margin is None else margin)
         far, slope = np.zeros((len(x), 4)), np.zeros((len(x), 4, 7))
@@ -123,12 +123,12 @@ class ExperimentLimits:
 
 
 def _turned(q: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) [-] from B to W by quaternions q (n, 4) [-]."""
+    """(n, 3, 3) from B to W by quaternions q (n, 4)."""
     return np.moveaxis(np.array(quaternion_to_matrix(q.T)), -1, 0)
 
 
 def _rotation_curvature() -> np.ndarray:
-    """(3, 3, 4, 4) [-] second derivatives of a rotation matrix with its quaternion, in which it is a quadratic form."""
+    """(3, 3, 4, 4) second derivatives of a rotation matrix with its quaternion, in which it is a quadratic form."""
     e = np.eye(4)
     one = _turned(e) - np.eye(3)
     both = _turned((e[:, None] + e).reshape(-1, 4)).reshape(4, 4, 3, 3) - np.eye(3)
@@ -200,7 +200,7 @@ class TrajectorySimulator:
         return ExperimentTrajectory(x=x, u=u, late=late, y=y[:, :, 0], slopes=(A, B, C), S=S, y_x=y_x, J=J)
 
     def pulled(self, one: ExperimentTrajectory, M: np.ndarray, with_x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How a figure [-] changes with u and late (n, n_u) [1/N, 1/(N m), and s times these].
+        """How a figure changes with u and late (n, n_u) [1/N, 1/(N m), and s times these].
 
         M: (n + 1, 9, n_p) [1 / unit of J] is how it changes with J, with_x: (n + 1, n_x) [1 / unit of x] with x itself.
         """
@@ -282,9 +282,7 @@ def _weighted_gradient(name: str, given: list[ca.SX], slopes: list[ca.SX], along
 # What a course tells of the numbers that matter, as one figure with its slope.
 
 _NOTHING = 1e-6  # of information: what is known of an unknown without a prior
-_SHARP = (
-    20.0  # [-] power of standard errors whose mean counts: 0 would make all count alike, more and more the worst alone
-)
+_SHARP = 20.0  # power of standard errors whose mean counts: 0 would make all count alike, more and more the worst alone
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -310,7 +308,7 @@ class InformationCriterion:
         return np.asarray(J.T @ J)
 
     def figure(self, one: ExperimentTrajectory, h: float, wanted: np.ndarray) -> tuple[float, np.ndarray]:
-        """[-] Logarithm of the numbers' standard errors over those wanted (m,) [units of numbers], those farthest off first.
+        """Logarithm of the numbers' standard errors over those wanted (m,) [units of numbers], those farthest off first.
 
         With its slope with J (n + 1, 9, n_p); steps h [s].
         """
@@ -335,7 +333,7 @@ class InformationCriterion:
 
 
 def _softly_largest(values: np.ndarray) -> tuple[float, np.ndarray]:
-    """Of values (m,) [-], between their mean and the largest, with its slope (m,) [-]."""
+    """Of values (m,), between their mean and the largest, with its slope (m,)."""
     most = float(values.max())
     grown = np.exp(_SHARP * (values - most))
     return most + float(np.log(grown.mean())) / _SHARP, grown / grown.sum()
@@ -343,7 +341,7 @@ def _softly_largest(values: np.ndarray) -> tuple[float, np.ndarray]:
 
 # Commands as a few numbers: what each actuator is told at knots, and straight lines between them.
 
-_WITHIN = 1e-9  # [-] of a step
+_WITHIN = 1e-9  # of a step
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -351,9 +349,9 @@ class KnotCommands:
     """Of commands that begin and end with 0, as sparse linear maps from knots (n_knots, n_u) [N, N m]."""
 
     told: Any
-    """(n, n_knots) [-] commands as they are sent, held for a step each."""
+    """(n, n_knots) commands as they are sent, held for a step each."""
     acting: Any
-    """(n, n_knots) [-] commands as they act, late."""
+    """(n, n_knots) commands as they act, late."""
     late: Any
     """(n, n_knots) [1/s] how they change with the delay."""
 
@@ -387,7 +385,7 @@ def edges_of(n: int, step: float, delay: float) -> np.ndarray:
 
 
 def _lines(n: int, inner: int, each: float) -> Any:
-    """(n, inner) [-] shares of knots in n samples that lie `each` knots apart; the first knot and the last are 0."""
+    """(n, inner) shares of knots in n samples that lie `each` knots apart; the first knot and the last are 0."""
     from scipy.sparse import csr_array
 
     place = each * np.arange(n)
@@ -407,7 +405,7 @@ def _shifted(response: np.ndarray) -> Any:
 
 
 def multisine(rng: np.random.Generator, n_knots: int, n_u: int, waves: float) -> np.ndarray:
-    """Knots (n_knots, n_u) [-] of sines with drawn phases, at most 1; waves: [-] of the fastest from begin to end."""
+    """Knots (n_knots, n_u) of sines with drawn phases, at most 1; waves: of the fastest from begin to end."""
     turns = 2 * np.pi * np.arange(1, max(1, round(waves)) + 1)[:, None] * np.linspace(0.0, 1.0, n_knots)
     found = np.sin(turns[:, :, None] + 2 * np.pi * rng.uniform(size=(len(turns), 1, n_u))).sum(axis=0)
     return np.asarray(found / np.abs(found).max(axis=0))

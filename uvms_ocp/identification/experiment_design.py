@@ -103,7 +103,7 @@ def _chosen(names: Sequence[tuple[str, str]], matter: Sequence[str]) -> list[int
 # What commands are expected to tell where the vehicle is as it is believed to be, and where they lead it.
 
 FINER = 5
-"""[-] steps of the simulation that says where commands lead, in one of the search."""
+"""Steps of the simulation that says where commands lead, in one of the search."""
 
 
 class DesignStatus(AdvisedStatus):
@@ -166,7 +166,7 @@ _AHEAD = 1.0  # [s] that the spring looks ahead
 
 
 def keep_inside_pool(given: ExperimentTask, rollout: Rollout, wanted: np.ndarray, step: float) -> np.ndarray:
-    """(n, n_u) [N, N m] within thrust and slew; wanted: (n, 6) [-] of what each axis can get alone, held for a step [s].
+    """(n, n_u) [N, N m] within thrust and slew; wanted: (n, 6) of what each axis can get alone, held for a step [s].
 
     At a wall the spring balances all that an axis can get; the vehicle is as it is believed to be.
     """
@@ -200,14 +200,14 @@ _SLOWEST, _FASTEST = 0.1, 1.0  # [Hz] of chirps
 
 
 def steps(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Axis after axis ahead and back, (n, 6) [-] at t (n,) [s]; half as far in every other turn."""
+    """Axis after axis ahead and back, (n, 6) at t (n,) [s]; half as far in every other turn."""
     place = (t / _HOLD).astype(int)
     size = np.where(place // 12 % 2, 0.5, 1.0) * np.where(place % 2, -1.0, 1.0)
     return np.asarray(size[:, None] * (place[:, None] // 2 % 6 == np.arange(6)))
 
 
 def chirps(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Axis after axis, from slow to fast, (n, 6) [-] at t (n,) [s]."""
+    """Axis after axis, from slow to fast, (n, 6) at t (n,) [s]."""
     each = (t[-1] + t[1]) / 6
     since = t % each
     wave = np.cos(2 * np.pi * (_SLOWEST + (_FASTEST - _SLOWEST) * since / each / 2) * since)
@@ -215,7 +215,7 @@ def chirps(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def both(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Drawn steps of all axes at once, chirps beside them, (n, 6) [-] at t (n,) [s]."""
+    """Drawn steps of all axes at once, chirps beside them, (n, 6) at t (n,) [s]."""
     shape = int(t[-1] / 3) + 1, 6
     drawn = rng.uniform(-1, 1, size=shape) * (rng.uniform(size=shape) < 0.5)
     chirp = 0.3 * np.sin(2 * np.pi * (0.05 + 0.15 * t / t[-1])[:, None] * t[:, None] + np.arange(6))
@@ -244,7 +244,7 @@ def largest(given: ExperimentTask, rollout: Rollout, name: str, seed: int = 0) -
 # How well numbers are to be known: twice as well as steps and chirps by hand tell them, and well enough to count.
 
 HALF = 0.5
-"""[-] of the smallest standard error by hand, which is wanted."""
+"""Of the smallest standard error by hand, which is wanted."""
 
 
 def target_deviations(given: ExperimentTask, rollout: Rollout) -> np.ndarray:
@@ -280,7 +280,7 @@ class Objective:
     """(n + 1, n_x) [as `Stage`], or none (1,), that states are truly beside the course."""
 
     def value(self, knots: np.ndarray, price: float) -> tuple[float, np.ndarray]:
-        """[-] at knots (n_knots, n_u) [N, N m], with its slope [1/N, 1/(N m)]; price [-] of leaving the pool."""
+        """At knots (n_knots, n_u) [N, N m], with its slope [1/N, 1/(N m)]; price of leaving the pool."""
         one = self.courses.of(self.history.acting @ knots, self.history.late @ knots)
         figure, M = self.aim.figure(one, self.courses.h, self.wanted)
         out, slope = self.limits.beyond(one.x + self.off)
@@ -292,7 +292,7 @@ class Objective:
         return figure + share * float((out**2).sum()) / 2.0 + hurry, pulled
 
     def lowered(self, knots: np.ndarray, price: float, iterations: int) -> np.ndarray:
-        """Better knots (n_knots, n_u) [N, N m], by a quasi-Newton method within the limits of thrust; price [-]."""
+        """Better knots (n_knots, n_u) [N, N m], by a quasi-Newton method within the limits of thrust; price."""
         from scipy.optimize import minimize  # half a second, which few need
 
         size = np.abs(self.limits.thrust).max(axis=1)
@@ -307,7 +307,7 @@ class Objective:
         return np.asarray(found.x.reshape(knots.shape) * size)
 
     def _hurry(self, told: np.ndarray, price: float) -> tuple[float, np.ndarray]:
-        """[-] what steps beyond the slew limit cost, with its slope (n, n_u) [1/N, 1/(N m)]."""
+        """What steps beyond the slew limit cost, with its slope (n, n_u) [1/N, 1/(N m)]."""
         slope, most = np.zeros_like(told), self.limits.slew * self.courses.h
         if not np.isfinite(most):
             return 0.0, slope
@@ -326,9 +326,9 @@ class Objective:
 # hold all along; slew, pool and tilt are penalties with a margin, dearer from round to round. What comes out is limited in thrust
 # and slew exactly. Finer steps say where it leads: by how much they differ is added to the courses of the next round.
 
-_PRICES = 100.0, 300.0, 1000.0, 1000.0  # [-] of leaving the pool, round by round
-_DEARER = 3000.0, 10000.0, 30000.0  # [-] where the finer steps still find it outside
-_START_AMPLITUDES = 1.0, 2.0, 4.0  # [-] of what each axis can get alone, where the search begins
+_PRICES = 100.0, 300.0, 1000.0, 1000.0  # of leaving the pool, round by round
+_DEARER = 3000.0, 10000.0, 30000.0  # where the finer steps still find it outside
+_START_AMPLITUDES = 1.0, 2.0, 4.0  # of what each axis can get alone, where the search begins
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -342,9 +342,9 @@ class DesignSettings:
     fastest: float = 0.2
     """[Hz] of the sines where the search begins."""
     starts: int = 3
-    """[-] drawn in each size, of which the best is made better."""
+    """Drawn in each size, of which the best is made better."""
     iterations: int = 200
-    """[-] in a round; leaving the pool costs little in the first and much in the last."""
+    """In a round; leaving the pool costs little in the first and much in the last."""
     seed: int = 0
 
 
@@ -388,7 +388,7 @@ class _Search:
         return min(found, key=lambda knots: self.objective.value(knots, _PRICES[0])[0])
 
     def lowered(self, knots: np.ndarray, price: float) -> np.ndarray:
-        """Better ones after a round, for a price [-] of leaving the pool."""
+        """Better ones after a round, for a price of leaving the pool."""
         coarse = self.objective.courses.states(self.objective.history.acting @ knots)
         off = self.expected(knots).states[::FINER] - coarse
         return replace(self.objective, off=off).lowered(knots, price, self.effort.iterations)

@@ -209,7 +209,7 @@ class FitContext:
     def widened(self, together: float) -> FitContext:
         """The problem whose information intervals are taken from: the same optimum, where samples tell less.
 
-        together: [-] samples that miss alike, as `variance_inflation` finds. The cost of what is seen is divided by it. Priors are
+        together: samples that miss alike, as `variance_inflation` finds. The cost of what is seen is divided by it. Priors are
         not; they are moved, so that they draw as little as the recordings do and the estimate stays where it is.
         """
         seen = ("velocity", "rate", "vertical", "process", "start")

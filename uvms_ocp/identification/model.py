@@ -44,9 +44,9 @@ def vehicle_dynamics(dynamics: SymbolicDynamics, values: Mapping[str, ca.SX], li
 # keep their period and their size better than by other rules of two evaluations.
 
 N_Q, N_V = 7, 6
-"""[-] of the vehicle."""
+"""Of the vehicle."""
 PAST, PAST_STEP = 12, 0.05
-"""[-], [s] of commands before a start: what actuators give there has a past."""
+""", [s] of commands before a start: what actuators give there has a past."""
 _EDGE = 0.2  # of the dead zone, in which its edge is rounded
 
 

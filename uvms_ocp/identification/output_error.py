@@ -22,12 +22,12 @@ from uvms_ocp.robot.spatial import quaternion_conjugate, quaternion_log, quatern
 
 
 def loss(r: np.ndarray, outliers: float) -> float:
-    """[-] of all residuals r (...) [-], which count linearly beyond outliers [-]."""
+    """Of all residuals r (...), which count linearly beyond outliers."""
     return float((outliers**2 * (np.sqrt(1.0 + (r / outliers) ** 2) - 1.0)).sum())
 
 
 def weighted(r: np.ndarray, J: np.ndarray, outliers: float) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals r (n,) [-] and slopes J (n, k) [any] whose squares have the gradient of the loss, linear beyond outliers [-]."""
+    """Residuals r (n,) and slopes J (n, k) [any] whose squares have the gradient of the loss, linear beyond outliers."""
     root = (1.0 + (r / outliers) ** 2) ** -0.25
     return (root * r).ravel(), (root[..., None] * J).reshape(-1, J.shape[-1])
 
@@ -40,7 +40,7 @@ class NormalEquations:
     """Of n shared unknowns and n_local others [as `Unknowns.start`]."""
 
     cost: float
-    """[-] half the weighted squares."""
+    """Half the weighted squares."""
     H: np.ndarray
     """(n, n) [1 / unknowns^2]"""
     g: np.ndarray
@@ -101,7 +101,7 @@ class ProfilePenalty:
     """[as the number] by which it may be off at the price of a half."""
 
     def cost(self, shared: np.ndarray) -> float:
-        """[-] at the unknowns shared (n,) [as `Unknowns.start`]."""
+        """At the unknowns shared (n,) [as `Unknowns.start`]."""
         return ((self.number(shared)[0] - self.target) / self.sigma) ** 2 / 2
 
     def normal(self, shared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -141,13 +141,13 @@ class Noise:
     rate: float = 0.05
     """[rad/s] of angular velocity."""
     vertical: float = 0.03
-    """[-] of the vertical in B, radians of roll and pitch."""
+    """Of the vertical in B, radians of roll and pitch."""
     process: float = 0.05
     """[m/s, rad/s, rad] between the end of a stretch and the beginning of the next."""
     start: float = 0.1
     """[m/s, rad/s, rad] between where a stretch begins and what was seen there."""
     outliers: float = 3.0
-    """[-] standard deviations beyond which the loss is linear."""
+    """Standard deviations beyond which the loss is linear."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -161,7 +161,7 @@ class Estimate:
     starts: tuple[SegmentStart, ...]
     """Of the stretches."""
     cost: float
-    """[-] half the weighted squares."""
+    """Half the weighted squares."""
     information: np.ndarray
     """(n, n) [1 / unknowns^2] of the shared unknowns, the others eliminated, priors included."""
     status: FitStatus
@@ -210,7 +210,7 @@ class OutputErrorProblem:
         return Expansion(point, self._blocks(point))
 
     def stepped(self, expansion: Expansion) -> tuple[SearchPoint, float]:
-        """After one step of Gauss and Newton, and the cost [-] there."""
+        """After one step of Gauss and Newton, and the cost there."""
         after = self._moved(expansion.point, expansion.blocks, _NEARLY_NONE, frozen=False)
         return after, self._total(after, self._costs(after))
 
@@ -223,9 +223,9 @@ class OutputErrorProblem:
         tolerance: float = 1e-4,
         damping: float = 1e-3,
     ) -> Estimate:
-        """Levenberg and Marquardt's method. frozen: shared unknowns stay. tolerance: [-] share of the cost worth a step.
+        """Levenberg and Marquardt's method. frozen: shared unknowns stay. tolerance: share of the cost worth a step.
 
-        damping: [-] of the first step.
+        damping: of the first step.
         """
         blocks, status, done = self._blocks(point), FitStatus.ITERATION_LIMIT, 0
         if not finite(blocks):

@@ -64,7 +64,7 @@ class Prior:
     """Believed: as the start has it, give or take a standard deviation."""
 
     sigma: float
-    """[-] relative, for what must be positive; [unit of the quantity] for what may have any sign."""
+    """Relative, for what must be positive; [unit of the quantity] for what may have any sign."""
     only: tuple[str, ...] | None = All
 
     def __post_init__(self) -> None:
@@ -88,7 +88,7 @@ class Quantity:
     x: np.ndarray
     """(n,) [-, or the unit of the quantity] where they are, and the middle of priors."""
     free: np.ndarray
-    """(n,) [-] whether they may be learnt."""
+    """(n,) whether they may be learnt."""
     sigma: np.ndarray
     """(n,) [as x] standard deviations of priors, infinite without."""
     lower: np.ndarray
@@ -219,7 +219,7 @@ class Unknowns:
         return found
 
     def believed(self, about: np.ndarray, wider: float = 1.0) -> Unknowns:
-        """A copy that starts, and whose priors are, about (n,) [as start]; wider: [-] factor of their deviations."""
+        """A copy that starts, and whose priors are, about (n,) [as start]; wider: factor of their deviations."""
         found, first = dict(self.declaration.quantities), 0
         for name, one in self._items():
             x, n = one.x.copy(), int(one.free.sum())

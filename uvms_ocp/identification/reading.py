@@ -88,7 +88,7 @@ def even_send_times(arrived: np.ndarray, period: float) -> np.ndarray:
 
 _DOWN = np.diag([1.0, -1.0, -1.0])  # from axes with z down to axes with z up, and back
 _UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-_FOREIGN = 0.5  # [-] of all rows, above which those without any cell are of other channels
+_FOREIGN = 0.5  # of all rows, above which those without any cell are of other channels
 _LARGEST_ANGLE = 2.5 * np.pi  # [rad] of roll, pitch and yaw as files have them, unless yaw is unwound
 
 

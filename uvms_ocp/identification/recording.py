@@ -66,7 +66,7 @@ class Channel:
     back: float = 0.0
     """[s] by which times went back in the file at most, whose samples are in order here."""
     repeated: int = 0
-    """[-] samples left out, for another had their time."""
+    """Samples left out, for another had their time."""
     columns: tuple[str, ...] = ()
     """Names of joints or thrusters, where whoever recorded them says so."""
 
@@ -205,7 +205,7 @@ def smoothed(t: np.ndarray, values: np.ndarray, window: float, derivative: int =
 
 
 def continuous_quaternions(quaternions: np.ndarray) -> np.ndarray:
-    """The same attitudes (n, 4) [-] by those quaternions (n, 4) [-] of the two for each that do not jump."""
+    """The same attitudes (n, 4) by those quaternions (n, 4) of the two for each that do not jump."""
     signs = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))
     return quaternions * np.concatenate([[1.0], signs])[:, None]
 
@@ -224,7 +224,7 @@ def angular_rate(attitude: Channel, window: float) -> tuple[np.ndarray, np.ndarr
 
 
 def rotations(attitude: Channel, t: np.ndarray) -> np.ndarray:
-    """R_WB (m, 3, 3) [-] at t (m,) [s], between samples interpolated."""
+    """R_WB (m, 3, 3) at t (m,) [s], between samples interpolated."""
     found = np.column_stack([np.interp(t, attitude.undelayed_t, column) for column in attitude.values.T])
     found /= np.linalg.norm(found, axis=1, keepdims=True)
     return np.moveaxis(np.array(quaternion_to_matrix(found.T)), -1, 0)

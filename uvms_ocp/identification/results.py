@@ -261,7 +261,7 @@ def _cell(value: float, worse: bool) -> str:
 # A calibration in words: numbers, how sure they are, what is not determined, and how well recordings are predicted.
 
 _TOLD = 6  # combinations, the worst first
-_DECADES = 1e3  # [-] between the ends of an interval that is told of what is positive
+_DECADES = 1e3  # between the ends of an interval that is told of what is positive
 
 
 def report_text(one: Calibration) -> str:

@@ -21,7 +21,7 @@ from uvms_ocp.robot.spatial import quaternion_exp, quaternion_multiply
 # A stretch of a recording as a simulation needs it: what was commanded step by step, and what was seen when.
 
 N_SEEN = 9
-"""[-] rows of what is seen, as `Stage.seen` has them: velocity, angular velocity, vertical; three of each."""
+"""Rows of what is seen, as `Stage.seen` has them: velocity, angular velocity, vertical; three of each."""
 RATE_WINDOW = 0.6
 """[s] over which attitude is smoothed for an angular velocity that is not recorded."""
 COMMANDS = ("thrust", "wrench", "propeller_commands")
@@ -206,7 +206,7 @@ def _joints(channel: Channel | None, edges: np.ndarray, window: float = 0.4) -> 
 # variational equation of the discrete model, so that slopes are those of what is simulated.
 
 N_START = 9
-"""[-] unknowns of a start: velocity (6), then the turn of the attitude in B (3)."""
+"""unknowns of a start: velocity (6), then the turn of the attitude in B (3)."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -379,7 +379,7 @@ def chained(A: np.ndarray, B: np.ndarray, first: np.ndarray) -> np.ndarray:
 
 
 def turn_slope(quaternion: np.ndarray) -> np.ndarray:
-    """How a quaternion (4,) [-] xyzw changes with a turn in B (4, 3) [1/rad]."""
+    """How a quaternion (4,) xyzw changes with a turn in B (4, 3) [1/rad]."""
     x, y, z, w = quaternion
     return np.array([[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]]) / 2
 

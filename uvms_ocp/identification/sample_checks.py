@@ -29,7 +29,7 @@ class QualityIssue:
 # How well two series agree: in time, in size and in their axes.
 
 EXPLAINED = 0.15
-"""[-] of the motion, by which other axes must explain more."""
+"""Of the motion, by which other axes must explain more."""
 WAYS = tuple(
     np.diag(signs) @ np.eye(3)[list(order)]
     for order in permutations(range(3))
@@ -38,23 +38,23 @@ WAYS = tuple(
 """(3, 3) each: all ways to swap and turn axes."""
 _LATEST = 1.5  # [s] offsets of clocks that are looked for
 _SHIFTS = 0.05 * np.arange(-30, 31)  # [s] up to these
-_LEAST_SAMPLES = 20  # [-] samples
+_LEAST_SAMPLES = 20  # samples
 _LATE = 0.175  # [s] offsets that are told
 _JUMP = 0.3  # [s] between offsets of the two halves
-_AGREES, _BETTER = 0.6, 0.01  # [-] correlation from which on an offset is one, and by which it is better than others
-_PARTED = 0.2  # [-] of it, by which two halves must disagree
-_SCALE = 1.9  # [-] beyond which a factor is one of units: the least is that of knots
+_AGREES, _BETTER = 0.6, 0.01  # correlation from which on an offset is one, and by which it is better than others
+_PARTED = 0.2  # of it, by which two halves must disagree
+_SCALE = 1.9  # beyond which a factor is one of units: the least is that of knots
 _UNITS = {180.0 / np.pi: "degrees", 1e3: "mm", 1e2: "cm"}
-_CLOSE = 1.25  # [-] to the factor of a unit
+_CLOSE = 1.25  # to the factor of a unit
 
 
 def explained(seen: np.ndarray, wanted: np.ndarray) -> float:
-    """Share [-] of the squares of wanted (m, 3) [any] that seen (m, 3) [any] has."""
+    """Share of the squares of wanted (m, 3) [any] that seen (m, 3) [any] has."""
     return 1.0 - float(((seen - wanted) ** 2).sum() / (wanted**2).sum())
 
 
 def named(Q: np.ndarray) -> str:
-    """Axes as Q (3, 3) [-] turns them, such as (y, -x, z)."""
+    """Axes as Q (3, 3) turns them, such as (y, -x, z)."""
     entries = [("-" if row.sum() < 0 else "") + "xyz"[int(np.argmax(np.abs(row)))] for row in Q]
     return f"({', '.join(entries)})"
 
@@ -74,7 +74,7 @@ def describe_factor(wanted: np.ndarray, seen: np.ndarray) -> str:
 
 
 def _slopes(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Of y upon x, and what that of x upon y says of it [-]; anything where they have nothing in common."""
+    """Of y upon x, and what that of x upon y says of it; anything where they have nothing in common."""
     common = float(x @ y)
     if correlation(x, y) < _AGREES:
         return 0.0, np.inf
@@ -129,7 +129,7 @@ def _differ(one: np.ndarray, other: np.ndarray) -> bool:
 
 
 def correlation(x: np.ndarray, y: np.ndarray) -> float:
-    """Of two series x (m,) [any] and y (m,) [any], from -1 to 1 [-]; 0 where one does not change."""
+    """Of two series x (m,) [any] and y (m,) [any], from -1 to 1; 0 where one does not change."""
     x, y = x - x.mean(), y - y.mean()
     return float(x @ y / max(np.linalg.norm(x) * np.linalg.norm(y), 1e-300))
 
@@ -142,12 +142,12 @@ DEAD = 1e-5
 """[unit] below which nothing that a sensor measures stays."""
 MOVES = {"linear_velocity": 0.01, "angular_velocity": 0.01}
 """[m/s, rad/s] Less says nothing."""
-_GAP, _BURST = 8.0, 0.5  # [-] of the usual interval; of the mean one
-_OFTEN = 0.02  # [-] of all intervals, from which on gaps are what bursts leave
+_GAP, _BURST = 8.0, 0.5  # of the usual interval; of the mean one
+_OFTEN = 0.02  # of all intervals, from which on gaps are what bursts leave
 _SHORTEST, _LONGEST = 1e-5, 5.0  # [s] between samples, of any sensor
 _SELDOM = ("current", *(name for name, kind in CHANNEL_KINDS.items() if kind.command))
 """What may be told when it changes alone."""
-_SHORTEST_RECORDING, _SPARSEST = 5.0, 100.0  # [s] of a recording; [-] of it over what its samples take up
+_SHORTEST_RECORDING, _SPARSEST = 5.0, 100.0  # [s] of a recording; of it over what its samples take up
 _FASTEST = {
     "linear_velocity": (10.0, "mm/s"),
     "current": (10.0, "mm/s"),
@@ -240,9 +240,9 @@ def _too_fast(values: np.ndarray, most: float, unit: str, other: str) -> Iterato
 # Which way is down: what an accelerometer feels at rest, how a vehicle lies, and on which side of the surface it is.
 
 _G = 9.81  # [m/s2]
-_LIKE_G = (0.8, 1.2)  # [-] of it
-_FREE = 0.3  # [-] of it, below which gravity is not there
-_UPRIGHT = 0.7  # [-] of it, which stays along an axis that is z up
+_LIKE_G = (0.8, 1.2)  # of it
+_FREE = 0.3  # of it, below which gravity is not there
+_UPRIGHT = 0.7  # of it, which stays along an axis that is z up
 
 
 def of_gravity(recording: Recording) -> Iterator[tuple[str, str]]:

@@ -21,9 +21,9 @@ from uvms_ocp.record.untrusted import require_regular_file
 # Columns of numbers in a file that anyone may have written: CSV, also packed by gzip, and Parquet.
 
 MOST_ROWS = 5_000_000
-"""[-] of a file: 14 hours at 100 Hz."""
+"""of a file: 14 hours at 100 Hz."""
 LONGEST_LINE = 1 << 20
-"""[-] characters: a packed file may have one that fills any memory."""
+"""characters: a packed file may have one that fills any memory."""
 _COMMENT = "#"
 
 

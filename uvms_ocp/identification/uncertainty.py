@@ -25,9 +25,9 @@ from uvms_ocp.identification.parameters import AXES
 # information is divided by the number of samples that miss together before standard errors are taken from it.
 
 DETERMINED = 0.3
-"""[-] largest standard error of a coordinate, relative for what is positive, with which it counts as determined."""
+"""Largest standard error of a coordinate, relative for what is positive, with which it counts as determined."""
 NARROWED = 0.7
-"""[-] of the deviation that priors leave, below which recordings say more than these."""
+"""Of the deviation that priors leave, below which recordings say more than these."""
 _NOTHING = 1e-12  # of information: all that is known where there is none
 _TOLD = 0.3  # of the largest entry of a combination
 
@@ -52,13 +52,13 @@ class UnidentifiableDirection:
     sigma: float
     """[as `Unknowns.start`] standard error along it, priors left out."""
     shares: tuple[tuple[str, float], ...]
-    """Unknowns and what they change by along it [-], the largest first."""
+    """Unknowns and what they change by along it, the largest first."""
 
 
 def parameter_uncertainties(
     vehicle: Vehicle, estimate: Estimate, together: float = 1.0
 ) -> tuple[ParameterUncertainty, ...]:
-    """Of every shared unknown. together: [-] samples that miss alike, as `variance_inflation` finds."""
+    """Of every shared unknown. together: samples that miss alike, as `variance_inflation` finds."""
     sigma = np.sqrt(np.diag(covariance(vehicle, estimate, together)))
     learnt = (sigma < DETERMINED) & (sigma < NARROWED * vehicle.shared.sigma)
     rows = zip(vehicle.shared.names, estimate.shared, sigma, learnt, strict=True)
@@ -68,7 +68,7 @@ def parameter_uncertainties(
 
 
 def covariance(vehicle: Vehicle, estimate: Estimate, together: float = 1.0) -> np.ndarray:
-    """(n, n) [unknowns^2] of the shared unknowns, by recordings and priors; together: [-] as in `parameter_uncertainties`."""
+    """(n, n) [unknowns^2] of the shared unknowns, by recordings and priors; together: as in `parameter_uncertainties`."""
     prior = np.diag(1.0 / vehicle.shared.sigma**2 + _NOTHING)
     return np.asarray(np.linalg.inv(_data(vehicle, estimate, together) + prior))
 
@@ -81,7 +81,7 @@ def prior_covariance(vehicle: Vehicle) -> np.ndarray:
 def unidentifiable_directions(
     vehicle: Vehicle, estimate: Estimate, together: float = 1.0
 ) -> tuple[UnidentifiableDirection, ...]:
-    """Combinations of which less is known than `DETERMINED`, the worst first; together: [-] as in `parameter_uncertainties`."""
+    """Combinations of which less is known than `DETERMINED`, the worst first; together: as in `parameter_uncertainties`."""
     values, axes = np.linalg.eigh(_data(vehicle, estimate, together))
     found = []
     for value, axis in zip(values, axes.T, strict=True):
@@ -103,7 +103,7 @@ def _data(vehicle: Vehicle, estimate: Estimate, together: float) -> np.ndarray:
 
 
 def variance_inflation(predicted: Predicted, noise: Noise) -> float:
-    """[-] How many samples of a prediction miss alike, times how far they miss beyond `noise`, squared; at least 1.
+    """How many samples of a prediction miss alike, times how far they miss beyond `noise`, squared; at least 1.
 
     By Bartlett's formula, ``1 + 2 sum rho_k``, up to the first lag at which residuals are no longer correlated.
     """
@@ -117,7 +117,7 @@ def variance_inflation(predicted: Predicted, noise: Noise) -> float:
 
 
 def bartlett(residual: np.ndarray) -> float:
-    """[-] ``1 + 2 sum rho_k`` of a residual (m,) [any] with mean zero, up to the first lag without correlation."""
+    """``1 + 2 sum rho_k`` of a residual (m,) [any] with mean zero, up to the first lag without correlation."""
     n = len(residual)
     rho = np.correlate(residual, residual, "full")[n:] / max(float(residual @ residual), 1e-300)
     below = np.flatnonzero(rho < 2.0 / np.sqrt(n))
@@ -129,9 +129,9 @@ def bartlett(residual: np.ndarray) -> float:
 # Mass and added mass of an axis weigh the same in most motions: their sum is often known where neither is.
 
 DETERMINED_BELOW = 0.1
-"""[-] largest standard error, relative to the size of a number, with which it counts as determined."""
+"""Largest standard error, relative to the size of a number, with which it counts as determined."""
 INTERVAL = 1.96
-"""[-] standard errors to either side, in which 95 % lie."""
+"""Standard errors to either side, in which 95 % lie."""
 TOTAL = "mass and added mass"
 SIZES = {"m": 0.05, "s": 0.05, "rad": 0.05, "m/s": 0.05, "N, N m": 1.0}
 """[unit] of numbers that may be zero; others are compared with themselves."""
@@ -190,7 +190,7 @@ class _Entry:
 
 
 def numbers(vehicle: Vehicle, estimate: Estimate, together: float = 1.0) -> tuple[IdentifiedNumber, ...]:
-    """Every number that depends on a shared unknown. together: [-] samples that miss alike, as in `parameter_uncertainties`."""
+    """Every number that depends on a shared unknown. together: samples that miss alike, as in `parameter_uncertainties`."""
     found = numbers_at(vehicle, estimate.shared, covariance(vehicle, estimate, together))
     return tuple(replace(one, settled=estimate.status is FitStatus.CONVERGED) for one in found)
 
@@ -295,9 +295,9 @@ def _totals(quantities: dict[str, ca.SX]) -> Iterator[tuple[_Entry, ca.SX]]:
 CHANNELS = (*AXES, "vertical x", "vertical y", "vertical z")
 """Of the three sensors, three of each."""
 LEVEL = 0.05
-"""[-] of white residuals that the test takes for coloured."""
+"""Of white residuals that the test takes for coloured."""
 LEAST_P = 1e-6
-"""[-] chance that is not told more exactly."""
+"""Chance that is not told more exactly."""
 _LAGS = 20
 
 
@@ -307,17 +307,17 @@ class Whiteness:
 
     channel: str
     size: float
-    """[-] root mean square of the residuals, by the noise that was expected."""
+    """Root mean square of the residuals, by the noise that was expected."""
     together: float
-    """[-] samples that miss alike, by Bartlett's formula."""
+    """Samples that miss alike, by Bartlett's formula."""
     p: float
-    """[-] of white noise to look like this or worse, by Ljung and Box's test."""
+    """Of white noise to look like this or worse, by Ljung and Box's test."""
     correlation: np.ndarray
-    """(k + 1,) [-] autocorrelation from lag 0 on, in samples."""
+    """(k + 1,) autocorrelation from lag 0 on, in samples."""
     interval: float
     """[s] between samples, in the median."""
     bound: float
-    """[-] in which 95 % of the correlations of white noise lie."""
+    """In which 95 % of the correlations of white noise lie."""
 
     @property
     def white(self) -> bool:
@@ -352,9 +352,9 @@ def _whiteness(name: str, residual: np.ndarray, interval: float) -> Whiteness:
 
 
 def ljung_box(residual: np.ndarray, lags: int = _LAGS) -> tuple[float, np.ndarray]:
-    """p [-] that white noise is as correlated as a residual (m,) [any], and its autocorrelation (k + 1,) [-].
+    """P that white noise is as correlated as a residual (m,) [any], and its autocorrelation (k + 1,).
 
-    lags: [-] that are looked at, a fifth of the samples at most. What a model has been fitted to has a little less freedom than
+    lags: that are looked at, a fifth of the samples at most. What a model has been fitted to has a little less freedom than
     the test believes.
     """
     from scipy.special import gammaincc  # a tenth of a second

@@ -28,8 +28,8 @@ from uvms_ocp.identification.uncertainty import INTERVAL, IdentifiedNumber, numb
 # root is where a standard normal variable would be. Where everything is linear it is a straight line, and this interval is the
 # one of standard errors.
 
-_FARTHEST = 4  # [-] standard errors: beyond it an interval is called open
-_SOFT = 0.05  # [-] of a standard error, by which a number is held
+_FARTHEST = 4  # standard errors: beyond it an interval is called open
+_SOFT = 0.05  # of a standard error, by which a number is held
 _STEPS, _DAMPING = 3, 1e-9  # of Gauss and Newton, where one is nearly all of the way
 _EXACT = 1e-3  # of a deviance
 _KEPT = 0.1  # of a deviance, by which it may miss what a step has promised
@@ -44,7 +44,7 @@ class Profile:
     values: np.ndarray
     """(k,) [unit] at which it was held, increasing."""
     roots: np.ndarray
-    """(k,) [-] signed roots of the deviance there."""
+    """(k,) signed roots of the deviance there."""
     interval: tuple[float, float]
     """[unit] that holds it with 95 %, as the profile has it; infinite, or 0, where it does not close."""
 
@@ -80,7 +80,7 @@ def profiles(
     together: float = 1.0,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Iterator[Profile]:
-    """Of those of the numbers that are determined. together: [-] samples that miss alike, by which they were told.
+    """Of those of the numbers that are determined. together: samples that miss alike, by which they were told.
 
     tell is told of each in turn. A number that follows from one before it alone has the same profile and is left out. One takes
     a simulation of all recordings for each value at which it is held, and a search where that shows that all is not linear.
@@ -210,7 +210,7 @@ class StaticBalance:
         return StaticBalance(function=ca.Function("balance", [joints, shared], [ca.densify(moment)]))
 
     def vertical(self, joints: np.ndarray, shared: np.ndarray) -> np.ndarray:
-        """(3, m) [-] for joints (n_j, m) [rad or m], where unknowns are shared (n,) [as `Unknowns.start`]."""
+        """(3, m) for joints (n_j, m) [rad or m], where unknowns are shared (n,) [as `Unknowns.start`]."""
         m = joints.shape[1]
         moment = np.asarray(self.function.map(m)(joints, np.repeat(shared[:, None], m, axis=1)))
         return np.asarray(-moment / np.maximum(np.linalg.norm(moment, axis=0), 1e-300))

@@ -38,7 +38,7 @@ from uvms_ocp.types import Shape
 
 
 def text_table(hierarchy: Hierarchy, phases: Sequence[Phase], targets: np.ndarray) -> str:
-    """Tasks by phases, from their targets (n_phases, n_tasks) [-], the external activations."""
+    """Tasks by phases, from their targets (n_phases, n_tasks), the external activations."""
     tasks, names = [plain_line(name) for name in hierarchy.names], [plain_line(phase.name) for phase in phases]
     width = max(len(name) for name in (*tasks, "task"))
     columns = [max(len(name), 4) for name in names]
@@ -126,7 +126,7 @@ class Mission(TableDisplay):
     all_phases: tuple[Phase, ...] = field(init=False, repr=False)
     """`phases`, and that of `abort` as the last; a state counts them."""
     _targets: np.ndarray = field(init=False, repr=False)
-    """(n_phases, n_tasks) [-] external activations, of all phases."""
+    """(n_phases, n_tasks) external activations, of all phases."""
     _tasks: tuple[tuple[Task, ...], ...] = field(init=False, repr=False)
     """Those of each phase, with the goals that they have in it."""
     _references: tuple[GoalFunctions, ...] = field(init=False, repr=False)
@@ -179,7 +179,7 @@ class Mission(TableDisplay):
 
     @checked_on_failure
     def gates(self, state: MissionState, t: float) -> np.ndarray:
-        """External activation (n_tasks,) [-] of each task at time t [s] ([Gao2022] eq. 22 in time)."""
+        """External activation (n_tasks,) of each task at time t [s] ([Gao2022] eq. 22 in time)."""
         gates = [0.0] * max(1, self.n_tasks)
         activations_at(self._memory(state), t, gates)
         return np.array(gates[: self.n_tasks])
@@ -191,7 +191,7 @@ class Mission(TableDisplay):
 
     @checked_on_failure
     def idle(self, state: MissionState, gates: Annotated[np.ndarray, Shape("self.n_tasks")]) -> np.ndarray:
-        """Which tasks (n_tasks,) are off, by the `gates` (n_tasks,) [-] of now, and stay off in this phase."""
+        """Which tasks (n_tasks,) are off, by the `gates` (n_tasks,) of now, and stay off in this phase."""
         return np.asarray((self._targets[state.phase] == 0) & (gates == 0))
 
     @checked_on_failure

@@ -112,7 +112,7 @@ class Transition:
     hold: float = 0.0
     """[s]"""
     retries: int | None = None
-    """[-] None: as often as it likes."""
+    """None: as often as it likes."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.when, tuple):
@@ -180,7 +180,7 @@ class Phase(FieldTable):
     title: str = ""
     """A few words, to print beside the name."""
     gates: Mapping[str, float]
-    """External activation [-] in [0, 1] by the name of a task; tasks that are not named are off. Between 0 and 1 a task has a
+    """External activation in [0, 1] by the name of a task; tasks that are not named are off. Between 0 and 1 a task has a
     tolerance with strict solvers (`uvms_ocp.solvers.hierarchy.level`), and less weight with `Icat`."""
     transitions: tuple[Transition, ...]
     """The first that fires is taken."""
@@ -205,7 +205,7 @@ class MissionState:
     since: float
     """[s] start of the phase."""
     activations_before: Annotated[np.ndarray, Shape("n_tasks")]
-    """(n_tasks,) [-] gates when the phase began; the bell leads on from them."""
+    """(n_tasks,) gates when the phase began; the bell leads on from them."""
     held_since: tuple[float | None, ...]
     """[s] since when each transition of the phase holds."""
     completed: bool = False
@@ -266,7 +266,7 @@ class Abort:
     thrust_after: Positive = 20.0
     """[s] for which the limits of the thrusters keep them from what is asked for."""
     contact: Positive = 0.3
-    """[-] upward force that the model does not know, as a share of the thrusters' largest, that counts as contact."""
+    """Upward force that the model does not know, as a share of the thrusters' largest, that counts as contact."""
     contact_after: Positive = 2.0
     """[s] for which it lasts while a minimum altitude is asked for."""
 

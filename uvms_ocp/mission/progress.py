@@ -39,7 +39,7 @@ class MissionMemory(Layout):
     ramp: float
     """[s] of the bell on external activations."""
     targets: Annotated[list[Vector], Sized("n_phases", "n_tasks")]
-    """(n_phases, n_tasks) [-] external activations."""
+    """(n_phases, n_tasks) external activations."""
     first: Annotated[list[int], Sized("n_phases")]
     """(n_phases,) first transition of each phase."""
     end: Annotated[list[int], Sized("n_phases")]
@@ -53,7 +53,7 @@ class MissionMemory(Layout):
     to: Annotated[list[int], Sized("n_transitions")]
     """(n_transitions,) the phase that each leads to, or an `End`."""
     retries: Annotated[list[int], Sized("n_transitions")]
-    """(n_transitions,) [-] as those of `Transition`; below 0: as often as it likes."""
+    """(n_transitions,) as those of `Transition`; below 0: as often as it likes."""
     quantity: Annotated[list[int], Sized("n_conditions")]
     """(n_conditions,) index of what each is about."""
     below: Annotated[list[int], Sized("n_conditions")]
@@ -69,13 +69,13 @@ class MissionMemory(Layout):
     since: float
     """[s] start of the phase."""
     activations_before: Annotated[Vector, Sized("n_tasks")]
-    """(n_tasks,) [-] as in `MissionState`."""
+    """(n_tasks,) as in `MissionState`."""
     held_since: Annotated[Vector, Sized("n_transitions")]
     """(n_transitions,) [s] since when each holds; NaN where it does not."""
     changed: bool
     """Whether any of these has, in the last look."""
     fired: Annotated[list[int], Sized("n_transitions")]
-    """(n_transitions,) [-] how often each was taken."""
+    """(n_transitions,) how often each was taken."""
     completed: bool
     """It has ended as wanted."""
     aborted: bool
@@ -124,7 +124,7 @@ def take_transition(m: MissionMemory, t: float, due: int) -> None:
 
 
 def is_used_up(fired: int, retries: int) -> bool:
-    """Whether a transition that has `fired` so often [-] may not do so again. A kernel."""
+    """Whether a transition that has `fired` so often may not do so again. A kernel."""
     return 0 <= retries <= fired
 
 

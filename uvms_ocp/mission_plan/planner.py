@@ -96,7 +96,7 @@ class MissionProblem:
 
 
 def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> MissionProblem:
-    """step [s] of the horizon. Raises `InvalidInput` as `plan_mission` does."""
+    """Step [s] of the horizon. Raises `InvalidInput` as `plan_mission` does."""
     _stated(scenario, foretold_way(scenario), margins, step)  # or it is refused before anything is compiled
     way = greedy_rollout(scenario)
     stretches, terms, problem = _stated(scenario, way, margins, step)

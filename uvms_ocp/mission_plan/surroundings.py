@@ -39,7 +39,7 @@ class Rim:
     centre: np.ndarray
     """(3,) [m] in the frame of the joint."""
     axis: np.ndarray
-    """(3,) [-] normal of the circle, in the same frame."""
+    """(3,) normal of the circle, in the same frame."""
     radius: float = 0.0
     """[m] of the circle."""
     rounding: float = 0.0

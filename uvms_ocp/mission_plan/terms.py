@@ -198,7 +198,7 @@ class Weights:
     energy: float = 1.0
     """[1/kW]"""
     effort: float = 0.2
-    """[-] of thrust and torque, in shares of their limits."""
+    """Of thrust and torque, in shares of their limits."""
     price: float = 1e-6
     """[kW] of time."""
 

@@ -232,11 +232,11 @@ class ShapeClearance(Term):
     margins: Array
     """(n_pairs,) [m] of the pairs of the scene."""
     n_rows: AtLeastOne = 10
-    """[-] per node on pairs with what stands in the world."""
+    """Per node on pairs with what stands in the world."""
     n_own_rows: AtLeastOne = 6
-    """[-] per node on pairs of the robot's own links."""
+    """Per node on pairs of the robot's own links."""
     n_pair_rows: Count = 0
-    """[-] per node on each of these pairs instead, where it is not 0: simpler rows, for a scene of few pairs."""
+    """Per node on each of these pairs instead, where it is not 0: simpler rows, for a scene of few pairs."""
     moving: Mapping[str, Place] = field(default_factory=dict)
     """Where obstacles are that do not stand still, by name."""
 

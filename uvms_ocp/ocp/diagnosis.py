@@ -53,7 +53,7 @@ class GroupIndex:
 
     groups: tuple[Group, ...]
     number: np.ndarray
-    """(n,) [-] of the group; -1 for what nobody can loosen."""
+    """(n,) of the group; -1 for what nobody can loosen."""
     scale: np.ndarray
     """(n,) [unit of the variable or row] that an amount of 1 in the measure of its group is."""
     axes: tuple[str, ...]
@@ -134,12 +134,12 @@ class BindingGroup:
 
     group: Group
     strength: float
-    """[-] by which the cost of the level would fall for an amount of 1, to first order."""
+    """By which the cost of the level would fall for an amount of 1, to first order."""
     axes: tuple[str, ...]
     """That hold most, where the group has several."""
 
     def needed(self, cost: float) -> float:
-        """Amount by which the group alone would have to give way for the level to lose its cost [-].
+        """Amount by which the group alone would have to give way for the level to lose its cost.
 
         The root of the cost is taken to go on falling as it does at first.
         """
@@ -155,7 +155,7 @@ def is_held(point: NlpPoint) -> bool:
 def bindings(
     transcription: Transcription, problem: OcpProblem, point: NlpPoint, level: int, cost: float
 ) -> list[BindingGroup]:
-    """What holds a level back where it ended, at `cost` [-], the strongest first; none where its end has no multipliers."""
+    """What holds a level back where it ended, at `cost`, the strongest first; none where its end has no multipliers."""
     if point.x_multipliers is None or point.row_multipliers is None or cost == 0.0:
         return []
     rows = row_groups(transcription, problem)
@@ -208,8 +208,8 @@ def level_prices(transcription: Transcription, result: LexicographicResult, leve
 # an amount of its own, alike at all nodes, and the sum of the amounts is least. Laws (motion, forces, start) do not give
 # way. It ends at a minimum where the problem itself has no solution to end at.
 
-_STAY = 1e-6  # [-] weight of staying near the start, which makes the minimum one point
-_KEPT = 1e-4  # [-] amount that is none
+_STAY = 1e-6  # weight of staying near the start, which makes the minimum one point
+_KEPT = 1e-4  # amount that is none
 _AGAINST = 0.05  # share of a group in what holds against the others, from which it is named
 _ITERATIONS = 500
 _GRADIENTS = ["f", "g", "grad_gamma_x", "grad_gamma_p"]

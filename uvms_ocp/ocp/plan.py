@@ -210,10 +210,10 @@ class LevelReport:
     status: str
     advice: str
     residual: float
-    """[-] Norm of the distances of its weighted rows to their range."""
+    """Norm of the distances of its weighted rows to their range."""
     iterations: int
     prices: tuple[float, ...] = ()
-    """[-] What each level above costs this one: by how much its cost, half the sum of squares of its rows, path terms as a
+    """What each level above costs this one: by how much its cost, half the sum of squares of its rows, path terms as a
     mean over time, would fall for each unit of residual, as a norm, that the level above gave up (of cost, where that one
     has `relax`). To first order; empty where not known."""
 

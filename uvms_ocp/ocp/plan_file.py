@@ -43,10 +43,8 @@ class LevelValues(MetaValue):
     status: str
     advice: str
     residual: float
-    """[-]"""
     iterations: int
     prices: tuple[float, ...] = ()
-    """[-]"""
 
 
 class SolverValues(MetaValue):
@@ -57,7 +55,6 @@ class SolverValues(MetaValue):
     iterations: tuple[int, ...]
     anticipated: bool
     violation: float
-    """[-]"""
     solve_time: Number
 
 

@@ -196,7 +196,7 @@ class Refinement:
 
 
 def _gain(before: LexicographicResult, after: LexicographicResult) -> float:
-    """[-] Share of its residual by which the first level that changed has changed."""
+    """Share of its residual by which the first level that changed has changed."""
     old, new = before.level_residuals, after.level_residuals
     share = (old - new) / np.maximum(old, _ZERO)
     changed = np.flatnonzero((np.abs(share) > _GAIN) & (np.maximum(old, new) > _ZERO))

@@ -99,7 +99,7 @@ class OcpLevel:
     name: str
     terms: tuple[Term, ...]
     relax: Positive | None = None
-    """[-] As in `uvms_ocp.solvers.nlp.program.NlpLevel`."""
+    """As in `uvms_ocp.solvers.nlp.program.NlpLevel`."""
 
     def __post_init__(self) -> None:
         if not self.terms:

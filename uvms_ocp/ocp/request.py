@@ -208,7 +208,7 @@ def _margins(request: OcpRequest, scene: CollisionScene) -> Array:
 
 
 def _within(robot: Robot, q: Array) -> Array:
-    """q with unit quaternions and its joints inside their limits, which a solver keeps but for its tolerance."""
+    """Q with unit quaternions and its joints inside their limits, which a solver keeps but for its tolerance."""
     inside: Array = pin.normalize(robot.model, q)
     for joint in robot.joints:
         if joint.n_q == joint.n_v:

@@ -39,7 +39,7 @@ class Support:
 
 
 def support_of(shape: coal.CollisionGeometry, normals: Array, witnesses: Array) -> Support:
-    """Of planes with normals (n, 3) [-] towards the shape.
+    """Of planes with normals (n, 3) towards the shape.
 
     Of a mesh only the vertices nearest to each plane count. witnesses (n, 3) [m], points of the shape nearest to the
     planes, serve where a shape has no form of its own here.
@@ -124,7 +124,7 @@ class Poses:
     """Of all joints at all samples."""
 
     R: Array
-    """(n_samples, n_joints, 3, 3) [-] R_WJ, the world first."""
+    """(n_samples, n_joints, 3, 3) R_WJ, the world first."""
     p: Array
     """(n_samples, n_joints, 3) [m] p_WJ"""
 
@@ -149,7 +149,7 @@ class Planes:
     joints: Indices
     """(n, 2) of the plane and of the point."""
     normal: Array
-    """(n, 3) [-] in the frame of the plane's joint."""
+    """(n, 3) in the frame of the plane's joint."""
     centre: Array
     """(n, 3) [m] the point, in the frame of its joint."""
     offset: Array

@@ -46,11 +46,11 @@ class StageSymbols:
     thrust: ca.SX
     """(n_thrusters,) [N]; with `Actuation.WRENCH` (n_vehicle,) [N, N m]."""
     thrust_share: ca.SX
-    """(n_thrusters,) [-]"""
+    """(n_thrusters,) """
     torque: ca.SX
     """(n_joints,) [N m or N]"""
     torque_share: ca.SX
-    """(n_joints,) [-]"""
+    """(n_joints,) """
 
 
 @checked

@@ -44,7 +44,7 @@ class Trajectory:
         return self.of_wrench and self.thrust.shape[1] > 0
 
     def state_at(self, model: pin.Model, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """q, v and a at time t [s]; the end is held. Every step ends in the configuration of the next node."""
+        """Q, v and a at time t [s]; the end is held. Every step ends in the configuration of the next node."""
         if t >= self.t[-1]:
             return self.q[-1], self.v[-1], np.zeros_like(self.v[-1])
         k = self.step_at(t)
@@ -66,7 +66,7 @@ class Trajectory:
     def states_at(
         self, model: pin.Model, t: Annotated[np.ndarray, Shape("n")]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """q (n, n_q) and v (n, n_v) at times t (n,) [s], and the steps that hold them (n,); the end is held."""
+        """Q (n, n_q) and v (n, n_v) at times t (n,) [s], and the steps that hold them (n,); the end is held."""
         steps = intervals_of(self.t, t)
         s, v, a = (t - self.t[steps])[:, None], self.v[steps], self.a[steps]
         leaving = np.array([self.leaving(model, k) for k in steps]).reshape(v.shape)

@@ -45,7 +45,7 @@ class Diagnosis:
     p: np.ndarray
     """(n_p,) [unit of the parameter] of the problem."""
     feasibility: float
-    """[-] Largest violation of a point that counts as usable."""
+    """Largest violation of a point that counts as usable."""
     solve: Solve
     deadline: float | None
     """[s] by `perf_counter`, until which longer horizons are tried; `None`: nothing is tried."""

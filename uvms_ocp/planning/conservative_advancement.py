@@ -61,7 +61,7 @@ def check_clearance(
 ) -> ClearanceReport:
     """Check all pairs of a scene along a trajectory of its coordinates.
 
-    `per_piece` intervals of each piece are checked to begin with; shortest [-] is the share of the duration below which an
+    `per_piece` intervals of each piece are checked to begin with; shortest is the share of the duration below which an
     interval is not halved. all_collisions: go on after the first collision, for the true smallest clearance.
     """
     bound = _acceleration_bounds(trajectory)
@@ -93,7 +93,7 @@ class Motion(Protocol):
 def check_motion(
     motion: Motion, scene: CollisionScene, *, shortest: float = 1e-5, all_collisions: bool = False
 ) -> ClearanceReport:
-    """Check all pairs of a scene along a motion; see `check_clearance` for shortest [-]."""
+    """Check all pairs of a scene along a motion; see `check_clearance` for shortest."""
     middle, half = motion.intervals()
     worst, n_samples, undecided = Nearest(distance=np.inf, time=0.0, pair=""), 0, False
     while middle.size:

@@ -68,9 +68,9 @@ class TrustRegion:
 
     max_iterations: int = 40
     tolerance: float = 1e-3
-    """[-] Relative decrease of the cost below which an accepted step is the last."""
+    """Relative decrease of the cost below which an accepted step is the last."""
     damping: float = 1e-3
-    """[-] First weight of the metric that holds steps back."""
+    """First weight of the metric that holds steps back."""
     longest_step: float = 0.3
     """[m or rad] a node's position moves at most this far in one step."""
 
@@ -126,7 +126,7 @@ class Ipopt:
 
     max_iterations: int = 100
     tolerance: float = 1e-4
-    """[-] Largest error of the optimality conditions, as IPOPT scales them."""
+    """Largest error of the optimality conditions, as IPOPT scales them."""
 
     def minimise(self, problem: DescentProblem) -> Descent:
         free, oracle = problem.free, _Oracle(problem.model, problem.start, problem.free)
@@ -176,7 +176,7 @@ class _Oracle:
     pattern: ca.Sparsity = field(init=False)
     """(n_free, n_free) of the upper half of the Hessian."""
     entries: Indices = field(init=False)
-    """(nnz,) [-] where its nonzeros are in the whole Hessian of all variables."""
+    """(nnz,) where its nonzeros are in the whole Hessian of all variables."""
 
     def __post_init__(self) -> None:
         n, b = self.free.shape

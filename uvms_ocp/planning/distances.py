@@ -45,7 +45,7 @@ class Contacts:
     distance: Array
     """(n,) [m] signed."""
     normal: Array
-    """(n, 3) [-] in W, from the first shape to the second."""
+    """(n, 3) in W, from the first shape to the second."""
     first: Array
     """(n, 3) [m] in W, on the first shape."""
     second: Array

@@ -39,7 +39,7 @@ class Penalty(NamedTuple):
     """The penalty and its derivatives by what is penalised."""
 
     value: Array
-    """(...) [-]"""
+    """(...) """
     slope: Array
     """(...) [1/value]"""
     curvature: Array
@@ -47,7 +47,7 @@ class Penalty(NamedTuple):
 
 
 def penalty(y: Array) -> Penalty:
-    """y^3/6 for 0 < y < 1, y^2/2 - y/2 + 1/6 above, zero below; y (...) [-]."""
+    """Y^3/6 for 0 < y < 1, y^2/2 - y/2 + 1/6 above, zero below; y (...)."""
     inside = np.clip(y, 0.0, 1.0)
     beyond = np.maximum(y - 1.0, 0.0)
     value = inside**3 / 6.0 + beyond * (0.5 + 0.5 * beyond)
@@ -64,7 +64,7 @@ def symbolic_penalty(y: ca.SX) -> ca.SX:
 def two_sided(value: Array, limit: Array, margin: float) -> Penalty:
     """Penalty on |value| (...) [value] near and beyond a limit (n_axes,) [value], which may be infinite.
 
-    It begins at ``(1 - margin) * limit``; margin [-].
+    It begins at ``(1 - margin) * limit``; margin.
     """
     finite = np.where(np.isinf(limit), 1.0, limit) * margin
     y = (np.abs(value) - np.where(np.isinf(limit), np.inf, limit - finite)) / finite
@@ -174,13 +174,13 @@ class Distances(Protocol):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CostWeights:
-    """l1, l2, l3 and the shape of the penalties.
+    """L1, l2, l3 and the shape of the penalties.
 
     Raises `InvalidInput` for a negative weight, and unless clearance, speed floor, margin and samples are positive.
     """
 
     smoothness: float = 1e-3
-    """[-] Of the snap, in units of one rest-to-rest move by 1 m or 1 rad over the same time."""
+    """Of the snap, in units of one rest-to-rest move by 1 m or 1 rad over the same time."""
     collision: float = 100.0
     """[1/m] Of the penalty of clearance, per metre travelled."""
     limits: float = 1.0
@@ -190,7 +190,7 @@ class CostWeights:
     speed_floor: float = 0.02
     """[m/s] speed at which a link at rest counts."""
     margin: float = 0.1
-    """[-] Fraction of a limit, and [m or rad] distance from a position limit, where its penalty begins."""
+    """Fraction of a limit, and [m or rad] distance from a position limit, where its penalty begins."""
     samples: int = 15
     """Samples per piece."""
 
@@ -207,11 +207,8 @@ class CostParts(NamedTuple):
     """Weighted parts of the cost."""
 
     smoothness: float
-    """[-]"""
     collision: float
-    """[-]"""
     limits: float
-    """[-]"""
 
     @property
     def total(self) -> float:
@@ -234,7 +231,7 @@ class _SampleSlopes:
     """Derivatives of the cost at every sample, (samples, pieces, n_axes) if not said; for axes that turn read rad for m."""
 
     value: float
-    """[-] of the cost."""
+    """Of the cost."""
     position: Array
     """[1/m]"""
     rate: Array

@@ -53,7 +53,7 @@ class ToolGoalOptions:
     clearance: float = 0.005
     """[m] that the goal keeps from everything."""
     damping: float = 1e-3
-    """[-] With lengths in m: added to the diagonal of the normal matrix, times the squared error where that is less than 1."""
+    """With lengths in m: added to the diagonal of the normal matrix, times the squared error where that is less than 1."""
     seed: Count = 0
 
 

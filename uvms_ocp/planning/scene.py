@@ -76,7 +76,7 @@ class Coordinates:
 
     @checked_on_failure
     def velocity_map(self, x: Annotated[Array, Shape("n", "self.n_axes")]) -> Array:
-        """(n, n_v, n_axes) [-]: generalized velocity v = map @ rate of x, at x (n, n_axes) [m, rad]."""
+        """(n, n_v, n_axes): generalized velocity v = map @ rate of x, at x (n, n_axes) [m, rad]."""
         full = self.all_axes(x)
         maps = np.broadcast_to(np.eye(full.shape[1]), (full.shape[0], full.shape[1], full.shape[1])).copy()
         if self.robot.n_vehicle:
@@ -93,7 +93,7 @@ class Coordinates:
 
     @checked_on_failure
     def follows(self) -> Array:
-        """(n_axes, n_axes) [-] 1 where the column's axis is carried by the row's; the vehicle turns yaw, pitch, roll."""
+        """(n_axes, n_axes) 1 where the column's axis is carried by the row's; the vehicle turns yaw, pitch, roll."""
         model = self.robot.model
         result = np.zeros((model.nv, model.nv))
         for joint in range(1, model.njoints):
@@ -158,7 +158,7 @@ def _symbolic_quaternion(rpy: ca.SX) -> ca.SX:
 
 
 def _quaternion_parts(cr, cp, cy, sr, sp, sy):  # type: ignore[no-untyped-def]
-    """xyzw of Rz Ry Rx from cosines and sines of the half angles, numbers or expressions."""
+    """Xyzw of Rz Ry Rx from cosines and sines of the half angles, numbers or expressions."""
     return (
         sr * cp * cy - cr * sp * sy,
         cr * sp * cy + sr * cp * sy,
@@ -227,13 +227,13 @@ class CollisionScene:
     geometry: pin.GeometryModel
     pairs: tuple[Pair, ...]
     moved: Array
-    """(n_pairs, n_axes) [-] -1, 0 or 1: does the axis move the second shape minus does it move the first."""
+    """(n_pairs, n_axes) -1, 0 or 1: does the axis move the second shape minus does it move the first."""
     reach: Array
     """(n_pairs, n_axes) [m per unit of the axis] upper bound on |d distance / d axis| at any configuration."""
     carried: Array
-    """(n_pairs, n_axes) [-] 1 where the axis moves the second shape."""
+    """(n_pairs, n_axes) 1 where the axis moves the second shape."""
     follows: Array
-    """(n_axes, n_axes) [-] see ``Coordinates.follows``."""
+    """(n_axes, n_axes) see ``Coordinates.follows``."""
     gyration: Array
     """(n_pairs,) [m] radius of gyration of the ball around the second shape."""
     room: Array

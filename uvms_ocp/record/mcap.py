@@ -179,7 +179,7 @@ class Stream:
 
     topic: str
     at: Callable[[int, Any], Any]
-    """The message of a tick [-], of that time stamp."""
+    """The message of a tick, of that time stamp."""
     once: bool = False
     """Whether it is told at the first tick alone."""
 

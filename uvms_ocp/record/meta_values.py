@@ -40,7 +40,7 @@ class ObstacleData(BaseModel):
     vertices: tuple[Point, ...] = ()
     """(n, 3) [m] of a mesh, in its own frame."""
     triangles: tuple[tuple[int, int, int], ...] = ()
-    """(m, 3) [-] indices of vertices."""
+    """(m, 3) indices of vertices."""
     position: Point
     """(3,) [m] of the middle in W."""
     rpy: Triple = (0.0, 0.0, 0.0)
@@ -218,7 +218,7 @@ class FrameMeta(MetaValue):
 
     name: str
     pose: tuple[Number, Number, Number, Number, Number, Number, Number]
-    """(7,) X_WF: p_WF [m] and quaternion xyzw [-]."""
+    """(7,) X_WF: p_WF [m] and quaternion xyzw."""
 
     @model_validator(mode="after")
     def _turns(self) -> FrameMeta:

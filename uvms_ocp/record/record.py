@@ -37,6 +37,13 @@ _UNKNOWN = ("thruster_energy", "load_mass")
 """Where NaN means that it is not known."""
 _ENDLESS = ("altimeter_range", "altimeter_std", "activity", "residual", "quantities")
 """Where infinity too may stand, such as for a range without an echo, and at ticks whose input the solver refused."""
+_RENAMED = {
+    "q_measured": "q_estimated",
+    "v_measured": "v_estimated",
+    "q_spread": "q_std",
+    "altimeter_spread": "altimeter_std",
+}
+"""Names of series in older files."""
 _VEHICLE_Q = 7
 _WORST_HEALTH = 2
 """Codes of health: 0 good, 1 suspect, 2 lost."""
@@ -271,13 +278,15 @@ class Record(TableDisplay):
 
     @staticmethod
     def load(path: Path | str) -> Record:
-        """Read a file written by `save`, of this version or of 0.1; it alone: `uvms_ocp.record.output.recover_folder` looks after its folder.
+        """Read a file written by `save`, of this version or an older one.
+
+        It alone is read: `uvms_ocp.record.output.recover_folder` looks after its folder.
 
         Raises `InvalidInput`, in one line, for what is no such file, is damaged or too large, and for series that do not fit
         each other, their times or the metadata.
         """
         try:
-            arrays = dict(read_arrays(path))
+            arrays = {_RENAMED.get(name, name): array for name, array in read_arrays(path).items()}
             text = _text_of(arrays)
             record = Record(series=arrays, meta=read_meta(text))
             check_series(record.series, record.meta)
@@ -315,7 +324,7 @@ class Recorder:
     """Collects rows of equal structure in blocks of memory, which stay where they are."""
 
     def __init__(self, capacity: int = 0) -> None:
-        """capacity [-]: rows of a block; 0 for as many as the memory asked for at a time holds."""
+        """capacity: rows of a block; 0 for as many as the memory asked for at a time holds."""
         self._capacity = capacity
         self._n = 0
         self._names: tuple[str, ...] = ()

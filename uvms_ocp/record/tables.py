@@ -144,7 +144,7 @@ def meaning_of(name: str) -> str:
 
 
 def column_names(name: str, width: int, meta: Any) -> list[str]:
-    """Names of the columns of a series of that name with so many columns (width [-]); meta: of its record."""
+    """Names of the columns of a series of that name with so many columns (width); meta: of its record."""
     if name == "quantities":
         return list(meta.quantities)
     return [f"{name}.{column}" for column in _columns(name, width, meta)]

@@ -51,7 +51,7 @@ def quantities_at(record: Record, t: float) -> dict[str, float]:
 # What the estimator got wrong, beside what it said of itself.
 
 CHANCE = 0.95
-"""[-] that a true error is within its bound."""
+"""That a true error is within its bound."""
 
 
 def error_bound(record: Record, quantity: str) -> float | None:

@@ -299,7 +299,7 @@ _FAINT = 0.1  # [N m] of righting moment, below which weight and buoyancy leave 
 
 @checked
 def up_at_rest(robot: Robot, q: np.ndarray) -> np.ndarray:
-    """Return the direction (3,) [-] that is up, in B, once a vehicle that was level has come to rest.
+    """Return the direction (3,) that is up, in B, once a vehicle that was level has come to rest.
 
     q (n_q,) [m, rad] gives the posture of the arm. Thrusters keep the axes that they drive; about the others weight and
     buoyancy turn the vehicle to where they do no more work. ``(0, 0, 1)``, level, where every such axis is driven.

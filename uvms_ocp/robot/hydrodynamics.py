@@ -109,7 +109,7 @@ def least_dissipation(linear_drag: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def overload(quadratic_drag: np.ndarray) -> tuple[float, np.ndarray]:
-    """By which factor [-] the couplings exceed what the diagonal is shown to bear, and d (6,) of the axes that they overload.
+    """By which factor the couplings exceed what the diagonal is shown to bear, and d (6,) of the axes that they overload.
 
     quadratic_drag (6, 6) [N/(m/s)^2, N m/(rad/s)^2], its diagonal not negative. At a factor of at most 1, rounding aside,
     drag never feeds energy. Above it the factor is the least that any weights d [m/s, rad/s] show.
@@ -148,7 +148,7 @@ def amplified_velocity(
 
 
 def _rounded(nu: np.ndarray, linear: np.ndarray, quadratic: np.ndarray) -> tuple[np.ndarray, float] | None:
-    """nu with four digits, as it is printed, and the power there: at a speed where quadratic drag outgrows the linear one."""
+    """Nu with four digits, as it is printed, and the power there: at a speed where quadratic drag outgrows the linear one."""
     slow, fast = nu @ linear @ nu, nu @ quadratic @ (np.abs(nu) * nu)
     speed = 1.0 if slow + fast < 0.0 else 2.0 * slow / -fast
     nu = np.array([float(f"{speed * entry:.4g}") for entry in nu]) + 0.0  # without -0

@@ -81,7 +81,7 @@ def _travel(robot: Robot, axes: np.ndarray) -> float:
 # Where the frames of a robot are, and how they move, at one configuration; and where its altimeter looks.
 
 STEEP = 0.1
-"""[-] cosine of a beam's tilt below which its range says nothing about the height."""
+"""Cosine of a beam's tilt below which its range says nothing about the height."""
 
 
 @checked_on_failure
@@ -136,11 +136,11 @@ class Beam:
     """Where a range sensor S looks: along -z of its frame."""
 
     origin: np.ndarray
-    """p_WS (3,) [m]."""
+    """P_WS (3,) [m]."""
     direction: np.ndarray
-    """(3,) unit vector in W [-]."""
+    """(3,) unit vector in W."""
     cosine: float
-    """[-] of the angle between the beam and straight down."""
+    """Of the angle between the beam and straight down."""
 
 
 class AltimeterBeam:

@@ -74,7 +74,7 @@ class PositionLimit:
     Kernels measure those of a `CollisionModel` by themselves where they can; Python is asked for any others.
     """
     n: int = 1
-    """[-] m"""
+    """M"""
     relative: bool = False
     """The measured quantity is the truth at the present q; `values` tell how it changes from there."""
     reach: np.ndarray

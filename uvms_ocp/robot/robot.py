@@ -50,7 +50,7 @@ class ConfigurationSpace:
     ) -> np.ndarray:
         """[p_WB, quaternion] (7,), or (0,) for a fixed base.
 
-        position (3,) [m]; rpy (3,) [rad] or quaternion (4,) [-] xyzw. Raises `InvalidInput` for both of them, a wrong shape,
+        position (3,) [m]; rpy (3,) [rad] or quaternion (4,) xyzw. Raises `InvalidInput` for both of them, a wrong shape,
         or any of the three with a fixed base.
         """
         if not self._n_vehicle:
@@ -75,7 +75,7 @@ class ConfigurationSpace:
         return from_joint_values(self.model, values)[self._joint_q]
 
     def checked(self, q: ArrayLike) -> np.ndarray:
-        """q (n_q,) [m, rad] read-only. Raises `InvalidInput` naming what is wrong with it."""
+        """Q (n_q,) [m, rad] read-only. Raises `InvalidInput` naming what is wrong with it."""
         array = finite("q", q, self.model.nq)
         if self._n_vehicle:
             _check_unit("quaternion", array[3:7])
@@ -317,7 +317,7 @@ class Robot:
     ) -> np.ndarray:
         """Return a checked q (n_q,); parts left out are zero for the vehicle and ``home`` for the joints.
 
-        ``position`` (3,) [m] p_WB; ``rpy`` (3,) [rad], R = Rz Ry Rx, or ``quaternion`` (4,) [-] xyzw; ``joints``
+        ``position`` (3,) [m] p_WB; ``rpy`` (3,) [rad], R = Rz Ry Rx, or ``quaternion`` (4,) xyzw; ``joints``
         (n_joints,) [rad or m], or values by name on top of ``home``. Raises ``InvalidInput`` for a wrong shape or what
         `check_configuration` refuses, and ``NameNotFound`` for an unknown joint.
         """

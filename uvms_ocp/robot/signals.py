@@ -91,7 +91,7 @@ class Readings:
     depth: Reading[float] | None = None
     """[m] z of p_WB."""
     attitude: Reading[_Quaternion] | None = None
-    """(4,) [-] quaternion xyzw of R_WB."""
+    """(4,) quaternion xyzw of R_WB."""
     angular_velocity: Reading[Vector3] | None = None
     """(3,) [rad/s] in B."""
     linear_velocity: Reading[Vector3] | None = None
@@ -171,7 +171,7 @@ class SensorSpec:
     delay: float = 0.0
     """[s] between taking a reading and delivering it."""
     dropout: float = 0.0
-    """[-] probability that a reading is lost."""
+    """Probability that a reading is lost."""
 
     def __post_init__(self) -> None:
         if not self.rate > 0:

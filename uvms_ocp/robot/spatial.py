@@ -45,7 +45,7 @@ _ATANC = (1.0, -1 / 3, 1 / 5, -1 / 7, 1 / 9, -1 / 11, 1 / 13)
 
 
 def where(condition: Array, if_true: Array, if_false: Array) -> Array:
-    """`if_true` or `if_false`, scalars () [any], by the condition () [-]. Both are evaluated, so both must be finite."""
+    """`if_true` or `if_false`, scalars () [any], by the condition (). Both are evaluated, so both must be finite."""
     if is_symbolic(condition):
         return ca.if_else(condition, if_true, if_false)
     return if_true if condition else if_false
@@ -134,7 +134,7 @@ def cotc_of_squared(x: Array) -> Array:
 
 
 def quaternion_to_matrix(quaternion: Array) -> Array:
-    """Rotation matrix (3, 3) [-] of a unit quaternion (4,) [-] xyzw, the same for either sign."""
+    """Rotation matrix (3, 3) of a unit quaternion (4,) xyzw, the same for either sign."""
     x, y, z, w = (quaternion[i] for i in range(4))
     return matrix(
         (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
@@ -144,7 +144,7 @@ def quaternion_to_matrix(quaternion: Array) -> Array:
 
 
 def matrix_to_quaternion(R: Array) -> Array:
-    """Unit quaternion (4,) [-] xyzw of a rotation matrix R (3, 3) [-], of either sign.
+    """Unit quaternion (4,) xyzw of a rotation matrix R (3, 3), of either sign.
 
     The products ``4 q_k q`` are linear in R; the largest of the four ``4 q_k^2`` is at least 1, so that the
     root and the division are safe at every rotation [Shepperd1978].
@@ -169,7 +169,7 @@ def _larger(a: Array, row_a: Sequence[Array], b: Array, row_b: Sequence[Array]) 
 
 
 def quaternion_multiply(a: Array, b: Array) -> Array:
-    """Product (4,) [-] of the quaternions a (4,) [-] and b (4,) [-], xyzw: the rotation ``R(a) @ R(b)``."""
+    """Product (4,) of the quaternions a (4,) and b (4,), xyzw: the rotation ``R(a) @ R(b)``."""
     return column(
         a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1],
         a[3] * b[1] + a[1] * b[3] + a[2] * b[0] - a[0] * b[2],
@@ -179,19 +179,19 @@ def quaternion_multiply(a: Array, b: Array) -> Array:
 
 
 def quaternion_conjugate(quaternion: Array) -> Array:
-    """Inverse (4,) [-] of a unit quaternion (4,) [-] xyzw."""
+    """Inverse (4,) of a unit quaternion (4,) xyzw."""
     return column(-quaternion[0], -quaternion[1], -quaternion[2], quaternion[3])
 
 
 def quaternion_exp(rotation_vector: Array) -> Array:
-    """Unit quaternion (4,) [-] xyzw of the `rotation_vector` (3,) [rad]."""
+    """Unit quaternion (4,) xyzw of the `rotation_vector` (3,) [rad]."""
     quarter = dot(rotation_vector, rotation_vector) / 4
     scale = sinc_of_squared(quarter) / 2
     return column(*[scale * rotation_vector[i] for i in range(3)], cos_of_squared(quarter))
 
 
 def quaternion_log(quaternion: Array) -> Array:
-    """Rotation vector (3,) [rad] of norm at most pi of a unit quaternion (4,) [-] xyzw of either sign."""
+    """Rotation vector (3,) [rad] of norm at most pi of a unit quaternion (4,) xyzw of either sign."""
     sign = where(quaternion[3] < 0, -1.0, 1.0)
     cosine, sine2 = sign * quaternion[3], dot(quaternion, quaternion)
     near_zero = sine2 < _SERIES_BELOW
@@ -206,12 +206,12 @@ def quaternion_log(quaternion: Array) -> Array:
 
 
 def exp3(rotation_vector: Array) -> Array:
-    """Rotation matrix (3, 3) [-] of the `rotation_vector` (3,) [rad]."""
+    """Rotation matrix (3, 3) of the `rotation_vector` (3,) [rad]."""
     return quaternion_to_matrix(quaternion_exp(rotation_vector))
 
 
 def log3(R: Array) -> Array:
-    """Rotation vector (3,) [rad] of norm at most pi of a rotation matrix R (3, 3) [-].
+    """Rotation vector (3,) [rad] of norm at most pi of a rotation matrix R (3, 3).
 
     At the angle pi both signs of the axis are right; one of them is returned.
     """
@@ -227,7 +227,7 @@ def exp6_translation(twist: Array) -> Array:
 
 
 def exp6(twist: Array) -> tuple[Array, Array]:
-    """Rotation (3, 3) [-] and translation (3,) [m] after one second of a constant body twist (6,) [m/s, rad/s]."""
+    """Rotation (3, 3) and translation (3,) [m] after one second of a constant body twist (6,) [m/s, rad/s]."""
     return exp3(twist[3:]), exp6_translation(twist)
 
 
@@ -239,7 +239,7 @@ def log6_translation(rotation_vector: Array, p: Array) -> Array:
 
 
 def log6(R: Array, p: Array) -> Array:
-    """Body twist (6,) [m/s, rad/s] that reaches R (3, 3) [-] and p (3,) [m] in one second.
+    """Body twist (6,) [m/s, rad/s] that reaches R (3, 3) and p (3,) [m] in one second.
 
     Its angular part has a norm of at most pi.
     """
@@ -251,7 +251,7 @@ def log6(R: Array, p: Array) -> Array:
 
 
 def rpy_to_matrix(rpy: Array) -> Array:
-    """``Rz(yaw) Ry(pitch) Rx(roll)`` (3, 3) [-] of rpy (3,) [rad], [Gao2022] eq. (6)."""
+    """``Rz(yaw) Ry(pitch) Rx(roll)`` (3, 3) of rpy (3,) [rad], [Gao2022] eq. (6)."""
     (sr, sp, sy), (cr, cp, cy) = _sines_cosines(rpy)
     return matrix(
         (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
@@ -261,7 +261,7 @@ def rpy_to_matrix(rpy: Array) -> Array:
 
 
 def matrix_to_rpy(R: Array) -> Array:
-    """Roll, pitch, yaw (3,) [rad] of R (3, 3) [-]; pitch within +-90 deg, where roll and yaw stop being separable."""
+    """Roll, pitch, yaw (3,) [rad] of R (3, 3); pitch within +-90 deg, where roll and yaw stop being separable."""
     pitch = ca.atan2(-R[2, 0], ca.sqrt(R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0]))
     return column(ca.atan2(R[2, 1], R[2, 2]), pitch, ca.atan2(R[1, 0], R[0, 0]))
 

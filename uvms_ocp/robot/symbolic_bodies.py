@@ -146,7 +146,7 @@ class JointKind:
     """What differs between joint types, as functions of the joint's own part of q and v."""
 
     pose: Callable[[np.ndarray, ca.SX], tuple[ca.SX, ca.SX]]
-    """Function of S (6, n) [-] and q: R (3, 3) [-] and p (3,) [m] of the child body in the joint's fixed frame."""
+    """Function of S (6, n) and q: R (3, 3) and p (3,) [m] of the child body in the joint's fixed frame."""
     integrate: Callable[[ca.SX, ca.SX], ca.SX]
     """Function of q and v: q after one second of v."""
     difference: Callable[[ca.SX, ca.SX], ca.SX]
@@ -163,15 +163,15 @@ class SymbolicJoint:
     q: slice
     v: slice
     R_PJ: ca.DM
-    """(3, 3) [-] of its fixed frame in the parent body."""
+    """(3, 3) of its fixed frame in the parent body."""
     p_PJ: ca.DM
     """(3,) [m]"""
     S: np.ndarray
-    """(6, n) [-] motion subspace in the child body, n being the joint's size in v."""
+    """(6, n) motion subspace in the child body, n being the joint's size in v."""
     S_linear: ca.DM
-    """(3, n) [-] first rows of S."""
+    """(3, n) first rows of S."""
     S_angular: ca.DM
-    """(3, n) [-] last rows of S."""
+    """(3, n) last rows of S."""
 
     def pose(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Pose (R, p) of this joint's body in the parent body, from the whole configuration."""

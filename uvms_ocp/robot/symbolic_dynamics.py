@@ -51,7 +51,7 @@ class WetLink:
 
     joint: int
     R_JL: ca.DM
-    """(3, 3) [-]"""
+    """(3, 3) """
     p_JL: ca.DM
     """(3,) [m]"""
     motion_LJ: ca.DM

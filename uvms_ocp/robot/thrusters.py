@@ -48,7 +48,7 @@ def largest_force(robot: Robot) -> np.ndarray:
 
 
 def thrust_of_signals(robot: Robot, signals: np.ndarray) -> np.ndarray:
-    """Return steady thrust (n_thrusters,) [N] for command signals (n_thrusters,) [-], by each thruster's curve.
+    """Return steady thrust (n_thrusters,) [N] for command signals (n_thrusters,), by each thruster's curve.
 
     Without a curve: linear, -1 and 1 are the limits. Signals beyond the curve give its ends.
     """
@@ -57,7 +57,7 @@ def thrust_of_signals(robot: Robot, signals: np.ndarray) -> np.ndarray:
 
 
 def signals_of_thrust(robot: Robot, thrust: np.ndarray) -> np.ndarray:
-    """Return command signals (n_thrusters,) [-] for steady thrust (n_thrusters,) [N]; `thrust_of_signals` inverted."""
+    """Return command signals (n_thrusters,) for steady thrust (n_thrusters,) [N]; `thrust_of_signals` inverted."""
     pairs = zip(robot.description.thrusters, thrust, strict=True)
     return np.array([np.interp(value, *np.transpose(_curve(thruster))[::-1]) for thruster, value in pairs])
 
@@ -90,7 +90,7 @@ def unreachable_axes(B: np.ndarray) -> tuple[int, ...]:
 
 
 def left_null_space(B: np.ndarray) -> np.ndarray:
-    """Return an orthonormal basis (6, 6 - rank) [-] of the wrenches no thrust contributes to, of B (6, n_thrusters) [-, m].
+    """Return an orthonormal basis (6, 6 - rank) of the wrenches no thrust contributes to, of B (6, n_thrusters) [-, m].
 
     Moments are divided by the typical lever arm of the layout, so that newtons and newton metres compare.
     """

@@ -81,7 +81,7 @@ def read_vector(path: Path, element: Element, key: str, where: str) -> tuple[flo
 
 
 def read_sizes(path: Path, shape: Element, where: str) -> tuple[float, ...]:
-    """Return the sizes [m] of a shape, or the scale [-] of a mesh. Raises ``RobotDataError``."""
+    """Return the sizes [m] of a shape, or the scale of a mesh. Raises ``RobotDataError``."""
     if shape.tag == "box":
         return read_vector(path, shape, "size", where)
     if shape.tag == "mesh":

@@ -175,7 +175,7 @@ def mission_of(
 
 
 def with_activations(mission: Mission, gates: Mapping[str, float]) -> Mission:
-    """The mission with these gates [-] in every phase that does not set them itself, that of its abort too."""
+    """The mission with these gates in every phase that does not set them itself, that of its abort too."""
     phases = tuple(replace(phase, gates={**gates, **phase.gates}) for phase in mission.all_phases)
     n = len(mission.phases)
     abort = None if mission.abort is None else replace(mission.abort, phase=phases[n])

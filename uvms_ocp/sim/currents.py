@@ -159,7 +159,7 @@ class OnsetCurrent(Current):
     """[s] that the step takes."""
 
     def __init__(self, velocity: ArrayLike, *, start: float, rise: float) -> None:
-        """velocity (3,) [m/s] once it has set in; start, rise [s] as the fields.
+        """Velocity (3,) [m/s] once it has set in; start, rise [s] as the fields.
 
         Raises `InvalidInput` for a velocity that is not finite or faster than any sea, and a rise that is not > 0.
         """
@@ -179,7 +179,7 @@ class OnsetCurrent(Current):
         return np.zeros((len(p_W), 3, 3))
 
     def growth(self, t: float) -> tuple[float, float]:
-        """Share [-] of the whole velocity that there is at time t [s], and its rate [1/s]."""
+        """Share of the whole velocity that there is at time t [s], and its rate [1/s]."""
         angle = math.pi * min(max((t - self.start) / self.rise, 0.0), 1.0)
         return 0.5 - 0.5 * math.cos(angle), 0.5 * math.pi / self.rise * math.sin(angle)
 

@@ -47,7 +47,6 @@ class ContactModel:
     damping: float = 2e3
     """[N s/m]"""
     friction: float = 0.5
-    """[-]"""
     creep: float = 0.01
     """[m/s] speed below which friction is viscous."""
 
@@ -141,7 +140,7 @@ class StepModel:
     thrusters: Thrusters
     """Of the robot."""
     locked: tuple[int, ...] = ()
-    """[-] entries of v that a constraint holds at 0."""
+    """Entries of v that a constraint holds at 0."""
 
 
 def step_function(model: StepModel) -> ca.Function:
@@ -153,8 +152,8 @@ def step_function(model: StepModel) -> ca.Function:
 
     thrust (n_thrusters,) [N], thruster_energy (n_thrusters,) [J] and joint_energy [J] so far. asked_thrust (n_thrusters,) [N]
     and asked_torque (n_joints,) [N m or N]: the command; torque is what the motors give of it. share, offset (n_thrusters,)
-    [-, N]: `ThrusterCondition`. decay (n_thrusters, N_DECAYS) [-]: `Thrusters.decay`. u (3, n_links) [m/s] and Du_Dt
-    (3, n_links) [m/s2]: water at the links. floor_z (n_points,) [m] and floor_normal (3, n_points) [-]: height and normal of
+    [-, N]: `ThrusterCondition`. decay (n_thrusters, N_DECAYS): `Thrusters.decay`. u (3, n_links) [m/s] and Du_Dt
+    (3, n_links) [m/s2]: water at the links. floor_z (n_points,) [m] and floor_normal (3, n_points): height and normal of
     the floor below the contact points. brake [N m s/rad]: friction of the brakes on every joint. contact (n_points,) [N]: the
     vertical force of the floor on each point.
     """
@@ -194,7 +193,7 @@ def _velocity(model: StepModel, x: Mapping[str, ca.SX], tau: ca.SX) -> tuple[ca.
 
 
 def _accelerated(A: ca.SX, v: ca.SX, impulse: ca.SX, locked: tuple[int, ...]) -> ca.SX:
-    """v_next (n_v,) of ``A (v_next - v) = impulse`` in the rows that are free, and 0 in the locked ones."""
+    """V_next (n_v,) of ``A (v_next - v) = impulse`` in the rows that are free, and 0 in the locked ones."""
     free, held = [i for i in range(v.numel()) if i not in locked], list(locked)
     if held:
         impulse = impulse[free] + A[free, held] @ v[held]
@@ -242,7 +241,7 @@ def _contact(
 
 
 def _unit_quaternion(robot: Robot, q: ca.SX) -> ca.SX:
-    """q with the vehicle's quaternion scaled to norm 1, so that rounding does not add up over a run."""
+    """Q with the vehicle's quaternion scaled to norm 1, so that rounding does not add up over a run."""
     if not robot.n_vehicle:
         return q
     return ca.vertcat(q[:3], q[3:7] / ca.norm_2(q[3:7]), q[7:])
@@ -255,7 +254,7 @@ def period_function(step: ca.Function, n_steps: int) -> ca.Function:
     """``n_steps`` calls of `step_function` as one Function, whose dt [s] is that of all of them and whose result is one column.
 
     The column holds q, v, thrust, thruster_energy and joint_energy at the end, then torque and contact of the last step, then
-    a (n_v,) [m/s2, rad/s2]: the mean acceleration, as an accelerometer would integrate it. n_steps [-] is at least 1. The
+    a (n_v,) [m/s2, rad/s2]: the mean acceleration, as an accelerometer would integrate it. n_steps is at least 1. The
     graph is walked by CasADi; what takes time is the step, compiled once for periods of any length.
     """
     inputs = {step.name_in(i): ca.MX.sym(step.name_in(i), *step.size_in(i)) for i in range(step.n_in())}
@@ -278,7 +277,7 @@ class StepSequence:
     __slots__ = ("_period", "_result", "carried", "given")
 
     def __init__(self, step: ca.Function, n_steps: int) -> None:
-        """step: `step_function`, compiled or not. n_steps [-]: at least 1, in a period. Raises `InvalidInput` for fewer."""
+        """step: `step_function`, compiled or not. n_steps: at least 1, in a period. Raises `InvalidInput` for fewer."""
         if n_steps < 1:
             raise InvalidInput(f"{n_steps} steps in a period; give 1 or more")
         function = period_function(step, n_steps)

@@ -57,7 +57,7 @@ class EnvironmentSampler:
     def __init__(
         self, environment: Environment, dynamics: SymbolicDynamics, points: np.ndarray, *, compiled: bool = True
     ) -> None:
-        """points (n_points, 3) [m]: contact points in B. compiled: unless there is no time for that."""
+        """Points (n_points, 3) [m]: contact points in B. compiled: unless there is no time for that."""
         self._environment = environment
         self._n_links = len(dynamics.links)
         self._steady = is_steady(environment.current)
@@ -74,7 +74,7 @@ class EnvironmentSampler:
     def bind(self, given: Mapping[str, np.ndarray]) -> None:
         """From now on write into the arrays of `given` (...) [units below]: what `StepSequence` reads.
 
-        Those are u (n_links, 3) [m/s], Du_Dt (n_links, 3) [m/s2], floor_z (n_points,) [m] and floor_normal (n_points, 3) [-];
+        Those are u (n_links, 3) [m/s], Du_Dt (n_links, 3) [m/s2], floor_z (n_points,) [m] and floor_normal (n_points, 3);
         the period dt (1,) [s] is read.
         """
         self._given = given

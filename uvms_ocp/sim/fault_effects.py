@@ -43,7 +43,7 @@ class FaultyChannel:
     disturb: Disturb
     """(value, error (n,)) -> value: how an error acts on it."""
     n: int
-    """[-] components of an error."""
+    """Components of an error."""
     origin: Any = None
     """Value from which `stuck` counts; zeros unless given."""
     joints: tuple[Joint, ...] = ()
@@ -206,11 +206,11 @@ class ThrusterCondition:
     """Of all thrusters of a robot. Their steady thrust is ``share sound + offset``, for that of sound ones."""
 
     share: np.ndarray
-    """(n,) [-] 1 sound, less weak, negative reversed, 0 dead or stuck."""
+    """(n,) 1 sound, less weak, negative reversed, 0 dead or stuck."""
     offset: np.ndarray
     """(n,) [N] thrust at which they are stuck."""
     dead: np.ndarray
-    """(n,) [-] whether they give nothing."""
+    """(n,) whether they give nothing."""
 
 
 def condition_of(faults: Sequence[Fault], thrust: np.ndarray) -> ThrusterCondition:
@@ -243,7 +243,7 @@ def active_of(faults: Sequence[Fault], t: float) -> tuple[Fault, ...]:
 
 
 def jammed_axes(robot: Robot, faults: Sequence[Fault]) -> tuple[int, ...]:
-    """Entries of v [-] of the joints that cannot move."""
+    """Entries of v of the joints that cannot move."""
     joints = [robot.joints[fault.strikes.number - 1] for fault in faults if fault.strikes.family == "joint"]
     return tuple(sorted({axis for joint in joints for axis in range(joint.v.start, joint.v.stop)}))
 
@@ -272,7 +272,7 @@ def joined_velocity(before: np.ndarray, after: np.ndarray, v: np.ndarray, locked
     """Velocity (n_v,) [m/s, rad/s] once the robot has taken hold of something at rest: ``after v_next = before v``.
 
     The momentum of the robot is then that of robot and load. before, after: mass matrices (n_v, n_v)
-    [kg, kg m, kg m2]; v (n_v,) [m/s, rad/s]. locked: entries [-] that are and stay at 0.
+    [kg, kg m, kg m2]; v (n_v,) [m/s, rad/s]. locked: entries that are and stay at 0.
     """
     import scipy.linalg  # a tenth of a second, for the few that take hold of something
 

@@ -56,21 +56,21 @@ class FaultKind:
     """In words."""
     values: tuple[ValueRange, ...] = ()
     fewest: int | None = None
-    """[-] number of values that must be given; all by default."""
+    """Number of values that must be given; all by default."""
     for_each: bool = False
     """Whether its one value may also be given for each component of the channel."""
 
     def takes(self, n: int) -> bool:
-        """Whether n [-] values may be given."""
+        """Whether n values may be given."""
         return n >= 1 if self.for_each else self.least <= n <= len(self.values)
 
     @property
     def least(self) -> int:
-        """[-] number of values that must be given."""
+        """Number of values that must be given."""
         return len(self.values) if self.fewest is None else self.fewest
 
     def range_of(self, index: int) -> ValueRange:
-        """Of the value at index [-]."""
+        """Of the value at index."""
         return self.values[0] if self.for_each else self.values[index]
 
 
@@ -154,7 +154,7 @@ class FaultTarget:
     channel: str = ""
     """Of sensors and encoders, one of `CHANNELS`."""
     number: int = 0
-    """[-] of a thruster or joint, from 1."""
+    """Of a thruster or joint, from 1."""
 
 
 @lru_cache(maxsize=1024)

@@ -85,7 +85,7 @@ def require_few_ticks(duration: float, dt: float) -> None:
 
 
 class _HealthCodes:
-    """How far each channel can be trusted, (n_channels,) [-], made anew only where somebody has judged anew."""
+    """How far each channel can be trusted, (n_channels,), made anew only where somebody has judged anew."""
 
     __slots__ = ("_health", "_row")
 

@@ -72,7 +72,7 @@ class KinematicPlant(Plant):
     """The paper's plant: velocities follow the command at once, except those of joints that are jammed."""
 
     def __init__(self, robot: Robot, q0: np.ndarray, faults: tuple[Fault, ...] = ()) -> None:
-        """q0 (n_q,) [m, rad]: the start. Raises `InvalidInput`, as `Robot.check_configuration`."""
+        """Q0 (n_q,) [m, rad]: the start. Raises `InvalidInput`, as `Robot.check_configuration`."""
         self._model, self._robot, self._faults = robot.model, robot, faults
         self._t = 0.0
         self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v), a=np.zeros(robot.n_v))
@@ -124,7 +124,7 @@ class DynamicPlant(Plant):
         faults: tuple[Fault, ...] = (),
         shared: bool = False,
     ) -> None:
-        """q0 (n_q,) [m, rad]: the start, at rest. max_step [s]. faults: those of sensors are left out.
+        """Q0 (n_q,) [m, rad]: the start, at rest. max_step [s]. faults: those of sensors are left out.
 
         shared: whether machine code serves all robots that differ in numbers alone, for one that is drawn at random.
 

@@ -36,13 +36,13 @@ class Seafloor(Protocol):
     __slots__ = ()
 
     def height(self, x: float, y: float) -> float:
-        """z [m] of the floor below or above the point (x, y) [m] in W."""
+        """Z [m] of the floor below or above the point (x, y) [m] in W."""
 
     def normal(self, x: float, y: float) -> np.ndarray:
-        """Unit normal (3,) [-] of the floor at (x, y) [m], upwards, in W."""
+        """Unit normal (3,) of the floor at (x, y) [m], upwards, in W."""
 
     def range_along(self, origin: Vector3, direction: Vector3) -> float:
-        """Distance [m] from `origin` (3,) [m] along the unit vector `direction` (3,) [-] in W to the floor; nan without a hit.
+        """Distance [m] from `origin` (3,) [m] along the unit vector `direction` (3,) in W to the floor; nan without a hit.
 
         0 or negative where the origin is at or below the floor and the ray points down.
         """
@@ -71,7 +71,7 @@ class FlatSeafloor(Seafloor):
 
     @checked_on_failure
     def ground_at(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
-        """Heights (n,) [m] and unit normals (n, 3) [-] of the floor at points (n, 2) [m], x and y in W."""
+        """Heights (n,) [m] and unit normals (n, 3) of the floor at points (n, 2) [m], x and y in W."""
         normals = np.zeros((len(points), 3))
         normals[:, 2] = 1.0
         return np.full(len(points), self.z), normals
@@ -84,7 +84,7 @@ class FlatSeafloor(Seafloor):
 
 @checked_on_failure
 def ground_at(seafloor: Seafloor, points: Points) -> tuple[np.ndarray, np.ndarray]:
-    """Heights (n,) [m] and unit normals (n, 3) [-] of the floor at points (n, 2) [m], x and y in W.
+    """Heights (n,) [m] and unit normals (n, 3) of the floor at points (n, 2) [m], x and y in W.
 
     In one pass where its own class has a method ``ground_at`` for that, else point by point.
     """
@@ -268,11 +268,11 @@ class HeightField(Seafloor):
         return self.z + float(_elevation(self._bumps, x, y))
 
     def heights_at(self, points: Annotated[np.ndarray, Shape("n", 2)]) -> np.ndarray:
-        """z (m,) [m] of the floor at points (m, 2) [m], x, y in W."""
+        """Z (m,) [m] of the floor at points (m, 2) [m], x, y in W."""
         return self.z + _elevation(self._bumps, points[:, :1], points[:, 1:])
 
     def gradient(self, x: float, y: float) -> np.ndarray:
-        """Slope (2,) [-] along x and y in W, at the point (x, y) [m]."""
+        """Slope (2,) along x and y in W, at the point (x, y) [m]."""
         return _slopes(self._bumps, np.array([[x, y]]))[1][0]
 
     @checked_on_failure
@@ -281,7 +281,7 @@ class HeightField(Seafloor):
 
     @checked_on_failure
     def ground_at(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
-        """Heights (n,) [m] and unit normals (n, 3) [-] of the floor at points (n, 2) [m], x and y in W."""
+        """Heights (n,) [m] and unit normals (n, 3) of the floor at points (n, 2) [m], x and y in W."""
         elevations, slopes = _slopes(self._bumps, points)
         return self.z + elevations, _normals(slopes)
 
@@ -355,7 +355,7 @@ def _elevation(bumps: np.ndarray, x: float | np.ndarray, y: float | np.ndarray) 
 
 
 def _slopes(bumps: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sum (m,) [m] of the bumps (4, n) at points (m, 2) [m], and its gradient (m, 2) [-]."""
+    """Sum (m,) [m] of the bumps (4, n) at points (m, 2) [m], and its gradient (m, 2)."""
     dx, dy = bumps[0] - points[:, :1], bumps[1] - points[:, 1:]
     rest = np.maximum(1.0 - (dx * dx + dy * dy) * bumps[3], 0.0)
     square, weights = rest * rest, 6.0 * bumps[2] * bumps[3]
@@ -363,7 +363,7 @@ def _slopes(bumps: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _normals(slopes: np.ndarray) -> np.ndarray:
-    """Unit normals (m, 3) [-], upwards, of a surface with slopes (m, 2) [-]."""
+    """Unit normals (m, 3), upwards, of a surface with slopes (m, 2)."""
     upwards = np.ones((len(slopes), 3))
     upwards[:, :2] = -slopes
     return upwards / np.sqrt((upwards * upwards).sum(axis=1))[:, None]

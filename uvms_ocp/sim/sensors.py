@@ -58,7 +58,7 @@ class Altimeter:
 
 @lru_cache(maxsize=16)
 def _beam_function(robot: Robot, frame: str) -> ca.Function:
-    """Function ``q -> origin (3,) [m], direction (3,) [-]`` of a range sensor, in W. Too short to be worth compiling."""
+    """Function ``q -> origin (3,) [m], direction (3,) `` of a range sensor, in W. Too short to be worth compiling."""
     q = ca.SX.sym("q", robot.n_q)
     R_WS, p_WS = SymbolicModel(robot.model).forward_kinematics(q).pose(frame)
     return ca.Function("beam", [q], [ca.densify(p_WS), ca.densify(-R_WS[:, 2])], ["q"], ["origin", "direction"])

@@ -19,7 +19,7 @@ from uvms_ocp.robot.thrusters import thrust_limits
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 N_DECAYS = len(_NODES) + 1
-"""[-] columns of `Thrusters.decay`: one for each node of the energy integral, and the end of the step."""
+"""Columns of `Thrusters.decay`: one for each node of the energy integral, and the end of the step."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -37,7 +37,7 @@ class Thrusters:
     factor: np.ndarray
     """(n,) [W/N^exponent] of the electrical power, NaN where the file gives none."""
     exponent: np.ndarray
-    """(n,) [-] of the thrust in the electrical power."""
+    """(n,) of the thrust in the electrical power."""
 
     @staticmethod
     def of(robot: Robot) -> Thrusters:
@@ -57,7 +57,7 @@ class Thrusters:
     def target(self, asked: Array, share: Array, offset: Array) -> Array:
         """Steady thrust (n,) [N] for a command asked (n,) [N].
 
-        share (n,) [-] and offset (n,) [N]: the condition of the thrusters, as `ThrusterCondition` has it.
+        share (n,) and offset (n,) [N]: the condition of the thrusters, as `ThrusterCondition` has it.
         """
         within = clipped(asked, self.lower, self.upper)
         sound = where(ca.fabs(within) < self.dead_zone, 0.0, within)
@@ -66,7 +66,7 @@ class Thrusters:
     def step(self, thrust: ca.SX, target: ca.SX, decay: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Thrust (n,) [N] after dt [s] and the electrical energy (n,) [J] that this took.
 
-        thrust (n,) [N]: at the beginning. target (n,) [N]: held meanwhile. decay (n, N_DECAYS) [-]: `decay` of this dt.
+        thrust (n,) [N]: at the beginning. target (n,) [N]: held meanwhile. decay (n, N_DECAYS): `decay` of this dt.
         """
         distance, taken = thrust - target, ca.SX.zeros(len(self.lower))
         for node, weight in enumerate(_WEIGHTS):
@@ -81,7 +81,7 @@ class Thrusters:
         return ca.DM(self.factor) * ca.vertcat(ca.SX(0, 1), *powers)
 
     def decay(self, dt: float) -> np.ndarray:
-        """Share (n, N_DECAYS) [-] of the distance to the target that is left at the nodes and at the end of dt [s].
+        """Share (n, N_DECAYS) of the distance to the target that is left at the nodes and at the end of dt [s].
 
         Raises `InvalidInput` for a dt that is not > 0.
         """
@@ -96,7 +96,7 @@ class Thrusters:
 def joint_power(tau: Array, rate: Array, efficiency: float) -> Array:
     """Electrical power (n_joints,) [W] of drives with effort tau (n_joints,) [N m or N] at rate (n_joints,) [rad/s or m/s].
 
-    ``|tau rate|`` divided by the efficiency [-]: braking gives nothing back, standing still is free.
+    ``|tau rate|`` divided by the efficiency: braking gives nothing back, standing still is free.
     """
     return abs(tau * rate) / efficiency
 

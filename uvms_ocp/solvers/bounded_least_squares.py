@@ -65,7 +65,7 @@ def solve_positive(s: Rows, n: int) -> None:
 
 
 def least_norm(s: Rows, m: int, n: int) -> None:
-    """y (n,) of least norm among those of least ``|W y - b|``.
+    """Y (n,) of least norm among those of least ``|W y - b|``.
 
     W = L Q with an orthonormal basis Q of its rows, taken in the order of what is left of them; then L z = b by least squares
     with L = U R. Both by Gram and Schmidt, twice, which is as good as reflections.
@@ -190,7 +190,7 @@ class BoundedProblem(Layout):
     weight: Annotated[Vector, Sized("n")]
     """[1/x^2]"""
     started: bool
-    """x is inside the bounds, and near the answer."""
+    """X is inside the bounds, and near the answer."""
     x: Annotated[Vector, Sized("n")]
     """[x] the answer."""
     # Of variables that have the weight 1.
@@ -371,7 +371,7 @@ def _most_wrong(p: BoundedProblem) -> int:
 
 
 def room_for(n: int) -> int:
-    """Variables n [-] rounded up, so that problems of nearly one size share a compiled kernel."""
+    """Variables n rounded up, so that problems of nearly one size share a compiled kernel."""
     return max(_ROOM, -(-n // _ROOM) * _ROOM)
 
 

@@ -19,7 +19,7 @@ class LinearProgram(Layout):
     """The largest ``c' x`` with ``A x = b`` and ``lower <= x <= upper``: m rows and n_x variables, n_all together."""
 
     A: Annotated[list[Vector], Sized("m", "n_x")]
-    """(m, n_x) [-]"""
+    """(m, n_x) """
     b: Annotated[Vector, Sized("m")]
     """(m,) [x]"""
     c: Annotated[Vector, Sized("n_x")]
@@ -38,7 +38,7 @@ class LinearProgram(Layout):
 
 
 def program_sizes(m: int, n: int) -> dict[str, int]:
-    """Of a `LinearProgram` [-] with m [-] rows and n [-] variables."""
+    """Of a `LinearProgram` with m rows and n variables."""
     return {"m": m, "n_x": n, "n_all": n + m}
 
 

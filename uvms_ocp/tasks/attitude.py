@@ -194,7 +194,7 @@ class FieldOfView(AngleTask):
     goal: VectorGoal
     """(3,) [m] point in W."""
     axis: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    """(3,) [-] optical axis in `frame`, of length 1."""
+    """(3,) optical axis in `frame`, of length 1."""
     gain: float = 0.6
     """[1/s]"""
     saturation: float = 0.3

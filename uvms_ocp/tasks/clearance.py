@@ -31,7 +31,7 @@ class Clearance(Task):
     model: CollisionModel
     """The pairs."""
     n_nearest: int = 8
-    """[-] rows."""
+    """Rows."""
     threshold: float = 0.1
     """[m]"""
     margin: float = 0.2

@@ -44,9 +44,9 @@ class JointLimits(Task):
     name: str = "JL"
     task_class: TaskClass = TaskClass.SAFETY
     margin: float = 0.1
-    """[-] share of the robot's range on each side, inside of `guard`."""
+    """Share of the robot's range on each side, inside of `guard`."""
     guard: float = 0.0
-    """[-] share of the robot's range on each side that is never used."""
+    """Share of the robot's range on each side that is never used."""
     gain: float = 0.2
     """[1/s]"""
     saturation: float = 0.5

@@ -110,7 +110,7 @@ class NearestPairs:
     model: CollisionModel
     """All pairs."""
     n: int
-    """[-] how many of them at most."""
+    """How many of them at most."""
     threshold: float
     """[m] by which they stay apart."""
 
@@ -215,7 +215,7 @@ class Rows:
     upper: ca.SX
     """(m,) [unit of the task / s]"""
     activation: ca.SX
-    """(m,) [-] internal bell in [0, 1]."""
+    """(m,) internal bell in [0, 1]."""
     quantities: Mapping[str, ca.SX] = field(default_factory=dict)
     """Scalars for transitions, plots and reports, such as errors and distances."""
 

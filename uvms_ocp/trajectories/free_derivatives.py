@@ -2,7 +2,7 @@
 
 A piece of degree 2k - 1 is fixed by its value and first k - 1 derivatives at both ends, the *end data*
 ``z = [p(0), p'(0), ..., p(1), p'(1), ...]`` (2k,). Derivatives are per unit-interval time, so an end derivative of
-order d in real time is multiplied by duration^d. All matrices are [-].
+order d in real time is multiplied by duration^d. All matrices are.
 
 Unknowns are the derivatives 0 .. k-1 of the curve at its nodes that nobody has fixed ([Gao2022] eq. (78)). The cost
 is a sum over pieces of quadratic forms of their end data, so its matrix is block tridiagonal: a banded Cholesky
@@ -28,7 +28,7 @@ from uvms_ocp.types import Array, Indices, Mask
 #
 # A piece of degree 2k - 1 is fixed by its value and first k - 1 derivatives at both ends, the *end data*
 # ``z = [p(0), p'(0), ..., p(1), p'(1), ...]`` (2k,). Derivatives are per unit-interval time, so an end derivative of
-# order d in real time is multiplied by duration^d. All matrices are [-].
+# order d in real time is multiplied by duration^d. All matrices are.
 
 _Rational = list[list[Fraction]]
 
@@ -53,12 +53,12 @@ def monomial_cost(k: int) -> Array:
 
 
 def monomial_row(u: float, derivative: int, n_coefficients: int) -> Array:
-    """(n_coefficients,) the derivative-th derivative of ``1, u, u^2, ...`` at u [-]."""
+    """(n_coefficients,) the derivative-th derivative of ``1, u, u^2, ...`` at u."""
     return np.array([_falling(i, derivative) * u ** max(i - derivative, 0) for i in range(n_coefficients)])
 
 
 def basis(u: Array, derivative: int, k: int) -> Array:
-    """(n, 2k) derivative-th derivative at unit times u (n,) [-] as a linear map of the end data."""
+    """(n, 2k) derivative-th derivative at unit times u (n,) as a linear map of the end data."""
     rows = np.array([monomial_row(float(x), derivative, 2 * k) for x in u])
     return rows @ hermite_matrix(k)
 
@@ -127,13 +127,13 @@ class Pieces:
     unit: float
     """[s] geometric mean of the durations."""
     durations: Array
-    """(n,) [-] in units of ``unit``."""
+    """(n,) in units of ``unit``."""
     node_times: Array
-    """(n + 1,) [-] scale of time at each node, in units of ``unit``."""
+    """(n + 1,) scale of time at each node, in units of ``unit``."""
     scale: Array
-    """(2k, n, 1) [-] scaled node derivatives -> end data of the piece."""
+    """(2k, n, 1) scaled node derivatives -> end data of the piece."""
     weight: Array
-    """(n, 1) [-] factor of the unit-interval cost of each piece."""
+    """(n, 1) factor of the unit-interval cost of each piece."""
 
 
 def pieces_of(durations: Array, k: int) -> Pieces:

@@ -79,7 +79,7 @@ class CurveSpecification:
     """
 
     derivative: int = 4
-    """k [-]: 4 is snap, 3 jerk, 2 acceleration. Pieces have degree 2k - 1."""
+    """k: 4 is snap, 3 jerk, 2 acceleration. Pieces have degree 2k - 1."""
     boundary: Boundary = field(default_factory=Boundary)
     """Derivatives at both ends."""
     constraints: tuple[Constraint, ...] = ()
@@ -162,7 +162,7 @@ def checked_waypoints(waypoints: ArrayLike, *, dwell: bool = False) -> Array:
 
 
 def checked_times(times: ArrayLike, n: int) -> Array:
-    """times (n,) [s], read-only. Raises `InvalidInput` for another shape, and where they are not finite or do not increase."""
+    """Times (n,) [s], read-only. Raises `InvalidInput` for another shape, and where they are not finite or do not increase."""
     knots = read_only(times, np.float64)
     if knots.shape != (n,):
         raise InvalidInput(f"times have shape {knots.shape}; {n} way points need ({n},) [s].")

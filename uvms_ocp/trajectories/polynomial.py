@@ -130,7 +130,7 @@ class PiecewisePolynomial(FieldTable):
         return np.max(_unit_peaks(scaled) / self.durations[:, None] ** derivative, axis=0)
 
     def scaled(self, factor: float) -> PiecewisePolynomial:
-        """The same path, ``factor`` [-] times slower, with the same start time. Raises `InvalidInput` unless it is positive."""
+        """The same path, ``factor`` times slower, with the same start time. Raises `InvalidInput` unless it is positive."""
         if not factor > 0.0:
             raise InvalidInput(f"time factor is {factor}; it must be positive.")
         breaks = self.start + factor * (self.breaks - self.start)

@@ -53,7 +53,7 @@ class MotionLimits:
         return np.stack([np.broadcast_to(limit, (n_axes,)) for limit in given])
 
     def ratio(self, trajectory: PiecewisePolynomial) -> float:
-        """Largest ratio [-] of a derivative to its limit; at most 1 when all limits are kept."""
+        """Largest ratio of a derivative to its limit; at most 1 when all limits are kept."""
         peaks = np.stack([trajectory.peak(d) for d in (1, 2, 3)])
         return float(np.max(peaks / self.rows(trajectory.n_axes)))
 
@@ -107,7 +107,7 @@ def optimal_times(
     left is a smooth problem in the logarithms of the durations, solved by L-BFGS.
 
     waypoints (n + 1, n_axes) [axis]; times (n + 1,) [s]: first guess; time_weight [axis^2/s^2k]: k_T, the cost of one second;
-    tolerance [-]: largest slope of the cost, as a share of its first value, by the logarithm of a duration. Raises
+    tolerance: largest slope of the cost, as a share of its first value, by the logarithm of a duration. Raises
     `InvalidInput` as ``min_snap``, and for a time weight that is not positive.
     """
     from scipy.optimize import minimize  # half a second, which few need

@@ -33,7 +33,7 @@ _LONGEST = 60
 
 @styled
 def figure_rate(success: np.ndarray, interval: tuple[float, float]) -> Figure:
-    """The share of successes over the number of runs; success (n,) [-] of all runs in their order, interval [-] of the whole."""
+    """The share of successes over the number of runs; success (n,) of all runs in their order, interval of the whole."""
     figure = RecordFigure(figsize=(WIDTH, 2.4))
     axis = figure.subplots()
     n = np.arange(1, len(success) + 1)
@@ -62,7 +62,7 @@ def figure_outcomes(outcomes: Sequence[Mapping[str, Any]]) -> Figure:
 
 @styled
 def figure_spread(values: Mapping[str, np.ndarray], success: np.ndarray) -> Figure:
-    """Histograms of figures of merit, values (n,) [unit in the name] by name, NaN where a run has none; success (n,) [-]."""
+    """Histograms of figures of merit, values (n,) [unit in the name] by name, NaN where a run has none; success (n,)."""
     names = [name for name, column in values.items() if np.isfinite(column).any()]
     n_rows = max(1, -(-len(names) // _COLUMNS))
     figure = RecordFigure(figsize=(WIDTH, 1.7 * n_rows))

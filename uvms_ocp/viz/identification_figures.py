@@ -39,7 +39,7 @@ _UNITS = ("m/s", "rad/s", "-")
 """Of what the three sensors show."""
 _COLUMNS = 4  # of profiles beside each other
 _PREDICTORS = (BLUE, FADED, ORANGE, GREEN)
-_ROOM = 1.15  # [-] of the tallest bar but those of the vehicle before, which may be anywhere
+_ROOM = 1.15  # of the tallest bar but those of the vehicle before, which may be anywhere
 
 
 @styled

@@ -124,7 +124,7 @@ def _robust_range(lines: object) -> tuple[float, float]:
 
 _ZOOM = 1.0  # [s] on each side of a transition
 _MAX_ZOOMS = 4
-_SHORT = 10  # [-] letters of a phase above a zoom
+_SHORT = 10  # letters of a phase above a zoom
 _LEAST_SPAN = 0.02  # [m/s, rad/s] of a velocity panel
 
 
@@ -306,13 +306,13 @@ def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
 
 
 def obstacle_outline(data: ObstacleData, i: int, j: int) -> np.ndarray:
-    """Corners (n, 2) [m] of what an obstacle covers, seen along the axis of W that is neither i nor j [-]; of a mesh its hull."""
+    """Corners (n, 2) [m] of what an obstacle covers, seen along the axis of W that is neither i nor j; of a mesh its hull."""
     points = _surface_points(data, i, j)[:, [i, j]]
     return np.asarray(points[ConvexHull(points).vertices])
 
 
 def _surface_points(data: ObstacleData, i: int, j: int) -> np.ndarray:
-    """Points (n, 3) [m] in W, the farthest of the obstacle in every direction of the plane of axes i and j [-] among them."""
+    """Points (n, 3) [m] in W, the farthest of the obstacle in every direction of the plane of axes i and j among them."""
     item = build_obstacle(data)
     R, p = item.X_WO.rotation, item.X_WO.translation
     if data.vertices:

@@ -111,7 +111,7 @@ def _panels(record: Record) -> list[_Panel]:
 
 
 def _turns(true: np.ndarray, measured: np.ndarray) -> np.ndarray:
-    """(n, 3) [rad] the small rotation in B from the true attitude to the measured one; quaternions (n, 4) [-] xyzw."""
+    """(n, 3) [rad] the small rotation in B from the true attitude to the measured one; quaternions (n, 4) xyzw."""
     v, w, vm, wm = true[:, :3], true[:, 3:], measured[:, :3], measured[:, 3:]
     vector, scalar = w * vm - wm * v - np.cross(v, vm), w * wm + (v * vm).sum(axis=1, keepdims=True)
     return np.asarray(2.0 * np.sign(scalar) * vector)

@@ -90,7 +90,7 @@ def phase_spans(record: Record) -> tuple[PhaseSpan, ...]:
 
 
 def intervals_of(codes: np.ndarray) -> Iterator[tuple[int, int, int]]:
-    """Stretches of equal codes (n,) [-]: where each begins, where the next one does, or the last row, and its code."""
+    """Stretches of equal codes (n,): where each begins, where the next one does, or the last row, and its code."""
     first = np.flatnonzero(np.diff(codes, prepend=-1))
     for i, j in zip(first, [*first[1:], len(codes) - 1], strict=True):
         yield int(i), int(j), int(codes[i])
@@ -121,13 +121,13 @@ def threshold_text(record: Record, name: str, limit: float) -> str:
 
 
 def task_gate(record: Record, task: str) -> np.ndarray | None:
-    """External activation (n,) [-] of a task; `None` for an unknown one."""
+    """External activation (n,) of a task; `None` for an unknown one."""
     names = [item.name for item in record.meta.tasks]
     return record["gates"][:, names.index(task)] if task in names else None
 
 
 def task_activity(record: Record, task: str) -> np.ndarray | None:
-    """Activation (n, rows) [-] of a task's rows; `None` where the task has no level."""
+    """Activation (n, rows) of a task's rows; `None` where the task has no level."""
     start = 0
     for level in record.meta.levels:
         if level.name == task:
@@ -143,7 +143,7 @@ def n_joints(record: Record) -> int:
 
 
 def axis_names(record: Record, n: int) -> list[str]:
-    """Names of n [-] rows or axes: the joints where there is one for each, which a joint of several axes has not."""
+    """Names of n rows or axes: the joints where there is one for each, which a joint of several axes has not."""
     joints = record.meta.joints
     return list(joints) if n == len(joints) else [str(k + 1) for k in range(n)]
 

@@ -154,7 +154,7 @@ def stacked(n_rows: int, height: float, title: str) -> tuple[RecordFigure, list[
 
 
 def label_text(name: str, longest: int = 32) -> str:
-    """A name as a label of at most so many letters [-], and not of the kind that Matplotlib keeps out of legends."""
+    """A name as a label of at most so many letters, and not of the kind that Matplotlib keeps out of legends."""
     label = plain_line(name, longest)
     return f" {label}" if label.startswith("_") else label
 
@@ -197,7 +197,7 @@ def legend_beside(axis: Axes) -> None:
 
 
 def shade_phases(axes: Sequence[Axes], spans: Sequence[PhaseSpan], *, named: bool = True, share: float = 1.0) -> None:
-    """Colour the phases behind every panel and name them above the first; share [-] of the page's width is theirs."""
+    """Colour the phases behind every panel and name them above the first; share of the page's width is theirs."""
     for axis in axes:
         for span in spans:
             axis.axvspan(span.start, span.end, color=_BANDS[span.index % len(_BANDS)], lw=0, zorder=-2)
@@ -256,7 +256,7 @@ _LONGEST = 40  # letters of what one moment is marked with
 
 
 def mark_time(axes: Sequence[Axes], record: Record, *, named: bool = True, share: float = 1.0) -> None:
-    """Phases and faults on every panel, named on the first unless told otherwise; share [-] of the page's width is theirs."""
+    """Phases and faults on every panel, named on the first unless told otherwise; share of the page's width is theirs."""
     shade_phases(axes, phase_spans(record), named=named, share=share)
     begun: dict[float, list[str]] = {}
     for fault in fault_spans(record):

@@ -234,7 +234,7 @@ def _curves(record: Record, name: str) -> tuple[dict[str, np.ndarray], str]:
 
 
 def _columns(record: Record, names: Sequence[str]) -> dict[str, tuple[str, int, str]]:
-    """By the name of a column: its series, its index [-] there, its unit."""
+    """By the name of a column: its series, its index there, its unit."""
     widths = {name: record[name].shape[1] for name in names}
     return {
         label: (name, k, unit)

@@ -148,7 +148,7 @@ class Authority:
         return there & ~(self.reach > _GONE * self.sound)
 
     def _shares(self) -> np.ndarray:
-        """(6,) [-] of the reach of sound thrusters, the worse way."""
+        """(6,) of the reach of sound thrusters, the worse way."""
         return np.min(self.reach / np.maximum(self.sound, np.finfo(float).tiny), axis=1)
 
 
@@ -163,12 +163,12 @@ def authority_in(memory: Any) -> Authority:
 
 
 def authority_sizes(n: int) -> dict[str, int]:
-    """Of an `AuthorityMemory` [-] of n [-] thrusters."""
+    """Of an `AuthorityMemory` of n thrusters."""
     return {"n_thrusters": n, **program_sizes(6, n + 7)}
 
 
 def write_authority(memory: Any, matrix: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
-    """matrix (6, n) [N/N, N m/N]; lower, upper (n,) [N] limits of what may be asked."""
+    """Matrix (6, n) [N/N, N m/N]; lower, upper (n,) [N] limits of what may be asked."""
     view(memory.matrix)[:, : len(lower)] = matrix
     view(memory.lower)[: len(lower)], view(memory.upper)[: len(lower)] = lower, upper
 

@@ -62,13 +62,12 @@ class JointFaultMemory(Layout):
     """Verdicts on all joints, with the ways they were asked to go and went."""
 
     count: int
-    """[-] joints."""
+    """Joints."""
     effort: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [N m or N] limits."""
     jam_travel: float
     """[rad or m] as the next two of `ActuatorHealthTuning`."""
     jam_effort: float
-    """[-]"""
     jam_time: float
     """[s]"""
     started: bool

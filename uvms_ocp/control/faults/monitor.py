@@ -35,7 +35,7 @@ _NOTHING = 0.3  # share below which a thruster is dead, not weak
 def detection_sizes(
     robot: Robot, symbolic: SymbolicDynamics, tuning: ActuatorHealthTuning, period: float
 ) -> dict[str, Any]:
-    """Of an `FaultDetection` [-], and its functions; period [s] of looks."""
+    """Of an `FaultDetection`, and its functions; period [s] of looks."""
     return {
         "n_q": robot.n_q,
         "n_tilted": max(robot.n_q, 7),
@@ -49,7 +49,7 @@ def detection_sizes(
 
 
 def window_capacity(tuning: ActuatorHealthTuning, period: float) -> int:
-    """Looks [-] that a `IsolationWindow` has room for; period [s] of them."""
+    """Looks that a `IsolationWindow` has room for; period [s] of them."""
     return 2 * _window_length(tuning, period) + LATE + EARLY
 
 
@@ -110,7 +110,7 @@ def write_joint_watch(watch: Any, effort: np.ndarray, tuning: ActuatorHealthTuni
 
 
 def thruster_verdicts(watch: Any, effect: Any, n: int) -> list[ThrusterVerdict]:
-    """Of a `ThrusterWatch`, on each of n [-] thrusters; effect: an `Effect` in memory."""
+    """Of a `ThrusterWatch`, on each of n thrusters; effect: an `Effect` in memory."""
     return [
         ThrusterVerdict(
             health=ActuatorHealth(watch.health[i]),
@@ -197,7 +197,7 @@ class ActuatorMonitor:
             self.alarms.append((t, f"without {self.faulty}: {self.authority}{end}"))
 
     def telemetry(self) -> dict[str, Any]:
-        """For the record: shares (n_thrusters,) [-], constants (n_thrusters,) [N], verdicts as whole numbers."""
+        """For the record: shares (n_thrusters,), constants (n_thrusters,) [N], verdicts as whole numbers."""
         return self._told
 
     def _refresh(self) -> None:

@@ -33,38 +33,35 @@ class IsolationWindow(Layout):
     """What was seen lately, in a ring of looks, and the likeliest culprit."""
 
     directions: Annotated[list[Vector], Sized(6, "n_thrusters")]
-    """(6, n_thrusters) [-] wrench of a newton in those scales."""
+    """(6, n_thrusters) wrench of a newton in those scales."""
     scale: Annotated[Vector, Sized(6)]
     """(6,) [N, N m] what counts as one on each axis."""
     square: Annotated[Vector, Sized("n_thrusters")]
-    """(n_thrusters,) [-] of the size of each direction."""
+    """(n_thrusters,) of the size of each direction."""
     length: int
-    """[-] looks in which a culprit is sought."""
+    """Looks in which a culprit is sought."""
     least_change: float
-    """[-] as the next three of `ActuatorHealthTuning`."""
+    """As the next three of `ActuatorHealthTuning`."""
     least_explained: float
-    """[-]"""
     least_lead: float
-    """[-]"""
     precedes: float
-    """[-]"""
     seen: Annotated[list[Vector], Sized("n_looks", 6)]
-    """(n_looks, 6) [-] residual in those scales."""
+    """(n_looks, 6) residual in those scales."""
     asked: Annotated[list[Vector], Sized("n_looks", "n_thrusters")]
     """(n_looks, n_thrusters) [N]"""
     time: Annotated[Vector, Sized("n_looks")]
     """(n_looks,) [s]"""
     count: int
-    """[-] of all looks."""
+    """Of all looks."""
     along: Annotated[list[Vector], Sized("n_looks", "n_thrusters")]
-    """(n_looks, n_thrusters) [-] changes of the residual along each direction."""
+    """(n_looks, n_thrusters) changes of the residual along each direction."""
     # the likeliest culprit
     thruster: int
-    """[-] counted from 0; -1 where none explains enough."""
+    """Counted from 0; -1 where none explains enough."""
     explained: float
-    """[-] share of the changes."""
+    """Share of the changes."""
     lead: float
-    """[-] what the next best leaves unexplained, over what this one does."""
+    """What the next best leaves unexplained, over what this one does."""
 
 
 def append_sample(w: IsolationWindow, residual: Vector, t: float) -> int:
@@ -183,7 +180,7 @@ class FaultFit(Layout):
     """The likeliest, of one thruster."""
 
     count: int
-    """[-] looks at it."""
+    """Looks at it."""
     time: Annotated[Vector, Sized("n_looks")]
     """(n_looks,) [s]"""
     asked: Annotated[Vector, Sized("n_looks")]
@@ -193,9 +190,9 @@ class FaultFit(Layout):
     bandwidth: float
     """[rad/s] of the filter."""
     follows: float
-    """[-] least share of a thruster that follows its command."""
+    """Least share of a thruster that follows its command."""
     faded: Annotated[Vector, Sized("n_looks")]
-    """(n_looks,) [-] what the filter still has of the time before an onset."""
+    """(n_looks,) what the filter still has of the time before an onset."""
     lost: Annotated[Vector, Sized("n_looks")]
     """(n_looks,) [N] of what was asked since."""
     shares: LineFit
@@ -204,7 +201,7 @@ class FaultFit(Layout):
     """[N^2] that is left where it gives nothing, at least."""
     # found
     share: float
-    """[-] that it gives of what it is asked, from now on; 0 where it does not follow."""
+    """That it gives of what it is asked, from now on; 0 where it does not follow."""
     constant: float
     """[N] that it gives instead, where it does not follow."""
     sigma: float
@@ -295,11 +292,8 @@ class ThrusterFaultMemory(Layout):
     settling: float
     """[s] as the next three of `ActuatorHealthTuning`."""
     clear_lead: float
-    """[-]"""
     looks: float
-    """[-]"""
     sound_share: float
-    """[-]"""
     window: IsolationWindow
     manner: FaultFit
     started: bool
@@ -308,15 +302,15 @@ class ThrusterFaultMemory(Layout):
     last: int
     """Thruster that the last look blamed; -1 for none."""
     evidence: float
-    """[-] looks that agree."""
+    """Looks that agree."""
     suspect: int
-    """Counted from 0 [-]; -1 for none."""
+    """Counted from 0; -1 for none."""
     health: Annotated[list[int], Sized("n_thrusters")]
     """(n_thrusters,) each a `ActuatorHealth`."""
     kind: Annotated[list[int], Sized("n_thrusters")]
     """(n_thrusters,) each a `FaultKind`."""
     confidence: Annotated[Vector, Sized("n_thrusters")]
-    """(n_thrusters,) [-] as that of `ThrusterVerdict`."""
+    """(n_thrusters,) as that of `ThrusterVerdict`."""
     since: Annotated[Vector, Sized("n_thrusters")]
     """(n_thrusters,) [s] likewise."""
 

@@ -23,13 +23,13 @@ class ThrusterEffectiveness(Layout):
     """Thrust in the water is ``share * asked + constant``, of numbers and of CasADi expressions alike."""
 
     share: Annotated[Array, Sized("n_thrusters")]
-    """(n_thrusters,) [-]: 1 is sound, 0 dead or stuck, below 0 reversed."""
+    """(n_thrusters,): 1 is sound, 0 dead or stuck, below 0 reversed."""
     constant: Annotated[Array, Sized("n_thrusters")]
     """(n_thrusters,) [N] of a stuck thruster."""
 
     @staticmethod
     def sound(n: int) -> ThrusterEffectiveness:
-        """n thrusters that do what they are asked."""
+        """N thrusters that do what they are asked."""
         return ThrusterEffectiveness(share=np.ones(n), constant=np.zeros(n))
 
     @property
@@ -39,7 +39,7 @@ class ThrusterEffectiveness(Layout):
 
     @property
     def share_or_one(self) -> Array:
-        """(n_thrusters,) [-] to divide by."""
+        """(n_thrusters,) to divide by."""
         return where(self.works, self.share, 1.0)
 
     def given(self, asked: Array) -> Array:
@@ -93,11 +93,11 @@ class ThrusterVerdict:
     kind: FaultKind = FaultKind.NONE
     """Of what is faulty."""
     share: float = 1.0
-    """[-] of the thrust that is asked for."""
+    """Of the thrust that is asked for."""
     constant: float = 0.0
     """[N] of a stuck thruster."""
     confidence: float = 0.0
-    """[-] what the next best explanation leaves unexplained, over what this does."""
+    """What the next best explanation leaves unexplained, over what this does."""
     since: float = math.nan
     """[s] time from which on it explains the motion."""
 
@@ -151,25 +151,25 @@ class ActuatorHealthTuning:
     window: float = 4.0
     """[s] of the residual in which a culprit is looked for, and twice that in which its onset is."""
     force_scale: float = 0.02
-    """[-] change of the residual force that counts as one, share of what all thrusters together give on that axis."""
+    """Change of the residual force that counts as one, share of what all thrusters together give on that axis."""
     moment_scale: float = 0.005
-    """[-] the same of moments, of which water and loads make less for their force than thrusters do."""
+    """The same of moments, of which water and loads make less for their force than thrusters do."""
     least_change: float = 1.5
-    """[-] root mean square of the changes, in these scales, below which nothing is looked for."""
+    """Root mean square of the changes, in these scales, below which nothing is looked for."""
     explained: float = 0.8
-    """[-] share of the changes that the fault of a thruster must explain: in Case 1 without one 0.7 was seen at most, 0.9 for
+    """share of the changes that the fault of a thruster must explain: in Case 1 without one 0.7 was seen at most, 0.9 for
     a while where the model of the water is wrong by a fifth."""
     lead: float = 4.0
-    """[-] times as much as it leaves unexplained must be left by the next best: 2.7 and 9.6 were seen there."""
+    """times as much as it leaves unexplained must be left by the next best: 2.7 and 9.6 were seen there."""
     precedes: float = 1.25
-    """[-] times as much as it leaves unexplained must be left where commands are taken a moment later: commands that only
+    """times as much as it leaves unexplained must be left where commands are taken a moment later: commands that only
     answer a push come after it."""
     clear_lead: float = 16.0
-    """[-] lead from which on a look counts fully."""
+    """Lead from which on a look counts fully."""
     looks: float = 8.0
-    """[-] that must agree, one after the other; those of a smaller lead count by its square."""
+    """That must agree, one after the other; those of a smaller lead count by its square."""
     sound_share: float = 0.75
-    """[-] of what is asked that a thruster gives at least, else it is weak; less than 0.3 counts as nothing."""
+    """Of what is asked that a thruster gives at least, else it is weak; less than 0.3 counts as nothing."""
     settling: float = 1.5
     """[s] after a start or a verdict that are not looked at."""
     judged_after: float = 6.0
@@ -177,7 +177,7 @@ class ActuatorHealthTuning:
     jam_travel: float = 0.05
     """[rad or m] that a joint is asked to go, and does not, before it counts as jammed."""
     jam_effort: float = 0.2
-    """[-] share of the joint's effort that must resist it."""
+    """Share of the joint's effort that must resist it."""
     jam_time: float = 0.5
     """[s] for which it stands still all the time."""
 
@@ -203,7 +203,7 @@ class FilteredCommands:
     way: Array
     """(n_v,) [m/s, rad/s] sum of the reference velocities since the last look."""
     ticks: Array
-    """() [-] since the last look; at 0 it is time for one, where the tick was taken in."""
+    """() since the last look; at 0 it is time for one, where the tick was taken in."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -211,9 +211,9 @@ class ResidualFilter:
     """The law of it."""
 
     share: float
-    """[-] of the distance to a new thrust that the filter goes in a tick."""
+    """Of the distance to a new thrust that the filter goes in a tick."""
     every: int
-    """[-] ticks from look to look."""
+    """Ticks from look to look."""
 
     def after(self, before: FilteredCommands, thrust: Array, reference: Array) -> FilteredCommands:
         """A tick later.
@@ -229,5 +229,5 @@ class ResidualFilter:
 
 
 def residual_filter_for(tuning: ActuatorHealthTuning, *, bandwidth: float, dt: float) -> ResidualFilter:
-    """bandwidth [rad/s] of the residual; dt [s] of a tick."""
+    """Bandwidth [rad/s] of the residual; dt [s] of a tick."""
     return ResidualFilter(share=1.0 - math.exp(-bandwidth * dt), every=max(1, round(tuning.sample_time / dt)))

@@ -52,13 +52,13 @@ class AllocationMemory(Layout):
     power_factor: Annotated[Vector, Sized("n")]
     """(n,) [W/N^exponent]"""
     power_exponent: Annotated[Vector, Sized("n")]
-    """(n,) [-]"""
+    """(n,) """
     dead_zone: Annotated[Vector, Sized("n")]
     """(n,) [N]"""
     wrench_weight: Annotated[Vector, Sized("m")]
     """(6,) [1/N, 1/(N m)]"""
     share: Annotated[Vector, Sized("n")]
-    """(n,) [-] as those of `Effect`."""
+    """(n,) as those of `Effect`."""
     constant: Annotated[Vector, Sized("n")]
     """(n,) [N]"""
     # found by `apply_effectiveness`
@@ -178,7 +178,7 @@ class Allocation:
     power_factor: np.ndarray
     """(n,) [W/N^exponent], more than 0: power is ``factor |thrust|^exponent``."""
     power_exponent: np.ndarray
-    """(n,) [-], 1 to 3."""
+    """(n,), 1 to 3."""
     dead_zone: np.ndarray
     """(n,) [N]: smaller thrust cannot be commanded; it becomes 0 or the edge, whichever is nearer."""
     wrench_weight: np.ndarray = field(default_factory=lambda: np.ones(6))
@@ -235,7 +235,7 @@ class Allocation:
 
 
 def allocation_sizes(n: int) -> dict[str, int]:
-    """Of a `AllocationMemory` [-] with room for n [-] thrusters."""
+    """Of a `AllocationMemory` with room for n thrusters."""
     return {"m": 6, "n": room_for(n)}
 
 
@@ -313,12 +313,12 @@ class ThrusterLag:
     upper: np.ndarray
     """(n,) [N]"""
     lead: np.ndarray
-    """(n,) [-] so many times faster than their lag they are driven."""
+    """(n,) so many times faster than their lag they are driven."""
     decay: np.ndarray
-    """(n,) [-] share of the distance from its command that a thruster keeps over a tick."""
+    """(n,) share of the distance from its command that a thruster keeps over a tick."""
 
     def command(self, thrust: Array, wanted: Array, hurry: Array) -> Array:
-        """Command (n,) [N] that brings thrust (n,) [N] to the wanted one (n,) [N]; hurry () [-]: ahead of the lag."""
+        """Command (n,) [N] that brings thrust (n,) [N] to the wanted one (n,) [N]; hurry (): ahead of the lag."""
         lead = where(hurry, self.lead, 1.0)
         return clipped(thrust + lead * (wanted - thrust), self.lower, self.upper)
 
@@ -328,7 +328,7 @@ class ThrusterLag:
 
 
 def thruster_lag(robot: Robot, *, lead: float, dt: float) -> ThrusterLag:
-    """That of a robot's thrusters; lead [-]: driven so many times faster than their lag. dt [s]: control period."""
+    """That of a robot's thrusters; lead: driven so many times faster than their lag. dt [s]: control period."""
     time_constants = np.array([thruster.time_constant for thruster in robot.description.thrusters])
     lower, upper = thrust_limits(robot)
     return ThrusterLag(

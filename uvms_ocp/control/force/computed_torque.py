@@ -34,7 +34,7 @@ class Actuators:
     """Thrusters and joint motors of a robot. Holds their modelled state: build one per run."""
 
     def __init__(self, robot: Robot, *, lead: float, dt: float) -> None:
-        """lead [-]: thrusters are driven this many times faster than their lag. dt [s]: control period."""
+        """lead: thrusters are driven this many times faster than their lag. dt [s]: control period."""
         self._robot = robot
         self._allocation = allocation_of(robot)
         self._lag = thruster_lag(robot, lead=lead, dt=dt)
@@ -82,7 +82,7 @@ class TrackingGains:
     joints_damping: float = 12.0
     """[1/s]"""
     lead: float = 4.0
-    """[-] thrusters are driven this many times faster than their lag."""
+    """Thrusters are driven this many times faster than their lag."""
 
     def __post_init__(self) -> None:
         values = [getattr(self, name) for name in self.__dataclass_fields__]
@@ -106,7 +106,7 @@ class ComputedTorque:
         gains: TrackingGains | None = None,
         water: Water = STILL_WATER,
     ) -> None:
-        """dt [s]: control period. water: as far as the controller knows it."""
+        """Dt [s]: control period. water: as far as the controller knows it."""
         chosen = gains or TrackingGains()
         self._robot, self._dynamics, self._water = robot, dynamics, water
         self._open = chosen == OPEN_LOOP

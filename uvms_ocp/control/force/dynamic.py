@@ -53,7 +53,7 @@ class VelocityGains:
     observer_joints: float = 4.0
     """[rad/s]"""
     lead: float = 4.0
-    """[-] thrusters are driven this many times faster than their lag."""
+    """Thrusters are driven this many times faster than their lag."""
 
     def __post_init__(self) -> None:
         values = {name: getattr(self, name) for name in self.__dataclass_fields__}

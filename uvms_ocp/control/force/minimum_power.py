@@ -46,7 +46,7 @@ class PowerMemory(Layout):
     factor: Annotated[Vector, Sized("n")]
     """(n,) [W/N^exponent]"""
     exponent: Annotated[Vector, Sized("n")]
-    """(n,) [-]"""
+    """(n,) """
     largest: Annotated[Vector, Sized("n")]
     """(n,) [N] thrust."""
     # found by `prepare_minimum_power`
@@ -55,10 +55,10 @@ class PowerMemory(Layout):
     inverse: Annotated[list[Vector], Sized("n", "m")]
     """(n, 6) [N/N, N/(N m)] wrench to the thrust of least weighted squares without limits."""
     spare: Annotated[list[Vector], Sized("n", "n")]
-    """(n_spare, n) [-] orthonormal rows of thrust that gives no wrench."""
+    """(n_spare, n) orthonormal rows of thrust that gives no wrench."""
     n_spare: int
     stretch: float
-    """[-] of a step."""
+    """Of a step."""
     inner: Rows
 
 
@@ -88,7 +88,7 @@ def minimum_power(p: PowerMemory, wrench: Vector, thrust: Vector) -> None:
 def majorizing_weight(factor: float, exponent: float, largest: float, thrust: float) -> float:
     """Weight [W/N^2] of the parabola that has the slope of the power ``factor |T|^exponent`` at a thrust T [N].
 
-    factor [W/N^exponent]; exponent [-]; largest [N] thrust.
+    factor [W/N^exponent]; exponent; largest [N] thrust.
     """
     size = max(thrust * thrust + (SMALL * largest) * (SMALL * largest), _SMALLEST)
     if exponent == _USUAL:

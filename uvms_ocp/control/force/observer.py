@@ -35,13 +35,13 @@ class ObserverState:
     """What an observer knows."""
 
     estimate: Array
-    """d (n_v,) [N, N m]"""
+    """D (n_v,) [N, N m]"""
     lead: Array
     """(n_v,) [N, N m] from d to itself with one lag 1 / w less, and so more noise."""
     v_hat: Array
     """(n_v,) [m/s, rad/s] velocity that the model expects now."""
     follows: Array
-    """() [-] 1 where v_hat is known."""
+    """() 1 where v_hat is known."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -53,7 +53,7 @@ class ObserverLaw:
     """
 
     bandwidth: np.ndarray
-    """w (n_v,) [rad/s]"""
+    """W (n_v,) [rad/s]"""
     limit: np.ndarray
     """(n_v,) [N, N m] of d, both ways."""
     dt: float
@@ -76,7 +76,7 @@ class ObserverLaw:
     ) -> ObserverState:
         """After a tick with measured q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
 
-        tau (n_v,) [N, N m] has acted since the last one. share (n_v,) [-]: of the bandwidth, as much as v bears now.
+        tau (n_v,) [N, N m] has acted since the last one. share (n_v,): of the bandwidth, as much as v bears now.
         Drag is that of the measured velocity in a current (3,) [m/s] in W, by default none: what it damps is no
         disturbance, and must not be compensated.
         """
@@ -94,7 +94,7 @@ class ObserverLaw:
     def response(self, before: ForceResponse, M: ca.SX, force: ca.SX, share: ca.SX) -> ForceResponse:
         """What of the estimate comes from forces (n_v, k) [N, N m], each by itself, a tick later.
 
-        An observer is linear in what disturbs it, until its limit. M (n_v, n_v) [kg, kg m, kg m2]; share (n_v,) [-] as above.
+        An observer is linear in what disturbs it, until its limit. M (n_v, n_v) [kg, kg m, kg m2]; share (n_v,) as above.
         """
         w = self.bandwidth * share
         D, L_transposed, order = ca.ldl(M, False)
@@ -105,7 +105,7 @@ class ObserverLaw:
 
 
 def limited(y: ca.SX, limit: np.ndarray) -> ca.SX:
-    """y (n,) [any] within limit (n,) [any] both ways; what is no number stays none."""
+    """Y (n,) [any] within limit (n,) [any] both ways; what is no number stays none."""
     most = ca.DM(limit)
     return ca.if_else(y > most, most, ca.if_else(y < -most, -most, y))
 
@@ -130,7 +130,7 @@ class DisturbanceObserver:
         self.estimate, self._kept, self._v_hat, self._follows = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(1)
 
     def update(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """d (n_v,) [N, N m] after a tick, as `ObserverLaw.after` has it.
+        """D (n_v,) [N, N m] after a tick, as `ObserverLaw.after` has it.
 
         q (n_q,) [m, rad], v (n_v,) [m/s, rad/s], tau (n_v,) [N, N m].
         """

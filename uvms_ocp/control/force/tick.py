@@ -54,9 +54,9 @@ class ForceMemory(Layout):
     watched: bool
     """Faulty thrusters and joints are searched for."""
     bears: float
-    """[-] share of their bandwidth that the loops of the vehicle never exceed: what is known late bears less."""
+    """share of their bandwidth that the loops of the vehicle never exceed: what is known late bears less."""
     joint_bandwidth_share: float
-    """[-] the same of the joints."""
+    """The same of the joints."""
     joints_late: float
     """[s] by which encoders are known to be late."""
     # given; of `given` all but whether joints are to be trusted
@@ -218,7 +218,7 @@ class ForceTick:
     def give(self, q: np.ndarray, v: np.ndarray, command: Command, feedback: tuple[float, float]) -> None:
         """The robot at q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s] as measured, and the command of the velocities.
 
-        feedback [-]: of vehicle and joints, as `Given` has it.
+        feedback: of vehicle and joints, as `Given` has it.
         """
         given = self.given
         given.q[:], given.v[:], given.reference[:] = q, v, command.v
@@ -267,7 +267,7 @@ class ForceTick:
 
 @lru_cache(maxsize=2)
 def _sizes(laws: ForceLaws) -> dict[str, Any]:
-    """Sizes [-] and functions of a `ForceMemory`."""
+    """Sizes and functions of a `ForceMemory`."""
     period = laws.velocity.dt * (laws.residual_filter.every if laws.residual_filter else 1)
     symbolic, search = laws.velocity.dynamics, laws.search or ActuatorHealthTuning()
     return {

@@ -57,15 +57,15 @@ class ForceInputs(Layout):
     reference: Annotated[Array, Sized("n_v")]
     """(n_v,) [m/s, rad/s] velocity that is asked for."""
     feedback: Annotated[Array, Sized(1)]
-    """(1,) [-] share of their bandwidth that the loops of the vehicle come to."""
+    """(1,) share of their bandwidth that the loops of the vehicle come to."""
     joint_feedback: Annotated[Array, Sized(1)]
-    """(1,) [-] the same of the joints."""
+    """(1,) the same of the joints."""
     hold: Annotated[Array, Sized(1)]
-    """(1,) [-] 1: the vehicle's velocity is not to be trusted."""
+    """(1,) 1: the vehicle's velocity is not to be trusted."""
     stop: Annotated[Array, Sized(1)]
-    """(1,) [-] 1: no thrust."""
+    """(1,) 1: no thrust."""
     joints: Annotated[Array, Sized(1)]
-    """(1,) [-] 1: the joints' velocities are to be trusted."""
+    """(1,) 1: the joints' velocities are to be trusted."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -83,9 +83,9 @@ class ForceState(Layout):
     v_hat: Annotated[Array, Sized("n_v")]
     """(n_v,) [m/s, rad/s] that the observer expects."""
     follows: Annotated[Array, Sized(1)]
-    """(1,) [-] 1 where v_hat is known."""
+    """(1,) 1 where v_hat is known."""
     share: Annotated[Array, Sized("n_v")]
-    """(n_v,) [-] of the bandwidth."""
+    """(n_v,) of the bandwidth."""
     integral: Annotated[Array, Sized("n_v")]
     """(n_v,) [m, rad] of the error."""
     before: Annotated[Array, Sized("n_v")]
@@ -95,9 +95,9 @@ class ForceState(Layout):
     way: Annotated[Array, Sized("n_v")]
     """(n_v,) [m/s, rad/s] as `Asked.way`."""
     ticks: Annotated[Array, Sized(1)]
-    """(1,) [-] as `Asked.ticks`."""
+    """(1,) as `Asked.ticks`."""
     watch: Annotated[Array, Sized(1)]
-    """(1,) [-] a `Watch`."""
+    """(1,) a `Watch`."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -141,11 +141,11 @@ class ForceOutputs(Layout):
     unreachable: Annotated[Array, Sized(6)]
     """(6,) [N, N m] of that."""
     push: Annotated[Array, Sized(1)]
-    """(1,) [-] upward part of the disturbance, as a share of the largest lift of the thrusters."""
+    """(1,) upward part of the disturbance, as a share of the largest lift of the thrusters."""
 
 
 def column_sizes(robot: Robot) -> dict[str, int]:
-    """Sizes [-] that parts are declared with, by name."""
+    """Sizes that parts are declared with, by name."""
     return {
         "n_q": robot.n_q,
         "n_v": robot.n_v,
@@ -165,7 +165,7 @@ def column_places(parts: type[Layout], sizes: Mapping[str, int]) -> dict[str, sl
 
 
 def size_of(parts: type[Layout], sizes: Mapping[str, int]) -> int:
-    """Of the whole column [-]."""
+    """Of the whole column."""
     return sum(max(1, size) for size in declared_sizes(parts, sizes).values())
 
 
@@ -333,6 +333,6 @@ def _by_part(laws: ForceLaws, vehicle: ca.SX, joints: ca.SX) -> ca.SX:
 
 
 def _up(q: ca.SX) -> ca.SX:
-    """z of W in B (3,) [-], of the quaternion xyzw in q."""
+    """Z of W in B (3,), of the quaternion xyzw in q."""
     x, y, z, w = ca.vertsplit(q[3:7])
     return ca.vertcat(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y))

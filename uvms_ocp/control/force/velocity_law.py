@@ -13,10 +13,10 @@ from uvms_ocp.robot.signals import SensorSpec, SensorSpecs
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
 _MOST_DEAD = 0.2
-"""[-] bandwidth times dead time: with observer and estimator in the loop, that of Case 1 holds at 0.2 and breaks at 0.3."""
-_NOTHING = 1e-12  # [-] stiffness that counts as none
+"""bandwidth times dead time: with observer and estimator in the loop, that of Case 1 holds at 0.2 and breaks at 0.3."""
+_NOTHING = 1e-12  # stiffness that counts as none
 CONTROLLER_DEAD_TIME = 1.5
-"""[-] control periods of dead time beside that of the sensors: half a one, as commands are held, and one that nobody told of."""
+"""control periods of dead time beside that of the sensors: half a one, as commands are held, and one that nobody told of."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -38,7 +38,7 @@ class VelocityLaw:
     def force(self, q: ca.SX, v: ca.SX, before: ca.SX, error: ca.SX, integral: ca.SX, share: ca.SX) -> ca.SX:
         """Generalized force (n_v,) [N, N m] at q (n_q,) [m, rad] for the reference v (n_v,) [m/s, rad/s], which was `before`.
 
-        error (n_v,) [m/s, rad/s] of the velocity, integral (n_v,) [m, rad] of it; share (n_v,) [-] of the bandwidth.
+        error (n_v,) [m/s, rad/s] of the velocity, integral (n_v,) [m, rad] of it; share (n_v,) of the bandwidth.
         """
         still = ca.SX(3, len(self.dynamics.links))
         lasting = share * self.reset * integral
@@ -73,9 +73,7 @@ class BandwidthDerating:
     """What sensors leave of the bandwidth of the loops."""
 
     vehicle: float = 1.0
-    """[-]"""
     joints: float = 1.0
-    """[-]"""
     joints_late: float = 0.0
     """[s] dead time of the joints."""
 
@@ -115,9 +113,9 @@ def largest_dead_time(stiffness: np.ndarray, *, bandwidth: float, reset: float, 
 
 @lru_cache(maxsize=8)
 def _stiffness_limits(reset: float, observer: float) -> tuple[float, float]:
-    """Least (< 0) and largest (> 0) stiffness [-], times the dead time squared, with all the bandwidth k that is borne.
+    """Least (< 0) and largest (> 0) stiffness, times the dead time squared, with all the bandwidth k that is borne.
 
-    reset and observer [-]: shares of the bandwidth. With z = s T and Q = (w / (z + w))^2 of the observer, the loop is
+    reset and observer: shares of the bandwidth. With z = s T and Q = (w / (z + w))^2 of the observer, the loop is
     ``(1 - Q) (z^2 + mu (1 - (1 + z) e^-z)) + (k (1 + r / z) + Q z) z e^-z = 0``: on its border z is imaginary and mu is real.
     Where there is no border below zero, nothing that falls is caught.
     """

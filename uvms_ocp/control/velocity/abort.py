@@ -32,13 +32,13 @@ class AscentMemory(Layout):
     """The frame that climbs, and its goal."""
 
     pose: Smooth
-    """q to position (3,) [m] and rotation (9,) [-] of the frame in W, column by column."""
+    """Q to position (3,) [m] and rotation (9,) of the frame in W, column by column."""
     altitude: float
     """[m] as that of `Abort`."""
     place: Annotated[Vector, Sized(3)]
     """(3,) [m] of the frame in W."""
     rotation: Annotated[Vector, Sized(9)]
-    """(9,) [-] of the frame in W, column by column."""
+    """(9,) of the frame in W, column by column."""
     goal: Annotated[Vector, Sized(N_POSE)]
     """(12,) [m, -] position and rotation in W that it climbs to."""
 
@@ -90,13 +90,13 @@ class ActuationFeedback:
     short: bool = False
     """The limits of the thrusters kept them from what was asked for."""
     push: float = 0.0
-    """[-] upward force on the vehicle that the model does not know, as a share of the largest of the thrusters."""
+    """Upward force on the vehicle that the model does not know, as a share of the largest of the thrusters."""
     fault: str = ""
     """Of thrusters or joints, without which the mission cannot go on."""
     fault_summary: str = ""
     """All that is known to be faulty of them, such as ``thruster3 dead``."""
     jammed: tuple[int, ...] = ()
-    """Axes of v [-] that do not move whatever is asked."""
+    """Axes of v that do not move whatever is asked."""
 
 
 class AbortReason(IntEnum):
@@ -124,7 +124,6 @@ class AbortMemory(Layout):
     thrust_after: float
     """[s]"""
     contact: float
-    """[-]"""
     contact_after: float
     """[s]"""
     high: Annotated[list[int], Sized("n_tasks")]
@@ -134,7 +133,7 @@ class AbortMemory(Layout):
     fault: bool
     """There is one of `ActuationFeedback`."""
     push: float
-    """[-] as that of `ActuationFeedback`."""
+    """As that of `ActuationFeedback`."""
     pushed: bool
     """Something under the vehicle bears it where it should be well above the floor."""
     contact_since: float
@@ -154,7 +153,7 @@ def abort_reason(
 ) -> int:
     """Why the mission is to be given up at t [s], a `Why`. A kernel.
 
-    gates [-], quantities [in their units], NaN where not known. hopeless: the thrust is cut, and somebody has judged why.
+    gates, quantities [in their units], NaN where not known. hopeless: the thrust is cut, and somebody has judged why.
     ended: by what the sensors told.
     """
     d.pushed = d.aborts and d.push > d.contact and _is_high(d, gates)

@@ -36,9 +36,9 @@ class StopMemory(Layout):
     """Where a robot is on its way to rest, and how far it may go before limits are to be looked at."""
 
     step: Smooth
-    """q, v and the time to rest from it [s], to q one tick on and v then."""
+    """Q, v and the time to rest from it [s], to q one tick on and v then."""
     slower: Smooth
-    """q, v and the same time, to v one tick nearer to rest at q itself."""
+    """Q, v and the same time, to v one tick nearer to rest at q itself."""
     acceleration: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s2, rad/s2] finite."""
     dt: float
@@ -56,7 +56,7 @@ class StopMemory(Layout):
     next_q: Annotated[Vector, Sized("n_q")]
     next_v: Annotated[Vector, Sized("n_v")]
     n_limits: int
-    """[-] that count."""
+    """That count."""
     reach: Annotated[list[Vector], Sized("n_limits", "n_v")]
     """(n_limits, n_v) [m, or 1] as that of `PositionLimit`, finite."""
     room: Annotated[Vector, Sized("n_limits")]
@@ -72,7 +72,7 @@ def time_to_rest(acceleration: Vector, v: Vector, n: int) -> float:
 
 
 def slow_down(m: StopMemory, q: Vector, v: Vector, slower: Vector) -> None:
-    """v [m/s, rad/s] one tick nearer to rest, at q [m, rad]. A kernel."""
+    """V [m/s, rad/s] one tick nearer to rest, at q [m, rad]. A kernel."""
     m.slower(q, v, time_to_rest(m.acceleration, v, len(m.v)), slower)
 
 
@@ -124,7 +124,7 @@ class Stop:
     """The velocity of the next tick on the way to rest as a function of this one's. Not for use from two threads at once."""
 
     def __init__(self, robot: Robot, dt: float, memory: Any = None) -> None:
-        """dt [s] is the control period; memory: a `StopMemory` of the caller's, which is set up."""
+        """Dt [s] is the control period; memory: a `StopMemory` of the caller's, which is set up."""
         if memory is None:
             memory = structure_of(StopMemory, n_limits=1, **stop_sizes(robot, dt))()
         self.way: Any = memory
@@ -135,7 +135,7 @@ class Stop:
         view(memory.acceleration)[:] = self.acceleration
 
     def slower(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """v (n_v,) [m/s, rad/s] one tick nearer to rest.
+        """V (n_v,) [m/s, rad/s] one tick nearer to rest.
 
         Joints brake harder where their position limit, not far from q (n_q,) [m, rad], asks for it.
         """
@@ -156,7 +156,7 @@ class Stop:
 
 @lru_cache(maxsize=8)
 def _functions(robot: Robot, dt: float) -> tuple[ca.Function, ca.Function]:
-    """q, v, time to rest -> q one tick on, v then; and v alone, at q."""
+    """Q, v, time to rest -> q one tick on, v then; and v alone, at q."""
     acceleration = np.minimum(robot.limits.acceleration, ENDLESS)
     q, v, time = ca.SX.sym("q", robot.n_q), ca.SX.sym("v", robot.n_v), ca.SX.sym("time")
     symbolic = SymbolicModel(robot.model)
@@ -205,9 +205,9 @@ def limit_speed(
     pace: float,
     v: Vector,
 ) -> float:
-    """Makes of the velocity v [m/s, rad/s] that is wanted the one for this tick, and returns the pace [-] that it is at.
+    """Makes of the velocity v [m/s, rad/s] that is wanted the one for this tick, and returns the pace that it is at.
 
-    q [m, rad]: now. previous [m/s, rad/s]: of the tick before, which was at `pace` [-] of what was wanted then.
+    q [m, rad]: now. previous [m/s, rad/s]: of the tick before, which was at `pace` of what was wanted then.
     """
     found = _pace(m, less.speed, v, previous, pace)
     for i in range(len(m.step)):

@@ -21,7 +21,7 @@ from uvms_ocp.robot.shapes.distance_kernels import (
 from uvms_ocp.tasks.task import FAR
 
 N_PLACES = 4
-"""[-] that are looked at on the way, besides the present one."""
+"""That are looked at on the way, besides the present one."""
 
 
 class PairsMemory(Layout):
@@ -32,9 +32,9 @@ class PairsMemory(Layout):
     first: int
     """Where what is measured begins among the parameters of all tasks."""
     n: int
-    """[-] rows."""
+    """Rows."""
     n_pairs: int
-    """[-] all of them."""
+    """All of them."""
     threshold: float
     """[m]"""
     in_c: bool
@@ -66,11 +66,11 @@ class NearestMemory(Layout):
     """Of all tasks, and the way to rest: all axes slow down in proportion."""
 
     n_asking: int
-    """[-] tasks that ask."""
+    """Tasks that ask."""
     pairs: Annotated[list[PairsMemory], Sized("n_asking")]
     """(n_asking,)"""
     integrate: Smooth
-    """q and a displacement (n_v,) [m, rad] to q."""
+    """Q and a displacement (n_v,) [m, rad] to q."""
     moves: bool
     """It takes longer than a tick to rest; all else is of no meaning where it does not."""
     velocity: Annotated[Vector, Sized("n_v")]

@@ -35,7 +35,6 @@ class TracksMemory(Layout):
     dt: float
     """[s] between samples."""
     n_tracks: int
-    """[-]"""
     phase: Annotated[list[int], Sized("n_tracks")]
     """(n_tracks,) in which each counts."""
     of_phase: Annotated[list[int], Sized("n_tracks")]
@@ -43,7 +42,7 @@ class TracksMemory(Layout):
     place: Annotated[list[int], Sized("n_tracks")]
     """(n_tracks,) first parameter of each, among those of all tasks."""
     width: Annotated[list[int], Sized("n_tracks")]
-    """(n_tracks,) [-] parameters."""
+    """(n_tracks,) parameters."""
     first: Annotated[list[int], Sized("n_tracks")]
     """(n_tracks,) first number of each in `table`."""
     last: Annotated[list[int], Sized("n_tracks")]
@@ -97,7 +96,7 @@ def tracks_of(mission: Mission, dt: float) -> tuple[Track, ...]:
 
 
 def _length(task: Task, dt: float) -> int:
-    """The first sample [-] at which the goal of a task surely rests; 0 where its goal is no track."""
+    """The first sample at which the goal of a task surely rests; 0 where its goal is no track."""
     goal = getattr(task, "goal", None)
     if not (isinstance(goal, EndingReference) and task.follows_goal_alone and task.nearest_pairs is None):
         return 0
@@ -292,7 +291,7 @@ def mission_parameters(
 ) -> np.ndarray:
     """Parameters (n_parameters,) [their units] of all tasks at t [s], in any state.
 
-    gates (n_tasks,) [-]: of then. Nothing is measured for tasks that are off, and stay off. q (n_q,) [m, rad]: as measured.
+    gates (n_tasks,): of then. Nothing is measured for tasks that are off, and stay off. q (n_q,) [m, rad]: as measured.
     motion: where it could come near a limit.
     """
     found = zip(mission.tasks_of(state.phase), mission.references(state, t), mission.idle(state, gates), strict=True)

@@ -83,7 +83,7 @@ class Guide(Protocol):
 
     @property
     def bandwidth(self) -> float:
-        """[-] Share of the usual feedback of velocities that is enough: what it knows beforehand needs little."""
+        """Share of the usual feedback of velocities that is enough: what it knows beforehand needs little."""
 
     def __call__(self, tick: TickInputs, feedback: ActuationFeedback, waiting: Callable[[], str]) -> GuideOutput:
         """waiting: tells what the mission waits for, in words; strain: what the layer of forces meets."""
@@ -146,7 +146,7 @@ class KinematicController(TableDisplay):
         watchdog: Watchdog | None = None,
         guide: Guide | None = None,
     ) -> None:
-        """dt [s]: control period. guide: what stands in for the hierarchy while it lasts.
+        """Dt [s]: control period. guide: what stands in for the hierarchy while it lasts.
 
         Raises `InvalidInput` where it is not > 0, and what `build_levels` and `Mission.check_quantities` raise.
         """

@@ -58,7 +58,7 @@ def jerk_limit_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Row
 
 
 def smooth_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    """Share (m,) [-] of the changes `wanted` (m,) [any/s] that rates can make in this tick, so as to arrive smoothly.
+    """Share (m,) of the changes `wanted` (m,) [any/s] that rates can make in this tick, so as to arrive smoothly.
 
     acceleration (m,) [any/s2]: largest of each rate. dt [s].
     """
@@ -66,7 +66,7 @@ def smooth_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
 
 
 def common_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    """Least of `smooth_share` (m,) [-] over all rows, with one root for all of them: () [-].
+    """Least of `smooth_share` (m,) over all rows, with one root for all of them: ().
 
     wanted (m,) [any/s]; acceleration (m,) [any/s2]; dt [s].
     """
@@ -102,7 +102,7 @@ def _falling(excess: ca.SX) -> ca.SX:
 def reachable_rows(
     rows: Rows, *, equality: bool, eased: bool, symbols: TickSymbols, previous: ca.SX, gate: ca.SX
 ) -> Rows:
-    """The rows with bounds that can be followed from the previous velocity (n_v,) [m/s, rad/s], and with the gate [-] in them.
+    """The rows with bounds that can be followed from the previous velocity (n_v,) [m/s, rad/s], and with the gate in them.
 
     A row asks for no more change of its rate per tick than its least-norm motion gives within the acceleration
     limits. Otherwise every degree of freedom that moves the row would join in at its limit, whatever it was meant for.
@@ -168,7 +168,7 @@ class LevelsProblem:
     quantity_names: tuple[str, ...]
     """``task.quantity``, in the order of the output `quantities`."""
     rests_on: Mapping[str, np.ndarray]
-    """(n_quantities,) [-] by channel of `Readings`: which of them it tells, and are unknown without it."""
+    """(n_quantities,) by channel of `Readings`: which of them it tells, and are unknown without it."""
     step: np.ndarray
     """(n_v,) [m/s, rad/s] largest change of each velocity in one tick; infinite where the acceleration has no limit."""
 

@@ -242,7 +242,7 @@ class VelocityController(Layout):
     upper: Annotated[Vector, Sized("n_rows")]
     gate: Annotated[Vector, Sized("n_rows")]
     activity: Annotated[Vector, Sized("n_activity")]
-    """(n_activity,) [-] as that of the levels function."""
+    """(n_activity,) as that of the levels function."""
     active_set: Annotated[Vector, Sized("n_rows")]
     """(n_rows,) of the tick before."""
     found_set: Annotated[Vector, Sized("n_rows")]
@@ -301,7 +301,7 @@ def velocity_controller(tick: Any, problem: LevelsProblem, solver: Any) -> Any:
 # The second half of a tick as a thing to call: the solver and what follows, in one call of machine code or one by one.
 
 Solved = tuple[int, np.ndarray, np.ndarray, float]
-"""Code of the `Status`, residual (n_rows,) [m/s, rad/s], activity (n_activity,) [-], time [s] of the solver or of both."""
+"""Code of the `Status`, residual (n_rows,) [m/s, rad/s], activity (n_activity,), time [s] of the solver or of both."""
 _STATUS_CODE = {status: code for code, status in enumerate(Status)}
 
 

@@ -84,7 +84,7 @@ class TickMemory(Layout):
 
     # found by `before`, inputs of the levels among it
     gates: Annotated[Vector, Sized("n_tasks")]
-    """(n_tasks,) [-] external activations."""
+    """(n_tasks,) external activations."""
     altitude_matters: bool
     """A task that is on reads the altimeter."""
     echo: Annotated[Vector, Sized(1)]
@@ -130,11 +130,11 @@ class TickMemory(Layout):
     wanted: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] the velocity for this tick."""
     wanted_pace: float
-    """[-] in (0, 1], that it is at of what the hierarchy has."""
+    """In (0, 1], that it is at of what the hierarchy has."""
     near: bool
     """A stop from it could come to a limit on positions."""
     share: float
-    """[-] of it that the limits on positions leave; 0 where the robot comes to rest."""
+    """Of it that the limits on positions leave; 0 where the robot comes to rest."""
 
     # the motion of the last tick
     place: Annotated[Vector, Sized("n_q")]
@@ -142,7 +142,7 @@ class TickMemory(Layout):
     command: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] the last velocity that was taken."""
     pace: float
-    """[-] that it was at."""
+    """That it was at."""
 
 
 # The memory of a tick in Python: made once, with what never changes, and seen as arrays.
@@ -157,7 +157,7 @@ class TickArrays:
     v: np.ndarray
     """(n_v,) [m/s, rad/s]"""
     gates: np.ndarray
-    """(n_tasks,) [-]"""
+    """(n_tasks,) """
     echo: np.ndarray
     """(1,) [m]"""
     previous: np.ndarray

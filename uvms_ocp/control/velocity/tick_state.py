@@ -30,7 +30,7 @@ class TickInputs:
     mission: MissionState
     """Where the mission is."""
     gates: np.ndarray
-    """(n_tasks,) [-] external activations."""
+    """(n_tasks,) external activations."""
     freshness: Freshness
     """How far the measurement can be trusted."""
     restriction: Restriction = FREE

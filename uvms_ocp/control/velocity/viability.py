@@ -54,14 +54,13 @@ class ViabilityMemory(Layout):
     stop: StopMemory
     """With the reach of the limits."""
     smooth: Smooth
-    """q to the positions that have an expression, those of the first limits."""
+    """Q to the positions that have an expression, those of the first limits."""
     ask: Ask
     """Where they have none, and are no distances: the positions of the limit `asked` at `place` that count."""
     asked: int
     place: Annotated[Vector, Sized("n_q")]
     """(n_q,) [m, rad]"""
     n_limits: int
-    """[-]"""
     lower: Annotated[Vector, Sized("n_limits")]
     """(n_limits,) [m] the limits."""
     task: Annotated[list[int], Sized("n_limits")]
@@ -104,7 +103,7 @@ class ViabilityMemory(Layout):
 def may_reach_limit(m: ViabilityMemory, v: Vector, gates: Vector, quantities: Vector) -> bool:
     """Whether some position may come to a limit that counts until the robot rests from v [m/s, rad/s]. A kernel.
 
-    gates [-] of tasks, quantities [in their units] as measured. Leaves what each axis moves at most, and which limits it is.
+    gates of tasks, quantities [in their units] as measured. Leaves what each axis moves at most, and which limits it is.
     """
     any_near, n = False, len(m.travel)
     time = time_to_rest(m.stop.acceleration, v, n)
@@ -127,9 +126,9 @@ def _farthest(m: ViabilityMemory, k: int) -> float:
 def enforce_viability(
     m: ViabilityMemory, q: Vector, previous: Vector, wanted: Vector, gates: Vector, quantities: Vector
 ) -> float:
-    """Makes of the velocity `wanted` [m/s, rad/s] the one for this tick, and returns the share [-] that is left of it. A kernel.
+    """Makes of the velocity `wanted` [m/s, rad/s] the one for this tick, and returns the share that is left of it. A kernel.
 
-    The rest is slowing down. q [m, rad]: now. previous [m/s, rad/s]: of the tick before. gates [-]: a limit counts while its
+    The rest is slowing down. q [m, rad]: now. previous [m/s, rad/s]: of the tick before. gates: a limit counts while its
     task is on at all. quantities [in their units]: as measured at q. A position that the stop from `previous` would not keep
     either may fall as far as it does there, no farther.
     """
@@ -358,7 +357,7 @@ class ViabilitySetup:
     """What a `ViabilityMemory` knows of a robot and its limits, and who answers for those without expression."""
 
     def __init__(self, robot: Robot, guards: Sequence[PositionGuard], dt: float, memory: Any) -> None:
-        """dt [s]: control period. memory: of the `viability_sizes` of the guards, which is set up."""
+        """Dt [s]: control period. memory: of the `viability_sizes` of the guards, which is set up."""
         self.stop = Stop(robot, dt, memory.stop)
         """On the way to rest that the rule looks along."""
         self._guards, self._memory = guards, memory
@@ -400,7 +399,7 @@ class ViableVelocity:
     v: np.ndarray
     """(n_v,) [m/s, rad/s] for this tick."""
     share: float
-    """[-] in [0, 1], of the velocity that was wanted; the rest is slowing down."""
+    """In [0, 1], of the velocity that was wanted; the rest is slowing down."""
     near: bool
     """A stop from the wanted velocity could come to a limit."""
 
@@ -409,7 +408,7 @@ class Viability:
     """The rule for a robot and the tasks of its hierarchy, by itself."""
 
     def __init__(self, *, robot: Robot, tasks: Sequence[Task], quantity_names: Sequence[str], dt: float) -> None:
-        """dt [s]: control period. quantity_names: of the vector of quantities, "task.quantity"."""
+        """Dt [s]: control period. quantity_names: of the vector of quantities, "task.quantity"."""
         guards = position_guards(robot, tasks, quantity_names)
         sizes = {**viability_sizes(robot, guards, dt), **distance_layout_sizes(models_of(guards), robot)}
         self._memory: Any = structure_of(ViabilityMemory, **sizes)()
@@ -426,7 +425,7 @@ class Viability:
     ) -> ViableVelocity:
         """The velocity for this tick in place of `wanted` (n_v,) [m/s, rad/s].
 
-        q (n_q,) [m, rad], previous (n_v,) [m/s, rad/s], gates (n_tasks,) [-] and quantities (n_quantities,) [in their units] as
+        q (n_q,) [m, rad], previous (n_v,) [m/s, rad/s], gates (n_tasks,) and quantities (n_quantities,) [in their units] as
         in `keep`.
         """
         now, before, v, on, measured = map(doubles, (q, previous, wanted, gates, quantities))

@@ -21,7 +21,7 @@ from uvms_ocp.robot.signals import Trust
 # All that the monitor knows, as layouts that kernels work on: one part per channel, and what channels share.
 
 N_ESTIMATES = 1024
-"""[-] that are remembered: five seconds of ticks of 5 ms; shorter ticks are not all kept."""
+"""that are remembered: five seconds of ticks of 5 ms; shorter ticks are not all kept."""
 
 
 class ChannelMemory(Layout):
@@ -32,13 +32,13 @@ class ChannelMemory(Layout):
     """`Channel`"""
     present: bool
     size: int
-    """[-] numbers of its value."""
+    """Numbers of its value."""
     delay: float
     """[s]"""
     period: float
     """[s] between two readings, 0 for once per tick."""
     losses: float
-    """[-] readings in a row that are lost by chance."""
+    """Readings in a row that are lost by chance."""
     rival: int
     """A channel that may be why the estimate does not agree with this one, -1 for none."""
     other_rival: int
@@ -79,9 +79,9 @@ class ChannelMemory(Layout):
     heard: float
     """[s] stamp of the last reading whose outcome was heard."""
     agreed: int
-    """[-] readings in a row that agreed with the estimate."""
+    """Readings in a row that agreed with the estimate."""
     off_in_a_row: int
-    """[-] readings in a row that did not."""
+    """Readings in a row that did not."""
     empty: bool
     """The sensor works but has nothing to tell."""
     gated: bool
@@ -100,9 +100,7 @@ class TrustRules(Layout):
     """Of `HealthTuning`, what the verdict on any channel takes."""
 
     periods_to_suspect: float
-    """[-]"""
     periods_to_lose: float
-    """[-]"""
     least_to_suspect: float
     """[s]"""
     least_to_lose: float
@@ -132,9 +130,9 @@ class HealthMemory(Layout):
     """All of it."""
 
     n: int
-    """[-] channels that the robot has."""
+    """Channels that the robot has."""
     order: Annotated[list[int], Sized(N_CHANNELS)]
-    """(9,) [-] their numbers, in the order of `Readings`."""
+    """(9,) their numbers, in the order of `Readings`."""
     rules: TrustRules
     started: bool
     t: float
@@ -142,7 +140,7 @@ class HealthMemory(Layout):
     dt: float
     """[s]"""
     n_behind: int
-    """[-] channels that the filter sees an older reading of than the newest."""
+    """Channels that the filter sees an older reading of than the newest."""
     exposed: bool
     """What told the velocity has been found out in this tick."""
     adrift: bool
@@ -218,7 +216,7 @@ def update_gate_outcome(
 ) -> None:
     """The outcome of the filter's own gate on a reading of a channel, at time t [s].
 
-    squared [-]: its innovation, normalised and squared, of `degrees` [-] of freedom. The gate is narrow enough to refuse a
+    squared: its innovation, normalised and squared, of `degrees` of freedom. The gate is narrow enough to refuse a
     sound reading now and then: refusals count as silence, and give it their reason.
     """
     c = m.channels[channel]

@@ -11,7 +11,7 @@ from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
 
 
 def product(a: Vector, b: Vector, out: Vector) -> None:
-    """out (4,) becomes a times b, all other arrays than `out`."""
+    """Out (4,) becomes a times b, all other arrays than `out`."""
     out[0] = a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1]
     out[1] = a[3] * b[1] + a[1] * b[3] + a[2] * b[0] - a[0] * b[2]
     out[2] = a[3] * b[2] + a[2] * b[3] + a[0] * b[1] - a[1] * b[0]
@@ -32,7 +32,7 @@ def normalize(a: Vector) -> None:
 
 
 def small_rotation(by: Vector, share: float, out: Vector) -> None:
-    """out (4,) becomes the small rotation by share [-] of the vector `by` (3,) [rad]."""
+    """Out (4,) becomes the small rotation by share of the vector `by` (3,) [rad]."""
     for i in range(3):
         out[i] = 0.5 * (share * by[i])
     out[3] = 1.0 - 0.5 * (out[0] * out[0] + out[1] * out[1] + out[2] * out[2])
@@ -40,7 +40,7 @@ def small_rotation(by: Vector, share: float, out: Vector) -> None:
 
 
 def rotate(q: Vector, by: Vector, out: Vector) -> None:
-    """out (3,) becomes the vector `by` (3,) turned by the quaternion at entries 3 to 6 of q; another array than `by`."""
+    """Out (3,) becomes the vector `by` (3,) turned by the quaternion at entries 3 to 6 of q; another array than `by`."""
     u = zeros(3)
     u[0] = 2.0 * (q[4] * by[2] - q[5] * by[1])
     u[1] = 2.0 * (q[5] * by[0] - q[3] * by[2])
@@ -76,7 +76,7 @@ class PastEstimate(Layout):
     beam_at: Annotated[Vector, Sized(3)]
     """(3,) [m] the altimeter in B."""
     beam_up: Annotated[Vector, Sized(3)]
-    """(3,) [-] its z axis in B."""
+    """(3,) its z axis in B."""
 
 
 class EstimateHistory(Layout):

@@ -53,7 +53,7 @@ class FloorPoints(Layout):
 
 
 def slot_of(s: FloorPoints, k: int) -> int:
-    """Of spot k [-], from the oldest."""
+    """Of spot k, from the oldest."""
     return (s.first + k) % len(s.kept)
 
 
@@ -94,7 +94,7 @@ def copy_floor_points(to: FloorPoints, other: FloorPoints) -> None:
 def floor_step(known: FloorPoints, new: FloorPoint, base: float, slope: float) -> float:
     """By how much [m] the floor would rise from the known spot that fits least to a new one; 0 where all fit.
 
-    base [m]: that is nothing. slope [-]: of the steepest floor.
+    base [m]: that is nothing. slope: of the steepest floor.
     """
     worst, worst_excess = 0.0, 0.0
     for k in range(known.count):
@@ -109,7 +109,7 @@ def floor_step(known: FloorPoints, new: FloorPoint, base: float, slope: float) -
 
 
 def height_allowance(new: FloorPoint, old: FloorPoint, slope: float) -> float:
-    """By how much [m] the floor may rise or fall from an old spot to a new one; slope [-]: of the steepest floor.
+    """By how much [m] the floor may rise or fall from an old spot to a new one; slope: of the steepest floor.
 
     A beam that goes deeper than the old spot has passed its level at a point near it or far from it: from there on both
     fall, and meet the later, the more the beam tilts.
@@ -171,7 +171,7 @@ class FloorMemory(Layout):
     base: float
     """[m] by which echoes of one place may differ."""
     slope: float
-    """[-] of the steepest floor."""
+    """Of the steepest floor."""
     memory: float
     """[s] for which an echo tells of the floor where it was taken."""
     spacing: float

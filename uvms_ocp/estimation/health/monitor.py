@@ -114,7 +114,7 @@ def _last_observed(c: ChannelMemory) -> float:
 
 
 def judge(m: HealthMemory, t: float, known: bool) -> int:
-    """The verdicts at time t [s]; known: `now` is an estimate. Returns how many changed [-]."""
+    """The verdicts at time t [s]; known: `now` is an estimate. Returns how many changed."""
     m.t = t
     m.now.t = t
     if known:
@@ -129,7 +129,7 @@ def judge(m: HealthMemory, t: float, known: bool) -> int:
 def finish(m: HealthMemory, s: EstimateSupport, outcomes: Vector, t: float) -> int:
     """After the filter: its outcomes (36,), four numbers per channel, what the estimate `now` rests on, and the verdicts.
 
-    t [s] is the time of the tick. Returns how many verdicts changed [-].
+    t [s] is the time of the tick. Returns how many verdicts changed.
     """
     if s.gating:
         _update_all_outcomes(m, outcomes)
@@ -343,7 +343,7 @@ class HealthMonitor:
     def hear(self, channel: str, t: float, nis: float, dof: int, accepted: bool) -> None:
         """The outcome of the filter's own gate on a reading, at time t [s].
 
-        nis [-]: its normalised innovation squared, of dof [-] degrees of freedom. A channel whose readings the filter refuses is
+        nis: its normalised innovation squared, of dof degrees of freedom. A channel whose readings the filter refuses is
         suspect and lost as one that is silent; the filter decides when it takes them again.
         """
         self._hear(self.memory, self._seats[channel].memory.number, nis, dof, accepted, t)

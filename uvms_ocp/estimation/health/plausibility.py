@@ -17,7 +17,7 @@ _UNIT = 1e-3  # by which the norm of a quaternion may differ from 1, as in recor
 
 
 def is_nonsense(channel: int, value: Vector, size: int, why: Complaint) -> bool:
-    """Whether a value of size [-] numbers means nothing. A range that is nan is no echo."""
+    """Whether a value of size numbers means nothing. A range that is nan is no echo."""
     if channel == ChannelIndex.ALTIMETER_RANGE and value[0] < 0.0:
         set_complaint(why, Reason.RANGE, value[0], 0.0)
         return True
@@ -58,9 +58,9 @@ class PlausibilityGate(Layout):
     channel: int
     """`Channel`"""
     size: int
-    """[-] numbers of its value."""
+    """Numbers of its value."""
     start: int
-    """[-] where they begin in q or v."""
+    """Where they begin in q or v."""
     base: float
     """[unit of the channel]"""
     supported: float
@@ -152,20 +152,20 @@ class RepetitionMemory(Layout):
     each: bool
     """Judge every component by itself, not all together alone."""
     chance: float
-    """[-] logarithm of that which repetitions have without a fault."""
+    """Logarithm of that which repetitions have without a fault."""
     size: int
-    """[-] components."""
+    """Components."""
     started: bool
     finest: float
     """[unit of the channel] greatest common measure of all changes so far; no finer than `_FINE` of the noise."""
     last: Annotated[Vector, Sized("n_width")]
     """(n_width,) [unit of the channel] the newest value, `size` numbers."""
     runs: Annotated[list[int], Sized("n_width")]
-    """(n_width,) [-] repetitions of each."""
+    """(n_width,) repetitions of each."""
 
 
 def init_repetitions(memory: ctypes.Structure, sigma: float, *, size: int, each: bool, chance: float) -> None:
-    """Prepare a `RepetitionMemory`: noise sigma [unit of the channel] of size [-] components; chance [-] of a false alarm."""
+    """Prepare a `RepetitionMemory`: noise sigma [unit of the channel] of size components; chance of a false alarm."""
     memory.noise, memory.each, memory.chance = _SHARE * sigma, each, math.log(chance)
     memory.size, memory.finest = size, math.inf
 
@@ -231,7 +231,7 @@ class EncoderMemory(Layout):
     """How far each joint was asked to go since its encoder last changed."""
 
     n: int
-    """[-] joints, 0 where they are not judged."""
+    """Joints, 0 where they are not judged."""
     allowed: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [rad or m] that may be asked: some travel, and what encoders are late by at full speed."""
     rates: Annotated[Vector, Sized("n_joints")]

@@ -26,17 +26,17 @@ class SampleRing(Layout):
 
 
 def ring_slot(s: SampleRing, k: int) -> int:
-    """Of entry k [-], from the oldest."""
+    """Of entry k, from the oldest."""
     return (s.first + k) % len(s.t)
 
 
 def time_at(s: SampleRing, k: int) -> float:
-    """[s] of entry k [-], from the oldest."""
+    """[s] of entry k, from the oldest."""
     return s.t[ring_slot(s, k)]
 
 
 def append_value(s: SampleRing, t: float, value: Vector, n: int) -> None:
-    """Add n [-] numbers of time t [s]; where all places are taken the oldest go."""
+    """Add n numbers of time t [s]; where all places are taken the oldest go."""
     if s.count == len(s.t):
         drop_oldest(s)
     slot = ring_slot(s, s.count)
@@ -58,7 +58,7 @@ def span_of(s: SampleRing) -> float:
 
 
 def mean_time(s: SampleRing, start: int, n: int) -> float:
-    """[s] of n [-] entries from `start` [-] on."""
+    """[s] of n entries from `start` on."""
     total = 0.0
     for k in range(start, start + n):
         total += time_at(s, k)
@@ -66,7 +66,7 @@ def mean_time(s: SampleRing, start: int, n: int) -> float:
 
 
 def median_of(s: SampleRing, i: int, start: int, n: int) -> float:
-    """Of number i [-] of n [-] entries from `start` [-] on."""
+    """Of number i of n entries from `start` on."""
     x = zeros(LONGEST)
     for k in range(n):
         value, place = s.value[ring_slot(s, start + k)][i], k
@@ -78,7 +78,7 @@ def median_of(s: SampleRing, i: int, start: int, n: int) -> float:
 
 
 def value_at(s: SampleRing, i: int, t: float) -> float:
-    """Number i [-] at time t [s], straight between entries, the oldest before them and the newest after."""
+    """Number i at time t [s], straight between entries, the oldest before them and the newest after."""
     after = s.count - 1
     while after > 0 and time_at(s, after - 1) > t:
         after -= 1
@@ -125,7 +125,7 @@ class RateAgainstAttitude(Layout):
     t: float
     """[s] of the last rate."""
     turn: Annotated[Vector, Sized(4)]
-    """(4,) [-]"""
+    """(4,) """
     rate: Annotated[Vector, Sized(3)]
     """(3,) [rad/s]"""
     offsets: SampleRing
@@ -142,7 +142,7 @@ class DepthAgainstPosition(Layout):
     depth: float
     """[m]"""
     count: int
-    """[-] fixes."""
+    """Fixes."""
     first: float
     """[m] the sum of the first differences."""
     last: Annotated[Vector, Sized(_LAST)]
@@ -235,7 +235,7 @@ def update_rate(d: RateAgainstAttitude, omega: Vector, t: float) -> None:
 
 
 def rotation_drift(d: RateAgainstAttitude, quaternion: Vector, t: float) -> float:
-    """How fast [rad/s] the two turn apart, by the attitude quaternion (4,) [-], xyzw, at time t [s]; 0 where they agree."""
+    """How fast [rad/s] the two turn apart, by the attitude quaternion (4,), xyzw, at time t [s]; 0 where they agree."""
     found = d.offsets
     if not abs(t - d.t) <= _GAP:
         found.count = 0
@@ -257,7 +257,7 @@ def rotation_drift(d: RateAgainstAttitude, quaternion: Vector, t: float) -> floa
 
 
 def _turn_on(d: RateAgainstAttitude, rate: Vector, dt: float, out: Vector) -> None:
-    """out (4,) becomes the turn after dt [s] more of a rate (3,) [rad/s]."""
+    """Out (4,) becomes the turn after dt [s] more of a rate (3,) [rad/s]."""
     by, turned = zeros(4), zeros(4)
     small_rotation(rate, dt, by)
     product(d.turn, by, turned)

@@ -92,7 +92,7 @@ def _set_channel(c: ctypes.Structure, robot: Robot, name: str, spec: SensorSpec,
 
 
 def _losses(dropout: float, chance: float) -> float:
-    """How many readings in a row [-] a sensor that drops some loses by chance."""
+    """How many readings in a row a sensor that drops some loses by chance."""
     if dropout <= 0.0:
         return 0.0
     return math.inf if dropout >= 1.0 else math.log(chance) / math.log(dropout)

@@ -37,11 +37,11 @@ class EstimateSupport(Layout):
     gating: bool
     """It has gates of its own."""
     n: int
-    """[-] channels that q and v rest on."""
+    """Channels that q and v rest on."""
     needed: Annotated[list[int], Sized(N_CHANNELS)]
-    """(9,) [-] their numbers."""
+    """(9,) their numbers."""
     fallback: Annotated[list[int], Sized(N_CHANNELS)]
-    """(9,) [-] by the channel that is missing, -1 for none."""
+    """(9,) by the channel that is missing, -1 for none."""
     bears: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [s] for which it stands in."""
     age: float
@@ -137,11 +137,11 @@ class PassThroughMemory(Layout):
     """Which channels q and v are made of."""
 
     n: int
-    """[-] channels of either."""
+    """Channels of either."""
     of_q: Annotated[list[int], Sized(3)]
-    """(n,) [-] their numbers, one after the other."""
+    """(n,) their numbers, one after the other."""
     of_v: Annotated[list[int], Sized(3)]
-    """(n,) [-]"""
+    """(n,) """
 
 
 def pass_through_memory(estimator: PassThrough) -> ctypes.Structure:

@@ -1,7 +1,7 @@
 """Compiled functions of single steps: motion, rows of limits and terms, and their dense derivatives along states and controls.
 
 State: the displacement of q in its tangent space (n_v,) [m, rad], v [m/s, rad/s] and, where durations are free, the length
-of the step h [s]. Controls: the acceleration a [m/s2, rad/s2], and the thrust that cancels out [-]. Forces follow from both.
+of the step h [s]. Controls: the acceleration a [m/s2, rad/s2], and the thrust that cancels out. Forces follow from both.
 
 Rows come in groups, each an output of its own, so that a level takes what it needs: what is held (limits of forces and
 constraints first, then each level above), and the residuals whose half square is the cost of each level.
@@ -24,7 +24,7 @@ from uvms_ocp.robot.symbolic_model import SymbolicModel
 # Derivatives of the expressions of a step along its states and controls.
 #
 # State: the displacement of q in its tangent space (n_v,) [m, rad], v [m/s, rad/s] and, where durations are free, the length
-# of the step h [s]. Controls: the acceleration a [m/s2, rad/s2], and the thrust that cancels out [-]. Forces follow from both.
+# of the step h [s]. Controls: the acceleration a [m/s2, rad/s2], and the thrust that cancels out. Forces follow from both.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -149,7 +149,7 @@ class Tangent:
         return ca.vertcat(*parts, *([h - z_next[layout.h]] if self.free else []))
 
     def moved(self, x: ca.SX) -> ca.SX:
-        """z (n_z,) after the displacement x (n_x + n_u,) of its states and controls."""
+        """Z (n_z,) after the displacement x (n_x + n_u,) of its states and controls."""
         z, layout, n = self.model.z, self.model.layout, self.n_v
         q = self.symbolic.integrate(z[layout.q], x[:n])
         h = z[layout.h] + (x[2 * n] if self.free else 0)
@@ -167,13 +167,13 @@ class ForceRows:
     """Forces that must stay within limits, in shares of them; last the wrench that no thruster makes, which must be 0."""
 
     rows: ca.SX
-    """(m,) [-]"""
+    """(m,) """
     lower: np.ndarray
-    """(m,) [-]"""
+    """(m,) """
     upper: np.ndarray
-    """(m,) [-]"""
+    """(m,) """
     inputs: np.ndarray
-    """(m,) [-] thruster, or behind them joint, of each row; -1 for wrenches."""
+    """(m,) thruster, or behind them joint, of each row; -1 for wrenches."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -181,9 +181,9 @@ class RowGroup:
     """Rows that are asked for together."""
 
     rows: ca.SX
-    """(m,) [-]"""
+    """(m,) """
     numbers: np.ndarray
-    """(n,) [-] rows of the block that they are: the last n of them; residuals of costs are all of their level's."""
+    """(n,) rows of the block that they are: the last n of them; residuals of costs are all of their level's."""
 
     @property
     def n(self) -> int:
@@ -266,7 +266,7 @@ def _group(rows: TermRows, level: int, before: Sequence[ca.SX]) -> RowGroup:
 
 
 def chosen(rows: ca.SX, numbers: np.ndarray) -> ca.SX:
-    """Rows numbered `numbers` (n,) [-] of rows (m,); none of them where an index of CasADi would mean all."""
+    """Rows numbered `numbers` (n,) of rows (m,); none of them where an index of CasADi would mean all."""
     return ca.vertcat(ca.SX(0, 1), *(rows[i] for i in numbers.tolist()))
 
 

@@ -59,7 +59,7 @@ class StageLevelQp:
         self.shape = self._shape()
         self.qp, self._solver = StageQp(self.shape), StageQpSolver(self.shape, options)
         self.held, self._bends = self._held_numbers(), False
-        """Which rows (m,) [-] that may be held are those of the QP, and whether it has curvature."""
+        """Which rows (m,) that may be held are those of the QP, and whether it has curvature."""
         self.multipliers = Multipliers(memory, level)
         self.linearize, self._above = self._linearization(), self._frozen()
         self.qp.fix_initial_state(np.zeros(self.shape.n_x[0]))
@@ -170,7 +170,7 @@ class StageLevelQp:
     ) -> Found:
         """The step, with damping [1/unit of z^2]; it stands in the memory too.
 
-        give [1/unit of the row]: what it costs to miss levels above. near: where the QP starts. rough [-]: how exact it is at
+        give [1/unit of the row]: what it costs to miss levels above. near: where the QP starts. rough: how exact it is at
         least, where that is less than the tolerance asks for. Only what no curvature bends is explained where it fails.
         """
         flat = self.qp.flat
@@ -203,18 +203,18 @@ class StageLevelQp:
 
     @cached_property
     def _x_places(self) -> Array:
-        """(n, n_x) [-] of states in z."""
+        """(n, n_x) of states in z."""
         return self._first[:, None] + np.arange(self.memory.tangent.n_x)
 
     @cached_property
     def _u_places(self) -> Array:
-        """(n_steps, n_u) [-] of the controls of steps in z."""
+        """(n_steps, n_u) of the controls of steps in z."""
         tangent = self.memory.tangent
         return self._first[self.memory.steps, None] + tangent.n_x + np.arange(tangent.n_u)
 
     @cached_property
     def _first(self) -> Array:
-        """(n,) [-] where each stage begins in z."""
+        """(n,) where each stage begins in z."""
         return np.cumsum([0, *self.shape.n_z[:-1]])
 
     # --- products ---------------------------------------------------------------------------------

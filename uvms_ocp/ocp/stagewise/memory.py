@@ -41,15 +41,15 @@ class Stage:
     """One stage."""
 
     node: int
-    """[-] whose state it has."""
+    """Whose state it has."""
     block: int | None
-    """[-] `TermBlock` whose rows count; None for a turn before the first phase."""
+    """`TermBlock` whose rows count; None for a turn before the first phase."""
     place: int = 0
-    """[-] of the node in that block."""
+    """Of the node in that block."""
     step: bool = False
     """It takes time, and has accelerations."""
     starts_phase: int | None = None
-    """[-] phase that begins."""
+    """Phase that begins."""
 
 
 def chain(problem: OcpProblem) -> tuple[Stage, ...]:
@@ -194,7 +194,7 @@ class StageVariables:
         self._ends = np.array([stage.starts_phase is not None for stage in memory.stages])
 
     def set_parameters(self, p: Array) -> None:
-        """p (n_p,) [unit of the parameter]: those of `Transcription.parameters`."""
+        """P (n_p,) [unit of the parameter]: those of `Transcription.parameters`."""
         memory, layout = self._memory, self._memory.whole.parameter_layout
         memory.water[...] = p[layout.water].reshape(-1, 3)
         for own, place in zip(memory.parameters, layout.terms, strict=True):
@@ -242,7 +242,7 @@ class StageRanges:
     """Ranges of one solve of one level."""
 
     def __init__(self, places: Places, bounds: RowBounds, level: int) -> None:
-        """level [-]: those above it are held, as `bounds` has it."""
+        """level: those above it are held, as `bounds` has it."""
         self._places, whole = places, places.memory.whole
         layout, levels = whole.row_layout, whole.ranges().levels
         raw = np.full((2, layout.n_rows + 1), [[-np.inf], [np.inf]])
@@ -276,7 +276,7 @@ class Places:
         self.memory = memory
         rows = [self._row_numbers(i) for i in range(len(memory.stages))]
         self.raw = np.concatenate([np.zeros(0, dtype=int), *rows])
-        """(n,) [-] raw row of each row that may be held; -1 for limits of forces."""
+        """(n,) raw row of each row that may be held; -1 for limits of forces."""
         forces = memory.forces
         self.force_lower, self.force_upper = np.full(len(self.raw), -np.inf), np.full(len(self.raw), np.inf)
         self.force_lower[self.raw < 0] = np.tile(forces.lower, len(memory.steps))
@@ -329,7 +329,7 @@ class Places:
     def program_multipliers(self, rows: Array, found: Found) -> tuple[Array, Array]:
         """Multipliers (n_x,) [1/unit of x] of bounds and (n_rows,) [1/unit of the row] of rows; 0 of laws, which nobody loosens.
 
-        rows (m,) [-]: which of those that may be held are in the QP that was solved.
+        rows (m,): which of those that may be held are in the QP that was solved.
         """
         whole, y = self.memory.whole, np.zeros(len(self.raw))
         layout, levels = whole.row_layout, whole.ranges().levels

@@ -75,11 +75,11 @@ class StagewiseLevels:
         return tuple(self._raw[rows] for rows in self.memory.whole.row_layout.levels)
 
     def ranges(self, bounds: RowBounds, level: int) -> StageRanges:
-        """Of a level [-], where those above it are held as `bounds` has it."""
+        """Of a level, where those above it are held as `bounds` has it."""
         return StageRanges(self._places, bounds, level)
 
     def multipliers(self, level: int, solution: Found) -> tuple[Array, Array]:
-        """By the last QP of a level [-]: of bounds (n_x,) [1/unit of x] and rows (n_rows,) [1/unit of the row] of the program."""
+        """By the last QP of a level: of bounds (n_x,) [1/unit of x] and rows (n_rows,) [1/unit of the row] of the program."""
         return self._places.program_multipliers(self.level(level).held, solution)
 
     @cached_property
@@ -147,7 +147,7 @@ class StagewiseLevelModel:
     """
 
     def __init__(self, memory: StageMemory, slack: float) -> None:
-        """slack [unit of the row]: half the width of what frozen rows keep."""
+        """Slack [unit of the row]: half the width of what frozen rows keep."""
         self._levels, self._memory = StagewiseLevels(memory, _REAL_TIME_QP_OPTIONS), memory
         self.slack = slack
         self._last: Near | None = None
@@ -179,7 +179,7 @@ class StagewiseLevelModel:
         return None
 
     def moved(self, share: float) -> Point:
-        """As `LevelModel.moved`; share [-]."""
+        """As `LevelModel.moved`; share."""
         self._memory.share[0] = share
         self._memory.move()
         self._memory.evaluate()
@@ -239,7 +239,7 @@ class StagewiseProgram:
         return self.levels.made(options, deadline)
 
     def turning(self, slack: float) -> StagewiseLevelModel:
-        """Its levels for steps in real time; slack [-] as `LevelModel` has it."""
+        """Its levels for steps in real time; slack as `LevelModel` has it."""
         return StagewiseLevelModel(self.levels.memory, slack)
 
     def rows_at(self, x: Array, p: Array) -> tuple[Array, ...]:

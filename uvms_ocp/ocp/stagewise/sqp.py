@@ -29,13 +29,12 @@ class Merit:
     """What a point is worth."""
 
     cost: float
-    """[-]"""
     violation: float
-    """[-] sum over all rows"""
+    """Sum over all rows"""
 
     @property
     def residual(self) -> float:
-        """[-] Norm whose half square is the cost."""
+        """Norm whose half square is the cost."""
         return float((2 * self.cost) ** 0.5)
 
 
@@ -44,13 +43,13 @@ class Filter:
     """Remembers what must not come again."""
 
     first: float
-    """[-] Violation of the first point."""
+    """Violation of the first point."""
     most: float
-    """[-] Violation that is never accepted."""
+    """Violation that is never accepted."""
     entries: list[Merit] = field(default_factory=list)
 
     def accepts(self, trial: Merit, here: Merit, slope: float, share: float) -> bool:
-        """Whether a `share` [-] of a step may be taken along which the cost has the `slope` [-]."""
+        """Whether a `share` of a step may be taken along which the cost has the `slope`."""
         if not (trial.violation <= self.most and all(_better(trial, entry) for entry in self.entries)):
             return False
         rounding = 1e-13 * max(1.0, abs(here.cost))
@@ -59,7 +58,7 @@ class Filter:
         return _better(trial, here) or (trial.violation <= 1e-12 and trial.cost <= here.cost + rounding)
 
     def descends(self, here: Merit, slope: float, share: float) -> bool:
-        """Whether descent of the cost is what a share [-] of a step along the slope [-] is for."""
+        """Whether descent of the cost is what a share of a step along the slope is for."""
         if here.violation > _LOUD * max(1.0, self.first) or slope >= 0.0:
             return False
         return bool(share * (-slope) ** 2.3 > here.violation**1.1)
@@ -110,9 +109,8 @@ class SqpOutcome:
     status: NlpStatus
     iterations: int
     violation: float
-    """[-] Largest."""
+    """Largest."""
     cost: float
-    """[-]"""
     solution: Found | None
     """Of the last QP."""
 

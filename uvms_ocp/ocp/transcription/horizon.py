@@ -22,12 +22,12 @@ class Entries:
     values: ca.MX
     """(n,)"""
     rows: np.ndarray
-    """(n,) [-]"""
+    """(n,) """
     columns: np.ndarray
-    """(n,) [-]"""
+    """(n,) """
 
     def selected(self, position: np.ndarray, none: int) -> Entries:
-        """The same with row i moved to entry i of position (n_rows,) [-]; those moved to `none` count for nothing."""
+        """The same with row i moved to entry i of position (n_rows,); those moved to `none` count for nothing."""
         rows = position[self.rows]
         return Entries(values=self.values, rows=rows, columns=np.where(rows == none, -1, self.columns))
 
@@ -55,7 +55,7 @@ def summed(entries: Sequence[Entries], n: int, *, upper: bool) -> ca.MX:
 
 
 def scatter(values: ca.MX, places: np.ndarray, n: int) -> ca.MX:
-    """Dense vector (n,) with `values` (m,) at places (m,) [-], no two the same; negative places count for nothing."""
+    """Dense vector (n,) with `values` (m,) at places (m,), no two the same; negative places count for nothing."""
     entries = Entries(values=values, rows=places, columns=np.where(places >= 0, 0, -1))
     return ca.densify(assemble([entries], (n, 1)))
 
@@ -75,9 +75,9 @@ class Block:
     S: ca.MX
     """(n_parameters, n)"""
     columns: np.ndarray
-    """(n, n_z) [-] see `VariableLayout.columns`"""
+    """(n, n_z) see `VariableLayout.columns`"""
     numbers: np.ndarray
-    """(n, m) [-] raw rows of each node."""
+    """(n, m) raw rows of each node."""
 
     def mapped(self, function: ca.Function, *more: ca.MX) -> ca.MX:
         """Outputs (m, n) of a function at all nodes."""
@@ -98,7 +98,7 @@ class Horizon:
     """(n_p,)"""
     nodes: NodeVariables
     columns: np.ndarray
-    """(N + 1, n_z) [-] see `VariableLayout.columns`"""
+    """(N + 1, n_z) see `VariableLayout.columns`"""
     water: ca.MX
     """(3,) [m/s]"""
     start: ca.MX
@@ -143,7 +143,7 @@ class Horizon:
 
     @property
     def _columns_of_ends(self) -> np.ndarray:
-        """(1, 2 n_state) [-]"""
+        """(1, 2 n_state)"""
         n = self.layout.n_state
         return np.concatenate([self.columns[0, :n], self.columns[-1, :n]])[None]
 
@@ -221,7 +221,7 @@ class Horizon:
         return entries
 
     def derivative_functions(self, index: int, raw_rows: np.ndarray, *, plugin: str) -> dict[str, ca.Function]:
-        """What NLP solvers ask for, of the cost of one level and of the rows numbered raw_rows (m,) [-]."""
+        """What NLP solvers ask for, of the cost of one level and of the rows numbered raw_rows (m,)."""
         x, p, n = self.x, self.p, self.n_levels
         f, g = self.costs[index], self.rows[raw_rows.tolist()]
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", len(raw_rows))

@@ -201,7 +201,7 @@ class ParameterLayout:
 
     blocks: tuple[TermBlock, ...]
     start: slice
-    """q [m, rad] and v [m/s, rad/s] of the first node."""
+    """Q [m, rad] and v [m/s, rad/s] of the first node."""
     water: slice
     """[m/s] Velocities of the water, step after step."""
     steps: slice
@@ -347,21 +347,21 @@ class RowLayout:
     """Numbers of the raw rows of each group, and what every row is."""
 
     dynamics: np.ndarray
-    """(N, n_dynamics) [-]"""
+    """(N, n_dynamics) """
     start: np.ndarray
-    """(n_boundary,) [-]"""
+    """(n_boundary,) """
     equal_steps: np.ndarray
-    """(N - 1,) [-], or none where durations are fixed."""
+    """(N - 1,), or none where durations are fixed."""
     total: np.ndarray
-    """(1,) [-], or none where the steps together may take any time."""
+    """(1,), or none where the steps together may take any time."""
     terms: tuple[np.ndarray, ...]
-    """(n_nodes, n_rows) [-] of each block."""
+    """(n_nodes, n_rows) of each block."""
     costs: np.ndarray
-    """(n_levels,) [-]"""
+    """(n_levels,) """
     n_state: int
-    """[-] Rows of the next state in the dynamics of a step."""
+    """Rows of the next state in the dynamics of a step."""
     stage: np.ndarray
-    """(n_rows,) [-] node or step of each row, by which they are sorted."""
+    """(n_rows,) node or step of each row, by which they are sorted."""
     lower: np.ndarray
     """(n_rows,) [unit of the row]"""
     upper: np.ndarray
@@ -369,11 +369,11 @@ class RowLayout:
     names: tuple[str, ...]
     """(n_rows,) of what each row stands for, in reports."""
     constraints: np.ndarray
-    """(n_constraints,) [-] rows that are constraints, in ascending order."""
+    """(n_constraints,) rows that are constraints, in ascending order."""
     levels: tuple[np.ndarray, ...]
-    """(m,) [-] rows of each level, in ascending order."""
+    """(m,) rows of each level, in ascending order."""
     held: tuple[np.ndarray, ...]
-    """(m,) [-] rows that keep what each level has reached: its own, or its cost where the level may be relaxed."""
+    """(m,) rows that keep what each level has reached: its own, or its cost where the level may be relaxed."""
 
     @property
     def n_rows(self) -> int:
@@ -430,7 +430,7 @@ class _Group:
     """What the rows of one group are; each field has one entry for every row."""
 
     level: np.ndarray
-    """level, `CONSTRAINT` or `_DROPPED`"""
+    """Level, `CONSTRAINT` or `_DROPPED`"""
     stage: np.ndarray
     lower: np.ndarray
     upper: np.ndarray

@@ -6,10 +6,10 @@ of a step are those at its middle, so that a step is right to second order in it
 `Integrator.EULER`).
 
 Variables of a step: ``z = [q, v, h, a, f, m]`` with q [m, rad], v [m/s, rad/s], the length of the step h [s],
-a [m/s2, rad/s2], thrust f and joint torque m in shares of their limits [-]. Where every velocity has a force of its own
+a [m/s2, rad/s2], thrust f and joint torque m in shares of their limits. Where every velocity has a force of its own
 that nothing limits, and there is no water, f and m are expressions in the others instead: a third of the variables and
 rows less. Where forces are asked to be `eliminated` they always are: the thrust of least squares that makes the wrench,
-and on top of it what cancels out among redundant thrusters, ``z = [q, v, h, a, s]`` with its coordinates s [-].
+and on top of it what cancels out among redundant thrusters, ``z = [q, v, h, a, s]`` with its coordinates s.
 """
 
 from __future__ import annotations
@@ -57,22 +57,22 @@ class Actuators:
 
     @cached_property
     def spread(self) -> np.ndarray:
-        """(n_thrust, n_vehicle) least thrust in shares [-] for a wrench [N, N m]."""
+        """(n_thrust, n_vehicle) least thrust in shares for a wrench [N, N m]."""
         return np.asarray(np.linalg.pinv(self.matrix * self.thrust_unit, rcond=_RANK))
 
     @cached_property
     def null(self) -> np.ndarray:
-        """(n_thrust, n) [-] thrust in shares that cancels out."""
+        """(n_thrust, n) thrust in shares that cancels out."""
         return self._complement((self.matrix * self.thrust_unit).T)
 
     @cached_property
     def beyond(self) -> np.ndarray:
-        """(n_vehicle, n) [-] directions of a wrench that no thrust makes, in shares of its units."""
+        """(n_vehicle, n) directions of a wrench that no thrust makes, in shares of its units."""
         return self._complement(self.matrix / self.force_unit[: len(self.matrix), None])
 
     @staticmethod
     def _complement(matrix: np.ndarray) -> np.ndarray:
-        """Orthonormal directions (n, ...) [-] that are orthogonal to all columns of a matrix (n, m)."""
+        """Orthonormal directions (n, ...) that are orthogonal to all columns of a matrix (n, m)."""
         U, sizes, _ = np.linalg.svd(matrix, full_matrices=True)
         return np.asarray(U[:, int(np.sum(sizes > _RANK * sizes.max(initial=0.0))) :])
 
@@ -85,10 +85,10 @@ class Actuators:
 # `Integrator.EULER`).
 #
 # Variables of a step: ``z = [q, v, h, a, f, m]`` with q [m, rad], v [m/s, rad/s], the length of the step h [s],
-# a [m/s2, rad/s2], thrust f and joint torque m in shares of their limits [-]. Where every velocity has a force of its own
+# a [m/s2, rad/s2], thrust f and joint torque m in shares of their limits. Where every velocity has a force of its own
 # that nothing limits, and there is no water, f and m are expressions in the others instead: a third of the variables and
 # rows less. Where forces are asked to be `eliminated` they always are: the thrust of least squares that makes the wrench,
-# and on top of it what cancels out among redundant thrusters, ``z = [q, v, h, a, s]`` with its coordinates s [-].
+# and on top of it what cancels out among redundant thrusters, ``z = [q, v, h, a, s]`` with its coordinates s.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -256,7 +256,7 @@ class StageModel:
 
     @cached_property
     def middle(self) -> ca.SX:
-        """q, v and a (n_q + 2 n_v,) where the forces of a step are."""
+        """Q, v and a (n_q + 2 n_v,) where the forces of a step are."""
         z, layout = self.z, self.layout
         q, v, h, a = z[layout.q], z[layout.v], z[layout.h], z[layout.a]
         if self.problem.integrator is Integrator.EULER:

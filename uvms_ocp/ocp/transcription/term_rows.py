@@ -32,9 +32,9 @@ class TermEntry:
     """A term with rows at a kind of node, as it was built in."""
 
     place: int
-    """[-] among the terms of the problem."""
+    """Among the terms of the problem."""
     level: int
-    """[-] or CONSTRAINT"""
+    """Or CONSTRAINT"""
     term: Term
     residual: Residual
     """Without the weight."""
@@ -49,7 +49,7 @@ class Nodes:
     times: Sequence[float]
     """(n,) [s]"""
     active: Sequence[bool]
-    """(n,) [-] False where the state is given."""
+    """(n,) False where the state is given."""
     q: np.ndarray
     """(n, n_q) [m, rad] configurations about which terms that follow the guess are written."""
     tightened: Mapping[Term, np.ndarray]
@@ -63,11 +63,11 @@ class TermNumbers:
     terms: tuple[Term, ...]
     """Whose references are the goals."""
     roots: np.ndarray
-    """(n_terms,) [-] of the weights."""
+    """(n_terms,) of the weights."""
     lower: np.ndarray
-    """(m,) [-] weighted."""
+    """(m,) weighted."""
     upper: np.ndarray
-    """(m,) [-] weighted."""
+    """(m,) weighted."""
 
     def parameters(self, nodes: Nodes, rate: float) -> np.ndarray:
         """Parameters of nodes, one node after the other; rate [1/s]: 1 / time."""
@@ -106,9 +106,9 @@ class TermRows:
     parameters: ca.SX
     """(n_parameters,)"""
     rows: ca.SX
-    """(m,) [-] weighted."""
+    """(m,) weighted."""
     costs: ca.SX
-    """(n_levels,) [-]"""
+    """(n_levels,) """
     errors: tuple[ca.SX, ...]
     """Of every level, the vector whose half square is its cost."""
     members: tuple[TermEntry, ...]
@@ -116,9 +116,9 @@ class TermRows:
     """Of the problem that was built in."""
     kinds: RowKinds
     level: np.ndarray
-    """(m,) [-] level of each row, or CONSTRAINT."""
+    """(m,) level of each row, or CONSTRAINT."""
     state_only: np.ndarray
-    """(m,) [-] True for rows without inputs."""
+    """(m,) True for rows without inputs."""
     names: tuple[str, ...]
     """(m,) term of each row."""
 
@@ -153,7 +153,7 @@ class TermBlock:
 
     rows: TermRows
     nodes: np.ndarray
-    """(n,) [-]"""
+    """(n,) """
 
 
 def term_blocks(model: StageModel) -> tuple[TermBlock, ...]:

@@ -132,7 +132,7 @@ class Transcription:
         return ca.Function("costs", [self._horizon.x, self._horizon.p], [self._horizon.costs])
 
     def costs(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Cost (n_levels,) [-] of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
+        """Cost (n_levels,) of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
         return np.array(self._costs(x, p)).ravel()
 
     def violations(self, x: np.ndarray, p: np.ndarray, problem: OcpProblem | None = None) -> dict[str, float]:
@@ -175,7 +175,7 @@ class Transcription:
         return list(names)
 
     def _at_start(self, problem: OcpProblem, numbers: TermNumbers) -> tuple[np.ndarray, np.ndarray]:
-        """z (n_z,) of the start without inputs, and the parameters of terms with these numbers."""
+        """Z (n_z,) of the start without inputs, and the parameters of terms with these numbers."""
         z = np.zeros(self.model.layout.n_z)
         z[self.model.layout.q], z[self.model.layout.v] = problem.start.q, problem.start.v
         here = Nodes(times=[0.0], active=[False], q=problem.start.q[None], tightened={})

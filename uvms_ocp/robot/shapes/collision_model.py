@@ -76,19 +76,19 @@ class CoalPairs:
             request.gjk_tolerance, request.gjk_max_iterations = _DISTANCE_TOLERANCE, _MAX_ITERATIONS
 
     def values(self, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-        """Distance (n,) [m] of each of the `pairs` (n,) [-] at q (n_q,) [m, rad]."""
+        """Distance (n,) [m] of each of the `pairs` (n,) at q (n_q,) [m, rad]."""
         pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._geometry_data, q)
         results = [pin.computeDistance(self._geometry, self._geometry_data, int(k)) for k in pairs]
         found = np.array([result.min_distance for result in results])
         return np.where(found < _FAILED, 0.0, found)
 
     def gradients(self, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-        """Gradient (n, n_v) [-, m] of each of the `pairs` (n,) [-]; their values were asked for last, at q (n_q,) [m, rad]."""
+        """Gradient (n, n_v) [-, m] of each of the `pairs` (n,); their values were asked for last, at q (n_q,) [m, rad]."""
         pin.computeJointJacobians(self._model, self._data, q)
         return np.array([self._gradient(int(k)) for k in pairs]).reshape(-1, self._model.nv)
 
     def nearest_points(self, pairs: np.ndarray) -> np.ndarray:
-        """Both points (n, 6) [m] in W where the `pairs` (n,) [-] are nearest, of each as it was asked for last."""
+        """Both points (n, 6) [m] in W where the `pairs` (n,) are nearest, of each as it was asked for last."""
         results = [self._geometry_data.distanceResults[int(k)] for k in pairs]
         found = [[*result.getNearestPoint1(), *result.getNearestPoint2()] for result in results]
         return np.array(found).reshape(-1, 6)
@@ -126,14 +126,14 @@ class CompiledPairs:
         self._value, self._gradient = view(self._memory.value), view(self._memory.gradient)
 
     def values(self, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-        """Distance (n,) [m] of each of the `pairs` (n,) [-] at q (n_q,) [m, rad]."""
+        """Distance (n,) [m] of each of the `pairs` (n,) at q (n_q,) [m, rad]."""
         self._configuration[:] = q
         self._choose(pairs)
         self._distances(self._memory, self._q)
         return np.asarray(self._value[pairs])
 
     def gradients(self, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-        """Gradient (n, n_v) [-, m] of each of the `pairs` (n,) [-]; their values were asked for last, at q (n_q,) [m, rad]."""
+        """Gradient (n, n_v) [-, m] of each of the `pairs` (n,); their values were asked for last, at q (n_q,) [m, rad]."""
         self._choose(pairs)
         self._gradients(self._memory)
         return np.array(self._gradient[: len(pairs)])
@@ -210,7 +210,7 @@ class CollisionModel:
 
     @property
     def n_solids(self) -> int:
-        """Shapes [-] that are in some pair."""
+        """Shapes that are in some pair."""
         return len(_used(self._pairs))
 
     def is_of(self, robot: Robot) -> bool:
@@ -230,7 +230,7 @@ class CollisionModel:
         write_distances(memory, self._model, self._geometry.geometryObjects, self._pairs)
 
     def values(self, q: np.ndarray, pairs: Sequence[int] | np.ndarray | None = None) -> np.ndarray:
-        """Distance (n_pairs,) [m] at q (n_q,) [m, rad] of all pairs, or (n,) of some, by their indices `pairs` (n,) [-].
+        """Distance (n_pairs,) [m] at q (n_q,) [m, rad] of all pairs, or (n,) of some, by their indices `pairs` (n,).
 
         Each index once.
         """
@@ -242,7 +242,7 @@ class CollisionModel:
     def distances(self, q: np.ndarray, pairs: Sequence[int] | np.ndarray | None = None) -> Distances:
         """Distances at q (n_q,) [m, rad], with gradients ``n . (v_2 - v_1)`` at the witness points.
 
-        Of all pairs, or of some by their indices `pairs` (n,) [-], each once.
+        Of all pairs, or of some by their indices `pairs` (n,), each once.
         """
         value = self.values(q, pairs)
         gradient = np.empty((len(value), self.n_v))

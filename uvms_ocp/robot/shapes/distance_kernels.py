@@ -44,7 +44,7 @@ from uvms_ocp.robot.symbolic_model import SymbolicModel, function
 # The signed distance of two solids: apart, or overlapping.
 
 _SHIFT = 1e-3  # [m] that overlapping solids are taken apart by, for their nearest points
-_POLISH = 3  # [-] of the direction that a polytope gives to 1e-7 m
+_POLISH = 3  # of the direction that a polytope gives to 1e-7 m
 
 
 def measure_solids(m: RelativePlacement, hull: Hull, a: Solid, b: Solid) -> None:
@@ -118,7 +118,7 @@ class Pair(Layout):
     known: bool
     """It has been measured."""
     normal: Annotated[Vector, Sized(3)]
-    """(3,) [-] in W, from the first to the second."""
+    """(3,) in W, from the first to the second."""
     at: Annotated[Vector, Sized(3)]
     """(3,) [m] in W, the nearest point of the first."""
 
@@ -127,9 +127,9 @@ class DistanceMemory(Layout):
     """Solids of a robot and its obstacles, and their pairs."""
 
     places: Smooth
-    """q, to the placements of all joints and the twists of all axes."""
+    """Q, to the placements of all joints and the twists of all axes."""
     placements: Annotated[Vector, Sized("n_placements")]
-    """(12 n_joints,) R_WJ [-], row after row, and p_WJ [m] of each joint."""
+    """(12 n_joints,) R_WJ, row after row, and p_WJ [m] of each joint."""
     twists: Annotated[Vector, Sized("n_twists")]
     """(6 n_v,) of each axis, at the origin of W: linear [m, or 1], angular [1]."""
     n_solids: int
@@ -247,7 +247,7 @@ def has_kernel(shape: coal.CollisionGeometry) -> bool:
 
 
 def distance_sizes(model: pin.Model, *, n_solids: int, n_pairs: int) -> dict[str, Any]:
-    """What `structure_of` a layout with a `DistanceMemory` needs for that many solids and pairs [-], or fewer."""
+    """What `structure_of` a layout with a `DistanceMemory` needs for that many solids and pairs, or fewer."""
     places = _places(model)
     return {
         "places": places,
@@ -306,7 +306,7 @@ def _movers(model: pin.Model, joint: int) -> list[int]:
 
 @lru_cache(maxsize=8)
 def _places(model: pin.Model) -> ca.Function:
-    """q -> placements of joints, row after row, and twists of axes at the origin of W, column after column."""
+    """Q -> placements of joints, row after row, and twists of axes at the origin of W, column after column."""
     q, symbolic = ca.SX.sym("q", model.nq), SymbolicModel(model)
     poses = symbolic.forward_kinematics(q).joint_poses[1:]
     placements = [ca.vertcat(ca.vec(ca.densify(pose.R).T), pose.p) for pose in poses]

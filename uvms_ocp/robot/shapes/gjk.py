@@ -33,11 +33,11 @@ class Solid(Layout):
     joint: int
     """Whose body carries it, counted from 0; -1 where it stands still in W."""
     R_JS: Annotated[Vector, Sized(9)]
-    """(9,) [-] on that body, row after row."""
+    """(9,) on that body, row after row."""
     p_JS: Annotated[Vector, Sized(3)]
     """(3,) [m]"""
     R: Annotated[Vector, Sized(9)]
-    """(9,) [-] R_WS, row after row."""
+    """(9,) R_WS, row after row."""
     p: Annotated[Vector, Sized(3)]
     """(3,) [m] p_WS."""
 
@@ -69,13 +69,13 @@ def height(s: Solid, d: Vector) -> float:
 
 
 def rotated(R: Vector, x: Vector, y: Vector) -> None:
-    """y = R x; R (9,) row after row, x and y (3,) not the same. A kernel."""
+    """Y = R x; R (9,) row after row, x and y (3,) not the same. A kernel."""
     for i in range(3):
         y[i] = R[3 * i] * x[0] + R[3 * i + 1] * x[1] + R[3 * i + 2] * x[2]
 
 
 def turned_back(R: Vector, x: Vector, y: Vector) -> None:
-    """y = R.T x. A kernel."""
+    """Y = R.T x. A kernel."""
     for i in range(3):
         y[i] = R[i] * x[0] + R[3 + i] * x[1] + R[6 + i] * x[2]
 
@@ -88,18 +88,18 @@ def between(R: Vector, S: Vector, T: Vector) -> None:
 
 
 def dot(x: Vector, y: Vector) -> float:
-    """x.T y of (3,). A kernel."""
+    """X.T y of (3,). A kernel."""
     return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
 
 
 def subtract(x: Vector, y: Vector, z: Vector) -> None:
-    """z = x - y, all (3,). A kernel."""
+    """Z = x - y, all (3,). A kernel."""
     for i in range(3):
         z[i] = x[i] - y[i]
 
 
 def cross(x: Vector, y: Vector, z: Vector) -> None:
-    """z = x cross y, all (3,), z neither of both. A kernel."""
+    """Z = x cross y, all (3,), z neither of both. A kernel."""
     z[0] = x[1] * y[2] - x[2] * y[1]
     z[1] = x[2] * y[0] - x[0] * y[2]
     z[2] = x[0] * y[1] - x[1] * y[0]
@@ -115,7 +115,7 @@ class Simplex(Layout):
     """In the frame of the first solid, A; the second is B."""
 
     n: int
-    """[-] points."""
+    """Points."""
     a: Annotated[list[Vector], Sized(4, 3)]
     """(4, 3) [m] of A."""
     b: Annotated[list[Vector], Sized(4, 3)]
@@ -131,7 +131,7 @@ class Simplex(Layout):
     pick: Annotated[list[int], Sized(3)]
     """Which points it lies between."""
     lot: Annotated[Vector, Sized(3)]
-    """(3,) [-] their shares."""
+    """(3,) their shares."""
 
 
 def find_nearest(s: Simplex) -> None:
@@ -189,7 +189,7 @@ def try_face(s: Simplex, i: int, j: int, k: int) -> None:
 
 
 def offer_point(s: Simplex, i: int, j: int, k: int, x: float, y: float) -> None:
-    """Take the point w_i + x (w_j - w_i) + y (w_k - w_i), x and y [-], if it is the nearest so far. A kernel."""
+    """Take the point w_i + x (w_j - w_i) + y (w_k - w_i), x and y, if it is the nearest so far. A kernel."""
     v, wi, wj, wk = zeros(3), s.w[i], s.w[j], s.w[k]
     for c in range(3):
         v[c] = wi[c] + x * (wj[c] - wi[c]) + y * (wk[c] - wi[c])
@@ -255,10 +255,10 @@ def keep_last(s: Simplex, others: bool) -> None:
 # the same configuration always gives the same distances.
 
 ROUNDS = 128
-"""[-] bound of a search; what it found is then what is told."""
-_TURNS = 3  # [-] of nearest points, after which most pairs are almost done
-_EXACT = 1e-12  # [-] of the distance, by which none can be smaller: its square root is what the normal is wrong by
-_STALLS = 4  # [-] rounds without a gain, after which rounding is all that is left
+"""Bound of a search; what it found is then what is told."""
+_TURNS = 3  # of nearest points, after which most pairs are almost done
+_EXACT = 1e-12  # of the distance, by which none can be smaller: its square root is what the normal is wrong by
+_STALLS = 4  # rounds without a gain, after which rounding is all that is left
 TOUCHING = 1e-9
 """[m] nearer solids count as overlapping, as rounding is all that is left of a direction."""
 
@@ -267,13 +267,13 @@ class RelativePlacement(Layout):
     """Of solids A and B, in the frame of A; balls left out."""
 
     R: Annotated[Vector, Sized(9)]
-    """(9,) [-] R_AB, row after row."""
+    """(9,) R_AB, row after row."""
     p: Annotated[Vector, Sized(3)]
     """(3,) [m] p_AB."""
     simplex: Simplex
     """Of the search, between whose points the nearest ones lie."""
     normal: Annotated[Vector, Sized(3)]
-    """(3,) [-] from A to B."""
+    """(3,) from A to B."""
     distance: float
     """[m] negative where they overlap."""
     at: Annotated[Vector, Sized(3)]

@@ -55,7 +55,7 @@ def obstacle(
     position: Annotated[ArrayLike, Range(open=True)],
     rotation: Annotated[ArrayLike, Range(open=True)] | None = None,
 ) -> Obstacle:
-    """An obstacle at `position` (3,) [m] p_WO with `rotation` (3, 3) [-] R_WO, identity by default.
+    """An obstacle at `position` (3,) [m] p_WO with `rotation` (3, 3) R_WO, identity by default.
 
     Raises `InvalidInput` for other shapes and what `Obstacle` refuses.
     """
@@ -76,9 +76,9 @@ def seafloor(height: Finite) -> Obstacle:
 def mesh_shape(
     vertices: Annotated[np.ndarray, Shape("n", 3)], triangles: Annotated[np.ndarray, Shape("m", 3)]
 ) -> coal.BVHModelOBBRSS:
-    """coal shape of a surface, such as `uvms_ocp.sim.floor_mesh` gives, for clearances and drawings.
+    """Coal shape of a surface, such as `uvms_ocp.sim.floor_mesh` gives, for clearances and drawings.
 
-    vertices (n, 3) [m]; triangles (m, 3) [-] indices of vertices. Raises `InvalidInput` for indices of no vertex.
+    vertices (n, 3) [m]; triangles (m, 3) indices of vertices. Raises `InvalidInput` for indices of no vertex.
     """
     vertices, triangles = np.asarray(vertices, dtype=float), np.asarray(triangles, dtype=np.int64)
     if not (triangles.size and triangles.min() >= 0 and triangles.max() < len(vertices)):

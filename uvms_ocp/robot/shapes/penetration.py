@@ -20,7 +20,7 @@ from uvms_ocp.robot.shapes.gjk import RelativePlacement, Solid, add_support, cro
 # Without disks these are all (separating axes, [Ericson2005] 4.4.1); with one disk and a point besides, the way outward of the
 # axis of the disk is left; for the rest they are where `hull` begins.
 
-_PARALLEL = 1e-20  # [-] squared sine of edges that span no face
+_PARALLEL = 1e-20  # squared sine of edges that span no face
 
 
 def try_axes(m: RelativePlacement, a: Solid, b: Solid) -> None:
@@ -75,7 +75,7 @@ def try_axis(m: RelativePlacement, a: Solid, b: Solid, d: Vector) -> None:
 
 
 def distance_along(m: RelativePlacement, a: Solid, b: Solid, n: Vector) -> float:
-    """By how much B lies beyond A along n (3,) [-] of length 1, in the frame of A [m]. A kernel."""
+    """By how much B lies beyond A along n (3,) of length 1, in the frame of A [m]. A kernel."""
     back = zeros(3)
     turned_back(m.R, n, back)
     return dot(n, m.p) - height(a, n) - height(b, back)
@@ -87,7 +87,7 @@ def distance_along(m: RelativePlacement, a: Solid, b: Solid, n: Vector) -> float
 # away from the middle of the difference, which is always inside, as both solids look the same from either side.
 
 GROWTH = 96
-"""[-] points that a polytope grows by at most."""
+"""Points that a polytope grows by at most."""
 POINTS = GROWTH + 6
 FACES = 2 * POINTS
 _OPEN = 1e-7  # [m] between a face and what lies beyond it
@@ -99,14 +99,14 @@ class Hull(Layout):
     """A polytope inside of A - B, in the frame of A."""
 
     n: int
-    """[-] points."""
+    """Points."""
     w: Annotated[list[Vector], Sized(POINTS, 3)]
     """(n, 3) [m]"""
     n_faces: int
     face: Annotated[list[list[int]], Sized(FACES, 3)]
     """(n_faces, 3) points of each."""
     normal: Annotated[list[Vector], Sized(FACES, 3)]
-    """(n_faces, 3) [-] outward."""
+    """(n_faces, 3) outward."""
     offset: Annotated[Vector, Sized(FACES)]
     """(n_faces,) [m] of the face along its normal; from the origin, if that is inside."""
     n_edges: int

@@ -103,11 +103,10 @@ class Circle:
     centre: np.ndarray
     """(3,) [m] in W."""
     across: np.ndarray
-    """(3,) [-] horizontal unit vector in the plane of the circle."""
+    """(3,) horizontal unit vector in the plane of the circle."""
     radius: float
     """[m]"""
     turns: float
-    """[-]"""
     duration: float
     """[s] of all turns."""
 
@@ -138,7 +137,7 @@ def bluerov_inspection(
 ) -> Scenario:
     """Valve turning by a BlueROV2 with a four-joint arm: approach, hold, follow a circular tool path.
 
-    The tool goes turns [-] times around a circle of radius [m] about the valve, target (3,) [m] in W, within turning [s]
+    The tool goes turns times around a circle of radius [m] about the valve, target (3,) [m] in W, within turning [s]
     and stays within 0.02 m of it all the time, while the valve stays within 0.4 rad of the axis of a camera on the
     vehicle that is tilted towards the stowed tool. Vehicle and arm move together; the pose of the vehicle comes last.
     With noise the tolerance is 0.06 m. options: those of `RunOptions`; the robot is bluerov2_alpha5, the floor at -10 m.

@@ -88,7 +88,7 @@ def plan_arm(scenario: Scenario, clearance: float = 0.05) -> CollisionPlan:
 
 
 def landed_configuration(scenario: Scenario) -> np.ndarray:
-    """q (n_q,) where the vehicle is expected to land, with the joints as at the start."""
+    """Q (n_q,) where the vehicle is expected to land, with the joints as at the start."""
     setup = scenario.setup()
     visit = next(visit for visit in forecast(setup) if visit.active(NullVelocity) is not None)
     return visit.stances[0].configuration(setup)

@@ -37,9 +37,9 @@ class DriveLoad:
     """What one stance asks of the drives."""
 
     thrust: float
-    """[-] largest share of a limit; above 1 the force is not there."""
+    """Largest share of a limit; above 1 the force is not there."""
     torque: float
-    """[-] likewise."""
+    """Likewise."""
     missing: float
     """[N, N m] of the wrench."""
 

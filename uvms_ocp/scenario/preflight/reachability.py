@@ -44,7 +44,7 @@ class ReachResult:
 class ArmReach:
     """Searches postures within the joint limits for a frame to meet a pose, from many starts (bounded least squares).
 
-    The error is that of a tool task: metres and radians count the same. rotation_weight [-]: 0 leaves orientation free.
+    The error is that of a tool task: metres and radians count the same. rotation_weight: 0 leaves orientation free.
     """
 
     def __init__(

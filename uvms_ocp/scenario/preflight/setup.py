@@ -182,7 +182,7 @@ class Stance:
         return pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, self.yaw), self.position)
 
     def configuration(self, setup: Setup) -> np.ndarray:
-        """q (n_q,) [m, rad] with the joints as at the start."""
+        """Q (n_q,) [m, rad] with the joints as at the start."""
         q = setup.start.copy()
         q[:7] = pin.SE3ToXYZQUAT(self.X_WB)
         return q

@@ -99,7 +99,7 @@ class ActiveSetFunctions:
     tick: ca.Function | None
     """(inputs, active set) -> v, active set, report, residual, *extras; None without C."""
     levels: ca.Function
-    """inputs -> J, lower, upper, rate, activation, gate, *extras; dense"""
+    """Inputs -> J, lower, upper, rate, activation, gate, *extras; dense"""
     sizes: tuple[int, ...]
     """Rows of each level."""
 
@@ -206,7 +206,7 @@ class LexicographicActiveSet:
     def core(self, n: int, sizes: Sequence[int]) -> ca.Function | None:
         """(J, lower, upper, gate, active set) -> v, active set, report, residual, in machine code; None where that cannot be.
 
-        n [-]: velocities. sizes [-]: rows of each level.
+        n: velocities. sizes: rows of each level.
         """
         return _core(n, tuple(sizes)) if self.compiled else None
 

@@ -53,11 +53,11 @@ class Manner:
     """Which rows are too dependent to be pivots, and which multipliers are rounding."""
 
     rank_tolerance: float
-    """[-] `Tolerances.rank_tolerance`."""
+    """`Tolerances.rank_tolerance`."""
     rank_noise: float
-    """[-] `Tolerances.rank_noise`."""
+    """`Tolerances.rank_noise`."""
     multiplier: float
-    """[-] `Tolerances.multiplier`."""
+    """`Tolerances.multiplier`."""
 
 
 ORDINARY = Manner(TOLERANCES.rank_tolerance, TOLERANCES.rank_noise, TOLERANCES.multiplier)
@@ -81,11 +81,11 @@ class Work:
     levels: list[slice]
     """Rows of each level."""
     state: Array
-    """(M,) [-] `RowState` of each row."""
+    """(M,) `RowState` of each row."""
     v: Array
     """(n,) [velocity] where the run is."""
     tabu: Array
-    """(M,) [-] True for rows that must not be dropped any more."""
+    """(M,) True for rows that must not be dropped any more."""
     manner: Manner
     """Of the run."""
 
@@ -95,7 +95,7 @@ class Block:
     """Active rows of one level, pivots first, in the coordinates of the factorisation."""
 
     rows: Array
-    """(m,) [-] their numbers."""
+    """(m,) their numbers."""
     T: Array
     """(m, n) [rate/velocity]"""
     column: int
@@ -103,7 +103,7 @@ class Block:
     rank: int
     """Number of pivots."""
     smallest: float
-    """[-] Least independent part of any pivot so far, relative to its row."""
+    """Least independent part of any pivot so far, relative to its row."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,7 +119,7 @@ class Equalities:
 
 
 def load(J: Array, lower: Array, upper: Array, state: Array, sizes: Sequence[int], manner: Manner = ORDINARY) -> Work:
-    """A run that starts with the rows of ``state`` (M,) [-] active, as far as their bounds are finite.
+    """A run that starts with the rows of ``state`` (M,) active, as far as their bounds are finite.
 
     J (M, n) [rate/velocity]; lower and upper (M,) [rate]; sizes: rows of each level.
     """
@@ -148,7 +148,7 @@ def _size(bound: Array) -> Array:
 
 
 def bounds_of(work: Work, rows: Array) -> Array:
-    """(k,) [rate] the bound at which each of the active rows (k,) [-] is held."""
+    """(k,) [rate] the bound at which each of the active rows (k,) is held."""
     return np.asarray(np.where(work.state[rows] == LOWER, work.lower[rows], work.upper[rows]))
 
 
@@ -237,9 +237,9 @@ class _Rule(IntEnum):
 def lexicographic_least_squares(
     J: Array, lower: Array, upper: Array, state: Array, sizes: Sequence[int], manner: Manner, left: int
 ) -> tuple[Array, Array, int]:
-    """v (n,) [velocity], active set (M,) and number of iterations, ``left`` at most; see active_set.c for the algorithm.
+    """V (n,) [velocity], active set (M,) and number of iterations, ``left`` at most; see active_set.c for the algorithm.
 
-    J (M, n) [rate/velocity]; lower and upper (M,) [rate], all in normal units (`scaling`); state (M,) [-]: `RowState` of
+    J (M, n) [rate/velocity]; lower and upper (M,) [rate], all in normal units (`scaling`); state (M,): `RowState` of
     each row to start with. A run does not judge its own result.
     """
     work = load(J, lower, upper, state, sizes, manner)
@@ -370,20 +370,20 @@ class SolvedRows:
     v: Array
     """(n,) [velocity] finite, 0 where the rows are invalid."""
     active_set: Array
-    """(M,) [-] for the next call."""
+    """(M,) for the next call."""
     status: Status
     """How far v can be relied on."""
     residual: Array
     """(M,) [rate] signed distance of J v to [lower, upper], 0 where the gate is 0."""
     iterations: int
-    """[-] of all runs, `IterationBudget.most_of_all` at most."""
+    """Of all runs, `IterationBudget.most_of_all` at most."""
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows ends without a certificate
 def solve_levels(
     J: Array, lower: Array, upper: Array, gate: Array, active_set: Array, sizes: Sequence[int]
 ) -> SolvedRows:
-    """As `solve_levels` of fallbacks.c, for J (M, n) [rate/velocity], lower and upper (M,) [rate], gate and active_set (M,) [-].
+    """As `solve_levels` of fallbacks.c, for J (M, n) [rate/velocity], lower and upper (M,) [rate], gate and active_set (M,).
 
     sizes: rows of each level.
     """
@@ -410,9 +410,9 @@ class _Run:
     """Where a run has ended."""
 
     w: Array
-    """(n,) [-] in normal units."""
+    """(n,) in normal units."""
     active_set: Array
-    """(M,) [-]"""
+    """(M,) """
 
 
 class _Chain:
@@ -497,7 +497,7 @@ class _Chain:
         return _is_finite(w) and bool(kept.all())
 
     def _touched(self, w: Array) -> Array:
-        """(M,) [-] bounds that w touches."""
+        """(M,) bounds that w touches."""
         y, near = self.rows.J @ w, self._near
         return np.where(y >= self.rows.upper - near, 1.0, np.where(y <= self.rows.lower + near, -1.0, 0.0))
 

@@ -58,9 +58,9 @@ class QpFunctions:
     """What a tick evaluates."""
 
     tick: ca.Function
-    """inputs -> v, status, residual, *extras"""
+    """Inputs -> v, status, residual, *extras"""
     levels: ca.Function
-    """inputs -> J, lower, upper (gated), J, lower, upper, gate (as given), *extras"""
+    """Inputs -> J, lower, upper (gated), J, lower, upper, gate (as given), *extras"""
     steps: Sequence[LevelStep | None]
     """One per level, None for a level without rows."""
     sizes: tuple[int, ...]
@@ -181,10 +181,10 @@ class LexicographicQp:
     options: Mapping[str, object] = field(default_factory=dict)
     """Options of the plugin, on top of our defaults."""
     proximal: float = 1e-10
-    """[-] Weight of the distance to the velocity of the levels above, relative to the mean square of the rows: it makes each
+    """Weight of the distance to the velocity of the levels above, relative to the mean square of the rows: it makes each
     program strictly convex."""
     tolerance: float = 1e-9
-    """[-] Largest accepted violation of a higher level, relative to its row."""
+    """Largest accepted violation of a higher level, relative to its row."""
     attempts: int = 3
     """Programs per level at most; a further one starts where the last one ended."""
     certified: bool = True

@@ -55,9 +55,9 @@ class Box:
     """Velocities that the rows of the first level with one entry span: the velocity limits, where there are any."""
 
     lower: Array
-    """(n,) [-] in normal units, -inf where no row is bounded on both sides."""
+    """(n,) in normal units, -inf where no row is bounded on both sides."""
     upper: Array
-    """(n,) [-] in normal units."""
+    """(n,) in normal units."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -92,11 +92,11 @@ class NormalRows:
     """``lower <= J w <= upper`` with rows of J, and w, of the order of 1."""
 
     J: Array
-    """(M, n) [-] 0 in rows that count as nothing beside the largest."""
+    """(M, n) 0 in rows that count as nothing beside the largest."""
     lower: Array
-    """(M,) [-]"""
+    """(M,) """
     upper: Array
-    """(M,) [-]"""
+    """(M,) """
     sizes: tuple[int, ...]
     """Rows of each level."""
     box: Box
@@ -106,7 +106,7 @@ class NormalRows:
     velocity: float
     """[velocity] v = velocity w."""
     unit: float
-    """[-] What counts as much of a rate: the largest that any row asks for over the largest row of all levels, at most 1. It
+    """What counts as much of a rate: the largest that any row asks for over the largest row of all levels, at most 1. It
     is less where rows that are small beside others ask for large velocities."""
     lost: NegligibleRows
     """Rows that are 0 in `J` and were not."""
@@ -212,9 +212,9 @@ class _Region:
     """How far y may be from v: ``-down <= y - v <= up``."""
 
     down: Array
-    """(n,) [-]"""
+    """(n,) """
     up: Array
-    """(n,) [-]"""
+    """(n,) """
 
 
 def certificate(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | None = None) -> float:
@@ -254,7 +254,7 @@ def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | No
 
 @np.errstate(over="ignore", invalid="ignore")
 def normal_certificate(rows: NormalRows, w: Array) -> float:
-    """Largest excess [-] of any level at w (n,) [-] over its residual or ``rows.unit``: what a status goes by.
+    """Largest excess of any level at w (n,) over its residual or ``rows.unit``: what a status goes by.
 
     The larger of both counts. The region is the default one, but no farther from w than ``TOLERANCES.reach``. inf where rows
     that count as nothing are missed.
@@ -301,7 +301,7 @@ def _given_region(radius: ArrayLike, v: Array, velocity: float) -> _Region:
 
 
 def _excesses(rows: NormalRows, w: Array, region: _Region, *, first: _Region) -> Array:
-    """(levels,) [-]; first: the region of the first level."""
+    """(levels,); first: the region of the first level."""
     if not np.isfinite(w).all():
         return np.full(len(rows.sizes), np.inf)
     found = _found(rows, w, region)
@@ -315,17 +315,17 @@ class _Found:
     """What the bound is made of."""
 
     J: Array
-    """(M, n) [-]"""
+    """(M, n) """
     slack: Array
-    """(M,) [-] distance of the rows from their bounds."""
+    """(M,) distance of the rows from their bounds."""
     up: Array
-    """(M,) [-] gap to the upper bound, as held."""
+    """(M,) gap to the upper bound, as held."""
     down: Array
-    """(M,) [-] gap to the lower one."""
+    """(M,) gap to the lower one."""
     noise: Array
-    """(M,) [-] what rounding leaves open of a row."""
+    """(M,) what rounding leaves open of a row."""
     unit: float
-    """[-] `NormalRows.unit`."""
+    """`NormalRows.unit`."""
 
 
 def _found(rows: NormalRows, w: Array, region: _Region) -> _Found:
@@ -362,7 +362,7 @@ def _held(found: _Found, above: int) -> tuple[Array, Array, Array]:
 
 
 def _multipliers(c: Array, gap: Array, gradient: Array, reach: Array) -> Array:
-    """x >= 0 (k,) for which both the gradient left and the gaps are small, in the sense of least squares."""
+    """X >= 0 (k,) for which both the gradient left and the gaps are small, in the sense of least squares."""
     from scipy.optimize import nnls  # half a second, which few need
 
     if len(c) == 0:

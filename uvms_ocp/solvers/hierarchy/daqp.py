@@ -53,7 +53,7 @@ class Daqp:
     """
 
     tolerance: float = 1e-6
-    """[-] Violation of a row that DAQP tolerates, relative to the norm of the row."""
+    """Violation of a row that DAQP tolerates, relative to the norm of the row."""
     certified: bool = True
     """Certify every result, which takes longer than the solution; else no result is called exact."""
     _solve: _Solve = field(init=False, repr=False)
@@ -76,7 +76,7 @@ class Daqp:
         return _DaqpTick(self, BufferedFunction(dense(levels_function)), tuple(sizes), levels_function.size2_out(0))
 
     def velocity(self, levels: Sequence[Level]) -> tuple[Array, Status]:
-        """v (n,) and status. Raises `InvalidInput` as `solve`."""
+        """V (n,) and status. Raises `InvalidInput` as `solve`."""
         rows = stack(levels)
         if not is_valid(rows.jacobian, rows.lower, rows.upper, rows.gate):
             return np.zeros(rows.jacobian.shape[1]), Status.INVALID_INPUT

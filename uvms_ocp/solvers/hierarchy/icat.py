@@ -76,7 +76,7 @@ class Icat:
         activation: Annotated[Array, Shape("m")],
         sizes: Sequence[int],
     ) -> Array:
-        """(n,) [velocity] from J (M, n) [rate/velocity], rate (M,) [rate] and activation (M,) [-], all finite.
+        """(n,) [velocity] from J (M, n) [rate/velocity], rate (M,) [rate] and activation (M,), all finite.
 
         Raises `InvalidInput` for sizes of levels that do not add up to M.
         """

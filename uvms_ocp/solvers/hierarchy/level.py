@@ -41,9 +41,9 @@ class Level(FieldTable):
     rate: Array
     """(m,) [rate] reference of ``Icat``, default 0 clipped into [lower, upper]."""
     activation: Array
-    """(m,) [-] weight in [0, 1] for ``Icat``, default 1 for equalities and where 0 is out of bounds, else 0."""
+    """(m,) weight in [0, 1] for ``Icat``, default 1 for equalities and where 0 is out of bounds, else 0."""
     gate: Array
-    """(m,) [-] 0 removes a row, 1 keeps it exactly, between see `gated_rows`; default 1; read by the strict solvers."""
+    """(m,) 0 removes a row, 1 keeps it exactly, between see `gated_rows`; default 1; read by the strict solvers."""
     name: str
     """Used in error messages only."""
 
@@ -58,7 +58,7 @@ class Level(FieldTable):
         gate: ArrayLike = 1.0,
         name: str = "",
     ) -> None:
-        """From jacobian (m, n) [rate/velocity]; lower, upper and rate () or (m,) [rate]; activation and gate () or (m,) [-].
+        """From jacobian (m, n) [rate/velocity]; lower, upper and rate () or (m,) [rate]; activation and gate () or (m,).
 
         Raises `InvalidInput` naming the level and the field that is wrong.
         """
@@ -83,12 +83,12 @@ class Level(FieldTable):
 
     @property
     def n_rows(self) -> int:
-        """m."""
+        """M."""
         return int(self.jacobian.shape[0])
 
     @property
     def n_velocities(self) -> int:
-        """n."""
+        """N."""
         return int(self.jacobian.shape[1])
 
 
@@ -105,9 +105,9 @@ class Stack:
     rate: Array
     """(M,) [rate]"""
     activation: Array
-    """(M,) [-]"""
+    """(M,) """
     gate: Array
-    """(M,) [-]"""
+    """(M,) """
     sizes: tuple[int, ...]
     """Rows of each level; their sum is M."""
 
@@ -218,7 +218,7 @@ def is_valid(
 ) -> elementwise_Array:
     """True if a solver can take the rows: J of sensible size, an interval for every row, gates in [0, 1]; no NaN.
 
-    J (M, n) [rate/velocity]; lower and upper (M,) [rate]; gate (M,) [-].
+    J (M, n) [rate/velocity]; lower and upper (M,) [rate]; gate (M,).
     """
     # Comparisons with NaN are false.
     open_outwards = both(lower < np.inf, upper > -np.inf)
@@ -238,7 +238,7 @@ def gated(
 ) -> tuple[elementwise_Array, elementwise_Array]:
     """Bounds (M,) [rate] that leave to infinity as the gate goes from 1 to 0.
 
-    J (M, n) [rate/velocity]; lower and upper (M,) [rate]; gate (M,) [-]; reach (M,) [rate]: finite range of each row,
+    J (M, n) [rate/velocity]; lower and upper (M,) [rate]; gate (M,); reach (M,) [rate]: finite range of each row,
     ``sum |J_row|`` where it is not given.
     """
     removed = gate <= 0.0
@@ -257,6 +257,6 @@ def residual(
 ) -> elementwise_Array:
     """Signed distance (M,) [rate] of ``J v`` to [lower, upper] as given, 0 where the gate is 0.
 
-    J (M, n) [rate/velocity]; v (n,) [velocity]; lower and upper (M,) [rate]; gate (M,) [-].
+    J (M, n) [rate/velocity]; v (n,) [velocity]; lower and upper (M,) [rate]; gate (M,).
     """
     return where(gate > 0.0, distance(J @ v, lower, upper), 0.0)

@@ -38,9 +38,7 @@ class QpSettings:
     options: Mapping[str, object]
     """All options of the plugin."""
     proximal: float
-    """[-]"""
     tolerance: float
-    """[-]"""
     attempts: int
     """Programs per level at most."""
 
@@ -83,7 +81,7 @@ class _LevelSymbols:
 
 
 def sanitised(J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]:
-    """valid (1,), then J and the gated bounds, which are harmless where the input is not valid."""
+    """Valid (1,), then J and the gated bounds, which are harmless where the input is not valid."""
     valid = is_valid(J, lower, upper, gate)
     J = ca.if_else(valid, J, ca.MX.zeros(J.shape))
     low, up = gated(J, lower, upper, ca.if_else(valid, gate, ca.MX.zeros(gate.shape)))
@@ -93,7 +91,7 @@ def sanitised(J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX) -> tuple[ca.MX,
 def outcome(
     valid: ca.MX, v: ca.MX, inexact: ca.MX, J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX
 ) -> tuple[ca.MX, ca.MX]:
-    """status (0 solved, 1 inexact, 2 invalid input) and residual (M,)."""
+    """Status (0 solved, 1 inexact, 2 invalid input) and residual (M,)."""
     missed = ca.if_else(valid, residual(J, v, lower, upper, gate), ca.MX.zeros(gate.shape))
     return ca.if_else(valid, inexact, _INVALID), missed
 
@@ -103,7 +101,7 @@ class LevelStep:
     """Functions of one level: (held J, lower, upper, fixed, J, lower, upper, v, P) -> (v, P, failed)."""
 
     solve: ca.Function
-    """v at the optimum of the level."""
+    """V at the optimum of the level."""
     give_up: ca.Function
     """Keeps v; for a plugin that fails even on a fresh start."""
     conic: ca.Function
@@ -111,7 +109,7 @@ class LevelStep:
 
 
 def cascade(steps: Sequence[LevelStep | None], J: ca.MX, lower: ca.MX, upper: ca.MX) -> tuple[ca.MX, ca.MX]:
-    """v (n,) and 1 if any level is inexact, from one ``level_function`` per level (None: no rows)."""
+    """V (n,) and 1 if any level is inexact, from one ``level_function`` per level (None: no rows)."""
     n = J.shape[1]
     v, P, inexact = ca.MX.zeros(n), ca.MX.eye(n), ca.MX.zeros(1)
     held = _Held(J=ca.MX(0, n), lower=ca.MX(0, 1), upper=ca.MX(0, 1), fixed=ca.MX(0, 1))
@@ -234,7 +232,7 @@ def _attempt(
 
 
 def _program(settings: QpSettings, solver: ca.Function, symbols: _LevelSymbols) -> tuple[ca.MX, ca.MX]:
-    """v, and the multipliers of the rows of the levels above."""
+    """V, and the multipliers of the rows of the levels above."""
     size, n = symbols.J.shape
     JP, y = symbols.J @ symbols.P, symbols.J @ symbols.v
     equal = symbols.lower >= symbols.upper

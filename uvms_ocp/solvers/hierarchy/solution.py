@@ -202,7 +202,7 @@ def solved(levels: Sequence[Level], velocity: Callable[[Sequence[Level]], tuple[
 
 
 def solve_stacked(bind: Bind, levels: Sequence[Level]) -> tuple[Array, Status]:
-    """v (n,) and status, from a tick whose inputs are the stacked levels; it is bound once for all calls of one shape.
+    """V (n,) and status, from a tick whose inputs are the stacked levels; it is bound once for all calls of one shape.
 
     ``bind`` is a method of a solver. Raises `InvalidInput` where ``levels`` is empty or of mixed width.
     """

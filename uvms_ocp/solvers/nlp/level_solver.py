@@ -31,9 +31,9 @@ class Moment:
     """That is being solved; the last one while all levels above are required in full."""
     iteration: int
     residual: float
-    """[-] of the level: the root of twice its cost."""
+    """of the level: the root of twice its cost."""
     violation: float
-    """[-] Largest of constraints, bounds and levels above."""
+    """Largest of constraints, bounds and levels above."""
 
 
 Progress: TypeAlias = Callable[[Moment], object]
@@ -94,7 +94,7 @@ class BestIterate:
     """The best iterate of one NLP: one that keeps the bounds and has the least cost, else the one that breaks them least."""
 
     def __init__(self, bounds: RowBounds, rows: np.ndarray, feasibility: float) -> None:
-        """Of rows numbered `rows` (m,) [-]; feasibility [-]: violation with which the bounds count as kept."""
+        """Of rows numbered `rows` (m,); feasibility: violation with which the bounds count as kept."""
         # Chosen once: it is looked at every iteration.
         self._bounds = replace(bounds, lower=bounds.lower[rows], upper=bounds.upper[rows])
         self._feasibility = feasibility
@@ -104,7 +104,7 @@ class BestIterate:
         self.iterations = 0
 
     def look(self, x: np.ndarray, cost: float, g: np.ndarray) -> float:
-        """Violation [-] at x (n_x,) [unit of x], with this cost [-] and rows g (m,) [unit of the row]."""
+        """Violation at x (n_x,) [unit of x], with this cost and rows g (m,) [unit of the row]."""
         violation = self._bounds.violation(x, g, _ALL)
         kept = violation <= self._feasibility
         key = (0.0, cost) if kept else (1.0, violation)
@@ -144,11 +144,11 @@ class Outcome:
     iterations: int
     """Of the NLP solver."""
     violation: float
-    """[-] Largest, of scaled rows."""
+    """Largest, of scaled rows."""
     usable: bool = False
     """True if that is within `NlpOptions.feasibility`."""
     cost: float = np.inf
-    """[-] Of the level, at the point."""
+    """Of the level, at the point."""
 
 
 class Deadline:

@@ -58,7 +58,7 @@ class LexicographicResult:
     anticipated: bool
     """True if all levels above the last are met in full."""
     violation: float
-    """[-] Largest violation of constraints, bounds and frozen rows at x."""
+    """Largest violation of constraints, bounds and frozen rows at x."""
     points: tuple[NlpPoint, ...]
     """Where each level ended; a warm start for the next solve."""
     solve_time: float
@@ -66,7 +66,7 @@ class LexicographicResult:
 
     @property
     def level_residuals(self) -> np.ndarray:
-        """(levels,) [-] Euclidean norm of each level's residual."""
+        """(levels,) Euclidean norm of each level's residual."""
         return np.array([np.linalg.norm(residual) for residual in self.residuals])
 
 

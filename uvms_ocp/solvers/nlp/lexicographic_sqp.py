@@ -24,7 +24,7 @@ from uvms_ocp.solvers.nlp.program import LevelRows, NlpStatus, RowBounds
 # Judged by true residuals, not by the linear model of them. A share of 0 always keeps the rule.
 
 SHARES = (1.0, 1 / 2, 1 / 4, 1 / 8, 1 / 16)
-"""[-] Tried one after the other."""
+"""Tried one after the other."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -32,9 +32,9 @@ class Merit:
     """Of a point."""
 
     violation: float
-    """[-] Largest, of scaled rows; infinite where one of them is no number."""
+    """Largest, of scaled rows; infinite where one of them is no number."""
     residuals: np.ndarray
-    """(n_levels,) [-] norm of the residual of each level."""
+    """(n_levels,) norm of the residual of each level."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -42,9 +42,9 @@ class Acceptance:
     """What the step of a level must keep."""
 
     violation: float
-    """[-] Most that constraints may be broken."""
+    """Most that constraints may be broken."""
     residuals: np.ndarray
-    """(n,) [-] largest norms of the levels above, and that of the level itself."""
+    """(n,) largest norms of the levels above, and that of the level itself."""
 
     def allows(self, found: Merit) -> bool:
         """Never for a merit that is not a number."""
@@ -55,9 +55,9 @@ class Acceptance:
 def acceptance(
     levels: Sequence[LevelRows], reached: Sequence[float], here: Merit, *, accuracy: float, tolerance: float
 ) -> Acceptance:
-    """For the step of the level after those that have `reached` [-] their residuals, from a point with merit `here`.
+    """For the step of the level after those that have `reached` their residuals, from a point with merit `here`.
 
-    Constraints may be broken by `accuracy` [-], or as much as they are here; residuals may rise by `tolerance` [-], those of
+    Constraints may be broken by `accuracy`, or as much as they are here; residuals may rise by `tolerance`, those of
     the levels above by no more than that from where their own turn left them, however many levels follow. The first level
     pays whatever a guess lacks that breaks constraints.
     """
@@ -82,7 +82,7 @@ class ProximalWeights:
     """Of the levels of one program; carried from one solve to the next."""
 
     def __init__(self, n_levels: int, least: float) -> None:
-        """least [1/unit of x^2]: of all levels but the first, whose weight is 0."""
+        """Least [1/unit of x^2]: of all levels but the first, whose weight is 0."""
         self._least = np.full(n_levels, least)
         self._least[:1] = 0.0
         self._now = self._least.copy()
@@ -92,7 +92,7 @@ class ProximalWeights:
         return float(self._now[level])
 
     def adapt(self, level: int, share: float) -> None:
-        """After `share` [-] of the level's step could be taken."""
+        """After `share` of the level's step could be taken."""
         factor = _FALL if share == 1 else _RISE
         least = self._least[level]
         self._now[level] = np.clip(factor * self._now[level], least, _MOST * least)
@@ -105,7 +105,7 @@ class TimeBudget:
     """Whether there is time for another QP, judged by those that were solved."""
 
     def __init__(self, limit: float, clock: Callable[[], float]) -> None:
-        """limit [s] from now."""
+        """Limit [s] from now."""
         self._limit, self._clock, self._begin, self._solved = limit, clock, clock(), 0
 
     def count(self) -> None:
@@ -133,7 +133,7 @@ class Point:
     """(m,) [unit of the row] of every level."""
     merit: Merit
     reached: tuple[float, ...] = ()
-    """(n,) [-] norm of the residual of each level that had its turn, at its end."""
+    """(n,) norm of the residual of each level that had its turn, at its end."""
 
     def after_level(self) -> Point:
         """The same once the next level has had its turn here."""
@@ -144,7 +144,7 @@ class LevelModel(Protocol):
     """What linearises the levels of a program and solves their QPs."""
 
     slack: float
-    """[-] by which the norm of frozen rows may rise in a QP; 0 where it bears dependent equalities."""
+    """By which the norm of frozen rows may rise in a QP; 0 where it bears dependent equalities."""
 
     def begin(self, x: np.ndarray, p: np.ndarray, bounds: RowBounds) -> Point:
         """The point of variables x (n_x,) [unit of x]; p (n_p,) [unit of the parameter] holds from now on."""
@@ -155,7 +155,7 @@ class LevelModel(Protocol):
         ...
 
     def moved(self, share: float) -> Point:
-        """After a share [-] of the last step."""
+        """After a share of the last step."""
         ...
 
     def variables(self, point: Point) -> np.ndarray:

@@ -27,11 +27,11 @@ class NlpOptions:
     plugin: str = "ipopt"
     """``ipopt``, ``fatrop``, or ``stagewise`` for problems over a horizon."""
     tolerance: float = 1e-6
-    """[-] By which the residual of a solved level, as a norm, may rise. With 0, and always with fatrop, rows of equalities
+    """By which the residual of a solved level, as a norm, may rise. With 0, and always with fatrop, rows of equalities
     are frozen as equality constraints: not for levels whose rows contradict each other, where no constraint
     qualification holds."""
     convergence: float = 1e-8
-    """[-] Largest error of the optimality conditions, as the plugin scales them."""
+    """Largest error of the optimality conditions, as the plugin scales them."""
     max_iterations: int = 150
     """For every NLP."""
     time_limit: float = 20.0
@@ -39,18 +39,18 @@ class NlpOptions:
     anticipate: bool = True
     """Try the lowest level first, with all levels above met in full."""
     barrier: float = 1e-2
-    """[-] Barrier parameter at a cold start."""
+    """Barrier parameter at a cold start."""
     plugin_options: Mapping[str, Any] = field(default_factory=dict)
     """Options of the plugin itself, on top of ours."""
 
     @property
     def feasibility(self) -> float:
-        """[-] Largest violation of scaled rows with which a point counts as usable."""
+        """Largest violation of scaled rows with which a point counts as usable."""
         return max(1e-5, self.convergence)
 
     @property
     def freezing(self) -> float:
-        """[-] `tolerance`, 0 where rows are frozen as equalities."""
+        """`tolerance`, 0 where rows are frozen as equalities."""
         return 0.0 if self.plugin == "fatrop" else self.tolerance
 
     def __post_init__(self) -> None:
@@ -121,9 +121,9 @@ class SqpOptions:
     max_steps: int = 3
     """For every solve."""
     accuracy: float = 1e-2
-    """[-] Largest violation of scaled rows with which a point counts as usable, and no further step is made."""
+    """Largest violation of scaled rows with which a point counts as usable, and no further step is made."""
     tolerance: float = 1e-3
-    """[-] By which the norm of a level's residual may rise for the sake of all levels below."""
+    """By which the norm of a level's residual may rise for the sake of all levels below."""
     damping: float = 1e-6
     """[1/unit of x^2] Added to the diagonal of the Hessian, so that what no term determines does not move."""
     proximal: float = 1e-4

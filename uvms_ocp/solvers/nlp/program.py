@@ -6,7 +6,7 @@ the constraints, then those that freeze level 0, level 1 and so on. Bounds and m
 level, so that they carry over.
 
 Variables and rows may have any units. Scale rows to the order of 1: those of a level add up as squares, and one tolerance
-holds for all, so that costs, norms and violations are `[-]`.
+holds for all, so that costs, norms and violations are ``.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def status_of(stats: Mapping[str, Any]) -> NlpStatus:
 # level, so that they carry over.
 #
 # Variables and rows may have any units. Scale rows to the order of 1: those of a level add up as squares, and one tolerance
-# holds for all, so that costs, norms and violations are `[-]`.
+# holds for all, so that costs, norms and violations are ``.
 
 _SLACK = 1e-6  # of inequality rows that are frozen exactly: they still need an inside
 
@@ -117,7 +117,7 @@ class NlpLevel:
     upper: Bound | Annotated[np.ndarray, Range()] = 0.0
     """(m,), or one for all rows [unit of the row]."""
     relax: Positive | None = None
-    """[-] None freezes the rows of the level; a share such as 0.01 freezes its cost at ``(1 + relax)`` times the best, which
+    """None freezes the rows of the level; a share such as 0.01 freezes its cost at ``(1 + relax)`` times the best, which
     leaves lower levels some freedom below costs that fix every variable, such as energy."""
     name: str = ""
     """Used in error messages; default its number."""
@@ -137,7 +137,7 @@ class LevelRows:
     upper: np.ndarray
     """(m,) [unit of the row]"""
     relax: float | None
-    """[-] As in `NlpLevel`."""
+    """As in `NlpLevel`."""
     frozen: slice
     """Rows of the program that freeze the level."""
 
@@ -152,15 +152,15 @@ class LevelRows:
         return np.asarray(distance(y, self.lower, self.upper))
 
     def kept(self, norm: float, tolerance: float) -> float:
-        """Largest norm [-] of the residual with which a level that has reached `norm` [-] keeps it; tolerance [-]."""
+        """Largest norm of the residual with which a level that has reached `norm` keeps it; tolerance."""
         if self.relax is None:
             return norm + tolerance
         return float(((1 + self.relax) * norm**2 + 2 * tolerance) ** 0.5)
 
     def frozen_bounds(self, y: np.ndarray, cost: float, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds of the rows that keep the level where it is, at y (m,) [unit of the row] and `cost` [-].
+        """Bounds of the rows that keep the level where it is, at y (m,) [unit of the row] and `cost`.
 
-        `tolerance` [-]: by which the norm of its residual may rise. The rows get half of it, the solver's own accuracy the
+        `tolerance`: by which the norm of its residual may rise. The rows get half of it, the solver's own accuracy the
         rest.
         """
         if self.relax is None:
@@ -180,9 +180,9 @@ class LevelNlp:
     """The NLP of one level."""
 
     nlp: Mapping[str, Expression]
-    """x, p, f and g."""
+    """X, p, f and g."""
     rows: np.ndarray
-    """(n_g,) [-] which rows of the program those of g are."""
+    """(n_g,) which rows of the program those of g are."""
     functions: Mapping[str, ca.Function] = field(default_factory=dict)
     """Derivative functions by the names the NLP solver asks for (``nlp_jac_g``, ...), as far as there are any."""
 
@@ -239,11 +239,11 @@ class RowKinds:
     """What the bounds of rows are, apart from their numbers."""
 
     equal: np.ndarray
-    """(m,) [-] True where lower = upper."""
+    """(m,) True where lower = upper."""
     below: np.ndarray
-    """(m,) [-] True for ranges with a finite lower bound."""
+    """(m,) True for ranges with a finite lower bound."""
     above: np.ndarray
-    """(m,) [-] True for ranges with a finite upper bound."""
+    """(m,) True for ranges with a finite upper bound."""
 
     def __getitem__(self, rows: slice) -> RowKinds:
         """Kinds of some of the rows."""
@@ -368,7 +368,7 @@ class RowBounds:
         return replace(self, lower=lower, upper=upper)
 
     def violation(self, x: np.ndarray, g: np.ndarray, rows: np.ndarray | slice) -> float:
-        """Largest violation [-] at x (n_x,) [unit of x], where the rows numbered `rows` (m,) [-] are g (m,) [unit of the row]."""
+        """Largest violation at x (n_x,) [unit of x], where the rows numbered `rows` (m,) are g (m,) [unit of the row]."""
         broken = excess(g, self.lower[rows], self.upper[rows]).max(initial=0.0)
         return float(max(broken, excess(x, self.x_lower, self.x_upper).max(initial=0.0)))
 

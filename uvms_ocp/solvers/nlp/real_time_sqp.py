@@ -140,7 +140,7 @@ class SparseLevels:
         return failure
 
     def moved(self, share: float) -> Point:
-        """As `LevelModel.moved`; share [-]."""
+        """As `LevelModel.moved`; share."""
         x, first = self._from + share * self._step, self._program.nlps[0]
         rows = tuple(np.array(y).ravel() for y in self._program.values.call([x, self._p]))
         residuals = [self._residual(i, x, y) for i, y in enumerate(rows)]
@@ -186,13 +186,13 @@ class SqpResult:
     status: NlpStatus
     """SOLVED where x keeps the constraints to `SqpOptions.accuracy`; no word on optimality."""
     violation: float
-    """[-] Largest, of scaled rows."""
+    """Largest, of scaled rows."""
     steps: int
     """Made, the one that failed included."""
     solve_time: float
     """[s] by the clock that was given."""
     reached: tuple[float, ...] = ()
-    """(n,) [-] norm of the residual of each level after its own turn in the step that led to x; levels below may have raised
+    """(n,) norm of the residual of each level after its own turn in the step that led to x; levels below may have raised
     it by `SqpOptions.tolerance`, and levels that had no turn are missing."""
 
 
@@ -207,7 +207,7 @@ class StagedProgram(Protocol):
     @property
     def n_p(self) -> int: ...
     def turning(self, slack: float) -> LevelModel:
-        """slack [unit of the row]: half the width of what frozen rows keep."""
+        """Slack [unit of the row]: half the width of what frozen rows keep."""
 
 
 def _model(program: LexicographicProgram | StagedProgram, options: SqpOptions) -> LevelModel:

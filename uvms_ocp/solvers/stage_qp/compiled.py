@@ -248,7 +248,7 @@ def _indices(shape: StageShape) -> dict[str, Any]:
 
 
 def padded(n: int) -> int:
-    """Columns [-] that C gives a matrix of n [-]."""
+    """Columns that C gives a matrix of n."""
     return (n + 3) // 4 * 4
 
 

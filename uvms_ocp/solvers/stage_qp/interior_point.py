@@ -186,11 +186,11 @@ class Residuals:
     variable: float
     """[unit of z] largest variable, and 1."""
     linear: float
-    """[-] of all conditions but complementarity, relative to the two."""
+    """Of all conditions but complementarity, relative to the two."""
 
     @property
     def worst(self) -> float:
-        """[-] of all of them."""
+        """Of all of them."""
         complementarity = STAGE_TOLERANCES.sharper * self.kkt.complementarity / (self.gradient * self.variable)
         return _larger(self.kkt.stationarity / self.gradient, self.kkt.primal / self.variable, complementarity)
 
@@ -261,7 +261,7 @@ class InteriorPoint:
         return self.stages.factor(total[: self._m], total[self._m :] + slow)
 
     def direction(self, p: Point, r: Residuals, side: Array | float = 0.0, elastic: Array | float = 0.0) -> Point:
-        """Of Newton's method, towards products that differ by ``side`` and ``elastic`` (2, M) [-] from those at p."""
+        """Of Newton's method, towards products that differ by ``side`` and ``elastic`` (2, M) from those at p."""
         t, m, stiff = self.table, self._m, 1.0 / (self._elasticity + self.table.compliance)
         held, soft = p.multiplier > 0.0, self._soft
         left = _ratio(elastic - p.e * r.dual, p.f + p.e * t.l2, p.f > 0.0)
@@ -282,7 +282,7 @@ class InteriorPoint:
         )
 
     def advance(self, p: Point, r: Residuals) -> tuple[Point, float]:
-        """One iteration, and the share [-] of the step that was taken, or minus what is wrong with the factor.
+        """One iteration, and the share of the step that was taken, or minus what is wrong with the factor.
 
         Weights of later iterations hide whether the cost is convex.
         """

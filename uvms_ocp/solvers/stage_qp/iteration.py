@@ -265,7 +265,7 @@ class _Progress:
         self._vain, self._high, self._stuck = -1, 0, 0
 
     def look(self, method: InteriorPoint, p: Point, r: Residuals, share: float) -> StageQpStatus | None:
-        """Why to end at p, where the last step was taken by a share [-]; None for going on."""
+        """Why to end at p, where the last step was taken by a share; None for going on."""
         self._vain, self._high = self._vain + 1, self._high + 1
         if r.worst < self.best[1].worst:
             self.best, self._vain = (p, r), 0

@@ -27,13 +27,13 @@ class StageShape:
     """
 
     n_x: tuple[int, ...]
-    """(N + 1,) [-] states."""
+    """(N + 1,) states."""
     n_u: tuple[int, ...]
-    """(N,) [-] controls."""
+    """(N,) controls."""
     n_r: tuple[int, ...]
-    """(N + 1,) [-] rows of the residual."""
+    """(N + 1,) rows of the residual."""
     n_c: tuple[int, ...]
-    """(N + 1,) [-] rows of constraints."""
+    """(N + 1,) rows of constraints."""
 
     def __post_init__(self) -> None:
         for name, length in (("n_x", self.N + 1), ("n_r", self.N + 1), ("n_c", self.N + 1)):
@@ -47,12 +47,12 @@ class StageShape:
 
     @property
     def N(self) -> int:
-        """[-] Steps."""
+        """Steps."""
         return len(self.n_u)
 
     @property
     def n_z(self) -> tuple[int, ...]:
-        """(N + 1,) [-] Variables ``z = (x, u)``."""
+        """(N + 1,) Variables ``z = (x, u)``."""
         return _sums(self.n_x, (*self.n_u, 0))
 
 
@@ -62,20 +62,20 @@ def _sums(a: tuple[int, ...], b: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def places(sizes: Iterable[int]) -> list[int]:
-    """Where parts of such `sizes` [-] begin in one array, and where the last one ends."""
+    """Where parts of such `sizes` begin in one array, and where the last one ends."""
     return [0, *accumulate(sizes)]
 
 
 @lru_cache(maxsize=256)
 def slices(sizes: tuple[int, ...]) -> tuple[slice, ...]:
-    """The same as slices; sizes [-]."""
+    """The same as slices; sizes."""
     begin = places(sizes)
     return tuple(slice(a, b) for a, b in pairwise(begin))
 
 
 @checked
 class StageQp:
-    """min sum_k 1/2 |J_k z_k + r_k|^2 + 1/2 z_k' H_k z_k + g_k' z_k + 1/2 z_k' diag(damping_k) z_k, z_k = (x_k, u_k), with
+    """Min sum_k 1/2 |J_k z_k + r_k|^2 + 1/2 z_k' H_k z_k + g_k' z_k + 1/2 z_k' diag(damping_k) z_k, z_k = (x_k, u_k), with
     x_{k+1} = A_k x_k + B_k u_k + b_k, lower_k <= C_k z_k <= upper_k, z_lower_k <= z_k <= z_upper_k.
 
     Every attribute below is a tuple with a view per stage; write with ``qp.A[k][:] = ...``. The views of one name lie one after
@@ -158,13 +158,13 @@ class StageQpOptions:
     """Raises `InvalidInput` for numbers that are not positive and finite, and more than 10,000 iterations."""
 
     tolerance: float = 1e-9
-    """[-] of the KKT conditions, relative to the largest term in them."""
+    """Of the KKT conditions, relative to the largest term in them."""
     max_iterations: int = 60
-    """[-] factors of one run; a QP that one run does not solve takes two more."""
+    """Factors of one run; a QP that one run does not solve takes two more."""
     warm_mu: float = 1e-6
-    """[-] complementarity at a warm start, relative to the largest curvature: a squared distance to bounds."""
+    """Complementarity at a warm start, relative to the largest curvature: a squared distance to bounds."""
     cold_mu: float = 0.1
-    """[-] complementarity at a cold start, relative to what missed bounds cost by curvature and gradient. With more of it QPs in
+    """Complementarity at a cold start, relative to what missed bounds cost by curvature and gradient. With more of it QPs in
     which many bounds are reached take fewer factors, and those without a point are told later."""
     compiled: bool = True
     """False keeps to NumPy."""
@@ -182,63 +182,63 @@ class StageTolerances:
     """Numbers that C and NumPy share."""
 
     rounding: float = 4e-15
-    """[-] pivot, relative to its diagonal entry, that may be rounding alone."""
+    """Pivot, relative to its diagonal entry, that may be rounding alone."""
     tiny: float = 1e-290
-    """[-] pivot that is none."""
+    """Pivot that is none."""
     indefinite: float = 1e-9
-    """[-] negative pivot, relative to its diagonal entry, that is no rounding."""
+    """Negative pivot, relative to its diagonal entry, that is no rounding."""
     damped: float = 1e-8
-    """[-] pivot, relative to its diagonal entry, that takes the place of rounding."""
+    """Pivot, relative to its diagonal entry, that takes the place of rounding."""
     smallest_curvature: float = 1e-12
-    """[-] of a diagonal entry that pivots are compared with, relative to the largest."""
+    """Of a diagonal entry that pivots are compared with, relative to the largest."""
     elasticity: float = 1e-7
-    """[-] compliance of equalities in one step, relative to that of the stiffest variable; what it leaves, the next one takes."""
+    """Compliance of equalities in one step, relative to that of the stiffest variable; what it leaves, the next one takes."""
     side_elasticity: float = 1e-5
-    """[-] that of inequalities, relative to the one of equalities."""
+    """That of inequalities, relative to the one of equalities."""
     slow: float = 1e-7
-    """[-] curvature that steps of a second run reckon with in every direction, relative to gradient over variables."""
+    """Curvature that steps of a second run reckon with in every direction, relative to gradient over variables."""
     phase_one: float = 1e-6
-    """[-] curvature in phase one, beside a cost of 1 for what is missed."""
+    """Curvature in phase one, beside a cost of 1 for what is missed."""
     to_boundary: float = 0.995
-    """[-] share of the way to the nearest bound."""
+    """Share of the way to the nearest bound."""
     short_step: float = 0.1
-    """[-] share of a step that the second order has spoilt."""
+    """Share of a step that the second order has spoilt."""
     floor: float = 1e-4
-    """[-] complementarity aimed at, relative to the tolerance: less only loses digits."""
+    """Complementarity aimed at, relative to the tolerance: less only loses digits."""
     sharper: float = 1e3
-    """[-] of complementarity: a bound that only just binds is missed by the root of what is left of it."""
+    """of complementarity: a bound that only just binds is missed by the root of what is left of it."""
     least_size: float = 1e-3
     """[unit of z] variables below which a gradient is compared with the curvature."""
     counts: float = 1e-6
-    """[-] multiplier, beside the largest, of a bound that is reached."""
+    """Multiplier, beside the largest, of a bound that is reached."""
     many_changes: int = 8
-    """[-] of bounds that are held, more than which must fall from round to round."""
+    """Of bounds that are held, more than which must fall from round to round."""
     vain_changes: int = 2
-    """[-] rounds in which fewer do not."""
+    """Rounds in which fewer do not."""
     most_corrections: int = 10
-    """[-] of a solution without inequalities."""
+    """Of a solution without inequalities."""
     exact: float = 1e-5
-    """[-] of the tolerance, down to which those corrections go on while they help."""
+    """Of the tolerance, down to which those corrections go on while they help."""
     finished: float = 1e-5
-    """[-] tolerance above which what an interior point comes close to is not looked for: it keeps off the bounds."""
+    """tolerance above which what an interior point comes close to is not looked for: it keeps off the bounds."""
     sharp: float = 1e-2
-    """[-] of the tolerance, by which a side must be missed to be held."""
+    """Of the tolerance, by which a side must be missed to be held."""
     far: float = 0.5
-    """[-] failure of all conditions from which the solution of a QP nearby is no start."""
+    """Failure of all conditions from which the solution of a QP nearby is no start."""
     nearer: float = 1e2
-    """[-] by which complementarity at a warm start is more where that is far, and less where it is not."""
+    """By which complementarity at a warm start is more where that is far, and less where it is not."""
     least_missed: float = 0.1
     """[unit of z] violation of bounds that a cold start reckons with."""
     stuck: float = 1e-7
-    """[-] share of a step that leads nowhere."""
+    """Share of a step that leads nowhere."""
     hopeless: float = 1e6
-    """[-] by which multipliers grow where there is no point."""
+    """By which multipliers grow where there is no point."""
     inexact_tolerances: float = 1e3
-    """[-] tolerances to which an optimum can still be used."""
+    """Tolerances to which an optimum can still be used."""
     most_vain: int = 6
-    """[-] iterations that bring such an optimum no nearer, after which it stays as it is."""
+    """Iterations that bring such an optimum no nearer, after which it stays as it is."""
     most_high: int = 15
-    """[-] iterations in which the violation does not fall, after which phase one is asked."""
+    """Iterations in which the violation does not fall, after which phase one is asked."""
     endless: float = 1e12
     """[unit of z] variables beyond which a cost falls without end."""
 
@@ -279,7 +279,7 @@ class KktResidual:
     primal: Bound
     """[unit of the row] largest violation of dynamics, hard rows and hard bounds."""
     complementarity: Bound
-    """[-] largest product of a multiplier and what is left to its bound."""
+    """Largest product of a multiplier and what is left to its bound."""
 
 
 @checked
@@ -308,11 +308,11 @@ class StageQpSolution:
     excess: tuple[Array, ...]
     """(n_c,) [unit of the row] by how much rows are missed: below 0 at the lower bound."""
     iterations: int
-    """[-] factorisations."""
+    """Factorisations."""
     kkt: KktResidual
     """Of the point."""
     cost: float
-    """[-] without what soft rows cost."""
+    """Without what soft rows cost."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -344,7 +344,7 @@ class Found:
     excess: Array
     """(m,) [unit of the row] by how much rows are missed."""
     iterations: int
-    """[-] factorisations."""
+    """Factorisations."""
     kkt: KktResidual
     """Of the point."""
     products: Products
@@ -360,9 +360,9 @@ class Products:
     """Of the residuals' rows along z."""
 
     slope: float
-    """[-] r' J z: derivative of the half square."""
+    """R' J z: derivative of the half square."""
     square: float
-    """[-] of J z."""
+    """Of J z."""
     change: float
     """[1/unit of z] largest entry of J' J z: of what the gradient of the half square changes by."""
 

@@ -31,7 +31,7 @@ class Start(IntEnum):
     EQUALITIES = 0
     """Its z is where the optimum without inequalities is sought, from which the run starts."""
     WARM = 1
-    """z, costates and multipliers, those of all rows in y, are near the optimum."""
+    """Z, costates and multipliers, those of all rows in y, are near the optimum."""
     COLD = 2
     """The run starts from z."""
     ACTIVE = 3
@@ -58,7 +58,7 @@ class Point:
     """(2, M) [1/unit of the row] multipliers of e >= 0."""
 
     def moved(self, step: Point, share: float) -> Point:
-        """By a share [-] of a step."""
+        """By a share of a step."""
         return Point(**{own.name: getattr(self, own.name) + share * getattr(step, own.name) for own in fields(self)})
 
     def row_multipliers(self) -> Array:
@@ -66,7 +66,7 @@ class Point:
         return np.asarray(self.y + self.multiplier[1] - self.multiplier[0])
 
     def of_rows(self, rows: Array) -> Point:
-        """With those rows numbered `rows` (m,) [-] alone."""
+        """With those rows numbered `rows` (m,) alone."""
         sides = {name: getattr(self, name)[:, rows] for name in ("s", "multiplier", "e", "f")}
         return Point(z=self.z, costate=self.costate, y=self.y[rows], **sides)
 
@@ -76,7 +76,7 @@ class Point:
 
 
 def unpack_point(flat: Array, n: int, n_x: int) -> Point:
-    """The point in one array, with n variables [-] and n_x states [-]; flat (n + n_x + 9 M,) [any]."""
+    """The point in one array, with n variables and n_x states; flat (n + n_x + 9 M,) [any]."""
     m = (len(flat) - n - n_x) // 9
     parts = flat[n + n_x :].reshape(9, m)
     s, multiplier, e, f = (parts[k : k + 2] for k in (1, 3, 5, 7))
@@ -84,7 +84,7 @@ def unpack_point(flat: Array, n: int, n_x: int) -> Point:
 
 
 def resting(z: Array, n_x: int, m: int) -> Point:
-    """At z (n,) [unit of z], with nothing else; n_x [-] states, m [-] rows."""
+    """At z (n,) [unit of z], with nothing else; n_x states, m rows."""
     return unpack_point(np.concatenate([z, np.zeros(n_x + 9 * m)]), len(z), n_x)
 
 
@@ -103,9 +103,9 @@ class End:
     kkt: KktResidual
     """There."""
     worst: float
-    """[-] the same, relative to the terms of each condition."""
+    """The same, relative to the terms of each condition."""
     iterations: int
-    """[-] factors."""
+    """Factors."""
     approached: Mask | None = None
     """(2, M) sides of which less was left after the last step, by more than their multipliers fell; None without a step."""
 
@@ -228,7 +228,7 @@ def held(table: RowTable, active: Mask) -> RowTable:
 def mended(table: RowTable, active: Mask, y: Array, value: Array, tolerance: float) -> Mask:
     """(2, M) active sides but for those that pull, and those that a row's value misses.
 
-    y (M,) [1/unit of the row] multipliers; value (M,) [unit of the row]; tolerance [-] relative to the largest variable.
+    y (M,) [1/unit of the row] multipliers; value (M,) [unit of the row]; tolerance relative to the largest variable.
     """
     room = STAGE_TOLERANCES.sharp * tolerance * (1.0 + np.abs(value[-len(table.fixed) :]).max()) * table.norm
     missed = table.side & (SIGNS * (table.bound - value) > room)

@@ -51,7 +51,7 @@ def with_residuals_as_rows(qp: StageQp) -> StageQp:
 
 
 def original_rows(shape: StageShape, larger: StageShape) -> Array:
-    """(M,) [-] where the rows and variables of a QP stand among those of one that has more rows behind them in each stage."""
+    """(M,) where the rows and variables of a QP stand among those of one that has more rows behind them in each stage."""
     firsts, M = places(larger.n_c)[:-1], sum(larger.n_c)
     rows = [np.arange(first, first + n) for first, n in zip(firsts, shape.n_c, strict=True)]
     return np.concatenate([*rows, np.arange(M, M + sum(shape.n_z))])
@@ -170,7 +170,7 @@ class StageQpSolver:
     ) -> Found:
         """The same in arrays with stage after stage.
 
-        near: the solution of a QP nearby. tolerance [-]: instead of that of the options. explained: False takes less time where
+        near: the solution of a QP nearby. tolerance: instead of that of the options. explained: False takes less time where
         no optimum is found, and does not tell infeasible from unbounded. Raises `InvalidInput` as `solve` does.
         """
         if qp.shape is not self.shape and qp.shape != self.shape:
@@ -190,7 +190,7 @@ class StageQpSolver:
     def error(self, qp: StageQp, near: Near) -> float:
         """By how much the multipliers of the QP that was solved last miss the optimality conditions of another one at 0.
 
-        Largest entry [1/unit of z] of the gradient of its Lagrangian, or [-] product with what is left to a bound.
+        Largest entry [1/unit of z] of the gradient of its Lagrangian, or product with what is left to a bound.
         """
         y, flat = near.y, qp.flat
         lower, upper = (np.concatenate([flat[name], flat[f"z_{name}"]]) for name in ("lower", "upper"))

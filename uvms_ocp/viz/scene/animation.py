@@ -29,15 +29,15 @@ class Frames:
     """The record thinned to the frames of the animation."""
 
     row: np.ndarray
-    """(n,) [-] rows of the record."""
+    """(n,) rows of the record."""
     t: np.ndarray
     """(n,) [s] since the record began."""
     placements: np.ndarray
-    """(n, n_joints_of_the_model, 7) X_W,joint as position [m] and quaternion xyzw [-]."""
+    """(n, n_joints_of_the_model, 7) X_W,joint as position [m] and quaternion xyzw."""
     tool: np.ndarray | None
     """(n, 3) [m] p_WT"""
     altimeter: np.ndarray | None
-    """(n, 7) X_WS as position [m] and quaternion xyzw [-]."""
+    """(n, 7) X_WS as position [m] and quaternion xyzw."""
 
 
 def frames_of(record: Record, robot: Robot, fps: float) -> Frames:
@@ -72,7 +72,7 @@ def joint_node(model: pin.Model, joint: int) -> str:
 
 
 def draw_robot(node: Visualizer, robot: Robot, rgba: tuple[float, ...] | None = None) -> None:
-    """All visual shapes, each below the node of the joint that moves it; rgba (4,) [-] in place of their own colours."""
+    """All visual shapes, each below the node of the joint that moves it; rgba (4,) in place of their own colours."""
     for i, item in enumerate(robot.visual_model.geometryObjects):
         shape = node[joint_node(robot.model, item.parentJoint)][f"{i:03d} {item.name}".replace("/", "_")]
         if draw_shape(shape["shape"], item.geometry, np.asarray(item.meshColor if rgba is None else rgba)):
@@ -80,7 +80,7 @@ def draw_robot(node: Visualizer, robot: Robot, rgba: tuple[float, ...] | None = 
 
 
 def rounded(values: np.ndarray, digits: int = 3) -> Any:
-    """Lists of lists for the page, of so many significant digits [-]; values (...) [any]; `None` for what is not finite."""
+    """Lists of lists for the page, of so many significant digits; values (...) [any]; `None` for what is not finite."""
     if values.ndim:
         return [rounded(value, digits) for value in values]
     return float(f"{values:.{digits}g}") if np.isfinite(values) else None
@@ -140,12 +140,12 @@ class Ghost:
     node: str
     """Of the scene."""
     rgb: tuple[float, float, float]
-    """(3,) [-] from 0 to 1."""
+    """(3,) from 0 to 1."""
     frames: Frames
 
     @property
     def rgba(self) -> tuple[float, float, float, float]:
-        """(4,) [-] of its shapes."""
+        """(4,) of its shapes."""
         return (*self.rgb, _OPACITY)
 
 

@@ -94,7 +94,7 @@ class LiveView:
     """Shows what it is called with: give it to a run as `watch`. Served on the loopback address alone, until it is closed."""
 
     def __init__(self, robot: Robot, page: ScenePage, *, speed: float, port: int) -> None:
-        """speed [-] and port [-] as `live` has them. Raises `OutputError` for a port that is taken."""
+        """Speed and port as `live` has them. Raises `OutputError` for a port that is taken."""
         self._robot, self._height, self._speed = robot, page.height, speed
         self._now: _Moment | None = None
         self._began = 0.0  # [s] on the clock at which the run was at 0
@@ -161,7 +161,7 @@ def live(scenario: Scenario, *, speed: Positive = 1.0, port: Count = 0, height: 
     """A page that shows a run while it goes on: ``scenario.run(watch=live(scenario))``.
 
     Notebooks display it, `height` [px] high, and other browsers of this machine find it at its ``address``; nobody else is
-    served. speed [-]: times that of the clock, which the run does not overtake; it may be slower. port [-]: 0 for any that is
+    served. speed: times that of the clock, which the run does not overtake; it may be slower. port: 0 for any that is
     free. The record of the run is the same with and without. Two ticks are run beforehand, to know what is around.
 
     Raises `OutputError` for a port that is taken, and as `Scenario.run`.

@@ -174,7 +174,7 @@ FRAMES = "/frames"
 
 @contextmanager
 def served(page: ScenePage, port: int = 0, frames: Callable[[], Iterator[str]] | None = None) -> Iterator[str]:
-    """Serve the page while the context lasts; gives its address. port [-]: 0 for any that is free.
+    """Serve the page while the context lasts; gives its address. port: 0 for any that is free.
 
     frames: makes the lines that a live page is told, for each browser in a thread of its own. Raises `OutputError` where the
     port is taken.

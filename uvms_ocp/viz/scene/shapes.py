@@ -21,7 +21,7 @@ Part = tuple[mg.Geometry, np.ndarray]
 
 
 def material(rgba: tuple[float, ...] | np.ndarray, **options: Any) -> mg.MeshPhongMaterial:
-    """A softly shining material of colour rgba (4,) [-] from 0 to 1."""
+    """A softly shining material of colour rgba (4,) from 0 to 1."""
     red, green, blue, alpha = (float(x) for x in rgba)
     return mg.MeshPhongMaterial(color=_hex(red, green, blue), opacity=alpha, shininess=45, specular=0x333333, **options)
 
@@ -32,17 +32,17 @@ def _hex(red: float, green: float, blue: float) -> int:
 
 
 def hex_of(rgb: tuple[float, ...]) -> str:
-    """The colour rgb (3,) [-] from 0 to 1 as style sheets write it."""
+    """The colour rgb (3,) from 0 to 1 as style sheets write it."""
     return f"#{_hex(*rgb):06x}"
 
 
 def glow(rgb: tuple[float, ...], opacity: float) -> mg.MeshBasicMaterial:
-    """A material of colour rgb (3,) [-] and `opacity` [-], from 0 to 1, that needs no light."""
+    """A material of colour rgb (3,) and `opacity`, from 0 to 1, that needs no light."""
     return mg.MeshBasicMaterial(color=_hex(*rgb), opacity=opacity, transparent=opacity < 1)
 
 
 def draw_shape(node: Visualizer, shape: coal.CollisionGeometry, rgba: np.ndarray) -> bool:
-    """Draw `shape` below `node` in rgba (4,) [-]; tells whether meshcat can (half-spaces and planes it cannot)."""
+    """Draw `shape` below `node` in rgba (4,); tells whether meshcat can (half-spaces and planes it cannot)."""
     parts = [*_parts(shape)]
     for i, (geometry, pose) in enumerate(parts):
         flat = isinstance(geometry, mg.TriangularMeshGeometry)
@@ -90,13 +90,13 @@ def _mesh(shape: coal.BVHModelBase) -> Iterator[Part]:
 
 
 def _convex(shape: coal.ConvexBase) -> Iterator[Part]:
-    """coal gives the corners only."""
+    """Coal gives the corners only."""
     points = shape.points()
     yield mg.TriangularMeshGeometry(points, ConvexHull(points).simplices), np.eye(4)
 
 
 def _corners(triangle: coal.Triangle) -> list[int]:
-    """coal's triangles can be indexed but not iterated over."""
+    """Coal's triangles can be indexed but not iterated over."""
     return [triangle[i] for i in range(3)]
 
 

@@ -89,7 +89,7 @@ def _joint(robot: Robot, joint: int, q: np.ndarray) -> dict[str, Any]:
 
 
 def _motion(robot: Robot, own: Any, data: Any, q: np.ndarray) -> dict[str, Any]:
-    """The kind of a joint, its axis (3,) [-], ranges and values [rad] or [m] at q (n_q,) [m, rad]; `held`: without."""
+    """The kind of a joint, its axis (3,), ranges and values [rad] or [m] at q (n_q,) [m, rad]; `held`: without."""
     if own.nv == _N_FREE and robot.n_vehicle:
         place, turn = data.M.translation, pin.rpy.matrixToRpy(data.M.rotation)
         ranges = [(x - _AROUND, x + _AROUND) for x in place.tolist()] + [(-np.pi, np.pi)] * 3

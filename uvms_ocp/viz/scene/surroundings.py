@@ -51,7 +51,7 @@ def draw_trails(
 ) -> list[dict[str, Any]]:
     """Tubes along the paths of vehicle and tool; the page reveals them up to the time shown.
 
-    colours (3,) [-] each, from 0 to 1.
+    colours (3,) each, from 0 to 1.
     """
     paths = {"vehicle": (frames.placements[:, 1, :3] if robot.n_vehicle else None, 0.018), "tool": (frames.tool, 0.011)}
     trails = []
@@ -134,7 +134,7 @@ class ArrowKind:
     unit: str
     colour: str
     share: float
-    """[-] usual length in sizes of the robot."""
+    """Usual length in sizes of the robot."""
     series: str
     draw: Draw
     """Places the arrows."""

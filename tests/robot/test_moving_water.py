@@ -114,7 +114,7 @@ def test_a_machine_that_sinks_through_steady_layers_feels_their_drag_and_no_othe
 
 
 def sphere(added: float) -> Dynamics:
-    """Neutrally buoyant, without drag; `added` [-] is its added mass in displaced masses."""
+    """Neutrally buoyant, without drag; `added` is its added mass in displaced masses."""
     model = pin.Model()
     joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "free")
     centre, mass, density = np.array([0.1, -0.2, 0.3]), 4.0, 1000.0

@@ -28,7 +28,7 @@ from uvms_ocp.viz.run_figures import FIGURES, write_figures
 from uvms_ocp.viz.scene.show import write_scene
 from uvms_ocp.viz.task_figures import figure_row_activations
 
-RECORDS = Path(__file__).parent / "records"
+RECORDS = Path(__file__).parents[1] / "records"
 RUN, PLANS = "run_v0_1.npz", ("plan_curve_v0_1.npz", "plan_ocp_v0_1.npz")
 UNLIMITED = LimitsMeta(
     position_lower=(-math.inf,),

@@ -83,7 +83,7 @@ class DoubleIntegrator:
 
 @dataclass(frozen=True, kw_only=True)
 class Bursts:
-    """Sensors whose DVL loses sight for seconds at a time; `share` [-] of the time, 0 for the toolkit's sensors."""
+    """Sensors whose DVL loses sight for seconds at a time; `share` of the time, 0 for the toolkit's sensors."""
 
     share: float
     specs: SensorSpecs

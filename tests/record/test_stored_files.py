@@ -14,7 +14,7 @@ from uvms_ocp.campaign.campaign import kept_campaign
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.record import Record
 
-RECORDS = Path(__file__).parent / "records"
+RECORDS = Path(__file__).parents[1] / "records"
 LOADERS = {"run_v1.parquet": Record.from_parquet, "run_v1.mcap": Record.from_mcap}
 
 

@@ -17,7 +17,7 @@ from uvms_ocp.record.tables import unit_of
 from uvms_ocp.scenario.cases.case1 import case1
 
 pytest.importorskip("mcap", reason='needs pip install "uvms-ocp[mcap]"')
-RECORDS = Path(__file__).parent / "records"
+RECORDS = Path(__file__).parents[1] / "records"
 PLANS = [Record.load(RECORDS / f"{name}.npz") for name in ("plan_curve_v0_1", "plan_ocp_v0_1")]
 
 

@@ -13,7 +13,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.record.tables import QUANTITIES, SERIES, column_names, column_units
 from uvms_ocp.scenario.cases.case1 import case1
 
-RECORDS = Path(__file__).parent / "records"
+RECORDS = Path(__file__).parents[1] / "records"
 
 
 @pytest.fixture(scope="module")
