@@ -71,17 +71,17 @@ class Watched:
     ) -> None:
         sizes = {"n_thrusters": 8, "n_looks": window_capacity(tuning, period)}
         structures = structure_of(ThrusterFaultMemory, **sizes), structure_of(ThrusterEffectiveness, **sizes)
-        self.watch, self.effect = (structure() for structure in structures)
+        self.watch, self.effectiveness = (structure() for structure in structures)
         write_thruster_watch(self.watch, matrix, lower, upper, tuning=tuning, bandwidth=3.0, period=period)
-        self.effect.share[:] = [1.0] * 8
+        self.effectiveness.share[:] = [1.0] * 8
         (self._look,) = bind_kernels((detect_thruster_faults,), structures, compiled=compiled)
 
     def look(self, residual: np.ndarray, asked: np.ndarray, t: float) -> int:
-        return int(self._look(self.watch, self.effect, vector(residual), vector(asked), t))
+        return int(self._look(self.watch, self.effectiveness, vector(residual), vector(asked), t))
 
     @property
     def verdicts(self) -> list[ThrusterVerdict]:
-        return thruster_verdicts(self.watch, self.effect, 8)
+        return thruster_verdicts(self.watch, self.effectiveness, 8)
 
 
 def vector(values: np.ndarray) -> Any:
@@ -276,9 +276,11 @@ def test_authority_is_that_of_linear_programs(seed: int) -> None:
         rng.choice([0.0, 1.0, 0.5, -1.0], n, p=[0.2, 0.6, 0.1, 0.1]),
         rng.choice([0.0, 20.0]) * rng.normal(size=6),
     )
-    effect = ThrusterEffectiveness(share=share, constant=np.where(share == 0.0, rng.choice([0.0, 0.3], n) * upper, 0.0))
-    left = authority_of(matrix, lower, upper, effect, trim, righting)
-    ends = np.sort([effect.given(lower), effect.given(upper)], axis=0)
+    effectiveness = ThrusterEffectiveness(
+        share=share, constant=np.where(share == 0.0, rng.choice([0.0, 0.3], n) * upper, 0.0)
+    )
+    left = authority_of(matrix, lower, upper, effectiveness, trim, righting)
+    ends = np.sort([effectiveness.given(lower), effectiveness.given(upper)], axis=0)
     for found, limits, balance in ((left.reach, ends, trim), (left.sound, (lower, upper), np.zeros(6))):
         oracle = [[largest(matrix, limits, balance, righting, axis, way) for way in (-1, 1)] for axis in range(6)]
         np.testing.assert_allclose(found, oracle, rtol=1e-7, atol=1e-7)

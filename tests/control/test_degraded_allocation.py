@@ -28,7 +28,7 @@ def whole(request: pytest.FixtureRequest) -> Allocation:
 
 
 @pytest.fixture(params=EFFECTS, scope="module")
-def effect(request: pytest.FixtureRequest, whole: Allocation) -> ThrusterEffectiveness:
+def effectiveness(request: pytest.FixtureRequest, whole: Allocation) -> ThrusterEffectiveness:
     shares, constants = EFFECTS[request.param]
     n = len(whole.upper)
     share, constant = np.ones(n), np.zeros(n)
@@ -46,25 +46,25 @@ def wrenches(whole: Allocation) -> np.ndarray:
 
 
 def test_what_is_asked_stays_inside_the_limits_and_nothing_is_asked_of_what_does_not_follow(
-    whole: Allocation, effect: ThrusterEffectiveness, wrenches: np.ndarray
+    whole: Allocation, effectiveness: ThrusterEffectiveness, wrenches: np.ndarray
 ) -> None:
-    degraded = replace(whole, effect=effect)
+    degraded = replace(whole, effectiveness=effectiveness)
     for wrench in wrenches:
         result = degraded.allocate(wrench)
-        asked = effect.asked(result.thrust)
+        asked = effectiveness.asked(result.thrust)
         assert (asked >= whole.lower - 1e-9).all()
         assert (asked <= whole.upper + 1e-9).all()
-        assert not asked[effect.share == 0.0].any()
-        np.testing.assert_allclose(effect.given(asked), result.thrust, atol=1e-9)
+        assert not asked[effectiveness.share == 0.0].any()
+        np.testing.assert_allclose(effectiveness.given(asked), result.thrust, atol=1e-9)
 
 
 def test_no_thrust_without_the_faulty_ones_comes_closer(
-    whole: Allocation, effect: ThrusterEffectiveness, wrenches: np.ndarray
+    whole: Allocation, effectiveness: ThrusterEffectiveness, wrenches: np.ndarray
 ) -> None:
-    degraded = replace(whole, effect=effect)
-    left = effect.share != 0.0
-    ends = np.array([effect.share * whole.lower, effect.share * whole.upper])[:, left]
-    known = whole.matrix @ effect.constant
+    degraded = replace(whole, effectiveness=effectiveness)
+    left = effectiveness.share != 0.0
+    ends = np.array([effectiveness.share * whole.lower, effectiveness.share * whole.upper])[:, left]
+    known = whole.matrix @ effectiveness.constant
     for wrench in wrenches:
         result = degraded.allocate(wrench)
         np.testing.assert_allclose(result.reached + result.unreachable, wrench, rtol=1e-12, atol=1e-9)
@@ -79,7 +79,9 @@ def test_fewer_thrusters_never_come_closer_nor_take_less_power_for_the_same_wren
     whole: Allocation, wrenches: np.ndarray
 ) -> None:
     n = len(whole.upper)
-    degraded = replace(whole, effect=ThrusterEffectiveness(share=np.r_[0.0, np.ones(n - 1)], constant=np.zeros(n)))
+    degraded = replace(
+        whole, effectiveness=ThrusterEffectiveness(share=np.r_[0.0, np.ones(n - 1)], constant=np.zeros(n))
+    )
     for wrench in wrenches:
         few, all_of_them = degraded.allocate(wrench), whole.allocate(wrench)
         assert np.linalg.norm(few.unreachable) >= np.linalg.norm(all_of_them.unreachable) - 1e-9
@@ -91,7 +93,7 @@ def test_a_weak_thruster_is_spared_for_its_power() -> None:
     whole = allocation_of(load_robot("girona_maris7_full"))
     share = np.ones(8)
     share[4] = 0.5
-    left = replace(whole, effect=ThrusterEffectiveness(share=share, constant=np.zeros(8)))
+    left = replace(whole, effectiveness=ThrusterEffectiveness(share=share, constant=np.zeros(8)))
     thrust = left.allocate([0, 0, 40.0, 0, 0, 0]).thrust
     np.testing.assert_allclose(whole.matrix @ thrust, [0, 0, 40.0, 0, 0, 0], atol=1e-6)
     # The others can only do as much as the balance of roll and pitch allows.
@@ -104,22 +106,22 @@ def power(allocation: Allocation, thrust: np.ndarray) -> float:
 
 
 def test_sound_thrusters_give_what_they_are_asked_to_the_last_bit() -> None:
-    effect, thrust = ThrusterEffectiveness.sound(8), np.random.default_rng(0).normal(size=8)
-    np.testing.assert_array_equal(effect.given(thrust), thrust)
-    np.testing.assert_array_equal(effect.asked(thrust), thrust)
+    effectiveness, thrust = ThrusterEffectiveness.sound(8), np.random.default_rng(0).normal(size=8)
+    np.testing.assert_array_equal(effectiveness.given(thrust), thrust)
+    np.testing.assert_array_equal(effectiveness.asked(thrust), thrust)
 
 
 def test_without_limits_it_is_the_thrust_of_least_squares_and_least_weighted_norm(
-    whole: Allocation, effect: ThrusterEffectiveness
+    whole: Allocation, effectiveness: ThrusterEffectiveness
 ) -> None:
-    left, n = effect.works, len(whole.upper)
+    left, n = effectiveness.works, len(whole.upper)
     factor = np.linspace(1.0, 3.0, n)
     square = {"power_exponent": np.full(n, 2.0), "power_factor": factor, "dead_zone": np.zeros(n)}
-    free = replace(whole, lower=np.full(n, -1e6), upper=np.full(n, 1e6), effect=effect, **square)
-    root = np.sqrt(factor[left]) / np.abs(effect.share[left])
+    free = replace(whole, lower=np.full(n, -1e6), upper=np.full(n, 1e6), effectiveness=effectiveness, **square)
+    root = np.sqrt(factor[left]) / np.abs(effectiveness.share[left])
     oracle = np.linalg.pinv(whole.matrix[:, left] / root, rcond=1e-9) / root[:, None]
     for wrench in WRENCHES:
-        thrust = oracle @ (wrench - whole.matrix @ effect.constant)
+        thrust = oracle @ (wrench - whole.matrix @ effectiveness.constant)
         scale = np.abs(thrust).max()
         np.testing.assert_allclose(free.allocate(wrench).thrust[left], thrust, rtol=1e-9, atol=1e-9 * scale)
 

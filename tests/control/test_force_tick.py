@@ -23,9 +23,9 @@ from uvms_ocp.control.force.tick_functions import (
     ForceOutputs,
     ForceState,
     MonitorStep,
+    control_function,
     observe_function,
     views_of,
-    want_function,
 )
 from uvms_ocp.control.force.velocity_law import VelocityLaw
 from uvms_ocp.errors import InvalidInput
@@ -91,7 +91,7 @@ def test_a_push_that_the_model_does_not_know_is_found_and_worked_against(name: s
     for _ in range(1000):  # of a place where q stays as it is
         told = ticked(tick, q, v, still)
         given = np.concatenate(
-            [(thruster_matrix(laws(name).robot) @ tick.now.thrust)[: len(told.vehicle_force)], told.torque]
+            [(thruster_matrix(laws(name).robot) @ tick.observed.thrust)[: len(told.vehicle_force)], told.torque]
         )
         acceleration = model.forward_dynamics(q, v, given + push)
         v = v + DT * acceleration
@@ -103,7 +103,7 @@ def test_a_push_that_the_model_does_not_know_is_found_and_worked_against(name: s
 @pytest.mark.parametrize("name", ROBOTS)
 def test_compiled_and_not_a_tick_gives_the_same(name: str) -> None:
     rng = np.random.default_rng(2)
-    for function in (observe_function(laws(name)), want_function(laws(name))):
+    for function in (observe_function(laws(name)), control_function(laws(name))):
         compiled = compile_function(function)
         for _ in range(5):
             given = [rng.normal(size=function.size1_in(i)) for i in range(function.n_in())]
@@ -132,7 +132,7 @@ def busy(ticks: int = 30) -> tuple[ForceTick, np.ndarray, np.ndarray]:
 
 def known(tick: ForceTick) -> ForceState:
     """Now, in arrays of its own."""
-    return ForceState(**{name: getattr(tick.now, name).copy() for name in ForceState.__dataclass_fields__})
+    return ForceState(**{name: getattr(tick.observed, name).copy() for name in ForceState.__dataclass_fields__})
 
 
 def test_a_velocity_that_is_not_to_be_trusted_is_not_fed_back_and_changes_no_disturbance() -> None:
@@ -142,8 +142,8 @@ def test_a_velocity_that_is_not_to_be_trusted_is_not_fed_back_and_changes_no_dis
         before = known(tick)
         command = Command(v=2.0 * v, hold=True)
         commands.append(ticked(tick, q, wrong * v, command, joints=False))
-        np.testing.assert_array_equal(tick.now.estimate, before.estimate)
-        assert not tick.now.follows[0]
+        np.testing.assert_array_equal(tick.observed.estimate, before.estimate)
+        assert not tick.observed.follows[0]
         kept.append(known(tick).integral)
     np.testing.assert_array_equal(commands[0].command, commands[1].command)
     np.testing.assert_array_equal(commands[0].torque, commands[1].torque)
@@ -153,7 +153,7 @@ def test_a_velocity_that_is_not_to_be_trusted_is_not_fed_back_and_changes_no_dis
 def test_joints_that_are_not_to_be_trusted_leave_the_vehicle_as_it_is() -> None:
     (tick, q, v), n = busy(), laws().robot.n_vehicle
     ticked(tick, q, v, Command(v=2.0 * v), joints=False)
-    error = views_of(DesiredForce, laws().sizes, tick.memory.wanted).error
+    error = views_of(DesiredForce, laws().sizes, tick.memory.desired).error
     np.testing.assert_array_equal(error[:n], v[:n])
     np.testing.assert_array_equal(error[n:], 0.0)
 
@@ -162,7 +162,7 @@ def test_a_stop_cuts_the_thrust_and_forgets() -> None:
     tick, q, v = busy()
     stop = Command(v=np.zeros(len(v)), hold=True, stop=True)
     told, n = ticked(tick, q, v, stop), laws().robot.n_vehicle
-    for array in (told.command, told.vehicle_force, told.disturbance, tick.now.integral[:n]):
+    for array in (told.command, told.vehicle_force, told.disturbance, tick.observed.integral[:n]):
         np.testing.assert_array_equal(array, 0.0)
     assert np.abs(told.torque).max() > 0.0
 
@@ -190,19 +190,22 @@ def test_the_bandwidths_of_vehicle_and_joints_come_to_what_each_bears() -> None:
     for k in range(1, 200):
         tick.give(q, v, Command(v=v), (0.2, 0.5))
         tick.step(0.0)
-        np.testing.assert_allclose(tick.now.share[:n], 0.2 + 0.8 * (1.0 - DT) ** k)
-        np.testing.assert_allclose(tick.now.share[n:], 0.5 + 0.5 * (1.0 - DT) ** k)
-    assert tick.now.watch[0] == MonitorStep.PAUSED
+        np.testing.assert_allclose(tick.observed.share[:n], 0.2 + 0.8 * (1.0 - DT) ** k)
+        np.testing.assert_allclose(tick.observed.share[n:], 0.5 + 0.5 * (1.0 - DT) ** k)
+    assert tick.observed.watch[0] == MonitorStep.PAUSED
 
 
 def test_a_verdict_moves_what_a_thruster_fails_to_give_from_the_disturbance_to_the_model() -> None:
     tick, q, v = busy()
     matrix, before = thruster_matrix(laws().robot), known(tick)
-    effect = ThrusterEffectiveness(share=np.r_[0.0, 0.5, np.ones(6)], constant=np.r_[3.0, np.zeros(7)])
-    tick.memory.look.n_vehicle = 6
-    tick.memory.look.effect.share[:], tick.memory.look.effect.constant[:] = effect.share, effect.constant
+    effectiveness = ThrusterEffectiveness(share=np.r_[0.0, 0.5, np.ones(6)], constant=np.r_[3.0, np.zeros(7)])
+    tick.memory.detection.n_vehicle = 6
+    tick.memory.detection.effectiveness.share[:], tick.memory.detection.effectiveness.constant[:] = (
+        effectiveness.share,
+        effectiveness.constant,
+    )
     tick.adapt()
-    acting = matrix @ effect.given(before.thrust) + tick.now.estimate[:6]
+    acting = matrix @ effectiveness.given(before.thrust) + tick.observed.estimate[:6]
     np.testing.assert_allclose(acting, matrix @ before.thrust + before.estimate[:6], rtol=1e-12, atol=1e-9)
     for _ in range(200):
         told = ticked(tick, q, v, Command(v=2.0 * v))
@@ -212,18 +215,18 @@ def test_a_verdict_moves_what_a_thruster_fails_to_give_from_the_disturbance_to_t
 def test_a_thrust_that_limits_keep_from_being_reached_is_told() -> None:
     tick, (q, v) = ForceTick(laws()), scene(FULL)
     command, limits = ticked(tick, q, v, Command(v=np.full(len(v), 50.0))).command, laws().lag
-    assert tick.memory.sharing.saturated
+    assert tick.memory.allocation.saturated
     assert (command >= limits.lower).all()
     assert (command <= limits.upper).all()
 
 
 def test_a_force_that_is_no_number_is_refused_and_what_was_known_stays() -> None:
     tick, q, v = busy(3)
-    before = bytes(tick.memory.known)
+    before = bytes(tick.memory.state)
     tick.give(q, np.full(len(v), np.nan), replace_unchecked(Command(v=v), hold=False), (1.0, 1.0))
     with pytest.raises(InvalidInput, match="finite"):
         tick.step(0.0)
-    assert bytes(tick.memory.known) == before
+    assert bytes(tick.memory.state) == before
 
 
 def test_whatever_is_given_what_is_told_and_remembered_is_numbers() -> None:
@@ -231,7 +234,7 @@ def test_whatever_is_given_what_is_told_and_remembered_is_numbers() -> None:
     q, v = scene(FULL)
     for k in range(2000):
         tick.give(q, v * rng.normal(), Command(v=v * rng.normal(), hold=k % 97 == 0), (1.0, 1.0))
-        parts = (tick.given.q, tick.given.v, tick.given.reference, tick.given.feedback)
+        parts = (tick.inputs.q, tick.inputs.v, tick.inputs.reference, tick.inputs.feedback)
         spoilt = parts[k % 4]
         if k % 10 == 0:
             spoilt[rng.integers(len(spoilt))] = rng.choice([np.nan, np.inf, -np.inf, 1e300, -1e20])
@@ -239,8 +242,8 @@ def test_whatever_is_given_what_is_told_and_remembered_is_numbers() -> None:
             assert all(np.isfinite(part).all() for part in tick.step(0.01 * k))
         except InvalidInput:
             refused += 1
-        assert np.isfinite(column_view(tick.memory.known)).all()
-        assert np.isfinite(view(tick.memory.look.gone)).all()
+        assert np.isfinite(column_view(tick.memory.state)).all()
+        assert np.isfinite(view(tick.memory.detection.gone)).all()
     assert 100 < refused < 200
 
 

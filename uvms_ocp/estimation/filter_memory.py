@@ -1,7 +1,7 @@
 """Memory of the Kalman filter: named parts of one array of numbers, which the core in C and its NumPy twin both work on.
 
-The error state of the vehicle has `MAIN` entries, in the order of `Part`: attitude (a rotation vector in B), position, velocity and
-acceleration in W, angular velocity and acceleration in B, the biases of gyro, DVL and accelerometer in B, and the height of the
+The error state of the vehicle has `MAIN` entries, in the order of `Part`: attitude (a rotation vector in B), position, velocity
+and acceleration in W, angular velocity and acceleration in B, the biases of gyro, DVL and accelerometer in B, and the height of the
 floor below the altimeter. After them come clones: the predicted measurement of a late channel at the time of a reading that has
 not arrived yet, three rows each. Joints are independent of the vehicle and of each other.
 """

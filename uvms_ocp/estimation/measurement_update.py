@@ -1,4 +1,4 @@
-"""PlausibilityGate and fuse the readings of the vehicle's channels, late ones by stochastic cloning, in NumPy: the twin of fusion.c and clones.c."""
+"""Gate and fuse the readings of the vehicle, late ones by stochastic cloning: the NumPy twin of fusion.c and clones.c."""
 
 from __future__ import annotations
 

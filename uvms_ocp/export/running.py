@@ -16,14 +16,12 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.export.tick import ControllerInputs, ControllerOutputs, command_in, write_measurement
 from uvms_ocp.robot.signals import Command, Measurement
 
-# A controller in C, run from Python.
-
 _FILES = ("controller.h", "controller.c", "initial.c", "functions.c", "solver.c")
 _INCLUDE = '#include "controller.h"\n'
 
 
 class CController:
-    """A callable ``(Measurement, t) -> Command``, at the beginning of its mission."""
+    """Exported controller, a callable ``(Measurement, t) -> Command``, at the beginning of its mission."""
 
     def __init__(self, folder: Path, sizes: dict[str, int], *, forces: bool) -> None:
         """folder: where the files of C are. sizes: of `interface_types`.
@@ -34,8 +32,8 @@ class CController:
         types = interface_types(sizes)
         self._inputs, self._outputs = (kind() for kind in types)
         self._forces, library = forces, _library(folder)
-        size, *given = (ctypes.c_ulong * 3).in_dll(library, "CONTROLLER_SIZES")
-        if given != [ctypes.sizeof(kind) for kind in types]:
+        size, *compiled = (ctypes.c_ulong * 3).in_dll(library, "CONTROLLER_SIZES")
+        if compiled != [ctypes.sizeof(kind) for kind in types]:
             raise InvalidInput(f"{folder} is of a controller for another robot or mission; export this one")
         self._memory = ctypes.create_string_buffer(size)
         self._step = library["controller_step"]
@@ -43,14 +41,14 @@ class CController:
         library["controller_reset"](self._memory)
 
     def __call__(self, measurement: Measurement, t: float) -> Command:
-        """The command for the tick at time t [s]."""
+        """Return the command for the tick at time t [s]."""
         write_measurement(self._inputs, measurement, t)
         self._step(self._memory, ctypes.byref(self._inputs), ctypes.byref(self._outputs))
         return command_in(self._outputs, forces=self._forces)
 
 
 def interface_types(sizes: dict[str, int]) -> tuple[type[ctypes.Structure], type[ctypes.Structure]]:
-    """What is given and told at every tick, for n_q, n_v, n_joints, n_thrusters and n_quantities."""
+    """Return the structures of inputs and outputs for n_q, n_v, n_joints, n_thrusters and n_quantities."""
     return structure_of(ControllerInputs, **sizes), structure_of(ControllerOutputs, **sizes)
 
 
@@ -68,13 +66,11 @@ def _library(folder: Path) -> ctypes.CDLL:
     return loaded_library(path)
 
 
-# What a controller was given and told at every tick of a run.
-
-_TOLD = ("phase", "freshness", "status", "viable_share")
+_TELEMETRY = ("phase", "freshness", "status", "viable_share")
 
 
 class RecordingController:
-    """A controller that keeps, for each tick, `ControllerInputs` and `ControllerOutputs` as numbers."""
+    """Record of a controller: for each tick, `ControllerInputs` and `ControllerOutputs` as numbers."""
 
     def __init__(
         self,
@@ -83,7 +79,7 @@ class RecordingController:
         inputs: ctypes.Structure,
         outputs: ctypes.Structure,
     ) -> None:
-        """Inputs, outputs: what numbers are written to on their way."""
+        """inputs, outputs: structures through which the numbers go."""
         self.kinematic = kinematic
         """The layer below."""
         self._controller, self._inputs, self._outputs = controller, inputs, outputs
@@ -91,7 +87,7 @@ class RecordingController:
         """(n,) each [in their units]."""
 
     def __call__(self, measurement: Measurement, t: float) -> Command:
-        """The command for the tick at time t [s]."""
+        """Return the command for the tick at time t [s]."""
         write_measurement(self._inputs, measurement, t)
         command = self._controller(measurement, t)
         _write_command(self._outputs, command)
@@ -99,7 +95,7 @@ class RecordingController:
         return command
 
     def as_bytes(self) -> bytes:
-        """Eight for each number, least first."""
+        """Return the ticks as little-endian doubles."""
         return np.array(self.ticks).astype("<f8").tobytes()
 
 
@@ -110,14 +106,14 @@ def _write_command(outputs: Any, command: Command) -> None:
         outputs.torque[: len(command.torque)] = command.torque.tolist()
     for name in ("hold", "stop", "brakes", "finished"):
         setattr(outputs, name, getattr(command, name))
-    for name in _TOLD:
+    for name in _TELEMETRY:
         setattr(outputs, name, command.telemetry[name])
     quantities = command.telemetry["quantities"]
     outputs.quantities[: len(quantities)] = quantities.tolist()
 
 
 def numbers_in(value: Any) -> Iterator[float]:
-    """All of a structure, field after field."""
+    """Yield all numbers of a structure, field after field."""
     if isinstance(value, ctypes.Structure):
         for name, *_ in value._fields_:
             yield from numbers_in(getattr(value, name))

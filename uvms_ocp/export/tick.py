@@ -15,14 +15,12 @@ from uvms_ocp.estimation.degraded_modes import CHANNELS, ENCODERS
 from uvms_ocp.mission.progress import is_over
 from uvms_ocp.robot.signals import Command, Measurement, Trust
 
-# What the controller in C is given at every tick, and what it tells: the same structures for C and Python.
-
 _command = unchecked_constructor(Command)
 _PLACE = {name: place for place, name in enumerate(CHANNELS)}
 
 
 class ControllerInputs(Layout):
-    """What was measured, as `Measurement` has it. Numbers that are none are a sensor that fails."""
+    """State estimate of a tick, as in `Measurement`. Numbers that are not finite are a sensor that fails."""
 
     t: float
     """[s] time of the tick; they follow each other by the control period."""
@@ -43,7 +41,7 @@ class ControllerInputs(Layout):
 
 
 class ControllerOutputs(Layout):
-    """What the robot is to do, and what the mission has come to."""
+    """Command of a tick, and where the mission is."""
 
     v: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] reference velocity."""
@@ -68,11 +66,11 @@ class ControllerOutputs(Layout):
     viable_share: float
     """Of the hierarchy's velocity that a stop allows."""
     quantities: Annotated[Vector, Sized("n_quantities")]
-    """[m, rad, ...] those of CONTROLLER_QUANTITIES; NAN where nothing tells."""
+    """[m, rad, ...] those of CONTROLLER_QUANTITIES; NAN where unknown."""
 
 
 def write_measurement(inputs: Any, measurement: Measurement, t: float) -> None:
-    """A measurement at time t [s] into `ControllerInputs`."""
+    """Write a measurement at time t [s] into `ControllerInputs`."""
     inputs.t, inputs.altimeter_range = t, measurement.altimeter_range
     inputs.age, inputs.joint_age = measurement.age, measurement.joint_age
     view(inputs.q)[:], view(inputs.v)[:] = measurement.q, measurement.v
@@ -84,7 +82,7 @@ def write_measurement(inputs: Any, measurement: Measurement, t: float) -> None:
 
 
 def command_in(outputs: Any, *, forces: bool) -> Command:
-    """The command in `ControllerOutputs`, without thrust and torque unless there are forces."""
+    """Read the command in `ControllerOutputs`, without thrust and torque unless there are forces."""
     v, thrust, torque = (np.array(getattr(outputs, name)) for name in ("v", "thrust", "torque"))
     return _command(
         v=v,
@@ -97,13 +95,11 @@ def command_in(outputs: Any, *, forces: bool) -> Command:
     )
 
 
-# One tick of the whole controller as one kernel, on one memory.
-
 _ENCODERS, _RATES = CHANNELS.index(ENCODERS), CHANNELS.index("joint_velocities")
 
 
 class ForceController(Layout):
-    """All that a controller of thrust and torque remembers."""
+    """Memory of a controller of thrust and torque."""
 
     velocity: VelocityController
     """The layer of velocities."""
@@ -111,81 +107,81 @@ class ForceController(Layout):
     """The layer of forces."""
 
 
-def control_velocity(c: VelocityController, given: ControllerInputs, told: ControllerOutputs) -> None:
-    """One tick of velocities alone."""
+def control_velocity(c: VelocityController, inputs: ControllerInputs, outputs: ControllerOutputs) -> None:
+    """Run one tick of velocities alone."""
     m = c.tick
-    _read_inputs(m, given)
+    _read_inputs(m, inputs)
     prepare_tick(m)
-    told.phase = m.mission.phase
-    told.status = solve_and_finish(c)
-    _write_outputs(m, told)
+    outputs.phase = m.mission.phase
+    outputs.status = solve_and_finish(c)
+    _write_outputs(m, outputs)
 
 
-def control_force(c: ForceController, given: ControllerInputs, told: ControllerOutputs) -> None:
-    """One tick down to thrust and torque. A motion that needs forces that are no numbers cuts the thrust."""
+def control_force(c: ForceController, inputs: ControllerInputs, outputs: ControllerOutputs) -> None:
+    """Run one tick down to thrust and torque; a force that is not finite cuts the thrust."""
     m, f = c.velocity.tick, c.force
-    control_velocity(c.velocity, given, told)
-    _write_force_inputs(f, m, told)
+    control_velocity(c.velocity, inputs, outputs)
+    _write_force_inputs(f, m, outputs)
     possible = force_step(f)
-    for i in range(f.sharing.count):
-        told.thrust[i] = f.told.command[i] if possible else 0.0
-    for i in range(len(f.told.torque)):
-        told.torque[i] = f.told.torque[i] if possible else 0.0
-    told.stop = told.stop or not possible
-    told.brakes = f.locks
+    for i in range(f.allocation.count):
+        outputs.thrust[i] = f.outputs.command[i] if possible else 0.0
+    for i in range(len(f.outputs.torque)):
+        outputs.torque[i] = f.outputs.torque[i] if possible else 0.0
+    outputs.stop = outputs.stop or not possible
+    outputs.brakes = f.locks
     _feed_back_actuation(m, f)
 
 
-def _read_inputs(m: TickMemory, given: ControllerInputs) -> None:
-    m.t = given.t
+def _read_inputs(m: TickMemory, inputs: ControllerInputs) -> None:
+    m.t = inputs.t
     for i in range(len(m.q)):
-        m.q[i] = given.q[i]
+        m.q[i] = inputs.q[i]
     for i in range(len(m.v)):
-        m.v[i] = given.v[i]
-    m.altimeter_range = given.altimeter_range
-    m.age = given.age
-    m.joint_age = given.joint_age
+        m.v[i] = inputs.v[i]
+    m.altimeter_range = inputs.altimeter_range
+    m.age = inputs.age
+    m.joint_age = inputs.joint_age
     for k in range(len(m.restriction.level)):
-        m.restriction.level[k] = given.trust[k]
-        m.restriction.since[k] = given.since[k]
+        m.restriction.level[k] = inputs.trust[k]
+        m.restriction.since[k] = inputs.since[k]
 
 
-def _write_outputs(m: TickMemory, told: ControllerOutputs) -> None:
-    told.hold = is_blind(m)
-    told.stop = is_stopped(m)
-    told.brakes = m.restriction.joints_held
-    told.finished = is_over(m.mission)
-    told.freshness = m.freshness
-    told.viable_share = m.share
+def _write_outputs(m: TickMemory, outputs: ControllerOutputs) -> None:
+    outputs.hold = is_blind(m)
+    outputs.stop = is_stopped(m)
+    outputs.brakes = m.restriction.joints_held
+    outputs.finished = is_over(m.mission)
+    outputs.freshness = m.freshness
+    outputs.viable_share = m.share
     for i in range(len(m.command)):
-        told.v[i] = m.command[i]
+        outputs.v[i] = m.command[i]
     for i in range(len(m.reported)):
-        told.quantities[i] = m.reported[i]
+        outputs.quantities[i] = m.reported[i]
 
 
-def _write_force_inputs(f: ForceMemory, m: TickMemory, told: ControllerOutputs) -> None:
-    """Of the layer of forces: what that of velocities has found."""
+def _write_force_inputs(f: ForceMemory, m: TickMemory, outputs: ControllerOutputs) -> None:
+    """Write the inputs of the force layer from the velocity layer."""
     less = m.restriction
     for i in range(len(m.q)):
-        f.given.q[i] = m.q[i]
+        f.inputs.q[i] = m.q[i]
     for i in range(len(m.v)):
-        f.given.v[i] = m.v[i]
-        f.given.reference[i] = m.command[i]
-    f.given.feedback[0] = less.feedback
-    f.given.joint_feedback[0] = less.joint_feedback
-    f.given.hold[0] = 1.0 if told.hold else 0.0
-    f.given.stop[0] = 1.0 if told.stop else 0.0
-    f.brakes = told.brakes
+        f.inputs.v[i] = m.v[i]
+        f.inputs.reference[i] = m.command[i]
+    f.inputs.feedback[0] = less.feedback
+    f.inputs.joint_feedback[0] = less.joint_feedback
+    f.inputs.hold[0] = 1.0 if outputs.hold else 0.0
+    f.inputs.stop[0] = 1.0 if outputs.stop else 0.0
+    f.brakes = outputs.brakes
     f.t = m.t
     f.joint_age = m.joint_age
     f.encoders_trusted = less.level[_ENCODERS] == Trust.GOOD and less.level[_RATES] == Trust.GOOD
 
 
 def _feed_back_actuation(m: TickMemory, f: ForceMemory) -> None:
-    """In the next tick: what the layer of forces met."""
-    m.distress.short = f.sharing.saturated
-    m.distress.push = f.told.push[0]
-    if f.look.changed:
+    """Feed back to the next velocity tick what the force layer met."""
+    m.distress.short = f.allocation.saturated
+    m.distress.push = f.outputs.push[0]
+    if f.detection.changed:
         m.distress.fault = f.gives_up
-        for j in range(f.look.joints.count):
-            m.jammed[f.look.n_vehicle + j] = f.look.joints.jammed[j]
+        for j in range(f.detection.joints.count):
+            m.jammed[f.detection.n_vehicle + j] = f.detection.joints.jammed[j]

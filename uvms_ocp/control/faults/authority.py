@@ -177,7 +177,7 @@ def authority_of(
     matrix: np.ndarray,
     lower: np.ndarray,
     upper: np.ndarray,
-    effect: ThrusterEffectiveness,
+    effectiveness: ThrusterEffectiveness,
     trim: np.ndarray,
     righting: np.ndarray,
 ) -> Authority:
@@ -190,11 +190,13 @@ def authority_of(
     memory: Any = structure()
     write_authority(memory, matrix, lower, upper)
     memory.trim[:], memory.righting[:] = trim.tolist(), righting.tolist()
-    judge(memory, effects(tuple(effect.share), tuple(effect.constant)))
+    judge(memory, effects(tuple(effectiveness.share), tuple(effectiveness.constant)))
     return authority_in(memory)
 
 
 @lru_cache(maxsize=16)
 def _bound(n: int) -> tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]]:
-    structure, effect = (structure_of(kind, **authority_sizes(n)) for kind in (AuthorityMemory, ThrusterEffectiveness))
-    return structure, effect, bind_kernels((judge_authority,), (structure, effect))[0]
+    structure, effectiveness = (
+        structure_of(kind, **authority_sizes(n)) for kind in (AuthorityMemory, ThrusterEffectiveness)
+    )
+    return structure, effectiveness, bind_kernels((judge_authority,), (structure, effectiveness))[0]

@@ -164,7 +164,7 @@ class FaultDetection(Layout):
     joints: JointFaultMemory
     balance: WrenchBalance
     authority: AuthorityMemory
-    effect: ThrusterEffectiveness
+    effectiveness: ThrusterEffectiveness
     """What thrusters make of their commands, by the verdicts."""
     paused: bool
     started: bool
@@ -214,7 +214,7 @@ def detect_faults(m: FaultDetection, t: float) -> bool:
         reset_joints(m.joints)
     m.jam = m.encoders_trusted and detect_joint_faults(m.joints, m.asked_way, m.gone, m.resistance, t)
     suspect = m.thrusters.suspect
-    m.thruster = detect_thruster_faults(m.thrusters, m.effect, m.residual, m.asked, t)
+    m.thruster = detect_thruster_faults(m.thrusters, m.effectiveness, m.residual, m.asked, t)
     m.judgement = _judge(m, t)
     m.judged = m.judged or m.judgement
     found = m.jam or m.thruster >= 0
@@ -246,7 +246,7 @@ def _judge(m: FaultDetection, t: float) -> bool:
             m.wrench[k] -= m.disturbance[k]
         if update_wrench_balance(m.balance, m.wrench, t):
             _find_trim(m)
-            judge_authority(m.authority, m.effect)
+            judge_authority(m.authority, m.effectiveness)
             return True
     return False
 

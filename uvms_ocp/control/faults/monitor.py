@@ -27,15 +27,13 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 
-# The memory of a look in Python: made once, with what never changes, and read for its verdicts.
-
 _NOTHING = 0.3  # share below which a thruster is dead, not weak
 
 
 def detection_sizes(
     robot: Robot, symbolic: SymbolicDynamics, tuning: ActuatorHealthTuning, period: float
 ) -> dict[str, Any]:
-    """Of an `FaultDetection`, and its functions; period [s] of looks."""
+    """Return the sizes of a `FaultDetection` and its functions; period [s] of its samples."""
     return {
         "n_q": robot.n_q,
         "n_tilted": max(robot.n_q, 7),
@@ -49,7 +47,7 @@ def detection_sizes(
 
 
 def window_capacity(tuning: ActuatorHealthTuning, period: float) -> int:
-    """Looks that a `IsolationWindow` has room for; period [s] of them."""
+    """Return how many samples an `IsolationWindow` has room for; period [s] of them."""
     return 2 * _window_length(tuning, period) + LATE + EARLY
 
 
@@ -62,11 +60,11 @@ def write_detection(
     bandwidth: float,
     dt: float,
 ) -> None:
-    """An `FaultDetection` before the first; bandwidth [rad/s] of the observer; dt [s] of a tick."""
+    """Initialise a `FaultDetection`; bandwidth [rad/s] of the observer; dt [s] of a tick."""
     matrix, limits = thruster_matrix(robot), thrust_limits(robot)
     memory.dt, memory.n_vehicle, memory.balance.wait = dt, robot.n_vehicle, tuning.judged_after
     memory.thruster = -1
-    view(memory.effect.share)[:] = 1.0
+    view(memory.effectiveness.share)[:] = 1.0
     write_authority(memory.authority, matrix, *limits)
     write_thruster_watch(
         memory.thrusters, matrix, *limits, tuning=tuning, bandwidth=bandwidth, period=residual_filter.every * dt
@@ -84,9 +82,9 @@ def write_thruster_watch(
     bandwidth: float,
     period: float,
 ) -> None:
-    """A `ThrusterWatch` of sound thrusters.
+    """Initialise a `ThrusterWatch` of sound thrusters.
 
-    matrix (6, n) [N/N, N m/N]; lower, upper (n,) [N] limits; bandwidth [rad/s] of the residual; period [s] of looks.
+    matrix (6, n) [N/N, N m/N]; lower, upper (n,) [N] limits; bandwidth [rad/s] of the residual; period [s] of samples.
     """
     for name in ("settling", "clear_lead", "looks", "sound_share"):
         setattr(watch, name, getattr(tuning, name))
@@ -101,7 +99,7 @@ def write_thruster_watch(
 
 
 def write_joint_watch(watch: Any, effort: np.ndarray, tuning: ActuatorHealthTuning) -> None:
-    """A `JointWatch` of sound joints; effort (n_joints,) [N m or N] limits."""
+    """Initialise a `JointWatch` of sound joints; effort (n_joints,) [N m or N] limits."""
     for name in ("jam_travel", "jam_effort", "jam_time"):
         setattr(watch, name, getattr(tuning, name))
     watch.count = len(effort)
@@ -109,14 +107,14 @@ def write_joint_watch(watch: Any, effort: np.ndarray, tuning: ActuatorHealthTuni
     view(watch.since)[:] = math.inf
 
 
-def thruster_verdicts(watch: Any, effect: Any, n: int) -> list[ThrusterVerdict]:
-    """Of a `ThrusterWatch`, on each of n thrusters; effect: an `Effect` in memory."""
+def thruster_verdicts(watch: Any, effectiveness: Any, n: int) -> list[ThrusterVerdict]:
+    """Return the verdict of a `ThrusterWatch` on each of n thrusters; effectiveness: in memory."""
     return [
         ThrusterVerdict(
             health=ActuatorHealth(watch.health[i]),
             kind=FaultKind(watch.kind[i]),
-            share=effect.share[i],
-            constant=effect.constant[i],
+            share=effectiveness.share[i],
+            constant=effectiveness.constant[i],
             confidence=watch.confidence[i],
             since=watch.since[i],
         )
@@ -125,7 +123,7 @@ def thruster_verdicts(watch: Any, effect: Any, n: int) -> list[ThrusterVerdict]:
 
 
 def joint_verdicts(watch: Any) -> list[JointVerdict]:
-    """Of a `JointWatch`, on each joint."""
+    """Return the verdict of a `JointWatch` on each joint."""
     sound = JointVerdict()
     return [
         JointVerdict(health=ActuatorHealth.FAULTY, kind=FaultKind.JAMMED, since=watch.since[j])
@@ -159,11 +157,8 @@ def _joint_way_function(robot: Robot, symbolic: SymbolicDynamics) -> ca.Function
     return ca.Function("joint_way", [before, q], [ca.cse(way)], ["before", "q"], ["way"])
 
 
-# The health of all thrusters and joints of a robot in words, and as telemetry.
-
-
 class ActuatorMonitor:
-    """Says what an `FaultDetection` finds, and logs it in `alarms`."""
+    """Report the verdicts of a `FaultDetection`, and log alarms."""
 
     def __init__(self, robot: Robot, memory: Any, alarms: list[tuple[float, str]]) -> None:
         """memory: the `FaultDetection`; alarms: time [s] and text of each, appended to."""
@@ -173,8 +168,8 @@ class ActuatorMonitor:
         self.joints: list[JointVerdict] = []
         """Likewise."""
         self.authority: Authority | None = None
-        """What thrusters can still reach; `None` while all are sound, and until that is judged."""
-        self._told: dict[str, Any] = {}
+        """Remaining control authority; `None` while all are sound, and until it is computed."""
+        self._telemetry: dict[str, Any] = {}
         self._refresh()
 
     @property
@@ -182,8 +177,8 @@ class ActuatorMonitor:
         """All that is faulty, in a few words; nothing where nothing is."""
         return ", ".join((*faulty_thrusters(self.thrusters), *faulty_joints(self.joints)))
 
-    def hear(self, t: float) -> None:
-        """What the look at time t [s] has changed."""
+    def update(self, t: float) -> None:
+        """Take over what detection at time t [s] has changed, and log alarms."""
         self._refresh()
         names, thrusters, i = self._robot.joint_names, self._robot.description.thrusters, self._memory.thruster
         for j in range(len(self.joints)):
@@ -198,15 +193,15 @@ class ActuatorMonitor:
 
     def telemetry(self) -> dict[str, Any]:
         """For the record: shares (n_thrusters,), constants (n_thrusters,) [N], verdicts as whole numbers."""
-        return self._told
+        return self._telemetry
 
     def _refresh(self) -> None:
         memory, n = self._memory, len(self._robot.description.thrusters)
-        self.thrusters = thruster_verdicts(memory.thrusters, memory.effect, n)
+        self.thrusters = thruster_verdicts(memory.thrusters, memory.effectiveness, n)
         self.joints = joint_verdicts(memory.joints)
-        self._told = {
-            "thruster_share": np.array(memory.effect.share[:n]),
-            "thruster_constant": np.array(memory.effect.constant[:n]),
+        self._telemetry = {
+            "thruster_share": np.array(memory.effectiveness.share[:n]),
+            "thruster_constant": np.array(memory.effectiveness.constant[:n]),
             "thruster_health": np.array([verdict.health for verdict in self.thrusters], dtype=np.int8),
             "joint_health": np.array([verdict.health for verdict in self.joints], dtype=np.int8),
         }

@@ -183,7 +183,7 @@ class Allocation:
     """(n,) [N]: smaller thrust cannot be commanded; it becomes 0 or the edge, whichever is nearer."""
     wrench_weight: np.ndarray = field(default_factory=lambda: np.ones(6))
     """(6,) [1/N, 1/(N m)]: what to give up first when not everything can be reached."""
-    effect: ThrusterEffectiveness | None = None
+    effectiveness: ThrusterEffectiveness | None = None
     """What thrusters make of their commands: what follows none is left out. `None`: all do what they are asked."""
     compiled: bool = field(default=True, repr=False)
     """Whether it is worth a compiler: not for a few wrenches."""
@@ -201,14 +201,14 @@ class Allocation:
         take(self.memory)
 
     def write(self, memory: Any) -> None:
-        """All that `apply_effectiveness` asks into a `AllocationMemory` with room for the `allocation_sizes` of these thrusters."""
-        n, effect = len(self.lower), self.effect or ThrusterEffectiveness.sound(len(self.lower))
+        """Write this allocation into an `AllocationMemory` with the `allocation_sizes` of its thrusters."""
+        n, effectiveness = len(self.lower), self.effectiveness or ThrusterEffectiveness.sound(len(self.lower))
         memory.count, memory.wrench_weight[:] = n, self.wrench_weight.tolist()
         for k in range(6):
             memory.matrix[k][:n] = self.matrix[k].tolist()
         for name in ("lower", "upper", "power_factor", "power_exponent", "dead_zone"):
             getattr(memory, name)[:n] = getattr(self, name).tolist()
-        memory.share[:n], memory.constant[:n] = effect.share.tolist(), effect.constant.tolist()
+        memory.share[:n], memory.constant[:n] = effectiveness.share.tolist(), effectiveness.constant.tolist()
 
     def allocate(self, wrench: ArrayLike) -> AllocationResult:
         """Thrust for a wrench (6,) [N, N m] about the origin of B, in B.

@@ -103,9 +103,9 @@ class DynamicController(TableDisplay):
             laws, bandwidth_derating(late, vehicle=gains.vehicle, joints=gains.joints, dt=kinematic.dt)
         )
         self.memory = memory = self._tick.memory
-        """All that the layer of forces knows, a `ForceMemory`."""
+        """Memory of the force layer, a `ForceMemory`."""
         # Parts of it are made anew whenever they are asked for.
-        self._look, self._sharing = memory.look, memory.sharing
+        self._detection, self._allocation = memory.detection, memory.allocation
         self.monitor = self._monitor(laws)
         """Of thrusters and joints; `None` where it is off, and without the observer, whose findings it reads."""
         self._fault, self._handicap, self._jammed = "", "", tuple[int, ...]()
@@ -119,15 +119,15 @@ class DynamicController(TableDisplay):
         sound, command, bounds = tick.measurement, self.kinematic.command(tick), tick.restriction
         share = 1.0 if self.kinematic.guide is None else self.kinematic.guide.bandwidth
         self._tick.give(sound.q, sound.v, command, (share * bounds.feedback, bounds.joint_feedback))
-        known = not bounds.doubted or bounds.doubted.isdisjoint(_ENCODERS)
-        told = self._ticked(sound, tick.t, known)
-        if self._look.changed and self.monitor is not None:
-            self._hear(self.monitor, tick.t)
-        return self._told(command, told)
+        encoders_trusted = not bounds.doubted or bounds.doubted.isdisjoint(_ENCODERS)
+        outputs = self._ticked(sound, tick.t, encoders_trusted)
+        if self._detection.changed and self.monitor is not None:
+            self._update_monitor(self.monitor, tick.t)
+        return self._to_command(command, outputs)
 
     def _table(self) -> SmallTable:
-        told = {
-            "bandwidth borne by the vehicle [-]": self.memory.bears,
+        values = {
+            "bandwidth borne by the vehicle [-]": self.memory.bandwidth_share,
             "bandwidth borne by the joints [-]": self.memory.joint_bandwidth_share,
             "faults of thrusters and joints": "not searched for"
             if self.monitor is None
@@ -135,21 +135,21 @@ class DynamicController(TableDisplay):
             "load of the tool": "not learnt" if self.learner is None else "learnt",
         }
         below = self.kinematic._table()
-        return SmallTable(title=type(self).__name__, rows=(*below.rows, *rows_of(told)))
+        return SmallTable(title=type(self).__name__, rows=(*below.rows, *rows_of(values)))
 
-    def _ticked(self, sound: Measurement, t: float, known: bool) -> list[np.ndarray]:
-        """Parts of `Told`, of a tick with what is learnt of the load."""
+    def _ticked(self, sound: Measurement, t: float, encoders_trusted: bool) -> list[np.ndarray]:
+        """Run the force tick, with what is learnt of the load; return the parts of `ForceOutputs`."""
         if self.learner is None:
-            return self._tick.step(t, sound.joint_age, known)
-        self.learner.carry(sound.q, sound.v, self._tick.known.estimate)
-        told, now = self._tick.step(t, sound.joint_age, known), self._tick.now
-        self.learner.learn(sound.q, sound.v, now.estimate, now.share, self._tick.observes)
-        return told
+            return self._tick.step(t, sound.joint_age, encoders_trusted)
+        self.learner.carry(sound.q, sound.v, self._tick.state.estimate)
+        outputs, observed = self._tick.step(t, sound.joint_age, encoders_trusted), self._tick.observed
+        self.learner.learn(sound.q, sound.v, observed.estimate, observed.share, self._tick.observes)
+        return outputs
 
-    def _told(self, command: Command, told: list[np.ndarray]) -> Command:
-        """As a command, and to the layer below."""
-        thrust, torque, disturbance, wrench, unreachable, push = told
-        short, fault, fault_summary = bool(self._sharing.saturated), self._fault, self._handicap
+    def _to_command(self, command: Command, outputs: list[np.ndarray]) -> Command:
+        """Make the command of these outputs, and feed the layer below back what the thrusters met."""
+        thrust, torque, disturbance, wrench, unreachable, push = outputs
+        short, fault, fault_summary = bool(self._allocation.saturated), self._fault, self._handicap
         self.kinematic.on_actuation_feedback(
             _strain(short=short, push=push.item(), fault=fault, fault_summary=fault_summary, jammed=self._jammed)
         )
@@ -173,13 +173,13 @@ class DynamicController(TableDisplay):
             telemetry=telemetry,
         )
 
-    def _hear(self, monitor: ActuatorMonitor, t: float) -> None:
-        """What a look at time t [s] has found."""
-        look = self._look
-        monitor.hear(t)
-        if look.jam or look.thruster >= 0:
+    def _update_monitor(self, monitor: ActuatorMonitor, t: float) -> None:
+        """Report what fault detection found at time t [s], and leave jammed joints alone."""
+        detection = self._detection
+        monitor.update(t)
+        if detection.jam or detection.thruster >= 0:
             n = self._robot.n_vehicle
-            self._jammed = tuple(n + j for j in range(look.joints.count) if look.joints.jammed[j])
+            self._jammed = tuple(n + j for j in range(detection.joints.count) if detection.joints.jammed[j])
             self._handicap = monitor.faulty
             if self.learner is not None:
                 self.learner.leave(self._jammed)
@@ -188,14 +188,14 @@ class DynamicController(TableDisplay):
     def _monitor(self, laws: ForceLaws) -> ActuatorMonitor | None:
         if laws.search is None:
             return None
-        return ActuatorMonitor(self._robot, self._look, self.kinematic.watchdog.alarms)
+        return ActuatorMonitor(self._robot, self._detection, self.kinematic.watchdog.alarms)
 
 
 @lru_cache(maxsize=2)
 def _laws(
     robot: Robot, dynamics: Dynamics, gains: VelocityGains, health: ActuatorHealthTuning | None, dt: float
 ) -> ForceLaws:
-    """Made once where many runs have one robot, so that what is derived from them is, too; dt [s]."""
+    """Return the laws of a robot, one object for many runs, so that what is derived from them is made once; dt [s]."""
     search = health if gains.observer_vehicle and robot.n_vehicle else None
     return ForceLaws(
         robot=robot,

@@ -1,7 +1,7 @@
 """Minimum-power thrust for a wrench, within limits and dead zones, as kernels.
 
-Power is ``sum factor |T|^exponent``. Reweighted least squares: replacing ``|T|^p`` by a parabola that touches it and lies above it
-(p <= 2) gives a linear step in the null space of the thruster matrix, which lowers the power; the step is stretched to nearly
+Power is ``sum factor |T|^exponent``. Reweighted least squares: replacing ``|T|^p`` by a parabola that touches it and lies above
+it (p <= 2) gives a linear step in the null space of the thruster matrix, which lowers the power; the step is stretched to nearly
 Newton's, so that a few suffice.
 """
 

@@ -30,205 +30,200 @@ from uvms_ocp.control.force.tick_functions import (
     ForceState,
     MonitorStep,
     column_places,
-    follow_function,
+    command_function,
+    control_function,
     observe_function,
     views_of,
-    want_function,
 )
 from uvms_ocp.control.force.velocity_law import BandwidthDerating
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.signals import Command
 
-# A tick of the force layer as one kernel: from a velocity to thrust and torque, and what is faulty of thrusters and joints.
-
 _ENCODER_SILENCE = 0.1  # [s] after which joints are no longer fed back; a joint falls faster than a vehicle drifts
 
 
 class ForceMemory(Layout):
-    """All that a tick reads and remembers."""
+    """Memory of a tick: functions, inputs, state and outputs."""
 
     observe: Smooth
-    """As `observe_function` and the others make them."""
-    want: Smooth
-    follow: Smooth
+    """As `observe_function` makes it; the next two as `control_function` and `command_function` do."""
+    control: Smooth
+    command: Smooth
     watched: bool
     """Faulty thrusters and joints are searched for."""
-    bears: float
-    """share of their bandwidth that the loops of the vehicle never exceed: what is known late bears less."""
+    bandwidth_share: float
+    """Largest share of their bandwidth that the loops of the vehicle may use, less than 1 where sensors are late."""
     joint_bandwidth_share: float
-    """The same of the joints."""
+    """The same for the joints."""
     joints_late: float
     """[s] by which encoders are known to be late."""
-    # given; of `given` all but whether joints are to be trusted
+    # inputs of a tick; of `inputs` all but `joints`, which the tick finds
     t: float
     """[s] time of the tick."""
-    given: ForceInputs
+    inputs: ForceInputs
     brakes: bool
     """Joints are to be locked."""
     joint_age: float
-    """[s] of what encoders tell."""
+    """[s] age of the encoder readings."""
     encoders_trusted: bool
-    """They are not doubted."""
+    """The encoders are not distrusted."""
     # remembered
-    effect: ThrusterEffectiveness
-    """What thrusters make of their commands, as far as it is known."""
-    known: ForceState
-    look: FaultDetection
-    sharing: AllocationMemory
+    effectiveness: ThrusterEffectiveness
+    """Effectiveness of the thrusters that commands reckon with."""
+    state: ForceState
+    detection: FaultDetection
+    allocation: AllocationMemory
     # found
-    now: ForceState
-    """What is known before it acts."""
-    wanted: DesiredForce
+    observed: ForceState
+    """State after the observer, before the commands of this tick."""
+    desired: DesiredForce
     allocated: AllocatedThrust
-    told: ForceOutputs
+    outputs: ForceOutputs
     locks: bool
     """Joints are to be locked; without joints, whether the vehicle holds."""
     gives_up: bool
-    """What is left is not enough for a mission."""
+    """The remaining authority is not enough for a mission."""
 
 
 def begin_force(m: ForceMemory) -> None:
-    """Before the first tick: all thrusters are sound."""
-    for i in range(len(m.known.share)):
-        m.known.share[i] = m.bears if i < m.look.n_vehicle else m.joint_bandwidth_share
-    for i in range(m.sharing.count):
-        m.look.effect.share[i] = 1.0
+    """Initialise the memory: all thrusters are sound."""
+    for i in range(len(m.state.share)):
+        m.state.share[i] = m.bandwidth_share if i < m.detection.n_vehicle else m.joint_bandwidth_share
+    for i in range(m.allocation.count):
+        m.detection.effectiveness.share[i] = 1.0
     apply_detected_effectiveness(m)
 
 
 def force_step(m: ForceMemory) -> bool:
-    """A tick; whether the force for it is finite and below `LARGEST_WRENCH`: if not, nothing is told, and what is known stays.
+    """Run one tick and return whether its force is finite and below `LARGEST_WRENCH`; if not, outputs and state stay.
 
     On an axis that is not to be trusted feed-forward goes on alone: feedback from a frozen velocity would accelerate the robot
     without end.
     """
-    m.given.feedback[0] = min(m.given.feedback[0], m.bears)
-    m.given.joint_feedback[0] = min(m.given.joint_feedback[0], m.joint_bandwidth_share)
-    m.given.joints[0] = 0.0 if m.brakes or m.joint_age > _ENCODER_SILENCE + m.joints_late else 1.0
-    m.locks = m.given.joints[0] == 0.0 if m.look.joints.count > 0 else m.given.hold[0] != 0.0
-    m.observe(m.given, m.effect, m.known, m.now)
-    m.look.changed = False
+    m.inputs.feedback[0] = min(m.inputs.feedback[0], m.bandwidth_share)
+    m.inputs.joint_feedback[0] = min(m.inputs.joint_feedback[0], m.joint_bandwidth_share)
+    m.inputs.joints[0] = 0.0 if m.brakes or m.joint_age > _ENCODER_SILENCE + m.joints_late else 1.0
+    m.locks = m.inputs.joints[0] == 0.0 if m.detection.joints.count > 0 else m.inputs.hold[0] != 0.0
+    m.observe(m.inputs, m.effectiveness, m.state, m.observed)
+    m.detection.changed = False
     if m.watched:
         _detect_faults(m)
-    m.want(m.given, m.now, m.wanted)
-    possible = _is_possible(m) and allocate_thrust(m.sharing)
+    m.control(m.inputs, m.observed, m.desired)
+    possible = _is_possible(m) and allocate_thrust(m.allocation)
     if possible:
         _act(m)
     return possible
 
 
 def apply_detected_effectiveness(m: ForceMemory) -> None:
-    """To the effect that a look has found: what thrusters failed to give has been taken for water so far."""
-    for i in range(m.sharing.count):
-        thrust = m.now.thrust[i]
-        lost = effective_thrust(m.effect, i, thrust) - effective_thrust(m.look.effect, i, thrust)
-        for k in range(m.look.n_vehicle):
-            m.now.estimate[k] += m.sharing.matrix[k][i] * lost
-        m.effect.share[i] = m.look.effect.share[i]
-        m.effect.constant[i] = m.look.effect.constant[i]
-        m.sharing.share[i] = m.effect.share[i]
-        m.sharing.constant[i] = m.effect.constant[i]
-    apply_effectiveness(m.sharing)
+    """Adopt the effectiveness that fault detection found: thrust that was missing has been taken for water so far."""
+    for i in range(m.allocation.count):
+        thrust = m.observed.thrust[i]
+        lost = effective_thrust(m.effectiveness, i, thrust) - effective_thrust(m.detection.effectiveness, i, thrust)
+        for k in range(m.detection.n_vehicle):
+            m.observed.estimate[k] += m.allocation.matrix[k][i] * lost
+        m.effectiveness.share[i] = m.detection.effectiveness.share[i]
+        m.effectiveness.constant[i] = m.detection.effectiveness.constant[i]
+        m.allocation.share[i] = m.effectiveness.share[i]
+        m.allocation.constant[i] = m.effectiveness.constant[i]
+    apply_effectiveness(m.allocation)
     _leave_jammed(m)
 
 
 def _leave_jammed(m: ForceMemory) -> None:
-    """To the brakes: nothing is made up for on axes that do not move."""
-    for j in range(m.look.joints.count):
-        if m.look.joints.jammed[j]:
-            m.now.estimate[m.look.n_vehicle + j] = 0.0
-            m.now.integral[m.look.n_vehicle + j] = 0.0
+    """Leave jammed joints to their brakes: nothing is compensated on axes that do not move."""
+    for j in range(m.detection.joints.count):
+        if m.detection.joints.jammed[j]:
+            m.observed.estimate[m.detection.n_vehicle + j] = 0.0
+            m.observed.integral[m.detection.n_vehicle + j] = 0.0
 
 
 def _detect_faults(m: ForceMemory) -> None:
-    """Look for faults of thrusters and joints, and do without what is faulty from now on."""
-    if m.now.watch[0] == MonitorStep.PAUSED:
-        pause_detection(m.look)
-    elif m.now.watch[0] == MonitorStep.DUE and _write_observation(m):
-        if detect_faults(m.look, m.t):
+    """Detect faults of thrusters and joints, and do without what is faulty from now on."""
+    if m.observed.watch[0] == MonitorStep.PAUSED:
+        pause_detection(m.detection)
+    elif m.observed.watch[0] == MonitorStep.DUE and _write_observation(m):
+        if detect_faults(m.detection, m.t):
             apply_detected_effectiveness(m)
-        m.gives_up = m.look.judged and not m.look.authority.can_go_on
+        m.gives_up = m.detection.judged and not m.detection.authority.can_go_on
 
 
 def _write_observation(m: ForceMemory) -> bool:
-    """What there is to see; whether all of it is numbers: what is not would never be forgotten."""
+    """Write the observation for fault detection; return whether it is finite: a nan would never leave its filters."""
     finite = True
-    m.look.encoders_trusted = m.encoders_trusted
-    for k in range(len(m.given.q)):
-        m.look.q[k] = m.given.q[k]
-        finite = finite and math.isfinite(m.given.q[k])
-    for k in range(len(m.now.estimate)):
-        m.look.residual[k] = m.now.estimate[k] + m.now.lead[k]
-        m.look.disturbance[k] = m.now.estimate[k]
-        m.look.way[k] = m.now.way[k]
-        finite = finite and math.isfinite(m.look.residual[k]) and math.isfinite(m.look.way[k])
-    for i in range(m.sharing.count):
-        m.look.asked[i] = m.now.asked[i]
+    m.detection.encoders_trusted = m.encoders_trusted
+    for k in range(len(m.inputs.q)):
+        m.detection.q[k] = m.inputs.q[k]
+        finite = finite and math.isfinite(m.inputs.q[k])
+    for k in range(len(m.observed.estimate)):
+        m.detection.residual[k] = m.observed.estimate[k] + m.observed.lead[k]
+        m.detection.disturbance[k] = m.observed.estimate[k]
+        m.detection.way[k] = m.observed.way[k]
+        finite = finite and math.isfinite(m.detection.residual[k]) and math.isfinite(m.detection.way[k])
+    for i in range(m.allocation.count):
+        m.detection.asked[i] = m.observed.asked[i]
     return finite
 
 
 def _is_possible(m: ForceMemory) -> bool:
     possible = True
-    for k in range(len(m.wanted.force)):
-        possible = possible and abs(m.wanted.force[k]) < LARGEST_WRENCH
+    for k in range(len(m.desired.force)):
+        possible = possible and abs(m.desired.force[k]) < LARGEST_WRENCH
     for k in range(6):
-        m.sharing.wrench[k] = m.wanted.wrench[k]
+        m.allocation.wrench[k] = m.desired.wrench[k]
     return possible
 
 
 def _act(m: ForceMemory) -> None:
-    for i in range(m.sharing.count):
-        m.allocated.thrust[i] = m.sharing.thrust[i]
+    for i in range(m.allocation.count):
+        m.allocated.thrust[i] = m.allocation.thrust[i]
     for k in range(6):
-        m.allocated.reached[k] = m.sharing.reached[k]
-        m.allocated.unreachable[k] = m.sharing.unreachable[k]
-    m.follow(m.given, m.effect, m.now, m.wanted, m.allocated, m.known, m.told)
-
-
-# A tick of the force layer in Python: its memory, made once, and the kernel that works on it.
+        m.allocated.reached[k] = m.allocation.reached[k]
+        m.allocated.unreachable[k] = m.allocation.unreachable[k]
+    m.command(m.inputs, m.effectiveness, m.observed, m.desired, m.allocated, m.state, m.outputs)
 
 
 class ForceTick:
-    """From a reference velocity to commands.
+    """Track a reference velocity by thrust and torque.
 
-    Holds what is known: build one per run. Not for use from two threads at once.
+    Holds its state: build one per run. Not for use from two threads at once.
     """
 
-    def __init__(self, laws: ForceLaws, borne: BandwidthDerating | None = None, *, compiled: bool = True) -> None:
-        """borne: of what the sensors are like. compiled: in C where there is a compiler."""
+    def __init__(self, laws: ForceLaws, derating: BandwidthDerating | None = None, *, compiled: bool = True) -> None:
+        """derating: for the dead time of the sensors. compiled: in C where there is a compiler."""
         structure = structure_of(ForceMemory, **_sizes(laws))
         self.memory: Any
         """A `ForceMemory`"""
         self.memory, (begin, self._step, self._adapt) = make_memory(
             structure, (begin_force, force_step, apply_detected_effectiveness), compiled=compiled
         )
-        self.given: ForceInputs = views_of(ForceInputs, laws.sizes, self.memory.given)
-        """What the next tick is given."""
-        parts = {name: getattr(self.memory.given, name) for name in ForceInputs.__dataclass_fields__}
+        self.inputs: ForceInputs = views_of(ForceInputs, laws.sizes, self.memory.inputs)
+        """Inputs of the next tick."""
+        parts = {name: getattr(self.memory.inputs, name) for name in ForceInputs.__dataclass_fields__}
         self._flags = ForceInputs(**parts)  # of ctypes, which take single numbers sooner than NumPy
-        self.now: ForceState = views_of(ForceState, laws.sizes, self.memory.now)
-        """What was known in the last one."""
-        self.known: ForceState = views_of(ForceState, laws.sizes, self.memory.known)
-        """What the next one goes on from."""
-        self._told = column_view(self.memory.told)
+        self.observed: ForceState = views_of(ForceState, laws.sizes, self.memory.observed)
+        """State of the last tick after its observer."""
+        self.state: ForceState = views_of(ForceState, laws.sizes, self.memory.state)
+        """State that the next tick starts from."""
+        self._outputs = column_view(self.memory.outputs)
         self._places = tuple(column_places(ForceOutputs, laws.sizes).values())
-        self._write(laws, borne or BandwidthDerating())
+        self._write(laws, derating or BandwidthDerating())
         begin(self.memory)
 
     def give(self, q: np.ndarray, v: np.ndarray, command: Command, feedback: tuple[float, float]) -> None:
-        """The robot at q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s] as measured, and the command of the velocities.
+        """Set the inputs: q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s] as estimated, and the command of velocities.
 
-        feedback: of vehicle and joints, as `Given` has it.
+        feedback: of vehicle and joints, as in `ForceInputs`.
         """
-        given = self.given
-        given.q[:], given.v[:], given.reference[:] = q, v, command.v
+        inputs = self.inputs
+        inputs.q[:], inputs.v[:], inputs.reference[:] = q, v, command.v
         flags = self._flags
         flags.feedback[0], flags.joint_feedback[0] = feedback
         flags.hold[0], flags.stop[0] = command.hold, command.stop
         self.memory.brakes = command.brakes
 
     def step(self, t: float, joint_age: float = 0.0, encoders_trusted: bool = True) -> list[np.ndarray]:
-        """A tick at time t [s]: the parts of `Told`, which the caller owns.
+        """Run the tick at time t [s] and return the parts of `ForceOutputs`, which the caller owns.
 
         joint_age [s] and encoders_trusted: as `ForceMemory` has them. Raises `InvalidInput` for a force that is not finite, or
         that is beyond `LARGEST_WRENCH`.
@@ -236,38 +231,42 @@ class ForceTick:
         memory = self.memory
         memory.t, memory.joint_age, memory.encoders_trusted = t, joint_age, encoders_trusted
         if not self._step(memory):
-            force = np.array(memory.wanted.force)
+            force = np.array(memory.desired.force)
             raise InvalidInput(
                 f"a motion that needs the force {force} [N, N m]; give one of finite forces below {LARGEST_WRENCH:g}"
             )
-        told = self._told.copy()
-        return [told[place] for place in self._places]
+        outputs = self._outputs.copy()
+        return [outputs[place] for place in self._places]
 
     @property
     def observes(self) -> bool:
         """Whether the last tick was given velocities that the observer may learn from."""
-        flags, without_joints = self._flags, not self.memory.look.joints.count
+        flags, without_joints = self._flags, not self.memory.detection.joints.count
         return not (flags.hold[0] or flags.stop[0]) and (without_joints or bool(flags.joints[0]))
 
     def adapt(self) -> None:
-        """To the effect in the memory of the look, as a tick does that has found one."""
+        """Adopt the effectiveness in the memory of fault detection, as a tick does that has found a fault."""
         self._adapt(self.memory)
 
-    def _write(self, laws: ForceLaws, borne: BandwidthDerating) -> None:
+    def _write(self, laws: ForceLaws, derating: BandwidthDerating) -> None:
         memory, robot = self.memory, laws.robot
-        memory.bears, memory.joint_bandwidth_share, memory.joints_late = borne.vehicle, borne.joints, borne.joints_late
-        allocation_of(robot).write(memory.sharing)
-        memory.look.n_vehicle, memory.look.joints.count = robot.n_vehicle, robot.n_joints
+        memory.bandwidth_share, memory.joint_bandwidth_share, memory.joints_late = (
+            derating.vehicle,
+            derating.joints,
+            derating.joints_late,
+        )
+        allocation_of(robot).write(memory.allocation)
+        memory.detection.n_vehicle, memory.detection.joints.count = robot.n_vehicle, robot.n_joints
         if laws.search is not None and laws.residual_filter is not None and laws.observer is not None:
             memory.watched, bandwidth = True, float(laws.observer.bandwidth[0])
             write_detection(
-                memory.look, robot, laws.search, laws.residual_filter, bandwidth=bandwidth, dt=laws.velocity.dt
+                memory.detection, robot, laws.search, laws.residual_filter, bandwidth=bandwidth, dt=laws.velocity.dt
             )
 
 
 @lru_cache(maxsize=2)
 def _sizes(laws: ForceLaws) -> dict[str, Any]:
-    """Sizes and functions of a `ForceMemory`."""
+    """Return the sizes and functions of a `ForceMemory`."""
     period = laws.velocity.dt * (laws.residual_filter.every if laws.residual_filter else 1)
     symbolic, search = laws.velocity.dynamics, laws.search or ActuatorHealthTuning()
     return {
@@ -275,6 +274,6 @@ def _sizes(laws: ForceLaws) -> dict[str, Any]:
         **allocation_sizes(len(laws.robot.description.thrusters)),
         **laws.sizes,
         "observe": observe_function(laws),
-        "want": want_function(laws),
-        "follow": follow_function(laws),
+        "control": control_function(laws),
+        "command": command_function(laws),
     }

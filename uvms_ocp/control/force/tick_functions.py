@@ -1,6 +1,6 @@
 """Smooth parts of a tick of the force layer: three CasADi functions on columns of numbers.
 
-`observe_function` finds the disturbance, `want_function` the force for the reference, and `follow_function` the commands of
+`observe_function` finds the disturbance, `control_function` the force for the reference, and `command_function` the commands of
 thrusters and motors, with the allocation of thrust before it. The state of a tick goes in and comes out; nothing else is
 remembered.
 """
@@ -30,13 +30,13 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_bodies import sparse
 from uvms_ocp.robot.thrusters import thruster_matrix
 
-# What a tick of the force layer is given, knows, wants and tells: named parts of columns of numbers.
+# Inputs, state, desired force and outputs of a tick: named parts of columns of numbers.
 
 Parts = TypeVar("Parts", bound=Layout)
 
 
 class MonitorStep(IntEnum):
-    """Of the monitor of actuators."""
+    """State of the actuator monitor in a tick."""
 
     PAUSED = 0
     """What is measured is not to be trusted."""
@@ -48,7 +48,7 @@ class MonitorStep(IntEnum):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ForceInputs(Layout):
-    """What a tick is given."""
+    """Inputs of a tick."""
 
     q: Annotated[Array, Sized("n_q")]
     """(n_q,) [m, rad] measured."""
@@ -70,7 +70,7 @@ class ForceInputs(Layout):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ForceState(Layout):
-    """What it remembers: all of it 0 before the first tick, but the share, which is 1."""
+    """State carried from tick to tick: all of it 0 before the first one, but the share, which is 1."""
 
     thrust: Annotated[Array, Sized("n_thrusters")]
     """(n_thrusters,) [N] modelled, of thrusters that all follow their commands."""
@@ -91,18 +91,18 @@ class ForceState(Layout):
     before: Annotated[Array, Sized("n_v")]
     """(n_v,) [m/s, rad/s] the last reference."""
     asked: Annotated[Array, Sized("n_thrusters")]
-    """(n_thrusters,) [N] as `Asked.thrust`."""
+    """(n_thrusters,) [N] as `FilteredCommands.thrust`."""
     way: Annotated[Array, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] as `Asked.way`."""
+    """(n_v,) [m/s, rad/s] as `FilteredCommands.way`."""
     ticks: Annotated[Array, Sized(1)]
-    """(1,) as `Asked.ticks`."""
+    """(1,) as `FilteredCommands.ticks`."""
     watch: Annotated[Array, Sized(1)]
-    """(1,) a `Watch`."""
+    """(1,) a `MonitorStep`."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class DesiredForce(Layout):
-    """What it wants, before thrusters are looked at."""
+    """Force for the reference velocity, before it is allocated to thrusters."""
 
     error: Annotated[Array, Sized("n_v")]
     """(n_v,) [m/s, rad/s] of the velocity, 0 where that is not to be trusted."""
@@ -116,7 +116,7 @@ class DesiredForce(Layout):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class AllocatedThrust(Layout):
-    """What thrusters make of it, as `AllocationResult`."""
+    """Thrust allocated to the desired force, as `AllocationResult`."""
 
     thrust: Annotated[Array, Sized("n_thrusters")]
     """(n_thrusters,) [N]"""
@@ -128,7 +128,7 @@ class AllocatedThrust(Layout):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ForceOutputs(Layout):
-    """What it tells."""
+    """Outputs of a tick."""
 
     command: Annotated[Array, Sized("n_thrusters")]
     """(n_thrusters,) [N] asked of the thrusters."""
@@ -137,15 +137,15 @@ class ForceOutputs(Layout):
     disturbance: Annotated[Array, Sized("n_v")]
     """(n_v,) [N, N m]"""
     vehicle_force: Annotated[Array, Sized("n_vehicle")]
-    """(n_vehicle,) [N, N m] wanted of the thrusters."""
+    """(n_vehicle,) [N, N m] desired of the thrusters."""
     unreachable: Annotated[Array, Sized(6)]
-    """(6,) [N, N m] of that."""
+    """(6,) [N, N m] part of it that the thrusters cannot give."""
     push: Annotated[Array, Sized(1)]
     """(1,) upward part of the disturbance, as a share of the largest lift of the thrusters."""
 
 
 def column_sizes(robot: Robot) -> dict[str, int]:
-    """Sizes that parts are declared with, by name."""
+    """Return the sizes of a robot that columns are declared with, by name."""
     return {
         "n_q": robot.n_q,
         "n_v": robot.n_v,
@@ -156,7 +156,7 @@ def column_sizes(robot: Robot) -> dict[str, int]:
 
 
 def column_places(parts: type[Layout], sizes: Mapping[str, int]) -> dict[str, slice]:
-    """Where each part of a column is, by its name. As in memory, there is room for one number where there is none."""
+    """Return the slice of each part of a column, by name. As in memory, an empty part takes one number."""
     places, at = {}, 0
     for name, size in declared_sizes(parts, sizes).items():
         places[name] = slice(at, at + size)
@@ -165,31 +165,26 @@ def column_places(parts: type[Layout], sizes: Mapping[str, int]) -> dict[str, sl
 
 
 def size_of(parts: type[Layout], sizes: Mapping[str, int]) -> int:
-    """Of the whole column."""
+    """Return the size of the whole column."""
     return sum(max(1, size) for size in declared_sizes(parts, sizes).values())
 
 
 def parts_of(parts: type[Parts], sizes: Mapping[str, int], column: Array) -> Parts:
-    """Slices of a column (n,) [any] of expressions."""
+    """Split a column (n,) of expressions into its parts."""
     return parts(**{name: column[place] for name, place in column_places(parts, sizes).items()})
 
 
 def views_of(parts: type[Parts], sizes: Mapping[str, int], memory: Any) -> Parts:
-    """Arrays of numbers on the memory of a column."""
+    """Return NumPy views of the parts of a column in memory."""
     declared = declared_sizes(parts, sizes).items()
     return parts(**{name: view(getattr(memory, name))[:size] for name, size in declared})
 
 
 def column_of(parts: Any) -> ca.SX:
-    """All parts, which are expressions, one below the other."""
+    """Stack all parts, which are expressions, into one column."""
     columns = [getattr(parts, field.name) for field in fields(parts)]
     return ca.densify(ca.vertcat(*(column if column.numel() else ca.SX(1, 1) for column in columns)))
 
-
-# A tick of the force layer as three CasADi functions of columns, with the allocation of thrust before the last of them.
-#
-# `observe_function` finds what pushes the robot, `want_function` the force for the reference, and `follow_function` what is asked
-# of thrusters and motors. What a tick knows goes in and comes out; nothing else is remembered.
 
 _EASE = 1.0  # [s] in which the bandwidth of the velocity loop changes
 _FULL = 0.95  # share of its bandwidth that the observer needs for its findings to be judged
@@ -197,7 +192,7 @@ _FULL = 0.95  # share of its bandwidth that the observer needs for its findings 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ForceLaws:
-    """Of one robot."""
+    """Laws of the force layer of one robot."""
 
     robot: Robot
     velocity: VelocityLaw
@@ -206,118 +201,131 @@ class ForceLaws:
     """[N] of all thrusters at most."""
     observer: ObserverLaw | None = None
     residual_filter: ResidualFilter | None = None
-    """Of the monitor of actuators, where there is one."""
+    """Of the actuator monitor, where there is one."""
     search: ActuatorHealthTuning | None = None
     """For faulty thrusters and joints, with what is taken in; `None` for none."""
 
     @property
     def sizes(self) -> dict[str, int]:
-        """As `sizes_of`."""
+        """Sizes of the columns, as `column_sizes`."""
         return column_sizes(self.robot)
 
     @property
     def matrix(self) -> ca.DM:
-        """Of the thrusters (6, n_thrusters) [-, m]."""
+        """Thruster matrix (6, n_thrusters) [-, m]."""
         return sparse(thruster_matrix(self.robot))
 
 
 def observe_function(laws: ForceLaws) -> ca.Function:
-    """Function ``given, effect, known -> now``: what it knows once it has looked, but for what it asks in this tick."""
-    x, (given, effect, known) = _symbols(laws, given=ForceInputs, effect=ThrusterEffectiveness, known=ForceState)
+    """Make ``inputs, effectiveness, state -> observed``: the state after the observer, before this tick's commands."""
+    x, (inputs, effectiveness, state) = _symbols(
+        laws, inputs=ForceInputs, effectiveness=ThrusterEffectiveness, state=ForceState
+    )
     gain = min(1.0, laws.velocity.dt / _EASE)
-    share = known.share + gain * (_by_part(laws, given.feedback, given.joint_feedback) - known.share)
-    integral = _by_part(laws, ca.if_else(given.stop, 0.0, known.integral), known.integral)
-    now = replace(known, share=share, integral=integral)
-    now = now if laws.observer is None else _observed(laws, laws.observer, given, effect, now)
-    now = now if laws.residual_filter is None else _taken_in(laws, laws.residual_filter, given, now)
-    return ca.Function("observe", list(x.values()), [ca.cse(column_of(now))], list(x), ["now"])
+    share = state.share + gain * (_by_part(laws, inputs.feedback, inputs.joint_feedback) - state.share)
+    integral = _by_part(laws, ca.if_else(inputs.stop, 0.0, state.integral), state.integral)
+    observed = replace(state, share=share, integral=integral)
+    observed = observed if laws.observer is None else _observed(laws, laws.observer, inputs, effectiveness, observed)
+    observed = observed if laws.residual_filter is None else _taken_in(laws, laws.residual_filter, inputs, observed)
+    return ca.Function("observe", list(x.values()), [ca.cse(column_of(observed))], list(x), ["observed"])
 
 
-def want_function(laws: ForceLaws) -> ca.Function:
-    """Function ``given, now -> wanted``."""
-    x, (given, now) = _symbols(laws, given=ForceInputs, now=ForceState)
-    trusted = _by_part(laws, 1.0 - given.hold, given.joints)
-    error = ca.if_else(trusted, given.reference - given.v, 0.0)
-    tau = laws.velocity.force(given.q, given.reference, now.before, error, now.integral, now.share) - now.estimate
-    force = _by_part(laws, ca.if_else(given.stop, 0.0, tau), tau)
+def control_function(laws: ForceLaws) -> ca.Function:
+    """Make ``inputs, observed -> desired``: the force for the reference."""
+    x, (inputs, observed) = _symbols(laws, inputs=ForceInputs, observed=ForceState)
+    trusted = _by_part(laws, 1.0 - inputs.hold, inputs.joints)
+    error = ca.if_else(trusted, inputs.reference - inputs.v, 0.0)
+    tau = (
+        laws.velocity.force(inputs.q, inputs.reference, observed.before, error, observed.integral, observed.share)
+        - observed.estimate
+    )
+    force = _by_part(laws, ca.if_else(inputs.stop, 0.0, tau), tau)
     n = laws.robot.n_vehicle
-    wanted = DesiredForce(
+    desired = DesiredForce(
         error=error,
         force=force,
         wrench=ca.vertcat(force[:n], ca.SX.zeros(6 - n)),
         torque=limited(force[n:], laws.robot.limits.effort),
     )
-    return ca.Function("want", list(x.values()), [ca.cse(column_of(wanted))], list(x), ["wanted"])
+    return ca.Function("control", list(x.values()), [ca.cse(column_of(desired))], list(x), ["desired"])
 
 
-def follow_function(laws: ForceLaws) -> ca.Function:
-    """Function ``given, effect, now, wanted, allocated -> known, told``, known for the next tick."""
+def command_function(laws: ForceLaws) -> ca.Function:
+    """Make ``inputs, effectiveness, observed, desired, allocated -> state, outputs``, with the state of the next tick."""
     kinds: dict[str, type[Any]] = {
-        "given": ForceInputs,
-        "effect": ThrusterEffectiveness,
-        "now": ForceState,
-        "wanted": DesiredForce,
+        "inputs": ForceInputs,
+        "effectiveness": ThrusterEffectiveness,
+        "observed": ForceState,
+        "desired": DesiredForce,
     }
-    x, (given, effect, now, wanted, allocated) = _symbols(laws, **kinds, allocated=AllocatedThrust)
+    x, (inputs, effectiveness, observed, desired, allocated) = _symbols(laws, **kinds, allocated=AllocatedThrust)
     n = laws.robot.n_vehicle
-    reached = ca.vertcat(allocated.reached[:n], wanted.torque)
-    command = laws.lag.command(now.thrust, effect.asked(allocated.thrust), 1.0 - given.stop)
-    known = replace(
-        now,
-        thrust=laws.lag.after(now.thrust, command),
-        torque=wanted.torque,
-        integral=laws.velocity.integrated(now.integral, wanted.error, wanted.force, reached),
-        before=given.reference,
+    reached = ca.vertcat(allocated.reached[:n], desired.torque)
+    command = laws.lag.command(observed.thrust, effectiveness.asked(allocated.thrust), 1.0 - inputs.stop)
+    state = replace(
+        observed,
+        thrust=laws.lag.after(observed.thrust, command),
+        torque=desired.torque,
+        integral=laws.velocity.integrated(observed.integral, desired.error, desired.force, reached),
+        before=inputs.reference,
     )
-    told = ForceOutputs(
+    outputs = ForceOutputs(
         command=command,
-        torque=wanted.torque,
-        disturbance=now.estimate,
-        vehicle_force=wanted.force[:n],
+        torque=desired.torque,
+        disturbance=observed.estimate,
+        vehicle_force=desired.force[:n],
         unreachable=allocated.unreachable,
-        push=ca.dot(_up(given.q), now.estimate[:3]) / laws.lift if n else ca.SX(1, 1),
+        push=ca.dot(_up(inputs.q), observed.estimate[:3]) / laws.lift if n else ca.SX(1, 1),
     )
-    return ca.Function("follow", list(x.values()), [column_of(known), column_of(told)], list(x), ["known", "told"])
+    return ca.Function(
+        "command", list(x.values()), [column_of(state), column_of(outputs)], list(x), ["state", "outputs"]
+    )
 
 
 def _observed(
-    laws: ForceLaws, law: ObserverLaw, given: ForceInputs, effect: ThrusterEffectiveness, now: ForceState
+    laws: ForceLaws, law: ObserverLaw, inputs: ForceInputs, effectiveness: ThrusterEffectiveness, observed: ForceState
 ) -> ForceState:
-    """Where the velocity is not to be trusted the estimate is kept, or set to zero where the robot is stopped."""
-    wrench = ca.mtimes(laws.matrix, effect.given(now.thrust))
-    force = ca.vertcat(wrench[: laws.robot.n_vehicle], now.torque)
-    before = ObserverState(estimate=now.estimate, lead=now.lead, v_hat=now.v_hat, follows=now.follows)
-    found = law.after(before, laws.velocity.dynamics, given.q, given.v, force, now.share)
-    held = partial(ca.if_else, given.hold)
+    """Update the observer; where the velocity is not trusted, keep the estimate, or zero it where the robot is stopped."""
+    wrench = ca.mtimes(laws.matrix, effectiveness.given(observed.thrust))
+    force = ca.vertcat(wrench[: laws.robot.n_vehicle], observed.torque)
+    before = ObserverState(
+        estimate=observed.estimate, lead=observed.lead, v_hat=observed.v_hat, follows=observed.follows
+    )
+    found = law.after(before, laws.velocity.dynamics, inputs.q, inputs.v, force, observed.share)
+    held = partial(ca.if_else, inputs.hold)
     return replace(
-        now,
-        estimate=held(ca.if_else(given.stop, 0.0, now.estimate), found.estimate),
-        lead=held(now.lead, found.lead),
-        v_hat=held(now.v_hat, found.v_hat),
+        observed,
+        estimate=held(ca.if_else(inputs.stop, 0.0, observed.estimate), found.estimate),
+        lead=held(observed.lead, found.lead),
+        v_hat=held(observed.v_hat, found.v_hat),
         follows=held(0.0, found.follows),
     )
 
 
-def _taken_in(laws: ForceLaws, residual_filter: ResidualFilter, given: ForceInputs, now: ForceState) -> ForceState:
-    """While everything is fed back with nearly the full bandwidth."""
-    joints = given.joints if laws.robot.n_joints else 1.0
-    watches = ca.logic_and(ca.logic_and(1.0 - given.hold, joints), now.share[0] >= _FULL)
+def _taken_in(
+    laws: ForceLaws, residual_filter: ResidualFilter, inputs: ForceInputs, observed: ForceState
+) -> ForceState:
+    """Filter the commands for the monitor while everything is fed back with nearly the full bandwidth."""
+    joints = inputs.joints if laws.robot.n_joints else 1.0
+    watches = ca.logic_and(ca.logic_and(1.0 - inputs.hold, joints), observed.share[0] >= _FULL)
     after = residual_filter.after(
-        FilteredCommands(thrust=now.asked, way=now.way, ticks=now.ticks), now.thrust, now.before
+        FilteredCommands(thrust=observed.asked, way=observed.way, ticks=observed.ticks),
+        observed.thrust,
+        observed.before,
     )
     when = partial(ca.if_else, watches)
     status = ca.if_else(after.ticks == 0.0, float(MonitorStep.DUE), float(MonitorStep.TAKES_IN))
     return replace(
-        now,
-        asked=when(after.thrust, now.asked),
-        way=when(after.way, now.way),
-        ticks=when(after.ticks, now.ticks),
+        observed,
+        asked=when(after.thrust, observed.asked),
+        way=when(after.way, observed.way),
+        ticks=when(after.ticks, observed.ticks),
         watch=when(status, float(MonitorStep.PAUSED)),
     )
 
 
 def _symbols(laws: ForceLaws, **kinds: type[Any]) -> tuple[dict[str, ca.SX], tuple[Any, ...]]:
-    """Columns by name, and the parts of each."""
+    """Return symbolic columns by name, and the parts of each."""
     columns, parts = {}, []
     for name, kind in kinds.items():
         columns[name] = ca.SX.sym(name, size_of(kind, laws.sizes))
@@ -326,13 +334,13 @@ def _symbols(laws: ForceLaws, **kinds: type[Any]) -> tuple[dict[str, ca.SX], tup
 
 
 def _by_part(laws: ForceLaws, vehicle: ca.SX, joints: ca.SX) -> ca.SX:
-    """(n_v,) of the axes of the vehicle the one, of the joints the other; either may be one number for all."""
+    """Join values of the vehicle's axes and of the joints to (n_v,); either may be one number for all."""
     n_v, n = laws.robot.n_v, laws.robot.n_vehicle
     vehicle, joints = (ca.repmat(part, n_v) if part.is_scalar() else part for part in (vehicle, joints))
     return ca.vertcat(vehicle[:n], joints[n:])
 
 
 def _up(q: ca.SX) -> ca.SX:
-    """Z of W in B (3,), of the quaternion xyzw in q."""
+    """Return the z axis of W in B (3,), from the quaternion xyzw in q."""
     x, y, z, w = ca.vertsplit(q[3:7])
     return ca.vertcat(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y))

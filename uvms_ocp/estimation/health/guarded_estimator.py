@@ -1,4 +1,4 @@
-"""PositionGuard an estimator by a health monitor: it sees screened readings, and its estimate carries the health of every channel."""
+"""Guard an estimator by a health monitor: it sees screened readings, and its estimate carries the health of the channels."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ class GatedEstimator(Protocol):
 class GuardedEstimator(TableDisplay):
     """A callable ``(Readings, t, command) -> Measurement`` around another one. Build one per run.
 
-    `Measurement.age` counts channels that q and v rest on, as far as nothing stands in for them (`support.fallback_sensors`); a lost
-    altimeter gives no range.
+    `Measurement.age` counts channels that q and v rest on, as far as no fallback replaces them (`support.fallback_sensors`); a
+    lost altimeter gives no range.
     """
 
     def __init__(
