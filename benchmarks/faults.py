@@ -14,11 +14,10 @@ from pathlib import Path
 import numpy as np
 from recording.kept_rows import kept_rows
 from recording.report import Report, Row, Table, begin, parser_of
+from studies.fault_study import by_kind, faults
+from studies.fault_table import ASTRAY, GUSTS, GUSTY, JOINTS, KINDS, STILL
+from studies.study import Study
 
-from uvms_ocp.campaign import faults
-from uvms_ocp.campaign.fault_study import by_kind
-from uvms_ocp.campaign.fault_table import ASTRAY, GUSTS, GUSTY, JOINTS, KINDS, STILL
-from uvms_ocp.campaign.study import Study
 from uvms_ocp.report.metrics import CHANCE
 
 PROSE = """

@@ -11,9 +11,8 @@ from collections.abc import Sequence
 
 from recording.progress import show_runs
 from recording.report import Report, Row, Table, begin, parser_of
-
-from uvms_ocp.campaign.random_missions import random_missions
-from uvms_ocp.campaign.study import StudyResult
+from studies.random_missions import random_missions
+from studies.study import StudyResult
 
 PROSE = """
 Seeds {first} to {last}, {plant} plant, {rate:.0f} Hz; one row each in `random_missions.csv`. Drawn: start, heading,

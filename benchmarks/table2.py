@@ -10,15 +10,15 @@ from collections.abc import Sequence
 
 from recording.progress import show_runs
 from recording.report import Report, Row, Table, begin, parser_of
+from studies.table2 import FLOORS, MARGIN, table2
 
-from uvms_ocp.campaign.table2 import FLOORS, MARGIN, table2
 from uvms_ocp.sim.seafloor import RELIEFS
 
 PROSE = """
 {runs} transits of {length:g} m on the kinematic plant, {seeds} floors for each cell; each takes {shortest:.0f} to
 {longest:.0f} s, and {completed} complete. Smallest and largest of the clearances [m] of the whole robot in each cell, by
 coal against a mesh of the floor; contact counts as {contact} or less, {margin:g} m as safe. Verdicts as in
-`uvms_ocp.campaign.table2.verdict`.
+`studies.table2.verdict`.
 
 {agree} cells of {cells} agree. The paper names its floors but does not measure them; ours have protuberances of {reliefs}
 (`uvms_ocp.sim.seafloor.RELIEFS`).

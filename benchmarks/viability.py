@@ -10,8 +10,7 @@ from typing import Any
 
 from recording.progress import show_runs
 from recording.report import Report, Row, Table, begin, parser_of
-
-from uvms_ocp.campaign.random_limits import (
+from studies.random_limits import (
     CLEARANCE,
     N_OBSTACLES,
     N_PHASES,

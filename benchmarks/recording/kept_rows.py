@@ -8,10 +8,11 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
+from studies.study import Study, finished_rows
+
 from recording.progress import show_progress
 from recording.report import Row
 from uvms_ocp.campaign.store import part_paths
-from uvms_ocp.campaign.study import Study, finished_rows
 
 _ROUND = 7  # cases, from all over a study, that are run one after the other
 

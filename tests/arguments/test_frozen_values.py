@@ -16,7 +16,6 @@ from valid_calls import q, run_record, scenario, transition
 
 from uvms_ocp import Phase, Record, Water
 from uvms_ocp import errors as exceptions
-from uvms_ocp.campaign.study import Study
 from uvms_ocp.checks import replace_unchecked, unchecked_constructor
 from uvms_ocp.errors import InvalidInput, NameNotFound, OutputError, UvmsError
 from uvms_ocp.robot.signals import Command, Measurement, Reading, State
@@ -63,13 +62,6 @@ def mistyped(name: str) -> dict[str, Any]:
 def test_a_mistyped_name_is_told_by_a_pool_of_processes() -> None:
     with ProcessPoolExecutor(max_workers=1) as pool, pytest.raises(NameNotFound, match="unknown robot 'giorna'"):
         pool.submit(mistyped, "giorna").result()
-
-
-@pytest.mark.slow
-def test_a_study_in_processes_tells_the_mistake_of_a_case() -> None:
-    study = Study(name="a", title="b", cases=("giorna", "nautilus"), run_case=mistyped, summarize=list)
-    with pytest.raises(InvalidInput, match=r"2 of 2 cases .*unknown robot 'giorna'"):
-        study.run(workers=2)
 
 
 def test_values_do_not_change_with_what_they_were_made_of() -> None:

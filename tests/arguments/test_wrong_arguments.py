@@ -51,7 +51,7 @@ WORDS = {
 
 def _paced(call: Call) -> Any:
     """With its mark: these two simulate before they refuse."""
-    return pytest.param(call, marks=pytest.mark.slow) if call.title in ("Study.run", "plan_mission") else call
+    return pytest.param(call, marks=pytest.mark.slow) if call.title == "plan_mission" else call
 
 
 def _nothing() -> None:

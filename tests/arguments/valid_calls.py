@@ -20,7 +20,7 @@ from public_surface import Call
 
 from uvms_ocp import control, mission, ocp, planning, report, sim, solvers, tasks, trajectories, without_arm
 from uvms_ocp import planning as collision
-from uvms_ocp.campaign import Campaign, Choice, LogNormal, Normal, Study, StudyResult, Triangular, Uniform
+from uvms_ocp.campaign import Campaign, Choice, LogNormal, Normal, Triangular, Uniform
 from uvms_ocp.campaign.jobs import attempt_job
 from uvms_ocp.campaign.store import opened
 from uvms_ocp.codegen.buffered import BufferedFunction
@@ -590,8 +590,6 @@ POOL: dict[str, Callable[[], Any]] = {
     "SmoothActivation": lambda: tasks.SmoothActivation(0.1, 0.2),
     "SensorSpec": SensorSpec,
     "SensorSpecs": lambda: IDEAL_SENSORS,
-    "Study": lambda: _study(),
-    "StudyResult": lambda: StudyResult(name="a", title="b", cases=({"case": 1},), table=({"case": 1},)),
     "RealTimeSqp": sqp,
     "StageShape": stage_shape,
     "StageQp": lambda: stagewise.StageQp(stage_shape()),
@@ -810,7 +808,6 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "tool_reach": lambda: {"goal": pin.SE3.Identity(), "n_steps": 2},
     "hold": dict,
     "lexicographic_program": lambda: lexicographic(),
-    "random_limits": lambda: {"n": 2},
     "Campaign": lambda: {"scenario": scenario, "runs": 2},
     "Campaign.run": lambda: {"out": _campaign_folder()},
     "Campaign.scenario_of": lambda: {"run": 0},
@@ -827,8 +824,6 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "read_table": lambda: {"folder": _campaign_folder()},
     "Fault": lambda: {"target": "depth", "kind": "lost"},
     "parse_fault": lambda: {"text": "depth:lost@1"},
-    "random_missions": lambda: {"n": 2},
-    "table2": lambda: {"seeds": 1},
     "scale_to_limits": dict,
 }
 """What a call needs beyond the pool."""
@@ -855,10 +850,6 @@ def _campaign_folder() -> Path:
 @cache
 def _campaign() -> Campaign:
     return Campaign(scenario=scenario, runs=1)
-
-
-def _study() -> Study:
-    return Study(name="a", title="b", cases=(1, 2), run_case=lambda case: {"case": case}, summarize=lambda rows: rows)
 
 
 REFUSES = {"Task.residual", "BufferedFunction.__call__"}

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from recording.kept_rows import kept_rows, spread_out
+from studies.study import Study
 
 from uvms_ocp.campaign.jobs import Row
-from uvms_ocp.campaign.study import Study
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"

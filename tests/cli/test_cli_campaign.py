@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from uvms_ocp.campaign import random_missions
 from uvms_ocp.campaign.store import read_table
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput, NameNotFound, UvmsError
@@ -147,16 +146,6 @@ def test_a_changed_mission_is_refused_and_the_file_named(place: Path, tmp_path: 
             ours(*words, "--out", str(place / "c"))
     finally:
         (place / "mission.py").write_text(text)
-
-
-def test_a_study_is_a_campaign_with_the_same_table(tmp_path: Path) -> None:
-    words = [sys.executable, "-m", "uvms_ocp", "campaign", "random_missions", "--runs", "2", "--plant", "kinematic"]
-    words += ["--out", "c", "--workers", "1", "--json"]
-    told = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert told.returncode == 0, told.stderr
-    assert json.loads(told.stdout) == random_missions(n=2, plant="kinematic").run().to_dict()
-    with pytest.raises(InvalidInput, match="the campaign of a study"):
-        ours("campaign", str(tmp_path / "c"), "--report")
 
 
 def test_what_can_be_varied_is_listed() -> None:

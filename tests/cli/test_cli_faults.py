@@ -53,12 +53,6 @@ def test_a_fault_that_cannot_be_gets_one_line_and_exit_code_2(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_study_takes_no_faults(tmp_path: Path) -> None:
-    process = cli("run", "table2", "--fault", "depth:lost", cwd=tmp_path)
-    assert process.returncode == 2
-    assert "table2 has no option --fault; leave it out" in process.stderr
-
-
 def test_different_faults_have_different_folders() -> None:
     texts = (
         "position:stuck=1@2",

@@ -46,8 +46,6 @@ def test_a_plan_is_flown_from_its_folder(planned: tuple[subprocess.CompletedProc
     [
         (("run", "reach", "--seed", "5", "--follow", "plan"), "another mission than reach"),
         (("run", "case1", "--follow", "plan/report.json"), "give the plan.npz that `plan mission` wrote"),
-        (("run", "table2", "--follow", "plan"), "leave out --follow"),
-        (("plan", "mission", "table2"), "is a study of many missions"),
         (("plan", "mission", "nothing"), "unknown scenario"),
         (("plan", "mission", "transit"), "the floor rises"),
         (("plan", "mission", "reach", "--nlp", "none"), "unknown NLP solver"),

@@ -7,9 +7,9 @@ import re
 from typing import Any
 
 import pytest
+from studies.fault_study import by_kind
 from typer.testing import CliRunner
 
-from uvms_ocp.campaign.fault_study import by_kind
 from uvms_ocp.cli.commands import app
 from uvms_ocp.cli.printing import console_of, print_line, table_of
 

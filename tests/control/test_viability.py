@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from compiler import IN_C_AND_PYTHON, needs_compiler
+from studies.random_limits import limit_violations, random_limits
 
-from uvms_ocp.campaign.random_limits import limit_violations, random_limits
 from uvms_ocp.control.velocity import viability
 from uvms_ocp.control.velocity.braking import Stop
 from uvms_ocp.control.velocity.viability import Viability
@@ -281,7 +281,7 @@ def test_case_1_among_obstacles_steps_within_the_accelerations_and_keeps_clear(c
 
 
 def test_from_random_starts_towards_random_goals_every_limit_holds() -> None:
-    """The quick run at 50 Hz takes 12 of the thousand of `uvms-ocp run random_limits`."""
+    """The quick run at 50 Hz takes 12 of the thousand of `benchmarks/viability.py`."""
     (total,) = random_limits(n=12, dt=DT).run().table
     assert total["runs"] == 12
     assert total["violated"] == 0, total

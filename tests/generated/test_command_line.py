@@ -21,7 +21,6 @@ import uvms_ocp.cli.plan
 import uvms_ocp.ocp.request
 import uvms_ocp.planning.request
 import uvms_ocp.scenario.options
-from uvms_ocp.campaign.study import Study
 from uvms_ocp.cli.commands import main
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.scenario.scenario import Scenario
@@ -48,7 +47,6 @@ def in_front(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
     monkeypatch.setattr(uvms_ocp.planning.request, "tool_goal", begins)
     monkeypatch.setattr(uvms_ocp.ocp.request, "Planner", begins)
     monkeypatch.setattr(Scenario, "check", begins)
-    monkeypatch.setattr(Study, "run", begins)
     yield
     assert list(tmp_path.iterdir()) == []
 
@@ -75,7 +73,6 @@ BOUNDED = [
     ((*RUN, "--duration", "inf"), "duration = inf s; give a finite time > 0"),
     ((*RUN, "--seabed", "-1e300"), "give a finite height [m] from -100000 to 100000"),
     ((*RUN, "--current", "1e300", "0", "0"), "m/s; give at most"),
-    (("run", "random_missions", "--n", "1000000000000"), "give at most 1,000,000: the table keeps a row of each"),
     (
         ("plan", "curve", "--to", "1e6", "0", "0"),
         "is 1e+06 m from the start; give one within 10000 m: a plan is proven clear",
@@ -140,7 +137,7 @@ _ODD_WORDS = ("", "planar5", "[/]", "$\\frac{$", "a\nb", "../x")
 _number = either(floats().map(repr), integers(10**12, -(10**12)).map(str), chosen(_ODD_NUMBERS))
 _words = either(texts(most=6).filter(lambda text: "\0" not in text), chosen(_ODD_WORDS))
 _NUMBERS = {
-    "run": {"--duration": 1, "--seabed": 1, "--seed": 1, "--current": 3, "--n": 1},
+    "run": {"--duration": 1, "--seabed": 1, "--seed": 1, "--current": 3},
     "plan curve": {"--to": 3, "--to-rpy": 3, "--position": 3, "--rpy": 3, "--tool": 3, "--clearance": 1, "--seed": 1},
     "plan ocp": {"--duration": 1, "--steps": 1, "--time-limit": 1, "--current": 3, "--to": 3, "--clearance": 1},
 }

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import uvms_ocp as uo
-from uvms_ocp.campaign import Campaign, StudyResult, table2
+from uvms_ocp.campaign import Campaign
 from uvms_ocp.control import Nmpc
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import Effort
@@ -71,8 +71,6 @@ VALUES: dict[str, Callable[[], Any]] = {
     "level": level,
     "solution": lambda: uo.LexicographicActiveSet().solve([level()]),
     "campaign": lambda: Campaign(scenario="case1", runs=3),
-    "study": table2,
-    "result": lambda: StudyResult(name=EVIL, title=EVIL, cases=({},), table=({"floor": EVIL, "clearance_m": 0.12345},)),
     "run_meta": lambda: record().meta,
     "kinematic controller": lambda: uo.scenario.case1(plant="kinematic").controller(),
     "dynamic controller": lambda: uo.scenario.case1(learn_load=True).controller(),
@@ -157,7 +155,7 @@ def test_a_robot_tells_its_joints_in_a_notebook() -> None:
         (({"a": 1}, {"a": 2}), "2 rows"),
         ({"x": 1, "y": 2}, "x, y"),
         (object(), "object"),
-        (table2, "table2"),
+        (level, "level"),
         (np.ones(3).tolist() * 100, "1, 1, 1, 1, 1, 1, 1, 1 and 292 more"),
     ],
 )

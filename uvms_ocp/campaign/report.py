@@ -123,11 +123,7 @@ def report_of(folder: Path, table: Any, success: Sequence[Bound]) -> dict[str, A
 
 
 def table_with_success(folder: Path, success: Sequence[Bound] = ()) -> Any:
-    """All finished runs with their success. Raises `InvalidInput` where there are none, and for a study."""
-    if "study" in read_manifest(folder).scenario:
-        raise InvalidInput(
-            f"{folder}: the campaign of a study; give the name of the study with this --out for its table"
-        )
+    """Return all finished runs with their success. Raises `InvalidInput` where there are none."""
     table = read_table(folder)
     if not len(table):
         raise InvalidInput(f"{folder}: no run of its campaign is finished yet; start it, or wait a few seconds")

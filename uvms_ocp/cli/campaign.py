@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from uvms_ocp.campaign import STUDIES
 from uvms_ocp.campaign.campaign import Campaign, kept_campaign
 from uvms_ocp.campaign.distributions import SAMPLERS
-from uvms_ocp.campaign.report import Bound, compare_campaigns, parse_bounds
+from uvms_ocp.campaign.jobs import METRICS, metric_values
+from uvms_ocp.campaign.report import Bound, compare_campaigns, parse_bounds, report_of, table_with_success
 from uvms_ocp.campaign.store import FILE
 from uvms_ocp.campaign.variations import available_parameters
-from uvms_ocp.cli.campaign_output import interruptible, make_study, print_comparison, progress_bar, write_report
 from uvms_ocp.cli.options import (
     CurrentVelocity,
     Duration,
@@ -31,11 +35,27 @@ from uvms_ocp.cli.options import (
     given,
     label,
 )
-from uvms_ocp.cli.printing import console_of, print_json, require_accepted, show_compilation, table_of
+from uvms_ocp.cli.printing import (
+    console_of,
+    print_json,
+    print_line,
+    print_paths,
+    require_accepted,
+    show_compilation,
+    table_of,
+)
 from uvms_ocp.cli.run import run_and_write
-from uvms_ocp.errors import InvalidInput
+from uvms_ocp.errors import InvalidInput, OutputError, plain_line
+from uvms_ocp.record.durable_files import write_durably
 
-_WHAT = "A scenario as for `run` (your own file is run to load it: give only what you trust), a study, or a campaign's folder."
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_WHAT = "A scenario as for `run` (your own file is run to load it: give only what you trust), or a campaign's folder."
+_DPI = 110
+_SHOWN = 8  # rows of a table on a terminal
+_SENSITIVITY = ("figure", "parameter", "rank_correlation", "pawn", "pawn_floor")
+_INTERRUPTED = 130  # exit code
 
 
 def campaign(
@@ -98,10 +118,6 @@ def campaign(
     if report or rerun is not None or against is not None:
         raise InvalidInput(f"{what}: no campaign is there; --report, --rerun and --against need the folder of one")
     cluster = {"workers": workers, "scheduler": scheduler, "time_limit": time_limit}
-    if what in STUDIES:
-        chosen = given(n=runs, seed=seed or None, plant=plant, force=force or None)
-        make_study(what, chosen, console, out=out, cluster=cluster, as_json=as_json)
-        return
     options = given(robot=robot, hydrodynamics=hydrodynamics, plant=plant, current=current, seabed=seabed)
     options |= given(noise=noise, duration=duration, faults=tuple(fault) if fault else None)
     if parameters:
@@ -119,13 +135,13 @@ def campaign(
     )
     _require_fit(wanted, force, console)
     _make(wanted, target, cluster, console)
-    found = write_report(target, bounds, console)
+    found = _write_report(target, bounds, console)
     if as_json:
         print_json(found)
 
 
 def _make(wanted: Campaign, target: Path, cluster: dict[str, Any], console: Console) -> None:
-    with interruptible(target, console), progress_bar(console) as tell:
+    with _interruptible(target, console), _progress_bar(console) as tell:
         wanted.run(target, progress=tell, **cluster)
 
 
@@ -143,9 +159,9 @@ def _look(
         return
     if against is not None:
         found = compare_campaigns(folder, against, bounds)
-        print_comparison(found, console)
+        _print_comparison(found, console)
     else:
-        found = write_report(folder, bounds, console)
+        found = _write_report(folder, bounds, console)
     if as_json:
         print_json(found)
 
@@ -173,3 +189,119 @@ def _list_parameters(what: str, options: dict[str, Any], console: Console, as_js
         print_json(rows)
     else:
         console.print(table_of(f"what can be varied of {what}", rows, ("parameter", "unit", "meaning")))
+
+
+@contextmanager
+def _interruptible(folder: Path, console: Console) -> Iterator[None]:
+    """Ctrl-C says how to go on."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        text = f"stopped; what is finished is in {folder}, and the same command goes on with the rest"
+        print_line(console, text, "yellow")
+        raise typer.Exit(_INTERRUPTED) from None
+
+
+def _write_report(folder: Path, success: Sequence[Bound], console: Console) -> dict[str, Any]:
+    """Write report.json and report.html into the folder of a campaign, and print what matters. Raises `OutputError`."""
+    from uvms_ocp.viz.campaign_report import report_page
+
+    table = table_with_success(folder, success)
+    report = report_of(folder, table, success)
+    with console.status("drawing"):
+        page = report_page(report, _figures(table, report))
+    paths = [folder / "report.json", folder / "report.html"]
+    try:
+        for path, text in zip(paths, (json.dumps(report, indent=1) + "\n", page), strict=True):
+            write_durably(path, text)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot write the report ({error.strerror})") from error
+    _print_report(report, console)
+    print_paths(console, paths)
+    return report
+
+
+def _figures(table: Any, report: dict[str, Any]) -> dict[str, bytes]:
+    from uvms_ocp.viz import campaign_report as figures
+
+    rate = report["success"]
+    good = table["success"].to_numpy(dtype=bool)
+    drawn = {
+        "success rate": figures.figure_rate(good, (rate["lower"], rate["upper"])),
+        "outcomes": figures.figure_outcomes(report["outcomes"]),
+        "distributions": figures.figure_spread({name: metric_values(table, name) for name in METRICS}, good),
+    }
+    for name in ("success", "tool_position_error_m", "duration_s"):
+        if any(row["figure"] == name for row in report["sensitivity"]):
+            drawn[f"sensitivity of {name}"] = figures.figure_sensitivity(report["sensitivity"], name)
+    return {name: _png(figure) for name, figure in drawn.items()}
+
+
+def _png(figure: Figure) -> bytes:
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png", dpi=_DPI)
+    return buffer.getvalue()
+
+
+def _print_report(report: dict[str, Any], console: Console) -> None:
+    console.print(plain_line(f"success: {report['success_text']}"), style="bold", highlight=False)
+    console.print(plain_line(f"counted as success: {'; '.join(report['criterion'])}"), highlight=False)
+    if report["finished"] < report["runs"]:
+        console.print(f"so far: {report['finished']} of {report['runs']} runs are finished", highlight=False)
+    causes = "causes of failure, with the numbers of the run that is named"
+    _print_table(console, causes, report["causes"], ("number", "outcome", "cause", "run"))
+    spread = ("figure", "least", "5 %", "median", "95 %", "largest")
+    _print_table(console, "distributions", report["distributions"], spread, len(METRICS))
+    ranked = sorted(report["sensitivity"], key=lambda row: row["pawn_floor"] - row["pawn"])
+    own = [row for row in ranked if row["figure"] in ("success", "tool_position_error_m")]
+    _print_table(console, "sensitivity", own, _SENSITIVITY)
+    if not own:
+        console.print(f"sensitivity: {report['sensitivity_silent']}", highlight=False)
+    worst = f"worst runs: {report['worst_first']}"
+    _print_table(console, worst, report["worst"], ("run", "outcome", "cause", "repeat"), len(report["worst"]))
+
+
+def _print_table(
+    console: Console, title: str, rows: Sequence[dict[str, Any]], columns: tuple[str, ...], most: int = _SHOWN
+) -> None:
+    if rows:
+        part = f" (the first {most} of {len(rows)}; report.html has all)" if len(rows) > most else ""
+        console.print(table_of(title + part, rows[:most], columns))
+
+
+def _print_comparison(found: dict[str, Any], console: Console) -> None:
+    """Both rates, and pairs of runs where there are any."""
+    for place, text in zip(found["campaigns"], found["success_text"], strict=True):
+        console.print(plain_line(f"{place}: success {text}"), highlight=False)
+    if not found["paired"]:
+        console.print("not paired: other parameters, seeds, sampler or numbers of runs", highlight=False)
+        return
+    text = f"of {found['pairs']} pairs the first alone succeeds in {found['first_only']}, the second alone in"
+    text = f"{text} {found['second_only']}; p = {found['p_value']:.3g} (McNemar, exact): how likely so uneven a share would be"
+    console.print(f"{text} of two campaigns that succeed equally often", highlight=False)
+    columns = ("figure", "pairs", "mean_change", "lower", "upper", "median_change")
+    title = "second less first: mean over the pairs with its 95 % interval (lower, upper) by the bootstrap, and median"
+    _print_table(console, title, found["figures"], columns, len(METRICS))
+
+
+@contextmanager
+def _progress_bar(console: Console) -> Iterator[Callable[[int, int, int], None]]:
+    """Done, failed, rate and time left, on one line."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=24),
+        TextColumn("{task.fields[failed]} failed, {task.fields[rate]}"),
+        TimeElapsedColumn(),
+        TextColumn("left:"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task("starting", total=None, failed=0, rate="-")
+
+        def tell(done: int, failed: int, total: int) -> None:
+            speed = bar.tasks[0].finished_speed or bar.tasks[0].speed
+            rate = "-" if not speed else f"{speed:.3g} runs/s" if speed >= 1 else f"{60 * speed:.3g} runs/min"
+            done_of = f"{done} of {total} runs"
+            bar.update(task, description=done_of, completed=done, total=total, failed=failed, rate=rate)
+
+        yield tell

@@ -12,9 +12,8 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
-from uvms_ocp.campaign import STUDIES
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
-from uvms_ocp.errors import InvalidInput, NameNotFound, OutputError
+from uvms_ocp.errors import NameNotFound, OutputError
 from uvms_ocp.robot.loading import list_robots
 from uvms_ocp.scenario.cases import SCENARIOS
 from uvms_ocp.scenario.own_code import load_scenario, own_code
@@ -94,7 +93,7 @@ def completing(*names: str) -> Callable[[str], list[str]]:
 
 Name = Annotated[
     str,
-    typer.Argument(metavar="SCENARIO", help=SCENARIO_HELP, autocompletion=completing(*SCENARIOS, *STUDIES)),
+    typer.Argument(metavar="SCENARIO", help=SCENARIO_HELP, autocompletion=completing(*SCENARIOS)),
 ]
 RobotName = Annotated[
     str | None,
@@ -145,12 +144,10 @@ def given(**options: Any) -> dict[str, Any]:
 def build_scenario(name: str, options: Mapping[str, Any], solver: str | None = None) -> Scenario:
     """The scenario with the options of the command line.
 
-    Raises `NameNotFound` for an unknown scenario or solver, `InvalidInput` for a study, and `UvmsError` where an option is wrong.
+    Raises `NameNotFound` for an unknown scenario or solver, and `UvmsError` where an option is wrong.
     """
-    if name in STUDIES:
-        raise InvalidInput(f"{name} is a study of many missions; give one scenario: {', '.join(SCENARIOS)}")
     if own_code(name) is None and name not in SCENARIOS:
-        raise NameNotFound("scenario", name, (*SCENARIOS, *STUDIES))
+        raise NameNotFound("scenario", name, SCENARIOS)
     return load_scenario(name, with_solver(options, solver), SCENARIOS)
 
 
@@ -192,10 +189,3 @@ def label(words: str) -> str:
         r"[^\w.]+", "_", "-".join(filter(None, (Path(place).stem if "." in place else Path(place).name, attribute)))
     )
     return plain.strip("_") or "run"
-
-
-def require_taken(name: str, build: Callable[..., Any], options: Mapping[str, Any]) -> None:
-    """Raise `InvalidInput` for an option that the study of that name does not have."""
-    for option in options:
-        if option not in signature(build).parameters:
-            raise InvalidInput(f"{name} has no option --{option}; leave it out")

@@ -11,7 +11,6 @@ import pinocchio as pin
 import typer
 from rich.table import Table
 
-from uvms_ocp.campaign import STUDIES
 from uvms_ocp.cli.options import (
     BAD_INPUT,
     SCENARIO_HELP,
@@ -95,7 +94,6 @@ def list_all(
     """List scenarios, robots, plants and solvers."""
     known = {
         "scenarios": list(SCENARIOS),
-        "studies": list(STUDIES),
         "robots": list(list_robots()),
         "plants": list(PLANTS),
         "solvers": list(active_set),

@@ -1,4 +1,4 @@
-"""``run``: simulate a scenario or a study, and write its record, report, figures and scene."""
+"""``run``: simulate a scenario, and write its record, report, figures and scene."""
 
 from __future__ import annotations
 
@@ -22,8 +22,6 @@ from rich.progress import Progress as ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from uvms_ocp.campaign import STUDIES
-from uvms_ocp.cli.campaign_output import make_study
 from uvms_ocp.cli.options import (
     NOT_COMPLETED,
     CurrentVelocity,
@@ -54,7 +52,7 @@ from uvms_ocp.cli.printing import (
     show_compilation,
     table_of,
 )
-from uvms_ocp.errors import InvalidInput, plain_line
+from uvms_ocp.errors import plain_line
 from uvms_ocp.mission_plan.plan import MissionPlan
 from uvms_ocp.record.output import claim_folder
 from uvms_ocp.record.record import Record
@@ -134,8 +132,6 @@ def _end(copy: int) -> None:
         os.waitpid(copy, 0)
 
 
-# ``run``: simulate a scenario or a study, and write what came of it.
-
 Follow = Annotated[
     Path | None, typer.Option(metavar="PLAN", help="Plan of this mission, of `plan mission`; the hierarchy takes over.")
 ]
@@ -160,28 +156,18 @@ def run(
     live: Annotated[
         bool, typer.Option("--live", help="Show it in the browser meanwhile, no faster than the clock.")
     ] = False,
-    n: Annotated[int | None, typer.Option(metavar="N", help="Number of missions of a study.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Run a scenario or a study; write its record, report, figures and 3-D scene, or its table.
+    """Run a scenario; write its record, report, figures and 3-D scene.
 
     What is left out is as the scenario has it.
 
     \f
-    Raises `InvalidInput` for what pre-flight refuses, unless forced, for --n with a scenario, for --live with a study, and for
-    --follow with a study or another mission's plan.
+    Raises `InvalidInput` for what pre-flight refuses, unless forced, and for --follow with another mission's plan.
     """
     console = console_of(stderr=as_json)
     options = given(robot=robot, hydrodynamics=hydrodynamics, plant=plant, current=current, seabed=seabed)
     options |= given(noise=noise, seed=seed, duration=duration)
-    if name in STUDIES:
-        if follow is not None or live:
-            raise InvalidInput(f"{name} is a study of many missions: leave out --follow and --live")
-        chosen = given(n=n, force=force or None, solver=solver, fault=fault or None)
-        make_study(name, options | chosen, console, out=out, as_json=as_json)
-        return
-    if n is not None:
-        raise InvalidInput(f"{name} is no study: leave out --n")
     options |= {"faults": parse_faults(fault)} if fault else {}
     scenario = build_scenario(name, options, solver)
     plan = None if follow is None else _plan_of(scenario, follow)

@@ -1,4 +1,4 @@
-"""Random missions: the quick run takes ten of the two hundred, which `uvms-ocp run random_missions` makes."""
+"""Random missions: the quick run takes ten of the two hundred, which `benchmarks/random_missions.py` makes."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 from compiler import long_without_compiler
+from studies.random_missions import boulder_clearance, random_mission, random_missions, totals
+from studies.study import StudyResult
 
-from uvms_ocp.campaign.random_missions import boulder_clearance, random_mission, random_missions, totals
-from uvms_ocp.campaign.study import StudyResult
 from uvms_ocp.scenario.scenario import Scenario
 
 pytestmark = [

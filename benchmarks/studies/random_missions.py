@@ -10,8 +10,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from studies.study import Study, seeds_from
 from uvms_ocp.campaign.jobs import Row
-from uvms_ocp.campaign.study import Study, seeds_from
 from uvms_ocp.checks import checked
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import cause_of_end

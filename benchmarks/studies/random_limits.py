@@ -9,8 +9,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from studies.study import Study, seeds_from
 from uvms_ocp.campaign.jobs import Row
-from uvms_ocp.campaign.study import Study, seeds_from
 from uvms_ocp.checks import checked
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.mission.phase import Above, Phase, Transition

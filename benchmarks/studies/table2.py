@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from studies.study import Study
 from uvms_ocp.campaign.jobs import Row
-from uvms_ocp.campaign.study import Study
 from uvms_ocp.checks import checked
 from uvms_ocp.scenario.cases.transit import Length, transit
 from uvms_ocp.sim.environment import closest_approach

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.campaign import fault_truth as truth
-from uvms_ocp.campaign.fault_table import ASTRAY, GUSTS, GUSTY, JOINTS, KINDS, PHASES, STILL, FaultKind
+from studies import fault_truth as truth
+from studies.fault_table import ASTRAY, GUSTS, GUSTY, JOINTS, KINDS, PHASES, STILL, FaultKind
+from studies.study import Study
 from uvms_ocp.campaign.jobs import Row
-from uvms_ocp.campaign.study import Study
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import NameNotFound
 from uvms_ocp.record.record import Record

@@ -7,10 +7,10 @@ from dataclasses import fields
 import numpy as np
 import pytest
 from compiler import long_without_compiler
+from studies.fault_study import by_kind, faults, nominal, run_faults
+from studies.fault_table import GUSTY, KINDS, PHASES, SIZES, STILL
+from studies.fault_truth import arm_height, astray, contact_outside_landing, is_named, joint_excess
 
-from uvms_ocp.campaign.fault_study import by_kind, faults, nominal, run_faults
-from uvms_ocp.campaign.fault_table import GUSTY, KINDS, PHASES, SIZES, STILL
-from uvms_ocp.campaign.fault_truth import arm_height, astray, contact_outside_landing, is_named, joint_excess
 from uvms_ocp.errors import NameNotFound
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.signals import SensorSpecs

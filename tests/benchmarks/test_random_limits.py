@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from compiler import long_without_compiler
+from studies.random_limits import close_quarters, largest, limit_violations, random_limits
+from studies.random_missions import random_missions
+from studies.study import Study
 
-from uvms_ocp.campaign.random_limits import close_quarters, largest, limit_violations, random_limits
-from uvms_ocp.campaign.random_missions import random_missions
-from uvms_ocp.campaign.study import Study
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.meta_values import PhaseMeta
 from uvms_ocp.record.record import Record

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 from compiler import long_without_compiler
-
-from uvms_ocp.campaign.study import StudyResult
-from uvms_ocp.campaign.table2 import FLOORS, PAPER, THRESHOLDS, run_transit, table2, verdict
+from studies.study import StudyResult
+from studies.table2 import FLOORS, PAPER, THRESHOLDS, run_transit, table2, verdict
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"),
