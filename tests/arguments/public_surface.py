@@ -1,4 +1,4 @@
-"""Every public callable: what the rooms of the package export, with constructors and public methods."""
+"""Every public callable: what the package and its subpackages export, with constructors and public methods."""
 
 from __future__ import annotations
 
@@ -12,15 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import uvms_ocp
-from uvms_ocp.estimation import fallbacks as watchdog
-from uvms_ocp.robot import dynamics
-from uvms_ocp.robot import signals as sensing
-from uvms_ocp.robot import signals as state
+from uvms_ocp.estimation.fallbacks import Watchdog
+from uvms_ocp.robot import dynamics, signals
 
 ROOT = Path(uvms_ocp.__file__).parent
-OTHERS = (state, sensing, watchdog, dynamics)
-"""Modules whose classes users make although no room exports them."""
-APART = ("arguments", "cli", "output", "robots")
+OTHERS = (signals, dynamics)
+"""Modules whose classes users make although no package exports them."""
+APART = ("cli", "robots")
 
 
 @dataclass(frozen=True)
@@ -44,12 +42,14 @@ def surface() -> list[Call]:
 
 
 def _exported() -> Iterator[Any]:
+    yield from (getattr(uvms_ocp, name) for name in uvms_ocp.__all__)
     for init in sorted(ROOT.rglob("__init__.py")):
         if not set(APART) & set(init.relative_to(ROOT).parts):
-            room = import_module(".".join(("uvms_ocp", *init.parent.relative_to(ROOT).parts)))
+            package = import_module(".".join(("uvms_ocp", *init.parent.relative_to(ROOT).parts)))
             for node in ast.walk(ast.parse(init.read_text(encoding="utf-8"))):
                 names = node.names if isinstance(node, ast.ImportFrom) else []
-                yield from (getattr(room, alias.asname) for alias in names if alias.asname == alias.name)
+                yield from (getattr(package, alias.asname) for alias in names if alias.asname == alias.name)
+    yield Watchdog
     for module in OTHERS:
         yield from (
             item for item in vars(module).values() if inspect.isclass(item) and item.__module__ == module.__name__

@@ -40,7 +40,7 @@ from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
-from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Measurement, Readings, SensorSpec, State
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Measurement, Readings, SensorSpec, State, Trust
 from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.scenario import replay
 from uvms_ocp.scenario.cases import RunOptions, case1, reach
@@ -589,13 +589,13 @@ POOL: dict[str, Callable[[], Any]] = {
     "ScenePage": lambda: ScenePage(html="<p>"),
     "SmoothActivation": lambda: tasks.SmoothActivation(0.1, 0.2),
     "SensorSpec": SensorSpec,
+    "Trust": lambda: Trust.GOOD,
     "SensorSpecs": lambda: IDEAL_SENSORS,
     "RealTimeSqp": sqp,
     "StageShape": stage_shape,
     "StageQp": lambda: stagewise.StageQp(stage_shape()),
     "StageQpSolver": stage_solver,
     "StageQpSolution": lambda: stage_solver().solve(stagewise.StageQp(stage_shape())),
-    "Near": lambda: stage_solver().find(stagewise.StageQp(stage_shape())).near(),
     "KktResidual": lambda: stagewise.KktResidual(stationarity=0.0, primal=0.0, complementarity=0.0),
     "tuple[Array, ...]": lambda: (np.zeros(2),),
     "StageQpStatus": lambda: next(iter(stagewise.StageQpStatus)),
@@ -666,7 +666,6 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     **dict.fromkeys(("Estimator.outcome", "Estimator.refuse", "Estimator.used"), lambda: {"channel": "position"}),
     **{f"{kind}.{use}": lambda: {"quantities": quantities()} for kind in CONDITIONS for use in ("holds", "describe")},
     "StageShape": lambda: {"n_u": (1,)},
-    "Near": lambda: stage_solver().find(stagewise.StageQp(stage_shape())).near(),
     "KktResidual": lambda: {"stationarity": 0.0, "primal": 0.0, "complementarity": 0.0},
     "StageQp.fix_initial_state": lambda: {"x": np.zeros(2)},
     "Mission.pending": lambda: {"quantities": quantities()},
@@ -865,7 +864,6 @@ EXPENSIVE = {
         "Planner.solve",
         "RealTimeSqp",
         "RealTimeSqp.solve",
-        "Transcription",
         "plan",
         "plan_mission",
     ),

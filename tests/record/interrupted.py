@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from uvms_ocp.errors import OutputError
-from uvms_ocp.record import claim_folder, recover_folder
+from uvms_ocp.record.output import claim_folder, recover_folder
 from uvms_ocp.record.output import Manifest, Replacement, is_same
 
 CHANGING = {"open", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link"}

@@ -22,7 +22,7 @@ from uvms_ocp.types import Shape, Vector3
 
 
 class Trust(enum.IntEnum):
-    """Of one channel."""
+    """Trust in one channel of the readings."""
 
     GOOD = 0
     """Its readings are used."""
