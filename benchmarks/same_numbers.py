@@ -225,7 +225,7 @@ def driven(duration: float) -> Any:
     robot = uo.without_arm(uo.load_robot("bluerov2_alpha5"))
     there = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="PC.position_error", limit=0.1),))
     task = find("VehiclePose", "tasks")(name="PC", goal=uo.pose_at((50.0, 0.0, -20.0)))
-    phase = uo.Phase(name="go", gates={"PC": 1.0}, transitions=(there,))
+    phase = uo.Phase(name="go", activations={"PC": 1.0}, transitions=(there,))
     thrust = 6.0 * np.random.default_rng(0).normal(size=(round(2 * duration) + 2, len(robot.thruster_names)))
     command, still = find("Command", "state"), np.zeros(robot.n_v)
     return uo.Scenario(

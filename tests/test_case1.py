@@ -86,7 +86,7 @@ def test_what_stands_above_the_action_loses_nothing_through_the_phase_changes(ru
 
 def test_minimum_altitude_holds_while_it_is_on(run: Run) -> None:
     record = run.record
-    gate = record["gates"][:, run.scenario.mission.hierarchy.index("MAC")]
+    gate = record["activations"][:, run.scenario.mission.hierarchy.index("MAC")]
     altitude = record["quantities"][:, record.meta.quantities.index("MAC.altitude")]
     assert altitude[gate == 1].min() > 1.0
 
@@ -95,7 +95,7 @@ def test_a_strict_hierarchy_keeps_every_higher_level_exact() -> None:
     """With the tool far out of reach, the vehicle's null velocity (above it) stays exact."""
     thresholds = Thresholds(way_point=50.0, misalignment=4.0, landing_altitude=50.0)
     record = case1(thresholds=thresholds, plant="kinematic", duration=3.0).run()
-    in_d = record["gates"][:, 0] == 1.0
+    in_d = record["activations"][:, 0] == 1.0
     assert in_d.any()
     settled = record["command"][in_d][100:, :6]
     assert np.abs(settled).max() < 1e-6

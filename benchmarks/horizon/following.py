@@ -153,7 +153,7 @@ def hierarchy(robot: Robot, dynamics: Dynamics, goal: PoseReference, gain: float
         ToolPose(goal=goal, gain_linear=gain, gain_angular=gain),
         JointTracking(joints=robot.joint_names, goal=np.array(JOINTS)),
     ]
-    phase = Phase(name="follow", transitions=(), gates={task.name: 1.0 for task in tasks})
+    phase = Phase(name="follow", transitions=(), activations={task.name: 1.0 for task in tasks})
     mission = Mission(hierarchy=Hierarchy(tasks), phases=(phase,))
     kinematic = KinematicController(robot=robot, mission=mission, solver=LexicographicActiveSet(), dt=DT)
     return DynamicController(robot=robot, dynamics=dynamics, kinematic=kinematic)

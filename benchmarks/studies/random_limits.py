@@ -162,8 +162,8 @@ def _phase(robot: Robot, rng: np.random.Generator, index: int) -> Phase:
     clock = (Above(quantity="MAC.altitude", limit=1e-6),)
     last = index == N_PHASES - 1
     end = Transition(to=DONE if last else str(index + 2), when=clock, hold=float(rng.uniform(_SHORTEST, _LONGEST)))
-    gates = activate("JL", "MAC", "HA", "CL", "SC", *_WAYS[rng.integers(len(_WAYS))])
-    return Phase(name=str(index + 1), gates=gates, transitions=(end,), goals=goals)
+    activations = activate("JL", "MAC", "HA", "CL", "SC", *_WAYS[rng.integers(len(_WAYS))])
+    return Phase(name=str(index + 1), activations=activations, transitions=(end,), goals=goals)
 
 
 def _obstacles(rng: np.random.Generator) -> tuple[Obstacle, ...]:

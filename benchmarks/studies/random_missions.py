@@ -107,7 +107,7 @@ def run_mission(case: dict[str, Any]) -> Row:
 
 def guarded_clearance(scenario: Scenario, record: Record) -> float | None:
     """The smallest clearance [m] of the robot while the minimum altitude is fully on; `None` where it never is."""
-    gate = record["gates"][:, scenario.mission.hierarchy.index("MAC")]
+    gate = record["activations"][:, scenario.mission.hierarchy.index("MAC")]
     rows = record["q"][gate == 1.0][::_EVERY]
     if not len(rows):
         return None

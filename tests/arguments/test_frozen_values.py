@@ -65,29 +65,29 @@ def test_a_mistyped_name_is_told_by_a_pool_of_processes() -> None:
 
 
 def test_values_do_not_change_with_what_they_were_made_of() -> None:
-    start, u, gates, t = q(), np.zeros(3), {"HA": 1.0}, np.arange(3.0)
+    start, u, activations, t = q(), np.zeros(3), {"HA": 1.0}, np.arange(3.0)
     options = {
         name: getattr(scenario(), name) for name in ("name", "robot", "mission", "environment", "plant", "solver")
     }
     made = Scenario(start=start, **options)
     water = Water(velocity=u, acceleration=u)
-    phase = Phase(name="A", gates=gates, transitions=(transition(),))
+    phase = Phase(name="A", activations=activations, transitions=(transition(),))
     record = Record(series={"t": t}, meta=run_record().meta)
-    start[0], u[0], gates["HA"], t[0] = 1e3, 5.0, 7.0, 9.0
+    start[0], u[0], activations["HA"], t[0] = 1e3, 5.0, 7.0, 9.0
     assert made.start[0] != 1e3
     assert not water.velocity.any()
     assert not water.acceleration.any()
-    assert phase.gates == {"HA": 1.0}
+    assert phase.activations == {"HA": 1.0}
     assert record["t"][0] == 0.0
 
 
 def test_values_cannot_be_written_to() -> None:
-    phase = Phase(name="A", gates={"HA": 1.0}, transitions=(transition(),))
+    phase = Phase(name="A", activations={"HA": 1.0}, transitions=(transition(),))
     arrays = [scenario().start, Water(velocity=np.zeros(3)).velocity, run_record()["t"], Water().velocity]
     for array in arrays:
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
-    for write in (lambda: phase.gates.update(HA=7.0), lambda: phase.gates.__setitem__("HA", 7.0)):  # type: ignore[attr-defined]
+    for write in (lambda: phase.activations.update(HA=7.0), lambda: phase.activations.__setitem__("HA", 7.0)):  # type: ignore[attr-defined]
         with pytest.raises(TypeError, match="frozen"):
             write()
     with pytest.raises(TypeError, match="frozen"):
@@ -97,14 +97,14 @@ def test_values_cannot_be_written_to() -> None:
 @pytest.mark.parametrize("gate", [7.0, -0.1, float("nan")])
 def test_gates_outside_of_0_to_1_are_refused(gate: float) -> None:
     with pytest.raises(InvalidInput, match="from 0 to 1"):
-        Phase(name="A", gates={"HA": gate}, transitions=(transition(),))
+        Phase(name="A", activations={"HA": gate}, transitions=(transition(),))
 
 
 @pytest.mark.parametrize("again", COPIES[::2], ids=["pickle", "deepcopy"])
 def test_frozen_values_survive(again: Callable[[Any], Any]) -> None:
-    phase = Phase(name="A", gates={"HA": 0.5}, transitions=(transition(),))
+    phase = Phase(name="A", activations={"HA": 0.5}, transitions=(transition(),))
     record = run_record()
-    assert again(phase).gates == phase.gates
+    assert again(phase).activations == phase.activations
     assert again(phase).transitions == phase.transitions
     np.testing.assert_array_equal(again(record)["q"], record["q"])
     np.testing.assert_array_equal(again(Water(velocity=np.ones(3))).velocity, np.ones(3))

@@ -152,7 +152,7 @@ def test_what_runs_at_every_tick_looks_at_ranges_and_axes_of_what_it_does_not_re
         UniformCurrent([0.1, 0.0, 0.0]).velocity(np.zeros(2), 0.0)
     with pytest.raises(InvalidInput, match=r"^KinematicPlant.step: dt = -0.1; give a number between 0 and 86400$"):
         POOL["KinematicPlant"]().step(Command(v=np.zeros(robot().n_v)), -0.1)
-    with pytest.raises(InvalidInput, match=r"^Mission.idle: gates has shape \(2,\); give \(9,\)$"):
+    with pytest.raises(InvalidInput, match=r"^Mission.idle: activations has shape \(2,\); give \(9,\)$"):
         scenario().mission.idle(scenario().mission.start(), np.zeros(2))
 
 

@@ -236,7 +236,7 @@ def fault() -> Fault:
 
 
 def phase() -> mission.Phase:
-    return mission.Phase(name="A", gates={"HA": 1.0}, transitions=(transition(),))
+    return mission.Phase(name="A", activations={"HA": 1.0}, transitions=(transition(),))
 
 
 def abort() -> mission.Abort:
@@ -245,7 +245,7 @@ def abort() -> mission.Abort:
 
 def climb() -> mission.Phase:
     return dataclasses.replace(
-        phase(), gates={"PC": 1.0}, transitions=(mission.Transition(to="abort", when=(below(),)),)
+        phase(), activations={"PC": 1.0}, transitions=(mission.Transition(to="abort", when=(below(),)),)
     )
 
 
@@ -269,7 +269,7 @@ def dynamic_controller() -> control.DynamicController:
 
 def tick() -> TickInputs:
     state = controller().mission.start()
-    gates = controller().mission.gates(state, 0.0)
+    activations = controller().mission.activations(state, 0.0)
     return TickInputs(
         begin=0.0,
         t=0.0,
@@ -277,7 +277,7 @@ def tick() -> TickInputs:
         echo=3.0,
         altitude_valid=True,
         mission=state,
-        gates=gates,
+        gates=activations,
         freshness=Freshness.FRESH,
     )
 
@@ -461,6 +461,7 @@ NAMED: dict[str, Callable[[], Any]] = {
     "axes": lambda: (1,),
     "names": lambda: ("a",),
     "known": lambda: tuple(quantities()),
+    "activations": lambda: np.ones(len(scenario().mission.hierarchy.tasks)),
     "gates": lambda: np.ones(len(scenario().mission.hierarchy.tasks)),
     "bounds": lambda: (0.0, 1.0),
 }

@@ -48,7 +48,7 @@ def test_the_boulder_would_be_hit_without_the_clearance_task() -> None:
 
 
 def blind(scenario: Scenario) -> Scenario:
-    phases = tuple(replace(phase, gates={**phase.gates, "CL": 0.0}) for phase in scenario.mission.phases)
+    phases = tuple(replace(phase, activations={**phase.activations, "CL": 0.0}) for phase in scenario.mission.phases)
     return replace(scenario, mission=replace(scenario.mission, phases=phases), duration=30.0)
 
 

@@ -156,7 +156,7 @@ class StandOff(Task):
 def standing_off(robot: Robot, goal: float, gate: float = 1.0, by: Obstacle | None = None) -> uo.Mission:
     model = CollisionModel(robot, [by or ball(2.0, 0.0, 0.0)], self_collision=False, links=["base_link_0"])
     reached = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="SO.error", limit=1e-3),))
-    phase = uo.Phase(name="go", gates={"SO": gate}, transitions=(reached,), goals={"SO": goal})
+    phase = uo.Phase(name="go", activations={"SO": gate}, transitions=(reached,), goals={"SO": goal})
     return uo.Mission(hierarchy=Hierarchy([StandOff(model=model, goal=0.0)]), phases=(phase,), ramp=0.0)
 
 
@@ -252,7 +252,9 @@ def test_a_goal_that_moves_is_asked_at_every_tick_and_a_still_one_once_in_a_phas
     assert [task.still for task in tasks] == [True, False]
     never = (uo.Transition(to=uo.DONE, when=(uo.Below(quantity="still.posture_error", limit=1e-9),)),)
     phases = [
-        uo.Phase(name=name, gates={"still": 1.0, "moving": 1.0}, transitions=never, goals={"still": np.array([goal])})
+        uo.Phase(
+            name=name, activations={"still": 1.0, "moving": 1.0}, transitions=never, goals={"still": np.array([goal])}
+        )
         for name, goal in (("one", 0.1), ("two", 0.2))
     ]
     mission = uo.Mission(hierarchy=Hierarchy(tasks), phases=tuple(phases))
@@ -278,7 +280,7 @@ def test_a_goal_that_ends_is_held_as_samples_and_not_asked_again(robot: Robot, m
     tasks = [JointTracking(name=name, joints=(joint,), goal=np.zeros(1)) for name in ("one", "two")]
     never = (uo.Transition(to=uo.DONE, when=(uo.Below(quantity="one.posture_error", limit=1e-9),)),)
     phases = [
-        uo.Phase(name=name, gates={"one": 1.0, "two": 1.0}, transitions=never, goals=goals)
+        uo.Phase(name=name, activations={"one": 1.0, "two": 1.0}, transitions=never, goals=goals)
         for name, goals in (("first", {"one": curves[0]}), ("second", {"one": curves[1], "two": curves[0]}))
     ]
     mission = uo.Mission(hierarchy=Hierarchy([tasks[0], tasks[1].with_goal(curves[1])]), phases=tuple(phases))

@@ -106,8 +106,8 @@ def going_to_and_fro(scenario: Scenario) -> Mission:
     there = Transition(to="B", when=(never,), hold=0.1, retries=3)
     back = Transition(to="A", when=(Below(quantity="PC.position_error", limit=0.01), never)), replace(there, to="A")
     phases = (
-        Phase(name="A", gates={"PC": 1.0}, transitions=(there,)),
-        Phase(name="B", gates={"PC": 1.0, "HA": 0.5}, transitions=back, goals={"PC": pose_at((0.0, 0.0, -5.0))}),
+        Phase(name="A", activations={"PC": 1.0}, transitions=(there,)),
+        Phase(name="B", activations={"PC": 1.0, "HA": 0.5}, transitions=back, goals={"PC": pose_at((0.0, 0.0, -5.0))}),
     )
     return replace(scenario.mission, phases=phases, ramp=0.3)
 
@@ -167,7 +167,7 @@ def towards_a_ball(robot: Robot) -> KinematicController:
         VehiclePose(goal=pose_at((4.0, 0.0, 0.0)), gain_linear=2.0),
     )
     reached = Transition(to="done", when=(Below(quantity="PC.position_error", limit=0.01),))
-    phase = Phase(name="A", gates={"CL": 1.0, "PC": 1.0}, transitions=(reached,))
+    phase = Phase(name="A", activations={"CL": 1.0, "PC": 1.0}, transitions=(reached,))
     mission = Mission(hierarchy=Hierarchy(tasks), phases=(phase,))
     return KinematicController(robot=robot, mission=mission, solver=LexicographicActiveSet(), dt=DT)
 
@@ -194,7 +194,7 @@ def test_gates_of_a_mission_without_memory_are_those_of_the_controller(scenario:
     control, mission = scenario.controller(), scenario.mission
     for t in (-0.1, 0.0, 0.07, 0.2, 5.0):
         tick = control.observe(measured(scenario), t)
-        np.testing.assert_array_equal(tick.gates, mission.gates(mission.start(), t))
+        np.testing.assert_array_equal(tick.gates, mission.activations(mission.start(), t))
     gates = [0.0] * mission.n_tasks
     activations_at(control.memory.mission, 0.1, gates)
     np.testing.assert_allclose(gates, 0.5 * np.array([row["A"] for row in mission.table()]))

@@ -64,7 +64,7 @@ def _goals(machine: Machine, rng: np.random.Generator) -> np.ndarray:
 def _gates(machine: Machine, rng: np.random.Generator) -> np.ndarray:
     phases, tasks = machine.scenario.mission.phases, machine.scenario.mission.hierarchy.tasks
     phase = phases[rng.integers(len(phases))]
-    return np.array([phase.gates.get(task.name, 0.0) for task in tasks])
+    return np.array([phase.activations.get(task.name, 0.0) for task in tasks])
 
 
 def test_from_any_start_the_limits_hold_and_the_command_never_steps_by_more_than_the_acceleration(

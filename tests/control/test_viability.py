@@ -255,7 +255,7 @@ def case1_among_obstacles() -> Scenario:
         Clearance(name="SC", model=CollisionModel(robot), threshold=0.02, margin=0.02),
     ]
     phases = tuple(
-        replace(phase, gates={**phase.gates, "SC": 1.0, **({} if phase.name == "C" else {"CL": 1.0})})
+        replace(phase, activations={**phase.activations, "SC": 1.0, **({} if phase.name == "C" else {"CL": 1.0})})
         for phase in mission.phases
     )
     environment = replace(scenario.environment, obstacles=tuple(obstacles))

@@ -11,7 +11,7 @@ def mission(robot: uo.Robot) -> uo.Scenario:
     goal = uo.pose_at((2.0, 0.0, -6.0))
     hierarchy = uo.Hierarchy([VehiclePose(goal=goal), MinimumAltitude(threshold=1.5), HorizontalAttitude()])
     reached = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="PC.position_error", limit=0.05),))
-    phase = uo.Phase(name="go", gates={"PC": 1, "MAC": 1, "HA": 1}, transitions=(reached,))
+    phase = uo.Phase(name="go", activations={"PC": 1, "MAC": 1, "HA": 1}, transitions=(reached,))
     return uo.Scenario(
         name="go",
         robot=robot,

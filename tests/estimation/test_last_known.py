@@ -38,7 +38,7 @@ def robot() -> Robot:
 
 def controller(robot: Robot, *tasks: Task) -> KinematicController:
     reached = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="PC.position_error", limit=1e-9),))
-    phase = uo.Phase(name="go", gates={task.name: 1 for task in tasks}, transitions=(reached,))
+    phase = uo.Phase(name="go", activations={task.name: 1 for task in tasks}, transitions=(reached,))
     mission = uo.Mission(hierarchy=Hierarchy(list(tasks)), phases=(phase,), ramp=0.0)
     return KinematicController(robot=robot, mission=mission, solver=uo.LexicographicActiveSet(), dt=DT)
 

@@ -52,7 +52,7 @@ def scenario(
     """One phase, 4 m above the floor."""
     go = uo.Phase(
         name="go",
-        gates={task.name: 1.0 for task in tasks},
+        activations={task.name: 1.0 for task in tasks},
         transitions=(uo.Transition(to=uo.DONE, when=when),),
     )
     return uo.Scenario(
@@ -232,7 +232,7 @@ def test_a_mission_by_altitude_without_an_altimeter_is_refused(robot: Robot) -> 
     assert "no altimeter" in finding.text
     waiting = scenario(robot, tasks=(HorizontalAttitude(), LandingAltitude()))
     (phase,) = waiting.mission.phases
-    off = replace(waiting.mission, phases=(replace(phase, gates={"HA": 1.0}),))
+    off = replace(waiting.mission, phases=(replace(phase, activations={"HA": 1.0}),))
     (finding,) = replace(deaf, mission=off).check().of_check("echo")
     assert finding.severity is Severity.WARNING
     tilt = uo.Below(quantity="HA.tilt", limit=0.1)

@@ -40,7 +40,7 @@ KEPT = (
     "x",
     "x_rate",
     "phase",
-    "gates",
+    "activations",
     "residual",
     "activity",
     "quantities",

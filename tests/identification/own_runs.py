@@ -56,7 +56,7 @@ def driven_run(
     robot = slow(dead_zone)
     goal = pose_at((50.0, 0.0, -20.0))
     arrived = Transition(to=DONE, when=(Below(quantity="PC.position_error", limit=0.1),))
-    phase = Phase(name="A", gates=activate("PC"), transitions=(arrived,))
+    phase = Phase(name="A", activations=activate("PC"), transitions=(arrived,))
     given = {"environment": Environment(seafloor=FlatSeafloor(z=floor)), "dt": 0.02, "duration": duration, **options}
     return Scenario(
         name="driven",

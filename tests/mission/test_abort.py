@@ -23,8 +23,8 @@ THERE = Below(quantity="PC.position_error", limit=0.1)
 UP = pose_at((1.0, 2.0, 3.0))
 
 
-def phase(name: str, to: str, **gates: float) -> Phase:
-    return Phase(name=name, gates=gates, transitions=(Transition(to=to, when=(THERE,)),))
+def phase(name: str, to: str, **activations: float) -> Phase:
+    return Phase(name=name, activations=activations, transitions=(Transition(to=to, when=(THERE,)),))
 
 
 def mission(abort: Abort | None = None) -> Mission:
@@ -45,8 +45,8 @@ def test_the_abort_phase_has_a_goal_of_its_own_and_ends_for_the_reason_it_began_
     assert (event.source, event.target, event.reason, event.conditions) == ("A", "climb", "why", ())
     np.testing.assert_array_equal(m.references(began, 6.0)[1][:3], UP.translation)
     np.testing.assert_array_equal(m.references(m.start(), 0.0)[1][:3], np.zeros(3))
-    np.testing.assert_array_equal(m.gates(began, 5.0), m.gates(m.start(), 5.0))
-    np.testing.assert_array_equal(m.gates(began, 6.0), [1, 1])
+    np.testing.assert_array_equal(m.activations(began, 5.0), m.activations(m.start(), 5.0))
+    np.testing.assert_array_equal(m.activations(began, 6.0), [1, 1])
     assert m.pending(began, {"PC.position_error": 2.0}) == "giving up, why; PC.position_error = 2 not < 0.3"
     state = began
     for t in (6.0, 8.1):
@@ -83,7 +83,7 @@ def test_tables_diagrams_and_preflight_know_the_abort_phase() -> None:
 
 def test_gates_for_every_phase_reach_the_abort_phase_and_leave_those_that_are_set() -> None:
     m = with_activations(mission(climbing()), {"HA": 0.5})
-    assert [phase.gates["HA"] for phase in m.all_phases] == [0.5, 1.0, 1.0]
+    assert [phase.activations["HA"] for phase in m.all_phases] == [0.5, 1.0, 1.0]
 
 
 @pytest.mark.parametrize(

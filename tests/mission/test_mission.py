@@ -1,4 +1,4 @@
-"""Missions: gates are smooth, transitions fire for measured reasons, mistakes are named."""
+"""Missions: activations are smooth, transitions fire for measured reasons, mistakes are named."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from uvms_ocp.tasks.task import Hierarchy, TaskClass
 NEAR = Below(quantity="HA.tilt", limit=0.1)
 
 
-def phase(name: str, to: str, gates: dict[str, float], hold: float = 0.0) -> Phase:
-    return Phase(name=name, gates=gates, transitions=(Transition(to=to, when=(NEAR,), hold=hold),))
+def phase(name: str, to: str, activations: dict[str, float], hold: float = 0.0) -> Phase:
+    return Phase(name=name, activations=activations, transitions=(Transition(to=to, when=(NEAR,), hold=hold),))
 
 
 def mission(hold: float = 0.0, ramp: float = 0.2) -> Mission:
@@ -62,14 +62,14 @@ def test_two_tasks_of_one_name_are_refused() -> None:
 def test_gates_rise_from_zero_at_the_start_and_cross_over_at_a_transition() -> None:
     m = mission()
     state = m.start()
-    np.testing.assert_array_equal(m.gates(state, 0.0), [0, 0])
-    np.testing.assert_allclose(m.gates(state, 0.1), [0, 0.5])
-    np.testing.assert_array_equal(m.gates(state, 0.2), [0, 1])
+    np.testing.assert_array_equal(m.activations(state, 0.0), [0, 0])
+    np.testing.assert_allclose(m.activations(state, 0.1), [0, 0.5])
+    np.testing.assert_array_equal(m.activations(state, 0.2), [0, 1])
     state, event = m.step(state, 3.0, {"HA.tilt": 0.05})
     assert event is not None
-    np.testing.assert_array_equal(m.gates(state, 3.0), [0, 1])
-    np.testing.assert_allclose(m.gates(state, 3.1), [0.5, 0.5])
-    np.testing.assert_array_equal(m.gates(state, 3.2), [1, 0])
+    np.testing.assert_array_equal(m.activations(state, 3.0), [0, 1])
+    np.testing.assert_allclose(m.activations(state, 3.1), [0.5, 0.5])
+    np.testing.assert_array_equal(m.activations(state, 3.2), [1, 0])
 
 
 def test_gates_never_jump_even_when_a_phase_ends_during_its_ramp() -> None:
@@ -77,7 +77,7 @@ def test_gates_never_jump_even_when_a_phase_ends_during_its_ramp() -> None:
     state = m.start()
     history = []
     for k in range(600):
-        history.append(m.gates(state, k * dt))
+        history.append(m.activations(state, k * dt))
         state, _ = m.step(state, k * dt, {"HA.tilt": 0.05 if k == 100 else 1.0})
     assert np.abs(np.diff(history, axis=0)).max() <= 1.01 * np.pi / 2 / m.ramp * dt
 
@@ -119,7 +119,7 @@ def test_a_phase_goal_replaces_the_goal_of_its_task() -> None:
         hierarchy=Hierarchy([Alignment(goal=np.zeros(3)), HorizontalAttitude()]),
         phases=(
             phase("A", "B", {"AT": 1.0}),
-            Phase(name="B", gates={}, goals={"AT": np.ones(3)}, transitions=(Transition(to=DONE, when=(NEAR,)),)),
+            Phase(name="B", activations={}, goals={"AT": np.ones(3)}, transitions=(Transition(to=DONE, when=(NEAR,)),)),
         ),
     )
     state = m.start()
@@ -131,10 +131,10 @@ def test_a_phase_goal_replaces_the_goal_of_its_task() -> None:
 def test_a_task_is_idle_once_it_is_off_for_good_in_its_phase() -> None:
     m = mission()
     state = m.start()
-    np.testing.assert_array_equal(m.idle(state, m.gates(state, 0.0)), [True, False])
+    np.testing.assert_array_equal(m.idle(state, m.activations(state, 0.0)), [True, False])
     state, _ = m.step(state, 3.0, {"HA.tilt": 0.05})
-    np.testing.assert_array_equal(m.idle(state, m.gates(state, 3.1)), [False, False])
-    np.testing.assert_array_equal(m.idle(state, m.gates(state, 3.3)), [False, True])
+    np.testing.assert_array_equal(m.idle(state, m.activations(state, 3.1)), [False, False])
+    np.testing.assert_array_equal(m.idle(state, m.activations(state, 3.3)), [False, True])
 
 
 @pytest.mark.parametrize(
@@ -182,7 +182,7 @@ def adrift(limit: float = 0.5, release: float | None = None, hold: float = 0.0, 
     end = Transition(to=DONE, when=(Below(quantity="HA.tilt", limit=0.01),))
     return Mission(
         hierarchy=Hierarchy([HorizontalAttitude(), NullVelocity()]),
-        phases=(phase("A", "B", {"HA": 1.0}), Phase(name="B", gates={"NR": 1.0}, transitions=(end, back))),
+        phases=(phase("A", "B", {"HA": 1.0}), Phase(name="B", activations={"NR": 1.0}, transitions=(end, back))),
     )
 
 

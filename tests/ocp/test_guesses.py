@@ -65,7 +65,7 @@ def rollout(planner: Planner, goal: pin.SE3) -> Trajectory:
     """What the velocity hierarchy does in the time of the plan."""
     robot, dt = planner.problem.robot, 1 / 50
     tasks = [JointLimits(), ToolPose(goal=goal, gain_linear=0.8, gain_angular=0.8)]
-    phase = Phase(name="reach", transitions=(), gates={task.name: 1.0 for task in tasks})
+    phase = Phase(name="reach", transitions=(), activations={task.name: 1.0 for task in tasks})
     mission = Mission(hierarchy=Hierarchy(tasks), phases=(phase,))
     controller = KinematicController(robot=robot, mission=mission, solver=LexicographicActiveSet(), dt=dt)
     plant, times = KinematicPlant(robot, planner.problem.start.q), np.arange(0.0, DURATION + dt, dt)

@@ -197,7 +197,10 @@ WRONG = {
         "series 'q' has shape (5, 1); its metadata allow 5 rows of 2 or more",
     ),
     "a place that is a number": (changed(q=np.zeros(5)), "'q' is float64 of shape (5,); allowed: 5 rows of numbers"),
-    "gates of no task": (changed(gates=np.zeros((5, 3))), "'gates' has shape (5, 3); its metadata allow 5 rows of 0"),
+    "activations of no task": (
+        changed(activations=np.zeros((5, 3))),
+        "'activations' has shape (5, 3); its metadata allow 5 rows of 0",
+    ),
     "a phase that there is not": (
         changed(phase=np.full(5, 1)),
         "'phase' counts what the metadata do not have; allowed: whole",

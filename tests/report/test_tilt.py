@@ -15,9 +15,9 @@ STORED = Path(__file__).parents[1] / "records" / "run_v0_1.npz"
 
 def with_gate(record: Record, gate: np.ndarray) -> Record:
     """With the task on tilt on where `gate` (n,) is above 0."""
-    gates = record["gates"].copy()
-    gates[:, [task.name for task in record.run_meta.tasks].index("HA")] = gate
-    return Record(series={**record.series, "gates": gates}, meta=record.meta)
+    activations = record["activations"].copy()
+    activations[:, [task.name for task in record.run_meta.tasks].index("HA")] = gate
+    return Record(series={**record.series, "activations": activations}, meta=record.meta)
 
 
 def test_the_largest_tilt_is_that_of_the_time_in_which_a_task_on_it_is_on() -> None:

@@ -25,8 +25,8 @@ def record() -> Record:
     command = np.zeros((n, 2))
     command[10:, 0] = 0.05
     command[25:, 1] = 0.4
-    gates = np.ones((n, 2))
-    gates[20:22, 0] = 0.5
+    activations = np.ones((n, 2))
+    activations[20:22, 0] = 0.5
     residual = np.zeros((n, 4))
     residual[20:, 2] = 0.3  # the safety task
     residual[30:, 3] = 0.7  # the action
@@ -53,7 +53,7 @@ def record() -> Record:
         completed=True,
     )
     phase = (t > 1.95).astype(int)
-    series = {"t": t, "command": command, "gates": gates, "residual": residual, "phase": phase}
+    series = {"t": t, "command": command, "activations": activations, "residual": residual, "phase": phase}
     return Record(series=series, meta=meta)
 
 

@@ -31,9 +31,9 @@ def with_phases(scenario: Scenario, phases: Sequence[Phase]) -> Scenario:
     return replace(scenario, mission=replace(scenario.mission, phases=tuple(phases)))
 
 
-def gates(scenario: Scenario, phase: str, **changes: float) -> Scenario:
+def activations(scenario: Scenario, phase: str, **changes: float) -> Scenario:
     phases = [
-        replace(item, gates={**item.gates, **changes}) if item.name == phase else item
+        replace(item, activations={**item.activations, **changes}) if item.name == phase else item
         for item in scenario.mission.phases
     ]
     return with_phases(scenario, phases)
@@ -206,29 +206,31 @@ def test_an_obstacle_where_the_robot_stands_is_refused(x: float, place: str) -> 
 
 @pytest.mark.slow
 def test_standing_still_and_going_to_a_way_point_at_once_is_a_contradiction() -> None:
-    report = gates(case1(plant="kinematic"), "A", NR=1.0).check()
+    report = activations(case1(plant="kinematic"), "A", NR=1.0).check()
     assert "PC is on but has no freedom left" in texts(report, Severity.ERROR)
 
 
 def test_landing_below_the_minimum_altitude_is_a_contradiction() -> None:
-    report = gates(case1(plant="kinematic"), "C", MAC=1.0).check()
+    report = activations(case1(plant="kinematic"), "C", MAC=1.0).check()
     assert "LA aims at 0.15 m while MAC keeps 1 m" in texts(report, Severity.ERROR)
 
 
 def test_a_phase_in_which_nothing_acts_is_refused() -> None:
-    report = gates(case1(plant="kinematic"), "A", PC=0.0).check()
+    report = activations(case1(plant="kinematic"), "A", PC=0.0).check()
     assert "phase 'A' has no acting task" in texts(report, Severity.ERROR)
 
 
 def test_a_phase_that_waits_for_a_task_that_is_off_is_a_warning() -> None:
-    report = gates(case1(plant="kinematic"), "C", AT=0.0).check()
+    report = activations(case1(plant="kinematic"), "C", AT=0.0).check()
     assert "waits for AT.misalignment, but task AT is off" in texts(report, Severity.WARNING)
 
 
 def test_a_phase_that_nothing_leads_to_is_a_warning_and_one_without_exit_an_error() -> None:
     scenario = case1(plant="kinematic")
     lost = Phase(
-        name="X", gates={"PC": 1.0}, transitions=(Transition(to="X", when=(Below(quantity="HA.tilt", limit=1.0),)),)
+        name="X",
+        activations={"PC": 1.0},
+        transitions=(Transition(to="X", when=(Below(quantity="HA.tilt", limit=1.0),)),),
     )
     report = with_phases(scenario, (*scenario.mission.phases, lost)).check()
     assert "no transition leads to phase 'X'" in texts(report, Severity.WARNING)
@@ -256,7 +258,7 @@ def test_the_forecast_of_the_landing_is_where_the_vehicle_lands() -> None:
 def test_the_main_path_skips_back_steps() -> None:
     def phase(name: str, *targets: str) -> Phase:
         near = (Below(quantity="HA.tilt", limit=1.0),)
-        return Phase(name=name, gates={}, transitions=tuple(Transition(to=to, when=near) for to in targets))
+        return Phase(name=name, activations={}, transitions=tuple(Transition(to=to, when=near) for to in targets))
 
     assert main_path([phase("A", "B"), phase("B", "A", "C"), phase("C", "A", DONE)]) == [0, 1, 2]
 

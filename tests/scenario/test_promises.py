@@ -100,8 +100,8 @@ def test_the_arm_follows_its_plan_past_the_rock() -> None:
     report = summarize(record)
     assert report["completed"]
     assert report["tool_position_error_m"] < 1e-3
-    gates = record["gates"][50:, scenario.mission.hierarchy.index("JL")]
-    assert (gates == 1.0).all()
+    activations = record["activations"][50:, scenario.mission.hierarchy.index("JL")]
+    assert (activations == 1.0).all()
     assert closest_approach(scenario.robot, scenario.environment, record["q"][::10], floor=False).distance > 0.02
     error = quantity(record, "T.position_error")
     assert error is not None

@@ -52,7 +52,7 @@ def synthetic_record(robot: Robot, *, duration: float = 6.0, dt: float = 0.02, *
         "command": v,
         "altimeter_range": np.linspace(4.0, 0.2, len(t)),
         "phase": phase,
-        "gates": np.column_stack([1.0 - phase, phase, np.ones(len(t))]),
+        "activations": np.column_stack([1.0 - phase, phase, np.ones(len(t))]),
         "activity": np.column_stack([np.ones((len(t), robot.n_v)), 1.0 - phase, 1.0 - phase, phase]),
         "quantities": np.exp(-np.outer(t, np.arange(1, 1 + len(meta.get("quantities", QUANTITIES))))),
         "status": np.zeros(len(t), dtype=int),

@@ -255,7 +255,7 @@ def mission_of(names: list[str]) -> Mission:
         Phase(
             name=name,
             title=names[0],
-            gates={name: 1.0},
+            activations={name: 1.0},
             transitions=(Transition(to=to, when=(Below(quantity=f"{name}.tilt", limit=0.1),)),),
         )
         for name, to in zip(names, followers, strict=True)

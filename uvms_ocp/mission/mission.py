@@ -44,8 +44,8 @@ def text_table(hierarchy: Hierarchy, phases: Sequence[Phase], targets: np.ndarra
     columns = [max(len(name), 4) for name in names]
     head = [name.rjust(size) for name, size in zip(names, columns, strict=True)]
     lines = [f"{'task'.ljust(width)}  {'type':<9} {' '.join(head)}"]
-    for name, task, gates in zip(tasks, hierarchy.tasks, targets.T, strict=True):
-        cells = [(f"{gate:g}" if gate else ".").rjust(size) for gate, size in zip(gates, columns, strict=True)]
+    for name, task, activations in zip(tasks, hierarchy.tasks, targets.T, strict=True):
+        cells = [(f"{gate:g}" if gate else ".").rjust(size) for gate, size in zip(activations, columns, strict=True)]
         lines.append(f"{name.ljust(width)}  {task.label:<9} {' '.join(cells)}")
     return "\n".join([*lines, *(plain_line(f"{phase.name}: {phase.title}") for phase in phases if phase.title)])
 
@@ -178,11 +178,11 @@ class Mission(TableDisplay):
         return MissionState(phase=0, since=0.0, activations_before=np.zeros(self.n_tasks), held_since=waiting)
 
     @checked_on_failure
-    def gates(self, state: MissionState, t: float) -> np.ndarray:
+    def activations(self, state: MissionState, t: float) -> np.ndarray:
         """External activation (n_tasks,) of each task at time t [s] ([Gao2022] eq. 22 in time)."""
-        gates = [0.0] * max(1, self.n_tasks)
-        activations_at(self._memory(state), t, gates)
-        return np.array(gates[: self.n_tasks])
+        activations = [0.0] * max(1, self.n_tasks)
+        activations_at(self._memory(state), t, activations)
+        return np.array(activations[: self.n_tasks])
 
     @property
     def n_tasks(self) -> int:
@@ -190,9 +190,9 @@ class Mission(TableDisplay):
         return len(self.hierarchy.tasks)
 
     @checked_on_failure
-    def idle(self, state: MissionState, gates: Annotated[np.ndarray, Shape("self.n_tasks")]) -> np.ndarray:
-        """Which tasks (n_tasks,) are off, by the `gates` (n_tasks,) of now, and stay off in this phase."""
-        return np.asarray((self._targets[state.phase] == 0) & (gates == 0))
+    def idle(self, state: MissionState, activations: Annotated[np.ndarray, Shape("self.n_tasks")]) -> np.ndarray:
+        """Which tasks (n_tasks,) are off, by the `activations` (n_tasks,) of now, and stay off in this phase."""
+        return np.asarray((self._targets[state.phase] == 0) & (activations == 0))
 
     @checked_on_failure
     def references(self, state: MissionState, t: float) -> list[np.ndarray]:
@@ -303,10 +303,10 @@ class Mission(TableDisplay):
         return mermaid(self.phases, None if self.abort is None else self.abort.phase)
 
     def _gates_of(self, phase: Phase) -> np.ndarray:
-        gates = np.zeros(len(self.hierarchy.tasks))
-        for name, gate in phase.gates.items():
-            gates[self.hierarchy.index(name)] = gate
-        return gates
+        activations = np.zeros(len(self.hierarchy.tasks))
+        for name, gate in phase.activations.items():
+            activations[self.hierarchy.index(name)] = gate
+        return activations
 
     def _tasks_of(self, phase: Phase) -> tuple[Task, ...]:
         tasks = list(self.hierarchy.tasks)

@@ -179,7 +179,7 @@ class Phase(FieldTable):
     """Unique in a mission."""
     title: str = ""
     """A few words, to print beside the name."""
-    gates: Mapping[str, float]
+    activations: Mapping[str, float]
     """External activation in [0, 1] by the name of a task; tasks that are not named are off. Between 0 and 1 a task has a
     tolerance with strict solvers (`uvms_ocp.solvers.hierarchy.level`), and less weight with `Icat`."""
     transitions: tuple[Transition, ...]
@@ -190,7 +190,7 @@ class Phase(FieldTable):
     def __post_init__(self) -> None:
         if not isinstance(self.transitions, tuple):
             raise InvalidInput(f"phase {self.name!r}: transitions = {self.transitions!r}; give a tuple of transitions")
-        bad = {name: gate for name, gate in self.gates.items() if not 0 <= gate <= 1}
+        bad = {name: gate for name, gate in self.activations.items() if not 0 <= gate <= 1}
         if bad:
             raise InvalidInput(f"phase {self.name!r}: activations {bad}; give values from 0 to 1")
 
@@ -205,7 +205,7 @@ class MissionState:
     since: float
     """[s] start of the phase."""
     activations_before: Annotated[np.ndarray, Shape("n_tasks")]
-    """(n_tasks,) gates when the phase began; the bell leads on from them."""
+    """(n_tasks,) activations when the phase began; the bell leads on from them."""
     held_since: tuple[float | None, ...]
     """[s] since when each transition of the phase holds."""
     completed: bool = False
@@ -276,7 +276,7 @@ class Abort:
             raise InvalidInput(
                 f"phase {self.phase.name!r} aborts a mission but leads to {others}; lead to {ABORT!r} alone"
             )
-        if not self.phase.gates.get(self.climb, 0.0) > 0:
+        if not self.phase.activations.get(self.climb, 0.0) > 0:
             raise InvalidInput(
                 f"abort: climb = {self.climb!r}, off in phase {self.phase.name!r}; name a task that is on in it"
             )

@@ -1,4 +1,4 @@
-"""State machine of a mission as kernels: gates, due transitions, abort; and its memory as `MissionState` and `Event`.
+"""State machine of a mission as kernels: activations, due transitions, abort; and its memory as `MissionState` and `Event`.
 
 Transitions are those of all phases one after the other, conditions those of all transitions.
 """
@@ -84,14 +84,14 @@ class MissionMemory(Layout):
     """It is, or was at its end, in the abort phase."""
 
 
-def activations_at(m: MissionMemory, t: float, gates: Vector) -> None:
+def activations_at(m: MissionMemory, t: float, activations: Vector) -> None:
     """External activation of each task at time t [s] ([Gao2022] eq. 22 in time)."""
     target, passed = m.targets[m.phase], t - m.since
     blend = 0.0
     if 0.0 < passed < m.ramp:
         blend = 0.5 - 0.5 * math.cos(math.pi * (passed / m.ramp))
     for i in range(len(m.activations_before)):
-        gates[i] = target[i] if passed >= m.ramp else (1.0 - blend) * m.activations_before[i] + blend * target[i]
+        activations[i] = target[i] if passed >= m.ramp else (1.0 - blend) * m.activations_before[i] + blend * target[i]
 
 
 def transition_due(m: MissionMemory, t: float, quantities: Vector) -> int:

@@ -61,9 +61,9 @@ def _of_robot(robot: Robot) -> Iterator[str]:
 
 def _of_mission(mission: Mission) -> Iterator[str]:
     for index, phase in enumerate(mission.phases):
-        yield from (phase.name, repr(sorted(phase.gates.items())), repr(phase.transitions))
+        yield from (phase.name, repr(sorted(phase.activations.items())), repr(phase.transitions))
         for task in mission.tasks_of(index):
-            if phase.gates.get(task.name, 0.0) > 0:
+            if phase.activations.get(task.name, 0.0) > 0:
                 yield from _of_task(task)
 
 

@@ -61,7 +61,7 @@ _ANGLES = ("tilt", "misalignment", "angle")
 
 def active(phase: Phase, tasks: Collection[Task]) -> list[Task]:
     """Those that the phase has on."""
-    return [task for task in tasks if phase.gates.get(task.name, 0.0) > 0]
+    return [task for task in tasks if phase.activations.get(task.name, 0.0) > 0]
 
 
 def active_constraints(

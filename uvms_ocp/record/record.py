@@ -30,7 +30,7 @@ _AXES = ("x", "x_rate", "x_acceleration", "x_jerk", "x_snap")
 _LOAD = ("load_weight", "load_weight_error", "load_mass", "load_mass_error")
 _COLUMNS = ("altimeter_range", "altimeter_std", "joint_energy", "tick_time", "controller_time", *_LOAD)
 """(n,) real numbers."""
-_TABLES = ("q", "v", "command", "gates", "activity", "residual", "quantities", "disturbance", "q_std")
+_TABLES = ("q", "v", "command", "activations", "activity", "residual", "quantities", "disturbance", "q_std")
 _PLANT_TABLES = ("thrust", "asked_thrust", "torque", "thruster_energy", "clearance", "current")
 _REAL = (*_COLUMNS, *_TABLES, *_PLANT_TABLES, *_AXES)
 _UNKNOWN = ("thruster_energy", "load_mass")
@@ -42,6 +42,7 @@ _RENAMED = {
     "v_measured": "v_estimated",
     "q_spread": "q_std",
     "altimeter_spread": "altimeter_std",
+    "gates": "activations",
 }
 """Names of series in older files."""
 _VEHICLE_Q = 7
@@ -109,7 +110,7 @@ def _first_wrong(t: np.ndarray, right: np.ndarray) -> float:
 def _widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[float, float]]:
     """The fewest and the most columns of each series that has some."""
     rows = sum(level.rows for level in meta.levels)
-    exact = {"gates": len(meta.tasks), "activity": rows, "residual": rows, "quantities": len(meta.quantities)}
+    exact = {"activations": len(meta.tasks), "activity": rows, "residual": rows, "quantities": len(meta.quantities)}
     exact["current"] = 3
     if isinstance(meta, PlanMeta):
         exact |= {name: len(meta.axes) for name in _AXES} | {"clearance": len(meta.clearance_groups)}
@@ -286,7 +287,7 @@ class Record(TableDisplay):
         each other, their times or the metadata.
         """
         try:
-            arrays = {_RENAMED.get(name, name): array for name, array in read_arrays(path).items()}
+            arrays = _renamed(read_arrays(path))
             text = _text_of(arrays)
             record = Record(series=arrays, meta=read_meta(text))
             check_series(record.series, record.meta)
@@ -297,8 +298,14 @@ class Record(TableDisplay):
 
 def _fitting(series: Mapping[str, np.ndarray], meta: RunMeta | PlanMeta) -> Record:
     """The record of an exported file. Raises `InvalidInput` for series that do not fit each other or the metadata."""
+    series = _renamed(series)
     check_series(series, meta)
     return Record(series=series, meta=meta)
+
+
+def _renamed(series: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Give series of older files their names of today."""
+    return {_RENAMED.get(name, name): array for name, array in series.items()}
 
 
 def _text_of(arrays: dict[str, np.ndarray]) -> str:

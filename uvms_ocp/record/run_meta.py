@@ -64,7 +64,7 @@ class RecordMeta(TableDisplay, MetaValue):
     phases: Annotated[tuple[PhaseMeta, ...], Field(min_length=1)]
     """The series ``phase`` counts them; a plan has one."""
     tasks: tuple[TaskMeta, ...] = ()
-    """Highest priority first, one per column of the series ``gates``."""
+    """Highest priority first, one per column of the series ``activations``."""
     tool_task: str | None = None
     """The task that brings the tool to its goal."""
     levels: tuple[LevelMeta, ...] = ()

@@ -72,7 +72,7 @@ SERIES: Mapping[str, SeriesKind] = {
     "health": _of("trust in every channel: 0 good, 1 suspect, 2 lost", "(n_channels,)", "-"),
     "controller_time": _of("time that the whole controller took", "()", "s"),
     "phase": _of("number of the phase", "()", "-"),
-    "gates": _of("external activation of every task", "(n_tasks,)", "-"),
+    "activations": _of("external activation of every task", "(n_tasks,)", "-"),
     "guided": _of("whether the velocity is that of a plan which is followed", "()", "-"),
     "activity": _of("activation of every row of all levels", "(n_rows,)", "-"),
     "residual": _of("what every row of all levels misses", "(n_rows,)", "of the task's rate"),
@@ -188,7 +188,7 @@ _MAKERS: Mapping[str, Callable[[Any], Sequence[str]]] = {
     "tool": lambda meta: _VEHICLE_Q,
     "clearance": lambda meta: getattr(meta, "clearance_groups", ()),
     "current": lambda meta: _XYZ,
-    "gates": lambda meta: [task.name for task in meta.tasks],
+    "activations": lambda meta: [task.name for task in meta.tasks],
     "health": lambda meta: getattr(meta, "channels", ()),
 }
 

@@ -146,7 +146,7 @@ def _lost(record: Record) -> np.ndarray:
     for level in record.meta.levels:
         end = start + level.rows
         if level.name in above:
-            on = record["gates"][:, above[level.name]] >= 1.0
+            on = record["activations"][:, above[level.name]] >= 1.0
             lost = np.maximum(lost, np.where(on, np.linalg.norm(record["residual"][:, start:end], axis=1), 0.0))
         start = end
     return lost

@@ -35,7 +35,7 @@ def largest_tilt(record: Record) -> float | None:
     """[rad] while a task on it is on; `None` where none ever is."""
     meta = record.run_meta
     on = (
-        np.where(record["gates"][:, k] > 0.0, tilt, np.nan)
+        np.where(record["activations"][:, k] > 0.0, tilt, np.nan)
         for k, task in enumerate(meta.tasks)
         if (tilt := quantity(record, f"{task.name}.tilt")) is not None
     )

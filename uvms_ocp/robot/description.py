@@ -351,7 +351,7 @@ _RobotFile.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapp
 _TURN = np.diag([1.0, -1.0, -1.0])
 _TURN6 = np.kron(np.eye(2), _TURN)
 
-_ShapeRule = TypeVar("_Shape", Cylinder, Box, Sphere)
+_ShapeRule = TypeVar("_ShapeRule", Cylinder, Box, Sphere)
 
 
 def forward_left_up(description: RobotDescription) -> RobotDescription:

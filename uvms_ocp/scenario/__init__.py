@@ -12,6 +12,10 @@ from uvms_ocp.scenario.cases.case2 import case2 as case2
 from uvms_ocp.scenario.cases.transit import obstacle_field as obstacle_field
 from uvms_ocp.scenario.cases.transit import transit as transit
 from uvms_ocp.scenario.options import RunOptions as RunOptions
+from uvms_ocp.scenario.options import abort_phase as abort_phase
+from uvms_ocp.scenario.options import activate as activate
+from uvms_ocp.scenario.options import mission_of as mission_of
+from uvms_ocp.scenario.options import run_options as run_options
 from uvms_ocp.scenario.preflight.checks import check_mission as check_mission
 from uvms_ocp.scenario.preflight.setup import Finding as Finding
 from uvms_ocp.scenario.preflight.setup import PreflightReport as PreflightReport

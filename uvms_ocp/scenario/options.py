@@ -174,9 +174,9 @@ def mission_of(
     return with_activations(mission, activate(*names))
 
 
-def with_activations(mission: Mission, gates: Mapping[str, float]) -> Mission:
-    """The mission with these gates in every phase that does not set them itself, that of its abort too."""
-    phases = tuple(replace(phase, gates={**gates, **phase.gates}) for phase in mission.all_phases)
+def with_activations(mission: Mission, activations: Mapping[str, float]) -> Mission:
+    """The mission with these activations in every phase that does not set them itself, that of its abort too."""
+    phases = tuple(replace(phase, activations={**activations, **phase.activations}) for phase in mission.all_phases)
     n = len(mission.phases)
     abort = None if mission.abort is None else replace(mission.abort, phase=phases[n])
     return replace(mission, phases=phases[:n], abort=abort)
@@ -192,7 +192,7 @@ def abort_phase(*names: str, arrived: float = 0.3, hold: float = 2.0) -> Abort:
     phase = Phase(
         name="climb",
         title="abort",
-        gates=activate("PC", *names),
+        activations=activate("PC", *names),
         transitions=(Transition(to=ABORT, when=(there,), hold=hold),),
     )
     return Abort(phase=phase)
@@ -215,7 +215,7 @@ def approach_phase() -> Phase:
     return Phase(
         name="A",
         title="approach",
-        gates=activate("JL", "MAC", "HA", "PC", "MP"),
+        activations=activate("JL", "MAC", "HA", "PC", "MP"),
         transitions=(Transition(to="B", when=(near, turned)),),
     )
 

@@ -130,7 +130,9 @@ def run_meta(
 
 def _phases(mission: Mission) -> tuple[PhaseMeta, ...]:
     return tuple(
-        PhaseMeta(name=phase.name, title=phase.title, tasks=tuple(name for name, gate in phase.gates.items() if gate))
+        PhaseMeta(
+            name=phase.name, title=phase.title, tasks=tuple(name for name, gate in phase.activations.items() if gate)
+        )
         for phase in mission.all_phases
     )
 

@@ -123,7 +123,7 @@ def threshold_text(record: Record, name: str, limit: float) -> str:
 def task_gate(record: Record, task: str) -> np.ndarray | None:
     """External activation (n,) of a task; `None` for an unknown one."""
     names = [item.name for item in record.meta.tasks]
-    return record["gates"][:, names.index(task)] if task in names else None
+    return record["activations"][:, names.index(task)] if task in names else None
 
 
 def task_activity(record: Record, task: str) -> np.ndarray | None:

@@ -296,7 +296,7 @@ class KinematicController(TableDisplay):
         another phase than the present one.
         """
         state = state or self.state
-        (echo, known), gates, q = self._echo.at(measurement), self.mission.gates(state, t), measurement.q
+        (echo, known), gates, q = self._echo.at(measurement), self.mission.activations(state, t), measurement.q
         moves = (
             StoppingMotion(robot=self.robot, v=self._arrays.command.copy(), dt=self.dt) if self.memory.near else None
         )

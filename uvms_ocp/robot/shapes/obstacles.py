@@ -212,9 +212,9 @@ def _form(shape: coal.CollisionGeometry) -> dict[str, Any] | None:
 
 def _size(shape: Any) -> list[float]:
     if isinstance(shape, coal.Box):
-        return (2 * shape.halfSide).tolist()
+        return [2 * float(half) for half in shape.halfSide]
     if isinstance(shape, coal.Ellipsoid):
-        return shape.radii.tolist()
+        return [float(radius) for radius in shape.radii]
     return [shape.radius] if isinstance(shape, coal.Sphere) else [shape.radius, 2 * shape.halfLength]
 
 

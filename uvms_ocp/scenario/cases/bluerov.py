@@ -87,7 +87,7 @@ def _reach_phases(tolerance: float) -> tuple[Phase, ...]:
         Phase(
             name="B",
             title="reach",
-            gates=activate("JL", "MAC", "HA", "TP", "PC", "MP"),
+            activations=activate("JL", "MAC", "HA", "TP", "PC", "MP"),
             transitions=(Transition(to=DONE, when=(there,), hold=1.0),),
         ),
     )
@@ -183,13 +183,13 @@ def _phases(circle: Circle, turning: float, tolerance: float) -> tuple[Phase, ..
         Phase(
             name="B",
             title="hold",
-            gates=activate("JL", "MAC", "HA", "FV", "TP", "PC", "MP"),
+            activations=activate("JL", "MAC", "HA", "FV", "TP", "PC", "MP"),
             transitions=(Transition(to="C", when=(replace(there, limit=tolerance / 2),), hold=1.0),),
         ),
         Phase(
             name="C",
             title="turn",
-            gates=activate("JL", "MAC", "HA", "FV", "TP", "PC", "MP"),
+            activations=activate("JL", "MAC", "HA", "FV", "TP", "PC", "MP"),
             goals={"TP": circle},
             transitions=(Transition(to=DONE, when=(there,), hold=turning + 1.0),),
         ),

@@ -136,25 +136,25 @@ def case1_phases(thresholds: Thresholds) -> tuple[Phase, ...]:
         Phase(
             name="A",
             title="way point",
-            gates=activate("JL", "MAC", "HA", "PC", "MP"),
+            activations=activate("JL", "MAC", "HA", "PC", "MP"),
             transitions=(Transition(to="B", when=(arrived,)),),
         ),
         Phase(
             name="B",
             title="alignment",
-            gates=activate("JL", "MAC", "HA", "AT", "MP"),
+            activations=activate("JL", "MAC", "HA", "AT", "MP"),
             transitions=(Transition(to="C", when=(aligned,)),),
         ),
         Phase(
             name="C",
             title="landing",
-            gates=activate("JL", "HA", "AT", "LA", "MP"),
+            activations=activate("JL", "HA", "AT", "LA", "MP"),
             transitions=(Transition(to="D", when=(landed, aligned), hold=thresholds.landing_hold),),
         ),
         Phase(
             name="D",
             title="tool frame",
-            gates=activate("NR", "JL", "HA", "T", "MP"),
+            activations=activate("NR", "JL", "HA", "T", "MP"),
             transitions=(Transition(to=DONE, when=reached, hold=thresholds.tool_hold),),
         ),
     )
@@ -205,14 +205,14 @@ def priority_swap(*, swapped: bool = True, **options: Any) -> Scenario:
     scenario = case1(**{**defaults, **options})
     if swapped:
         hierarchy = scenario.mission.hierarchy
-        order = swapped(hierarchy.names, "HA", "PC")
+        order = swap_names(hierarchy.names, "HA", "PC")
         mission = replace(scenario.mission, hierarchy=Hierarchy(hierarchy.tasks, order))
         scenario = replace(scenario, mission=mission)
     return replace(scenario, name="priority_swap")
 
 
-def swapped(names: tuple[str, ...], first: str, second: str) -> tuple[str, ...]:
-    """The names with two of them in each other's place."""
+def swap_names(names: tuple[str, ...], first: str, second: str) -> tuple[str, ...]:
+    """Return the names with two of them exchanged."""
     places = {first: second, second: first}
     return tuple(places.get(name, name) for name in names)
 

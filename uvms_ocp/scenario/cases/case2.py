@@ -129,5 +129,5 @@ def _following(scenario: Scenario, phase: Phase, joints: PiecewisePolynomial, wi
     path = ToolPath(robot=scenario.robot, frame=tool.frame, base=landed_configuration(scenario), joints=joints)
     wrist = [scenario.robot.joint_names.index(name) for name in posture.joints]
     if not with_mp:
-        return replace(phase, gates={**phase.gates, posture.name: 0.0})
+        return replace(phase, activations={**phase.activations, posture.name: 0.0})
     return replace(phase, goals={**phase.goals, tool.name: path, posture.name: joints.axes(wrist)})

@@ -53,7 +53,7 @@ def transit(*, relief: str = "small", min_altitude: Positive = 1.0, length: Leng
     phase = Phase(
         name="A",
         title="transit",
-        gates=activate("JL", "MAC", "HA", "PC"),
+        activations=activate("JL", "MAC", "HA", "PC"),
         transitions=(Transition(to=DONE, when=(arrived,)),),
     )
     return run.scenario(
@@ -102,12 +102,14 @@ def obstacle_field(
         VehiclePose(goal=goal),
         JointTracking(joints=robot.joint_names, goal=robot.home),
     ]
-    gates = activate("JL", "MAC", "HA", "PC", "MP", "SC", *(("CL",) if with_clearance else ()))
+    activations = activate("JL", "MAC", "HA", "PC", "MP", "SC", *(("CL",) if with_clearance else ()))
     arrived = Below(quantity="PC.position_error", limit=0.1)
-    phase = Phase(name="A", title="transit", gates=gates, transitions=(Transition(to=DONE, when=(arrived,)),))
+    phase = Phase(
+        name="A", title="transit", activations=activations, transitions=(Transition(to=DONE, when=(arrived,)),)
+    )
     return run.scenario(
         name="obstacle_field",
-        mission=mission_of(robot, tasks, (phase,), abort=abort_phase(*(name for name in gates if name != "PC"))),
+        mission=mission_of(robot, tasks, (phase,), abort=abort_phase(*(name for name in activations if name != "PC"))),
         start=run.start(pose_at((0.0, 0.0, -37.0))),
         obstacles=obstacles,
         markers={"way point": tuple(goal.translation.tolist())},

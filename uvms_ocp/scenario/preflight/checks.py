@@ -39,7 +39,7 @@ def check_structure(mission: Mission) -> Iterator[Finding]:
     for phase in mission.all_phases:
         yield from _idle(mission, phase)
         yield from _waiting_in_vain(mission, phase)
-    used = {name for phase in mission.all_phases for name, gate in phase.gates.items() if gate > 0}
+    used = {name for phase in mission.all_phases for name, gate in phase.activations.items() if gate > 0}
     for name in mission.hierarchy.names:
         if name not in used:
             text = f"task {name} is never switched on; use it or drop it"
@@ -60,7 +60,7 @@ def _idle(mission: Mission, phase: Phase) -> Iterator[Finding]:
     """A phase needs a task that acts; constraints, safety and preferences that it does not wait for move nothing on purpose."""
     acting = (TaskClass.PREREQUISITE, TaskClass.ACTION)
     awaited = {c.quantity.rpartition(".")[0] for transition in phase.transitions for c in transition.when}
-    active = [task for task in mission.hierarchy.tasks if phase.gates.get(task.name, 0.0) > 0]
+    active = [task for task in mission.hierarchy.tasks if phase.activations.get(task.name, 0.0) > 0]
     if not any(task.task_class in acting or task.name in awaited for task in active):
         text = f"phase {phase.name!r} has no acting task switched on; nothing would happen in it"
         yield Finding(severity=Severity.ERROR, check=CHECK, phase=phase.name, text=text)
@@ -71,7 +71,7 @@ def _waiting_in_vain(mission: Mission, phase: Phase) -> Iterator[Finding]:
     for transition in phase.transitions:
         for condition in transition.when:
             task = condition.quantity.rpartition(".")[0]
-            if isinstance(condition, Below) and not phase.gates.get(task, 0.0) > 0 and not _alternatives(phase):
+            if isinstance(condition, Below) and not phase.activations.get(task, 0.0) > 0 and not _alternatives(phase):
                 text = f"phase {phase.name!r} waits for {condition.quantity}, but task {task} is off in it"
                 yield Finding(severity=Severity.WARNING, check=CHECK, phase=phase.name, text=text)
 

@@ -212,7 +212,7 @@ def forecast(setup: Setup) -> list[Visit]:
     visits = []
     for index in main_path(setup.mission.phases):
         phase = setup.mission.phases[index]
-        on = {name for name, gate in phase.gates.items() if gate > 0}
+        on = {name for name, gate in phase.activations.items() if gate > 0}
         tasks = tuple(task for task in setup.mission.tasks_of(index) if task.name in on)
         visit = Visit(index=index, phase=phase, tasks=tasks, stances=stances)
         stances = _stances_after(setup, visit)
