@@ -98,12 +98,12 @@ def is_named(faults: Sequence[Fault], robot: Robot, texts: Sequence[str]) -> boo
 
 def _words(fault: Fault, robot: Robot) -> list[str]:
     """Any of which names what the fault strikes."""
-    name, number, family = fault.target, fault.strikes.number, fault.strikes.family
+    name, number, family = fault.target, fault.location.number, fault.location.family
     words = [name, name.removesuffix("_range")]
     if family == "thruster":
         words += [f"thruster {number}", robot.description.thrusters[number - 1].name]
     elif family in ("joint", "encoder"):
-        words += [fault.strikes.channel or name, robot.joint_names[number - 1]]
+        words += [fault.location.channel or name, robot.joint_names[number - 1]]
     elif family in ("current", "payload"):
         words += ["disturbance"]
     return [word.lower().replace("_", " ") for word in words]

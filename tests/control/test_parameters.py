@@ -249,7 +249,7 @@ def test_a_goal_that_moves_is_asked_at_every_tick_and_a_still_one_once_in_a_phas
         JointTracking(name="still", joints=(joint,), goal=np.array([0.3])),
         JointTracking(name="moving", joints=(joint,), goal=moving),
     ]
-    assert [task.still for task in tasks] == [True, False]
+    assert [task.is_constant for task in tasks] == [True, False]
     never = (uo.Transition(to=uo.DONE, when=(uo.Below(quantity="still.posture_error", limit=1e-9),)),)
     phases = [
         uo.Phase(
@@ -299,4 +299,4 @@ def test_a_goal_that_ends_is_held_as_samples_and_not_asked_again(robot: Robot, m
 
 
 def test_a_task_of_ones_own_is_asked_at_every_tick(robot: Robot) -> None:
-    assert not standing_off(robot, 0.4).tasks_of(0)[0].still
+    assert not standing_off(robot, 0.4).tasks_of(0)[0].is_constant

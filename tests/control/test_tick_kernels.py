@@ -150,7 +150,7 @@ def test_giving_up_is_that_of_the_mission_alone_in_c_and_in_python(
         goal = ascent_goal(control.memory.climb)
         began, event = mission.abandon(before, stalled.t, stalled.reason, goal)
         assert event == stalled
-        assert (began.phase, began.since, began.why) == (climbing.phase, climbing.since, climbing.why)
+        assert (began.phase, began.since, began.abort_reason) == (climbing.phase, climbing.since, climbing.abort_reason)
         np.testing.assert_array_equal(
             mission.references(began, 1.0)[mission.hierarchy.index("PC")][:3], goal.translation
         )

@@ -89,8 +89,11 @@ def test_gates_for_every_phase_reach_the_abort_phase_and_leave_those_that_are_se
 @pytest.mark.parametrize(
     ("abort", "message"),
     [
-        (lambda: replace(climbing(), climb="HA"), "climbs by HA, a HorizontalAttitude; give a task on a pose"),
-        (lambda: replace(climbing(), climb="XX"), "abort: climb = 'XX', off in phase 'climb'; name a task that is on"),
+        (lambda: replace(climbing(), ascent_task="HA"), "climbs by HA, a HorizontalAttitude; give a task on a pose"),
+        (
+            lambda: replace(climbing(), ascent_task="XX"),
+            "abort: ascent_task = 'XX', off in phase 'climb'; name a task that is on",
+        ),
         (lambda: Abort(phase=phase("climb", "A", PC=1.0)), r"leads to \['A'\]; lead to 'abort' alone"),
         (lambda: Abort(phase=phase("A", ABORT, PC=1.0)), "phase 'A'; give each a name of its own"),
     ],

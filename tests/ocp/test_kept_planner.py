@@ -99,7 +99,7 @@ OTHERS: dict[str, Any] = {
     "frame": "link2",
     "name": "another",
     "phase": "stay",
-    "bell": SmoothActivation(0.03, 0.09),
+    "activation": SmoothActivation(0.03, 0.09),
     "joints": ("y0", "x0"),
     "axes": (0, 2),
     "axis": (0.0, 1.0, 0.0),

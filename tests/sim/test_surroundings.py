@@ -21,7 +21,7 @@ from uvms_ocp.sim.currents import (
     water_at,
 )
 from uvms_ocp.sim.dynamic_step import skid_points
-from uvms_ocp.sim.environment import Environment, EnvironmentSampler, everywhere, is_steady
+from uvms_ocp.sim.environment import Environment, EnvironmentSampler
 from uvms_ocp.sim.seafloor import FlatSeafloor, HeightField, Seafloor, ground_at
 
 ROBOT = load_robot("girona_maris7_full")
@@ -135,10 +135,25 @@ def test_a_floor_made_of_a_built_in_one_is_not_taken_for_it() -> None:
 
 
 def test_only_what_never_changes_is_taken_as_steady() -> None:
-    assert {name for name, current in CURRENTS.items() if is_steady(current)} == {"still", "uniform"}
-    alike = {name for name, current in CURRENTS.items() if everywhere(current, T) is not None}
+    assert {name for name, current in CURRENTS.items() if current.is_steady} == {"still", "uniform"}
+    alike = {name for name, current in CURRENTS.items() if current.uniform_flow(T) is not None}
     assert alike == {"still", "uniform", "onset", "gusty", "gusty onset"}
-    assert everywhere(OwnCurrent(StillWater()), T) is None
+    assert OwnCurrent(StillWater()).uniform_flow(T) is None
+
+
+class LayeredCurrent(UniformCurrent):
+    """Made of a uniform one, and different from place to place."""
+
+    def velocity(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        return super().velocity(p_W, t) * p_W[:, 2:]
+
+
+def test_a_current_made_of_a_uniform_one_is_not_taken_for_it() -> None:
+    layered = LayeredCurrent([0.1, 0.0, 0.0])
+    assert not layered.is_steady
+    assert layered.uniform_flow(T) is None
+    gusty = GustyCurrent(base=layered)
+    assert gusty.uniform_flow(T) is None
 
 
 @pytest.mark.parametrize("which", ["velocity", "rate"])

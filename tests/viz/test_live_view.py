@@ -68,7 +68,7 @@ def seen(scenario: Scenario) -> tuple[Record, Listener]:
     """A run at the speed of the clock, and what came of it by the time that it was over."""
     view = live(scenario)
     with Listener(view.address) as listener, view:
-        record = scenario.run(watch=view)
+        record = scenario.run(observer=view)
     return record, listener
 
 
@@ -116,7 +116,7 @@ def test_the_record_is_the_same_to_the_last_bit(seen: tuple[Record, Listener], s
 def test_a_run_does_not_overtake_the_clock(scenario: Scenario, speed: float) -> None:
     with live(scenario, speed=speed) as view:
         begun = time.monotonic()
-        scenario.run(watch=view)
+        scenario.run(observer=view)
         assert time.monotonic() - begun >= LASTS / speed
 
 
@@ -161,7 +161,7 @@ def test_a_browser_shows_where_the_robot_has_come_to(chromium: Any, scenario: Sc
         page.on("console", lambda message: wrong.append(message.text))
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.goto(view.address)
-        record = longer.run(watch=view)
+        record = longer.run(observer=view)
         page.wait_for_function(f"byId('clock').textContent === '{record['t'][-1]:.1f} s'", timeout=20_000)
         place = page.evaluate("(() => { const {x, y, z} = nodeAt(DETAILS.body).position; return [x, y, z]; })()")
         told = page.locator("#readouts").inner_text()

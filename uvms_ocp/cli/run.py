@@ -198,8 +198,8 @@ def run_and_write(
     with claim_folder(out, _files()) as claim:
         preflight = scenario.check()
         require_accepted(preflight, scenario.name, console, force=force)
-        with _watched(scenario, console) if live else nullcontext() as watch:
-            record = _simulate(scenario, plan, console, watch)
+        with _watched(scenario, console) if live else nullcontext() as observer:
+            record = _simulate(scenario, plan, console, observer)
         report = summarize(record) | {"preflight": preflight.to_dict()}
         with claim.staged() as staging:
             run_jobs(
@@ -231,7 +231,7 @@ def _watched(scenario: Scenario, console: Console) -> Iterator[TickObserver]:
         yield view
 
 
-def _simulate(scenario: Scenario, plan: MissionPlan | None, console: Console, watch: TickObserver | None) -> Record:
+def _simulate(scenario: Scenario, plan: MissionPlan | None, console: Console, observer: TickObserver | None) -> Record:
     """Run with a progress bar that names the phase and what it waits for; what is compiled before."""
     with _bar(console) as bar:
         task = bar.add_task("", total=scenario.duration, waiting="")
@@ -245,7 +245,7 @@ def _simulate(scenario: Scenario, plan: MissionPlan | None, console: Console, wa
                     done = scenario.duration if command.finished else t
                     bar.update(task, completed=done, description=_title(phase.name, phase.title), waiting=waiting)
 
-            return scenario.run(show, controller, watch)
+            return scenario.run(show, controller, observer)
 
 
 @contextmanager

@@ -161,7 +161,7 @@ class PlanGuide:
         if tick.mission.phase == self._phases[self._at].phase:
             return ""
         name = self._mission.phase_names[tick.mission.phase]
-        why = f", {tick.mission.why}" if tick.mission.why else ""
+        why = f", {tick.mission.abort_reason}" if tick.mission.abort_reason else ""
         return f"the mission has gone on to phase {name!r}{why}"
 
     def _away(self, error: np.ndarray) -> str:

@@ -120,7 +120,7 @@ class Mission(TableDisplay):
     phases: tuple[Phase, ...]
     """The first is where it begins."""
     ramp: float = 0.2
-    """[s] duration of the bell on external activations."""
+    """[s] duration of the cosine step of external activations."""
     abort: Abort | None = None
     """How it is given up; without, a robot that cannot go on holds or stops where it is."""
     all_phases: tuple[Phase, ...] = field(init=False, repr=False)
@@ -142,7 +142,7 @@ class Mission(TableDisplay):
         self._check_names()
         self._check_targets()
         if self.abort is not None:
-            _pose_task(self.hierarchy, self.abort.climb)
+            _pose_task(self.hierarchy, self.abort.ascent_task)
         object.__setattr__(self, "_targets", np.array([self._gates_of(phase) for phase in self.all_phases]))
         object.__setattr__(self, "_tasks", tuple(self._tasks_of(phase) for phase in self.all_phases))
         object.__setattr__(self, "_references", tuple(map(_references, self.all_phases, self._tasks)))
@@ -153,11 +153,11 @@ class Mission(TableDisplay):
         return tuple(phase.name for phase in self.all_phases)
 
     @property
-    def climb_frame(self) -> str:
+    def ascent_frame(self) -> str:
         """The frame that `abort` climbs with. Raises `InvalidInput` where there is none."""
         if self.abort is None:
             raise InvalidInput("mission without abort climbs with no frame; give it one")
-        return _pose_task(self.hierarchy, self.abort.climb).frame
+        return _pose_task(self.hierarchy, self.abort.ascent_task).frame
 
     @checked_on_failure
     def tasks_of(self, phase: int) -> tuple[Task, ...]:
@@ -231,9 +231,9 @@ class Mission(TableDisplay):
 
     @checked_on_failure
     def abandon(
-        self, state: MissionState, t: float, why: str, ascent_pose: pin.SE3 | None = None
+        self, state: MissionState, t: float, reason: str, ascent_pose: pin.SE3 | None = None
     ) -> tuple[MissionState, Event]:
-        """The state after the mission is given up at t [s], for the reason `why`, and the event that tells of it.
+        """The state after the mission is given up at t [s], for a reason, and the event that tells of it.
 
         ascent_pose: the goal of the task that climbs in the abort phase, which begins. Without, without such a phase, or already
         in it, the mission ends.
@@ -241,19 +241,19 @@ class Mission(TableDisplay):
         memory = self._memory(state)
         abort_mission(memory, t, ascent_pose is not None)
         goals = () if ascent_pose is None else self.ascent_goals(ascent_pose)
-        return state_after_abort(self.all_phases, state, memory, t, why, goals)
+        return state_after_abort(self.all_phases, state, memory, t, reason, goals)
 
-    def climbs(self, phase: int, task: int) -> bool:
+    def has_ascent_goal(self, phase: int, task: int) -> bool:
         """Whether a task has a goal that is made as a phase begins: the one that climbs in the abort phase."""
         if self.abort is None or phase != len(self.phases):
             return False
-        return self.hierarchy.tasks[task].name == self.abort.climb
+        return self.hierarchy.tasks[task].name == self.abort.ascent_task
 
     def ascent_goals(self, ascent_pose: pin.SE3) -> GoalFunctions:
         """Of all tasks in the abort phase, which climbs to a pose; none without such a phase."""
         if self.abort is None:
             return ()
-        climb = self.abort.climb
+        climb = self.abort.ascent_task
         tasks = [task.with_goal(ascent_pose) if task.name == climb else task for task in self._tasks[-1]]
         return _references(self.abort.phase, tasks)
 
@@ -262,10 +262,10 @@ class Mission(TableDisplay):
         if state.aborted:
             return f"given up, {state.aborted}"
         waits = " or ".join(tr.describe(quantities) for tr in self.all_phases[state.phase].transitions)
-        return f"giving up, {state.why}; {waits}" if state.why else waits
+        return f"giving up, {state.abort_reason}; {waits}" if state.abort_reason else waits
 
-    def told(self, state: MissionState) -> dict[str, str]:
-        """What a controller that flies it says of it in a few words."""
+    def describe(self, state: MissionState) -> dict[str, str]:
+        """Return tasks, phases and where it is now, each in a few words."""
         names = [phase.name for phase in self.all_phases]
         now = "completed" if state.completed else state.aborted or f"in phase {names[state.phase]}"
         return {"tasks": ", ".join(self.hierarchy.names), "phases": ", ".join(names), "now": now}
@@ -347,7 +347,7 @@ def _references(phase: Phase, tasks: Sequence[Task]) -> GoalFunctions:
     return tuple((unchecked_method(task.reference), task.name in phase.goals) for task in tasks)
 
 
-def is_still(reference: Callable[[float], np.ndarray]) -> bool:
-    """Whether a function of `GoalFunctions` never changes, as `Task.still` says."""
+def is_constant(reference: Callable[[float], np.ndarray]) -> bool:
+    """Whether a function of `GoalFunctions` never changes, as `Task.is_constant` says."""
     task = getattr(reference, "__self__", None)
-    return isinstance(task, Task) and task.still
+    return isinstance(task, Task) and task.is_constant

@@ -205,7 +205,7 @@ class MissionState:
     since: float
     """[s] start of the phase."""
     activations_before: Annotated[np.ndarray, Shape("n_tasks")]
-    """(n_tasks,) activations when the phase began; the bell leads on from them."""
+    """(n_tasks,) activations when the phase began; the step leads on from them."""
     held_since: tuple[float | None, ...]
     """[s] since when each transition of the phase holds."""
     completed: bool = False
@@ -214,7 +214,7 @@ class MissionState:
     """Why the mission was given up."""
     fired: Mapping[tuple[int, int], int] = field(default_factory=dict)
     """How often each transition was taken, by the indices of phase and transition."""
-    why: str = ""
+    abort_reason: str = ""
     """Why it is being given up, in the phase that does so."""
     goals: GoalFunctions | None = None
     """Goals that were made when the phase began, in place of those of the mission."""
@@ -250,12 +250,12 @@ class Event:
 class Abort:
     """A phase that leads to safety, and what enters it beside the loss of sensors (`uvms_ocp.estimation.degraded_modes`).
 
-    Raises `InvalidInput` for a transition of that phase to anything but `ABORT`, and where it does not have `climb` on.
+    Raises `InvalidInput` for a transition of that phase to anything but `ABORT`, and where it does not have `ascent_task` on.
     """
 
     phase: Phase
     """Stands beside the phases of the mission: no transition leads there, and its own end the mission."""
-    climb: str = "PC"
+    ascent_task: str = "PC"
     """Name of the task on the vehicle's pose that climbs, upright and where it is; its goal is made as the phase begins."""
     altitude: Positive = 3.0
     """[m] that is safe: above the last floor that is known, or where none is, above where the phase begins."""
@@ -276,7 +276,7 @@ class Abort:
             raise InvalidInput(
                 f"phase {self.phase.name!r} aborts a mission but leads to {others}; lead to {ABORT!r} alone"
             )
-        if not self.phase.activations.get(self.climb, 0.0) > 0:
+        if not self.phase.activations.get(self.ascent_task, 0.0) > 0:
             raise InvalidInput(
-                f"abort: climb = {self.climb!r}, off in phase {self.phase.name!r}; name a task that is on in it"
+                f"abort: ascent_task = {self.ascent_task!r}, off in phase {self.phase.name!r}; name a task that is on in it"
             )

@@ -37,7 +37,7 @@ class MissionMemory(Layout):
     """The conditions of a mission, and where it is."""
 
     ramp: float
-    """[s] of the bell on external activations."""
+    """[s] of the cosine step of external activations."""
     targets: Annotated[list[Vector], Sized("n_phases", "n_tasks")]
     """(n_phases, n_tasks) external activations."""
     first: Annotated[list[int], Sized("n_phases")]
@@ -51,7 +51,7 @@ class MissionMemory(Layout):
     hold: Annotated[Vector, Sized("n_transitions")]
     """(n_transitions,) [s] as that of `Transition`."""
     to: Annotated[list[int], Sized("n_transitions")]
-    """(n_transitions,) the phase that each leads to, or an `End`."""
+    """(n_transitions,) the phase that each leads to, or a `Terminal`."""
     retries: Annotated[list[int], Sized("n_transitions")]
     """(n_transitions,) as those of `Transition`; below 0: as often as it likes."""
     quantity: Annotated[list[int], Sized("n_conditions")]
@@ -192,7 +192,7 @@ def _write_condition(memory: Any, at: int, condition: Condition, names: Sequence
 def write_state(memory: Any, state: MissionState) -> None:
     """Where a mission is."""
     memory.phase, memory.since = state.phase, state.since
-    memory.completed, memory.aborted, memory.given_up = state.completed, bool(state.aborted), bool(state.why)
+    memory.completed, memory.aborted, memory.given_up = state.completed, bool(state.aborted), bool(state.abort_reason)
     view(memory.activations_before)[: len(state.activations_before)] = state.activations_before
     view(memory.fired)[:] = 0
     for (phase, index), n in state.fired.items():
@@ -208,7 +208,7 @@ def write_state(memory: Any, state: MissionState) -> None:
 def state_after_transition(
     phases: Sequence[Phase], state: MissionState, memory: Any, due: int, t: float, quantities: Mapping[str, float]
 ) -> tuple[MissionState, Event | None]:
-    """What `Mission.step` returns, from the state before, after `transition_due` and where one was due, `follow` at t [s].
+    """What `Mission.step` returns, from the state before, after `transition_due` and where one was due, `take_transition` at t [s].
 
     quantities: those that it was due with [in their units].
     """
@@ -225,19 +225,19 @@ def state_after_transition(
 
 
 def state_after_abort(
-    phases: Sequence[Phase], state: MissionState, memory: Any, t: float, why: str, goals: GoalFunctions
+    phases: Sequence[Phase], state: MissionState, memory: Any, t: float, reason: str, goals: GoalFunctions
 ) -> tuple[MissionState, Event]:
-    """What `Mission.abandon` returns, from the state before, after `give_up` at t [s]. goals: of the abort phase."""
-    after, source = _after(phases, state, memory, why), phases[state.phase].name
+    """What `Mission.abandon` returns, from the state before, after `abort_mission` at t [s]. goals: of the abort phase."""
+    after, source = _after(phases, state, memory, reason), phases[state.phase].name
     target = ABORT if after.over else phases[after.phase].name
-    event = Event(t=t, source=source, target=target, reason=why, conditions=())
-    return after if after.over else replace_unchecked(after, why=why, goals=goals), event
+    event = Event(t=t, source=source, target=target, reason=reason, conditions=())
+    return after if after.over else replace_unchecked(after, abort_reason=reason, goals=goals), event
 
 
 def _after(phases: Sequence[Phase], state: MissionState, memory: Any, reason: str) -> MissionState:
     if is_over(memory):
         return replace_unchecked(
-            state, completed=bool(memory.completed), aborted=(state.why or reason) * bool(memory.aborted)
+            state, completed=bool(memory.completed), aborted=(state.abort_reason or reason) * bool(memory.aborted)
         )
     return MissionState(
         phase=memory.phase,

@@ -111,7 +111,7 @@ def _kept_otherwise(task: Task) -> bool:
 
 def _stricter(task: Task, asked: Mapping[str, float], margins: Margins) -> Task:
     if isinstance(task, AngleTask):
-        return replace(task, aim=inside(asked.get(task.name, task.bell.end), margins.angle))
+        return replace(task, aim=inside(asked.get(task.name, task.activation.end), margins.angle))
     if isinstance(task, MinimumAltitude):
         return replace(task, threshold=task.threshold + margins.altitude)
     return task

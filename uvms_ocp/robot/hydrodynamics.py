@@ -72,8 +72,8 @@ from uvms_ocp.types import read_only
 # ``x_k^3`` is the left side times ``d_k / 3``, and ``Q_kk |nu_k|^3`` gives the right side times that.
 #
 # The condition is necessary too where one choice of signs turns all couplings against the diagonal, as with two coupled axes
-# and ``Q_ij Q_ji >= 0``: the best weights are then a velocity that is fed. Elsewhere it is stricter than need be: of two couplings
-# ``Q_ij = -Q_ji`` it allows a quarter of what is harmless.
+# and ``Q_ij Q_ji >= 0``: the best weights are then a velocity that is fed. Elsewhere it is stricter than need be: of
+# two couplings ``Q_ij = -Q_ji`` it allows a quarter of what is harmless.
 
 _STEPS = 200  # of the search for weights, which gains a digit in 5 to 20 steps
 _ROUNDING = 1e-9

@@ -277,18 +277,18 @@ class Scenario(FieldTable):
         self,
         progress: Progress | None = None,
         controller: MissionController | None = None,
-        watch: TickObserver | None = None,
+        observer: TickObserver | None = None,
     ) -> Record:
         """Simulate until the mission is complete or `duration` is over.
 
-        controller: a fresh one, for who wants to look into it meanwhile. watch: is told every tick, see `uvms_ocp.viz.scene.live.live`.
+        controller: by default a fresh one. observer: called at every tick, see `uvms_ocp.viz.scene.live.live`.
         """
         controller = controller or self.controller()
         kinematic, estimator = controller.kinematic, self.estimator()
         plant, sensors = inject_faults(self, self._plant(), self._sensors())
         begin = perf_counter()
         parts: dict[str, Any] = {"plant": plant, "sensors": sensors, "estimator": estimator, "controller": controller}
-        recorder = simulate(**parts, dt=self.dt, duration=self.duration, progress=progress, watch=watch)
+        recorder = simulate(**parts, dt=self.dt, duration=self.duration, progress=progress, observer=observer)
         wall = perf_counter() - begin
         truth = kinematic.evaluate(self._true_measurement(plant.state), recorder.last("t"))
         events = self._truth_at_events(kinematic, recorder)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Annotated, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,9 +22,31 @@ Points = Annotated[np.ndarray, Shape("n", 3)]
 
 
 class Current(Protocol):
-    """A field of water velocity u. It is asked for u and both its derivatives; `water_at` joins them."""
+    """A field of water velocity u. It is asked for u and both its derivatives; `water_at` joins them.
+
+    A class with a `velocity` of its own is neither uniform nor steady until it states so itself, whatever it is made of.
+    """
 
     __slots__ = ()
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if "velocity" in vars(cls):
+            for name in ("uniform_flow", "is_steady"):
+                if name not in vars(cls):
+                    setattr(cls, name, vars(Current)[name])
+
+    @property
+    def is_steady(self) -> bool:
+        """True for one that is the same at all points and times."""
+        return False
+
+    def uniform_flow(self, t: float) -> np.ndarray | None:
+        """Return velocity [m/s] and its rate [m/s2] (2, 3) in W at time t [s], `None` where they depend on the point.
+
+        Raises `InvalidInput` where `velocity` does.
+        """
+        return None
 
     def velocity(self, p_W: Points, t: float) -> np.ndarray:
         """Velocity (n, 3) [m/s] in W at points p_W (n, 3) [m] and time t [s].
@@ -63,6 +85,13 @@ def water_at(current: Current, p_W: Points, t: float) -> Water:
 class StillWater(Current):
     """No current."""
 
+    @property
+    def is_steady(self) -> bool:
+        return True
+
+    def uniform_flow(self, t: float) -> np.ndarray:
+        return np.zeros((2, 3))
+
     def velocity(self, p_W: Points, t: float) -> np.ndarray:
         return np.zeros((len(p_W), 3))
 
@@ -86,6 +115,13 @@ class UniformCurrent(Current):
 
     def __init__(self, velocity: ArrayLike) -> None:
         object.__setattr__(self, "value", _flow("velocity of the current", velocity, (3,)))
+
+    @property
+    def is_steady(self) -> bool:
+        return True
+
+    def uniform_flow(self, t: float) -> np.ndarray:
+        return np.array([self.value, np.zeros(3)])
 
     def velocity(self, p_W: Points, t: float) -> np.ndarray:
         return _rows(self.value, len(p_W))
@@ -169,6 +205,9 @@ class OnsetCurrent(Current):
         object.__setattr__(self, "start", float(start))
         object.__setattr__(self, "rise", float(rise))
 
+    def uniform_flow(self, t: float) -> np.ndarray:
+        return np.multiply.outer(self.growth(t), self.value)
+
     def velocity(self, p_W: Points, t: float) -> np.ndarray:
         return _rows(self.value * self.growth(t)[0], len(p_W))
 
@@ -219,6 +258,11 @@ class GustyCurrent(Current):
                 raise InvalidInput(f"{name} of a gust = {value} s; give a finite time > 0")
         decay = math.exp(-self.step / self.correlation_time)
         object.__setattr__(self, "_path", _Path(np.broadcast_to(sigma, (3,)), decay, self.seed))
+
+    @checked_on_failure
+    def uniform_flow(self, t: float) -> np.ndarray | None:
+        base = self.base.uniform_flow(t)
+        return None if base is None else base + self.gust(t)
 
     @checked_on_failure
     def velocity(self, p_W: Points, t: float) -> np.ndarray:

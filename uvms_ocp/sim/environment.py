@@ -19,7 +19,7 @@ from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.robot.shapes.obstacles import Obstacle
 from uvms_ocp.robot.spatial import quaternion_to_matrix
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
-from uvms_ocp.sim.currents import Current, GustyCurrent, OnsetCurrent, StillWater, UniformCurrent, water_at
+from uvms_ocp.sim.currents import Current, StillWater, water_at
 from uvms_ocp.sim.seafloor import FlatSeafloor, HeightField, Seafloor, floor_obstacle, ground_at
 from uvms_ocp.types import Positive, Shape
 
@@ -60,8 +60,8 @@ class EnvironmentSampler:
         """Points (n_points, 3) [m]: contact points in B. compiled: unless there is no time for that."""
         self._environment = environment
         self._n_links = len(dynamics.links)
-        self._steady = is_steady(environment.current)
-        self._uniform = everywhere(environment.current, 0.0) is not None
+        self._steady = environment.current.is_steady
+        self._uniform = environment.current.uniform_flow(0.0) is not None
         floor = environment.seafloor
         self._flat = type(floor) is FlatSeafloor or not len(points)
         self._top = floor.top if type(floor) is HeightField else math.inf
@@ -97,7 +97,7 @@ class EnvironmentSampler:
 
     def _sample_water(self, p_W: np.ndarray, t: float) -> None:
         current, given = self._environment.current, self._given
-        flow = everywhere(current, t) if self._uniform else None
+        flow = current.uniform_flow(t) if self._uniform else None
         if flow is None:
             water = water_at(current, p_W, t)
             given["u"][:], given["Du_Dt"][:] = water.velocity, water.acceleration
@@ -119,27 +119,6 @@ def sites_function(dynamics: SymbolicDynamics, points: np.ndarray) -> ca.Functio
     if len(points):
         columns += [q[:3] + quaternion_to_matrix(q[3:7]) @ ca.DM(point) for point in points]
     return ca.Function("sites", [q], [ca.densify(ca.horzcat(*columns))], ["q"], ["p_W"], {"cse": True})
-
-
-def is_steady(current: Current) -> bool:
-    """Whether it is known to be the same everywhere and always."""
-    return type(current) in (StillWater, UniformCurrent)
-
-
-def everywhere(current: Current, t: float) -> np.ndarray | None:
-    """Velocity [m/s] and its rate [m/s2] (2, 3) at time t [s], where they are known to be the same at all points.
-
-    Raises `InvalidInput` where the current does.
-    """
-    # Of these very classes: another one that is made of them may differ from place to place.
-    if type(current) is GustyCurrent:
-        base = everywhere(current.base, t)
-        return None if base is None else base + current.gust(t)
-    if type(current) is OnsetCurrent:
-        return np.multiply.outer(current.growth(t), current.value)
-    if type(current) is UniformCurrent:
-        return np.array([current.value, np.zeros(3)])
-    return np.zeros((2, 3)) if type(current) is StillWater else None
 
 
 # How near a robot came to the floor, to obstacles and to itself during a run.

@@ -99,7 +99,7 @@ class _Part:
 
 
 def _part(channel: FaultyChannel, fault: Fault) -> _Part:
-    number = fault.strikes.number
+    number = fault.location.number
     if number > len(channel.joints):
         raise InvalidInput(f"{fault}: the robot has {len(channel.joints)} joints; give one of them, from 1")
     if not number:
@@ -217,8 +217,8 @@ def condition_of(faults: Sequence[Fault], thrust: np.ndarray) -> ThrusterConditi
     """What these faults make of the thrusters, thrust (n,) [N] now."""
     share, offset, dead = np.ones(len(thrust)), np.zeros(len(thrust)), np.zeros(len(thrust), dtype=bool)
     for fault in faults:
-        if fault.strikes.family == "thruster":
-            k = fault.strikes.number - 1
+        if fault.location.family == "thruster":
+            k = fault.location.number - 1
             if fault.kind == "stuck":
                 offset[k] = fault.values[0] if fault.values else thrust[k]
             dead[k] |= fault.kind == "dead"
@@ -244,13 +244,13 @@ def active_of(faults: Sequence[Fault], t: float) -> tuple[Fault, ...]:
 
 def jammed_axes(robot: Robot, faults: Sequence[Fault]) -> tuple[int, ...]:
     """Entries of v of the joints that cannot move."""
-    joints = [robot.joints[fault.strikes.number - 1] for fault in faults if fault.strikes.family == "joint"]
+    joints = [robot.joints[fault.location.number - 1] for fault in faults if fault.location.family == "joint"]
     return tuple(sorted({axis for joint in joints for axis in range(joint.v.start, joint.v.stop)}))
 
 
 def payloads(faults: Sequence[Fault]) -> tuple[Fault, ...]:
     """Those that put something into the tool."""
-    return tuple(fault for fault in faults if fault.strikes.family == "payload")
+    return tuple(fault for fault in faults if fault.location.family == "payload")
 
 
 def loaded(robot: Robot, carried: Sequence[Fault]) -> Robot:
@@ -286,7 +286,7 @@ def require_possible(faults: Sequence[Fault], robot: Robot, *, kinematic: bool) 
     """Raise `InvalidInput`, in one line, for a fault of what this robot or plant does not have. Sensors look at theirs."""
     n_thrusters = len(robot.description.thrusters)
     for fault in faults:
-        family, number = fault.strikes.family, fault.strikes.number
+        family, number = fault.location.family, fault.location.number
         if kinematic and family in _NEED_WATER:
             raise InvalidInput(f"{fault}: the kinematic plant {_NEED_WATER[family]}; use the dynamic plant")
         if family == "thruster" and number > n_thrusters:
@@ -362,7 +362,7 @@ class SteppedCurrent(Current):
 
 def with_steps(environment: Environment, faults: Sequence[Fault]) -> Environment:
     """The environment with the steps of its current that are among the faults."""
-    own = tuple(fault for fault in faults if fault.strikes.family == "current")
+    own = tuple(fault for fault in faults if fault.location.family == "current")
     if not own:
         return environment
     current = SteppedCurrent(base=environment.current, seafloor=environment.seafloor, faults=own)

@@ -49,10 +49,10 @@ class ValueRange:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class FaultKind:
+class FaultModel:
     """What one kind of fault does and takes."""
 
-    does: str
+    effect: str
     """In words."""
     values: tuple[ValueRange, ...] = ()
     fewest: int | None = None
@@ -78,58 +78,58 @@ def _unit(what: str) -> ValueRange:
     return ValueRange(what=f"{what} [unit of the channel]")
 
 
-_OF_VALUES: Mapping[str, FaultKind] = {
-    "frozen": FaultKind(does="repeats its last value, with new time stamps"),
-    "nan": FaultKind(does="reads what is no number"),
-    "spikes": FaultKind(
-        does="a share of the readings is off in one component, drawn, by the size, either way",
+_OF_VALUES: Mapping[str, FaultModel] = {
+    "frozen": FaultModel(effect="repeats its last value, with new time stamps"),
+    "nan": FaultModel(effect="reads what is no number"),
+    "spikes": FaultModel(
+        effect="a share of the readings is off in one component, drawn, by the size, either way",
         values=(
             ValueRange(what="size [unit of the channel]", lower=0.0, above=True),
             ValueRange(what="share of the readings [-]", lower=0.0, upper=1.0, above=True),
         ),
     ),
-    "bias": FaultKind(does="is off by a constant", values=(_unit("offset"),), for_each=True),
-    "stuck": FaultKind(does="reads one value", values=(_unit("value"),), for_each=True),
+    "bias": FaultModel(effect="is off by a constant", values=(_unit("offset"),), for_each=True),
+    "stuck": FaultModel(effect="reads one value", values=(_unit("value"),), for_each=True),
 }
-_OF_MESSAGES: Mapping[str, FaultKind] = {
-    "lost": FaultKind(does="delivers nothing new"),
-    "late": FaultKind(
-        does="delivers later than it should",
+_OF_MESSAGES: Mapping[str, FaultModel] = {
+    "lost": FaultModel(effect="delivers nothing new"),
+    "late": FaultModel(
+        effect="delivers later than it should",
         values=(ValueRange(what="extra delay [s]", lower=0.0, upper=1e3, above=True),),
     ),
-    "ahead": FaultKind(
-        does="stamps readings with a time in the future",
+    "ahead": FaultModel(
+        effect="stamps readings with a time in the future",
         values=(ValueRange(what="by how much [s]", lower=0.0, above=True),),
     ),
 }
-_OF_THRUSTERS: Mapping[str, FaultKind] = {
-    "dead": FaultKind(does="gives no thrust and takes no power"),
-    "stuck": FaultKind(
-        does="stays at its thrust, or goes to the one given",
+_OF_THRUSTERS: Mapping[str, FaultModel] = {
+    "dead": FaultModel(effect="gives no thrust and takes no power"),
+    "stuck": FaultModel(
+        effect="stays at its thrust, or goes to the one given",
         values=(ValueRange(what="thrust [N]", lower=-1e5, upper=1e5),),
         fewest=0,
     ),
-    "weak": FaultKind(
-        does="gives a share of what it should",
+    "weak": FaultModel(
+        effect="gives a share of what it should",
         values=(ValueRange(what="share [-]", lower=0.0, upper=1.0, below=True),),
     ),
-    "reversed": FaultKind(does="pushes the other way"),
+    "reversed": FaultModel(effect="pushes the other way"),
 }
 _FLOW = ValueRange(what="velocity in W [m/s]", lower=-10.0, upper=10.0)
 
-FAMILIES: Mapping[str, Mapping[str, FaultKind]] = {
+FAMILIES: Mapping[str, Mapping[str, FaultModel]] = {
     "sensor": {**_OF_VALUES, **_OF_MESSAGES},
     "encoder": _OF_VALUES,
     "thruster": _OF_THRUSTERS,
-    "joint": {"jam": FaultKind(does="cannot move any more")},
+    "joint": {"jam": FaultModel(effect="cannot move any more")},
     "current": {
-        "step": FaultKind(
-            does="adds a current that rises over 2 s; its vertical part falls to 0 at the floor", values=(_FLOW,) * 3
+        "step": FaultModel(
+            effect="adds a current that rises over 2 s; its vertical part falls to 0 at the floor", values=(_FLOW,) * 3
         )
     },
     "payload": {
-        "mass": FaultKind(
-            does="picks up with the tool what lies still",
+        "mass": FaultModel(
+            effect="picks up with the tool what lies still",
             values=(
                 ValueRange(what="mass [kg]", lower=0.0, upper=1e4, above=True),
                 ValueRange(what="displaced volume [m3]", lower=0.0, upper=10.0),
@@ -184,7 +184,7 @@ def fault_targets(like: str = "") -> tuple[str, ...]:
     return (*CHANNELS, *_SHORT_NAMES, *numbered, "current", "payload")
 
 
-def kind_of(target: FaultTarget, name: str) -> FaultKind:
+def kind_of(target: FaultTarget, name: str) -> FaultModel:
     """The kind of that name. Raises `NameNotFound` where the target has no such fault."""
     kinds = FAMILIES[target.family]
     if name not in kinds:
@@ -236,8 +236,8 @@ class Fault:
         return f"{self.target}:{self.kind}{values}@{plain(self.onset)}{until}"
 
     @property
-    def strikes(self) -> FaultTarget:
-        """What it strikes, looked up."""
+    def location(self) -> FaultTarget:
+        """The target, looked up by its name."""
         return target_of(self.target)
 
     @checked_on_failure
@@ -257,7 +257,7 @@ def plain(number: float) -> str:
 
 
 def _require_values(fault: Fault) -> None:
-    kind, n = kind_of(fault.strikes, fault.kind), len(fault.values)
+    kind, n = kind_of(fault.location, fault.kind), len(fault.values)
     what = f"{fault.target}:{fault.kind}"
     if not kind.takes(n):
         wanted = "; ".join(map(str, kind.values)) or "none"

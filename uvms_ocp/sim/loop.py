@@ -43,11 +43,11 @@ def simulate(
     dt: Positive,
     duration: Positive,
     progress: Progress | None = None,
-    watch: TickObserver | None = None,
+    observer: TickObserver | None = None,
 ) -> Recorder:
     """Run until the command says finished or `duration` [s] is over; one row per tick, before its step.
 
-    dt [s] is the control period. `progress` is called after every tick with the time and the command, `watch` with the true
+    dt [s] is the control period. `progress` is called after every tick with the time and the command, `observer` with the true
     state too. Raises `InvalidInput` for more ticks than ordinary memory holds.
     """
     require_few_ticks(duration, dt)
@@ -67,8 +67,8 @@ def simulate(
         recorder.append(row)
         if progress is not None:
             progress(t, command)
-        if watch is not None:
-            watch(t, plant.state, command)
+        if observer is not None:
+            observer(t, plant.state, command)
         if command.finished:
             break
         plant.step(command, dt)

@@ -64,8 +64,8 @@ def specs_of(sensors: Any) -> SensorSpecs:
 def require_simulated(faults: Iterable[Fault], plant: Any, sensors: Any) -> None:
     """Raise `InvalidInput` for a fault of a user's own plant or sensors that these do not have of themselves."""
     for fault in faults:
-        channel = fault.strikes.channel
-        maker, what = (sensors, channel) if channel else (plant, fault.strikes.family)
+        channel = fault.location.channel
+        maker, what = (sensors, channel) if channel else (plant, fault.location.family)
         own = not isinstance(maker, str | SensorSpecs)
         if own and what not in getattr(maker, "simulated_faults", ()):
             whose = f"{'sensors' if channel else 'plant'} {part_name(maker)}"

@@ -146,7 +146,7 @@ class DynamicPlant(Plant):
         compiled = compile_lifted if shared else compile_function
         self._step = compiled(step_function(self._model))
         self._surroundings = EnvironmentSampler(self._environment, dynamics.symbolic, self._points)
-        self._faults = tuple(fault for fault in faults if fault.strikes.family in _PLANT_FAULTS)
+        self._faults = tuple(fault for fault in faults if fault.location.family in _PLANT_FAULTS)
         self._active: tuple[Fault, ...] = ()
         self._t = 0.0
         self._shapes = (len(robot.description.thrusters),), (robot.n_joints,)

@@ -101,7 +101,9 @@ class SensorSuite:
         ]
         for name, own in struck.items():
             stream = np.random.SeedSequence([seed, int.from_bytes(name.encode(), "big")])
-            dict(self._channels)[name].suffer(ChannelFaults(_struck(robot, name, *sources[name][1:]), own, stream))
+            dict(self._channels)[name].apply_faults(
+                ChannelFaults(_struck(robot, name, *sources[name][1:]), own, stream)
+            )
         self._seen = -math.inf
         """[s] time of the last readings of the ideal ones."""
         self._readings: dict[str, Reading[Any] | None] = {}
@@ -150,7 +152,7 @@ def _by_channel(faults: Sequence[Fault], channels: Sequence[str]) -> dict[str, l
     """Faults of sensors by channel."""
     found: dict[str, list[Fault]] = {}
     for fault in faults:
-        channel = fault.strikes.channel
+        channel = fault.location.channel
         if channel and channel not in channels:
             raise InvalidInput(f"{fault}: there is no sensor {channel}; there are {', '.join(channels)}")
         if channel:
@@ -235,7 +237,7 @@ class _Channel:
         """When each arrives and was taken [s], in order of arrival."""
         self._faults: ChannelFaults | None = None
 
-    def suffer(self, faults: ChannelFaults) -> None:
+    def apply_faults(self, faults: ChannelFaults) -> None:
         """Have these faults from now on."""
         self._faults = faults
 

@@ -53,7 +53,7 @@ class AngleTask(Task):
     """[1/s]"""
     saturation: float
     """[rad/s]"""
-    bell: SmoothActivation
+    activation: SmoothActivation
     """[rad] activation rises over this range."""
     aim: float
     """[rad] angle at which the strict hierarchy's bound lets theta rest."""
@@ -80,7 +80,7 @@ class AngleTask(Task):
             rate=saturate(-self.gain * theta, self.saturation),
             lower=ca.SX(-ca.inf),
             upper=rising,
-            activation=self.bell.increasing(theta),
+            activation=self.activation.increasing(theta),
             quantities=quantities,
         )
 
@@ -96,7 +96,7 @@ class HorizontalAttitude(AngleTask):
     """[1/s]"""
     saturation: float = 0.5
     """[rad/s]"""
-    bell: SmoothActivation = SmoothActivation(0.025, 0.1)
+    activation: SmoothActivation = SmoothActivation(0.025, 0.1)
     """[rad]"""
     aim: float = 0.025
     """[rad]"""
@@ -131,7 +131,7 @@ class Alignment(AngleTask):
     """[1/s]"""
     saturation: float = 0.2
     """[rad/s]"""
-    bell: SmoothActivation = SmoothActivation(0.0, 0.07)
+    activation: SmoothActivation = SmoothActivation(0.0, 0.07)
     """[rad]"""
     aim: float = 0.035
     """[rad]"""
@@ -199,7 +199,7 @@ class FieldOfView(AngleTask):
     """[1/s]"""
     saturation: float = 0.3
     """[rad/s]"""
-    bell: SmoothActivation = SmoothActivation(0.3, 0.5)
+    activation: SmoothActivation = SmoothActivation(0.3, 0.5)
     """[rad]"""
     aim: float = 0.4
     """[rad]"""

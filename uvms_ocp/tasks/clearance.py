@@ -35,7 +35,7 @@ class Clearance(Task):
     threshold: float = 0.1
     """[m]"""
     margin: float = 0.2
-    """[m] range of the bell beyond the threshold."""
+    """[m] range of the activation beyond the threshold."""
     gain: float = 0.5
     """[1/s]"""
     saturation: float = 0.5

@@ -176,24 +176,24 @@ class Manipulability(Task):
     """[1/s]"""
     target: float = 0.12
     """[unit of mu] that the rate leads to."""
-    bell: SmoothActivation = SmoothActivation(0.02, 0.05)
+    activation: SmoothActivation = SmoothActivation(0.02, 0.05)
     """[unit of mu] activation falls over this range."""
 
     def __post_init__(self) -> None:
         require_positive(self.name, gain=self.gain, target=self.target)
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
-        """Manipulability above the end of the bell."""
-        return bounded_residual(manipulability(symbols, self.frame), lower=self.bell.end)
+        """Manipulability above the end of the activation."""
+        return bounded_residual(manipulability(symbols, self.frame), lower=self.activation.end)
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         mu = self.residual(symbols, parameters).value
         return Rows(
             jacobian=_arm_gradient(symbols, mu),
             rate=self.gain * (self.target - mu),
-            lower=self.gain * (self.bell.end - mu),
+            lower=self.gain * (self.activation.end - mu),
             upper=ca.SX(ca.inf),
-            activation=self.bell.decreasing(mu),
+            activation=self.activation.decreasing(mu),
             quantities={"manipulability": mu},
         )
 

@@ -215,7 +215,7 @@ class Rows:
     upper: ca.SX
     """(m,) [unit of the task / s]"""
     activation: ca.SX
-    """(m,) internal bell in [0, 1]."""
+    """(m,) internal activation in [0, 1]."""
     quantities: Mapping[str, ca.SX] = field(default_factory=dict)
     """Scalars for transitions, plots and reports, such as errors and distances."""
 
@@ -274,7 +274,7 @@ class Task(ABC):
         return None
 
     @property
-    def still(self) -> bool:
+    def is_constant(self) -> bool:
         """Whether `reference` is the same at all times, so that a phase asks for it once: without a goal that moves.
 
         Never of a class of one's own that has its own `reference`.

@@ -34,7 +34,7 @@ def _robot() -> Robot:
 
 
 def channel_of(text: str) -> str:
-    return parse_fault(text).strikes.channel
+    return parse_fault(text).location.channel
 
 
 def readings(

@@ -67,7 +67,7 @@ def ascent_sizes(robot: Robot, mission: Mission) -> dict[str, ca.Function]:
     q = ca.SX.sym("q", robot.n_q)
     R_WF, p_WF = ca.SX.eye(3), ca.SX.zeros(3)
     if mission.abort is not None:
-        R_WF, p_WF = SymbolicModel(robot.model).forward_kinematics(q).pose(mission.climb_frame)
+        R_WF, p_WF = SymbolicModel(robot.model).forward_kinematics(q).pose(mission.ascent_frame)
     outputs = [ca.densify(p_WF), ca.densify(ca.vec(R_WF))]
     return {"pose": ca.Function("climb_frame", [q], outputs, {"cse": True})}
 

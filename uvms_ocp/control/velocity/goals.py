@@ -15,7 +15,7 @@ import numpy as np
 from uvms_ocp.codegen.kernel_layout import Answer, Layout, Sized, Vector, doubles, structure_of, view
 from uvms_ocp.control.velocity.abort import AscentMemory
 from uvms_ocp.control.velocity.distances import NearestMemory, measure_pairs, place_along_stop
-from uvms_ocp.mission.mission import Mission, is_still
+from uvms_ocp.mission.mission import Mission, is_constant
 from uvms_ocp.mission.phase import MissionState
 from uvms_ocp.mission.progress import MissionMemory
 from uvms_ocp.robot.robot import Robot
@@ -89,7 +89,7 @@ def tracks_of(mission: Mission, dt: float) -> tuple[Track, ...]:
         pairs = zip(mission.tasks_of(phase), mission.references_of(phase), strict=True)
         for index, (task, (reference, own)) in enumerate(pairs):
             n = _length(task, dt)
-            if n and not mission.climbs(phase, index):
+            if n and not mission.has_ascent_goal(phase, index):
                 samples = np.array([reference(k * dt) for k in range(n + 1)])
                 found.append(Track(phase=phase, task=index, of_phase=own, samples=samples))
     return tuple(found)
@@ -175,7 +175,7 @@ class MissionParameters:
             goals = [reference(0.0) for reference, _ in mission.references_of(phase)]
             view(memory.of_phase)[phase, : self._places[-1].stop] = np.concatenate(goals)
         if mission.abort is not None:
-            climb = self._places[mission.hierarchy.index(mission.abort.climb)]
+            climb = self._places[mission.hierarchy.index(mission.abort.ascent_task)]
             memory.climb = climb.start
             view(memory.of_phase)[-1, climb] = 0.0
         write_tracks(memory.tracks, tracks, self._places, dt)
@@ -201,7 +201,7 @@ def _asked_in(
     found = []
     goals = zip(mission.tasks_of(phase), mission.references_of(phase), strict=True)
     for i, (task, (reference, own)) in enumerate(goals):
-        if not (is_still(reference) or mission.climbs(phase, i) or (phase, i) in tracked):
+        if not (is_constant(reference) or mission.has_ascent_goal(phase, i) or (phase, i) in tracked):
             place, pairs = places[i], task.nearest_pairs
             end = place.stop - (0 if pairs is None else pairs.n_parameters)
             found.append(_Asked(name=task.name, place=slice(place.start, end), reference=reference, of_phase=own))

@@ -184,7 +184,7 @@ class KinematicController(TableDisplay):
         write_state(memory.mission, self._state)
 
     def _table(self) -> SmallTable:
-        told = {"robot": self.robot.name, **self.mission.told(self._state), "period [s]": self.dt}
+        told = {"robot": self.robot.name, **self.mission.describe(self._state), "period [s]": self.dt}
         return SmallTable(title=type(self).__name__, rows=rows_of(told))
 
     @property
@@ -352,7 +352,7 @@ def _telemetry(tick: TickInputs, solved: Solved, quantities: np.ndarray, share: 
     status, residual, activity, solve_time = solved
     return {
         "phase": tick.mission.phase,
-        "gates": tick.gates,
+        "activations": tick.gates,
         "activity": activity,
         "residual": residual,
         "quantities": quantities,

@@ -100,8 +100,8 @@ def _start(setup: Setup, first: Visit) -> Iterator[Finding]:
         yield Finding(severity=Severity.WARNING, check="start", text=text, figures={"altitude_m": altitude})
     attitude = first.active(HorizontalAttitude)
     tilt = math.acos(min(1.0, float(pin.Quaternion(setup.start[3:7]).matrix()[2, 2])))
-    if attitude is not None and tilt > attitude.bell.end:
-        text = f"the vehicle starts with a tilt of {tilt:.2f} rad, outside {attitude.name}'s {attitude.bell.end:g} rad"
+    if attitude is not None and tilt > attitude.activation.end:
+        text = f"the vehicle starts with a tilt of {tilt:.2f} rad, outside {attitude.name}'s {attitude.activation.end:g} rad"
         yield Finding(severity=Severity.WARNING, check="start", text=text, figures={"tilt_rad": tilt})
 
 

@@ -151,7 +151,7 @@ def check_rest(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
 def _missed(visit: Visit, up: np.ndarray) -> HorizontalAttitude | None:
     """The task that is on and cannot bring the tilt into the range in which it lets the vehicle be."""
     task = visit.active(HorizontalAttitude)
-    return task if task is not None and _tilt(up) > task.bell.end else None
+    return task if task is not None and _tilt(up) > task.activation.end else None
 
 
 def _waits(phase: Phase, task: HorizontalAttitude, up: np.ndarray) -> bool:

@@ -1,4 +1,4 @@
-"""Check that a robot is fit for use: inertias, trim, thrusters, limits, frames and shapes that a valid file can still get wrong."""
+"""Check a robot's inertias, trim, thrusters, limits, frames and shapes, which a valid file can still get wrong."""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ _Moment = tuple[float, State, Command]
 
 
 class LiveView:
-    """Shows what it is called with: give it to a run as `watch`. Served on the loopback address alone, until it is closed."""
+    """Shows what it is called with: give it to a run as `observer`. Served on the loopback address alone, until it is closed."""
 
     def __init__(self, robot: Robot, page: ScenePage, *, speed: float, port: int) -> None:
         """Speed and port as `live` has them. Raises `OutputError` for a port that is taken."""
@@ -158,7 +158,7 @@ def _frame(robot: Robot, data: pin.Data, t: float, state: State, command: Comman
 
 @checked
 def live(scenario: Scenario, *, speed: Positive = 1.0, port: Count = 0, height: AtLeastOne = 520) -> LiveView:
-    """A page that shows a run while it goes on: ``scenario.run(watch=live(scenario))``.
+    """A page that shows a run while it goes on: ``scenario.run(observer=live(scenario))``.
 
     Notebooks display it, `height` [px] high, and other browsers of this machine find it at its ``address``; nobody else is
     served. speed: times that of the clock, which the run does not overtake; it may be slower. port: 0 for any that is
