@@ -68,7 +68,7 @@ def mermaid(phases: Sequence[Phase], abort: Phase | None = None) -> str:
 
 
 def successors(phases: Sequence[Phase]) -> dict[str, set[str]]:
-    """By the name of each phase, where its transitions lead."""
+    """Map the name of each phase to where its transitions lead."""
     return {phase.name: {transition.to for transition in phase.transitions} for phase in phases}
 
 
@@ -116,7 +116,7 @@ class Mission(TableDisplay):
     """
 
     hierarchy: Hierarchy
-    """Of all tasks that any phase uses."""
+    """Hierarchy of all tasks that any phase uses."""
     phases: tuple[Phase, ...]
     """The first is where it begins."""
     ramp: float = 0.2
@@ -128,9 +128,9 @@ class Mission(TableDisplay):
     _targets: np.ndarray = field(init=False, repr=False)
     """(n_phases, n_tasks) external activations, of all phases."""
     _tasks: tuple[tuple[Task, ...], ...] = field(init=False, repr=False)
-    """Those of each phase, with the goals that they have in it."""
+    """Tasks of each phase, with the goals that they have in it."""
     _references: tuple[GoalFunctions, ...] = field(init=False, repr=False)
-    """Of each phase and task: its reference, without the look at t, and whether the goal is the phase's own."""
+    """References of each phase and task, without the check of t, each with True where the goal is the phase's own."""
 
     def __post_init__(self) -> None:
         if not self.phases:
@@ -149,7 +149,7 @@ class Mission(TableDisplay):
 
     @property
     def phase_names(self) -> tuple[str, ...]:
-        """Of all phases."""
+        """Names of all phases."""
         return tuple(phase.name for phase in self.all_phases)
 
     @property
@@ -202,7 +202,7 @@ class Mission(TableDisplay):
         return [reference(since if own else t) for reference, own in self.goals(state)]
 
     def goals(self, state: MissionState) -> GoalFunctions:
-        """Of all tasks in a state, highest priority first."""
+        """Goals of all tasks in a state, highest priority first."""
         return self._references[state.phase] if state.goals is None else state.goals
 
     def references_of(self, phase: int) -> GoalFunctions:
@@ -223,7 +223,7 @@ class Mission(TableDisplay):
         return state_after_transition(self.all_phases, state, memory, due, t, quantities)
 
     def _memory(self, state: MissionState) -> Any:
-        """Of a state, asked with the quantities that conditions read."""
+        """Memory of the kernels for a state, asked with the quantities that conditions read."""
         memory = structure_of(MissionMemory, n_tasks=self.n_tasks, **sizes_of(self.all_phases))()
         write_mission(memory, self, quantities_read(self.all_phases))
         write_state(memory, state)
@@ -244,13 +244,13 @@ class Mission(TableDisplay):
         return state_after_abort(self.all_phases, state, memory, t, reason, goals)
 
     def has_ascent_goal(self, phase: int, task: int) -> bool:
-        """Whether a task has a goal that is made as a phase begins: the one that climbs in the abort phase."""
+        """True for a task whose goal is made as a phase begins: the ascent task in the abort phase."""
         if self.abort is None or phase != len(self.phases):
             return False
         return self.hierarchy.tasks[task].name == self.abort.ascent_task
 
     def ascent_goals(self, ascent_pose: pin.SE3) -> GoalFunctions:
-        """Of all tasks in the abort phase, which climbs to a pose; none without such a phase."""
+        """Goals of all tasks in the abort phase, which climbs to a pose; none without such a phase."""
         if self.abort is None:
             return ()
         climb = self.abort.ascent_task
@@ -258,7 +258,7 @@ class Mission(TableDisplay):
         return _references(self.abort.phase, tasks)
 
     def pending(self, state: MissionState, quantities: Mapping[str, float]) -> str:
-        """What the phase still waits for, with the quantities [in their units], or why the mission was given up."""
+        """Describe what the phase still waits for, with the quantities [in their units], or why the mission was given up."""
         if state.aborted:
             return f"given up, {state.aborted}"
         waits = " or ".join(tr.describe(quantities) for tr in self.all_phases[state.phase].transitions)
@@ -348,6 +348,6 @@ def _references(phase: Phase, tasks: Sequence[Task]) -> GoalFunctions:
 
 
 def is_constant(reference: Callable[[float], np.ndarray]) -> bool:
-    """Whether a function of `GoalFunctions` never changes, as `Task.is_constant` says."""
+    """True for a function of `GoalFunctions` that never changes, see `Task.is_constant`."""
     task = getattr(reference, "__self__", None)
     return isinstance(task, Task) and task.is_constant

@@ -44,7 +44,7 @@ class Below:
 
     @checked_on_failure
     def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
-        """Whether it is true of the quantities [in their units], given whether it was `held` to be true before.
+        """Check that it is true of the quantities [in their units]; held: it was true before.
 
         Raises `NameNotFound` where they lack its own.
         """
@@ -80,7 +80,7 @@ class Above:
 
     @checked_on_failure
     def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
-        """Whether it is true of the quantities [in their units], given whether it was `held` to be true before.
+        """Check that it is true of the quantities [in their units]; held: it was true before.
 
         Raises `NameNotFound` where they lack its own.
         """
@@ -126,7 +126,7 @@ class Transition:
 
     @checked_on_failure
     def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
-        """Whether all conditions are true of the quantities [in their units], given whether they were `held` to be."""
+        """Check that all conditions are true of the quantities [in their units]; held: they were true before."""
         return all(condition.holds(quantities, held) for condition in self.when)
 
     def describe(self, quantities: Mapping[str, float]) -> str:
@@ -135,7 +135,7 @@ class Transition:
 
 
 def is_met(value: float, limit: float, below: bool) -> bool:
-    """Whether a value is on the wanted side of a limit [its unit]: below it, or above. A kernel."""
+    """Check that a value is on the desired side of a limit [its unit]: below it, or above. A kernel."""
     return value < limit if below else value > limit
 
 
@@ -163,7 +163,7 @@ def _check_threshold(quantity: str, limit: float) -> None:
 # One action of a mission, where a mission is, and why it went on.
 
 GoalFunctions: TypeAlias = tuple[tuple[Callable[[float], np.ndarray], bool], ...]
-"""Of each task, highest priority first: its goal at a time [s] as `Task.reference` gives it, and whether that time is the
+"""For each task, highest priority first: its goal at a time [s] as `Task.reference` gives it, and whether that time is the
 time since the start of the phase."""
 
 
@@ -185,7 +185,7 @@ class Phase(FieldTable):
     transitions: tuple[Transition, ...]
     """The first that fires is taken."""
     goals: Mapping[str, Any] = field(default_factory=dict)
-    """By the name of a task, the goal that replaces its own in this phase; one that moves starts with the phase."""
+    """Goals by the name of a task, each of which replaces its own in this phase; one that moves starts with the phase."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.transitions, tuple):

@@ -63,7 +63,7 @@ class MissionMemory(Layout):
     release: Annotated[Vector, Sized("n_conditions")]
     """(n_conditions,) [unit of the quantity] its limit while the transition holds."""
     abort_phase: int
-    """That of `Abort`, or `NONE`."""
+    """Index of the phase of `Abort`, or `NONE`."""
     phase: int
     """Where it is."""
     since: float
@@ -73,7 +73,7 @@ class MissionMemory(Layout):
     held_since: Annotated[Vector, Sized("n_transitions")]
     """(n_transitions,) [s] since when each holds; NaN where it does not."""
     changed: bool
-    """Whether any of these has, in the last look."""
+    """True where any of these changed in the last evaluation."""
     fired: Annotated[list[int], Sized("n_transitions")]
     """(n_transitions,) how often each was taken."""
     completed: bool
@@ -124,7 +124,7 @@ def take_transition(m: MissionMemory, t: float, due: int) -> None:
 
 
 def is_used_up(fired: int, retries: int) -> bool:
-    """Whether a transition that has `fired` so often may not do so again. A kernel."""
+    """Check that a transition that `fired` so often may not do so again. A kernel."""
     return 0 <= retries <= fired
 
 
@@ -150,7 +150,7 @@ def _enter(m: MissionMemory, phase: int, t: float) -> None:
 
 
 def sizes_of(phases: Sequence[Phase]) -> dict[str, int]:
-    """Of a `MissionMemory`, but for the number of tasks."""
+    """Sizes of a `MissionMemory`, but for the number of tasks."""
     transitions = [transition for phase in phases for transition in phase.transitions]
     n_conditions = sum(len(transition.when) for transition in transitions)
     return {"n_phases": len(phases), "n_transitions": len(transitions), "n_conditions": n_conditions}
@@ -162,7 +162,7 @@ def quantities_read(phases: Sequence[Phase]) -> tuple[str, ...]:
 
 
 def write_conditions(memory: Any, phases: Sequence[Phase], names: Sequence[str]) -> None:
-    """Those of all phases into a `MissionMemory`; names: of the vector of quantities that they are asked with."""
+    """Write the conditions of all phases into a `MissionMemory`; names: of the vector of quantities that they are asked with."""
     leads_to = {DONE: Terminal.DONE, ABORT: Terminal.ABORT, **{phase.name: k for k, phase in enumerate(phases)}}
     transitions = conditions = 0
     for index, phase in enumerate(phases):
@@ -208,7 +208,7 @@ def write_state(memory: Any, state: MissionState) -> None:
 def state_after_transition(
     phases: Sequence[Phase], state: MissionState, memory: Any, due: int, t: float, quantities: Mapping[str, float]
 ) -> tuple[MissionState, Event | None]:
-    """What `Mission.step` returns, from the state before, after `transition_due` and where one was due, `take_transition` at t [s].
+    """Return state and event after `transition_due` and, where one was due, `take_transition` at t [s].
 
     quantities: those that it was due with [in their units].
     """
@@ -227,7 +227,7 @@ def state_after_transition(
 def state_after_abort(
     phases: Sequence[Phase], state: MissionState, memory: Any, t: float, reason: str, goals: GoalFunctions
 ) -> tuple[MissionState, Event]:
-    """What `Mission.abandon` returns, from the state before, after `abort_mission` at t [s]. goals: of the abort phase."""
+    """Return state and event after `abort_mission` at t [s]. goals: of the abort phase."""
     after, source = _after(phases, state, memory, reason), phases[state.phase].name
     target = ABORT if after.over else phases[after.phase].name
     event = Event(t=t, source=source, target=target, reason=reason, conditions=())
@@ -249,7 +249,6 @@ def _after(phases: Sequence[Phase], state: MissionState, memory: Any, reason: st
 
 
 def _fired(phases: Sequence[Phase], memory: Any) -> dict[tuple[int, int], int]:
-    """As `MissionState` has it."""
     counted = {
         (k, i): memory.fired[memory.first[k] + i]
         for k, phase in enumerate(phases)
@@ -259,7 +258,6 @@ def _fired(phases: Sequence[Phase], memory: Any) -> dict[tuple[int, int], int]:
 
 
 def _held_since(memory: Any) -> tuple[float | None, ...]:
-    """As `MissionState` has it."""
     times = [memory.held_since[k] for k in range(memory.first[memory.phase], memory.end[memory.phase])]
     return tuple(None if math.isnan(since) else since for since in times)
 

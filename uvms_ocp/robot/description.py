@@ -219,7 +219,7 @@ class VehicleLimits(_Section):
 
 
 class JointDescription(_Section):
-    """What the URDF does not say about a joint."""
+    """Home and acceleration limit of a joint, which the URDF lacks."""
 
     home: float | None = Field(
         default=None,

@@ -30,7 +30,7 @@ class Dynamics(FieldTable):
     symbolic: SymbolicDynamics
     """The same equations as expressions and ``ca.Function``s."""
     _functions: dict[str, BufferedFunction] = field(default_factory=dict, init=False, repr=False)
-    """By the name of their term, made when first asked for: few callers need them all."""
+    """Functions by the name of their term, made when first asked for: few callers need them all."""
 
     def __post_init__(self) -> None:
         len(self.symbolic.links)  # what has no equations is refused here, not when they are asked for
@@ -77,7 +77,7 @@ class Dynamics(FieldTable):
         return float(self._function("kinetic_energy")(q, v)[0][0])
 
     def potential_energy(self, q: ArrayLike) -> float:
-        """Of weight and buoyancy [J] at q (n_q,) [m, rad], zero at the origin of W."""
+        """Potential energy of weight and buoyancy [J] at q (n_q,) [m, rad], zero at the origin of W."""
         return float(self._function("potential_energy")(q)[0][0])
 
     def link_positions(self, q: ArrayLike) -> np.ndarray:

@@ -109,7 +109,7 @@ def least_dissipation(linear_drag: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def overload(quadratic_drag: np.ndarray) -> tuple[float, np.ndarray]:
-    """By which factor the couplings exceed what the diagonal is shown to bear, and d (6,) of the axes that they overload.
+    """Compute the factor by which couplings exceed what the diagonal bears, and d (6,) of the axes they overload.
 
     quadratic_drag (6, 6) [N/(m/s)^2, N m/(rad/s)^2], its diagonal not negative. At a factor of at most 1, rounding aside,
     drag never feeds energy. Above it the factor is the least that any weights d [m/s, rad/s] show.
@@ -195,7 +195,7 @@ def _zero6() -> np.ndarray:
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LinkHydrodynamics:
-    """What the water does to one link. Arrays are read-only; a diagonal (6,) is accepted for every matrix.
+    """Hydrodynamic coefficients of one link. Arrays are read-only; a diagonal (6,) is accepted for every matrix.
 
     Raises InvalidInput for a wrong shape, NaN, an asymmetric or indefinite added mass, a negative volume, and drag that
     feeds energy at some velocity, by the condition of `uvms_ocp.robot.hydrodynamics`.

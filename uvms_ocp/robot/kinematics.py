@@ -140,7 +140,7 @@ class Beam:
     direction: np.ndarray
     """(3,) unit vector in W."""
     cosine: float
-    """Of the angle between the beam and straight down."""
+    """Cosine of the angle between the beam and straight down."""
 
 
 class AltimeterBeam:

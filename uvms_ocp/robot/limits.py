@@ -22,7 +22,7 @@ class Joint:
     """Where one joint lives in q and v."""
 
     name: str
-    """As in the URDF."""
+    """The name in the URDF."""
     idx_q: int
     """First entry in q."""
     idx_v: int

@@ -27,10 +27,10 @@ _UNIT_TOLERANCE = 1e-6
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ConfigurationSpace:
-    """What the configurations of one robot are made of."""
+    """Joints and limits that the configurations of one robot are made of."""
 
     name: str
-    """Of the robot, for messages."""
+    """Name of the robot, for messages."""
     model: pin.Model
     joints: tuple[Joint, ...]
     limits: Limits

@@ -35,7 +35,7 @@ class Trust(enum.IntEnum):
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ChannelHealth:
-    """What is thought of one channel."""
+    """Health of one channel."""
 
     channel: str
     """Its name, a field of `Readings`."""
@@ -124,7 +124,7 @@ class Measurement:
     joint_age: float = 0.0
     """[s] of the joint positions alone."""
     health: tuple[ChannelHealth, ...] = ()
-    """Of every channel that the robot has; empty where nobody judges."""
+    """Health of every channel that the robot has; empty where nobody judges."""
     spread: _Velocity | None = None
     """(n_v,) [m, rad] standard deviations of q: position in W, attitude in B, joints; `None` where nobody tells."""
     altimeter_std: float = np.nan
@@ -134,7 +134,7 @@ class Measurement:
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Command:
-    """What a controller asks of the plant at one tick."""
+    """Setpoints for the plant at one tick."""
 
     v: _Velocity
     """(n_v,) [m/s, rad/s] reference velocity."""
@@ -192,7 +192,7 @@ class SensorSpec:
 
     @property
     def exact(self) -> bool:
-        """Whether readings equal the truth."""
+        """True where readings equal the truth."""
         return self.sigma == 0.0 and not any(self.biases)
 
 
@@ -235,7 +235,7 @@ UNITS: Mapping[str, str] = {
     "altimeter_range": "m",
     "specific_force": "m/s2",
 }
-"""Of the values of each channel."""
+"""Units of the values of each channel."""
 
 ACCELEROMETER = SensorSpec(rate=100.0, sigma=0.02)
 """A usual one for `SensorSpecs.specific_force`, assumed: 2 mm/s2/sqrt(Hz)."""

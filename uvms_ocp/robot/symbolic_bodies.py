@@ -143,7 +143,7 @@ _ROUNDING = 1e-14  # entries of constant matrices below this are structural zero
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class JointKind:
-    """What differs between joint types, as functions of the joint's own part of q and v."""
+    """Terms that differ between joint types, as functions of the joint's own part of q and v."""
 
     pose: Callable[[np.ndarray, ca.SX], tuple[ca.SX, ca.SX]]
     """Function of S (6, n) and q: R (3, 3) and p (3,) [m] of the child body in the joint's fixed frame."""

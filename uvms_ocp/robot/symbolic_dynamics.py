@@ -31,7 +31,7 @@ Coefficient: TypeAlias = float | np.ndarray | ca.DM | ca.SX
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class WaterCoefficients:
-    """What the water does to one link, in its frame L."""
+    """Hydrodynamic coefficients of one link, in its frame L."""
 
     added_mass: Coefficient
     """(6, 6) [kg, kg m, kg m2]"""
@@ -101,7 +101,7 @@ class SymbolicDynamics(FieldTable):
     model: pin.Model
     links: tuple[LinkHydrodynamics, ...] = ()
     density: float = 998.0
-    """Of the water [kg/m3]."""
+    """Density of the water [kg/m3]."""
     damping: np.ndarray | None = None
     """Viscous friction of the joints (n_v,) [N m/(rad/s), N/(m/s)]; none by default."""
     symbolic: SymbolicModel = field(init=False, repr=False)
@@ -207,7 +207,7 @@ class SymbolicDynamics(FieldTable):
         return (twice + ca.dot(sparse(np.asarray(self.model.armature)), v * v)) / 2
 
     def potential_energy(self, q: ca.SX) -> ca.SX:
-        """Of weight and buoyancy [J], zero at the origin of W."""
+        """Potential energy of weight and buoyancy [J], zero at the origin of W."""
         poses = self.symbolic.joint_poses(self.symbolic.local_poses(q))
         moment = ca.SX(3, 1)  # sum of mass times position, displaced mass counting negative
         for pose, inertia in zip(poses[1:], self._rigid[1:], strict=True):

@@ -65,7 +65,7 @@ def _moving_joints(root: Element) -> list[Element]:
 
 
 def _mounts(path: Path, root: Element, model: pin.Model) -> dict[str, _Mount]:
-    """By link; raises where a joint of the XML is missing in the model or sits elsewhere."""
+    """Place every link on its joint; raises where a joint of the XML is missing in the model or sits elsewhere."""
     below: dict[str, list[Element]] = {}
     for joint in root.findall("joint"):
         below.setdefault(_end(joint, "parent"), []).append(joint)
@@ -149,7 +149,7 @@ def _check_joint(path: Path, joint: Element, model: pin.Model) -> None:
 
 
 def _velocity_numbers(path: Path, joint: Element, model: pin.Model) -> Iterator[tuple[str, float, np.ndarray]]:
-    """What a joint has per velocity: its name, the number of the XML, the numbers of the model."""
+    """Limits of a joint per velocity: its name, the number of the XML, the numbers of the model."""
     limit, dynamics = joint.find("limit"), joint.find("dynamics")
     for key, values in (("velocity", model.upperVelocityLimit), ("effort", model.upperEffortLimit)):
         yield f"limit {key}", read_number(path, limit, key, key, default=np.inf), values
@@ -237,7 +237,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class UrdfModels:
-    """What one URDF gives: the mechanism and its two sets of shapes."""
+    """Content of one URDF: the mechanism and its two sets of shapes."""
 
     name: str
     model: pin.Model

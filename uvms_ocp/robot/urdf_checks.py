@@ -108,7 +108,7 @@ _ONCE = {
     "geometry": set(SHAPES),
     "joint": {"origin", "parent", "child", "axis", "limit", "dynamics", "mimic", "safety_controller", "calibration"},
 }
-"""What an element may hold once. Of two, parsers take the first without a word."""
+"""Elements that may stand once. Of two, parsers take the first without a word."""
 _SHOWN_NAMES = 10  # names in a message
 _MOST_LINKS = 1000  # a humanoid with hands has 150; Pinocchio's recursion ends the process at some thousands in a row
 _SCALES = (1e-6, 1e6)  # of meshes, from micrometres to metres and back; beyond it numbers get lost
@@ -349,14 +349,14 @@ _XACRO = re.compile(r"\{[^}]*xacro[^}]*\}")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Place:
-    """What one element may hold."""
+    """Attributes and elements that one element may hold."""
 
     children: frozenset[str] = frozenset()
     attributes: frozenset[str] = frozenset()
     others: frozenset[str] = frozenset()
     """Elements for other programs, which change nothing here."""
     closed: bool = True
-    """Whether nobody adds attributes of their own."""
+    """True where nobody adds attributes of their own."""
 
 
 def _place(children: str = "", attributes: str = "", others: str = "", closed: bool = True) -> _Place:
@@ -407,7 +407,7 @@ _PLACES = {
 
 
 def unread_words(path: Path, root: Element) -> str:
-    """What the file holds that is not read, in words for a warning, "" for nothing.
+    """Describe the content of the file that is not read, for a warning; "" for none.
 
     Raises ``RobotDataError`` for the first word that is misspelt.
     """
@@ -465,7 +465,7 @@ def _meant(word: str, known: Collection[str]) -> list[str]:
 
 
 def _is_foreign(word: str) -> bool:
-    """Whether the word is of another namespace, written by someone who knows that URDF does not have it."""
+    """Check for a word of another namespace, written by someone who knows that URDF does not have it."""
     return word.startswith("{")
 
 

@@ -50,23 +50,23 @@ class RunOptions:
     seabed: Finite
     """[m] height of the floor in W, of a rough one between its protuberances."""
     current: Current = field(default_factory=StillWater)
-    """Of the water. As a keyword also the velocity (3,) [m/s] in W of a uniform one."""
+    """Current of the water. As a keyword also the velocity (3,) [m/s] in W of a uniform one."""
     solver: HierarchySolver = field(default_factory=LexicographicActiveSet)
-    """Of the hierarchy."""
+    """Solver of the hierarchy."""
     plant: str = "dynamic"
-    """What moves: `dynamic`, in water, or `kinematic`, whose velocities follow at once."""
+    """Plant: `dynamic`, in water, or `kinematic`, whose velocities follow at once."""
     payload: TrimBody | None = None
     """A body that the dynamic plant carries and the controller does not know."""
     observer: bool = True
-    """Whether the dynamic layer estimates and cancels disturbances."""
+    """Estimate and cancel disturbances in the dynamic layer."""
     learn_load: bool = False
-    """Whether the dynamic layer learns what the tool carries, which needs the observer."""
+    """Learn the load of the tool in the dynamic layer, which needs the observer."""
     noise: bool = False
-    """Whether sensors have the noise, rates and delays of the robot's file."""
+    """Give sensors the noise, rates and delays of the robot's file."""
     seed: Count = 0
-    """Of everything random."""
+    """Seed of everything random."""
     faults: tuple[Fault, ...] = ()
-    """What goes wrong. As a keyword also texts, see `uvms_ocp.sim.parse_fault`."""
+    """Faults. As a keyword also texts, see `uvms_ocp.sim.parse_fault`."""
     dt: Bound = 1 / 200
     """[s] control period."""
     duration: Bound = 120.0
@@ -204,7 +204,7 @@ def _underactuation(robot: Robot) -> list[Task]:
 
 
 def activate(*names: str) -> dict[str, float]:
-    """Gates of a phase: these tasks fully on."""
+    """Activations of a phase: these tasks fully on."""
     return dict.fromkeys(names, 1.0)
 
 

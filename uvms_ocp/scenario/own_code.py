@@ -36,7 +36,7 @@ class UserCode:
     """Where it is. Raises `InvalidInput` for neither a file nor a module, or both."""
 
     attribute: str
-    """What is wanted of it."""
+    """The name wanted of it."""
     file: Path | None = None
     """A Python file."""
     module: str = ""
@@ -59,7 +59,7 @@ class UserCode:
         return getattr(found, self.attribute)
 
     def called(self, function: Callable[..., Any], **options: Any) -> Any:
-        """What a function of it makes. Raises `InvalidInput` where it fails, in one line with its place."""
+        """Return the result of a function of it. Raises `InvalidInput` where it fails, in one line with its place."""
         try:
             return function(**options)
         except UvmsError:

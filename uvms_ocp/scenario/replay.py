@@ -34,13 +34,13 @@ _DEEP = FlatSeafloor(z=-1e4)  # of plants, whose floor no one tells: the echo of
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ReplayResult:
-    """What a plant made of a plan."""
+    """Record and errors of a plan carried out on a plant."""
 
     record: Record
     """True states, thrust, torque and energy, tick by tick; figures and scenes take it. An alarm says where the plan goes
     below the sea floor of an environment."""
     mismatch: Mismatch
-    """Of the tool, or of the robot's last frame where it has none."""
+    """Error of the tool, or of the robot's last frame where it has none."""
 
 
 @checked

@@ -53,7 +53,7 @@ class RunOutcome:
     q: np.ndarray
     """(n_q,) [m, rad] the true configuration."""
     quantities: Mapping[str, float]
-    """By ``task.quantity``, at the true state [m] or [rad]."""
+    """Values by ``task.quantity``, at the true state [m] or [rad]."""
     at_events: tuple[Mapping[str, float], ...]
     """The same at the end of each phase, event by event [m] or [rad]."""
     wall_s: float
@@ -64,7 +64,7 @@ class RunOutcome:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PartNames:
-    """What ran."""
+    """Parts that ran."""
 
     plant: str
     solver: str
@@ -85,7 +85,7 @@ def run_meta(
     monitor: HealthMonitor,
     ending: RunOutcome,
 ) -> RunMeta:
-    """What a record tells of a run of the mission in `setup`.
+    """Metadata of a run of the mission in `setup`.
 
     controller, monitor: those that ran, which know what happened.
     """

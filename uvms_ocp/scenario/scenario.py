@@ -54,7 +54,7 @@ _OURS = (KinematicController, DynamicController)
 
 
 class MissionController(Protocol):
-    """What controls a run."""
+    """Controller of a run."""
 
     @property
     def kinematic(self) -> KinematicController:
@@ -66,10 +66,10 @@ class MissionController(Protocol):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ControllerFactory:
-    """What makes the controllers of one scenario."""
+    """Maker of the controllers of one scenario."""
 
     maker: Callable[..., Any]
-    """Of any scenario's."""
+    """Constructor for any scenario."""
     scenario: Any = field(repr=False)
 
     def __call__(self) -> MissionController:
@@ -86,10 +86,10 @@ class ControllerFactory:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class EstimatorFactory:
-    """What makes the estimators of one scenario."""
+    """Maker of the estimators of one scenario."""
 
     maker: Callable[..., Any]
-    """Of any scenario's."""
+    """Constructor for any scenario."""
     scenario: Any = field(repr=False)
 
     def __call__(self) -> GuardedEstimator:
@@ -107,7 +107,7 @@ class EstimatorFactory:
 
 
 def maker_of(what: str, given: Any) -> Callable[..., Any]:
-    """What was given for a part, also to the scenario that a changed one is made of. Raises `InvalidInput`."""
+    """Return the argument given for a part, also to the scenario that a changed one is made of. Raises `InvalidInput`."""
     if isinstance(given, ControllerFactory | EstimatorFactory):
         return given.maker
     if not callable(given):
@@ -161,30 +161,30 @@ class Scenario(FieldTable):
     plant: str | Callable[..., Any] = "dynamic"
     """``dynamic``, ``kinematic``, or what makes a plant of a user's own, a `uvms_ocp.sim.PlantMaker`."""
     sensors: SensorSpecs | Callable[..., Any] = IDEAL_SENSORS
-    """What those of the toolkit are like, or what makes others, a `uvms_ocp.sim.SensorsMaker`."""
+    """Specifications of the toolkit's sensors, or a `uvms_ocp.sim.SensorsMaker` for others."""
     real_sensors: SensorSpecs | None = None
-    """What the sensors are truly like, where that differs from what the estimator knows."""
+    """True specifications, where they differ from those that the estimator has."""
     estimator: Callable[..., Any] = our_estimator
-    """What makes an estimator for a run, a `uvms_ocp.sim.EstimatorMaker`; by default the toolkit's filter.
+    """Maker of an estimator for a run, a `uvms_ocp.sim.EstimatorMaker`; by default the toolkit's filter.
 
     ``scenario.estimator()`` calls it, with a monitor around what it makes that keeps from it what cannot be true.
     """
     controller: Callable[..., Any] = our_controller
-    """What makes a controller for a run: takes the scenario, returns a callable ``(Measurement, t) -> Command``.
+    """Maker of a controller for a run: takes the scenario, returns a callable ``(Measurement, t) -> Command``.
 
     ``scenario.controller()`` calls it. By default it makes the hierarchy's, with thrust and torque unless the plant is kinematic;
     any other is watched by the mission, see `SupervisedController`.
     """
     gains: VelocityGains = field(default_factory=VelocityGains)
-    """Of the dynamic layer, which are less where sensors are known to be late; the kinematic plant has none."""
+    """Gains of the dynamic layer, lowered where sensors are late; the kinematic plant has none."""
     load: LoadLearning | None = None
     """How the dynamic layer learns what the tool carries; by default it does not."""
     plant_robot: Robot | None = None
-    """What moves in the water, where it differs from what the controller knows."""
+    """Robot that moves in the water, where it differs from the controller's."""
     seed: Count = 0
-    """Of the sensor noise."""
+    """Seed of the sensor noise."""
     altimeter_frame: str | None = None
-    """By default the one that the robot's file names, if any."""
+    """Name of the tool frame; by default the one that the robot's file names, if any."""
     dt: float = 1 / 200
     """[s] control period."""
     duration: float = 120.0
@@ -192,7 +192,7 @@ class Scenario(FieldTable):
     markers: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     """Points (3,) [m] in W to draw, by name."""
     faults: tuple[Fault | Callable[..., Any], ...] = ()
-    """What goes wrong, unknown to controller and pre-flight; also a user's own, each a `uvms_ocp.sim.FaultMaker`."""
+    """Faults, unknown to controller and pre-flight; also a user's own, each a `uvms_ocp.sim.FaultMaker`."""
 
     def __post_init__(self) -> None:
         require_plant(self.plant)
@@ -225,17 +225,17 @@ class Scenario(FieldTable):
 
     @property
     def toolkit_faults(self) -> tuple[Fault, ...]:
-        """Those of `faults` that are values of the toolkit, which plant and sensors have of themselves."""
+        """Faults of the toolkit, which plant and sensors simulate themselves."""
         return tuple(fault for fault in self.faults if isinstance(fault, Fault))
 
     @property
     def takes_forces(self) -> bool:
-        """Whether the plant takes thrust and torque, or velocities alone."""
+        """True where the plant takes thrust and torque, and not velocities alone."""
         return takes_forces(self.plant)
 
     @property
     def specs(self) -> SensorSpecs:
-        """What estimator, monitor and pre-flight expect of the sensors."""
+        """Specifications of the sensors that estimator, monitor and pre-flight expect."""
         return specs_of(self.sensors)
 
     @property
@@ -257,7 +257,7 @@ class Scenario(FieldTable):
         return check_mission(self.setup())
 
     def setup(self) -> Setup:
-        """What pre-flight looks at."""
+        """Inputs of the pre-flight checks."""
         return Setup(
             robot=self.robot,
             mission=self.mission,

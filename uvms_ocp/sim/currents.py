@@ -236,7 +236,7 @@ class GustyCurrent(Current):
     """
 
     base: Current = field(default_factory=StillWater)
-    """What it comes on top of."""
+    """The current that it comes on top of."""
     sigma: float | tuple[float, float, float] = 0.05
     """[m/s] standard deviation, per axis of W if three are given."""
     correlation_time: float = 10.0
@@ -244,7 +244,7 @@ class GustyCurrent(Current):
     step: float = 0.5
     """[s] between nodes."""
     seed: Count = 0
-    """Of the random numbers."""
+    """Seed of the random numbers."""
     _path: _Path = field(init=False, repr=False)
     """The nodes."""
 

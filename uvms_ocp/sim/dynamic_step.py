@@ -105,12 +105,12 @@ def _box_corners(shape: object) -> np.ndarray:
 # for, and where it still moved, the first step is the impulse that stops it, which leaves all other momenta as they were.
 
 CARRIED = ("q", "v", "thrust", "thruster_energy", "joint_energy")
-"""What one step hands to the next."""
+"""State that one step hands to the next."""
 INPUTS = (
     *(*CARRIED, "asked_thrust", "asked_torque", "share", "offset", "decay"),
     *("u", "Du_Dt", "floor_z", "floor_normal", "brake", "dt"),
 )
-"""Of `step_function`."""
+"""Inputs of `step_function`."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -125,20 +125,20 @@ class JointStops:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class StepModel:
-    """What the step function is built from."""
+    """Constants that the step function is built from."""
 
     robot: Robot
-    """What moves."""
+    """The robot that moves."""
     dynamics: SymbolicDynamics
     """Its own, in water."""
     points: np.ndarray
     """(n_points, 3) [m] contact points in B."""
     contact: ContactModel
-    """Of every point."""
+    """The same for every point."""
     stops: JointStops
-    """Of every joint."""
+    """The same for every joint."""
     thrusters: Thrusters
-    """Of the robot."""
+    """The thrusters of the robot."""
     locked: tuple[int, ...] = ()
     """Entries of v that a constraint holds at 0."""
 
@@ -282,7 +282,7 @@ class StepSequence:
             raise InvalidInput(f"{n_steps} steps in a period; give 1 or more")
         function = period_function(step, n_steps)
         memory, self.given = _memory(function)
-        """By name: (n,) views, and those of a matrix as (columns, rows), all to be written to."""
+        """Arrays by name: (n,) views, and those of a matrix as (columns, rows), all to be written to."""
         self.carried = memory[: parts_of(step)["torque"].start]
         """(n_carried,) view of the inputs that the first results are: for the next period."""
         self._result = np.zeros(function.numel_out(0))

@@ -34,7 +34,7 @@ class Environment:
     seafloor: Seafloor
     """Everywhere below."""
     current: Current = field(default_factory=StillWater)
-    """Of the water."""
+    """Current of the water."""
     obstacles: tuple[Obstacle, ...] = ()
     """With names of their own."""
 
@@ -72,7 +72,7 @@ class EnvironmentSampler:
             self._sites = BufferedFunction(compile_function(function) if compiled else function)
 
     def bind(self, given: Mapping[str, np.ndarray]) -> None:
-        """From now on write into the arrays of `given` (...) [units below]: what `StepSequence` reads.
+        """Write from now on into the arrays of `given` (...) [units below], which `StepSequence` reads.
 
         Those are u (n_links, 3) [m/s], Du_Dt (n_links, 3) [m/s2], floor_z (n_points,) [m] and floor_normal (n_points, 3);
         the period dt (1,) [s] is read.
@@ -134,7 +134,7 @@ class ClosestApproach:
     distance: float
     """[m]"""
     row: int
-    """Of the configurations given."""
+    """Row of the configurations given."""
     pair: str
     """Names of the two shapes."""
 

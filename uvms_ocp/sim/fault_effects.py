@@ -26,7 +26,7 @@ Disturb = Callable[[Any, np.ndarray], Any]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample:
-    """What a sensor takes at one time."""
+    """Sample that a sensor takes at one time."""
 
     value: Any
     stamp: float
@@ -37,7 +37,7 @@ class Sample:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class FaultyChannel:
-    """What a channel measures."""
+    """Quantity that a channel measures."""
 
     name: str
     disturb: Disturb
@@ -66,7 +66,7 @@ class ChannelFaults:
         ]
 
     def __call__(self, value: Any, t: float) -> Sample | None:
-        """What becomes of a value that was measured at time t [s]; `None` where it never arrives."""
+        """Return the faulty value measured at time t [s]; `None` where it never arrives."""
         sample: Sample | None = Sample(value, t)
         for fault, effect in self._effects:
             if sample is not None:
@@ -80,9 +80,9 @@ class _Part:
 
     channel: FaultyChannel
     values: slice
-    """Of the value."""
+    """Entries of the value."""
     errors: range
-    """Of the components of an error."""
+    """Components of an error."""
 
     def error(self, entries: float | np.ndarray) -> np.ndarray:
         error = np.zeros(self.channel.n)
@@ -203,7 +203,7 @@ _SHARES = {"dead": 0.0, "stuck": 0.0, "reversed": -1.0}
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ThrusterCondition:
-    """Of all thrusters of a robot. Their steady thrust is ``share sound + offset``, for that of sound ones."""
+    """Faults of all thrusters of a robot. Their steady thrust is ``share sound + offset``, for that of sound ones."""
 
     share: np.ndarray
     """(n,) 1 sound, less weak, negative reversed, 0 dead or stuck."""
@@ -214,7 +214,7 @@ class ThrusterCondition:
 
 
 def condition_of(faults: Sequence[Fault], thrust: np.ndarray) -> ThrusterCondition:
-    """What these faults make of the thrusters, thrust (n,) [N] now."""
+    """Compute the state of the thrusters under these faults, thrust (n,) [N] now."""
     share, offset, dead = np.ones(len(thrust)), np.zeros(len(thrust)), np.zeros(len(thrust), dtype=bool)
     for fault in faults:
         if fault.location.family == "thruster":
@@ -234,11 +234,11 @@ _NEED_WATER = {
     "current": "feels no current",
     "payload": "has no mass",
 }
-"""What the kinematic plant lacks, by the family of what a fault strikes."""
+"""Part that the kinematic plant lacks, by the family of a fault's target."""
 
 
 def active_of(faults: Sequence[Fault], t: float) -> tuple[Fault, ...]:
-    """Those that are there at time t [s]."""
+    """Return the faults that are there at time t [s]."""
     return tuple(fault for fault in faults if fault.active(t))
 
 
@@ -249,7 +249,7 @@ def jammed_axes(robot: Robot, faults: Sequence[Fault]) -> tuple[int, ...]:
 
 
 def payloads(faults: Sequence[Fault]) -> tuple[Fault, ...]:
-    """Those that put something into the tool."""
+    """Return the faults that put something into the tool."""
     return tuple(fault for fault in faults if fault.location.family == "payload")
 
 
@@ -313,7 +313,7 @@ class SteppedCurrent(Current):
     """
 
     base: Current
-    """What flows without the faults."""
+    """Current without the faults."""
     seafloor: Seafloor
     """Through which nothing flows."""
     faults: tuple[Fault, ...]
@@ -378,7 +378,7 @@ def _rising(elapsed: float) -> float:
 
 
 def _smooth(share: float) -> float:
-    """From 0 at 0 to 1 at 1, level beyond both."""
+    """Cosine step from 0 at 0 to 1 at 1, level beyond both."""
     return 0.5 - 0.5 * math.cos(math.pi * min(max(share, 0.0), 1.0))
 
 

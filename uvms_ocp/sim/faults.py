@@ -32,12 +32,12 @@ class ValueRange:
     upper: float = _LARGEST
     """[unit of the value]"""
     above: bool = False
-    """Whether `lower` itself is too little."""
+    """True where `lower` itself is too little."""
     below: bool = False
-    """Whether `upper` itself is too much."""
+    """True where `upper` itself is too much."""
 
     def holds(self, value: float) -> bool:
-        """Whether a value [unit of the value] is allowed."""
+        """Check that a value [unit of the value] is allowed."""
         inside = self.lower <= value <= self.upper
         return inside and not (self.above and value == self.lower) and not (self.below and value == self.upper)
 
@@ -50,7 +50,7 @@ class ValueRange:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FaultModel:
-    """What one kind of fault does and takes."""
+    """Effect and values of one kind of fault."""
 
     effect: str
     """In words."""
@@ -58,10 +58,10 @@ class FaultModel:
     fewest: int | None = None
     """Number of values that must be given; all by default."""
     for_each: bool = False
-    """Whether its one value may also be given for each component of the channel."""
+    """True where its one value may also be given for each component of the channel."""
 
     def takes(self, n: int) -> bool:
-        """Whether n values may be given."""
+        """Check that n values may be given."""
         return n >= 1 if self.for_each else self.least <= n <= len(self.values)
 
     @property
@@ -70,7 +70,7 @@ class FaultModel:
         return len(self.values) if self.fewest is None else self.fewest
 
     def range_of(self, index: int) -> ValueRange:
-        """Of the value at index."""
+        """Allowed range of the value at index."""
         return self.values[0] if self.for_each else self.values[index]
 
 
@@ -145,16 +145,16 @@ _ENCODERS = {"position": "joint_positions", "velocity": "joint_velocities"}
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FaultTarget:
-    """What a fault strikes."""
+    """Part that a fault affects."""
 
     name: str
-    """As faults spell it."""
+    """Spelling in faults."""
     family: str
     """Key of `FAMILIES`."""
     channel: str = ""
-    """Of sensors and encoders, one of `CHANNELS`."""
+    """One of `CHANNELS`, for sensors and encoders."""
     number: int = 0
-    """Of a thruster or joint, from 1."""
+    """Number of a thruster or joint, from 1."""
 
 
 @lru_cache(maxsize=1024)
@@ -208,7 +208,7 @@ class Fault:
     target: str
     """A channel such as ``altimeter``, or ``joint3_position``, ``thruster3``, ``joint2``, ``current``, ``payload``."""
     kind: str
-    """Of that target, such as ``frozen``."""
+    """Kind of fault of that target, such as ``frozen``."""
     values: tuple[float, ...] = ()
     """[units of the kind]"""
     onset: float = 0.0
@@ -230,7 +230,7 @@ class Fault:
             raise InvalidInput(f"{self.target}:{self.kind} with {times}; give an end after the onset, within a day")
 
     def __str__(self) -> str:
-        """As `parse_fault` reads it."""
+        """Return the text that `parse_fault` reads."""
         values = f"={','.join(map(plain, self.values))}" if self.values else ""
         until = "" if self.end == math.inf else f"-{plain(self.end)}"
         return f"{self.target}:{self.kind}{values}@{plain(self.onset)}{until}"
@@ -242,12 +242,12 @@ class Fault:
 
     @checked_on_failure
     def active(self, t: float) -> bool:
-        """Whether it is there at time t [s]."""
+        """Check that it is there at time t [s]."""
         return is_active(self.onset, self.end, t)
 
 
 def is_active(onset: float, end: float, t: float) -> bool:
-    """Whether something that lasts from `onset` [s] to `end` [s] is there at time t [s]."""
+    """Check that something that lasts from `onset` [s] to `end` [s] is there at time t [s]."""
     return onset <= t + _EARLY < end
 
 

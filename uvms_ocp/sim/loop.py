@@ -30,7 +30,7 @@ TickObserver = Callable[[float, State, Command], None]
 """Told the time [s], the true state and the command of a tick, which it must leave as they are."""
 
 MOST_TICKS = 4_000_000
-"""Of a run: its record keeps every tick, about 2.4 kB each, in memory until it is written."""
+"""Ticks of a run: its record keeps every tick, about 2.4 kB each, in memory until it is written."""
 
 
 @checked

@@ -22,18 +22,18 @@ from uvms_ocp.sim.plant import Plant
 # What was given for a part: a value of the toolkit's or what makes one of a user's own, and what is known of it beforehand.
 
 PLANTS = ("dynamic", "kinematic")
-"""Of the toolkit, by name."""
+"""Plants of the toolkit, by name."""
 
 
 def part_name(maker: Any) -> str:
-    """What records call the part that it makes: the name of a function or class, of anything else that of its class."""
+    """Name of the part that it makes, as records have it: the name of a function or class, of anything else that of its class."""
     if isinstance(maker, partial):
         return part_name(maker.func)
     return str(getattr(maker, "__name__", type(maker).__name__)).strip("<>")
 
 
 def plant_name(plant: Any) -> str:
-    """Of one of the toolkit's the name that it goes by."""
+    """Return the name of a plant of the toolkit."""
     return plant if isinstance(plant, str) else part_name(plant)
 
 
@@ -48,12 +48,12 @@ def require_plant(plant: Any) -> None:
 
 
 def takes_forces(plant: Any) -> bool:
-    """Whether it takes thrust and torque, or velocities alone."""
+    """True for a plant that takes thrust and torque, and not velocities alone."""
     return plant == "dynamic" if isinstance(plant, str) else bool(plant.takes_forces)
 
 
 def specs_of(sensors: Any) -> SensorSpecs:
-    """What to expect of the sensors. Raises `InvalidInput` for a maker that does not tell."""
+    """Return the specifications of the sensors. Raises `InvalidInput` for a maker without."""
     specs = sensors if isinstance(sensors, SensorSpecs) else getattr(sensors, "specs", None)
     if not isinstance(specs, SensorSpecs):
         allowed = "give it what to expect of them, such as IDEAL_SENSORS"
@@ -74,39 +74,33 @@ def require_simulated(faults: Iterable[Fault], plant: Any, sensors: Any) -> None
             )
 
 
-# What `Scenario` takes for its parts beside the toolkit's own: values that make a part for each run.
-#
-# A maker is called with the scenario and builds what takes long to build, so that a step only steps: an instance with settings, a
-# function, or a class whose constructor takes the scenario. What it makes runs as Python beside what is compiled, fresh in every
-# run: what it remembers belongs to that run, and what it draws it draws from `scenario.seed`. A maker that can be pickled, a class
-# or a value of a class that can be imported, goes to the workers of studies. Shapes and numbers are looked at at every tick; what
-# does not fit raises `InvalidInput` with the name of the part. Records and reports tell the names of all parts.
+# Makers, values of a scenario that build a part for each run.
 
 
 class PlantMaker(Protocol):
-    """Of ``Scenario(plant=...)``, where it is none of the names ``dynamic`` and ``kinematic``.
+    """Maker of a plant, for ``Scenario(plant=...)`` where it is none of the names ``dynamic`` and ``kinematic``.
 
-    It may have `simulated_faults`, a tuple of ``thruster``, ``joint``, ``current`` and ``payload``: the faults that its plant has of
-    itself when `scenario.toolkit_faults` lists them; others are refused, those of sensors are none of its business. Campaigns vary
-    `scenario.plant_robot` and `scenario.environment`, and of a maker that is a dataclass every float by its name, such as
-    ``parts.plant.rate``: what a plant does not read is not varied.
+    It may have `simulated_faults`, a tuple of ``thruster``, ``joint``, ``current`` and ``payload``: the faults that its
+    plant has of itself when `scenario.toolkit_faults` lists them; others are refused, those of sensors are none of its
+    business. Campaigns vary `scenario.plant_robot` and `scenario.environment`, and of a maker that is a dataclass every
+    float by its name, such as ``parts.plant.rate``: what a plant does not read is not varied.
     """
 
     takes_forces: bool
-    """Whether commands carry thrust and torque for it, from the controller's dynamic layer; otherwise velocities alone."""
+    """True where commands carry thrust and torque, from the controller's dynamic layer; else velocities alone."""
 
     def __call__(self, scenario: Any) -> Plant:
         """The plant of a `Scenario`, at its start and at rest."""
 
 
 class Disturbance(Protocol):
-    """What goes wrong in one run, asked from its onset to its end."""
+    """Fault injected into one run, asked from its onset to its end."""
 
     def readings(self, readings: Readings, t: float) -> Readings:
-        """What arrives of the sensors at time t [s]; the same object where nothing is wrong, others are new readings."""
+        """Return the readings that arrive at time t [s]; the same object where nothing is wrong, others are new readings."""
 
     def command(self, command: Command, t: float) -> Command:
-        """What arrives of the command at the plant at time t [s]. The record keeps what was asked for."""
+        """Return the command that arrives at the plant at time t [s]. The record keeps the one given."""
 
 
 class FaultMaker(Protocol):
@@ -122,16 +116,16 @@ class FaultMaker(Protocol):
 
 
 class SensorsMaker(Protocol):
-    """Of ``Scenario(sensors=...)``, where it is no `SensorSpecs`.
+    """Maker of sensors, for ``Scenario(sensors=...)`` where it is no `SensorSpecs`.
 
-    It may have `simulated_faults`, a tuple of channels: the faults that its sensors have of themselves when `scenario.toolkit_faults` lists
-    them; others are refused. Campaigns vary `scenario.real_sensors`, what they are truly like where that is not as `specs` say;
-    delays that are told are those of the toolkit's sensors alone.
+    It may have `simulated_faults`, a tuple of channels: the faults that its sensors have of themselves when
+    `scenario.toolkit_faults` lists them; others are refused. Campaigns vary `scenario.real_sensors`, the true ones where
+    they differ from `specs`; nominal delays are those of the toolkit's sensors alone.
     """
 
     @property
     def specs(self) -> SensorSpecs:
-        """What estimator, monitor and pre-flight expect of them."""
+        """Specifications that estimator, monitor and pre-flight expect."""
 
     def __call__(self, scenario: Any) -> Sensors:
         """The sensors of a `Scenario`: a callable ``(State, t) -> Readings`` of the true state at time t [s].
@@ -142,7 +136,7 @@ class SensorsMaker(Protocol):
 
 
 class EstimatorMaker(Protocol):
-    """Of ``Scenario(estimator=...)``."""
+    """Maker of an estimator, for ``Scenario(estimator=...)``."""
 
     def __call__(self, scenario: Any) -> StateEstimator:
         """The estimator of a `Scenario`: a callable ``(Readings, t, command) -> Measurement`` at time t [s].
@@ -154,7 +148,7 @@ class EstimatorMaker(Protocol):
 
 
 class ControllerMaker(Protocol):
-    """Of ``Scenario(controller=...)``."""
+    """Maker of a controller, for ``Scenario(controller=...)``."""
 
     def __call__(self, scenario: Any) -> Controller:
         """The controller of a `Scenario`: a callable ``(Measurement, t) -> Command`` at time t [s].

@@ -58,12 +58,12 @@ class Plant(Protocol):
         """Advance by dt [s]. The command has thrust and torque where the plant takes forces, the velocity always."""
 
     def telemetry(self) -> dict[str, Any]:
-        """What it knows beside its state, for the record: numbers and arrays (n,), the same at every tick, empty for none.
+        """Return quantities beside its state, for the record: numbers and arrays (n,), the same at every tick, empty for none.
 
         Reports and figures know ``thrust`` (n_thrusters,) [N], ``torque`` (n_joints,) [N m], and what was taken so far,
         ``thruster_energy`` (n_thrusters,) [J], nan where not known, and ``joint_energy`` [J]; a plant tells all four or none.
-        The scene draws ``contact`` (n_points,) [N], of the floor on each of `uvms_ocp.sim.dynamic_step.skid_points`, and ``current``
-        (3,) [m/s] in W, of the water at the vehicle. Other names of `uvms_ocp.record.tables.SERIES` are taken.
+        The scene draws ``contact`` (n_points,) [N], of the floor on each of `uvms_ocp.sim.dynamic_step.skid_points`, and
+        ``current`` (3,) [m/s] in W, of the water at the vehicle. Other names of `uvms_ocp.record.tables.SERIES` are taken.
         """
 
 
@@ -107,9 +107,9 @@ class DynamicPlant(Plant):
     _dt: float
     """[s] of a control period."""
     _advance: StepSequence
-    """The steps of one."""
+    """The steps of one period."""
     _given: Mapping[str, np.ndarray]
-    """What they read."""
+    """Inputs of the steps."""
 
     def __init__(
         self,
@@ -203,7 +203,7 @@ class DynamicPlant(Plant):
         memory["brake"][0] = BRAKE_FRICTION if command.brakes else 0.0
 
     def _begin(self, dt: float) -> None:
-        """From now on, with the function there is, take periods of dt [s]."""
+        """Take periods of dt [s] from now on, with the function there is."""
         n_steps = max(1, math.ceil(dt / self._max_step - 1e-9))
         self._dt, self._advance = dt, StepSequence(self._step, n_steps)
         self._given = given = self._advance.given

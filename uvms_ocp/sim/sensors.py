@@ -169,7 +169,7 @@ def _struck(robot: Robot, name: str, disturb: Disturb, n: int) -> FaultyChannel:
 
 
 def _specific_force(gravity: np.ndarray) -> Truth:
-    """What an accelerometer at the origin of B shows, in B; gravity (3,) [m/s2] in W."""
+    """Compute the specific force at the origin of B, in B; gravity (3,) [m/s2] in W."""
 
     def force(state: State) -> np.ndarray:
         if state.a is None:

@@ -41,7 +41,7 @@ class Thrusters:
 
     @staticmethod
     def of(robot: Robot) -> Thrusters:
-        """Those of the robot's file."""
+        """The thrusters of the robot's file."""
         thrusters = robot.description.thrusters
         lower, upper = thrust_limits(robot)
         factor, exponent = _power_law(thrusters)

@@ -63,10 +63,10 @@ class WatchedEstimator:
 
 
 class WatchedGates(WatchedEstimator):
-    """One that tells which readings it refuses."""
+    """Watched estimator that reports which readings it refuses."""
 
     def __init__(self, estimator: Any, robot: Robot, name: str) -> None:
-        """As of `WatchedEstimator`. Raises `InvalidInput` for outcomes that the monitor cannot share."""
+        """Set up as `WatchedEstimator`. Raises `InvalidInput` for outcomes that the monitor cannot share."""
         super().__init__(estimator, robot, name)
         self.outcomes: Array = estimator.outcomes
         """(9, 4) [s, -, -, -] theirs, see `GatedEstimator.outcomes`."""
@@ -204,11 +204,11 @@ class InjectedFault:
     made: Disturbance
 
     def active(self, t: float) -> bool:
-        """Whether it is there at time t [s]."""
+        """Check that it is there at time t [s]."""
         return is_active(self.maker.onset, self.maker.end, t)
 
     def command(self, command: Command, t: float) -> Command:
-        """What is left of a command at time t [s]. Raises `InvalidInput` for one that the plant cannot take."""
+        """Return the command that arrives at time t [s]. Raises `InvalidInput` for one that the plant cannot take."""
         left = self.made.command(command, t)
         name = part_name(self.maker)
         if not isinstance(left, Command):
@@ -236,7 +236,7 @@ class FaultyPlant(Plant):
         self.state = self._plant.state
 
     def telemetry(self) -> dict[str, Any]:
-        """That of the plant."""
+        """Return the telemetry of the plant."""
         return self._plant.telemetry()
 
 
@@ -275,7 +275,7 @@ def require_fault(fault: Any) -> None:
 
 
 def fault_meta(fault: Any) -> FaultMeta:
-    """What a record tells of a fault."""
+    """Metadata of a fault for the record."""
     end = float(fault.end) if np.isfinite(fault.end) else None
     if isinstance(fault, Fault):
         return FaultMeta(text=str(fault), target=fault.target, kind=fault.kind, t=fault.onset, end=end)

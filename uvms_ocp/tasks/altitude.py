@@ -66,7 +66,7 @@ class MinimumAltitude(Task):
     name: str = "MAC"
     task_class: TaskClass = TaskClass.SAFETY
     frame: str | None = None
-    """Of the range sensor; by default the altimeter of the robot's file."""
+    """Frame of the range sensor; by default the altimeter of the robot's file."""
     threshold: float = 1.0
     """[m] h_min"""
     margin: float = 0.5
@@ -137,7 +137,7 @@ class LandingAltitude(Task):
     name: str = "LA"
     task_class: TaskClass = TaskClass.ACTION
     frame: str | None = None
-    """Of the range sensor; by default the altimeter of the robot's file."""
+    """Frame of the range sensor; by default the altimeter of the robot's file."""
     landing_distance: Finite = -0.02
     """[m] d_landing; below 0 so that the safeguard's height is crossed."""
     safeguard: float = 0.17

@@ -52,7 +52,7 @@ class Clearance(Task):
 
     @property
     def nearest_pairs(self) -> NearestPairs:
-        """Those of `model`."""
+        """Pairs of `model`."""
         return self._pairs
 
     def position_limit(self, robot: Robot) -> PositionLimit:

@@ -85,7 +85,7 @@ FAR = 1e3
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PairSymbols:
-    """What is measured of m pairs, as symbols."""
+    """Measured quantities of m pairs, as symbols."""
 
     smallest: ca.SX
     """() [m] smallest distance of all pairs now."""
@@ -133,7 +133,7 @@ class NearestPairs:
     def parameters(
         self, *, smallest: float, distance: np.ndarray, closing: np.ndarray, gradient: np.ndarray
     ) -> np.ndarray:
-        """What is measured, as `PairSymbols` has it, as one vector (n_parameters,).
+        """Return the measured quantities of `PairSymbols` as one vector (n_parameters,).
 
         smallest [m], distance (m,) [m], closing (m,) [m/s], gradient (m, n_v) [-, m].
         """
@@ -204,7 +204,7 @@ class TickSymbols:
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Rows:
-    """What a task asks of v: ``jacobian @ v`` at `rate`, or within ``[lower, upper]``."""
+    """Rows that a task sets on v: ``jacobian @ v`` at `rate`, or within ``[lower, upper]``."""
 
     jacobian: ca.SX
     """(m, n_v) [unit of the task / m, or / rad]"""
@@ -227,7 +227,7 @@ class Rows:
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Residual:
-    """What a task asks of a state: `value` within ``[lower, upper]``; an equality has lower = upper.
+    """Rows that a task sets on a state: `value` within ``[lower, upper]``; an equality has lower = upper.
 
     Smooth in the state, so that it can be optimised over a horizon; `Rows` are its velocity-level counterpart.
     """
@@ -257,11 +257,11 @@ class Task(ABC):
     task_class: TaskClass
     """Which decides its priority unless an order is given."""
     reactive: ClassVar[bool] = True
-    """Whether it follows what is measured."""
+    """True for a task that follows a measurement."""
     equality: ClassVar[bool] = True
-    """Whether its rows ask for one value, and not for a range."""
+    """True where its rows ask for one value, and not for a range."""
     needs_altimeter: ClassVar[bool] = False
-    """Whether it reads the range of the altimeter."""
+    """True where it reads the range of the altimeter."""
 
     @property
     def rest_altitude(self) -> float:
@@ -275,7 +275,7 @@ class Task(ABC):
 
     @property
     def is_constant(self) -> bool:
-        """Whether `reference` is the same at all times, so that a phase asks for it once: without a goal that moves.
+        """True where `reference` is the same at all times, so that a phase asks for it once: without a goal that moves.
 
         Never of a class of one's own that has its own `reference`.
         """
@@ -283,7 +283,7 @@ class Task(ABC):
 
     @property
     def follows_goal_alone(self) -> bool:
-        """Whether `reference` depends on nothing but the goal, as that of every class but one's own that has its own does."""
+        """True where `reference` depends on the goal alone: everywhere but in a user's class that overrides it."""
         return type(self).reference.__module__.startswith("uvms_ocp.")
 
     @abstractmethod

@@ -119,7 +119,7 @@ class CompiledPairs:
             structure_of(DistanceMemory, **sizes), (chosen_distances, chosen_gradients)
         )
         self.compiled = self._distances is not chosen_distances
-        """Whether there is a compiler: without, this is slower than coal."""
+        """True where there is a compiler: without, this is slower than coal."""
         write_distances(self._memory, model, geometry.geometryObjects, pairs)
         self._q: Any = (ctypes.c_double * model.nq)()
         self._configuration, self._chosen = view(self._q), view(self._memory.chosen)
@@ -199,7 +199,7 @@ class CollisionModel:
 
     @property
     def by_coal(self) -> bool:
-        """Whether coal measures any of the pairs."""
+        """True where coal measures any of the pairs."""
         return any(isinstance(engine, CoalPairs) for engine, _ in self._engines)
 
     @property
@@ -214,11 +214,11 @@ class CollisionModel:
         return len(_used(self._pairs))
 
     def is_of(self, robot: Robot) -> bool:
-        """Whether its shapes are on a robot of the same joints."""
+        """True where its shapes are on a robot of the same joints."""
         return bool(self._model == robot.model)
 
     def memory_sizes(self) -> dict[str, Any]:
-        """What `structure_of` a layout with a `DistanceMemory` of these pairs needs."""
+        """Sizes for `structure_of` a layout with a `DistanceMemory` of these pairs."""
         return distance_sizes(self._model, n_solids=self.n_solids, n_pairs=self.n_pairs)
 
     def write(self, memory: Any) -> None:
@@ -253,7 +253,7 @@ class CollisionModel:
     def _shared(
         self, pairs: Sequence[int] | np.ndarray | None
     ) -> Iterator[tuple[_Engine, np.ndarray | slice, np.ndarray]]:
-        """Who measures which of the `pairs`, by their rows here, and by their indices there."""
+        """Find which model measures which of the `pairs`: rows here, indices there."""
         for engine, place in self._engines:
             if len(self._engines) == 1:
                 yield engine, slice(None), place if pairs is None else place[np.asarray(pairs, dtype=int)]
@@ -267,7 +267,7 @@ class CollisionModel:
 def _engines(
     model: pin.Model, geometry: pin.GeometryModel, pairs: Sequence[tuple[int, int]]
 ) -> list[tuple[_Engine, np.ndarray]]:
-    """Who measures the pairs, and the index (n_pairs,) there of each, -1 of others."""
+    """Models that measure the pairs, and the index (n_pairs,) there of each, -1 of others."""
     shapes = geometry.geometryObjects
     clear = np.array([all(has_kernel(shapes[k].geometry) for k in pair) for pair in pairs], dtype=bool)
     engines: list[tuple[_Engine, np.ndarray]] = []
@@ -337,12 +337,12 @@ def _known(links: Sequence[str] | None, names: Sequence[str]) -> Sequence[str]:
 
 
 def in_c(model: CollisionModel, robot: Robot | None) -> bool:
-    """Whether kernels measure its pairs: all of them have machine code, and are on this robot."""
+    """True where kernels measure its pairs: all of them have machine code, and are on this robot."""
     return robot is not None and not model.by_coal and model.is_of(robot)
 
 
 def distance_layout_sizes(models: Iterable[CollisionModel], robot: Robot | None) -> dict[str, Any]:
-    """What `structure_of` layouts with a `DistanceMemory` for any of the models needs; Python measures those not `in_c`."""
+    """Sizes for `structure_of` layouts with a `DistanceMemory` for any of the models; Python measures those not `in_c`."""
     known = list(models)
     n_pairs = max((model.n_pairs for model in known), default=0)
     measured = [model.n_solids for model in known if in_c(model, robot)]
@@ -354,7 +354,7 @@ def distance_layout_sizes(models: Iterable[CollisionModel], robot: Robot | None)
 
 
 def without_c_form(model: CollisionModel, robot: Robot | None) -> str:
-    """What keeps kernels from measuring the pairs even where there is a compiler; empty where nothing does."""
+    """Describe why kernels cannot measure the pairs even where there is a compiler; empty where they can."""
     if model.without_c_form:
         return f"distances of {', '.join(model.without_c_form)}; spheres, capsules, cylinders and boxes have"
     return "" if robot is not None and model.is_of(robot) else "distances of another robot"

@@ -67,7 +67,7 @@ def overlap_solids(m: RelativePlacement, hull: Hull, a: Solid, b: Solid) -> None
 
 
 def is_curved(a: Solid, b: Solid) -> bool:
-    """Whether the difference has faces that `axes` does not know. A kernel."""
+    """Check for faces of the difference that `axes` does not cover. A kernel."""
     return (a.disk > 0.0 and not is_ball(b)) or (b.disk > 0.0 and not is_ball(a))
 
 
@@ -148,7 +148,7 @@ class DistanceMemory(Layout):
     chosen: Annotated[list[int], Sized("n_pairs")]
     """(n_chosen,) pairs that `chosen_distances` measures."""
     meeting: RelativePlacement
-    """Of the pair measured last, in the frame of its first solid."""
+    """Relative placement of the pair measured last, in the frame of its first solid."""
     hull: Hull
     """Working memory."""
 
@@ -242,12 +242,12 @@ _STEP = 8  # sizes are multiples of it, so that models of about the same size sh
 
 
 def has_kernel(shape: coal.CollisionGeometry) -> bool:
-    """Whether it is a sphere, a capsule, a cylinder or a box."""
+    """True for a sphere, a capsule, a cylinder and a box."""
     return isinstance(shape, (coal.Sphere, coal.Capsule, coal.Cylinder, coal.Box))
 
 
 def distance_sizes(model: pin.Model, *, n_solids: int, n_pairs: int) -> dict[str, Any]:
-    """What `structure_of` a layout with a `DistanceMemory` needs for that many solids and pairs, or fewer."""
+    """Sizes for `structure_of` a layout with a `DistanceMemory` of at most that many solids and pairs."""
     places = _places(model)
     return {
         "places": places,

@@ -207,7 +207,7 @@ def offer_point(s: Simplex, i: int, j: int, k: int, x: float, y: float) -> None:
 
 
 def holds_origin(s: Simplex) -> bool:
-    """Whether the origin is inside of the four points, which is not so where they lie in a plane. A kernel."""
+    """Check that the origin is inside of the four points, which is not so where they lie in a plane. A kernel."""
     e, f, g, turned = zeros(3), zeros(3), zeros(3), zeros(3)
     subtract(s.w[1], s.w[0], e)
     subtract(s.w[2], s.w[0], f)
@@ -264,14 +264,14 @@ TOUCHING = 1e-9
 
 
 class RelativePlacement(Layout):
-    """Of solids A and B, in the frame of A; balls left out."""
+    """Relative pose of solids A and B, and how near they are, in the frame of A; balls left out."""
 
     R: Annotated[Vector, Sized(9)]
     """(9,) R_AB, row after row."""
     p: Annotated[Vector, Sized(3)]
     """(3,) [m] p_AB."""
     simplex: Simplex
-    """Of the search, between whose points the nearest ones lie."""
+    """Its points enclose the nearest ones."""
     normal: Annotated[Vector, Sized(3)]
     """(3,) from A to B."""
     distance: float
@@ -326,7 +326,7 @@ def add_support(m: RelativePlacement, a: Solid, b: Solid, d: Vector) -> None:
 
 
 def search_apart(m: RelativePlacement, a: Solid, b: Solid) -> bool:
-    """Whether A and B are apart; if so, their distance, normal and nearest points. A kernel."""
+    """Check that A and B are apart; if so, write their distance, normal and nearest points. A kernel."""
     s, before, stalled = m.simplex, math.inf, 0
     begin_search(m, a, b)
     for k in range(ROUNDS):

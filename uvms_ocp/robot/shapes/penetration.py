@@ -46,7 +46,7 @@ def try_face_and_edges(m: RelativePlacement, a: Solid, b: Solid, i: int) -> None
 
 
 def try_outward(m: RelativePlacement, a: Solid, b: Solid) -> None:
-    """From the z axis of either to the middle of the other. A kernel."""
+    """Try the directions from the z axis of either to the middle of the other. A kernel."""
     out, z = zeros(3), zeros(3)
     for k in range(2):
         out[k] = m.p[k]
@@ -75,7 +75,7 @@ def try_axis(m: RelativePlacement, a: Solid, b: Solid, d: Vector) -> None:
 
 
 def distance_along(m: RelativePlacement, a: Solid, b: Solid, n: Vector) -> float:
-    """By how much B lies beyond A along n (3,) of length 1, in the frame of A [m]. A kernel."""
+    """Compute how far B lies beyond A along n (3,) of length 1, in the frame of A [m]. A kernel."""
     back = zeros(3)
     turned_back(m.R, n, back)
     return dot(n, m.p) - height(a, n) - height(b, back)

@@ -32,7 +32,7 @@ _N_POSTURE_JOINTS = 4  # MP holds the last four joints ([Gao2022] Case 2)
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Thresholds:
-    """What ends the phases of Case 1."""
+    """Thresholds that end the phases of Case 1."""
 
     way_point: Magnitude = 0.1
     """[m] A to B."""

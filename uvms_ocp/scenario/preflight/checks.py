@@ -86,7 +86,7 @@ _PARTS = {"position_error": np.s_[:3], "horizontal_error": np.s_[:2], "orientati
 
 
 def quantity_stds(setup: Setup, q: np.ndarray, spread: np.ndarray | None = None) -> dict[str, float]:
-    """By ``task.quantity``, what the sensors allow to know at q (n_q,) [m, rad]: a standard deviation [m] or [rad].
+    """Compute the achievable standard deviation [m] or [rad] of each ``task.quantity`` at q (n_q,) [m, rad].
 
     Of the distances and angles of frames from their goals, the root of the sum of the variances of their axes, from `spread`
     (n_v,) [m, rad], that of the configuration as in `Measurement.spread`, or from `std_at_rest`. Empty with ideal sensors,
@@ -146,7 +146,7 @@ _TELLS = {
     "estimator": "accuracy is judged by the toolkit's filter; no part of an export, which begins at its measurements",
     "controller": "the mission is judged as the hierarchy would fly it; it has no form in C, so that it cannot be exported",
 }
-"""What pre-flight and export cannot say of a part that is not the toolkit's, by what it is."""
+"""Checks that a user's own part is left out of, by the kind of part."""
 
 
 @checked
@@ -175,14 +175,14 @@ def check_mission(setup: Setup) -> PreflightReport:
 
 
 def _check_wherever(setup: Setup) -> Iterator[Finding]:
-    """What is looked at wherever the mission leads."""
+    """Findings that hold wherever the mission leads."""
     yield from check_unspecified(setup)
     yield from check_own_parts(setup)
     yield from check_load(setup)
 
 
 def check_unspecified(setup: Setup) -> Iterator[Finding]:
-    """What the robot's files leave open and the plant takes for nothing."""
+    """Find numbers that the robot's files leave open and the plant takes for 0."""
     if setup.with_forces:
         for subject, text in unknowns(without_trim(setup.robot).model, setup.robot.description):
             yield Finding(severity=Severity.WARNING, check=subject, text=text)

@@ -34,7 +34,7 @@ _SHORT = 1e-3  # [N, N m] of force missing that counts
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class DriveLoad:
-    """What one stance asks of the drives."""
+    """Load of one stance on the drives."""
 
     thrust: float
     """Largest share of a limit; above 1 the force is not there."""
@@ -248,7 +248,7 @@ def _late(setup: Setup) -> Iterator[DelayedAxes]:
 
 
 def _postures(setup: Setup, visits: Sequence[Visit]) -> Iterator[tuple[str, np.ndarray]]:
-    """By phase, q (n_q,) [m, rad] at the start and wherever a tool has to reach from a vehicle that stands still."""
+    """Map phases to q (n_q,) [m, rad] at the start and wherever a tool has to reach from a vehicle that stands still."""
     yield "", setup.start
     joints = setup.start[setup.robot.joint_q]
     for visit in visits:

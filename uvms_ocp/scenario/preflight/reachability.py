@@ -135,7 +135,7 @@ _N_NEAR, _N_FEW = 3, 4  # starts from solved neighbours, and random ones beside 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ReachShortfall:
-    """What is missing over all stances, and at worst over those where the vehicle is likely to stand."""
+    """Shortfall over all stances, and at worst over those where the vehicle is likely to stand."""
 
     best: ReachResult
     worst: ReachResult

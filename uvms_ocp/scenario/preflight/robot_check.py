@@ -34,7 +34,7 @@ class RobotVerdict(Enum):
     """Weight of a finding."""
 
     GOOD = "ok"
-    """As it should be."""
+    """Nothing is wrong."""
     WARNING = "warning"
     """Usable, but look at it."""
     ERROR = "error"
@@ -59,12 +59,12 @@ class RobotReport:
 
     @property
     def usable(self) -> bool:
-        """Whether nothing found would make results wrong."""
+        """True where nothing found would make results wrong."""
         return all(finding.verdict is not RobotVerdict.ERROR for finding in self.findings)
 
     @property
     def advice(self) -> str:
-        """What to do next."""
+        """Advice for the next step."""
         number = {verdict: sum(finding.verdict is verdict for finding in self.findings) for verdict in RobotVerdict}
         if errors := number[RobotVerdict.ERROR]:
             return f"not usable: mend what is called error ({errors}), and check again"

@@ -1,4 +1,4 @@
-"""What pre-flight checks take and return: the mission before it begins, the forecast of its phases, findings and the report."""
+"""Inputs and results of pre-flight checks: the mission before it begins, forecast of its phases, findings, report."""
 
 from __future__ import annotations
 
@@ -127,11 +127,11 @@ class Setup:
     duration: Finite
     """[s] time limit."""
     sensors: SensorSpecs = IDEAL_SENSORS
-    """What the mission is judged by while it runs."""
+    """Specifications of the sensors that it is monitored by while it runs."""
     own_parts: Mapping[str, str] = field(default_factory=dict)
     """Names of the parts that are not the toolkit's, by what they are, such as ``plant``."""
     gains: VelocityGains = field(default_factory=VelocityGains)
-    """Of the loops, before they are less where sensors are known to be late."""
+    """Gains of the loops, before they are lowered for sensors that are late."""
     load_bandwidth: Finite | None = None
     """[rad/s] of the observer from which the controller is to learn what the tool carries; `None` where it is not to."""
 
