@@ -37,7 +37,7 @@ from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.robot.kinematics import Kinematics
-from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.loading import load_robot, robot_folder
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Measurement, Readings, SensorSpec, State, Trust
@@ -591,6 +591,8 @@ POOL: dict[str, Callable[[], Any]] = {
     "SmoothActivation": lambda: tasks.SmoothActivation(0.1, 0.2),
     "SensorSpec": SensorSpec,
     "Trust": lambda: Trust.GOOD,
+    "RobotDescription": lambda: robot().description,
+    "Near": lambda: stage_solver().find(stagewise.StageQp(stage_shape())).near(),
     "SensorSpecs": lambda: IDEAL_SENSORS,
     "RealTimeSqp": sqp,
     "StageShape": stage_shape,
@@ -758,7 +760,6 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "Solution": lambda: {"v": np.zeros(2), "residuals": (np.zeros(2),)},
     "TickResult": lambda: {"v": np.zeros(2), "residual": np.zeros(2), "extras": ()},
     "SqpResult": lambda: {"x": np.zeros(2)},
-    "StudyResult.write_csv": lambda: {"path": Path("rows.csv")},
     "SymbolicModel.frame": lambda: {"name": "tool"},
     "SymbolicModel.congruence": lambda: {"matrices": [ca.DM.eye(6)] * len(poses())},
     "SymbolicModel.generalized_force": lambda: {"wrenches": wrenches()},
@@ -786,6 +787,11 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "figure_paths": lambda: {"paths": {"a": np.zeros((3, 3))}},
     "figure_joint_comparison": lambda: {"records": {"a": run_record(), "b": run_record()}},
     "figure_transitions": lambda: {"runs": {"a": report.transition_series(run_record())}},
+    "figure_rate": lambda: {"success": np.array([True, False])},
+    "figure_spread": lambda: {"values": {"energy [J]": np.array([1.0, 2.0])}, "success": np.array([True, False])},
+    "trimmed": lambda: {"robot": load_robot("bluerov2_alpha5"), "bow": 0.2, "stern": -0.2},
+    "check_robot_files": lambda: {"path": robot_folder("planar5")},
+    "equality_rows": lambda: {"jacobian": ca.SX.eye(2), "rate": ca.SX.zeros(2)},
     "figure_clearance": lambda: {"record": curve_record()},
     "figure_joint_motion": lambda: {"record": curve_record()},
     "figure_vehicle_motion": lambda: {"record": curve_record()},
@@ -794,6 +800,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "floor_obstacle": lambda: {"extent": 2.0},
     "floor_relief": lambda: {"low": np.zeros(2), "high": np.ones(2)},
     "load_robot": lambda: {"name": "planar5"},
+    "robot_folder": lambda: {"name": "planar5"},
     "mesh_shape": lambda: {"vertices": np.eye(3), "triangles": np.array([[0, 1, 2]])},
     "mount": lambda: {"vehicle": without_arm(robot()), "arm": arm()},
     "parse_obstacle": lambda: {"shape": "sphere", "words": "1 2 3 0.3"},

@@ -20,8 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from uvms_ocp.errors import OutputError
-from uvms_ocp.record.output import claim_folder, recover_folder
-from uvms_ocp.record.output import Manifest, Replacement, is_same
+from uvms_ocp.record.output import Manifest, Replacement, claim_folder, is_same, recover_folder
 
 CHANGING = {"open", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link"}
 FOREIGN = {"mine.txt": "mine", "figures/mine.png": "mine"}

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from itertools import product
+from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
@@ -28,6 +29,7 @@ from uvms_ocp.robot.loading import robot_of, trim_inertia
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.thrusters import unactuated_axes
 from uvms_ocp.robot.urdf import UrdfModels
+from uvms_ocp.types import Range
 
 # Cylinders around the links of an arm of which nothing but its shapes is known.
 
@@ -243,7 +245,11 @@ def with_trim(robot: Robot, bodies: Iterable[TrimBody]) -> Robot:
     return _retrimmed(robot, removed=(), added=added, trim=(*robot.description.trim, *added))
 
 
-def trimmed(robot: Robot, *, bow: float, stern: float) -> Robot:
+_Station = Annotated[float, Range(-50.0, 50.0)]  # [m], as positions in robot files
+
+
+@checked
+def trimmed(robot: Robot, *, bow: _Station, stern: _Station) -> Robot:
     """Return a copy that floats level and neutral with its arm stowed, by one body at ``bow`` and one at ``stern``.
 
     bow, stern: x in ``base_link`` [m]. Lift comes from foam of 200 kg/m3, weight from lead. Raises ``InvalidInput``

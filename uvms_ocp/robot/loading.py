@@ -39,6 +39,7 @@ def list_robots() -> tuple[str, ...]:
     return tuple(sorted(path.parent.name for path in robots_folder().glob("*/robot.urdf")))
 
 
+@checked
 def robot_folder(name: str) -> Path:
     """Return the folder of a robot. Raises ``NameNotFound`` with the alternatives."""
     if name not in list_robots():

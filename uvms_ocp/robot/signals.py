@@ -244,6 +244,7 @@ IDEAL_SENSORS = SensorSpecs(**dict.fromkeys(CHANNELS, SensorSpec()) | {"specific
 """Every channel of the state itself, once per tick, without error or delay; no accelerometer, which nothing needs then."""
 
 
+@checked
 def robot_sensors(description: RobotDescription) -> SensorSpecs:
     """The channels of a robot: the defaults of `SensorSpecs`, with what its file says of them."""
     channels = {name: _channel(getattr(SensorSpecs(), name), given) for name, given in description.sensors.items()}

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.checks import checked
 from uvms_ocp.robot.description import Thruster
 from uvms_ocp.robot.robot import Robot
 
 _RANK_TOLERANCE = 1e-6  # relative; layouts are known to about a millimetre
 
 
+@checked
 def thruster_matrix(robot: Robot) -> np.ndarray:
     """Return (6, n_thrusters) [-, m]: wrench per newton on the vehicle about the origin of B, in B, linear rows first."""
     columns = [_column(robot.model, thruster) for thruster in robot.description.thrusters]

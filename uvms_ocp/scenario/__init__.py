@@ -17,6 +17,8 @@ from uvms_ocp.scenario.options import activate as activate
 from uvms_ocp.scenario.options import mission_of as mission_of
 from uvms_ocp.scenario.options import run_options as run_options
 from uvms_ocp.scenario.preflight.checks import check_mission as check_mission
+from uvms_ocp.scenario.preflight.robot_check import check_robot as check_robot
+from uvms_ocp.scenario.preflight.robot_check import check_robot_files as check_robot_files
 from uvms_ocp.scenario.preflight.setup import Finding as Finding
 from uvms_ocp.scenario.preflight.setup import PreflightReport as PreflightReport
 from uvms_ocp.scenario.preflight.setup import Setup as Setup

@@ -20,3 +20,5 @@ from uvms_ocp.tasks.task import Residual as Residual
 from uvms_ocp.tasks.task import Rows as Rows
 from uvms_ocp.tasks.task import Task as Task
 from uvms_ocp.tasks.task import TaskClass as TaskClass
+from uvms_ocp.tasks.task import equality_rows as equality_rows
+from uvms_ocp.tasks.task import zero_residual as zero_residual

@@ -328,6 +328,7 @@ class Task(ABC):
         return f"[{reactive},{kind},{self.task_class.letters}]"
 
 
+@checked
 def equality_rows(jacobian: ca.SX, rate: ca.SX, quantities: Mapping[str, ca.SX] | None = None) -> Rows:
     """Rows that ask for ``jacobian @ v = rate``, always active inside."""
     return Rows(
@@ -340,6 +341,7 @@ def equality_rows(jacobian: ca.SX, rate: ca.SX, quantities: Mapping[str, ca.SX] 
     )
 
 
+@checked
 def zero_residual(value: ca.SX) -> Residual:
     """A residual that asks for ``value = 0``."""
     zeros = np.zeros(value.shape[0])

@@ -1,5 +1,7 @@
 """Figures and 3-D scenes of a `Record`; the only package that imports Matplotlib and meshcat."""
 
+from uvms_ocp.viz.campaign_report import figure_rate as figure_rate
+from uvms_ocp.viz.campaign_report import figure_spread as figure_spread
 from uvms_ocp.viz.comparison_figures import figure_joint_comparison as figure_joint_comparison
 from uvms_ocp.viz.comparison_figures import figure_paths as figure_paths
 from uvms_ocp.viz.comparison_figures import figure_transitions as figure_transitions
@@ -21,6 +23,7 @@ from uvms_ocp.viz.scene.live import live as live
 from uvms_ocp.viz.scene.page import ScenePage as ScenePage
 from uvms_ocp.viz.scene.show import show as show
 from uvms_ocp.viz.scene.show import write_scene as write_scene
+from uvms_ocp.viz.series import phase_spans as phase_spans
 from uvms_ocp.viz.task_figures import figure_activations as figure_activations
 from uvms_ocp.viz.task_figures import figure_altitude as figure_altitude
 from uvms_ocp.viz.task_figures import figure_errors as figure_errors

@@ -6,11 +6,14 @@ import base64
 import math
 from collections.abc import Mapping, Sequence
 from html import escape
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.types import Mask, Shape
 from uvms_ocp.viz.style import (
     BLUE,
     FADED,
@@ -31,9 +34,10 @@ _MOST = 12  # bars
 _LONGEST = 60
 
 
+@checked
 @styled
-def figure_rate(success: np.ndarray, interval: tuple[float, float]) -> Figure:
-    """The share of successes over the number of runs; success (n,) of all runs in their order, interval of the whole."""
+def figure_rate(success: Annotated[Mask, Shape("n")], interval: tuple[float, float]) -> Figure:
+    """Draw the share of successes over the number of runs; success (n,) of all runs in their order, interval of the whole."""
     figure = RecordFigure(figsize=(WIDTH, 2.4))
     axis = figure.subplots()
     n = np.arange(1, len(success) + 1)
@@ -60,9 +64,18 @@ def figure_outcomes(outcomes: Sequence[Mapping[str, Any]]) -> Figure:
     return figure
 
 
+@checked
 @styled
-def figure_spread(values: Mapping[str, np.ndarray], success: np.ndarray) -> Figure:
-    """Histograms of figures of merit, values (n,) [unit in the name] by name, NaN where a run has none; success (n,)."""
+def figure_spread(values: Mapping[str, np.ndarray], success: Annotated[Mask, Shape("n")]) -> Figure:
+    """Draw histograms of figures of merit, values (n,) [unit in the name] by name, NaN where a run has none; success (n,).
+
+    Raises `InvalidInput` for columns of another length.
+    """
+    for name, column in values.items():
+        if column.shape != success.shape:
+            raise InvalidInput(
+                f"success has shape {success.shape}, values[{name!r}] {column.shape}; give one of each per run"
+            )
     names = [name for name, column in values.items() if np.isfinite(column).any()]
     n_rows = max(1, -(-len(names) // _COLUMNS))
     figure = RecordFigure(figsize=(WIDTH, 1.7 * n_rows))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.record import quantity as quantity
@@ -79,6 +80,7 @@ def require_rows(record: Record) -> None:
         raise InvalidInput(f"record has {len(record)} rows; at least 2 are needed to draw it")
 
 
+@checked
 def phase_spans(record: Record) -> tuple[PhaseSpan, ...]:
     """Stays in phases in order of time; a phase that the mission went back to comes again.
 

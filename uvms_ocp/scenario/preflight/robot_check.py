@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.checks import checked
 from uvms_ocp.errors import RobotDataError
 from uvms_ocp.robot.assembly import static_residual, trim_body, without_trim
 from uvms_ocp.robot.loading import load_robot, unknowns
@@ -77,6 +78,7 @@ class RobotReport:
         )
 
 
+@checked
 def check_robot_files(
     path: Path | str,
     hydrodynamics: Path | str | None = None,
@@ -98,6 +100,7 @@ def check_robot_files(
     return check_robot(robot)
 
 
+@checked
 def check_robot(robot: Robot) -> RobotReport:
     """Check a loaded robot; its meshes were resolved by loading it."""
     findings = (
