@@ -7,9 +7,11 @@ Public names and subpackages, each loaded when it is first asked for (``__init__
 import lazy_loader
 
 _load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_RENAMED = {"scenarios": "scenario"}  # campaigns keep the missions that they were begun with, and run them again
 
 
 def __getattr__(name: str) -> object:
+    name = _RENAMED.get(name, name)
     if name not in __all__:
         from difflib import get_close_matches
 
