@@ -19,7 +19,7 @@ _SHOWN = 60  # characters of a wrong value
 _LARGEST = 2**63 - 1  # whole number that NumPy, C and files of ours can hold
 _REAL = ("numbers", "biuf")
 _OF_TYPE: dict[type | None, tuple[str, str]] = {np.bool_: ("truth values", "b"), np.intp: ("whole numbers", "iu")}
-"""What arrays hold, in words and as NumPy's letters."""
+"""Contents of arrays, in words and as NumPy's letters."""
 
 
 @dataclass(frozen=True)
@@ -49,16 +49,16 @@ class Kind:
     allowed = "a value"
     """In words."""
     converts = False
-    """Whether `taken` or `kept` may differ from the value."""
+    """True where `taken` or `kept` may differ from the value."""
     shaped = False
-    """Whether `shape_of` may give a shape."""
+    """True where `shape_of` may give a shape."""
 
     def holds(self, value: object) -> bool:
-        """Whether the value fits."""
+        """Return whether the value fits."""
         return True
 
     def wrong(self, place: str, value: object) -> Violation:
-        """What is wrong with a value that does not fit, as deep inside as can be said."""
+        """Say what is wrong with a value that does not fit, as deep inside as can be said."""
         return Violation(place, f"= {short(value)}", self.allowed)
 
     def shape_of(self, value: object) -> Shape | None:
@@ -66,11 +66,11 @@ class Kind:
         return None
 
     def taken(self, value: Any) -> Any:
-        """What a function gets."""
+        """Return the value as a function gets it."""
         return value
 
     def kept(self, value: Any) -> Any:
-        """What a frozen value keeps: nothing that its giver could change later."""
+        """Return the value as a frozen dataclass keeps it: nothing that its giver could change later."""
         return value
 
 
@@ -231,7 +231,7 @@ class Numbers(Kind):
 
     @property
     def shaped(self) -> bool:  # type: ignore[override]
-        """Whether there is a shape."""
+        """True where there is a shape."""
         return self.shape is not None
 
     def shape_of(self, value: object) -> Shape | None:
@@ -292,12 +292,12 @@ class Either(Kind):
 
     @property
     def converts(self) -> bool:  # type: ignore[override]
-        """Whether one of them does."""
+        """True where one of them does."""
         return any(kind.converts for kind in self.kinds)
 
     @property
     def shaped(self) -> bool:  # type: ignore[override]
-        """Whether one of them is."""
+        """True where one of them is."""
         return any(kind.shaped for kind in self.kinds)
 
     def holds(self, value: object) -> bool:

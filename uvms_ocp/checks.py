@@ -45,7 +45,7 @@ _PLAIN_KINDS: dict[Any, Kind] = {bool: Boolean(), Path: FilePath(), None: Instan
 
 
 def kinds_of(function: Callable[..., Any], owner: type | None = None) -> dict[str, Kind]:
-    """By the name of each parameter, what it may be; `owner` is the class of which `function` is the constructor."""
+    """Return the kind of each parameter, by name; `owner` is the class of which `function` is the constructor."""
     # The annotations of fields that are inherited are read where they stand, not where the constructor was made.
     generated = function.__code__.co_filename == "<string>"
     hints = _hints(owner if owner is not None and generated else function)
@@ -57,7 +57,7 @@ def kinds_of(function: Callable[..., Any], owner: type | None = None) -> dict[st
 
 
 def kind_of(annotation: Any) -> Kind:
-    """What a value of this annotation may be; anything, where the annotation says nothing that can be checked."""
+    """Return the kind of value that this annotation allows; anything, where the annotation says nothing that can be checked."""
     if annotation in _PLAIN_KINDS:
         return _PLAIN_KINDS[annotation]
     if annotation is ArrayLike:
@@ -217,7 +217,7 @@ def _extra(function: Callable[..., Any]) -> bool:
 
 
 class _Arguments:
-    """What the arguments of one function may be, read from its annotations when first needed."""
+    """Kinds of the arguments of one function, read from its annotations when first needed."""
 
     __slots__ = (
         "_converting",
@@ -466,7 +466,7 @@ def unchecked_constructor(cls: Callable[_P, _V]) -> Callable[_P, _V]:
 
 
 def _is_plain(cls: Any) -> bool:
-    """Whether the constructor does nothing but store its arguments in slots."""
+    """Return whether the constructor does nothing but store its arguments in slots."""
     slots = is_dataclass(cls) and "__slots__" in vars(cls)
     return slots and not hasattr(cls, "__post_init__") and all(f.init for f in fields(cls))
 

@@ -34,7 +34,7 @@ class Range:
     """Without the ends: of an infinite one, infinity."""
 
     def holds(self, value: float) -> bool:
-        """Whether the value [any] is inside."""
+        """Return whether the value [any] is inside."""
         return self.low < value < self.high if self.open else self.low <= value <= self.high
 
     def doubt(self, name: str) -> str:
@@ -61,7 +61,7 @@ class Shape:
         self._sizes = tuple(size for size in sizes if not isinstance(size, types.EllipsisType))
 
     def holds(self, value: Any) -> bool:
-        """Whether an array has such a shape."""
+        """Return whether an array has such a shape."""
         shape, n = np.shape(value), len(self._sizes)
         if len(shape) < n or (len(shape) > n and not self._any_before):
             return False
@@ -90,7 +90,7 @@ class Shape:
 
     @property
     def names(self) -> list[str]:
-        """What `named` calls the lengths."""
+        """Keys of the lengths that `named` returns."""
         return [f"{_OF}{size}" for size in self._sizes if isinstance(size, str)]
 
     def __str__(self) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from uvms_ocp.errors import InvalidInput, OutputError
-from uvms_ocp.record import claim_folder, recover_folder
+from uvms_ocp.record.output import claim_folder, recover_folder
 
 NAMES = ("report.json", "figures/a.png")
 

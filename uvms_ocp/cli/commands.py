@@ -138,7 +138,7 @@ def main() -> None:
 
 
 def _drop_stdout() -> None:
-    """What cannot be written any more is not tried again at the end."""
+    """Drop what cannot be written any more, so that it is not tried again at the end."""
     with suppress(OSError, ValueError):
         sys.stdout.flush()
         return

@@ -87,7 +87,7 @@ SCENARIO_HELP = (
 
 
 def completing(*names: str) -> Callable[[str], list[str]]:
-    """Those of the names that a shell may end a word with."""
+    """Return the names that a shell may end a word with."""
     return lambda incomplete: [name for name in names if name.startswith(incomplete)]
 
 

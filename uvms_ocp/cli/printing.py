@@ -169,7 +169,7 @@ class _Warnings(logging.Handler):
             self._waiting.append(record.getMessage())
 
     def say(self) -> None:
-        """What has waited."""
+        """Return what has waited."""
         if sys.stderr is not None:
             sys.stderr.writelines(f"{text}\n" for text in self._waiting)
 

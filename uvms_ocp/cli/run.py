@@ -220,7 +220,7 @@ def _plan_of(scenario: Scenario, place: Path) -> MissionPlan:
 
 @contextmanager
 def _watched(scenario: Scenario, console: Console) -> Iterator[TickObserver]:
-    """What shows a run in the browser while it goes on."""
+    """Return the live view of a run in the browser."""
     from uvms_ocp.viz.scene.live import live
 
     with console.status("drawing"):
@@ -270,7 +270,7 @@ def _files() -> tuple[str, ...]:
 def _jobs(
     scenario: Scenario, record: Record, report: dict[str, Any], folder: Path, plan: MissionPlan | None
 ) -> list[Job]:
-    """What writes each file, the slowest first."""
+    """Return the function that writes each file, the slowest first."""
     from uvms_ocp.viz.run_figures import FIGURES, write_figure
     from uvms_ocp.viz.scene.show import write_scene
 

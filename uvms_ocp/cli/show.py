@@ -242,5 +242,5 @@ def _kept(folder: Path, names: tuple[str, ...]) -> Path:
 
 
 def _name_of(path: Path) -> str:
-    """What tells a run from others: the name of its folder."""
+    """Return the name of a run: that of its folder."""
     return (path if path.is_dir() else path.parent if path.stem in ("record", "plan") else path).resolve().name

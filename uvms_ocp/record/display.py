@@ -69,7 +69,7 @@ def _row(cell: str, row: Sequence[str]) -> str:
 
 
 class TableDisplay:
-    """What shows itself as a `SmallTable`: in a shell, and in a notebook."""
+    """Mixin of values that show themselves as a `SmallTable`: in a shell, and in a notebook."""
 
     __slots__ = ()
 
@@ -103,7 +103,7 @@ class FieldTable(TableDisplay):
 
 
 def format_value(value: Any) -> str:
-    """What a value is, in one short row."""
+    """Describe a value in one short row."""
     if value is None:
         return "-"
     if isinstance(value, np.ndarray):
@@ -135,6 +135,6 @@ def _of_items(value: tuple[Any, ...] | list[Any]) -> str:
 
 
 def _of_other(value: Any) -> str:
-    """By its own words, where these are few; else what kind of thing it is."""
+    """Describe it by its own words, where these are few; else by its kind."""
     words = f"{value:.4g}" if isinstance(value, float) else str(value) if isinstance(value, str) else repr(value)
     return type(value).__name__ if "\n" in words or " at 0x" in words or len(words) > _LONGEST else words

@@ -78,7 +78,7 @@ def _require_size(path: Path, chunk: int, total: int, size: int) -> None:
 
 
 def _unpacked(path: Path, chunk: Any) -> bytes:
-    """What a chunk holds, whatever it says of its size. Raises `InvalidInput` where that is not so."""
+    """Return the contents of a chunk. Raises `InvalidInput` where they have another size than it states."""
     size = chunk.uncompressed_size
     found = _first(chunk, size + 1)
     if len(found) != size:
@@ -181,7 +181,7 @@ class Stream:
     at: Callable[[int, Any], Any]
     """The message of a tick, of that time stamp."""
     once: bool = False
-    """Whether it is told at the first tick alone."""
+    """True for messages of the first tick alone."""
 
 
 def stamp(nanoseconds: int) -> Any:
@@ -265,7 +265,7 @@ def wrench_class() -> Any:
 
 
 def log_messages(meta: Any) -> list[tuple[float, Any]]:
-    """What was said during a run, in order of time, each with its time [s]."""
+    """List events, alarms and faults of a run in order of time, each with its time [s]."""
     from foxglove_schemas_protobuf.Log_pb2 import Log
 
     events = [(e.t, Log.INFO, f"{e.source} to {e.target}: {e.reason}") for e in getattr(meta, "events", ())]
@@ -382,7 +382,7 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], Any]:
 
 
 def _metadata(path: Path) -> Mapping[str, str]:
-    """What `to_mcap` says of the file; empty for one of others."""
+    """Return the metadata that `to_mcap` wrote into the file; empty for one of others."""
     from mcap.reader import SeekingReader
 
     with path.open("rb") as file:

@@ -127,7 +127,7 @@ class EventMeta(MetaValue):
 
 
 class AlarmMeta(MetaValue):
-    """What the watchdog said, or the monitor of the sensors, which names the channel first."""
+    """Alarm of the watchdog, or of the monitor of the sensors, which names the channel first."""
 
     t: Number
     """[s]"""
@@ -135,7 +135,7 @@ class AlarmMeta(MetaValue):
 
 
 class FaultMeta(MetaValue):
-    """What went wrong on purpose."""
+    """Fault that was injected."""
 
     text: str
     """As it was asked for, ``TARGET:KIND=VALUES@ONSET-END``."""
@@ -275,7 +275,7 @@ class FloorRelief(MetaValue):
 
 
 class SurroundingsMeta(MetaValue):
-    """What there is to draw around the robot."""
+    """Surroundings of the robot that are drawn."""
 
     frames: tuple[FrameMeta, ...] = ()
     """Such as goals."""

@@ -37,7 +37,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 class Fingerprint(BaseModel):
-    """By which the contents of a file are known."""
+    """Digest of a file's contents."""
 
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
 
@@ -82,12 +82,12 @@ def names_below(root: Path) -> list[str]:
 
 
 def manifest_of(root: Path, names: Iterable[str], folders: Iterable[str] = ()) -> Manifest:
-    """Of files below `root`. Raises `OSError` for one that cannot be read."""
+    """Digests of files below `root`. Raises `OSError` for one that cannot be read."""
     return Manifest(files={name: fingerprint(root / name) for name in names}, folders=frozenset(folders))
 
 
 def fingerprint(path: Path) -> Fingerprint:
-    """Of the contents of a file. Raises `OSError` where it cannot be read."""
+    """Return the digest of the contents of a file. Raises `OSError` where it cannot be read."""
     digest, size = hashlib.sha256(), 0
     with path.open("rb") as file:
         while chunk := file.read(_CHUNK):
@@ -97,7 +97,7 @@ def fingerprint(path: Path) -> Fingerprint:
 
 
 def is_same(path: Path, known: Fingerprint | None) -> bool:
-    """Whether a regular file with those contents is there. Raises `OSError` where it cannot be read."""
+    """Return whether a regular file with those contents is there. Raises `OSError` where it cannot be read."""
     try:
         status = os.lstat(path)
     except (FileNotFoundError, NotADirectoryError):
@@ -171,7 +171,7 @@ def _status(path: Path) -> os.stat_result | None:
 
 
 class Journal(BaseModel):
-    """What belongs into the folder before and after a replacement."""
+    """Contents of the folder before and after a replacement."""
 
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
 
@@ -181,7 +181,7 @@ class Journal(BaseModel):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Replacement:
-    """Of the files of `target`. All methods are for the one process that holds the lock."""
+    """Replace the files of `target` as a whole. All methods are for the one process that holds the lock."""
 
     target: Path
 
@@ -195,15 +195,15 @@ class Replacement:
         return self.store / "new"
 
     def manifest(self) -> Manifest:
-        """Of what is there. Raises `InvalidInput` for one that cannot be read."""
+        """Return the manifest of what is there. Raises `InvalidInput` for one that cannot be read."""
         return read_as(Manifest, self._manifest) or Manifest()
 
     def is_unfinished(self) -> bool:
-        """Whether a command was cut off, or is at it."""
+        """Return whether a command was cut off, or is at it."""
         return any(path.exists() for path in (self._journal, self._undoing, *self._remains()))
 
     def is_partly_replaced(self) -> bool:
-        """Whether some files may be old and others new."""
+        """Return whether some files may be old and others new."""
         return self._journal.exists() or self._undoing.exists()
 
     def commit(self) -> None:
@@ -409,7 +409,7 @@ def recover_folder(folder: Path) -> None:
 
 @contextmanager
 def as_output_errors(target: Path, advice: str = "choose another folder") -> Iterator[None]:
-    """What the system refuses in the block is an `OutputError` of a file or folder; what is an error of ours stays as it is."""
+    """Raise what the system refuses in the block as an `OutputError` of a file or folder; errors of ours pass."""
     try:
         yield
     except UvmsError:

@@ -121,7 +121,7 @@ def _widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[float, 
 
 
 def _motion_widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[float, float]]:
-    """Of q and of what has a column for each velocity; q has more than v where a turn takes several numbers."""
+    """Columns of q and of series with one for each velocity; q has more than v where a turn takes several numbers."""
     joints, floating = len(meta.joints), is_floating(series, meta)
     n_v: tuple[float, float] = (joints + (VEHICLE_V if floating else 0), np.inf)
     if meta.limits is not None:
@@ -338,7 +338,7 @@ class Recorder:
         self._row = np.dtype([])
         self._pick: Callable[[Mapping[str, Any]], tuple[Any, ...]] = lambda row: ()
         self._blocks: list[list[np.ndarray]] = []
-        """Of each, one view (capacity, ...) for every series: a row lies in one place, on one page or two."""
+        """Make one view (capacity, ...) of each for every series: a row lies in one place, on one page or two."""
 
     def append(self, row: Mapping[str, Any]) -> None:
         """Add one row. Raises `InvalidInput` for one with other series than the first; shapes must fit those of the first."""
@@ -359,7 +359,7 @@ class Recorder:
         self._n += 1
 
     def __contains__(self, name: str) -> bool:
-        """Whether there is a series of that name."""
+        """Return whether there is a series of that name."""
         return name in self._names
 
     def last(self, name: str) -> Any:

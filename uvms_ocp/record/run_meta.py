@@ -51,11 +51,11 @@ _DEPENDENCIES = ("pin", "casadi", "coal", "numpy")
 
 
 class RecordMeta(TableDisplay, MetaValue):
-    """What figures, scenes and reports ask of any record."""
+    """Metadata that any record has, for figures, scenes and reports."""
 
     version: Literal["0.2"] = VERSION
     scenario: str
-    """What was run or planned, in a few words."""
+    """Name of the scenario or request, in a few words."""
     robot: str
     joints: tuple[str, ...]
     """Names in the order of q."""
@@ -98,7 +98,7 @@ def _by_name(value: Any) -> Any:
 
 
 class RunMeta(RecordMeta):
-    """Of a run: a mission, simulated tick by tick."""
+    """Metadata of a run: a mission, simulated tick by tick."""
 
     kind: Literal["run"] = "run"
     plant: str
@@ -110,19 +110,19 @@ class RunMeta(RecordMeta):
     sensors: str = ""
     """The same of the sensors."""
     floating: bool
-    """Whether q begins with the pose of a vehicle."""
+    """True where q begins with the pose of a vehicle."""
     dt: Annotated[float, Field(ge=MIN_TICK, le=LARGEST)]
     """[s] control period."""
     completed: bool
-    """Whether every phase came to its end."""
+    """True where every phase came to its end."""
     pending: str = ""
-    """What an incomplete mission still waited for."""
+    """Conditions that an incomplete mission still waited for."""
     abort_phase: str = ""
     """Name of the phase in which the mission is given up, if it has one."""
     events: tuple[EventMeta, ...] = ()
     alarms: tuple[AlarmMeta, ...] = ()
     faults: tuple[FaultMeta, ...] = ()
-    """What went wrong on purpose; what the mission was not told."""
+    """Faults that were injected; the mission was not given them."""
     channels: tuple[str, ...] = ()
     """Names of the sensors, one per column of the series ``health``; empty in older records."""
     true_quantities: tuple[QuantityMeta, ...] = ()
@@ -173,7 +173,7 @@ def _way(event: EventMeta) -> str:
 
 
 class PlanMeta(RecordMeta):
-    """Of a plan: a motion that no one has made yet."""
+    """Metadata of a plan: a motion that no one has made yet."""
 
     kind: Literal["plan"] = "plan"
     axes: tuple[str, ...]
@@ -184,7 +184,7 @@ class PlanMeta(RecordMeta):
     clearance_wanted: Number
     """[m]"""
     clearance_groups: tuple[str, ...] = ()
-    """What the columns of the series ``clearance`` are the distance from."""
+    """Obstacles from which the columns of the series ``clearance`` are the distance."""
     min_clearance: ClearanceMeta | None = None
     """The smallest distance met; `None` where nothing can meet."""
 
@@ -199,7 +199,7 @@ class PlanMeta(RecordMeta):
 
 
 def is_floating(series: Mapping[str, Any], meta: RunMeta | PlanMeta) -> bool:
-    """Whether q begins with the pose of a vehicle; a plan tells it by its velocities alone. series: (n, ...) each, by name."""
+    """Return whether q begins with the pose of a vehicle; a plan shows it by its velocities. series: (n, ...) each, by name."""
     if isinstance(meta, RunMeta):
         return meta.floating
     return "v" in series and series["v"].shape[1] - len(meta.joints) == VEHICLE_V

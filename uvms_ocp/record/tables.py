@@ -32,7 +32,7 @@ _FORCE = {**_WRENCH, "joints": "N m or N"}
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SeriesKind:
-    """Of one series of a record."""
+    """Meaning, unit and frame of one series of a record."""
 
     meaning: str
     shape: str
@@ -40,11 +40,11 @@ class SeriesKind:
     units: Mapping[str, str]
     """By part, such as position, attitude and joints; of the part ``""`` where all columns have one."""
     frame: str = "-"
-    """In which it is expressed."""
+    """Frame in which it is expressed."""
 
     @property
     def unit(self) -> str:
-        """Of all its parts, one after the other."""
+        """Return the units of all its parts, one after the other."""
         return ", ".join(self.units.values())
 
 
@@ -54,7 +54,7 @@ def _of(meaning: str, shape: str, unit: str | Mapping[str, str], frame: str = "-
 
 
 def _axes(power: str) -> dict[str, str]:
-    """Of coordinates of a plan, differentiated by time."""
+    """Units of coordinates of a plan, differentiated by time."""
     over = f"/s{power}" if power != "0" else ""
     return {"position": f"m{over}", "attitude": f"rad{over}", "joints": f"rad{over} or m{over}"}
 
@@ -131,7 +131,7 @@ QUANTITIES: Mapping[str, str] = MappingProxyType(
 
 
 def unit_of(name: str, part: str = "") -> str:
-    """Of a series, of one of its parts, or of a quantity such as ``T.position_error``; "-" where nobody says."""
+    """Return the unit of a series, of one of its parts, or of a quantity such as ``T.position_error``; "-" where nobody says."""
     if name in SERIES:
         units = SERIES[name].units
         return units[part] if part in units else SERIES[name].unit
@@ -139,7 +139,7 @@ def unit_of(name: str, part: str = "") -> str:
 
 
 def meaning_of(name: str) -> str:
-    """What a series is; empty where nobody says."""
+    """Return the meaning of a series; empty where nobody says."""
     return SERIES[name].meaning if name in SERIES else ""
 
 
@@ -313,7 +313,7 @@ def _series(table: Any) -> dict[str, np.ndarray]:
 
 
 def series_description(name: str, array: np.ndarray) -> dict[str, str]:
-    """What a file says of a series of that name; array (n, ...) [unit of it]."""
+    """Return the metadata that a file holds of a series of that name; array (n, ...) [unit of it]."""
     kind = SERIES.get(name)
     told = {} if kind is None else {"meaning": kind.meaning, "frame": kind.frame}
     return {"series": name, "axes": str(array.ndim), **told}

@@ -45,7 +45,7 @@ def record_files_read() -> Iterator[list[Path]]:
 
 
 def note_file_read(path: Path) -> None:
-    """That a file is read, also one that others open."""
+    """Flags to read a file, also one that others open."""
     found = _READ.get()
     if found is not None:
         found.append(path.resolve())
@@ -97,7 +97,7 @@ _DAMAGE = (
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Declared:
-    """What the header of an array says of it."""
+    """Header of an array: its type, shape and order."""
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]

@@ -1,4 +1,4 @@
-"""Build the reference: pages of all packages by pdoc, pages of theory and tables with formulas and links, one that leads to all."""
+"""Build the reference: pages of all packages by pdoc, pages of theory, and tables with formulas and links."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def address_of(name: str, modules: Collection[str]) -> str:
 
 
 class _Page(HTMLParser):
-    """What a page refers to, and what it can be referred to by."""
+    """Links of a page, and the anchors it offers."""
 
     def __init__(self, text: str) -> None:
         super().__init__()

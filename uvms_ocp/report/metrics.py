@@ -27,12 +27,12 @@ def none_if_nan(value: float | None) -> float | None:
 
 
 def largest_or_none(values: np.ndarray | None) -> float | None:
-    """Of the values (n,) [in their unit] that are known; `None` where none is."""
+    """Return the largest of the values (n,) [in their unit] that are finite; `None` where none is."""
     return None if values is None or np.isnan(values).all() else float(np.nanmax(values))
 
 
 def largest_tilt(record: Record) -> float | None:
-    """[rad] while a task on it is on; `None` where none ever is."""
+    """Return the largest tilt [rad] while a task on it is on; `None` where none ever is."""
     meta = record.run_meta
     on = (
         np.where(record["activations"][:, k] > 0.0, tilt, np.nan)
@@ -51,11 +51,11 @@ def quantities_at(record: Record, t: float) -> dict[str, float]:
 # What the estimator got wrong, beside what it said of itself.
 
 CHANCE = 0.95
-"""That a true error is within its bound."""
+"""Probability that a true error is within its bound."""
 
 
 def error_bound(record: Record, quantity: str) -> float | None:
-    """What the true value of a distance or an angle at the end [m] or [rad] does not exceed with a chance of `CHANCE`.
+    """Bound a true distance or angle at the end [m] or [rad] with probability `CHANCE`.
 
     By the estimate alone: its value there, and the covariance of its error, taken for the same in all three axes. `None`
     where the estimator gave no covariance.
@@ -68,7 +68,7 @@ def error_bound(record: Record, quantity: str) -> float | None:
 
 
 def norm_bound(told: float, spread: float) -> float:
-    """What the norm of three numbers [m or rad] does not exceed with a chance of `CHANCE`.
+    """Bound the norm of three numbers [m or rad] with probability `CHANCE`.
 
     Mean and variance of its square are those of a multiple of chi-squared [Patnaik1949]. told [m or rad]: the norm of their
     means. spread [m or rad]: root of the sum of their variances, which are alike.
@@ -131,7 +131,7 @@ def resources(record: Record) -> list[dict[str, Any]]:
 
 
 def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
-    """What the time from `start` to `end` [s] took; `None` where the plant does not tell or the robot's file does not.
+    """Energy and peaks from `start` to `end` [s]; `None` where plant or robot file do not give them.
 
     Path of the vehicle and of the joints, energy of thrusters and joints, peak thrust, time with thrusters at their
     limits, least distance of a joint to its limits, largest velocity and torque in units of their limits.

@@ -89,7 +89,7 @@ def nearest_entries(nearest: Nearest | None) -> dict[str, Any]:
 def plan_meta(
     motion: PlannedMotion, *, scenario: str, axis_limits: AxisLimitsMeta, breaks: tuple[float, ...], nearest: Nearest
 ) -> PlanMeta:
-    """What a record tells of a plan.
+    """Describe a planned motion as the metadata of its record.
 
     breaks [s] are where the pieces of its trajectory meet; `nearest` is the smallest distance that the method met.
     """

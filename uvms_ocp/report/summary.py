@@ -90,7 +90,7 @@ def cause_of_end(record: Record) -> dict[str, str]:
 
 
 def _aborted(meta: RunMeta) -> dict[str, str] | None:
-    """Of a mission with an abort phase that was entered, or could not be; `None` otherwise."""
+    """Describe an abort phase that was entered, or could not be; `None` for other missions."""
     entered = next((event for event in meta.events if event.target == meta.abort_phase), None)
     last = meta.events[-1] if meta.events else None
     if entered is None:
@@ -108,7 +108,7 @@ def _missed(row: dict[str, Any]) -> str:
 
 
 def _unfinished(record: Record) -> dict[str, str]:
-    """What the last phase waited for, and whether it was coming."""
+    """Describe what the last phase waited for, and whether it was coming."""
     phase = record.meta.phases[int(record["phase"][-1])].name
     waiting = [item for item in _conditions(record, phase) if not _fulfilled(record, item)]
     if not waiting:

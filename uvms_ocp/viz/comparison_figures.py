@@ -73,7 +73,7 @@ def _joints_of(records: Mapping[str, Record]) -> tuple[str, ...]:
 @checked
 @styled
 def figure_paths(paths: Mapping[str, np.ndarray]) -> Figure:
-    """From above and from the side: `paths` (n, 3) [m] in W by name, such as a tool's planned and tracked one."""
+    """Draw from above and from the side `paths` (n, 3) [m] in W by name, such as a tool's planned and tracked one."""
     figure = RecordFigure(figsize=(WIDTH, 3.3))
     figure.suptitle("Paths", fontsize=10, fontweight="bold", x=0.01, ha="left")
     views = figure.subplots(1, 2)

@@ -44,7 +44,7 @@ _ROOM = 1.15  # of the tallest bar but those of the vehicle before, which may be
 
 @styled
 def figure_residuals(one: Comparison) -> Figure:
-    """What the search has left, simulated less measured, and how it is correlated."""
+    """Draw the residuals, simulated less measured, and their autocorrelation."""
     told = {each.channel: each for each in one.whiteness}
     figure = RecordFigure(figsize=(WIDTH, 0.95 * len(CHANNELS) + 0.6))
     _title(figure, f"{label_text(one.name)}: what the search has left, and its autocorrelation")
@@ -141,7 +141,7 @@ _WIDEST = 100.0  # [%] of an interval that is drawn: beyond it nothing is known
 
 
 def write_identification_figures(one: Calibration, folder: Path) -> list[Path]:
-    """As PNG into the folder: two for each recording, one for all numbers, and those of what was asked for besides."""
+    """Write PNG files into the folder: two for each recording, one for all numbers, and those of what was asked for besides."""
     paths = [save_figure(figure_intervals(one), folder / "intervals.png")]
     kinds: dict[str, Callable[[Comparison], Figure]] = {"predicted": figure_predicted, "residuals": figure_residuals}
     for k, each in enumerate(one.comparisons):

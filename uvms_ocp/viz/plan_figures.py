@@ -104,7 +104,7 @@ def write_plan_figures(record: Record, folder: Path | str) -> tuple[Path, ...]:
 
 
 def plan_figures(record: Record) -> dict[str, Figure]:
-    """By name, every figure that the plan can fill. Raises `InvalidInput` for a record of a run."""
+    """Return, by name, every figure that the plan can fill. Raises `InvalidInput` for a record of a run."""
     figures = {
         "vehicle_motion": figure_vehicle_motion(record),
         "joint_motion": figure_joint_motion(record),

@@ -39,13 +39,13 @@ class FaultSpan:
     """How long something was wrong on purpose."""
 
     name: str
-    """What struck what."""
+    """Contact of two bodies."""
     start: float
     """[s]"""
     end: float
     """[s] no later than the record's."""
     ended: bool
-    """Whether it was over before the record was."""
+    """True where it was over before the record was."""
 
 
 def fault_spans(record: Record) -> tuple[FaultSpan, ...]:
@@ -65,12 +65,12 @@ def fault_spans(record: Record) -> tuple[FaultSpan, ...]:
 
 
 def axis_label(text: str, name: str, part: str = "", prefix: str = "") -> str:
-    """What stands on an axis: a text, and the unit of a series, or of one of its parts, or of a quantity; prefix: such as m."""
+    """Return the label of an axis: a text, and the unit of a series, of one of its parts, or of a quantity; prefix: such as m."""
     return f"{text} [{' or '.join(prefix + unit for unit in unit_of(name, part).split(' or '))}]"
 
 
 def estimate_suffix(record: Record) -> str:
-    """What to add to the name of a quantity that a run measures: with noisy sensors it is an estimate."""
+    """Return the suffix of a measured quantity's name: with noisy sensors it is an estimate."""
     return " (estimated)" if record.meta.kind == "run" and record.meta.noise else ""
 
 
@@ -113,7 +113,7 @@ def thresholds(record: Record, name: str) -> tuple[float, ...]:
 
 
 def threshold_text(record: Record, name: str, limit: float) -> str:
-    """What a limit [unit of the quantity] on a quantity is for: the phases that it ends, and which of them is the abort."""
+    """Say what a limit [unit of the quantity] on a quantity is for: the phases that it ends, and which of them is the abort."""
     meta = record.meta
     found = {item.phase for item in meta.thresholds if item.quantity == name and item.limit == limit}
     phases = [phase.name for phase in meta.phases if phase.name in found]

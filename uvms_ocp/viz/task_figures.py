@@ -176,7 +176,7 @@ def figure_altitude(record: Record) -> Figure | None:
 @checked
 @styled
 def figure_quantities(record: Record) -> Figure | None:
-    """What the tasks measure and no other figure shows, those of tasks of one's own among it; `None` where there is nothing."""
+    """Draw what the tasks measure and no other figure shows, own tasks included; `None` where there is nothing."""
     tasks = (record.meta.tool_task, "PC", "AT", "HA", "LA", "MAC")
     rows = [
         (name, f"{label_text(name, 24)}\n", BLUE)
@@ -234,7 +234,7 @@ def _curves(record: Record, name: str) -> tuple[dict[str, np.ndarray], str]:
 
 
 def _columns(record: Record, names: Sequence[str]) -> dict[str, tuple[str, int, str]]:
-    """By the name of a column: its series, its index there, its unit."""
+    """Return, by the name of a column, its series, its index there and its unit."""
     widths = {name: record[name].shape[1] for name in names}
     return {
         label: (name, k, unit)
@@ -302,6 +302,6 @@ def figure_row_activations(record: Record, task: str = "JL") -> Figure | None:
 
 
 def _legend(figure: Figure) -> None:
-    """What the two lines of a panel of activations are."""
+    """Add the legend of the two lines of a panel of activations."""
     rows = Line2D([], [], color=BLUE, lw=0.9, label="rows: own bell × phase")
     heading_legend(figure, [rows, Line2D([], [], color=VERMILLION, lw=0.9, ls="--", label="phase")])

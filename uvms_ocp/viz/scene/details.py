@@ -95,7 +95,7 @@ def _robot_size(robot: Robot) -> float:
 
 
 def _viewing_direction(record: Record, frames: Frames, *, forward: float) -> list[float]:
-    """From where to look: from the side of the run's horizontal way, `forward` of it and a little above."""
+    """Return the direction to look from: the side of the run's horizontal way, `forward` of it and a little above."""
     points = extent(record, frames)
     way = (points[-1] - frames.placements[0, 1, :3])[:2]
     length = float(np.linalg.norm(way))

@@ -112,7 +112,7 @@ class LiveView:
             time.sleep(early)
 
     def frames(self) -> Iterator[str]:
-        """What a browser is sent, as JSON: one after the other as they come, the last one too, until all is closed."""
+        """Yield the messages to a browser as JSON: one after the other as they come, the last one too, until all is closed."""
         data, closed = self._robot.model.createData(), False
         shown: _Moment | None = None
         while not closed:

@@ -66,7 +66,7 @@ class CommandLog:
     blobs: list[bytes] = field(default_factory=list)
 
     def send(self, command: Any) -> None:
-        """What meshcat's `Visualizer` calls; 32-bit floats halve the page."""
+        """Take a command as meshcat's `Visualizer` sends it; 32-bit floats halve the page."""
         self.blobs.append(umsgpack.packb(command.lower(), force_float_precision="single"))
 
     def visualizer(self) -> Visualizer:
@@ -136,7 +136,7 @@ _MARK = re.compile("__([A-Z]+)__")
 
 
 def _policy(scripts: Iterable[str]) -> str:
-    """What the page may do; meshcat's panels make style sheets, and its textures are data."""
+    """Content security policy of the page; meshcat's panels make style sheets, and its textures are data."""
     digests = (base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii") for text in scripts)
     hashes = " ".join(f"'sha256-{digest}'" for digest in digests)
     return (
@@ -243,7 +243,7 @@ _AT = """(t) => new Promise((done) => {
 
 
 def missing() -> str:
-    """What has to be installed before pictures can be made; empty where nothing is missing."""
+    """Return what to install before pictures can be made; empty where nothing is missing."""
     try:
         import playwright.sync_api  # noqa: F401 - only whether it is there
     except ImportError:
@@ -310,7 +310,7 @@ def _times(duration: float, fps: float) -> list[float]:
 
 
 def _picture(sheet: Page, t: float, path: Path) -> Path:
-    """What the page shows at t [s]."""
+    """Save the picture of the page at t [s]."""
     sheet.evaluate(_AT, t)
     sheet.screenshot(path=path)
     return path

@@ -75,7 +75,7 @@ STATIC_DETAILS: dict[str, Any] = {
 
 
 def _joint(robot: Robot, joint: int, q: np.ndarray) -> dict[str, Any]:
-    """What moves a joint of the model, by number, from its values at q (n_q,) [m, rad]."""
+    """Return the transform of a joint of the model, by number, from its values at q (n_q,) [m, rad]."""
     model, own = robot.model, robot.model.joints[joint]
     data = own.createData()
     own.calc(data, q)

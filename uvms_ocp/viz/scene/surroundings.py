@@ -128,7 +128,7 @@ Draw = Callable[[np.ndarray, Robot, Frames, float], Iterator[Arrow]]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ArrowKind:
-    """What a group of arrows is of, and how it looks."""
+    """Quantity and look of a group of arrows."""
 
     label: str
     unit: str
