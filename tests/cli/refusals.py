@@ -30,8 +30,8 @@ def scenario(**options):
 def fixed(robot="bluerov2_alpha5"):
     return uo.scenario.reach(robot=robot)
 
-def low(**options):
-    return uo.scenario.case1(seabed=-39.0, **options)
+def swept():
+    return uo.scenario.reach(current=(2.0, 0.0, 0.0))
 
 def nothing():
     return 3
@@ -43,6 +43,8 @@ def bad_solver():
     return uo.scenario.reach(solver=Broken)
 
 class Broken:
+    takes_forces = False
+
     def __init__(self, scenario):
         self.state = State(q=scenario.start, v=[0.0] * scenario.robot.n_v)
 
@@ -144,8 +146,8 @@ REFUSED: tuple[tuple[str, str], ...] = (
     ("run --follow none.npz", "none.npz"),
     ("run --follow garbage.npz", "garbage.npz"),
     ("run --follow empty", "plan.npz"),
-    ("run mission.py:low", "pre-flight refuses case1"),
-    ("run mission.py:low --json", "pre-flight refuses case1"),
+    ("run mission.py:swept", "pre-flight refuses reach"),
+    ("run mission.py:swept --json", "pre-flight refuses reach"),
     ("run mission.py:no_frame", "unknown frame"),
     ("run mission.py:no_frame --force", "unknown frame"),
     # check and mission
@@ -233,7 +235,6 @@ REFUSED: tuple[tuple[str, str], ...] = (
     ("campaign case1 --vary vary.py --runs 0", "runs"),
     ("campaign case1 --vary vary.py --workers 0", "workers"),
     ("campaign case1 --vary vary.py --time-limit 0", "time_limit"),
-    ("campaign case1 --vary vary.py --scheduler word", ""),
     ("campaign case1 --vary vary.py --out taken/c", ""),
     ("campaign case1 --vary vary.py --success words", ""),
     ("campaign case1 --vary vary.py --success unknown<3", ""),
@@ -241,8 +242,8 @@ REFUSED: tuple[tuple[str, str], ...] = (
     ("campaign case1 --vary vary.py --seed -1", "seed"),
     ("campaign raises.py --vary vary.py", "ValueError"),
     ("campaign nothing.py --parameters", "there is no such file"),
-    ("campaign mission.py:low --vary vary.py", "pre-flight refuses the mission itself"),
-    ("campaign mission.py:low --vary vary.py --json", "pre-flight refuses the mission itself"),
+    ("campaign mission.py:swept --vary vary.py", "pre-flight refuses the mission itself"),
+    ("campaign mission.py:swept --vary vary.py --json", "pre-flight refuses the mission itself"),
     # recordings
     ("excite none.yaml --out out", "none.yaml"),
     ("excite bad.yaml --out out", "bad.yaml"),
