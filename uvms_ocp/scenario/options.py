@@ -23,7 +23,7 @@ from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import Obstacle
-from uvms_ocp.robot.signals import IDEAL_SENSORS, robot_sensors
+from uvms_ocp.robot.signals import IDEAL_SENSORS, SensorSpecs, robot_sensors
 from uvms_ocp.robot.thrusters import unactuated_axes
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.currents import Current, StillWater, UniformCurrent
@@ -107,7 +107,7 @@ class RunOptions:
             start=start,
             solver=self.solver,
             plant=self.plant,
-            sensors=robot_sensors(self.robot.description) if self.noise else IDEAL_SENSORS,
+            sensors=_sensors(self.robot, self.noise),
             gains=VelocityGains() if self.observer else VelocityGains(observer_vehicle=0.0),
             load=LoadLearning() if self.learn_load else None,
             plant_robot=real if self.payload is None else with_trim(real, [self.payload]),
@@ -146,6 +146,30 @@ def current_from(given: Current | Sequence[float] | None) -> Current:
     if given is None:
         return StillWater()
     return UniformCurrent(given) if isinstance(given, Sequence | np.ndarray) else given
+
+
+CHANGEABLE = ("plant", "solver", "current", "seabed", "seed", "noise", "duration", "dt", "faults")
+"""Names of the options that `apply_options` takes."""
+
+
+def apply_options(scenario: Scenario, given: Mapping[str, Any]) -> Scenario:
+    """Return the scenario with the options given, some of `CHANGEABLE`, in the words of `run_options`.
+
+    Raises `InvalidInput` and `NameNotFound` as `run_options` and `Scenario` do.
+    """
+    changes = {name: given[name] for name in ("plant", "solver", "seed", "duration", "dt") if name in given}
+    around: dict[str, Any] = {"current": current_from(given["current"])} if "current" in given else {}
+    if "seabed" in given:
+        around["seafloor"] = FlatSeafloor(z=given["seabed"])
+    if "noise" in given:
+        changes["sensors"] = _sensors(scenario.robot, given["noise"])
+    if "faults" in given:
+        changes["faults"] = parse_faults(given["faults"])
+    return replace(scenario, environment=replace(scenario.environment, **around), **changes)
+
+
+def _sensors(robot: Robot, noise: bool) -> SensorSpecs:
+    return robot_sensors(robot.description) if noise else IDEAL_SENSORS
 
 
 # Parts that scenarios share.

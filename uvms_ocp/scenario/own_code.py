@@ -8,7 +8,7 @@ import importlib.util
 import sys
 import traceback
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from inspect import Parameter, signature
 from pathlib import Path
 from types import ModuleType
@@ -18,11 +18,8 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound, UvmsError, plain_line
 from uvms_ocp.robot.loading import load_robot, robot_folder
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import IDEAL_SENSORS, robot_sensors
-from uvms_ocp.scenario.options import current_from
+from uvms_ocp.scenario.options import CHANGEABLE, apply_options
 from uvms_ocp.scenario.scenario import Scenario
-from uvms_ocp.sim.faults import parse_faults
-from uvms_ocp.sim.seafloor import FlatSeafloor
 
 # What a user has written in Python: ``file.py``, ``file.py:name`` or ``package.module:name``. To load it is to run it.
 
@@ -164,8 +161,6 @@ def forget_user_code() -> None:
 
 # A scenario by what a command line says: a name, or code of one's own, with options in the same words.
 
-_OF_A_VALUE = ("plant", "solver", "current", "seabed", "seed", "noise", "duration", "dt", "faults")
-
 
 @checked
 def load_scenario(words: str, options: Mapping[str, Any], makers: Mapping[str, Callable[..., Scenario]]) -> Scenario:
@@ -235,17 +230,7 @@ def _taken(words: str, maker: Callable[..., Any], given: Mapping[str, Any]) -> M
 def _with_options(words: str, scenario: Scenario, given: Mapping[str, Any]) -> Scenario:
     """A scenario that is a value, with what can be changed of it."""
     for name in given:
-        if name not in _OF_A_VALUE:
+        if name not in CHANGEABLE:
             text = f"{words} is a Scenario, whose {name} is fixed"
             raise InvalidInput(f"{text}; leave the option out, or make it a function that takes {name}")
-    own = {name: value for name, value in given.items() if name in ("plant", "solver", "seed", "duration", "dt")}
-    environment = scenario.environment
-    if "current" in given:
-        environment = replace(environment, current=current_from(given["current"]))
-    if "seabed" in given:
-        environment = replace(environment, seafloor=FlatSeafloor(z=given["seabed"]))
-    if "noise" in given:
-        own["sensors"] = robot_sensors(scenario.robot.description) if given["noise"] else IDEAL_SENSORS
-    if "faults" in given:
-        own["faults"] = parse_faults(given["faults"])
-    return replace(scenario, environment=environment, **own)
+    return apply_options(scenario, given)

@@ -59,11 +59,11 @@ def simulate(
         begin = perf_counter()
         command = controller(measurement, t)
         spent = perf_counter() - begin
-        told = plant.telemetry()
-        asked = _asked(command, told, recorder)
+        telemetry = plant.telemetry()
+        asked = _asked(command, telemetry, recorder)
         row = _row(t, plant.state, measurement, command, trusts(measurement.health), asked)
         row.setdefault("controller_time", spent)  # one that measures itself knows better
-        row.update(told)
+        row.update(telemetry)
         recorder.append(row)
         if progress is not None:
             progress(t, command)
@@ -101,11 +101,11 @@ class _HealthCodes:
         return self._row
 
 
-def _asked(command: Command, told: Mapping[str, Any], recorder: Recorder) -> np.ndarray | None:
+def _asked(command: Command, telemetry: Mapping[str, Any], recorder: Recorder) -> np.ndarray | None:
     """Thrust (n_thrusters,) [N] that a plant with thrusters is asked for; `None` where there is none to ask for."""
     if command.thrust is None and "asked_thrust" in recorder:  # such as with the last command of a run
-        return np.zeros_like(told["thrust"])
-    return command.thrust if "thrust" in told else None
+        return np.zeros_like(telemetry["thrust"])
+    return command.thrust if "thrust" in telemetry else None
 
 
 def _row(

@@ -50,16 +50,16 @@ class WatchedEstimator:
 
     def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
         """Their measurement at time t [s]. Raises `InvalidInput` for one that no controller can take."""
-        told = self._wrapped(readings, t, command)
-        if not isinstance(told, Measurement):
-            raise InvalidInput(f"estimator {self._name} returned {type(told).__name__}; return a Measurement")
+        estimate = self._wrapped(readings, t, command)
+        if not isinstance(estimate, Measurement):
+            raise InvalidInput(f"estimator {self._name} returned {type(estimate).__name__}; return a Measurement")
         robot = self._robot
-        require_numbers(self._whose, "q", told.q, (robot.n_q,))
-        require_numbers(self._whose, "v", told.v, (robot.n_v,))
-        if told.spread is not None:
-            require_numbers(self._whose, "spread", told.spread, (robot.n_v,))
-        require_normalized(self._whose, robot, told.q)
-        return told
+        require_numbers(self._whose, "q", estimate.q, (robot.n_q,))
+        require_numbers(self._whose, "v", estimate.v, (robot.n_v,))
+        if estimate.spread is not None:
+            require_numbers(self._whose, "spread", estimate.spread, (robot.n_v,))
+        require_normalized(self._whose, robot, estimate.q)
+        return estimate
 
 
 class WatchedGates(WatchedEstimator):
@@ -116,15 +116,17 @@ class WatchedPlant(Plant):
 
     def telemetry(self) -> dict[str, Any]:
         """Theirs. Raises `InvalidInput` for what cannot be recorded, or not under that name."""
-        told = self._wrapped.telemetry()
-        if not isinstance(told, dict):
-            raise InvalidInput(f"telemetry of plant {self._name} is {type(told).__name__}; give a dict, empty for none")
-        given = [name for name in EFFORTS if name in told]
+        telemetry = self._wrapped.telemetry()
+        if not isinstance(telemetry, dict):
+            raise InvalidInput(
+                f"telemetry of plant {self._name} is {type(telemetry).__name__}; give a dict, empty for none"
+            )
+        given = [name for name in EFFORTS if name in telemetry]
         if given and len(given) < len(EFFORTS):
             raise InvalidInput(
                 f"telemetry of plant {self._name} has {given[0]!r}; give all of {', '.join(EFFORTS)}, or none"
             )
-        return {name: self._recorded(name, value) for name, value in told.items()}
+        return {name: self._recorded(name, value) for name, value in telemetry.items()}
 
     def _right(self, state: Any) -> State:
         name, robot = self._name, self._robot
