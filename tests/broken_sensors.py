@@ -8,12 +8,12 @@ from dataclasses import dataclass, field, replace
 from uvms_ocp.estimation.estimator import PassThrough
 from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import CHANNELS, IDEAL_SENSORS, ChannelHealth, Command, Measurement, Readings, Trust
+from uvms_ocp.robot.signals import CHANNELS, IDEAL_SENSORS, ChannelHealth, Command, Readings, StateEstimate, Trust
 
 
 @dataclass(kw_only=True)
 class BrokenSensors:
-    """A callable ``(Readings, t, command) -> Measurement``. Channels are broken from `start` until `end` [s].
+    """A callable ``(Readings, t, command) -> StateEstimate``. Channels are broken from `start` until `end` [s].
 
     Joints and range keep their last values meanwhile; what other channels tell, others tell as well, and rightly so.
     """
@@ -23,12 +23,12 @@ class BrokenSensors:
     start: float
     end: float = math.inf
     trust: Trust = Trust.LOST
-    last: Measurement | None = field(default=None, init=False)
+    last: StateEstimate | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         self.estimator, self.monitor = PassThrough(self.robot), HealthMonitor(self.robot, IDEAL_SENSORS)
 
-    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
+    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> StateEstimate:
         measured = self.estimator(readings, t)
         if self.last is None or not self.start <= t < self.end:
             self.last = measured

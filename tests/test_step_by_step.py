@@ -9,7 +9,7 @@ import pytest
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.dynamics import robot_dynamics
-from uvms_ocp.robot.signals import Command, Measurement, Reading, Readings, Trust
+from uvms_ocp.robot.signals import Command, Reading, Readings, StateEstimate, Trust
 from uvms_ocp.scenario.cases import case1
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim import DynamicPlant, SensorSuite
@@ -55,9 +55,9 @@ def test_wrong_shapes_are_refused_in_one_line(scenario: Scenario, wrong: dict[st
     controller, n_v = scenario.controller(), scenario.robot.n_v
     right: dict[str, Any] = {"q": scenario.start, "v": np.zeros(n_v), "altimeter_range": 3.0}
     with pytest.raises(InvalidInput, match=message) as refused:
-        controller(Measurement(**right | wrong), 0.0)
+        controller(StateEstimate(**right | wrong), 0.0)
     assert "\n" not in str(refused.value)
-    assert controller(Measurement(**right), 0.0).v.shape == (n_v,)
+    assert controller(StateEstimate(**right), 0.0).v.shape == (n_v,)
 
 
 def test_a_reading_of_a_wrong_shape_is_named_and_not_used(scenario: Scenario) -> None:
@@ -74,5 +74,5 @@ def test_a_quaternion_that_is_none_counts_as_no_measurement(scenario: Scenario) 
     controller, n_v = scenario.controller(), scenario.robot.n_v
     q = scenario.start.copy()
     q[3:7] *= 2.0
-    command = controller(Measurement(q=q, v=np.zeros(n_v), altimeter_range=3.0), 0.0)
+    command = controller(StateEstimate(q=q, v=np.zeros(n_v), altimeter_range=3.0), 0.0)
     assert command.hold

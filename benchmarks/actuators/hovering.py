@@ -28,7 +28,7 @@ from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.dynamics import cached_dynamics, robot_dynamics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Measurement, State, robot_sensors
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, State, StateEstimate, robot_sensors
 from uvms_ocp.robot.thrusters import thrust_limits
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
 from uvms_ocp.sim.environment import Environment
@@ -115,7 +115,7 @@ class WayPoints(KinematicController):
         self._v, self._joints = np.zeros(robot.n_v), np.array(robot.home)
         self.goal, self._yaw, self._next = STATION.copy(), 0.0, hover.stays + float(self._rng.uniform(2.0, 6.0))
 
-    def observe(self, measurement: Measurement, t: float) -> Any:
+    def observe(self, measurement: StateEstimate, t: float) -> Any:
         self.measurement, self.t = measurement, t
         return self
 

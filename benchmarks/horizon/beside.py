@@ -16,7 +16,7 @@ from uvms_ocp.control.nmpc import Nmpc
 from uvms_ocp.control.solve_workers import ProcessWorker, SynchronousWorker
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import load_robot
-from uvms_ocp.robot.signals import Measurement
+from uvms_ocp.robot.signals import StateEstimate
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.plant import DynamicPlant
@@ -70,7 +70,7 @@ class _Way:
 
     def _tick(self) -> tuple[float, float]:
         state, t = self.plant.state, self.ticks * DT
-        measurement = Measurement(q=state.q, v=state.v, altimeter_range=30.0)
+        measurement = StateEstimate(q=state.q, v=state.v, altimeter_range=30.0)
         wall, own = perf_counter(), thread_time()
         command = self.nmpc(measurement, t)
         own, wall = thread_time() - own, perf_counter() - wall

@@ -16,7 +16,7 @@ from uvms_ocp.control.force.computed_torque import TrackingGains
 from uvms_ocp.control.nmpc import Nmpc
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import load_robot
-from uvms_ocp.robot.signals import Measurement
+from uvms_ocp.robot.signals import StateEstimate
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.plant import DynamicPlant
@@ -63,7 +63,7 @@ def conflict_run(conflict: RecedingConflict, nmpc: Nmpc, seed: int, seconds: flo
     plant = DynamicPlant(robot, q, dynamics=robot_dynamics(robot), environment=environment)
     tool, vehicle, gaps = [], [], []
     for i in range(round(seconds / DT)):
-        plant.step(nmpc(Measurement(q=plant.state.q, v=plant.state.v, altimeter_range=30.0), i * DT), DT)
+        plant.step(nmpc(StateEstimate(q=plant.state.q, v=plant.state.v, altimeter_range=30.0), i * DT), DT)
         now, t = plant.state.q, (i + 1) * DT
         tool.append(1e3 * float(np.linalg.norm(tool_position(robot, now) - conflict.goal(t)[0].translation)))
         vehicle.append(1e3 * float(np.linalg.norm(now[:3] - q[:3])))

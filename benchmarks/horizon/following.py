@@ -22,7 +22,7 @@ from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import Command, Measurement, State
+from uvms_ocp.robot.signals import Command, State, StateEstimate
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.plant import DynamicPlant
@@ -45,7 +45,7 @@ POSTURE = 0.3
 """[rad] by which joints may leave their posture at no cost."""
 STRICT = SqpOptions(tolerance=1e-2)
 """Of strict levels: the tool gives effort a millimetre."""
-Controller: TypeAlias = Callable[[Measurement, float], Command]
+Controller: TypeAlias = Callable[[StateEstimate, float], Command]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -179,7 +179,7 @@ def run(
     """Follow the goal for so long [s]; errors [mm] of the tool, energy [J], thrust [N], processor time per call."""
     errors, times, peak = [], [], 0.0
     for i in range(round(seconds / DT)):
-        measurement = Measurement(q=plant.state.q, v=plant.state.v, altimeter_range=30.0)
+        measurement = StateEstimate(q=plant.state.q, v=plant.state.v, altimeter_range=30.0)
         begin = process_time()
         command = controller(measurement, i * DT)
         times.append(process_time() - begin)

@@ -18,7 +18,7 @@ from uvms_ocp import Phase, Record, Water
 from uvms_ocp import errors as exceptions
 from uvms_ocp.checks import replace_unchecked, unchecked_constructor
 from uvms_ocp.errors import InvalidInput, NameNotFound, OutputError, UvmsError
-from uvms_ocp.robot.signals import Command, Measurement, Reading, State
+from uvms_ocp.robot.signals import Command, Reading, State, StateEstimate
 from uvms_ocp.scenario.scenario import Scenario
 
 ERRORS = [
@@ -123,7 +123,7 @@ def test_values_of_a_tick_are_copies_to_users_and_as_they_are_to_the_loop() -> N
     with pytest.raises(FrozenInstanceError):
         del taken.q
     assert unchecked_constructor(Reading)(value=q, t=0.0).value is q
-    assert unchecked_constructor(Measurement)(q=q, v=v, altimeter_range=1.0).age == 0.0
+    assert unchecked_constructor(StateEstimate)(q=q, v=v, altimeter_range=1.0).age == 0.0
     assert unchecked_constructor(Command)(v=v).telemetry is not unchecked_constructor(Command)(v=v).telemetry
     with pytest.raises(TypeError, match="missing"):
         unchecked_constructor(State)(q=q)

@@ -40,7 +40,7 @@ from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.loading import load_robot, robot_folder
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
-from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Measurement, Readings, SensorSpec, State, Trust
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Readings, SensorSpec, State, StateEstimate, Trust
 from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.scenario import replay
 from uvms_ocp.scenario.cases import RunOptions, case1, reach
@@ -215,8 +215,8 @@ def data() -> collision.ObstacleData:
     return collision.ObstacleData(name="rock", shape="sphere", size=(0.3,), position=(0.0, 0.0, 0.0))
 
 
-def measurement() -> Measurement:
-    return Measurement(q=q(), v=np.zeros(robot().n_v), altimeter_range=3.0)
+def measurement() -> StateEstimate:
+    return StateEstimate(q=q(), v=np.zeros(robot().n_v), altimeter_range=3.0)
 
 
 def state() -> State:
@@ -393,8 +393,8 @@ def nmpc_p() -> np.ndarray:
     return Transcription(problem()).parameters(problem())
 
 
-def arm_measurement() -> Measurement:
-    return Measurement(q=arm().configuration(), v=np.zeros(arm().n_v), altimeter_range=np.nan)
+def arm_measurement() -> StateEstimate:
+    return StateEstimate(q=arm().configuration(), v=np.zeros(arm().n_v), altimeter_range=np.nan)
 
 
 def two_postures() -> np.ndarray:
@@ -534,7 +534,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "coal.CollisionGeometry": lambda: coal.Sphere(0.2),
     "pin.SE3": pin.SE3.Identity,
     "pin.Model": lambda: robot().model,
-    "Measurement": measurement,
+    "StateEstimate": measurement,
     "State": state,
     "Readings": readings,
     "Fault": fault,

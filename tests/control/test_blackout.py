@@ -15,7 +15,7 @@ from uvms_ocp.record.meta_values import PhaseMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import RunMeta
 from uvms_ocp.robot.dynamics import robot_dynamics
-from uvms_ocp.robot.signals import IDEAL_SENSORS, Measurement, Readings, State
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Readings, State, StateEstimate
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.sim.loop import simulate
 from uvms_ocp.sim.plant import DynamicPlant
@@ -86,7 +86,7 @@ def test_a_robot_recovers_gently_after_a_blackout() -> None:
 def test_a_missing_echo_counts_as_a_missing_measurement_while_altitude_matters() -> None:
     scenario = case1(plant="kinematic")
     kinematic = scenario.kinematic_controller()
-    silent = Measurement(q=scenario.start, v=np.zeros(13), altimeter_range=math.nan)
+    silent = StateEstimate(q=scenario.start, v=np.zeros(13), altimeter_range=math.nan)
     held = [kinematic(silent, 0.005 * k).hold for k in range(1, 400)]
     assert not held[50]
     assert held[-1]

@@ -16,7 +16,7 @@ from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.estimation.degraded_modes import FREE
 from uvms_ocp.estimation.fallbacks import LastValidEstimate
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
-from uvms_ocp.robot.signals import Command, Measurement
+from uvms_ocp.robot.signals import Command, StateEstimate
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.scenario import Scenario
 
@@ -39,7 +39,7 @@ def scenario() -> Scenario:
 
 
 @pytest.fixture(scope="module")
-def measurements(scenario: Scenario) -> list[Measurement]:
+def measurements(scenario: Scenario) -> list[StateEstimate]:
     """Noisy ones along Case 1, with numbers that are none, lost echoes, and a blackout towards the end."""
     robot, rng, control = scenario.robot, np.random.default_rng(8), kinematic(scenario)
     q, v, found = scenario.start, np.zeros(robot.n_v), []
@@ -49,13 +49,13 @@ def measurements(scenario: Scenario) -> list[Measurement]:
         measured[k % robot.n_q] = np.nan if k % 37 == 5 else measured[k % robot.n_q]
         echo = np.nan if k % 11 < 3 else q[2] + 40.0
         age = max(0.0, (k - 500) * scenario.dt)
-        found.append(Measurement(q=measured, v=v + noise, altimeter_range=echo, age=age, joint_age=age))
+        found.append(StateEstimate(q=measured, v=v + noise, altimeter_range=echo, age=age, joint_age=age))
         v = control(found[-1], k * scenario.dt).v
         q = pin.integrate(robot.model, q, v * scenario.dt)
     return found
 
 
-def fed(control: Controller, measurements: list[Measurement], dt: float) -> list[Command]:
+def fed(control: Controller, measurements: list[StateEstimate], dt: float) -> list[Command]:
     return [control(measurement, k * dt) for k, measurement in enumerate(measurements)]
 
 
@@ -68,7 +68,7 @@ def assert_same(first: Any, second: Any) -> None:
 
 @pytest.mark.parametrize("build", [kinematic, dynamic])
 def test_the_same_measurements_give_the_same_commands(
-    scenario: Scenario, measurements: list[Measurement], build: Build
+    scenario: Scenario, measurements: list[StateEstimate], build: Build
 ) -> None:
     runs = [fed(build(scenario), measurements, scenario.dt) for _ in range(2)]
     for first, second in zip(*runs, strict=True):
@@ -81,7 +81,7 @@ def test_the_same_measurements_give_the_same_commands(
 
 
 def test_the_dynamic_layer_leaves_the_velocities_of_the_kinematic_one_as_they_are(
-    scenario: Scenario, measurements: list[Measurement]
+    scenario: Scenario, measurements: list[StateEstimate]
 ) -> None:
     pairs = zip(
         fed(kinematic(scenario), measurements, scenario.dt),
@@ -95,11 +95,11 @@ def test_the_dynamic_layer_leaves_the_velocities_of_the_kinematic_one_as_they_ar
 
 @pytest.mark.parametrize("build", [kinematic, dynamic])
 def test_a_tick_asks_once_whether_its_measurement_is_sound(
-    scenario: Scenario, measurements: list[Measurement], build: Build, monkeypatch: pytest.MonkeyPatch
+    scenario: Scenario, measurements: list[StateEstimate], build: Build, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked, ask = [], LastValidEstimate.substitute
 
-    def counting(self: LastValidEstimate, measurement: Measurement) -> Measurement:
+    def counting(self: LastValidEstimate, measurement: StateEstimate) -> StateEstimate:
         asked.append(measurement)
         return ask(self, measurement)
 
@@ -110,7 +110,7 @@ def test_a_tick_asks_once_whether_its_measurement_is_sound(
 
 @pytest.mark.parametrize("build", [kinematic, dynamic])
 def test_a_controller_has_all_its_memory_from_the_start(
-    scenario: Scenario, measurements: list[Measurement], build: Build
+    scenario: Scenario, measurements: list[StateEstimate], build: Build
 ) -> None:
     control = build(scenario)
     before = set(vars(control))
@@ -118,7 +118,9 @@ def test_a_controller_has_all_its_memory_from_the_start(
     assert set(vars(control)) == before
 
 
-def test_what_a_tick_knows_is_finite_and_cannot_be_changed(scenario: Scenario, measurements: list[Measurement]) -> None:
+def test_what_a_tick_knows_is_finite_and_cannot_be_changed(
+    scenario: Scenario, measurements: list[StateEstimate]
+) -> None:
     control = kinematic(scenario)
     for k, measurement in enumerate(measurements[:100]):
         tick = control.observe(measurement, k * scenario.dt)
@@ -132,7 +134,7 @@ def test_what_a_tick_knows_is_finite_and_cannot_be_changed(scenario: Scenario, m
 
 
 def test_evaluating_a_measurement_leaves_the_commands_as_they_are(
-    scenario: Scenario, measurements: list[Measurement]
+    scenario: Scenario, measurements: list[StateEstimate]
 ) -> None:
     plain, asked = kinematic(scenario), kinematic(scenario)
     for k, measurement in enumerate(measurements[:60]):
@@ -148,7 +150,7 @@ class Asking(KinematicController):
     def __init__(self, *, v0: np.ndarray, a: np.ndarray, dt: float = 0.02) -> None:
         self.v0, self.a, self.dt, self.guide = v0, a, dt, None
 
-    def observe(self, measurement: Measurement, t: float) -> SimpleNamespace:
+    def observe(self, measurement: StateEstimate, t: float) -> SimpleNamespace:
         return SimpleNamespace(measurement=measurement, t=t, restriction=FREE)
 
     def command(self, tick: SimpleNamespace) -> Command:
@@ -167,7 +169,7 @@ def efforts_after(scenario: Scenario, dynamics: Dynamics, asking: Asking, error:
     for k in range(21):
         v = asking.v0 + asking.a * k * asking.dt
         measured = v - error if k < 20 else v
-        command = control(Measurement(q=scenario.start, v=measured, altimeter_range=3.0), k * asking.dt)
+        command = control(StateEstimate(q=scenario.start, v=measured, altimeter_range=3.0), k * asking.dt)
     return np.concatenate([command.telemetry["wrench"], command.torque])
 
 

@@ -23,7 +23,7 @@ from uvms_ocp.estimation.estimator import PassThrough
 from uvms_ocp.mission.phase import Abort
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import cause_of_end, summarize
-from uvms_ocp.robot.signals import ChannelHealth, Command, Measurement, Readings, Trust
+from uvms_ocp.robot.signals import ChannelHealth, Command, Readings, StateEstimate, Trust
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 
@@ -52,7 +52,7 @@ def reasons(
 ) -> list[str]:
     """At every tick of phase A, where every quantity is `error`, which falls with `rate` [1/s]."""
     control, distress = scenario.kinematic_controller(), AbortMonitor(scenario.mission)
-    measured = Measurement(q=scenario.start, v=np.zeros(scenario.robot.n_v), altimeter_range=3.0, health=health)
+    measured = StateEstimate(q=scenario.start, v=np.zeros(scenario.robot.n_v), altimeter_range=3.0, health=health)
     found = []
     for k in range(round(seconds / DT)):
         now = dict.fromkeys(control.problem.quantity_names, error * np.exp(-rate * k * DT))
@@ -116,7 +116,7 @@ def test_pushing_counts_only_while_a_minimum_altitude_is_asked_for(still: Scenar
 class High(PassThrough):
     """An altimeter that tells 5 m too much, which nobody notices."""
 
-    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
+    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> StateEstimate:
         measured = super().__call__(readings, t, command)
         return replace(measured, altimeter_range=measured.altimeter_range + 5.0)
 

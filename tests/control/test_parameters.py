@@ -30,7 +30,7 @@ from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel, distance_layout_sizes
 from uvms_ocp.robot.shapes.obstacles import Obstacle, mesh_shape
-from uvms_ocp.robot.signals import Measurement
+from uvms_ocp.robot.signals import StateEstimate
 from uvms_ocp.tasks.clearance import Clearance
 from uvms_ocp.tasks.joints import JointTracking
 from uvms_ocp.tasks.task import FAR, Hierarchy, NearestPairs, Rows, Task, TaskClass, TickSymbols, equality_rows
@@ -174,7 +174,7 @@ def test_a_task_of_ones_own_on_distances_is_carried_out(robot: Robot) -> None:
     )
     q, v = robot.configuration(), np.zeros(robot.n_v)
     for k in range(1500):
-        command = control(Measurement(q=q, v=v, altimeter_range=5.0), 0.02 * k)
+        command = control(StateEstimate(q=q, v=v, altimeter_range=5.0), 0.02 * k)
         v = command.v
         q = pin.integrate(robot.model, q, 0.02 * v)
         if command.finished:
@@ -194,7 +194,7 @@ def test_nothing_is_measured_for_a_task_that_is_off(robot: Robot, monkeypatch: p
     monkeypatch.setattr(CollisionModel, "values", refuse)
     found = mission_parameters(off, off.start(), 0.0, gates=np.zeros(1), q=q, motion=None)
     np.testing.assert_array_equal(found, off.tasks_of(0)[0].reference(0.0))
-    at = Measurement(q=q, v=np.zeros(robot.n_v), altimeter_range=5.0)
+    at = StateEstimate(q=q, v=np.zeros(robot.n_v), altimeter_range=5.0)
     for mission in (off, standing_off(robot, 0.4, gate=0.0)):
         control = KinematicController(robot=robot, mission=mission, solver=uo.LexicographicActiveSet(), dt=DT)
         control(at, 0.0)

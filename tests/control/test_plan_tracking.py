@@ -15,7 +15,7 @@ from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import Measurement
+from uvms_ocp.robot.signals import StateEstimate
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
 
@@ -88,8 +88,8 @@ def test_a_plan_that_is_followed_exactly_has_no_mismatch_and_a_shift_is_its_leng
 def test_a_measurement_that_is_no_number_still_gives_a_command(robot: Robot) -> None:
     plan, rest = push_off(robot), np.zeros(robot.n_v)
     control = tracker(robot, plan)
-    control(Measurement(q=plan.q[0], v=rest, altimeter_range=35.0), 0.0)
-    command = control(Measurement(q=np.full(robot.n_q, np.nan), v=rest, altimeter_range=35.0), DT)
+    control(StateEstimate(q=plan.q[0], v=rest, altimeter_range=35.0), 0.0)
+    command = control(StateEstimate(q=np.full(robot.n_q, np.nan), v=rest, altimeter_range=35.0), DT)
     assert np.isfinite(command.thrust).all()
     assert np.isfinite(command.torque).all()
 
@@ -98,7 +98,7 @@ def test_the_same_measurements_give_the_same_commands(robot: Robot) -> None:
     plan, rng = push_off(robot), np.random.default_rng(2)
     noise = 1e-3 * rng.standard_normal((50, robot.n_v))
     measurements = [
-        Measurement(q=pin.integrate(robot.model, plan.q[0], row), v=row, altimeter_range=35.0) for row in noise
+        StateEstimate(q=pin.integrate(robot.model, plan.q[0], row), v=row, altimeter_range=35.0) for row in noise
     ]
     runs = [
         [control(measurement, k * DT) for k, measurement in enumerate(measurements)]

@@ -20,7 +20,7 @@ from uvms_ocp.record.meta_values import ABORT
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.robot.shapes.obstacles import Obstacle
-from uvms_ocp.robot.signals import ChannelHealth, Measurement, Trust
+from uvms_ocp.robot.signals import ChannelHealth, StateEstimate, Trust
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
@@ -37,13 +37,13 @@ def scenario() -> Scenario:
     return case1(plant="kinematic", dt=DT)
 
 
-def babble(scenario: Scenario, n: int) -> list[tuple[Measurement, ActuationFeedback]]:
+def babble(scenario: Scenario, n: int) -> list[tuple[StateEstimate, ActuationFeedback]]:
     """Measurements near the start; channels are doubted and lost and good again, echoes come and go."""
     rng, rest, found = np.random.default_rng(3), np.zeros(scenario.robot.n_v), []
     for k in range(n):
         bad = {CHANNELS[k // 40 % 5]: Trust(int(k % 40 > 20) + int(k % 40 > 30))}
         health = tuple(ChannelHealth(channel=name, trust=bad.get(name, Trust.GOOD)) for name in CHANNELS)
-        measurement = Measurement(
+        measurement = StateEstimate(
             q=scenario.start + np.concatenate([rng.normal(0.0, 0.01, 3), np.zeros(len(scenario.start) - 3)]),
             v=rest + rng.normal(0.0, 0.01, len(rest)),
             altimeter_range=np.nan if k % 7 == 0 else 4.0 + float(rng.normal(0.0, 0.1)),
@@ -179,7 +179,7 @@ def test_distances_and_their_limits_in_python_give_the_same_bits(
     quick, slow = twins(lambda: towards_a_ball(robot), monkeypatch)
     q, v, moving = robot.configuration(), np.zeros(robot.n_v), 0
     for k in range(250):
-        measurement = Measurement(q=q, v=v, altimeter_range=5.0)
+        measurement = StateEstimate(q=q, v=v, altimeter_range=5.0)
         first, second = quick(measurement, k * DT), slow(measurement, k * DT)
         np.testing.assert_array_equal(first.v, second.v)
         np.testing.assert_array_equal(quick.memory.goals.values, slow.memory.goals.values)
@@ -200,8 +200,8 @@ def test_gates_of_a_mission_without_memory_are_those_of_the_controller(scenario:
     np.testing.assert_allclose(gates, 0.5 * np.array([row["A"] for row in mission.table()]))
 
 
-def measured(scenario: Scenario) -> Measurement:
-    return Measurement(q=scenario.start, v=np.zeros(scenario.robot.n_v), altimeter_range=4.0)
+def measured(scenario: Scenario) -> StateEstimate:
+    return StateEstimate(q=scenario.start, v=np.zeros(scenario.robot.n_v), altimeter_range=4.0)
 
 
 def test_quantities_are_unknown_before_the_first_tick(scenario: Scenario) -> None:

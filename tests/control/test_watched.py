@@ -11,18 +11,18 @@ import pytest
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.report import summarize
-from uvms_ocp.robot.signals import Command, Measurement
+from uvms_ocp.robot.signals import Command, StateEstimate
 from uvms_ocp.scenario.cases import case1
 from uvms_ocp.scenario.scenario import Scenario, our_controller
 
-Controller = Callable[[Measurement, float], Command]
+Controller = Callable[[StateEstimate, float], Command]
 
 
 def copied(scenario: Scenario) -> Controller:
     """Our controller, as if it were somebody else's."""
     ours = our_controller(scenario)
 
-    def control(measurement: Measurement, t: float) -> Command:
+    def control(measurement: StateEstimate, t: float) -> Command:
         command = ours(measurement, t)
         return replace(command, finished=False, telemetry={"own_number": 2.0 * t})
 
@@ -81,7 +81,7 @@ def test_a_command_that_no_plant_can_take_is_refused_in_one_line(change: dict[st
 @pytest.mark.parametrize(
     ("maker", "message"),
     [
-        (lambda scenario: None, r"controller made NoneType; make a callable \(Measurement, t\) -> Command"),
+        (lambda scenario: None, r"controller made NoneType; make a callable \(StateEstimate, t\) -> Command"),
         (lambda scenario: lambda measurement, t: 3.0, "controller lambda returned float; return a Command"),
     ],
 )

@@ -27,7 +27,7 @@ from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import At, Effort, TaskTerm
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import Command, Measurement, State
+from uvms_ocp.robot.signals import Command, State, StateEstimate
 from uvms_ocp.tasks.pose import ToolPosition
 from uvms_ocp.tasks.task import PoseGoal
 
@@ -76,7 +76,7 @@ def beside(robot: Robot) -> Iterator[RunningWorker]:
 
 def ticks(nmpc: Nmpc, robot: Robot, begin: float, n: int) -> list[Command]:
     state = start(robot)
-    measurement = Measurement(q=state.q, v=state.v, altimeter_range=np.nan)
+    measurement = StateEstimate(q=state.q, v=state.v, altimeter_range=np.nan)
     return [nmpc(measurement, begin + i / 200) for i in range(n)]
 
 

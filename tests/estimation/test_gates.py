@@ -17,12 +17,12 @@ from uvms_ocp.robot.signals import (
     ACCELEROMETER,
     CHANNELS,
     IDEAL_SENSORS,
-    Measurement,
     Reading,
     Readings,
     SensorSpec,
     SensorSpecs,
     State,
+    StateEstimate,
 )
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import SensorSuite
@@ -54,7 +54,7 @@ class AtRest:
         self.estimator = Estimator(self.robot, specs)
         self.k = 0
 
-    def run(self, seconds, channel="", spoil=lambda reading: reading) -> Measurement:
+    def run(self, seconds, channel="", spoil=lambda reading: reading) -> StateEstimate:
         for _ in range(round(seconds / DT)):
             t = self.k * DT
             readings = self.suite.read(self.state, t)
@@ -63,7 +63,7 @@ class AtRest:
             measurement, self.k = self.estimator(readings, t), self.k + 1
         return measurement
 
-    def error(self, measurement: Measurement) -> float:
+    def error(self, measurement: StateEstimate) -> float:
         return float(np.abs(pin.difference(self.robot.model, self.q, measurement.q)).max())
 
 
@@ -190,7 +190,7 @@ class Twins:
         self.truth = {name: truth[name] for name in CHANNELS if getattr(specs, name) is not None}
         self.k = 0
 
-    def run(self, seconds, dt, spoil=lambda name, value: value) -> list[Measurement]:
+    def run(self, seconds, dt, spoil=lambda name, value: value) -> list[StateEstimate]:
         for _ in range(round(seconds / dt)):
             t = self.k * dt
             values = {name: spoil(name, value) for name, value in self.truth.items()}
@@ -198,7 +198,7 @@ class Twins:
             told, self.k = [estimator(readings, t) for estimator in self.both], self.k + 1
         return told
 
-    def are_finite(self, told: list[Measurement]) -> bool:
+    def are_finite(self, told: list[StateEstimate]) -> bool:
         numbers = [part for m in told for part in (m.q, m.v, m.spread, m.altimeter_range)]
         numbers += [part for e in self.both for part in (e.memory.x, e.memory.covariance)]
         return all(np.isfinite(part).all() for part in numbers)

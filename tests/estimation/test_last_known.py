@@ -20,7 +20,7 @@ from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.robot.shapes.obstacles import Obstacle
-from uvms_ocp.robot.signals import Command, Measurement
+from uvms_ocp.robot.signals import Command, StateEstimate
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.attitude import HorizontalAttitude
 from uvms_ocp.tasks.clearance import Clearance
@@ -55,13 +55,13 @@ def dynamic(robot: Robot) -> DynamicController:
 @pytest.mark.parametrize("build", [diving, dynamic])
 @pytest.mark.parametrize(("field", "index"), [("q", 0), ("q", 4), ("q", 10), ("v", 2), ("v", 9)])
 def test_a_number_that_is_none_counts_as_a_silent_sensor(
-    robot: Robot, build: Callable[[Robot], Callable[[Measurement, float], Command]], field: str, index: int
+    robot: Robot, build: Callable[[Robot], Callable[[StateEstimate, float], Command]], field: str, index: int
 ) -> None:
     control, q = build(robot), robot.configuration(position=(0, 0, -4))
     broken = {"q": np.array(q), "v": np.zeros(robot.n_v)}
     broken[field][index] = np.nan
-    control(Measurement(q=q, v=np.zeros(robot.n_v), altimeter_range=1.005), 0.0)
-    commands = [control(Measurement(**broken, altimeter_range=1.005), DT * k) for k in range(1, 200)]
+    control(StateEstimate(q=q, v=np.zeros(robot.n_v), altimeter_range=1.005), 0.0)
+    commands = [control(StateEstimate(**broken, altimeter_range=1.005), DT * k) for k in range(1, 200)]
     for command in commands:
         assert np.isfinite(command.v).all()
         assert command.thrust is None or np.isfinite(command.thrust).all()
@@ -93,7 +93,7 @@ def test_a_configuration_is_sound_where_every_quaternion_and_circle_in_it_has_no
     for _ in range(100):
         q = pin.randomConfiguration(anything.model, -np.ones(anything.n_q), np.ones(anything.n_q))
         q[rng.integers(anything.n_q)] *= 1.0 + 3e-3 * rng.normal()
-        found = sound(Measurement(q=q, v=v, altimeter_range=1.0), 0.0)
+        found = sound(StateEstimate(q=q, v=v, altimeter_range=1.0), 0.0)
         assert bool(sound.memory.is_valid) == pin.isNormalized(anything.model, q, 1e-3)
         assert (found.q == q).all() == bool(sound.memory.is_valid)
         seen.add(bool(sound.memory.is_valid))
@@ -101,7 +101,7 @@ def test_a_configuration_is_sound_where_every_quaternion_and_circle_in_it_has_no
 
 
 def test_a_robot_that_has_never_measured_is_stopped(robot: Robot) -> None:
-    broken = Measurement(q=np.full(robot.n_q, np.nan), v=np.zeros(robot.n_v), altimeter_range=math.nan)
+    broken = StateEstimate(q=np.full(robot.n_q, np.nan), v=np.zeros(robot.n_v), altimeter_range=math.nan)
     assert LastValidEstimate(robot)(broken, 0.0).age == np.inf
     command = diving(robot)(broken, 0.0)
     assert command.stop
@@ -117,7 +117,7 @@ def test_minimum_altitude_holds_while_echoes_are_missing(robot: Robot, outage: f
         altitude, t = data.oMf[sensor].translation[2] + 7.0, DT * k
         since = min(since, t) if altitude < 1.35 else since
         lost = since <= t < since + outage
-        command = control(Measurement(q=q, v=v, altimeter_range=math.nan if lost else altitude), t)
+        command = control(StateEstimate(q=q, v=v, altimeter_range=math.nan if lost else altitude), t)
         assert not command.hold
         v, lowest = command.v, min(lowest, altitude)
         q = pin.integrate(robot.model, q, v * DT)
@@ -138,7 +138,7 @@ def test_a_blackout_beside_an_obstacle_leads_along_the_stop_that_was_found_clear
         control = controller(robot, Clearance(model=model, threshold=0.05, gain=50.0), pose)
         for k in range(400):
             blind = near_limit = model.values(q).min() < 0.12
-            command = control(Measurement(q=q, v=v, altimeter_range=5.0, age=1.0 if blind else 0.0), DT * k)
+            command = control(StateEstimate(q=q, v=v, altimeter_range=5.0, age=1.0 if blind else 0.0), DT * k)
             near += near_limit
             if blind:
                 # All axes in proportion, as the stop that the tick before has found clear.

@@ -19,7 +19,7 @@ from uvms_ocp.record.record import Record, quantity
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.kinematics import STEEP, AltimeterBeam
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import Measurement, SensorSpecs
+from uvms_ocp.robot.signals import SensorSpecs, StateEstimate
 from uvms_ocp.scenario.preflight.setup import Severity
 from uvms_ocp.tasks import Hierarchy, HorizontalAttitude, LandingAltitude, MinimumAltitude, Task, VehiclePose
 
@@ -72,9 +72,9 @@ def controller(robot: Robot, *tasks: Task, solver: object | None = None) -> Kine
     return replace(given, **({} if solver is None else {"solver": solver})).kinematic_controller()
 
 
-def measured(robot: Robot, echo: float, *, z: float = -6.0, roll: float = 0.0) -> Measurement:
+def measured(robot: Robot, echo: float, *, z: float = -6.0, roll: float = 0.0) -> StateEstimate:
     q = robot.configuration(position=(0, 0, z), rpy=(roll, 0, 0), joints=robot.home)
-    return Measurement(q=q, v=np.zeros(robot.n_v), altimeter_range=echo)
+    return StateEstimate(q=q, v=np.zeros(robot.n_v), altimeter_range=echo)
 
 
 def altitudes(record: Record) -> np.ndarray:
@@ -204,7 +204,7 @@ def test_the_truth_is_never_a_stand_in(robot: Robot) -> None:
 def test_before_anything_is_measured_nothing_is_known(robot: Robot) -> None:
     control = controller(robot, LandingAltitude(), HorizontalAttitude())
     assert all(map(math.isnan, control.quantities.values()))
-    broken = Measurement(q=np.full(robot.n_q, np.nan), v=np.zeros(robot.n_v), altimeter_range=math.nan)
+    broken = StateEstimate(q=np.full(robot.n_q, np.nan), v=np.zeros(robot.n_v), altimeter_range=math.nan)
     assert np.isnan(control(broken, 0.0).telemetry["quantities"]).all()
     assert control.pending() == "LA.altitude is not known, asked < 1e-09"
 

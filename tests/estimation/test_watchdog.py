@@ -13,7 +13,7 @@ from uvms_ocp.control.force.dynamic import DynamicController
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.fallbacks import Freshness, Watchdog
 from uvms_ocp.robot.dynamics import robot_dynamics
-from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Measurement, SensorSpec
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, SensorSpec, StateEstimate
 from uvms_ocp.scenario.cases.case1 import case1
 
 
@@ -61,7 +61,7 @@ def test_a_controller_brakes_then_cuts_the_thrust_when_sensors_go_silent() -> No
     scenario = case1()
     kinematic = scenario.kinematic_controller()
     layer = DynamicController(robot=scenario.robot, dynamics=robot_dynamics(scenario.robot), kinematic=kinematic)
-    measured = Measurement(q=scenario.start, v=np.zeros(13), altimeter_range=3.0)
+    measured = StateEstimate(q=scenario.start, v=np.zeros(13), altimeter_range=3.0)
     commands: list[Command] = []
     for k in range(1200):
         t = 0.005 * k

@@ -14,7 +14,7 @@ from uvms_ocp.mission.phase import Below, Phase, Transition
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import Command, Measurement
+from uvms_ocp.robot.signals import Command, StateEstimate
 from uvms_ocp.scenario.options import activate, mission_of
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.sim.environment import Environment
@@ -68,7 +68,7 @@ def driven_run(
     ).run()
 
 
-def _random(scenario: Scenario, size: float, held: float, seed: int) -> Callable[[Measurement, float], Command]:
+def _random(scenario: Scenario, size: float, held: float, seed: int) -> Callable[[StateEstimate, float], Command]:
     robot, rng = scenario.robot, np.random.default_rng(seed)
     n = round(scenario.duration / held) + 2
     thrust = size * rng.normal(size=(n, len(robot.thruster_names)))

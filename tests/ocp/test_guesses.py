@@ -20,7 +20,7 @@ from uvms_ocp.planning.request import tool_goal
 from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import Measurement
+from uvms_ocp.robot.signals import StateEstimate
 from uvms_ocp.sim.plant import KinematicPlant
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.tasks.joints import JointLimits
@@ -71,7 +71,7 @@ def rollout(planner: Planner, goal: pin.SE3) -> Trajectory:
     plant, times = KinematicPlant(robot, planner.problem.start.q), np.arange(0.0, DURATION + dt, dt)
     configurations = [plant.state.q]
     for t in times[:-1]:
-        measurement = Measurement(q=plant.state.q, v=plant.state.v, altimeter_range=30.0)
+        measurement = StateEstimate(q=plant.state.q, v=plant.state.v, altimeter_range=30.0)
         plant.step(controller(measurement, float(t)), dt)
         configurations.append(plant.state.q)
     error = Kinematics(robot, plant.state.q).pose("tool").translation - goal.translation

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from uvms_ocp.control import Estimator, PassThrough
 from uvms_ocp.robot.dynamics import robot_dynamics
-from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Measurement, Reading, Readings, SensorSpecs, State
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Reading, Readings, SensorSpecs, State, StateEstimate
 from uvms_ocp.robot.thrusters import thruster_matrix
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim import DynamicPlant, KinematicPlant, SensorSuite
@@ -120,7 +120,7 @@ class ComplementaryFilter:
         self.q, self.v = np.array(scenario.start), np.zeros(scenario.robot.n_v)
         self.seen: dict[str, Reading[Any]] = {}
 
-    def __call__(self, readings: Readings, t: float, command: Command | None) -> Measurement:
+    def __call__(self, readings: Readings, t: float, command: Command | None) -> StateEstimate:
         dt, self.t = t - self.t, t
         fresh = {name: self._fresh(name, readings) for name in Readings.__dataclass_fields__}
         if (rates := fresh["angular_velocity"]) is not None:
@@ -131,7 +131,7 @@ class ComplementaryFilter:
         self._correct(fresh, dt)
         echo = readings.altimeter_range
         height = float("nan") if echo is None else echo.value
-        return Measurement(q=self.q.copy(), v=self.v.copy(), altimeter_range=height)
+        return StateEstimate(q=self.q.copy(), v=self.v.copy(), altimeter_range=height)
 
     def _correct(self, fresh: dict[str, Any], dt: float) -> None:
         q = self.q
@@ -163,7 +163,7 @@ class CopiedFilter:
             self.ours = Estimator(scenario.robot, scenario.specs)
             self.outcomes, self.inflate_velocity_variance = self.ours.outcomes, self.ours.inflate_velocity_variance
 
-    def __call__(self, readings: Readings, t: float, command: Command | None) -> Measurement:
+    def __call__(self, readings: Readings, t: float, command: Command | None) -> StateEstimate:
         return self.ours(readings, t, command)
 
 
@@ -193,7 +193,7 @@ class PidOfRun:
         self.goal[:7] = pin.SE3ToXYZQUAT(task.goal)
         self.sum = np.zeros(scenario.robot.n_v)
 
-    def __call__(self, measurement: Measurement, t: float) -> Command:
+    def __call__(self, measurement: StateEstimate, t: float) -> Command:
         gains, q, v = self.gains, measurement.q, measurement.v
         error = pin.difference(self.robot.model, q, self.goal)
         error[:3] *= min(

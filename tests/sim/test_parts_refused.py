@@ -14,7 +14,7 @@ from own_examples import Bursts, ComplementaryFilter, CopiedFilter, DoubleIntegr
 from uvms_ocp import export_controller
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.export import exported_controller
-from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Measurement, Reading, Readings, State
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Reading, Readings, State, StateEstimate
 from uvms_ocp.scenario.cases import case1
 from uvms_ocp.scenario.scenario import Scenario
 
@@ -94,7 +94,7 @@ def test_energy_that_is_not_known_is_no_mistake() -> None:
 
 def measuring(scenario: Scenario, change: dict[str, Any]) -> Any:
     right = {"q": np.array(scenario.start), "v": np.zeros(scenario.robot.n_v), "altimeter_range": 3.0}
-    return lambda readings, t, command: Measurement(**{**right, **change})
+    return lambda readings, t, command: StateEstimate(**{**right, **change})
 
 
 @pytest.mark.parametrize(
@@ -203,7 +203,7 @@ def test_what_makes_no_part_is_refused_before_the_run(parts: dict[str, Any], mes
     ("parts", "message"),
     [
         ({"estimator": lambda scenario: 3.0}, r"estimator made float; make a callable \(Readings, t, command\)"),
-        ({"estimator": lambda scenario: lambda *given: 3.0}, "estimator lambda returned float; return a Measurement"),
+        ({"estimator": lambda scenario: lambda *given: 3.0}, "estimator lambda returned float; return a StateEstimate"),
     ],
 )
 def test_what_is_no_part_is_refused_as_the_run_begins(parts: dict[str, Any], message: str) -> None:

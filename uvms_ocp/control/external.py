@@ -12,13 +12,13 @@ from uvms_ocp.checks import unchecked_constructor
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.display import SmallTable, TableDisplay
-from uvms_ocp.robot.signals import Command, Measurement
+from uvms_ocp.robot.signals import Command, StateEstimate
 
 _command = unchecked_constructor(Command)
 
 
 class SupervisedController(TableDisplay):
-    """A callable ``(Measurement, t) -> Command`` that asks another one, and tells what the mission makes of it.
+    """A callable ``(StateEstimate, t) -> Command`` that asks another one, and tells what the mission makes of it.
 
     A kinematic layer of its own measures all quantities, goes through the phases and ends the run; what it would command goes
     nowhere. So a PID, a learned policy or the exported controller gets the record, report and figures of our own. What thrusters
@@ -28,7 +28,7 @@ class SupervisedController(TableDisplay):
     def __init__(
         self,
         *,
-        controller: Callable[[Measurement, float], Command],
+        controller: Callable[[StateEstimate, float], Command],
         kinematic: KinematicController,
         n_thrusters: int | None,
         name: str,
@@ -44,7 +44,7 @@ class SupervisedController(TableDisplay):
         if n_thrusters is not None:
             self._shapes |= {"thrust": (n_thrusters,), "torque": (robot.n_joints,)}
 
-    def __call__(self, measurement: Measurement, t: float) -> Command:
+    def __call__(self, measurement: StateEstimate, t: float) -> Command:
         """Their command for the tick at time t [s]. Raises `InvalidInput` for one that the plant cannot take."""
         watched = self.kinematic.command(self.kinematic.observe(measurement, t))
         begin = perf_counter()

@@ -28,7 +28,7 @@ from uvms_ocp.ocp.trajectory import hold
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.hydrodynamics import Water
-from uvms_ocp.robot.signals import Command, Measurement, State
+from uvms_ocp.robot.signals import Command, State, StateEstimate
 from uvms_ocp.solvers.nlp.options import SqpOptions
 
 _state = unchecked_constructor(State)
@@ -56,7 +56,7 @@ class NmpcStatistics:
 
 @checked
 class Nmpc(TableDisplay):
-    """A callable ``(Measurement, t) -> Command``.
+    """A callable ``(StateEstimate, t) -> Command``.
 
     Once per `period` a plan is made: from the state in which the present plan will leave the measured one by the time that
     the new one is ready, and from the solution of the last problem moved on in time, by real-time SQP. Until then the last
@@ -157,7 +157,7 @@ class Nmpc(TableDisplay):
         self.close()
 
     @checked_on_failure
-    def __call__(self, measurement: Measurement, t: float) -> Command:
+    def __call__(self, measurement: StateEstimate, t: float) -> Command:
         """The command for the tick at time t [s]."""
         measurement = self._sound(measurement, t)
         state = _state(q=measurement.q, v=measurement.v)

@@ -20,7 +20,7 @@ from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.robot.dynamics import Dynamics
 from uvms_ocp.robot.hydrodynamics import STILL_WATER, Water
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import Command, Measurement, State
+from uvms_ocp.robot.signals import Command, State, StateEstimate
 from uvms_ocp.types import Magnitude, Positive
 
 # Carrying out a plan: blind, to see how well the model fits, or with feedback.
@@ -29,7 +29,7 @@ _state = unchecked_constructor(State)
 
 
 class PlanTracker:
-    """Follows one trajectory to its end: a callable ``(Measurement, t) -> Command`` with thrust and torque.
+    """Follows one trajectory to its end: a callable ``(StateEstimate, t) -> Command`` with thrust and torque.
 
     By computed torque. Build one per run.
     """
@@ -50,7 +50,7 @@ class PlanTracker:
         self._end = float(trajectory.t[-1]) - 0.5 * dt
         self._sound = LastValidEstimate(robot)
 
-    def __call__(self, measurement: Measurement, t: float) -> Command:
+    def __call__(self, measurement: StateEstimate, t: float) -> Command:
         """The command for the tick at time t [s] of the trajectory; finished at its end."""
         measurement = self._sound(measurement, t)
         q, v, a = self._trajectory.state_at(self._model, t)

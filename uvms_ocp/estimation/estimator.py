@@ -23,11 +23,11 @@ from uvms_ocp.robot.signals import (
     CHANNELS,
     IDEAL_SENSORS,
     Command,
-    Measurement,
     Reading,
     Readings,
     SensorSpec,
     SensorSpecs,
+    StateEstimate,
 )
 from uvms_ocp.types import Array
 
@@ -87,7 +87,7 @@ class JointChart:
 
 # State estimation: the readings of the sensors in, what controllers see out.
 
-_measurement = unchecked_constructor(Measurement)
+_measurement = unchecked_constructor(StateEstimate)
 _outcome = unchecked_constructor(GateOutcome)
 _readings_by_channel = attrgetter(*CHANNELS)
 
@@ -96,9 +96,9 @@ _LATEST = 1e9  # [s] of any clock; thirty years
 
 @checked
 class Estimator(TableDisplay):
-    """A callable ``(Readings, t, command) -> Measurement``. Holds its estimate: build one per run.
+    """A callable ``(Readings, t, command) -> StateEstimate``. Holds its estimate: build one per run.
 
-    Until a channel has its first reading its part of the estimate means nothing, and `Measurement.age` is inf. A reading
+    Until a channel has its first reading its part of the estimate means nothing, and `StateEstimate.age` is inf. A reading
     that is late is fused at the time it was taken. One that is not finite, larger than 1e9 in the unit of its channel, of
     the future or older than the last of its channel is never used, nor is an altimeter's range below zero; only its nan says
     something, that there is no echo. One that contradicts the estimate by more than five standard deviations is not used
@@ -141,7 +141,7 @@ class Estimator(TableDisplay):
         self._t: float | None = None
 
     @checked_on_failure
-    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
+    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> StateEstimate:
         """The estimate at time t [s]; `command` has been acting since the last call.
 
         Raises `InvalidInput` for a time before that of the last call, or beyond 1e9 s.
@@ -228,7 +228,7 @@ class Estimator(TableDisplay):
                 memory.joint_value[c - N_VEHICLE] = self._chart.values(name, reading.value)
             memory.fresh[c], memory.stamp[c] = 1.0, reading.t
 
-    def _told(self) -> Measurement:
+    def _told(self) -> StateEstimate:
         memory, v = self.memory, self.memory.joint_x[:, 1]
         q = self._joints = self._chart.configuration()
         if self._n_vehicle:
@@ -331,7 +331,7 @@ class PassThrough(TableDisplay):
         return SmallTable(title=type(self).__name__, rows=rows_of(told))
 
     @checked_on_failure
-    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
+    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> StateEstimate:
         """The last readings at time t [s]; `command` is not read. Raises `InvalidInput` before the first ones."""
         age, oldest = oldest_of(readings, self._needed, t)
         if age == math.inf:

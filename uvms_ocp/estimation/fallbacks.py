@@ -16,7 +16,7 @@ from uvms_ocp.codegen.kernel_layout import Layout, Sized, Smooth, Vector, double
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.kinematics import STEEP
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import Measurement
+from uvms_ocp.robot.signals import StateEstimate
 from uvms_ocp.robot.symbolic_model import SymbolicModel
 
 # What to do about measurements that stop coming.
@@ -139,7 +139,7 @@ class LastValidMemory(Layout):
 def hold_last_valid(m: LastValidMemory, t: float, q: Vector, v: Vector, age: float, joint_age: float) -> None:
     """A measurement of q [m, rad] and v [m/s, rad/s] at t [s], or where it is not sound, the last in its place. A kernel.
 
-    age, joint_age [s]: as those of `Measurement`; the memory holds those that hold true.
+    age, joint_age [s]: as those of `StateEstimate`; the memory holds those that hold true.
     """
     m.is_valid = _is_sound(m, q, v)
     if m.is_valid:
@@ -189,7 +189,7 @@ class LastValidEstimate:
         """memory: a `LastValidMemory` of the caller's, who asks the kernel."""
         self.memory: Any = structure_of(LastValidMemory, n_q=robot.n_q, n_v=robot.n_v)() if memory is None else memory
         """The `LastValidMemory`."""
-        self._last = Measurement(q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=np.nan)
+        self._last = StateEstimate(q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=np.nan)
         self._shapes = self._last.q.shape, self._last.v.shape
         view(self.memory.q)[:], self.memory.since = self._last.q, -math.inf
         units = _units(robot)
@@ -197,19 +197,19 @@ class LastValidEstimate:
         for k, ends in enumerate(units):
             self.memory.unit[k][:] = ends
 
-    def __call__(self, measurement: Measurement, t: float) -> Measurement:
+    def __call__(self, measurement: StateEstimate, t: float) -> StateEstimate:
         """T [s]: time of the tick. Raises `InvalidInput` for a q or v of another robot's size."""
         self.check(measurement)
         q, v = doubles(measurement.q), doubles(measurement.v)
         hold_last_valid(self.memory, t, q, v, measurement.age, measurement.joint_age)
         return self.substitute(measurement)
 
-    def check(self, measurement: Measurement) -> None:
+    def check(self, measurement: StateEstimate) -> None:
         """Raise `InvalidInput` for a q or v of another robot's size."""
         if (measurement.q.shape, measurement.v.shape) != self._shapes:
             raise InvalidInput(self._misfit(measurement))
 
-    def substitute(self, measurement: Measurement) -> Measurement:
+    def substitute(self, measurement: StateEstimate) -> StateEstimate:
         """The measurement that the kernel was asked with, if it is sound, or what stands in for it."""
         if self.memory.is_valid:
             self._last = measurement
@@ -223,7 +223,7 @@ class LastValidEstimate:
             health=measurement.health,
         )
 
-    def _misfit(self, measurement: Measurement) -> str:
+    def _misfit(self, measurement: StateEstimate) -> str:
         pairs = zip("qv", (measurement.q, measurement.v), self._shapes, strict=True)
         wrong = [(name, value.shape, right) for name, value, right in pairs if value.shape != right]
         return ", ".join(f"measurement.{name} has shape {shape}; give {right}" for name, shape, right in wrong)
@@ -315,7 +315,7 @@ class LastFloorRange:
         self.memory.exists = frame is not None and robot.has_frame(frame)
         self.memory.floor = self.memory.highest = math.nan
 
-    def range(self, measurement: Measurement, t: float, unknown: float, doubted: bool = False) -> float:
+    def range(self, measurement: StateEstimate, t: float, unknown: float, doubted: bool = False) -> float:
         """[m], always finite, at the tick at time t [s]; `unknown` [m] is the altitude to act on before the first echo.
 
         doubted: no echo of now is to be believed.
@@ -323,7 +323,7 @@ class LastFloorRange:
         point_altimeter(self.memory, doubles(measurement.q))
         return echo_range(self.memory, t, measurement.altimeter_range, unknown, doubted)
 
-    def at(self, measurement: Measurement) -> tuple[float, bool]:
+    def at(self, measurement: StateEstimate) -> tuple[float, bool]:
         """Range [m], always finite, at a measurement that is not remembered, and whether its echo tells the altitude."""
         point_altimeter(self.memory, doubles(measurement.q))
         tells = has_altitude(self.memory, measurement.altimeter_range)

@@ -14,14 +14,14 @@ from uvms_ocp.codegen.kernel_layout import structure_of, view
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.export.tick import ControllerInputs, ControllerOutputs, command_in, write_measurement
-from uvms_ocp.robot.signals import Command, Measurement
+from uvms_ocp.robot.signals import Command, StateEstimate
 
 _FILES = ("controller.h", "controller.c", "initial.c", "functions.c", "solver.c")
 _INCLUDE = '#include "controller.h"\n'
 
 
 class CController:
-    """Exported controller, a callable ``(Measurement, t) -> Command``, at the beginning of its mission."""
+    """Exported controller, a callable ``(StateEstimate, t) -> Command``, at the beginning of its mission."""
 
     def __init__(self, folder: Path, sizes: dict[str, int], *, forces: bool) -> None:
         """folder: where the files of C are. sizes: of `interface_types`.
@@ -40,7 +40,7 @@ class CController:
         self._step.restype = None
         library["controller_reset"](self._memory)
 
-    def __call__(self, measurement: Measurement, t: float) -> Command:
+    def __call__(self, measurement: StateEstimate, t: float) -> Command:
         """Return the command for the tick at time t [s]."""
         write_measurement(self._inputs, measurement, t)
         self._step(self._memory, ctypes.byref(self._inputs), ctypes.byref(self._outputs))
@@ -74,7 +74,7 @@ class RecordingController:
 
     def __init__(
         self,
-        controller: Callable[[Measurement, float], Command],
+        controller: Callable[[StateEstimate, float], Command],
         kinematic: KinematicController,
         inputs: ctypes.Structure,
         outputs: ctypes.Structure,
@@ -86,7 +86,7 @@ class RecordingController:
         self.ticks: list[list[float]] = []
         """(n,) each [in their units]."""
 
-    def __call__(self, measurement: Measurement, t: float) -> Command:
+    def __call__(self, measurement: StateEstimate, t: float) -> Command:
         """Return the command for the tick at time t [s]."""
         write_measurement(self._inputs, measurement, t)
         command = self._controller(measurement, t)

@@ -13,14 +13,14 @@ from uvms_ocp.control.velocity.tick import VelocityController, is_blind, is_stop
 from uvms_ocp.control.velocity.tick_memory import TickMemory
 from uvms_ocp.estimation.degraded_modes import CHANNELS, ENCODERS
 from uvms_ocp.mission.progress import is_over
-from uvms_ocp.robot.signals import Command, Measurement, Trust
+from uvms_ocp.robot.signals import Command, StateEstimate, Trust
 
 _command = unchecked_constructor(Command)
 _PLACE = {name: place for place, name in enumerate(CHANNELS)}
 
 
 class ControllerInputs(Layout):
-    """State estimate of a tick, as in `Measurement`. Numbers that are not finite are a sensor that fails."""
+    """State estimate of a tick, as in `StateEstimate`. Numbers that are not finite are a sensor that fails."""
 
     t: float
     """[s] time of the tick; they follow each other by the control period."""
@@ -69,7 +69,7 @@ class ControllerOutputs(Layout):
     """[m, rad, ...] those of CONTROLLER_QUANTITIES; NAN where unknown."""
 
 
-def write_measurement(inputs: Any, measurement: Measurement, t: float) -> None:
+def write_measurement(inputs: Any, measurement: StateEstimate, t: float) -> None:
     """Write a measurement at time t [s] into `ControllerInputs`."""
     inputs.t, inputs.altimeter_range = t, measurement.altimeter_range
     inputs.age, inputs.joint_age = measurement.age, measurement.joint_age

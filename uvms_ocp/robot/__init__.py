@@ -15,12 +15,12 @@ from uvms_ocp.robot.shapes.obstacles import mesh_shape as mesh_shape
 from uvms_ocp.robot.shapes.obstacles import obstacle as obstacle
 from uvms_ocp.robot.signals import IDEAL_SENSORS as IDEAL_SENSORS
 from uvms_ocp.robot.signals import Command as Command
-from uvms_ocp.robot.signals import Measurement as Measurement
 from uvms_ocp.robot.signals import Reading as Reading
 from uvms_ocp.robot.signals import Readings as Readings
 from uvms_ocp.robot.signals import SensorSpec as SensorSpec
 from uvms_ocp.robot.signals import SensorSpecs as SensorSpecs
 from uvms_ocp.robot.signals import State as State
+from uvms_ocp.robot.signals import StateEstimate as StateEstimate
 from uvms_ocp.robot.signals import robot_sensors as robot_sensors
 from uvms_ocp.robot.symbolic_model import SymbolicModel as SymbolicModel
 from uvms_ocp.robot.thrusters import thruster_matrix as thruster_matrix

@@ -46,7 +46,7 @@ class ChannelHealth:
     """[s] since when."""
 
 
-# What flows between plant and controller: `Readings` to an estimator, its `Measurement` in, `Command` out.
+# What flows between plant and controller: `Readings` to an estimator, its `StateEstimate` in, `Command` out.
 #
 # Configuration ``q`` and velocity ``v`` follow Pinocchio's free-flyer order, see `uvms_ocp.robot.spatial`.
 
@@ -108,7 +108,7 @@ class Readings:
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Measurement:
+class StateEstimate:
     """The navigation solution at one tick; the only thing a controller sees."""
 
     q: _Configuration

@@ -26,7 +26,7 @@ from uvms_ocp.record.record import Record, Recorder
 from uvms_ocp.record.run_meta import RunMeta
 from uvms_ocp.robot.dynamics import cached_dynamics, robot_dynamics
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Measurement, SensorSpecs, State
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, SensorSpecs, State, StateEstimate
 from uvms_ocp.scenario.preflight.checks import check_mission
 from uvms_ocp.scenario.preflight.setup import PreflightReport, Setup
 from uvms_ocp.scenario.run_metadata import PartNames, RunOutcome, run_meta
@@ -60,7 +60,7 @@ class MissionController(Protocol):
     def kinematic(self) -> KinematicController:
         """The layer that knows the mission, its events and its quantities."""
 
-    def __call__(self, measurement: Measurement, t: float) -> Command:
+    def __call__(self, measurement: StateEstimate, t: float) -> Command:
         """The command for the tick at time t [s]."""
 
 
@@ -78,7 +78,7 @@ class ControllerFactory:
         if type(made) in _OURS:
             return made
         if not callable(made):
-            raise InvalidInput(f"controller made {type(made).__name__}; make a callable (Measurement, t) -> Command")
+            raise InvalidInput(f"controller made {type(made).__name__}; make a callable (StateEstimate, t) -> Command")
         n = len(scenario.robot.description.thrusters) if scenario.takes_forces else None
         kinematic = scenario.kinematic_controller()
         return SupervisedController(controller=made, kinematic=kinematic, n_thrusters=n, name=part_name(self.maker))
@@ -93,14 +93,14 @@ class EstimatorFactory:
     scenario: Any = field(repr=False)
 
     def __call__(self) -> GuardedEstimator:
-        """A fresh one, ``(Readings, t, Command | None) -> Measurement``; a monitor keeps from it what cannot be true.
+        """A fresh one, ``(Readings, t, Command | None) -> StateEstimate``; a monitor keeps from it what cannot be true.
 
         Raises `InvalidInput` where the maker makes no callable.
         """
         made, scenario = self.maker(self.scenario), self.scenario
         robot, specs = scenario.robot, scenario.specs
         if not callable(made):
-            allowed = "make a callable (Readings, t, command) -> Measurement"
+            allowed = "make a callable (Readings, t, command) -> StateEstimate"
             raise InvalidInput(f"estimator made {type(made).__name__}; {allowed}")
         monitor = HealthMonitor(robot, specs, altimeter_frame=scenario.altimeter_frame)
         return GuardedEstimator(watched_estimator(made, robot, part_name(self.maker)), robot, specs, monitor)
@@ -170,7 +170,7 @@ class Scenario(FieldTable):
     ``scenario.estimator()`` calls it, with a monitor around what it makes that keeps from it what cannot be true.
     """
     controller: Callable[..., Any] = our_controller
-    """Maker of a controller for a run: takes the scenario, returns a callable ``(Measurement, t) -> Command``.
+    """Maker of a controller for a run: takes the scenario, returns a callable ``(StateEstimate, t) -> Command``.
 
     ``scenario.controller()`` calls it. By default it makes the hierarchy's, with thrust and torque unless the plant is kinematic;
     any other is watched by the mission, see `SupervisedController`.
@@ -347,7 +347,7 @@ class Scenario(FieldTable):
         floor, specs = self.environment.seafloor, self.real_sensors or self.specs
         return SensorSuite(self.robot, floor, specs, self.seed, self.altimeter_frame, self.toolkit_faults)
 
-    def _true_measurement(self, state: State) -> Measurement:
+    def _true_measurement(self, state: State) -> StateEstimate:
         suite = SensorSuite(self.robot, self.environment.seafloor, IDEAL_SENSORS, altimeter_frame=self.altimeter_frame)
         return PassThrough(self.robot, IDEAL_SENSORS)(suite.read(state, 0.0), 0.0)
 

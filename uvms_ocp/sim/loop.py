@@ -14,16 +14,16 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.record import Recorder
-from uvms_ocp.robot.signals import ChannelHealth, Command, Measurement, Readings, State
+from uvms_ocp.robot.signals import ChannelHealth, Command, Readings, State, StateEstimate
 from uvms_ocp.sim.plant import Plant
 from uvms_ocp.types import Positive
 
 Sensors = Callable[[State, float], Readings]
 """True state and time [s] to readings."""
-StateEstimator = Callable[[Readings, float, Command | None], Measurement]
+StateEstimator = Callable[[Readings, float, Command | None], StateEstimate]
 """Readings, time [s] and the command that has been acting since the last call to a measurement."""
-Controller = Callable[[Measurement, float], Command]
-"""Measurement and time [s] to a command."""
+Controller = Callable[[StateEstimate, float], Command]
+"""StateEstimate and time [s] to a command."""
 Progress = Callable[[float, Command], None]
 """Told the time [s] and the command of a tick."""
 TickObserver = Callable[[float, State, Command], None]
@@ -111,7 +111,7 @@ def _asked(command: Command, telemetry: Mapping[str, Any], recorder: Recorder) -
 def _row(
     t: float,
     state: State,
-    measurement: Measurement,
+    measurement: StateEstimate,
     command: Command,
     trusts: np.ndarray | None,
     asked: np.ndarray | None,

@@ -139,7 +139,7 @@ class EstimatorMaker(Protocol):
     """Maker of an estimator, for ``Scenario(estimator=...)``."""
 
     def __call__(self, scenario: Any) -> StateEstimator:
-        """The estimator of a `Scenario`: a callable ``(Readings, t, command) -> Measurement`` at time t [s].
+        """The estimator of a `Scenario`: a callable ``(Readings, t, command) -> StateEstimate`` at time t [s].
 
         `command` has been acting since the last call, `None` at the first. A monitor stands around it: readings that cannot be
         true are kept from it, and age and health of its measurements are the monitor's. One that has `outcomes` and
@@ -151,7 +151,7 @@ class ControllerMaker(Protocol):
     """Maker of a controller, for ``Scenario(controller=...)``."""
 
     def __call__(self, scenario: Any) -> Controller:
-        """The controller of a `Scenario`: a callable ``(Measurement, t) -> Command`` at time t [s].
+        """The controller of a `Scenario`: a callable ``(StateEstimate, t) -> Command`` at time t [s].
 
         The command has thrust and torque where the plant takes forces. `SupervisedController` follows the mission beside it.
         """

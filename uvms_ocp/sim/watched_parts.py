@@ -20,7 +20,7 @@ from uvms_ocp.estimation.health.settings import sizes_of
 from uvms_ocp.record.meta_values import UNIT_NORM_TOLERANCE, FaultMeta
 from uvms_ocp.record.tables import SERIES
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import CHANNELS, Command, Measurement, Reading, Readings, SensorSpecs, State
+from uvms_ocp.robot.signals import CHANNELS, Command, Reading, Readings, SensorSpecs, State, StateEstimate
 from uvms_ocp.sim.dynamic_step import skid_points
 from uvms_ocp.sim.faults import Fault, is_active, plain
 from uvms_ocp.sim.loop import Sensors, StateEstimator
@@ -41,18 +41,18 @@ def watched_estimator(made: Any, robot: Robot, name: str) -> StateEstimator:
 
 
 class WatchedEstimator:
-    """A callable ``(Readings, t, command) -> Measurement`` that asks another one."""
+    """A callable ``(Readings, t, command) -> StateEstimate`` that asks another one."""
 
     def __init__(self, estimator: Any, robot: Robot, name: str) -> None:
         """name: what messages call it."""
         self._wrapped, self._robot, self._whose = estimator, robot, f"the measurement of estimator {name}"
         self._name = name
 
-    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
+    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> StateEstimate:
         """Their measurement at time t [s]. Raises `InvalidInput` for one that no controller can take."""
         estimate = self._wrapped(readings, t, command)
-        if not isinstance(estimate, Measurement):
-            raise InvalidInput(f"estimator {self._name} returned {type(estimate).__name__}; return a Measurement")
+        if not isinstance(estimate, StateEstimate):
+            raise InvalidInput(f"estimator {self._name} returned {type(estimate).__name__}; return a StateEstimate")
         robot = self._robot
         require_numbers(self._whose, "q", estimate.q, (robot.n_q,))
         require_numbers(self._whose, "v", estimate.v, (robot.n_v,))

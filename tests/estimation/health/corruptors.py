@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import Command, Measurement, Reading, Readings, State
+from uvms_ocp.robot.signals import Command, Reading, Readings, State, StateEstimate
 from uvms_ocp.sim.sensors import SensorSuite
 
 Corrupt = Callable[[Reading[Any], float], Reading[Any]]
@@ -128,12 +128,12 @@ DEFECTS: dict[str, Callable[[str], Corrupt]] = {
 
 
 def told_on_a_way(
-    guard: Callable[[Readings, float, Command], Measurement],
+    guard: Callable[[Readings, float, Command], StateEstimate],
     robot: Robot,
     suite: SensorSuite,
     channel: str,
     defect: str,
-) -> list[Measurement]:
+) -> list[StateEstimate]:
     """Of a robot that moves on straight, with a defect of one channel after 2 s."""
     corrupt, told = DEFECTS[defect](channel), []
     q, v = robot.configuration(position=(0.0, 0.0, -36.0)), np.full(robot.n_v, 0.01)

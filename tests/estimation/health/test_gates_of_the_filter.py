@@ -16,7 +16,7 @@ from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.estimation.health.tuning import HealthTuning
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Measurement, Readings, State, Trust
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Readings, State, StateEstimate, Trust
 from uvms_ocp.sim.sensors import SensorSuite
 
 DT = 0.01
@@ -30,7 +30,7 @@ def robot() -> Robot:
 class Gated(Estimator):
     """Refuses, it says, position fixes of some time."""
 
-    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
+    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> StateEstimate:
         measurement, fix = super().__call__(readings, t, command), readings.position
         self.outcomes[:] = math.nan
         if fix is not None:

@@ -14,7 +14,7 @@ from uvms_ocp.estimation.estimator import PassThrough
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.robot.loading import load_robot
-from uvms_ocp.robot.signals import IDEAL_SENSORS, Measurement, SensorSpec
+from uvms_ocp.robot.signals import IDEAL_SENSORS, SensorSpec, StateEstimate
 from uvms_ocp.sim.sensors import SensorSuite
 
 SPECS = replace(IDEAL_SENSORS, joint_positions=SensorSpec(rate=50.0), position=SensorSpec(rate=5.0, delay=0.1))
@@ -24,7 +24,7 @@ class Another(PassThrough):
     """One that the guard does not know to repeat, and asks."""
 
 
-def _told(kind: type[PassThrough], channel: str, defect: str) -> tuple[list[Measurement], HealthMonitor]:
+def _told(kind: type[PassThrough], channel: str, defect: str) -> tuple[list[StateEstimate], HealthMonitor]:
     """What is measured of a robot on its way, with a defect after a while."""
     robot = load_robot("girona_maris7")
     guard, suite = GuardedEstimator(kind(robot, SPECS), robot, SPECS), SensorSuite(robot, FLOOR, SPECS)
@@ -41,7 +41,7 @@ def test_one_call_tells_what_two_do(channel: str, defect: str) -> None:
         _require_same(a, b)
 
 
-def _require_same(a: Measurement, b: Measurement) -> None:
+def _require_same(a: StateEstimate, b: StateEstimate) -> None:
     np.testing.assert_array_equal(a.q, b.q)
     np.testing.assert_array_equal(a.v, b.v)
     np.testing.assert_array_equal(a.altimeter_range, b.altimeter_range)

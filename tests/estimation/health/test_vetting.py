@@ -16,7 +16,7 @@ from uvms_ocp.estimation.filter_memory import NUMBER
 from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import IDEAL_SENSORS, Measurement, Reading, Readings, SensorSpec, State
+from uvms_ocp.robot.signals import IDEAL_SENSORS, Reading, Readings, SensorSpec, State, StateEstimate
 from uvms_ocp.sim.sensors import SensorSuite
 
 DT = 0.01
@@ -41,7 +41,7 @@ class Vetting:
         self.t += DT
         self.given = replace_unchecked(self.suite.read(self.state, self.t), **other)  # arrays of any shape too
         vetted = self.monitor.screen(self.given, self.t)
-        self.monitor.judge(Measurement(q=self.state.q, v=self.state.v, altimeter_range=4.0), self.t)
+        self.monitor.judge(StateEstimate(q=self.state.q, v=self.state.v, altimeter_range=4.0), self.t)
         return vetted
 
 

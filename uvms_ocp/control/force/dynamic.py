@@ -22,7 +22,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.robot.dynamics import Dynamics
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import Command, Measurement, SensorSpecs
+from uvms_ocp.robot.signals import Command, SensorSpecs, StateEstimate
 from uvms_ocp.robot.thrusters import largest_force, largest_wrench
 
 _command, _strain = unchecked_constructor(Command), unchecked_constructor(ActuationFeedback)
@@ -66,7 +66,7 @@ class VelocityGains:
 
 @checked
 class DynamicController(TableDisplay):
-    """Tracks the velocities of a kinematic layer: a callable ``(Measurement, t) -> Command`` with thrust and torque.
+    """Tracks the velocities of a kinematic layer: a callable ``(StateEstimate, t) -> Command`` with thrust and torque.
 
     The force of `VelocityLaw` less the disturbance of an `ObserverLaw`, shared out by an `Allocation`; thrusters are inverted
     through their lag.
@@ -113,7 +113,7 @@ class DynamicController(TableDisplay):
         """Of what the tool carries; `None` where nothing is learnt."""
 
     @checked_on_failure
-    def __call__(self, measurement: Measurement, t: float) -> Command:
+    def __call__(self, measurement: StateEstimate, t: float) -> Command:
         """The command for the tick at time t [s]."""
         tick = self.kinematic.observe(measurement, t)
         sound, command, bounds = tick.measurement, self.kinematic.command(tick), tick.restriction
@@ -137,7 +137,7 @@ class DynamicController(TableDisplay):
         below = self.kinematic._table()
         return SmallTable(title=type(self).__name__, rows=(*below.rows, *rows_of(values)))
 
-    def _ticked(self, sound: Measurement, t: float, encoders_trusted: bool) -> list[np.ndarray]:
+    def _ticked(self, sound: StateEstimate, t: float, encoders_trusted: bool) -> list[np.ndarray]:
         """Run the force tick, with what is learnt of the load; return the parts of `ForceOutputs`."""
         if self.learner is None:
             return self._tick.step(t, sound.joint_age, encoders_trusted)

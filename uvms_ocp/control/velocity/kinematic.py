@@ -61,7 +61,7 @@ from uvms_ocp.mission.progress import is_over, state_after_abort, state_after_tr
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import distance_layout_sizes
-from uvms_ocp.robot.signals import ChannelHealth, Command, Measurement
+from uvms_ocp.robot.signals import ChannelHealth, Command, StateEstimate
 from uvms_ocp.solvers.hierarchy.solution import InPlaceTick, Tick
 from uvms_ocp.types import Period
 
@@ -130,7 +130,7 @@ class HierarchySolver(Protocol):
 
 @checked
 class KinematicController(TableDisplay):
-    """Runs a mission: a callable ``(Measurement, t) -> Command``.
+    """Runs a mission: a callable ``(StateEstimate, t) -> Command``.
 
     One tick: `observe` what is known, solve the hierarchy, keep what a stop can keep, advance the mission, `command`. Holds
     the mission's state and the last motion; `events` is the log of transitions. Build one per run.
@@ -208,12 +208,12 @@ class KinematicController(TableDisplay):
         return self
 
     @checked_on_failure
-    def __call__(self, measurement: Measurement, t: float) -> Command:
+    def __call__(self, measurement: StateEstimate, t: float) -> Command:
         """The command for the tick at time t [s]."""
         return self.command(self.observe(measurement, t))
 
     @checked_on_failure
-    def observe(self, measurement: Measurement, t: float) -> TickInputs:
+    def observe(self, measurement: StateEstimate, t: float) -> TickInputs:
         """What is known at time t [s]; what is missing of the measurement is replaced by what was known last."""
         started, memory, arrays = perf_counter(), self.memory, self._arrays
         self._sound.check(measurement)
@@ -289,7 +289,7 @@ class KinematicController(TableDisplay):
         waits, bad = self.mission.pending(self.state, self.quantities), self._restriction.bad
         return waits if self.state.over or not bad else f"{waits}; {describe_channels(bad)}"
 
-    def evaluate(self, measurement: Measurement, t: float, state: MissionState | None = None) -> dict[str, float]:
+    def evaluate(self, measurement: StateEstimate, t: float, state: MissionState | None = None) -> dict[str, float]:
         """All quantities at a measurement at time t [s], such as the true state after a run; the mission stays where it is.
 
         An altitude is NaN unless the echo of the measurement itself tells it. state: where the mission was then, for the goals of
@@ -314,7 +314,7 @@ class KinematicController(TableDisplay):
             self._restriction = read_restriction(found, bad)
         return self._restriction
 
-    def _alarm(self, measurement: Measurement, t: float) -> None:
+    def _alarm(self, measurement: StateEstimate, t: float) -> None:
         """Tell how old the measurement has become, and of which channel that is."""
         lost = ", ".join(item.channel for item in self._restriction.lost)
         channel = ALTIMETER if self.memory.echo_is_oldest else measurement.oldest or lost

@@ -78,7 +78,7 @@ class TickMemory(Layout):
     altimeter_range: float
     """[m] NaN without an echo."""
     age: float
-    """[s] as those of `Measurement`."""
+    """[s] as those of `StateEstimate`."""
     joint_age: float
     """[s]"""
 

@@ -9,7 +9,7 @@ import numpy as np
 from uvms_ocp.estimation.degraded_modes import FREE, Restriction
 from uvms_ocp.estimation.fallbacks import Freshness
 from uvms_ocp.mission.phase import MissionState
-from uvms_ocp.robot.signals import Measurement
+from uvms_ocp.robot.signals import StateEstimate
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -20,7 +20,7 @@ class TickInputs:
     """[s] when that was, by the computer's clock."""
     t: float
     """[s] time of the tick."""
-    measurement: Measurement
+    measurement: StateEstimate
     """With finite q and v: the newest that is sound."""
     echo: float
     """[m] range of the altimeter that tasks act on: carried along with the motion where there is no echo, cautious before the

@@ -16,10 +16,10 @@ from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.estimation.health.support import fallback_sensors, pass_through_memory, support_of, supporting_channels
 from uvms_ocp.record.display import SmallTable, TableDisplay, format_value, rows_of
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import ChannelHealth, Command, Measurement, Readings, SensorSpecs
+from uvms_ocp.robot.signals import ChannelHealth, Command, Readings, SensorSpecs, StateEstimate
 from uvms_ocp.types import Array
 
-_measurement = unchecked_constructor(Measurement)
+_measurement = unchecked_constructor(StateEstimate)
 
 _NAMES = {number: name for name, number in NUMBER.items()}
 _OUTCOMES = 4 * len(NUMBER)  # numbers that a filter tells of its channels
@@ -43,15 +43,15 @@ class GatedEstimator(Protocol):
 
 @checked
 class GuardedEstimator(TableDisplay):
-    """A callable ``(Readings, t, command) -> Measurement`` around another one. Build one per run.
+    """A callable ``(Readings, t, command) -> StateEstimate`` around another one. Build one per run.
 
-    `Measurement.age` counts channels that q and v rest on, as far as no fallback replaces them (`support.fallback_sensors`); a
+    `StateEstimate.age` counts channels that q and v rest on, as far as no fallback replaces them (`support.fallback_sensors`); a
     lost altimeter gives no range.
     """
 
     def __init__(
         self,
-        estimator: Callable[[Readings, float, Command | None], Measurement],
+        estimator: Callable[[Readings, float, Command | None], StateEstimate],
         robot: Robot,
         specs: SensorSpecs | None = None,
         monitor: HealthMonitor | None = None,
@@ -77,7 +77,7 @@ class GuardedEstimator(TableDisplay):
         )
 
     @checked_on_failure
-    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
+    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> StateEstimate:
         """The measurement at time t [s]; `command` has been acting since the last call. Raises what the estimator raises."""
         if self._started and self._repeated is not None:
             q, v, echo = self._take(readings, self._support, self._repeated, t, command)
@@ -109,7 +109,7 @@ class GuardedEstimator(TableDisplay):
         health: tuple[ChannelHealth, ...],
         spread: Array | None = None,
         altimeter_std: float = math.nan,
-    ) -> Measurement:
+    ) -> StateEstimate:
         """With the age that the support of the estimate gives it."""
         support = self._support
         oldest = support.oldest

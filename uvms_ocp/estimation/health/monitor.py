@@ -32,7 +32,16 @@ from uvms_ocp.estimation.health.settings import health_memory, sizes_of
 from uvms_ocp.estimation.health.support import EstimateSupport, PassThroughMemory, repeat, update_age, update_echo
 from uvms_ocp.estimation.health.tuning import HealthTuning, Reason, ReasonTexts
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import CHANNELS, ChannelHealth, Command, Measurement, Reading, Readings, SensorSpecs, Trust
+from uvms_ocp.robot.signals import (
+    CHANNELS,
+    ChannelHealth,
+    Command,
+    Reading,
+    Readings,
+    SensorSpecs,
+    StateEstimate,
+    Trust,
+)
 from uvms_ocp.types import Array
 
 # From the readings of one channel to where kernels see them, and back to those that the filter may see.
@@ -349,7 +358,7 @@ class HealthMonitor:
         self._hear(self.memory, self._seats[channel].memory.number, nis, dof, accepted, t)
 
     @checked_on_failure
-    def judge(self, measurement: Measurement, t: float) -> tuple[ChannelHealth, ...]:
+    def judge(self, measurement: StateEstimate, t: float) -> tuple[ChannelHealth, ...]:
         """The verdicts at time t [s], with what the filter made of the readings."""
         known = measurement.age < math.inf
         if known:
@@ -360,7 +369,7 @@ class HealthMonitor:
 
     @checked_on_failure
     def finish(
-        self, measurement: Measurement, support: ctypes.Structure, outcomes: ctypes.Array[ctypes.c_double], t: float
+        self, measurement: StateEstimate, support: ctypes.Structure, outcomes: ctypes.Array[ctypes.c_double], t: float
     ) -> tuple[ChannelHealth, ...]:
         """As `judge`, after all outcomes of the filter's gates, with the age that the support of the estimate gives it.
 
@@ -372,7 +381,7 @@ class HealthMonitor:
             self._tell(t)
         return self._health
 
-    def _note(self, measurement: Measurement) -> None:
+    def _note(self, measurement: StateEstimate) -> None:
         self._q[:], self._v[:] = measurement.q, measurement.v
         if self._beam is not None and self._beam.moves:
             self._beam.place(measurement.q[self._joint_q])

@@ -89,7 +89,7 @@ def quantity_stds(setup: Setup, q: np.ndarray, spread: np.ndarray | None = None)
     """Compute the achievable standard deviation [m] or [rad] of each ``task.quantity`` at q (n_q,) [m, rad].
 
     Of the distances and angles of frames from their goals, the root of the sum of the variances of their axes, from `spread`
-    (n_v,) [m, rad], that of the configuration as in `Measurement.spread`, or from `std_at_rest`. Empty with ideal sensors,
+    (n_v,) [m, rad], that of the configuration as in `StateEstimate.spread`, or from `std_at_rest`. Empty with ideal sensors,
     which allow everything. Joints may be beyond their limits, where a fault has pushed them.
     """
     tasks = [task for task in setup.mission.hierarchy.tasks if isinstance(task, (PoseTask, ToolPosition))]
