@@ -2,37 +2,37 @@
 
 static const int own_part[] = {PART_TURN, PART_SPIN, PART_PLACE, PART_PLACE + 2, PART_SPEED, PART_ACCELERATION, PART_FLOOR};
 
-static int is_turning(int c) { return c >= CHANNEL_LINEAR_VELOCITY; }
-static int is_body(int c) { return c == CHANNEL_LINEAR_VELOCITY || c == CHANNEL_SPECIFIC_FORCE; }
+static int is_turning(int c) { return c >= CHANNELINDEX_LINEAR_VELOCITY; }
+static int is_body(int c) { return c == CHANNELINDEX_LINEAR_VELOCITY || c == CHANNELINDEX_SPECIFIC_FORCE; }
 static int sets(int c) {
-  return c == CHANNEL_ATTITUDE || c == CHANNEL_POSITION || c == CHANNEL_DEPTH || c == CHANNEL_ALTIMETER_RANGE;
+  return c == CHANNELINDEX_ATTITUDE || c == CHANNELINDEX_POSITION || c == CHANNELINDEX_DEPTH || c == CHANNELINDEX_ALTIMETER_RANGE;
 }
 
 static int is_usable(const double *m, int c) {
   const double *value = m_value + 4 * c;
   if (!is_of_now(m, c)) return 0;
-  if (c == CHANNEL_ALTIMETER_RANGE) return isnan(value[0]) || (value[0] >= 0 && value[0] <= LARGEST);
+  if (c == CHANNELINDEX_ALTIMETER_RANGE) return isnan(value[0]) || (value[0] >= 0 && value[0] <= LARGEST);
   for (int i = 0; i < rows_of[c]; ++i)
     if (!(fabs(value[i]) <= LARGEST)) return 0;
-  return c != CHANNEL_ATTITUDE || fabs(norm4(value) - 1) <= UNIT;
+  return c != CHANNELINDEX_ATTITUDE || fabs(norm4(value) - 1) <= UNIT;
 }
 
 /* Second derivative of what a channel that sets a part sees. */
 static double second_derivative(const double *m, int c, int i) {
-  if (c == CHANNEL_ATTITUDE) return X(PART_SPIN_UP)[i];
+  if (c == CHANNELINDEX_ATTITUDE) return X(PART_SPIN_UP)[i];
   return X(PART_ACCELERATION)[rows_of[c] == 3 ? i : 2];
 }
 
 /* Variance of the way since a reading of that age. */
 static double process_variance(const double *m, int c, const PredictedMeasurement *s, double age) {
-  int turns = c == CHANNEL_ATTITUDE;
-  double drive = m_drive[turns ? NOISE_ANGULAR_JERK : NOISE_JERK], squared = age * age;
+  int turns = c == CHANNELINDEX_ATTITUDE;
+  double drive = m_drive[turns ? PROCESSNOISE_ANGULAR_JERK : PROCESSNOISE_JERK], squared = age * age;
   double second = mean_variance(m, turns ? PART_SPIN_UP : PART_ACCELERATION);
   return squared * s->doubt + squared * squared / 4 * second + drive * drive * squared * squared * age / 20;
 }
 
 static void set_floor(double *m, const PredictedMeasurement *s, double age, int n) {
-  int at = PART_FLOOR, c = CHANNEL_ALTIMETER_RANGE;
+  int at = PART_FLOOR, c = CHANNELINDEX_ALTIMETER_RANGE;
   double cosine = s->seen[1], row[STATES], noise = cosine * m_sigma[c], R[9], arm = 0;
   if (cosine <= STEEP) return;
   matrix_of(m_turn, R);
@@ -44,7 +44,7 @@ static void set_floor(double *m, const PredictedMeasurement *s, double age, int 
   for (int j = 0; j < at; ++j) AT(j, at) = row[j];
   for (int j = at; j < n; ++j) AT(at, j) = row[j];
   AT(at, at) = own + noise * noise + late;
-  m_echo[0] = m_stamp[CHANNEL_ALTIMETER_RANGE];
+  m_echo[0] = m_stamp[CHANNELINDEX_ALTIMETER_RANGE];
 }
 
 /* The first reading is taken for the truth, unless it is too old to be; nothing that was cloned before can be right. */
@@ -56,14 +56,14 @@ static void set(double *m, int c, PredictedMeasurement *s) {
   for (int slot = 0; slot < SLOTS; ++slot) m_owner[slot] = -1;
   n = active(m), look(m, c, n, s);
   m_used[c] = m_stamp[c];
-  if (c == CHANNEL_ALTIMETER_RANGE) {
+  if (c == CHANNELINDEX_ALTIMETER_RANGE) {
     set_floor(m, s, age, n);
     return;
   }
   double moved[3], late = process_variance(m, c, s, age);
   for (int i = 0; i < 3; ++i) moved[i] = age * s->rate[i] - age * age / 2 * second_derivative(m, c, i);
   for (int i = 0; i < rows_of[c]; ++i) clear(m, first + i, n, noise + late);
-  if (c == CHANNEL_ATTITUDE) {
+  if (c == CHANNELINDEX_ATTITUDE) {
     double norm = norm4(value);
     for (int i = 0; i < 4; ++i) m_turn[i] = value[i] / norm;
     turn_by(m_turn, moved);
@@ -75,8 +75,8 @@ static void set(double *m, int c, PredictedMeasurement *s) {
 /* Measured minus seen, which is carried on by delta. */
 static void innovation(const double *m, int c, const PredictedMeasurement *s, double delta, double *nu) {
   const double *value = m_value + 4 * c;
-  if (c != CHANNEL_ATTITUDE) {
-    double scale = c == CHANNEL_ALTIMETER_RANGE ? s->seen[1] : 1;
+  if (c != CHANNELINDEX_ATTITUDE) {
+    double scale = c == CHANNELINDEX_ALTIMETER_RANGE ? s->seen[1] : 1;
     for (int i = 0; i < rows_of[c]; ++i) nu[i] = value[i] * scale - s->seen[i] - delta * s->rate[i];
     return;
   }
@@ -94,8 +94,8 @@ static void innovation(const double *m, int c, const PredictedMeasurement *s, do
 }
 
 static double noise_of(const double *m, int c, const PredictedMeasurement *s, double delta) {
-  double sigma = m_sigma[c] * (c == CHANNEL_ALTIMETER_RANGE ? s->seen[1] : 1);
-  double walk = c == CHANNEL_SPECIFIC_FORCE ? m_drive[NOISE_JERK] * m_drive[NOISE_JERK] : 0;
+  double sigma = m_sigma[c] * (c == CHANNELINDEX_ALTIMETER_RANGE ? s->seen[1] : 1);
+  double walk = c == CHANNELINDEX_SPECIFIC_FORCE ? m_drive[PROCESSNOISE_JERK] * m_drive[PROCESSNOISE_JERK] : 0;
   return sigma * sigma + delta * delta * larger_of(0, s->doubt) + fabs(delta) * walk;
 }
 
@@ -114,7 +114,7 @@ static int is_convincing(double *m, int c, const PredictedMeasurement *s, double
   int agrees = isfinite(m_since[c]) && squared_of(s, more, rows, change) <= m_gate[c];
   if (!agrees) m_since[c] = m_stamp[c];
   memcpy(refused, nu, rows * sizeof(double));
-  if (c == CHANNEL_ALTIMETER_RANGE && nu[0] < 0) return 1;
+  if (c == CHANNELINDEX_ALTIMETER_RANGE && nu[0] < 0) return 1;
   return agrees && m_stamp[c] - m_since[c] >= m_recovery[c] - EARLY;
 }
 
@@ -127,7 +127,7 @@ static void doubt_own(double *m, int c, double variance) {
   for (int slot = 0; slot < SLOTS; ++slot)
     for (int i = 0; m_owner[slot] == c && i < rows; ++i)
       for (int j = 0; j < rows; ++j)
-        G[MAIN + 3 * slot + i][j] = is_body(c) ? R[3 * j + i] : i != j ? 0 : c == CHANNEL_ALTIMETER_RANGE ? -1 : 1;
+        G[MAIN + 3 * slot + i][j] = is_body(c) ? R[3 * j + i] : i != j ? 0 : c == CHANNELINDEX_ALTIMETER_RANGE ? -1 : 1;
   for (int i = 0; i < n; ++i)
     for (int j = i; j < n; ++j) AT(i, j) += variance * (G[i][0] * G[j][0] + G[i][1] * G[j][1] + G[i][2] * G[j][2]);
 }
@@ -138,7 +138,7 @@ static void yield_to(double *m, int c, double squared) {
     if (m_owner[slot] != c) m_owner[slot] = -1;
   m_since[c] = NAN;
   doubt_own(m, c, PERSUASION * squared);
-  if (c != CHANNEL_POSITION && c != CHANNEL_DEPTH) return;
+  if (c != CHANNELINDEX_POSITION && c != CHANNELINDEX_DEPTH) return;
   /* It took the time of recovery to go so far: with a speed that nobody knew of, or an acceleration. */
   double time = m_recovery[c], speed = smaller_of(PERSUASION * squared / (time * time), EXPOSED * EXPOSED);
   for (int i = own_part[c]; i < own_part[c] + rows_of[c]; ++i) {
@@ -150,10 +150,10 @@ static void yield_to(double *m, int c, double squared) {
 /* The robot has done what it can and the process model did not expect, or what carries the estimate is biased. */
 static void be_surprised(double *m, int c, double squared) {
   double time = orders_of[c] > 1 ? unseen(m, c) : 1;
-  int bias = c <= CHANNEL_ANGULAR_VELOCITY ? PART_GYRO_BIAS : PART_DVL_BIAS;
-  if (c == CHANNEL_LINEAR_VELOCITY) return; /* which tells of accelerations, to go on with */
+  int bias = c <= CHANNELINDEX_ANGULAR_VELOCITY ? PART_GYRO_BIAS : PART_DVL_BIAS;
+  if (c == CHANNELINDEX_LINEAR_VELOCITY) return; /* which tells of accelerations, to go on with */
   doubt_own(m, c, squared);
-  for (int i = 0; c <= CHANNEL_DEPTH && i < 3; ++i) AT(bias + i, bias + i) += squared / (time * time);
+  for (int i = 0; c <= CHANNELINDEX_DEPTH && i < 3; ++i) AT(bias + i, bias + i) += squared / (time * time);
 }
 
 static void apply(double *m, const double *dx) {
@@ -164,7 +164,7 @@ static void apply(double *m, const double *dx) {
     if (c < 0) continue;
     double *seen = m_seen + 4 * slot;
     const double *change = dx + MAIN + 3 * slot;
-    if (c == CHANNEL_ATTITUDE) turn_by(seen, change);
+    if (c == CHANNELINDEX_ATTITUDE) turn_by(seen, change);
     else
       for (int i = 0; i < rows_of[c]; ++i) seen[i] += change[i];
   }
@@ -176,7 +176,7 @@ static void correct_floor(double *m, const double *w, double nu, int n) {
   char moved[STATES] = {0};
   moved[PART_FLOOR] = 1;
   for (int slot = 0; slot < SLOTS; ++slot)
-    if (m_owner[slot] == CHANNEL_ALTIMETER_RANGE) moved[MAIN + 3 * slot] = 1;
+    if (m_owner[slot] == CHANNELINDEX_ALTIMETER_RANGE) moved[MAIN + 3 * slot] = 1;
   for (int i = 0; i < n; ++i) {
     if (moved[i]) dx[i] = w[i] * nu;
     for (int j = i; j < n; ++j)
@@ -198,7 +198,7 @@ static void correct(double *restrict m, int c, PredictedMeasurement *restrict s,
   factor(s, own, rows, L), divide(L, rows, nu);
   double *restrict u = s->HP[0], *restrict v = s->HP[1], *restrict w = s->HP[2];
   for (int j = 0; j < n; ++j) u[j] /= L[0][0];
-  if (c == CHANNEL_ALTIMETER_RANGE) {
+  if (c == CHANNELINDEX_ALTIMETER_RANGE) {
     correct_floor(m, u, nu[0], n);
     return;
   }
@@ -222,7 +222,7 @@ static void judge(double *m, int c, int slot, double delta, PredictedMeasurement
   double nu[3] = {0};
   int n = active(m), rows = rows_of[c];
   look_back(m, c, slot, n, s);
-  if (c == CHANNEL_ALTIMETER_RANGE && s->seen[1] <= STEEP) return;
+  if (c == CHANNELINDEX_ALTIMETER_RANGE && s->seen[1] <= STEEP) return;
   innovation(m, c, s, delta, nu);
   double own = noise_of(m, c, s, delta), granted = allowance(m, c), squared = squared_of(s, own, rows, nu);
   double size = nu[0] * nu[0] + nu[1] * nu[1] + nu[2] * nu[2];
@@ -237,7 +237,7 @@ static void judge(double *m, int c, int slot, double delta, PredictedMeasurement
   }
   note(m, c, squared, rows, believed);
   if (!believed) return;
-  if (c == CHANNEL_ALTIMETER_RANGE) m_echo[0] = m_stamp[c];
+  if (c == CHANNELINDEX_ALTIMETER_RANGE) m_echo[0] = m_stamp[c];
   correct(m, c, s, nu, own, n);
 }
 
@@ -246,7 +246,7 @@ static void take(double *m, int c, PredictedMeasurement *s) {
   double delta;
   if (!is_usable(m, c)) return;
   m_last[c] = m_stamp[c];
-  if (c == CHANNEL_ALTIMETER_RANGE && isnan(m_value[4 * c])) {
+  if (c == CHANNELINDEX_ALTIMETER_RANGE && isnan(m_value[4 * c])) {
     m_used[c] = m_stamp[c];
     return;
   }

@@ -109,7 +109,7 @@ static int is_unknown(const double *m, int first, int n) {
 
 /* Variance of a velocity after a tick in which the asked one changed by so much: the faster, the less it follows. */
 static double response_variance(const double *m, double change) {
-  double drive = m_drive[NOISE_REPLY] * change;
+  double drive = m_drive[PROCESSNOISE_REPLY] * change;
   return m_dt[0] > 0 ? drive * drive / m_dt[0] : 0;
 }
 
@@ -169,7 +169,7 @@ static void move_columns(double *restrict m, double h, const double *E, const do
 }
 
 static double relief(const double *m, const double *R) {
-  double arm[3], velocity[3], rough = m_drive[NOISE_ROUGHNESS], settling = m_drive[NOISE_SETTLING];
+  double arm[3], velocity[3], rough = m_drive[PROCESSNOISE_ROUGHNESS], settling = m_drive[PROCESSNOISE_SETTLING];
   cross(X(PART_SPIN), m_beam_at, arm);
   rotate(R, arm, velocity);
   for (int i = 0; i < 2; ++i) velocity[i] += X(PART_SPEED)[i];
@@ -177,7 +177,7 @@ static double relief(const double *m, const double *R) {
 }
 
 static void diffuse(double *m, double dt, const double *J) {
-  double dt2 = dt * dt, jerk = m_drive[NOISE_JERK], spin = m_drive[NOISE_ANGULAR_JERK], R[9];
+  double dt2 = dt * dt, jerk = m_drive[PROCESSNOISE_JERK], spin = m_drive[PROCESSNOISE_ANGULAR_JERK], R[9];
   double third[9] = {dt2 * dt2 * dt / 20, dt2 * dt2 / 8, dt2 * dt / 6, 0, dt2 * dt / 3, dt2 / 2, 0, 0, dt};
   jerk *= jerk, spin *= spin;
   for (int i = 0; i < 3; ++i) {
@@ -193,7 +193,7 @@ static void diffuse(double *m, double dt, const double *J) {
     AT(PART_SPIN + i, PART_SPIN_UP + i) += spin * third[5];
     AT(PART_SPIN_UP + i, PART_SPIN_UP + i) += spin * third[8];
     for (int k = 0; k < 3; ++k) {
-      double drift = m_drive[NOISE_GYRO + k];
+      double drift = m_drive[PROCESSNOISE_GYRO + k];
       AT(PART_GYRO_BIAS + 3 * k + i, PART_GYRO_BIAS + 3 * k + i) += dt * drift * drift;
     }
   }

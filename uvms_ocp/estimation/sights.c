@@ -28,7 +28,7 @@ static double mean_variance(const double *m, int first) {
 
 static void see_body(const double *m, int c, PredictedMeasurement *s, Rows *rows) {
   double R[9], v[3], in_B[3], rate[3], turning[3];
-  int force = c == CHANNEL_SPECIFIC_FORCE, own = force ? PART_ACCELERATION : PART_SPEED;
+  int force = c == CHANNELINDEX_SPECIFIC_FORCE, own = force ? PART_ACCELERATION : PART_SPEED;
   int bias = force ? PART_FORCE_BIAS : PART_DVL_BIAS;
   matrix_of(m_turn, R);
   for (int i = 0; i < 3; ++i) v[i] = X(own)[i] - (force ? m_gravity[i] : 0);
@@ -59,23 +59,23 @@ static void see_floor(const double *m, PredictedMeasurement *s, Rows *rows) {
 
 static void see(const double *m, int c, PredictedMeasurement *s, Rows *rows) {
   switch (c) {
-  case CHANNEL_ATTITUDE:
+  case CHANNELINDEX_ATTITUDE:
     memcpy(s->seen, m_turn, 4 * sizeof(double)), memcpy(s->rate, X(PART_SPIN), 3 * sizeof(double));
     s->doubt = mean_variance(m, PART_SPIN), put_one(rows, PART_TURN);
     return;
-  case CHANNEL_ANGULAR_VELOCITY:
+  case CHANNELINDEX_ANGULAR_VELOCITY:
     for (int i = 0; i < 3; ++i) s->seen[i] = X(PART_SPIN)[i] + X(PART_GYRO_BIAS)[i], s->rate[i] = X(PART_SPIN_UP)[i];
     s->doubt = mean_variance(m, PART_SPIN_UP), put_one(rows, PART_SPIN), put_one(rows, PART_GYRO_BIAS);
     return;
-  case CHANNEL_POSITION:
+  case CHANNELINDEX_POSITION:
     memcpy(s->seen, X(PART_PLACE), 3 * sizeof(double)), memcpy(s->rate, X(PART_SPEED), 3 * sizeof(double));
     s->doubt = mean_variance(m, PART_SPEED), put_one(rows, PART_PLACE);
     return;
-  case CHANNEL_DEPTH:
+  case CHANNELINDEX_DEPTH:
     s->seen[0] = X(PART_PLACE)[2], s->rate[0] = X(PART_SPEED)[2], rows->H[0][PART_PLACE + 2] = 1;
     s->doubt = AT(PART_SPEED + 2, PART_SPEED + 2);
     return;
-  case CHANNEL_ALTIMETER_RANGE: see_floor(m, s, rows); return;
+  case CHANNELINDEX_ALTIMETER_RANGE: see_floor(m, s, rows); return;
   default: see_body(m, c, s, rows);
   }
 }
