@@ -34,8 +34,8 @@ def _cells(row: tuple[str, ...]) -> tuple[str, ...]:
 
 def _series() -> str:
     return (
-        "# Series of a record\n\nThe arrays of a `uvms_ocp.record.record.Record`, by name. The first axis of each is time; shapes "
-        "say what follows. Quantities of tasks are there by their names too, such as `T.position_error`.\n\n"
+        "# Series of a record\n\nThe arrays of a `uvms_ocp.record.record.Record`, by name. The first axis of each is time; "
+        "shapes say what follows. Quantities of tasks are there by their names too, such as `T.position_error`.\n\n"
         f"{series_markdown()}\n"
     )
 
