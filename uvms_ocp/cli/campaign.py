@@ -109,7 +109,7 @@ def campaign(
     Rows go to DIR/rows as Parquet. Of a folder: --report, --rerun K, --against DIR2.
 
     \f
-    Raises `InvalidInput` where options do not fit.
+    Raises `InvalidInput` where options do not fit, and `OutputError` for a report that cannot be written.
     """
     console, bounds = console_of(stderr=as_json), parse_bounds(success or ())
     if (Path(what) / FILE).is_file():
