@@ -183,7 +183,7 @@ def nulls(one: Bench) -> list[Row]:
         predicted = prior.of(whole)
         rows += [
             row(each.recording.name, PRIOR, predicted),
-            row(each.recording.name, STILL, static_baseline(whole, prior.known)),
+            row(each.recording.name, STILL, static_baseline(whole, prior.start_window)),
         ]
     return rows
 
@@ -222,7 +222,7 @@ def prose(one: Bench, drifting: Estimate) -> str:
         memory=MEMORY,
         twice=TWICE,
         smoothing=WINDOW,
-        known=one.predictor(one.vehicle.shared.start).known,
+        known=one.predictor(one.vehicle.shared.start).start_window,
         least=MOVING["surge"],
         turning=MOVING["yaw rate"],
         window=RATE_WINDOW,

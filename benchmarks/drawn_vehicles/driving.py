@@ -53,7 +53,7 @@ def vehicle(learnt: Mapping[str, ParameterStatus] = LEARNT, name: str = "bluerov
     dynamics, B = robot_dynamics(robot).symbolic, thruster_matrix(robot)
     names = robot.thruster_names
     actuators = ActuatorModel(names=names, wrench=B, allocation=np.eye(len(names)), lag=0.1, dead_zone=0.3, delay=0.05)
-    known = vehicle_declaration(NominalParameters.of(dynamics), _HULL, actuators).learning(**learnt)
+    known = vehicle_declaration(NominalParameters.of(dynamics), _HULL, actuators).with_status(**learnt)
     return Vehicle(dynamics=dynamics, shared=Unknowns(known), own=Unknowns(known, own=True), actuators=actuators)
 
 
@@ -88,7 +88,7 @@ def _seen(
     states: np.ndarray, thrust: Channel, stage: Stage, p: np.ndarray, rng: np.random.Generator, name: str
 ) -> Recording:
     t = FINE * EVERY * np.arange(len(states))
-    y = np.asarray(stage.seen.map(len(t))(states.T, np.tile(p[:, None], len(t)))[0]).T
+    y = np.asarray(stage.outputs.map(len(t))(states.T, np.tile(p[:, None], len(t)))[0]).T
     quaternions = states[:, 3:7] + VERTICAL / 2 * rng.normal(size=(len(t), 4))
     late = float(np.asarray(stage.delays(p)[0])[1, 0])
     return Recording(

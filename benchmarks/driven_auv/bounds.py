@@ -53,7 +53,7 @@ def n_coefficients() -> int:
 def _part(one: PreparedRecording, name: str, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Regressors (m, n) and what was seen (m,)."""
     (whole,) = one.stretches(step)
-    seen = judged(Predicted(t=whole.t, rows=whole.seen, seen=whole.seen))[name][0]
+    seen = judged(Predicted(t=whole.t, rows=whole.measured, measured=whole.measured))[name][0]
     t = whole.t[1 if name == CHANNELS[3] else 0]
     edges = np.arange(t[0] - MEMORY - 1.0, t[-1] + 1.0, GRID)
     told = one.commands.mean(edges)

@@ -51,8 +51,8 @@ def read_recordings(folder: Path) -> list[Recording]:
 
 def judged(predicted: Predicted) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """What was seen and what was predicted (m,) [m/s, rad/s], by channel."""
-    found = {name: (predicted.seen[0][:, k], predicted.rows[0][:, k]) for k, name in enumerate(CHANNELS[:3])}
-    return found | {CHANNELS[3]: (yaw_rate(predicted, predicted.seen), yaw_rate(predicted, predicted.rows))}
+    found = {name: (predicted.measured[0][:, k], predicted.rows[0][:, k]) for k, name in enumerate(CHANNELS[:3])}
+    return found | {CHANNELS[3]: (yaw_rate(predicted, predicted.measured), yaw_rate(predicted, predicted.rows))}
 
 
 def yaw_rate(predicted: Predicted, rows: tuple[np.ndarray, ...]) -> np.ndarray:

@@ -89,7 +89,7 @@ def declaration(**learnt: Prior) -> Declaration:
     """What is learnt."""
     pairs = AxisCouplings(added_mass=_PAIRS, linear_drag=_PAIRS)
     known = vehicle_declaration(NominalParameters.of(dynamics()), _HULL, ACTUATORS, pairs)
-    return known.starting(velocity_delay=np.array([0.2])).learning(**(LEARNT | learnt))
+    return known.with_start(velocity_delay=np.array([0.2])).with_status(**(LEARNT | learnt))
 
 
 def vehicle(**learnt: Prior) -> Vehicle:

@@ -19,7 +19,7 @@ ANGLES = ("roll", "pitch")
 def angles(predicted: Predicted) -> tuple[np.ndarray, np.ndarray]:
     """Predicted and seen roll and pitch (m, 2) [deg], each less its mean in the beginning."""
     t = predicted.t[2]
-    found, seen = (without_offset(t, roll_pitch(part[2])) for part in (predicted.rows, predicted.seen))
+    found, seen = (without_offset(t, roll_pitch(part[2])) for part in (predicted.rows, predicted.measured))
     return found, seen
 
 
@@ -49,7 +49,7 @@ def turned_back(learner: Learner, prepared: PreparedRecording, shared: np.ndarra
     """Times (m,) [s], and roll and pitch (m, 2) [rad] of B, by a sensor that sits as unknowns shared (n,) have it."""
     (whole,) = prepared.stretches(STEP)
     turn = np.asarray(ca.DM(exp3(learner.vehicle.shared.values(ca.SX(ca.DM(shared)))["attitude_turn"])))
-    return whole.t[2], roll_pitch(whole.seen[2] @ turn.T)
+    return whole.t[2], roll_pitch(whole.measured[2] @ turn.T)
 
 
 def apart(one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> np.ndarray:

@@ -51,7 +51,7 @@ class Learner:
     def predicted(self, one: PreparedRecording, shared: np.ndarray) -> Predicted:
         """A whole recording, with unknowns shared (n,) [as `Unknowns.start`]."""
         predictor = Predictor(
-            vehicle=self.vehicle, rollout=self.rollout, shared=shared, noise=self.noise, known=KNOWN, own=True
+            vehicle=self.vehicle, rollout=self.rollout, shared=shared, noise=self.noise, start_window=KNOWN, own=True
         )
         return predictor.of(one.stretches(STEP)[0])
 
@@ -60,6 +60,6 @@ def pool_learner(noise: Noise) -> Learner:
     """Nothing drives the vehicle."""
     none = ActuatorModel(names=(), wrench=np.zeros((6, 0)), allocation=np.zeros((0, 6)))
     dynamics = pool_dynamics()
-    known = vehicle_declaration(NominalParameters.of(dynamics), _HULL, none).learning(**LEARNT)
+    known = vehicle_declaration(NominalParameters.of(dynamics), _HULL, none).with_status(**LEARNT)
     vehicle = Vehicle(dynamics=dynamics, shared=Unknowns(known), own=Unknowns(known, own=True), actuators=none)
     return Learner(vehicle=vehicle, rollout=Rollout(stage_of(vehicle)), noise=noise)

@@ -56,7 +56,7 @@ def drive(
         states.append(x)
     every = np.array(states)[::10]
     t = 0.1 * np.arange(len(every))
-    seen = np.asarray(stage.seen.map(len(t))(every.T, np.repeat(p[:, None], len(t), axis=1))[0]).T
+    seen = np.asarray(stage.outputs.map(len(t))(every.T, np.repeat(p[:, None], len(t), axis=1))[0]).T
     blur = noise * rng.normal(size=(len(t), 6))
     return Recording(
         name=f"drive{seed}",

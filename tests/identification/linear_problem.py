@@ -37,7 +37,7 @@ class LinearRollout(Rollout):
 
 def vehicle() -> Vehicle:
     """Whose unknowns are their own coordinates."""
-    return vehicle_of(known().learning(bias=Prior(sigma=2.0, only=("surge", "sway", "heave"))))
+    return vehicle_of(known().with_status(bias=Prior(sigma=2.0, only=("surge", "sway", "heave"))))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,4 +69,4 @@ def _stretch(seen: tuple[np.ndarray, ...]) -> Segment:
     times = 0.1 * np.arange(n)
     commands = ZeroOrderHold(Channel(t=times, values=np.zeros((n, 6))))
     still = {"q": np.array([0, 0, 0, 0, 0, 0, 1.0]), "v": np.zeros(6), "joints": np.zeros((0, n - 1))}
-    return Segment(recording="made", edges=times, commands=commands, t=(times,) * 3, seen=seen, **still)
+    return Segment(recording="made", edges=times, commands=commands, t=(times,) * 3, measured=seen, **still)

@@ -24,7 +24,7 @@ def combination(*names: str) -> UnidentifiableDirection:
 @cache
 def problem() -> tuple[Vehicle, Rollout]:
     free = Free(only=("surge", "yaw"))
-    one = vehicle_of(known().learning(added_mass=free, quadratic_drag=free, gain=Free(only=("heave",))))
+    one = vehicle_of(known().with_status(added_mass=free, quadratic_drag=free, gain=Free(only=("heave",))))
     return one, Rollout(stage_of(one))
 
 

@@ -34,7 +34,7 @@ NOISE = Noise(velocity=0.02, rate=0.02, vertical=0.02)
 
 @cache
 def problem() -> tuple[Vehicle, Rollout]:
-    one = vehicle_of(known().learning(**LEARNT))
+    one = vehicle_of(known().with_status(**LEARNT))
     return one, Rollout(stage_of(one))
 
 
@@ -60,7 +60,7 @@ def test_the_true_vehicle_predicts_nearly_all() -> None:
     (whole,) = PreparedRecording.of(recording(), problem()[0]).stretches(0.05)
     predicted = predictor().of(whole)
     for axis in range(3):
-        assert fit(predicted.seen[0][:, axis], predicted.rows[0][:, axis]) > 90.0
+        assert fit(predicted.measured[0][:, axis], predicted.rows[0][:, axis]) > 90.0
 
 
 def test_what_is_seen_later_changes_no_prediction() -> None:
@@ -76,12 +76,12 @@ def test_what_is_seen_later_changes_no_prediction() -> None:
 def test_a_force_of_one_recording_is_found_at_its_beginning_where_that_is_asked(
     own: bool, least: float, most: float
 ) -> None:
-    one = vehicle_of(known().learning(wrench_offset=Prior(sigma=10.0, only=("heave",))))
+    one = vehicle_of(known().with_status(wrench_offset=Prior(sigma=10.0, only=("heave",))))
     rollout = Rollout(stage_of(one))
     drifting = drive(rollout.stage, np.array([8.0]), seed=0, t_end=20.0, size=(0.0,) * 6)
     found = Predictor(vehicle=one, rollout=rollout, shared=one.shared.start, noise=NOISE, own=own)
     predicted = found.of(PreparedRecording.of(drifting, one).stretches(0.05)[0])
-    assert least < fit(predicted.seen[0][:, 2], predicted.rows[0][:, 2]) < most
+    assert least < fit(predicted.measured[0][:, 2], predicted.rows[0][:, 2]) < most
 
 
 def test_horizons_follow_each_other() -> None:
@@ -125,4 +125,4 @@ def test_samples_that_miss_alike_count_for_fewer() -> None:
     rows = tuple(np.zeros((4000, 3)) for _ in range(3))
     seen = tuple(sigma * rng.normal(size=(4000, 3)) for sigma in (0.02, 0.02, 0.02))
     t = tuple(np.arange(4000.0) for _ in range(3))
-    assert variance_inflation(Predicted(t=t, rows=rows, seen=seen), NOISE) == pytest.approx(1.0, abs=0.2)
+    assert variance_inflation(Predicted(t=t, rows=rows, measured=seen), NOISE) == pytest.approx(1.0, abs=0.2)

@@ -37,10 +37,10 @@ class Searched(Exception):
 
 @pytest.fixture(autouse=True)
 def _no_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    def searched(*_: object) -> None:
+    def search_fit(*_: object) -> None:
         raise Searched
 
-    monkeypatch.setattr(fitting, "searched", searched)
+    monkeypatch.setattr(fitting, "search_fit", search_fit)
     monkeypatch.setattr(fitting, "Rollout", lambda stage: stage)
 
 

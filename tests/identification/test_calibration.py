@@ -102,7 +102,7 @@ def test_the_report_has_every_number_and_every_recording() -> None:
 
 def test_a_calibrated_robot_misses_by_the_noise_alone_and_more_before() -> None:
     (one,) = case()[2].comparisons
-    errors = [np.linalg.norm((each.rows[0] - each.seen[0])[:, 0]) for each in (one.calibrated, one.before)]
+    errors = [np.linalg.norm((each.rows[0] - each.measured[0])[:, 0]) for each in (one.calibrated, one.before)]
     floor = NOISE * np.sqrt(len(one.before.t[0]))
     assert errors[0] < 1.1 * floor < 0.8 * errors[1]
 
@@ -125,7 +125,7 @@ def test_the_command_writes_all_of_it(tmp_path: Path) -> None:
 
 
 def test_what_stays_open_is_told_as_it_was_before() -> None:
-    found = replace(case()[2], flown=replace(case()[2].flown, kept=("added_mass sway",)))
+    found = replace(case()[2], exported=replace(case()[2].exported, kept=("added_mass sway",)))
     assert "sway not determined, as before" in variant_text(found, ["drive2"])
     row = next(line for line in report_text(found).splitlines() if line.startswith("| added_mass sway |"))
     assert row.endswith("| as before |")
@@ -159,7 +159,7 @@ def test_every_figure_of_a_prediction_stands_beside_those_that_know_less() -> No
     _, _, found = case()
     (one,), text = found.comparisons, report_text(found)
     row = next(line for line in text.splitlines() if line.startswith("| drive2 |"))
-    told = [f"{errors(each)[-1]:.2g}" for each in (one.calibrated, one.before, one.still, one.balance)]
+    told = [f"{errors(each)[-1]:.2g}" for each in (one.calibrated, one.before, one.static, one.balance)]
     assert f"{told[0]} ({'; '.join(told[1:])})" in row
     for each in found.whiteness:
         assert f"| {each.channel} | {each.size:.2g} |" in text

@@ -21,7 +21,7 @@ def values_at(layout: Unknowns, theta: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def everything_free() -> Unknowns:
-    return Unknowns(declaration().learning(**dict.fromkeys((*FREE, *WET), Free())))
+    return Unknowns(declaration().with_status(**dict.fromkeys((*FREE, *WET), Free())))
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -58,10 +58,10 @@ def test_a_declaration_starts_from_the_numbers_of_the_model() -> None:
 
 
 def test_only_what_is_free_is_an_unknown() -> None:
-    known = declaration().learning(
+    known = declaration().with_status(
         mass=Prior(sigma=0.1), linear_drag=Free(only=("surge", "yaw")), bias=Bounded(lower=-3.0, upper=2.0)
     )
-    layout = Unknowns(known.learning(bias=Fixed(only=("yaw",))))
+    layout = Unknowns(known.with_status(bias=Fixed(only=("yaw",))))
     axes = ("surge", "sway", "heave", "roll", "pitch")
     assert layout.names == ("mass", "linear_drag surge", "linear_drag yaw", *(f"bias {axis}" for axis in axes))
     np.testing.assert_allclose(layout.sigma[:2], [0.1, np.inf])
@@ -70,7 +70,7 @@ def test_only_what_is_free_is_an_unknown() -> None:
 
 
 def test_what_recordings_have_for_themselves_is_apart() -> None:
-    known = declaration().learning(mass=Free(), current=Free(only=("x", "y")))
+    known = declaration().with_status(mass=Free(), current=Free(only=("x", "y")))
     assert Unknowns(known).names == ("mass",)
     assert Unknowns(known, own=True).names == ("current x", "current y")
 
@@ -82,9 +82,9 @@ def test_a_body_that_cannot_be_is_refused() -> None:
 
 def test_unknown_names_are_told_what_there_is() -> None:
     with pytest.raises(NameNotFound, match="Did you mean 'added_mass'"):
-        declaration().learning(added_mas=Free())
+        declaration().with_status(added_mas=Free())
     with pytest.raises(NameNotFound, match="Did you mean 'surge'"):
-        declaration().learning(added_mass=Free(only=("surg",)))
+        declaration().with_status(added_mass=Free(only=("surg",)))
 
 
 @pytest.mark.parametrize(
@@ -92,11 +92,11 @@ def test_unknown_names_are_told_what_there_is() -> None:
     [
         (lambda: Bounded(lower=1.0, upper=1.0), "lower < upper"),
         (lambda: Prior(sigma=0.0), "more than 0"),
-        (lambda: declaration().starting(mass=np.array([-1.0])), "more than 0"),
-        (lambda: declaration().starting(centre_of_buoyancy=np.array([0.0, 0.0, 0.5])), "strictly inside"),
-        (lambda: declaration().starting(linear_drag=-np.eye(6)), "not positive definite"),
-        (lambda: declaration().learning(bias=Bounded(lower=1.0, upper=2.0)), "around what the value is"),
-        (lambda: declaration().starting(bias=np.zeros(3)), "shape"),
+        (lambda: declaration().with_start(mass=np.array([-1.0])), "more than 0"),
+        (lambda: declaration().with_start(centre_of_buoyancy=np.array([0.0, 0.0, 0.5])), "strictly inside"),
+        (lambda: declaration().with_start(linear_drag=-np.eye(6)), "not positive definite"),
+        (lambda: declaration().with_status(bias=Bounded(lower=1.0, upper=2.0)), "around what the value is"),
+        (lambda: declaration().with_start(bias=np.zeros(3)), "shape"),
     ],
 )
 def test_mistakes_are_named(make: object, text: str) -> None:

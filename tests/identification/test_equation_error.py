@@ -25,7 +25,7 @@ ASKED = (
 
 @cache
 def still_known() -> Vehicle:
-    return vehicle_of(known().starting(lag=np.array([0.3]), velocity_delay=np.array([1e-4])))
+    return vehicle_of(known().with_start(lag=np.array([0.3]), velocity_delay=np.array([1e-4])))
 
 
 @cache

@@ -51,7 +51,7 @@ def rollout() -> Rollout:
 
 def assignment(**other: object) -> ExperimentTask:
     learnt = {name: Free() for name in ("added_mass", "quadratic_drag", "lag", "delay")}
-    one = vehicle_of(known().learning(**learnt, velocity_delay=Prior(sigma=0.3)))
+    one = vehicle_of(known().with_status(**learnt, velocity_delay=Prior(sigma=0.3)))
     return replace(ExperimentTask(vehicle=one, limits=LIMITS, duration=8.0, noise=NOISE), **other)
 
 
@@ -93,7 +93,7 @@ def test_the_information_is_what_output_error_finds_in_a_recording() -> None:
         commands=held,
         joints=np.zeros((0, 80)),
         t=(t, t, t),
-        seen=nothing,
+        measured=nothing,
         q=np.array([0.0, 0, 0, 0, 0, 0, 1]),
         v=np.zeros(6),
     )
@@ -111,10 +111,10 @@ def test_the_information_is_what_output_error_finds_in_a_recording() -> None:
 def test_commands_are_late_as_channels_are() -> None:
     history, t, step, delay = KnotCommands.of(3.0, 0.2, 0.05, 0.13), 0.05 * np.arange(60), 0.05, 0.13
     knots = np.random.default_rng(0).normal(size=(history.n_knots, 2))
-    held = ZeroOrderHold(Channel(t=t, values=history.told @ knots))
+    held = ZeroOrderHold(Channel(t=t, values=history.sent @ knots))
     np.testing.assert_allclose(history.acting @ knots, held.mean(edges_of(60, step, delay)), atol=1e-12)
     np.testing.assert_allclose(history.late @ knots, -held.mean_slope(edges_of(60, step, delay)), atol=1e-10)
-    np.testing.assert_allclose(history.nearest(history.told @ knots), knots, atol=1e-12)
+    np.testing.assert_allclose(history.nearest(history.sent @ knots), knots, atol=1e-12)
 
 
 def by_hand(given: ExperimentTask) -> np.ndarray:
@@ -133,11 +133,13 @@ def test_of_what_is_not_believed_half_the_standard_error_by_hand_is_wanted() -> 
 
 def test_what_signals_by_hand_tell_less_of_than_is_believed_is_left_to_belief() -> None:
     learnt = {"added_mass": Prior(sigma=1e-5)}
-    one = vehicle_of(known().learning(**learnt))
+    one = vehicle_of(known().with_status(**learnt))
     given = ExperimentTask(vehicle=one, limits=LIMITS, duration=8.0, noise=NOISE)
     aim = given.aim()
     np.testing.assert_allclose(
-        target_deviations(given, Rollout(stage_of(one))), aim.deviations(np.zeros_like(aim.known)), rtol=1e-6
+        target_deviations(given, Rollout(stage_of(one))),
+        aim.deviations(np.zeros_like(aim.prior_information)),
+        rtol=1e-6,
     )
 
 

@@ -22,7 +22,7 @@ SEARCH = Search(step=0.05, stretch=10.0)
 
 @cache
 def fitted() -> FitContext:
-    one = vehicle_of(known().learning(added_mass=Free(only=("surge",)), quadratic_drag=Free(only=("surge", "yaw"))))
+    one = vehicle_of(known().with_status(added_mass=Free(only=("surge",)), quadratic_drag=Free(only=("surge", "yaw"))))
     rollout = Rollout(stage_of(one))
     recording = drive(rollout.stage, one.shared.start + np.array([0.1, 0.3, -0.2]), seed=0, noise=0.02, t_end=12.0)
     prepared = (PreparedRecording.of(recording, one),)
@@ -40,10 +40,12 @@ def test_where_all_is_determined_a_file_has_what_the_search_has_found() -> None:
 def test_what_stays_open_is_as_declared_and_the_others_are_best_beside_it() -> None:
     unknowns, left = fitted().vehicle.shared, fitted().estimate
     sigma = np.array([one.sigma for one in parameter_uncertainties(fitted().vehicle, left)])
-    together = (1.1 * DETERMINED / sigma.max()) ** 2
-    still_open = np.array([one.sigma > DETERMINED for one in parameter_uncertainties(fitted().vehicle, left, together)])
+    inflation = (1.1 * DETERMINED / sigma.max()) ** 2
+    still_open = np.array(
+        [one.sigma > DETERMINED for one in parameter_uncertainties(fitted().vehicle, left, inflation)]
+    )
     assert 0 < still_open.sum() < len(sigma)
-    found = exported_estimate(fitted(), together)
+    found = exported_estimate(fitted(), inflation)
     assert found.kept == tuple(np.array(unknowns.names)[still_open])
     np.testing.assert_array_equal(found.estimate.shared[still_open], unknowns.start[still_open])
     beside = replace(left, shared=np.where(still_open, unknowns.start, left.shared))

@@ -42,7 +42,7 @@ UPRIGHT = 998.0 * 0.0205 * np.array([0.01, 0.0, 0.05]) - 20.0 * np.array([0.02, 
 
 @cache
 def problem() -> tuple[Vehicle, Rollout]:
-    one = vehicle_of(known().learning(added_mass=Free(only=("surge",)), quadratic_drag=Free(only=("surge", "yaw"))))
+    one = vehicle_of(known().with_status(added_mass=Free(only=("surge",)), quadratic_drag=Free(only=("surge", "yaw"))))
     return one, Rollout(stage_of(one))
 
 
@@ -99,7 +99,7 @@ def test_horizons_are_cut_where_recordings_are_too_short_and_longer_ones_left_ou
     for one in found():
         assert [each.asked for each in one.horizons] == [3.0, 60.0]
         begin, end = next(each for each in recordings() if each.name == one.name).span
-        assert one.horizons[1].length == pytest.approx(end - begin - one.predictor.known, abs=2 * SEARCH.step)
+        assert one.horizons[1].length == pytest.approx(end - begin - one.predictor.start_window, abs=2 * SEARCH.step)
 
 
 def test_all_predict_the_same_samples_after_what_was_known() -> None:
@@ -108,9 +108,9 @@ def test_all_predict_the_same_samples_after_what_was_known() -> None:
         for horizon in one.horizons:
             assert list(horizon.by) == [OTHERS, BEFORE, STATIC, BALANCE]
             first = horizon.by[OTHERS]
-            assert min(t[0] for t in first.t) > begin + one.predictor.known
+            assert min(t[0] for t in first.t) > begin + one.predictor.start_window
             for other in horizon.by.values():
-                for pair in zip((*first.t, *first.seen), (*other.t, *other.seen), strict=True):
+                for pair in zip((*first.t, *first.measured), (*other.t, *other.measured), strict=True):
                     np.testing.assert_array_equal(*pair)
 
 
@@ -133,8 +133,8 @@ def test_nothing_moves_says_zero_and_the_vertical_that_was_seen_last() -> None:
     assert not resting.rows[0].any()
     assert not resting.rows[1].any()
     last = np.flatnonzero(whole.t[2] <= whole.edges[0] + 2.0)[-1]
-    assert (resting.rows[2] == whole.seen[2][last]).all()
-    np.testing.assert_allclose(errors(resting)[:3], np.sqrt((whole.seen[0] ** 2).mean(axis=0)))
+    assert (resting.rows[2] == whole.measured[2][last]).all()
+    np.testing.assert_allclose(errors(resting)[:3], np.sqrt((whole.measured[0] ** 2).mean(axis=0)))
 
 
 def test_errors_are_root_mean_squares_and_angles() -> None:
@@ -142,7 +142,7 @@ def test_errors_are_root_mean_squares_and_angles() -> None:
     tilted = np.array([[0.0, np.sin(0.1), np.cos(0.1)], [np.sin(0.3), 0.0, np.cos(0.3)]])
     rows = (np.array([[3.0, 0.0, 1.0], [4.0, 0.0, -1.0]]), np.full((2, 3), 2.0), tilted)
     wanted = [np.sqrt(12.5), 0.0, 1.0, 2.0, 2.0, 2.0, np.rad2deg(np.sqrt((0.1**2 + 0.3**2) / 2))]
-    told = errors(Predicted(t=(np.arange(2.0),) * 3, rows=rows, seen=seen))
+    told = errors(Predicted(t=(np.arange(2.0),) * 3, rows=rows, measured=seen))
     assert len(told) == len(SCORED)
     np.testing.assert_allclose(told, wanted, atol=1e-12)
 

@@ -45,7 +45,7 @@ def test_the_regressor_times_the_parameters_is_the_inverse_dynamics(seed: int) -
 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_regressor_tells_what_other_parameters_change_in_a_tree(seed: int) -> None:
-    dynamics, layout = vehicle(n_joints=2), Unknowns(declaration().learning(**dict.fromkeys(LEARNT, Free())))
+    dynamics, layout = vehicle(n_joints=2), Unknowns(declaration().with_status(**dict.fromkeys(LEARNT, Free())))
     values = layout.values(ca.SX(ca.DM(drawn(layout, seed))))
     other, given = vehicle_dynamics(dynamics, values), motion(dynamics, seed)
     change = np.asarray(other.inverse_dynamics_function()(*given) - dynamics.inverse_dynamics_function()(*given))
@@ -73,8 +73,8 @@ def test_a_vehicle_that_is_known_has_the_dynamics_of_its_model() -> None:
 
 @cache
 def built(*, n_joints: int = 0, actuators: ActuatorModel | None = None) -> tuple[Vehicle, Stage]:
-    known = declaration(actuators=actuators).learning(**dict.fromkeys((*LEARNT, *OTHERS), Free()))
-    known = known.learning(current=Free(), wrench_offset=Free(), attitude_offset=Free())
+    known = declaration(actuators=actuators).with_status(**dict.fromkeys((*LEARNT, *OTHERS), Free()))
+    known = known.with_status(current=Free(), wrench_offset=Free(), attitude_offset=Free())
     own = Unknowns(known, own=True)
     one = Vehicle(
         dynamics=vehicle(n_joints), shared=Unknowns(known), own=own, actuators=actuators or ActuatorModel(dead_zone=0.5)
@@ -149,7 +149,7 @@ def test_the_point_at_which_velocity_is_measured_moves_with_the_vehicle() -> Non
     one, stage = built()
     x, _, _, p, _ = point(one, stage, 4)
     at = np.asarray(ca.DM(one.values(ca.SX(ca.DM(p)))["velocity_point"])).ravel()
-    seen = np.asarray(stage.seen(x, p)[0]).ravel()
+    seen = np.asarray(stage.outputs(x, p)[0]).ravel()
     np.testing.assert_allclose(seen[:3], x[7:10] + np.cross(x[10:13], at), atol=1e-14)
 
 
@@ -159,6 +159,6 @@ def test_a_sensor_of_attitude_that_sits_turned_sees_the_motion_in_its_own_frame(
     values = one.values(ca.SX(ca.DM(p)))
     R_BS = pin.exp3(np.asarray(ca.DM(values["attitude_turn"] + values["attitude_offset"])).ravel())
     R_WB = pin.Quaternion(x[3:7]).toRotationMatrix()
-    seen = np.asarray(stage.seen(x, p)[0]).ravel()
+    seen = np.asarray(stage.outputs(x, p)[0]).ravel()
     np.testing.assert_allclose(seen[3:6], R_BS.T @ x[10:13], atol=1e-14)
     np.testing.assert_allclose(seen[6:], (R_WB @ R_BS).T @ [0, 0, 1], atol=1e-14)

@@ -25,15 +25,15 @@ LEARNT = {
 
 @cache
 def found() -> tuple[Vehicle, Estimate]:
-    one = vehicle_of(known().learning(**LEARNT))
+    one = vehicle_of(known().with_status(**LEARNT))
     rollout = Rollout(stage_of(one))
     recording = drive(rollout.stage, np.concatenate([one.shared.start, one.own.start]), seed=1, noise=0.02)
     error = OutputErrorProblem(one, PreparedRecording.of(recording, one).stretches(0.1, 10.0), Noise(), rollout)
     return one, error.solve(error.start())
 
 
-def told(together: float = 1.0) -> dict[str, IdentifiedNumber]:
-    return {each.name: each for each in numbers(*found(), together)}
+def told(inflation: float = 1.0) -> dict[str, IdentifiedNumber]:
+    return {each.name: each for each in numbers(*found(), inflation)}
 
 
 def test_errors_of_numbers_are_those_of_a_change_of_the_unknowns() -> None:
@@ -72,11 +72,11 @@ def test_what_priors_say_alone_is_not_determined() -> None:
 
 def test_a_number_determined_to_a_tenth_of_its_size_is_called_so() -> None:
     one = IdentifiedNumber(
-        quantity="lag", entry="", unit="s", value=0.1, sigma=0.004, size=0.05, learnt=True, positive=True
+        quantity="lag", entry="", unit="s", value=0.1, sigma=0.004, size=0.05, informed=True, positive=True
     )
     assert one.determined
     assert not replace(one, sigma=0.006).determined
-    assert not replace(one, learnt=False).determined
+    assert not replace(one, informed=False).determined
 
 
 def test_nothing_is_determined_where_the_search_has_not_converged() -> None:

@@ -40,7 +40,7 @@ EXACT = Noise(outliers=100.0)
 
 @cache
 def problem() -> tuple[Vehicle, Rollout]:
-    one = vehicle_of(known().learning(**LEARNT))
+    one = vehicle_of(known().with_status(**LEARNT))
     return one, Rollout(stage_of(one))
 
 
@@ -74,13 +74,13 @@ def test_slopes_of_what_is_seen_are_differences() -> None:
     one, step = stretches(recording(), 3.0)[1], 1e-6
     n_p = rollout.stage.n_p
     begin, p = SegmentStart(q=one.q, v=one.v), truth()
-    (seen,) = rollout.seen([one], [begin], p[None], slopes=True)
+    (seen,) = rollout.predict([one], [begin], p[None], slopes=True)
     for k in range(n_p + N_START):
         ends = []
         for sign in (1, -1):
             change = sign * step * np.eye(n_p + N_START)[k]
             moved, at = begin.moved(change[n_p:]), p + change[:n_p]
-            ends.append(rollout.seen([one], [moved], at[None], slopes=False)[0].rows)
+            ends.append(rollout.predict([one], [moved], at[None], slopes=False)[0].rows)
         for sensor in range(3):
             slope = (ends[0][sensor] - ends[1][sensor]) / (2 * step)
             # Samples that cross an edge of a step, where the interpolation has a corner.

@@ -13,14 +13,14 @@ from uvms_ocp.identification.uncertainty import INTERVAL, IdentifiedNumber, numb
 from uvms_ocp.identification.validation import profiles
 
 
-def told(together: float) -> list[IdentifiedNumber]:
+def told(inflation: float) -> list[IdentifiedNumber]:
     fitted = problem()
-    return [replace(one, size=1e3) for one in numbers(fitted.vehicle, fitted.estimate, together)]
+    return [replace(one, size=1e3) for one in numbers(fitted.vehicle, fitted.estimate, inflation)]
 
 
-@pytest.mark.parametrize("together", [1.0, 7.0])
-def test_of_a_linear_problem_with_gaussian_noise_it_is_the_interval_of_standard_errors(together: float) -> None:
-    found = list(profiles(problem(), told(together), together))
+@pytest.mark.parametrize("inflation", [1.0, 7.0])
+def test_of_a_linear_problem_with_gaussian_noise_it_is_the_interval_of_standard_errors(inflation: float) -> None:
+    found = list(profiles(problem(), told(inflation), inflation))
     assert [one.number.name for one in found] == ["bias surge", "bias sway", "bias heave"]
     for one in found:
         width = one.number.interval[1] - one.number.interval[0]
@@ -41,7 +41,7 @@ def test_a_number_that_is_held_is_fitted_around_as_algebra_says() -> None:
 
 
 def test_numbers_that_are_not_determined_have_none() -> None:
-    nothing = [replace(one, learnt=False) for one in told(1.0)]
+    nothing = [replace(one, informed=False) for one in told(1.0)]
     assert not list(profiles(problem(), nothing))
 
 

@@ -15,7 +15,7 @@ NOISE = Noise(velocity=0.005, rate=0.005, vertical=0.005, process=0.02, start=0.
 
 
 def vehicle() -> Vehicle:
-    return vehicle_of(known().learning(added_mass=Free(), quadratic_drag=Free(only=("surge", "yaw")), lag=Free()))
+    return vehicle_of(known().with_status(added_mass=Free(), quadratic_drag=Free(only=("surge", "yaw")), lag=Free()))
 
 
 def test_what_is_twice_as_large_is_found() -> None:

@@ -48,12 +48,12 @@ def test_each_channel_is_told_by_itself_with_its_size() -> None:
     seen = [sigma * rng.normal(size=(n, 3)) for sigma in (0.2, 0.3, 0.1)]
     seen[1][:, 2] = 0.3 * coloured(rng, n, 0.9)
     seen[2][:, 1] = 0.0
-    left = Predicted(t=(0.1 * np.arange(n),) * 3, rows=(np.zeros((n, 3)),) * 3, seen=tuple(seen))
+    left = Predicted(t=(0.1 * np.arange(n),) * 3, rows=(np.zeros((n, 3)),) * 3, measured=tuple(seen))
     told = {one.channel: one for one in whiteness(left, Noise(velocity=0.1, rate=0.3, vertical=0.1))}
     assert set(told) == set(CHANNELS) - {"vertical y"}
     assert told["surge"].size == pytest.approx(2.0, rel=0.1)
     assert told["vertical z"].size == pytest.approx(1.0, rel=0.1)
     assert told["sway"].interval == pytest.approx(0.1)
     assert not told["yaw"].white
-    assert told["yaw"].together > 5.0
+    assert told["yaw"].inflation > 5.0
     assert sum(one.white for one in told.values()) >= 6

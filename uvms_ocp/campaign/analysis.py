@@ -24,12 +24,11 @@ _FEW = 10  # of either kind, below which Wilson's normal approximation is left
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Rate:
-    """How often something happened. Raises `InvalidInput` for more cases than runs."""
+    """Rate of an event with its confidence interval. Raises `InvalidInput` for more cases than runs."""
 
     number: Count
-    """Of the runs in which it did."""
+    """Number of runs with the event."""
     runs: AtLeastOne
-    """Of all."""
 
     def __post_init__(self) -> None:
         if self.number > self.runs:
@@ -95,12 +94,12 @@ def outcome_table(table: Any) -> list[dict[str, Any]]:
 
 
 def _shortened(text: str) -> str:
-    """Without what comes after the first two statements."""
+    """Keep the first two statements of a cause."""
     return plain_line("; ".join(text.partition("; last alarm")[0].split("; ")[:2]), _LONGEST)
 
 
 def _kind(text: str) -> str:
-    """Without numbers."""
+    """Replace the numbers of a cause, so that like causes are equal."""
     return _NUMBER.sub("#", text)
 
 
@@ -160,7 +159,7 @@ def _ranks(X: np.ndarray, y: np.ndarray) -> list[tuple[float, float]]:
 
 
 def _pawn(X: np.ndarray, y: np.ndarray) -> list[float]:
-    """Of every column, and of one more that has no effect."""
+    """PAWN sensitivity index of every column, and of one more that has no effect."""
     pawn = _salib("pawn")
     dummy = np.random.default_rng(0).permutation(len(y))[:, None] / len(y)
     problem = problem_of([*(f"x{k}" for k in range(X.shape[1])), _DUMMY])
@@ -171,7 +170,7 @@ def _pawn(X: np.ndarray, y: np.ndarray) -> list[float]:
 
 
 def _sobol(y: np.ndarray, n: int) -> dict[str, np.ndarray]:
-    """Of whole blocks of the design, those without a gap; empty where they are too few."""
+    """Sobol' indices from the complete blocks of the design; empty where they are too few."""
     sobol = _salib("sobol")
     blocks = y[: len(y) // (n + 2) * (n + 2)].reshape(-1, n + 2)
     whole = blocks[np.isfinite(blocks).all(axis=1)]

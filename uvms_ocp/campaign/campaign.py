@@ -29,7 +29,7 @@ from uvms_ocp.version import __version__
 # The runs of one scenario with everything varied that is to be.
 
 KEPT = ("none", "failures", "all")
-"""Which runs keep their whole record."""
+"""Choices of runs that keep their whole record."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -41,9 +41,8 @@ class MissionJob(CampaignJob):
     variations: CodeSource | Sequence[Variation]
     """Or the values themselves."""
     names: tuple[str, ...]
-    """Of the parameters, in their order."""
+    """Names of the parameters, in their order."""
     design: Design
-    """Which values they have."""
     records: str = "none"
     """One of `KEPT`."""
     _columns: dict[str, type] = field(init=False, repr=False)
@@ -67,7 +66,7 @@ class MissionJob(CampaignJob):
         return quantiles(self._variations(), self.design.row(run).tolist())
 
     def scenario_of(self, run: int) -> Scenario:
-        """What a run simulates."""
+        """Build the scenario of a run."""
         return vary(self.base(), self._variations(), self.values(run), self.design.seed_of(run))
 
     def base(self) -> Scenario:
@@ -124,18 +123,18 @@ class Campaign(FieldTable):
     scenario: str | CodeSource | Callable[[], Scenario]
     """A name, ``file.py:name``, ``package.module:name``, or a function that makes it."""
     variations: str | CodeSource | Sequence[Variation] = ()
-    """What is uncertain: values, or a file that defines `variations`."""
+    """Uncertain values, or a file that defines `variations`."""
     runs: AtLeastOne = 100
     seed: Count = 0
-    """Of all that is drawn."""
+    """Seed of everything drawn."""
     sampler: str = "sobol"
     """Random, latin, sobol, or indices, the design that Sobol' indices need."""
     options: Mapping[str, Any] = field(default_factory=dict)
-    """Of a scenario that is given by words."""
+    """Options of a scenario that is given by its name."""
     records: str = "none"
-    """Which runs keep their whole record: none, failures or all."""
+    """Runs that keep their whole record: none, failures or all."""
     work: MissionJob = field(init=False, repr=False)
-    """What workers get."""
+    """Job that is sent to workers."""
 
     def __post_init__(self) -> None:
         if self.runs > _MOST_RUNS:
@@ -179,12 +178,12 @@ class Campaign(FieldTable):
         return read_table(out)
 
     def scenario_of(self, run: Count) -> Scenario:
-        """What run `run` simulates. Raises `InvalidInput` for one that there is not."""
+        """Build the scenario of run `run`. Raises `InvalidInput` for one that there is not."""
         require_run(run, self.runs)
         return self.work.scenario_of(run)
 
     def identity(self) -> CampaignManifest:
-        """By which the folder knows it again."""
+        """Return the manifest by which the folder recognises the campaign."""
         values = built(self.work.variations)
         return CampaignManifest(
             name=_title(self.work.scenario),

@@ -16,7 +16,7 @@ from uvms_ocp.errors import InvalidInput, NotInstalled, OutputError
 
 
 def dask_setup(worker: Any) -> None:
-    """What Dask calls. Interrupts go past this process."""
+    """Set a worker up, called by Dask: interrupts go past this process."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
@@ -24,7 +24,7 @@ def dask_setup(worker: Any) -> None:
 # A Dask cluster: processes of this machine, or the one at an address.
 
 DEATHS = 3
-"""Of workers, after which a run is taken for the cause. A cluster of others has its own number."""
+"""Deaths of workers after which a run is taken for the cause. A cluster of others has its own number."""
 _SETTINGS = {
     "distributed.scheduler.allowed-failures": DEATHS - 1,
     "distributed.scheduler.worker-saturation": 1.0,  # no run waits on a worker, where it would be blamed for another's end

@@ -29,9 +29,9 @@ class CodeSource:
     words: str
     """A name, ``file.py:name`` or ``package.module:name``."""
     attribute: str = "scenario"
-    """What is wanted of a file unless the words say it."""
+    """Name to read from a file unless the words give one."""
     options: Mapping[str, Any] = field(default_factory=dict)
-    """As on the command line."""
+    """Options, as on the command line."""
     root: str = ""
     """Folder that holds all files."""
     files: Mapping[str, bytes] = field(default_factory=dict)
@@ -39,7 +39,7 @@ class CodeSource:
 
     @staticmethod
     def gathered(words: str, options: Mapping[str, Any] | None = None, attribute: str = "scenario") -> CodeSource:
-        """With the files that it reads now. Raises what building it raises."""
+        """Make it with the files that the code reads now. Raises what building it raises."""
         code = own_code(words, attribute)
         given = {name: _absolute(value) if name in _PLACES else value for name, value in (options or {}).items()}
         bare = CodeSource(words=_placed(words, Path.cwd()), attribute=attribute, options=given)
@@ -53,7 +53,7 @@ class CodeSource:
         return replace(bare, root=_common(paths), files=_contents(paths))
 
     def build(self) -> Any:
-        """What the code gives: a `Scenario`, or whatever has the name of `attribute`.
+        """Build what the code defines: a `Scenario`, or whatever has the name of `attribute`.
 
         Raises `InvalidInput` for words that are no code, and what the code raises.
         """
@@ -67,7 +67,7 @@ class CodeSource:
         return found() if callable(found) else found
 
     def located(self) -> CodeSource:
-        """With words and options that point to files with the right contents on this machine."""
+        """Return it with words and options that point to files with the right contents on this machine."""
         if not self.files or _is_intact(Path(self.root), self.files):
             return self
         folder = _unpacked(self.digest(), tuple(self.files.items()))
@@ -77,15 +77,15 @@ class CodeSource:
         return replace(self, words=self._moved(self.words, folder), options=options, files={})
 
     def digest(self) -> str:
-        """Of all files."""
+        """Hash of all files."""
         return hashlib.sha256(repr(sorted(self.hashes().items())).encode()).hexdigest()
 
     def hashes(self) -> dict[str, str]:
-        """By file."""
+        """Hash of each file."""
         return {name: hashlib.sha256(content).hexdigest() for name, content in sorted(self.files.items())}
 
     def identity(self) -> dict[str, Any]:
-        """By which it is known again, and from which `restored` makes it: JSON values, paths below the root with ``./``."""
+        """Return its identity, from which `restored` makes it: JSON values, paths below the root with ``./``."""
         options = {name: self._below(value) for name, value in sorted(self.options.items())}
         return {
             "words": self._below(self.words),
@@ -96,7 +96,7 @@ class CodeSource:
 
     @staticmethod
     def restored(identity: Mapping[str, Any], copies: Path) -> CodeSource:
-        """Of an `identity`, with the files whose copies are in a folder. Raises `InvalidInput` for a copy that was changed."""
+        """Restore it from an `identity` and the copies of files in a folder. Raises `InvalidInput` for a changed copy."""
         root = str(copies.resolve())
 
         def placed(value: Any) -> Any:
@@ -152,7 +152,7 @@ def _is_intact(root: Path, files: Mapping[str, bytes]) -> bool:
 
 
 def _contents(paths: set[Path]) -> dict[str, bytes]:
-    """By name: below the root, or for files of our own robots, which every machine has, below `_PACKED`."""
+    """Read files by name: below the root, or, for the toolkit's own robots, below `_PACKED`."""
     root, packed = _common(paths), robots_folder().resolve()
     names = {
         path: _PACKED + path.relative_to(packed).as_posix()

@@ -48,7 +48,7 @@ def make_runs(name: str, runs: Sequence[int], limit: float) -> list[RunResult]:
 
 
 def _end(worker: Any, name: str, run: int) -> None:
-    """Of a process in a call that does not come back: whoever waits for the run is told first."""
+    """End a process in a call that does not return, after informing whoever waits for the run."""
     worker.log_event(name, {"run": run})
     time.sleep(_LOG_DELAY)
     os._exit(1)
@@ -65,7 +65,7 @@ _ALONE = 60.0  # [s] without any worker, after which it is said
 
 
 class Dispatch:
-    """Of one campaign on one cluster."""
+    """Dispatcher of the runs of one campaign on one cluster."""
 
     def __init__(
         self,

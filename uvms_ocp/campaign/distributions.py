@@ -25,7 +25,7 @@ from uvms_ocp.types import Finite, Positive, Range
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Parameter:
-    """By name; what it means, and how a scenario gets another value of it."""
+    """Parameter of a scenario: name, unit, meaning, and how a value is applied."""
 
     name: str
     unit: str
@@ -48,7 +48,7 @@ Share = Annotated[float, Range(0.0, 1.0)]
 
 
 class Distribution(Protocol):
-    """Of the values of one parameter."""
+    """Distribution of the values of one parameter."""
 
     def quantile(self, u: float) -> Any:
         """The value below which a share u of all values lies."""
@@ -186,12 +186,12 @@ _DRAWN, _SEED = 0, 1  # streams of a run
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Design:
-    """Which numbers the runs have. Raises `NameNotFound` for an unknown sampler, `InvalidInput` for a wrong number of runs."""
+    """Design of samples in the unit cube. Raises `NameNotFound` for a sampler, `InvalidInput` for a number of runs."""
 
     sampler: str
     runs: int
     parameters: int
-    """That are varied."""
+    """Number of varied parameters."""
     seed: int
 
     def __post_init__(self) -> None:
@@ -209,7 +209,7 @@ class Design:
         return np.asarray(_table(self)[run])
 
     def seed_of(self, run: int) -> int:
-        """Of everything else that is random in a run."""
+        """Seed of everything else that is random in a run."""
         return int(self._entropy(run, _SEED).generate_state(1)[0])
 
     def _entropy(self, run: int, stream: int) -> np.random.SeedSequence:
@@ -251,5 +251,5 @@ def _indices(design: Design) -> Any:
 
 
 def problem_of(names: list[str]) -> dict[str, Any]:
-    """What SALib calls the parameters of these names, each from 0 to 1."""
+    """SALib's problem dictionary of these parameters, each from 0 to 1."""
     return {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names)}

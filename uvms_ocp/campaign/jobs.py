@@ -56,7 +56,7 @@ def time_limit(seconds: float, stuck: Callable[[], None]) -> Iterator[None]:
 
 
 class _Watch:
-    """Of one run in one thread."""
+    """Watchdog of one run in one thread."""
 
     def __init__(self, thread: int, stuck: Callable[[], None]) -> None:
         self._thread, self._stuck = thread, stuck
@@ -105,10 +105,10 @@ _LONGEST = 2000  # characters of a cause
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RunResult:
-    """What became of a run."""
+    """Result of a run."""
 
     row: Row
-    """Its own columns, outcome and cause."""
+    """Row with the job's own columns, outcome and cause."""
     attachment: bytes = b""
     """A file to keep, such as the record."""
 
@@ -118,17 +118,17 @@ class CampaignJob(Protocol):
 
     @property
     def columns(self) -> Mapping[str, type]:
-        """Its own, with the type of their values: int, float, str or bool."""
+        """Columns of the job with their types: int, float, str or bool."""
 
     def head(self, run: int) -> Row:
-        """What is known of a run before it is made."""
+        """Return the columns that are known before a run is made."""
 
     def make(self, run: int) -> RunResult:
         """Make a run."""
 
 
 def columns_of(work: CampaignJob) -> dict[str, type]:
-    """All columns of its table, in their order."""
+    """Return all columns of its table, in their order."""
     return {**FIRST, **work.columns, **LAST}
 
 
@@ -153,7 +153,7 @@ def attempt_job(
 
 
 def failed_row(work: CampaignJob, run: int, outcome: str, text: str) -> dict[str, Any]:
-    """Of a run that made none itself."""
+    """Make the row of a run that made none itself."""
     try:
         head = dict(work.head(run))
     except Exception as error:
@@ -173,7 +173,7 @@ def _describe(error: BaseException) -> str:
 
 
 def _place(error: BaseException) -> str:
-    """Of the innermost call."""
+    """Return file and line of the innermost call."""
     frames = traceback.extract_tb(error.__traceback__)
     return f" ({frames[-1].filename.rpartition('/')[2]}:{frames[-1].lineno})" if frames else ""
 
@@ -195,13 +195,13 @@ METRICS: Mapping[str, str] = {
     "alarms": "number of alarms [-]",
     "failed_ticks": "ticks that the solver did not solve [-]",
 }
-"""What each is, with its unit."""
+"""Metrics of a run, with unit and meaning."""
 _FROM_REPORT = ("energy_j", "path_length_m", "joint_margin_rad", "saturation_time_s", "peak_thrust_n")
 _LOOKS = 200  # configurations at which the clearance is measured
 
 
 def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
-    """By name, as `METRICS`; `None` where a run has no such figure."""
+    """Compute the metrics of a run by name, as in `METRICS`; `None` where a run has no such figure."""
     meta, task, end = record.run_meta, record.run_meta.tool_task, float(record["t"][-1])
     spent, ranges = figures_between(record, 0.0, end), record["altimeter_range"]
     seen = ranges[np.isfinite(ranges)]

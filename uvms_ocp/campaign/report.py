@@ -40,7 +40,7 @@ class Bound:
 
 
 def parse_bounds(texts: Sequence[str]) -> tuple[Bound, ...]:
-    """Of texts such as ``tool_position_error_m<0.01``. Raises `InvalidInput` for others, `NameNotFound` for an unknown figure."""
+    """Parse texts such as ``tool_position_error_m<0.01``. Raises `InvalidInput` or, for an unknown figure, `NameNotFound`."""
     return tuple(map(_parse, texts))
 
 
@@ -86,7 +86,7 @@ _FINISHED_WORSE = ("tool_position_error_m", "duration_s")  # by which runs are c
 
 @checked
 def campaign_report(folder: Path, success: Sequence[Bound] = ()) -> dict[str, Any]:
-    """What the finished runs of the campaign in a folder say, as JSON values.
+    """Report on the finished runs of the campaign in a folder, as JSON values.
 
     success: bounds that a run has to keep, in place of what the mission itself counts. Raises `InvalidInput` where there is no
     campaign, or none of its runs is finished.

@@ -1,7 +1,7 @@
 """Parameters of the robot and its sensors as they truly are: the controller goes on with the nominal ones.
 
-Of delays of sensors alone the estimator is informed, as somebody who fits the sensors measures them; those that nobody knows of have
-names of their own.
+The estimator knows the delays of sensors alone, as somebody who fits the sensors measures them; unmodelled delays have names of
+their own.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _HAND = "tool"
 
 
 def machine_parameters(scenario: Scenario) -> Iterator[Parameter]:
-    """Of the robot on the dynamic plant; the kinematic one has none of them."""
+    """Yield parameters of the robot on the dynamic plant; the kinematic one has none."""
     if scenario.plant == "kinematic":
         return
     robot = scenario.plant_robot or scenario.robot
@@ -148,7 +148,7 @@ _FIELDS = {
 
 
 def sensor_parameters(scenario: Scenario) -> Iterator[Parameter]:
-    """Of all channels together, and of each that the robot has."""
+    """Yield parameters of all sensors together, and of each that the robot has."""
     yield Parameter(name="sensors.noise", unit="-", meaning="factor of the noise of all channels", apply=_noisier)
     if isinstance(scenario.sensors, SensorSpecs):
         yield from _nominal_delays(scenario.specs)
@@ -185,7 +185,7 @@ def _delayed(scenario: Scenario, value: float) -> Scenario:
 
 
 def _with_delay(channel: str, scenario: Scenario, value: float) -> Scenario:
-    """What nobody knows of the delay stays."""
+    """Return the scenario with another nominal delay; the unmodelled part of the delay stays."""
     specs, true = scenario.specs, _true(scenario)
     known, spec = getattr(specs, channel), getattr(true, channel)
     told = replace(specs, **{channel: replace(known, delay=value)})

@@ -23,7 +23,7 @@ from uvms_ocp.record.output import STORE, as_output_errors, read_as
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[BinaryIO]:
-    """As `replacing` gives it. Raises `OutputError` where the disk refuses."""
+    """Open a file as `replacing` does. Raises `OutputError` where the disk refuses."""
     with as_output_errors(path, "free some space"), replacing(path) as file:
         yield file
 
@@ -40,39 +40,38 @@ class CampaignManifest(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     version: Literal[1] = 1
-    """Of this file and of the table."""
+    """Version of this file and of the table."""
     name: str
-    """As it was asked for."""
     package: str
     """Version of uvms_ocp."""
     runs: int
     seed: int
     sampler: str
-    """Of `uvms_ocp.campaign.distributions.SAMPLERS`."""
+    """One of `uvms_ocp.campaign.distributions.SAMPLERS`."""
     parameters: dict[str, str]
     """Distributions by name."""
     columns: dict[str, str]
     """Types by name."""
     scenario: dict[str, Any]
-    """Where it comes from, with the hash of every file."""
+    """Source of the scenario, with the hash of every file."""
     variations: dict[str, Any]
-    """Where they come from."""
+    """Source of the variations."""
     records: str
-    """Which runs keep theirs."""
+    """Runs that keep their whole record."""
 
     @property
     def types(self) -> dict[str, type]:
-        """Of the columns."""
+        """Types of the columns."""
         return {name: _KINDS[kind] for name, kind in self.columns.items()}
 
 
 def types_of(work: CampaignJob) -> dict[str, str]:
-    """Of the columns of its table, by name, as `Identity` has them."""
+    """Names of the types of a job's columns, as `CampaignManifest` has them."""
     return {name: kind.__name__ for name, kind in columns_of(work).items()}
 
 
 def read_manifest(folder: Path) -> CampaignManifest:
-    """Of the campaign in a folder. Raises `InvalidInput` where there is none, or one that is damaged."""
+    """Read the manifest of the campaign in a folder. Raises `InvalidInput` where there is none, or a damaged one."""
     found = read_as(CampaignManifest, folder / FILE)
     if found is None:
         raise InvalidInput(f"{folder}: no campaign is there; give the folder of one, or a mission with --out")
@@ -125,7 +124,7 @@ def arrow() -> Any:
 
 
 class Parts:
-    """Those of one campaign; for one process at a time."""
+    """Parquet parts of one campaign; for one process at a time."""
 
     def __init__(self, folder: Path, columns: Mapping[str, type]) -> None:
         """folder: of the campaign. columns: of its table, by name."""
@@ -138,7 +137,7 @@ class Parts:
         self._n = len(names)
 
     def paths(self) -> list[Path]:
-        """All files, the oldest first."""
+        """Return all files, the oldest first."""
         return part_paths(self._folder.parent)
 
     def append(self, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -202,7 +201,7 @@ def _first_of_each(runs: Any) -> Any:
 
 
 def schema_of(columns: Mapping[str, type]) -> Any:
-    """Of the table, as pyarrow has it."""
+    """Return the pyarrow schema of the table."""
     pa = arrow()
     kinds = {int: pa.int64(), float: pa.float64(), str: pa.string(), bool: pa.bool_()}
     return pa.schema([(name, kinds[kind]) for name, kind in columns.items()])
@@ -216,7 +215,7 @@ RECORDS = "records"
 
 
 class CampaignFolder:
-    """Of one campaign, for the one process that holds its lock."""
+    """Folder of one campaign, for the one process that holds its lock."""
 
     def __init__(self, folder: Path, identity: CampaignManifest) -> None:
         """folder: it is there, and locked."""

@@ -30,7 +30,7 @@ _UNIFORM = (StillWater, UniformCurrent, OnsetCurrent)
 
 
 def flow_parameters(scenario: Scenario) -> Iterator[Parameter]:
-    """Of water that flows the same everywhere, with gusts or without; of others gusts alone."""
+    """Yield parameters of a uniform current, with gusts or without; of other currents gusts alone."""
     if scenario.plant == "kinematic":
         return
     if isinstance(_base(scenario), _UNIFORM):
@@ -164,7 +164,7 @@ _OFFSETS = ("x", "y", "z")
 
 
 def objective_parameters(scenario: Scenario) -> Iterator[Parameter]:
-    """What the controller is told, and so knows."""
+    """Yield parameters that the controller knows: goals and tasks."""
     for task in scenario.mission.hierarchy.tasks:
         goal = getattr(task, "goal", None)
         if isinstance(goal, pin.SE3) or _is_point(task, goal):
@@ -195,7 +195,7 @@ def _is_point(task: Task, goal: Any) -> bool:
 
 
 def _with_goal(name: str, axis: int, scenario: Scenario, value: float) -> Scenario:
-    """Of the task itself and of the phases that give it a goal of their own."""
+    """Shift the goal of the task itself and of the phases that give it a goal of their own."""
     mission = _changed(scenario.mission, name, lambda task: task.with_goal(_shifted(task.goal, axis, value)))
     phases = tuple(
         replace(phase, goals={**phase.goals, name: _shifted(phase.goals[name], axis, value)})
@@ -263,7 +263,7 @@ _FAMILIES = (
 
 @checked
 def available_parameters(scenario: Scenario) -> dict[str, Parameter]:
-    """Of water and current, of what moves, of the sensors, of start, floor and obstacles, of goals and tasks, of own parts.
+    """Return every parameter that can be varied: water, machine, sensors, start, floor, obstacles, goals, own parts.
 
     What concerns the robot and its sensors is the truth that the plant has: the controller goes on with what it knows. Of delays
     of sensors it is told, but for those that are called untold.
@@ -283,9 +283,9 @@ class Variation:
     """
 
     name: str
-    """As `uvms_ocp.campaign.variations` has it, or any where `apply` is given."""
+    """Name of one of `available_parameters`, or any where `apply` is given."""
     distribution: Any
-    """Of its values: one of ours, or a frozen one of scipy.stats."""
+    """Distribution of its values: one of this package, or a frozen one of scipy.stats."""
     apply: Callable[[Scenario, float], Scenario] | None = field(default=None, kw_only=True)
     """For a parameter of your own: the scenario with this value [its unit] of it."""
 

@@ -96,7 +96,7 @@ def identify(
     ] = False,
     leave_one_out: Annotated[
         bool,
-        typer.Option("--leave-one-out", help="Predict every recording by what the others tell; each takes a search."),
+        typer.Option("--leave-one-out", help="Predict every recording from the others; each takes a search."),
     ] = False,
 ) -> None:
     """Identify a robot from recordings: calibrated file, report and figures.
@@ -111,7 +111,7 @@ def identify(
     console = console_of()
     with claim_folder(out, _names(len(found), profiles, leave_one_out)) as claim:
         with console.status("identifying") as status, show_compilation(status.update):
-            voices = {"tell": status.update, "warn": lambda doubt: print_line(console, f"doubtful: {doubt}")}
+            voices = {"progress": status.update, "warn": lambda doubt: print_line(console, f"doubtful: {doubt}")}
             result = calibrate(subject, given, found, profiled=profiles, leave_one_out=leave_one_out, **voices)
         with claim.staged() as staging:
             _write(result, [one.name for one in found], staging)
@@ -119,8 +119,8 @@ def identify(
     known = sum(one.determined for one in result.numbers)
     console.print(f"{result.estimate.status.value}; {known} of {len(result.numbers)} numbers determined")
     print_paths(console, written)
-    if not result.flown.usable:
-        print_line(console, f"no robot file is written: {result.flown.estimate.status.advice}")
+    if not result.exported.usable:
+        print_line(console, f"no robot file is written: {result.exported.estimate.status.advice}")
         raise typer.Exit(NOT_COMPLETED)
 
 
@@ -133,7 +133,7 @@ def _names(n: int, profiles: bool, leave_one_out: bool) -> list[str]:
 def _write(result: Calibration, names: list[str], staging: Path) -> None:
     from uvms_ocp.viz.identification_figures import write_identification_figures
 
-    if result.flown.usable:  # or nobody should fly with it
+    if result.exported.usable:  # or nobody should fly with it
         (staging / VARIANT).write_text(variant_text(result, names), encoding="utf-8")
         (staging / WHOLE).write_text(whole_text(result, staging / VARIANT), encoding="utf-8")
     (staging / IDENTIFY_REPORT).write_text(report_text(result), encoding="utf-8")

@@ -47,7 +47,7 @@ _MOST = 4  # changes that are looked for, one after the other
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Agreement:
-    """Of accelerations with thrust, at m times of the one before the other."""
+    """Correlation of accelerations with thrust, at m time shifts of the one before the other."""
 
     common: np.ndarray
     """(m, 6, n) [N] of accelerations in units of their own size."""
@@ -64,7 +64,7 @@ class _Agreement:
 
 
 def mixed_thrusters(recording: Recording, thrust: Channel, B: np.ndarray, names: Sequence[str]) -> str:
-    """What was done to thrusters whose commands explain the motion better; empty where nothing is clear.
+    """Detect thrusters that were exchanged or reversed, by commands that explain the motion better; empty if none is clear.
 
     thrust: [N] columns in the order of names, which push by B (6, n) [-, m].
     """
@@ -185,7 +185,7 @@ def _of_thrust(recording: Recording, thrust: Channel, subject: CalibratedRobot) 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ExportedEstimate:
-    """Of an estimate."""
+    """Estimate as it is exported to the robot's file."""
 
     estimate: Estimate
     kept: tuple[str, ...] = ()
@@ -193,24 +193,24 @@ class ExportedEstimate:
 
     @property
     def usable(self) -> bool:
-        """Whether a file may be made of it: the search has converged."""
+        """True if a file may be made of it: the search has converged."""
         return self.estimate.status is FitStatus.CONVERGED
 
 
-def exported_estimate(fitted: FitContext, together: float) -> ExportedEstimate:
-    """All that is open is held where the recordings allow it, or else of one quantity after the other.
+def exported_estimate(fitted: FitContext, inflation: float) -> ExportedEstimate:
+    """Hold undetermined numbers at their declared values where the recordings allow it, else one quantity after the other.
 
-    together: samples that miss alike, as `variance_inflation` finds.
+    inflation: samples that miss alike, as `variance_inflation` finds.
     """
     shared, estimate = fitted.vehicle.shared, fitted.estimate
     is_open = np.array(
-        [one.sigma > DETERMINED for one in parameter_uncertainties(fitted.vehicle, estimate, together)], dtype=bool
+        [one.sigma > DETERMINED for one in parameter_uncertainties(fitted.vehicle, estimate, inflation)], dtype=bool
     )
     kept, best = np.zeros(len(is_open), dtype=bool), estimate
     if estimate.status is FitStatus.CONVERGED:
         for chosen in _chosen(shared, is_open):
             found = None if (chosen <= kept).all() else _held(fitted, kept | chosen)
-            allowed = INTERVAL**2 * together * int((kept | chosen).sum())
+            allowed = INTERVAL**2 * inflation * int((kept | chosen).sum())
             if found is not None and 2.0 * (found.cost - estimate.cost) < allowed:
                 kept, best = kept | chosen, found
     return ExportedEstimate(estimate=best, kept=tuple(np.array(shared.names)[kept].tolist()))
@@ -225,7 +225,7 @@ def _chosen(shared: Unknowns, is_open: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def _held(fitted: FitContext, which: np.ndarray) -> Estimate | None:
-    """With those of which (n,) bool where they were declared, and all others fitted anew; none where that does not converge."""
+    """Refit with those of which (n,) bool held as declared; `None` where that does not converge."""
     shared = fitted.vehicle.shared
     problem = replace(fitted, vehicle=replace(fitted.vehicle, shared=shared.held(which))).problem()
     near = problem.start(np.where(which, shared.start, fitted.estimate.shared))
@@ -244,38 +244,38 @@ class Comparison:
     name: str
     calibrated: Predicted
     before: Predicted
-    """By the vehicle as it was declared."""
-    still: Predicted
-    """By one that stays as it was seen first."""
+    """Prediction by the vehicle as declared."""
+    static: Predicted
+    """Prediction by a vehicle that stays as it was measured first."""
     balance: Predicted
-    """By one that stays where weight and buoyancy turn the calibrated vehicle no further."""
-    left: Predicted
+    """Prediction by a vehicle at rest where weight and buoyancy of the calibrated one balance."""
+    residuals: Predicted
     """Stretch by stretch, as the search has left it."""
     whiteness: tuple[Whiteness, ...]
-    """Of what is left."""
+    """Whiteness of the residuals."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Calibration:
-    """Of a subject."""
+    """Result of a calibration of a robot."""
 
     subject: CalibratedRobot
     estimate: Estimate
-    flown: ExportedEstimate
-    """What the robot's file says of it."""
+    exported: ExportedEstimate
+    """Estimate that the robot's file gets."""
     numbers: tuple[IdentifiedNumber, ...]
     open: tuple[UnidentifiableDirection, ...]
     """Combinations of unknowns that the recordings do not determine."""
-    together: float
+    inflation: float
     """samples that miss alike: intervals are wider by its root than white residuals would have them."""
     whiteness: tuple[Whiteness, ...]
-    """Of what is left of all recordings."""
+    """Whiteness of the residuals of all recordings."""
     comparisons: tuple[Comparison, ...]
-    doubts: tuple[str, ...]
+    issues: tuple[str, ...]
     profiles: tuple[Profile, ...] = ()
-    """Of the numbers that are determined, where they were asked for."""
+    """Profiles of the determined numbers, if asked for."""
     left_out: tuple[HeldOutRecording, ...] = ()
-    """Every recording, predicted by what the others tell, where that was asked for."""
+    """Predictions of every recording by a fit to the others, if asked for."""
 
 
 def calibrate(
@@ -285,10 +285,10 @@ def calibrate(
     *,
     profiled: bool = False,
     leave_one_out: bool = False,
-    tell: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str], None] = lambda _: None,
     warn: Callable[[str], None] = lambda _: None,
 ) -> Calibration:
-    """Identify; with profiles and leave-one-out, which take longer, if wanted; tell is told what is being done.
+    """Identify; with profiles and leave-one-out, which take longer, if wanted; progress gets a line at each step.
 
     warn is told every doubt before anything is searched. Recordings with silences are cut there.
     Raises InvalidInput for no recordings, one alone to be left out, equal names, or a current that is recorded and not
@@ -304,21 +304,21 @@ def calibrate(
     for doubt in doubtful:
         warn(doubt)
     fitted = _fitted(subject, settings, prepared)
-    left = fitted.left()
-    together = variance_inflation(left, fitted.noise)
-    told = numbers(subject.vehicle, fitted.estimate, together)
+    left = fitted.residuals()
+    inflation = variance_inflation(left, fitted.noise)
+    told = numbers(subject.vehicle, fitted.estimate, inflation)
     return Calibration(
         subject=subject,
         estimate=fitted.estimate,
-        flown=exported_estimate(fitted, together),
+        exported=exported_estimate(fitted, inflation),
         numbers=told,
-        open=unidentifiable_directions(subject.vehicle, fitted.estimate, together),
-        together=together,
+        open=unidentifiable_directions(subject.vehicle, fitted.estimate, inflation),
+        inflation=inflation,
         whiteness=whiteness(left, fitted.noise),
         comparisons=_comparisons(fitted),
-        doubts=doubtful,
-        profiles=tuple(profiles(fitted, told, together, tell)) if profiled else (),
-        left_out=tuple(left_out(fitted, tell=tell)) if leave_one_out else (),
+        issues=doubtful,
+        profiles=tuple(profiles(fitted, told, inflation, progress)) if profiled else (),
+        left_out=tuple(left_out(fitted, progress=progress)) if leave_one_out else (),
     )
 
 
@@ -363,13 +363,13 @@ def _comparisons(fitted: FitContext) -> tuple[Comparison, ...]:
 def _comparison(fitted: FitContext, balance: StaticBalance, one: PreparedRecording) -> Comparison:
     (whole,) = one.stretches(fitted.search.step)
     after, before = fitted.predictor(), fitted.predictor(fitted.vehicle.shared.start)
-    left = fitted.left(one.recording.name)
+    left = fitted.residuals(one.recording.name)
     return Comparison(
         name=one.recording.name,
         calibrated=after.of(whole),
         before=before.of(whole),
-        still=static_baseline(whole, after.known),
+        static=static_baseline(whole, after.start_window),
         balance=balance.of_stretch(whole, fitted.estimate.shared),
-        left=left,
+        residuals=left,
         whiteness=whiteness(left, fitted.noise),
     )

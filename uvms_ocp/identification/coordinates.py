@@ -1,8 +1,9 @@
 """Coordinates of physical quantities: any real vector stands for values that are physically possible.
 
-Positive numbers, intervals, positive definite matrices (log-Cholesky), drag that dissipates whatever the motion, and inertia that
-some distribution of mass has [Rucker2022]. A quantity is decoded from its coordinates as a CasADi expression, so that models are
-differentiated through it. Standard deviations of priors are those of coordinates: relative ones, about, for what must be positive.
+Positive numbers, intervals, positive definite matrices (log-Cholesky), drag that dissipates whatever the motion, inertia of
+some distribution of mass [Rucker2022]. A quantity is decoded from its coordinates as a CasADi expression, so that models are
+differentiated through it. Standard deviations of priors are those of coordinates: relative ones, about, for what must be
+positive.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ class Coordinates(Protocol):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the n coordinates, in words that follow the name of the quantity."""
+        """Names of the n coordinates, which follow that of the quantity."""
 
     def decode(self, x: ca.SX) -> ca.SX:
         """The quantity at x (n,)."""
@@ -45,11 +46,11 @@ class Reals:
     names: tuple[str, ...]
 
     def decode(self, x: ca.SX) -> ca.SX:
-        """As they are."""
+        """Return x unchanged."""
         return x
 
     def encode(self, value: np.ndarray) -> np.ndarray:
-        """As they are: value (n,) [unit of the quantity]. Raises InvalidInput for another shape."""
+        """Return value (n,) [unit of the quantity] unchanged. Raises InvalidInput for another shape."""
         return _column(value, self.names)
 
 
@@ -173,7 +174,7 @@ class LinearDrag:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Those of P, then of K."""
+        """Names of the coordinates of P, then of K."""
         axes = self.symmetric.axes
         return (*self.symmetric.names, *(f"{axes[i]}-{axes[j]} skew" for i, j in self.symmetric.below))
 

@@ -44,13 +44,13 @@ from uvms_ocp.identification.sample_checks import QualityIssue as QualityIssue
 # Whether velocities are the rates of poses: axes, frames, units, clocks.
 
 _INSIDE = slice(round(WINDOW / GRID), -round(WINDOW / GRID))
-"""Of smoothed samples, where the window is whole."""
+"""Smoothed samples whose window is whole."""
 _PARTNER = {"linear_velocity": "position", "angular_velocity": "attitude"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Reference:
-    """What a velocity should be, at uniform times."""
+    """Reference for a velocity, at uniform times."""
 
     t: np.ndarray
     body: np.ndarray
@@ -173,7 +173,7 @@ def _columns(rate: np.ndarray, seen: np.ndarray) -> Iterator[tuple[str, str]]:
 SHIFTS = np.arange(-2.0, 3.0 + 1e-9, GRID)
 """[s] by which motion comes after a command."""
 MAY = (SHIFTS > -0.15) & (SHIFTS < 1.2)
-"""Of these, whether it may: thrusters lag, and messages take their time."""
+"""Plausible ones of these: thrusters lag, and messages take their time."""
 _MOVING_VEHICLE = 0.01  # [m/s, rad/s] standard deviation of what moves
 _LEAST = 200  # samples
 _STILL = 1e-6  # of a command's size, left of it beside drag and weight: nothing by itself
@@ -193,7 +193,7 @@ class ExplainedMotion:
     """(m, 3, 3) from B to W."""
 
     def rest(self, values: np.ndarray) -> np.ndarray:
-        """What these do not explain of values (m, k) [any]."""
+        """Return the part of values (m, k) [any] that these do not explain."""
         return values - self.beside @ (self.beside.T @ values)
 
 
@@ -308,7 +308,7 @@ def _shares(motion: ExplainedMotion, seen: np.ndarray, signed: bool) -> np.ndarr
 
 
 def _correlations(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Of columns (k, l)."""
+    """Correlations of columns (k, l)."""
     sizes = np.outer(np.linalg.norm(x, axis=0), np.linalg.norm(y, axis=0))
     return np.asarray(x.T @ y / np.maximum(sizes, 1e-300))
 
@@ -321,7 +321,7 @@ def _correlations(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
-    """Everything that is doubtful about a recording."""
+    """Check a recording for inconsistent clocks, frames, units and thrusters; returns one issue for each."""
     sound = {name: one for name, one in recording.channels.items() if CHANNEL_KINDS[name].command or has_times(one)}
     others = replace(recording, channels=sound)
     found = [*recording.issues_in_file, *of_samples(recording)]

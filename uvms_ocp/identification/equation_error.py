@@ -1,9 +1,9 @@
 """Equation error: linear least squares of the wrench on the regressor of the inverse dynamics.
 
 ``tau = Y(q, v, a) phi + rest``: phi holds the rigid body's mass, first and second moments of mass, and the water's added mass,
-drag, displaced mass and its first moment, for one link. A start for output error, and a look at what recordings determine at all.
-Accelerations are derivatives of what was measured, smoothed over a window; noise in them pulls parameters towards zero, as it does
-in every fit of this kind.
+drag, displaced mass and its first moment, for one link. A start for output error, and a first look at what recordings
+determine. Accelerations are derivatives of what was measured, smoothed over a window; noise in them pulls parameters towards
+zero, as it does in every fit of this kind.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ _ALL = tuple((i, j) for i in range(6) for j in range(6))
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Regressor:
-    """Of the link and the joint body that carries it."""
+    """Regressor of the link and the joint body that carries it."""
 
     names: tuple[str, ...]
-    """Of the entries of phi."""
+    """Names of the entries of phi."""
     phi: np.ndarray
     """(n,) [kg, kg m, kg m2, and the units of drag] of the model itself."""
     matrix: ca.Function
@@ -125,7 +125,7 @@ class LinearFit:
     weakest: tuple[tuple[str, float], ...]
     """The combination that is determined least, of parameters in their standard units."""
     condition: float
-    """Of the regressor with columns of length 1."""
+    """Condition number of the regressor with columns of length 1."""
 
 
 def fit_equation_error(

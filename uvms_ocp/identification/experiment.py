@@ -29,7 +29,7 @@ from uvms_ocp.types import read_only
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ExperimentLimits:
-    """Of commands and of motion. Raises InvalidInput for limits that do not hold what is there at the beginning."""
+    """Limits of commands and motion. Raises InvalidInput for limits that the start already violates."""
 
     thrust: np.ndarray
     """(n_u, 2) [N, N m] lowest and highest command of each actuator, around 0."""
@@ -98,7 +98,7 @@ class ExperimentLimits:
         return np.asarray(np.clip(np.clip(wanted, *self.thrust.T), before - most, before + most))
 
     def beyond(self, x: np.ndarray, margin: float | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """How far states x (n, n_x) leave pool and tilt (n, 4) [-, in half widths], and the slope with x (n, 4, 7).
+        """Compute by how much states x (n, n_x) leave pool and tilt (n, 4) [-, in half widths], and the slope with x (n, 4, 7).
 
         margin: default: the limits' own.
         """
@@ -112,7 +112,7 @@ class ExperimentLimits:
         return np.maximum(over, 0.0), slope * (over > 0.0)[:, :, None]
 
     def _far(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far the hull's outermost corners are from the pool's middle (n, 3) [-, in half widths]; slope (n, 3, 7)."""
+        """Distance of the hull's outermost corners from the pool's middle (n, 3) [-, in half widths]; slope (n, 3, 7)."""
         centre, size = self.hull.mean(axis=0), np.diff(self.hull, axis=0)[0] / 2
         R, with_q = _turned(x[:, 3:7]), np.einsum("ijkl,nl->nijk", _BENT, x[:, 3:7])
         off = x[:, :3] + R @ centre - self._middle
@@ -152,7 +152,7 @@ _AT_REST = np.array([0.0, 0, 0, 0, 0, 0, 1])
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ExperimentTrajectory:
-    """From rest, in steps of one length."""
+    """Simulated trajectory from rest, in steps of one length, with its sensitivities."""
 
     x: np.ndarray
     """(n + 1, n_x) [as `Stage`]"""
@@ -161,7 +161,7 @@ class ExperimentTrajectory:
     late: np.ndarray
     """(n, n_u) [N/s, N m/s] by which they change with the delay."""
     y: np.ndarray
-    """(n + 1, 9) [as `Stage.seen`]"""
+    """(n + 1, 9) [as `Stage.outputs`]"""
     slopes: tuple[np.ndarray, ...]
     """A (n, n_x, n_x), B (n, n_x, n_p) and C (n, n_x, n_u) [any] of the steps."""
     S: np.ndarray
@@ -173,7 +173,7 @@ class ExperimentTrajectory:
 
 
 class TrajectorySimulator:
-    """Of one vehicle with unknowns p (n_p,) [as `Unknowns.start`], in steps h [s], with joints (3 n_j,) [as `Stage`]."""
+    """Simulator of a vehicle with unknowns p (n_p,) [as `Unknowns.start`], in steps h [s], with joints (3 n_j,) [as `Stage`]."""
 
     def __init__(self, rollout: Rollout, p: np.ndarray, h: float, joints: np.ndarray) -> None:
         self._rollout, self._stage, self._p, self.h = rollout, rollout.stage, p, h
@@ -194,13 +194,13 @@ class TrajectorySimulator:
         A, B, C = self._mapped("slope", self._rollout.slope, x[:-1].T, *self._given(u))
         B += np.einsum("kij,kj->ki", C, late)[:, :, None] * self._late
         S = chained(A, B, np.zeros((stage.n_x, stage.n_p)))
-        y, y_x, y_p = self._mapped("seen", stage.seen, x.T, self._p)
+        y, y_x, y_p = self._mapped("seen", stage.outputs, x.T, self._p)
         J = y_x @ S + y_p
         J[1:, :3] -= np.diff(y[:, :3], axis=0) / self.h * self._seen_late
         return ExperimentTrajectory(x=x, u=u, late=late, y=y[:, :, 0], slopes=(A, B, C), S=S, y_x=y_x, J=J)
 
     def pulled(self, one: ExperimentTrajectory, M: np.ndarray, with_x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How a figure changes with u and late (n, n_u) [1/N, 1/(N m), and s times these].
+        """Compute the gradient of a criterion by u and late (n, n_u) [1/N, 1/(N m), and s times these] (adjoint method).
 
         M: (n + 1, 9, n_p) [1 / unit of J] is how it changes with J, with_x: (n + 1, n_x) [1 / unit of x] with x itself.
         """
@@ -219,7 +219,7 @@ class TrajectorySimulator:
         return found[0][:, :, 0], found[1][:, :, 0]
 
     def _bent_seen(self, one: ExperimentTrajectory, M: np.ndarray) -> np.ndarray:
-        """With x (n + 1, n_x), by what is seen."""
+        """Second-order part of the gradient by x (n + 1, n_x), of the outputs."""
         weights = M @ np.swapaxes(one.S, 1, 2), M
         (found,) = self._mapped("bent seen", self._functions[1], one.x.T, self._p, *_wide(weights))
         with_y = np.zeros_like(one.y)
@@ -270,7 +270,7 @@ def _bent_step(stage: Stage) -> ca.Function:
 def _bent_seen(stage: Stage) -> ca.Function:
     """``x, p, weights of dy/dx, dy/dp -> slope of the weighted sum with x``"""
     given = [ca.SX.sym("given", stage.n_x), ca.SX.sym("given", stage.n_p)]
-    return _weighted_gradient("bent_seen", given, stage.seen(*given)[1:], given[:1])
+    return _weighted_gradient("bent_seen", given, stage.outputs(*given)[1:], given[:1])
 
 
 def _weighted_gradient(name: str, given: list[ca.SX], slopes: list[ca.SX], along: list[ca.SX]) -> ca.Function:
@@ -287,11 +287,11 @@ _SHARP = 20.0  # power of standard errors whose mean counts: 0 would make all co
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class InformationCriterion:
-    """What is to be learnt."""
+    """Scalar criterion of the Fisher information of an experiment."""
 
     slopes: np.ndarray
     """(m, n_p) [units of numbers, per unknown] of the numbers that matter."""
-    known: np.ndarray
+    prior_information: np.ndarray
     """(n_p, n_p) [1 / unknowns^2] of priors, and of recordings that there are."""
     noise: Noise
     rate: float
@@ -326,14 +326,14 @@ class InformationCriterion:
 
     def covariance(self, information: np.ndarray) -> np.ndarray:
         """(n_p, n_p) [unknowns^2] after recordings of some information (n_p, n_p) [1 / unknowns^2]."""
-        whole = information + self.known + _NOTHING * np.eye(len(self.known))
+        whole = information + self.prior_information + _NOTHING * np.eye(len(self.prior_information))
         # Unknowns differ by powers of ten in what is known of them.
         scale = 1.0 / np.sqrt(np.diag(whole))
         return np.asarray(scale[:, None] * np.linalg.inv(whole * np.outer(scale, scale)) * scale)
 
 
 def _softly_largest(values: np.ndarray) -> tuple[float, np.ndarray]:
-    """Of values (m,), between their mean and the largest, with its slope (m,)."""
+    """Smooth maximum of values (m,), between their mean and the largest, with its slope (m,)."""
     most = float(values.max())
     grown = np.exp(_SHARP * (values - most))
     return most + float(np.log(grown.mean())) / _SHARP, grown / grown.sum()
@@ -346,9 +346,9 @@ _WITHIN = 1e-9  # of a step
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class KnotCommands:
-    """Of commands that begin and end with 0, as sparse linear maps from knots (n_knots, n_u) [N, N m]."""
+    """Piecewise linear commands that begin and end with 0, as sparse linear maps from knots (n_knots, n_u) [N, N m]."""
 
-    told: Any
+    sent: Any
     """(n, n_knots) commands as they are sent, held for a step each."""
     acting: Any
     """(n, n_knots) commands as they act, late."""
@@ -357,25 +357,25 @@ class KnotCommands:
 
     @staticmethod
     def of(duration: float, every: float, step: float, delay: float) -> KnotCommands:
-        """Of some duration [s], knots about `every` [s] and in steps of `step` [s], where commands act by `delay` [s] late."""
+        """Make commands of a duration [s], knots about `every` [s], in steps of `step` [s], which act with a delay [s]."""
         n, inner = round(duration / step), max(1, round(duration / every) - 1)
-        told, t = _lines(n, inner, step * (inner + 1) / duration), step * np.arange(n)
+        sent, t = _lines(n, inner, step * (inner + 1) / duration), step * np.arange(n)
         # A command of one step only: what it does is the same at any time.
         held, edges = ZeroOrderHold(Channel(t=t, values=np.eye(n, 1, -1))), edges_of(n, step, delay)
         acting, late = _shifted(held.mean(edges)[:, 0]), _shifted(-held.mean_slope(edges)[:, 0])
-        return KnotCommands(told=told, acting=acting @ told, late=late @ told)
+        return KnotCommands(sent=sent, acting=acting @ sent, late=late @ sent)
 
     @property
     def n_knots(self) -> int:
-        """Those at both ends left out."""
-        return int(self.told.shape[1])
+        """Number of knots without those at both ends."""
+        return int(self.sent.shape[1])
 
-    def nearest(self, told: np.ndarray) -> np.ndarray:
-        """Knots (n_knots, n_u) [N, N m] whose commands are nearest to told (n, n_u) [N, N m]."""
+    def nearest(self, sent: np.ndarray) -> np.ndarray:
+        """Knots (n_knots, n_u) [N, N m] whose commands are nearest to sent (n, n_u) [N, N m]."""
         from scipy.sparse.linalg import spsolve  # a tenth of a second
 
-        square = (self.told.T @ self.told).tocsc()
-        return np.asarray(spsolve(square, self.told.T @ told)).reshape(self.n_knots, -1)
+        square = (self.sent.T @ self.sent).tocsc()
+        return np.asarray(spsolve(square, self.sent.T @ sent)).reshape(self.n_knots, -1)
 
 
 def edges_of(n: int, step: float, delay: float) -> np.ndarray:

@@ -1,9 +1,9 @@
 """Optimal experiment design: commands after which the numbers that matter are known best, within thrust, pool and time.
 
-Optimal control in its simplest form: commands at knots are the unknowns, the trajectory follows from them, and its information has a
-slope with all of them at once. The search begins with drawn sines, flown so that they stay in the pool. Limits of thrust hold all
-along; slew, pool and tilt are penalties with a margin, dearer from round to round. What comes out is limited in thrust and slew
-exactly. Finer steps say where it leads: by how much they differ is added to the trajectories of the next round.
+Single shooting: commands at knots are the unknowns, the trajectory follows from them, and its information has a gradient by
+all. The search begins with drawn sines, flown so that they stay in the pool. Limits of thrust hold all along; slew, pool and
+tilt are penalties with a margin, dearer from round to round. What comes out is limited in thrust and slew exactly. Finer steps
+say where it leads: by how much they differ is added to the trajectories of the next round.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ class ExperimentTask:
     """One. Raises InvalidInput for limits of other actuators, and too little time or too much."""
 
     vehicle: Vehicle
-    """With its unknowns where they are believed to be."""
+    """Vehicle with its unknowns at their prior values."""
     limits: ExperimentLimits
     duration: float = 60.0
     """[s] of a recording."""
     matter: tuple[str, ...] = ()
     """Numbers, or quantities, which are to be known well; all where none is named."""
     noise: Noise = field(default_factory=Noise)
-    """Of the sensors."""
+    """Noise of the sensors."""
     rate: float = 10.0
     """[Hz] of the sensors."""
-    known: np.ndarray | None = None
+    prior_information: np.ndarray | None = None
     """(n_p, n_p) [1 / unknowns^2] information of recordings that there are."""
     joints: tuple[float, ...] = ()
     """(n_j,) [rad or m] of the arm, which is held still; 0 where none is given."""
@@ -83,10 +83,10 @@ class ExperimentTask:
         names, slopes = slopes_of(self.vehicle, self.vehicle.shared.start)
         chosen = slopes[_chosen(names, self.matter)]
         priors = np.concatenate([self.vehicle.shared.sigma, self.vehicle.own.sigma])
-        known = np.zeros((len(priors),) * 2) if self.known is None else self.known
+        known = np.zeros((len(priors),) * 2) if self.prior_information is None else self.prior_information
         return InformationCriterion(
             slopes=np.hstack([chosen, np.zeros((len(chosen), len(self.vehicle.own.start)))]),
-            known=known + np.diag(1.0 / priors**2),
+            prior_information=known + np.diag(1.0 / priors**2),
             noise=self.noise,
             rate=self.rate,
         )
@@ -107,7 +107,7 @@ FINER = 5
 
 
 class DesignStatus(AdvisedStatus):
-    """Where a design leads."""
+    """Outcome of a design."""
 
     INSIDE = "inside the pool", "See how far vehicles with other numbers go before it drives one."
     OUTSIDE = (
@@ -118,7 +118,7 @@ class DesignStatus(AdvisedStatus):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Excitation:
-    """Commands, and what they are expected to tell."""
+    """Commands, and the numbers that they are expected to determine."""
 
     commands: Channel
     """(n, n_u) [N, N m] held for a step each; they begin with 0."""
@@ -127,14 +127,14 @@ class Excitation:
     swept: np.ndarray
     """(2, 3) [m] lowest and highest corner of what the hull sweeps, in W, from where the vehicle's origin begins."""
     numbers: tuple[IdentifiedNumber, ...]
-    """As they are known after one recording, where the vehicle is as it is believed to be."""
+    """Expected numbers after one recording, if the vehicle is as the priors have it."""
     information: np.ndarray
     """(n_p, n_p) [1 / unknowns^2] of one recording, priors left out."""
     status: DesignStatus
 
 
 def excitation_of(given: ExperimentTask, rollout: Rollout, commands: Channel) -> Excitation:
-    """What other commands, held for equal steps, would tell."""
+    """Predict what other commands, held for equal steps, would determine."""
     step = float(commands.t[1] - commands.t[0])
     courses, held = TrajectorySimulator(rollout, given.unknowns, step, given.still), ZeroOrderHold(commands)
     edges = commands.t[0] + edges_of(len(commands.t), step, courses.delay)
@@ -244,7 +244,7 @@ def largest(given: ExperimentTask, rollout: Rollout, name: str, seed: int = 0) -
 # How well numbers are to be known: twice as well as steps and chirps by hand tell them, and well enough to count.
 
 HALF = 0.5
-"""Of the smallest standard error by hand, which is wanted."""
+"""Target, as a share of the smallest standard error by hand."""
 
 
 def target_deviations(given: ExperimentTask, rollout: Rollout) -> np.ndarray:
@@ -256,9 +256,9 @@ def target_deviations(given: ExperimentTask, rollout: Rollout) -> np.ndarray:
     chosen, aim = given.chosen, given.aim()
     by_hand = [largest(given, rollout, name).numbers for name in BY_HAND]
     least = np.array([[one.sigma for one in numbers] for numbers in by_hand]).min(axis=0)[chosen]
-    learnt = np.array([[one.learnt for one in numbers] for numbers in by_hand]).max(axis=0)[chosen]
+    learnt = np.array([[one.informed for one in numbers] for numbers in by_hand]).max(axis=0)[chosen]
     sizes = np.array([one.size or np.inf for one in by_hand[0]])[chosen]
-    believed = 1.0 / aim.deviations(np.zeros_like(aim.known)) ** 2
+    believed = 1.0 / aim.deviations(np.zeros_like(aim.prior_information)) ** 2
     told = np.where(learnt, 1.0 / least**2 - believed, 0.0)
     return np.asarray((believed + np.maximum(told / HALF**2, 1.0 / (DETERMINED_BELOW * sizes) ** 2)) ** -0.5)
 
@@ -268,7 +268,7 @@ def target_deviations(given: ExperimentTask, rollout: Rollout) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Objective:
-    """Of knots (n_knots, n_u) [N, N m]."""
+    """Objective of the design, a function of knots (n_knots, n_u) [N, N m]."""
 
     aim: InformationCriterion
     limits: ExperimentLimits
@@ -287,8 +287,8 @@ class Objective:
         share = 2.0 * price / len(one.x)
         with_x = np.pad(share * np.einsum("ki,kij->kj", out, slope), ((0, 0), (0, one.x.shape[1] - slope.shape[2])))
         with_u, with_late = self.courses.pulled(one, M, with_x)
-        hurry, with_told = self._hurry(self.history.told @ knots, price)
-        pulled = self.history.acting.T @ with_u + self.history.late.T @ with_late + self.history.told.T @ with_told
+        hurry, with_sent = self._hurry(self.history.sent @ knots, price)
+        pulled = self.history.acting.T @ with_u + self.history.late.T @ with_late + self.history.sent.T @ with_sent
         return figure + share * float((out**2).sum()) / 2.0 + hurry, pulled
 
     def lowered(self, knots: np.ndarray, price: float, iterations: int) -> np.ndarray:
@@ -307,7 +307,7 @@ class Objective:
         return np.asarray(found.x.reshape(knots.shape) * size)
 
     def _hurry(self, told: np.ndarray, price: float) -> tuple[float, np.ndarray]:
-        """What steps beyond the slew limit cost, with its slope (n, n_u) [1/N, 1/(N m)]."""
+        """Penalty of steps beyond the slew limit, with its slope (n, n_u) [1/N, 1/(N m)]."""
         slope, most = np.zeros_like(told), self.limits.slew * self.courses.h
         if not np.isfinite(most):
             return 0.0, slope
@@ -333,7 +333,7 @@ _START_AMPLITUDES = 1.0, 2.0, 4.0  # of what each axis can get alone, where the 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DesignSettings:
-    """Of the search."""
+    """Settings of the search for commands."""
 
     step: float = 0.05
     """[s] of the simulation, for which a command is held."""
@@ -382,9 +382,9 @@ class _Search:
         given, history, rng = self.given, self.objective.history, np.random.default_rng(self.effort.seed)
         found = []
         for share in _START_AMPLITUDES * self.effort.starts:
-            sines = multisine(rng, history.told.shape[0], 6, given.duration * self.effort.fastest)
-            flown = keep_inside_pool(given, self.rollout, share * sines, self.effort.step)
-            found.append(np.clip(history.nearest(flown), *given.limits.thrust.T))
+            sines = multisine(rng, history.sent.shape[0], 6, given.duration * self.effort.fastest)
+            exported = keep_inside_pool(given, self.rollout, share * sines, self.effort.step)
+            found.append(np.clip(history.nearest(exported), *given.limits.thrust.T))
         return min(found, key=lambda knots: self.objective.value(knots, _PRICES[0])[0])
 
     def lowered(self, knots: np.ndarray, price: float) -> np.ndarray:
@@ -394,7 +394,7 @@ class _Search:
         return replace(self.objective, off=off).lowered(knots, price, self.effort.iterations)
 
     def expected(self, knots: np.ndarray) -> Excitation:
-        """What they tell, kept to thrust and slew, and where they lead."""
+        """Predict the experiment of these knots, clipped to thrust and slew limits."""
         step = self.effort.step
-        told = self.given.limits.kept(self.objective.history.told @ knots, step)
+        told = self.given.limits.kept(self.objective.history.sent @ knots, step)
         return excitation_of(self.given, self.rollout, Channel(t=step * np.arange(len(told)), values=told))

@@ -1,7 +1,6 @@
 """Fit a vehicle to recordings from far away, and predict recordings with the fit.
 
-In segments of a second everything is nearly linear in the unknowns, as in an equation error; what is found there is near enough for
-long ones.
+In segments of a second everything is nearly linear in the unknowns, as in an equation error; that solution starts long ones.
 """
 
 from __future__ import annotations
@@ -22,45 +21,45 @@ _ITERATIONS = 10
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Predicted:
-    """What sensors should show, beside what they showed."""
+    """Predicted and measured outputs of the three sensors."""
 
     t: tuple[np.ndarray, ...]
     """Three of (m,) [s]: of velocity, angular velocity and the vertical in B."""
     rows: tuple[np.ndarray, ...]
     """Three of (m, 3) [m/s, rad/s, -]"""
-    seen: tuple[np.ndarray, ...]
+    measured: tuple[np.ndarray, ...]
     """Three of (m, 3) [m/s, rad/s, -]"""
 
     def after(self, t: float) -> Predicted:
-        """Without what was before t [s]."""
+        """Return the part from t [s] on."""
         later = [times > t for times in self.t]
         parts = [
             tuple(values[chosen] for values, chosen in zip(all_of_them, later, strict=True))
-            for all_of_them in (self.t, self.rows, self.seen)
+            for all_of_them in (self.t, self.rows, self.measured)
         ]
-        return Predicted(t=parts[0], rows=parts[1], seen=parts[2])
+        return Predicted(t=parts[0], rows=parts[1], measured=parts[2])
 
     @property
     def finite(self) -> bool:
-        """Whether all of it is: a vehicle that was identified on too little may run away."""
+        """True if every prediction is finite: a vehicle that was identified on too little may run away."""
         return all(bool(np.isfinite(rows).all()) for rows in self.rows)
 
     @staticmethod
     def joined(parts: Sequence[Predicted]) -> Predicted:
         """One after the other."""
-        t, rows, seen = (
+        t, rows, measured = (
             tuple(np.concatenate([getattr(one, name)[k] for one in parts]) for k in range(3))
-            for name in ("t", "rows", "seen")
+            for name in ("t", "rows", "measured")
         )
-        return Predicted(t=t, rows=rows, seen=seen)
+        return Predicted(t=t, rows=rows, measured=measured)
 
 
 def rolled_out(
     rollout: Rollout, stretch: Segment, start: SegmentStart, shared: np.ndarray, own: np.ndarray
 ) -> Predicted:
     """A stretch from where it begins, with unknowns shared (n,) and own (m,) [as `Unknowns.start`]."""
-    (seen,) = rollout.seen([stretch], [start], np.concatenate([shared, own])[None], slopes=False)
-    return Predicted(t=stretch.t, rows=seen.rows, seen=stretch.seen)
+    (found,) = rollout.predict([stretch], [start], np.concatenate([shared, own])[None], slopes=False)
+    return Predicted(t=stretch.t, rows=found.rows, measured=stretch.measured)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -72,28 +71,28 @@ class Predictor:
     shared: np.ndarray
     """(n,) [as `Unknowns.start`]"""
     noise: Noise
-    """By which starts are fitted."""
-    known: float = 2.0
+    """Noise by which starts are fitted."""
+    start_window: float = 2.0
     """[s] of the beginning of a stretch, from which its start is found; nothing later is looked at."""
     own: bool = False
-    """Whether what a recording has for itself is found there too, and not taken as the declaration has it."""
+    """True to fit there, too, what a recording has for itself; else it stays as declared."""
 
     def of(self, stretch: Segment) -> Predicted:
         """Predict a whole stretch."""
-        error = OutputErrorProblem(self.vehicle, [stretch.first(self.known)], self.noise, self.rollout)
+        error = OutputErrorProblem(self.vehicle, [stretch.first(self.start_window)], self.noise, self.rollout)
         found = error.solve(error.start(self.shared), iterations=_ITERATIONS, frozen=True)
         own = found.own[stretch.recording] if self.own else self.vehicle.own.start
         return rolled_out(self.rollout, stretch, found.starts[0], self.shared, own)
 
     def over(self, prepared: PreparedRecording, step: float, horizon: float) -> Predicted:
         """Predict a recording horizon by horizon [s], in steps of `step` [s], each from what was known before it."""
-        windows = prepared.windows(step, self.known, horizon)
-        return Predicted.joined([self.of(one).after(float(one.edges[0]) + self.known) for one in windows])
+        windows = prepared.windows(step, self.start_window, horizon)
+        return Predicted.joined([self.of(one).after(float(one.edges[0]) + self.start_window) for one in windows])
 
 
-def fit(seen: np.ndarray, predicted: np.ndarray) -> float:
-    """[%] ``100 (1 - |error| / |seen - mean|)`` of seen (m,) and predicted (m,) [of one unit]: 0 is as good as the mean."""
-    return 100.0 * (1.0 - float(np.linalg.norm(predicted - seen) / np.linalg.norm(seen - seen.mean())))
+def fit(measured: np.ndarray, predicted: np.ndarray) -> float:
+    """Normalised fit [%], ``100 (1 - |error| / |measured - mean|)``, of measured and predicted (m,); 0: as good as the mean."""
+    return 100.0 * (1.0 - float(np.linalg.norm(predicted - measured) / np.linalg.norm(measured - measured.mean())))
 
 
 # Output error from far away: roughly in short stretches first, then as it is meant.
@@ -110,7 +109,7 @@ _ROUNDS = 10  # of iterations, the first among them, while each of them still lo
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Search:
-    """Of the second part."""
+    """Settings of the second part of the search."""
 
     step: float = 0.02
     """[s] of the simulation: lags are biased where it is not well below them."""
@@ -138,7 +137,7 @@ def search_fit(
 
 
 def resumed_search(error: OutputErrorProblem, found: Estimate, iterations: int) -> Estimate:
-    """From where a search has reached its limit, in rounds of iterations, until it converges or no step is left."""
+    """Resume a search that reached its iteration limit, in rounds, until it converges or no step is left."""
     for _ in range(_ROUNDS - 1):
         if found.status is not FitStatus.ITERATION_LIMIT:
             break
@@ -169,24 +168,24 @@ def _error(
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class FitContext:
-    """Of an estimate."""
+    """Estimate with the vehicle, recordings and settings of its fit."""
 
     vehicle: Vehicle
     rollout: Rollout
     prepared: tuple[PreparedRecording, ...]
     noise: Noise
     search: Search
-    """By which recordings are cut into stretches."""
+    """Settings by which recordings are cut into segments."""
     estimate: Estimate
 
     @property
     def stretches(self) -> tuple[Segment, ...]:
-        """Of all recordings, as the estimate's starts are."""
+        """Segments of all recordings, in the order of the estimate's starts."""
         step, duration = self.search.step, self.search.stretch
         return tuple(part for one in self.prepared for part in one.stretches(step, duration))
 
-    def left(self, recording: str | None = None) -> Predicted:
-        """What the search has left in all its stretches, or in those of one recording: sensors beside the simulation."""
+    def residuals(self, recording: str | None = None) -> Predicted:
+        """Return measurements beside the simulation, in all segments or in those of one recording."""
         pairs = zip(self.stretches, self.estimate.starts, strict=True)
         shared, own = self.estimate.shared, self.estimate.own
         return Predicted.joined(
@@ -198,24 +197,24 @@ class FitContext:
         )
 
     def predictor(self, shared: np.ndarray | None = None) -> Predictor:
-        """With the unknowns of the estimate, or with shared (n,) [as `Unknowns.start`]."""
+        """Make a predictor with the unknowns of the estimate, or with shared (n,) [as `Unknowns.start`]."""
         chosen = self.estimate.shared if shared is None else shared
         return Predictor(vehicle=self.vehicle, rollout=self.rollout, shared=chosen, noise=self.noise)
 
     def problem(self, pull: ProfilePenalty | None = None) -> OutputErrorProblem:
-        """What the estimate solves, with a number drawn to a value besides."""
+        """Build the problem that the estimate solves, with a penalty that draws one number to a value if given."""
         return OutputErrorProblem(self.vehicle, self.stretches, self.noise, self.rollout, pull)
 
-    def widened(self, together: float) -> FitContext:
-        """The problem whose information intervals are taken from: the same optimum, where samples tell less.
+    def inflated(self, inflation: float) -> FitContext:
+        """Build the problem with inflated variances, for intervals: the same optimum with less information.
 
-        together: samples that miss alike, as `variance_inflation` finds. The cost of what is seen is divided by it. Priors are
+        inflation: samples that miss alike, as `variance_inflation` finds. The cost of what is seen is divided by it. Priors are
         not; they are moved, so that they draw as little as the recordings do and the estimate stays where it is.
         """
         seen = ("velocity", "rate", "vertical", "process", "start")
-        root, shared = float(np.sqrt(together)), self.estimate.shared
+        root, shared = float(np.sqrt(inflation)), self.estimate.shared
         wider = {name: root * getattr(self.noise, name) for name in seen}
-        about = shared - (shared - self.vehicle.shared.start) / together
+        about = shared - (shared - self.vehicle.shared.start) / inflation
         vehicle = replace(
             self.vehicle,
             shared=self.vehicle.shared.believed(about),

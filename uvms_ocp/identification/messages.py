@@ -41,7 +41,7 @@ def bag_messages(folder: Path, topics: Collection[str]) -> Iterator[tuple[str, i
 
 
 def bag_topics(folder: Path) -> tuple[str, ...]:
-    """All of a bag, sorted. Raises NotInstalled and InvalidInput."""
+    """Return all topics of a bag, sorted. Raises NotInstalled and InvalidInput."""
     with _opened(folder) as reader:
         return tuple(sorted({connection.topic for connection in reader.connections}))
 
@@ -57,7 +57,7 @@ def _opened(folder: Path) -> Any:
 
 
 def _is_data_base(file: Path) -> bool:
-    """By what is in it: the bag says what its files are called."""
+    """Recognise a data base by its first bytes: the bag names its files freely."""
     if not file.is_file():
         return False
     with file.open("rb") as content:
@@ -73,7 +73,7 @@ def _require_plain(file: Path) -> None:
 
 
 def ros_decoder(name: str, encoding: str, text: str) -> Callable[[bytes], Any]:
-    """What makes messages of that type of bytes; encoding: ros2msg or ros2idl, of the text. Raises NotInstalled, InvalidInput."""
+    """Make the decoder of a message type; encoding: ros2msg or ros2idl, of the text. Raises NotInstalled, InvalidInput."""
     typesys = _typesystem()
     known = {"ros2msg": lambda: typesys.get_types_from_msg(text, name), "ros2idl": lambda: _of_idl(typesys, text)}
     if encoding not in known:
@@ -108,17 +108,17 @@ _MCAP = ".mcap"
 
 
 def holds_messages(path: Path) -> bool:
-    """Whether it is such a file or folder, by its ending or by what is in it."""
+    """Recognise a file or folder of messages, by its ending or its contents."""
     return path.suffix == _MCAP or (path / METADATA).is_file()
 
 
 def messages(path: Path, topics: Collection[str]) -> Iterator[Message]:
-    """Those of some topics as they were logged. Raises NotInstalled, and InvalidInput for what is damaged or too large."""
+    """Yield the messages of some topics as logged. Raises NotInstalled, and InvalidInput for damaged or too large files."""
     return _checked(path, lambda: _messages(path, topics))
 
 
 def topics_of(path: Path) -> tuple[str, ...]:
-    """All, sorted. Raises NotInstalled and InvalidInput, as `messages` does."""
+    """Return all topics, sorted. Raises NotInstalled and InvalidInput, as `messages` does."""
     return tuple(_checked(path, lambda: _topics(path)))
 
 
@@ -147,7 +147,7 @@ def _topics(path: Path) -> Iterator[str]:
 
 
 def _mcap_files(path: Path) -> list[Path] | None:
-    """Those that hold the messages; none of a folder whose storage is another."""
+    """List the files that hold the messages; `None` for a folder of another storage."""
     if not path.is_dir():
         require_regular_file(path)
         return [path]
@@ -201,7 +201,7 @@ _STAMPS = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "
 
 
 def steps_of(path: str) -> tuple[str, ...]:
-    """Of a path, one after the other. Raises InvalidInput for what is none."""
+    """Split a path into its steps. Raises InvalidInput for a malformed one."""
     if not _PATH.match(path):
         raise InvalidInput(
             f"field {path!r} given; allowed: names with dots between them, such as pose.position.x or a[3]"
@@ -210,7 +210,7 @@ def steps_of(path: str) -> tuple[str, ...]:
 
 
 def numbers_at(message: Any, steps: Sequence[str]) -> list[float]:
-    """What is there [as it is]: one number, or all of an array. Raises NameNotFound, and InvalidInput for what is no number."""
+    """Return the number there, or all of an array. Raises NameNotFound, and InvalidInput for what is no number."""
     value = _value_at(message, steps)
     return [_number(x, steps) for x in value] if _is_array(value) else [_number(value, steps)]
 
@@ -243,7 +243,7 @@ def _field(value: Any, name: str) -> Any:
 
 
 def _names_in(value: Any) -> tuple[str, ...]:
-    """Of the fields of a message; none of a number."""
+    """Names of the fields of a message; none for a number."""
     if isinstance(value, Mapping):
         return tuple(map(str, value))
     if is_dataclass(value):
@@ -263,7 +263,7 @@ def _element(parent: Any, value: Any, step: str) -> Any:
 
 
 def _names_of_elements(parent: Any, value: Any) -> Iterator[str]:
-    """By a field of each, or by the names that stand beside them."""
+    """Yield names of elements, by a field of each or by the names beside them."""
     beside = _names_in(parent)
     if _NAMED[0] in beside and len(_field(parent, _NAMED[0])) == len(value):
         yield from map(str, _field(parent, _NAMED[0]))
@@ -288,13 +288,13 @@ def _number(value: Any, steps: Sequence[str]) -> float:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TopicColumns:
-    """What of the messages of a topic."""
+    """Columns to read from the messages of a topic."""
 
     topic: str
     columns: tuple[str, ...]
     """Paths of fields, see `uvms_ocp.identification.messages`."""
     time: str = ""
-    """That of the time; empty for when they were logged."""
+    """Path of the time; empty for the time of logging."""
     unit: float = 1.0
     """[s] of a time that is a plain number."""
 
@@ -316,7 +316,7 @@ def message_rows(path: Path, wanted: Mapping[str, TopicColumns]) -> dict[str, np
 
 @dataclass(slots=True, eq=False)
 class _Rows:
-    """Of one channel, so far."""
+    """Rows of one channel, read so far."""
 
     wanted: TopicColumns
     time: tuple[str, ...] = field(init=False)

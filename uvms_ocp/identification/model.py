@@ -1,8 +1,8 @@
 """Model of an identified vehicle: one step in time, with its derivatives.
 
-The state is ``x = [q of the vehicle (7), its velocity in B (6), what its actuators give (n_u)]``. Joints move as they were
-measured, and the vehicle's six rows of the inverse dynamics give its acceleration. A command is held over the step; what actuators
-give follows it with a lag of first order, exactly, and acts by its mean over the step: also a lag shorter than a step leaves its
+The state is ``x = [q of the vehicle (7), its velocity in B (6), actuator outputs (n_u)]``. Joints move as they were measured,
+and the vehicle's six rows of the inverse dynamics give its acceleration. A command is held over the step; what actuators give
+follows it with a lag of first order, exactly, and acts by its mean over the step: also a lag shorter than a step leaves its
 whole impulse. The vehicle drifts for half a step, its velocity changes by the forces there, and it drifts on: swings keep their
 period and their size better than by other rules of two evaluations.
 """
@@ -44,7 +44,6 @@ def vehicle_dynamics(dynamics: SymbolicDynamics, values: Mapping[str, ca.SX], li
 # keep their period and their size better than by other rules of two evaluations.
 
 N_Q, N_V = 7, 6
-"""Of the vehicle."""
 PAST, PAST_STEP = 12, 0.05
 """, [s] of commands before a start: what actuators give there has a past."""
 _EDGE = 0.2  # of the dead zone, in which its edge is rounded
@@ -52,7 +51,7 @@ _EDGE = 0.2  # of the dead zone, in which its edge is rounded
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Vehicle:
-    """What a stage is made of."""
+    """Symbolic dynamics, actuators and unknowns from which a stage is made."""
 
     dynamics: SymbolicDynamics
     shared: Unknowns
@@ -69,7 +68,7 @@ class Vehicle:
         return len(self.shared.start) + len(self.own.start)
 
     def values(self, p: ca.SX) -> dict[str, ca.SX]:
-        """All quantities at the unknowns p (n_p,), the shared ones first."""
+        """Return all quantities at the unknowns p (n_p,), the shared ones first."""
         n = len(self.shared.start)
         return self.shared.values(p[:n]) | self.own.values(p[n:])
 
@@ -86,7 +85,7 @@ class Stage:
     """``x, u, joints, p, h -> x_next``"""
     slope: ca.Function
     """``x, u, joints, p, h -> A = dx_next/dx, B = dx_next/dp, C = dx_next/du``"""
-    seen: ca.Function
+    outputs: ca.Function
     """``x, p -> y (9,), dy/dx, dy/dp``: velocity where it is measured, in B; angular velocity, W's vertical, as they are seen."""
     begun: ca.Function
     """``u (n_u, PAST), p -> w, dw/dp, dw/du (n_u, n_u PAST)``: what actuators give after commands of `PAST_STEP` each."""
@@ -104,14 +103,16 @@ def stage_of(vehicle: Vehicle) -> Stage:
     x, u, joints = ca.SX.sym("x", N_Q + N_V + n_u), ca.SX.sym("u", n_u), ca.SX.sym("joints", 3 * n_j)
     p, h = ca.SX.sym("p", vehicle.n_p), ca.SX.sym("h")
     values = vehicle.values(p)
-    after, seen = _after(vehicle, values, x, u, joints, h), _seen(values, x)
+    after, outputs = _after(vehicle, values, x, u, joints, h), _outputs(values, x)
     past = ca.SX.sym("past", n_u, PAST)
     begun, late = _begun(vehicle.actuators, values, past), ca.vertcat(values["delay"], values["velocity_delay"])
     given, options = [x, u, joints, p, h], {"cse": True}
     return Stage(
         step=ca.Function("step", given, [after], options),
         slope=ca.Function("slope", given, [ca.densify(ca.jacobian(after, one)) for one in (x, p, u)], options),
-        seen=ca.Function("seen", [x, p], [ca.densify(seen), *(ca.densify(ca.jacobian(seen, one)) for one in (x, p))]),
+        outputs=ca.Function(
+            "seen", [x, p], [ca.densify(outputs), *(ca.densify(ca.jacobian(outputs, one)) for one in (x, p))]
+        ),
         begun=ca.Function("begun", [past, p], [begun, *(ca.densify(ca.jacobian(begun, one)) for one in (p, past))]),
         delays=ca.Function("delays", [p], [late, ca.densify(ca.jacobian(late, p))]),
         n_x=x.numel(),
@@ -133,7 +134,7 @@ def _after(vehicle: Vehicle, values: dict[str, ca.SX], x: ca.SX, u: ca.SX, joint
 
 
 def _target(actuators: ActuatorModel, values: dict[str, ca.SX], u: ca.SX) -> ca.SX:
-    """What actuators come to give: next to nothing inside the dead zone; less than is asked beyond it, by its size, or all."""
+    """Compute the steady thrust for commands u: next to nothing in the dead zone; beyond it all, or less by the zone's size."""
     beyond = _whole_beyond if actuators.whole_beyond else _less_beyond
     ahead, back = beyond(u, values["dead_zone"]), beyond(-u, values["dead_zone_reverse"])
     return values["gain"] * (ahead - values["reverse"] * back)
@@ -171,7 +172,7 @@ def _acceleration(
     return ca.ldl_solve(force, D, L_transposed, order)
 
 
-def _seen(values: dict[str, ca.SX], x: ca.SX) -> ca.SX:
+def _outputs(values: dict[str, ca.SX], x: ca.SX) -> ca.SX:
     linear, angular = x[N_Q : N_Q + 3], x[N_Q + 3 : N_Q + N_V]
     vertical = quaternion_to_matrix(x[3:N_Q])[2, :].T
     at_point = linear + cross(angular, values["velocity_point"])

@@ -22,7 +22,7 @@ from uvms_ocp.robot.spatial import quaternion_conjugate, quaternion_log, quatern
 
 
 def loss(r: np.ndarray, outliers: float) -> float:
-    """Of all residuals r (...), which count linearly beyond outliers."""
+    """Huber loss of all residuals r (...), which count linearly beyond outliers."""
     return float((outliers**2 * (np.sqrt(1.0 + (r / outliers) ** 2) - 1.0)).sum())
 
 
@@ -37,7 +37,7 @@ def weighted(r: np.ndarray, J: np.ndarray, outliers: float) -> tuple[np.ndarray,
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NormalEquations:
-    """Of n shared unknowns and n_local others [as `Unknowns.start`]."""
+    """Gauss-Newton normal equations of n shared unknowns and n_local others [as `Unknowns.start`]."""
 
     cost: float
     """Half the weighted squares."""
@@ -54,7 +54,7 @@ class NormalEquations:
 
 
 def finite(blocks: Sequence[NormalEquations]) -> bool:
-    """Whether all is: where a simulation runs away, its slopes do before its cost."""
+    """Check that all entries are finite: where a simulation runs away, its slopes do before its cost."""
     return all(np.isfinite(part).all() for one in blocks for part in (one.cost, one.H, one.H_local))
 
 
@@ -75,7 +75,7 @@ class SearchPoint:
     own: tuple[np.ndarray, ...]
     """(m,) [as `Unknowns.start`] of each recording."""
     starts: tuple[tuple[SegmentStart, ...], ...]
-    """Of the stretches of each recording."""
+    """Starts of the segments of each recording."""
 
 
 def difference(of: SegmentStart, to: SegmentStart) -> np.ndarray:
@@ -91,10 +91,10 @@ def difference(of: SegmentStart, to: SegmentStart) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ProfilePenalty:
-    """Of one number."""
+    """Quadratic penalty that draws one number to a value, for profile likelihood."""
 
     number: Callable[[np.ndarray], tuple[float, np.ndarray]]
-    """From the unknowns (n,) [as `Unknowns.start`]: the number [any], and its slope (n,) [any per unknown]."""
+    """Maps the unknowns (n,) [as `Unknowns.start`] to the number [any] and its slope (n,) [any per unknown]."""
     target: float
     """[as the number]"""
     sigma: float
@@ -105,7 +105,7 @@ class ProfilePenalty:
         return ((self.number(shared)[0] - self.target) / self.sigma) ** 2 / 2
 
     def normal(self, shared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What it adds to the normal equations, (n, n) and (n,), at the unknowns shared (n,) [as `Unknowns.start`]."""
+        """Compute its part of the normal equations, (n, n) and (n,), at the unknowns shared (n,) [as `Unknowns.start`]."""
         value, slope = self.number(shared)
         return np.outer(slope, slope) / self.sigma**2, slope * (value - self.target) / self.sigma**2
 
@@ -121,7 +121,7 @@ _Inverse = Callable[[np.ndarray], np.ndarray]
 
 
 class FitStatus(AdvisedStatus):
-    """How a fit has ended."""
+    """Reason for which a fit ended."""
 
     CONVERGED = "converged", "Look at what is not determined before numbers are used."
     ITERATION_LIMIT = "iteration limit", "Look at the recordings' doubts, learn less, or give shorter stretches."
@@ -141,7 +141,7 @@ class Noise:
     rate: float = 0.05
     """[rad/s] of angular velocity."""
     vertical: float = 0.03
-    """Of the vertical in B, radians of roll and pitch."""
+    """[rad] of roll and pitch, of the vertical in B."""
     process: float = 0.05
     """[m/s, rad/s, rad] between the end of a stretch and the beginning of the next."""
     start: float = 0.1
@@ -159,7 +159,7 @@ class Estimate:
     own: Mapping[str, np.ndarray]
     """(m,) [as `Unknowns.start`] of each recording, by its name."""
     starts: tuple[SegmentStart, ...]
-    """Of the stretches."""
+    """Starts of the segments."""
     cost: float
     """Half the weighted squares."""
     information: np.ndarray
@@ -193,13 +193,13 @@ class OutputErrorProblem:
         self._sigma = noise.velocity, noise.rate, noise.vertical
 
     def start(self, shared: np.ndarray | None = None) -> SearchPoint:
-        """Where the declaration has unknowns, or at shared (n,) [as `Unknowns.start`], and stretches begin as it was seen."""
+        """Return the first iterate: unknowns as declared, or shared (n,) [as `Unknowns.start`]; segments begin as measured."""
         begins = tuple(tuple(SegmentStart(q=one.q, v=one.v) for one in group) for group in self._recordings)
         own = tuple(self._vehicle.own.start for _ in self._recordings)
         return SearchPoint(shared=self._vehicle.shared.start if shared is None else shared, own=own, starts=begins)
 
     def resumed(self, estimate: Estimate) -> SearchPoint:
-        """Where an estimate from the same stretches has ended."""
+        """Return the iterate at which an estimate from the same segments ended."""
         own = tuple(estimate.own[group[0].recording] for group in self._recordings)
         left = iter(estimate.starts)
         begins = tuple(tuple(next(left) for _ in group) for group in self._recordings)
@@ -247,7 +247,7 @@ class OutputErrorProblem:
     def _step(
         self, point: SearchPoint, blocks: list[NormalEquations], damping: float, frozen: bool
     ) -> tuple[SearchPoint, float, float, list[NormalEquations]] | None:
-        """Where the cost is lower, damping there, the cost, and the problem there: finite, all of it."""
+        """Find a step that lowers the cost (Levenberg-Marquardt); returns point, damping, cost and problem, all finite."""
         before = self._total(point, [block.cost for block in blocks])
         for _ in range(8):
             after = self._moved(point, blocks, damping, frozen)
@@ -325,7 +325,7 @@ class OutputErrorProblem:
             return [self._block(k, point, seen) for k, seen in enumerate(self._all_seen(point, slopes=True))]
 
     def _all_seen(self, point: SearchPoint, *, slopes: bool) -> list[list[PredictedOutputs]]:
-        """By recording; stretches that have equally many steps are simulated together."""
+        """Simulate every recording; segments with equally many steps are simulated together."""
         flat = [
             (k, stretch, start)
             for k, group in enumerate(self._recordings)
@@ -336,7 +336,7 @@ class OutputErrorProblem:
             chosen = [i for i, (_, stretch, _) in enumerate(flat) if len(stretch.edges) == n]
             p = np.array([np.concatenate([point.shared, point.own[flat[i][0]]]) for i in chosen])
             parts = [flat[i][1] for i in chosen], [flat[i][2] for i in chosen]
-            found |= dict(zip(chosen, self._rollout.seen(*parts, p, slopes=slopes), strict=True))
+            found |= dict(zip(chosen, self._rollout.predict(*parts, p, slopes=slopes), strict=True))
         return [[found[i] for i, (k, _, _) in enumerate(flat) if k == group] for group in range(len(self._recordings))]
 
     def _cost(self, k: int, point: SearchPoint, seen: list[PredictedOutputs]) -> float:
@@ -345,10 +345,10 @@ class OutputErrorProblem:
 
     def _residuals(self, k: int, seen: list[PredictedOutputs]) -> list[list[np.ndarray]]:
         pairs = zip(self._recordings[k], seen, strict=True)
-        return [[(one.rows[j] - stretch.seen[j]) / self._sigma[j] for j in range(3)] for stretch, one in pairs]
+        return [[(one.rows[j] - stretch.measured[j]) / self._sigma[j] for j in range(3)] for stretch, one in pairs]
 
     def _beginnings(self, k: int, point: SearchPoint) -> tuple[list[np.ndarray], float]:
-        """How far starts are from what was seen there, weighted, and what that costs."""
+        """Compute weighted residuals of the starts against what was measured there, and their cost."""
         far = [difference(SegmentStart(q=one.q, v=one.v), start) / self._noise.start
                for one, start in zip(self._recordings[k], point.starts[k], strict=True)]  # fmt: skip
         own = (point.own[k] - self._vehicle.own.start) / self._vehicle.own.sigma

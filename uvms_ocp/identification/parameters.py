@@ -1,4 +1,4 @@
-"""Parameters of a vehicle that may be identified: its quantities, what is fixed, free or has a prior, and the vector of unknowns."""
+"""Parameters of a vehicle that may be identified: quantities, which of them are fixed, free or have priors, and the unknowns."""
 
 from __future__ import annotations
 
@@ -25,7 +25,6 @@ from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 # What is known of a quantity: fixed, free, bounded, or free with a prior.
 
 All = None
-"""Of the coordinates of a quantity."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -96,7 +95,7 @@ class Quantity:
     upper: np.ndarray
     """(n,) [as x]"""
     own: bool = False
-    """Whether every recording has its own."""
+    """True where every recording has its own."""
 
     @staticmethod
     def fixed(unit: str, coordinates: Coordinates, value: np.ndarray, *, own: bool = False) -> Quantity:
@@ -114,7 +113,7 @@ class Quantity:
             own=own,
         )
 
-    def known(self, status: ParameterStatus) -> Quantity:
+    def with_status(self, status: ParameterStatus) -> Quantity:
         """A copy of which this is known. Raises NameNotFound for a coordinate that there is not, and InvalidInput."""
         names = self.coordinates.names
         for name in status.only or ():
@@ -142,19 +141,19 @@ class Quantity:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Declaration:
-    """All quantities by their names; see `uvms_ocp.identification.parameters` for those of a vehicle."""
+    """Quantities of a vehicle by name; `vehicle_declaration` gives all of them."""
 
     quantities: Mapping[str, Quantity]
 
-    def learning(self, **known: ParameterStatus) -> Declaration:
+    def with_status(self, **status: ParameterStatus) -> Declaration:
         """A copy in which these quantities are known so. Raises NameNotFound for one that there is not, and InvalidInput."""
-        for name in known:
+        for name in status:
             if name not in self.quantities:
                 raise NameNotFound("quantity", name, self.quantities)
-        changed = {name: self.quantities[name].known(status) for name, status in known.items()}
+        changed = {name: self.quantities[name].with_status(one) for name, one in status.items()}
         return Declaration(quantities={**self.quantities, **changed})
 
-    def starting(self, **values: np.ndarray) -> Declaration:
+    def with_start(self, **values: np.ndarray) -> Declaration:
         """A copy whose quantities start at other values (...) [unit of the quantity]. Raises NameNotFound, InvalidInput."""
         for name in values:
             if name not in self.quantities:
@@ -175,11 +174,11 @@ class Unknowns:
 
     declaration: Declaration
     own: bool = False
-    """Whether they are those that each recording has for itself."""
+    """True for those that each recording has for itself."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the unknowns, as ``added_mass surge``."""
+        """Names of the unknowns, as ``added_mass surge``."""
         return tuple(
             f"{name} {coordinate}".strip()
             for name, one in self._items()
@@ -252,7 +251,7 @@ _XYZ = ("x", "y", "z")
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ActuatorModel:
-    """What drives the vehicle: thrusters, or the wrench as commanded."""
+    """Actuators of the vehicle: thrusters, or the wrench as commanded."""
 
     names: tuple[str, ...] = AXES
     wrench: np.ndarray = field(default_factory=lambda: np.eye(6))
@@ -264,7 +263,7 @@ class ActuatorModel:
     dead_zone: float = 1e-3
     """[N, N m] below which nothing comes of a command."""
     whole_beyond: bool = False
-    """Whether all of a command comes beyond it, as thrusters of robot files have it; else its size is missing there."""
+    """True where a command beyond it acts in full, as for thrusters of robot files; else the size of the dead zone is missing."""
     delay: float = 0.1
     """[s] between a command and its effect, lag aside."""
     longest_delay: float = 1.0
@@ -285,7 +284,7 @@ class AxisCouplings:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NominalParameters:
-    """Where the search begins, and what coordinates are scaled by: numbers of the vehicle, a positive one for each axis."""
+    """Nominal numbers of the vehicle, where the search begins and by which coordinates are scaled; positive for each axis."""
 
     mass: float
     """[kg]"""
@@ -306,7 +305,7 @@ class NominalParameters:
 
     @staticmethod
     def of(dynamics: SymbolicDynamics, link: int = 0) -> NominalParameters:
-        """As the model has them: of a link in water, and of the joint body that carries it."""
+        """Read them from the model: of a link in water, and of the joint body that carries it."""
         wet = dynamics.links[link]
         body = dynamics.model.inertias[dynamics.joint_of(link)]
         return NominalParameters(
@@ -328,7 +327,7 @@ def vehicle_declaration(
     couplings: AxisCouplings | None = None,
     speed: np.ndarray | None = None,
 ) -> Declaration:
-    """Everything about a vehicle, known; `Declaration.learning` says what is not.
+    """Declare every quantity of a vehicle as fixed; `Declaration.with_status` frees some.
 
     hull: (2, 3) [m] lowest and highest corner of a box that holds the hull, in the frame of the coefficients. speed: (6,)
     [m/s, rad/s] of the size that velocities have, default 0.3. Raises InvalidInput for numbers that no vehicle has.
@@ -394,7 +393,7 @@ def _sensing(driven: ActuatorModel) -> dict[str, Quantity]:
 
 
 def _of_recordings() -> dict[str, Quantity]:
-    """What each has for itself."""
+    """Declare the quantities that each recording has for itself."""
     return {
         "current": Quantity.fixed("m/s", Reals(names=_XYZ), np.zeros(3), own=True),
         "wrench_offset": Quantity.fixed("N, N m", Reals(names=AXES), np.zeros(6), own=True),

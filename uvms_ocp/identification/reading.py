@@ -10,8 +10,8 @@ The mapping is a YAML file, or the same as a value:
         columns: [velocity.x, velocity.y, velocity.z]
         body: FRD
 
-Messages of MCAP files and rosbag2 folders have a topic, and fields by their paths; without a time they count as measured when they
-were logged:
+Messages of MCAP files and rosbag2 folders have a topic, and fields by their paths; without a time they count as measured when
+they were logged:
 
       attitude:
         topic: /odometry
@@ -21,8 +21,8 @@ were logged:
         topic: /joint_states
         columns: ["position[shoulder]", "position[elbow]"]
 
-Frames: ``world: NED`` and ``body: FRD`` are turned to W with z up and B forward-left-up. A world with z up is taken as it is: where
-it has its x axis changes no fit.
+Frames: ``world: NED`` and ``body: FRD`` are turned to W with z up and B forward-left-up. A world with z up is taken as it is:
+where it has its x axis changes no fit.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ _LARGEST_ANGLE = 2.5 * np.pi  # [rad] of roll, pitch and yaw as files have them,
 
 
 class ChannelMapping(BaseModel):
-    """Where one channel is, and what it is given in."""
+    """Source of one channel: topic or columns, units and frame."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -127,7 +127,7 @@ class ChannelMapping(BaseModel):
 
 @one_line_errors
 class RecordingMapping(BaseModel):
-    """All channels of a recording, by the names of `KINDS`."""
+    """Mapping of all channels of a recording, by the names of `CHANNEL_KINDS`."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -196,7 +196,7 @@ def _unknown(key: str, one: ChannelMapping, rows: np.ndarray) -> Iterator[tuple[
 
 
 def _named(one: ChannelMapping, chosen: np.ndarray) -> str:
-    """Of its time and columns (1 + k,) those that are chosen."""
+    """Names of the chosen ones of its time and columns (1 + k,)."""
     return ", ".join(name for name, each in zip((one.time, *one.columns), chosen, strict=True) if each)
 
 
@@ -283,12 +283,12 @@ def _estimated_rows(record: Record, floating: bool) -> Iterator[tuple[str, np.nd
 
 
 def _with_names(channel: Channel, names: tuple[str, ...]) -> Channel:
-    """Where it has a column for each: not of joints that turn without end."""
+    """Name its columns where there is one for each: not for joints that turn without end."""
     return replace(channel, columns=names) if len(names) == channel.values.shape[1] else channel
 
 
 def _asked(record: Record) -> Iterator[tuple[str, np.ndarray]]:
-    """Of thrusters: what they cannot give of a wrench is not asked of them."""
+    """Yield the commanded thrust, and the commanded wrench without what thrusters cannot give of it."""
     found = record.series
     for name in ("asked_thrust", "thrust"):
         if name in found and found[name].size:

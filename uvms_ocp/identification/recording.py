@@ -23,13 +23,13 @@ from uvms_ocp.types import frozen_mapping, read_only
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ChannelKind:
-    """What the channels of one name hold."""
+    """Kind of a channel: unit, columns and frame of its values."""
 
     unit: str
     columns: tuple[str, ...] = ()
     """Names; empty where a vehicle has as many as it has joints or thrusters."""
     frame: str = ""
-    """Of its vectors, W or B."""
+    """Frame of its vectors, W or B."""
     command: bool = False
     """Asked for, not measured: held from one sample to the next."""
 
@@ -113,9 +113,9 @@ class Recording:
     name: str
     channels: Mapping[str, Channel]
     issues_in_file: tuple[tuple[str, str], ...] = ()
-    """What speaks against which channel, as far as its file says so itself."""
+    """Issues that the file itself reports, as pairs of channel and text."""
     at_once: bool = False
-    """Whether it is known that commands act from their times on, as in runs of this toolkit."""
+    """True where commands act from their times on, as in runs of this toolkit."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "channels", frozen_mapping(self.channels))
@@ -273,7 +273,7 @@ def _silences(one: Recording) -> np.ndarray:
 
 
 def _between(one: Recording, begin: float, end: float) -> Recording | None:
-    """From one time [s] to another, or none that is too short."""
+    """Cut a recording from one time [s] to another; `None` if that is too short."""
     cut = {name: _cut(channel, begin, end) for name, channel in one.channels.items()}
     channels = {name: channel for name, channel in cut.items() if channel is not None}
     part = replace(one, channels=channels) if len(channels) == len(cut) else None

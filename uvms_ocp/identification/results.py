@@ -66,14 +66,14 @@ _SPEEDS = "drive {axes} at two speeds that differ much, and keep each for some s
 
 
 def advice(one: UnidentifiableDirection) -> str:
-    """What would determine a combination, or what has to be known besides; as ``drive yaw fast``."""
+    """Name the motion or knowledge that would determine a combination; as ``drive yaw fast``."""
     shares = [_parted(name) for name, _ in one.shares[:_SHARES]]
     told = _of_all(shares)
     return told or "; ".join(dict.fromkeys(_motion(_MOTIONS[quantity], entry) for quantity, entry in shares))
 
 
 def _of_all(shares: Sequence[tuple[str, str]]) -> str | None:
-    """What holds of numbers that only together are left open."""
+    """Advice for numbers of which only a combination is undetermined; `None` if there is no special one."""
     quantities, entries = frozenset(one for one, _ in shares), {entry for _, entry in shares}
     if quantities == _DRAGS and len(entries) == 1:
         return _motion(_SPEEDS, entries.pop())
@@ -104,7 +104,7 @@ IN_FILE = ("added_mass", "linear_drag", "quadratic_drag", "volume", "centre_of_b
 
 
 def require_coefficients(subject: CalibratedRobot) -> LinkCoefficients:
-    """Those of the link that is calibrated, as the robot's file has them: what is learnt takes their places.
+    """Return the coefficients of the calibrated link in the robot's file, which the identified ones replace.
 
     Raises InvalidInput for a robot whose link has none of its own, as `require_no_shape` does for a shape, or a frame of theirs.
     """
@@ -147,9 +147,9 @@ def _lines(one: Calibration) -> Iterator[str]:
 
 
 def _of_file(one: Calibration) -> dict[str, np.ndarray]:
-    """As the file has them: floats and ballast are in the vehicle's numbers, and not in those of its link."""
+    """Convert to the file's numbers: those of the vehicle hold floats and ballast, those of its link do not."""
     before = require_coefficients(one.subject)
-    found = one.subject.vehicle.shared.values(ca.SX(ca.DM(one.flown.estimate.shared)))
+    found = one.subject.vehicle.shared.values(ca.SX(ca.DM(one.exported.estimate.shared)))
     now = {name: np.asarray(ca.DM(value)) for name, value in found.items() if name in IN_FILE}
     start = one.subject.start
     volume = float(now["volume"].item()) + before.volume - start.volume
@@ -165,7 +165,7 @@ def _source(name: str, one: Calibration) -> str:
 
 
 def _word(number: IdentifiedNumber, one: Calibration) -> str:
-    if number.name in one.flown.kept:
+    if number.name in one.exported.kept:
         return "not determined, as before"
     return f"{'identified' if number.determined else 'not determined'}, +-{number.sigma:.2g}"
 
@@ -190,7 +190,7 @@ _STILL = 1e-3  # [m/s, rad/s] deviation below which a channel has no fit
 
 
 def fits(comparisons: Sequence[Comparison]) -> Iterator[str]:
-    """Of recordings that were seen."""
+    """Table of fits of recordings that the search used."""
     yield "\n## Fits of whole recordings, in percent, from commands alone\n"
     yield "Recordings were seen by the search: predictions of others are worse. In brackets: before the calibration, and a"
     yield "vehicle that does not move. Tilt: error of the vertical in degrees; in brackets before, as it was at first, and in"
@@ -198,19 +198,19 @@ def fits(comparisons: Sequence[Comparison]) -> Iterator[str]:
     yield "| recording | " + " | ".join((*AXES, "tilt")) + " |"
     yield "|---" * (2 + len(AXES)) + "|"
     for each in comparisons:
-        columns = zip(*(_by_axis(one) for one in (each.calibrated, each.before, each.still)), strict=True)
+        columns = zip(*(_by_axis(one) for one in (each.calibrated, each.before, each.static)), strict=True)
         cells = [f"{after} ({before}; {still})" for after, before, still in columns]
-        after, *others = (errors(one)[-1] for one in (each.calibrated, each.before, each.still, each.balance))
+        after, *others = (errors(one)[-1] for one in (each.calibrated, each.before, each.static, each.balance))
         yield f"| {each.name} | {' | '.join(cells)} | {after:.2g} ({'; '.join(f'{x:.2g}' for x in others)}) |"
 
 
 def _by_axis(predicted: Predicted) -> list[str]:
-    pairs = [(predicted.seen[k][:, i], predicted.rows[k][:, i]) for k in range(2) for i in range(3)]
+    pairs = [(predicted.measured[k][:, i], predicted.rows[k][:, i]) for k in range(2) for i in range(3)]
     return [f"{fit(*pair):.0f}" if np.std(pair[0]) > _STILL else "-" for pair in pairs]
 
 
 def left_out_tables(one: Sequence[HeldOutRecording]) -> Iterator[str]:
-    """Of recordings that were not, by horizons; nothing where none was left out."""
+    """Table of predictions of held-out recordings, by horizons; nothing where none was left out."""
     if not one:
         return
     yield "\n## Predictions of recordings that were left out\n"
@@ -268,13 +268,14 @@ def report_text(one: Calibration) -> str:
     """Markdown."""
     parts = ["# Calibration", *_number_table(one), *_profiles(one), *_open(one), *_white(one), *fits(one.comparisons)]
     parts += [*left_out_tables(one.left_out), "", "## Doubts about the recordings", ""]
-    return "\n".join([*parts, *(f"- {doubt}" for doubt in one.doubts or ("none",))]) + "\n"
+    return "\n".join([*parts, *(f"- {doubt}" for doubt in one.issues or ("none",))]) + "\n"
 
 
 def _number_table(one: Calibration) -> Iterator[str]:
     yield f"\nThe search has ended: {one.estimate.status.value}. {one.estimate.status.advice}"
-    yield f"Standard errors take {one.together:.3g} samples for one, as residuals are not white; a number is called"
-    yield f"determined below {100 * DETERMINED_BELOW:.0f} % of its size (lengths: of 5 cm), beyond what priors said, and none where the"
+    yield f"Standard errors take {one.inflation:.3g} samples for one, as residuals are not white; a number is called"
+    size = f"{100 * DETERMINED_BELOW:.0f} % of its size"
+    yield f"determined below {size} (lengths: of 5 cm), beyond what priors said, and none where the"
     yield "search has not converged; intervals of many decades are called open. What stays open is in the file as it was"
     yield "before, where the recordings allow it, and the others as they were fitted anew beside it."
     yield "\n| number | value | unit | standard error | 95 % interval | determined | in the file |"
@@ -286,9 +287,9 @@ def _number_table(one: Calibration) -> Iterator[str]:
 
 
 def _in_file(one: Calibration, each: IdentifiedNumber) -> str:
-    if each.quantity not in IN_FILE or not one.flown.usable:
+    if each.quantity not in IN_FILE or not one.exported.usable:
         return "no"
-    return "as before" if each.name in one.flown.kept else "yes"
+    return "as before" if each.name in one.exported.kept else "yes"
 
 
 def _profiles(one: Calibration) -> Iterator[str]:
@@ -331,7 +332,7 @@ def _white(one: Calibration) -> Iterator[str]:
     yield "|---|---:|---:|---:|---|"
     for each in one.whiteness:
         word, p = "yes" if each.white else "no", f"{each.p:.2g}" if each.p > LEAST_P else f"below {LEAST_P:g}"
-        yield f"| {each.channel} | {each.size:.2g} | {each.together:.3g} | {p} | {word} |"
+        yield f"| {each.channel} | {each.size:.2g} | {each.inflation:.3g} | {p} | {word} |"
 
 
 # A design in words: where it leads, and what one recording of it is expected to determine.

@@ -21,7 +21,7 @@ from uvms_ocp.robot.spatial import quaternion_exp, quaternion_multiply
 # A stretch of a recording as a simulation needs it: what was commanded step by step, and what was seen when.
 
 N_SEEN = 9
-"""Rows of what is seen, as `Stage.seen` has them: velocity, angular velocity, vertical; three of each."""
+"""Rows of what is seen, as `Stage.outputs` has them: velocity, angular velocity, vertical; three of each."""
 RATE_WINDOW = 0.6
 """[s] over which attitude is smoothed for an angular velocity that is not recorded."""
 COMMANDS = ("thrust", "wrench", "propeller_commands")
@@ -29,18 +29,18 @@ COMMANDS = ("thrust", "wrench", "propeller_commands")
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Segment:
-    """Of one recording, all steps as long."""
+    """Segment of one recording for multiple shooting, in steps of equal length."""
 
     recording: str
     edges: np.ndarray
     """(n + 1,) [s] of its steps."""
     commands: ZeroOrderHold
-    """Of actuators."""
+    """Commands of the actuators."""
     joints: np.ndarray
     """(3 n_j, n) [rad, rad/s, rad/s2] in the middle of each step, as `Stage` has them."""
     t: tuple[np.ndarray, ...]
     """Three of (m,) [s]: of the samples of each sensor."""
-    seen: tuple[np.ndarray, ...]
+    measured: tuple[np.ndarray, ...]
     """Three of (m, 3) [m/s, rad/s, -]"""
     q: np.ndarray
     """(7,) [m, -] about where the vehicle was at the beginning."""
@@ -53,7 +53,7 @@ class Segment:
         return float(self.edges[1] - self.edges[0])
 
     def first(self, duration: float) -> Segment:
-        """Its first part of some duration [s], at least a step."""
+        """Return its first part of some duration [s], at least a step."""
         n = min(max(1, round(duration / self.step)), len(self.edges) - 1)
         return _cut(self, 0, n, self.q, self.v)
 
@@ -114,7 +114,7 @@ class PreparedRecording:
     def _whole(self, edges: np.ndarray) -> Segment:
         attitude, velocity = self.recording.channel("attitude"), self.recording.channel("linear_velocity")
         vertical = rotations(attitude, attitude.undelayed_t)[:, 2, :]
-        seen = (
+        measured = (
             (velocity.undelayed_t, velocity.values),
             (self.rate.undelayed_t, self.rate.values),
             (attitude.undelayed_t, vertical),
@@ -124,8 +124,8 @@ class PreparedRecording:
             edges=edges,
             commands=self.commands,
             joints=_joints(self.joints, edges),
-            t=tuple(t for t, _ in seen),
-            seen=tuple(values for _, values in seen),
+            t=tuple(t for t, _ in measured),
+            measured=tuple(values for _, values in measured),
             q=np.zeros(7),
             v=np.zeros(6),
         )
@@ -134,7 +134,7 @@ class PreparedRecording:
         t = whole.edges[first]
         attitude = self.recording.channel("attitude")
         quaternion = np.array([np.interp(t, attitude.undelayed_t, column) for column in attitude.values.T])
-        v = [np.interp(t, whole.t[k], column) for k in (0, 1) for column in whole.seen[k].T]
+        v = [np.interp(t, whole.t[k], column) for k in (0, 1) for column in whole.measured[k].T]
         q = np.concatenate([np.zeros(3), quaternion / np.linalg.norm(quaternion)])
         return _cut(whole, first, last, q, np.array(v))
 
@@ -148,14 +148,14 @@ def _cut(whole: Segment, first: int, last: int, q: np.ndarray, v: np.ndarray) ->
         commands=whole.commands,
         joints=whole.joints[:, first:last],
         t=tuple(t[chosen] for t, chosen in zip(whole.t, inside, strict=True)),
-        seen=tuple(values[chosen] for values, chosen in zip(whole.seen, inside, strict=True)),
+        measured=tuple(values[chosen] for values, chosen in zip(whole.measured, inside, strict=True)),
         q=q,
         v=v,
     )
 
 
 def _actuator_commands(recording: Recording, vehicle: Vehicle) -> Channel:
-    """What each actuator was told."""
+    """Return the command of each actuator."""
     name = vehicle.actuators.commands or _only_commands(recording)
     channel, allocation = recording.channel(name), vehicle.actuators.allocation
     if name == "thrust":
@@ -211,7 +211,7 @@ N_START = 9
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class SegmentStart:
-    """Where a stretch begins."""
+    """State in which a segment begins."""
 
     q: np.ndarray
     """(7,) [m, -]"""
@@ -219,14 +219,14 @@ class SegmentStart:
     """(6,) [m/s, rad/s]"""
 
     def moved(self, change: np.ndarray) -> SegmentStart:
-        """By a change (9,) [m/s, rad/s, rad]."""
+        """Return the start moved by a change (9,) [m/s, rad/s, rad]."""
         turned = np.asarray(quaternion_multiply(self.q[3:], quaternion_exp(change[N_V:])))
         return SegmentStart(q=np.concatenate([self.q[:3], turned / np.linalg.norm(turned)]), v=self.v + change[:N_V])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PredictedOutputs:
-    """What a stretch should show, by the three sensors, and where it ends."""
+    """Predicted outputs of the three sensors over a segment, and the state at its end."""
 
     rows: tuple[np.ndarray, ...]
     """Three of (m, 3) [m/s, rad/s, -]"""
@@ -239,14 +239,14 @@ class PredictedOutputs:
 
 
 class Rollout:
-    """Of one stage; functions are compiled where there is a compiler, and made once for each number of steps."""
+    """Simulator of segments by one stage; functions are compiled where there is a compiler, once for each number of steps."""
 
     def __init__(self, stage: Stage) -> None:
         self.stage = stage
         self.step, self.slope = compile_function(stage.step), compile_function(stage.slope)
         self._many: dict[tuple[str, int, int], ca.Function] = {}
 
-    def seen(
+    def predict(
         self, stretches: Sequence[Segment], starts: Sequence[SegmentStart], p: np.ndarray, *, slopes: bool
     ) -> list[PredictedOutputs]:
         """Simulate stretches of equally many steps, all with unknowns p (n, n_p) [any], a row for each.
@@ -310,7 +310,7 @@ class _Run:
 
     def _outputs(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         m, n, n_x = self._x.shape
-        function = self._rollout.many("seen", self._stage.seen, 0, m * n)
+        function = self._rollout.many("seen", self._stage.outputs, 0, m * n)
         y, y_x, y_p = (np.asarray(one) for one in function(self._x.reshape(-1, n_x).T, np.repeat(self._p, n, axis=0).T))
         shaped = [_blocks(one, width, m, n) for one, width in ((y_x, n_x), (y_p, self._stage.n_p))]
         return y.T.reshape(m, n, N_SEEN), shaped[0], shaped[1]
@@ -379,7 +379,7 @@ def chained(A: np.ndarray, B: np.ndarray, first: np.ndarray) -> np.ndarray:
 
 
 def turn_slope(quaternion: np.ndarray) -> np.ndarray:
-    """How a quaternion (4,) xyzw changes with a turn in B (4, 3) [1/rad]."""
+    """Derivative of a quaternion (4,) xyzw by a turn in B, (4, 3) [1/rad]."""
     x, y, z, w = quaternion
     return np.array([[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]]) / 2
 

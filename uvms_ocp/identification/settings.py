@@ -76,14 +76,14 @@ class _Section(BaseModel):
 
 
 class QuantitySettings(_Section):
-    """What is known of a quantity; with nothing in it all of it is free."""
+    """Prior knowledge of a quantity; an empty section frees all of it."""
 
     free: tuple[str, ...] | None = Field(default=None, description="only these of its coordinates may be learnt")
     prior: _Positive | None = Field(default=None, description="deviation: relative for what is positive, or [unit]")
     bounds: tuple[float, float] | None = Field(default=None, description="lowest and highest value [unit]")
 
     def status(self) -> ParameterStatus:
-        """As declarations take it. Raises InvalidInput for a prior with bounds."""
+        """Return it as declarations take it. Raises InvalidInput for a prior with bounds."""
         if self.prior is not None and self.bounds is not None:
             raise InvalidInput("prior and bounds given; allowed: one of them")
         if self.bounds is not None:
@@ -102,7 +102,7 @@ class NoiseSettings(_Section):
 
 @one_line_errors
 class CalibrationSettings(_Section):
-    """All of it."""
+    """Settings of a calibration, as the YAML file has them."""
 
     robot: str = Field(description="name, see `uvms-ocp list`, or a URDF or its folder beside this file")
     hydrodynamics: str | None = Field(default=None, description="YAML beside this file; default: the robot's own")
@@ -129,7 +129,7 @@ class CalibrationSettings(_Section):
 
 
 def read_settings(path: Path) -> CalibrationSettings:
-    """From a YAML file. Raises InvalidInput in one line for what is none."""
+    """Read settings from a YAML file. Raises InvalidInput in one line for a malformed one."""
     return read_yaml_as(path, CalibrationSettings)
 
 
@@ -182,9 +182,9 @@ def calibrated_robot(settings: CalibrationSettings, folder: Path) -> CalibratedR
 def _unknowns(
     settings: CalibrationSettings, start: NominalParameters, actuators: ActuatorModel
 ) -> tuple[Unknowns, Unknowns]:
-    """Of all recordings, and of each."""
+    """Make the unknowns of all recordings, and those of each."""
     learnt = {name: one.status() for name, one in settings.learn.items()}
-    known = vehicle_declaration(start, np.array(settings.hull), actuators).learning(**learnt)
+    known = vehicle_declaration(start, np.array(settings.hull), actuators).with_status(**learnt)
     shared, own = Unknowns(known), Unknowns(known, own=True)
     if not (shared.names or own.names):
         given = f"learn: {', '.join(learnt)} given, and nothing in it is free"
@@ -247,7 +247,7 @@ def require_no_shape(subject: CalibratedRobot) -> None:
 
 
 def same_coefficients(subject: CalibratedRobot) -> str:
-    """As they stand in a robot file, of the link's shape alone, without floats and ballast."""
+    """Write coefficients as a robot file has them, of the link's shape alone, without floats and ballast."""
     description, frame = subject.robot.description, subject.frame
     alone = description.model_copy(update={"links": {frame: description.links[frame]}, "trim": ()})
     (wet,) = links_in_water(alone)

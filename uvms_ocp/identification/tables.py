@@ -38,7 +38,7 @@ def read_columns(path: Path, wanted: Sequence[str]) -> np.ndarray:
 
 
 def column_names(path: Path) -> tuple[str, ...]:
-    """Of a table. Raises InvalidInput for what is none, and NotInstalled."""
+    """Return the names of a table's columns. Raises InvalidInput for what is no table, and NotInstalled."""
     require_there(path)
     require_regular_file(path)
     if path.suffix == ".parquet":
@@ -110,7 +110,7 @@ def _from_parquet(path: Path, wanted: Sequence[str]) -> np.ndarray:
 
 
 def _floats(column: Any) -> np.ndarray:
-    """As NumPy has them, NaN for what is not there; of time stamps since 1970, in the unit that they have."""
+    """Convert a column to floats, NaN for missing values; time stamps since 1970, in their own unit."""
     from pyarrow import types
 
     kind = "int64" if types.is_timestamp(column.type) else "float64"
@@ -185,7 +185,7 @@ def _labels(name: str, channel: Channel) -> tuple[str, ...]:
 
 
 def is_stored(names: Collection[str]) -> bool:
-    """Whether a table with columns of these names is one of ours."""
+    """Recognise a table of this toolkit by the names of its columns."""
     return _TIME in names
 
 

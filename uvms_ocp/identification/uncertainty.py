@@ -27,14 +27,14 @@ from uvms_ocp.identification.parameters import AXES
 DETERMINED = 0.3
 """Largest standard error of a coordinate, relative for what is positive, with which it counts as determined."""
 NARROWED = 0.7
-"""Of the deviation that priors leave, below which recordings say more than these."""
+"""Share of a prior's deviation below which recordings say more than the prior."""
 _NOTHING = 1e-12  # of information: all that is known where there is none
 _TOLD = 0.3  # of the largest entry of a combination
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ParameterUncertainty:
-    """Of one unknown."""
+    """Standard error of one unknown."""
 
     name: str
     value: float
@@ -42,7 +42,7 @@ class ParameterUncertainty:
     sigma: float
     """[as `Unknowns.start`] standard error."""
     determined: bool
-    """By the recordings, not by the prior."""
+    """True if the recordings determine it, not the prior."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -56,10 +56,10 @@ class UnidentifiableDirection:
 
 
 def parameter_uncertainties(
-    vehicle: Vehicle, estimate: Estimate, together: float = 1.0
+    vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0
 ) -> tuple[ParameterUncertainty, ...]:
-    """Of every shared unknown. together: samples that miss alike, as `variance_inflation` finds."""
-    sigma = np.sqrt(np.diag(covariance(vehicle, estimate, together)))
+    """Compute standard errors of every shared unknown. inflation: samples that miss alike, as `variance_inflation` finds."""
+    sigma = np.sqrt(np.diag(covariance(vehicle, estimate, inflation)))
     learnt = (sigma < DETERMINED) & (sigma < NARROWED * vehicle.shared.sigma)
     rows = zip(vehicle.shared.names, estimate.shared, sigma, learnt, strict=True)
     return tuple(
@@ -67,10 +67,10 @@ def parameter_uncertainties(
     )
 
 
-def covariance(vehicle: Vehicle, estimate: Estimate, together: float = 1.0) -> np.ndarray:
+def covariance(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> np.ndarray:
     """(n, n) [unknowns^2] of the shared unknowns, by recordings and priors; together: as in `parameter_uncertainties`."""
     prior = np.diag(1.0 / vehicle.shared.sigma**2 + _NOTHING)
-    return np.asarray(np.linalg.inv(_data(vehicle, estimate, together) + prior))
+    return np.asarray(np.linalg.inv(_data(vehicle, estimate, inflation) + prior))
 
 
 def prior_covariance(vehicle: Vehicle) -> np.ndarray:
@@ -79,10 +79,10 @@ def prior_covariance(vehicle: Vehicle) -> np.ndarray:
 
 
 def unidentifiable_directions(
-    vehicle: Vehicle, estimate: Estimate, together: float = 1.0
+    vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0
 ) -> tuple[UnidentifiableDirection, ...]:
     """Combinations of which less is known than `DETERMINED`, the worst first; together: as in `parameter_uncertainties`."""
-    values, axes = np.linalg.eigh(_data(vehicle, estimate, together))
+    values, axes = np.linalg.eigh(_data(vehicle, estimate, inflation))
     found = []
     for value, axis in zip(values, axes.T, strict=True):
         sigma = 1.0 / np.sqrt(max(float(value), _NOTHING))
@@ -97,19 +97,19 @@ def unidentifiable_directions(
     return tuple(found)
 
 
-def _data(vehicle: Vehicle, estimate: Estimate, together: float) -> np.ndarray:
+def _data(vehicle: Vehicle, estimate: Estimate, inflation: float) -> np.ndarray:
     """Information of the recordings alone."""
-    return np.asarray(estimate.information - np.diag(1.0 / vehicle.shared.sigma**2)) / together
+    return np.asarray(estimate.information - np.diag(1.0 / vehicle.shared.sigma**2)) / inflation
 
 
 def variance_inflation(predicted: Predicted, noise: Noise) -> float:
-    """How many samples of a prediction miss alike, times how far they miss beyond `noise`, squared; at least 1.
+    """Variance inflation: samples of a prediction that miss alike, times their squared miss relative to `noise`; at least 1.
 
     By Bartlett's formula, ``1 + 2 sum rho_k``, up to the first lag at which residuals are no longer correlated.
     """
     found = []
     for rows, seen, sigma in zip(
-        predicted.rows, predicted.seen, (noise.velocity, noise.rate, noise.vertical), strict=True
+        predicted.rows, predicted.measured, (noise.velocity, noise.rate, noise.vertical), strict=True
     ):
         for residual in ((rows - seen) / sigma).T:
             found.append(float((residual**2).mean()) * bartlett(residual - residual.mean()))
@@ -143,7 +143,7 @@ class IdentifiedNumber:
     """One."""
 
     quantity: str
-    """Of the declaration, or `TOTAL`."""
+    """Quantity of the declaration, or `TOTAL`."""
     entry: str
     """Axis, axes of row and column, or name of an actuator; empty where there is one."""
     unit: str
@@ -153,22 +153,22 @@ class IdentifiedNumber:
     """[unit] standard error."""
     size: float
     """[unit] that errors are relative to."""
-    learnt: bool
-    """Whether the recordings say more than the priors."""
+    informed: bool
+    """True if the recordings say more than the priors."""
     positive: bool
-    """Whether it can only be positive."""
+    """True if it can only be positive."""
     settled: bool = True
-    """Whether it is where a search has converged: elsewhere its standard error says nothing."""
+    """True if the search has converged: else its standard error means nothing."""
 
     @property
     def name(self) -> str:
-        """As ``added_mass surge``."""
+        """Name, as ``added_mass surge``."""
         return f"{self.quantity} {self.entry}".strip()
 
     @property
     def determined(self) -> bool:
-        """By the recordings, to within `KNOWN`, where the search has converged."""
-        return self.settled and self.learnt and self.sigma < DETERMINED_BELOW * self.size
+        """True if the recordings determine it to within `DETERMINED_BELOW`, and the search has converged."""
+        return self.settled and self.informed and self.sigma < DETERMINED_BELOW * self.size
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -189,9 +189,9 @@ class _Entry:
     positive: bool
 
 
-def numbers(vehicle: Vehicle, estimate: Estimate, together: float = 1.0) -> tuple[IdentifiedNumber, ...]:
-    """Every number that depends on a shared unknown. together: samples that miss alike, as in `parameter_uncertainties`."""
-    found = numbers_at(vehicle, estimate.shared, covariance(vehicle, estimate, together))
+def numbers(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> tuple[IdentifiedNumber, ...]:
+    """Every number that depends on a shared unknown. inflation: samples that miss alike, as in `parameter_uncertainties`."""
+    found = numbers_at(vehicle, estimate.shared, covariance(vehicle, estimate, inflation))
     return tuple(replace(one, settled=estimate.status is FitStatus.CONVERGED) for one in found)
 
 
@@ -207,7 +207,7 @@ def numbers_at(vehicle: Vehicle, shared: np.ndarray, C: np.ndarray) -> tuple[Ide
             value=float(value),
             sigma=float(sigma),
             size=SIZES.get(entry.unit, abs(float(value))),
-            learnt=bool(sigma < NARROWED * prior),
+            informed=bool(sigma < NARROWED * prior),
             positive=entry.positive,
         )
         for entry, value, sigma, prior in zip(entries, values, sigmas, believed, strict=True)
@@ -248,7 +248,7 @@ def _deviations(slopes: np.ndarray, C: np.ndarray) -> np.ndarray:
 
 
 def _entries(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[_Entry], np.ndarray, np.ndarray]:
-    """With values (m,) and their slopes (m, n)."""
+    """List all numbers, with values (m,) and their slopes (m, n)."""
     theta = ca.SX.sym("theta", len(shared))
     pairs = _pairs(vehicle, theta)
     stacked = ca.vertcat(*(value for _, value in pairs))
@@ -283,7 +283,7 @@ def _of_matrix(name: str, unit: str, value: ca.SX) -> Iterator[tuple[_Entry, ca.
 
 
 def _totals(quantities: dict[str, ca.SX]) -> Iterator[tuple[_Entry, ca.SX]]:
-    """Of the rigid body and the water with it, about the frame of the vehicle's joint."""
+    """Yield total inertias of rigid body and added mass, about the frame of the vehicle's joint."""
     inertia = spatial_inertia(*(quantities[name] for name in ("mass", "centre_of_mass", "second_moment")))
     for k, axis in enumerate(AXES):
         unit = "kg" if k < len(_XYZ) else "kg m2"
@@ -293,9 +293,9 @@ def _totals(quantities: dict[str, ca.SX]) -> Iterator[tuple[_Entry, ca.SX]]:
 # Whether what a search has left is white noise: then the model has nothing more to say, and samples count one by one.
 
 CHANNELS = (*AXES, "vertical x", "vertical y", "vertical z")
-"""Of the three sensors, three of each."""
+"""Channels of the three sensors, three of each."""
 LEVEL = 0.05
-"""Of white residuals that the test takes for coloured."""
+"""Level of the test: share of white residuals that it takes for coloured."""
 LEAST_P = 1e-6
 """Chance that is not told more exactly."""
 _LAGS = 20
@@ -303,36 +303,36 @@ _LAGS = 20
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Whiteness:
-    """Of one channel."""
+    """Whiteness test of the residuals of one channel."""
 
     channel: str
     size: float
     """Root mean square of the residuals, by the noise that was expected."""
-    together: float
+    inflation: float
     """Samples that miss alike, by Bartlett's formula."""
     p: float
-    """Of white noise to look like this or worse, by Ljung and Box's test."""
+    """p-value of the Ljung-Box test."""
     correlation: np.ndarray
     """(k + 1,) autocorrelation from lag 0 on, in samples."""
     interval: float
     """[s] between samples, in the median."""
     bound: float
-    """In which 95 % of the correlations of white noise lie."""
+    """Bound within which 95 % of the correlations of white noise lie."""
 
     @property
     def white(self) -> bool:
-        """Whether nothing speaks against it."""
+        """True if the test does not reject whiteness."""
         return self.p >= LEVEL
 
 
 def whiteness(left: Predicted, noise: Noise) -> tuple[Whiteness, ...]:
-    """Of every channel that has residuals: `CHANNELS`."""
+    """Test the whiteness of every channel in `CHANNELS` that has residuals."""
     return tuple(_channels(left, noise))
 
 
 def _channels(left: Predicted, noise: Noise) -> Iterator[Whiteness]:
     for k, sigma in enumerate((noise.velocity, noise.rate, noise.vertical)):
-        for name, residual in zip(CHANNELS[3 * k :], ((left.rows[k] - left.seen[k]) / sigma).T, strict=False):
+        for name, residual in zip(CHANNELS[3 * k :], ((left.rows[k] - left.measured[k]) / sigma).T, strict=False):
             if np.ptp(residual) > 0.0:
                 yield _whiteness(name, residual, float(np.median(np.diff(left.t[k]))))
 
@@ -343,7 +343,7 @@ def _whiteness(name: str, residual: np.ndarray, interval: float) -> Whiteness:
     return Whiteness(
         channel=name,
         size=float(np.sqrt((residual**2).mean())),
-        together=bartlett(centred),
+        inflation=bartlett(centred),
         p=p,
         correlation=rho,
         interval=interval,

@@ -1,6 +1,6 @@
 """Validate a fit: profile-likelihood intervals, leave-one-out cross-validation, and static baselines.
 
-The deviance of the best fit with a number held, twice the cost beyond the optimum's, is what an interval is made of: its signed root
+The deviance of the best fit with a number held, twice the cost beyond the optimum's, gives the interval: its signed root
 is where a standard normal variable would be. Where everything is linear it is a straight line, and this interval is the one of
 standard errors.
 """
@@ -38,7 +38,7 @@ _OTHER = 0.2  # of the half width, by which ends may be apart that are called eq
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Profile:
-    """Of one number."""
+    """Profile likelihood of one number."""
 
     number: IdentifiedNumber
     values: np.ndarray
@@ -50,14 +50,14 @@ class Profile:
 
     @property
     def differs(self) -> bool:
-        """Whether an end is elsewhere than standard errors say."""
+        """True if an end differs from that by standard errors."""
         told = [_line(self.number, ends) for ends in (self.number.interval, self.interval)]
         return bool(np.abs(told[1] - told[0]).max() > _OTHER * (told[0][1] - told[0][0]) / 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Best:
-    """Where the cost is lowest."""
+    """Optimum of the cost."""
 
     wide: FitContext
     cost: float
@@ -66,7 +66,7 @@ class _Best:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Held:
-    """Where a search has ended with a number held."""
+    """End of a search with a number held."""
 
     place: float
     """[unit, or its logarithm where it is positive]"""
@@ -77,21 +77,21 @@ class _Held:
 def profiles(
     fitted: FitContext,
     told: Sequence[IdentifiedNumber],
-    together: float = 1.0,
-    tell: Callable[[str], None] = lambda _: None,
+    inflation: float = 1.0,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> Iterator[Profile]:
-    """Of those of the numbers that are determined. together: samples that miss alike, by which they were told.
+    """Yield the profile likelihood of every determined number. inflation: samples that miss alike, as for the numbers.
 
-    tell is told of each in turn. A number that follows from one before it alone has the same profile and is left out. One takes
+    progress gets a line for each. A number that follows from one before it alone has the same profile and is left out. One takes
     a simulation of all recordings for each value at which it is held, and a search where that shows that all is not linear.
     """
-    wide = fitted.widened(together)
+    wide = fitted.inflated(inflation)
     chosen = list(_distinct(wide, [one for one in told if one.determined]))
     if not chosen:
         return
     best = _best(wide, fitted.estimate)
     for k, one in enumerate(chosen, start=1):
-        tell(f"profile {k} of {len(chosen)}: {one.name}")
+        progress(f"profile {k} of {len(chosen)}: {one.name}")
         yield _profile(best, one)
 
 
@@ -138,7 +138,7 @@ def _side(
 
 
 def _held(best: _Best, near: _Held, pull: ProfilePenalty, k: int) -> _Held:
-    """By one step from the optimum where its cost is what the step promises, by some more or a search where it is not."""
+    """Hold the number by one step from the optimum if its cost is as predicted, else by more steps or a search."""
     problem = best.wide.problem(pull)
     point, cost = problem.stepped(best.expansion)
     gained, share = 2.0 * (cost - pull.cost(point.shared) - best.cost) - k**2, _KEPT * k**2
@@ -186,7 +186,7 @@ _UPRIGHT = ((0.0, -(0.5**0.5), 0.0, 0.5**0.5), (0.5**0.5, 0.0, 0.0, 0.5**0.5), (
 def static_baseline(stretch: Segment, known: float) -> Predicted:
     """A vehicle that stays as it was seen last, `known` [s] after the beginning of a stretch, and does not move."""
     before = np.flatnonzero(stretch.t[2] <= stretch.edges[0] + known)
-    vertical = stretch.seen[2][before[-1] if len(before) else 0]
+    vertical = stretch.measured[2][before[-1] if len(before) else 0]
     return _resting(stretch, np.repeat(vertical[None], len(stretch.t[2]), axis=0))
 
 
@@ -199,7 +199,7 @@ class StaticBalance:
 
     @staticmethod
     def of(vehicle: Vehicle) -> StaticBalance:
-        """Of a vehicle, at any values of its unknowns."""
+        """Build it for a vehicle, at any values of its unknowns."""
         n_j, shared = vehicle.dynamics.model.nq - N_Q, ca.SX.sym("shared", len(vehicle.shared.start))
         joints = ca.SX.sym("joints", n_j)
         values = vehicle.values(ca.vertcat(shared, ca.DM(vehicle.own.start)))
@@ -224,8 +224,8 @@ class StaticBalance:
 
 
 def _resting(stretch: Segment, vertical: np.ndarray) -> Predicted:
-    resting = tuple(np.zeros_like(values) for values in stretch.seen[:2])
-    return Predicted(t=stretch.t, rows=(*resting, vertical), seen=stretch.seen)
+    resting = tuple(np.zeros_like(values) for values in stretch.measured[:2])
+    return Predicted(t=stretch.t, rows=(*resting, vertical), measured=stretch.measured)
 
 
 # How far predictions are off.
@@ -236,13 +236,13 @@ SCORED = (*AXES, "tilt")
 
 def errors(predicted: Predicted) -> np.ndarray:
     """(7,) [m/s, rad/s, deg] root mean squares of `SCORED`: velocities, and the angle between verticals."""
-    moving = [root_mean_square(predicted.rows[k] - predicted.seen[k]) for k in range(2)]
+    moving = [root_mean_square(predicted.rows[k] - predicted.measured[k]) for k in range(2)]
     return np.concatenate([*moving, root_mean_square(np.rad2deg(tilts(predicted))[:, None])])
 
 
 def tilts(predicted: Predicted) -> np.ndarray:
     """(m,) [rad] angles between the vertical in B as predicted and as seen."""
-    rows, seen = predicted.rows[2], predicted.seen[2]
+    rows, seen = predicted.rows[2], predicted.measured[2]
     return np.arctan2(np.linalg.norm(np.cross(rows, seen), axis=1), (rows * seen).sum(axis=1))
 
 
@@ -256,7 +256,7 @@ def root_mean_square(values: np.ndarray) -> np.ndarray:
 HORIZONS = (5.0, 20.0, 60.0)
 """[s] over which recordings are predicted, the last one as long as they are."""
 OTHERS, BEFORE, STATIC, BALANCE = "identified on the others", "before", "nothing moves", "static balance"
-"""What predicts; the last two say of velocities that there are none."""
+"""Names of predictors; the last two predict zero velocities."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -277,17 +277,17 @@ class HeldOutRecording:
 
     name: str
     estimate: Estimate
-    """From the others alone, with their starts."""
+    """Estimate from the other recordings alone, with their starts."""
     predictor: Predictor
-    """With that estimate."""
+    """Predictor with that estimate."""
     horizons: tuple[Horizon, ...]
-    """Those over which what the others tell does not run away."""
+    """Horizons over which that prediction stays finite."""
 
 
 def leave_one_out(
-    fitted: FitContext, horizons: Sequence[float] = HORIZONS, tell: Callable[[str], None] = lambda _: None
+    fitted: FitContext, horizons: Sequence[float] = HORIZONS, progress: Callable[[str], None] = lambda _: None
 ) -> Iterator[HeldOutRecording]:
-    """One after the other; horizons [s]; tell is told of each. Raises InvalidInput where there is one recording alone.
+    """Hold out and predict each recording; horizons [s]; progress gets a line for each. Raises InvalidInput where there is one recording alone.
 
     The search on the others begins where all of them together end, which only its last digits can show.
     """
@@ -295,10 +295,10 @@ def leave_one_out(
         raise InvalidInput("one recording given; leave-one-out needs at least 2")
     balance = StaticBalance.of(fitted.vehicle)
     for k, held in enumerate(fitted.prepared, start=1):
-        tell(f"left out {k} of {len(fitted.prepared)}: {held.recording.name}")
+        progress(f"left out {k} of {len(fitted.prepared)}: {held.recording.name}")
         found = without(fitted, held)
         predictor, step = fitted.predictor(found.shared), fitted.search.step
-        asked = _lengths(held, step, predictor.known, horizons)
+        asked = _lengths(held, step, predictor.start_window, horizons)
         told = tuple(_horizon(fitted, predictor, balance, held, *pair) for pair in asked)
         yield HeldOutRecording(
             name=held.recording.name,
@@ -336,7 +336,7 @@ def _horizon(
     asked: float,
     length: float,
 ) -> Horizon:
-    step, known, before = fitted.search.step, predictor.known, fitted.vehicle.shared.start
+    step, known, before = fitted.search.step, predictor.start_window, fitted.vehicle.shared.start
     windows = held.windows(step, known, length)
     resting = (
         [static_baseline(one, known) for one in windows],

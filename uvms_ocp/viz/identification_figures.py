@@ -51,8 +51,8 @@ def figure_residuals(one: Comparison) -> Figure:
     grid = figure.subplots(len(CHANNELS), 2, sharex="col", squeeze=False, gridspec_kw={"width_ratios": (3, 1)})
     for i, (name, (over_time, over_lags)) in enumerate(zip(CHANNELS, grid, strict=True)):
         sensor, column = divmod(i, 3)
-        left = one.left.rows[sensor][:, column] - one.left.seen[sensor][:, column]
-        over_time.plot(one.left.t[sensor], left, color=BLUE, lw=0.6)
+        left = one.residuals.rows[sensor][:, column] - one.residuals.measured[sensor][:, column]
+        over_time.plot(one.residuals.t[sensor], left, color=BLUE, lw=0.6)
         over_time.set_ylabel(f"{name}\n[{_UNITS[sensor]}]")
         if name in told:
             _correlation(over_lags, told[name])
@@ -68,7 +68,7 @@ def _correlation(axis: Axes, one: Whiteness) -> None:
     axis.set_ylim(-1.05, 1.05)
     color = THRESHOLD if one.white else VERMILLION
     p = f"p = {one.p:.2g}" if one.p > LEAST_P else f"p < {LEAST_P:g}"
-    axis.set_title(f"{p}, {one.together:.2g} alike", fontsize=7, color=color, pad=2)
+    axis.set_title(f"{p}, {one.inflation:.2g} alike", fontsize=7, color=color, pad=2)
 
 
 @styled
@@ -175,7 +175,7 @@ def _draw(axis: Axes, one: Comparison, sensor: int, column: Callable[[np.ndarray
         ("at rest in balance", one.balance, GREEN),
         ("calibrated", one.calibrated, VERMILLION),
     )
-    axis.plot(one.calibrated.t[sensor], column(one.calibrated.seen[sensor]), color=BLACK, lw=0.7, label="measured")
+    axis.plot(one.calibrated.t[sensor], column(one.calibrated.measured[sensor]), color=BLACK, lw=0.7, label="measured")
     for name, predicted, color in drawn:
         axis.plot(predicted.t[sensor], column(predicted.rows[sensor]), color=color, lw=0.9, label=name)
 
