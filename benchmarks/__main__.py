@@ -73,7 +73,7 @@ CLAIMS = (
         what="one tick of Case 1, kinematics and solver, from Python",
         unit="us",
         script="hierarchy",
-        ours=Cell(where={"problem": "whole tick", "solver": "lexls in C"}, column="p50_us"),
+        ours=Cell(where={"problem": "whole tick", "solver": "active set in C"}, column="p50_us"),
         peer="pink with quadprog; weights in place of strict levels",
         theirs=Cell(where={"problem": "whole tick", "solver": "pink (quadprog), weights"}, column="p50_us"),
     ),

@@ -24,7 +24,7 @@ from uvms_ocp.viz.comparison_figures import figure_transitions
 
 MISSIONS: dict[str, Callable[..., Scenario]] = {"case1": case1, "case2": case2, "priority_swap": priority_swap}
 SOLVERS: dict[str, HierarchySolver] = {
-    "lexls": LexicographicActiveSet(),
+    "active_set": LexicographicActiveSet(),
     "lexqp": LexicographicQp(),
     "icat": Icat(),
 }

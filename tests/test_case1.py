@@ -18,7 +18,7 @@ from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.icat import Icat
 
-SOLVERS = {"lexls": (LexicographicActiveSet, 0.011), "lexqp": (LexicographicQp, 0.011), "icat": (Icat, 0.05)}
+SOLVERS = {"active_set": (LexicographicActiveSet, 0.011), "lexqp": (LexicographicQp, 0.011), "icat": (Icat, 0.05)}
 """Solver and the largest change of any component of the command in one tick."""
 
 

@@ -9,8 +9,8 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
+from curves.capsules import Capsule, capsule_of
 from curves.segments import segment_distance, symbolic_segment_distance
-from uvms_ocp.planning.capsules import Capsule, capsule_of
 from uvms_ocp.planning.distances import NearPairs, no_near_pairs
 from uvms_ocp.planning.path_cost import CostWeights, symbolic_penalty
 from uvms_ocp.planning.scene import CollisionScene

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from recording.report import Row
 
+from curves.capsules import capsule_robot
 from curves.closed_forms import ClosedFormDistances, collision_density, density_hessian
 from curves.figure import figure
 from curves.scenes import problem
 from curves.shortest import random_problem
-from uvms_ocp.planning.capsules import capsule_robot
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.path_cost import CostWeights, PathCost
 from uvms_ocp.planning.scene import CollisionScene

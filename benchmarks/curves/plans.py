@@ -8,10 +8,10 @@ import numpy as np
 from recording.report import Row
 from recording.timing import Timed, once
 
+from curves.capsules import capsule_robot
 from curves.closed_forms import ClosedFormDistances
 from curves.figure import figure
 from curves.scenes import Problem, problem
-from uvms_ocp.planning.capsules import capsule_robot
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.soft_collision import CollisionPlan, plan_soft_collision
 from uvms_ocp.robot.loading import load_robot

@@ -22,7 +22,7 @@ from uvms_ocp.solvers.hierarchy.icat import Icat
 from uvms_ocp.solvers.hierarchy.level import Level
 from uvms_ocp.solvers.hierarchy.solution import LEVEL_OUTPUTS, Tick
 
-IN_C, IN_NUMPY = "lexls in C", "lexls in NumPy"
+IN_C, IN_NUMPY = "active set in C", "active set in NumPy"
 SOLVERS: dict[str, HierarchySolver] = {
     IN_C: LexicographicActiveSet(),
     IN_NUMPY: LexicographicActiveSet(compiled=False),

@@ -603,7 +603,6 @@ POOL: dict[str, Callable[[], Any]] = {
     "tuple[Array, ...]": lambda: (np.zeros(2),),
     "StageQpStatus": lambda: next(iter(stagewise.StageQpStatus)),
     "Icat": solvers.Icat,
-    "Daqp": solvers.Daqp,
     "LexicographicQp": solvers.LexicographicQp,
     "LexicographicActiveSet": solvers.LexicographicActiveSet,
     "Solution": lambda: solvers.Icat().solve([level()]),

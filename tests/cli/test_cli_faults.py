@@ -28,7 +28,7 @@ def test_faults_have_a_line_each_and_a_folder_of_their_own(tmp_path: Path) -> No
     assert "fault from 0.05 s to 0.1 s: joint2:jam@0.05-0.1" in process.stderr
     assert [fault["target"] for fault in json.loads(process.stdout)["faults"]] == ["altimeter_range", "joint2"]
     (folder,) = (tmp_path / "uvms_runs").iterdir()
-    assert folder.name == "case1-kinematic-lexls-duration0.2-altimeter_range_frozen_0p1-joint2_jam_0p05to0p1"
+    assert folder.name == "case1-kinematic-active_set-duration0.2-altimeter_range_frozen_0p1-joint2_jam_0p05to0p1"
 
 
 @pytest.mark.slow

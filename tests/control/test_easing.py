@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from hierarchy_solvers.daqp_hierarchy import Daqp
 
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.control.velocity.levels import JERK_LIMIT, LevelsProblem, build_levels
@@ -17,7 +18,6 @@ from uvms_ocp.scenario.cases.case2 import case2
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
-from uvms_ocp.solvers.hierarchy.daqp import Daqp
 from uvms_ocp.solvers.hierarchy.icat import Icat
 from uvms_ocp.solvers.hierarchy.level import row_slices
 from uvms_ocp.tasks.task import Hierarchy

@@ -16,7 +16,7 @@ from typing import Any
 from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
-from uvms_ocp.cli.options import active_set
+from uvms_ocp.cli.options import SOLVERS
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.sim.own_parts import PLANTS
@@ -29,7 +29,7 @@ PLANNED = ("status", "collision_free", "duration_s", "min_clearance_m", "energy_
 
 def mission(plant: str, solver: str) -> dict[str, Any]:
     """When the phases of Case 1 end, and how far the tool is off."""
-    report = summarize(case1(plant=plant, solver=active_set[solver]()).run())
+    report = summarize(case1(plant=plant, solver=SOLVERS[solver]()).run())
     return {
         "phases": {phase["name"]: phase["end_s"] for phase in report["phases"]},
         "position_error_m": report["tool_position_error_m"],
@@ -49,7 +49,9 @@ def plan(command: str) -> dict[str, Any]:
 
 
 OUTLINES: dict[str, Callable[[], dict[str, Any]]] = {
-    **{f"{plant} {name}": partial(mission, plant, name) for plant in PLANTS for name in ("lexls", "lexqp", "icat")},
+    **{
+        f"{plant} {name}": partial(mission, plant, name) for plant in PLANTS for name in ("active_set", "lexqp", "icat")
+    },
     **{command: partial(plan, command) for command in PLANS},
 }
 

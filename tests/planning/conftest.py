@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
+from curves.capsules import capsule_robot
 from planned_scenes import PIPE, SPHERE
 
-from uvms_ocp.planning.capsules import capsule_robot
 from uvms_ocp.planning.scene import CollisionScene, Coordinates, collision_scene, coordinates
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot

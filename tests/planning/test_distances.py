@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from curves.capsules import capsule_robot
 from curves.closed_forms import ClosedFormDistances
 from planned_scenes import PIPE, SPHERE, differences, random_x
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.planning.capsules import capsule_robot
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.scene import CollisionScene, Coordinates, collision_scene, coordinates
 from uvms_ocp.robot.robot import Robot

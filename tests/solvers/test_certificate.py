@@ -40,7 +40,7 @@ def _in_python(levels: list[Level], v: np.ndarray) -> float:
 
 @cache
 def _core(n: int, sizes: tuple[int, ...]) -> ca.Function:
-    return ca.external("lexls_certificate", str(compile_library(core_source(n, sizes))))
+    return ca.external("active_set_certificate", str(compile_library(core_source(n, sizes))))
 
 
 def _in_c(levels: list[Level], v: np.ndarray) -> float:

@@ -60,7 +60,7 @@ def _broken(levels: list[Level], source: Callable[[str], str]) -> SolvedRows:
 
 @cache
 def _function(source: str) -> ca.Function:
-    return ca.external("lexls", str(compile_library(source)))
+    return ca.external("active_set", str(compile_library(source)))
 
 
 def _without(*parts: str) -> Callable[[str], str]:

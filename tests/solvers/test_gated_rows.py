@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from compiler import needs_compiler
 from hierarchies import random_hierarchy
+from hierarchy_solvers.daqp_hierarchy import Daqp
 from test_hierarchy import _tick_function
 
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.active_set_numpy import STATUSES
 from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
-from uvms_ocp.solvers.hierarchy.daqp import Daqp
 from uvms_ocp.solvers.hierarchy.level import Level, gated, is_valid, residual
 
 M, N = 4, 3

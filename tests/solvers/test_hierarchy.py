@@ -8,11 +8,11 @@ import casadi as ca
 import numpy as np
 import pytest
 from hierarchies import random_hierarchy, reference
+from hierarchy_solvers.daqp_hierarchy import Daqp
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp, QpTick
-from uvms_ocp.solvers.hierarchy.daqp import Daqp
 from uvms_ocp.solvers.hierarchy.icat import Icat
 from uvms_ocp.solvers.hierarchy.level import Level, stack
 from uvms_ocp.solvers.hierarchy.solution import Status

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hierarchies import random_hierarchy, reference
+from hierarchy_solvers.daqp_hierarchy import Daqp
 from test_hierarchy import _arguments, _tick_function
 
 from uvms_ocp.codegen.compile import has_compiler
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.certificate import level_excesses
-from uvms_ocp.solvers.hierarchy.daqp import Daqp
 from uvms_ocp.solvers.hierarchy.icat import Icat
 from uvms_ocp.solvers.hierarchy.level import Level
 from uvms_ocp.solvers.hierarchy.solution import Solution, Status

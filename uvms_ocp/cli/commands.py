@@ -66,7 +66,7 @@ _EXAMPLES = """Examples:
 \b
   uvms-ocp run                                  the paper's Case 1, in water
   uvms-ocp run --noise --fault thruster3:dead@20
-  uvms-ocp show uvms_runs/case1-dynamic-lexls   in the browser
+  uvms-ocp show uvms_runs/case1-dynamic-active_set   in the browser
   uvms-ocp show girona_maris7                   a robot, with sliders
   uvms-ocp plan ocp --tool 12.2 37.4 -39.5 --position 11 37 -38.5
   uvms-ocp compare RUN OTHER

@@ -21,7 +21,6 @@ from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.own_parts import PLANTS
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
-from uvms_ocp.solvers.hierarchy.daqp import Daqp
 from uvms_ocp.solvers.hierarchy.icat import Icat
 
 # Options that several commands share, written once as fields of a dataclass.
@@ -58,12 +57,12 @@ def defaults_of(kind: type[Any]) -> dict[str, Any]:
 
 # Options that commands share, and the scenario that they describe.
 
-active_set: dict[str, type[HierarchySolver]] = {
-    "lexls": LexicographicActiveSet,
+SOLVERS: dict[str, type[HierarchySolver]] = {
+    "active_set": LexicographicActiveSet,
     "lexqp": LexicographicQp,
     "icat": Icat,
-    "daqp": Daqp,
 }
+_OLD_SOLVER_NAMES = {"lexls": "active_set"}
 BAD_INPUT, NOT_COMPLETED = 2, 3  # exit codes
 
 
@@ -112,8 +111,8 @@ PlantName = Annotated[
 SolverName = Annotated[
     str | None,
     typer.Option(
-        help=f"Hierarchy solver: {', '.join(active_set)}; default: the scenario's.",
-        autocompletion=completing(*active_set),
+        help=f"Hierarchy solver: {', '.join(SOLVERS)}; default: the scenario's.",
+        autocompletion=completing(*SOLVERS),
     ),
 ]
 CurrentVelocity = Annotated[
@@ -155,14 +154,17 @@ def with_solver(options: Mapping[str, Any], solver: str | None) -> Mapping[str, 
     """The options with the solver of that name, if one is given. Raises `NameNotFound` for an unknown one."""
     if solver is None:
         return options
-    if solver not in active_set:
-        raise NameNotFound("solver", solver, active_set)
-    return {**options, "solver": active_set[solver]()}
+    if solver in _OLD_SOLVER_NAMES:
+        typer.echo(f"--solver {solver} is now --solver {_OLD_SOLVER_NAMES[solver]}", err=True)
+        solver = _OLD_SOLVER_NAMES[solver]
+    if solver not in SOLVERS:
+        raise NameNotFound("solver", solver, SOLVERS)
+    return {**options, "solver": SOLVERS[solver]()}
 
 
 def solver_name(solver: HierarchySolver) -> str:
     """The name by which the command line knows a solver of that kind."""
-    return next((name for name, kind in active_set.items() if kind is type(solver)), label(type(solver).__name__))
+    return next((name for name, kind in SOLVERS.items() if kind is type(solver)), label(type(solver).__name__))
 
 
 def default_folder(parts: Sequence[str], options: Mapping[str, Any]) -> Path:

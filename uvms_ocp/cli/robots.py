@@ -14,9 +14,9 @@ from rich.table import Table
 from uvms_ocp.cli.options import (
     BAD_INPUT,
     SCENARIO_HELP,
+    SOLVERS,
     Hydrodynamics,
     RobotName,
-    active_set,
     build_scenario,
     folder,
     given,
@@ -96,7 +96,7 @@ def list_all(
         "scenarios": list(SCENARIOS),
         "robots": list(list_robots()),
         "plants": list(PLANTS),
-        "solvers": list(active_set),
+        "solvers": list(SOLVERS),
     }
     if as_json:
         print_json(known)

@@ -117,9 +117,8 @@ class BallClearance(Term):
         )
 
 
-# Rows that keep a point beyond a plane, and their parameters: which joints carry the two, and where they are on these.
-#
-# What moves two bodies alike says nothing of how they are to each other: it is left out of their poses, and so of the derivatives.
+# Rows that keep a point beyond a plane. A joint that moves both bodies alike does not change their distance: it is left
+# out of their poses, and so of the derivatives.
 
 _PLANE = 3 + 3 + 1  # normal, point, offset
 _NOTHING_NEAR = -1.0  # [m] offset of a row without a plane

@@ -1,4 +1,4 @@
-"""Find what holds a level back at its optimum, by multipliers, and the least by which limits would have to give way (phase one)."""
+"""Diagnose plans: the bounds that hold a level back (multipliers), and the least relaxation that makes it feasible (phase one)."""
 
 from __future__ import annotations
 

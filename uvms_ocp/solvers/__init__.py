@@ -2,7 +2,6 @@
 
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet as LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp as LexicographicQp
-from uvms_ocp.solvers.hierarchy.daqp import Daqp as Daqp
 from uvms_ocp.solvers.hierarchy.icat import Icat as Icat
 from uvms_ocp.solvers.hierarchy.level import Level as Level
 from uvms_ocp.solvers.hierarchy.solution import Solution as Solution

@@ -110,7 +110,7 @@ class Tangent:
 
     @cached_property
     def bent(self) -> ca.SX:
-        """What `force_curvature_terms` gives, as symbols: code too long for the memory it is read from takes three times as long."""
+        """Entries of `force_curvature_terms` as symbols: evaluated apart, since code that exceeds the instruction cache runs slower."""
         return ca.SX.sym("bent", self.force_curvature_terms(ca.SX(self.n_v, 1)).numel())
 
     def force_curvature_terms(self, weights: ca.SX) -> ca.SX:

@@ -44,9 +44,9 @@ _SOURCES = ("equalities.c", "active_set.c", "scaling.c", "certificate.c", "fallb
 def solver_source(n: int, sizes: Sequence[int]) -> str:
     """C99 source for n velocities and levels of ``sizes`` rows: `solve_levels` of fallbacks.c, all else static; needs libm only.
 
-    Nothing is allocated: a call works on the stack, with 60 kB for 13 velocities and 60 rows. It makes 3 L + 3 runs for L levels
-    at most, which together end after `IterationBudget.most_of_all` iterations, whatever the numbers, and L + 6 certificates, whose
-    search for every level ends after twelve rounds per row. Raises `InvalidInput` for levels without a row.
+    Nothing is allocated: a call works on the stack, with 60 kB for 13 velocities and 60 rows. For L levels it makes at most
+    3 L + 3 runs, which together end after `IterationBudget.most_of_all` iterations, whatever the numbers, and L + 6
+    certificates, whose search ends after twelve rounds per row. Raises `InvalidInput` for levels without a row.
     """
     filled = [size for size in sizes if size]
     if not filled:
@@ -241,4 +241,4 @@ def _core(n: int, sizes: tuple[int, ...]) -> ca.Function | None:
     """(J, lower, upper, gate, active set) -> v, active set, report, residual; see casadi.c."""
     if sum(sizes) == 0:
         return None
-    return external_function("lexls", core_source(n, sizes))
+    return external_function("active_set", core_source(n, sizes))

@@ -19,7 +19,7 @@ static void pass_on(const double *found, int n, double *to) {
 }
 
 /* J (M, N), lower, upper, gate, active set -> v, active set, [code of the status, iterations], residual: `solve_levels`. */
-EXPORT int lexls(const double **arg, double **res, casadi_int *iw, double *w, int mem) {
+EXPORT int active_set(const double **arg, double **res, casadi_int *iw, double *w, int mem) {
   double state[M] = {0}, v[N], residual[M], report[2];
   int iterations;
   (void)iw, (void)w, (void)mem;
@@ -34,7 +34,7 @@ EXPORT int lexls(const double **arg, double **res, casadi_int *iw, double *w, in
 }
 
 /* J (M, N), lower, upper, gate, v -> `normal_certificate` of certificate.py, infinite for invalid rows too. */
-EXPORT int lexls_certificate(const double **arg, double **res, casadi_int *iw, double *w, int mem) {
+EXPORT int active_set_certificate(const double **arg, double **res, casadi_int *iw, double *w, int mem) {
   Solver s;
   Rows rows = {arg[JACOBIAN], arg[LOWER_BOUND], arg[UPPER_BOUND], arg[GATE]};
   (void)iw, (void)w, (void)mem;
@@ -49,38 +49,38 @@ EXPORT int lexls_certificate(const double **arg, double **res, casadi_int *iw, d
   return 0;
 }
 
-EXPORT casadi_int lexls_n_in(void) { return INPUTS; }
-EXPORT casadi_int lexls_n_out(void) { return OUTPUTS; }
+EXPORT casadi_int active_set_n_in(void) { return INPUTS; }
+EXPORT casadi_int active_set_n_out(void) { return OUTPUTS; }
 
-EXPORT const casadi_int *lexls_sparsity_in(casadi_int i) {
+EXPORT const casadi_int *active_set_sparsity_in(casadi_int i) {
   static const casadi_int jacobian[] = {M, N, 1}, rows[] = {M, 1, 1};
   return i == JACOBIAN ? jacobian : rows;
 }
 
-EXPORT const casadi_int *lexls_sparsity_out(casadi_int i) {
+EXPORT const casadi_int *active_set_sparsity_out(casadi_int i) {
   static const casadi_int velocity[] = {N, 1, 1}, rows[] = {M, 1, 1}, report[] = {2, 1, 1};
   return i == VELOCITY ? velocity : i == REPORT ? report : rows;
 }
 
-EXPORT int lexls_work(casadi_int *n_arg, casadi_int *n_res, casadi_int *n_iw, casadi_int *n_w) {
+EXPORT int active_set_work(casadi_int *n_arg, casadi_int *n_res, casadi_int *n_iw, casadi_int *n_w) {
   *n_arg = INPUTS, *n_res = OUTPUTS, *n_iw = 0, *n_w = 0;
   return 0;
 }
 
-EXPORT casadi_int lexls_certificate_n_in(void) { return INPUTS; }
-EXPORT casadi_int lexls_certificate_n_out(void) { return 1; }
+EXPORT casadi_int active_set_certificate_n_in(void) { return INPUTS; }
+EXPORT casadi_int active_set_certificate_n_out(void) { return 1; }
 
-EXPORT const casadi_int *lexls_certificate_sparsity_in(casadi_int i) {
-  return i == GIVEN_VELOCITY ? lexls_sparsity_out(VELOCITY) : lexls_sparsity_in(i);
+EXPORT const casadi_int *active_set_certificate_sparsity_in(casadi_int i) {
+  return i == GIVEN_VELOCITY ? active_set_sparsity_out(VELOCITY) : active_set_sparsity_in(i);
 }
 
-EXPORT const casadi_int *lexls_certificate_sparsity_out(casadi_int i) {
+EXPORT const casadi_int *active_set_certificate_sparsity_out(casadi_int i) {
   static const casadi_int one[] = {1, 1, 1};
   (void)i;
   return one;
 }
 
-EXPORT int lexls_certificate_work(casadi_int *n_arg, casadi_int *n_res, casadi_int *n_iw, casadi_int *n_w) {
+EXPORT int active_set_certificate_work(casadi_int *n_arg, casadi_int *n_res, casadi_int *n_iw, casadi_int *n_w) {
   *n_arg = INPUTS, *n_res = 1, *n_iw = 0, *n_w = 0;
   return 0;
 }

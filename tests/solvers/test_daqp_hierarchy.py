@@ -7,9 +7,9 @@ import sys
 import numpy as np
 import pytest
 from hierarchies import random_hierarchy, reference
+from hierarchy_solvers.daqp_hierarchy import Daqp
 
 from uvms_ocp.errors import InvalidInput, NotInstalled, UvmsError
-from uvms_ocp.solvers.hierarchy.daqp import Daqp
 from uvms_ocp.solvers.hierarchy.level import Level
 from uvms_ocp.solvers.hierarchy.solution import Status
 
