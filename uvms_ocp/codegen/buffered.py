@@ -66,7 +66,7 @@ class BufferedFunction:
         return tuple([result.copy() for result in self.results])
 
     def adopt(self, *arguments: Array) -> None:
-        """From now on `evaluate` reads these arguments, (m,) or (m, n) [any], where they are, and a call writes there.
+        """Adopt arguments, (m,) or (m, n) [any]: from now on `evaluate` reads them where they are, and a call writes there.
 
         Raises `InvalidInput` for another shape, and matrices that are not in column-major order.
         """
@@ -164,7 +164,7 @@ class _Call:
     results: Sequence[Array | None]
 
     def fail(self) -> None:
-        """What it was to write is not known, and must not be taken for what an earlier call wrote."""
+        """Clear the results: they are unknown, and must not be taken for those of an earlier call."""
         for result in self.results:
             if result is not None:
                 result[...] = np.nan

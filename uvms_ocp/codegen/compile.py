@@ -252,7 +252,7 @@ def warn_if_slower() -> None:
 
 
 def has_compiler() -> bool:
-    """Whether there is one, and it has not been found to hang."""
+    """Check that there is a compiler, and that it has not been found to hang."""
     return _compiler() not in {None, *_HUNG}
 
 

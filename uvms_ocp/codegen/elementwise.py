@@ -76,7 +76,7 @@ def distance(y: Array, lower: Array, upper: Array) -> Array:
 
 
 def excess(y: Array, lower: Array, upper: Array) -> Array:
-    """By how much y is outside of [lower, upper], entry by entry, on either side; NaN where y is.
+    """Return by how much y is outside of [lower, upper], entry by entry, on either side; NaN where y is.
 
     y, lower and upper (...) [unit of y].
     """

@@ -17,7 +17,7 @@ from uvms_ocp.errors import InvalidInput
 
 
 def kernel_error(node: ast.AST, why: str) -> InvalidInput:
-    """That something in a function keeps it from being a kernel, and where."""
+    """Return the error for a function that cannot be a kernel, with the reason and its place."""
     return InvalidInput(f"line {getattr(node, 'lineno', 0)}: {ast.unparse(node)} {why}")
 
 
@@ -27,7 +27,7 @@ class CType:
 
     name: str
     sizes: tuple[int, ...] = ()
-    """Of an array; 0 where it is unknown, as of a parameter."""
+    """Sizes of an array; 0 where one is unknown, as of a parameter."""
     structure: Any = None
     """The type in ctypes, of a structure."""
 
@@ -37,7 +37,7 @@ class CType:
         return not self.sizes and self.structure is None
 
     def entry(self) -> CType:
-        """Of an array."""
+        """Return the type of an entry of an array."""
         return CType(self.name, self.sizes[1:], self.structure)
 
     def declared(self, name: str) -> str:
@@ -54,7 +54,7 @@ VECTOR = CType("double", (0,))
 
 
 def of_ctypes(kind: Any) -> CType:
-    """Of a field of a structure."""
+    """Return the C type of a field of a structure."""
     sizes = []
     while issubclass(kind, ctypes.Array):
         sizes.append(kind._length_)
@@ -65,7 +65,7 @@ def of_ctypes(kind: Any) -> CType:
 
 
 def field_of(owner: CType, name: str) -> CType:
-    """Of a field of a structure. Raises `InvalidInput` where it has none of that name."""
+    """Return the type of a field of a structure. Raises `InvalidInput` where it has none of that name."""
     fields = dict(owner.structure._fields_)
     if name not in fields:
         raise InvalidInput(f"{owner.name} has no field {name!r}; it has {', '.join(fields)}")
@@ -102,7 +102,7 @@ _OF_NUMBERS = {
 }
 _TESTS = {math.isfinite: "isfinite", math.isnan: "isnan", math.isinf: "isinf"}
 PREFIX = "k_"
-"""Of the names of kernels in C, which has names of its own."""
+"""Prefix of the names of kernels in C, which has names of its own."""
 _TAKEN = frozenset(
     {"auto", "char", "const", "default", "do", "double", "enum", "extern", "goto", "inline", "long", "register"}
 )
@@ -137,7 +137,7 @@ class C:
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """Of a kernel."""
+    """Signature of a kernel."""
 
     name: str
     """In C, behind the prefix: that in Python, with a number where another kernel of the program has it already."""
@@ -147,14 +147,14 @@ class Signature:
 
 @dataclass(slots=True)
 class Scope:
-    """What names mean inside of one kernel."""
+    """Scope of one kernel: its names and their meaning."""
 
     names: Mapping[str, Any]
-    """Of its module."""
+    """Names of its module."""
     signature_of: Callable[[Any], Signature]
-    """Of another kernel, which is translated too."""
+    """Function that gives the signature of another kernel, and has it translated too."""
     result: CType
-    """Of the kernel itself."""
+    """Result type of the kernel itself."""
     local: dict[str, CType] = field(default_factory=dict)
     """Parameters and variables."""
     own: set[str] = field(default_factory=set)
@@ -190,7 +190,7 @@ def literal(value: Any) -> C | None:
 
 
 def constant(node: ast.expr, scope: Scope) -> Any:
-    """What a name or an attribute of the module is in Python; `None` where it is none of the module's."""
+    """Return the value in Python of a name or an attribute of the module; `None` where it is none of the module's."""
     if isinstance(node, ast.Name) and node.id not in scope.local:
         return scope.names.get(node.id)
     if isinstance(node, ast.Attribute):
@@ -311,7 +311,7 @@ _BUILTINS: dict[str, Any] = {f.__name__: f for f in (len, min, max, abs, int, fl
 
 
 def length(node: ast.Call, scope: Scope) -> int:
-    """What ``len`` of an array is, which has to be known. Raises `InvalidInput` where it is not."""
+    """Return the ``len`` of an array. Raises `InvalidInput` where it is unknown."""
     of = expression(node.args[0], scope).type
     if not of.sizes or not of.sizes[0]:
         raise kernel_error(node, "is not known here; give the number to the kernel")

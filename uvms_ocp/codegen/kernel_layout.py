@@ -27,18 +27,18 @@ class Smooth:
     """
 
     def __call__(self, *vectors: Any) -> None:
-        """What stands in a kernel."""
+        """Declare the call in a kernel."""
 
 
 class FunctionStructure(ctypes.Structure):
-    """Of one function: its address, and the memory that it works in."""
+    """Structure of one function: its address, and its work memory."""
 
     __slots__ = ()
     function: ca.Function
-    """Which it is."""
+    """CasADi function that is called."""
 
     def __call__(self, *vectors: Any) -> None:
-        """As C does it, without a compiler."""
+        """Call the function without a compiler, as C does."""
         call, n = _buffered(self.function), self.function.n_in()
         found = call(*(_given(vector, self.function.size_in(i)) for i, vector in enumerate(vectors[:n])))
         for target, values in zip(vectors[n:], found, strict=True):
@@ -77,7 +77,7 @@ def connect(memory: ctypes.Structure) -> bool:
 
 
 def functions_in(memory: Any) -> Iterator[FunctionStructure]:
-    """Those of a memory, of its parts, and of arrays of parts."""
+    """Yield the functions of a memory, of its parts, and of arrays of parts."""
     if isinstance(memory, FunctionStructure):
         yield memory
     elif isinstance(memory, ctypes.Structure):
@@ -122,16 +122,16 @@ class Ask:
     """A field of a layout: what kernels ask of Python, as ``m.ask()``, and `Answer` answers on the memory; not before."""
 
     def __call__(self) -> None:
-        """What stands in a kernel."""
+        """Declare the call in a kernel."""
 
 
 class CallbackStructure(function_structure(_NOTHING)):  # type: ignore[misc]
-    """What `Ask` is in memory: a function of nothing, at the place where a `Smooth` has its machine code."""
+    """Callback in memory: a function of nothing, at the place where a `Smooth` has its machine code."""
 
     __slots__ = ()
 
     def __call__(self) -> None:
-        """As C does it, without a compiler."""
+        """Call it without a compiler, as C does."""
         _CALL(self.call)(None, None, None, None, 0)
 
 

@@ -250,9 +250,9 @@ class CProgram:
     """C99 source in two parts, which needs libm only."""
 
     types: str
-    """What it works on."""
+    """Types of the memory."""
     code: str
-    """What it does, after its types."""
+    """Code of the functions, after the types."""
 
 
 def c_program(kernels: Sequence[Callable[..., Any]], structures: Iterable[type[ctypes.Structure]]) -> CProgram:
@@ -282,7 +282,7 @@ def shape_of(kind: Any) -> Any:
 
 
 class _Program:
-    """What is known of it so far."""
+    """Program under construction."""
 
     def __init__(self, structures: Iterable[type[ctypes.Structure]]) -> None:
         self.declared: list[str] = []
@@ -295,7 +295,7 @@ class _Program:
             self._declare(structure)
 
     def signature_of(self, kernel: Any) -> Signature:
-        """Of a kernel, which is translated later."""
+        """Return the signature of a kernel, which is translated later."""
         name = getattr(kernel, "__name__", str(kernel))
         if not inspect.isfunction(kernel):
             raise InvalidInput(f"{name} is no function written in Python; call kernels and functions of math")

@@ -168,9 +168,9 @@ class CLibrary:
     functions: str
     """CasADi functions: a file of its own, without those that are made of other C already."""
     declarations: str
-    """Of these functions."""
+    """Declarations of these functions."""
     initial: str
-    """What initialises the memory that was given; after types and declarations."""
+    """Function that initialises memory; after types and declarations."""
 
 
 def c_library(

@@ -36,7 +36,7 @@ _PLAIN = (bool, int, float, str, tuple)
 
 @checked
 def digests(scenario: Scenario) -> dict[str, str]:
-    """Of the robot, the start and the mission of a scenario, by these names."""
+    """Return digests of the robot, the start and the mission of a scenario, by these names."""
     return {
         "robot": _digest(_of_robot(scenario.robot)),
         "start": _digest([_rounded(scenario.start)]),
@@ -86,7 +86,7 @@ def _rounded(values: np.ndarray) -> str:
 _KEY = "mission_plan"
 _NO_PLAN = "no plan of a mission"
 _ARRAYS = {"t": 0, "q": 0, "v": 0, "a": 1, "thrust": 1, "torque": 1}
-"""By how many rows each is shorter than there are times."""
+"""Arrays, with the number of rows by which each is shorter than there are times."""
 
 
 def write_plan(path: Path | str, trajectory: Trajectory, summary: dict[str, Any]) -> Path:
@@ -95,7 +95,7 @@ def write_plan(path: Path | str, trajectory: Trajectory, summary: dict[str, Any]
 
 
 def read_plan(path: Path | str) -> tuple[Trajectory, dict[str, Any]]:
-    """Of a file that anyone may have written. Raises `InvalidInput`."""
+    """Read a file that anyone may have written. Raises `InvalidInput`."""
     told, arrays = from_arrays(Path(path), _KEY, _NO_PLAN)
     if not set(_ARRAYS) <= arrays.keys():
         raise InvalidInput(_NO_PLAN)
@@ -120,7 +120,7 @@ def _check(arrays: Arrays) -> None:
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
 class MissionPlan(TableDisplay):
-    """What `plan_mission` returns."""
+    """Plan of a whole mission, as `plan_mission` returns it."""
 
     scenario: str
     """Its name."""
@@ -128,7 +128,7 @@ class MissionPlan(TableDisplay):
     phases: tuple[PlannedPhase, ...]
     """On the way, in their order."""
     names: tuple[str, ...]
-    """Of these phases."""
+    """Names of these phases."""
     status: OcpStatus
     reason: str
     """With the numbers behind the verdict."""
@@ -142,7 +142,7 @@ class MissionPlan(TableDisplay):
     solve_time: Magnitude
     """[s]"""
     identity: Mapping[str, str]
-    """What it was made for, as digests."""
+    """Digests of the robot, the start and the mission."""
 
     @property
     def solved(self) -> bool:
@@ -230,7 +230,7 @@ class MissionPlan(TableDisplay):
             )
 
     def guide(self, scenario: Scenario, tuning: FollowingTuning | None = None) -> PlanGuide:
-        """What leads the controller of a scenario along the plan, for one run. Raises `InvalidInput` as `require_of` does."""
+        """Return the guide of a scenario's controller along the plan, for one run. Raises `InvalidInput` as `require_of` does."""
         self.require_of(scenario)
         mission, robot = scenario.mission, scenario.robot
         return PlanGuide(self.trajectory, self.phases, mission, robot, dt=scenario.dt, tuning=tuning)
@@ -247,7 +247,7 @@ class MissionPlan(TableDisplay):
 
 
 def _made(trajectory: Trajectory, told: dict[str, Any]) -> MissionPlan:
-    """From what a file tells, as `MissionPlan.summary` has it."""
+    """Build a plan from a file's summary, as `MissionPlan.summary` has it."""
     statuses = {status.value: status for status in OcpStatus}
     parts = [
         PlannedPhase(phase=part["phase"], begin=part["begin_s"], end=part["end_s"], moves=part["moves"])

@@ -61,15 +61,15 @@ class MissionProblem:
     """The phases of the problem."""
     terms: Terms
     shapes: ShapeClearance | None
-    """That are to stay apart, obstacles and links; `None` where nothing can meet. Constraints of the problem keep those
-    with obstacles."""
+    """Shapes that stay apart, obstacles and links; `None` where nothing can meet. Constraints of the problem keep those with
+    obstacles."""
     guess: Trajectory
     """The greedy way, over the nominal durations."""
     greedy_duration: float
     """[s] of that way."""
 
     current: Current
-    """Of the water."""
+    """Current of the water."""
 
     @property
     def steady_until(self) -> float:
@@ -117,7 +117,7 @@ def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> Mis
 def _stated(
     scenario: Scenario, way: GreedyRollout, margins: Margins, step: float
 ) -> tuple[list[Stretch], Terms, OcpProblem]:
-    """By a way of the mission, without obstacles."""
+    """State the problem along a rollout of the mission, without obstacles."""
     stretches = horizon_segments(scenario.mission, way, margins, step=step)
     terms = mission_terms(scenario.robot, scenario.mission, way.phases, stretches, margins)
     return stretches, terms, _problem(scenario, way, stretches, terms, margins)
@@ -165,7 +165,7 @@ _SAME_CURRENT = 0.02  # [m/s] by which the water may differ from what a plan was
 _HASTE = 150  # iterations from the greedy way, before the easier problem is tried
 _PATIENCE = 60.0  # [s] with a plan that keeps the robot from itself
 OPTIONS = NlpOptions(max_iterations=400, convergence=1e-5, time_limit=120.0, barrier=1e-5)
-"""Of the solver, by default: a barrier as small as what energy costs."""
+"""Default solver options: a barrier as small as what energy costs."""
 
 
 @checked
@@ -210,7 +210,7 @@ def plan_mission(
 
 
 def _verdict(plan: Plan, proof: ClearanceReport | None, longest: float) -> tuple[OcpStatus, str]:
-    """That of the plan, unless it takes longer than `longest` [s], or shapes may touch on it: then it is none to be flown."""
+    """Return the verdict of the plan, or of its rejection: it takes longer than `longest` [s], or shapes may touch on it."""
     if not plan.status.usable:
         return plan.status, plan.reason
     if proof is None or proof.collision_free:
@@ -238,7 +238,7 @@ class _Search:
         """Iterations until now."""
 
     def found(self, longest: float) -> Plan:
-        """That takes `longest` [s] at most, or where none is found the quickest.
+        """Find a plan that takes `longest` [s] at most, or where there is none the quickest.
 
         Where the water changes meanwhile, one that is through before is taken if there is one: how much later water costs
         depends on the durations by what no derivative tells.
@@ -255,7 +255,7 @@ class _Search:
         return Planner(self._hasty.problem, self._options, transcription=self._hasty.transcription)
 
     def _within(self, limit: float) -> Plan:
-        """From the greedy way; where that fails, by way of a problem that is easier."""
+        """Plan from the greedy rollout; where that fails, by way of a problem that is easier."""
         posed, guess = self._posed, self._posed.guess
         plan = self._plan(self._hasty, posed, Weights(), guess, limit)
         if plan.status is OcpStatus.SOLVED:
@@ -289,7 +289,7 @@ class _Search:
         return plan
 
     def _plan(self, planner: Planner, posed: MissionProblem, weights: Weights, way: Trajectory, limit: float) -> Plan:
-        """From a way, in the water along it, then along what was found, until that is the same."""
+        """Plan from a trajectory, in the water along it, then along the result, until it stays the same."""
         given, best = posed.at(weights, way, _SHARE * limit), None
         for _ in range(_ROUNDS):
             plan = planner.plan(given, guess=way, diagnose=False)
@@ -304,7 +304,7 @@ class _Search:
 
 
 def _phases(scenario: Scenario, stretches: Sequence[Stretch], times: np.ndarray) -> tuple[PlannedPhase, ...]:
-    """Of the mission, in the times (n + 1,) [s] at which the stretches begin and end."""
+    """Return the phases of the mission, in the times (n + 1,) [s] at which the segments begin and end."""
     found: list[PlannedPhase] = []
     for stretch, begin, end in zip(stretches, times[:-1].tolist(), times[1:].tolist(), strict=True):
         if found and found[-1].phase == stretch.phase:

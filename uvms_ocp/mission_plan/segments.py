@@ -35,7 +35,7 @@ _LEAST = 0.25  # share of a threshold that a plan may use, however large the mar
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Margins:
-    """Of thresholds and limits: of each a quarter is left in any case."""
+    """Margins of thresholds and limits: of each a quarter is left in any case."""
 
     position: Magnitude = 0.02
     """[m] of positions and distances."""
@@ -50,7 +50,7 @@ class Margins:
 
 
 def inside(limit: float, margin: float) -> float:
-    """What a plan keeps below, so that what is flown stays below a limit [m or rad]; margin [m or rad]."""
+    """Tighten a limit [m or rad], so that the motion carried out stays below it; margin [m or rad]."""
     return max(limit - margin, _LEAST * limit)
 
 
@@ -60,7 +60,7 @@ _ANGLES = ("tilt", "misalignment", "angle")
 
 
 def active(phase: Phase, tasks: Collection[Task]) -> list[Task]:
-    """Those that the phase has on."""
+    """Return the tasks that the phase has on."""
     return [task for task in tasks if phase.activations.get(task.name, 0.0) > 0]
 
 
@@ -84,12 +84,13 @@ def active_constraints(
 
 
 def is_prerequisite(task: Task) -> bool:
-    """Whether a task is one that is reached first and kept then."""
+    """Check whether a task is one that is reached first and kept then."""
     return task.task_class is TaskClass.PREREQUISITE and not task.equality
 
 
 def is_violated(task: Task, quantities: Mapping[str, float]) -> bool:
-    """Whether quantities [in their units] are outside what a task of `active_constraints` allows, as far as they tell."""
+    """Check whether quantities [in their units] are outside the limits of a task of `active_constraints`, as far as they are
+    given."""
     if isinstance(task, MinimumAltitude):
         return quantities[f"{task.name}.altitude"] < task.threshold
     if isinstance(task, AngleTask):
@@ -105,7 +106,7 @@ def _is_kept(task: Task, asked: Collection[str], before: Collection[str]) -> boo
 
 
 def _kept_otherwise(task: Task) -> bool:
-    """By the dynamics, by the bounds on joints, and by clearances between shapes."""
+    """Check whether the dynamics, the bounds on joints or clearances between shapes keep the task."""
     return isinstance(task, (UnderActuation, Clearance)) or (isinstance(task, JointLimits) and task.guard == 0)
 
 
@@ -177,7 +178,8 @@ def greedy_rollout(scenario: Scenario) -> GreedyRollout:
 
 
 def foretold_way(scenario: Scenario) -> GreedyRollout:
-    """As pre-flight foretells it: what cannot be planned is found on it before anything is flown, and compiled for that.
+    """Roll the mission out as pre-flight does: what cannot be planned is found before anything is simulated, and compiled for
+    that.
 
     Straight from stance to stance, as long in every phase; no quantity is known on it. Raises `FrameNotFound` and
     `NameNotFound` for what tasks name and the robot does not have.
@@ -301,7 +303,7 @@ class _SegmentBuilder:
             yield self._stretch(ocp, (marks.entered, middle), ends=not self.hold)
 
     def held(self, marks: _PhaseTimes, margins: Margins) -> Iterator[Stretch]:
-        """Where the conditions of the way out hold."""
+        """Yield the segments in which the conditions of the way out hold."""
         if self.hold:
             n, duration = max(2, math.ceil(self.hold / self.step)), self.hold + margins.hold
             ocp = OcpPhase(name=f"{self.phase.name} held", n_steps=n, duration=duration)

@@ -70,7 +70,7 @@ class FloorClearance(Term):
 
 
 def rims_of(robot: Robot) -> tuple[Rim, ...]:
-    """Of the lower side of the hull, and of every shape of the arm."""
+    """Return the rims of the lower side of the hull, and of every shape of the arm."""
     hull = [Rim(joint=1, centre=point, axis=np.zeros(3)) for point in skid_points(robot)]
     first = 2 if robot.n_vehicle else 1
     arm = [rim for shape in robot.collision_model.geometryObjects if shape.parentJoint >= first for rim in _rims(shape)]
@@ -147,12 +147,12 @@ def _links(scene: CollisionScene) -> Mask:
 
 
 def obstacle_pairs(shapes: ShapeClearance) -> ShapeClearance:
-    """Of these pairs those with obstacles."""
+    """Select the pairs with obstacles."""
     return _among(shapes, ~_links(shapes.scene))
 
 
 def link_pairs(shapes: ShapeClearance, pairs: Mask) -> ShapeClearance:
-    """Of these pairs the chosen (n_pairs,) of links, with rows of their own."""
+    """Select the chosen (n_pairs,) pairs of links, with rows of their own."""
     return replace(_among(shapes, pairs), n_pair_rows=_PAIR_ROWS)
 
 

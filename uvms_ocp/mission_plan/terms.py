@@ -86,22 +86,22 @@ _ROWS: dict[tuple[type[Task], str], tuple[int, ...]] = {
     (PoseTask, "horizontal_error"): (0, 1),
     (ToolPosition, "position_error"): (0, 1, 2),
 }
-"""Of residuals, whose norm is the quantity."""
+"""Rows of residuals whose norm is the quantity."""
 _ANGLES = ("tilt", "misalignment", "angle")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Place:
-    """Where a condition counts."""
+    """Phase and segment in which a condition applies."""
 
     phase: str
-    """Of the mission, for errors."""
+    """Phase of the mission, for errors."""
     stretch: str
-    """Of the horizon."""
+    """Segment of the horizon."""
     at: At
 
     def rows(self, task: Task, rows: tuple[int, ...], lower: float = -np.inf, upper: float = np.inf) -> BoundedRows:
-        """Of the residual of a task, at least `lower` and at most `upper` [unit of the rows]."""
+        """Bound rows of the residual of a task, at least `lower` and at most `upper` [unit of the rows]."""
         return BoundedRows(task=task, rows=rows, lower=lower, upper=upper, at=self.at, phase=self.stretch)
 
 
@@ -160,14 +160,14 @@ _LIKED = 3e-4  # weight of preferences: 0.3 W for 1 rad
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Terms:
-    """Of a whole mission."""
+    """Terms of a whole mission."""
 
     goals: tuple[tuple[TaskClass, Term], ...]
-    """What transitions wait for, with the class of the task that reaches it."""
+    """Conditions that transitions wait for, with the class of the task that reaches them."""
     constraints: tuple[Term, ...]
-    """What tasks of constraints and safety keep all along their phases."""
+    """Constraints that tasks of constraints and safety keep all along their phases."""
     preferences: tuple[Term, ...]
-    """What tasks of optimization would like, for a little of what is least in the end."""
+    """Preferences of tasks of optimization, for a small share of the last level."""
 
 
 def mission_terms(
@@ -193,12 +193,12 @@ def mission_terms(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Weights:
-    """Of what is least in the end."""
+    """Weights of the last level."""
 
     energy: float = 1.0
     """[1/kW]"""
     effort: float = 0.2
-    """Of thrust and torque, in shares of their limits."""
+    """Weight of thrust and torque, in shares of their limits."""
     price: float = 1e-6
     """[kW] of time."""
 
@@ -247,21 +247,22 @@ class _Phase:
                     yield kind, self._term(condition, part, At.END, met=True)
 
     def kept(self, before: set[str]) -> Iterator[Term]:
-        """By tasks all along the phase. before: names of prerequisites that the phase before has established."""
+        """Yield the constraints of tasks all along the phase. before: names of prerequisites that the phase before has
+        established."""
         for task in active_constraints(self._phase, self.on, self._out, before, self._margins):
             for part in self._parts:
                 if task.name not in part.waits_for and not (part.holds and task.name in self._asked):
                     yield TaskTerm(task=task, at=At.PATH, phase=part.ocp.name)
 
     def preferences(self) -> Iterator[Term]:
-        """Of equality tasks of the lowest class that no transition waits for."""
+        """Yield the preferences of equality tasks of the lowest class that no transition waits for."""
         for task in self.on:
             if task.task_class is TaskClass.OPTIMIZATION and task.equality and task.name not in self._asked:
                 for part in self._parts:
                     yield TaskPreference(task=task, at=At.PATH, phase=part.ocp.name, weight=_LIKED)
 
     def not_triggered(self) -> Iterator[Term]:
-        """Of every other way out of the phase, one condition fails all along."""
+        """Yield for every other way out of the phase the constraint that one of its conditions fails all along."""
         for transition in self._phase.transitions:
             if transition is not self._out:
                 yield from self._prevented(transition.when)

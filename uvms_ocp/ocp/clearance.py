@@ -108,7 +108,8 @@ class BallClearance(Term):
         return np.array([(*ball.centre_at(t), ball.radius + self.margin) for ball in self.obstacles]).ravel()
 
     def scenery(self, t: float) -> tuple[ObstacleData, ...]:
-        """Those that are fixed to the world, as they are at time t [s], as spheres; radii of 0 have nothing to draw."""
+        """Return the balls that are fixed to the world, as they are at time t [s], as spheres; radii of 0 have nothing to
+        draw."""
         balls = [ball for ball in self.obstacles if ball.frame is None and ball.radius > 0]
         names = (f"obstacle {i}" for i in range(1, len(balls) + 1))
         return tuple(
@@ -237,7 +238,7 @@ class ShapeClearance(Term):
     n_pair_rows: Count = 0
     """Per node on each of these pairs instead, where it is not 0: simpler rows, for a scene of few pairs."""
     moving: Mapping[str, Place] = field(default_factory=dict)
-    """Where obstacles are that do not stand still, by name."""
+    """Places of obstacles that move, by name."""
 
     def __post_init__(self) -> None:
         Term.__post_init__(self)
@@ -282,7 +283,7 @@ class ShapeClearance(Term):
 
     @cached_property
     def _groups(self) -> tuple[RowGroup, ...]:
-        """Those with the world, those between links, and those of each pair of links."""
+        """Return the row groups: with the world, between links, and of each pair of links."""
         pairs = self.scene.pairs
         carried = np.array([(pair.first_joint, pair.second_joint) for pair in pairs], dtype=int).reshape(-1, 2)
         world, n = carried[:, 0] == 0, self.n_pair_rows
@@ -328,7 +329,8 @@ class ShapeClearance(Term):
         return np.broadcast_to(self.margins if tightened is None else self.margins + tightened, (n, self.scene.n_pairs))
 
     def _chosen(self, times: Sequence[float], q: Array, margins: Array) -> list[Planes]:
-        """Of every group those that there is room for at configurations q (n, n_q): the ones least beyond their margins."""
+        """Choose in every group as many as there is room for at configurations q (n, n_q): the ones least beyond their
+        margins."""
         contacts, poses = self._contacts(times, q), Poses.of(self.scene.coordinates.robot.model, q)
         found = planes(self.scene, contacts, poses)
         beyond = found.heights(poses) - margins[found.sample, found.pair]
@@ -364,6 +366,6 @@ class ShapeClearance(Term):
 
 
 def _group(carried: Indices, chosen: Mask, n: int) -> RowGroup:
-    """Of the chosen of pairs (n_pairs, 2) of joints."""
+    """Return the row group of the chosen of pairs (n_pairs, 2) of joints."""
     first, second = (tuple(np.unique(carried[chosen, side]).tolist()) for side in (0, 1))
     return RowGroup(pairs=chosen, n=n, first=first, second=second)

@@ -30,7 +30,8 @@ _LOOKS = 8  # at each step, where nothing is to be proven
 
 @checked
 def certificate(term: ShapeClearance, trajectory: Trajectory) -> ClearanceReport:
-    """Whether the pairs of the term's scene stay apart along a trajectory; never where obstacles move: how fast is not known."""
+    """Check whether the pairs of the term's scene stay apart along a trajectory; never where obstacles move: their speed is
+    unknown."""
     motion = SteppedMotion(term=term, trajectory=trajectory)
     if term.moving:
         return _unproven(motion)

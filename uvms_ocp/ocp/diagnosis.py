@@ -1,4 +1,4 @@
-"""Diagnose plans: the bounds that hold a level back (multipliers), and the least relaxation that makes it feasible (phase one)."""
+"""Diagnose plans: the bounds that hold a level back, and the least relaxation that makes it feasible (phase one)."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Group:
         return f"{self.name} ({', '.join(axes)})" if axes else self.name
 
     def change(self, amount: float, axes: tuple[str, ...] = ()) -> str:
-        """What would have to change, by an amount [-, or unit of the row] in its measure."""
+        """Describe a change by an amount [-, or unit of the row] in its measure."""
         return self.measure.value.format(name=self.named(axes), amount=amount)
 
 
@@ -70,7 +70,7 @@ class GroupIndex:
 
 
 def variable_groups(transcription: Transcription) -> GroupIndex:
-    """Of the bounds of the variables (n_x,)."""
+    """Group the bounds of the variables (n_x,)."""
     labels, scales, axes = _labels(transcription)
     layout, groups = transcription.variables, tuple(dict.fromkeys(label for label in labels if label))
     place = {group: i for i, group in enumerate(groups)}
@@ -84,7 +84,7 @@ def variable_groups(transcription: Transcription) -> GroupIndex:
 
 
 def _labels(transcription: Transcription) -> tuple[list[Group | None], list[float], list[str]]:
-    """Of every entry of z: its group, unit and axis."""
+    """Return the group, unit and axis of every entry of z."""
     model = transcription.model
     robot, layout, limits = model.robot, model.layout, model.robot.limits
     axes = [*_VEHICLE[: robot.n_vehicle], *(joint.name for joint in robot.joints for _ in range(joint.n_v))]
@@ -108,7 +108,7 @@ def _labels(transcription: Transcription) -> tuple[list[Group | None], list[floa
 
 
 def row_groups(transcription: Transcription, problem: OcpProblem) -> GroupIndex:
-    """Of the constraints (n_constraints,) in the numbering of the program."""
+    """Group the constraints (n_constraints,) in the numbering of the program."""
     names = transcription.constraint_names
     roots = {term.name: float(np.sqrt(term.weight)) for term in reversed(problem.constraints)}
     found = {name: i for i, name in enumerate(name for name in dict.fromkeys(names) if name not in FIXED)}
@@ -134,9 +134,9 @@ class BindingGroup:
 
     group: Group
     strength: float
-    """By which the cost of the level would fall for an amount of 1, to first order."""
+    """Decrease of the cost of the level for an amount of 1, to first order."""
     axes: tuple[str, ...]
-    """That hold most, where the group has several."""
+    """Axes that hold most, where the group has several."""
 
     def needed(self, cost: float) -> float:
         """Amount by which the group alone would have to give way for the level to lose its cost.
@@ -147,7 +147,7 @@ class BindingGroup:
 
 
 def is_held(point: NlpPoint) -> bool:
-    """Whether anything holds the end of a level at all."""
+    """Check whether anything holds the end of a level at all."""
     multipliers = (point.x_multipliers, point.row_multipliers)
     return any(own is not None and bool(own.any()) for own in multipliers)
 
@@ -155,7 +155,7 @@ def is_held(point: NlpPoint) -> bool:
 def bindings(
     transcription: Transcription, problem: OcpProblem, point: NlpPoint, level: int, cost: float
 ) -> list[BindingGroup]:
-    """What holds a level back where it ended, at `cost`, the strongest first; none where its end has no multipliers."""
+    """Find the bounds that hold a level at its end, at `cost`, the strongest first; none where its end has no multipliers."""
     if point.x_multipliers is None or point.row_multipliers is None or cost == 0.0:
         return []
     rows = row_groups(transcription, problem)
@@ -184,7 +184,7 @@ def _levels(transcription: Transcription, multipliers: np.ndarray, level: int) -
 
 
 def prices_of(rows: tuple[LevelRows, ...], multipliers: np.ndarray, level: int) -> tuple[float, ...]:
-    """What every level above costs a level whose end has these multipliers (n_rows,) [1/unit of the row].
+    """Compute the price of every level above for a level whose end has these multipliers (n_rows,) [1/unit of the row].
 
     Of all ways to let the residual of a level above grow by 1 as a norm, the best one lowers the cost by the norm of its
     multipliers.
@@ -228,7 +228,7 @@ class Given:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PhaseOne:
-    """Where the least violation is."""
+    """Result of phase one: the point of least violation."""
 
     x: np.ndarray
     """(n_x,) [unit of x]"""
@@ -249,7 +249,7 @@ class _Elastic:
     """Rows ``P [g; x] + Q s`` within bounds, with amounts s >= 0 of the groups."""
 
     grouped: GroupIndex
-    """Of the constraints, then of the variables."""
+    """Groups of the constraints, then of the variables."""
     P: ca.DM
     """(m, n_g + n_x)"""
     Q: ca.DM
@@ -335,7 +335,7 @@ def _together(rows: GroupIndex, variables: GroupIndex) -> GroupIndex:
 
 
 def _amounts(elastic: _Elastic, values: np.ndarray) -> np.ndarray:
-    """Of a start whose rows and variables have these values: enough to keep all, and a little more."""
+    """Return relaxations of a start whose rows and variables have these values: enough to keep all, and a little more."""
     w, Q = np.array(elastic.P @ values).ravel(), np.abs(elastic.Q.full())
     broken = np.maximum(np.maximum(w - elastic.upper, elastic.lower - w), 0.0)
     units = np.where(Q > 0, Q, 1.0)

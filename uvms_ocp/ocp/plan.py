@@ -42,7 +42,7 @@ from uvms_ocp.types import Array
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Mismatch:
-    """How a plant departed from a plan."""
+    """Departure of a plant from a plan."""
 
     position: float
     """[m] largest distance of the frame from its planned position."""
@@ -204,7 +204,7 @@ class OcpStatus(AdvisedStatus):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LevelReport:
-    """How one level came out."""
+    """Outcome of one level."""
 
     name: str
     status: str
@@ -213,9 +213,9 @@ class LevelReport:
     """Norm of the distances of its weighted rows to their range."""
     iterations: int
     prices: tuple[float, ...] = ()
-    """What each level above costs this one: by how much its cost, half the sum of squares of its rows, path terms as a
-    mean over time, would fall for each unit of residual, as a norm, that the level above gave up (of cost, where that one
-    has `relax`). To first order; empty where not known."""
+    """Prices of the levels above: by how much the cost of this one, half the sum of squares of its rows, path terms as a mean
+    over time, would fall for each unit of residual, as a norm, that the level above gave up (of cost, where that one has
+    `relax`). To first order; empty where unknown."""
 
 
 @checked
@@ -234,7 +234,8 @@ class Plan(TableDisplay):
     result: LexicographicResult | None = None
     """Start of the next, warm solve."""
     clearance: ClearanceReport | None = None
-    """Of constraints on true shapes: whether these certainly stay apart between nodes too, and where they are nearest."""
+    """Certificate of constraints on true shapes: whether these certainly stay apart between nodes too, and where they are
+    nearest."""
     surroundings: SurroundingsMeta = field(default_factory=SurroundingsMeta)
     """Goals, obstacles and floor of the problem, for records and scenes."""
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -250,7 +251,7 @@ class Plan(TableDisplay):
 
     @property
     def advice(self) -> str:
-        """What to change."""
+        """Advise what to change."""
         return self.status.advice
 
     @property

@@ -37,7 +37,7 @@ _LARGEST = 256 << 20  # [B] of a text
 
 
 class LevelValues(MetaValue):
-    """Of one level; see `uvms_ocp.ocp.plan.LevelReport`."""
+    """Values of one level; see `uvms_ocp.ocp.plan.LevelReport`."""
 
     name: str
     status: str
@@ -48,7 +48,7 @@ class LevelValues(MetaValue):
 
 
 class SolverValues(MetaValue):
-    """Of the solver's result beside its arrays; see `uvms_ocp.solvers.nlp.lexicographic_nlp.LexicographicResult`."""
+    """Values of the solver's result beside its arrays; see `uvms_ocp.solvers.nlp.lexicographic_nlp.LexicographicResult`."""
 
     status: str
     level_status: tuple[str, ...]
@@ -72,7 +72,7 @@ class ClearanceValues(MetaValue):
 
 
 class PlanValues(MetaValue):
-    """What a file of a plan tells beside its arrays."""
+    """Values in a file of a plan beside its arrays."""
 
     version: Literal["1"] = "1"
     status: str
@@ -95,7 +95,7 @@ class PlanValues(MetaValue):
 
 
 Arrays = Mapping[str, np.ndarray]
-"""By name."""
+"""Arrays by name."""
 
 
 def write_plan(target: Path, values: PlanValues, arrays: Arrays) -> Path:
@@ -126,7 +126,7 @@ def _writing(target: Path) -> Iterator[None]:
 
 
 def read_plan(source: Path) -> tuple[PlanValues, dict[str, np.ndarray]]:
-    """What `write_plan` wrote; arrays hold finite numbers.
+    """Read a file of `write_plan`; arrays hold finite numbers.
 
     Raises `InvalidInput`, in one line, for what is no such file, is damaged or too large.
     """
@@ -182,7 +182,7 @@ _SHORTEST = 1e-6  # norm of a quaternion; that of a plan which breaks its constr
 
 
 def trajectory_arrays(t: Trajectory) -> dict[str, np.ndarray]:
-    """By the names of the fields."""
+    """Return the arrays of a trajectory by the names of its fields."""
     return {"t": t.t, "q": t.q, "v": t.v, "a": t.a, "thrust": t.thrust, "torque": t.torque}
 
 
@@ -272,7 +272,7 @@ def _point(arrays: Arrays, i: int) -> NlpPoint:
 
 
 def clearance_values(report: ClearanceReport) -> ClearanceValues:
-    """What the certificate found, as values."""
+    """Return the result of the certificate as values."""
     nearest = asdict(report.nearest)
     return ClearanceValues(
         collision_free=report.collision_free,

@@ -41,7 +41,8 @@ from uvms_ocp.types import Finite
 
 
 def surroundings(problem: OcpProblem, t0: float) -> SurroundingsMeta:
-    """As it is at the end of the horizon, for goals and obstacles that move; t0 [s] is the time of the first node."""
+    """Describe the surroundings at the end of the horizon, for goals and obstacles that move; t0 [s] is the time of the first
+    node."""
     end = t0 + float(problem.nominal_times()[-1])
     poses = [
         term for term in problem.terms if isinstance(term, TaskTerm) and isinstance(term.task, (PoseTask, ToolPosition))
@@ -184,7 +185,7 @@ class Refinement:
         return max(term.mismatch(self._times, found.near, q) for term in self._terms)
 
     def _missing(self, best: Written, path: Trajectory) -> dict[Term, np.ndarray]:
-        """What is missing between nodes on top of what was; nothing at the last node, whose place is the goal's."""
+        """Add the shortfall between nodes to the margins so far; nothing at the last node, whose place is the goal's."""
         result: dict[Term, np.ndarray] = {}
         for term in self.given.constraints:
             if isinstance(term, ShapeClearance):

@@ -25,7 +25,7 @@ MOST_STEPS = 2000
 
 
 class Integrator(Enum):
-    """How a constant acceleration a moves the configuration over a step h.
+    """Integrator: how a constant acceleration a moves the configuration over a step h.
 
     MIDPOINT: ``q (+) (h v + h^2/2 a)``, second order on the manifold. MAGNUS: with the commutator of v and a, fourth
     order. EULER: semi-implicit, ``q (+) h (v + h a)`` with the forces of the beginning of the step, first order: what
@@ -99,7 +99,7 @@ class OcpLevel:
     name: str
     terms: tuple[Term, ...]
     relax: Positive | None = None
-    """As in `uvms_ocp.solvers.nlp.program.NlpLevel`."""
+    """Relaxation as in `uvms_ocp.solvers.nlp.program.NlpLevel`."""
 
     def __post_init__(self) -> None:
         if not self.terms:
@@ -182,7 +182,7 @@ class OcpProblem:
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """Of constraints and levels."""
+        """Return the terms of constraints and levels."""
         return (*self.constraints, *(term for level in self.levels for term in level.terms))
 
     def starts_of_phases(self) -> np.ndarray:
@@ -205,7 +205,7 @@ class OcpProblem:
                 raise NameNotFound(f"phase of {term.name}", term.phase, names)
 
     def _check_powers(self) -> None:
-        """What a term on electrical power would take for 0."""
+        """Refuse terms that would take an electrical power for 0."""
         names = [term.name for term in self.terms if term.needs_powers]
         if not (names and self.robot.n_vehicle):
             return
@@ -274,7 +274,7 @@ def tool_reach(
     n_steps: int = 40,
     current: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> OcpProblem:
-    """From rest at q (n_q,) [m, rad] to the tool pose `goal` X_WT and rest, with the least effort below that priority.
+    """Plan from rest at q (n_q,) [m, rad] to the tool pose `goal` X_WT and rest, with the least effort below that priority.
 
     duration [s]; current (3,) [m/s] in W. Raises what `OcpProblem` raises.
     """

@@ -64,7 +64,7 @@ _OF_LINKS, _OF_OBSTACLES = 0.75, 0.99
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class OcpRequest:
-    """What to plan: first the goal, at rest and within all limits, then little effort on smooth ways."""
+    """Request for a motion: first the goal, at rest and within all limits, then little effort on smooth paths."""
 
     robot: Robot
     start: Annotated[Array, Shape("robot.n_q"), Range(open=True)]

@@ -39,7 +39,7 @@ class Support:
 
 
 def support_of(shape: coal.CollisionGeometry, normals: Array, witnesses: Array) -> Support:
-    """Of planes with normals (n, 3) towards the shape.
+    """Support a shape in planes with normals (n, 3) towards it.
 
     Of a mesh only the vertices nearest to each plane count. witnesses (n, 3) [m], points of the shape nearest to the
     planes, serve where a shape has no form of its own here.
@@ -121,7 +121,7 @@ _FORMS: MappingProxyType[type, Callable[..., Support]] = MappingProxyType(
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Poses:
-    """Of all joints at all samples."""
+    """Poses of all joints at all samples."""
 
     R: Array
     """(n_samples, n_joints, 3, 3) R_WJ, the world first."""
@@ -163,12 +163,12 @@ class Planes:
         return _dot(normal, centre) - self.offset
 
     def of(self, chosen: Indices) -> Planes:
-        """Those of the given rows."""
+        """Select the planes of the given rows."""
         return Planes(**{name: getattr(self, name)[chosen] for name in self.__slots__})
 
 
 def planes(scene: CollisionScene, contacts: Contacts, poses: Poses) -> Planes:
-    """Of all contacts, with all that has to stay beyond of the second shapes."""
+    """Build the planes of all contacts, with the points of the second shapes that stay beyond them."""
     pairs = scene.pairs
     joints = np.array([(pair.first_joint, pair.second_joint) for pair in pairs], dtype=np.intp).reshape(-1, 2)
     shapes, carried = np.array([pair.second for pair in pairs], dtype=np.intp), joints[contacts.pair]
@@ -202,7 +202,7 @@ def _planes(contacts: Contacts, carried: Indices, normal: Array, found: list[_Fo
 
 
 def _points(item: pin.GeometryObject, rows: Indices, inward: Array, witness: Array, offset: Array) -> _Found:
-    """Of one shape, in the frame of its joint."""
+    """Return the points of one shape, in the frame of its joint."""
     R, p = item.placement.rotation, item.placement.translation
     support = support_of(item.geometry, inward @ R, (witness - p) @ R)
     k, centres = support.centres.shape[1], support.centres.reshape(-1, 3) @ R.T + p

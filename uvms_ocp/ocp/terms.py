@@ -30,7 +30,7 @@ _ROUNDING = 0.02  # share of the limit below which powers flatten out, so that t
 
 
 class At(Enum):
-    """Where a term counts: along its phase, or at the phase's end."""
+    """Nodes at which a term counts: along its phase, or at the phase's end."""
 
     PATH = "path"
     END = "end"
@@ -91,7 +91,8 @@ class Term(ABC):
         return 0
 
     def reference(self, t: float) -> np.ndarray:
-        """What the rows depend on and a kept planner may be given anew, at time t [s] (n_parameters,): goals, obstacles."""
+        """Return the parameters of the rows at time t [s] (n_parameters,), which a kept planner may be given anew: goals,
+        obstacles."""
         return np.zeros(0)
 
     def references(self, times: Sequence[float], q: np.ndarray, tightened: np.ndarray | None = None) -> np.ndarray:
@@ -105,7 +106,7 @@ class Term(ABC):
         return np.array([self.reference(t) for t in times])
 
     def scenery(self, t: float) -> tuple[ObstacleData, ...]:
-        """What stands in the way at time t [s], to draw."""
+        """Return the obstacles to draw at time t [s]."""
         return ()
 
 
@@ -374,7 +375,7 @@ def _bound(name: str, bound: Bounds, m: int) -> Array:
 
 
 def _reads_inputs(value: ca.SX, stage: StageSymbols) -> bool:
-    """Whether any symbol of acceleration or force is in the rows."""
+    """Check whether any symbol of acceleration or force is in the rows."""
     inputs = ca.vertcat(stage.acceleration, stage.thrust_share, stage.torque_share)
     state = ca.vertcat(stage.tick.q, stage.tick.velocity)
     own = {symbol.__hash__() for symbol in ca.symvar(inputs)} - {symbol.__hash__() for symbol in ca.symvar(state)}

@@ -40,7 +40,7 @@ class Trajectory:
 
     @property
     def has_wrench(self) -> bool:
-        """Whether a wrench pushes; none pushes a fixed base, whatever its actuation."""
+        """Check whether a wrench pushes; none pushes a fixed base, whatever its actuation."""
         return self.of_wrench and self.thrust.shape[1] > 0
 
     def state_at(self, model: pin.Model, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -162,7 +162,7 @@ def _thrust(problem: OcpProblem, wrench: np.ndarray) -> np.ndarray:
 
 
 def has_thrusters(problem: OcpProblem) -> bool:
-    """Whether `thrust` is that of thrusters; else it is a wrench on the vehicle, or nothing on a fixed base."""
+    """Check whether `thrust` is that of thrusters; else it is a wrench on the vehicle, or nothing on a fixed base."""
     return bool(problem.robot.n_vehicle) and problem.actuation is Actuation.THRUSTERS
 
 

@@ -27,13 +27,13 @@ Solve = Callable[[OcpProblem, np.ndarray | None, float], LexicographicResult]
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Verdict:
-    """What came of a solve."""
+    """Verdict on a solve."""
 
     status: OcpStatus
     reason: str
     """In words, with numbers."""
     result: LexicographicResult
-    """That of the solve, or of one more that was better."""
+    """Result of the solve, or of one more that was better."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -159,7 +159,7 @@ class Diagnosis:
         return OcpStatus.UNREACHABLE, f"{text}, and more time does not help{held}"
 
     def _held(self, missed: int, result: LexicographicResult) -> str:
-        """What holds the goal back, for the end of a sentence."""
+        """Describe the bounds that hold the goal back, for the end of a sentence."""
         point = result.points[missed]
         if point.row_multipliers is None or np.isnan(point.row_multipliers).any():
             return ""  # not known
@@ -173,7 +173,7 @@ class Diagnosis:
 
 
 def _told(least: PhaseOne) -> str:
-    """What would have to give way, and what stands against it."""
+    """Describe the relaxations that are needed, and the bounds that oppose them."""
     changes = _listed([item.group.change(item.amount, item.axes) for item in least.given])
     against = f", against {_listed([group.name for group in least.against])}" if least.against else ""
     return f"for any motion near to keep them all, {changes}{against}"

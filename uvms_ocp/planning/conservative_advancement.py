@@ -37,7 +37,7 @@ class PairDistances(Protocol):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ClearanceReport:
-    """What the check found."""
+    """Result of the check."""
 
     collision_free: bool
     """No sample collides and no motion between samples can."""

@@ -31,7 +31,7 @@ class DescentProblem:
     free: Mask
     """(n_nodes, b) False for variables that stay."""
     metric: BlockTridiagonal
-    """What long steps are measured by."""
+    """Metric of long steps."""
     lower: Array
     """(n_nodes, b) [m, rad] for solvers that can keep bounds."""
     upper: Array
@@ -42,7 +42,7 @@ class DescentProblem:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Descent:
-    """Where the descent ended."""
+    """End of a descent."""
 
     variables: Array
     """(n_nodes, b) [m, rad]"""
@@ -53,7 +53,7 @@ class Descent:
 
 
 class DescentSolver(Protocol):
-    """What minimises the cost of a path."""
+    """Minimiser of the cost of a path."""
 
     def minimise(self, problem: DescentProblem) -> Descent: ...
 
@@ -164,7 +164,7 @@ class _Oracle:
     """Value, gradient and Hessian in the free variables; the last point is remembered, IPOPT asks for it thrice."""
 
     model: Callable[[Array], LocalModel]
-    """As in `DescentProblem`."""
+    """Local model as in `DescentProblem`."""
     start: Array
     """(n_nodes, b) [m, rad]"""
     free: Mask

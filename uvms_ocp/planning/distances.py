@@ -36,7 +36,7 @@ class NearPairs:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Contacts:
-    """Where pairs are nearest: one row per sample and pair, the samples in their order."""
+    """Contacts of the nearest pairs: one row per sample and pair, the samples in their order."""
 
     sample: Indices
     """(n,)"""
@@ -124,7 +124,8 @@ class CoalDistances:
 
     @checked_on_failure
     def contacts(self, q: Configurations) -> Contacts:
-        """Where all pairs are nearest at configurations q (n, n_q) [m, rad], without those whose depth coal cannot tell."""
+        """Find where all pairs are nearest at configurations q (n, n_q) [m, rad], without those whose depth coal cannot
+        compute."""
         geometry, data, n_pairs = self.scene.geometry, self._geometry_data, self.scene.n_pairs
         found, shape = np.empty((len(q), n_pairs, 10)), (len(q), n_pairs)
         for k, configuration in enumerate(q):

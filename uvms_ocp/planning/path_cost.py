@@ -162,7 +162,7 @@ def _dot(vector: Array, matrix: Array) -> Array:
 
 
 class Distances(Protocol):
-    """Where signed distances come from: coal, or closed forms."""
+    """Source of signed distances: coal, or closed forms."""
 
     @property
     def scene(self) -> CollisionScene: ...
@@ -180,7 +180,7 @@ class CostWeights:
     """
 
     smoothness: float = 1e-3
-    """Of the snap, in units of one rest-to-rest move by 1 m or 1 rad over the same time."""
+    """Weight of the snap, in units of one rest-to-rest move by 1 m or 1 rad over the same time."""
     collision: float = 100.0
     """[1/m] Of the penalty of clearance, per metre travelled."""
     limits: float = 1.0
@@ -231,7 +231,7 @@ class _SampleSlopes:
     """Derivatives of the cost at every sample, (samples, pieces, n_axes) if not said; for axes that turn read rad for m."""
 
     value: float
-    """Of the cost."""
+    """Value of the cost."""
     position: Array
     """[1/m]"""
     rate: Array

@@ -268,7 +268,7 @@ AXES = ("level", "all", "joints")
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PlanRequest:
-    """What to plan."""
+    """Request for a path: start, goal, obstacles and options."""
 
     robot: Robot
     start: Annotated[Array, Shape("robot.n_q"), Range(open=True)]

@@ -36,7 +36,7 @@ VEHICLE_AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Coordinates:
-    """Which axes of a robot are planned, and where the others stay; see ``coordinates``."""
+    """Planned axes of a robot, and the places of the others; see ``coordinates``."""
 
     robot: Robot
     reference: Array
@@ -221,7 +221,7 @@ class Nearest:
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class CollisionScene:
-    """What ``collision_scene`` builds: a geometry model whose pairs are the ones checked."""
+    """Collision scene of ``collision_scene``: a geometry model whose pairs are the ones checked."""
 
     coordinates: Coordinates
     geometry: pin.GeometryModel

@@ -28,9 +28,9 @@ class Rows(Layout):
     """Room for m rows and n variables."""
 
     K: Annotated[list[Vector], Sized("n", "n")]
-    """Of a positive definite system; overwritten."""
+    """Matrix of a positive definite system; overwritten."""
     W: Annotated[list[Vector], Sized("m", "n")]
-    """Of any other; overwritten by what is left of its rows beside the basis."""
+    """Matrix of any other system; overwritten by the remainder of its rows beside the basis."""
     b: Annotated[Vector, Sized("m")]
     """Its right side; overwritten."""
     y: Annotated[Vector, Sized("n")]
@@ -40,7 +40,7 @@ class Rows(Layout):
     L: Annotated[list[Vector], Sized("m", "m")]
     """The rows in that basis; then its columns made orthonormal."""
     R: Annotated[list[Vector], Sized("m", "m")]
-    """What those columns were in the orthonormal ones."""
+    """Triangular factor: those columns in the orthonormal ones."""
     z: Annotated[Vector, Sized("m")]
     """The solution in the basis."""
 
@@ -150,7 +150,7 @@ def _orthonormal_column(s: Rows, m: int, k: int) -> None:
 
 
 def dot(x: Vector, y: Vector, n: int) -> float:
-    """Of the first n entries of x (n,) [any] and y (n,) [any]."""
+    """Sum products of the first n entries of x (n,) [any] and y (n,) [any]."""
     total = 0.0
     for j in range(n):
         total += x[j] * y[j]
@@ -202,11 +202,11 @@ class BoundedProblem(Layout):
     linear: Annotated[Vector, Sized("n")]
     free: Annotated[list[bool], Sized("n")]
     optimum: Annotated[Vector, Sized("n")]
-    """Of the free variables."""
+    """Optimum of the free variables."""
     blocking: int
     """The variable that stops a step; -1 for none."""
     inner: Rows
-    """What is solved for the free variables."""
+    """System solved for the free variables."""
 
 
 def solve_bounded(p: BoundedProblem) -> int:

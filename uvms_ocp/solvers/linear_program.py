@@ -38,7 +38,7 @@ class LinearProgram(Layout):
 
 
 def program_sizes(m: int, n: int) -> dict[str, int]:
-    """Of a `LinearProgram` with m rows and n variables."""
+    """Return the array sizes of a `LinearProgram` with m rows and n variables."""
     return {"m": m, "n_x": n, "n_all": n + m}
 
 

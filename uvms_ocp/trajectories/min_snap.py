@@ -73,7 +73,7 @@ class Constraint:
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class CurveSpecification:
-    """Which derivative is made least, and what holds at the way points besides their positions.
+    """Order of the derivative that is minimised, and conditions at the way points besides their positions.
 
     Raises `InvalidInput` for a derivative below 1.
     """
@@ -95,12 +95,12 @@ class CurveSpecification:
 
 
 MINIMUM_SNAP = CurveSpecification()
-"""From rest to rest through all way points."""
+"""Minimum snap from rest to rest through all way points."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NodeProblem:
-    """What is fixed at the nodes, checked."""
+    """Conditions at the nodes, checked."""
 
     times: Array
     """(n + 1,) [s]"""
@@ -241,7 +241,7 @@ class MinSnap(FieldTable):
     """[axis^2/s^(2k - 1)] Integral of the squared k-th derivative, summed over the axes."""
 
     def gradients(self) -> CostGradients:
-        """How the optimal cost changes with the data; linear in the number of pieces (envelope theorem)."""
+        """Compute the gradients of the optimal cost in the data; linear in the number of pieces (envelope theorem)."""
         pieces = pieces_of(self.trajectory.durations, self.node_derivatives.shape[0])
         by_duration, by_node = cost_slopes(pieces, self.node_derivatives)
         by_time = np.concatenate([[0.0], by_duration]) - np.concatenate([by_duration, [0.0]])
@@ -316,7 +316,7 @@ def min_snap_qp(
     plugin: str = "qrqp",
     options: Mapping[str, object] | None = None,
 ) -> MinSnap:
-    """As ``min_snap``, by a CasADi ``conic`` plugin: waypoints (n + 1, n_axes) [axis] at times (n + 1,) [s].
+    """Solve as ``min_snap`` by a CasADi ``conic`` plugin: waypoints (n + 1, n_axes) [axis] at times (n + 1,) [s].
 
     Raises `InvalidInput` as ``min_snap``, for a bound that does not exist, and where the solver finds no solution, as with
     bounds that contradict each other.

@@ -29,7 +29,7 @@ from uvms_ocp.robot.symbolic_model import SymbolicModel
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tangent:
-    """Where the states and controls of a step are, and derivatives along them."""
+    """Tangent space of states and controls of a step, and derivatives along it."""
 
     model: StageModel
     """With forces `eliminated`."""
@@ -53,7 +53,7 @@ class Tangent:
 
     @property
     def controls(self) -> slice:
-        """Of z."""
+        """Return the range of the controls in z."""
         return slice(self.model.layout.a.start, self.model.layout.n_z)
 
     @cached_property
@@ -85,7 +85,7 @@ class Tangent:
         return self._along(self._slope(rows), controls)
 
     def _along(self, slope: ca.SX, controls: bool) -> ca.SX:
-        """Of a derivative (m, n_z) in z."""
+        """Project a derivative (m, n_z) in z."""
         layout = self.model.layout
         parts = [slope[:, layout.q] @ self._turned, slope[:, layout.v]]
         parts += [slope[:, layout.h]] if self.free else []
@@ -110,7 +110,7 @@ class Tangent:
 
     @cached_property
     def bent(self) -> ca.SX:
-        """Entries of `force_curvature_terms` as symbols: evaluated apart, since code that exceeds the instruction cache runs slower."""
+        """Entries of `force_curvature_terms` as symbols: code too long for the instruction cache takes three times as long."""
         return ca.SX.sym("bent", self.force_curvature_terms(ca.SX(self.n_v, 1)).numel())
 
     def force_curvature_terms(self, weights: ca.SX) -> ca.SX:
@@ -141,7 +141,7 @@ class Tangent:
         return D.T @ H @ D + ca.substitute(self.curvature(ca.dot(g, middle), controls=controls), g, self.bent[:n])
 
     def motion(self, z_next: ca.SX) -> ca.SX:
-        """By how much the state after a step is ahead of that of z_next (n_z,), in its tangent space (n_x,)."""
+        """Return by how much the state after a step is ahead of that of z_next (n_z,), in its tangent space (n_x,)."""
         z, layout, model = self.model.z, self.model.layout, self.model
         q, v, h, a = z[layout.q], z[layout.v], z[layout.h], z[layout.a]
         ahead = self.symbolic.difference(z_next[layout.q], model.moved(q, v, a, h))
@@ -203,7 +203,7 @@ class BlockFunctions:
     held: tuple[RowGroup, ...] = field(init=False)
     """Constraints, then the rows of each level; those of the last are never held, and have no derivatives."""
     errors: tuple[RowGroup, ...] = field(init=False)
-    """Of each level."""
+    """Residual groups of each level."""
     values: ca.Function = field(init=False)
     """``z, parameters, water -> errors..., held...``"""
     linear: ca.Function = field(init=False)
@@ -271,7 +271,7 @@ def chosen(rows: ca.SX, numbers: np.ndarray) -> ca.SX:
 
 
 def force_rows(model: StageModel) -> ForceRows:
-    """Of the thrusters and joints that have limits."""
+    """Return the rows of the thrusters and joints that have limits."""
     actuators, limited, n = model.actuators, model.problem.limited, model.robot.n_vehicle
     shares = ca.vertcat(*model.inputs)
     lower = np.concatenate([actuators.thrust_lower, -actuators.torque_limit])

@@ -18,18 +18,18 @@ from uvms_ocp.types import Array
 
 
 class Multipliers:
-    """Of one level, where the functions of curvature read them."""
+    """Multipliers of one level, where the functions of curvature read them."""
 
     def __init__(self, memory: StageMemory, level: int) -> None:
         n, levels = len(memory.stages), range(memory.n_levels)
         sizes = [[len(memory.residual_parts(i)[k]) for i in levels] for k in range(n)]
         self.costates = np.zeros((n, memory.tangent.n_x))
-        """Of the step that leads away from each stage."""
+        """Costates of the step that leads away from each stage."""
         groups = [memory.groups(stage) for stage in memory.stages]
         rows = [sum(group.n for group in own[:-1]) for own in groups]
         self._rows = np.zeros(sum(rows))
         self.rows = np.split(self._rows, np.cumsum(rows)[:-1])
-        """Of rows that may be held."""
+        """Multipliers of rows that may be held."""
         held = [sum(group.n for group in own[: level + 1]) for own in groups]
         starts = np.cumsum([0, *rows[:-1]])
         self._held = np.concatenate([first + np.arange(count) for first, count in zip(starts, held, strict=True)])
@@ -41,7 +41,7 @@ class Multipliers:
         ]
 
     def take(self, found: Found) -> None:
-        """Those of the last QP, and the residuals of now."""
+        """Take the multipliers of the last QP, and the present residuals."""
         self.costates[:-1] = found.costate.reshape(self.costates.shape)[1:]
         self._rows[self._held] = found.y[: len(self._held)]
         for own, residual in self._own:
@@ -59,7 +59,7 @@ class StageLevelQp:
         self.shape = self._shape()
         self.qp, self._solver = StageQp(self.shape), StageQpSolver(self.shape, options)
         self.held, self._bends = self._held_numbers(), False
-        """Which rows (m,) that may be held are those of the QP, and whether it has curvature."""
+        """Rows (m,) that may be held and are rows of the QP, and whether it has curvature."""
         self.multipliers = Multipliers(memory, level)
         self.linearize, self._above = self._linearization(), self._frozen()
         self.qp.fix_initial_state(np.zeros(self.shape.n_x[0]))
@@ -105,7 +105,7 @@ class StageLevelQp:
             F[n - 1, n - 1 :] = 0.0, 1.0
 
     def _jacobians(self, i: int) -> list[Array | None]:
-        """Where the functions of rows at stage i write: of residuals, then of rows that may be held."""
+        """Return the arrays that the functions of rows at stage i write: of residuals, then of rows that may be held."""
         n_levels, first = self.memory.n_levels, 0
         found: list[Array | None] = [self.qp.J[i] if level == self.level else None for level in range(n_levels)]
         for group in self.memory.groups(self.memory.stages[i])[: self.level + 1]:
@@ -148,7 +148,7 @@ class StageLevelQp:
         return float(r @ r) / 2
 
     def broken(self, ranges: StageRanges) -> Array:
-        """How far gaps, rows and variables are outside their ranges, one after the other."""
+        """Return how far gaps, rows and variables are outside their ranges, one after the other."""
         memory = self.memory
         rows = excess(memory.held, ranges.lower, ranges.upper)[self.held]
         return np.concatenate([np.abs(memory.gaps.ravel()), rows, ranges.z_excess(memory.z)])
@@ -162,7 +162,7 @@ class StageLevelQp:
         return np.concatenate([np.zeros(0, dtype=bool), *found])
 
     def fits(self, found: Found) -> bool:
-        """Whether it is of a QP of this shape."""
+        """Check whether a solution is that of a QP of this shape."""
         return found.shape == self.shape
 
     def solve(
@@ -182,7 +182,7 @@ class StageLevelQp:
         return found
 
     def _load(self, ranges: StageRanges) -> None:
-        """What values and ranges say of the QP."""
+        """Load values and ranges into the QP."""
         memory, flat = self.memory, self.qp.flat
         flat["b"][:] = memory.gaps.ravel()
         flat["r"][:] = memory.residuals(self.level)
@@ -191,7 +191,7 @@ class StageLevelQp:
         ranges.write_z(memory.z, flat["z_lower"], flat["z_upper"])
 
     def error(self, ranges: StageRanges, found: Found) -> float:
-        """Of the optimality conditions, where it is linearised now, with the multipliers of the last QP."""
+        """Return the error of the optimality conditions at the present linearisation, with the multipliers of the last QP."""
         self._load(ranges)
         return self._solver.error(self.qp, found.near())
 

@@ -45,7 +45,7 @@ class Stage:
     block: int | None
     """`TermBlock` whose rows count; None for a turn before the first phase."""
     place: int = 0
-    """Of the node in that block."""
+    """Index of the node in that block."""
     step: bool = False
     """It takes time, and has accelerations."""
     starts_phase: int | None = None
@@ -84,7 +84,7 @@ class StageMemory:
         self.x_step, self.u_step = np.zeros((n, self.tangent.n_x)), np.zeros((n, self.tangent.n_u))
         self.share, self.water = np.ones(1), np.zeros((len(self.steps), 3))
         self.gaps = np.zeros((n - 1, self.tangent.n_x))
-        """By how much each stage ends ahead of the next."""
+        """Defects: by how much each stage ends ahead of the next."""
         self.parameters = [np.zeros((len(one.block.nodes), one.block.rows.n_parameters)) for one in self.functions]
         self.thrust = np.zeros((len(self.steps), self.tangent.model.actuators.matrix.shape[1]))
         self.torque = np.zeros((len(self.steps), problem.robot.n_joints))
@@ -99,7 +99,7 @@ class StageMemory:
         return len(self.whole.problem.levels)
 
     def residuals(self, level: int) -> Array:
-        """Of all stages, whose half square is the cost of a level."""
+        """Return the residuals of all stages, whose half square is the cost of a level."""
         return self._residuals[level][0]
 
     def residual_parts(self, level: int) -> list[Array]:
@@ -110,7 +110,7 @@ class StageMemory:
         return None if stage.block is None else self.functions[stage.block]
 
     def arguments(self, i: int) -> list[Array]:
-        """Of the functions of rows at stage i."""
+        """Return the arguments of the functions of rows at stage i."""
         stage = self.stages[i]
         assert stage.block is not None
         return [self.z[i], self.parameters[stage.block][stage.place], self.water[min(stage.node, len(self.water) - 1)]]
@@ -258,7 +258,7 @@ class StageRanges:
         self._limited = np.isfinite(self._z).any(axis=0)
 
     def z_excess(self, z: Array) -> Array:
-        """How far variables are outside at the points z (n, n_z) [unit of z]."""
+        """Return how far variables are outside at the points z (n, n_z) [unit of z]."""
         own = self._limited
         return np.asarray(excess(z.reshape(-1)[self._places.z[own]], self._z[0, own], self._z[1, own]))
 
@@ -270,7 +270,7 @@ class StageRanges:
 
 
 class Places:
-    """What every row and every variable of the QP is."""
+    """Indices of every row and every variable of the QP."""
 
     def __init__(self, memory: StageMemory) -> None:
         self.memory = memory

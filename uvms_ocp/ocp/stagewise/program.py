@@ -75,11 +75,12 @@ class StagewiseLevels:
         return tuple(self._raw[rows] for rows in self.memory.whole.row_layout.levels)
 
     def ranges(self, bounds: RowBounds, level: int) -> StageRanges:
-        """Of a level, where those above it are held as `bounds` has it."""
+        """Return the ranges of a level, where those above it are held as in `bounds`."""
         return StageRanges(self._places, bounds, level)
 
     def multipliers(self, level: int, solution: Found) -> tuple[Array, Array]:
-        """By the last QP of a level: of bounds (n_x,) [1/unit of x] and rows (n_rows,) [1/unit of the row] of the program."""
+        """Return multipliers by the last QP of a level: of bounds (n_x,) [1/unit of x] and rows (n_rows,) [1/unit of the row]
+        of the program."""
         return self._places.program_multipliers(self.level(level).held, solution)
 
     @cached_property
@@ -153,17 +154,17 @@ class StagewiseLevelModel:
         self._last: Near | None = None
         """QP of the first level."""
         self._ranges: StageRanges | None = None
-        """Of the constraints alone."""
+        """Ranges of the constraints alone."""
 
     def begin(self, x: Array, p: Array, bounds: RowBounds) -> Point:
-        """As `LevelModel.begin`; x (n_x,) [unit of x], p (n_p,) [unit of the parameter]."""
+        """Begin as `LevelModel.begin`; x (n_x,) [unit of x], p (n_p,) [unit of the parameter]."""
         self._levels.go_to(x, p)
         self._ranges = self._levels.ranges(bounds, 0)
         self._memory.evaluate()
         return self._point()
 
     def step(self, level: int, point: Point, bounds: RowBounds, damping: float) -> NlpStatus | None:
-        """As `LevelModel.step`; damping [1/unit of z^2]."""
+        """Solve the QP of a level as `LevelModel.step`; damping [1/unit of z^2]."""
         memory, own = self._memory, self._levels.level(level)
         memory.z[:] = point.x.reshape(memory.z.shape)
         memory.z_from[:] = memory.z
@@ -179,14 +180,14 @@ class StagewiseLevelModel:
         return None
 
     def moved(self, share: float) -> Point:
-        """As `LevelModel.moved`; share."""
+        """Return the point after a share of the step, as `LevelModel.moved`."""
         self._memory.share[0] = share
         self._memory.move()
         self._memory.evaluate()
         return self._point()
 
     def variables(self, point: Point) -> Array:
-        """As `LevelModel.variables`."""
+        """Return the variables of a point, as `LevelModel.variables`."""
         self._memory.z[:] = point.x.reshape(self._memory.z.shape)
         return self._levels.variables()
 
@@ -207,7 +208,8 @@ class StagewiseLevelModel:
 
 
 class StagewiseProgram:
-    """What `LexicographicNlp` solves; its variables, parameters and rows are numbered as in the sparse program.
+    """Program that `LexicographicNlp` solves stage by stage; its variables, parameters and rows are numbered as in the sparse
+    program.
 
     Compiled where there is a compiler. Not for use from two threads at once.
     """

@@ -26,7 +26,7 @@ _LOUD = 1e-4  # violation, beside the first one, below which descent alone decid
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Merit:
-    """What a point is worth."""
+    """Merit of a point: cost and violation."""
 
     cost: float
     violation: float
@@ -49,7 +49,7 @@ class Filter:
     entries: list[Merit] = field(default_factory=list)
 
     def accepts(self, trial: Merit, here: Merit, slope: float, share: float) -> bool:
-        """Whether a `share` of a step may be taken along which the cost has the `slope`."""
+        """Check whether a `share` of a step may be taken along which the cost has the `slope`."""
         if not (trial.violation <= self.most and all(_better(trial, entry) for entry in self.entries)):
             return False
         rounding = 1e-13 * max(1.0, abs(here.cost))
@@ -58,7 +58,7 @@ class Filter:
         return _better(trial, here) or (trial.violation <= 1e-12 and trial.cost <= here.cost + rounding)
 
     def descends(self, here: Merit, slope: float, share: float) -> bool:
-        """Whether descent of the cost is what a share of a step along the slope is for."""
+        """Check whether a share of a step along the slope is taken for descent of the cost."""
         if here.violation > _LOUD * max(1.0, self.first) or slope >= 0.0:
             return False
         return bool(share * (-slope) ** 2.3 > here.violation**1.1)
@@ -104,7 +104,7 @@ _NO_HELP = 1e-6  # share of the violation that a step must take away to count as
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class SqpOutcome:
-    """Where the iterations ended; the point is in the memory."""
+    """End of the iterations; the point is in the memory."""
 
     status: NlpStatus
     iterations: int
@@ -112,7 +112,7 @@ class SqpOutcome:
     """Largest."""
     cost: float
     solution: Found | None
-    """Of the last QP."""
+    """Solution of the last QP."""
 
 
 class StageSqp:
@@ -148,7 +148,7 @@ class StageSqp:
 
     @property
     def _scale(self) -> float:
-        """Of errors."""
+        """Return the scale of errors."""
         return max(1.0, self._steepest / _STEEP)
 
     def _most(self, here: Merit) -> float:
@@ -175,7 +175,7 @@ class StageSqp:
         return (NlpStatus.SOLVED if status is None and self._is_optimal(solution) else status), here
 
     def _is_optimal(self, found: Found) -> bool:
-        """Whether its multipliers are those of the point: of the step that led there."""
+        """Check whether its multipliers are those of the point: of the step that led there."""
         if self._worst > self._options.convergence:
             return False
         return self._level.error(self._ranges, found) <= self._options.convergence * self._scale
@@ -193,7 +193,8 @@ class StageSqp:
         return bool(late and self._worst <= kept and -slope <= worth)
 
     def _solved(self) -> Found:
-        """By the first model of the cost that is convex where the constraints leave freedom: that of the last, or coarser ones.
+        """Solve the first model of the cost that is convex where the constraints leave freedom: that of the last, or coarser
+        ones.
 
         Where curvature makes none, that of Gauss and Newton takes the place; where that leaves directions open, steps are damped.
         """
@@ -216,16 +217,17 @@ class StageSqp:
 
     @property
     def _is_far(self) -> bool:
-        """Where curvature is hardly more convex than it was when it was last found not to be."""
+        """Check whether curvature is hardly more convex than when it was last found not to be."""
         return self._worst > max(_NEARER * self._refused, self._options.feasibility)
 
     def _near(self) -> Near | None:
-        """Where QPs start: from the last one, if it has an optimum."""
+        """Return the start of QPs: the last one, if it has an optimum."""
         last = self._solution
         return last.near() if last is not None and last.status is StageQpStatus.SOLVED else None
 
     def _roughness(self, last: Found | None) -> float:
-        """What a QP may miss: as little of rows as the point breaks, and of the gradient as the last step has changed.
+        """Return the tolerance of a QP: as little of rows as the point breaks, and of the gradient as the last step has
+        changed.
 
         Where little is broken but much missed of the gradient, steps along weak curvature would break rows again.
         """
@@ -265,7 +267,7 @@ class StageSqp:
         return trial
 
     def _restored(self, here: Merit, most: float) -> Merit:
-        """By short steps, until no more than `most` is broken in sum, or they do not help."""
+        """Restore feasibility by short steps, until no more than `most` is broken in sum, or they do not help."""
         near = self._near()
         for _ in range(_MENDS):
             self._memory.z_from[:] = self._memory.z
@@ -306,7 +308,7 @@ class StageSqp:
         return NlpStatus.INFEASIBLE, here
 
     def _tried(self, share: float) -> Merit:
-        """Of the point at a share of the step; a full step, which is mostly taken, is linearised at once."""
+        """Return the merit of the point at a share of the step; a full step, which is mostly taken, is linearised at once."""
         self._memory.share[0] = share
         self._memory.move()
         if share == 1.0:
@@ -316,7 +318,7 @@ class StageSqp:
         return self._merit()
 
     def _is_kept(self, here: Merit) -> bool:
-        """Whether all rows are, after the last step; where rounding makes that worse it is not taken."""
+        """Check whether all rows are kept after the last step; where rounding makes that worse it is not taken."""
         before = self._worst
         self._memory.share[0] = 1.0
         self._memory.move()

@@ -221,7 +221,7 @@ class Horizon:
         return entries
 
     def derivative_functions(self, index: int, raw_rows: np.ndarray, *, plugin: str) -> dict[str, ca.Function]:
-        """What NLP solvers ask for, of the cost of one level and of the rows numbered raw_rows (m,)."""
+        """Build the functions that NLP solvers need, of the cost of one level and of the rows numbered raw_rows (m,)."""
         x, p, n = self.x, self.p, self.n_levels
         f, g = self.costs[index], self.rows[raw_rows.tolist()]
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", len(raw_rows))

@@ -48,7 +48,7 @@ class NodeVariables(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class VariableLayout:
-    """Where the entries of z of every node are among the variables x (n_x,), and how trajectories become variables."""
+    """Layout of the entries of z of every node in the variables x (n_x,); converts trajectories to variables."""
 
     model: StageModel
 
@@ -197,7 +197,7 @@ class VariableLayout:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ParameterLayout:
-    """Where each part is."""
+    """Layout of the parameters p."""
 
     blocks: tuple[TermBlock, ...]
     start: slice
@@ -207,7 +207,7 @@ class ParameterLayout:
     steps: slice
     """[s] Lengths of the steps."""
     terms: tuple[slice, ...]
-    """Of each block, node after node."""
+    """Ranges of each block, node after node."""
 
     @property
     def n(self) -> int:
@@ -278,7 +278,7 @@ class _Ends:
 
 
 def boundary(model: StageModel) -> Boundary:
-    """Of the model's problem: `OcpProblem.start_freedom` and `OcpProblem.periodic`."""
+    """Build the boundary rows of the model's problem: `OcpProblem.start_freedom` and `OcpProblem.periodic`."""
     problem, n = model.problem, model.layout.h
     ends = _Ends(first=ca.SX.sym("first", n), last=ca.SX.sym("last", n), given=ca.SX.sym("given", n))
     parts = [(START, *_given(model, ends))] + ([(PERIODIC, *_closed(model, ends))] if problem.periodic else [])
@@ -306,7 +306,7 @@ def _given(model: StageModel, ends: _Ends) -> tuple[ca.SX, np.ndarray]:
 
 
 def _closed(model: StageModel, ends: _Ends) -> tuple[ca.SX, np.ndarray]:
-    """By axes: the integration keeps the norm of a quaternion, and a row for it would say nothing."""
+    """Return the rows that close a period, by axes: the integration keeps the norm of a quaternion, which needs no row."""
     rows = _difference(model, ends.first, ends.last)
     return rows, np.zeros(rows.numel())
 
@@ -318,7 +318,7 @@ def _difference(model: StageModel, one: ca.SX, other: ca.SX) -> ca.SX:
 
 
 def _norms(model: StageModel, state: ca.SX) -> ca.SX:
-    """Of the quaternion of a vehicle, and of the cosine and sine of joints that turn without an end, less 1."""
+    """Return the norms, less 1, of the quaternion of a vehicle, and of the cosine and sine of joints that turn without an end."""
     parts = [slice(3, 7)] if model.robot.n_vehicle else []
     parts += [slice(joint.q.stop - 2, joint.q.stop) for joint in model.robot.joints if joint.n_q > joint.n_v]
     return ca.vertcat(ca.SX(0, 1), *(ca.sumsqr(state[part]) - 1 for part in parts))
@@ -427,7 +427,7 @@ def row_layout(problem: OcpProblem, blocks: Sequence[TermBlock], ends: Boundary,
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Group:
-    """What the rows of one group are; each field has one entry for every row."""
+    """Rows of one group; each field has one entry for every row."""
 
     level: np.ndarray
     """Level, `CONSTRAINT` or `_DROPPED`"""

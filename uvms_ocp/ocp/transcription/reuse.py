@@ -43,7 +43,7 @@ class Fitted:
 
     problem: OcpProblem
     numbers: tuple[TermNumbers, ...]
-    """Of each block."""
+    """Numbers of each block."""
 
 
 def fitted(model: StageModel, blocks: Sequence[TermBlock], given: OcpProblem) -> Fitted:
@@ -101,7 +101,7 @@ def _numbers(model: StageModel, rows: TermRows, given: OcpProblem) -> TermNumber
 
 
 def _residual(model: StageModel, member: TermEntry, term: Term) -> Residual:
-    """Of a term in the place of another one."""
+    """Return the residual of a term in the place of another one."""
     built = member.residual
     if term is member.term or not any(_differences(member.term, term)):
         return built
@@ -115,7 +115,7 @@ def _residual(model: StageModel, member: TermEntry, term: Term) -> Residual:
 
 
 def _role(model: StageModel, term: Term) -> tuple[object, ...]:
-    """What decides where the rows of a term are, and what they are called."""
+    """Return the key that decides where the rows of a term are, and their names."""
     return term.name, term.at, term.phase, term.state_only, term.is_goal, term.n_parameters(model.robot)
 
 

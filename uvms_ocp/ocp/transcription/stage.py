@@ -93,7 +93,7 @@ class Actuators:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class StepLayout:
-    """Where the parts of z are."""
+    """Layout of the parts of z."""
 
     n_q: int
     n_v: int
@@ -220,7 +220,7 @@ class StageModel:
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """What the dynamics depend on."""
+        """Return the key of the dynamics."""
         problem = self.problem
         return self.robot, problem.integrator, problem.actuation, problem.hessian, problem.water, self.layout
 
@@ -300,7 +300,7 @@ class StageModel:
 
     @cached_property
     def symbols(self) -> StageSymbols:
-        """What terms are written in."""
+        """Return the symbols that terms are written in."""
         z, layout = self.z, self.layout
         thrust_share, torque_share = self.inputs
         kinematics = SymbolicModel(self.robot.model).forward_kinematics(z[layout.q])

@@ -44,7 +44,7 @@ class TermEntry:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Nodes:
-    """What parameters of terms are for."""
+    """Purpose of the parameters of terms."""
 
     times: Sequence[float]
     """(n,) [s]"""
@@ -58,7 +58,7 @@ class Nodes:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class TermNumbers:
-    """What may differ between problems of one shape."""
+    """Numbers that may differ between problems of one shape."""
 
     terms: tuple[Term, ...]
     """Whose references are the goals."""
@@ -83,7 +83,7 @@ class TermNumbers:
 
 
 def term_numbers(terms: Sequence[Term], residuals: Sequence[Residual]) -> TermNumbers:
-    """Of terms with these residuals, without their weights."""
+    """Return the numbers of terms with these residuals, without their weights."""
     roots = np.sqrt([term.weight for term in terms])
     pairs = list(zip(roots, residuals, strict=True))
     return TermNumbers(
@@ -96,7 +96,7 @@ def term_numbers(terms: Sequence[Term], residuals: Sequence[Residual]) -> TermNu
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TermRows:
-    """What all terms together add at one kind of node: the steps of a phase, or its end.
+    """Rows of all terms at one kind of node: the steps of a phase, or its end.
 
     Rows of constraints come first, then those of level after level.
     """
@@ -110,10 +110,10 @@ class TermRows:
     costs: ca.SX
     """(n_levels,) """
     errors: tuple[ca.SX, ...]
-    """Of every level, the vector whose half square is its cost."""
+    """Residuals of every level, the vectors whose half squares are the costs."""
     members: tuple[TermEntry, ...]
     own: TermNumbers
-    """Of the problem that was built in."""
+    """Numbers of the problem that was built in."""
     kinds: RowKinds
     level: np.ndarray
     """(m,) level of each row, or CONSTRAINT."""
@@ -187,7 +187,8 @@ def _member(model: StageModel, place: int, level: int, term: Term) -> TermEntry:
 
 
 def residual_of(model: StageModel, term: Term, goals: ca.SX) -> Residual:
-    """Of a term with parameters `goals` (n,). Raises `InvalidInput` for whatever its own code raises, by its name."""
+    """Build the residual of a term with parameters `goals` (n,). Raises `InvalidInput` for whatever its own code raises, by
+    its name."""
     try:
         return term.residual(model.symbols, goals)
     except UvmsError:

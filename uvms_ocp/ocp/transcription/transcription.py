@@ -52,7 +52,7 @@ class Transcription:
         self._horizon = horizon(self.variables, self.parameter_layout, self.row_layout, ends)
         self._own = self._last = fitted(self.model, self.blocks, problem)
         self.turn = RLock()
-        """Of the thread that plans."""
+        """Lock of the thread that plans."""
         _ = self.model.inputs_function  # is compiled before any clock runs
 
     @property
@@ -97,7 +97,7 @@ class Transcription:
         return self.variables.bounds(self.problem)
 
     def ranges(self, problem: OcpProblem | None = None) -> RowRanges:
-        """Where the rows are to be."""
+        """Return the target ranges of the rows."""
         given = self._fitted(problem)
         return self._own_ranges if given is self._own else self._ranges(given)
 

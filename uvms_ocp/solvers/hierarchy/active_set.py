@@ -70,7 +70,7 @@ def solver_declaration() -> str:
 
 
 def core_source(n: int, sizes: Sequence[int]) -> str:
-    """As `solver_source`, with the solver and its certificate as functions for CasADi too."""
+    """Return `solver_source` with the solver and its certificate as external functions of CasADi."""
     return "\n".join([solver_source(n, sizes), *_texts(["casadi.c"])])
 
 
@@ -94,7 +94,7 @@ _result = unchecked_constructor(TickResult)
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ActiveSetFunctions:
-    """What a tick evaluates."""
+    """CasADi functions evaluated at every tick."""
 
     tick: ca.Function | None
     """(inputs, active set) -> v, active set, report, residual, *extras; None without C."""
@@ -139,7 +139,7 @@ class ActiveSetTick:
         return self._told(self._tick(*inputs, self._active_set), start)
 
     def _evaluated(self, tick: BufferedFunction) -> TickResult:
-        """Of inputs that are adopted."""
+        """Evaluate with the adopted inputs."""
         start = perf_counter()
         tick.evaluate()
         return self._told([result.copy() for result in tick.results], start)
@@ -186,7 +186,7 @@ class LexicographicActiveSet:
 
     @checked_on_failure
     def solve(self, levels: Sequence[Level]) -> Solution:
-        """From a cold start. Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
+        """Solve from a cold start. Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
         return solved(levels, partial(solve_stacked, self._bind_cold))
 
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> ActiveSetTick:

@@ -27,11 +27,11 @@ from uvms_ocp.types import Array
 # What the numbers mean that the solver in C and Python exchange.
 
 STATUSES = tuple(Status)
-"""By their codes."""
+"""Statuses by their codes."""
 
 
 class RowState(IntEnum):
-    """Of one row: free, held at a bound, or an equality, which is always held."""
+    """State of one row: free, held at a bound, or an equality, which is always held."""
 
     LOWER = -1
     FREE = 0
@@ -50,7 +50,7 @@ LOWER, FREE, UPPER, EQUAL = (int(state) for state in RowState)
 
 @dataclass(frozen=True, slots=True)
 class Manner:
-    """Which rows are too dependent to be pivots, and which multipliers are rounding."""
+    """Pivot rules: rows too dependent to be pivots, and multipliers that are rounding."""
 
     rank_tolerance: float
     """`Tolerances.rank_tolerance`."""
@@ -66,7 +66,7 @@ CAREFUL = Manner(TOLERANCES.careful_rank, TOLERANCES.careful_noise, TOLERANCES.c
 
 @dataclass(slots=True, eq=False)
 class Work:
-    """What a run works on: M rows, n velocities."""
+    """Workspace of a run: M rows, n velocities."""
 
     A: Array
     """(M, n) [rate/velocity] rows."""
@@ -87,7 +87,7 @@ class Work:
     tabu: Array
     """(M,) True for rows that must not be dropped any more."""
     manner: Manner
-    """Of the run."""
+    """Pivot rules of the run."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -365,25 +365,26 @@ def _worst(work: Work, rows: Array, multipliers: Array, tolerance: float, rule: 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class SolvedRows:
-    """What a call finds."""
+    """Result of `solve_levels`."""
 
     v: Array
     """(n,) [velocity] finite, 0 where the rows are invalid."""
     active_set: Array
     """(M,) for the next call."""
     status: Status
-    """How far v can be relied on."""
+    """Reliability of v."""
     residual: Array
     """(M,) [rate] signed distance of J v to [lower, upper], 0 where the gate is 0."""
     iterations: int
-    """Of all runs, `IterationBudget.most_of_all` at most."""
+    """Iterations of all runs, `IterationBudget.most_of_all` at most."""
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows ends without a certificate
 def solve_levels(
     J: Array, lower: Array, upper: Array, gate: Array, active_set: Array, sizes: Sequence[int]
 ) -> SolvedRows:
-    """As `solve_levels` of fallbacks.c, for J (M, n) [rate/velocity], lower and upper (M,) [rate], gate and active_set (M,).
+    """Solve levels as `solve_levels` of fallbacks.c: J (M, n) [rate/velocity], lower and upper (M,) [rate], gate and
+    active_set (M,).
 
     sizes: rows of each level.
     """
@@ -407,7 +408,7 @@ def solve_levels(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Run:
-    """Where a run has ended."""
+    """Result of one run."""
 
     w: Array
     """(n,) in normal units."""
@@ -427,7 +428,7 @@ class _Chain:
         self._near = TOLERANCES.touching * (1.0 + np.abs(rows.J).sum(axis=1))
 
     def solve(self, active_set: Array) -> Status:
-        """What `best` is then."""
+        """Try the fallbacks in order; return the status of `best`."""
         cold = np.zeros(len(self.rows.J))
         if self._is_proven(self._run(self.rows, active_set)):
             return Status.SOLVED
@@ -449,7 +450,7 @@ class _Chain:
         return self._is_proven(_Run(w, touched)) or self._is_proven(self._run(self.rows, touched, manner))
 
     def _by_fewer_levels(self) -> bool:
-        """As many of the first levels as can be solved: what is given up is given up from the bottom."""
+        """Solve as many of the first levels as can be solved: the lowest are given up first."""
         for given_up in reversed(self._levels[1:]):
             if self.left <= 0:
                 break
@@ -467,7 +468,7 @@ class _Chain:
         return _Run(w, reached)
 
     def _is_proven(self, run: _Run) -> bool:
-        """Whether a run is certified; else it is kept if it is the best so far."""
+        """Check whether a run is certified; else keep it if it is the best so far."""
         if not _is_finite(run.w):
             return False
         missed = distance(self.rows.J @ run.w, self.rows.lower, self.rows.upper)
@@ -484,14 +485,14 @@ class _Chain:
         return replace(self.rows, lower=lower, upper=upper)
 
     def _held(self, w: Array, own: slice) -> NormalRows:
-        """Those above a level may miss their bounds by as much as they do at w, those below are free."""
+        """Return rows by which levels above `own` may miss their bounds as much as at w, and those below are free."""
         rows, y = self._without(own.stop), self.rows.J @ w
         above = np.arange(len(y)) < own.start
         lower = np.where(above, np.minimum(y, self.rows.lower), rows.lower)
         return replace(rows, lower=lower, upper=np.where(above, np.maximum(y, self.rows.upper), rows.upper))
 
     def _is_held(self, held: NormalRows, w: Array, begin: int) -> bool:
-        """Whether a run has left the levels above where they were held."""
+        """Check whether a run has left the levels above where they were held."""
         y, near = held.J[:begin] @ w, self._near[:begin]
         kept = (y >= held.lower[:begin] - near) & (y <= held.upper[:begin] + near)
         return _is_finite(w) and bool(kept.all())

@@ -55,7 +55,7 @@ _INEXACT = 1
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class QpFunctions:
-    """What a tick evaluates."""
+    """CasADi functions evaluated at every tick."""
 
     tick: ca.Function
     """Inputs -> v, status, residual, *extras"""

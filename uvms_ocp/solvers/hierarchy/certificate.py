@@ -72,7 +72,7 @@ class NegligibleRows:
     """(k,) [rate]"""
 
     def are_missed(self, v: Array, velocity: float) -> bool:
-        """Whether one of them could be noticeably nearer to its bounds than at v (n,) [velocity].
+        """Check whether one of them could be noticeably nearer to its bounds than at v (n,) [velocity].
 
         velocity [velocity]: the size of velocities.
         """
@@ -84,7 +84,7 @@ class NegligibleRows:
 
 
 NO_NEGLIGIBLE_ROWS = NegligibleRows(J=np.zeros((0, 0)), lower=np.zeros(0), upper=np.zeros(0))
-"""Where all rows count."""
+"""No negligible row: all rows count."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -100,14 +100,14 @@ class NormalRows:
     sizes: tuple[int, ...]
     """Rows of each level."""
     box: Box
-    """Of the first level."""
+    """Velocity box of the first level."""
     level: Array
     """(levels,) [rate/velocity] by which the rows of each level have been divided."""
     velocity: float
     """[velocity] v = velocity w."""
     unit: float
-    """What counts as much of a rate: the largest that any row asks for over the largest row of all levels, at most 1. It
-    is less where rows that are small beside others ask for large velocities."""
+    """Unit of rates: the largest rate that any row asks for over the largest row of all levels, at most 1. It is less where
+    rows that are small beside others ask for large velocities."""
     lost: NegligibleRows
     """Rows that are 0 in `J` and were not."""
 
@@ -118,7 +118,7 @@ class NormalRows:
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is never called exact
 def normal_rows(J: Array, lower: Array, upper: Array, sizes: Sequence[int]) -> NormalRows:
-    """Of J (M, n) [rate/velocity] and gated bounds lower and upper (M,) [rate]; sizes: rows of each level.
+    """Normalise J (M, n) [rate/velocity] and gated bounds lower and upper (M,) [rate]; sizes: rows of each level.
 
     The size of velocities is the largest that a row asks for, or what the box of the first level allows if that is less.
     """
@@ -149,7 +149,7 @@ def normal_rows(J: Array, lower: Array, upper: Array, sizes: Sequence[int]) -> N
 
 
 def _asked(lower: Array, upper: Array, real: Array) -> float:
-    """How far 0 is from the bounds of any row that counts."""
+    """Return the largest distance of 0 from the bounds of any row that counts."""
     return float(excess(np.zeros(len(lower)), lower, upper)[real].max(initial=0.0))
 
 
@@ -209,7 +209,7 @@ def _box(J: Array, lower: Array, upper: Array) -> Box:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Region:
-    """How far y may be from v: ``-down <= y - v <= up``."""
+    """Trust region of y around v: ``-down <= y - v <= up``."""
 
     down: Array
     """(n,) """
@@ -312,7 +312,7 @@ def _excesses(rows: NormalRows, w: Array, region: _Region, *, first: _Region) ->
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Found:
-    """What the bound is made of."""
+    """Terms of the bound."""
 
     J: Array
     """(M, n) """

@@ -118,7 +118,7 @@ class Icat:
 
 @np.errstate(over="ignore", invalid="ignore")
 def _guarded(solver: Icat, J: Array, rate: Array, activation: Array, sizes: Sequence[int]) -> tuple[Array, Status]:
-    """As `Icat.velocity`, of any numbers: v is 0 where they are not valid or what comes of them is not finite."""
+    """Solve as `Icat.velocity` for any numbers: v is 0 where they are invalid or the result is not finite."""
     # Comparisons with NaN are false.
     valid = (np.abs(J) < TOLERANCES.largest).all() and np.isfinite(rate).all() and np.isfinite(activation).all()
     v = solver.velocity(J, rate, activation, sizes) if valid else np.full(J.shape[1], np.inf)

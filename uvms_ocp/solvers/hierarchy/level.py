@@ -58,7 +58,8 @@ class Level(FieldTable):
         gate: ArrayLike = 1.0,
         name: str = "",
     ) -> None:
-        """From jacobian (m, n) [rate/velocity]; lower, upper and rate () or (m,) [rate]; activation and gate () or (m,).
+        """Check and store jacobian (m, n) [rate/velocity]; lower, upper and rate () or (m,) [rate]; activation and gate () or
+        (m,).
 
         Raises `InvalidInput` naming the level and the field that is wrong.
         """

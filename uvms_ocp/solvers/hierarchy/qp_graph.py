@@ -31,7 +31,7 @@ _NOTHING, _SATISFIED_CASE = 0, 1
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class QpSettings:
-    """What `LexicographicQp` gives to the graph; its fields say what they are."""
+    """Settings of `LexicographicQp` that shape the graph, described there."""
 
     plugin: str
     """Name of the conic plugin."""
@@ -59,10 +59,10 @@ class _Held:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _LevelSymbols:
-    """What a level is given."""
+    """Symbolic inputs of one level."""
 
     held: _Held
-    """Of the levels above."""
+    """Solution of the levels above."""
     J: ca.MX
     """(m, n) its own rows."""
     lower: ca.MX

@@ -86,7 +86,7 @@ class Solution(FieldTable):
     v: Annotated[Array, Shape("n")]
     """(n,) [velocity] always finite."""
     status: Status
-    """How far v can be relied on."""
+    """Reliability of v."""
     residuals: tuple[Array, ...]
     """(m,) [rate] per level: signed distance of J v to [lower, upper]; 0 where the gate is 0."""
     solve_time: float
@@ -99,7 +99,7 @@ class Solution(FieldTable):
         return np.array([math.hypot(*residual) for residual in self.residuals])
 
     def certificate(self, levels: Sequence[Level], radius: ArrayLike | None = None) -> float:
-        """By how much [rate] any level is above its least at most, proven; see ``certificate.level_excesses``.
+        """Bound by how much [rate] any level exceeds its optimum, proven; see ``certificate.level_excesses``.
 
         radius () or (n,) [velocity]: how far the least is looked for, by default in the velocity limits of the first level.
         Raises `InvalidInput` for a radius that is not positive.
@@ -133,7 +133,7 @@ class TickResult:
     v: Annotated[Array, Shape("n")]
     """(n,) [velocity] always finite."""
     status: Status
-    """How far v can be relied on."""
+    """Reliability of v."""
     residual: Annotated[Array, Shape("M")]
     """(M,) [rate] signed distance of J v to [lower, upper], 0 where the gate is 0."""
     extras: tuple[Array, ...]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Tolerances:
-    """What counts as rounding, and what does not. The size of a row is ``|a| + |bound|``, in normal units (`scaling`)."""
+    """Tolerances that separate rounding from results. The size of a row is ``|a| + |bound|``, in normal units (`scaling`)."""
 
     largest: float = 1e15
     """[rate/velocity] Entry of a Jacobian from which on rows are invalid: beside it, rounding alone is as large as an ordinary
@@ -18,14 +18,14 @@ class Tolerances:
     """[rate, velocity] A bound from here on is no size to measure rounding by, and a velocity none to return: sums and squares
     overflow."""
     vanished: float = 1e-13
-    """Of the largest row: smaller rows are what is left of a cancellation, and count as nothing."""
+    """Relative to the largest row: smaller rows are remainders of a cancellation, and count as nothing."""
     unnoticed: float = 1e-12
     """[rate] A row that counts as nothing and can change its rate by less is missed by nobody."""
     small_square: float = 1e-200
     """[rate^2/velocity^2] A sum of squares from here on has lost digits to underflow."""
 
     rank_tolerance: float = 1e-8
-    """Of a row: with less of it in the free space it depends on the rows before. A division by less would leave fewer
+    """Relative to a row: with less of it in the free space it depends on the rows before. A division by less would leave fewer
     than half of the digits."""
     rank_noise: float = 1e-14
     """Over the smallest pivot so far: directions carry the rounding error of their own pivot, and a small pivot makes
@@ -36,44 +36,44 @@ class Tolerances:
     """`rank_noise` of that attempt."""
 
     feasible: float = 1e-12
-    """Of the size of a row: by how much it may be beyond a bound before it becomes active. Well above what rounding does
-    to a sum of a few dozen products."""
+    """Relative to the size of a row: by how much it may be beyond a bound before it becomes active. Well above what rounding
+    does to a sum of a few dozen products."""
     significant: float = 1e-14
-    """Of the size of a row: a smaller slack decides nothing for lower levels. Far below `feasible`: else a row dropped
-    for the sake of lower levels blocks at once for the sake of this slack."""
+    """Relative to the size of a row: a smaller slack decides nothing for lower levels. Far below `feasible`: else a row
+    dropped for the sake of lower levels blocks at once for the sake of this slack."""
     moved: float = 1e-9
-    """Of the largest velocity and 1: a shorter step is a standstill, of which too many in a row are a cycle."""
+    """Relative to the largest velocity and 1: a shorter step is a standstill, of which too many in a row are a cycle."""
     multiplier: float = 1e-10
-    """Of the sum of slack times row: multipliers of this size have the right sign whatever it is."""
+    """Relative to the sum of slack times row: multipliers of this size have the right sign whatever it is."""
     careful_multiplier: float = 1e-7
     """`multiplier` of the second attempt level by level, which drops fewer rows for rounding."""
     wrong: float = 1e-12
     """Multipliers smaller than this are rounding, however small the slack they balance."""
 
     certified: float = 1e-7
-    """Of the residual of a level or of the unit of rates (`NormalRows.unit`): a result counts as solved if no level can be
-    above its least by more. At an optimum rounding alone leaves 1e-8: the gradient of a level of residual 1e-8 is known to
-    that."""
+    """Relative to the residual of a level or to the unit of rates (`NormalRows.unit`): a result counts as solved if no level
+    can exceed its optimum by more. At an optimum rounding alone leaves 1e-8, the accuracy of the gradient of a level of
+    residual 1e-8."""
     resolved: float = 1e-3
     """Rounding of the rows, times their multipliers, is in the certificate where it is more than this, in normal units:
     which of nearly dependent rows is in conflict is then unknown."""
     reach: float = 2.0
-    """How far a better velocity is looked for, in normal units: twice the velocity asked for."""
+    """Radius within which a better velocity is sought, in normal units: twice the velocity asked for."""
     negligible: float = 1e-9
     """A multiplier of the wrong sign that adds no more to the certificate is left as it is."""
     rounding: float = 2.3e-16
-    """Of ``|a| |v|`` and the number of velocities: what rounding leaves open of ``a v``. The spacing of doubles at 1 is
+    """Relative to ``|a| |v|`` and the number of velocities: rounding error of ``a v``. The spacing of doubles at 1 is
     2.22e-16."""
     descent: float = 1e-16
-    """Of a gradient: multipliers that reduce it by less are no descent but rounding."""
+    """Relative to a gradient: multipliers that reduce it by less are no descent but rounding."""
     least_descent: float = 1e-18
-    """As `descent`, where no certificate is found with that: large multipliers of nearly dependent rows."""
+    """Second `descent`, where no certificate is found with the first: large multipliers of nearly dependent rows."""
 
     touching: float = 1e-9
-    """Of ``1 + sum |a|``: rows this near to a bound where the levels have ended one by one start
-    the next run active, and a level above is held up to this."""
+    """Relative to ``1 + sum |a|``: rows this near to a bound where the levels have ended one by one start the next run active,
+    and a level above is held up to this."""
     tied: float = 1e-9
-    """Of 1 and the norm: levels whose residuals differ by less are equally good; of two runs, a lower level decides."""
+    """Relative to 1 and the norm: levels whose residuals differ by less are equally good; of two runs, a lower level decides."""
 
 
 TOLERANCES = Tolerances()
@@ -84,12 +84,12 @@ TOLERANCES = Tolerances()
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class IterationBudget:
-    """Of the runs with a given number of rows."""
+    """Iteration budget of runs with a given number of rows."""
 
     most_iterations: int
     """A run that needs more ends where it is."""
     most_of_all: int
-    """Of all runs of one call together, whatever the numbers: warm, cold and all fallbacks. So its time is bounded."""
+    """Iterations of all runs of one call together, whatever the numbers: warm, cold and all fallbacks. So its time is bounded."""
     bland_stalls: int
     """Standstills after which the first wrong row is dropped, not the worst, which ends nearly every cycle."""
     tabu_stalls: int
@@ -99,7 +99,7 @@ class IterationBudget:
 
 
 def patience(n_rows: int) -> IterationBudget:
-    """What runs over n_rows rows of all levels are given."""
+    """Return the budget of runs over n_rows rows of all levels."""
     most = 20 + 10 * n_rows
     return IterationBudget(
         most_iterations=most,

@@ -28,7 +28,7 @@ class Moment:
     """After one iteration."""
 
     level: str
-    """That is being solved; the last one while all levels above are required in full."""
+    """Level being solved; the last one while all levels above are required in full."""
     iteration: int
     residual: float
     """of the level: the root of twice its cost."""
@@ -94,7 +94,7 @@ class BestIterate:
     """The best iterate of one NLP: one that keeps the bounds and has the least cost, else the one that breaks them least."""
 
     def __init__(self, bounds: RowBounds, rows: np.ndarray, feasibility: float) -> None:
-        """Of rows numbered `rows` (m,); feasibility: violation with which the bounds count as kept."""
+        """Track rows numbered `rows` (m,); feasibility: violation up to which the bounds count as kept."""
         # Chosen once: it is looked at every iteration.
         self._bounds = replace(bounds, lower=bounds.lower[rows], upper=bounds.upper[rows])
         self._feasibility = feasibility
@@ -119,7 +119,7 @@ class BestIterate:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NlpPoint:
-    """Where an NLP starts or ended. Without multipliers a start is cold."""
+    """Start or end point of an NLP. Without multipliers a start is cold."""
 
     x: np.ndarray
     """(n_x,) [unit of x]"""
@@ -135,20 +135,20 @@ class NlpPoint:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Outcome:
-    """Of one call."""
+    """Outcome of one call."""
 
     point: NlpPoint
-    """Where it ended, always finite."""
+    """End point, always finite."""
     status: NlpStatus
-    """What the NLP solver says."""
+    """Status that the NLP solver reports."""
     iterations: int
-    """Of the NLP solver."""
+    """Iterations of the NLP solver."""
     violation: float
     """Largest, of scaled rows."""
     usable: bool = False
     """True if that is within `NlpOptions.feasibility`."""
     cost: float = np.inf
-    """Of the level, at the point."""
+    """Cost of the level at the point."""
 
 
 class Deadline:
@@ -248,7 +248,7 @@ class _Stop(ca.Callback):  # type: ignore[misc]  # CasADi has no types
         ca.Callback.__init__(self)
         self._name, self._deadline, self._watch = name, deadline, watch
         self.best: BestIterate | None = None
-        """Of the present call."""
+        """Best iterate of the present call."""
         n, m, n_p = (nlp.nlp[key].numel() for key in ("x", "g", "p"))
         self._sizes: Mapping[str, int] = {"x": n, "f": 1, "g": m, "lam_x": n, "lam_g": m, "lam_p": n_p}
         self.construct("stop", {})

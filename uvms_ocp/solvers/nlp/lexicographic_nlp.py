@@ -46,7 +46,7 @@ class LexicographicResult:
     x: np.ndarray
     """(n,) [unit of x] always finite; the start where nothing better was found."""
     status: NlpStatus
-    """Of the worst level."""
+    """Status of the worst level."""
     level_status: tuple[NlpStatus, ...]
     """One per level."""
     values: tuple[np.ndarray, ...]
@@ -60,7 +60,7 @@ class LexicographicResult:
     violation: float
     """Largest violation of constraints, bounds and frozen rows at x."""
     points: tuple[NlpPoint, ...]
-    """Where each level ended; a warm start for the next solve."""
+    """End point of each level; a warm start for the next solve."""
     solve_time: float
     """[s]"""
 
@@ -231,7 +231,7 @@ class _Run:
         return self._result(best or self._nothing(), tuple(statuses), tuple(iterations), tuple(points), False)
 
     def _stopped(self, outcome: Outcome) -> LexicographicResult:
-        """By hand, before the first level was solved by itself: no level is held where it is."""
+        """Return the result of a solve stopped by hand before the first level was solved: no level is held."""
         assert isinstance(self._nlp.program, LexicographicProgram)  # which alone is watched
         first = self._nlp.program.nlps[0]
         g = ca.Function("g", [first.nlp["x"], first.nlp["p"]], [first.nlp["g"]])(outcome.point.x, self._p)

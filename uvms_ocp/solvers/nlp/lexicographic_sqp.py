@@ -29,7 +29,7 @@ SHARES = (1.0, 1 / 2, 1 / 4, 1 / 8, 1 / 16)
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Merit:
-    """Of a point."""
+    """Merit of a point: residuals and violation."""
 
     violation: float
     """Largest, of scaled rows; infinite where one of them is no number."""
@@ -39,7 +39,7 @@ class Merit:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Acceptance:
-    """What the step of a level must keep."""
+    """Conditions on the step of a level."""
 
     violation: float
     """Most that constraints may be broken."""
@@ -79,7 +79,7 @@ _MOST = 3e3  # times the least
 
 
 class ProximalWeights:
-    """Of the levels of one program; carried from one solve to the next."""
+    """Proximal weights of the levels of one program; carried from one solve to the next."""
 
     def __init__(self, n_levels: int, least: float) -> None:
         """Least [1/unit of x^2]: of all levels but the first, whose weight is 0."""
@@ -102,7 +102,7 @@ class ProximalWeights:
 
 
 class TimeBudget:
-    """Whether there is time for another QP, judged by those that were solved."""
+    """Time budget that admits another QP, judged by those that were solved."""
 
     def __init__(self, limit: float, clock: Callable[[], float]) -> None:
         """Limit [s] from now."""
@@ -125,7 +125,7 @@ class TimeBudget:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Point:
-    """Where the levels so far have led."""
+    """Point reached by the levels so far."""
 
     x: np.ndarray
     """(n,) [unit of x] as the model of the levels has them."""
@@ -141,10 +141,10 @@ class Point:
 
 
 class LevelModel(Protocol):
-    """What linearises the levels of a program and solves their QPs."""
+    """Linear models of the levels of a program, and the solver of their QPs."""
 
     slack: float
-    """By which the norm of frozen rows may rise in a QP; 0 where it bears dependent equalities."""
+    """Allowed rise of the norm of frozen rows in a QP; 0 where it bears dependent equalities."""
 
     def begin(self, x: np.ndarray, p: np.ndarray, bounds: RowBounds) -> Point:
         """The point of variables x (n_x,) [unit of x]; p (n_p,) [unit of the parameter] holds from now on."""
@@ -164,7 +164,7 @@ class LevelModel(Protocol):
 
 
 class LexicographicSqp:
-    """Of one program; the weights of its levels are carried from step to step."""
+    """Lexicographic SQP on one program; the weights of its levels are carried from step to step."""
 
     def __init__(self, model: LevelModel, options: SqpOptions, n_levels: int) -> None:
         self._model, self._options = model, options
@@ -173,7 +173,7 @@ class LexicographicSqp:
     def step(
         self, guess: Point, levels: tuple[LevelRows, ...], bounds: RowBounds, budget: TimeBudget
     ) -> tuple[Point, NlpStatus | None]:
-        """Where a step from a guess leads, and why there is none."""
+        """Make one step from a guess; return the point reached, and why there is none."""
         guess = replace(guess, reached=())
         failure = self._model.step(0, guess, bounds, self._options.damping)
         budget.count()
@@ -192,7 +192,7 @@ class LexicographicSqp:
         return point, None
 
     def _first_searched(self, guess: Point, levels: tuple[LevelRows, ...]) -> Point:
-        """Where the rule allows it, or else, because a guess must be left, where the constraints are broken least."""
+        """Return the first point that the rule allows, or, because a guess must be left, the one of least violation."""
         rule, tried = self._rule(guess, levels), []
         for share in SHARES:
             tried.append(self._model.moved(share))
@@ -201,7 +201,7 @@ class LexicographicSqp:
         return min(tried, key=lambda point: point.merit.violation)
 
     def _turn(self, point: Point, levels: tuple[LevelRows, ...], bounds: RowBounds) -> Point:
-        """Where the next level moves the point."""
+        """Move the point by the step of the next level."""
         i = len(point.reached)
         failure = self._model.step(i, point, bounds, self._options.damping + self._weights[i])
         share, found = (0.0, point) if failure is not None else self._searched(point, levels, bounds)

@@ -22,14 +22,13 @@ PLUGINS = ("ipopt", "fatrop", STAGEWISE)
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NlpOptions:
-    """How the NLPs are solved. Raises `NameNotFound` for another plugin, `InvalidInput` for a number out of its range."""
+    """Options of the NLP solver. Raises `NameNotFound` for another plugin, `InvalidInput` for a number out of its range."""
 
     plugin: str = "ipopt"
     """``ipopt``, ``fatrop``, or ``stagewise`` for problems over a horizon."""
     tolerance: float = 1e-6
-    """By which the residual of a solved level, as a norm, may rise. With 0, and always with fatrop, rows of equalities
-    are frozen as equality constraints: not for levels whose rows contradict each other, where no constraint
-    qualification holds."""
+    """Allowed rise of the residual of a solved level, as a norm. With 0, and always with fatrop, rows of equalities are frozen
+    as equality constraints: not for levels whose rows contradict each other, where no constraint qualification holds."""
     convergence: float = 1e-8
     """Largest error of the optimality conditions, as the plugin scales them."""
     max_iterations: int = 150
@@ -104,13 +103,13 @@ _WARM: dict[str, dict[str, Any]] = {
 
 QP_PLUGINS = ("hpipm", "proxqp", "piqp")
 SPARSE_PLUGIN = QP_PLUGINS[0]
-"""By default, of programs without stages."""
+"""Default QP plugin of programs without stages."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class SqpOptions:
-    """How a step is made, and when another one is.
+    """Options of a step, and of the decision for another one.
 
     Raises `NameNotFound` for another plugin, `InvalidInput` for one that this CasADi lacks, or a number that is not positive.
     """
@@ -123,7 +122,7 @@ class SqpOptions:
     accuracy: float = 1e-2
     """Largest violation of scaled rows with which a point counts as usable, and no further step is made."""
     tolerance: float = 1e-3
-    """By which the norm of a level's residual may rise for the sake of all levels below."""
+    """Allowed rise of the norm of a level's residual for the sake of all levels below."""
     damping: float = 1e-6
     """[1/unit of x^2] Added to the diagonal of the Hessian, so that what no term determines does not move."""
     proximal: float = 1e-4

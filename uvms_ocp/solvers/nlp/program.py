@@ -101,7 +101,7 @@ _SLACK = 1e-6  # of inequality rows that are frozen exactly: they still need an 
 
 Expression: TypeAlias = ca.SX | ca.MX
 Variables = Annotated[np.ndarray, Shape("self.program.n_x")]
-"""Of whoever holds a program."""
+"""Variables of the program that the owner holds."""
 Parameters = Annotated[np.ndarray, Shape("self.program.n_p")]
 
 
@@ -125,7 +125,7 @@ class NlpLevel:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LevelRows:
-    """What the solver must know of one level: the range of its rows, and which rows of the program freeze it.
+    """Rows of one level, and the rows of the program that freeze it.
 
     Raises `InvalidInput` for bounds that are NaN or in the wrong order, and for a share that is not positive.
     """
@@ -137,7 +137,7 @@ class LevelRows:
     upper: np.ndarray
     """(m,) [unit of the row]"""
     relax: float | None
-    """As in `NlpLevel`."""
+    """Relaxation as in `NlpLevel`."""
     frozen: slice
     """Rows of the program that freeze the level."""
 
@@ -190,10 +190,10 @@ class LevelNlp:
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RowRanges:
-    """Where the rows of a program are to be; a program that is kept may be solved with others of the same `RowKinds`."""
+    """Target ranges of the rows of a program; a program that is kept may be solved with others of the same `RowKinds`."""
 
     levels: tuple[LevelRows, ...]
-    """From the highest to the lowest."""
+    """Levels from the highest to the lowest."""
     lower: np.ndarray
     """(n_constraints,) [unit of the row] of the shared constraints."""
     upper: np.ndarray
@@ -236,7 +236,7 @@ class LexicographicProgram:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RowKinds:
-    """What the bounds of rows are, apart from their numbers."""
+    """Kinds of the bounds of rows, apart from their numbers."""
 
     equal: np.ndarray
     """(m,) True where lower = upper."""
@@ -350,7 +350,7 @@ def _level_rows(level: NlpLevel, index: int, first: int) -> LevelRows:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RowBounds:
-    """Of the variables and of all rows of the program; rows of levels that are not frozen yet are infinite."""
+    """Bounds of the variables and of all rows of the program; rows of levels that are not frozen yet are infinite."""
 
     x_lower: np.ndarray
     """(n_x,) [unit of x]"""

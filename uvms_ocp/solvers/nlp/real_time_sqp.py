@@ -128,19 +128,19 @@ class SparseLevels:
         self._bounds = row_bounds(program.ranges, -np.inf, np.inf, program.n_x)
 
     def begin(self, x: np.ndarray, p: np.ndarray, bounds: RowBounds) -> Point:
-        """As `LevelModel.begin`; x (n_x,) [unit of x], p (n_p,) [unit of the parameter]."""
+        """Begin as `LevelModel.begin`; x (n_x,) [unit of x], p (n_p,) [unit of the parameter]."""
         self._p, self._bounds = p, bounds
         self._from, self._step = x, np.zeros_like(x)
         return self.moved(0.0)
 
     def step(self, level: int, point: Point, bounds: RowBounds, damping: float) -> NlpStatus | None:
-        """As `LevelModel.step`; damping [1/unit of x^2]."""
+        """Solve the QP of a level as `LevelModel.step`; damping [1/unit of x^2]."""
         self._from = point.x
         self._step, failure = self._qps[level].step(point.x, self._p, bounds, damping)
         return failure
 
     def moved(self, share: float) -> Point:
-        """As `LevelModel.moved`; share."""
+        """Return the point after a share of the step, as `LevelModel.moved`."""
         x, first = self._from + share * self._step, self._program.nlps[0]
         rows = tuple(np.array(y).ravel() for y in self._program.values.call([x, self._p]))
         residuals = [self._residual(i, x, y) for i, y in enumerate(rows)]
@@ -158,7 +158,7 @@ class SparseLevels:
         return float(np.sqrt(2 * float(cost)))
 
     def variables(self, point: Point) -> np.ndarray:
-        """As `LevelModel.variables`."""
+        """Return the variables of a point, as `LevelModel.variables`."""
         return point.x
 
 
@@ -242,7 +242,8 @@ class RealTimeSqp:
         time_limit: Bound = np.inf,
         clock: Callable[[], float] = perf_counter,
     ) -> SqpResult:
-        """From x (n,) [unit of x]: one step, and more while the constraints are broken and `time_limit` [s] allows another.
+        """Make one step from x (n,) [unit of x], and more while the constraints are broken and `time_limit` [s] allows
+        another.
 
         p (n_p,) [unit of the parameter]; x_lower and x_upper (n,), or one for all variables [unit of x].
         """

@@ -71,7 +71,7 @@ def _integers(*names: str) -> tuple[tuple[str, Any], ...]:
 
 
 class _Stages(ctypes.Structure):
-    """As `Stages` in riccati.c."""
+    """Mirror of `Stages` in riccati.c."""
 
     _fields_ = (
         *_integers("N"),
@@ -81,7 +81,7 @@ class _Stages(ctypes.Structure):
 
 
 class _Residuals(ctypes.Structure):
-    """As `Residuals` in interior_point.c."""
+    """Mirror of `Residuals` in interior_point.c."""
 
     _fields_ = (
         *_pointers(*_RESIDUALS),
@@ -90,7 +90,7 @@ class _Residuals(ctypes.Structure):
 
 
 class _Problem(ctypes.Structure):
-    """As `Problem` in interior_point.c."""
+    """Mirror of `Problem` in interior_point.c."""
 
     _fields_ = (
         ("stages", _Stages),
@@ -135,7 +135,7 @@ class CompiledCore:
         costless: bool,
         damped: bool,
     ) -> End:
-        """As `NumpyCore.run`."""
+        """Run as `NumpyCore.run`."""
         self._load(qp, options)
         for name, array in self._table.items():
             array[:] = np.ravel(getattr(table, name))
@@ -146,7 +146,7 @@ class CompiledCore:
         return self._end()
 
     def solve(self, qp: StageQp, options: StageQpOptions, near: Near | None) -> End:
-        """As `NumpyCore.solve`."""
+        """Solve as `NumpyCore.solve`."""
         self._load(qp, options)
         point = self._work["point"]
         if near is not None:
@@ -155,19 +155,19 @@ class CompiledCore:
         return self._end()
 
     def products(self, qp: StageQp, z: Array) -> Products:
-        """As `NumpyCore.products`; z (n,) [unit of z]."""
+        """Compute products as `NumpyCore.products`; z (n,) [unit of z]."""
         self._load(qp, None)
         self._library.products(ctypes.byref(self._problem.stages), _address(z), self._found_address)
         slope, square, change = self._found.tolist()
         return Products(slope=slope, square=square, change=change)
 
     def steepest(self, qp: StageQp) -> float:
-        """As `NumpyCore.steepest`."""
+        """Return the steepest slope as `NumpyCore.steepest`."""
         self._load(qp, None)
         return float(self._library.steepest(ctypes.byref(self._problem.stages)))
 
     def stationarity(self, qp: StageQp, near: Near) -> float:
-        """As `NumpyCore.stationarity`."""
+        """Return the stationarity error as `NumpyCore.stationarity`."""
         self._load(qp, None)
         stages, m = ctypes.byref(self._problem.stages), ctypes.c_int(self._problem.m)
         return float(self._library.stationarity(stages, _address(near.costate), _address(near.y), m))

@@ -163,7 +163,7 @@ def _eliminated(M: Array, state: int, least: float) -> tuple[Array, Array, int]:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Residuals:
-    """By how much the conditions fail at a point; units are theirs."""
+    """Residuals of the optimality conditions at a point; units are theirs."""
 
     grad: Array
     """(n,) [1/unit of z] of the Lagrangian, 0 for fixed variables."""
@@ -186,11 +186,11 @@ class Residuals:
     variable: float
     """[unit of z] largest variable, and 1."""
     linear: float
-    """Of all conditions but complementarity, relative to the two."""
+    """Largest residual of all conditions but complementarity, relative to the two."""
 
     @property
     def worst(self) -> float:
-        """Of all of them."""
+        """Return the largest of all residuals."""
         complementarity = STAGE_TOLERANCES.sharper * self.kkt.complementarity / (self.gradient * self.variable)
         return _larger(self.kkt.stationarity / self.gradient, self.kkt.primal / self.variable, complementarity)
 
@@ -261,7 +261,7 @@ class InteriorPoint:
         return self.stages.factor(total[: self._m], total[self._m :] + slow)
 
     def direction(self, p: Point, r: Residuals, side: Array | float = 0.0, elastic: Array | float = 0.0) -> Point:
-        """Of Newton's method, towards products that differ by ``side`` and ``elastic`` (2, M) from those at p."""
+        """Compute Newton's direction towards products that differ by ``side`` and ``elastic`` (2, M) from those at p."""
         t, m, stiff = self.table, self._m, 1.0 / (self._elasticity + self.table.compliance)
         held, soft = p.multiplier > 0.0, self._soft
         left = _ratio(elastic - p.e * r.dual, p.f + p.e * t.l2, p.f > 0.0)
@@ -320,7 +320,7 @@ class InteriorPoint:
         return float((p.s * p.multiplier).sum() + (p.e * p.f).sum()) / max(1, count)
 
     def _aim(self, p: Point, affine: Point | None, centre: float, trust: float) -> tuple[Array, Array]:
-        """By how much products change on the way to `centre`; trust: in what `affine` says of the second order."""
+        """Compute the changes of products towards `centre`; trust: share of the second order of `affine`."""
         side, elastic = centre - p.s * p.multiplier, centre - p.e * p.f
         if affine is not None:
             side, elastic = side - trust * affine.s * affine.multiplier, elastic - trust * affine.e * affine.f
@@ -328,7 +328,7 @@ class InteriorPoint:
 
 
 def _share(p: Point, step: Point, most: float) -> float:
-    """Of a step after which nothing is negative."""
+    """Return the largest share of a step after which nothing is negative."""
     share = 1.0
     for value, change in ((p.s, step.s), (p.multiplier, step.multiplier), (p.e, step.e), (p.f, step.f)):
         falls = change < 0.0

@@ -55,7 +55,7 @@ class NumpyCore:
         costless: bool,
         damped: bool,
     ) -> End:
-        """From a point, without the cost if ``costless``, with steps that are ``damped`` in directions without curvature."""
+        """Run from a point, without the cost if ``costless``, with steps that are ``damped`` in directions without curvature."""
         self._stages.fixed[:] = table.fixed
         curvature = self._stages.load(qp, costless=costless)
         method = InteriorPoint(self._stages, table, 1.0 if costless else curvature, options, damped=damped)
@@ -65,7 +65,7 @@ class NumpyCore:
         return _descended(method, begin)
 
     def solve(self, qp: StageQp, options: StageQpOptions, near: Near | None) -> End:
-        """From nothing but the QP, or from the solution of one nearby; NOT_A_NUMBER where entries are none."""
+        """Solve from nothing but the QP, or from the solution of one nearby; NOT_A_NUMBER where entries are none."""
         table = row_table(qp)
         rest = at_rest(qp, table)
         if not is_valid(qp):
@@ -81,7 +81,7 @@ class NumpyCore:
         return self._finished(qp, table, self._run(qp, table, warm, options, Start.WARM), options)
 
     def _finished(self, qp: StageQp, table: RowTable, end: End, options: StageQpOptions) -> End:
-        """What an interior point comes close to, to all digits: with the sides that it approaches as equalities."""
+        """Polish the end of an interior-point run to all digits: solve with the sides that it approaches as equalities."""
         rough = options.tolerance > STAGE_TOLERANCES.finished or end.approached is None
         if rough or table.elastic.any() or end.status is not StageQpStatus.SOLVED:
             return end
@@ -185,7 +185,7 @@ def _equalities_alone(method: InteriorPoint, point: Point) -> tuple[Point, int]:
 
 
 def _is_enough(left: float, before: float, tolerance: float) -> bool:
-    """Of corrections, which go on below the tolerance while each takes half of what is left."""
+    """Check whether corrections may end: below the tolerance, once one takes less than half of what is left."""
     return not left > STAGE_TOLERANCES.exact * tolerance or bool(left <= 0.1 * tolerance and not left <= 0.5 * before)
 
 
@@ -227,13 +227,13 @@ def _warm(method: InteriorPoint, p: Point) -> Point:
 
 
 def _far(method: InteriorPoint, r: Residuals) -> float:
-    """By how much conditions fail, relative to their terms, sides aside that are kept."""
+    """Return the relative residual of the conditions, sides aside that are kept."""
     missed = max(_missed(method, r), float(np.abs(r.defect).max(initial=0.0)))
     return max(r.kkt.stationarity / r.gradient, missed / r.variable)
 
 
 def _descended(method: InteriorPoint, p: Point) -> End:
-    """From a start inside to the optimum, or to where it cannot go on, which leaves the best point."""
+    """Iterate from an interior start to the optimum, or to where it cannot go on, which leaves the best point."""
     r, share, approached = method.residuals(p), 1.0, None
     progress = _Progress(p, r)
     while True:
@@ -250,14 +250,14 @@ def _descended(method: InteriorPoint, p: Point) -> End:
 
 
 def _is_inexact(method: InteriorPoint, before: Residuals, r: Residuals, share: float) -> bool:
-    """Whether a step has left more than it should have."""
+    """Check whether a step has left a larger residual than it should have."""
     left, least = 2.0 * (1.0 - share), 0.1 * method.options.tolerance
     gradient = r.kkt.stationarity > left * before.kkt.stationarity + least * r.gradient
     return gradient or r.kkt.primal > left * before.kkt.primal + least * r.variable
 
 
 class _Progress:
-    """Of a descent that begins at p."""
+    """Progress of a descent that begins at p."""
 
     def __init__(self, p: Point, r: Residuals) -> None:
         self.best = p, r

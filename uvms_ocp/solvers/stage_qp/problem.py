@@ -62,7 +62,7 @@ def _sums(a: tuple[int, ...], b: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def places(sizes: Iterable[int]) -> list[int]:
-    """Where parts of such `sizes` begin in one array, and where the last one ends."""
+    """Return the offsets of parts of such `sizes` in one array, and the end of the last one."""
     return [0, *accumulate(sizes)]
 
 
@@ -139,7 +139,7 @@ class StageQp:
 
 
 def is_valid(qp: StageQp) -> bool:
-    """Whether entries are finite but for bounds that there are not; slack costs something."""
+    """Check that entries are finite but for absent bounds, and that slack costs something."""
     flat = qp.flat
     bounds = ("lower", "upper", "l1", "z_lower", "z_upper", "z_l1")
     numbers = all(np.isfinite(array).all() for name, array in flat.items() if name not in bounds)
@@ -158,7 +158,7 @@ class StageQpOptions:
     """Raises `InvalidInput` for numbers that are not positive and finite, and more than 10,000 iterations."""
 
     tolerance: float = 1e-9
-    """Of the KKT conditions, relative to the largest term in them."""
+    """Tolerance of the KKT conditions, relative to the largest term in them."""
     max_iterations: int = 60
     """Factors of one run; a QP that one run does not solve takes two more."""
     warm_mu: float = 1e-6
@@ -190,11 +190,11 @@ class StageTolerances:
     damped: float = 1e-8
     """Pivot, relative to its diagonal entry, that takes the place of rounding."""
     smallest_curvature: float = 1e-12
-    """Of a diagonal entry that pivots are compared with, relative to the largest."""
+    """Diagonal entry that pivots are compared with, relative to the largest."""
     elasticity: float = 1e-7
     """Compliance of equalities in one step, relative to that of the stiffest variable; what it leaves, the next one takes."""
     side_elasticity: float = 1e-5
-    """That of inequalities, relative to the one of equalities."""
+    """Elasticity of inequalities, relative to the one of equalities."""
     slow: float = 1e-7
     """Curvature that steps of a second run reckon with in every direction, relative to gradient over variables."""
     phase_one: float = 1e-6
@@ -212,27 +212,27 @@ class StageTolerances:
     counts: float = 1e-6
     """Multiplier, beside the largest, of a bound that is reached."""
     many_changes: int = 8
-    """Of bounds that are held, more than which must fall from round to round."""
+    """Number of bounds held, above which the number must fall from round to round."""
     vain_changes: int = 2
     """Rounds in which fewer do not."""
     most_corrections: int = 10
-    """Of a solution without inequalities."""
+    """Most corrections of a solution without inequalities."""
     exact: float = 1e-5
-    """Of the tolerance, down to which those corrections go on while they help."""
+    """Relative to the tolerance: those corrections go on down to this while they help."""
     finished: float = 1e-5
     """tolerance above which what an interior point comes close to is not looked for: it keeps off the bounds."""
     sharp: float = 1e-2
-    """Of the tolerance, by which a side must be missed to be held."""
+    """Relative to the tolerance: by how much a side must be missed to be held."""
     far: float = 0.5
     """Failure of all conditions from which the solution of a QP nearby is no start."""
     nearer: float = 1e2
-    """By which complementarity at a warm start is more where that is far, and less where it is not."""
+    """Factor on complementarity at a warm start: more where that is far, less where it is not."""
     least_missed: float = 0.1
     """[unit of z] violation of bounds that a cold start reckons with."""
     stuck: float = 1e-7
     """Share of a step that leads nowhere."""
     hopeless: float = 1e6
-    """By which multipliers grow where there is no point."""
+    """Factor by which multipliers grow where there is no point."""
     inexact_tolerances: float = 1e3
     """Tolerances to which an optimum can still be used."""
     most_vain: int = 6
@@ -272,7 +272,7 @@ class StageQpStatus(AdvisedStatus):
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class KktResidual:
-    """By how much the optimality conditions fail, in units of the QP."""
+    """Residuals of the optimality conditions, in units of the QP."""
 
     stationarity: Bound
     """[1/unit of z] largest entry of the gradient of the Lagrangian."""
@@ -292,7 +292,7 @@ class StageQpSolution:
     """
 
     status: StageQpStatus
-    """How far the rest can be relied on; where INFEASIBLE, the point misses the hard rows least, in sum."""
+    """Reliability of the rest; where INFEASIBLE, the point misses the hard rows least, in sum."""
     z: tuple[Array, ...]
     """(n_z,) [unit of z]"""
     x: tuple[Array, ...]
@@ -310,7 +310,7 @@ class StageQpSolution:
     iterations: int
     """Factorisations."""
     kkt: KktResidual
-    """Of the point."""
+    """KKT residual of the point."""
     cost: float
     """Without what soft rows cost."""
 
@@ -332,9 +332,9 @@ class Found:
     """A `StageQpSolution` in arrays with stage after stage, for who solves one QP after the other."""
 
     shape: StageShape
-    """Of the QP."""
+    """Shape of the QP."""
     status: StageQpStatus
-    """How far the rest can be relied on."""
+    """Reliability of the rest."""
     z: Array
     """(n,) [unit of z]"""
     costate: Array
@@ -346,9 +346,9 @@ class Found:
     iterations: int
     """Factorisations."""
     kkt: KktResidual
-    """Of the point."""
+    """KKT residual of the point."""
     products: Products
-    """Of the residuals along z."""
+    """Products of the residuals along z."""
 
     def near(self) -> Near:
         """For a QP nearby that starts where this one ends."""
@@ -357,12 +357,12 @@ class Found:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Products:
-    """Of the residuals' rows along z."""
+    """Products of the residuals' rows along z."""
 
     slope: float
     """R' J z: derivative of the half square."""
     square: float
-    """Of J z."""
+    """Square of J z."""
     change: float
     """[1/unit of z] largest entry of J' J z: of what the gradient of the half square changes by."""
 

@@ -26,7 +26,7 @@ from uvms_ocp.types import Array, Mask
 
 
 class Start(IntEnum):
-    """What a run makes of the point that it is given."""
+    """Treatment of the start point of a run."""
 
     EQUALITIES = 0
     """Its z is where the optimum without inequalities is sought, from which the run starts."""
@@ -58,7 +58,7 @@ class Point:
     """(2, M) [1/unit of the row] multipliers of e >= 0."""
 
     def moved(self, step: Point, share: float) -> Point:
-        """By a share of a step."""
+        """Return the point moved by a share of a step."""
         return Point(**{own.name: getattr(self, own.name) + share * getattr(step, own.name) for own in fields(self)})
 
     def row_multipliers(self) -> Array:
@@ -90,7 +90,7 @@ def resting(z: Array, n_x: int, m: int) -> Point:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class End:
-    """Of one run."""
+    """Result of one run."""
 
     status: StageQpStatus
     """SOLVED, NOT_CONVEX, NOT_A_NUMBER, ITERATION_LIMIT, or UNBOUNDED where steps are, which proves nothing."""
@@ -111,7 +111,7 @@ class End:
 
 
 def nothing(point: Point) -> End:
-    """Of a run that was not made, at a point."""
+    """Return the result of a run that was not made, at a point."""
     endless = kkt_residual(stationarity=np.inf, primal=np.inf, complementarity=np.inf)
     held, value = np.zeros_like(point.z), np.full_like(point.y, np.nan)
     return End(
@@ -125,7 +125,7 @@ def nothing(point: Point) -> End:
 # factor where the guess is right, one more for every guess that is mended [Hintermueller2002].
 
 SIGNS = np.array([[1.0], [-1.0]])
-"""Of what is left to the lower and the upper side."""
+"""Signs of the distances to the lower and the upper side."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -162,7 +162,8 @@ class RowTable:
 
 
 def row_table(qp: StageQp, *, phase_one: bool = False) -> RowTable:
-    """Of a QP; in phase one all hard rows are elastic, at a cost of 1 for the norm of the row, and soft ones are none."""
+    """Build the row table of a QP; in phase one all hard rows are elastic, at a cost of 1 for the norm of the row, and soft
+    ones are none."""
     flat = qp.flat
     lower, upper, l1, l2 = (np.concatenate([flat[name], flat[f"z_{name}"]]) for name in ("lower", "upper", "l1", "l2"))
     n_rows, norm = len(flat["lower"]), _norms(qp)

@@ -83,7 +83,7 @@ _SIDES = (("lower", -np.inf), ("upper", np.inf))
 
 
 def may_be_unbounded(qp: StageQp) -> bool:
-    """Whether some variable has neither curvature of its own nor two bounds."""
+    """Check whether some variable has neither curvature of its own nor two bounds."""
     held = np.isfinite(qp.flat["z_lower"]) & np.isfinite(qp.flat["z_upper"]) & (qp.flat["z_l1"] == np.inf)
     return bool((~held & (qp.flat["damping"] == 0.0)).any())
 
@@ -118,7 +118,7 @@ def _make_cone(other: StageQp, z: str, steepest: float) -> None:
 
 
 def is_recession_direction(other: StageQp, z: tuple[Array, ...]) -> bool:
-    """Whether the optimum z (n_z,) [unit of z] of `recession_problem` is such a way, by its own numbers."""
+    """Check whether the optimum z (n_z,) [unit of z] of `recession_problem` is a recession direction, by its own numbers."""
     longest = max(np.abs(own).max(initial=0.0) for own in z)
     if not 0.0 < longest < np.inf:
         return False
@@ -188,7 +188,7 @@ class StageQpSolver:
 
     @checked_on_failure
     def error(self, qp: StageQp, near: Near) -> float:
-        """By how much the multipliers of the QP that was solved last miss the optimality conditions of another one at 0.
+        """Compute by how much the multipliers of the QP solved last miss the optimality conditions of another one at 0.
 
         Largest entry [1/unit of z] of the gradient of its Lagrangian, or product with what is left to a bound.
         """
@@ -199,7 +199,7 @@ class StageQpSolver:
         return max(self._core.stationarity(qp, near), float(np.abs(left).max(initial=0.0)))
 
     def _judged(self, qp: StageQp, table: RowTable, failed: End) -> End:
-        """What it means that no optimum was found: phase one tells whether there is a point at all, and where."""
+        """Explain a failed run: phase one finds whether there is a feasible point at all, and where."""
         if failed.worst <= self._inexact and failed.status is StageQpStatus.ITERATION_LIMIT:
             return replace(failed, status=StageQpStatus.INEXACT)
         least = self._run(qp, row_table(qp, phase_one=True), at_rest(qp, table), costless=True)
@@ -226,7 +226,7 @@ class StageQpSolver:
         return StageQpStatus.INEXACT if best.worst <= self._inexact else status
 
     def _is_endless(self, qp: StageQp) -> bool:
-        """Whether there is a way along which the cost falls for ever."""
+        """Check whether there is a direction along which the cost falls for ever."""
         if not may_be_unbounded(qp):
             return False
         other = recession_problem(qp)
@@ -274,7 +274,7 @@ class StageQpSolver:
 
 
 def _only_rounding(qp: StageQp, end: End) -> bool:
-    """Whether a cost that is convex, as a sum of squares, seemed not to be."""
+    """Check whether a cost that is convex, as a sum of squares, seemed not to be."""
     return end.status is StageQpStatus.NOT_CONVEX and not qp.flat["H"].any() and bool((qp.flat["damping"] >= 0.0).all())
 
 
