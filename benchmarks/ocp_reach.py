@@ -18,7 +18,7 @@ from horizon.tracking import tracked
 from recording.processes import hide_compiler, run_script
 from recording.report import Report, Row, Table, begin, parser_of
 
-from uvms_ocp.ocp.plan import Mismatch, mismatch
+from uvms_ocp.ocp.plan import TrackingError, tracking_error
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
 from uvms_ocp.sim.environment import Environment
@@ -71,15 +71,15 @@ def interpreted_rows(n_steps: int, repeats: int) -> list[Row]:
     return [row | {"setting": f"{row['setting']}, virtual machine"} for row in found]
 
 
-def carried_out(problem: OcpProblem, options: NlpOptions) -> Mismatch:
+def carried_out(problem: OcpProblem, options: NlpOptions) -> TrackingError:
     """A plan on the physical plant, followed with feedback."""
     plan = Planner(problem, options).plan(diagnose=False)
     environment = Environment(seafloor=FlatSeafloor(z=-40))
     series = tracked(problem.robot, plan.trajectory, environment, dt=1 / 200, duration=plan.duration)
-    return mismatch(plan.trajectory, series["t"], series["q"], robot=problem.robot, frame="tool")
+    return tracking_error(plan.trajectory, series["t"], series["q"], robot=problem.robot, frame="tool")
 
 
-def prose(problem: OcpProblem, repeats: int, off: Mismatch) -> str:
+def prose(problem: OcpProblem, repeats: int, off: TrackingError) -> str:
     """With the figures of the problem and of the plan that was carried out."""
     return PROSE.format(
         dofs=problem.robot.n_v,

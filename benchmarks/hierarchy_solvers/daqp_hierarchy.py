@@ -16,7 +16,7 @@ from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.errors import InvalidInput, NotInstalled
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.certificate import normal_certificate, normal_rows
-from uvms_ocp.solvers.hierarchy.level import Level, Stack, gated, is_valid, row_slices, stack
+from uvms_ocp.solvers.hierarchy.level import Level, Stack, is_valid, row_slices, stack, widen_bounds
 from uvms_ocp.solvers.hierarchy.solution import (
     Solution,
     Status,
@@ -25,7 +25,7 @@ from uvms_ocp.solvers.hierarchy.solution import (
     check_levels_function,
     dense,
     row_residuals,
-    solved,
+    timed_solution,
 )
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 from uvms_ocp.types import Array
@@ -68,7 +68,7 @@ class Daqp:
     @checked_on_failure
     def solve(self, levels: Sequence[Level]) -> Solution:
         """Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
-        return solved(levels, self.velocity)
+        return timed_solution(levels, self.velocity)
 
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> Tick:
         """``levels_function`` is evaluated in CasADi, then DAQP is called."""
@@ -88,13 +88,13 @@ class Daqp:
         return v, Status.SOLVED if exact else Status.INEXACT
 
     def _certificate(self, rows: Stack, v: Array) -> float:
-        normal = normal_rows(rows.jacobian, *gated(rows.jacobian, rows.lower, rows.upper, rows.gate), rows.sizes)
+        normal = normal_rows(rows.jacobian, *widen_bounds(rows.jacobian, rows.lower, rows.upper, rows.gate), rows.sizes)
         return normal_certificate(normal, v / normal.velocity)
 
     def _native_velocity(self, rows: Stack) -> Array | None:
         """None where DAQP gives up. Rows that ask for nothing are left out."""
         J = rows.jacobian
-        low, up = gated(J, rows.lower, rows.upper, rows.gate)
+        low, up = widen_bounds(J, rows.lower, rows.upper, rows.gate)
         n = J.shape[1]
         asked = (np.linalg.norm(J, axis=1) > _SMALLEST) & ((low > -np.inf) | (up < np.inf))
         filled = [count for count in (int(asked[r].sum()) for r in row_slices(rows.sizes)) if count]

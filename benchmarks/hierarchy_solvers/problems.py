@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from uvms_ocp.control.velocity.levels import LevelsProblem
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.level import Level, gated, row_slices
+from uvms_ocp.solvers.hierarchy.level import Level, row_slices, widen_bounds
 from uvms_ocp.solvers.hierarchy.solution import Tick, TickResult
 
 Inputs: TypeAlias = tuple[np.ndarray, ...]
@@ -86,7 +86,7 @@ def levels_of(problem: LevelsProblem, inputs: Inputs) -> list[Level]:
 
 
 def _gated(level: Level) -> Level:
-    lower, upper = gated(level.jacobian, level.lower, level.upper, level.gate)
+    lower, upper = widen_bounds(level.jacobian, level.lower, level.upper, level.gate)
     rate, activation = level.rate, level.activation * level.gate
     return Level(
         jacobian=level.jacobian, lower=lower, upper=upper, rate=np.clip(rate, lower, upper), activation=activation

@@ -30,7 +30,7 @@ from uvms_ocp.control.velocity.abort import ActuationFeedback
 from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.estimation.fallbacks import Freshness, Watchdog
 from uvms_ocp.mission_plan import MissionPlan
-from uvms_ocp.mission_plan.plan import digests
+from uvms_ocp.mission_plan.plan import mission_digests
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
@@ -180,9 +180,9 @@ def small_program() -> nlp.LexicographicProgram:
 @cache
 def path_plan() -> planning.CollisionPlan:
     from uvms_ocp.planning.path_cost import CostParts
-    from uvms_ocp.planning.scene import Nearest
+    from uvms_ocp.planning.scene import NearestPair
 
-    nearest = Nearest(distance=1.0, time=0.0, pair=scene().pairs[0])
+    nearest = NearestPair(distance=1.0, time=0.0, pair=scene().pairs[0])
     report = ClearanceReport(collision_free=True, undecided=False, nearest=nearest, n_samples=3)
     return planning.CollisionPlan(
         trajectory=motion(),
@@ -357,7 +357,7 @@ def whole() -> MissionPlan:
         greedy_duration=2.0,
         iterations=3,
         solve_time=0.1,
-        identity=digests(scenario()),
+        identity=mission_digests(scenario()),
     )
 
 
@@ -515,7 +515,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "Plan | Record": plan,
     "Where": lambda: sim.KinematicPlant(arm(), arm().configuration()),
     "ReplayResult": lambda: replay(plan(), from_pool("Where", "where")),
-    "Mismatch": lambda: from_pool("ReplayResult", "flight").mismatch,
+    "TrackingError": lambda: from_pool("ReplayResult", "flight").mismatch,
     "OwnRows": lambda: lambda stage: stage.tick.q[0],
     "Transcription": lambda: Transcription(problem()),
     "LexicographicProgram": small_program,
@@ -809,10 +809,10 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "sampled_waypoints": lambda: {"start": two_postures()[0], "goal": two_postures()[1]},
     "simulate": lambda: simulation(),
     "single_phase": lambda: {"robot": arm(), "start": problem().start, "n_steps": 2},
-    "through": lambda: {"configurations": np.array([arm().configuration()] * 3)},
+    "guess_through": lambda: {"configurations": np.array([arm().configuration()] * 3)},
     "tool_goal": lambda: {"goal": pin.SE3.Identity(), "guess": two_postures()[0]},
     "tool_reach": lambda: {"goal": pin.SE3.Identity(), "n_steps": 2},
-    "hold": dict,
+    "hold_guess": dict,
     "lexicographic_program": lambda: lexicographic(),
     "Campaign": lambda: {"scenario": scenario, "runs": 2},
     "Campaign.run": lambda: {"out": _campaign_folder()},
@@ -863,7 +863,7 @@ REFUSES = {"Task.residual", "BufferedFunction.__call__"}
 
 EXPENSIVE = {
     *("write_figures", "write_plan_figures", "write_scene", "show"),
-    *("solve_ocp", "solve", "plan_soft_collision"),
+    *("solve_ocp", "plan_path", "plan_soft_collision"),
     *(
         "Nmpc",
         "Planner",

@@ -10,7 +10,7 @@ from horizon.tracking import tracked
 from uvms_ocp.control.force.computed_torque import OPEN_LOOP, Actuators, TrackingGains
 from uvms_ocp.control.plan_following import PlanTracker
 from uvms_ocp.errors import FrameNotFound, InvalidInput
-from uvms_ocp.ocp.plan import mismatch
+from uvms_ocp.ocp.plan import tracking_error
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import load_robot
@@ -64,7 +64,7 @@ def test_the_loop_ends_with_the_plan(robot: Robot) -> None:
 def test_feedback_brings_a_plant_nearer_to_the_plan(robot: Robot) -> None:
     plan = push_off(robot)
     found = [
-        mismatch(plan, record["t"], record["q"], robot=robot, frame="tool")
+        tracking_error(plan, record["t"], record["q"], robot=robot, frame="tool")
         for record in (carried_out(robot, plan), carried_out(robot, plan, OPEN_LOOP))
     ]
     assert found[0].position < 0.01
@@ -74,15 +74,15 @@ def test_feedback_brings_a_plant_nearer_to_the_plan(robot: Robot) -> None:
 def test_a_plan_that_is_followed_exactly_has_no_mismatch_and_a_shift_is_its_length(robot: Robot) -> None:
     plan, times = push_off(robot), np.linspace(0.0, 2.0, 21)
     q = np.array([plan.state_at(robot.model, float(t))[0] for t in times])
-    exact = mismatch(plan, times, q, robot=robot, frame="tool")
+    exact = tracking_error(plan, times, q, robot=robot, frame="tool")
     assert max(exact.position, exact.end_position, exact.end_orientation) < 1e-9
     q[10:, :3] += [0.03, 0.0, 0.04]
     q[-1, :3] -= [0.0, 0.0, 0.04]
-    shifted = mismatch(plan, times, q, robot=robot, frame="tool")
+    shifted = tracking_error(plan, times, q, robot=robot, frame="tool")
     assert shifted.position == pytest.approx(0.05)
     assert shifted.end_position == pytest.approx(0.03)
     with pytest.raises(FrameNotFound):
-        mismatch(plan, times, q, robot=robot, frame="hand")
+        tracking_error(plan, times, q, robot=robot, frame="hand")
 
 
 def test_a_measurement_that_is_no_number_still_gives_a_command(robot: Robot) -> None:

@@ -11,7 +11,7 @@ import pytest
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.stagewise.program import StagewiseProgram
 from uvms_ocp.ocp.terms import At, Effort, Posture, TaskTerm
-from uvms_ocp.ocp.trajectory import hold
+from uvms_ocp.ocp.trajectory import hold_guess
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -70,7 +70,7 @@ def test_no_level_above_rises_by_more_than_the_tolerance_in_random_steps(robot: 
             v=rng.uniform(-0.3, 0.3, robot.n_v),
         )
         p = transcription.parameters(t0=float(i), start=start)
-        x = transcription.pack(hold(own, start))
+        x = transcription.pack(hold_guess(own, start))
         guess = x + 0.1 * rng.standard_normal(len(x))
         result: SqpResult = sqp.solve(guess, p=p, x_lower=lower, x_upper=upper)
         found = residuals(sparse, result.x, p)
@@ -88,7 +88,7 @@ def test_a_level_that_may_be_relaxed_keeps_its_share_of_the_cost(robot: Robot) -
     cost = transcription.program.nlps[0].functions["nlp_grad_f"]
     for i in range(20):
         p = transcription.parameters(t0=float(i), start=own.start)
-        guess = transcription.pack(hold(own)) + 0.1 * rng.standard_normal(transcription.n_x)
+        guess = transcription.pack(hold_guess(own)) + 0.1 * rng.standard_normal(transcription.n_x)
         result = sqp.solve(guess, p=p)
         reached = result.reached[0] ** 2 / 2
         assert float(cost(result.x, p)[0]) <= 1.1 * reached + OPTIONS.tolerance + 1e-9

@@ -13,7 +13,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission.phase import Above, Below, Condition, Phase, Transition
 from uvms_ocp.mission_plan import Margins, MissionPlan, plan_mission
 from uvms_ocp.mission_plan.planner import mission_problem
-from uvms_ocp.mission_plan.terms import Weights
+from uvms_ocp.mission_plan.terms import MissionWeights
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.terms import At
 from uvms_ocp.record.meta_values import DONE
@@ -164,6 +164,6 @@ def test_water_that_changes_later_than_a_plan_may_last_does_not_matter() -> None
     posed = mission_problem(reach(seed=3, current=late), margins=Margins(), step=2.0)
     assert posed.steady_until == 30.0
     longer = replace(posed.guess, t=posed.guess.t * (60.0 / posed.guess.t[-1]))
-    before, all_along = (posed.at(Weights(), longer, longest=s).currents for s in (posed.steady_until, 60.0))
+    before, all_along = (posed.at(MissionWeights(), longer, longest=s).currents for s in (posed.steady_until, 60.0))
     assert not before.any()
     np.testing.assert_allclose(all_along[-1], [0.4, 0.0, 0.0])

@@ -13,7 +13,7 @@ from uvms_ocp.mission.phase import Phase
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import tool_reach
-from uvms_ocp.ocp.trajectory import Trajectory, through
+from uvms_ocp.ocp.trajectory import Trajectory, guess_through
 from uvms_ocp.planning import collision_scene, coordinates
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.request import tool_goal
@@ -76,7 +76,7 @@ def rollout(planner: Planner, goal: pin.SE3) -> Trajectory:
         configurations.append(plant.state.q)
     error = Kinematics(robot, plant.state.q).pose("tool").translation - goal.translation
     assert np.linalg.norm(error) < 0.02
-    return through(planner.problem, times, np.array(configurations))
+    return guess_through(planner.problem, times, np.array(configurations))
 
 
 def snap(planner: Planner, goal: pin.SE3) -> Trajectory:
@@ -87,7 +87,7 @@ def snap(planner: Planner, goal: pin.SE3) -> Trajectory:
     end = tool_goal(CoalDistances(collision_scene(planned, [])), "tool", goal, x)
     assert end is not None
     times, values = min_snap(np.stack([x, end]), np.array([0.0, DURATION])).trajectory.sample(0.1)
-    return through(planner.problem, times, planned.configurations(values[:, 0]))
+    return guess_through(planner.problem, times, planned.configurations(values[:, 0]))
 
 
 @pytest.mark.parametrize("way", WAYS)

@@ -14,11 +14,11 @@ from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.terms import TaskTerm
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.solvers.nlp.level_solver import Moment
+from uvms_ocp.solvers.nlp.level_solver import IterationReport
 
 
 def test_every_iteration_is_told_with_its_level(planner: Planner) -> None:
-    told: list[Moment] = []
+    told: list[IterationReport] = []
     plan = planner.plan(progress=told.append)
     assert [moment.iteration for moment in told] == list(range(plan.iterations + 1))
     assert {moment.level for moment in told} == {"effort"}, "the last one, all above in full"
@@ -37,9 +37,9 @@ def far(planner: Planner, robot: Robot) -> Planner:
 
 @pytest.mark.parametrize("at", [0, 1, 20])
 def test_a_stop_by_hand_returns_the_best_point_so_far(planner: Planner, robot: Robot, at: int) -> None:
-    told: list[Moment] = []
+    told: list[IterationReport] = []
 
-    def stop(moment: Moment) -> None:
+    def stop(moment: IterationReport) -> None:
         told.append(moment)
         if moment.iteration == at:
             raise KeyboardInterrupt
@@ -58,7 +58,7 @@ def test_a_stop_by_hand_returns_the_best_point_so_far(planner: Planner, robot: R
 
 
 def test_a_search_goes_on_from_where_it_was_stopped(planner: Planner) -> None:
-    def stop(moment: Moment) -> None:
+    def stop(moment: IterationReport) -> None:
         if moment.iteration == 8:
             raise KeyboardInterrupt
 
@@ -71,7 +71,7 @@ def test_a_search_goes_on_from_where_it_was_stopped(planner: Planner) -> None:
 def test_the_signal_of_ctrl_c_does_the_same_and_its_handler_is_put_back(planner: Planner) -> None:
     before = signal.getsignal(signal.SIGINT)
 
-    def press(moment: Moment) -> None:
+    def press(moment: IterationReport) -> None:
         if moment.iteration == 3:
             os.kill(os.getpid(), signal.SIGINT)
 
@@ -85,7 +85,7 @@ def test_the_signal_of_ctrl_c_does_the_same_and_its_handler_is_put_back(planner:
 
 
 def test_an_error_of_the_one_who_looks_on_is_his(planner: Planner) -> None:
-    def fail(moment: Moment) -> None:
+    def fail(moment: IterationReport) -> None:
         raise ZeroDivisionError("mine")
 
     with pytest.raises(ZeroDivisionError, match="mine"):

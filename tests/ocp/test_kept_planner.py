@@ -21,7 +21,7 @@ from same_words import require_same_words
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission_plan.surroundings import FloorClearance, Rim
-from uvms_ocp.mission_plan.terms import BoundedRows, Rest, TaskPreference
+from uvms_ocp.mission_plan.terms import BoundedRows, TaskPreference, ZeroVelocities
 from uvms_ocp.ocp.clearance import Ball, BallClearance, ShapeClearance
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
@@ -92,7 +92,7 @@ TERMS: dict[str, Term] = {
     "shapes": ShapeClearance(scene=among(3.0, 0.2), margins=np.full(4, 0.05), n_rows=3, n_own_rows=1),
     "rows": BoundedRows(task=ToolPosition(goal=GOAL), rows=(0, 1), lower=-0.1, upper=0.1),
     "liked": TaskPreference(task=ToolPosition(goal=GOAL)),
-    "rest": Rest(axes=(0, 1)),
+    "rest": ZeroVelocities(axes=(0, 1)),
     "floor": FloorClearance(rims=(RIM,), height=5.0),
 }
 OTHERS: dict[str, Any] = {

@@ -14,13 +14,13 @@ from reaches import CHEAP, PATIENCE, patient, reach, tool_goal
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.ocp.clearance import Ball, BallClearance
-from uvms_ocp.ocp.plan import OcpStatus, mismatch
+from uvms_ocp.ocp.plan import OcpStatus, tracking_error
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import (
     OcpLevel,
 )
 from uvms_ocp.ocp.terms import AtRest, TaskTerm
-from uvms_ocp.ocp.trajectory import through
+from uvms_ocp.ocp.trajectory import guess_through
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.sim.environment import Environment
@@ -53,7 +53,7 @@ def test_a_warm_solve_of_the_same_problem_needs_no_iterations(planner_of_each: P
 
 def test_a_guess_through_configurations_leads_to_the_same_plan(robot: Robot, planner_of_each: Planner) -> None:
     first = planner_of_each.plan()
-    guess = through(planner_of_each.problem, first.trajectory.t, first.trajectory.q)
+    guess = guess_through(planner_of_each.problem, first.trajectory.t, first.trajectory.q)
     again = planner_of_each.plan(guess=guess)
     assert again.levels[1].residual == pytest.approx(first.levels[1].residual, rel=1e-4)
 
@@ -63,7 +63,7 @@ def test_a_plan_is_carried_out_to_millimetres(robot: Robot, plugin: str) -> None
     environment = Environment(seafloor=FlatSeafloor(z=-40))
     record = tracked(robot, plan.trajectory, environment, dt=1 / 200, duration=2 * plan.duration)
     assert record["t"][-1] == pytest.approx(plan.duration)
-    found = mismatch(plan.trajectory, record["t"], record["q"], robot=robot, frame="tool")
+    found = tracking_error(plan.trajectory, record["t"], record["q"], robot=robot, frame="tool")
     assert found.end_position < 5e-3
     assert found.end_orientation < 1e-2
 

@@ -19,7 +19,7 @@ from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, single_phase
 from uvms_ocp.ocp.terms import Effort
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
-from uvms_ocp.planning.scene import Nearest
+from uvms_ocp.planning.scene import NearestPair
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
@@ -70,7 +70,7 @@ def test_a_plan_comes_back_exactly(plan: Plan, planner: Planner, suffix: str, tm
 def test_what_a_plan_is_proven_to_keep_clear_of_comes_back(
     small: Plan, suffix: str, distance: float, tmp_path: Path
 ) -> None:
-    nearest = Nearest(distance=distance, time=0.5, pair="link_1 - ball")
+    nearest = NearestPair(distance=distance, time=0.5, pair="link_1 - ball")
     report = ClearanceReport(collision_free=True, undecided=False, nearest=nearest, n_samples=9, unshaped=("arm",))
     plan = replace(small, clearance=report)
     assert_same(plan, Plan.load(plan.save(tmp_path / f"plan.{suffix}")))

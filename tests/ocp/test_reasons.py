@@ -17,7 +17,7 @@ from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import At, AtRest, Effort, StageSymbols, TaskTerm, Term, residual_term
-from uvms_ocp.ocp.trajectory import hold
+from uvms_ocp.ocp.trajectory import hold_guess
 from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -164,7 +164,7 @@ def wall_at(robot: Robot, upper: float) -> OcpProblem:
 
 def test_what_would_have_to_give_way_is_enough_and_no_more_than_that(robot: Robot) -> None:
     planner = Planner(wall_at(robot, 0.02), NlpOptions(time_limit=PATIENCE))
-    p, x = planner.transcription.parameters(), planner.transcription.pack(hold(planner.problem))
+    p, x = planner.transcription.parameters(), planner.transcription.pack(hold_guess(planner.problem))
     least = phase_one(planner.transcription, planner.problem, p, x, time_limit=PATIENCE)
     assert least.converged
     assert [item.group.name for item in least.given] == ["constraint 'wall'"]
@@ -175,7 +175,7 @@ def test_what_would_have_to_give_way_is_enough_and_no_more_than_that(robot: Robo
 
 
 def test_nothing_gives_way_where_a_motion_keeps_all(planner: Planner) -> None:
-    p, x = planner.transcription.parameters(), planner.transcription.pack(hold(planner.problem))
+    p, x = planner.transcription.parameters(), planner.transcription.pack(hold_guess(planner.problem))
     least = phase_one(planner.transcription, planner.problem, p, x, time_limit=PATIENCE)
     assert least.converged
     assert least.feasible

@@ -12,7 +12,7 @@ from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner, plan
 from uvms_ocp.ocp.problem import OcpLevel, OcpPhase, OcpProblem
 from uvms_ocp.ocp.terms import At, AtRest, Duration, Effort, Posture
-from uvms_ocp.ocp.trajectory import hold
+from uvms_ocp.ocp.trajectory import hold_guess
 from uvms_ocp.ocp.transcription.horizon import horizon
 from uvms_ocp.ocp.transcription.layout import RowLayout, VariableLayout, boundary, parameter_layout, row_layout
 from uvms_ocp.ocp.transcription.stage import StageModel
@@ -90,7 +90,7 @@ def test_only_free_durations_have_rows_of_equal_steps(problem: OcpProblem, free:
 
 def test_a_time_of_all_phases_is_a_row_that_a_longer_motion_breaks(problem: OcpProblem) -> None:
     limited = Transcription(replace(problem, longest=3.5))
-    still = hold(problem)
+    still = hold_guess(problem)
     assert len(limited.row_layout.total) == 1
     assert len(Transcription(problem).row_layout.total) == 0
     broken = limited.violations(limited.pack(still), limited.parameters())
@@ -116,7 +116,7 @@ def test_solvers_that_go_from_step_to_step_refuse_a_limited_total(problem: OcpPr
 
 
 def test_a_violation_is_told_by_the_name_of_its_row(problem: OcpProblem, robot: Robot) -> None:
-    transcription, still = Transcription(problem), hold(problem)
+    transcription, still = Transcription(problem), hold_guess(problem)
     times = {"equal": [0, 1, 2, 3, 3.5, 4], "within a phase": [0, 1, 2.25, 3.25, 3.75, 4.25]}
     x = {name: transcription.pack(replace(still, t=np.array(t, dtype=float))) for name, t in times.items()}
     p = transcription.parameters()

@@ -11,7 +11,7 @@ import pytest
 
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Energy, Smoothness, Term
-from uvms_ocp.ocp.trajectory import hold, through
+from uvms_ocp.ocp.trajectory import guess_through, hold_guess
 from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.loading import load_robot
@@ -45,7 +45,7 @@ def test_the_squares_of_the_rows_of_energy_are_powers_in_kilowatts(name: str) ->
 @pytest.mark.parametrize("name", ["girona_maris7_full", "planar5"])
 def test_a_guess_comes_out_of_the_variables_as_it_went_in(name: str) -> None:
     problem, rng = _problem(name, Smoothness()), np.random.default_rng(4)
-    guess = hold(problem)
+    guess = hold_guess(problem)
     parts = {part: rng.uniform(-0.1, 0.1, getattr(guess, part).shape) for part in ("v", "a", "thrust", "torque")}
     guess = replace(guess, **parts)
     transcription = Transcription(problem)
@@ -61,6 +61,6 @@ def test_a_guess_through_a_steady_motion_has_its_velocity_and_no_acceleration() 
     v[:6] = 0.1, -0.05, 0.02, 0.0, 0.0, 0.08
     problem = replace(problem, start=State(q=problem.start.q, v=v))
     q = np.array([pin.integrate(robot.model, problem.start.q, t * v) for t in times])
-    guess = through(problem, times, q)
+    guess = guess_through(problem, times, q)
     np.testing.assert_allclose(guess.v, np.tile(v, (len(guess.t), 1)), atol=1e-9)
     np.testing.assert_allclose(guess.a, 0.0, atol=1e-8)

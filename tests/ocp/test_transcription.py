@@ -13,7 +13,7 @@ from reaches import PATIENCE, patient, reach
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import Actuation, HessianKind, Integrator
-from uvms_ocp.ocp.trajectory import hold
+from uvms_ocp.ocp.trajectory import hold_guess
 from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.dynamics import robot_dynamics
@@ -41,7 +41,7 @@ def weightless(robot: Robot) -> Robot:
 def test_derivatives_equal_finite_differences(robot: Robot, plugin: str, options: dict[str, object]) -> None:
     transcription = Transcription(reach(robot, n_steps=3, **options), plugin=plugin)
     rng, p = np.random.default_rng(1), transcription.parameters()
-    x = transcription.pack(hold(transcription.problem)) + 0.05 * rng.standard_normal(transcription.n_x)
+    x = transcription.pack(hold_guess(transcription.problem)) + 0.05 * rng.standard_normal(transcription.n_x)
     d, e = rng.standard_normal(transcription.n_x), 1e-6
     for level in transcription.program.nlps:
         functions = level.functions

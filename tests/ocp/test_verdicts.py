@@ -29,7 +29,7 @@ from uvms_ocp.ocp.terms import (
     Term,
     residual_term,
 )
-from uvms_ocp.ocp.trajectory import hold
+from uvms_ocp.ocp.trajectory import hold_guess
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
@@ -210,7 +210,7 @@ def test_electrical_power_that_is_not_known_is_neither_minimised_nor_reported_as
         reach(mute, levels=cheap)
     for machine, actuation in ((robot, Actuation.WRENCH), (mute, Actuation.THRUSTERS), (robot, Actuation.THRUSTERS)):
         known = machine is robot and actuation is Actuation.THRUSTERS
-        guess = hold(reach(machine, actuation=actuation))
+        guess = hold_guess(reach(machine, actuation=actuation))
         plan = Plan(robot=machine, trajectory=guess, status=OcpStatus.SOLVED, reason="", levels=(), solve_time=0.0)
         assert (plan.energy is None) != known
         assert (plan.summary()["energy"] is None) != known

@@ -9,7 +9,7 @@ from planned_scenes import N, differences, random_x
 
 from uvms_ocp.planning.block_tridiagonal import BlockTridiagonal
 from uvms_ocp.planning.distances import CoalDistances
-from uvms_ocp.planning.path_cost import CostWeights, Distances, PathCost, link_speeds, outside, penalty, two_sided
+from uvms_ocp.planning.path_cost import CostWeights, DistanceSource, PathCost, link_speeds, outside, penalty, two_sided
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.trajectories.free_derivatives import pieces_of
 from uvms_ocp.trajectories.segment_times import MotionLimits
@@ -48,7 +48,7 @@ def test_speeds_of_links_match_differences(scene: CollisionScene) -> None:
     np.testing.assert_allclose(found.by_rate, differences(lambda z: speeds(x, z), v, 1e-6).T, atol=1e-7)
 
 
-def cost_of(distances: Distances, weights: CostWeights) -> tuple[PathCost, np.ndarray]:
+def cost_of(distances: DistanceSource, weights: CostWeights) -> tuple[PathCost, np.ndarray]:
     rng, n_pieces = np.random.default_rng(3), 4
     pieces = pieces_of(rng.uniform(1.0, 2.0, n_pieces), 4)
     limits = MotionLimits(velocity=0.3, acceleration=0.5)

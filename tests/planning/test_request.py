@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.planning.request import PlanRequest, PostureGoal, ToolGoal, solve
+from uvms_ocp.planning.request import PlanRequest, PostureGoal, ToolGoal, plan_path
 from uvms_ocp.record.meta_values import ObstacleData
 from uvms_ocp.report.planned_motion import motion_record, plan_report
 from uvms_ocp.robot.kinematics import Kinematics
@@ -29,7 +29,7 @@ BALL = ObstacleData(name="ball", shape="sphere", size=(0.3,), position=(1.6, 0.3
 def test_a_tool_pose_is_reached_in_position_and_orientation(robot: Robot) -> None:
     X_WT = Kinematics(robot, robot.configuration(position=(1.5, 1.0, 0.2), rpy=(0.0, 0.0, 0.4))).pose("tool")
     goal = ToolGoal(position=tuple(X_WT.translation), rpy=tuple(pin.rpy.matrixToRpy(X_WT.rotation)))
-    result = solve(PlanRequest(robot=robot, start=robot.configuration(), goal=goal, obstacles=(BALL,)))
+    result = plan_path(PlanRequest(robot=robot, start=robot.configuration(), goal=goal, obstacles=(BALL,)))
     report = plan_report(result)
     assert report["collision_free"]
     assert report["tool_error"]["position_m"] < 1e-5
@@ -38,7 +38,7 @@ def test_a_tool_pose_is_reached_in_position_and_orientation(robot: Robot) -> Non
 
 def test_axes_that_are_not_named_in_the_goal_stay(robot: Robot) -> None:
     start = robot.configuration(position=(0.5, 0.0, -1.0), rpy=(0.05, 0.0, 0.3))
-    result = solve(PlanRequest(robot=robot, start=start, goal=PostureGoal(joints={"joint1": 0.4}), axes="all"))
+    result = plan_path(PlanRequest(robot=robot, start=start, goal=PostureGoal(joints={"joint1": 0.4}), axes="all"))
     assert result.plan is not None
     q = motion_record(result, result.plan)["q"]
     np.testing.assert_allclose(q[-1, :7], start[:7], atol=1e-9)
@@ -47,7 +47,7 @@ def test_axes_that_are_not_named_in_the_goal_stay(robot: Robot) -> None:
 
 def test_the_clearance_of_each_obstacle_is_recorded(robot: Robot) -> None:
     goal = PostureGoal(position=(0.0, 0.5, 0.0))
-    result = solve(PlanRequest(robot=robot, start=robot.configuration(), goal=goal, obstacles=(BALL,)))
+    result = plan_path(PlanRequest(robot=robot, start=robot.configuration(), goal=goal, obstacles=(BALL,)))
     assert result.plan is not None
     record = motion_record(result, result.plan)
     assert record.meta.clearance_groups == ("ball", "its own links")
@@ -57,9 +57,9 @@ def test_the_clearance_of_each_obstacle_is_recorded(robot: Robot) -> None:
 def test_unknown_axes_and_obstacles_of_one_name_are_refused(robot: Robot) -> None:
     goal = PostureGoal(joints={"joint1": 0.4})
     with pytest.raises(InvalidInput, match="two obstacles are called 'ball'"):
-        solve(PlanRequest(robot=robot, start=robot.configuration(), goal=goal, obstacles=(BALL, BALL)))
+        plan_path(PlanRequest(robot=robot, start=robot.configuration(), goal=goal, obstacles=(BALL, BALL)))
     with pytest.raises(NameNotFound, match="Did you mean 'joints'"):
-        solve(PlanRequest(robot=robot, start=robot.configuration(), goal=goal, axes="joint"))
+        plan_path(PlanRequest(robot=robot, start=robot.configuration(), goal=goal, axes="joint"))
 
 
 @pytest.mark.parametrize(

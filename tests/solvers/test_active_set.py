@@ -21,7 +21,7 @@ from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.certificate import certificate
 from uvms_ocp.solvers.hierarchy.level import Level
 from uvms_ocp.solvers.hierarchy.solution import Status
-from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES, patience
+from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES, iteration_budget
 
 COMPILED, NUMPY = LexicographicActiveSet(), LexicographicActiveSet(compiled=False)
 STRUCTURES = [(1, (2, 0, 1)), (4, (3, 2, 2)), (7, (1, 0, 6, 2, 7)), (13, (6, 6, 6, 3, 13)), (60, (20, 9, 30))]
@@ -218,7 +218,7 @@ def test_the_core_needs_libm_only() -> None:
 
 def test_the_core_in_c_has_the_tolerances_and_the_patience_of_python() -> None:
     source = core_source(3, (1, 0, 2))
-    for name, value in (asdict(TOLERANCES) | asdict(patience(3))).items():
+    for name, value in (asdict(TOLERANCES) | asdict(iteration_budget(3))).items():
         (defined,) = re.findall(rf"^#define {name.upper()} (.+)$", source, re.MULTILINE)
         assert float(defined) == value
 

@@ -20,7 +20,7 @@ from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.certificate import normal_certificate, normal_rows
 from uvms_ocp.solvers.hierarchy.level import Level, stack
 from uvms_ocp.solvers.hierarchy.solution import Status
-from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES, patience
+from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES, iteration_budget
 
 COMPILED, NUMPY = LexicographicActiveSet(), LexicographicActiveSet(compiled=False)
 SIZES = (6, 2, 3, 2, 6)
@@ -221,7 +221,7 @@ def _adversaries() -> list[list[Level]]:
 @pytest.mark.parametrize("certified", ["1e-07", "-1"])
 def test_no_call_takes_more_iterations_than_are_stated(certified: str) -> None:
     """Even if nothing were certified, so that everything is tried."""
-    most = patience(sum(SIZES)).most_of_all
+    most = iteration_budget(sum(SIZES)).most_of_all
     assert most == 120 + 60 * sum(SIZES)
     source = _without("#define CERTIFIED 1e-07", f"#define CERTIFIED {certified}")
     taken = [_broken(levels, source).iterations for levels in _adversaries()]
@@ -234,7 +234,7 @@ def test_numpy_keeps_to_the_same_iterations(monkeypatch: pytest.MonkeyPatch) -> 
     for levels in _adversaries()[::30]:
         rows = stack(levels)
         found = solve_levels(rows.jacobian, rows.lower, rows.upper, rows.gate, np.zeros(len(rows.lower)), SIZES)
-        assert 3 * len(SIZES) <= found.iterations <= patience(len(rows.lower)).most_of_all
+        assert 3 * len(SIZES) <= found.iterations <= iteration_budget(len(rows.lower)).most_of_all
 
 
 @needs_compiler

@@ -15,7 +15,7 @@ from test_hierarchy import _tick_function
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.active_set_numpy import STATUSES
 from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
-from uvms_ocp.solvers.hierarchy.level import Level, gated, is_valid, residual
+from uvms_ocp.solvers.hierarchy.level import Level, is_valid, residual, widen_bounds
 
 M, N = 4, 3
 Strict = LexicographicActiveSet | LexicographicQp | Daqp
@@ -48,7 +48,11 @@ def _cases(count: int) -> Iterator[Rows]:
 def expressions() -> ca.Function:
     J, v = ca.MX.sym("J", M, N), ca.MX.sym("v", N)
     lower, upper, gate = (ca.MX.sym(name, M) for name in ("lower", "upper", "gate"))
-    outputs = [is_valid(J, lower, upper, gate), *gated(J, lower, upper, gate), residual(J, v, lower, upper, gate)]
+    outputs = [
+        is_valid(J, lower, upper, gate),
+        *widen_bounds(J, lower, upper, gate),
+        residual(J, v, lower, upper, gate),
+    ]
     return ca.Function("rows", [J, lower, upper, gate, v], outputs)
 
 
@@ -73,7 +77,7 @@ def test_expressions_and_numbers_agree(expressions: ca.Function) -> None:
         valid, low, up, missed = (np.array(x).ravel() for x in expressions(*rows, v))
         assert bool(valid[0]) == bool(is_valid(*rows))
         if valid[0]:
-            np.testing.assert_allclose([low, up], gated(*rows), rtol=1e-14, atol=1e-14)
+            np.testing.assert_allclose([low, up], widen_bounds(*rows), rtol=1e-14, atol=1e-14)
             np.testing.assert_allclose(missed, residual(J, v, lower, upper, gate), atol=1e-14)
             valid_cases += 1
     assert 100 < valid_cases < 250
@@ -94,27 +98,29 @@ def test_the_core_in_c_gates_the_rows_and_tells_their_residuals_as_numpy_does(co
     for seed in range(300):
         J, lower, upper, gate = _random_rows(np.random.default_rng(seed))
         v, _, missed = _solved(core, J, lower, upper, gate)
-        widened, _, _ = _solved(core, J, *gated(J, lower, upper, gate), np.ones(M))
+        widened, _, _ = _solved(core, J, *widen_bounds(J, lower, upper, gate), np.ones(M))
         np.testing.assert_allclose(v, widened, atol=1e-12)
         np.testing.assert_allclose(missed, residual(J, v, lower, upper, gate), atol=1e-12)
 
 
 def test_a_gate_of_one_keeps_the_bounds_and_a_gate_of_zero_leaves_none() -> None:
     J, lower, upper, _ = _random_rows(np.random.default_rng(0))
-    np.testing.assert_array_equal(gated(J, lower, upper, np.ones(M)), [lower, upper])
-    np.testing.assert_array_equal(gated(J, lower, upper, np.zeros(M)), [np.full(M, -np.inf), np.full(M, np.inf)])
+    np.testing.assert_array_equal(widen_bounds(J, lower, upper, np.ones(M)), [lower, upper])
+    np.testing.assert_array_equal(widen_bounds(J, lower, upper, np.zeros(M)), [np.full(M, -np.inf), np.full(M, np.inf)])
 
 
 def test_bounds_widen_without_a_jump_as_the_gate_closes() -> None:
     J, bound = np.ones((1, N)), np.ones(1)
-    widths = [float(np.diff(gated(J, bound, bound, np.array([gate])), axis=0)[0, 0]) for gate in (1.0, 0.999, 0.5, 0.1)]
+    widths = [
+        float(np.diff(widen_bounds(J, bound, bound, np.array([gate])), axis=0)[0, 0]) for gate in (1.0, 0.999, 0.5, 0.1)
+    ]
     np.testing.assert_allclose(widths, [0.0, 2 * N * np.sqrt(0.001 / 0.999), 2 * N, 6 * N])
 
 
 @pytest.mark.parametrize("gate", [5e-324, 1e-300, 1e-9])
 def test_the_smallest_gates_leave_numbers_also_of_rows_of_zeros(gate: float) -> None:
     J, bound = np.array([[0.0] * N, [1.0] * N]), np.ones(2)
-    low, up = gated(J, bound, bound, np.full(2, gate))
+    low, up = widen_bounds(J, bound, bound, np.full(2, gate))
     assert (low[0], up[0]) == (1.0, 1.0)
     assert low[1] < -1e4
     assert up[1] > 1e4

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from uvms_ocp.solvers.nlp.lexicographic_sqp import (
+    LevelMerit,
     LexicographicSqp,
-    Merit,
-    Point,
     ProximalWeights,
+    SqpPoint,
     TimeBudget,
     acceptance,
 )
@@ -21,8 +21,8 @@ def level(relax: float | None = None) -> LevelRows:
     return LevelRows(name="level", lower=np.zeros(1), upper=np.zeros(1), relax=relax, frozen=slice(0, 1))
 
 
-def merit(violation: float, *residuals: float) -> Merit:
-    return Merit(violation=violation, residuals=np.array(residuals))
+def merit(violation: float, *residuals: float) -> LevelMerit:
+    return LevelMerit(violation=violation, residuals=np.array(residuals))
 
 
 class Stuck:
@@ -30,19 +30,19 @@ class Stuck:
 
     slack = 0.0
 
-    def __init__(self, point: Point) -> None:
+    def __init__(self, point: SqpPoint) -> None:
         self.point, self.stepped = point, list[int]()
 
-    def begin(self, x: np.ndarray, p: np.ndarray, bounds: RowBounds) -> Point:
+    def begin(self, x: np.ndarray, p: np.ndarray, bounds: RowBounds) -> SqpPoint:
         return self.point
 
-    def step(self, level: int, point: Point, bounds: RowBounds, damping: float) -> None:
+    def step(self, level: int, point: SqpPoint, bounds: RowBounds, damping: float) -> None:
         self.stepped.append(level)
 
-    def moved(self, share: float) -> Point:
+    def moved(self, share: float) -> SqpPoint:
         return self.point
 
-    def variables(self, point: Point) -> np.ndarray:
+    def variables(self, point: SqpPoint) -> np.ndarray:
         return point.x
 
 
@@ -50,7 +50,7 @@ class Stuck:
 def test_below_the_first_only_levels_that_lack_more_than_they_may_lose_have_their_turn(
     lacking: tuple[float, ...], turns: list[int]
 ) -> None:
-    model = Stuck(Point(x=np.zeros(1), rows=(np.zeros(1),) * 3, merit=merit(0.0, *lacking)))
+    model = Stuck(SqpPoint(x=np.zeros(1), rows=(np.zeros(1),) * 3, merit=merit(0.0, *lacking)))
     bounds = RowBounds(lower=np.zeros(3), upper=np.zeros(3), x_lower=np.zeros(1), x_upper=np.zeros(1))
     point, failure = LexicographicSqp(model, SqpOptions(tolerance=0.1), 3).step(
         model.point, (level(),) * 3, bounds, TimeBudget(np.inf, lambda: 0.0)
@@ -73,7 +73,9 @@ def test_below_the_first_only_levels_that_lack_more_than_they_may_lose_have_thei
         (merit(np.nan, 1.0, 2.0), False),
     ],
 )
-def test_a_step_may_cost_no_level_above_and_no_constraint_more_than_the_tolerance(found: Merit, allowed: bool) -> None:
+def test_a_step_may_cost_no_level_above_and_no_constraint_more_than_the_tolerance(
+    found: LevelMerit, allowed: bool
+) -> None:
     rule = acceptance([level(), level()], [1.0], merit(0.0, 1.05, 2.0), accuracy=0.01, tolerance=0.1)
     assert rule.allows(found) is allowed
 

@@ -35,7 +35,7 @@ from uvms_ocp.mission_plan.plan import MissionPlan
 from uvms_ocp.mission_plan.planner import OPTIONS, plan_mission
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.request import OcpRequest, solve_ocp
-from uvms_ocp.planning.request import AXES, Goal, PlanRequest, PostureGoal, ToolGoal, Triple, solve
+from uvms_ocp.planning.request import AXES, Goal, PlanRequest, PostureGoal, ToolGoal, Triple, plan_path
 from uvms_ocp.record.meta_values import ObstacleData
 from uvms_ocp.record.output import claim_folder
 from uvms_ocp.record.record import Record
@@ -43,7 +43,7 @@ from uvms_ocp.report.planned_motion import motion_record, ocp_record, ocp_report
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import parse_obstacle, read_obstacles
-from uvms_ocp.solvers.nlp.level_solver import Moment
+from uvms_ocp.solvers.nlp.level_solver import IterationReport
 from uvms_ocp.solvers.nlp.options import PLUGINS, NlpOptions
 
 # Options of every plan: where it starts, where it goes, and what stands in the way.
@@ -339,7 +339,7 @@ def _changed(defaults: Mapping[str, Any], **options: Any) -> dict[str, Any]:
 
 
 def _by_curve(request: PlanRequest) -> PlanOutput:
-    result = solve(request)
+    result = plan_path(request)
     plan = result.plan
 
     def save(folder: Path) -> None:
@@ -372,7 +372,7 @@ def _by_ocp(request: OcpRequest, tell: Tell) -> PlanOutput:
     )
 
 
-def _words(moment: Moment) -> str:
+def _words(moment: IterationReport) -> str:
     """Ctrl-C keeps the best plan so far."""
     found = (
         f"iteration {moment.iteration}, residual {moment.residual:.3g}, constraints broken by {moment.violation:.1e}"

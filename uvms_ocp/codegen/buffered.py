@@ -110,7 +110,7 @@ class BoundFunction:
 
         Raises `InvalidInput` for another size or order.
         """
-        sizes, given = sizes_of(function), [*arguments, *results]
+        sizes, given = argument_sizes(function), [*arguments, *results]
         if [a.size for a in given] != sizes or not all(a.flags.f_contiguous and a.dtype == np.float64 for a in given):
             shapes = ", ".join(str(a.shape) for a in given)
             raise InvalidInput(
@@ -128,7 +128,7 @@ class BoundFunction:
         self.evaluate()
 
 
-def sizes_of(function: ca.Function) -> list[int]:
+def argument_sizes(function: ca.Function) -> list[int]:
     """Numbers of every argument, then of every result."""
     taken = [function.numel_in(i) for i in range(function.n_in())]
     return taken + [function.numel_out(i) for i in range(function.n_out())]

@@ -109,7 +109,7 @@ def compile_timeout() -> float:
     return seconds
 
 
-def call(command: Sequence[str], seconds: float) -> tuple[int, str]:
+def run_compiler(command: Sequence[str], seconds: float) -> tuple[int, str]:
     """Return code and the end of what was said on both outputs, after at most that many `seconds` [s].
 
     Raises `OSError` where it cannot be run, and `subprocess.TimeoutExpired` where it was stopped, with all its children.
@@ -268,7 +268,7 @@ def _compiler() -> str | None:
 @lru_cache(maxsize=4)
 def _version(compiler: str) -> str:
     try:
-        return call([compiler, "--version"], min(_VERSION_TIMEOUT, compile_timeout()))[1]
+        return run_compiler([compiler, "--version"], min(_VERSION_TIMEOUT, compile_timeout()))[1]
     except OSError:
         return ""
 
@@ -325,7 +325,7 @@ def _build_in(folder: Path, compiler: str, sources: Sequence[str], flags: Sequen
     built, codes = folder / "library.so", [folder / f"source{k}.c" for k in range(len(sources))]
     for code, source in zip(codes, sources, strict=True):
         code.write_text(source, encoding="utf-8")
-    failed, said = call([compiler, *flags, "-o", str(built), *map(str, codes), "-lm"], compile_timeout())
+    failed, said = run_compiler([compiler, *flags, "-o", str(built), *map(str, codes), "-lm"], compile_timeout())
     if failed:
         _warn_once(f"{compiler} failed", ascii(" ".join(said.split())[-200:]))
         return False
@@ -370,14 +370,14 @@ def lift_constants(function: ca.Function) -> tuple[ca.Function, np.ndarray]:
     """The form of ``function`` of SX, which takes as a last input the numbers (n,) that are returned with it."""
     inputs = [ca.SX.sym(function.name_in(k), function.sparsity_in(k)) for k in range(function.n_in())]
     known: dict[float, ca.SX] = {}
-    results = _walked(function, inputs, known)
+    results = _with_symbols(function, inputs, known)
     column = ca.vertcat(*known.values()) if known else ca.SX(0, 1)
     names_in, names_out = [*function.name_in(), "numbers"], function.name_out()
     form = ca.Function(f"{function.name()}_form", [*inputs, column], results, names_in, names_out)
     return form, np.array(list(known))
 
 
-def _walked(function: ca.Function, inputs: list[ca.SX], known: dict[float, ca.SX]) -> list[ca.SX]:
+def _with_symbols(function: ca.Function, inputs: list[ca.SX], known: dict[float, ca.SX]) -> list[ca.SX]:
     """Every instruction once more, with a symbol in the place of each number that is not one of the form."""
     work: list[ca.SX] = [ca.SX()] * function.sz_w()
     given = [column.nonzeros() for column in inputs]

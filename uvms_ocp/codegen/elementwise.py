@@ -40,17 +40,17 @@ def where(condition: Array, if_true: Array, if_false: Array) -> Array:
     return np.where(condition, if_true, if_false)
 
 
-def both(a: Array, b: Array) -> Array:
+def logical_and(a: Array, b: Array) -> Array:
     """True where both a (...) and b (...) are."""
     return ca.logic_and(a, b) if is_symbolic(a, b) else a & b
 
 
-def either(a: Array, b: Array) -> Array:
+def logical_or(a: Array, b: Array) -> Array:
     """True where a (...) or b (...) is."""
     return ca.logic_or(a, b) if is_symbolic(a, b) else a | b
 
 
-def everywhere(condition: Array) -> Array:
+def all_entries(condition: Array) -> Array:
     """True if the condition (...) holds for all entries, also where there are none."""
     return ca.sum1(ca.vec(condition)) >= condition.numel() if is_symbolic(condition) else condition.all()
 
@@ -67,7 +67,7 @@ def _spread(value: Array, condition: Array) -> Array:
 # How far numbers are from the interval they should be in, for NumPy arrays and CasADi expressions alike.
 
 
-def distance(y: Array, lower: Array, upper: Array) -> Array:
+def interval_distance(y: Array, lower: Array, upper: Array) -> Array:
     """Signed distance of y to [lower, upper], entry by entry: negative below, 0 inside; NaN where y is.
 
     y, lower and upper (...) [unit of y].
@@ -75,9 +75,9 @@ def distance(y: Array, lower: Array, upper: Array) -> Array:
     return y - clipped(y, lower, upper)
 
 
-def excess(y: Array, lower: Array, upper: Array) -> Array:
+def interval_excess(y: Array, lower: Array, upper: Array) -> Array:
     """Return by how much y is outside of [lower, upper], entry by entry, on either side; NaN where y is.
 
     y, lower and upper (...) [unit of y].
     """
-    return abs(distance(y, lower, upper))
+    return abs(interval_distance(y, lower, upper))

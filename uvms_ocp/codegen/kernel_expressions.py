@@ -128,7 +128,7 @@ def c_name(name: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class C:
+class CExpression:
     """An expression in C and its type."""
 
     text: str
@@ -161,7 +161,7 @@ class Scope:
     """Variables that are arrays of the kernel's own."""
 
 
-def expression(node: ast.expr, scope: Scope) -> C:
+def expression(node: ast.expr, scope: Scope) -> CExpression:
     """`node` in C. Raises `InvalidInput` for what kernels cannot do."""
     translate = _TRANSLATED.get(type(node))
     if translate is None:
@@ -169,7 +169,7 @@ def expression(node: ast.expr, scope: Scope) -> C:
     return translate(node, scope)
 
 
-def number(node: ast.expr, scope: Scope) -> C:
+def number(node: ast.expr, scope: Scope) -> CExpression:
     """An expression that is a number."""
     found = expression(node, scope)
     if not found.type.is_number or found.type == NOTHING:
@@ -177,15 +177,15 @@ def number(node: ast.expr, scope: Scope) -> C:
     return found
 
 
-def literal(value: Any) -> C | None:
+def literal(value: Any) -> CExpression | None:
     """A constant of Python; `None` where kernels have none of its type."""
     if isinstance(value, (bool, int, IntEnum)):
-        return C(str(int(value)), INT)
+        return CExpression(str(int(value)), INT)
     if isinstance(value, float):
         text = (
             "NAN" if math.isnan(value) else f"{'-' if value < 0 else ''}INFINITY" if math.isinf(value) else repr(value)
         )
-        return C(f"({text})" if text.startswith("-") else text, DOUBLE)
+        return CExpression(f"({text})" if text.startswith("-") else text, DOUBLE)
     return None
 
 
@@ -199,23 +199,23 @@ def constant(node: ast.expr, scope: Scope) -> Any:
     return None
 
 
-def _constant(node: ast.Constant, scope: Scope) -> C:
+def _constant(node: ast.Constant, scope: Scope) -> CExpression:
     found = literal(node.value)
     if found is None:
         raise kernel_error(node, "is no number")
     return found
 
 
-def _name(node: ast.Name, scope: Scope) -> C:
+def _name(node: ast.Name, scope: Scope) -> CExpression:
     if node.id in scope.local:
-        return C(c_name(node.id), scope.local[node.id])
+        return CExpression(c_name(node.id), scope.local[node.id])
     found = literal(constant(node, scope))
     if found is None:
         raise kernel_error(node, "is no variable and no number of the module")
     return found
 
 
-def _attribute(node: ast.Attribute, scope: Scope) -> C:
+def _attribute(node: ast.Attribute, scope: Scope) -> CExpression:
     found = literal(constant(node, scope))
     if found is not None:
         return found
@@ -224,62 +224,64 @@ def _attribute(node: ast.Attribute, scope: Scope) -> C:
         raise kernel_error(node.value, "has no fields")
     kind = field_of(owner.type, node.attr)
     text = f"{owner.text}->{c_name(node.attr)}"
-    return C(f"(&{text})" if kind.structure is not None and not kind.sizes else text, kind)
+    return CExpression(f"(&{text})" if kind.structure is not None and not kind.sizes else text, kind)
 
 
-def _subscript(node: ast.Subscript, scope: Scope) -> C:
+def _subscript(node: ast.Subscript, scope: Scope) -> CExpression:
     owner, index = expression(node.value, scope), expression(node.slice, scope)
     if not owner.type.sizes or index.type != INT:
         raise kernel_error(node, "has to be an entry of an array, by a whole number")
     kind, text = owner.type.entry(), f"{owner.text}[{index.text}]"
-    return C(f"(&{text})" if kind.structure is not None and not kind.sizes else text, kind)
+    return CExpression(f"(&{text})" if kind.structure is not None and not kind.sizes else text, kind)
 
 
-def _binary(node: ast.BinOp, scope: Scope) -> C:
+def _binary(node: ast.BinOp, scope: Scope) -> CExpression:
     left, right = number(node.left, scope), number(node.right, scope)
     whole = left.type == right.type == INT
     if type(node.op) in _WHOLE:
         if not whole:
             raise kernel_error(node, "is only for whole numbers, which are not negative")
-        return C(f"({left.text} {_WHOLE[type(node.op)]} {right.text})", INT)
+        return CExpression(f"({left.text} {_WHOLE[type(node.op)]} {right.text})", INT)
     if type(node.op) not in _OPERATORS:
         raise kernel_error(node, "is nothing that a kernel can do")
     cast = "(double)" if whole and isinstance(node.op, ast.Div) else ""
     kind = INT if whole and not cast else DOUBLE
-    return C(f"({cast}{left.text} {_OPERATORS[type(node.op)]} {right.text})", kind)
+    return CExpression(f"({cast}{left.text} {_OPERATORS[type(node.op)]} {right.text})", kind)
 
 
-def _unary(node: ast.UnaryOp, scope: Scope) -> C:
+def _unary(node: ast.UnaryOp, scope: Scope) -> CExpression:
     of = number(node.operand, scope)
     if isinstance(node.op, ast.Not):
-        return C(f"(!{of.text})", INT)
+        return CExpression(f"(!{of.text})", INT)
     if not isinstance(node.op, ast.USub):
         raise kernel_error(node, "is nothing that a kernel can do")
-    return C(f"(-{of.text})", of.type)
+    return CExpression(f"(-{of.text})", of.type)
 
 
-def _logic(node: ast.BoolOp, scope: Scope) -> C:
+def _logic(node: ast.BoolOp, scope: Scope) -> CExpression:
     parts = [number(value, scope) for value in node.values]
     if any(part.type != INT for part in parts):
         raise kernel_error(node, "is only for truth values")
-    return C(f"({(' && ' if isinstance(node.op, ast.And) else ' || ').join(part.text for part in parts)})", INT)
+    return CExpression(
+        f"({(' && ' if isinstance(node.op, ast.And) else ' || ').join(part.text for part in parts)})", INT
+    )
 
 
-def _comparison(node: ast.Compare, scope: Scope) -> C:
+def _comparison(node: ast.Compare, scope: Scope) -> CExpression:
     terms = [number(term, scope).text for term in (node.left, *node.comparators)]
     if any(type(op) not in _ORDER for op in node.ops):
         raise kernel_error(node, "does not compare numbers by size")
     pairs = [f"{a} {_ORDER[type(op)]} {b}" for a, op, b in zip(terms, node.ops, terms[1:], strict=False)]
-    return C(f"({' && '.join(pairs)})", INT)
+    return CExpression(f"({' && '.join(pairs)})", INT)
 
 
-def _choice(node: ast.IfExp, scope: Scope) -> C:
+def _choice(node: ast.IfExp, scope: Scope) -> CExpression:
     test, yes, no = (number(part, scope) for part in (node.test, node.body, node.orelse))
     kind = INT if yes.type == no.type == INT else DOUBLE
-    return C(f"({test.text} ? {yes.text} : {no.text})", kind)
+    return CExpression(f"({test.text} ? {yes.text} : {no.text})", kind)
 
 
-def _call(node: ast.Call, scope: Scope) -> C:
+def _call(node: ast.Call, scope: Scope) -> CExpression:
     function = constant(node.func, scope) or _BUILTINS.get(ast.unparse(node.func))
     if node.keywords or function is None:
         raise kernel_error(node, "has to call a kernel with arguments by place")
@@ -289,22 +291,22 @@ def _call(node: ast.Call, scope: Scope) -> C:
         return _extreme(node, "lesser_of" if function is min else "greater_of", scope)
     if function is abs:
         of = number(node.args[0], scope)
-        return C(f"{'abs' if of.type == INT else 'fabs'}({of.text})", of.type)
+        return CExpression(f"{'abs' if of.type == INT else 'fabs'}({of.text})", of.type)
     if function in (int, float, bool):
         return _converted(number(node.args[0], scope), function)
     if function in _OF_NUMBERS or function in _TESTS:
         arguments = ", ".join(number(argument, scope).text for argument in node.args)
-        return C(
+        return CExpression(
             f"{_OF_NUMBERS.get(function) or _TESTS[function]}({arguments})", DOUBLE if function in _OF_NUMBERS else INT
         )
     return _kernel_call(node, function, scope)
 
 
-def _converted(of: C, to: type) -> C:
+def _converted(of: CExpression, to: type) -> CExpression:
     if to is bool:
-        return C(f"({of.text} != 0)", INT)
+        return CExpression(f"({of.text} != 0)", INT)
     kind = INT if to is int else DOUBLE
-    return C(f"(({kind.name}){of.text})", kind)
+    return CExpression(f"(({kind.name}){of.text})", kind)
 
 
 _BUILTINS: dict[str, Any] = {f.__name__: f for f in (len, min, max, abs, int, float, bool)}
@@ -318,20 +320,20 @@ def length(node: ast.Call, scope: Scope) -> int:
     return of.sizes[0]
 
 
-def _length(node: ast.Call, scope: Scope) -> C:
-    return C(str(length(node, scope)), INT)
+def _length(node: ast.Call, scope: Scope) -> CExpression:
+    return CExpression(str(length(node, scope)), INT)
 
 
-def _extreme(node: ast.Call, name: str, scope: Scope) -> C:
+def _extreme(node: ast.Call, name: str, scope: Scope) -> CExpression:
     terms = [number(argument, scope) for argument in node.args]
     whole = all(term.type == INT for term in terms)
     text = terms[0].text
     for term in terms[1:]:
         text = f"{name}{'_int' if whole else ''}({text}, {term.text})"
-    return C(text, INT if whole else DOUBLE)
+    return CExpression(text, INT if whole else DOUBLE)
 
 
-def _kernel_call(node: ast.Call, function: Any, scope: Scope) -> C:
+def _kernel_call(node: ast.Call, function: Any, scope: Scope) -> CExpression:
     if function is zeros:
         raise kernel_error(node, "can only be what a variable is set to")
     signature = scope.signature_of(function)
@@ -343,10 +345,10 @@ def _kernel_call(node: ast.Call, function: Any, scope: Scope) -> C:
             raise kernel_error(node, f"gives {argument.type.name} as {name}, which is {wanted.name}")
         if wanted == INT and argument.type == DOUBLE:
             raise kernel_error(node, f"gives {name} no whole number")
-    return C(f"{PREFIX}{signature.name}({', '.join(argument.text for argument in given)})", signature.result)
+    return CExpression(f"{PREFIX}{signature.name}({', '.join(argument.text for argument in given)})", signature.result)
 
 
-_TRANSLATED: dict[type, Callable[[Any, Scope], C]] = {
+_TRANSLATED: dict[type, Callable[[Any, Scope], CExpression]] = {
     ast.Constant: _constant,
     ast.Name: _name,
     ast.Attribute: _attribute,

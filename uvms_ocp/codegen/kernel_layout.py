@@ -18,7 +18,7 @@ from uvms_ocp.errors import InvalidInput
 # CasADi functions inside of layouts, which kernels call.
 
 
-class Smooth:
+class FunctionField:
     """A field of a layout: a function that kernels call as ``m.levels(q, v, J, lower)``, what it reads first, then what it fills.
 
     ``structure_of(Memory, levels=function)`` says which. Every argument is a vector of its own size, column after column, or a
@@ -118,15 +118,15 @@ _CALL = ctypes.CFUNCTYPE(ctypes.c_int, *(ctypes.c_void_p,) * 4, ctypes.c_int)
 _NOTHING = ca.Function("ask", [], [])
 
 
-class Ask:
-    """A field of a layout: what kernels ask of Python, as ``m.ask()``, and `Answer` answers on the memory; not before."""
+class CallbackField:
+    """A field of a layout: what kernels ask of Python, as ``m.ask()``, and `CallbackBinding` answers on the memory; not before."""
 
     def __call__(self) -> None:
         """Declare the call in a kernel."""
 
 
 class CallbackStructure(function_structure(_NOTHING)):  # type: ignore[misc]
-    """Callback in memory: a function of nothing, at the place where a `Smooth` has its machine code."""
+    """Callback in memory: a function of nothing, at the place where a `FunctionField` has its machine code."""
 
     __slots__ = ()
 
@@ -135,7 +135,7 @@ class CallbackStructure(function_structure(_NOTHING)):  # type: ignore[misc]
         _CALL(self.call)(None, None, None, None, 0)
 
 
-class Answer:
+class CallbackBinding:
     """The Python function that answers a question in a memory, for as long as this lives."""
 
     def __init__(self, question: CallbackStructure, function: Callable[[], None]) -> None:
@@ -176,7 +176,7 @@ class Sized:
 
 
 class Layout:
-    """Base of classes that only declare: ``float``, ``int``, ``bool``, sized arrays of them, other layouts, `Smooth`, `Ask`.
+    """Base of classes that only declare: ``float``, ``int``, ``bool``, sized arrays of them, other layouts, `FunctionField`, `CallbackField`.
 
     ``structure_of(Class, n_joints=4)`` is the type whose instances kernels work on; all of it is zero at first.
     """
@@ -208,10 +208,10 @@ def _field(name: str, hint: Any, sizes: Mapping[str, Any]) -> Any:
         return _NUMBERS[hint]
     if isinstance(hint, type) and issubclass(hint, Layout):
         return sizes.get(name.rpartition(".")[2]) or structure_of(hint, **sizes)
-    if hint is Ask:
+    if hint is CallbackField:
         return CallbackStructure
-    if hint is Smooth:
-        return function_structure(_known(name, name.rpartition(".")[2], sizes))
+    if hint is FunctionField:
+        return function_structure(_required(name, name.rpartition(".")[2], sizes))
     item = _item(hint)
     if item is None:
         raise InvalidInput(
@@ -220,11 +220,11 @@ def _field(name: str, hint: Any, sizes: Mapping[str, Any]) -> Any:
     kind = _field(name, item, sizes)
     for size in reversed(get_args(hint)[1].sizes):
         # C knows no empty array.
-        kind = kind * max(1, _known(name, size, sizes) if isinstance(size, str) else size)
+        kind = kind * max(1, _required(name, size, sizes) if isinstance(size, str) else size)
     return kind
 
 
-def _known(name: str, asked: str, given: Mapping[str, Any]) -> Any:
+def _required(name: str, asked: str, given: Mapping[str, Any]) -> Any:
     if asked not in given:
         raise InvalidInput(f"{name} needs {asked!r}, which is not given; given: {sorted(given)}")
     return given[asked]

@@ -13,14 +13,14 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, get_type_hints
 
-from uvms_ocp.codegen.buffered import sizes_of
+from uvms_ocp.codegen.buffered import argument_sizes
 from uvms_ocp.codegen.kernel_expressions import (
     DOUBLE,
     INT,
     NOTHING,
     PREFIX,
     VECTOR,
-    C,
+    CExpression,
     CType,
     Scope,
     Signature,
@@ -104,7 +104,7 @@ def _declare(target: ast.Name, kind: CType, scope: Scope) -> None:
         raise kernel_error(target, f"is {known.name} at first and {kind.name} here")
 
 
-def _fitting(node: ast.AST, wanted: CType, value: C) -> str:
+def _fitting(node: ast.AST, wanted: CType, value: CExpression) -> str:
     if wanted == INT and value.type == DOUBLE:
         raise kernel_error(node, "is a whole number; make the value one by int()")
     return value.text
@@ -172,7 +172,7 @@ def _alone(node: ast.Expr, scope: Scope) -> list[str]:
     return [f"{expression(node.value, scope).text};"] if function is None else _smooth_call(node.value, function, scope)
 
 
-def _called_function(call: ast.Call, scope: Scope) -> C | None:
+def _called_function(call: ast.Call, scope: Scope) -> CExpression | None:
     """The field that is called, if it is one."""
     owner = call.func
     while isinstance(owner, ast.Attribute):
@@ -182,11 +182,11 @@ def _called_function(call: ast.Call, scope: Scope) -> C | None:
     return expression(call.func, scope)
 
 
-def _smooth_call(call: ast.Call, target: C, scope: Scope) -> list[str]:
+def _smooth_call(call: ast.Call, target: CExpression, scope: Scope) -> list[str]:
     if not (isinstance(target.type.structure, type) and issubclass(target.type.structure, FunctionStructure)):
         raise kernel_error(call, "calls what is no function")
     function = target.type.structure.function
-    n, sizes = function.n_in(), sizes_of(function)
+    n, sizes = function.n_in(), argument_sizes(function)
     if len(call.args) != len(sizes):
         raise kernel_error(call, f"has to give {n} vectors to read and {len(sizes) - n} to fill")
     given = [
@@ -272,13 +272,13 @@ def c_program(kernels: Sequence[Callable[..., Any]], structures: Iterable[type[c
     return CProgram(types="\n".join(program.declared), code=code)
 
 
-def shape_of(kind: Any) -> Any:
+def structure_signature(kind: Any) -> Any:
     """All that a C program tells of a type of a field, or of a structure."""
     if issubclass(kind, FunctionStructure):
-        return kind.__name__, *sizes_of(kind.function)
+        return kind.__name__, *argument_sizes(kind.function)
     if issubclass(kind, ctypes.Structure):
-        return kind.__name__, *((name, shape_of(part)) for name, part in kind._fields_)
-    return (kind._length_, shape_of(kind._type_)) if issubclass(kind, ctypes.Array) else kind
+        return kind.__name__, *((name, structure_signature(part)) for name, part in kind._fields_)
+    return (kind._length_, structure_signature(kind._type_)) if issubclass(kind, ctypes.Array) else kind
 
 
 class _Program:

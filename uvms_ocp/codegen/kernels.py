@@ -4,8 +4,8 @@ What branches, loops and remembers at every tick is written as a kernel; what is
 function at the top level of a module. Its parameters are annotated with ``float``, ``int``, ``bool``, `Vector` or a `Layout`; its
 body keeps to assignments, ``if``, ``for`` over ``range``, ``while``, ``return``, arithmetic, comparisons, ``min``, ``max``,
 ``abs``, ``len`` of an array in a layout, `zeros`, functions of ``math`` and other kernels. Constants are numbers and members of
-integer enumerations of its module. A CasADi function is a field of a layout (`Smooth`), called with vectors and layouts of them,
-and so is a question to Python (`Ask`), for what has no other form. A local variable keeps the type that it has first. Layouts and
+integer enumerations of its module. A CasADi function is a field of a layout (`FunctionField`), called with vectors and layouts of them,
+and so is a question to Python (`CallbackField`), for what has no other form. A local variable keeps the type that it has first. Layouts and
 vectors are changed in place.
 
 Python and C give the same bits as long as nothing is divided by zero, taken the root of below zero or made an integer out of
@@ -27,7 +27,7 @@ import casadi as ca
 from uvms_ocp.codegen.compile import MATH, compile_library, loaded_library
 from uvms_ocp.codegen.kernel_expressions import PREFIX, c_name
 from uvms_ocp.codegen.kernel_layout import FunctionStructure, Layout, connect, functions_in
-from uvms_ocp.codegen.kernel_program import c_program, shape_of
+from uvms_ocp.codegen.kernel_program import c_program, structure_signature
 
 # A memory as C text: what initialises another one like it.
 
@@ -123,7 +123,7 @@ class _Shapes:
     """Structures that are equal where C sees no difference between them: functions of one name and size are exchangeable."""
 
     def __init__(self, structures: tuple[type[ctypes.Structure], ...]) -> None:
-        self.structures, self._shapes = structures, tuple(map(shape_of, structures))
+        self.structures, self._shapes = structures, tuple(map(structure_signature, structures))
 
     def __hash__(self) -> int:
         return hash(self._shapes)

@@ -24,7 +24,7 @@ from uvms_ocp.control.solve_workers import (
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.fallbacks import LastValidEstimate
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
-from uvms_ocp.ocp.trajectory import hold
+from uvms_ocp.ocp.trajectory import hold_guess
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.hydrodynamics import Water
@@ -177,7 +177,7 @@ class Nmpc(TableDisplay):
     def _followed(self, state: State, t: float) -> TimedPlan:
         """The plan for this tick."""
         if self._now is None:
-            self._now = TimedPlan(number=HOLD, trajectory=hold(self._problem, state), begin=t)
+            self._now = TimedPlan(number=HOLD, trajectory=hold_guess(self._problem, state), begin=t)
             self._plan_ahead(state, t, t + self._worker.lead)
         self._collect(t)
         if self._coming is not None and t >= self._takes_over - _ROUNDING:

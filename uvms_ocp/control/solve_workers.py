@@ -22,7 +22,7 @@ from uvms_ocp.checks import checked, unchecked_constructor
 from uvms_ocp.errors import AdvisedStatus, InvalidInput, UvmsError
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.stagewise.program import program_for, quickest
-from uvms_ocp.ocp.trajectory import Trajectory, hold, shifted
+from uvms_ocp.ocp.trajectory import Trajectory, hold_guess, shift_guess
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.signals import State
 from uvms_ocp.solvers.nlp.options import SqpOptions
@@ -147,7 +147,7 @@ class Replanner:
 
     def _first(self, request: ReplanningRequest) -> TimedPlan | None:
         """As good as a few solves make it, from the guess to stay."""
-        stay = last = hold(self._problem, request.state)
+        stay = last = hold_guess(self._problem, request.state)
         self._plans[HOLD] = self._newest = best = TimedPlan(number=HOLD, trajectory=stay, begin=request.t)
         for _ in range(_FIRST_SOLVES):
             result = self._solved(last, request.state, request.begin, np.inf)
@@ -162,7 +162,7 @@ class Replanner:
         now, begin = replace(self._plans[request.in_use], begin=request.begin), request.t + request.delay
         last = now if self._newest is None or self._newest.number == now.number else self._newest
         start = self._expected(now, request)
-        guess = shifted(self._problem, last.trajectory, begin - last.begin, start)
+        guess = shift_guess(self._problem, last.trajectory, begin - last.begin, start)
         result = self._solved(guess, start, begin, self._time_limit)
         found = self._numbered(self._transcription.unpack(result.x), begin)
         # From a point of no use whatever, the present plan is the better guess.

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked
-from uvms_ocp.codegen.kernel_layout import Layout, Sized, Smooth, Vector, doubles, structure_of, view
+from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, doubles, structure_of, view
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.kinematics import STEEP
 from uvms_ocp.robot.robot import Robot
@@ -239,7 +239,7 @@ def _units(robot: Robot) -> list[tuple[int, int]]:
 class AltimeterMemory(Layout):
     """What `LastFloorRange` knows, and where the altimeter looks: along -z of its frame."""
 
-    look: Smooth
+    look: FunctionField
     """Q to `beam` and `climb`."""
     exists: bool
     """There is an altimeter."""

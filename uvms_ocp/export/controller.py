@@ -33,7 +33,7 @@ from uvms_ocp.robot.shapes.gjk import ROUNDS
 from uvms_ocp.scenario.scenario import Scenario, our_controller
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.solution import Status
-from uvms_ocp.solvers.hierarchy.tolerances import patience
+from uvms_ocp.solvers.hierarchy.tolerances import iteration_budget
 from uvms_ocp.version import __version__
 
 FILES = (
@@ -103,7 +103,7 @@ def _texts(scenario: Scenario) -> tuple[dict[str, str], bytes]:
         ticks=run.n_ticks,
         size=ctypes.sizeof(memory),
         period=scenario.dt,
-        bound=f"{patience(rows).most_of_all} iterations of the solver, {ROUNDS} rounds for every distance, whatever the numbers",
+        bound=f"{iteration_budget(rows).most_of_all} iterations of the solver, {ROUNDS} rounds for every distance, whatever the numbers",
         channels=table(names.channels),
         phases=table(names.phases),
     )

@@ -35,7 +35,7 @@ _PLAIN = (bool, int, float, str, tuple)
 
 
 @checked
-def digests(scenario: Scenario) -> dict[str, str]:
+def mission_digests(scenario: Scenario) -> dict[str, str]:
     """Return digests of the robot, the start and the mission of a scenario, by these names."""
     return {
         "robot": _digest(_of_robot(scenario.robot)),
@@ -209,7 +209,7 @@ class MissionPlan(TableDisplay):
     def load(path: Path | str) -> MissionPlan:
         """Read a file written by `save`. Raises `InvalidInput`, in one line, for what is no such file."""
         try:
-            return _made(*read_plan(path))
+            return _from_summary(*read_plan(path))
         except InvalidInput as error:
             raise InvalidInput(f"{printable(path)}: {error}; give the plan.npz that `plan mission` wrote") from error
         except (KeyError, TypeError, ValueError) as error:
@@ -221,7 +221,7 @@ class MissionPlan(TableDisplay):
         """Raise `InvalidInput` unless this is a plan of that scenario, and can be flown."""
         if not self.status.usable:
             raise InvalidInput(f"the plan of {self.scenario} is {self.status.value}; {self.status.advice}")
-        own = digests(scenario)
+        own = mission_digests(scenario)
         other = [name for name, digest in own.items() if self.identity.get(name) != digest]
         if other:
             raise InvalidInput(
@@ -246,7 +246,7 @@ class MissionPlan(TableDisplay):
         return scenario.run(progress, self.controller(scenario, tuning))
 
 
-def _made(trajectory: Trajectory, told: dict[str, Any]) -> MissionPlan:
+def _from_summary(trajectory: Trajectory, told: dict[str, Any]) -> MissionPlan:
     """Build a plan from a file's summary, as `MissionPlan.summary` has it."""
     statuses = {status.value: status for status in OcpStatus}
     parts = [

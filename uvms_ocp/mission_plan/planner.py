@@ -11,12 +11,12 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.control.plan_following import PlannedPhase
-from uvms_ocp.mission_plan.plan import MissionPlan, digests
+from uvms_ocp.mission_plan.plan import MissionPlan, mission_digests
 from uvms_ocp.mission_plan.segments import (
     GreedyRollout,
+    HorizonSegment,
     Margins,
-    Stretch,
-    active,
+    active_tasks,
     foretold_way,
     goals_end_time,
     greedy_rollout,
@@ -32,12 +32,12 @@ from uvms_ocp.mission_plan.surroundings import (
     obstacle_pairs,
     violated_links,
 )
-from uvms_ocp.mission_plan.terms import Terms, Weights, levels_of, mission_terms
+from uvms_ocp.mission_plan.terms import MissionTerms, MissionWeights, mission_levels, mission_terms
 from uvms_ocp.ocp.clearance import ShapeClearance
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpProblem
-from uvms_ocp.ocp.trajectory import Trajectory, through
+from uvms_ocp.ocp.trajectory import Trajectory, guess_through
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.robot.signals import State
@@ -57,9 +57,9 @@ class MissionProblem:
     """A mission, as optimal control has it."""
 
     problem: OcpProblem
-    stretches: tuple[Stretch, ...]
+    stretches: tuple[HorizonSegment, ...]
     """The phases of the problem."""
-    terms: Terms
+    terms: MissionTerms
     shapes: ShapeClearance | None
     """Shapes that stay apart, obstacles and links; `None` where nothing can meet. Constraints of the problem keep those with
     obstacles."""
@@ -85,12 +85,12 @@ class MissionProblem:
         constraints = (*self.problem.constraints, link_pairs(self.shapes, links))
         return replace(self, problem=replace(self.problem, constraints=constraints))
 
-    def at(self, weights: Weights, way: Trajectory, longest: float) -> OcpProblem:
+    def at(self, weights: MissionWeights, way: Trajectory, longest: float) -> OcpProblem:
         """The problem with other weights in its last level, and the water as it is along a way.
 
         longest [s]: after which no plan goes on, so that the water of later does not matter.
         """
-        levels = levels_of(self.problem.robot, self.terms, weights)
+        levels = mission_levels(self.problem.robot, self.terms, weights)
         current = _currents(self.current, way, longest)
         return replace(self.problem, levels=levels, current=current, longest=longest)
 
@@ -116,7 +116,7 @@ def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> Mis
 
 def _stated(
     scenario: Scenario, way: GreedyRollout, margins: Margins, step: float
-) -> tuple[list[Stretch], Terms, OcpProblem]:
+) -> tuple[list[HorizonSegment], MissionTerms, OcpProblem]:
     """State the problem along a rollout of the mission, without obstacles."""
     stretches = horizon_segments(scenario.mission, way, margins, step=step)
     terms = mission_terms(scenario.robot, scenario.mission, way.phases, stretches, margins)
@@ -124,7 +124,7 @@ def _stated(
 
 
 def _problem(
-    scenario: Scenario, way: GreedyRollout, stretches: Sequence[Stretch], terms: Terms, margins: Margins
+    scenario: Scenario, way: GreedyRollout, stretches: Sequence[HorizonSegment], terms: MissionTerms, margins: Margins
 ) -> OcpProblem:
     robot, floor = scenario.robot, floor_along(scenario, way)
     above = floor_terms(scenario, stretches, floor, margins)
@@ -132,20 +132,20 @@ def _problem(
         robot=robot,
         start=State(q=np.array(scenario.start), v=np.zeros(robot.n_v)),
         phases=tuple(stretch.ocp for stretch in stretches),
-        levels=levels_of(robot, terms, Weights()),
+        levels=mission_levels(robot, terms, MissionWeights()),
         constraints=(*terms.constraints, *above),
         floor=floor,
         altimeter_frame=scenario.altimeter_frame or robot.description.altimeter or "altimeter",
     )
 
 
-def _guess(problem: OcpProblem, way: GreedyRollout, stretches: Sequence[Stretch]) -> Trajectory:
+def _guess(problem: OcpProblem, way: GreedyRollout, stretches: Sequence[HorizonSegment]) -> Trajectory:
     """The greedy way in the nominal times of the problem."""
     marks = np.cumsum([0.0, *(stretch.ocp.nominal for stretch in stretches)])
     greedy = np.array([stretch.greedy[0] for stretch in stretches] + [stretches[-1].greedy[1]])
     t = problem.nominal_times()
     rows = np.searchsorted(way.t, np.interp(t, marks, greedy))
-    return through(problem, t, way.q[np.clip(rows, 0, len(way.t) - 1)])
+    return guess_through(problem, t, way.q[np.clip(rows, 0, len(way.t) - 1)])
 
 
 def _currents(current: Current, way: Trajectory, longest: float) -> np.ndarray:
@@ -156,9 +156,9 @@ def _currents(current: Current, way: Trajectory, longest: float) -> np.ndarray:
 
 # From a scenario to a plan of its whole mission.
 
-_EASY = Weights(energy=1e-3, effort=1.0)
+_EASY = MissionWeights(energy=1e-3, effort=1.0)
 """Convex in forces: what costs the least energy is near."""
-_HURRY = Weights(price=1.0)
+_HURRY = MissionWeights(price=1.0)
 _SHARE = 0.975  # of the time allowed that is used: what is flown takes a little longer, or shorter
 _ROUNDS = 3  # in which links that come near are looked for, and in which the water is where the plan is
 _SAME_CURRENT = 0.02  # [m/s] by which the water may differ from what a plan was made for
@@ -205,7 +205,7 @@ def plan_mission(
         greedy_duration=posed.greedy_duration,
         iterations=search.spent,
         solve_time=perf_counter() - begin,
-        identity=digests(scenario),
+        identity=mission_digests(scenario),
     )
 
 
@@ -233,7 +233,7 @@ class _Search:
     def __init__(self, posed: MissionProblem, options: NlpOptions) -> None:
         self._posed, self._options = posed, options
         hasty = replace(options, max_iterations=min(options.max_iterations, _HASTE))
-        self._hasty = Planner(posed.at(Weights(), posed.guess, DAY), hasty)
+        self._hasty = Planner(posed.at(MissionWeights(), posed.guess, DAY), hasty)
         self.spent = 0
         """Iterations until now."""
 
@@ -257,13 +257,13 @@ class _Search:
     def _within(self, limit: float) -> Plan:
         """Plan from the greedy rollout; where that fails, by way of a problem that is easier."""
         posed, guess = self._posed, self._posed.guess
-        plan = self._plan(self._hasty, posed, Weights(), guess, limit)
+        plan = self._plan(self._hasty, posed, MissionWeights(), guess, limit)
         if plan.status is OcpStatus.SOLVED:
             return plan
         easier = self._plan(self._freely, posed, _EASY, guess, limit)
         if not easier.status.usable:
             return plan
-        other = self._plan(self._freely, posed, Weights(), easier.trajectory, limit)
+        other = self._plan(self._freely, posed, MissionWeights(), easier.trajectory, limit)
         return other if other.status.usable else plan
 
     def _apart(self, plan: Plan, limit: float) -> Plan:
@@ -279,16 +279,18 @@ class _Search:
                 break
             kept |= near_links(shapes, plan.trajectory)
             posed = self._posed.keeping(kept)
-            problem = posed.at(Weights(), plan.trajectory, limit)
+            problem = posed.at(MissionWeights(), plan.trajectory, limit)
             shared = Transcription(problem, plugin=options.plugin, like=self._hasty.transcription)
             planner = Planner(problem, options, transcription=shared)
-            found = self._plan(planner, posed, Weights(), plan.trajectory, limit)
+            found = self._plan(planner, posed, MissionWeights(), plan.trajectory, limit)
             if not found.status.usable:
                 break
             plan = found
         return plan
 
-    def _plan(self, planner: Planner, posed: MissionProblem, weights: Weights, way: Trajectory, limit: float) -> Plan:
+    def _plan(
+        self, planner: Planner, posed: MissionProblem, weights: MissionWeights, way: Trajectory, limit: float
+    ) -> Plan:
         """Plan from a trajectory, in the water along it, then along the result, until it stays the same."""
         given, best = posed.at(weights, way, _SHARE * limit), None
         for _ in range(_ROUNDS):
@@ -303,7 +305,7 @@ class _Search:
         return best or plan
 
 
-def _phases(scenario: Scenario, stretches: Sequence[Stretch], times: np.ndarray) -> tuple[PlannedPhase, ...]:
+def _phases(scenario: Scenario, stretches: Sequence[HorizonSegment], times: np.ndarray) -> tuple[PlannedPhase, ...]:
     """Return the phases of the mission, in the times (n + 1,) [s] at which the segments begin and end."""
     found: list[PlannedPhase] = []
     for stretch, begin, end in zip(stretches, times[:-1].tolist(), times[1:].tolist(), strict=True):
@@ -311,6 +313,6 @@ def _phases(scenario: Scenario, stretches: Sequence[Stretch], times: np.ndarray)
             found[-1] = replace(found[-1], end=end)
             continue
         phase = scenario.mission.phases[stretch.phase]
-        moves = goals_end_time(phase, active(phase, scenario.mission.tasks_of(stretch.phase))) > 0
+        moves = goals_end_time(phase, active_tasks(phase, scenario.mission.tasks_of(stretch.phase))) > 0
         found.append(PlannedPhase(phase=stretch.phase, begin=begin, end=end, moves=moves))
     return tuple(found)

@@ -49,7 +49,7 @@ class Margins:
     """[s] beyond the time for which conditions have to hold."""
 
 
-def inside(limit: float, margin: float) -> float:
+def tightened_limit(limit: float, margin: float) -> float:
     """Tighten a limit [m or rad], so that the motion carried out stays below it; margin [m or rad]."""
     return max(limit - margin, _LEAST * limit)
 
@@ -59,7 +59,7 @@ def inside(limit: float, margin: float) -> float:
 _ANGLES = ("tilt", "misalignment", "angle")
 
 
-def active(phase: Phase, tasks: Collection[Task]) -> list[Task]:
+def active_tasks(phase: Phase, tasks: Collection[Task]) -> list[Task]:
     """Return the tasks that the phase has on."""
     return [task for task in tasks if phase.activations.get(task.name, 0.0) > 0]
 
@@ -112,7 +112,7 @@ def _kept_otherwise(task: Task) -> bool:
 
 def _stricter(task: Task, asked: Mapping[str, float], margins: Margins) -> Task:
     if isinstance(task, AngleTask):
-        return replace(task, aim=inside(asked.get(task.name, task.activation.end), margins.angle))
+        return replace(task, aim=tightened_limit(asked.get(task.name, task.activation.end), margins.angle))
     if isinstance(task, MinimumAltitude):
         return replace(task, threshold=task.threshold + margins.altitude)
     return task
@@ -214,7 +214,7 @@ _LEEWAY = 1.0  # [s] that a stretch may take however soon the greedy mission is 
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Stretch:
+class HorizonSegment:
     """A part of the horizon within one phase of the mission."""
 
     phase: int
@@ -243,13 +243,13 @@ def exit_transition(phases: Sequence[Phase], way: Sequence[int], k: int) -> Tran
     )
 
 
-def horizon_segments(mission: Mission, greedy: GreedyRollout, margins: Margins, *, step: float) -> list[Stretch]:
+def horizon_segments(mission: Mission, greedy: GreedyRollout, margins: Margins, *, step: float) -> list[HorizonSegment]:
     """All parts in their order. step [s]: of the horizon."""
-    found: list[Stretch] = []
+    found: list[HorizonSegment] = []
     before: set[str] = set()
     for k, index in enumerate(greedy.phases):
         phase, out = mission.phases[index], exit_transition(mission.phases, greedy.phases, k)
-        on = active(phase, mission.tasks_of(index))
+        on = active_tasks(phase, mission.tasks_of(index))
         kept = active_constraints(phase, on, out, before, margins)
         before = {task.name for task in on if is_prerequisite(task)}
         moving = goals_end_time(phase, on)
@@ -289,28 +289,28 @@ class _SegmentBuilder:
     step: float
     """[s]"""
 
-    def entering(self, marks: _PhaseTimes, broken: frozenset[str]) -> Iterator[Stretch]:
+    def entering(self, marks: _PhaseTimes, broken: frozenset[str]) -> Iterator[HorizonSegment]:
         """Until what is broken at the beginning holds."""
         if broken:
             ocp = self._free_phase(f"{self.phase.name} entered", marks.entered - marks.begin)
             yield self._stretch(ocp, (marks.begin, marks.entered), waits_for=broken)
 
-    def free(self, marks: _PhaseTimes) -> Iterator[Stretch]:
+    def free(self, marks: _PhaseTimes) -> Iterator[HorizonSegment]:
         """A goal that rests while conditions have to hold is followed from the beginning of that: nothing is free then."""
         if not 0 < self.moving <= self.hold:
             middle = max(marks.entered, marks.end - self.hold)
             ocp = self._free_phase(self.phase.name, middle - marks.entered)
             yield self._stretch(ocp, (marks.entered, middle), ends=not self.hold)
 
-    def held(self, marks: _PhaseTimes, margins: Margins) -> Iterator[Stretch]:
+    def held(self, marks: _PhaseTimes, margins: Margins) -> Iterator[HorizonSegment]:
         """Yield the segments in which the conditions of the way out hold."""
         if self.hold:
             n, duration = max(2, math.ceil(self.hold / self.step)), self.hold + margins.hold
             ocp = OcpPhase(name=f"{self.phase.name} held", n_steps=n, duration=duration)
             yield self._stretch(ocp, (max(marks.entered, marks.end - self.hold), marks.end), ends=True, holds=True)
 
-    def _stretch(self, ocp: OcpPhase, greedy: tuple[float, float], **more: Any) -> Stretch:
-        return Stretch(phase=self.index, ocp=ocp, greedy=greedy, **more)
+    def _stretch(self, ocp: OcpPhase, greedy: tuple[float, float], **more: Any) -> HorizonSegment:
+        return HorizonSegment(phase=self.index, ocp=ocp, greedy=greedy, **more)
 
     def _free_phase(self, name: str, greedy: float) -> OcpPhase:
         longest = max(_LONGEST * greedy, self.moving) + _LEEWAY

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.mission_plan.segments import GreedyRollout, Margins, Stretch, active
+from uvms_ocp.mission_plan.segments import GreedyRollout, HorizonSegment, Margins, active_tasks
 from uvms_ocp.ocp.clearance import ShapeClearance
 from uvms_ocp.ocp.clearance_certificate import SteppedMotion, certificate, shortfall
 from uvms_ocp.ocp.terms import At, StageSymbols, Term
@@ -116,14 +116,14 @@ def floor_along(scenario: Scenario, way: GreedyRollout) -> float:
     return high
 
 
-def floor_terms(scenario: Scenario, stretches: Sequence[Stretch], floor: float, margins: Margins) -> list[Term]:
+def floor_terms(scenario: Scenario, stretches: Sequence[HorizonSegment], floor: float, margins: Margins) -> list[Term]:
     """Hull and arm stay above the floor [m] wherever no task on altitude keeps the robot far from it."""
     if not np.isfinite(floor):
         return []
     rims, found = rims_of(scenario.robot), list[Term]()
     for stretch in stretches:
         phase = scenario.mission.phases[stretch.phase]
-        on = active(phase, scenario.mission.hierarchy.tasks)
+        on = active_tasks(phase, scenario.mission.hierarchy.tasks)
         if not any(isinstance(task, MinimumAltitude) and task.name not in stretch.waits_for for task in on):
             found.append(FloorClearance(rims=rims, height=floor + margins.altitude, phase=stretch.ocp.name))
     return found

@@ -14,14 +14,14 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Below, Condition, Phase
 from uvms_ocp.mission_plan.segments import (
+    HorizonSegment,
     Margins,
-    Stretch,
-    active,
     active_constraints,
+    active_tasks,
     delay_task,
     exit_transition,
-    inside,
     is_prerequisite,
+    tightened_limit,
 )
 from uvms_ocp.ocp.problem import OcpLevel
 from uvms_ocp.ocp.terms import At, Duration, Effort, Energy, Smoothness, StageSymbols, TaskRows, TaskTerm, Term
@@ -64,7 +64,7 @@ class TaskPreference(TaskRows):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Rest(Term):
+class ZeroVelocities(Term):
     """Velocities are zero that nothing else keeps at zero."""
 
     axes: tuple[int, ...]
@@ -91,7 +91,7 @@ _ANGLES = ("tilt", "misalignment", "angle")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Place:
+class ConditionPlacement:
     """Phase and segment in which a condition applies."""
 
     phase: str
@@ -105,7 +105,9 @@ class Place:
         return BoundedRows(task=task, rows=rows, lower=lower, upper=upper, at=self.at, phase=self.stretch)
 
 
-def condition_term(tasks: Sequence[Task], condition: Condition, place: Place, margins: Margins, *, met: bool) -> Term:
+def condition_term(
+    tasks: Sequence[Task], condition: Condition, place: ConditionPlacement, margins: Margins, *, met: bool
+) -> Term:
     """Rows that make a condition hold, or where it is not to be `met`, fail.
 
     tasks: with the goals that they have in the phase. Raises `InvalidInput` where no residual states the quantity.
@@ -114,7 +116,7 @@ def condition_term(tasks: Sequence[Task], condition: Condition, place: Place, ma
     task = next(task for task in tasks if task.name == name)
     limit, below = condition.limit, isinstance(condition, Below) is met
     if isinstance(task, AngleTask) and quantity in _ANGLES and below:
-        return TaskTerm(task=replace(task, aim=inside(limit, margins.angle)), at=place.at, phase=place.stretch)
+        return TaskTerm(task=replace(task, aim=tightened_limit(limit, margins.angle)), at=place.at, phase=place.stretch)
     if isinstance(task, (LandingAltitude, MinimumAltitude)) and quantity == "altitude":
         lower, upper = _heights(task, limit, margins.altitude, below)
         return place.rows(task, (0,), lower, upper)
@@ -123,11 +125,11 @@ def condition_term(tasks: Sequence[Task], condition: Condition, place: Place, ma
         raise _refused(condition, place, below)
     margin = margins.angle if quantity == "orientation_error" else margins.position
     # A box inside the ball that the condition asks for.
-    most = inside(limit, margin) / np.sqrt(len(rows))
+    most = tightened_limit(limit, margin) / np.sqrt(len(rows))
     return place.rows(task, rows, -most, most)
 
 
-def _refused(condition: Condition, place: Place, below: bool) -> InvalidInput:
+def _refused(condition: Condition, place: ConditionPlacement, below: bool) -> InvalidInput:
     return InvalidInput(
         f"phase {place.phase!r} looks at {condition.quantity} {'<' if below else '>'} {condition.limit:g}, which no residual "
         f"states; fly this mission without a plan, or look at the error of a pose, an angle or an altitude"
@@ -136,7 +138,7 @@ def _refused(condition: Condition, place: Place, below: bool) -> InvalidInput:
 
 def _heights(task: LandingAltitude | MinimumAltitude, limit: float, margin: float, below: bool) -> tuple[float, float]:
     """Range of the residual [m] for an altitude below the limit [m], or above."""
-    level = inside(limit, margin) if below else limit + margin
+    level = tightened_limit(limit, margin) if below else limit + margin
     if isinstance(task, LandingAltitude):
         # Its residual is the altitude of rest less the altitude.
         gap = task.rest_altitude - level
@@ -159,7 +161,7 @@ _LIKED = 3e-4  # weight of preferences: 0.3 W for 1 rad
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Terms:
+class MissionTerms:
     """Terms of a whole mission."""
 
     goals: tuple[tuple[TaskClass, Term], ...]
@@ -171,8 +173,8 @@ class Terms:
 
 
 def mission_terms(
-    robot: Robot, mission: Mission, way: Sequence[int], stretches: Sequence[Stretch], margins: Margins
-) -> Terms:
+    robot: Robot, mission: Mission, way: Sequence[int], stretches: Sequence[HorizonSegment], margins: Margins
+) -> MissionTerms:
     """Raises `InvalidInput` for tasks and conditions that no residual states, by their names."""
     goals: list[tuple[TaskClass, Term]] = []
     constraints: list[Term] = []
@@ -188,11 +190,11 @@ def mission_terms(
         preferences += phase.preferences()
         kept = phase.reached
     constraints += _rest(robot, phase.on)
-    return Terms(goals=tuple(goals), constraints=tuple(constraints), preferences=tuple(preferences))
+    return MissionTerms(goals=tuple(goals), constraints=tuple(constraints), preferences=tuple(preferences))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Weights:
+class MissionWeights:
     """Weights of the last level."""
 
     energy: float = 1.0
@@ -203,7 +205,7 @@ class Weights:
     """[kW] of time."""
 
 
-def levels_of(robot: Robot, terms: Terms, weights: Weights) -> tuple[OcpLevel, ...]:
+def mission_levels(robot: Robot, terms: MissionTerms, weights: MissionWeights) -> tuple[OcpLevel, ...]:
     """Goals in the order of the classes of their tasks, then energy with a little smoothness, as far as it is known."""
     classes = sorted({kind for kind, _ in terms.goals})
     asked = [
@@ -224,7 +226,7 @@ class _Phase:
         mission: Mission,
         way: Sequence[int],
         k: int,
-        parts: Sequence[Stretch],
+        parts: Sequence[HorizonSegment],
         begin: float,
         margins: Margins,
     ) -> None:
@@ -232,7 +234,7 @@ class _Phase:
         self._out, self._parts, self._margins = exit_transition(mission.phases, way, k), parts, margins
         self._last = k + 1 == len(way)
         self.tasks = tuple(delay_task(task, self._phase, begin) for task in mission.tasks_of(way[k]))
-        self.on = active(self._phase, self.tasks)
+        self.on = active_tasks(self._phase, self.tasks)
         self._asked = {condition.quantity.rpartition(".")[0] for condition in self._out.when}
         self.reached = {task.name for task in self.on if is_prerequisite(task)}
 
@@ -284,8 +286,8 @@ class _Phase:
         name = condition.quantity.rpartition(".")[0]
         return next(task for task in self.tasks if task.name == name)
 
-    def _term(self, condition: Condition, part: Stretch, at: At, *, met: bool) -> Term:
-        place = Place(phase=self._phase.name, stretch=part.ocp.name, at=at)
+    def _term(self, condition: Condition, part: HorizonSegment, at: At, *, met: bool) -> Term:
+        place = ConditionPlacement(phase=self._phase.name, stretch=part.ocp.name, at=at)
         return condition_term(self.tasks, condition, place, self._margins, met=met)
 
 
@@ -294,4 +296,4 @@ def _rest(robot: Robot, tasks: Sequence[Task]) -> Iterator[Term]:
     still = {axis for task in tasks if isinstance(task, NullVelocity) for axis in task.axes}
     axes = tuple(axis for axis in range(robot.n_v) if axis not in still)
     if axes:
-        yield Rest(axes=axes)
+        yield ZeroVelocities(axes=axes)

@@ -29,5 +29,5 @@ from uvms_ocp.ocp.terms import TaskTerm as TaskTerm
 from uvms_ocp.ocp.terms import Term as Term
 from uvms_ocp.ocp.terms import residual_term as residual_term
 from uvms_ocp.ocp.trajectory import Trajectory as Trajectory
-from uvms_ocp.ocp.trajectory import hold as hold
-from uvms_ocp.ocp.trajectory import through as through
+from uvms_ocp.ocp.trajectory import guess_through as guess_through
+from uvms_ocp.ocp.trajectory import hold_guess as hold_guess

@@ -126,7 +126,7 @@ _NOTHING_NEAR = -1.0  # [m] offset of a row without a plane
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class RowGroup:
+class PlaneRowGroup:
     """Rows of one node that serve the same pairs, whichever of them are nearest."""
 
     pairs: Mask
@@ -282,7 +282,7 @@ class ShapeClearance(Term):
         return bounded_residual(ca.vertcat(ca.SX(0, 1), *(row for part in rows for row in part)), lower=0.0)
 
     @cached_property
-    def _groups(self) -> tuple[RowGroup, ...]:
+    def _groups(self) -> tuple[PlaneRowGroup, ...]:
         """Return the row groups: with the world, between links, and of each pair of links."""
         pairs = self.scene.pairs
         carried = np.array([(pair.first_joint, pair.second_joint) for pair in pairs], dtype=int).reshape(-1, 2)
@@ -365,7 +365,7 @@ class ShapeClearance(Term):
         return self._coal
 
 
-def _group(carried: Indices, chosen: Mask, n: int) -> RowGroup:
+def _group(carried: Indices, chosen: Mask, n: int) -> PlaneRowGroup:
     """Return the row group of the chosen of pairs (n_pairs, 2) of joints."""
     first, second = (tuple(np.unique(carried[chosen, side]).tolist()) for side in (0, 1))
-    return RowGroup(pairs=chosen, n=n, first=first, second=second)
+    return PlaneRowGroup(pairs=chosen, n=n, first=first, second=second)

@@ -19,7 +19,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.ocp.clearance import ShapeClearance
 from uvms_ocp.ocp.trajectory import Trajectory, intervals_of
 from uvms_ocp.planning.conservative_advancement import ClearanceReport, check_motion
-from uvms_ocp.planning.scene import Nearest
+from uvms_ocp.planning.scene import NearestPair
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import links_without_shape
 from uvms_ocp.types import Array, Indices
@@ -78,7 +78,7 @@ class SteppedMotion:
         """(n, n_pairs) [m] at times t (n,) [s]."""
         return self.term.distances(t.tolist(), self.configurations(t))
 
-    def nearest(self) -> Nearest:
+    def nearest(self) -> NearestPair:
         """The least distance that is met, looked for at every node and between them."""
         path = self.trajectory
         t = np.interp(np.arange(_LOOKS * len(path.a) + 1) / _LOOKS, np.arange(len(path.t)), path.t)

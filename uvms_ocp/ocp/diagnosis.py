@@ -22,7 +22,7 @@ _AXIS_SHARE, _MOST_AXES = 0.2, 3  # of the strongest axis from which others are 
 _VEHICLE = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 
 
-class Measure(Enum):
+class RelaxationUnit(Enum):
     """In what a group gives way, and how that is said."""
 
     SHARE = "{name} would have to be {amount:.0%} higher"
@@ -32,11 +32,11 @@ class Measure(Enum):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Group:
+class BoundGroup:
     """Bounds or rows of one kind."""
 
     name: str
-    measure: Measure
+    measure: RelaxationUnit
 
     def named(self, axes: tuple[str, ...]) -> str:
         """With the axes that matter."""
@@ -51,7 +51,7 @@ class Group:
 class GroupIndex:
     """Groups, and to which of them variables or rows belong."""
 
-    groups: tuple[Group, ...]
+    groups: tuple[BoundGroup, ...]
     number: np.ndarray
     """(n,) of the group; -1 for what nobody can loosen."""
     scale: np.ndarray
@@ -83,22 +83,22 @@ def variable_groups(transcription: Transcription) -> GroupIndex:
     return GroupIndex(groups=groups, number=number, scale=scale, axes=tuple(names.tolist()))
 
 
-def _labels(transcription: Transcription) -> tuple[list[Group | None], list[float], list[str]]:
+def _labels(transcription: Transcription) -> tuple[list[BoundGroup | None], list[float], list[str]]:
     """Return the group, unit and axis of every entry of z."""
     model = transcription.model
     robot, layout, limits = model.robot, model.layout, model.robot.limits
     axes = [*_VEHICLE[: robot.n_vehicle], *(joint.name for joint in robot.joints for _ in range(joint.n_v))]
-    labels: list[Group | None] = [None] * layout.n_z
+    labels: list[BoundGroup | None] = [None] * layout.n_z
     scales, names = [1.0] * layout.n_z, [""] * layout.n_z
 
     def set_part(part: slice, kind: str, units: np.ndarray, of: list[str]) -> None:
-        group = Group(name=f"the {kind} limits", measure=Measure.SHARE)
+        group = BoundGroup(name=f"the {kind} limits", measure=RelaxationUnit.SHARE)
         for i, unit, axis in zip(range(part.start, part.stop), units, of, strict=True):
             labels[i], scales[i], names[i] = group, float(unit) if np.isfinite(unit) else 1.0, axis
 
     for joint in robot.joints:
         for i in range(joint.q.start, joint.q.stop):
-            labels[i], names[i] = Group(name="the joint limits", measure=Measure.POSITION), joint.name
+            labels[i], names[i] = BoundGroup(name="the joint limits", measure=RelaxationUnit.POSITION), joint.name
     set_part(layout.v, "velocity", limits.velocity, axes)
     set_part(layout.a, "acceleration", limits.acceleration, axes)
     thrusters = [item.name for item in robot.description.thrusters][: layout.n_thrust]
@@ -114,7 +114,7 @@ def row_groups(transcription: Transcription, problem: OcpProblem) -> GroupIndex:
     found = {name: i for i, name in enumerate(name for name in dict.fromkeys(names) if name not in FIXED)}
     number = np.array([found.get(name, -1) for name in names], dtype=int)
     return GroupIndex(
-        groups=tuple(Group(name=f"constraint {name!r}", measure=Measure.ROW) for name in found),
+        groups=tuple(BoundGroup(name=f"constraint {name!r}", measure=RelaxationUnit.ROW) for name in found),
         number=number,
         scale=np.array([roots.get(name, 1.0) for name in names]),
         axes=("",) * len(names),
@@ -132,7 +132,7 @@ _FARTHEST = 10.0  # times its scale: what would have to give way by more does no
 class BindingGroup:
     """A group that holds a level back."""
 
-    group: Group
+    group: BoundGroup
     strength: float
     """Decrease of the cost of the level for an amount of 1, to first order."""
     axes: tuple[str, ...]
@@ -180,7 +180,9 @@ def _summed(grouped: GroupIndex, multipliers: np.ndarray) -> Iterator[BindingGro
 def _levels(transcription: Transcription, multipliers: np.ndarray, level: int) -> Iterator[BindingGroup]:
     rows = transcription.ranges().levels
     for above, price in zip(rows[:level], prices_of(rows, multipliers, level), strict=True):
-        yield BindingGroup(group=Group(name=f"level {above.name!r}", measure=Measure.LEVEL), strength=price, axes=())
+        yield BindingGroup(
+            group=BoundGroup(name=f"level {above.name!r}", measure=RelaxationUnit.LEVEL), strength=price, axes=()
+        )
 
 
 def prices_of(rows: tuple[LevelRows, ...], multipliers: np.ndarray, level: int) -> tuple[float, ...]:
@@ -216,10 +218,10 @@ _GRADIENTS = ["f", "g", "grad_gamma_x", "grad_gamma_p"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Given:
+class Relaxation:
     """A group that gives way."""
 
-    group: Group
+    group: BoundGroup
     amount: float
     """[-, or unit of the row] In its measure."""
     axes: tuple[str, ...]
@@ -233,9 +235,9 @@ class PhaseOne:
     x: np.ndarray
     """(n_x,) [unit of x]"""
     converged: bool
-    given: tuple[Given, ...]
+    given: tuple[Relaxation, ...]
     """The largest amount first."""
-    against: tuple[Group, ...]
+    against: tuple[BoundGroup, ...]
     """Groups that are kept and hold against them."""
     iterations: int
 
@@ -260,7 +262,7 @@ class _Elastic:
     """(m,)"""
 
     @property
-    def groups(self) -> tuple[Group, ...]:
+    def groups(self) -> tuple[BoundGroup, ...]:
         return self.grouped.groups
 
 
@@ -286,7 +288,7 @@ def phase_one(
     held = np.abs(np.array(elastic.P.T @ rows).ravel()) * elastic.grouped.scale
     amounts, groups = found[n:].tolist(), elastic.groups
     given = [
-        Given(group=group, amount=amount, axes=elastic.grouped.strongest(i, held))
+        Relaxation(group=group, amount=amount, axes=elastic.grouped.strongest(i, held))
         for i, (group, amount) in enumerate(zip(groups, amounts, strict=True))
         if amount > _KEPT
     ]

@@ -41,7 +41,7 @@ from uvms_ocp.types import Array
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Mismatch:
+class TrackingError:
     """Departure of a plant from a plan."""
 
     position: float
@@ -52,7 +52,7 @@ class Mismatch:
     """[rad] at the end."""
 
 
-def mismatch(trajectory: Trajectory, t: np.ndarray, q: np.ndarray, *, robot: Robot, frame: str) -> Mismatch:
+def tracking_error(trajectory: Trajectory, t: np.ndarray, q: np.ndarray, *, robot: Robot, frame: str) -> TrackingError:
     """The pose of a frame at the recorded q (n, n_q) [m, rad] against the planned one at the times t (n,) [s].
 
     Raises `FrameNotFound` for an unknown frame.
@@ -61,7 +61,7 @@ def mismatch(trajectory: Trajectory, t: np.ndarray, q: np.ndarray, *, robot: Rob
     pairs = zip(frame_poses(robot, frame, planned), frame_poses(robot, frame, q), strict=True)
     errors = [wanted.inverse() * found for wanted, found in pairs]
     distances = [float(np.linalg.norm(error.translation)) for error in errors]
-    return Mismatch(
+    return TrackingError(
         position=max(distances),
         end_position=distances[-1],
         end_orientation=float(np.linalg.norm(pin.log3(errors[-1].rotation))),

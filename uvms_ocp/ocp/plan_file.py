@@ -19,7 +19,7 @@ from uvms_ocp.errors import InvalidInput, OutputError
 from uvms_ocp.model_errors import one_line, printable
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
-from uvms_ocp.planning.scene import Nearest
+from uvms_ocp.planning.scene import NearestPair
 from uvms_ocp.record.meta_values import MetaValue, Number, SurroundingsMeta
 from uvms_ocp.record.untrusted import read_arrays, read_text
 from uvms_ocp.robot.robot import Robot
@@ -59,7 +59,7 @@ class SolverValues(MetaValue):
 
 
 class ClearanceValues(MetaValue):
-    """See `uvms_ocp.planning.conservative_advancement.ClearanceReport`, and `Nearest` for the last three."""
+    """See `uvms_ocp.planning.conservative_advancement.ClearanceReport`, and `NearestPair` for the last three."""
 
     unshaped: tuple[str, ...] = ()
     collision_free: bool
@@ -289,6 +289,6 @@ def stored_clearance(values: ClearanceValues) -> ClearanceReport:
         collision_free=values.collision_free,
         undecided=values.undecided,
         n_samples=values.n_samples,
-        nearest=Nearest(distance=values.distance, time=values.time, pair=values.pair),
+        nearest=NearestPair(distance=values.distance, time=values.time, pair=values.pair),
         unshaped=values.unshaped,
     )

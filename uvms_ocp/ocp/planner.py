@@ -24,9 +24,9 @@ from uvms_ocp.ocp.prechecks import describe_crowded_start, impossible_start
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.stagewise.program import program_for
 from uvms_ocp.ocp.terms import TaskTerm, Term
-from uvms_ocp.ocp.trajectory import Trajectory, hold
+from uvms_ocp.ocp.trajectory import Trajectory, hold_guess
 from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.ocp.verdict import Diagnosis, Verdict
+from uvms_ocp.ocp.verdict import Diagnosis, SolveVerdict
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.record.meta_values import FrameMeta, ObstacleData, SurroundingsMeta
 from uvms_ocp.solvers.nlp.level_solver import Progress
@@ -90,7 +90,7 @@ _MORE = 1.2  # share of what is missing between nodes by which these are tighten
 Guess: TypeAlias = Trajectory | Plan | LexicographicResult
 
 
-class Solves(Protocol):
+class ProblemSolver(Protocol):
     """A `Planner`, as far as it is needed here."""
 
     transcription: Transcription
@@ -109,7 +109,7 @@ class Solves(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Written:
+class RefinedResult:
     """A result, and the parameters of its program."""
 
     result: LexicographicResult
@@ -120,7 +120,7 @@ class Written:
     tightened: Mapping[Term, np.ndarray]
     """(n_nodes, n_pairs) [m] for what is missing between nodes."""
 
-    def after(self, before: LexicographicResult) -> Written:
+    def after(self, before: LexicographicResult) -> RefinedResult:
         """With the iterations of an earlier result as well."""
         spent = tuple(a + b for a, b in zip(before.iterations, self.result.iterations, strict=True))
         return replace(self, result=replace(self.result, iterations=spent))
@@ -130,7 +130,7 @@ class Written:
 class Refinement:
     """One problem, solved until its terms are written where its motion is, or the deadline [s] is over."""
 
-    planner: Solves
+    planner: ProblemSolver
     given: OcpProblem
     t0: float
     """[s] of the first node."""
@@ -139,7 +139,7 @@ class Refinement:
     progress: Progress | None = None
     """Told every iteration."""
 
-    def solved(self, guess: Trajectory | Plan) -> Written:
+    def solved(self, guess: Trajectory | Plan) -> RefinedResult:
         """The last that is no worse, or usable."""
         q = (guess.trajectory if isinstance(guess, Plan) else guess).q
         if len(q) != self.given.n_steps + 1:
@@ -173,18 +173,18 @@ class Refinement:
         times: list[float] = (self.t0 + self.given.nominal_times()).tolist()
         return times
 
-    def _solved(self, guess: Guess, q: np.ndarray, tightened: Mapping[Term, np.ndarray]) -> Written:
+    def _solved(self, guess: Guess, q: np.ndarray, tightened: Mapping[Term, np.ndarray]) -> RefinedResult:
         """Written at configurations q (n_nodes, n_q)."""
         p = self.planner.transcription.parameters(self.given, t0=self.t0, near=q, tightened=tightened)
         left = max(self._left, 0.0)
         result = self.planner.solve(p, guess, problem=self.given, time_limit=left, progress=self.progress)
-        return Written(result=result, p=p, near=q, tightened=tightened)
+        return RefinedResult(result=result, p=p, near=q, tightened=tightened)
 
-    def _off(self, found: Written, q: np.ndarray) -> float:
+    def _off(self, found: RefinedResult, q: np.ndarray) -> float:
         """[m] Between rows that decide and distances."""
         return max(term.mismatch(self._times, found.near, q) for term in self._terms)
 
-    def _missing(self, best: Written, path: Trajectory) -> dict[Term, np.ndarray]:
+    def _missing(self, best: RefinedResult, path: Trajectory) -> dict[Term, np.ndarray]:
         """Add the shortfall between nodes to the margins so far; nothing at the last node, whose place is the goal's."""
         result: dict[Term, np.ndarray] = {}
         for term in self.given.constraints:
@@ -269,7 +269,7 @@ class Planner:
                 return self._failed(given, OcpStatus.INFEASIBLE, impossible, begin)
             ends = begin + self.options.time_limit
             refinement = Refinement(planner=self, given=given, t0=t0, deadline=ends, progress=progress)
-            found = refinement.solved(hold(given) if guess is None else guess)
+            found = refinement.solved(hold_guess(given) if guess is None else guess)
             court = self._court(given, found, t0, ends if diagnose else None)
             return self._plan(given, court.verdict(found.result), t0, begin)
 
@@ -307,10 +307,10 @@ class Planner:
             return guess.result if guess.result is not None else self.transcription.pack(guess.trajectory)
         return self.transcription.pack(guess)
 
-    def _court(self, given: OcpProblem, found: Written, t0: float, deadline: float | None) -> Diagnosis:
+    def _court(self, given: OcpProblem, found: RefinedResult, t0: float, deadline: float | None) -> Diagnosis:
         def solve(other: OcpProblem, x: np.ndarray | None, limit: float) -> LexicographicResult:
             numbers = self.transcription.parameters(other, t0=t0, near=found.near, tightened=found.tightened)
-            guess = hold(other) if x is None else self.transcription.unpack(x, other)
+            guess = hold_guess(other) if x is None else self.transcription.unpack(x, other)
             return self.solve(numbers, guess, problem=other, time_limit=limit)
 
         feasibility = self.options.feasibility
@@ -323,7 +323,7 @@ class Planner:
             deadline=deadline,
         )
 
-    def _plan(self, given: OcpProblem, verdict: Verdict, t0: float, begin: float) -> Plan:
+    def _plan(self, given: OcpProblem, verdict: SolveVerdict, t0: float, begin: float) -> Plan:
         trajectory = self.transcription.unpack(verdict.result.x, given)
         return Plan(
             robot=given.robot,
@@ -355,7 +355,7 @@ class Planner:
     def _failed(self, given: OcpProblem, status: OcpStatus, reason: str, begin: float) -> Plan:
         return Plan(
             robot=given.robot,
-            trajectory=hold(given),
+            trajectory=hold_guess(given),
             status=status,
             reason=reason,
             levels=(),

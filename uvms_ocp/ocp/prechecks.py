@@ -128,12 +128,12 @@ def goal_distances(scene: CollisionScene, goal: Goal, start: np.ndarray) -> np.n
     if robot.n_vehicle:
         q[:3] = start[:3] if goal.position is None else q[:3]
         q[3:7] = start[3:7] if goal.rpy is None else q[3:7]
-    known = _known_joints(robot, goal)
+    known = _determined_joints(robot, goal)
     pairs = [{pair.first_joint, pair.second_joint} <= known for pair in scene.pairs]
     return np.where(pairs, start_distances(scene, q), np.inf)
 
 
-def _known_joints(robot: Robot, goal: PostureGoal) -> set[int]:
+def _determined_joints(robot: Robot, goal: PostureGoal) -> set[int]:
     """Joints whose places the goal decides, the world among them: those behind joints that it all names."""
     known, model = {0}, robot.model
     for joint in range(1, model.njoints):

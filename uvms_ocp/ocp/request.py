@@ -18,10 +18,10 @@ from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.prechecks import check_goal, goal_distances, start_distances
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Effort, Posture, Smoothness, TaskTerm
-from uvms_ocp.ocp.trajectory import Trajectory, hold, through
+from uvms_ocp.ocp.trajectory import Trajectory, guess_through, hold_guess
 from uvms_ocp.planning.distances import CoalDistances
-from uvms_ocp.planning.request import FiniteTriple, Goal, PlanRequest, PostureGoal, check_goal_distance, solve
-from uvms_ocp.planning.scene import CollisionScene, Coordinates, Nearest, collision_scene, coordinates
+from uvms_ocp.planning.request import FiniteTriple, Goal, PlanRequest, PostureGoal, check_goal_distance, plan_path
+from uvms_ocp.planning.scene import CollisionScene, Coordinates, NearestPair, collision_scene, coordinates
 from uvms_ocp.record.meta_values import ObstacleData
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import Obstacle, build_obstacles, seafloor
@@ -41,13 +41,13 @@ def along_curve(problem: OcpProblem, coordinates: Coordinates, curve: PiecewiseP
     """Guess along a curve of coordinates, at the pace that ends with the problem's nominal time."""
     t = np.linspace(curve.start, curve.end, _SAMPLES)
     share = (t - curve.start) / (curve.end - curve.start)
-    return through(problem, share * problem.nominal_times()[-1], coordinates.configurations(curve.evaluate(t)))
+    return guess_through(problem, share * problem.nominal_times()[-1], coordinates.configurations(curve.evaluate(t)))
 
 
 def curve_guess(problem: OcpProblem, request: PlanRequest) -> Trajectory | None:
     """Guess along the curve that the request asks for; `None` where no curve is free of collision."""
     try:
-        found = solve(request)
+        found = plan_path(request)
     except InvalidInput:  # what a curve cannot do, such as a goal of some joints alone, is no mistake here
         return None
     if found.plan is None or not found.plan.collision_free:
@@ -114,7 +114,7 @@ class OcpResult:
         return CoalDistances(self.scene).distances(self.coordinates)
 
     @property
-    def nearest(self) -> Nearest:
+    def nearest(self) -> NearestPair:
         """The smallest distance at any sample."""
         return self.scene.nearest(self.samples[0], self.distances)
 
@@ -150,14 +150,14 @@ def _planned(request: OcpRequest, problem: OcpProblem, progress: Progress | None
         planner = Planner(given, NlpOptions(plugin=request.plugin, time_limit=request.time_limit))
         for guess in _guesses(request, given):
             plans.append(planner.plan(guess=guess, progress=progress))
-            if _good(plans[-1]):
+            if _is_proven(plans[-1]):
                 return plans[-1]
         if not any(plan.status.usable and not _free(plan) for plan in plans):
             break  # shorter steps mend nothing but what touches between them
-    return max(plans, key=lambda plan: (plan.status.usable and _free(plan), plan.status.usable, _good(plan)))
+    return max(plans, key=lambda plan: (plan.status.usable and _free(plan), plan.status.usable, _is_proven(plan)))
 
 
-def _good(plan: Plan) -> bool:
+def _is_proven(plan: Plan) -> bool:
     return plan.status is OcpStatus.SOLVED and _free(plan)
 
 
@@ -174,7 +174,7 @@ def _guesses(request: OcpRequest, problem: OcpProblem) -> Iterator[Trajectory]:
         curve = curve_guess(problem, PlanRequest(**asked, axes="all" if turned else "level"))
         if curve is not None:
             yield curve
-    yield hold(problem)
+    yield hold_guess(problem)
 
 
 def _surroundings(request: OcpRequest) -> list[Obstacle]:

@@ -92,7 +92,7 @@ def intervals_of(times: np.ndarray, t: np.ndarray | float) -> Indices:
 
 
 @checked
-def hold(problem: OcpProblem, start: State | None = None) -> Trajectory:
+def hold_guess(problem: OcpProblem, start: State | None = None) -> Trajectory:
     """Guess: stay at the start of the problem or at another one, at rest."""
     robot, t = problem.robot, problem.nominal_times()
     state = start or problem.start
@@ -108,7 +108,7 @@ def hold(problem: OcpProblem, start: State | None = None) -> Trajectory:
     )
 
 
-def shifted(problem: OcpProblem, last: Trajectory, delay: float, start: State) -> Trajectory:
+def shift_guess(problem: OcpProblem, last: Trajectory, delay: float, start: State) -> Trajectory:
     """Guess from a solution that is `delay` [s] old: the same motion seen from `start`, its end held."""
     t = problem.nominal_times()
     q, v, steps = last.states_at(problem.robot.model, t + delay)
@@ -118,7 +118,7 @@ def shifted(problem: OcpProblem, last: Trajectory, delay: float, start: State) -
 
 
 @checked
-def through(
+def guess_through(
     problem: OcpProblem,
     times: Annotated[np.ndarray, Shape("n")],
     configurations: Annotated[np.ndarray, Shape("n", "problem.robot.n_q")],

@@ -26,7 +26,7 @@ Solve = Callable[[OcpProblem, np.ndarray | None, float], LexicographicResult]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Verdict:
+class SolveVerdict:
     """Verdict on a solve."""
 
     status: OcpStatus
@@ -50,7 +50,7 @@ class Diagnosis:
     deadline: float | None
     """[s] by `perf_counter`, until which longer horizons are tried; `None`: nothing is tried."""
 
-    def verdict(self, result: LexicographicResult, *, again: bool = True) -> Verdict:
+    def verdict(self, result: LexicographicResult, *, again: bool = True) -> SolveVerdict:
         """again: one more solve is made where the search for what gives way finds a point that keeps all constraints."""
         if NlpStatus.INTERRUPTED in result.level_status:
             return self._interrupted(result)
@@ -62,22 +62,22 @@ class Diagnosis:
         failed = _first_failure(result)
         if missed is not None and (failed is None or missed < failed):
             status, text = self._why_missed(missed, result)
-            return Verdict(status=status, reason=text, result=result)
+            return SolveVerdict(status=status, reason=text, result=result)
         if failed is not None:
             text = f"level {self._name(failed)}: {result.level_status[failed].value}"
-            return Verdict(status=OcpStatus.UNFINISHED, reason=text, result=result)
-        return Verdict(status=OcpStatus.SOLVED, reason="all goals are met", result=result)
+            return SolveVerdict(status=OcpStatus.UNFINISHED, reason=text, result=result)
+        return SolveVerdict(status=OcpStatus.SOLVED, reason="all goals are met", result=result)
 
     def _name(self, level: int) -> str:
         return repr(self.problem.levels[level].name)
 
-    def _interrupted(self, result: LexicographicResult) -> Verdict:
+    def _interrupted(self, result: LexicographicResult) -> SolveVerdict:
         level = result.level_status.index(NlpStatus.INTERRUPTED)
         residual = result.level_residuals[level]
         text = f"level {self._name(level)}: stopped by hand at a residual of {residual:.4g}, with constraints broken by"
-        return Verdict(status=OcpStatus.INTERRUPTED, reason=f"{text} {result.violation:.2g}", result=result)
+        return SolveVerdict(status=OcpStatus.INTERRUPTED, reason=f"{text} {result.violation:.2g}", result=result)
 
-    def _undefined(self, result: LexicographicResult) -> Verdict:
+    def _undefined(self, result: LexicographicResult) -> SolveVerdict:
         names = self.transcription.undefined(self.problem)
         level = result.level_status.index(NlpStatus.NOT_A_NUMBER)
         text = f"level {self._name(level)}: {NlpStatus.NOT_A_NUMBER.value}"
@@ -85,11 +85,11 @@ class Diagnosis:
             text += (
                 f": at the start {_listed(names)} or its slope is none; add a small number under roots and divisions"
             )
-        return Verdict(status=OcpStatus.UNFINISHED, reason=text, result=result)
+        return SolveVerdict(status=OcpStatus.UNFINISHED, reason=text, result=result)
 
     # --- no motion was found --------------------------------------------------------------------------
 
-    def _broken(self, result: LexicographicResult, again: bool) -> Verdict:
+    def _broken(self, result: LexicographicResult, again: bool) -> SolveVerdict:
         groups = self.transcription.violations(result.x, self.p, self.problem)
         name = max(groups, key=lambda key: groups[key])
         failed = _first_failure(result)
@@ -99,14 +99,16 @@ class Diagnosis:
         least = self._least(result)
         if least is not None and least.converged:
             if not least.feasible:
-                return Verdict(status=OcpStatus.INFEASIBLE, reason=f"{text}; {_told(least)}", result=result)
+                return SolveVerdict(
+                    status=OcpStatus.INFEASIBLE, reason=f"{text}; {_describe_relaxations(least)}", result=result
+                )
             if again:
                 return self._again(least)
             text += "; a motion that keeps all constraints was found, but no optimum from there"
         if status is NlpStatus.INFEASIBLE and least is None:
             text = f"{text}, and no small change helps"
-            return Verdict(status=OcpStatus.INFEASIBLE, reason=text, result=result)
-        return Verdict(status=OcpStatus.UNFINISHED, reason=text, result=result)
+            return SolveVerdict(status=OcpStatus.INFEASIBLE, reason=text, result=result)
+        return SolveVerdict(status=OcpStatus.UNFINISHED, reason=text, result=result)
 
     def _least(self, result: LexicographicResult) -> PhaseOne | None:
         """`None` where there is no time for it, or nobody waits for it."""
@@ -118,7 +120,7 @@ class Diagnosis:
         except KeyboardInterrupt:
             return None
 
-    def _again(self, least: PhaseOne) -> Verdict:
+    def _again(self, least: PhaseOne) -> SolveVerdict:
         assert self.deadline is not None
         result = self.solve(self.problem, least.x, max(self.deadline - perf_counter(), 0.0))
         return self.verdict(result, again=False)
@@ -172,7 +174,7 @@ class Diagnosis:
         return f"; held back by {_listed([item.group.named(item.axes) for item in found])}; to first order {change}"
 
 
-def _told(least: PhaseOne) -> str:
+def _describe_relaxations(least: PhaseOne) -> str:
     """Describe the relaxations that are needed, and the bounds that oppose them."""
     changes = _listed([item.group.change(item.amount, item.axes) for item in least.given])
     against = f", against {_listed([group.name for group in least.against])}" if least.against else ""

@@ -8,7 +8,7 @@ from uvms_ocp.planning.request import PlanRequest as PlanRequest
 from uvms_ocp.planning.request import PlanResult as PlanResult
 from uvms_ocp.planning.request import PostureGoal as PostureGoal
 from uvms_ocp.planning.request import ToolGoal as ToolGoal
-from uvms_ocp.planning.request import solve as solve
+from uvms_ocp.planning.request import plan_path as plan_path
 from uvms_ocp.planning.request import tool_goal as tool_goal
 from uvms_ocp.planning.sampling import sampled_waypoints as sampled_waypoints
 from uvms_ocp.planning.scene import CollisionScene as CollisionScene

@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from uvms_ocp.checks import checked
-from uvms_ocp.planning.scene import CollisionScene, Nearest
+from uvms_ocp.planning.scene import CollisionScene, NearestPair
 from uvms_ocp.robot.kinematics import largest_change
 from uvms_ocp.robot.shapes.collision_model import links_without_shape
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
@@ -43,7 +43,7 @@ class ClearanceReport:
     """No sample collides and no motion between samples can."""
     undecided: bool
     """No collision was found, but intervals too short to halve could not be excluded."""
-    nearest: Nearest
+    nearest: NearestPair
     """The smallest distance at any sample; negative in collision."""
     n_samples: int
     unshaped: tuple[str, ...] = ()
@@ -69,7 +69,7 @@ def check_clearance(
     return check_motion(curve, distances.scene, shortest=shortest, all_collisions=all_collisions)
 
 
-class Motion(Protocol):
+class BoundedMotion(Protocol):
     """A motion of whatever interpolation, whose distances are measured and whose axes move by bounded ways."""
 
     @property
@@ -91,11 +91,11 @@ class Motion(Protocol):
 
 
 def check_motion(
-    motion: Motion, scene: CollisionScene, *, shortest: float = 1e-5, all_collisions: bool = False
+    motion: BoundedMotion, scene: CollisionScene, *, shortest: float = 1e-5, all_collisions: bool = False
 ) -> ClearanceReport:
     """Check all pairs of a scene along a motion; see `check_clearance` for shortest."""
     middle, half = motion.intervals()
-    worst, n_samples, undecided = Nearest(distance=np.inf, time=0.0, pair=""), 0, False
+    worst, n_samples, undecided = NearestPair(distance=np.inf, time=0.0, pair=""), 0, False
     while middle.size:
         d = motion.distances(middle)
         n_samples += middle.size
@@ -130,7 +130,7 @@ def clearance_along(
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Curve:
-    """A trajectory of the scene's coordinates, as a `Motion`."""
+    """A trajectory of the scene's coordinates, as a `BoundedMotion`."""
 
     trajectory: PiecewisePolynomial
     measure: PairDistances

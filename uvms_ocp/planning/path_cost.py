@@ -161,7 +161,7 @@ def _dot(vector: Array, matrix: Array) -> Array:
 # Sums over pieces couple neighbouring nodes only, so the Gauss-Newton matrix is block tridiagonal.
 
 
-class Distances(Protocol):
+class DistanceSource(Protocol):
     """Source of signed distances: coal, or closed forms."""
 
     @property
@@ -250,7 +250,7 @@ class _SampleSlopes:
 class PathCost:
     """The cost of trajectories over fixed pieces; variables are scaled node derivatives (n_nodes, k n_axes)."""
 
-    distances: Distances
+    distances: DistanceSource
     pieces: Pieces
     weights: CostWeights
     limits: MotionLimits

@@ -296,7 +296,7 @@ class PlanResult:
 
 
 @checked
-def solve(request: PlanRequest) -> PlanResult:
+def plan_path(request: PlanRequest) -> PlanResult:
     """Find where to go, then how.
 
     Raises `NameNotFound` for unknown axes, joints or frames, `InvalidInput` for a start or goal in collision or outside limits,

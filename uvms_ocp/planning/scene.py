@@ -207,7 +207,7 @@ class Pair:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Nearest:
+class NearestPair:
     """The smallest of many distances."""
 
     distance: float
@@ -251,12 +251,12 @@ class CollisionScene:
     @checked_on_failure
     def nearest(
         self, t: Annotated[Array, Shape("n")], distances: Annotated[Array, Shape("n", "self.n_pairs")]
-    ) -> Nearest:
+    ) -> NearestPair:
         """The smallest of the distances (n, n_pairs) [m] at times t (n,) [s]."""
         if not distances.size:
-            return Nearest(distance=np.inf, time=0.0, pair="")
+            return NearestPair(distance=np.inf, time=0.0, pair="")
         row, pair = np.unravel_index(int(np.argmin(distances)), distances.shape)
-        return Nearest(distance=float(distances[row, pair]), time=float(t[row]), pair=self.pairs[pair].name)
+        return NearestPair(distance=float(distances[row, pair]), time=float(t[row]), pair=self.pairs[pair].name)
 
     def among(self, indices: Sequence[int]) -> CollisionScene:
         """The same scene with these of its pairs alone. Raises `InvalidInput` for an index that no pair has."""

@@ -15,7 +15,7 @@ from uvms_ocp.errors import AdvisedStatus, InvalidInput
 from uvms_ocp.planning.conservative_advancement import ClearanceReport, PairDistances, check_clearance
 from uvms_ocp.planning.descent import Descent, DescentProblem, DescentSolver, TrustRegion
 from uvms_ocp.planning.distances import CoalDistances
-from uvms_ocp.planning.path_cost import CostParts, CostWeights, Distances, LocalModel, PathCost
+from uvms_ocp.planning.path_cost import CostParts, CostWeights, DistanceSource, LocalModel, PathCost
 from uvms_ocp.planning.sampling import SamplingOptions, sampled_waypoints
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.trajectories.free_derivatives import pieces_of
@@ -86,7 +86,7 @@ def plan_soft_collision(
     limits: MotionLimits,
     times: ArrayLike | None = None,
     options: SoftCollisionOptions | None = None,
-    distances: Distances | None = None,
+    distances: DistanceSource | None = None,
 ) -> CollisionPlan:
     """Bend a minimum-snap trajectory away from collisions, then verify it.
 
@@ -124,7 +124,7 @@ def straight_guess(waypoints: ArrayLike, limits: MotionLimits, times: ArrayLike 
 
 
 def _attempts(
-    distances: Distances,
+    distances: DistanceSource,
     exact: CoalDistances,
     start: PiecewisePolynomial,
     limits: MotionLimits,
@@ -160,7 +160,7 @@ class _Problem:
 
     @staticmethod
     def of(
-        distances: Distances,
+        distances: DistanceSource,
         start: PiecewisePolynomial,
         limits: MotionLimits,
         options: SoftCollisionOptions,

@@ -14,7 +14,7 @@ from uvms_ocp.ocp.request import OcpRequest, OcpResult
 from uvms_ocp.planning.conservative_advancement import clearance_along
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.request import PlanRequest, PlanResult, ToolGoal
-from uvms_ocp.planning.scene import CollisionScene, Nearest
+from uvms_ocp.planning.scene import CollisionScene, NearestPair
 from uvms_ocp.planning.soft_collision import CollisionPlan
 from uvms_ocp.record.meta_values import AxisLimitsMeta, ClearanceMeta, FrameMeta, PhaseMeta, SurroundingsMeta
 from uvms_ocp.record.record import Record
@@ -43,7 +43,7 @@ class PlannedMotion:
     """(n, n_pairs) [m] of all pairs of shapes."""
 
     @property
-    def nearest(self) -> Nearest:
+    def nearest(self) -> NearestPair:
         """The smallest distance at any sample."""
         return self.scene.nearest(self.t, self.distances)
 
@@ -75,7 +75,7 @@ class PlannedMotion:
         return {"clearance": np.stack(smallest, axis=1), "quantities": d.min(axis=1)[:, None]}
 
 
-def nearest_entries(nearest: Nearest | None) -> dict[str, Any]:
+def nearest_entries(nearest: NearestPair | None) -> dict[str, Any]:
     """The smallest distance in a report; `None` where there is no motion to measure, or nothing can meet."""
     if nearest is None:
         return dict.fromkeys(("min_clearance_m", "min_clearance_at_s", "min_clearance_between"))
@@ -87,7 +87,12 @@ def nearest_entries(nearest: Nearest | None) -> dict[str, Any]:
 
 
 def plan_meta(
-    motion: PlannedMotion, *, scenario: str, axis_limits: AxisLimitsMeta, breaks: tuple[float, ...], nearest: Nearest
+    motion: PlannedMotion,
+    *,
+    scenario: str,
+    axis_limits: AxisLimitsMeta,
+    breaks: tuple[float, ...],
+    nearest: NearestPair,
 ) -> PlanMeta:
     """Describe a planned motion as the metadata of its record.
 
@@ -114,7 +119,7 @@ def plan_meta(
     )
 
 
-def _clearance(nearest: Nearest) -> ClearanceMeta:
+def _clearance(nearest: NearestPair) -> ClearanceMeta:
     return ClearanceMeta(t=nearest.time, distance=nearest.distance, between=nearest.pair)
 
 
@@ -213,7 +218,7 @@ def _curve_motion(result: PlanResult, curve: PiecewisePolynomial) -> PlannedMoti
     return PlannedMotion(request=result.request, scene=result.scene, t=t, q=q, distances=distances)
 
 
-def _nearest(plan: CollisionPlan, motion: PlannedMotion) -> Nearest:
+def _nearest(plan: CollisionPlan, motion: PlannedMotion) -> NearestPair:
     """The smallest distance met, by the certificate or along the record."""
     return min(plan.clearance.nearest, motion.nearest, key=lambda nearest: nearest.distance)
 

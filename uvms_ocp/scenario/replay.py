@@ -12,7 +12,7 @@ from uvms_ocp.control.force.computed_torque import OPEN_LOOP
 from uvms_ocp.control.plan_following import PlanTracker
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.estimator import PassThrough
-from uvms_ocp.ocp.plan import TOOL, Mismatch, Plan, mismatch, tool_series
+from uvms_ocp.ocp.plan import TOOL, Plan, TrackingError, tool_series, tracking_error
 from uvms_ocp.record.meta_values import AlarmMeta, PhaseMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import RunMeta, packages
@@ -39,7 +39,7 @@ class ReplayResult:
     record: Record
     """True states, thrust, torque and energy, tick by tick; figures and scenes take it. An alarm says where the plan goes
     below the sea floor of an environment."""
-    mismatch: Mismatch
+    mismatch: TrackingError
     """Error of the tool, or of the robot's last frame where it has none."""
 
 
@@ -70,7 +70,7 @@ def replay(plan: Plan, where: PlantOrEnvironment, *, feedback: bool = True, dt: 
     record = _record(plan, recorder.series(), dt, "with feedback" if feedback else "blind", below)
     frame = TOOL if robot.has_frame(TOOL) else robot.frame_names[-1]
     return ReplayResult(
-        record=record, mismatch=mismatch(trajectory, record["t"], record["q"], robot=robot, frame=frame)
+        record=record, mismatch=tracking_error(trajectory, record["t"], record["q"], robot=robot, frame=frame)
     )
 
 

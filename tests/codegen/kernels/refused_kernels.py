@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any
 
-from uvms_ocp.codegen.kernel_layout import Layout, Sized, Smooth, Vector, zeros
+from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, zeros
 
 
 class Small(Layout):
@@ -14,7 +14,7 @@ class Small(Layout):
     n: int
     x: float
     values: Annotated[Vector, Sized(3)]
-    root: Smooth
+    root: FunctionField
 
 
 def of_a_layout_that_is_no_vector(m: Small) -> None:

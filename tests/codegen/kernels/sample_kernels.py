@@ -6,7 +6,7 @@ import math
 from enum import IntEnum
 from typing import Annotated, Any
 
-from uvms_ocp.codegen.kernel_layout import Ask, Layout, Sized, Smooth, Vector, zeros
+from uvms_ocp.codegen.kernel_layout import CallbackField, FunctionField, Layout, Sized, Vector, zeros
 
 LIMIT = 0.75
 
@@ -28,7 +28,7 @@ class Window(Layout):
 class Motion(Layout):
     """Of `advance`."""
 
-    dynamics: Smooth
+    dynamics: FunctionField
     x: Annotated[Vector, Sized(2)]
     rate: Annotated[Vector, Sized(2)]
     slope: Annotated[Vector, Sized(4)]
@@ -55,7 +55,7 @@ class Column(Layout):
 class Roots(Layout):
     """Of `take_roots`."""
 
-    root: Smooth
+    root: FunctionField
     given: Column
     told: Column
 
@@ -130,7 +130,7 @@ def tick(m: Memory, x: float, quiet: bool) -> float:
 class Curious(Layout):
     """What somebody in Python changes when asked."""
 
-    ask: Ask
+    ask: CallbackField
     x: float
 
 

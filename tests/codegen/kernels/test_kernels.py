@@ -13,7 +13,7 @@ import refused_kernels
 from compiler import IN_C_AND_PYTHON, needs_compiler
 from sample_kernels import Curious, Memory, Motion, Roots, advance, inquire, take_roots, tick
 
-from uvms_ocp.codegen.kernel_layout import Answer, Layout, column_view, structure_of
+from uvms_ocp.codegen.kernel_layout import CallbackBinding, Layout, column_view, structure_of
 from uvms_ocp.codegen.kernel_program import c_program
 from uvms_ocp.codegen.kernels import bind_kernels, make_memory
 from uvms_ocp.errors import InvalidInput
@@ -105,7 +105,7 @@ def test_a_kernel_asks_python_which_answers_in_its_memory(compiled: bool) -> Non
             raise OverflowError(f"{memory.x:g} is too much")
         memory.x *= 2.0
 
-    answer = Answer(memory.ask, double)
+    answer = CallbackBinding(memory.ask, double)
     assert ask_on(memory, 4) == 22.0
     answer.check()
     assert ask_on(memory, 1) == 22.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-from uvms_ocp.codegen.kernel_layout import Layout, Sized, Smooth, Vector
+from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector
 from uvms_ocp.control.faults.authority import AuthorityMemory, judge_authority
 from uvms_ocp.control.faults.thrusters import ThrusterFaultMemory, detect_thruster_faults
 from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness
@@ -152,9 +152,9 @@ class FaultDetection(Layout):
     encoders_trusted: bool
     """Whether the encoders are to be trusted."""
     # of the robot
-    joint_way: Smooth
+    joint_way: FunctionField
     """``q, q -> (n_joints,)`` [rad or m] from one to the other."""
-    weight: Smooth
+    weight: FunctionField
     """``q -> (6,)`` [N, N m] of thrusters that would hold the robot still in still water."""
     dt: float
     """[s] of a tick."""

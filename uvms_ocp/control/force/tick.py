@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.codegen.kernel_layout import Layout, Smooth, column_view, structure_of
+from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, column_view, structure_of
 from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.control.faults.detection import FaultDetection, detect_faults, pause_detection
 from uvms_ocp.control.faults.monitor import detection_sizes, write_detection
@@ -45,10 +45,10 @@ _ENCODER_SILENCE = 0.1  # [s] after which joints are no longer fed back; a joint
 class ForceMemory(Layout):
     """Memory of a tick: functions, inputs, state and outputs."""
 
-    observe: Smooth
+    observe: FunctionField
     """As `observe_function` makes it; the next two as `control_function` and `command_function` do."""
-    control: Smooth
-    command: Smooth
+    control: FunctionField
+    command: FunctionField
     watched: bool
     """Faulty thrusters and joints are searched for."""
     bandwidth_share: float

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.codegen.kernel_layout import Layout, Sized, Smooth, Vector, structure_of
+from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, structure_of
 from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.estimation.degraded_modes import describe_channels
 from uvms_ocp.mission.mission import Mission, write_mission
@@ -31,7 +31,7 @@ N_POSE = 12  # position, then rotation column by column
 class AscentMemory(Layout):
     """The frame that climbs, and its goal."""
 
-    pose: Smooth
+    pose: FunctionField
     """Q to position (3,) [m] and rotation (9,) of the frame in W, column by column."""
     altitude: float
     """[m] as that of `Abort`."""

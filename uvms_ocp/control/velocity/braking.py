@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.kernel_layout import Layout, Sized, Smooth, Vector, doubles, structure_of, view, zeros
+from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, doubles, structure_of, view, zeros
 from uvms_ocp.estimation.degraded_modes import RestrictionMemory
 from uvms_ocp.estimation.fallbacks import AltimeterMemory
 from uvms_ocp.robot.limits import bounded_joints
@@ -35,9 +35,9 @@ NONE = -1
 class StopMemory(Layout):
     """Where a robot is on its way to rest, and how far it may go before limits are to be looked at."""
 
-    step: Smooth
+    step: FunctionField
     """Q, v and the time to rest from it [s], to q one tick on and v then."""
-    slower: Smooth
+    slower: FunctionField
     """Q, v and the same time, to v one tick nearer to rest at q itself."""
     acceleration: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s2, rad/s2] finite."""

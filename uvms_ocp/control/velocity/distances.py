@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-from uvms_ocp.codegen.kernel_layout import Ask, Layout, Sized, Smooth, Vector
+from uvms_ocp.codegen.kernel_layout import CallbackField, FunctionField, Layout, Sized, Vector
 from uvms_ocp.control.velocity.braking import time_to_rest
 from uvms_ocp.robot.shapes.distance_kernels import (
     DistanceMemory,
@@ -69,7 +69,7 @@ class NearestMemory(Layout):
     """Tasks that ask."""
     pairs: Annotated[list[PairsMemory], Sized("n_asking")]
     """(n_asking,)"""
-    integrate: Smooth
+    integrate: FunctionField
     """Q and a displacement (n_v,) [m, rad] to q."""
     moves: bool
     """It takes longer than a tick to rest; all else is of no meaning where it does not."""
@@ -81,7 +81,7 @@ class NearestMemory(Layout):
     """(1 + N_PLACES, n_q) [m, rad] configuration now, and at each place."""
     way: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m, rad] to a place."""
-    ask: Ask
+    ask: CallbackField
     """The distances of `asked` at the place `at` of pairs that count; of those chosen whose worst it is the gradients."""
     asked: int
     """Index in `pairs`."""

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.kernel_layout import Answer, Layout, Sized, Vector, doubles, structure_of, view
+from uvms_ocp.codegen.kernel_layout import CallbackBinding, Layout, Sized, Vector, doubles, structure_of, view
 from uvms_ocp.control.velocity.abort import AscentMemory
 from uvms_ocp.control.velocity.distances import NearestMemory, measure_pairs, place_along_stop
 from uvms_ocp.mission.mission import Mission, is_constant
@@ -233,7 +233,7 @@ class DistanceProvider:
         self._memory, self._places = memory, view(memory.place)
         self._models = [pairs.model for _, _, pairs in asking]
         memory.n_asking = len(asking)
-        self.answer = Answer(memory.ask, self._look)
+        self.answer = CallbackBinding(memory.ask, self._look)
         for p, (task, end, pairs) in zip(memory.pairs, asking, strict=False):
             p.task, p.first, p.n, p.n_pairs = task, end - pairs.n_parameters, pairs.n_rows, pairs.model.n_pairs
             p.threshold, p.in_c = pairs.threshold, in_c(pairs.model, robot)

@@ -19,7 +19,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.robot.limits import bounded_joints
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_model import SymbolicModel
-from uvms_ocp.solvers.hierarchy.level import gated
+from uvms_ocp.solvers.hierarchy.level import widen_bounds
 from uvms_ocp.tasks.activation import ENDLESS, row_acceleration, stopping_speed
 from uvms_ocp.tasks.task import Hierarchy, Rows, Task, TaskClass, TickSymbols, equality_rows
 from uvms_ocp.types import Period
@@ -127,7 +127,7 @@ def reachable_rows(
             upper = ca.if_else(present < rows.lower, far[1], upper)
     step = np.minimum(np.minimum(limits.acceleration * dt, 2 * limits.velocity), ENDLESS)
     gates, reach = ca.repmat(gate, rows.n_rows, 1), ca.fabs(rows.jacobian) @ ca.DM(step)
-    lower, upper = gated(rows.jacobian, lower, upper, gates, reach)
+    lower, upper = widen_bounds(rows.jacobian, lower, upper, gates, reach)
     return replace(rows, lower=lower, upper=upper)
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from uvms_ocp.codegen.kernel_layout import Layout, Sized, Smooth, Vector, structure_of, view
+from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, structure_of, view
 from uvms_ocp.codegen.kernels import bind_memory
 from uvms_ocp.control.velocity.abort import AbortReason, abort_reason, aim_ascent
 from uvms_ocp.control.velocity.braking import begin_stop, limit_speed, step_stop
@@ -232,9 +232,9 @@ class VelocityController(Layout):
 
     tick: TickMemory
     """Of the mission, and before and after the solver."""
-    levels: Smooth
+    levels: FunctionField
     """As `LevelsProblem.function`."""
-    solver: Smooth
+    solver: FunctionField
     """J, lower, upper, gate, active set -> v, active set, report, residual."""
     jacobian: Annotated[Vector, Sized("n_entries")]
     """(n_rows, n_v) column after column, as all that follows of `Level`."""

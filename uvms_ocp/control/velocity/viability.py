@@ -16,7 +16,17 @@ from typing import Annotated, Any
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.kernel_layout import Answer, Ask, Layout, Sized, Smooth, Vector, doubles, structure_of, view
+from uvms_ocp.codegen.kernel_layout import (
+    CallbackBinding,
+    CallbackField,
+    FunctionField,
+    Layout,
+    Sized,
+    Vector,
+    doubles,
+    structure_of,
+    view,
+)
 from uvms_ocp.codegen.kernels import bind_memory
 from uvms_ocp.control.velocity.braking import (
     NONE,
@@ -53,9 +63,9 @@ class ViabilityMemory(Layout):
 
     stop: StopMemory
     """With the reach of the limits."""
-    smooth: Smooth
+    smooth: FunctionField
     """Q to the positions that have an expression, those of the first limits."""
-    ask: Ask
+    ask: CallbackField
     """Where they have none, and are no distances: the positions of the limit `asked` at `place` that count."""
     asked: int
     place: Annotated[Vector, Sized("n_q")]
@@ -363,7 +373,7 @@ class ViabilitySetup:
         self._guards, self._memory = guards, memory
         self._robot, self._n_distances = robot, 0
         self._place, self._position, self._counts = map(view, (memory.place, memory.position, memory.counts))
-        self.answer = Answer(memory.ask, self._look)
+        self.answer = CallbackBinding(memory.ask, self._look)
         memory.n_limits = memory.stop.n_limits = len(guards)
         for k, guard in enumerate(guards):
             self._write(k, guard)

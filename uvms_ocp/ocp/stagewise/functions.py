@@ -177,7 +177,7 @@ class ForceRows:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class RowGroup:
+class HeldRows:
     """Rows that are asked for together."""
 
     rows: ca.SX
@@ -200,9 +200,9 @@ class BlockFunctions:
     """At steps only."""
     extra: int = 0
     """Columns of zeros behind those of the state, where the stage has controls and the rows have not."""
-    held: tuple[RowGroup, ...] = field(init=False)
+    held: tuple[HeldRows, ...] = field(init=False)
     """Constraints, then the rows of each level; those of the last are never held, and have no derivatives."""
-    errors: tuple[RowGroup, ...] = field(init=False)
+    errors: tuple[HeldRows, ...] = field(init=False)
     """Residual groups of each level."""
     values: ca.Function = field(init=False)
     """``z, parameters, water -> errors..., held...``"""
@@ -213,7 +213,7 @@ class BlockFunctions:
         rows, levels = self.block.rows, range(len(self.block.rows.errors))
         first = [] if self.forces is None else [self.forces.rows]
         held = [_group(rows, CONSTRAINT, first), *(_group(rows, i, []) for i in levels)]
-        errors = [RowGroup(rows=rows.errors[i], numbers=np.flatnonzero(rows.level == i)) for i in levels]
+        errors = [HeldRows(rows=rows.errors[i], numbers=np.flatnonzero(rows.level == i)) for i in levels]
         object.__setattr__(self, "held", tuple(held))
         object.__setattr__(self, "errors", tuple(errors))
         groups = [group.rows for group in (*errors, *held)]
@@ -228,7 +228,7 @@ class BlockFunctions:
         weights, rows = self.tangent.weights(value), self.block.rows
         found = self.tangent.force_curvature_terms(weights) if weights.nnz() else ca.SX(0, 1)
         inputs = [rows.model.z, rows.parameters, rows.model.water, y, e]
-        return compiled(f"{rows.name}_bend", inputs, self.tangent.expanded([found]))
+        return compile_dense(f"{rows.name}_bend", inputs, self.tangent.expanded([found]))
 
     @cached_property
     def curvature(self) -> ca.Function:
@@ -240,7 +240,7 @@ class BlockFunctions:
         H = tangent.curvature(value + (ca.dot(costates, tangent.motion(z_next)) if step else 0), controls=step)
         whole = ca.diagcat(H, ca.SX(self.extra, self.extra))
         inputs = [model.z, z_next, rows.parameters, model.water, costates, y, e, bent]
-        return compiled(f"{rows.name}_curvature", inputs, tangent.expanded([whole]))
+        return compile_dense(f"{rows.name}_curvature", inputs, tangent.expanded([whole]))
 
     @cached_property
     def _weighted(self) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -257,12 +257,12 @@ class BlockFunctions:
     def _function(self, kind: str, outputs: Sequence[ca.SX]) -> ca.Function:
         rows = self.block.rows
         inputs = [rows.model.z, rows.parameters, rows.model.water]
-        return compiled(f"{rows.name}_{kind}", inputs, self.tangent.expanded(outputs))
+        return compile_dense(f"{rows.name}_{kind}", inputs, self.tangent.expanded(outputs))
 
 
-def _group(rows: TermRows, level: int, before: Sequence[ca.SX]) -> RowGroup:
+def _group(rows: TermRows, level: int, before: Sequence[ca.SX]) -> HeldRows:
     numbers = np.flatnonzero(rows.level == level)
-    return RowGroup(rows=ca.vertcat(*before, chosen(rows.rows, numbers)), numbers=numbers)
+    return HeldRows(rows=ca.vertcat(*before, chosen(rows.rows, numbers)), numbers=numbers)
 
 
 def chosen(rows: ca.SX, numbers: np.ndarray) -> ca.SX:
@@ -292,17 +292,17 @@ def motion_functions(tangent: Tangent) -> tuple[ca.Function, ca.Function]:
     z, z_next = tangent.model.z, ca.SX.sym("z_next", tangent.model.layout.n_z)
     ahead = tangent.motion(z_next)
     return (
-        compiled("motion", [z, z_next], [ahead]),
-        compiled("motion_linear", [z, z_next], [ahead, tangent.jacobian(ahead).T]),
+        compile_dense("motion", [z, z_next], [ahead]),
+        compile_dense("motion_linear", [z, z_next], [ahead, tangent.jacobian(ahead).T]),
     )
 
 
 def moved_function(tangent: Tangent) -> ca.Function:
     """``z, x, u, share -> z`` moved by that share of a step x (n_x,), u (n_u,)."""
     x, u, share = ca.SX.sym("x", tangent.n_x), ca.SX.sym("u", tangent.n_u), ca.SX.sym("share")
-    return compiled("moved", [tangent.model.z, x, u, share], [tangent.moved(share * ca.vertcat(x, u))])
+    return compile_dense("moved", [tangent.model.z, x, u, share], [tangent.moved(share * ca.vertcat(x, u))])
 
 
-def compiled(name: str, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX]) -> ca.Function:
+def compile_dense(name: str, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX]) -> ca.Function:
     """Dense outputs, in machine code where there is a compiler."""
     return compile_function(ca.Function(name, list(inputs), [ca.densify(one) for one in outputs], {"cse": True}))

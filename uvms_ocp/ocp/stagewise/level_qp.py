@@ -7,10 +7,10 @@ from functools import cached_property
 import numpy as np
 
 from uvms_ocp.codegen.buffered import BoundCalls
-from uvms_ocp.codegen.elementwise import excess
+from uvms_ocp.codegen.elementwise import interval_excess
 from uvms_ocp.ocp.problem import HessianKind
 from uvms_ocp.ocp.stagewise.memory import StageMemory, StageRanges
-from uvms_ocp.solvers.stage_qp.problem import Found, Near, StageQp, StageQpOptions, StageShape
+from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQp, StageQpOptions, StageShape, WarmStart
 from uvms_ocp.solvers.stage_qp.solver import StageQpSolver
 from uvms_ocp.types import Array
 
@@ -40,7 +40,7 @@ class Multipliers:
             for whole, own, part in zip(self.residuals, sizes, memory.residual_parts(level), strict=True)
         ]
 
-    def take(self, found: Found) -> None:
+    def take(self, found: FlatSolution) -> None:
         """Take the multipliers of the last QP, and the present residuals."""
         self.costates[:-1] = found.costate.reshape(self.costates.shape)[1:]
         self._rows[self._held] = found.y[: len(self._held)]
@@ -130,7 +130,7 @@ class StageLevelQp:
             calls.add(function.curvature, arguments, [self.qp.H[i]])
         return calls
 
-    def bend(self, last: Found | None) -> None:
+    def bend(self, last: FlatSolution | None) -> None:
         """Curvature with the multipliers of the last QP; none without one, and for Gauss and Newton."""
         bends = last is not None and self.memory.whole.problem.hessian is HessianKind.EXACT
         if last is not None and bends:
@@ -150,7 +150,7 @@ class StageLevelQp:
     def broken(self, ranges: StageRanges) -> Array:
         """Return how far gaps, rows and variables are outside their ranges, one after the other."""
         memory = self.memory
-        rows = excess(memory.held, ranges.lower, ranges.upper)[self.held]
+        rows = interval_excess(memory.held, ranges.lower, ranges.upper)[self.held]
         return np.concatenate([np.abs(memory.gaps.ravel()), rows, ranges.z_excess(memory.z)])
 
     def _frozen(self) -> Array:
@@ -161,13 +161,13 @@ class StageLevelQp:
             found += [np.full(n, bool(i)) for i, n in enumerate(sizes)]
         return np.concatenate([np.zeros(0, dtype=bool), *found])
 
-    def fits(self, found: Found) -> bool:
+    def fits(self, found: FlatSolution) -> bool:
         """Check whether a solution is that of a QP of this shape."""
         return found.shape == self.shape
 
     def solve(
-        self, ranges: StageRanges, damping: float, give: float, near: Near | None, *, rough: float = 0.0
-    ) -> Found:
+        self, ranges: StageRanges, damping: float, give: float, near: WarmStart | None, *, rough: float = 0.0
+    ) -> FlatSolution:
         """The step, with damping [1/unit of z^2]; it stands in the memory too.
 
         give [1/unit of the row]: what it costs to miss levels above. near: where the QP starts. rough: how exact it is at
@@ -190,12 +190,12 @@ class StageLevelQp:
         flat["lower"][:], flat["upper"][:] = ranges.lower[self.held] - held, ranges.upper[self.held] - held
         ranges.write_z(memory.z, flat["z_lower"], flat["z_upper"])
 
-    def error(self, ranges: StageRanges, found: Found) -> float:
+    def error(self, ranges: StageRanges, found: FlatSolution) -> float:
         """Return the error of the optimality conditions at the present linearisation, with the multipliers of the last QP."""
         self._load(ranges)
         return self._solver.error(self.qp, found.near())
 
-    def keep(self, found: Found) -> None:
+    def keep(self, found: FlatSolution) -> None:
         """Its step is that of the memory."""
         memory = self.memory
         memory.x_step[...] = found.z[self._x_places]

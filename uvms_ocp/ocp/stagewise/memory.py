@@ -12,13 +12,13 @@ from itertools import pairwise
 import numpy as np
 
 from uvms_ocp.codegen.buffered import BoundCalls
-from uvms_ocp.codegen.elementwise import excess
+from uvms_ocp.codegen.elementwise import interval_excess
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.stagewise.functions import (
     BlockFunctions,
-    RowGroup,
+    HeldRows,
     Tangent,
-    compiled,
+    compile_dense,
     force_rows,
     motion_functions,
     moved_function,
@@ -27,7 +27,7 @@ from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.ocp.transcription.term_rows import term_blocks
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.program import RowBounds
-from uvms_ocp.solvers.stage_qp.problem import Found
+from uvms_ocp.solvers.stage_qp.problem import FlatSolution
 from uvms_ocp.types import Array
 
 # The stages of a horizon: its steps, the turn from one phase to the next, and the last node.
@@ -52,7 +52,7 @@ class Stage:
     """Phase that begins."""
 
 
-def chain(problem: OcpProblem) -> tuple[Stage, ...]:
+def horizon_stages(problem: OcpProblem) -> tuple[Stage, ...]:
     """The stages of a problem, the last node last."""
     starts, n = problem.starts_of_phases().tolist(), len(problem.phases)
     stages: list[Stage] = []
@@ -74,7 +74,7 @@ class StageMemory:
     def __init__(self, whole: Transcription) -> None:
         """whole: numbers parameters, variables and rows."""
         problem = whole.problem
-        self.whole, self.stages = whole, chain(problem)
+        self.whole, self.stages = whole, horizon_stages(problem)
         self.tangent = Tangent(model=StageModel(problem, eliminated=True))
         self.forces = force_rows(self.tangent.model)
         self.functions = self._block_functions()
@@ -133,7 +133,7 @@ class StageMemory:
         for function in self.functions:
             _ = function.bend, function.curvature
 
-    def groups(self, stage: Stage) -> tuple[RowGroup, ...]:
+    def groups(self, stage: Stage) -> tuple[HeldRows, ...]:
         """Rows of a stage that may be held."""
         function = self.function(stage)
         return () if function is None else function.held
@@ -171,7 +171,7 @@ class StageMemory:
 
     def _inputs(self) -> BoundCalls:
         calls, model = BoundCalls(), self.tangent.model
-        function = compiled("inputs", [model.z, model.water], self.tangent.expanded(model.inputs))
+        function = compile_dense("inputs", [model.z, model.water], self.tangent.expanded(model.inputs))
         for k, i in enumerate(self.steps):
             calls.add(function, [self.z[i], self.water[k]], [self.thrust[k], self.torque[k]])
         return calls
@@ -241,7 +241,7 @@ class StageVariables:
 class StageRanges:
     """Ranges of one solve of one level."""
 
-    def __init__(self, places: Places, bounds: RowBounds, level: int) -> None:
+    def __init__(self, places: StageIndices, bounds: RowBounds, level: int) -> None:
         """level: those above it are held, as `bounds` has it."""
         self._places, whole = places, places.memory.whole
         layout, levels = whole.row_layout, whole.ranges().levels
@@ -260,7 +260,7 @@ class StageRanges:
     def z_excess(self, z: Array) -> Array:
         """Return how far variables are outside at the points z (n, n_z) [unit of z]."""
         own = self._limited
-        return np.asarray(excess(z.reshape(-1)[self._places.z[own]], self._z[0, own], self._z[1, own]))
+        return np.asarray(interval_excess(z.reshape(-1)[self._places.z[own]], self._z[0, own], self._z[1, own]))
 
     def write_z(self, z: Array, lower: Array, upper: Array) -> None:
         """Ranges of the step from z (n, n_z) [unit of z] into lower and upper (m,) [unit of z]."""
@@ -269,7 +269,7 @@ class StageRanges:
         lower[own], upper[own] = self._z[0, own] - here, self._z[1, own] - here
 
 
-class Places:
+class StageIndices:
     """Indices of every row and every variable of the QP."""
 
     def __init__(self, memory: StageMemory) -> None:
@@ -326,7 +326,7 @@ class Places:
         first = [variables.columns(memory.stages[i].node)[layout.thrust.start] for i in memory.steps]
         return np.concatenate([np.where(own >= 0, place + own, -1) for place in first])
 
-    def program_multipliers(self, rows: Array, found: Found) -> tuple[Array, Array]:
+    def program_multipliers(self, rows: Array, found: FlatSolution) -> tuple[Array, Array]:
         """Multipliers (n_x,) [1/unit of x] of bounds and (n_rows,) [1/unit of the row] of rows; 0 of laws, which nobody loosens.
 
         rows (m,): which of those that may be held are in the QP that was solved.

@@ -12,14 +12,14 @@ from uvms_ocp.codegen.compile import has_compiler
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
 from uvms_ocp.ocp.stagewise.level_qp import StageLevelQp
-from uvms_ocp.ocp.stagewise.memory import Places, StageMemory, StageRanges, StageVariables
+from uvms_ocp.ocp.stagewise.memory import StageIndices, StageMemory, StageRanges, StageVariables
 from uvms_ocp.ocp.stagewise.sqp import SqpOutcome, StageSqp
 from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.solvers.nlp.level_solver import Deadline, NlpPoint, Outcome
-from uvms_ocp.solvers.nlp.lexicographic_sqp import Merit, Point
+from uvms_ocp.solvers.nlp.level_solver import Deadline, NlpOutcome, NlpPoint
+from uvms_ocp.solvers.nlp.lexicographic_sqp import LevelMerit, SqpPoint
 from uvms_ocp.solvers.nlp.options import SPARSE_PLUGIN, STAGEWISE, NlpOptions
 from uvms_ocp.solvers.nlp.program import LexicographicProgram, NlpStatus, RowBounds, RowRanges
-from uvms_ocp.solvers.stage_qp.problem import Found, Near, StageQpOptions
+from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQpOptions, WarmStart
 from uvms_ocp.types import Array
 
 # Levels of a horizon as the lexicographic solver calls them.
@@ -29,7 +29,7 @@ from uvms_ocp.types import Array
 class StagewisePoint(NlpPoint):
     """With the QP that ended there, whose multipliers are those by the rows and variables of the program."""
 
-    solution: Found | None = None
+    solution: FlatSolution | None = None
 
 
 _SQP_QP_OPTIONS = StageQpOptions(tolerance=1e-7)
@@ -78,14 +78,14 @@ class StagewiseLevels:
         """Return the ranges of a level, where those above it are held as in `bounds`."""
         return StageRanges(self._places, bounds, level)
 
-    def multipliers(self, level: int, solution: Found) -> tuple[Array, Array]:
+    def multipliers(self, level: int, solution: FlatSolution) -> tuple[Array, Array]:
         """Return multipliers by the last QP of a level: of bounds (n_x,) [1/unit of x] and rows (n_rows,) [1/unit of the row]
         of the program."""
         return self._places.program_multipliers(self.level(level).held, solution)
 
     @cached_property
-    def _places(self) -> Places:
-        return Places(self.memory)
+    def _places(self) -> StageIndices:
+        return StageIndices(self.memory)
 
 
 class StageLevelSolver:
@@ -98,10 +98,10 @@ class StageLevelSolver:
         """True for a start with as many variables as the program has."""
         return len(point.x) == self._levels.memory.whole.variables.n_x
 
-    def __call__(self, start: NlpPoint, p: Array, bounds: RowBounds) -> Outcome:
+    def __call__(self, start: NlpPoint, p: Array, bounds: RowBounds) -> NlpOutcome:
         """Solve from `start`, warm if it has a QP, with parameters p (n_p,) [unit of the parameter]."""
         if self._deadline.over:
-            return Outcome(point=start, status=NlpStatus.TIME_LIMIT, iterations=0, violation=np.inf)
+            return NlpOutcome(point=start, status=NlpStatus.TIME_LIMIT, iterations=0, violation=np.inf)
         levels = self._levels
         levels.go_to(start.x, p)
         ranges = levels.ranges(bounds, self._index)
@@ -112,11 +112,11 @@ class StageLevelSolver:
             StageSqp(levels.level(self._index), ranges, self._options, self._deadline).run(warm), start
         )
 
-    def _outcome(self, end: SqpOutcome, start: NlpPoint) -> Outcome:
+    def _outcome(self, end: SqpOutcome, start: NlpPoint) -> NlpOutcome:
         x = self._levels.variables()
         if not np.isfinite(x).all():
-            return Outcome(point=start, status=NlpStatus.NOT_A_NUMBER, iterations=end.iterations, violation=np.inf)
-        return Outcome(
+            return NlpOutcome(point=start, status=NlpStatus.NOT_A_NUMBER, iterations=end.iterations, violation=np.inf)
+        return NlpOutcome(
             point=self._point(x, end.solution),
             usable=end.violation <= self._options.feasibility,
             status=end.status,
@@ -125,7 +125,7 @@ class StageLevelSolver:
             cost=end.cost,
         )
 
-    def _point(self, x: Array, solution: Found | None) -> StagewisePoint:
+    def _point(self, x: Array, solution: FlatSolution | None) -> StagewisePoint:
         if solution is None:
             return StagewisePoint(x=x)
         bounds, rows = self._levels.multipliers(self._index, solution)
@@ -151,19 +151,19 @@ class StagewiseLevelModel:
         """Slack [unit of the row]: half the width of what frozen rows keep."""
         self._levels, self._memory = StagewiseLevels(memory, _REAL_TIME_QP_OPTIONS), memory
         self.slack = slack
-        self._last: Near | None = None
+        self._last: WarmStart | None = None
         """QP of the first level."""
         self._ranges: StageRanges | None = None
         """Ranges of the constraints alone."""
 
-    def begin(self, x: Array, p: Array, bounds: RowBounds) -> Point:
+    def begin(self, x: Array, p: Array, bounds: RowBounds) -> SqpPoint:
         """Begin as `LevelModel.begin`; x (n_x,) [unit of x], p (n_p,) [unit of the parameter]."""
         self._levels.go_to(x, p)
         self._ranges = self._levels.ranges(bounds, 0)
         self._memory.evaluate()
         return self._point()
 
-    def step(self, level: int, point: Point, bounds: RowBounds, damping: float) -> NlpStatus | None:
+    def step(self, level: int, point: SqpPoint, bounds: RowBounds, damping: float) -> NlpStatus | None:
         """Solve the QP of a level as `LevelModel.step`; damping [1/unit of z^2]."""
         memory, own = self._memory, self._levels.level(level)
         memory.z[:] = point.x.reshape(memory.z.shape)
@@ -179,28 +179,28 @@ class StagewiseLevelModel:
             self._last = solution.near()
         return None
 
-    def moved(self, share: float) -> Point:
+    def moved(self, share: float) -> SqpPoint:
         """Return the point after a share of the step, as `LevelModel.moved`."""
         self._memory.share[0] = share
         self._memory.move()
         self._memory.evaluate()
         return self._point()
 
-    def variables(self, point: Point) -> Array:
+    def variables(self, point: SqpPoint) -> Array:
         """Return the variables of a point, as `LevelModel.variables`."""
         self._memory.z[:] = point.x.reshape(self._memory.z.shape)
         return self._levels.variables()
 
-    def _point(self) -> Point:
+    def _point(self) -> SqpPoint:
         memory, rows = self._memory, self._levels.rows()
         assert self._ranges is not None
         pairs = zip(memory.whole.ranges().levels, rows, strict=True)
         residuals = [float(np.linalg.norm(level.distance(y))) for level, y in pairs]
         violation = float(self._levels.level(0).broken(self._ranges).max(initial=0.0))
-        return Point(
+        return SqpPoint(
             x=memory.z.ravel().copy(),
             rows=rows,
-            merit=Merit(violation=violation if np.isfinite(violation) else np.inf, residuals=np.array(residuals)),
+            merit=LevelMerit(violation=violation if np.isfinite(violation) else np.inf, residuals=np.array(residuals)),
         )
 
 

@@ -15,7 +15,7 @@ from uvms_ocp.ocp.stagewise.memory import StageRanges
 from uvms_ocp.solvers.nlp.level_solver import Deadline
 from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.solvers.nlp.program import NlpStatus
-from uvms_ocp.solvers.stage_qp.problem import Found, Near, StageQpStatus
+from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQpStatus, WarmStart
 
 # Which points are accepted: those that no point seen before beats in cost and violation alike [Waechter2006].
 
@@ -25,7 +25,7 @@ _LOUD = 1e-4  # violation, beside the first one, below which descent alone decid
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Merit:
+class FilterMerit:
     """Merit of a point: cost and violation."""
 
     cost: float
@@ -46,9 +46,9 @@ class Filter:
     """Violation of the first point."""
     most: float
     """Violation that is never accepted."""
-    entries: list[Merit] = field(default_factory=list)
+    entries: list[FilterMerit] = field(default_factory=list)
 
-    def accepts(self, trial: Merit, here: Merit, slope: float, share: float) -> bool:
+    def accepts(self, trial: FilterMerit, here: FilterMerit, slope: float, share: float) -> bool:
         """Check whether a `share` of a step may be taken along which the cost has the `slope`."""
         if not (trial.violation <= self.most and all(_better(trial, entry) for entry in self.entries)):
             return False
@@ -57,18 +57,18 @@ class Filter:
             return trial.cost <= here.cost + _ARMIJO * share * slope + rounding
         return _better(trial, here) or (trial.violation <= 1e-12 and trial.cost <= here.cost + rounding)
 
-    def descends(self, here: Merit, slope: float, share: float) -> bool:
+    def descends(self, here: FilterMerit, slope: float, share: float) -> bool:
         """Check whether a share of a step along the slope is taken for descent of the cost."""
         if here.violation > _LOUD * max(1.0, self.first) or slope >= 0.0:
             return False
         return bool(share * (-slope) ** 2.3 > here.violation**1.1)
 
-    def add(self, here: Merit) -> None:
+    def add(self, here: FilterMerit) -> None:
         """A point that was left for less violation."""
         self.entries.append(here)
 
 
-def _better(trial: Merit, entry: Merit) -> bool:
+def _better(trial: FilterMerit, entry: FilterMerit) -> bool:
     return trial.violation <= (1 - _SHARE) * entry.violation or trial.cost <= entry.cost - _SHARE * entry.violation
 
 
@@ -111,7 +111,7 @@ class SqpOutcome:
     violation: float
     """Largest."""
     cost: float
-    solution: Found | None
+    solution: FlatSolution | None
     """Solution of the last QP."""
 
 
@@ -121,14 +121,14 @@ class StageSqp:
     def __init__(self, level: StageLevelQp, ranges: StageRanges, options: NlpOptions, deadline: Deadline) -> None:
         self._level, self._ranges, self._options, self._deadline = level, ranges, options, deadline
         self._memory = level.memory
-        self._solution: Found | None = None
+        self._solution: FlatSolution | None = None
         self._filter = Filter(first=0.0, most=np.inf)
         self._steepest, self._worst, self._count = 0.0, np.inf, 0
         self._model, self._damping, self._refused = 0, 0.0, np.inf
         # What levels above leave open, those below decide: no step goes far there.
         self._least = _DAMPED if level.level + 1 < level.memory.n_levels else 0.0
 
-    def run(self, warm: Found | None) -> SqpOutcome:
+    def run(self, warm: FlatSolution | None) -> SqpOutcome:
         """Iterate to the optimum."""
         self._level.linearize()
         here = self._merit()
@@ -151,13 +151,13 @@ class StageSqp:
         """Return the scale of errors."""
         return max(1.0, self._steepest / _STEEP)
 
-    def _most(self, here: Merit) -> float:
+    def _most(self, here: FilterMerit) -> float:
         """Below levels that are held where they were left no violation comes in: there may be no way back."""
         if self._level.level and here.violation <= self._options.feasibility:
             return self._options.feasibility
         return _LOUDEST * max(1.0, here.violation)
 
-    def _iterate(self, here: Merit) -> tuple[NlpStatus | None, Merit]:
+    def _iterate(self, here: FilterMerit) -> tuple[NlpStatus | None, FilterMerit]:
         """Status where it ends, and what the new point is worth."""
         self._count += 1
         solution = self._solution = self._solved()
@@ -174,13 +174,13 @@ class StageSqp:
         status, here = self._search(here, slope)
         return (NlpStatus.SOLVED if status is None and self._is_optimal(solution) else status), here
 
-    def _is_optimal(self, found: Found) -> bool:
+    def _is_optimal(self, found: FlatSolution) -> bool:
         """Check whether its multipliers are those of the point: of the step that led there."""
         if self._worst > self._options.convergence:
             return False
         return self._level.error(self._ranges, found) <= self._options.convergence * self._scale
 
-    def _is_flat(self, here: Merit, slope: float) -> bool:
+    def _is_flat(self, here: FilterMerit, slope: float) -> bool:
         """No step promises what is worth one: of a level that others follow, what its tolerance would notice.
 
         The last level gets some iterations first: where curvature is left out that matters, more would bring no more digits.
@@ -192,7 +192,7 @@ class StageSqp:
         late = self._least or self._count > _PATIENCE
         return bool(late and self._worst <= kept and -slope <= worth)
 
-    def _solved(self) -> Found:
+    def _solved(self) -> FlatSolution:
         """Solve the first model of the cost that is convex where the constraints leave freedom: that of the last, or coarser
         ones.
 
@@ -220,12 +220,12 @@ class StageSqp:
         """Check whether curvature is hardly more convex than when it was last found not to be."""
         return self._worst > max(_NEARER * self._refused, self._options.feasibility)
 
-    def _near(self) -> Near | None:
+    def _near(self) -> WarmStart | None:
         """Return the start of QPs: the last one, if it has an optimum."""
         last = self._solution
         return last.near() if last is not None and last.status is StageQpStatus.SOLVED else None
 
-    def _roughness(self, last: Found | None) -> float:
+    def _roughness(self, last: FlatSolution | None) -> float:
         """Return the tolerance of a QP: as little of rows as the point breaks, and of the gradient as the last step has
         changed.
 
@@ -234,7 +234,7 @@ class StageSqp:
         changed = 1.0 if last is None else last.products.change / max(self._steepest, 1e-300)
         return min(_ROUGHLY * min(self._worst, changed), _ROUGHEST)
 
-    def _search(self, here: Merit, slope: float) -> tuple[NlpStatus | None, Merit]:
+    def _search(self, here: FilterMerit, slope: float) -> tuple[NlpStatus | None, FilterMerit]:
         share, before = 1.0, self._worst
         while share > _SMALLEST_SHARE:
             trial = self._mended(self._tried(share), share)
@@ -250,7 +250,7 @@ class StageSqp:
         good = self._worst <= self._options.feasibility
         return NlpStatus.INEXACT if good else NlpStatus.STALLED, here
 
-    def _mended(self, trial: Merit, share: float) -> Merit:
+    def _mended(self, trial: FilterMerit, share: float) -> FilterMerit:
         """The point after a share of the step, brought back by the shortest ways to rows that it breaks by too much.
 
         Rows that are held bend: without it steps along them are as short as the root of what may be broken.
@@ -266,7 +266,7 @@ class StageSqp:
         self._memory.z_from[:] = begin
         return trial
 
-    def _restored(self, here: Merit, most: float) -> Merit:
+    def _restored(self, here: FilterMerit, most: float) -> FilterMerit:
         """Restore feasibility by short steps, until no more than `most` is broken in sum, or they do not help."""
         near = self._near()
         for _ in range(_MENDS):
@@ -291,7 +291,7 @@ class StageSqp:
         elif self._worst <= max(_KEPT * before, kept):
             self._damping /= _LESS
 
-    def _restore(self, here: Merit, solution: Found) -> tuple[NlpStatus | None, Merit]:
+    def _restore(self, here: FilterMerit, solution: FlatSolution) -> tuple[NlpStatus | None, FilterMerit]:
         """Towards the constraints, whatever it costs."""
         missed = float(np.abs(solution.excess).sum())
         gain, share = here.violation - missed, 1.0
@@ -307,7 +307,7 @@ class StageSqp:
         self._back()
         return NlpStatus.INFEASIBLE, here
 
-    def _tried(self, share: float) -> Merit:
+    def _tried(self, share: float) -> FilterMerit:
         """Return the merit of the point at a share of the step; a full step, which is mostly taken, is linearised at once."""
         self._memory.share[0] = share
         self._memory.move()
@@ -317,7 +317,7 @@ class StageSqp:
             self._memory.evaluate()
         return self._merit()
 
-    def _is_kept(self, here: Merit) -> bool:
+    def _is_kept(self, here: FilterMerit) -> bool:
         """Check whether all rows are kept after the last step; where rounding makes that worse it is not taken."""
         before = self._worst
         self._memory.share[0] = 1.0
@@ -333,10 +333,10 @@ class StageSqp:
         self._memory.z[:] = self._memory.z_from
         self._level.linearize()
 
-    def _merit(self) -> Merit:
+    def _merit(self) -> FilterMerit:
         broken = self._level.broken(self._ranges)
         self._worst = float(broken.max(initial=0.0))
-        return Merit(cost=self._level.cost, violation=float(broken.sum()))
+        return FilterMerit(cost=self._level.cost, violation=float(broken.sum()))
 
     def _end(self, status: NlpStatus, iterations: int) -> SqpOutcome:
         here = self._merit()

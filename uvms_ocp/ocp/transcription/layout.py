@@ -26,9 +26,9 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
 from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.trajectory import Trajectory, has_thrusters, unchecked_trajectory
-from uvms_ocp.ocp.transcription.reuse import Fitted
+from uvms_ocp.ocp.transcription.reuse import ReusedProblem
 from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel, derivatives
-from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, Nodes, TermBlock, TermNumbers
+from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermBlock, TermNodes, TermNumbers
 from uvms_ocp.robot.signals import State
 from uvms_ocp.robot.symbolic_model import SymbolicModel
 
@@ -215,7 +215,7 @@ class ParameterLayout:
 
     def values(
         self,
-        given: Fitted,
+        given: ReusedProblem,
         *,
         t0: float,
         start: State | None,
@@ -234,7 +234,7 @@ class ParameterLayout:
             own = block.nodes
             extra = {term: more[own] for term, more in (tightened or {}).items()}
             active = ((own > 0) | (not given.problem.fixed_start)).tolist()
-            nodes = Nodes(times=times[own].tolist(), active=active, q=about[own], tightened=extra)
+            nodes = TermNodes(times=times[own].tolist(), active=active, q=about[own], tightened=extra)
             parts.append(numbers.parameters(nodes, rate))
         return np.concatenate(parts)
 

@@ -38,7 +38,7 @@ _VARYING = {
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Fitted:
+class ReusedProblem:
     """A problem, and what a kept program takes from its terms."""
 
     problem: OcpProblem
@@ -46,14 +46,14 @@ class Fitted:
     """Numbers of each block."""
 
 
-def fitted(model: StageModel, blocks: Sequence[TermBlock], given: OcpProblem) -> Fitted:
+def fit_problem(model: StageModel, blocks: Sequence[TermBlock], given: OcpProblem) -> ReusedProblem:
     """The numbers of a problem for the program of `blocks`; raises `InvalidInput` for a problem of another shape."""
     built = model.problem
     if given is built:
-        return Fitted(problem=built, numbers=tuple(block.rows.own for block in blocks))
+        return ReusedProblem(problem=built, numbers=tuple(block.rows.own for block in blocks))
     _require_same_fields("the problem", built, given)
     _require_same_parts(built, given)
-    return Fitted(problem=given, numbers=tuple(_numbers(model, block.rows, given) for block in blocks))
+    return ReusedProblem(problem=given, numbers=tuple(_numbers(model, block.rows, given) for block in blocks))
 
 
 def _require_same_parts(built: OcpProblem, given: OcpProblem) -> None:

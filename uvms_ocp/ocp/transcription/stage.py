@@ -247,7 +247,7 @@ class StageModel:
             )
             rows = ca.vertcat(rows, (self.wanted - given) / ca.DM(self.actuators.force_unit))
         exact = self.problem.hessian is HessianKind.EXACT
-        return compiled(derivatives("dynamics", z, self.water, rows, residuals=None if exact else ()))
+        return compile_derivatives(derivatives("dynamics", z, self.water, rows, residuals=None if exact else ()))
 
     @cached_property
     def wanted(self) -> ca.SX:
@@ -335,7 +335,7 @@ def _commutator(v: ca.SX, a: ca.SX) -> ca.SX:
     return ca.vertcat(linear, ca.cross(v[3:], a[3:]))
 
 
-def compiled(given: Derivatives) -> Derivatives:
+def compile_derivatives(given: Derivatives) -> Derivatives:
     """The functions in machine code where a C compiler exists, as they are otherwise."""
     return replace(
         given,

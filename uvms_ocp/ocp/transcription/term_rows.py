@@ -18,8 +18,8 @@ import numpy as np
 from uvms_ocp.errors import InvalidInput, UvmsError
 from uvms_ocp.ocp.problem import HessianKind, OcpPhase, OcpProblem, counts_at_end, counts_on_path
 from uvms_ocp.ocp.terms import Term
-from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel, compiled, derivatives
-from uvms_ocp.solvers.nlp.program import RowKinds, beyond, half_square, row_kinds
+from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel, compile_derivatives, derivatives
+from uvms_ocp.solvers.nlp.program import RowKinds, half_square, row_kinds, signed_excess
 from uvms_ocp.tasks.task import Residual
 
 CONSTRAINT = -1
@@ -43,7 +43,7 @@ class TermEntry:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Nodes:
+class TermNodes:
     """Purpose of the parameters of terms."""
 
     times: Sequence[float]
@@ -69,7 +69,7 @@ class TermNumbers:
     upper: np.ndarray
     """(m,) weighted."""
 
-    def parameters(self, nodes: Nodes, rate: float) -> np.ndarray:
+    def parameters(self, nodes: TermNodes, rate: float) -> np.ndarray:
         """Parameters of nodes, one node after the other; rate [1/s]: 1 / time."""
         bounds = [np.where(np.isfinite(bound), bound, 0.0) for bound in (self.lower, self.upper)]
         n, fixed = len(nodes.active), np.concatenate([[rate], self.roots, *bounds])
@@ -130,7 +130,7 @@ class TermRows:
         z, rows, costs = self.model.z, self.rows, self.costs
         functions = derivatives(self.name, z, self.parameters, rows, costs=costs, residuals=residuals)
         # Terms of forces hold the equations of motion where forces are no variables.
-        return functions if self.model.has_force_variables else compiled(functions)
+        return functions if self.model.has_force_variables else compile_derivatives(functions)
 
     @cached_property
     def value(self) -> ca.Function:
@@ -258,5 +258,5 @@ def _costs(
             scale = share * (shared.common[0] if member.term.state_only else 1)
             parts = (rows[first:stop], shared.lower[first:stop], shared.upper[first:stop], kinds[first:stop])
             costs[member.level] += scale * half_square(*parts)
-            errors[member.level] = ca.vertcat(errors[member.level], ca.sqrt(scale) * beyond(*parts))
+            errors[member.level] = ca.vertcat(errors[member.level], ca.sqrt(scale) * signed_excess(*parts))
     return ca.vertcat(*costs), errors

@@ -14,16 +14,16 @@ from threading import RLock
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.elementwise import excess
+from uvms_ocp.codegen.elementwise import interval_excess
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.ocp.transcription.horizon import horizon
 from uvms_ocp.ocp.transcription.layout import VariableLayout, boundary, parameter_layout, row_layout
-from uvms_ocp.ocp.transcription.reuse import Fitted, fitted
+from uvms_ocp.ocp.transcription.reuse import ReusedProblem, fit_problem
 from uvms_ocp.ocp.transcription.stage import StageModel
-from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, Nodes, TermNumbers, term_blocks
+from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermNodes, TermNumbers, term_blocks
 from uvms_ocp.robot.signals import State
 from uvms_ocp.solvers.nlp.program import LevelNlp, LevelRows, LexicographicProgram, RowRanges
 
@@ -50,7 +50,7 @@ class Transcription:
             raise InvalidInput(f"{plugin} goes from step to step, {what}: use plugin='ipopt'")
         self.row_layout = row_layout(problem, self.blocks, ends, n_forces=self.model.n_forces)
         self._horizon = horizon(self.variables, self.parameter_layout, self.row_layout, ends)
-        self._own = self._last = fitted(self.model, self.blocks, problem)
+        self._own = self._last = fit_problem(self.model, self.blocks, problem)
         self.turn = RLock()
         """Lock of the thread that plans."""
         _ = self.model.inputs_function  # is compiled before any clock runs
@@ -60,12 +60,12 @@ class Transcription:
         """Number of variables."""
         return self.variables.n_x
 
-    def _fitted(self, problem: OcpProblem | None) -> Fitted:
+    def _fitted(self, problem: OcpProblem | None) -> ReusedProblem:
         """Every method of a plan asks for that of the same problem, and for that of the one that was built in."""
         if problem is None or problem is self.problem:
             return self._own
         if problem is not self._last.problem:
-            self._last = fitted(self.model, self.blocks, problem)
+            self._last = fit_problem(self.model, self.blocks, problem)
         return self._last
 
     def parameters(
@@ -142,7 +142,7 @@ class Transcription:
         """
         g, rows = np.array(self._constraint_values(x, p)).ravel(), self.row_layout.constraints
         ranges = self.ranges(problem)
-        broken = excess(g, ranges.lower, ranges.upper)
+        broken = interval_excess(g, ranges.lower, ranges.upper)
         worst: dict[str, float] = {}
         for row, value in zip(rows, broken.tolist(), strict=True):
             name = self.row_layout.names[row]
@@ -156,7 +156,7 @@ class Transcription:
             return None
         rows, numbers = self.blocks[0].rows, self._fitted(problem).numbers[0]  # the steps of the first phase
         z, s = self._at_start(problem, numbers)
-        broken = excess(np.array(rows.value(z, s, problem.currents[0])).ravel(), numbers.lower, numbers.upper)
+        broken = interval_excess(np.array(rows.value(z, s, problem.currents[0])).ravel(), numbers.lower, numbers.upper)
         # What is no number is nothing that another start would mend: solvers meet it, and their verdict names it.
         broken[~of_state | np.isnan(broken)] = 0.0
         if not broken.any() or broken.max() < _ROUNDING:
@@ -178,7 +178,7 @@ class Transcription:
         """Z (n_z,) of the start without inputs, and the parameters of terms with these numbers."""
         z = np.zeros(self.model.layout.n_z)
         z[self.model.layout.q], z[self.model.layout.v] = problem.start.q, problem.start.v
-        here = Nodes(times=[0.0], active=[False], q=problem.start.q[None], tightened={})
+        here = TermNodes(times=[0.0], active=[False], q=problem.start.q[None], tightened={})
         return z, numbers.parameters(here, 1.0)
 
     @cached_property
@@ -193,7 +193,7 @@ class Transcription:
             values=ca.Function("values", [x, p], y),
         )
 
-    def _ranges(self, given: Fitted) -> RowRanges:
+    def _ranges(self, given: ReusedProblem) -> RowRanges:
         layout = self.row_layout
         lower, upper = layout.bounds(given.numbers, given.problem.longest)
         ends = np.cumsum([len(layout.constraints), *(len(rows) for rows in layout.held)]).tolist()

@@ -24,7 +24,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.codegen.kernel_layout import Layout, Sized, Smooth, Vector, zeros
+from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, zeros
 from uvms_ocp.robot.shapes.gjk import (
     RelativePlacement,
     Solid,
@@ -126,7 +126,7 @@ class Pair(Layout):
 class DistanceMemory(Layout):
     """Solids of a robot and its obstacles, and their pairs."""
 
-    places: Smooth
+    places: FunctionField
     """Q, to the placements of all joints and the twists of all axes."""
     placements: Annotated[Vector, Sized("n_placements")]
     """(12 n_joints,) R_WJ, row after row, and p_WJ [m] of each joint."""

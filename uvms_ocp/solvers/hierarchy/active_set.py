@@ -30,9 +30,9 @@ from uvms_ocp.solvers.hierarchy.solution import (
     dense_inputs,
     dense_outputs,
     solve_stacked,
-    solved,
+    timed_solution,
 )
-from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES, patience
+from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES, iteration_budget
 from uvms_ocp.types import Array
 
 # The C source of the solver: its own files, behind the sizes, tolerances and codes that Python decides.
@@ -55,7 +55,7 @@ def solver_source(n: int, sizes: Sequence[int]) -> str:
         _INCLUDES,
         _macros({"N": n, "M": sum(filled), "L": len(filled), "LEVEL_SIZES": ", ".join(map(str, filled))}),
         _macros(asdict(TOLERANCES)),
-        _macros(asdict(patience(sum(filled)))),
+        _macros(asdict(iteration_budget(sum(filled)))),
         _codes({code.name: code.value for code in RowState}),
         _codes({status.name: code for code, status in enumerate(STATUSES)}),
         *_texts(_SOURCES),
@@ -187,7 +187,7 @@ class LexicographicActiveSet:
     @checked_on_failure
     def solve(self, levels: Sequence[Level]) -> Solution:
         """Solve from a cold start. Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
-        return solved(levels, partial(solve_stacked, self._bind_cold))
+        return timed_solution(levels, partial(solve_stacked, self._bind_cold))
 
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> ActiveSetTick:
         """One Function of ``levels_function`` and the solver; outputs beyond the six of ``Level`` are extras."""

@@ -17,11 +17,11 @@ from enum import IntEnum
 
 import numpy as np
 
-from uvms_ocp.codegen.elementwise import distance
+from uvms_ocp.codegen.elementwise import interval_distance
 from uvms_ocp.solvers.hierarchy.certificate import NO_NEGLIGIBLE_ROWS, NormalRows, normal_certificate, normal_rows
-from uvms_ocp.solvers.hierarchy.level import gated, is_valid, residual, row_slices
+from uvms_ocp.solvers.hierarchy.level import is_valid, residual, row_slices, widen_bounds
 from uvms_ocp.solvers.hierarchy.solution import Status
-from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES, IterationBudget, patience
+from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES, IterationBudget, iteration_budget
 from uvms_ocp.types import Array
 
 # What the numbers mean that the solver in C and Python exchange.
@@ -49,7 +49,7 @@ LOWER, FREE, UPPER, EQUAL = (int(state) for state in RowState)
 
 
 @dataclass(frozen=True, slots=True)
-class Manner:
+class PivotRules:
     """Pivot rules: rows too dependent to be pivots, and multipliers that are rounding."""
 
     rank_tolerance: float
@@ -60,12 +60,12 @@ class Manner:
     """`Tolerances.multiplier`."""
 
 
-ORDINARY = Manner(TOLERANCES.rank_tolerance, TOLERANCES.rank_noise, TOLERANCES.multiplier)
-CAREFUL = Manner(TOLERANCES.careful_rank, TOLERANCES.careful_noise, TOLERANCES.careful_multiplier)
+ORDINARY = PivotRules(TOLERANCES.rank_tolerance, TOLERANCES.rank_noise, TOLERANCES.multiplier)
+CAREFUL = PivotRules(TOLERANCES.careful_rank, TOLERANCES.careful_noise, TOLERANCES.careful_multiplier)
 
 
 @dataclass(slots=True, eq=False)
-class Work:
+class ActiveSetWorkspace:
     """Workspace of a run: M rows, n velocities."""
 
     A: Array
@@ -86,12 +86,12 @@ class Work:
     """(n,) [velocity] where the run is."""
     tabu: Array
     """(M,) True for rows that must not be dropped any more."""
-    manner: Manner
+    manner: PivotRules
     """Pivot rules of the run."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Block:
+class LevelFactor:
     """Active rows of one level, pivots first, in the coordinates of the factorisation."""
 
     rows: Array
@@ -107,10 +107,10 @@ class Block:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Equalities:
+class EqualitySolution:
     """The hierarchy of the active rows, solved."""
 
-    blocks: list[Block]
+    blocks: list[LevelFactor]
     """One per level."""
     target: Array
     """(n,) [velocity] of least norm among the optima."""
@@ -118,7 +118,9 @@ class Equalities:
     """(M,) [rate] by how much active rows miss their bound there."""
 
 
-def load(J: Array, lower: Array, upper: Array, state: Array, sizes: Sequence[int], manner: Manner = ORDINARY) -> Work:
+def start_workspace(
+    J: Array, lower: Array, upper: Array, state: Array, sizes: Sequence[int], manner: PivotRules = ORDINARY
+) -> ActiveSetWorkspace:
     """A run that starts with the rows of ``state`` (M,) active, as far as their bounds are finite.
 
     J (M, n) [rate/velocity]; lower and upper (M,) [rate]; sizes: rows of each level.
@@ -129,7 +131,7 @@ def load(J: Array, lower: Array, upper: Array, state: Array, sizes: Sequence[int
     given[((given > 0) & (upper == np.inf)) | ((given < 0) & (lower == -np.inf))] = FREE
     # A flag of equality must never be inherited: the row may have become an inequality.
     given[lower >= upper] = EQUAL
-    return Work(
+    return ActiveSetWorkspace(
         A=J,
         lower=lower,
         upper=upper,
@@ -147,12 +149,12 @@ def _size(bound: Array) -> Array:
     return np.where(np.abs(bound) < TOLERANCES.endless, np.abs(bound), 0.0)
 
 
-def bounds_of(work: Work, rows: Array) -> Array:
+def bounds_of(work: ActiveSetWorkspace, rows: Array) -> Array:
     """(k,) [rate] the bound at which each of the active rows (k,) is held."""
     return np.asarray(np.where(work.state[rows] == LOWER, work.lower[rows], work.upper[rows]))
 
 
-def solve_equalities(work: Work) -> Equalities:
+def solve_equalities(work: ActiveSetWorkspace) -> EqualitySolution:
     """Least squares of the active rows, level by level."""
     n = work.A.shape[1]
     Q, y, slack, blocks, column = np.eye(n), np.zeros(n), np.zeros(len(work.A)), [], 0
@@ -161,10 +163,10 @@ def solve_equalities(work: Work) -> Equalities:
     for level in work.levels:
         rows = level.start + np.flatnonzero((work.state[level] != FREE) & (work.norm[level] > 0.0))
         if rows.size == 0:
-            blocks.append(Block(rows, np.zeros((0, n)), column, 0, smallest))
+            blocks.append(LevelFactor(rows, np.zeros((0, n)), column, 0, smallest))
         elif column == n:
             late.append(rows)
-            blocks.append(Block(rows, work.A[rows], column, 0, smallest))
+            blocks.append(LevelFactor(rows, work.A[rows], column, 0, smallest))
         else:
             block = _reduced(work, rows, Q, column, smallest)
             _solve_level(work, block, y, slack)
@@ -175,10 +177,10 @@ def solve_equalities(work: Work) -> Equalities:
         slack[rows] = work.A[rows] @ target - bounds_of(work, rows)
     # Rows to which nothing is left lend only the sum of their gradients, in the same coordinates.
     blocks = [replace(b, T=b.T @ Q) if b.column == n else b for b in blocks]
-    return Equalities(blocks, target, slack)
+    return EqualitySolution(blocks, target, slack)
 
 
-def _reduced(work: Work, rows: Array, Q: Array, column: int, smallest: float) -> Block:
+def _reduced(work: ActiveSetWorkspace, rows: Array, Q: Array, column: int, smallest: float) -> LevelFactor:
     """Pivoted Householder reduction in the space that the levels above left free; turns Q[:, column:]."""
     T, order, n = work.A[rows] @ Q, rows.copy(), Q.shape[1]
     norm, rank = work.norm[rows], 0
@@ -195,7 +197,7 @@ def _reduced(work: Work, rows: Array, Q: Array, column: int, smallest: float) ->
             T[swap], order[swap], norm[swap] = T[back], order[back], norm[back]
         _reflect(T, Q, rank, c)
         rank += 1
-    return Block(order, T, column, rank, smallest)
+    return LevelFactor(order, T, column, rank, smallest)
 
 
 def _reflect(T: Array, Q: Array, row: int, c: int) -> None:
@@ -210,7 +212,7 @@ def _reflect(T: Array, Q: Array, row: int, c: int) -> None:
     Q[:, c:] -= np.outer(Q[:, c:] @ u, scaled)
 
 
-def _solve_level(work: Work, block: Block, y: Array, slack: Array) -> None:
+def _solve_level(work: ActiveSetWorkspace, block: LevelFactor, y: Array, slack: Array) -> None:
     c0, c1 = block.column, block.column + block.rank
     target = bounds_of(work, block.rows) - block.T[:, :c0] @ y[:c0]
     B = block.T[:, c0:c1]
@@ -235,19 +237,19 @@ class _Rule(IntEnum):
 
 
 def lexicographic_least_squares(
-    J: Array, lower: Array, upper: Array, state: Array, sizes: Sequence[int], manner: Manner, left: int
+    J: Array, lower: Array, upper: Array, state: Array, sizes: Sequence[int], manner: PivotRules, left: int
 ) -> tuple[Array, Array, int]:
     """V (n,) [velocity], active set (M,) and number of iterations, ``left`` at most; see active_set.c for the algorithm.
 
     J (M, n) [rate/velocity]; lower and upper (M,) [rate], all in normal units (`scaling`); state (M,): `RowState` of
     each row to start with. A run does not judge its own result.
     """
-    work = load(J, lower, upper, state, sizes, manner)
+    work = start_workspace(J, lower, upper, state, sizes, manner)
     equalities = solve_equalities(work)
     work.v = equalities.target
     pending, stalled, rule = _activate_violated(work), 0, _Rule.GREEDY
     dropped = -1
-    given = patience(len(J))
+    given = iteration_budget(len(J))
     most = min(given.most_iterations, left)
     for iteration in range(1, most + 1):
         if pending:
@@ -280,7 +282,7 @@ def _rule(stalled: int, iteration: int, given: IterationBudget, rule: _Rule) -> 
     return _Rule.BLAND if stalled > given.bland_stalls else rule
 
 
-def _activate_violated(work: Work) -> bool:
+def _activate_violated(work: ActiveSetWorkspace) -> bool:
     y, free = work.A @ work.v, work.state == FREE
     above = free & (y > work.upper + work.tolerance)
     below = free & (y < work.lower - work.tolerance)
@@ -288,7 +290,7 @@ def _activate_violated(work: Work) -> bool:
     return bool(above.any() or below.any())
 
 
-def _step(work: Work, target: Array) -> tuple[bool, int]:
+def _step(work: ActiveSetWorkspace, target: Array) -> tuple[bool, int]:
     """Goes to ``target`` until a free row blocks, which becomes active; whether v moved, and that row or -1."""
     end, free = work.A @ target, work.state == FREE
     above = free & (end > work.upper + work.tolerance)
@@ -312,7 +314,7 @@ def _has_moved(before: Array, after: Array) -> bool:
     return bool(np.abs(after - before).max() > TOLERANCES.moved * max(1.0, np.abs(after).max()))
 
 
-def _drop_row(work: Work, equalities: Equalities, rule: _Rule) -> int:
+def _drop_row(work: ActiveSetWorkspace, equalities: EqualitySolution, rule: _Rule) -> int:
     decided = np.zeros(len(work.A), dtype=bool)
     for level in range(len(work.levels)):
         row = _wrong_row(work, equalities, level, rule, decided)
@@ -322,7 +324,7 @@ def _drop_row(work: Work, equalities: Equalities, rule: _Rule) -> int:
     return -1
 
 
-def _wrong_row(work: Work, equalities: Equalities, level: int, rule: _Rule, decided: Array) -> int:
+def _wrong_row(work: ActiveSetWorkspace, equalities: EqualitySolution, level: int, rule: _Rule, decided: Array) -> int:
     """The worst row by its multiplier at this level, -1 where all signs hold."""
     own = equalities.blocks[level]
     slack = equalities.slack[own.rows]
@@ -345,7 +347,9 @@ def _wrong_row(work: Work, equalities: Equalities, level: int, rule: _Rule, deci
     return _worst(work, np.concatenate(rows), np.concatenate(multipliers), tolerance, rule, decided)
 
 
-def _worst(work: Work, rows: Array, multipliers: Array, tolerance: float, rule: _Rule, decided: Array) -> int:
+def _worst(
+    work: ActiveSetWorkspace, rows: Array, multipliers: Array, tolerance: float, rule: _Rule, decided: Array
+) -> int:
     value = multipliers * work.state[rows] * work.norm[rows]
     value = np.where((work.state[rows] != EQUAL) & ~decided[rows], value, 0.0)
     decided[rows[value > tolerance]] = True
@@ -391,7 +395,7 @@ def solve_levels(
     if not is_valid(J, lower, upper, gate):
         v, nothing = np.zeros(J.shape[1]), np.zeros(len(lower))
         return SolvedRows(v=v, active_set=nothing, status=Status.INVALID_INPUT, residual=nothing.copy(), iterations=0)
-    rows = normal_rows(J, *gated(J, lower, upper, gate), sizes)
+    rows = normal_rows(J, *widen_bounds(J, lower, upper, gate), sizes)
     # No run gets hold of what is lost.
     chain = _Chain(replace(rows, lost=NO_NEGLIGIBLE_ROWS))
     status, v = chain.solve(active_set), chain.best.w * rows.velocity
@@ -402,7 +406,7 @@ def solve_levels(
         active_set=chain.best.active_set,
         status=Status.INEXACT if rows.lost.are_missed(v, rows.velocity) else status,
         residual=residual(J, v, lower, upper, gate),
-        iterations=patience(len(J)).most_of_all - chain.left,
+        iterations=iteration_budget(len(J)).most_of_all - chain.left,
     )
 
 
@@ -421,7 +425,7 @@ class _Chain:
 
     def __init__(self, rows: NormalRows) -> None:
         self.rows = rows
-        self.left = patience(len(rows.J)).most_of_all
+        self.left = iteration_budget(len(rows.J)).most_of_all
         self.best = _Run(np.zeros(rows.J.shape[1]), np.zeros(len(rows.J)))
         self._levels = [own for own in row_slices(rows.sizes) if own.stop > own.start]
         self._missed: Array | None = None
@@ -437,7 +441,7 @@ class _Chain:
         found = self._by_levels(ORDINARY) or self._by_levels(CAREFUL) or self._by_fewer_levels()
         return Status.CASCADED if found else Status.INEXACT
 
-    def _by_levels(self, manner: Manner) -> bool:
+    def _by_levels(self, manner: PivotRules) -> bool:
         """Every level on its own, with those above held, then a run that starts where they end."""
         w = np.zeros(self.rows.J.shape[1])
         for own in self._levels:
@@ -460,7 +464,7 @@ class _Chain:
                 return self._is_proven(run)
         return False
 
-    def _run(self, rows: NormalRows, active_set: Array, manner: Manner = ORDINARY) -> _Run:
+    def _run(self, rows: NormalRows, active_set: Array, manner: PivotRules = ORDINARY) -> _Run:
         w, reached, iterations = lexicographic_least_squares(
             rows.J, rows.lower, rows.upper, active_set, rows.sizes, manner, self.left
         )
@@ -471,7 +475,7 @@ class _Chain:
         """Check whether a run is certified; else keep it if it is the best so far."""
         if not _is_finite(run.w):
             return False
-        missed = distance(self.rows.J @ run.w, self.rows.lower, self.rows.upper)
+        missed = interval_distance(self.rows.J @ run.w, self.rows.lower, self.rows.upper)
         norms = np.array([np.linalg.norm(missed[own]) for own in self._levels])
         proven = normal_certificate(self.rows, run.w) <= TOLERANCES.certified
         if proven or self._missed is None or _is_better(norms, self._missed):

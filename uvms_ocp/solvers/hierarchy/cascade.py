@@ -40,7 +40,7 @@ from uvms_ocp.solvers.hierarchy.solution import (
     dense_inputs,
     dense_outputs,
     solve_stacked,
-    solved,
+    timed_solution,
 )
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 from uvms_ocp.types import Array
@@ -201,7 +201,7 @@ class LexicographicQp:
     @checked_on_failure
     def solve(self, levels: Sequence[Level]) -> Solution:
         """Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
-        return solved(levels, partial(solve_stacked, self.bind))
+        return timed_solution(levels, partial(solve_stacked, self.bind))
 
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> Tick:
         """One Function of ``levels_function`` and the cascade; outputs beyond the six of ``Level`` are extras."""

@@ -38,9 +38,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.codegen.elementwise import distance, excess
+from uvms_ocp.codegen.elementwise import interval_distance, interval_excess
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.solvers.hierarchy.level import Level, gated, row_slices, stack
+from uvms_ocp.solvers.hierarchy.level import Level, row_slices, stack, widen_bounds
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 from uvms_ocp.types import Array
 
@@ -51,7 +51,7 @@ from uvms_ocp.types import Array
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Box:
+class VelocityBox:
     """Velocities that the rows of the first level with one entry span: the velocity limits, where there are any."""
 
     lower: Array
@@ -78,7 +78,7 @@ class NegligibleRows:
         """
         if not len(self.J):
             return False
-        missed = np.abs(distance(self.J @ v, self.lower, self.upper))
+        missed = np.abs(interval_distance(self.J @ v, self.lower, self.upper))
         nearer = np.minimum(missed, TOLERANCES.reach * velocity * _norms(self.J))
         return bool((nearer > np.maximum(TOLERANCES.unnoticed, TOLERANCES.certified * missed)).any())
 
@@ -99,7 +99,7 @@ class NormalRows:
     """(M,) """
     sizes: tuple[int, ...]
     """Rows of each level."""
-    box: Box
+    box: VelocityBox
     """Velocity box of the first level."""
     level: Array
     """(levels,) [rate/velocity] by which the rows of each level have been divided."""
@@ -134,7 +134,7 @@ def normal_rows(J: Array, lower: Array, upper: Array, sizes: Sequence[int]) -> N
     first = next((size for size in sizes if size), 0)
     box = _box(J[:first], lower[:first], upper[:first])
     velocity = _velocity_scale(_asked(lower, upper, real), box)
-    box = Box(lower=box.lower / velocity, upper=box.upper / velocity)
+    box = VelocityBox(lower=box.lower / velocity, upper=box.upper / velocity)
     return NormalRows(
         J=J,
         lower=lower / velocity,
@@ -150,7 +150,7 @@ def normal_rows(J: Array, lower: Array, upper: Array, sizes: Sequence[int]) -> N
 
 def _asked(lower: Array, upper: Array, real: Array) -> float:
     """Return the largest distance of 0 from the bounds of any row that counts."""
-    return float(excess(np.zeros(len(lower)), lower, upper)[real].max(initial=0.0))
+    return float(interval_excess(np.zeros(len(lower)), lower, upper)[real].max(initial=0.0))
 
 
 def _norms(J: Array) -> Array:
@@ -164,12 +164,12 @@ def _power(size: float) -> float:
     return float(np.ldexp(1.0, min(int(np.frexp(size)[1]), 1023))) if 0.0 < size < np.inf else 1.0
 
 
-def _velocity_scale(asked: float, box: Box) -> float:
+def _velocity_scale(asked: float, box: VelocityBox) -> float:
     allowed = float(np.maximum(-box.lower, box.upper).max())
     return _power(min(asked, allowed) if allowed > 0.0 else asked)
 
 
-def _box(J: Array, lower: Array, upper: Array) -> Box:
+def _box(J: Array, lower: Array, upper: Array) -> VelocityBox:
     n = J.shape[1]
     low, up = np.full(n, -np.inf), np.full(n, np.inf)
     alone = ((J != 0.0).sum(axis=1) == 1) & (lower > -np.inf) & (upper < np.inf)
@@ -177,7 +177,7 @@ def _box(J: Array, lower: Array, upper: Array) -> Box:
         c = int(np.flatnonzero(J[row])[0])
         ends = sorted((lower[row] / J[row, c], upper[row] / J[row, c]))
         low[c], up[c] = max(low[c], ends[0]), min(up[c], ends[1])
-    return Box(lower=low, upper=up)
+    return VelocityBox(lower=low, upper=up)
 
 
 # Independent check of lexicographic optimality: a proven bound of what every level is short of; certificate.c is the twin in C.
@@ -237,7 +237,7 @@ def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | No
     radius of the wrong shape, or a radius that is not positive.
     """
     rows = stack(levels)
-    low, up = gated(rows.jacobian, rows.lower, rows.upper, rows.gate)
+    low, up = widen_bounds(rows.jacobian, rows.lower, rows.upper, rows.gate)
     v = _checked_velocity(v, rows.jacobian.shape[1])
     normal = normal_rows(rows.jacobian, low, up, rows.sizes)
     # Rows that count as nothing for a solver count here.
@@ -264,7 +264,7 @@ def normal_certificate(rows: NormalRows, w: Array) -> float:
     region, reach = _default_region(rows, w), TOLERANCES.reach
     region = _Region(down=np.minimum(region.down, reach), up=np.minimum(region.up, reach))
     excesses = _excesses(rows, w, region, first=_beyond_box(region))
-    slack = distance(rows.J @ w, rows.lower, rows.upper)
+    slack = interval_distance(rows.J @ w, rows.lower, rows.upper)
     sizes = np.array([_length(slack[own]) for own in row_slices(rows.sizes)])
     return float((excesses / np.maximum(sizes, rows.unit)).max(initial=0.0)) if np.isfinite(excesses).all() else np.inf
 
@@ -333,7 +333,7 @@ def _found(rows: NormalRows, w: Array, region: _Region) -> _Found:
     noise = np.asarray(TOLERANCES.rounding * len(w) * np.linalg.norm(rows.J, axis=1) * far)
     return _Found(
         J=rows.J,
-        slack=distance(y, rows.lower, rows.upper),
+        slack=interval_distance(y, rows.lower, rows.upper),
         up=np.where(rows.upper - y > noise, rows.upper - y, 0.0),
         down=np.where(y - rows.lower > noise, y - rows.lower, 0.0),
         noise=noise,

@@ -27,7 +27,7 @@ from uvms_ocp.solvers.hierarchy.solution import (
     check_levels_function,
     dense_inputs,
     dense_outputs,
-    solved,
+    timed_solution,
 )
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 from uvms_ocp.types import Array, Shape
@@ -59,7 +59,7 @@ class Icat:
     @checked_on_failure
     def solve(self, levels: Sequence[Level]) -> Solution:
         """Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
-        return solved(levels, self._of_levels)
+        return timed_solution(levels, self._of_levels)
 
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> Tick:
         """``levels_function`` is evaluated in CasADi, the fold in NumPy."""

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked_on_failure
 from uvms_ocp.codegen.elementwise import Array as elementwise_Array
-from uvms_ocp.codegen.elementwise import both, distance, everywhere, row_sums, where
+from uvms_ocp.codegen.elementwise import all_entries, interval_distance, logical_and, row_sums, where
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
@@ -222,15 +222,15 @@ def is_valid(
     J (M, n) [rate/velocity]; lower and upper (M,) [rate]; gate (M,).
     """
     # Comparisons with NaN are false.
-    open_outwards = both(lower < np.inf, upper > -np.inf)
-    ordered = both(lower <= upper, open_outwards)
-    return both(
-        everywhere(abs(J) < TOLERANCES.largest),
-        everywhere(both(ordered, both(gate >= 0.0, gate <= 1.0))),
+    open_outwards = logical_and(lower < np.inf, upper > -np.inf)
+    ordered = logical_and(lower <= upper, open_outwards)
+    return logical_and(
+        all_entries(abs(J) < TOLERANCES.largest),
+        all_entries(logical_and(ordered, logical_and(gate >= 0.0, gate <= 1.0))),
     )
 
 
-def gated(
+def widen_bounds(
     J: elementwise_Array,
     lower: elementwise_Array,
     upper: elementwise_Array,
@@ -260,4 +260,4 @@ def residual(
 
     J (M, n) [rate/velocity]; v (n,) [velocity]; lower and upper (M,) [rate]; gate (M,).
     """
-    return where(gate > 0.0, distance(J @ v, lower, upper), 0.0)
+    return where(gate > 0.0, interval_distance(J @ v, lower, upper), 0.0)

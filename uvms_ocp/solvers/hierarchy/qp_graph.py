@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from uvms_ocp.codegen.elementwise import Array, distance, either, excess, row_sums, where
-from uvms_ocp.solvers.hierarchy.level import gated, is_valid, residual
+from uvms_ocp.codegen.elementwise import Array, interval_distance, interval_excess, logical_or, row_sums, where
+from uvms_ocp.solvers.hierarchy.level import is_valid, residual, widen_bounds
 
 _INVALID = 2
 # Relative to its row: a row of which less than this is free counts as fixed already.
@@ -84,7 +84,7 @@ def sanitised(J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX) -> tuple[ca.MX,
     """Valid (1,), then J and the gated bounds, which are harmless where the input is not valid."""
     valid = is_valid(J, lower, upper, gate)
     J = ca.if_else(valid, J, ca.MX.zeros(J.shape))
-    low, up = gated(J, lower, upper, ca.if_else(valid, gate, ca.MX.zeros(gate.shape)))
+    low, up = widen_bounds(J, lower, upper, ca.if_else(valid, gate, ca.MX.zeros(gate.shape)))
     return valid, J, low, up
 
 
@@ -145,7 +145,7 @@ def fixed_rows(y: Array, lower: Array, upper: Array) -> Array:
 
     lower and upper (m,) [rate].
     """
-    return either(lower >= upper, excess(y, lower, upper) > _VIOLATED)
+    return logical_or(lower >= upper, interval_excess(y, lower, upper) > _VIOLATED)
 
 
 def _level_symbols(n: int, held: int, size: int) -> _LevelSymbols:
@@ -167,7 +167,7 @@ def _level_symbols(n: int, held: int, size: int) -> _LevelSymbols:
 def _case(symbols: _LevelSymbols) -> ca.MX:
     """_NOTHING where no program could change v, _SATISFIED_CASE where v is optimal but P may shrink, else 2."""
     free = ca.norm_inf(symbols.J @ symbols.P) > _RANK_TOLERANCE * ca.norm_inf(symbols.J)
-    satisfied = ca.norm_inf(distance(symbols.J @ symbols.v, symbols.lower, symbols.upper)) <= _SATISFIED
+    satisfied = ca.norm_inf(interval_distance(symbols.J @ symbols.v, symbols.lower, symbols.upper)) <= _SATISFIED
     equality = ca.sum1(symbols.lower >= symbols.upper) > 0
     unchanged = ca.if_else(equality, _SATISFIED_CASE, _NOTHING)
     return ca.if_else(free, ca.if_else(satisfied, unchanged, 2), _NOTHING)
@@ -271,20 +271,20 @@ def _held_rows(symbols: _LevelSymbols) -> tuple[ca.MX, ca.MX, ca.MX]:
 
 def _is_acceptable(settings: QpSettings, symbols: _LevelSymbols, v: ca.MX) -> ca.MX:
     """True if v is finite, keeps all levels above, and is no worse than before at this one."""
-    before = ca.sumsqr(distance(symbols.J @ symbols.v, symbols.lower, symbols.upper))
-    after = ca.sumsqr(distance(symbols.J @ v, symbols.lower, symbols.upper))
+    before = ca.sumsqr(interval_distance(symbols.J @ symbols.v, symbols.lower, symbols.upper))
+    after = ca.sumsqr(interval_distance(symbols.J @ v, symbols.lower, symbols.upper))
     # Comparisons with NaN are false, but norm_inf ignores NaN.
     better = ca.logic_and(ca.sumsqr(v) < 1e30, after <= before * (1 + 1e-12))
     held = symbols.held
     if held.J.shape[0] == 0:
         return better
-    worse = excess(held.J @ v, held.lower, held.upper) / (1 + row_sums(ca.fabs(held.J)))
+    worse = interval_excess(held.J @ v, held.lower, held.upper) / (1 + row_sums(ca.fabs(held.J)))
     return ca.logic_and(better, ca.norm_inf(worse) <= settings.tolerance)
 
 
 def _is_optimal(settings: QpSettings, symbols: _LevelSymbols, v: ca.MX, multipliers: ca.MX) -> ca.MX:
     """Karush-Kuhn-Tucker conditions of the level without the proximal term."""
-    slack = distance(symbols.J @ v, symbols.lower, symbols.upper)
+    slack = interval_distance(symbols.J @ v, symbols.lower, symbols.upper)
     scale = _STATIONARY * (1 + ca.norm_fro(symbols.J) * ca.norm_2(slack))
     held = symbols.held
     gradient = symbols.P.T @ (symbols.J.T @ slack + held.J.T @ multipliers)

@@ -194,7 +194,7 @@ Bind = Callable[[ca.Function, Sequence[int]], Tick]
 _ONE_AT_A_TIME = threading.RLock()
 
 
-def solved(levels: Sequence[Level], velocity: Callable[[Sequence[Level]], tuple[Array, Status]]) -> Solution:
+def timed_solution(levels: Sequence[Level], velocity: Callable[[Sequence[Level]], tuple[Array, Status]]) -> Solution:
     """The solution that ``velocity`` finds, as v (n,) and status, with residuals and time."""
     start = perf_counter()
     v, status = velocity(levels)

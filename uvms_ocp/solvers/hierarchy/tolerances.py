@@ -98,7 +98,7 @@ class IterationBudget:
     """Iterations after which the same holds, since a cycle may move a little."""
 
 
-def patience(n_rows: int) -> IterationBudget:
+def iteration_budget(n_rows: int) -> IterationBudget:
     """Return the budget of runs over n_rows rows of all levels."""
     most = 20 + 10 * n_rows
     return IterationBudget(

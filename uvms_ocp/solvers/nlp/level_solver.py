@@ -24,7 +24,7 @@ _ALL = slice(None)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Moment:
+class IterationReport:
     """After one iteration."""
 
     level: str
@@ -36,11 +36,11 @@ class Moment:
     """Largest of constraints, bounds and levels above."""
 
 
-Progress: TypeAlias = Callable[[Moment], object]
+Progress: TypeAlias = Callable[[IterationReport], object]
 """Told every iteration; a `KeyboardInterrupt` from it stops the solve at the best point so far."""
 
 
-class Watch:
+class SolveMonitor:
     """Over all NLPs of a solve."""
 
     def __init__(self) -> None:
@@ -62,7 +62,7 @@ class Watch:
         """True where no further iteration is wanted."""
         return self.stopped or self._error is not None
 
-    def tell(self, moment: Moment) -> None:
+    def tell(self, moment: IterationReport) -> None:
         """Nothing is raised here: solvers in other languages call it."""
         try:
             if self._progress is not None:
@@ -134,7 +134,7 @@ class NlpPoint:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Outcome:
+class NlpOutcome:
     """Outcome of one call."""
 
     point: NlpPoint
@@ -170,7 +170,7 @@ class LevelSolver:
     """The NLP of one level."""
 
     def __init__(
-        self, program: LexicographicProgram, index: int, options: NlpOptions, deadline: Deadline, watch: Watch
+        self, program: LexicographicProgram, index: int, options: NlpOptions, deadline: Deadline, watch: SolveMonitor
     ) -> None:
         self._watch, name = watch, program.ranges.levels[index].name
         self._options, self._deadline, self._n_rows = options, deadline, program.ranges.n_rows
@@ -184,11 +184,11 @@ class LevelSolver:
         n_rows = self._n_rows if point.row_multipliers is None else len(point.row_multipliers)
         return len(point.x) == self._nlp.nlp["x"].numel() and n_rows == self._n_rows
 
-    def __call__(self, start: NlpPoint, p: np.ndarray, bounds: RowBounds) -> Outcome:
+    def __call__(self, start: NlpPoint, p: np.ndarray, bounds: RowBounds) -> NlpOutcome:
         """Solve from `start`, warm if it has multipliers, with parameters p (n_p,) [unit of the parameter]."""
         rows = self._nlp.rows
         if self._deadline.over:
-            return Outcome(point=start, status=NlpStatus.TIME_LIMIT, iterations=0, violation=np.inf)
+            return NlpOutcome(point=start, status=NlpStatus.TIME_LIMIT, iterations=0, violation=np.inf)
         solver = self._warm if start.warm else self._cold
         best = self._stop.best = BestIterate(bounds, rows, self._options.feasibility)
         arguments: dict[str, Any] = {"x0": start.x, "p": p, "lbx": bounds.x_lower, "ubx": bounds.x_upper}
@@ -202,11 +202,11 @@ class LevelSolver:
         stats = solver.stats()
         iterations = int(stats.get("iter_count", 0))
         if not all(np.isfinite(solution[name]).all() for name in ("x", "g")):
-            return Outcome(point=start, status=NlpStatus.NOT_A_NUMBER, iterations=iterations, violation=np.inf)
+            return NlpOutcome(point=start, status=NlpStatus.NOT_A_NUMBER, iterations=iterations, violation=np.inf)
         multipliers = np.zeros(self._n_rows)
         multipliers[rows] = np.nan_to_num(solution["lam_g"])
         violation = bounds.violation(solution["x"], solution["g"], rows)
-        return Outcome(
+        return NlpOutcome(
             point=NlpPoint(
                 x=solution["x"], x_multipliers=np.nan_to_num(solution["lam_x"]), row_multipliers=multipliers
             ),
@@ -217,10 +217,10 @@ class LevelSolver:
             cost=float(solution["f"][0]),
         )
 
-    def _interrupted(self, best: BestIterate) -> Outcome:
+    def _interrupted(self, best: BestIterate) -> NlpOutcome:
         """Without multipliers: they are not those of the best iterate."""
         assert best.x is not None
-        return Outcome(
+        return NlpOutcome(
             point=NlpPoint(x=best.x),
             status=NlpStatus.INTERRUPTED,
             iterations=best.iterations,
@@ -244,7 +244,7 @@ class LevelSolver:
 class _Stop(ca.Callback):  # type: ignore[misc]  # CasADi has no types
     """Called by the NLP solver after each iteration: not 0 once the deadline is over, or whoever looks on wants no more."""
 
-    def __init__(self, nlp: LevelNlp, name: str, deadline: Deadline, watch: Watch) -> None:
+    def __init__(self, nlp: LevelNlp, name: str, deadline: Deadline, watch: SolveMonitor) -> None:
         ca.Callback.__init__(self)
         self._name, self._deadline, self._watch = name, deadline, watch
         self.best: BestIterate | None = None
@@ -267,7 +267,9 @@ class _Stop(ca.Callback):  # type: ignore[misc]  # CasADi has no types
             x, f, g = arguments[0].full().ravel(), float(arguments[1]), arguments[2].full().ravel()
             violation, residual = self.best.look(x, f, g), math.sqrt(max(2 * f, 0.0))
             iteration = self.best.iterations - 1
-            self._watch.tell(Moment(level=self._name, iteration=iteration, residual=residual, violation=violation))
+            self._watch.tell(
+                IterationReport(level=self._name, iteration=iteration, residual=residual, violation=violation)
+            )
         return [float(self._deadline.over or self._watch.ends)]
 
 

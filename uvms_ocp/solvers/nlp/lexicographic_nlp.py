@@ -22,7 +22,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked, unchecked_constructor
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.solvers.nlp.level_solver import Deadline, LevelSolver, NlpPoint, Outcome, Progress, Watch
+from uvms_ocp.solvers.nlp.level_solver import Deadline, LevelSolver, NlpOutcome, NlpPoint, Progress, SolveMonitor
 from uvms_ocp.solvers.nlp.options import STAGEWISE
 from uvms_ocp.solvers.nlp.options import NlpOptions as NlpOptions
 from uvms_ocp.solvers.nlp.program import (
@@ -76,7 +76,7 @@ class NlpSolver(Protocol):
     def fits(self, point: NlpPoint) -> bool:
         """True for a start of this program."""
 
-    def __call__(self, start: NlpPoint, p: np.ndarray, bounds: RowBounds) -> Outcome:
+    def __call__(self, start: NlpPoint, p: np.ndarray, bounds: RowBounds) -> NlpOutcome:
         """Solve from `start`, warm if it has multipliers, with parameters p (n_p,) [unit of the parameter]."""
 
 
@@ -113,7 +113,7 @@ class LexicographicNlp:
     def __init__(self, program: LexicographicProgram | SelfSolving, options: NlpOptions | None = None) -> None:
         self.program = program
         self.options = options or NlpOptions()
-        self.deadline, self.watch = Deadline(), Watch()
+        self.deadline, self.watch = Deadline(), SolveMonitor()
         self.levels = self._solvers(program)
 
     def _solvers(self, program: LexicographicProgram | SelfSolving) -> Sequence[NlpSolver]:
@@ -230,7 +230,7 @@ class _Run:
         iterations[0] += self._spent
         return self._result(best or self._nothing(), tuple(statuses), tuple(iterations), tuple(points), False)
 
-    def _stopped(self, outcome: Outcome) -> LexicographicResult:
+    def _stopped(self, outcome: NlpOutcome) -> LexicographicResult:
         """Return the result of a solve stopped by hand before the first level was solved: no level is held."""
         assert isinstance(self._nlp.program, LexicographicProgram)  # which alone is watched
         first = self._nlp.program.nlps[0]
@@ -242,23 +242,23 @@ class _Run:
         points = (NlpPoint(x=outcome.point.x),) * (left + 1)
         return self._result(reached, statuses, (outcome.iterations, *(0,) * left), points, False)
 
-    def _start(self, index: int, best: Outcome | None) -> NlpPoint:
+    def _start(self, index: int, best: NlpOutcome | None) -> NlpPoint:
         """A warm start of this level if there is one; otherwise where the level above ended, cold."""
         if best is None or self._points[index].warm:
             return self._points[index]
         return NlpPoint(x=best.point.x)
 
-    def _status(self, outcome: Outcome) -> NlpStatus:
+    def _status(self, outcome: NlpOutcome) -> NlpStatus:
         if outcome.status.optimal and not outcome.usable:
             return NlpStatus.STALLED
         return outcome.status
 
-    def _nothing(self) -> Outcome:
-        return Outcome(point=self._points[0], status=NlpStatus.SKIPPED, iterations=0, violation=np.inf)
+    def _nothing(self) -> NlpOutcome:
+        return NlpOutcome(point=self._points[0], status=NlpStatus.SKIPPED, iterations=0, violation=np.inf)
 
     def _result(
         self,
-        best: Outcome,
+        best: NlpOutcome,
         statuses: tuple[NlpStatus, ...],
         iterations: tuple[int, ...],
         points: tuple[NlpPoint, ...],

@@ -28,7 +28,7 @@ SHARES = (1.0, 1 / 2, 1 / 4, 1 / 8, 1 / 16)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Merit:
+class LevelMerit:
     """Merit of a point: residuals and violation."""
 
     violation: float
@@ -46,14 +46,14 @@ class Acceptance:
     residuals: np.ndarray
     """(n,) largest norms of the levels above, and that of the level itself."""
 
-    def allows(self, found: Merit) -> bool:
+    def allows(self, found: LevelMerit) -> bool:
         """Never for a merit that is not a number."""
         kept = found.residuals[: len(self.residuals)] <= self.residuals
         return bool(found.violation <= self.violation and kept.all())
 
 
 def acceptance(
-    levels: Sequence[LevelRows], reached: Sequence[float], here: Merit, *, accuracy: float, tolerance: float
+    levels: Sequence[LevelRows], reached: Sequence[float], here: LevelMerit, *, accuracy: float, tolerance: float
 ) -> Acceptance:
     """For the step of the level after those that have `reached` their residuals, from a point with merit `here`.
 
@@ -124,18 +124,18 @@ class TimeBudget:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Point:
+class SqpPoint:
     """Point reached by the levels so far."""
 
     x: np.ndarray
     """(n,) [unit of x] as the model of the levels has them."""
     rows: tuple[np.ndarray, ...]
     """(m,) [unit of the row] of every level."""
-    merit: Merit
+    merit: LevelMerit
     reached: tuple[float, ...] = ()
     """(n,) norm of the residual of each level that had its turn, at its end."""
 
-    def after_level(self) -> Point:
+    def after_level(self) -> SqpPoint:
         """The same once the next level has had its turn here."""
         return replace(self, reached=(*self.reached, float(self.merit.residuals[len(self.reached)])))
 
@@ -146,19 +146,19 @@ class LevelModel(Protocol):
     slack: float
     """Allowed rise of the norm of frozen rows in a QP; 0 where it bears dependent equalities."""
 
-    def begin(self, x: np.ndarray, p: np.ndarray, bounds: RowBounds) -> Point:
+    def begin(self, x: np.ndarray, p: np.ndarray, bounds: RowBounds) -> SqpPoint:
         """The point of variables x (n_x,) [unit of x]; p (n_p,) [unit of the parameter] holds from now on."""
         ...
 
-    def step(self, level: int, point: Point, bounds: RowBounds, damping: float) -> NlpStatus | None:
+    def step(self, level: int, point: SqpPoint, bounds: RowBounds, damping: float) -> NlpStatus | None:
         """Find the step of a level from a point, and why there is none; damping [1/unit of x^2]: weight of its square."""
         ...
 
-    def moved(self, share: float) -> Point:
+    def moved(self, share: float) -> SqpPoint:
         """After a share of the last step."""
         ...
 
-    def variables(self, point: Point) -> np.ndarray:
+    def variables(self, point: SqpPoint) -> np.ndarray:
         """Variables (n_x,) [unit of x] of a point."""
         ...
 
@@ -171,8 +171,8 @@ class LexicographicSqp:
         self._weights = ProximalWeights(n_levels, options.proximal)
 
     def step(
-        self, guess: Point, levels: tuple[LevelRows, ...], bounds: RowBounds, budget: TimeBudget
-    ) -> tuple[Point, NlpStatus | None]:
+        self, guess: SqpPoint, levels: tuple[LevelRows, ...], bounds: RowBounds, budget: TimeBudget
+    ) -> tuple[SqpPoint, NlpStatus | None]:
         """Make one step from a guess; return the point reached, and why there is none."""
         guess = replace(guess, reached=())
         failure = self._model.step(0, guess, bounds, self._options.damping)
@@ -191,7 +191,7 @@ class LexicographicSqp:
             point = point.after_level()
         return point, None
 
-    def _first_searched(self, guess: Point, levels: tuple[LevelRows, ...]) -> Point:
+    def _first_searched(self, guess: SqpPoint, levels: tuple[LevelRows, ...]) -> SqpPoint:
         """Return the first point that the rule allows, or, because a guess must be left, the one of least violation."""
         rule, tried = self._rule(guess, levels), []
         for share in SHARES:
@@ -200,7 +200,7 @@ class LexicographicSqp:
                 return tried[-1]
         return min(tried, key=lambda point: point.merit.violation)
 
-    def _turn(self, point: Point, levels: tuple[LevelRows, ...], bounds: RowBounds) -> Point:
+    def _turn(self, point: SqpPoint, levels: tuple[LevelRows, ...], bounds: RowBounds) -> SqpPoint:
         """Move the point by the step of the next level."""
         i = len(point.reached)
         failure = self._model.step(i, point, bounds, self._options.damping + self._weights[i])
@@ -208,7 +208,7 @@ class LexicographicSqp:
         self._weights.adapt(i, share)
         return found
 
-    def _searched(self, point: Point, levels: tuple[LevelRows, ...], bounds: RowBounds) -> tuple[float, Point]:
+    def _searched(self, point: SqpPoint, levels: tuple[LevelRows, ...], bounds: RowBounds) -> tuple[float, SqpPoint]:
         """The share of the step that is taken, and where it leads: the largest that is allowed, or all of it, mended."""
         rule, i = self._rule(point, levels), len(point.reached)
         tried = [self._model.moved(1.0)]
@@ -221,16 +221,16 @@ class LexicographicSqp:
                 share, found = 1.0, mended
         return share, replace(found, reached=point.reached)
 
-    def _mended(self, whole: Point, level: int, bounds: RowBounds) -> Point:
+    def _mended(self, whole: SqpPoint, level: int, bounds: RowBounds) -> SqpPoint:
         """A whole step, and one more, which brings back what curvature did to the rows above: a second-order correction."""
         failure = self._model.step(level, whole, bounds, self._options.damping + self._weights[level])
         return whole if failure is not None else self._model.moved(1.0)
 
-    def _rule(self, point: Point, levels: tuple[LevelRows, ...]) -> Acceptance:
+    def _rule(self, point: SqpPoint, levels: tuple[LevelRows, ...]) -> Acceptance:
         options = self._options
         return acceptance(levels, point.reached, point.merit, accuracy=options.accuracy, tolerance=options.tolerance)
 
-    def _frozen(self, level: LevelRows, point: Point) -> tuple[slice, tuple[np.ndarray, np.ndarray]]:
+    def _frozen(self, level: LevelRows, point: SqpPoint) -> tuple[slice, tuple[np.ndarray, np.ndarray]]:
         """Rows that keep the level that had the last turn where that has left it, and their bounds."""
         i = len(point.reached) - 1
         return level.frozen, level.frozen_bounds(point.rows[i], point.reached[i] ** 2 / 2, self._model.slack)

@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked
-from uvms_ocp.codegen.elementwise import distance, excess
+from uvms_ocp.codegen.elementwise import interval_distance, interval_excess
 from uvms_ocp.errors import AdvisedStatus, InvalidInput
 from uvms_ocp.types import Bound, Positive, Range, Shape
 
@@ -149,7 +149,7 @@ class LevelRows:
 
     def distance(self, y: np.ndarray) -> np.ndarray:
         """Signed distance (m,) of the rows y (m,) [unit of the row] to their range."""
-        return np.asarray(distance(y, self.lower, self.upper))
+        return np.asarray(interval_distance(y, self.lower, self.upper))
 
     def kept(self, norm: float, tolerance: float) -> float:
         """Largest norm of the residual with which a level that has reached `norm` keeps it; tolerance."""
@@ -261,7 +261,7 @@ def row_kinds(lower: np.ndarray, upper: np.ndarray) -> RowKinds:
     return RowKinds(equal=equal, below=np.isfinite(lower) & ~equal, above=np.isfinite(upper) & ~equal)
 
 
-def beyond(y: Expression, lower: Expression, upper: Expression, kinds: RowKinds) -> Expression:
+def signed_excess(y: Expression, lower: Expression, upper: Expression, kinds: RowKinds) -> Expression:
     """Signed distance (m,) to the range; unlike `intervals.distance` without a kink where lower = upper.
 
     y, lower and upper (m,) [unit of the row]; a bound that `kinds` has not is not looked at.
@@ -369,8 +369,8 @@ class RowBounds:
 
     def violation(self, x: np.ndarray, g: np.ndarray, rows: np.ndarray | slice) -> float:
         """Largest violation at x (n_x,) [unit of x], where the rows numbered `rows` (m,) are g (m,) [unit of the row]."""
-        broken = excess(g, self.lower[rows], self.upper[rows]).max(initial=0.0)
-        return float(max(broken, excess(x, self.x_lower, self.x_upper).max(initial=0.0)))
+        broken = interval_excess(g, self.lower[rows], self.upper[rows]).max(initial=0.0)
+        return float(max(broken, interval_excess(x, self.x_lower, self.x_upper).max(initial=0.0)))
 
 
 def row_bounds(ranges: RowRanges, x_lower: np.ndarray | float, x_upper: np.ndarray | float, n_x: int) -> RowBounds:

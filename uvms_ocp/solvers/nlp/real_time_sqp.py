@@ -24,7 +24,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.solvers.nlp.lexicographic_sqp import LevelModel, LexicographicSqp, Merit, Point, TimeBudget
+from uvms_ocp.solvers.nlp.lexicographic_sqp import LevelMerit, LevelModel, LexicographicSqp, SqpPoint, TimeBudget
 from uvms_ocp.solvers.nlp.options import SPARSE_PLUGIN, STAGEWISE, SqpOptions
 from uvms_ocp.solvers.nlp.program import (
     LevelNlp,
@@ -127,27 +127,27 @@ class SparseLevels:
         self._p, self._from, self._step = np.zeros(program.n_p), np.zeros(program.n_x), np.zeros(program.n_x)
         self._bounds = row_bounds(program.ranges, -np.inf, np.inf, program.n_x)
 
-    def begin(self, x: np.ndarray, p: np.ndarray, bounds: RowBounds) -> Point:
+    def begin(self, x: np.ndarray, p: np.ndarray, bounds: RowBounds) -> SqpPoint:
         """Begin as `LevelModel.begin`; x (n_x,) [unit of x], p (n_p,) [unit of the parameter]."""
         self._p, self._bounds = p, bounds
         self._from, self._step = x, np.zeros_like(x)
         return self.moved(0.0)
 
-    def step(self, level: int, point: Point, bounds: RowBounds, damping: float) -> NlpStatus | None:
+    def step(self, level: int, point: SqpPoint, bounds: RowBounds, damping: float) -> NlpStatus | None:
         """Solve the QP of a level as `LevelModel.step`; damping [1/unit of x^2]."""
         self._from = point.x
         self._step, failure = self._qps[level].step(point.x, self._p, bounds, damping)
         return failure
 
-    def moved(self, share: float) -> Point:
+    def moved(self, share: float) -> SqpPoint:
         """Return the point after a share of the step, as `LevelModel.moved`."""
         x, first = self._from + share * self._step, self._program.nlps[0]
         rows = tuple(np.array(y).ravel() for y in self._program.values.call([x, self._p]))
         residuals = [self._residual(i, x, y) for i, y in enumerate(rows)]
         g = np.array(first.functions["nlp_g"](x, self._p)).ravel()
         violation = self._bounds.violation(x, g, first.rows)
-        merit = Merit(violation=violation if np.isfinite(violation) else np.inf, residuals=np.array(residuals))
-        return Point(x=x, rows=rows, merit=merit)
+        merit = LevelMerit(violation=violation if np.isfinite(violation) else np.inf, residuals=np.array(residuals))
+        return SqpPoint(x=x, rows=rows, merit=merit)
 
     def _residual(self, i: int, x: np.ndarray, y: np.ndarray) -> float:
         """Norm of the rows of level i, or that of its cost where the cost is what is kept: there rows may weigh differently."""
@@ -157,7 +157,7 @@ class SparseLevels:
         cost, _ = self._program.nlps[i].functions["nlp_grad_f"](x, self._p)
         return float(np.sqrt(2 * float(cost)))
 
-    def variables(self, point: Point) -> np.ndarray:
+    def variables(self, point: SqpPoint) -> np.ndarray:
         """Return the variables of a point, as `LevelModel.variables`."""
         return point.x
 

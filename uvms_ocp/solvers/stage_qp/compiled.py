@@ -14,16 +14,23 @@ import numpy as np
 from uvms_ocp.codegen.compile import compile_library, loaded_library
 from uvms_ocp.solvers.stage_qp.problem import (
     STAGE_TOLERANCES,
-    Near,
-    Products,
+    ResidualProducts,
     StageQp,
     StageQpOptions,
     StageQpStatus,
     StageShape,
+    WarmStart,
     kkt_residual,
-    places,
+    offsets,
 )
-from uvms_ocp.solvers.stage_qp.rows import End, Point, RowTable, Start, undetermined_variables, unpack_point
+from uvms_ocp.solvers.stage_qp.rows import (
+    IterationResult,
+    PrimalDualPoint,
+    RowTable,
+    StartMode,
+    undetermined_variables,
+    unpack_point,
+)
 from uvms_ocp.types import Array
 
 _INCLUDES = "#include <math.h>\n#include <stddef.h>\n#include <string.h>\n"
@@ -128,13 +135,13 @@ class CompiledCore:
         self,
         qp: StageQp,
         table: RowTable,
-        point: Point,
+        point: PrimalDualPoint,
         options: StageQpOptions,
         *,
-        start: Start,
+        start: StartMode,
         costless: bool,
         damped: bool,
-    ) -> End:
+    ) -> IterationResult:
         """Run as `NumpyCore.run`."""
         self._load(qp, options)
         for name, array in self._table.items():
@@ -145,7 +152,7 @@ class CompiledCore:
         self._library.solve_qp(ctypes.byref(self._problem), int(costless), int(damped))
         return self._end()
 
-    def solve(self, qp: StageQp, options: StageQpOptions, near: Near | None) -> End:
+    def solve(self, qp: StageQp, options: StageQpOptions, near: WarmStart | None) -> IterationResult:
         """Solve as `NumpyCore.solve`."""
         self._load(qp, options)
         point = self._work["point"]
@@ -154,19 +161,19 @@ class CompiledCore:
         self._library.solve_whole(ctypes.byref(self._problem), int(near is not None))
         return self._end()
 
-    def products(self, qp: StageQp, z: Array) -> Products:
+    def products(self, qp: StageQp, z: Array) -> ResidualProducts:
         """Compute products as `NumpyCore.products`; z (n,) [unit of z]."""
         self._load(qp, None)
         self._library.products(ctypes.byref(self._problem.stages), _address(z), self._found_address)
         slope, square, change = self._found.tolist()
-        return Products(slope=slope, square=square, change=change)
+        return ResidualProducts(slope=slope, square=square, change=change)
 
     def steepest(self, qp: StageQp) -> float:
         """Return the steepest slope as `NumpyCore.steepest`."""
         self._load(qp, None)
         return float(self._library.steepest(ctypes.byref(self._problem.stages)))
 
-    def stationarity(self, qp: StageQp, near: Near) -> float:
+    def stationarity(self, qp: StageQp, near: WarmStart) -> float:
         """Return the stationarity error as `NumpyCore.stationarity`."""
         self._load(qp, None)
         stages, m = ctypes.byref(self._problem.stages), ctypes.c_int(self._problem.m)
@@ -182,9 +189,9 @@ class CompiledCore:
             problem.tolerance, problem.max_iterations = options.tolerance, options.max_iterations
             problem.warm_mu, problem.cold_mu = options.warm_mu, options.cold_mu
 
-    def _end(self) -> End:
+    def _end(self) -> IterationResult:
         problem, now = self._problem, self._problem.now
-        return End(
+        return IterationResult(
             status=_STATUSES[problem.status],
             point=unpack_point(self._work["point"].copy(), self._n, self._n_x),
             value=self._now["value"].copy(),
@@ -226,7 +233,7 @@ def core_source() -> str:
     texts = (folder.joinpath(name).read_text(encoding="utf-8") for name in _SOURCES)
     macros = "".join(f"#define {name.upper()} {value}\n" for name, value in asdict(STAGE_TOLERANCES).items())
     codes = ", ".join(f"{status.name} = {code}" for code, status in enumerate(_STATUSES))
-    starts = ", ".join(f"START_{start.name} = {start.value}" for start in Start)
+    starts = ", ".join(f"START_{start.name} = {start.value}" for start in StartMode)
     return "\n".join([_INCLUDES, macros, f"enum {{ {codes} }};\nenum {{ {starts} }};", *texts])
 
 
@@ -244,7 +251,7 @@ def _indices(shape: StageShape) -> dict[str, Any]:
         "M": [padded(n) ** 2 for n in n_z],
     }
     given = {name: np.array((*getattr(shape, name), 0), dtype=np.int32) for name in _SIZES}
-    return {**given, **{name: np.array(places(size), dtype=np.int32) for name, size in sizes.items()}}
+    return {**given, **{name: np.array(offsets(size), dtype=np.int32) for name, size in sizes.items()}}
 
 
 def padded(n: int) -> int:

@@ -20,7 +20,7 @@ from uvms_ocp.solvers.stage_qp.problem import (
     kkt_residual,
     slices,
 )
-from uvms_ocp.solvers.stage_qp.rows import SIGNS, Point, RowTable, resting
+from uvms_ocp.solvers.stage_qp.rows import SIGNS, PrimalDualPoint, RowTable, point_at
 from uvms_ocp.types import Array, Mask
 
 # The linear algebra of riccati.c in NumPy, for machines without a C compiler; keep both in step.
@@ -209,15 +209,15 @@ class InteriorPoint:
         self._weight = np.zeros_like(table.bound)
         self._soft = np.zeros_like(table.bound)
 
-    def rest(self, z: Array) -> Point:
+    def rest(self, z: Array) -> PrimalDualPoint:
         """At z (n,) [unit of z], with nothing else."""
-        return resting(z, sum(self.stages.shape.n_x), len(self.table.norm))
+        return point_at(z, sum(self.stages.shape.n_x), len(self.table.norm))
 
     def beyond(self, value: Array) -> Array:
         """(2, M) [unit of the row] from the bounds to the value (M,) [unit of the row] inwards, 0 where there is no side."""
         return np.where(self.table.side, SIGNS * (value - self.table.bound), 0.0)
 
-    def residuals(self, p: Point) -> Residuals:
+    def residuals(self, p: PrimalDualPoint) -> Residuals:
         """At a point."""
         t, m, y = self.table, self._m, p.row_multipliers()
         grad, defect, value, largest = self.stages.evaluate(p.z, p.costate, y[:m], y[m:])
@@ -248,7 +248,7 @@ class InteriorPoint:
             linear=_larger(stationarity / gradient, linear / variable),
         )
 
-    def factor(self, p: Point | None, r: Residuals | None = None) -> int:
+    def factor(self, p: PrimalDualPoint | None, r: Residuals | None = None) -> int:
         """With the weights of the sides at a point with its residuals, or without sides; as `NumpyStages.factor`."""
         t, self._weight, self._soft = self.table, np.zeros_like(self._weight), np.zeros_like(self._soft)
         self.iterations += 1
@@ -260,7 +260,9 @@ class InteriorPoint:
         slow = 0.0 if r is None else self._slow * r.gradient / r.variable
         return self.stages.factor(total[: self._m], total[self._m :] + slow)
 
-    def direction(self, p: Point, r: Residuals, side: Array | float = 0.0, elastic: Array | float = 0.0) -> Point:
+    def direction(
+        self, p: PrimalDualPoint, r: Residuals, side: Array | float = 0.0, elastic: Array | float = 0.0
+    ) -> PrimalDualPoint:
         """Compute Newton's direction towards products that differ by ``side`` and ``elastic`` (2, M) from those at p."""
         t, m, stiff = self.table, self._m, 1.0 / (self._elasticity + self.table.compliance)
         held, soft = p.multiplier > 0.0, self._soft
@@ -271,7 +273,7 @@ class InteriorPoint:
         value = np.concatenate([self.stages.values(dz), dz])
         multiplier = -self._weight * (SIGNS * value + gap)
         e = soft * multiplier + left
-        return Point(
+        return PrimalDualPoint(
             z=dz,
             costate=costate,
             y=np.where(t.equal, (value + r.equal) * stiff, 0.0),
@@ -281,7 +283,7 @@ class InteriorPoint:
             f=_ratio(elastic - p.f * e, p.e, p.e > 0.0),
         )
 
-    def advance(self, p: Point, r: Residuals) -> tuple[Point, float]:
+    def advance(self, p: PrimalDualPoint, r: Residuals) -> tuple[PrimalDualPoint, float]:
         """One iteration, and the share of the step that was taken, or minus what is wrong with the factor.
 
         Weights of later iterations hide whether the cost is convex.
@@ -301,7 +303,7 @@ class InteriorPoint:
         self.stride, share = _largest(step.z), _share(p, step, STAGE_TOLERANCES.to_boundary)
         return p.moved(step, share), share
 
-    def _corrected(self, p: Point, step: Point) -> Point:
+    def _corrected(self, p: PrimalDualPoint, step: PrimalDualPoint) -> PrimalDualPoint:
         """A step from p whose linear equations hold better, where it needs that."""
         if self.corrections == 0:
             return step
@@ -314,12 +316,14 @@ class InteriorPoint:
             step = better
         return step
 
-    def _mu(self, p: Point) -> float:
+    def _mu(self, p: PrimalDualPoint) -> float:
         """Mean complementarity."""
         count = int(self.table.side.sum() + self.table.elastic.sum())
         return float((p.s * p.multiplier).sum() + (p.e * p.f).sum()) / max(1, count)
 
-    def _aim(self, p: Point, affine: Point | None, centre: float, trust: float) -> tuple[Array, Array]:
+    def _aim(
+        self, p: PrimalDualPoint, affine: PrimalDualPoint | None, centre: float, trust: float
+    ) -> tuple[Array, Array]:
         """Compute the changes of products towards `centre`; trust: share of the second order of `affine`."""
         side, elastic = centre - p.s * p.multiplier, centre - p.e * p.f
         if affine is not None:
@@ -327,7 +331,7 @@ class InteriorPoint:
         return np.where(self.table.side, side, 0.0), np.where(self.table.elastic, elastic, 0.0)
 
 
-def _share(p: Point, step: Point, most: float) -> float:
+def _share(p: PrimalDualPoint, step: PrimalDualPoint, most: float) -> float:
     """Return the largest share of a step after which nothing is negative."""
     share = 1.0
     for value, change in ((p.s, step.s), (p.multiplier, step.multiplier), (p.e, step.e), (p.f, step.f)):

@@ -9,27 +9,27 @@ import numpy as np
 from uvms_ocp.solvers.stage_qp.interior_point import InteriorPoint, NumpyStages, Residuals
 from uvms_ocp.solvers.stage_qp.problem import (
     STAGE_TOLERANCES,
-    Near,
-    Products,
+    ResidualProducts,
     StageQp,
     StageQpOptions,
     StageQpStatus,
     StageShape,
+    WarmStart,
     is_valid,
     slices,
 )
 from uvms_ocp.solvers.stage_qp.rows import (
     SIGNS,
-    End,
-    Point,
+    IterationResult,
+    PrimalDualPoint,
     RowTable,
-    Start,
-    held,
-    mended,
-    nothing,
-    reached,
-    resting,
+    StartMode,
+    hold_active,
+    no_result,
+    point_at,
+    predict_active,
     row_table,
+    update_active,
 )
 from uvms_ocp.types import Array, Mask
 
@@ -48,39 +48,39 @@ class NumpyCore:
         self,
         qp: StageQp,
         table: RowTable,
-        point: Point,
+        point: PrimalDualPoint,
         options: StageQpOptions,
         *,
-        start: Start,
+        start: StartMode,
         costless: bool,
         damped: bool,
-    ) -> End:
+    ) -> IterationResult:
         """Run from a point, without the cost if ``costless``, with steps that are ``damped`` in directions without curvature."""
         self._stages.fixed[:] = table.fixed
         curvature = self._stages.load(qp, costless=costless)
         method = InteriorPoint(self._stages, table, 1.0 if costless else curvature, options, damped=damped)
-        if start in (Start.EQUALITIES, Start.ACTIVE):
-            return _from_equalities(method, point, alone=start is Start.ACTIVE)
-        begin = _warm(method, point) if start is Start.WARM else _cold(method, point)
+        if start in (StartMode.EQUALITIES, StartMode.ACTIVE):
+            return _from_equalities(method, point, alone=start is StartMode.ACTIVE)
+        begin = _warm(method, point) if start is StartMode.WARM else _cold(method, point)
         return _descended(method, begin)
 
-    def solve(self, qp: StageQp, options: StageQpOptions, near: Near | None) -> End:
+    def solve(self, qp: StageQp, options: StageQpOptions, near: WarmStart | None) -> IterationResult:
         """Solve from nothing but the QP, or from the solution of one nearby; NOT_A_NUMBER where entries are none."""
         table = row_table(qp)
-        rest = at_rest(qp, table)
+        rest = rest_point(qp, table)
         if not is_valid(qp):
-            return nothing(rest)
+            return no_result(rest)
         if near is None:
-            return self._finished(qp, table, self._run(qp, table, rest, options, Start.EQUALITIES), options)
+            return self._finished(qp, table, self._run(qp, table, rest, options, StartMode.EQUALITIES), options)
         warm = replace(rest, costate=near.costate, y=near.y)
         if not table.elastic.any():
-            found = self._active(qp, table, warm, reached(table, near.y, near.costate), options)
+            found = self._active(qp, table, warm, predict_active(table, near.y, near.costate), options)
             if found is not None:
                 return found
         warm = replace(warm, z=np.where(table.fixed, qp.flat["z_lower"], near.z))
-        return self._finished(qp, table, self._run(qp, table, warm, options, Start.WARM), options)
+        return self._finished(qp, table, self._run(qp, table, warm, options, StartMode.WARM), options)
 
-    def _finished(self, qp: StageQp, table: RowTable, end: End, options: StageQpOptions) -> End:
+    def _finished(self, qp: StageQp, table: RowTable, end: IterationResult, options: StageQpOptions) -> IterationResult:
         """Polish the end of an interior-point run to all digits: solve with the sides that it approaches as equalities."""
         rough = options.tolerance > STAGE_TOLERANCES.finished or end.approached is None
         if rough or table.elastic.any() or end.status is not StageQpStatus.SOLVED:
@@ -90,15 +90,17 @@ class NumpyCore:
         found = self._active(qp, table, start, end.approached, options)
         return end if found is None else replace(found, iterations=end.iterations + found.iterations)
 
-    def _active(self, qp: StageQp, table: RowTable, point: Point, active: Mask, options: StageQpOptions) -> End | None:
+    def _active(
+        self, qp: StageQp, table: RowTable, point: PrimalDualPoint, active: Mask, options: StageQpOptions
+    ) -> IterationResult | None:
         """The optimum where the bounds that it reaches are found soon, starting with active ones, from a point."""
         fewest, spent, vain = table.side.size, 0, 0
         while True:
-            end = self._run(qp, held(table, active), point, options, Start.ACTIVE)
+            end = self._run(qp, hold_active(table, active), point, options, StartMode.ACTIVE)
             spent += end.iterations
             if end.status is not StageQpStatus.SOLVED:
                 break
-            better = mended(table, active, end.point.y, end.value, options.tolerance)
+            better = update_active(table, active, end.point.y, end.value, options.tolerance)
             changes = int((better != active).sum())
             if changes == 0:
                 return replace(end, iterations=spent)
@@ -108,10 +110,12 @@ class NumpyCore:
             active, fewest, point = better, min(fewest, changes), end.point
         return None
 
-    def _run(self, qp: StageQp, table: RowTable, point: Point, options: StageQpOptions, start: Start) -> End:
+    def _run(
+        self, qp: StageQp, table: RowTable, point: PrimalDualPoint, options: StageQpOptions, start: StartMode
+    ) -> IterationResult:
         return self.run(qp, table, point, options, start=start, costless=False, damped=False)
 
-    def stationarity(self, qp: StageQp, near: Near) -> float:
+    def stationarity(self, qp: StageQp, near: WarmStart) -> float:
         """Largest entry [1/unit of z] of the gradient of a QP's Lagrangian at 0 with the multipliers of another, but for what
         is fixed."""
         m, stages = len(qp.flat["lower"]), self._stages
@@ -124,23 +128,23 @@ class NumpyCore:
         """Largest entry [1/unit of z] of the gradient of the residuals' half square, at 0."""
         return float(max(np.abs(r @ J).max(initial=0.0) for J, r in zip(qp.J, qp.r, strict=True)))
 
-    def products(self, qp: StageQp, z: Array) -> Products:
+    def products(self, qp: StageQp, z: Array) -> ResidualProducts:
         """At z (n,) [unit of z]."""
         parts = [z[own] for own in slices(qp.shape.n_z)]
         along = [J @ own for J, own in zip(qp.J, parts, strict=True)]
         changes = [np.abs(own @ J).max(initial=0.0) for J, own in zip(qp.J, along, strict=True)]
         whole = np.concatenate(along)
-        return Products(
+        return ResidualProducts(
             slope=float(qp.flat["r"] @ whole),
             square=float(whole @ whole),
             change=float(max(changes)),
         )
 
 
-def at_rest(qp: StageQp, table: RowTable) -> Point:
+def rest_point(qp: StageQp, table: RowTable) -> PrimalDualPoint:
     """Fixed variables where they are to be, all others at 0."""
     z = np.where(table.fixed, qp.flat["z_lower"], 0.0)
-    return resting(z, sum(qp.shape.n_x), len(table.norm))
+    return point_at(z, sum(qp.shape.n_x), len(table.norm))
 
 
 def _patience(changes: int) -> int:
@@ -148,7 +152,7 @@ def _patience(changes: int) -> int:
     return 0 if changes > STAGE_TOLERANCES.many_changes else STAGE_TOLERANCES.vain_changes
 
 
-def _from_equalities(method: InteriorPoint, point: Point, *, alone: bool) -> End:
+def _from_equalities(method: InteriorPoint, point: PrimalDualPoint, *, alone: bool) -> IterationResult:
     p, wrong = _equalities_alone(method, point if alone else method.rest(point.z))
     r = method.residuals(p)
     if wrong:
@@ -162,7 +166,7 @@ def _from_equalities(method: InteriorPoint, point: Point, *, alone: bool) -> End
     return _descended(method, _cold(method, point))
 
 
-def _equalities_alone(method: InteriorPoint, point: Point) -> tuple[Point, int]:
+def _equalities_alone(method: InteriorPoint, point: PrimalDualPoint) -> tuple[PrimalDualPoint, int]:
     """The optimum without inequalities: one factor, and corrections; what is wrong with the factor.
 
     From z, costates and the multipliers of equalities.
@@ -195,7 +199,7 @@ def _missed(method: InteriorPoint, r: Residuals) -> float:
     return float(np.where(t.side, SIGNS * (t.bound - r.value) / t.norm, -1.0).max(initial=-1.0))
 
 
-def _cold(method: InteriorPoint, point: Point) -> Point:
+def _cold(method: InteriorPoint, point: PrimalDualPoint) -> PrimalDualPoint:
     """A start inside, from z alone."""
     t, p = method.table, method.rest(point.z)
     r = method.residuals(p)
@@ -208,7 +212,7 @@ def _cold(method: InteriorPoint, point: Point) -> Point:
     return replace(p, s=s, multiplier=multiplier, e=e, f=f)
 
 
-def _warm(method: InteriorPoint, p: Point) -> Point:
+def _warm(method: InteriorPoint, p: PrimalDualPoint) -> PrimalDualPoint:
     """A start near the optimum; a cold one where bounds are hard and the point is far from it."""
     t, y, r, warm_mu = method.table, p.y, method.residuals(p), method.options.warm_mu
     if not t.elastic.any():
@@ -232,7 +236,7 @@ def _far(method: InteriorPoint, r: Residuals) -> float:
     return max(r.kkt.stationarity / r.gradient, missed / r.variable)
 
 
-def _descended(method: InteriorPoint, p: Point) -> End:
+def _descended(method: InteriorPoint, p: PrimalDualPoint) -> IterationResult:
     """Iterate from an interior start to the optimum, or to where it cannot go on, which leaves the best point."""
     r, share, approached = method.residuals(p), 1.0, None
     progress = _Progress(p, r)
@@ -259,12 +263,12 @@ def _is_inexact(method: InteriorPoint, before: Residuals, r: Residuals, share: f
 class _Progress:
     """Progress of a descent that begins at p."""
 
-    def __init__(self, p: Point, r: Residuals) -> None:
+    def __init__(self, p: PrimalDualPoint, r: Residuals) -> None:
         self.best = p, r
         self._first, self._lowest = r.gradient, np.inf
         self._vain, self._high, self._stuck = -1, 0, 0
 
-    def look(self, method: InteriorPoint, p: Point, r: Residuals, share: float) -> StageQpStatus | None:
+    def look(self, method: InteriorPoint, p: PrimalDualPoint, r: Residuals, share: float) -> StageQpStatus | None:
         """Why to end at p, where the last step was taken by a share; None for going on."""
         self._vain, self._high = self._vain + 1, self._high + 1
         if r.worst < self.best[1].worst:
@@ -287,7 +291,7 @@ class _Progress:
         return high or (usable and self._vain > most) or hopeless or method.iterations >= method.options.max_iterations
 
 
-def _end(method: InteriorPoint, status: StageQpStatus, p: Point, r: Residuals) -> End:
-    return End(
+def _end(method: InteriorPoint, status: StageQpStatus, p: PrimalDualPoint, r: Residuals) -> IterationResult:
+    return IterationResult(
         status=status, point=p, value=r.value, held=r.held, kkt=r.kkt, worst=r.worst, iterations=method.iterations
     )

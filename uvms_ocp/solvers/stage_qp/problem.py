@@ -61,7 +61,7 @@ def _sums(a: tuple[int, ...], b: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(one + other for one, other in zip(a, b, strict=True))
 
 
-def places(sizes: Iterable[int]) -> list[int]:
+def offsets(sizes: Iterable[int]) -> list[int]:
     """Return the offsets of parts of such `sizes` in one array, and the end of the last one."""
     return [0, *accumulate(sizes)]
 
@@ -69,7 +69,7 @@ def places(sizes: Iterable[int]) -> list[int]:
 @lru_cache(maxsize=256)
 def slices(sizes: tuple[int, ...]) -> tuple[slice, ...]:
     """The same as slices; sizes."""
-    begin = places(sizes)
+    begin = offsets(sizes)
     return tuple(slice(a, b) for a, b in pairwise(begin))
 
 
@@ -316,7 +316,7 @@ class StageQpSolution:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Near:
+class WarmStart:
     """The multipliers of a QP nearby, and where to start: in arrays with stage after stage."""
 
     z: Array
@@ -328,7 +328,7 @@ class Near:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Found:
+class FlatSolution:
     """A `StageQpSolution` in arrays with stage after stage, for who solves one QP after the other."""
 
     shape: StageShape
@@ -347,16 +347,16 @@ class Found:
     """Factorisations."""
     kkt: KktResidual
     """KKT residual of the point."""
-    products: Products
+    products: ResidualProducts
     """Products of the residuals along z."""
 
-    def near(self) -> Near:
+    def near(self) -> WarmStart:
         """For a QP nearby that starts where this one ends."""
-        return Near(z=np.zeros_like(self.z), costate=self.costate, y=self.y)
+        return WarmStart(z=np.zeros_like(self.z), costate=self.costate, y=self.y)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Products:
+class ResidualProducts:
     """Products of the residuals' rows along z."""
 
     slope: float

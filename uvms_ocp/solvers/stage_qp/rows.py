@@ -25,7 +25,7 @@ from uvms_ocp.types import Array, Mask
 # Where an interior point is, and how it ends.
 
 
-class Start(IntEnum):
+class StartMode(IntEnum):
     """Treatment of the start point of a run."""
 
     EQUALITIES = 0
@@ -39,7 +39,7 @@ class Start(IntEnum):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Point:
+class PrimalDualPoint:
     """A point, or a direction. Rows M are those of constraints, then the variables; sides (2, M) the lower and the upper ones."""
 
     z: Array
@@ -57,44 +57,46 @@ class Point:
     f: Array
     """(2, M) [1/unit of the row] multipliers of e >= 0."""
 
-    def moved(self, step: Point, share: float) -> Point:
+    def moved(self, step: PrimalDualPoint, share: float) -> PrimalDualPoint:
         """Return the point moved by a share of a step."""
-        return Point(**{own.name: getattr(self, own.name) + share * getattr(step, own.name) for own in fields(self)})
+        return PrimalDualPoint(
+            **{own.name: getattr(self, own.name) + share * getattr(step, own.name) for own in fields(self)}
+        )
 
     def row_multipliers(self) -> Array:
         """(M,) [1/unit of the row] positive at an upper bound."""
         return np.asarray(self.y + self.multiplier[1] - self.multiplier[0])
 
-    def of_rows(self, rows: Array) -> Point:
+    def of_rows(self, rows: Array) -> PrimalDualPoint:
         """With those rows numbered `rows` (m,) alone."""
         sides = {name: getattr(self, name)[:, rows] for name in ("s", "multiplier", "e", "f")}
-        return Point(z=self.z, costate=self.costate, y=self.y[rows], **sides)
+        return PrimalDualPoint(z=self.z, costate=self.costate, y=self.y[rows], **sides)
 
     def flat(self) -> Array:
         """All of it in one array."""
         return np.concatenate([getattr(self, own.name).ravel() for own in fields(self)])
 
 
-def unpack_point(flat: Array, n: int, n_x: int) -> Point:
+def unpack_point(flat: Array, n: int, n_x: int) -> PrimalDualPoint:
     """The point in one array, with n variables and n_x states; flat (n + n_x + 9 M,) [any]."""
     m = (len(flat) - n - n_x) // 9
     parts = flat[n + n_x :].reshape(9, m)
     s, multiplier, e, f = (parts[k : k + 2] for k in (1, 3, 5, 7))
-    return Point(z=flat[:n], costate=flat[n : n + n_x], y=parts[0], s=s, multiplier=multiplier, e=e, f=f)
+    return PrimalDualPoint(z=flat[:n], costate=flat[n : n + n_x], y=parts[0], s=s, multiplier=multiplier, e=e, f=f)
 
 
-def resting(z: Array, n_x: int, m: int) -> Point:
+def point_at(z: Array, n_x: int, m: int) -> PrimalDualPoint:
     """At z (n,) [unit of z], with nothing else; n_x states, m rows."""
     return unpack_point(np.concatenate([z, np.zeros(n_x + 9 * m)]), len(z), n_x)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class End:
+class IterationResult:
     """Result of one run."""
 
     status: StageQpStatus
     """SOLVED, NOT_CONVEX, NOT_A_NUMBER, ITERATION_LIMIT, or UNBOUNDED where steps are, which proves nothing."""
-    point: Point
+    point: PrimalDualPoint
     """The best."""
     value: Array
     """(M,) [unit of the row] of rows and variables."""
@@ -110,11 +112,11 @@ class End:
     """(2, M) sides of which less was left after the last step, by more than their multipliers fell; None without a step."""
 
 
-def nothing(point: Point) -> End:
+def no_result(point: PrimalDualPoint) -> IterationResult:
     """Return the result of a run that was not made, at a point."""
     endless = kkt_residual(stationarity=np.inf, primal=np.inf, complementarity=np.inf)
     held, value = np.zeros_like(point.z), np.full_like(point.y, np.nan)
-    return End(
+    return IterationResult(
         status=StageQpStatus.NOT_A_NUMBER, point=point, value=value, held=held, kkt=endless, worst=np.inf, iterations=0
     )
 
@@ -208,7 +210,7 @@ def undetermined_variables(shape: StageShape) -> Mask:
     return np.concatenate(own)
 
 
-def reached(table: RowTable, y: Array, costate: Array) -> Mask:
+def predict_active(table: RowTable, y: Array, costate: Array) -> Mask:
     """(2, M) sides that hold the solution of a QP nearby where it is.
 
     y (M,) [1/unit of the row] and costate (n_x,) [1/unit of x]: its multipliers. Where no side is without one, as an interior
@@ -219,14 +221,14 @@ def reached(table: RowTable, y: Array, costate: Array) -> Mask:
     return np.asarray(table.side & (-SIGNS * y * table.norm > least))
 
 
-def held(table: RowTable, active: Mask) -> RowTable:
+def hold_active(table: RowTable, active: Mask) -> RowTable:
     """Active (2, M) sides as equalities, without all others."""
     none, rows = np.zeros_like(table.side), active.any(axis=0)
     target = np.where(rows, np.where(active, table.bound, 0.0).sum(axis=0), table.target)
     return replace(table, side=none, equal=table.equal | rows, target=target)
 
 
-def mended(table: RowTable, active: Mask, y: Array, value: Array, tolerance: float) -> Mask:
+def update_active(table: RowTable, active: Mask, y: Array, value: Array, tolerance: float) -> Mask:
     """(2, M) active sides but for those that pull, and those that a row's value misses.
 
     y (M,) [1/unit of the row] multipliers; value (M,) [unit of the row]; tolerance relative to the largest variable.

@@ -12,24 +12,24 @@ from dataclasses import replace
 import numpy as np
 
 from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked
-from uvms_ocp.codegen.elementwise import distance, excess
+from uvms_ocp.codegen.elementwise import interval_distance, interval_excess
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.stage_qp.compiled import compiled_core
-from uvms_ocp.solvers.stage_qp.iteration import NumpyCore, at_rest
+from uvms_ocp.solvers.stage_qp.iteration import NumpyCore, rest_point
 from uvms_ocp.solvers.stage_qp.problem import (
     STAGE_TOLERANCES,
-    Found,
-    Near,
+    FlatSolution,
     StageQp,
     StageQpOptions,
     StageQpSolution,
     StageQpStatus,
     StageShape,
-    places,
+    WarmStart,
+    offsets,
     slices,
     stage_qp_solution,
 )
-from uvms_ocp.solvers.stage_qp.rows import End, Point, RowTable, Start, row_table
+from uvms_ocp.solvers.stage_qp.rows import IterationResult, PrimalDualPoint, RowTable, StartMode, row_table
 from uvms_ocp.types import Array
 
 # A QP with its residuals as rows: where a Hessian is the sum of stiff and weak ones, the weak are lost to rounding.
@@ -52,7 +52,7 @@ def with_residuals_as_rows(qp: StageQp) -> StageQp:
 
 def original_rows(shape: StageShape, larger: StageShape) -> Array:
     """(M,) where the rows and variables of a QP stand among those of one that has more rows behind them in each stage."""
-    firsts, M = places(larger.n_c)[:-1], sum(larger.n_c)
+    firsts, M = offsets(larger.n_c)[:-1], sum(larger.n_c)
     rows = [np.arange(first, first + n) for first, n in zip(firsts, shape.n_c, strict=True)]
     return np.concatenate([*rows, np.arange(M, M + sum(shape.n_z))])
 
@@ -124,8 +124,8 @@ def is_recession_direction(other: StageQp, z: tuple[Array, ...]) -> bool:
         return False
     way, worst, rise = [own / longest for own in z], 0.0, 0.0
     for k, d in enumerate(way):
-        missed = excess(other.C[k] @ d, other.lower[k], other.upper[k])
-        beyond = excess(d, other.z_lower[k], other.z_upper[k])
+        missed = interval_excess(other.C[k] @ d, other.lower[k], other.upper[k])
+        beyond = interval_excess(d, other.z_lower[k], other.z_upper[k])
         for l1, by, norm in ((other.l1[k], missed, norms(other.C[k])), (other.z_l1[k], beyond, 1.0)):
             worst = max(worst, (by / norm)[l1 == np.inf].max(initial=0.0))
             soft = l1 < np.inf
@@ -166,8 +166,8 @@ class StageQpSolver:
 
     @checked_on_failure
     def find(
-        self, qp: StageQp, near: Near | None = None, *, tolerance: float | None = None, explained: bool = True
-    ) -> Found:
+        self, qp: StageQp, near: WarmStart | None = None, *, tolerance: float | None = None, explained: bool = True
+    ) -> FlatSolution:
         """The same in arrays with stage after stage.
 
         near: the solution of a QP nearby. tolerance: instead of that of the options. explained: False takes less time where
@@ -187,7 +187,7 @@ class StageQpSolver:
         return self._core.steepest(qp)
 
     @checked_on_failure
-    def error(self, qp: StageQp, near: Near) -> float:
+    def error(self, qp: StageQp, near: WarmStart) -> float:
         """Compute by how much the multipliers of the QP solved last miss the optimality conditions of another one at 0.
 
         Largest entry [1/unit of z] of the gradient of its Lagrangian, or product with what is left to a bound.
@@ -198,11 +198,11 @@ class StageQpSolver:
         left = y[counts] * np.where(y > 0.0, upper, lower)[counts]
         return max(self._core.stationarity(qp, near), float(np.abs(left).max(initial=0.0)))
 
-    def _judged(self, qp: StageQp, table: RowTable, failed: End) -> End:
+    def _judged(self, qp: StageQp, table: RowTable, failed: IterationResult) -> IterationResult:
         """Explain a failed run: phase one finds whether there is a feasible point at all, and where."""
         if failed.worst <= self._inexact and failed.status is StageQpStatus.ITERATION_LIMIT:
             return replace(failed, status=StageQpStatus.INEXACT)
-        least = self._run(qp, row_table(qp, phase_one=True), at_rest(qp, table), costless=True)
+        least = self._run(qp, row_table(qp, phase_one=True), rest_point(qp, table), costless=True)
         spent = failed.iterations + least.iterations
         missed = table.violation(_values(qp, least.point.z))
         if least.status is StageQpStatus.SOLVED and missed > _MISSED * (1.0 + np.abs(least.point.z).max()):
@@ -217,7 +217,7 @@ class StageQpSolver:
     def _inexact(self) -> float:
         return self.options.tolerance * STAGE_TOLERANCES.inexact_tolerances
 
-    def _final_status(self, best: End) -> StageQpStatus:
+    def _final_status(self, best: IterationResult) -> StageQpStatus:
         """Endless steps, and rounding, prove nothing."""
         if best.status is StageQpStatus.SOLVED:
             return best.status
@@ -233,52 +233,52 @@ class StageQpSolver:
         way = StageQpSolver(other.shape, self.options).solve(other)
         return way.status.usable and is_recession_direction(other, way.z)
 
-    def _run_damped(self, qp: StageQp, start: Point) -> End:
+    def _run_damped(self, qp: StageQp, start: PrimalDualPoint) -> IterationResult:
         """With residuals as rows, and some curvature for directions that have none, from the z of a start."""
         other = with_residuals_as_rows(qp)
         table, own = row_table(other), original_rows(qp.shape, other.shape)
         slow = StageQpSolver(other.shape, self.options)
-        point = replace(at_rest(other, table), z=start.z)
-        end = slow._run(other, table, point, Start.COLD, damped=True)
+        point = replace(rest_point(other, table), z=start.z)
+        end = slow._run(other, table, point, StartMode.COLD, damped=True)
         return replace(end, point=end.point.of_rows(own))
 
     def _run(
         self,
         qp: StageQp,
         table: RowTable,
-        point: Point,
-        start: Start = Start.EQUALITIES,
+        point: PrimalDualPoint,
+        start: StartMode = StartMode.EQUALITIES,
         *,
         costless: bool = False,
         damped: bool = False,
-    ) -> End:
+    ) -> IterationResult:
         # With next to no curvature phase one loses digits, and needs few.
         options = replace(self.options, tolerance=max(self.options.tolerance, _ROUGH)) if costless else self.options
         return self._core.run(qp, table, point, options, start=start, costless=costless, damped=damped)
 
     @np.errstate(invalid="ignore")  # of what is not a number there is no excess
-    def _found(self, qp: StageQp, end: End) -> Found:
+    def _found(self, qp: StageQp, end: IterationResult) -> FlatSolution:
         m, y, flat = len(qp.flat["lower"]), end.point.row_multipliers(), qp.flat
         y[m:] -= end.held
-        return Found(
+        return FlatSolution(
             shape=self.shape,
             status=end.status,
             z=end.point.z,
             costate=end.point.costate,
             y=y,
-            excess=distance(end.value[:m], flat["lower"], flat["upper"]),
+            excess=interval_distance(end.value[:m], flat["lower"], flat["upper"]),
             iterations=end.iterations,
             kkt=end.kkt,
             products=self._core.products(qp, end.point.z),
         )
 
 
-def _only_rounding(qp: StageQp, end: End) -> bool:
+def _only_rounding(qp: StageQp, end: IterationResult) -> bool:
     """Check whether a cost that is convex, as a sum of squares, seemed not to be."""
     return end.status is StageQpStatus.NOT_CONVEX and not qp.flat["H"].any() and bool((qp.flat["damping"] >= 0.0).all())
 
 
-def _split(qp: StageQp, found: Found) -> StageQpSolution:
+def _split(qp: StageQp, found: FlatSolution) -> StageQpSolution:
     shape, m = qp.shape, len(found.excess)
     z = _parts(found.z, shape.n_z)
     return stage_qp_solution(
@@ -305,13 +305,13 @@ def _values(qp: StageQp, z: Array) -> Array:
     return np.concatenate([*(C @ own for C, own in zip(qp.C, _parts(z, qp.shape.n_z), strict=True)), z])
 
 
-def _near(solution: StageQpSolution) -> Near:
+def _near(solution: StageQpSolution) -> WarmStart:
     y = np.concatenate([*solution.y, *solution.y_z])
-    return Near(z=np.concatenate(solution.z), costate=np.concatenate(solution.costate), y=y)
+    return WarmStart(z=np.concatenate(solution.z), costate=np.concatenate(solution.costate), y=y)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of what is not a number there is no cost
-def _cost(qp: StageQp, found: Found) -> float:
+def _cost(qp: StageQp, found: FlatSolution) -> float:
     r, z, flat, products = qp.flat["r"], found.z, qp.flat, found.products
     straight = products.slope + z @ flat["g"]
     bend = sum(own @ H @ own for H, own in zip(qp.H, _parts(z, qp.shape.n_z), strict=True))
