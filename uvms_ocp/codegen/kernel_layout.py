@@ -119,7 +119,7 @@ _NOTHING = ca.Function("ask", [], [])
 
 
 class CallbackField:
-    """A field of a layout: what kernels ask of Python, as ``m.ask()``, and `CallbackBinding` answers on the memory; not before."""
+    """Field of a layout: a call of Python, in kernels ``m.ask()``, once a `CallbackBinding` is bound to the memory."""
 
     def __call__(self) -> None:
         """Declare the call in a kernel."""
@@ -176,7 +176,7 @@ class Sized:
 
 
 class Layout:
-    """Base of classes that only declare: ``float``, ``int``, ``bool``, sized arrays of them, other layouts, `FunctionField`, `CallbackField`.
+    """Base of classes that only declare: ``float``, ``int``, ``bool``, sized arrays of them, other layouts, functions and callbacks.
 
     ``structure_of(Class, n_joints=4)`` is the type whose instances kernels work on; all of it is zero at first.
     """
