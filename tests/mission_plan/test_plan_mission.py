@@ -134,7 +134,7 @@ def test_a_phase_that_nothing_leaves_is_refused(mission: Scenario) -> None:
 
 def test_a_limit_that_does_not_hold_when_its_phase_begins_is_entered_first() -> None:
     posed = mission_problem(two_targets(), margins=Margins(), step=2.0)
-    names = [stretch.ocp.name for stretch in posed.stretches]
+    names = [segment.ocp.name for segment in posed.segments]
     assert names[:2] == ["A1", "B1"]
     assert names[names.index("D1 held") + 1 :][:2] == ["A2 entered", "A2"]
     kept = {term.phase for term in posed.terms.constraints if term.name == "MAC"}
@@ -143,7 +143,7 @@ def test_a_limit_that_does_not_hold_when_its_phase_begins_is_entered_first() -> 
 
 def test_what_is_held_lasts_longer_than_the_mission_asks_for() -> None:
     posed = mission_problem(case1(), margins=Margins(hold=0.3), step=2.0)
-    durations = {stretch.ocp.name: stretch.ocp.range for stretch in posed.stretches if stretch.holds}
+    durations = {segment.ocp.name: segment.ocp.range for segment in posed.segments if segment.holds}
     assert durations == {"C held": (0.5, 0.5), "D held": (1.3, 1.3)}
 
 

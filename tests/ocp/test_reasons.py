@@ -167,8 +167,8 @@ def test_what_would_have_to_give_way_is_enough_and_no_more_than_that(robot: Robo
     p, x = planner.transcription.parameters(), planner.transcription.pack(hold_guess(planner.problem))
     least = phase_one(planner.transcription, planner.problem, p, x, time_limit=PATIENCE)
     assert least.converged
-    assert [item.group.name for item in least.given] == ["constraint 'wall'"]
-    needed = least.given[0].amount
+    assert [item.group.name for item in least.relaxations] == ["constraint 'wall'"]
+    needed = least.relaxations[0].amount
     for share, feasible in ((1.02, True), (0.98, False)):
         plan = planner.plan(wall_at(robot, 0.02 + share * needed))
         assert (plan.status is not OcpStatus.INFEASIBLE) == feasible, plan.reason

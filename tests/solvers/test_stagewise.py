@@ -287,11 +287,11 @@ def moved_to(qp: StageQp, z: np.ndarray) -> StageQp:
 def test_multipliers_miss_the_conditions_nowhere_but_away_from_the_optimum(seed: int, options: StageQpOptions) -> None:
     qp = random_qp(seed, equalities=seed % 2 > 0)
     solver = StageQpSolver(qp.shape, options)
-    found = solver.find(qp)
-    assert solver.error(moved_to(qp, found.z), found.near()) < 1e-6
+    found = solver.solve_flat(qp)
+    assert solver.error(moved_to(qp, found.z), found.warm_start()) < 1e-6
     rng = np.random.default_rng(seed)
     away = found.z + 0.1 * rng.standard_normal(len(found.z))
-    assert solver.error(moved_to(qp, away), found.near()) > 1e-4
+    assert solver.error(moved_to(qp, away), found.warm_start()) > 1e-4
 
 
 @needs_compiler
@@ -300,8 +300,8 @@ def test_from_a_qp_nearby_c_and_numpy_find_the_same(seed: int) -> None:
     qp, other = random_qp(seed), random_qp(seed)
     other.flat["r"][:] *= 1.1
     ours, twin = StageQpSolver(qp.shape), StageQpSolver(qp.shape, NUMPY)
-    near = ours.find(other).near()
-    found, same = ours.find(qp, near), twin.find(qp, near)
+    near = ours.solve_flat(other).warm_start()
+    found, same = ours.solve_flat(qp, near), twin.solve_flat(qp, near)
     assert found.status is same.status is StageQpStatus.SOLVED
     np.testing.assert_allclose(found.z, same.z, atol=1e-8)
     np.testing.assert_allclose(found.z, flat(solved(qp).z), atol=1e-6)
@@ -310,4 +310,4 @@ def test_from_a_qp_nearby_c_and_numpy_find_the_same(seed: int) -> None:
 def test_a_loose_tolerance_costs_fewer_factors() -> None:
     qp = reach_qp(1, goal=True)
     solver = StageQpSolver(qp.shape)
-    assert solver.find(qp, tolerance=1e-3).iterations < solver.find(qp).iterations
+    assert solver.solve_flat(qp, tolerance=1e-3).iterations < solver.solve_flat(qp).iterations

@@ -176,7 +176,7 @@ class Sized:
 
 
 class Layout:
-    """Base of classes that only declare: ``float``, ``int``, ``bool``, sized arrays of them, other layouts, functions and callbacks.
+    """Base of classes that only declare: ``float``, ``int``, ``bool``, sized arrays of them, layouts, functions and callbacks.
 
     ``structure_of(Class, n_joints=4)`` is the type whose instances kernels work on; all of it is zero at first.
     """

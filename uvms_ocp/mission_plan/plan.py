@@ -96,12 +96,12 @@ def write_plan(path: Path | str, trajectory: Trajectory, summary: dict[str, Any]
 
 def read_plan(path: Path | str) -> tuple[Trajectory, dict[str, Any]]:
     """Read a file that anyone may have written. Raises `InvalidInput`."""
-    told, arrays = from_arrays(Path(path), _KEY, _NO_PLAN)
+    summary, arrays = from_arrays(Path(path), _KEY, _NO_PLAN)
     if not set(_ARRAYS) <= arrays.keys():
         raise InvalidInput(_NO_PLAN)
     own = {name: arrays[name] for name in _ARRAYS}
     _check(own)
-    return Trajectory(**own, of_wrench=False), told
+    return Trajectory(**own, of_wrench=False), summary
 
 
 def _check(arrays: Arrays) -> None:
@@ -181,10 +181,10 @@ class MissionPlan(TableDisplay):
         }
 
     def _table(self) -> SmallTable:
-        told = {name: value for name, value in self.summary().items() if name not in ("phases", "identity")}
+        summary = {name: value for name, value in self.summary().items() if name not in ("phases", "identity")}
         phases = zip(self.names, self.phases, strict=True)
         rows = ((f"phase {name}", f"{part.begin:.2f} to {part.end:.2f} s") for name, part in phases)
-        return SmallTable(title=f"MissionPlan of {self.scenario}: {self.status.value}", rows=(*rows_of(told), *rows))
+        return SmallTable(title=f"MissionPlan of {self.scenario}: {self.status.value}", rows=(*rows_of(summary), *rows))
 
     def to_record(self, scenario: Scenario) -> Record:
         """The motion of the scenario's robot as a record, which figures, scenes and comparisons take.
@@ -246,24 +246,24 @@ class MissionPlan(TableDisplay):
         return scenario.run(progress, self.controller(scenario, tuning))
 
 
-def _from_summary(trajectory: Trajectory, told: dict[str, Any]) -> MissionPlan:
+def _from_summary(trajectory: Trajectory, summary: dict[str, Any]) -> MissionPlan:
     """Build a plan from a file's summary, as `MissionPlan.summary` has it."""
     statuses = {status.value: status for status in OcpStatus}
     parts = [
         PlannedPhase(phase=part["phase"], begin=part["begin_s"], end=part["end_s"], moves=part["moves"])
-        for part in told["phases"]
+        for part in summary["phases"]
     ]
     return MissionPlan(
-        scenario=told["scenario"],
+        scenario=summary["scenario"],
         trajectory=trajectory,
         phases=tuple(parts),
-        names=tuple(part["name"] for part in told["phases"]),
-        status=statuses[told["status"]],
-        reason=told["reason"],
-        energy=told["energy_j"],
-        clearance=told["clearance_m"],
-        greedy_duration=told["greedy_duration_s"],
-        iterations=told["iterations"],
-        solve_time=told["solve_time_s"],
-        identity=told["identity"],
+        names=tuple(part["name"] for part in summary["phases"]),
+        status=statuses[summary["status"]],
+        reason=summary["reason"],
+        energy=summary["energy_j"],
+        clearance=summary["clearance_m"],
+        greedy_duration=summary["greedy_duration_s"],
+        iterations=summary["iterations"],
+        solve_time=summary["solve_time_s"],
+        identity=summary["identity"],
     )

@@ -57,7 +57,7 @@ class MissionProblem:
     """A mission, as optimal control has it."""
 
     problem: OcpProblem
-    stretches: tuple[HorizonSegment, ...]
+    segments: tuple[HorizonSegment, ...]
     """The phases of the problem."""
     terms: MissionTerms
     shapes: ShapeClearance | None
@@ -99,16 +99,16 @@ def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> Mis
     """Step [s] of the horizon. Raises `InvalidInput` as `plan_mission` does."""
     _stated(scenario, foretold_way(scenario), margins, step)  # or it is refused before anything is compiled
     way = greedy_rollout(scenario)
-    stretches, terms, problem = _stated(scenario, way, margins, step)
+    segments, terms, problem = _stated(scenario, way, margins, step)
     shapes = clearance(scenario, margins)
     if shapes is not None and scenario.environment.obstacles:
         problem = replace(problem, constraints=(*problem.constraints, obstacle_pairs(shapes)))
     return MissionProblem(
         problem=problem,
-        stretches=tuple(stretches),
+        segments=tuple(segments),
         terms=terms,
         shapes=shapes,
-        guess=_guess(problem, way, stretches),
+        guess=_guess(problem, way, segments),
         greedy_duration=float(way.begins[-1]),
         current=scenario.environment.current,
     )
@@ -118,20 +118,20 @@ def _stated(
     scenario: Scenario, way: GreedyRollout, margins: Margins, step: float
 ) -> tuple[list[HorizonSegment], MissionTerms, OcpProblem]:
     """State the problem along a rollout of the mission, without obstacles."""
-    stretches = horizon_segments(scenario.mission, way, margins, step=step)
-    terms = mission_terms(scenario.robot, scenario.mission, way.phases, stretches, margins)
-    return stretches, terms, _problem(scenario, way, stretches, terms, margins)
+    segments = horizon_segments(scenario.mission, way, margins, step=step)
+    terms = mission_terms(scenario.robot, scenario.mission, way.phases, segments, margins)
+    return segments, terms, _problem(scenario, way, segments, terms, margins)
 
 
 def _problem(
-    scenario: Scenario, way: GreedyRollout, stretches: Sequence[HorizonSegment], terms: MissionTerms, margins: Margins
+    scenario: Scenario, way: GreedyRollout, segments: Sequence[HorizonSegment], terms: MissionTerms, margins: Margins
 ) -> OcpProblem:
     robot, floor = scenario.robot, floor_along(scenario, way)
-    above = floor_terms(scenario, stretches, floor, margins)
+    above = floor_terms(scenario, segments, floor, margins)
     return OcpProblem(
         robot=robot,
         start=State(q=np.array(scenario.start), v=np.zeros(robot.n_v)),
-        phases=tuple(stretch.ocp for stretch in stretches),
+        phases=tuple(segment.ocp for segment in segments),
         levels=mission_levels(robot, terms, MissionWeights()),
         constraints=(*terms.constraints, *above),
         floor=floor,
@@ -139,10 +139,10 @@ def _problem(
     )
 
 
-def _guess(problem: OcpProblem, way: GreedyRollout, stretches: Sequence[HorizonSegment]) -> Trajectory:
+def _guess(problem: OcpProblem, way: GreedyRollout, segments: Sequence[HorizonSegment]) -> Trajectory:
     """The greedy way in the nominal times of the problem."""
-    marks = np.cumsum([0.0, *(stretch.ocp.nominal for stretch in stretches)])
-    greedy = np.array([stretch.greedy[0] for stretch in stretches] + [stretches[-1].greedy[1]])
+    marks = np.cumsum([0.0, *(segment.ocp.nominal for segment in segments)])
+    greedy = np.array([segment.greedy[0] for segment in segments] + [segments[-1].greedy[1]])
     t = problem.nominal_times()
     rows = np.searchsorted(way.t, np.interp(t, marks, greedy))
     return guess_through(problem, t, way.q[np.clip(rows, 0, len(way.t) - 1)])
@@ -192,7 +192,7 @@ def plan_mission(
     plan = search.found(longest)
     proof = None if posed.shapes is None else certify_along(posed.shapes, plan.trajectory)
     status, reason = _verdict(plan, proof, longest)
-    phases = _phases(scenario, posed.stretches, plan.trajectory.t[posed.problem.starts_of_phases()])
+    phases = _phases(scenario, posed.segments, plan.trajectory.t[posed.problem.starts_of_phases()])
     return MissionPlan(
         scenario=scenario.name,
         trajectory=plan.trajectory,
@@ -305,14 +305,14 @@ class _Search:
         return best or plan
 
 
-def _phases(scenario: Scenario, stretches: Sequence[HorizonSegment], times: np.ndarray) -> tuple[PlannedPhase, ...]:
+def _phases(scenario: Scenario, segments: Sequence[HorizonSegment], times: np.ndarray) -> tuple[PlannedPhase, ...]:
     """Return the phases of the mission, in the times (n + 1,) [s] at which the segments begin and end."""
     found: list[PlannedPhase] = []
-    for stretch, begin, end in zip(stretches, times[:-1].tolist(), times[1:].tolist(), strict=True):
-        if found and found[-1].phase == stretch.phase:
+    for segment, begin, end in zip(segments, times[:-1].tolist(), times[1:].tolist(), strict=True):
+        if found and found[-1].phase == segment.phase:
             found[-1] = replace(found[-1], end=end)
             continue
-        phase = scenario.mission.phases[stretch.phase]
-        moves = goals_end_time(phase, active_tasks(phase, scenario.mission.tasks_of(stretch.phase))) > 0
-        found.append(PlannedPhase(phase=stretch.phase, begin=begin, end=end, moves=moves))
+        phase = scenario.mission.phases[segment.phase]
+        moves = goals_end_time(phase, active_tasks(phase, scenario.mission.tasks_of(segment.phase))) > 0
+        found.append(PlannedPhase(phase=segment.phase, begin=begin, end=end, moves=moves))
     return tuple(found)

@@ -205,12 +205,12 @@ def _begins(names: Sequence[str], ends: Sequence[tuple[str, float]]) -> np.ndarr
     return np.array(begins)
 
 
-# The horizon of a mission: each phase as a stretch of free length, and what has to be held at its end as one more.
+# The horizon of a mission: each phase as a segment of free length, and what has to be held at its end as one more.
 
 _SHORTEST, _LONGEST = 0.25, 1.5  # shares of the greedy duration of a phase
-_FEWEST = 4  # steps of a stretch
+_FEWEST = 4  # steps of a segment
 _FOLLOWED = 0.5  # [s] steps where a goal moves
-_LEEWAY = 1.0  # [s] that a stretch may take however soon the greedy mission is through
+_LEEWAY = 1.0  # [s] that a segment may take however soon the greedy mission is through
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -116,16 +116,16 @@ def floor_along(scenario: Scenario, way: GreedyRollout) -> float:
     return high
 
 
-def floor_terms(scenario: Scenario, stretches: Sequence[HorizonSegment], floor: float, margins: Margins) -> list[Term]:
+def floor_terms(scenario: Scenario, segments: Sequence[HorizonSegment], floor: float, margins: Margins) -> list[Term]:
     """Hull and arm stay above the floor [m] wherever no task on altitude keeps the robot far from it."""
     if not np.isfinite(floor):
         return []
     rims, found = rims_of(scenario.robot), list[Term]()
-    for stretch in stretches:
-        phase = scenario.mission.phases[stretch.phase]
+    for segment in segments:
+        phase = scenario.mission.phases[segment.phase]
         on = active_tasks(phase, scenario.mission.hierarchy.tasks)
-        if not any(isinstance(task, MinimumAltitude) and task.name not in stretch.waits_for for task in on):
-            found.append(FloorClearance(rims=rims, height=floor + margins.altitude, phase=stretch.ocp.name))
+        if not any(isinstance(task, MinimumAltitude) and task.name not in segment.waits_for for task in on):
+            found.append(FloorClearance(rims=rims, height=floor + margins.altitude, phase=segment.ocp.name))
     return found
 
 

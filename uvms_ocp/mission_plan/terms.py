@@ -96,13 +96,13 @@ class ConditionPlacement:
 
     phase: str
     """Phase of the mission, for errors."""
-    stretch: str
+    segment: str
     """Segment of the horizon."""
     at: At
 
     def rows(self, task: Task, rows: tuple[int, ...], lower: float = -np.inf, upper: float = np.inf) -> BoundedRows:
         """Bound rows of the residual of a task, at least `lower` and at most `upper` [unit of the rows]."""
-        return BoundedRows(task=task, rows=rows, lower=lower, upper=upper, at=self.at, phase=self.stretch)
+        return BoundedRows(task=task, rows=rows, lower=lower, upper=upper, at=self.at, phase=self.segment)
 
 
 def condition_term(
@@ -116,7 +116,7 @@ def condition_term(
     task = next(task for task in tasks if task.name == name)
     limit, below = condition.limit, isinstance(condition, Below) is met
     if isinstance(task, AngleTask) and quantity in _ANGLES and below:
-        return TaskTerm(task=replace(task, aim=tightened_limit(limit, margins.angle)), at=place.at, phase=place.stretch)
+        return TaskTerm(task=replace(task, aim=tightened_limit(limit, margins.angle)), at=place.at, phase=place.segment)
     if isinstance(task, (LandingAltitude, MinimumAltitude)) and quantity == "altitude":
         lower, upper = _heights(task, limit, margins.altitude, below)
         return place.rows(task, (0,), lower, upper)
@@ -173,17 +173,17 @@ class MissionTerms:
 
 
 def mission_terms(
-    robot: Robot, mission: Mission, way: Sequence[int], stretches: Sequence[HorizonSegment], margins: Margins
+    robot: Robot, mission: Mission, way: Sequence[int], segments: Sequence[HorizonSegment], margins: Margins
 ) -> MissionTerms:
     """Raises `InvalidInput` for tasks and conditions that no residual states, by their names."""
     goals: list[tuple[TaskClass, Term]] = []
     constraints: list[Term] = []
     preferences: list[Term] = []
     kept: set[str] = set()
-    starts = np.cumsum([0.0, *(stretch.ocp.nominal for stretch in stretches)])
+    starts = np.cumsum([0.0, *(segment.ocp.nominal for segment in segments)])
     for k, index in enumerate(way):
-        own = [i for i, stretch in enumerate(stretches) if stretch.phase == index]
-        phase = _Phase(mission, way, k, [stretches[i] for i in own], float(starts[own[0]]), margins)
+        own = [i for i, segment in enumerate(segments) if segment.phase == index]
+        phase = _Phase(mission, way, k, [segments[i] for i in own], float(starts[own[0]]), margins)
         goals += phase.goals()
         constraints += phase.kept(kept)
         constraints += phase.not_triggered()
@@ -287,7 +287,7 @@ class _Phase:
         return next(task for task in self.tasks if task.name == name)
 
     def _term(self, condition: Condition, part: HorizonSegment, at: At, *, met: bool) -> Term:
-        place = ConditionPlacement(phase=self._phase.name, stretch=part.ocp.name, at=at)
+        place = ConditionPlacement(phase=self._phase.name, segment=part.ocp.name, at=at)
         return condition_term(self.tasks, condition, place, self._margins, met=met)
 
 

@@ -235,15 +235,15 @@ class PhaseOne:
     x: np.ndarray
     """(n_x,) [unit of x]"""
     converged: bool
-    given: tuple[Relaxation, ...]
+    relaxations: tuple[Relaxation, ...]
     """The largest amount first."""
-    against: tuple[BoundGroup, ...]
+    opposing: tuple[BoundGroup, ...]
     """Groups that are kept and hold against them."""
     iterations: int
 
     @property
     def feasible(self) -> bool:
-        return not self.given
+        return not self.relaxations
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -297,8 +297,8 @@ def phase_one(
     return PhaseOne(
         x=found[:n],
         converged=bool(stats["success"]) and bool(np.isfinite(found).all()),
-        given=tuple(sorted(given, key=lambda item: -item.amount)),
-        against=tuple(groups[i] for i in kept if held[elastic.grouped.number == i].sum() > _AGAINST),
+        relaxations=tuple(sorted(given, key=lambda item: -item.amount)),
+        opposing=tuple(groups[i] for i in kept if held[elastic.grouped.number == i].sum() > _AGAINST),
         iterations=int(stats["iter_count"]),
     )
 

@@ -176,8 +176,8 @@ class Diagnosis:
 
 def _describe_relaxations(least: PhaseOne) -> str:
     """Describe the relaxations that are needed, and the bounds that oppose them."""
-    changes = _listed([item.group.change(item.amount, item.axes) for item in least.given])
-    against = f", against {_listed([group.name for group in least.against])}" if least.against else ""
+    changes = _listed([item.group.change(item.amount, item.axes) for item in least.relaxations])
+    against = f", against {_listed([group.name for group in least.opposing])}" if least.opposing else ""
     return f"for any motion near to keep them all, {changes}{against}"
 
 

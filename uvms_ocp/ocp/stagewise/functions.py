@@ -69,7 +69,7 @@ class Tangent:
 
     @cached_property
     def _force_slope(self) -> ca.SX:
-        return ca.jacobian(self.model.wanted, self.model.z)
+        return ca.jacobian(self.model.required_force, self.model.z)
 
     def _slope(self, rows: ca.SX) -> ca.SX:
         """(m, n_z) derivative of rows (m,) in z, through the forces as well."""
@@ -78,7 +78,7 @@ class Tangent:
 
     def expanded(self, expressions: Sequence[ca.SX]) -> list[ca.SX]:
         """Expressions with forces as what they are in z."""
-        return ca.substitute(list(expressions), [self.model.force], [self.model.wanted])
+        return ca.substitute(list(expressions), [self.model.force], [self.model.required_force])
 
     def jacobian(self, rows: ca.SX, *, controls: bool = True) -> ca.SX:
         """(m, n_x + n_u) derivative of rows (m,) in z; (m, n_x) without the controls."""
@@ -120,7 +120,7 @@ class Tangent:
         """
         motion, w, slope, H = self._force_curvature
         found = ca.vertcat(slope, *H.nonzeros())
-        return ca.substitute([found], [motion, w], [self.model.middle, ca.densify(weights)])[0]
+        return ca.substitute([found], [motion, w], [self.model.midpoint, ca.densify(weights)])[0]
 
     @cached_property
     def _force_curvature(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
@@ -135,7 +135,7 @@ class Tangent:
 
     def _bend(self, controls: bool) -> ca.SX:
         """(n, n) of forces, with the curvature of the motion in the middle."""
-        middle, pattern = self.model.middle, self._force_curvature[-1].sparsity()
+        middle, pattern = self.model.midpoint, self._force_curvature[-1].sparsity()
         n, g = middle.numel(), ca.SX.sym("g", middle.numel())
         D, H = self.jacobian(middle, controls=controls), ca.SX(pattern, self.bent[n:])
         return D.T @ H @ D + ca.substitute(self.curvature(ca.dot(g, middle), controls=controls), g, self.bent[:n])

@@ -40,8 +40,8 @@ class Multipliers:
             for whole, own, part in zip(self.residuals, sizes, memory.residual_parts(level), strict=True)
         ]
 
-    def take(self, found: FlatSolution) -> None:
-        """Take the multipliers of the last QP, and the present residuals."""
+    def update(self, found: FlatSolution) -> None:
+        """Update: the multipliers of the last QP, and the present residuals."""
         self.costates[:-1] = found.costate.reshape(self.costates.shape)[1:]
         self._rows[self._held] = found.y[: len(self._held)]
         for own, residual in self._own:
@@ -130,11 +130,11 @@ class StageLevelQp:
             calls.add(function.curvature, arguments, [self.qp.H[i]])
         return calls
 
-    def bend(self, last: FlatSolution | None) -> None:
+    def set_curvature(self, last: FlatSolution | None) -> None:
         """Curvature with the multipliers of the last QP; none without one, and for Gauss and Newton."""
         bends = last is not None and self.memory.whole.problem.hessian is HessianKind.EXACT
         if last is not None and bends:
-            self.multipliers.take(last)
+            self.multipliers.update(last)
             self._curve()
         elif self._bends:
             self.qp.flat["H"][:] = 0.0
@@ -177,7 +177,7 @@ class StageLevelQp:
         flat["damping"][:], flat["l1"][self._above] = damping, give
         self._load(ranges)
         tolerance = max(rough, self._solver.options.tolerance)
-        found = self._solver.find(self.qp, near, tolerance=tolerance, explained=not self._bends)
+        found = self._solver.solve_flat(self.qp, near, tolerance=tolerance, explained=not self._bends)
         self.keep(found)
         return found
 
@@ -193,7 +193,7 @@ class StageLevelQp:
     def error(self, ranges: StageRanges, found: FlatSolution) -> float:
         """Return the error of the optimality conditions at the present linearisation, with the multipliers of the last QP."""
         self._load(ranges)
-        return self._solver.error(self.qp, found.near())
+        return self._solver.error(self.qp, found.warm_start())
 
     def keep(self, found: FlatSolution) -> None:
         """Its step is that of the memory."""

@@ -171,12 +171,12 @@ class StagewiseLevelModel:
         own.linearize()
         if not np.isfinite(memory.residuals(level)).all():
             return NlpStatus.NOT_A_NUMBER
-        own.bend(None)
+        own.set_curvature(None)
         solution = own.solve(self._levels.ranges(bounds, level), damping, np.inf, None if level else self._last)
         if not solution.status.usable:
             return NlpStatus.STALLED
         if level == 0:
-            self._last = solution.near()
+            self._last = solution.warm_start()
         return None
 
     def moved(self, share: float) -> SqpPoint:
@@ -240,7 +240,7 @@ class StagewiseProgram:
         """One for each level."""
         return self.levels.made(options, deadline)
 
-    def turning(self, slack: float) -> StagewiseLevelModel:
+    def level_model(self, slack: float) -> StagewiseLevelModel:
         """Its levels for steps in real time; slack as `LevelModel` has it."""
         return StagewiseLevelModel(self.levels.memory, slack)
 

@@ -203,7 +203,7 @@ class StageSqp:
         for damping, curved, give in _MODELS[self._model :]:
             if curved and give == np.inf and self._is_far:
                 continue
-            self._level.bend(last if curved else None)
+            self._level.set_curvature(last if curved else None)
             damping += self._least + self._damping
             solution = self._level.solve(self._ranges, damping, give, near, rough=rough)
             if solution.status in (StageQpStatus.SOLVED, StageQpStatus.INFEASIBLE):
@@ -223,7 +223,7 @@ class StageSqp:
     def _near(self) -> WarmStart | None:
         """Return the start of QPs: the last one, if it has an optimum."""
         last = self._solution
-        return last.near() if last is not None and last.status is StageQpStatus.SOLVED else None
+        return last.warm_start() if last is not None and last.status is StageQpStatus.SOLVED else None
 
     def _roughness(self, last: FlatSolution | None) -> float:
         """Return the tolerance of a QP: as little of rows as the point breaks, and of the gradient as the last step has

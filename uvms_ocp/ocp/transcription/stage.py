@@ -245,17 +245,17 @@ class StageModel:
                 sparse(self.actuators.matrix) @ (z[layout.thrust] * ca.DM(self.actuators.thrust_unit)),
                 z[layout.torque] * ca.DM(self.actuators.torque_unit),
             )
-            rows = ca.vertcat(rows, (self.wanted - given) / ca.DM(self.actuators.force_unit))
+            rows = ca.vertcat(rows, (self.required_force - given) / ca.DM(self.actuators.force_unit))
         exact = self.problem.hessian is HessianKind.EXACT
         return compile_derivatives(derivatives("dynamics", z, self.water, rows, residuals=None if exact else ()))
 
     @cached_property
-    def wanted(self) -> ca.SX:
+    def required_force(self) -> ca.SX:
         """Generalised forces (n_v,) [N, N m] that a step takes."""
-        return self.forces_of(self.middle)
+        return self.forces_of(self.midpoint)
 
     @cached_property
-    def middle(self) -> ca.SX:
+    def midpoint(self) -> ca.SX:
         """Q, v and a (n_q + 2 n_v,) where the forces of a step are."""
         z, layout = self.z, self.layout
         q, v, h, a = z[layout.q], z[layout.v], z[layout.h], z[layout.a]
@@ -273,7 +273,7 @@ class StageModel:
     @cached_property
     def force(self) -> ca.SX:
         """(n_v,) [N, N m] `wanted`; where forces are `eliminated` a symbol for it: differentiated once for all rows."""
-        return ca.SX.sym("f", self.robot.n_v) if self._eliminated else self.wanted
+        return ca.SX.sym("f", self.robot.n_v) if self._eliminated else self.required_force
 
     @cached_property
     def inputs(self) -> tuple[ca.SX, ca.SX]:

@@ -136,15 +136,15 @@ class ActiveSetTick:
         start = perf_counter()
         if self._tick is None:
             return self._in_numpy(inputs, start)
-        return self._told(self._tick(*inputs, self._active_set), start)
+        return self._finish(self._tick(*inputs, self._active_set), start)
 
     def _evaluated(self, tick: BufferedFunction) -> TickResult:
         """Evaluate with the adopted inputs."""
         start = perf_counter()
         tick.evaluate()
-        return self._told([result.copy() for result in tick.results], start)
+        return self._finish([result.copy() for result in tick.results], start)
 
-    def _told(self, results: Sequence[Array], start: float) -> TickResult:
+    def _finish(self, results: Sequence[Array], start: float) -> TickResult:
         v, active_set, report, missed, *extras = results
         self._active_set[:] = active_set
         status = STATUSES[int(report[0])]

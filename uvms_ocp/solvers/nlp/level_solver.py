@@ -49,8 +49,8 @@ class SolveMonitor:
         self._progress: Progress | None = None
 
     @contextmanager
-    def over(self, progress: Progress | None) -> Iterator[None]:
-        """One solve: Ctrl-C stops it, a second one breaks it off. Raises what `progress` raised, once the solver is out."""
+    def running(self, progress: Progress | None) -> Iterator[None]:
+        """Guard one solve: Ctrl-C stops it, a second one breaks it off. Raises what `progress` raised, once the solver is out."""
         self.stopped, self._error, self._progress = False, None, progress
         with self._interrupts():
             yield
@@ -58,12 +58,12 @@ class SolveMonitor:
             raise self._error
 
     @property
-    def ends(self) -> bool:
+    def should_stop(self) -> bool:
         """True where no further iteration is wanted."""
         return self.stopped or self._error is not None
 
-    def tell(self, moment: IterationReport) -> None:
-        """Nothing is raised here: solvers in other languages call it."""
+    def report(self, moment: IterationReport) -> None:
+        """Report an iteration; nothing is raised here: solvers in other languages call it."""
         try:
             if self._progress is not None:
                 self._progress(moment)
@@ -103,7 +103,7 @@ class BestIterate:
         self.cost = self.violation = np.inf
         self.iterations = 0
 
-    def look(self, x: np.ndarray, cost: float, g: np.ndarray) -> float:
+    def update(self, x: np.ndarray, cost: float, g: np.ndarray) -> float:
         """Violation at x (n_x,) [unit of x], with this cost and rows g (m,) [unit of the row]."""
         violation = self._bounds.violation(x, g, _ALL)
         kept = violation <= self._feasibility
@@ -196,7 +196,7 @@ class LevelSolver:
         if start.row_multipliers is not None:
             arguments |= {"lam_x0": start.x_multipliers, "lam_g0": start.row_multipliers[rows]}
         called = solver.call(arguments)
-        if self._watch.ends and best.x is not None:
+        if self._watch.should_stop and best.x is not None:
             return self._interrupted(best)
         solution = {name: np.array(value).ravel() for name, value in called.items()}
         stats = solver.stats()
@@ -265,12 +265,12 @@ class _Stop(ca.Callback):  # type: ignore[misc]  # CasADi has no types
     def eval(self, arguments: list[ca.DM]) -> list[float]:
         if self.best is not None:
             x, f, g = arguments[0].full().ravel(), float(arguments[1]), arguments[2].full().ravel()
-            violation, residual = self.best.look(x, f, g), math.sqrt(max(2 * f, 0.0))
+            violation, residual = self.best.update(x, f, g), math.sqrt(max(2 * f, 0.0))
             iteration = self.best.iterations - 1
-            self._watch.tell(
+            self._watch.report(
                 IterationReport(level=self._name, iteration=iteration, residual=residual, violation=violation)
             )
-        return [float(self._deadline.over or self._watch.ends)]
+        return [float(self._deadline.over or self._watch.should_stop)]
 
 
 def _equalities(ranges: RowRanges, options: NlpOptions) -> np.ndarray:

@@ -153,7 +153,7 @@ class LexicographicNlp:
         run = _Run(self, given.levels, points, parameters, bounds, begin)
         # An anticipation that fails must leave time for the levels in their order.
         self.deadline.set(limit / 2)
-        with self.watch.over(progress):
+        with self.watch.running(progress):
             met = run.anticipated(start)
             self.deadline.set(limit - (perf_counter() - begin))
             return met or run.in_order()
@@ -203,7 +203,7 @@ class _Run:
         outcome = self._nlp.levels[-1](self._points[-1], self._p, bounds)
         if not (outcome.status.optimal and outcome.usable):
             self._spent = outcome.iterations
-            return self._stopped(outcome) if self._nlp.watch.ends else None
+            return self._stopped(outcome) if self._nlp.watch.should_stop else None
         zeros = (0,) * len(above)
         statuses = (NlpStatus.SOLVED,) * len(above)
         points = (outcome.point,) * len(self._levels)
@@ -219,7 +219,7 @@ class _Run:
             iterations.append(outcome.iterations)
             if outcome.usable or best is None:
                 best, points[index] = outcome, outcome.point
-            if not outcome.usable or self._nlp.deadline.over or self._nlp.watch.ends:
+            if not outcome.usable or self._nlp.deadline.over or self._nlp.watch.should_stop:
                 break
             if index + 1 < len(self._levels):
                 y = self._nlp.rows_at(best.point.x, self._p)[index]

@@ -206,7 +206,7 @@ class StagedProgram(Protocol):
     def n_x(self) -> int: ...
     @property
     def n_p(self) -> int: ...
-    def turning(self, slack: float) -> LevelModel:
+    def level_model(self, slack: float) -> LevelModel:
         """Slack [unit of the row]: half the width of what frozen rows keep."""
 
 
@@ -215,7 +215,7 @@ def _model(program: LexicographicProgram | StagedProgram, options: SqpOptions) -
         if options.plugin == STAGEWISE:
             raise InvalidInput("the program has no stages; transcribe it stage by stage, or give another plugin")
         return SparseLevels(program, options)
-    return program.turning(options.tolerance)
+    return program.level_model(options.tolerance)
 
 
 @checked

@@ -241,7 +241,7 @@ def _descended(method: InteriorPoint, p: PrimalDualPoint) -> IterationResult:
     r, share, approached = method.residuals(p), 1.0, None
     progress = _Progress(p, r)
     while True:
-        status = progress.look(method, p, r, share)
+        status = progress.update(method, p, r, share)
         if status is not None:
             return replace(_end(method, status, *progress.best), approached=approached)
         last = p
@@ -268,7 +268,7 @@ class _Progress:
         self._first, self._lowest = r.gradient, np.inf
         self._vain, self._high, self._stuck = -1, 0, 0
 
-    def look(self, method: InteriorPoint, p: PrimalDualPoint, r: Residuals, share: float) -> StageQpStatus | None:
+    def update(self, method: InteriorPoint, p: PrimalDualPoint, r: Residuals, share: float) -> StageQpStatus | None:
         """Why to end at p, where the last step was taken by a share; None for going on."""
         self._vain, self._high = self._vain + 1, self._high + 1
         if r.worst < self.best[1].worst:

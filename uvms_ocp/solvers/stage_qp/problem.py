@@ -350,7 +350,7 @@ class FlatSolution:
     products: ResidualProducts
     """Products of the residuals along z."""
 
-    def near(self) -> WarmStart:
+    def warm_start(self) -> WarmStart:
         """For a QP nearby that starts where this one ends."""
         return WarmStart(z=np.zeros_like(self.z), costate=self.costate, y=self.y)
 

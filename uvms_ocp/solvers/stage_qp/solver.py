@@ -162,10 +162,10 @@ class StageQpSolver:
         warm: the solution of a QP nearby, of the same shape. Raises `InvalidInput` for a QP of another shape.
         """
         near = None if warm is None else _near(warm)
-        return _split(qp, self.find(qp, near))
+        return _split(qp, self.solve_flat(qp, near))
 
     @checked_on_failure
-    def find(
+    def solve_flat(
         self, qp: StageQp, near: WarmStart | None = None, *, tolerance: float | None = None, explained: bool = True
     ) -> FlatSolution:
         """The same in arrays with stage after stage.
@@ -178,7 +178,7 @@ class StageQpSolver:
         options = self.options if tolerance is None else replace_unchecked(self.options, tolerance=tolerance)
         end = self._core.solve(qp, options, near)
         if explained and (end.status in _UNCLEAR or _only_rounding(qp, end)):
-            end = self._judged(qp, row_table(qp), end)
+            end = self._explain(qp, row_table(qp), end)
         return self._found(qp, end)
 
     @checked_on_failure
@@ -198,7 +198,7 @@ class StageQpSolver:
         left = y[counts] * np.where(y > 0.0, upper, lower)[counts]
         return max(self._core.stationarity(qp, near), float(np.abs(left).max(initial=0.0)))
 
-    def _judged(self, qp: StageQp, table: RowTable, failed: IterationResult) -> IterationResult:
+    def _explain(self, qp: StageQp, table: RowTable, failed: IterationResult) -> IterationResult:
         """Explain a failed run: phase one finds whether there is a feasible point at all, and where."""
         if failed.worst <= self._inexact and failed.status is StageQpStatus.ITERATION_LIMIT:
             return replace(failed, status=StageQpStatus.INEXACT)
@@ -207,7 +207,7 @@ class StageQpSolver:
         missed = table.violation(_values(qp, least.point.z))
         if least.status is StageQpStatus.SOLVED and missed > _MISSED * (1.0 + np.abs(least.point.z).max()):
             return replace(least, status=StageQpStatus.INFEASIBLE, iterations=spent)
-        if self._is_endless(qp):
+        if self._is_unbounded(qp):
             return replace(failed, status=StageQpStatus.UNBOUNDED, iterations=spent)
         again = self._run_damped(qp, least.point)
         best = min(failed, again, key=lambda end: end.worst)
@@ -225,7 +225,7 @@ class StageQpSolver:
         status = best.status if known else StageQpStatus.ITERATION_LIMIT
         return StageQpStatus.INEXACT if best.worst <= self._inexact else status
 
-    def _is_endless(self, qp: StageQp) -> bool:
+    def _is_unbounded(self, qp: StageQp) -> bool:
         """Check whether there is a direction along which the cost falls for ever."""
         if not may_be_unbounded(qp):
             return False
