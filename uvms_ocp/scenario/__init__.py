@@ -12,10 +12,7 @@ from uvms_ocp.scenario.cases.case2 import case2 as case2
 from uvms_ocp.scenario.cases.transit import obstacle_field as obstacle_field
 from uvms_ocp.scenario.cases.transit import transit as transit
 from uvms_ocp.scenario.options import RunOptions as RunOptions
-from uvms_ocp.scenario.options import abort_phase as abort_phase
 from uvms_ocp.scenario.options import activate as activate
-from uvms_ocp.scenario.options import mission_of as mission_of
-from uvms_ocp.scenario.options import run_options as run_options
 from uvms_ocp.scenario.preflight.checks import check_mission as check_mission
 from uvms_ocp.scenario.preflight.robot_check import check_robot as check_robot
 from uvms_ocp.scenario.preflight.robot_check import check_robot_files as check_robot_files
