@@ -265,7 +265,7 @@ def test_a_goal_that_moves_is_asked_at_every_tick_and_a_still_one_once_in_a_phas
         now = replace(state, phase=phase)
         for t in (1.0, 2.0, 3.0):
             write_state(memory.mission, now)
-            load_goals(memory.goals, memory.mission, memory.climb, t)
+            load_goals(memory.goals, memory.mission, memory.ascent, t)
             control._parameters.ask(now, t)
             np.testing.assert_array_equal(memory.goals.values, [goal, 0.0, t, 1.0])
             found = mission_parameters(mission, now, t, gates=np.ones(2), q=q, motion=None)
@@ -292,7 +292,7 @@ def test_a_goal_that_ends_is_held_as_samples_and_not_asked_again(robot: Robot, m
     monkeypatch.setattr(PiecewisePolynomial, "__call__", lambda self, t: None)
     for (state, t), parameters in zip(ticks, wanted, strict=True):
         write_state(memory.mission, state)
-        load_goals(memory.goals, memory.mission, memory.climb, t)
+        load_goals(memory.goals, memory.mission, memory.ascent, t)
         control._parameters.ask(state, t)
         close = 1e-9 if t / DT == round(t / DT) else 1e-2
         np.testing.assert_allclose(memory.goals.values, parameters, rtol=0, atol=close)

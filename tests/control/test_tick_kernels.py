@@ -147,7 +147,7 @@ def test_giving_up_is_that_of_the_mission_alone_in_c_and_in_python(
         assert [event.target for event in control.events] == ["climb", ABORT]
         stalled, late = control.events
         before, climbing = control.left
-        goal = ascent_goal(control.memory.climb)
+        goal = ascent_goal(control.memory.ascent)
         began, event = mission.abandon(before, stalled.t, stalled.reason, goal)
         assert event == stalled
         assert (began.phase, began.since, began.abort_reason) == (climbing.phase, climbing.since, climbing.abort_reason)

@@ -46,7 +46,7 @@ def test_between_readings_the_spread_grows_with_what_may_have_happened_since() -
         fix, dt = k // 100, 0.01
         readings = Readings(position=Reading(value=np.zeros(3), t=float(fix)))
         estimator(readings, k * dt)
-        spreads.append(estimator.spread[0])
+        spreads.append(estimator.std[0])
     last = np.array(spreads[-100:])
     assert (np.diff(last) > 0.0).all()
     assert last[-1] > 5.0 * last[0]

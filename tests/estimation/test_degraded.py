@@ -175,11 +175,11 @@ def test_nobody_who_judges_and_only_good_channels_restrict_nothing() -> None:
 
 
 def test_every_mode_says_what_is_still_known_and_losing_more_never_allows_more() -> None:
-    assert all(mode.known and mode.without <= set(CHANNELS) for mode in DEGRADED_MODES)
+    assert all(mode.substitute and mode.without <= set(CHANNELS) for mode in DEGRADED_MODES)
 
     def lost(names: set[str]) -> tuple[float, ...]:
         found = restriction_for([ChannelHealth(channel=name, trust=Trust.LOST) for name in names], 60.0)
-        bars = (found.no_descent, found.joints_held, found.hold, found.blind, not found.climbs, bool(found.abort))
+        bars = (found.no_descent, found.joints_held, found.hold, found.blind, not found.can_ascend, bool(found.abort))
         return (1.0 - found.speed, *map(float, bars))
 
     for first in CHANNELS:

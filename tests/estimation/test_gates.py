@@ -172,8 +172,8 @@ def test_no_delay_makes_the_estimate_diverge(seed: int) -> None:
                 arrived[name] = past[name][k - math.floor(late[name] / DT)]
         measurement = rest.estimator(Readings(**arrived), t)
     error = pin.difference(rest.robot.model, rest.q, measurement.q)
-    assert np.abs(error / measurement.spread).max() < 5.0
-    assert measurement.spread.max() < 0.5
+    assert np.abs(error / measurement.std).max() < 5.0
+    assert measurement.std.max() < 0.5
     assert np.abs(measurement.v).max() < 0.5
     assert measurement.age < 2.4
 
@@ -199,7 +199,7 @@ class Twins:
         return told
 
     def are_finite(self, told: list[StateEstimate]) -> bool:
-        numbers = [part for m in told for part in (m.q, m.v, m.spread, m.altimeter_range)]
+        numbers = [part for m in told for part in (m.q, m.v, m.std, m.altimeter_range)]
         numbers += [part for e in self.both for part in (e.memory.x, e.memory.covariance)]
         return all(np.isfinite(part).all() for part in numbers)
 
@@ -216,7 +216,7 @@ def test_no_number_leaves_an_estimate_that_is_not_finite(channel: str, size: flo
         told = twins.run(2.0, 0.1)
         assert twins.are_finite(told)
         # What is left of 1e6 m after a jump back is rounding.
-        for part in ("q", "v", "spread", "age", "altimeter_range") if size != 1e6 else ("age",):
+        for part in ("q", "v", "std", "age", "altimeter_range") if size != 1e6 else ("age",):
             np.testing.assert_allclose(
                 getattr(told[0], part), getattr(told[1], part), rtol=1e-9, atol=1e-9, err_msg=part
             )
@@ -263,9 +263,9 @@ def test_late_readings_find_the_estimate_again_after_a_long_silence(delay: float
         readings = Readings(**{name: Reading(value=value, t=t - delay) for name, value in there.items()})
         measurement, *twin = [estimator(readings, t) for estimator in (twins.both if delay == 0.3 else twins.both[:1])]
         for other in twin:
-            for part in ("q", "v", "spread", "age"):
+            for part in ("q", "v", "std", "age"):
                 np.testing.assert_allclose(getattr(measurement, part), getattr(other, part), rtol=1e-7, atol=1e-7)
     assert measurement.age < delay + 0.3
-    assert measurement.spread.max() < 0.5
+    assert measurement.std.max() < 0.5
     assert np.abs(measurement.v).max() < 0.1
     assert measurement.altimeter_range == pytest.approx(5.0, abs=0.1)

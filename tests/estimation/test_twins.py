@@ -66,7 +66,7 @@ def test_c_and_numpy_give_the_same_numbers(name: str, specs: SensorSpecs) -> Non
         t += float(babble.rng.choice([0.0, 0.005, 0.01, 0.02]))
         readings, command = babble.readings(t), babble.command()
         a, b = compiled(readings, t, command), plain(readings, t, command)
-        for part in ("q", "v", "spread", "age"):
+        for part in ("q", "v", "std", "age"):
             np.testing.assert_allclose(getattr(a, part), getattr(b, part), rtol=1e-9, atol=1e-9, err_msg=part)
         # A beam that hardly looks down multiplies what rounding has done to the attitude.
         np.testing.assert_allclose(a.altimeter_range, b.altimeter_range, rtol=1e-7)
@@ -84,7 +84,7 @@ def test_without_a_compiler_the_filter_is_that_of_numpy(monkeypatch: pytest.Monk
     for k in range(100):
         readings, command = babble.readings(0.01 * k), babble.command()
         a, b = compiled(readings, 0.01 * k, command), plain(readings, 0.01 * k, command)
-        for part in ("q", "v", "spread", "age", "altimeter_range"):
+        for part in ("q", "v", "std", "age", "altimeter_range"):
             np.testing.assert_allclose(getattr(a, part), getattr(b, part), rtol=1e-7, atol=1e-9, err_msg=part)
     assert len(ticked) == 100
     assert all(memory is plain.memory for memory in ticked)

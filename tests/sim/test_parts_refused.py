@@ -103,7 +103,7 @@ def measuring(scenario: Scenario, change: dict[str, Any]) -> Any:
         ({"q": np.zeros(3)}, r"the measurement of estimator measuring has q of shape \(3,\); give 14 finite numbers"),
         ({"v": np.full(13, NAN)}, "estimator measuring has v not finite; give 13 finite numbers"),
         ({"q": np.zeros(14)}, "estimator measuring has q with an attitude .* not of norm 1; normalize it"),
-        ({"spread": np.full(13, NAN)}, "estimator measuring has spread not finite; give 13 finite numbers"),
+        ({"std": np.full(13, NAN)}, "estimator measuring has std not finite; give 13 finite numbers"),
     ],
 )
 def test_a_measurement_that_no_controller_can_take(change: dict[str, Any], message: str) -> None:

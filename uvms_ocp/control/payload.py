@@ -107,7 +107,7 @@ class LoadSample:
     """(n_v, 3) [N s/m, N s]"""
     velocity: np.ndarray
     """(3,) [m/s] of the tool in W."""
-    known: np.ndarray
+    usable: np.ndarray
     """(n_v,) whether an axis tells anything."""
 
 
@@ -122,8 +122,8 @@ class LoadFilter:
         n = require_limits(limit)
         self._settings, self._last = settings, deque[np.ndarray](maxlen=_looks_apart(settings, bandwidth))
         lasting = (settings.lasting * limit) ** 2
-        known = [settings.weight**2, settings.mass**2, *3 * [settings.current**2]]
-        self._prior = np.concatenate([known, lasting])
+        prior = [settings.weight**2, settings.mass**2, *3 * [settings.current**2]]
+        self._prior = np.concatenate([prior, lasting])
         self._least = (settings.unsteady * limit) ** 2
         self._variance = self._least.copy()
         self._colour = np.maximum(_COLOUR / bandwidth, settings.alike) / settings.period
@@ -141,14 +141,14 @@ class LoadFilter:
         """One look, a period after the last."""
         self._forget()
         H, missed = self._rows(look)
-        self._listen(missed, look.known)
-        if self._is_another(H, missed, look.known):
+        self._listen(missed, look.usable)
+        if self._is_another(H, missed, look.usable):
             self._begin_anew()
         if self._waits:
             self._waits -= 1
             return
         noise = (1.0 + self._cooled()) * self._colour * self._variance_of(look) + self._unseen(look)
-        self._correct(H[look.known], missed[look.known], noise[look.known])
+        self._correct(H[look.usable], missed[look.usable], noise[look.usable])
 
     def _rows(self, look: LoadSample) -> tuple[np.ndarray, np.ndarray]:
         """Slopes (n_v, 5 + n_v) of the disturbance, and what of it is not expected (n_v,) [N, N m]."""
@@ -181,18 +181,18 @@ class LoadFilter:
         self.P[np.diag_indices_from(self.P)] += (1.0 - keep**2) * self._prior
         self.P[CURRENT, CURRENT] += np.eye(3) * settings.current_walk**2 * period
 
-    def _listen(self, missed: np.ndarray, known: np.ndarray) -> None:
+    def _listen(self, missed: np.ndarray, usable: np.ndarray) -> None:
         """To the noise: how what is missed changes within the memory of the observer."""
         if len(self._last) == self._last.maxlen:
             square = np.minimum((missed - self._last[0]) ** 2 / 2, _OUTLIER**2 * self._variance)
-            gain = np.where(known, self._settings.period / _MEMORY, 0.0)
+            gain = np.where(usable, self._settings.period / _MEMORY, 0.0)
             self._variance = np.maximum(self._variance + gain * (square - self._variance), self._least)
         self._last.append(missed)
 
-    def _is_another(self, H: np.ndarray, missed: np.ndarray, known: np.ndarray) -> bool:
+    def _is_another(self, H: np.ndarray, missed: np.ndarray, usable: np.ndarray) -> bool:
         """Whether what was known cannot be true any more, for some looks: another load, or another current."""
         variance = np.einsum("ij,jk,ik->i", H, self.P, H) + self._variance
-        ratio = float(np.mean(missed[known] ** 2 / variance[known])) if known.any() else 0.0
+        ratio = float(np.mean(missed[usable] ** 2 / variance[usable])) if usable.any() else 0.0
         self._surprised = self._surprised + 1 if ratio > self._settings.surprise**2 else 0
         return self._surprised >= _PATIENCE
 
@@ -382,11 +382,11 @@ class LoadLearner:
     def load(self) -> LoadEstimate:
         """What is carried, as far as it is known."""
         mass, error = float(self.filter.x[MASS]), self.filter.error(MASS)
-        known = error <= max(self._settings.mass_error, self._settings.mass_share * abs(mass))
+        is_accurate = error <= max(self._settings.mass_error, self._settings.mass_share * abs(mass))
         return LoadEstimate(
             weight=float(self.filter.x[WEIGHT]),
             weight_error=self.filter.error(WEIGHT),
-            mass=mass if known else float("nan"),
+            mass=mass if is_accurate else float("nan"),
             mass_error=error,
         )
 
@@ -442,5 +442,5 @@ class LoadLearner:
             drag=drag,
             slopes=np.column_stack(slopes),
             velocity=self._velocity,
-            known=self._free,
+            usable=self._free,
         )

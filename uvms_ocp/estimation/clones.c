@@ -59,10 +59,10 @@ static int free_slot(const double *owner, int slots) {
 }
 
 /* Time in which the robot can have done something else since the last reading that was believed. */
-static double unseen(const double *m, int c) { return smaller_of(m_stamp[c] - m_used[c], LONGEST_LAG) + SURPRISE; }
+static double time_since_accepted(const double *m, int c) { return smaller_of(m_stamp[c] - m_used[c], LONGEST_LAG) + SURPRISE; }
 
-static double allowance(const double *m, int c) {
-  double elapsed = unseen(m, c), moved = m_agility[c];
+static double gate_allowance(const double *m, int c) {
+  double elapsed = time_since_accepted(m, c), moved = m_agility[c];
   for (int i = 0; i < orders_of[c]; ++i) moved *= elapsed;
   moved /= orders_of[c] > 1 ? orders_of[c] : 1;
   return moved * moved / 25.0;

@@ -19,14 +19,14 @@ _SOFT = 0.25  # of Case 1 without DVL: at 1 it runs away, at 0.5 it swings by 0.
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DegradedMode:
-    """What is done while some channels are lost, or suspect."""
+    """Degraded mode: limits on the controller while some channels are lost, or suspect."""
 
     without: frozenset[str]
     """All of them, fields of `Readings`."""
     trust: Trust = Trust.LOST
-    """From which on; what is lost is suspect too."""
-    known: str
-    """By what their part is still known."""
+    """Trust from which on it applies; what is lost is suspect too."""
+    substitute: str
+    """Source of their part of the state meanwhile."""
     speed: float = 1.0
     """More than 0; share of what the tasks and limits make it otherwise."""
     no_descent: bool = False
@@ -38,13 +38,13 @@ class DegradedMode:
     blind: bool = False
     """Without feedback of the vehicle's velocity."""
     feedback: float = 1.0
-    """More than 0; share of the usual bandwidth of the velocity loop: a velocity that is known late bears less."""
+    """More than 0; share of the usual bandwidth of the velocity loop: a late velocity allows less."""
     joint_feedback: float = 1.0
     """More than 0; the same of the joints."""
-    bears: float = math.inf
+    max_duration: float = math.inf
     """[s] after which the mission is given up."""
-    climbs: bool = True
-    """Enough is known for the abort phase; otherwise the thrust is cut."""
+    can_ascend: bool = True
+    """The state allows the abort phase; otherwise the thrust is cut."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -52,34 +52,34 @@ class Restriction:
     """All modes that apply at one tick, as one."""
 
     speed: float = 1.0
-    """As that of `DegradedMode`."""
+    """Least of `DegradedMode.speed`."""
     no_descent: bool = False
     joints_held: bool = False
     hold: bool = False
     blind: bool = False
     feedback: float = 1.0
-    """As that of `DegradedMode`."""
+    """Least of `DegradedMode.feedback`."""
     joint_feedback: float = 1.0
-    climbs: bool = True
-    """As the fields of `DegradedMode`."""
+    can_ascend: bool = True
+    """Like the others, of `DegradedMode`."""
     abort: str = ""
     """Why the mission cannot go on, or nothing."""
     bad: tuple[ChannelHealth, ...] = ()
     """Channels that are not good: what rests on them ends no phase."""
 
     @property
-    def doubted(self) -> frozenset[str]:
-        """Their names."""
+    def distrusted(self) -> frozenset[str]:
+        """Names of the channels that are not good."""
         return frozenset(item.channel for item in self.bad)
 
     @property
     def lost(self) -> tuple[ChannelHealth, ...]:
-        """Those that are lost."""
+        """Channels that are lost."""
         return tuple(item for item in self.bad if item.trust is Trust.LOST)
 
 
 FREE = Restriction()
-"""Of a robot whose channels are all good, or that nobody judges."""
+"""Restriction of a robot whose channels are all good, or not monitored."""
 
 
 def _mode(*without: str, **what: object) -> DegradedMode:
@@ -89,35 +89,35 @@ def _mode(*without: str, **what: object) -> DegradedMode:
 _VEHICLE = ("position", "attitude", "linear_velocity", "angular_velocity")
 
 DEGRADED_MODES = (
-    _mode(ALTIMETER, trust=Trust.SUSPECT, known="the last floor", no_descent=True),
-    _mode(ALTIMETER, known="the last floor", no_descent=True, bears=5.0),
-    _mode("position", trust=Trust.SUSPECT, known="velocity, integrated", speed=_SLOW),
-    _mode("position", known="velocity, integrated", speed=_SLOW, no_descent=True, bears=30.0),
-    _mode("position", "depth", known="velocity, integrated", bears=10.0),
-    _mode("linear_velocity", trust=Trust.SUSPECT, known="the change of position", speed=_SLOW, feedback=_SOFT),
-    _mode("angular_velocity", trust=Trust.SUSPECT, known="the change of attitude", speed=_SLOW),
-    _mode("attitude", trust=Trust.SUSPECT, known="angular velocity, integrated", speed=_SLOW),
-    _mode("attitude", known="angular velocity, integrated", hold=True, bears=10.0, climbs=False),
-    _mode(ENCODERS, trust=Trust.SUSPECT, known="commands, integrated", speed=_SLOW, joint_feedback=_SOFT),
-    _mode(ENCODERS, known="where the brakes hold the arm", joints_held=True, bears=10.0),
+    _mode(ALTIMETER, trust=Trust.SUSPECT, substitute="the last floor", no_descent=True),
+    _mode(ALTIMETER, substitute="the last floor", no_descent=True, max_duration=5.0),
+    _mode("position", trust=Trust.SUSPECT, substitute="velocity, integrated", speed=_SLOW),
+    _mode("position", substitute="velocity, integrated", speed=_SLOW, no_descent=True, max_duration=30.0),
+    _mode("position", "depth", substitute="velocity, integrated", max_duration=10.0),
+    _mode("linear_velocity", trust=Trust.SUSPECT, substitute="the change of position", speed=_SLOW, feedback=_SOFT),
+    _mode("angular_velocity", trust=Trust.SUSPECT, substitute="the change of attitude", speed=_SLOW),
+    _mode("attitude", trust=Trust.SUSPECT, substitute="angular velocity, integrated", speed=_SLOW),
+    _mode("attitude", substitute="angular velocity, integrated", hold=True, max_duration=10.0, can_ascend=False),
+    _mode(ENCODERS, trust=Trust.SUSPECT, substitute="commands, integrated", speed=_SLOW, joint_feedback=_SOFT),
+    _mode(ENCODERS, substitute="where the brakes hold the arm", joints_held=True, max_duration=10.0),
     *(
-        _mode(*pair, known="too little", hold=True, blind=True, bears=3.0, climbs=False)
+        _mode(*pair, substitute="too little", hold=True, blind=True, max_duration=3.0, can_ascend=False)
         for pair in combinations(_VEHICLE, 2)
     ),
 )
-"""Depth and joint velocities are not in it alone: others tell the same."""
+"""Depth and joint velocities are not in it alone: other channels replace them."""
 CHANNELS = tuple(Readings.__dataclass_fields__)
-"""In the order of a `RestrictionMemory`."""
+"""Channels in the order of a `RestrictionMemory`."""
 _N_MODES, _N_CHANNELS = len(DEGRADED_MODES), len(CHANNELS)
 
 
 def degraded_channels(health: Sequence[ChannelHealth]) -> list[ChannelHealth]:
-    """Channels that are not good."""
+    """Return the channels that are not good."""
     return [item for item in health if item.trust is not _GOOD]
 
 
 class DegradedChannels:
-    """Those of one tick after the other, looked for where somebody has judged anew."""
+    """Cache of the degraded channels, searched only where the verdicts are new."""
 
     __slots__ = ("_bad", "_health")
 
@@ -126,7 +126,7 @@ class DegradedChannels:
         self._bad: list[ChannelHealth] = []
 
     def among(self, health: tuple[ChannelHealth, ...]) -> list[ChannelHealth]:
-        """As `degraded_channels`."""
+        """Return `degraded_channels` of these verdicts."""
         if health is not self._health:
             self._health, self._bad = health, degraded_channels(health)
         return self._bad
@@ -145,7 +145,7 @@ class RestrictionMemory(Layout):
     """(n_modes,) """
     mode_joint_feedback: Annotated[Vector, Sized(_N_MODES)]
     """(n_modes,) """
-    bears: Annotated[Vector, Sized(_N_MODES)]
+    max_duration: Annotated[Vector, Sized(_N_MODES)]
     """(n_modes,) [s]"""
     flags: Annotated[list[list[int]], Sized(_N_MODES, 5)]
     """(n_modes, 5) of each mode: no descent, joints held, hold, blind, climbs."""
@@ -158,14 +158,14 @@ class RestrictionMemory(Layout):
     """(n_channels,) [s] since when."""
 
     speed: float
-    """As all that follows of `Restriction`."""
+    """This and the following as in `Restriction`."""
     feedback: float
     joint_feedback: float
     no_descent: bool
     joints_held: bool
     hold: bool
     blind: bool
-    climbs: bool
+    can_ascend: bool
     any_bad: bool
     """Some channel is not good."""
     any_lost: bool
@@ -177,7 +177,7 @@ class RestrictionMemory(Layout):
 
 
 def restrict(r: RestrictionMemory, t: float, altitude_matters: bool) -> None:
-    """As `restriction_for` at t [s], of the channels in the memory. A kernel."""
+    """Combine all modes that apply at t [s] to the channels in the memory, as `restriction_for` does. A kernel."""
     _nothing(r)
     for c in range(len(r.level)):
         r.at_fault[c] = False
@@ -192,7 +192,7 @@ def _nothing(r: RestrictionMemory) -> None:
     r.speed = 1.0
     r.feedback = 1.0
     r.joint_feedback = 1.0
-    r.climbs = True
+    r.can_ascend = True
     r.no_descent = False
     r.joints_held = False
     r.hold = False
@@ -218,11 +218,11 @@ def _apply(r: RestrictionMemory, k: int, t: float, altitude_matters: bool) -> No
     r.joints_held = r.joints_held or flags[1] != 0
     r.hold = r.hold or flags[2] != 0
     r.blind = r.blind or flags[3] != 0
-    r.climbs = r.climbs and flags[4] != 0
+    r.can_ascend = r.can_ascend and flags[4] != 0
     for c in range(len(r.level)):
         if needs[c] != 0:
             since = max(since, r.since[c])
-    if t - since > r.bears[k] and (altitude_matters or r.of_altitude[k] == 0):
+    if t - since > r.max_duration[k] and (altitude_matters or r.of_altitude[k] == 0):
         r.ended = True
         for c in range(len(r.level)):
             if needs[c] != 0:
@@ -230,19 +230,23 @@ def _apply(r: RestrictionMemory, k: int, t: float, altitude_matters: bool) -> No
 
 
 def write_modes(memory: Any) -> None:
-    """`DEGRADED_MODES` into a `RestrictionMemory`."""
+    """Write `DEGRADED_MODES` into a `RestrictionMemory`."""
     for k, mode in enumerate(DEGRADED_MODES):
         for c, channel in enumerate(CHANNELS):
             memory.needs[k][c] = channel in mode.without
         memory.trust[k], memory.of_altitude[k] = mode.trust, mode.without == {ALTIMETER}
-        memory.mode_speed[k], memory.mode_feedback[k], memory.bears[k] = mode.speed, mode.feedback, mode.bears
+        memory.mode_speed[k], memory.mode_feedback[k], memory.max_duration[k] = (
+            mode.speed,
+            mode.feedback,
+            mode.max_duration,
+        )
         memory.mode_joint_feedback[k] = mode.joint_feedback
-        memory.flags[k][:] = mode.no_descent, mode.joints_held, mode.hold, mode.blind, mode.climbs
-    memory.speed, memory.feedback, memory.joint_feedback, memory.climbs = 1.0, 1.0, 1.0, True
+        memory.flags[k][:] = mode.no_descent, mode.joints_held, mode.hold, mode.blind, mode.can_ascend
+    memory.speed, memory.feedback, memory.joint_feedback, memory.can_ascend = 1.0, 1.0, 1.0, True
 
 
 def write_channels(memory: Any, bad: Sequence[ChannelHealth]) -> None:
-    """Those that are not good into a `RestrictionMemory`; all others are."""
+    """Write the trust of all channels into a `RestrictionMemory`; those not in `bad` are good."""
     found = {item.channel: item for item in bad}
     for c, channel in enumerate(CHANNELS):
         item = found.get(channel)
@@ -251,7 +255,7 @@ def write_channels(memory: Any, bad: Sequence[ChannelHealth]) -> None:
 
 
 def read_restriction(memory: Any, bad: Sequence[ChannelHealth]) -> Restriction:
-    """What `restrict` has found of the channels that are not good."""
+    """Read the restriction that `restrict` has found."""
     if not bad:
         return FREE
     at_fault = [item for item in bad if item.channel in CHANNELS and memory.at_fault[CHANNELS.index(item.channel)]]
@@ -263,14 +267,14 @@ def read_restriction(memory: Any, bad: Sequence[ChannelHealth]) -> Restriction:
         blind=bool(memory.blind),
         feedback=memory.feedback,
         joint_feedback=memory.joint_feedback,
-        climbs=bool(memory.climbs),
+        can_ascend=bool(memory.can_ascend),
         abort=describe_channels(sorted(at_fault, key=lambda item: item.channel)),
         bad=tuple(bad),
     )
 
 
 def restriction_for(health: Sequence[ChannelHealth], t: float, *, altitude_matters: bool = True) -> Restriction:
-    """What applies at time t [s]; `FREE` where nobody judges.
+    """Return the restriction at time t [s]; `FREE` where nothing is monitored.
 
     altitude_matters: some task on altitude is on. Without, a mission goes on without altimeter.
     """
@@ -283,7 +287,7 @@ def restriction_for(health: Sequence[ChannelHealth], t: float, *, altitude_matte
 
 
 def describe_channels(channels: Iterable[ChannelHealth]) -> str:
-    """A few words on each of some channels that are not good."""
+    """Describe channels that are not good, in a few words each."""
     return ", ".join(f"{_complaint(item)} since {item.since:.1f} s" for item in channels)
 
 

@@ -16,13 +16,13 @@ static void tell_vehicle(double *m) {
   rotate_back(R, X(PART_SPEED), m_twist);
   for (int i = 0; i < 3; ++i) {
     m_twist[3 + i] = X(PART_SPIN)[i];
-    m_spread[i] = sqrt(larger_of(0, AT(PART_PLACE + i, PART_PLACE + i)));
-    m_spread[3 + i] = sqrt(larger_of(0, AT(PART_TURN + i, PART_TURN + i)));
+    m_std[i] = sqrt(larger_of(0, AT(PART_PLACE + i, PART_PLACE + i)));
+    m_std[3 + i] = sqrt(larger_of(0, AT(PART_TURN + i, PART_TURN + i)));
   }
-  look(m, CHANNELINDEX_ALTIMETER_RANGE, MAIN, &s);
-  int known = s.seen[1] > STEEP && m_now[0] - m_echo[0] <= m_echo_memory[0];
-  m_range[0] = known ? s.seen[0] / s.seen[1] : NAN;
-  m_range[1] = known ? sqrt(larger_of(0, s.S[0][0])) / s.seen[1] : NAN;
+  predict_measurement(m, CHANNEL_ALTIMETER_RANGE, MAIN, &s);
+  int has_floor = s.h[1] > STEEP && m_now[0] - m_echo[0] <= m_echo_memory[0];
+  m_range[0] = has_floor ? s.h[0] / s.h[1] : NAN;
+  m_range[1] = has_floor ? sqrt(larger_of(0, s.S[0][0])) / s.h[1] : NAN;
 }
 
 static void tick(double *m) {
@@ -30,8 +30,8 @@ static void tick(double *m) {
   m_started[0] = 1, m_before[0] = m_now[0];
   if (m_floating[0]) predict(m), fuse(m), tell_vehicle(m);
   predict_joints(m), fuse_joints(m);
-  for (int j = 0; j < N_JOINTS; ++j) m_spread[6 + j] = sqrt(larger_of(0, JP(j, 0, 0)));
-  m_age[0] = 0, m_age[1] = larger_of(0, m_now[0] - m_used[CHANNELINDEX_JOINT_POSITIONS]);
+  for (int j = 0; j < N_JOINTS; ++j) m_std[6 + j] = sqrt(larger_of(0, JP(j, 0, 0)));
+  m_age[0] = 0, m_age[1] = larger_of(0, m_now[0] - m_used[CHANNEL_JOINT_POSITIONS]);
   for (int c = 0; c < N_CHANNELS; ++c) {
     if (m_needed[c] > 0) m_age[0] = larger_of(m_age[0], m_now[0] - m_used[c]);
     m_fresh[c] = 0;

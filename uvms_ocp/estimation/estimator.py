@@ -31,13 +31,11 @@ from uvms_ocp.robot.signals import (
 )
 from uvms_ocp.types import Array
 
-# What became of a reading.
-
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class GateOutcome:
-    """The newest reading of a channel that was compared with the estimate."""
+    """Outcome of the chi-square gate on the newest reading of a channel."""
 
     t: float
     """[s] when it was taken."""
@@ -47,9 +45,6 @@ class GateOutcome:
     """Of freedom."""
     accepted: bool
     """Whether it was used; of the joints, every one of them."""
-
-
-# Joints as the filter knows them, one number each, and as q has them, where a turn may take two.
 
 
 class JointChart:
@@ -80,12 +75,10 @@ class JointChart:
         v[self._robot.joint_v] = displaced
         self._origin = pin.integrate(self._robot.model, self._origin, v)
         clones = self._memory.joint_owner == ChannelIndex.JOINT_POSITIONS
-        self._memory.joint_seen[:, clones] -= displaced[:, None]
+        self._memory.joint_h[:, clones] -= displaced[:, None]
         self._memory.joint_x[:, 0] = 0.0
         return np.asarray(self._origin[self._robot.joint_q])
 
-
-# State estimation: the readings of the sensors in, what controllers see out.
 
 _measurement = unchecked_constructor(StateEstimate)
 _outcome = unchecked_constructor(GateOutcome)
@@ -96,7 +89,7 @@ _LATEST = 1e9  # [s] of any clock; thirty years
 
 @checked
 class Estimator(TableDisplay):
-    """A callable ``(Readings, t, command) -> StateEstimate``. Holds its estimate: build one per run.
+    """Error-state Kalman filter, a callable ``(Readings, t, command) -> StateEstimate``. Holds its estimate: build one per run.
 
     Until a channel has its first reading its part of the estimate means nothing, and `StateEstimate.age` is inf. A reading
     that is late is fused at the time it was taken. One that is not finite, larger than 1e9 in the unit of its channel, of
@@ -134,7 +127,7 @@ class Estimator(TableDisplay):
         self._chart = JointChart(robot, memory)
         self._joints = self._chart.configuration()
         self.advance = bound_tick(memory, compiled=compiled)
-        """The filter alone: from what `memory` has been given to what it tells."""
+        """The filter alone: from the inputs in `memory` to its outputs."""
         self._seen: dict[str, Reading | None] = dict.fromkeys(CHANNELS)
         self._refused: frozenset[str] = frozenset()
         self._response = np.zeros(robot.n_v)
@@ -149,21 +142,21 @@ class Estimator(TableDisplay):
         dt = self._elapsed(t)
         if command is not None:
             self._follow(command, dt)
-        self.memory.told[0] = command is not None
+        self.memory.has_command[0] = command is not None
         self._take_in(readings)
         if self._beam is not None:
             self._beam.place(self._joints)
         self.advance()
-        return self._told()
+        return self._estimate()
 
     def _table(self) -> SmallTable:
-        known = {name: self.memory.used[NUMBER[name]] for name in CHANNELS if self.memory.needed[NUMBER[name]]}
-        used = {name: f"used until {t:.4g} s" if math.isfinite(t) else "no reading yet" for name, t in known.items()}
+        times = {name: self.memory.used[NUMBER[name]] for name in CHANNELS if self.memory.needed[NUMBER[name]]}
+        used = {name: f"used until {t:.4g} s" if math.isfinite(t) else "no reading yet" for name, t in times.items()}
         return SmallTable(title=type(self).__name__, rows=rows_of(used))
 
     @checked_on_failure
     def outcome(self, channel: str) -> GateOutcome | None:
-        """What became of the newest reading of a channel that was compared with the estimate; `None` before the first.
+        """Return the gate's outcome for the newest reading of a channel; `None` before the first.
 
         A channel's first reading is no news, and one that no sensor gives, of the wrong time or so late that its past is
         forgotten is not compared. Raises `NameNotFound` for an unknown channel.
@@ -175,7 +168,7 @@ class Estimator(TableDisplay):
 
     @property
     def outcomes(self) -> Array:
-        """(9, 4) [s, -, -, -] of all channels, in the order of `filter.memory.Channel`; changed in place by every call.
+        """(9, 4) [s, -, -, -] of all channels, in the order of `ChannelIndex`; changed in place by every call.
 
         When the reading was taken, squared innovation, degrees of freedom, 1 if it was used; nan before the first.
         """
@@ -194,13 +187,13 @@ class Estimator(TableDisplay):
         self._refused = self._refused | {channel} if refused else self._refused - {channel}
 
     def inflate_velocity_variance(self, *, rests: bool = False) -> None:
-        """Take linear velocity and acceleration for unknown: what told them proved wrong. rests: and for zero, at a guess."""
+        """Take linear velocity and acceleration for unknown: their source proved wrong. rests: and for zero, at a guess."""
         inflate_velocity_variance(self.memory, rests=rests)
 
     @property
-    def spread(self) -> np.ndarray:
-        """Standard deviation (n_v,) [m, rad] of the estimated q, by its own covariance: position in W, attitude in B, joints."""
-        return self.memory.spread[6 - self._n_vehicle :].copy()
+    def std(self) -> np.ndarray:
+        """Standard deviations (n_v,) [m, rad] of the estimated q: position in W, attitude in B, joints."""
+        return self.memory.std[6 - self._n_vehicle :].copy()
 
     def _elapsed(self, t: float) -> float:
         if not abs(t) <= _LATEST:
@@ -212,9 +205,9 @@ class Estimator(TableDisplay):
         return dt
 
     def _follow(self, command: Command, dt: float) -> None:
-        """The velocity (n_v,) [m/s, rad/s] that the command has brought about, were there nothing else."""
+        """Advance the velocity (n_v,) [m/s, rad/s] that commands alone would have brought about."""
         self._response = command.v + math.exp(-dt / self._response_time) * (self._response - command.v)
-        self.memory.asked[6 - self._n_vehicle :] = self._response
+        self.memory.commanded[6 - self._n_vehicle :] = self._response
 
     def _take_in(self, readings: Readings) -> None:
         memory, seen = self.memory, self._seen
@@ -228,12 +221,12 @@ class Estimator(TableDisplay):
                 memory.joint_value[c - N_VEHICLE] = self._chart.values(name, reading.value)
             memory.fresh[c], memory.stamp[c] = 1.0, reading.t
 
-    def _told(self) -> StateEstimate:
+    def _estimate(self) -> StateEstimate:
         memory, v = self.memory, self.memory.joint_x[:, 1]
         q = self._joints = self._chart.configuration()
         if self._n_vehicle:
             q, v = np.concatenate([memory.x[:3], memory.turn, q]), np.concatenate([memory.twist, v])
-        echo, echo_spread = memory.range.tolist() if self._has_range else (math.nan, math.nan)
+        echo, echo_std = memory.range.tolist() if self._has_range else (math.nan, math.nan)
         age, joint_age = memory.age.tolist()
         return _measurement(
             q=q,
@@ -241,8 +234,8 @@ class Estimator(TableDisplay):
             altimeter_range=echo,
             age=age,
             joint_age=joint_age,
-            spread=self.spread,
-            altimeter_std=echo_spread,
+            std=self.std,
+            altimeter_std=echo_std,
         )
 
 
@@ -252,8 +245,6 @@ def _number(channel: str) -> int:
     return NUMBER[channel]
 
 
-# What the sensors of a robot allow: how well the estimator can know where a robot at rest is.
-
 _reading = unchecked_constructor(Reading)
 _readings = unchecked_constructor(Readings)
 
@@ -262,7 +253,7 @@ _SETTLED = 20.0  # [s] after which its covariance no longer changes
 
 
 def std_at_rest(robot: Robot, specs: SensorSpecs) -> np.ndarray:
-    """Standard deviation (n_v,) [m, rad] of the estimated configuration, when the filter has settled.
+    """Compute the standard deviation (n_v,) [m, rad] of the estimated q of a robot at rest, once the filter has settled.
 
     The vehicle's position in W, its attitude in B, the joints. From the filter's own covariance, which rests on the noise,
     rates and delays of the sensors and on the motion that it expects; constant errors are added as squares.
@@ -273,11 +264,11 @@ def std_at_rest(robot: Robot, specs: SensorSpecs) -> np.ndarray:
         t = k / _RATE
         taken = {name: _taken(spec, t) for name, spec in channels.items()}
         estimator(_readings(**{name: _reading(value=truth[name], t=at) for name, at in taken.items() if at >= 0.0}), t)
-    return np.hypot(estimator.spread, _bias(robot, specs))
+    return np.hypot(estimator.std, _bias(robot, specs))
 
 
 def _truth(robot: Robot) -> dict[str, Any]:
-    """What each channel reads of the robot at rest."""
+    """Return the reading of each channel of the robot at rest."""
     q = robot.configuration()
     joints = {"joint_positions": q[robot.joint_q], "joint_velocities": np.zeros(robot.n_v)[robot.joint_v]}
     if not robot.n_vehicle:
@@ -301,12 +292,9 @@ def _bias(robot: Robot, specs: SensorSpecs) -> np.ndarray:
     return np.concatenate([np.zeros(n) if spec is None else np.broadcast_to(spec.biases, (n,)) for spec, n in given])
 
 
-# Readings taken for the truth.
-
-
 @checked
 class PassThrough(TableDisplay):
-    """Takes readings for the truth: for sensors without noise, which it repeats exactly."""
+    """Estimator that takes readings for the truth: for sensors without noise, which it repeats exactly."""
 
     def __init__(self, robot: Robot, specs: SensorSpecs = IDEAL_SENSORS, altimeter_frame: str | None = None) -> None:
         """altimeter_frame: the one of the robot's description unless given.
@@ -315,9 +303,9 @@ class PassThrough(TableDisplay):
         """
         free = robot.n_vehicle > 0
         self.q_channels = (*(("position", "attitude") if free else ()), "joint_positions")
-        """Whose readings are q, one after the other."""
+        """Channels whose readings are q, one after the other."""
         self.v_channels = (*(("linear_velocity", "angular_velocity") if free else ()), "joint_velocities")
-        """Whose readings are v."""
+        """Channels whose readings are v."""
         for name in (*self.q_channels, *self.v_channels):
             if getattr(specs, name) is None:
                 raise InvalidInput(f"sensor {name} is missing; add it, or use an Estimator instead of PassThrough")
@@ -327,8 +315,8 @@ class PassThrough(TableDisplay):
         )
 
     def _table(self) -> SmallTable:
-        told = {"q from": ", ".join(self.q_channels), "v from": ", ".join(self.v_channels)}
-        return SmallTable(title=type(self).__name__, rows=rows_of(told))
+        rows = {"q from": ", ".join(self.q_channels), "v from": ", ".join(self.v_channels)}
+        return SmallTable(title=type(self).__name__, rows=rows_of(rows))
 
     @checked_on_failure
     def __call__(self, readings: Readings, t: float, command: Command | None = None) -> StateEstimate:

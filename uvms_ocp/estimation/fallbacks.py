@@ -240,12 +240,12 @@ class AltimeterMemory(Layout):
     """What `LastFloorRange` knows, and where the altimeter looks: along -z of its frame."""
 
     look: FunctionField
-    """Q to `beam` and `climb`."""
+    """Q to `beam` and `height_jacobian`."""
     exists: bool
     """There is an altimeter."""
     beam: Annotated[Vector, Sized(4)]
     """(4,) [m] origin in W, and cosine of the angle between the beam and straight down."""
-    climb: Annotated[Vector, Sized("n_v")]
+    height_jacobian: Annotated[Vector, Sized("n_v")]
     """(n_v,) [-, m] rise of the origin per unit of each velocity."""
     floor: float
     """[m] z in W of the floor below the last echo; NaN before the first."""
@@ -260,18 +260,18 @@ class AltimeterMemory(Layout):
 def point_altimeter(m: AltimeterMemory, q: Vector) -> None:
     """Where the altimeter looks at q [m, rad]. A kernel."""
     if m.exists:
-        m.look(q, m.beam, m.climb)
+        m.look(q, m.beam, m.height_jacobian)
 
 
-def echo_range(m: AltimeterMemory, t: float, echo: float, unknown: float, doubted: bool) -> float:
+def echo_range(m: AltimeterMemory, t: float, echo: float, unknown: float, distrusted: bool) -> float:
     """As `LastFloorRange.range` at t [s], of the echo [m] along the beam that the memory holds, or `unknown` [m]. A kernel."""
-    if doubted and m.exists:
+    if distrusted and m.exists:
         x, y = m.beam[0] - m.place[0], m.beam[1] - m.place[1]
         m.highest += _SLOPE * math.sqrt(x * x + y * y)
         m.floor = m.highest
         m.place[0] = m.beam[0]
         m.place[1] = m.beam[1]
-    if doubted or not has_altitude(m, echo):
+    if distrusted or not has_altitude(m, echo):
         return range_to_last_floor(m, unknown)
     floor = m.beam[2] - m.beam[3] * echo
     faded = m.highest - _FORGETTING * (t - m.since)
@@ -315,13 +315,13 @@ class LastFloorRange:
         self.memory.exists = frame is not None and robot.has_frame(frame)
         self.memory.floor = self.memory.highest = math.nan
 
-    def range(self, measurement: StateEstimate, t: float, unknown: float, doubted: bool = False) -> float:
+    def range(self, measurement: StateEstimate, t: float, unknown: float, distrusted: bool = False) -> float:
         """[m], always finite, at the tick at time t [s]; `unknown` [m] is the altitude to act on before the first echo.
 
         doubted: no echo of now is to be believed.
         """
         point_altimeter(self.memory, doubles(measurement.q))
-        return echo_range(self.memory, t, measurement.altimeter_range, unknown, doubted)
+        return echo_range(self.memory, t, measurement.altimeter_range, unknown, distrusted)
 
     def at(self, measurement: StateEstimate) -> tuple[float, bool]:
         """Range [m], always finite, at a measurement that is not remembered, and whether its echo tells the altitude."""
@@ -339,10 +339,10 @@ def echo_sizes(robot: Robot, frame: str | None) -> dict[str, Any]:
 def _beam(robot: Robot, frame: str | None) -> ca.Function:
     """Q -> origin (3,) [m] and cosine of the beam, and how the origin rises with each velocity (n_v,) [m, or 1]."""
     q = ca.SX.sym("q", robot.n_q)
-    beam, climb = ca.SX.zeros(4), ca.SX.zeros(robot.n_v)
+    beam, height_jacobian = ca.SX.zeros(4), ca.SX.zeros(robot.n_v)
     if frame is not None:
         kinematics = SymbolicModel(robot.model).forward_kinematics(q)
         R_WS, p_WS = kinematics.pose(frame)
-        beam, climb = ca.vertcat(p_WS, R_WS[2, 2]), kinematics.jacobian(frame)[2, :].T
-    outputs = [ca.densify(beam), ca.densify(climb)]
-    return ca.Function("beam", [q], outputs, ["q"], ["beam", "climb"], {"cse": True})
+        beam, height_jacobian = ca.vertcat(p_WS, R_WS[2, 2]), kinematics.jacobian(frame)[2, :].T
+    outputs = [ca.densify(beam), ca.densify(height_jacobian)]
+    return ca.Function("beam", [q], outputs, ["q"], ["beam", "height_jacobian"], {"cse": True})

@@ -1,9 +1,9 @@
 """Memory of the Kalman filter: named parts of one array of numbers, which the core in C and its NumPy twin both work on.
 
 The error state of the vehicle has `MAIN` entries, in the order of `Part`: attitude (a rotation vector in B), position, velocity
-and acceleration in W, angular velocity and acceleration in B, the biases of gyro, DVL and accelerometer in B, and the height of the
-floor below the altimeter. After them come clones: the predicted measurement of a late channel at the time of a reading that has
-not arrived yet, three rows each. Joints are independent of the vehicle and of each other.
+and acceleration in W, angular velocity and acceleration in B, the biases of gyro, DVL and accelerometer in B, and the height of
+the floor below the altimeter. After them come clones: the predicted measurement of a late channel at the time of a reading that
+has not arrived yet, three rows each. Joints are independent of the vehicle and of each other.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class ChannelIndex(IntEnum):
 
 
 NUMBER = {name: ChannelIndex[name.upper()] for name in CHANNELS}
-"""Of each channel, by its name in `Readings`."""
+"""Index of each channel, by its name in `Readings`."""
 N_VEHICLE, N_CHANNELS = 7, len(ChannelIndex)
 ROWS = (3, 3, 3, 1, 3, 3, 1, 1, 1)
 """Entries of one reading of each channel; of one joint."""
@@ -67,7 +67,7 @@ STATES, JOINT_STATES = MAIN + 3 * SLOTS, 2 + JOINT_SLOTS
 
 
 class ProcessNoise(IntEnum):
-    """What drives the process; indices into `Memory.drive`."""
+    """Process noise densities: indices into `FilterMemory.drive`."""
 
     JERK = 0
     ANGULAR_JERK = 1
@@ -82,7 +82,7 @@ class ProcessNoise(IntEnum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FilterConstants:
-    """What C and NumPy share beside the sizes."""
+    """Constants that C and NumPy share beside the sizes."""
 
     early: float = 1e-9
     """[s] by which clocks may differ through rounding."""
@@ -94,14 +94,14 @@ class FilterConstants:
     """Of one channel; where more are needed they stand further apart."""
     spacing: float = 0.01
     """[s] between two clones at least, for each time that an acceleration is integrated in what they see."""
-    persuasion: float = 4.0
-    """Variance, in squared innovations, that is added to what rejected readings have proved wrong."""
+    gate_relaxation: float = 4.0
+    """Gate relaxation: variance, in squared innovations, added to the states that rejected readings contradict."""
     surprise: float = 0.05
     """[s] for which the robot may have accelerated as it can before the process model notices."""
     unit: float = 1e-3
     """By which the norm of a measured quaternion may differ from 1."""
     exposed: float = 1.0
-    """[m/s, m/s2] by which the motion may be wrong where what told it proves wrong: more than vehicles make."""
+    """[m/s, m/s2] by which the motion may be wrong where its source proves wrong: more than vehicles make."""
     largest: float = 1e9
     """[unit of the channel] no sensor reads more: a larger number is none."""
     unknown: float = 0.25
@@ -116,17 +116,17 @@ CONSTANTS = FilterConstants()
 class FilterMemory:
     """Named views of one array, `numbers`. Units are those of the channels and of `EstimatorTuning`."""
 
-    # What is set once.
+    # Set once.
     sigma: Array
     """(9,) [unit of the channel] its noise."""
     period: Array
     """(9,) [s] between its readings, 0 for once per tick."""
     gate: Array
-    """(9,) largest squared innovation that is believed; of one joint for the joints."""
+    """(9,) chi-square gate: largest squared innovation that is accepted; of one joint for the joints."""
     agility: Array
     """(9,) [m/s2, rad/s2] largest change of acceleration of what each channel measures."""
     recovery: Array
-    """(9,) [s] for which rejected readings must agree to be believed."""
+    """(9,) [s] for which rejected readings must agree to be accepted."""
     needed: Array
     """(9,) 1 where the age counts."""
     drive: Array
@@ -147,13 +147,13 @@ class FilterMemory:
     """(1,) 1 where there is a vehicle."""
     guided: Array
     """(1,) 1 where commanded linear velocities are taken to be followed."""
-    # What a tick is given.
+    # Inputs of a tick.
     now: Array
     """(1,) [s]"""
-    told: Array
+    has_command: Array
     """(1,) 1 if there is a command."""
-    asked: Array
-    """(6 + n_joints,) [m/s, rad/s] the velocity that it has brought about."""
+    commanded: Array
+    """(6 + n_joints,) [m/s, rad/s] velocity that the command has brought about."""
     fresh: Array
     """(9,) 1 where there is a reading."""
     stamp: Array
@@ -162,7 +162,7 @@ class FilterMemory:
     """(7, 4) [unit of the channel] what the vehicle's channels read."""
     joint_value: Array
     """(2, n_joints) [rad or m, rad/s or m/s] what the joints' channels read."""
-    # What it knows.
+    # State.
     started: Array
     """(1,) """
     before: Array
@@ -175,26 +175,26 @@ class FilterMemory:
     """(MAIN - 3,) [SI] the parts from `PLACE` on."""
     P: Array
     """(STATES, STATES) [SI] covariance of the errors; only its upper triangle counts."""
-    asked_W: Array
-    """(3,) [m/s] linear part of the last `asked`, in W."""
-    asked_spin: Array
+    commanded_W: Array
+    """(3,) [m/s] linear part of the last `commanded`, in W."""
+    commanded_spin: Array
     """(3,) [rad/s]"""
-    asked_rates: Array
+    commanded_rates: Array
     """(n_joints,) [rad/s or m/s]"""
     owner: Array
     """(SLOTS,) channel of each clone, -1 for none."""
     taken: Array
     """(SLOTS,) [s] its time."""
-    seen: Array
-    """(SLOTS, 4) [unit of the channel] what the channel saw."""
+    h: Array
+    """(SLOTS, 4) [unit of the channel] predicted measurement h(x)."""
     rate: Array
     """(SLOTS, 3) how fast that changed [per s]."""
-    doubt: Array
+    rate_variance: Array
     """(SLOTS,) [square of its unit] variance of the rate."""
     last: Array
     """(9,) [s] time of the newest reading of each channel."""
     used: Array
-    """(9,) [s] time of the newest that was believed."""
+    """(9,) [s] time of the newest that was accepted."""
     lag: Array
     """(9,) [s] largest delay expected."""
     apart: Array
@@ -202,7 +202,7 @@ class FilterMemory:
     due: Array
     """(9,) [s] time of the next clone."""
     echo: Array
-    """(1,) [s] time of the last echo that was believed."""
+    """(1,) [s] time of the last echo that was accepted."""
     since: Array
     """(9,) [s] when rejected readings began to agree, nan for none."""
     refused: Array
@@ -215,26 +215,26 @@ class FilterMemory:
     """(JOINT_SLOTS,) """
     joint_taken: Array
     """(JOINT_SLOTS,) [s]"""
-    joint_seen: Array
+    joint_h: Array
     """(n_joints, JOINT_SLOTS) [SI]"""
     joint_rate: Array
     """(n_joints, JOINT_SLOTS) [SI]"""
-    joint_doubt: Array
+    joint_rate_variance: Array
     """(n_joints, JOINT_SLOTS) [SI]"""
     joint_since: Array
     """(2, n_joints) [s]"""
     joint_refused: Array
     """(2, n_joints) [rad or m, rad/s or m/s]"""
-    # What a tick gives.
+    # Outputs of a tick.
     outcome: Array
-    """(9, 4) [s, -, -, -] time, squared innovation, degrees of freedom, 1 if believed; nan before the first."""
+    """(9, 4) [s, -, -, -] time, squared innovation, degrees of freedom, 1 if accepted; nan before the first."""
     twist: Array
     """(6,) [m/s, rad/s] in B."""
     range: Array
     """(2,) [m] along the altimeter's beam, nan where it is not known, and its standard deviation."""
     age: Array
     """(2,) [s] of the oldest needed channel, and of the joint positions."""
-    spread: Array
+    std: Array
     """(6 + n_joints,) [m, rad] standard deviations of position in W, attitude in B, joints."""
 
     def __init__(self, n_joints: int) -> None:
@@ -252,7 +252,7 @@ class FilterMemory:
 
 
 def places(n_joints: int) -> tuple[dict[str, tuple[int, tuple[int, ...]]], int]:
-    """Where each part of the memory begins and its shape, by name; and the size of the whole."""
+    """Return offset and shape of each part of the memory, by name, and the size of the whole."""
     found, at = {}, 0
     for name, shape in shapes(n_joints).items():
         found[name] = at, shape
@@ -261,35 +261,37 @@ def places(n_joints: int) -> tuple[dict[str, tuple[int, tuple[int, ...]]], int]:
 
 
 def shapes(n_joints: int) -> dict[str, tuple[int, ...]]:
-    """Shape of each part of the memory, by name."""
+    """Return the shape of each part of the memory, by name."""
     n, c = n_joints, N_CHANNELS
     return {
         **dict.fromkeys(("sigma", "period", "gate", "agility", "recovery", "needed", "fresh", "stamp"), (c,)),
         **dict.fromkeys(("last", "used", "lag", "apart", "due", "since"), (c,)),
-        **dict.fromkeys(("echo_memory", "floating", "guided", "now", "told", "started", "before", "dt", "echo"), (1,)),
-        **dict.fromkeys(("gravity", "beam_at", "beam_up", "asked_W", "asked_spin"), (3,)),
+        **dict.fromkeys(
+            ("echo_memory", "floating", "guided", "now", "has_command", "started", "before", "dt", "echo"), (1,)
+        ),
+        **dict.fromkeys(("gravity", "beam_at", "beam_up", "commanded_W", "commanded_spin"), (3,)),
         "drive": (len(ProcessNoise),),
         "limit": (MAIN,),
         "joint_limit": (2,),
-        "asked": (6 + n,),
-        "asked_rates": (n,),
+        "commanded": (6 + n,),
+        "commanded_rates": (n,),
         "value": (N_VEHICLE, 4),
         "refused": (N_VEHICLE, 3),
         "joint_value": (2, n),
         "turn": (4,),
         "x": (MAIN - 3,),
         "P": (STATES, STATES),
-        **dict.fromkeys(("owner", "taken", "doubt"), (SLOTS,)),
-        "seen": (SLOTS, 4),
+        **dict.fromkeys(("owner", "taken", "rate_variance"), (SLOTS,)),
+        "h": (SLOTS, 4),
         "rate": (SLOTS, 3),
         "joint_x": (n, 2),
         "joint_P": (n, JOINT_STATES, JOINT_STATES),
         **dict.fromkeys(("joint_owner", "joint_taken"), (JOINT_SLOTS,)),
-        **dict.fromkeys(("joint_seen", "joint_rate", "joint_doubt"), (n, JOINT_SLOTS)),
+        **dict.fromkeys(("joint_h", "joint_rate", "joint_rate_variance"), (n, JOINT_SLOTS)),
         **dict.fromkeys(("joint_since", "joint_refused"), (2, n)),
         "outcome": (c, 4),
         "twist": (6,),
         "range": (2,),
         "age": (2,),
-        "spread": (6 + n,),
+        "std": (6 + n,),
     }

@@ -34,11 +34,11 @@ _CHANNELS = (ChannelIndex.JOINT_POSITIONS, ChannelIndex.JOINT_VELOCITIES)
 
 def predict(m: FilterMemory) -> None:
     """Advance by the time of the tick."""
-    if m.told[0]:
-        change = m.asked[6:] - m.asked_rates
+    if m.has_command[0]:
+        change = m.commanded[6:] - m.commanded_rates
         m.joint_x[:, 1] += change
         m.joint_P[:, 1, 1] += response_variance(m, change)
-        m.asked_rates[:] = m.asked[6:]
+        m.commanded_rates[:] = m.commanded[6:]
     dt, step = float(m.dt[0]), float(min(m.dt[0], CONSTANTS.longest_step))
     if dt <= 0.0:
         return
@@ -109,16 +109,16 @@ def _initialise(m: FilterMemory, which: Mask) -> None:
 def _gate(m: FilterMemory, c: ChannelIndex, slot: int, delta: float, done: Mask) -> None:
     k, state = c - _FIRST, c - _FIRST if slot < 0 else 2 + slot
     P, x = m.joint_P, m.joint_x
-    seen, rate, doubt = _predicted(m, k, slot)
-    nu = m.joint_value[k] - seen - delta * rate
+    h, rate, rate_variance = _predicted(m, k, slot)
+    nu = m.joint_value[k] - h - delta * rate
     own = (
         m.sigma[c] ** 2
-        + delta * delta * np.maximum(0.0, doubt)
+        + delta * delta * np.maximum(0.0, rate_variance)
         + abs(delta) * (m.drive[ProcessNoise.JOINT] ** 2 if k else 0.0)
     )
     S = P[:, state, state] + own
     squared = nu * nu / S
-    granted = _allowance(m, c, rate if k == 0 else seen)
+    granted = _allowance(m, c, rate if k == 0 else h)
     inside = nu * nu <= m.gate[c] * (S + granted)
     yields = ~inside & ~done & _are_consistent(m, c, nu, S + own + granted, inside | done)
     _relax(m, k, state, yields, nu)
@@ -129,7 +129,7 @@ def _gate(m: FilterMemory, c: ChannelIndex, slot: int, delta: float, done: Mask)
     change = np.where(used[:, None], gain * nu[:, None], 0.0)
     P -= np.where(used[:, None, None], gain[:, :, None] * P[:, state, None, :], 0.0)
     x += change[:, :2]
-    m.joint_seen += change[:, 2:]
+    m.joint_h += change[:, 2:]
 
 
 def _allowance(m: FilterMemory, c: ChannelIndex, rate: Array) -> Array:
@@ -156,7 +156,7 @@ def _inflate_own(m: FilterMemory, k: int, which: Mask, variance: Array) -> None:
 def _predicted(m: FilterMemory, k: int, slot: int) -> tuple[Array, Array, Array]:
     """What the k-th channel saw at the clone, -1 for now; its rate and the variance of that."""
     if slot >= 0:
-        return m.joint_seen[:, slot], m.joint_rate[:, slot], m.joint_doubt[:, slot]
+        return m.joint_h[:, slot], m.joint_rate[:, slot], m.joint_rate_variance[:, slot]
     if k:
         return m.joint_x[:, 1], np.zeros(m.n_joints), np.zeros(m.n_joints)
     return m.joint_x[:, 0], m.joint_x[:, 1], m.joint_P[:, 1, 1]
@@ -177,16 +177,16 @@ def _relax(m: FilterMemory, k: int, state: int, which: Mask, nu: Array) -> None:
     if which.any():
         m.joint_owner[(m.joint_owner >= 0) & (m.joint_owner != _FIRST + k)] = -1.0
         m.joint_since[k, which] = math.nan
-    _inflate_own(m, k, which, CONSTANTS.persuasion * nu**2)
+    _inflate_own(m, k, which, CONSTANTS.gate_relaxation * nu**2)
 
 
 def _clone(m: FilterMemory, c: ChannelIndex) -> None:
     slot, k = free_slot(m.joint_owner), c - _FIRST
     if slot < 0:
         return
-    seen, rate, doubt = (values.copy() for values in _predicted(m, k, -1))
+    h, rate, rate_variance = (values.copy() for values in _predicted(m, k, -1))
     m.joint_owner[slot], m.joint_taken[slot] = c, m.now[0]
-    m.joint_seen[:, slot], m.joint_rate[:, slot], m.joint_doubt[:, slot] = seen, rate, doubt
+    m.joint_h[:, slot], m.joint_rate[:, slot], m.joint_rate_variance[:, slot] = h, rate, rate_variance
     at, P = 2 + slot, m.joint_P
     P[:, at, :] = P[:, k, :]
     P[:, :, at] = P[:, :, k]

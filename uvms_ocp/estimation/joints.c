@@ -24,12 +24,12 @@ static void limit_joint(double *m, int j, double variance) {
 }
 
 static void predict_joints(double *m) {
-  double dt = m_dt[0], h = smaller_of(dt, LONGEST_STEP), drive = m_drive[PROCESSNOISE_JOINT] * m_drive[PROCESSNOISE_JOINT];
+  double dt = m_dt[0], h = smaller_of(dt, LONGEST_STEP), drive = m_drive[NOISE_JOINT] * m_drive[NOISE_JOINT];
   int n = top_of_joints(m);
   for (int j = 0; j < N_JOINTS; ++j) {
-    if (m_told[0]) {
-      double change = m_asked[6 + j] - m_asked_rates[j];
-      JX(j, 1) += change, JP(j, 1, 1) += response_variance(m, change), m_asked_rates[j] = m_asked[6 + j];
+    if (m_has_command[0]) {
+      double change = m_commanded[6 + j] - m_commanded_rates[j];
+      JX(j, 1) += change, JP(j, 1, 1) += response_variance(m, change), m_commanded_rates[j] = m_commanded[6 + j];
     }
     if (!(dt > 0)) continue;
     JX(j, 0) += h * JX(j, 1);
@@ -49,22 +49,22 @@ static void predict_joints(double *m) {
 }
 
 static void set_joint(double *m, int j) {
-  int c = CHANNELINDEX_JOINT_POSITIONS;
+  int c = CHANNEL_JOINT_POSITIONS;
   double age = m_now[0] - m_stamp[c];
   JX(j, 0) = m_joint_value[j] + age * JX(j, 1);
   clear_joint(m, j, 0, m_sigma[c] * m_sigma[c] + age * age * JP(j, 1, 1));
 }
 
-static double joint_seen(const double *m, int j, int k, int slot) { return slot < 0 ? JX(j, k) : OF(seen, j, slot); }
+static double joint_h(const double *m, int j, int k, int slot) { return slot < 0 ? JX(j, k) : OF(h, j, slot); }
 static double joint_rate(const double *m, int j, int k, int slot) {
   return slot >= 0 ? OF(rate, j, slot) : k ? 0 : JX(j, 1);
 }
-static double joint_doubt(const double *m, int j, int k, int slot) {
-  return slot >= 0 ? OF(doubt, j, slot) : k ? 0 : JP(j, 1, 1);
+static double joint_rate_variance(const double *m, int j, int k, int slot) {
+  return slot >= 0 ? OF(rate_variance, j, slot) : k ? 0 : JP(j, 1, 1);
 }
 
 static int joint_convinces(double *m, int c, int j, double nu, double S) {
-  int at = (c - CHANNELINDEX_JOINT_POSITIONS) * N_JOINTS + j;
+  int at = (c - CHANNEL_JOINT_POSITIONS) * N_JOINTS + j;
   double *since = m_joint_since + at, *refused = m_joint_refused + at, change = nu - *refused;
   int agrees = isfinite(*since) && change * change <= m_gate[c] * S;
   if (!agrees) *since = m_stamp[c];
@@ -78,11 +78,11 @@ static void correct_joint(double *m, int j, int state, double nu, double own, in
   for (int a = 0; a < n; ++a)
     for (int b = 0; b < n; ++b) JP(j, a, b) -= gain[a] * row[b];
   for (int a = 0; a < 2; ++a) JX(j, a) += gain[a] * nu;
-  for (int slot = 0; slot < n - 2; ++slot) OF(seen, j, slot) += gain[2 + slot] * nu;
+  for (int slot = 0; slot < n - 2; ++slot) OF(h, j, slot) += gain[2 + slot] * nu;
 }
 
-static void doubt_joint(double *m, int j, int c, double variance) {
-  int k = c - CHANNELINDEX_JOINT_POSITIONS, owned[JOINT_STATES], count = 0;
+static void inflate_joint(double *m, int j, int c, double variance) {
+  int k = c - CHANNEL_JOINT_POSITIONS, owned[JOINT_STATES], count = 0;
   owned[count++] = k;
   for (int slot = 0; slot < JOINT_SLOTS; ++slot)
     if (m_joint_owner[slot] == c) owned[count++] = 2 + slot;
@@ -93,34 +93,34 @@ static void doubt_joint(double *m, int j, int c, double variance) {
 static void yield_joint(double *m, int j, int c, double squared) {
   for (int slot = 0; slot < JOINT_SLOTS; ++slot)
     if (m_joint_owner[slot] != c) m_joint_owner[slot] = -1;
-  doubt_joint(m, j, c, PERSUASION * squared);
-  m_joint_since[(c - CHANNELINDEX_JOINT_POSITIONS) * N_JOINTS + j] = NAN;
+  inflate_joint(m, j, c, GATE_RELAXATION * squared);
+  m_joint_since[(c - CHANNEL_JOINT_POSITIONS) * N_JOINTS + j] = NAN;
 }
 
 static void surprise_joint(double *m, int j, int c, double squared) {
-  double time = unseen(m, c);
-  doubt_joint(m, j, c, squared);
-  if (c == CHANNELINDEX_JOINT_POSITIONS) JP(j, 1, 1) += squared / (time * time);
+  double time = time_since_accepted(m, c);
+  inflate_joint(m, j, c, squared);
+  if (c == CHANNEL_JOINT_POSITIONS) JP(j, 1, 1) += squared / (time * time);
 }
 
 /* Beside what accelerations can do, a joint may stop. */
 static double joint_allowance(const double *m, int c, double rate) {
-  double stop = fabs(rate) * (c == CHANNELINDEX_JOINT_POSITIONS ? unseen(m, c) : 1), granted = sqrt(allowance(m, c)) + stop / 5;
+  double stop = fabs(rate) * (c == CHANNEL_JOINT_POSITIONS ? time_since_accepted(m, c) : 1), granted = sqrt(gate_allowance(m, c)) + stop / 5;
   return granted * granted;
 }
 
 static void judge_joints(double *m, int c, int slot, double delta, const char *done) {
-  int k = c - CHANNELINDEX_JOINT_POSITIONS, state = slot < 0 ? k : 2 + slot, n = top_of_joints(m), all = 1, degrees = 0;
-  double total = 0, walk = k ? m_drive[PROCESSNOISE_JOINT] * m_drive[PROCESSNOISE_JOINT] : 0;
+  int k = c - CHANNEL_JOINT_POSITIONS, state = slot < 0 ? k : 2 + slot, n = top_of_joints(m), all = 1, degrees = 0;
+  double total = 0, walk = k ? m_drive[NOISE_JOINT] * m_drive[NOISE_JOINT] : 0;
   for (int j = 0; j < N_JOINTS; ++j) {
     if (done[j]) {
       m_joint_since[k * N_JOINTS + j] = NAN;
       continue;
     }
-    double doubt = joint_doubt(m, j, k, slot), own = m_sigma[c] * m_sigma[c] + delta * delta * larger_of(0, doubt) + fabs(delta) * walk;
-    double nu = m_joint_value[k * N_JOINTS + j] - joint_seen(m, j, k, slot) - delta * joint_rate(m, j, k, slot);
+    double variance = joint_rate_variance(m, j, k, slot), own = m_sigma[c] * m_sigma[c] + delta * delta * larger_of(0, variance) + fabs(delta) * walk;
+    double nu = m_joint_value[k * N_JOINTS + j] - joint_h(m, j, k, slot) - delta * joint_rate(m, j, k, slot);
     double S = JP(j, state, state) + own;
-    double granted = joint_allowance(m, c, k ? joint_seen(m, j, k, slot) : joint_rate(m, j, k, slot));
+    double granted = joint_allowance(m, c, k ? joint_h(m, j, k, slot) : joint_rate(m, j, k, slot));
     int believed = nu * nu <= m_gate[c] * (S + granted);
     total += nu * nu / S, ++degrees;
     if (believed) {
@@ -134,7 +134,7 @@ static void judge_joints(double *m, int c, int slot, double delta, const char *d
 }
 
 static void take_joints(double *m, int c) {
-  int k = c - CHANNELINDEX_JOINT_POSITIONS, slot, count = 0;
+  int k = c - CHANNEL_JOINT_POSITIONS, slot, count = 0;
   double delta, limit = UNKNOWN * m_joint_limit[0] * m_joint_limit[0];
   char unknown[N_JOINTS + 1] = {0};
   if (!is_of_now(m, c)) return;
@@ -152,12 +152,12 @@ static void take_joints(double *m, int c) {
 }
 
 static void clone_joints(double *m, int c) {
-  int slot = free_slot(m_joint_owner, JOINT_SLOTS), k = c - CHANNELINDEX_JOINT_POSITIONS, at = 2 + slot;
+  int slot = free_slot(m_joint_owner, JOINT_SLOTS), k = c - CHANNEL_JOINT_POSITIONS, at = 2 + slot;
   if (slot < 0) return;
   m_joint_owner[slot] = c, m_joint_taken[slot] = m_now[0];
   for (int j = 0; j < N_JOINTS; ++j) {
-    OF(seen, j, slot) = joint_seen(m, j, k, -1), OF(rate, j, slot) = joint_rate(m, j, k, -1);
-    OF(doubt, j, slot) = joint_doubt(m, j, k, -1);
+    OF(h, j, slot) = joint_h(m, j, k, -1), OF(rate, j, slot) = joint_rate(m, j, k, -1);
+    OF(rate_variance, j, slot) = joint_rate_variance(m, j, k, -1);
     for (int a = 0; a < JOINT_STATES; ++a) JP(j, at, a) = JP(j, k, a);
     for (int a = 0; a < JOINT_STATES; ++a) JP(j, a, at) = JP(j, a, k);
     JP(j, at, at) = JP(j, k, k);
@@ -165,10 +165,10 @@ static void clone_joints(double *m, int c) {
 }
 
 static void fuse_joints(double *m) {
-  space_clones(m, CHANNELINDEX_JOINT_POSITIONS, N_CHANNELS, JOINT_SLOTS);
-  for (int c = CHANNELINDEX_JOINT_POSITIONS; c < N_CHANNELS; ++c)
+  space_clones(m, CHANNEL_JOINT_POSITIONS, N_CHANNELS, JOINT_SLOTS);
+  for (int c = CHANNEL_JOINT_POSITIONS; c < N_CHANNELS; ++c)
     if (m_fresh[c]) take_joints(m, c);
-  for (int c = CHANNELINDEX_JOINT_POSITIONS; c < N_CHANNELS; ++c) {
+  for (int c = CHANNEL_JOINT_POSITIONS; c < N_CHANNELS; ++c) {
     if (m_lag[c] <= 0) continue;
     expire(m, c, m_joint_owner, m_joint_taken, JOINT_SLOTS);
     if (is_due(m, c)) clone_joints(m, c);

@@ -37,6 +37,7 @@ from uvms_ocp.estimation.vehicle_model import predict_measurement
 
 _INCLUDES = "#include <math.h>\n#include <string.h>\n"
 _SOURCES = ("motion.c", "clones.c", "sights.c", "fusion.c", "joints.c", "entry.c")
+_CODES = {"CHANNEL": ChannelIndex, "PART": Part, "NOISE": ProcessNoise}
 _SIZES = {
     "MAIN": MAIN,
     "SLOTS": SLOTS,
@@ -51,7 +52,7 @@ _SIZES = {
 
 
 def bound_tick(memory: FilterMemory, *, compiled: bool = True) -> Callable[[], None]:
-    """A call that advances the filter in `memory` to its `now`; in NumPy unless `compiled`, or without a compiler."""
+    """Return a call that advances the filter in `memory` to its `now`; NumPy unless `compiled`, or without a compiler."""
     core = _core(memory.n_joints) if compiled else None
     if core is None:
         return partial(numpy_tick, memory)
@@ -60,7 +61,7 @@ def bound_tick(memory: FilterMemory, *, compiled: bool = True) -> Callable[[], N
 
 
 def numpy_tick(m: FilterMemory) -> None:
-    """What entry.c does; keep both in step."""
+    """Run one tick in NumPy, as entry.c does; keep both in step."""
     m.dt[0] = m.now[0] - m.before[0] if m.started[0] else 0.0
     m.started[0], m.before[0] = 1.0, m.now[0]
     if m.floating[0]:
@@ -69,7 +70,7 @@ def numpy_tick(m: FilterMemory) -> None:
         _write_vehicle_outputs(m)
     joints.predict(m)
     joints.fuse(m)
-    m.spread[6:] = np.sqrt(np.maximum(0.0, m.joint_P[:, 0, 0]))
+    m.std[6:] = np.sqrt(np.maximum(0.0, m.joint_P[:, 0, 0]))
     late = m.now[0] - np.where(m.needed > 0.0, m.used, np.inf)
     m.age[:] = max(0.0, late.max()), max(0.0, m.now[0] - m.used[ChannelIndex.JOINT_POSITIONS])
     m.fresh[:] = 0.0
@@ -79,15 +80,15 @@ def _write_vehicle_outputs(m: FilterMemory) -> None:
     m.twist[:3] = vehicle.rotation(m).T @ vehicle.part(m, Part.SPEED)
     m.twist[3:] = vehicle.part(m, Part.SPIN)
     sigma = np.sqrt(np.maximum(0.0, np.diag(m.P)[:6]))
-    m.spread[:3], m.spread[3:6] = sigma[3:], sigma[:3]
+    m.std[:3], m.std[3:6] = sigma[3:], sigma[:3]
     sight = predict_measurement(m, ChannelIndex.ALTIMETER_RANGE)
-    altitude, cosine = sight.seen[:2]
-    known = cosine > CONSTANTS.steep and m.now[0] - m.echo[0] <= m.echo_memory[0]
-    m.range[:] = (altitude / cosine, np.sqrt(max(0.0, sight.S[0, 0])) / cosine) if known else np.nan
+    altitude, cosine = sight.h[:2]
+    has_floor = cosine > CONSTANTS.steep and m.now[0] - m.echo[0] <= m.echo_memory[0]
+    m.range[:] = (altitude / cosine, np.sqrt(max(0.0, sight.S[0, 0])) / cosine) if has_floor else np.nan
 
 
 def core_source(n_joints: int) -> str:
-    """C source of the filter of a robot with that many joints; needs libm only."""
+    """Write the C source of the filter of a robot with that many joints; needs libm only."""
     folder = files("uvms_ocp.estimation")
     offsets, size = places(n_joints)
     views = "".join(f"#define m_{name} (m + {start})\n" for name, (start, _) in offsets.items())
@@ -95,7 +96,7 @@ def core_source(n_joints: int) -> str:
         _INCLUDES,
         _macros({**_SIZES, "N_JOINTS": n_joints, "SIZE": size, **asdict(CONSTANTS)}),
         views,
-        *map(_codes, (ChannelIndex, Part, ProcessNoise)),
+        *(_enumeration(prefix, codes) for prefix, codes in _CODES.items()),
         *(folder.joinpath(name).read_text(encoding="utf-8") for name in _SOURCES),
     ]
     return "\n".join(parts)
@@ -105,8 +106,7 @@ def _macros(values: Mapping[str, object]) -> str:
     return "".join(f"#define {name.upper()} {value}\n" for name, value in values.items())
 
 
-def _codes(codes: type[IntEnum]) -> str:
-    prefix = codes.__name__.upper()
+def _enumeration(prefix: str, codes: type[IntEnum]) -> str:
     return f"enum {{ {', '.join(f'{prefix}_{code.name} = {code.value}' for code in codes)} }};\n"
 
 

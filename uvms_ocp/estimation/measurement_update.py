@@ -225,7 +225,7 @@ def _initialise(m: FilterMemory, c: ChannelIndex) -> None:
 
 
 def _set_floor(m: FilterMemory, sight: PredictedMeasurement, age: float) -> None:
-    cosine = sight.seen[1]
+    cosine = sight.h[1]
     if cosine <= CONSTANTS.steep:
         return
     c, i, n = ChannelIndex.ALTIMETER_RANGE, Part.FLOOR, active(m)
@@ -242,7 +242,7 @@ def _set_floor(m: FilterMemory, sight: PredictedMeasurement, age: float) -> None
 def _gate(m: FilterMemory, c: ChannelIndex, slot: int, delta: float) -> None:
     """Believe a reading or not, and use it."""
     sight = _sight_of(m, c, slot)
-    if c == ChannelIndex.ALTIMETER_RANGE and sight.seen[1] <= CONSTANTS.steep:
+    if c == ChannelIndex.ALTIMETER_RANGE and sight.h[1] <= CONSTANTS.steep:
         return
     nu, own = _innovation(m, c, sight, delta), _noise(m, c, sight, delta)
     granted, size = gate_allowance(m, c), float(nu @ nu)
@@ -270,25 +270,25 @@ def _sight_of(m: FilterMemory, c: ChannelIndex, slot: int) -> PredictedMeasureme
     n, at = active(m), MAIN + 3 * slot
     HP = m.P[at : at + ROWS[c], :n].copy()
     S = HP[:, at : at + ROWS[c]]
-    return PredictedMeasurement(seen=m.seen[slot], rate=m.rate[slot], doubt=float(m.doubt[slot]), HP=HP, S=S)
+    return PredictedMeasurement(h=m.h[slot], rate=m.rate[slot], rate_variance=float(m.rate_variance[slot]), HP=HP, S=S)
 
 
 def _innovation(m: FilterMemory, c: ChannelIndex, sight: PredictedMeasurement, delta: float) -> Array:
     """(rows,) measured minus seen, which is carried on by delta [s]."""
     n = ROWS[c]
     if c == ChannelIndex.ATTITUDE:
-        seen = pin.Quaternion(turned(sight.seen, delta * sight.rate))
+        h = pin.Quaternion(turned(sight.h, delta * sight.rate))
         measured = m.value[c] / np.linalg.norm(m.value[c])
-        return np.asarray(pin.log3((seen.inverse() * pin.Quaternion(measured)).toRotationMatrix()))
-    measured = m.value[c, :n] * (sight.seen[1] if c == ChannelIndex.ALTIMETER_RANGE else 1.0)
-    return np.asarray(measured - sight.seen[:n] - delta * sight.rate[:n])
+        return np.asarray(pin.log3((h.inverse() * pin.Quaternion(measured)).toRotationMatrix()))
+    measured = m.value[c, :n] * (sight.h[1] if c == ChannelIndex.ALTIMETER_RANGE else 1.0)
+    return np.asarray(measured - sight.h[:n] - delta * sight.rate[:n])
 
 
 def _noise(m: FilterMemory, c: ChannelIndex, sight: PredictedMeasurement, delta: float) -> float:
     """Variance of every entry of the reading."""
-    sigma = m.sigma[c] * (sight.seen[1] if c == ChannelIndex.ALTIMETER_RANGE else 1.0)
+    sigma = m.sigma[c] * (sight.h[1] if c == ChannelIndex.ALTIMETER_RANGE else 1.0)
     walk = m.drive[ProcessNoise.JERK] ** 2 if c == ChannelIndex.SPECIFIC_FORCE else 0.0
-    return float(sigma * sigma + delta * delta * max(0.0, sight.doubt) + abs(delta) * walk)
+    return float(sigma * sigma + delta * delta * max(0.0, sight.rate_variance) + abs(delta) * walk)
 
 
 def _squared_innovation(sight: PredictedMeasurement, more: float, nu: Array) -> float:
@@ -313,12 +313,12 @@ def _relax(m: FilterMemory, c: ChannelIndex, squared: float) -> None:
     """What the channel alone can put right is wrong, now and in its clones, by an unknown and common amount."""
     m.owner[(m.owner != c)] = _FREE
     m.since[c] = math.nan
-    _inflate_own(m, c, CONSTANTS.persuasion * squared)
+    _inflate_own(m, c, CONSTANTS.gate_relaxation * squared)
     if c not in (ChannelIndex.POSITION, ChannelIndex.DEPTH):
         return
     # It took the time of recovery to go so far: with a speed that nobody knew of, or an acceleration.
     time, own = float(m.recovery[c]), np.arange(_CORRECTED_BY[c], _CORRECTED_BY[c] + ROWS[c])
-    speed = min(CONSTANTS.persuasion * squared / time**2, CONSTANTS.exposed**2)
+    speed = min(CONSTANTS.gate_relaxation * squared / time**2, CONSTANTS.exposed**2)
     m.P[own + 3, own + 3] += speed
     m.P[own + 6, own + 6] += speed / time**2
 
@@ -358,10 +358,10 @@ def _correct(m: FilterMemory, c: ChannelIndex, sight: PredictedMeasurement, nu: 
     for slot in np.flatnonzero(m.owner >= 0):
         change = dx[MAIN + 3 * slot : MAIN + 3 * slot + 3]
         if m.owner[slot] == ChannelIndex.ATTITUDE:
-            m.seen[slot] = turned(m.seen[slot], change)
+            m.h[slot] = turned(m.h[slot], change)
         else:
             rows = ROWS[int(m.owner[slot])]
-            m.seen[slot, :rows] += change[:rows]
+            m.h[slot, :rows] += change[:rows]
 
 
 def _moved_by_echoes(m: FilterMemory, n: int) -> Mask:
@@ -380,7 +380,7 @@ def _clone(m: FilterMemory, c: ChannelIndex) -> None:
         return
     sight, at, rows = predict_measurement(m, c), MAIN + 3 * slot, ROWS[c]
     m.owner[slot], m.taken[slot] = c, m.now[0]
-    m.seen[slot], m.rate[slot], m.doubt[slot] = sight.seen, sight.rate, sight.doubt
+    m.h[slot], m.rate[slot], m.rate_variance[slot] = sight.h, sight.rate, sight.rate_variance
     n, before = active(m), sight.HP.shape[1]
     m.P[at : at + 3, :n] = 0.0
     m.P[:n, at : at + 3] = 0.0

@@ -93,7 +93,7 @@ static void clear(double *m, int i, int n, double variance) {
   AT(i, i) = variance;
 }
 
-/* Less doubt and no less correlation: clones whose readings are on their way still tell of it. */
+/* Less variance and no less correlation: clones whose readings are on their way still depend on it. */
 static void limit_to(double *m, int i, int n, double variance) {
   double share = sqrt(variance / AT(i, i));
   for (int j = 0; j < i; ++j) AT(j, i) *= share;
@@ -107,9 +107,9 @@ static int is_unknown(const double *m, int first, int n) {
   return 0;
 }
 
-/* Variance of a velocity after a tick in which the asked one changed by so much: the faster, the less it follows. */
+/* Variance of a velocity after a tick in which the commanded one changed by so much: the faster, the less it follows. */
 static double response_variance(const double *m, double change) {
-  double drive = m_drive[PROCESSNOISE_REPLY] * change;
+  double drive = m_drive[NOISE_REPLY] * change;
   return m_dt[0] > 0 ? drive * drive / m_dt[0] : 0;
 }
 
@@ -118,13 +118,13 @@ static void change_by(double *m, int i, double change) {
 }
 
 static void follow(double *m) {
-  double R[9], asked[3];
+  double R[9], commanded[3];
   matrix_of(m_turn, R);
-  rotate(R, m_asked, asked);
+  rotate(R, m_commanded, commanded);
   for (int i = 0; i < 3; ++i) {
-    if (m_guided[0]) change_by(m, PART_SPEED + i, asked[i] - m_asked_W[i]);
-    change_by(m, PART_SPIN + i, m_asked[3 + i] - m_asked_spin[i]);
-    m_asked_W[i] = asked[i], m_asked_spin[i] = m_asked[3 + i];
+    if (m_guided[0]) change_by(m, PART_SPEED + i, commanded[i] - m_commanded_W[i]);
+    change_by(m, PART_SPIN + i, m_commanded[3 + i] - m_commanded_spin[i]);
+    m_commanded_W[i] = commanded[i], m_commanded_spin[i] = m_commanded[3 + i];
   }
 }
 
@@ -169,7 +169,7 @@ static void move_columns(double *restrict m, double h, const double *E, const do
 }
 
 static double relief(const double *m, const double *R) {
-  double arm[3], velocity[3], rough = m_drive[PROCESSNOISE_ROUGHNESS], settling = m_drive[PROCESSNOISE_SETTLING];
+  double arm[3], velocity[3], rough = m_drive[NOISE_ROUGHNESS], settling = m_drive[NOISE_SETTLING];
   cross(X(PART_SPIN), m_beam_at, arm);
   rotate(R, arm, velocity);
   for (int i = 0; i < 2; ++i) velocity[i] += X(PART_SPEED)[i];
@@ -177,7 +177,7 @@ static double relief(const double *m, const double *R) {
 }
 
 static void diffuse(double *m, double dt, const double *J) {
-  double dt2 = dt * dt, jerk = m_drive[PROCESSNOISE_JERK], spin = m_drive[PROCESSNOISE_ANGULAR_JERK], R[9];
+  double dt2 = dt * dt, jerk = m_drive[NOISE_JERK], spin = m_drive[NOISE_ANGULAR_JERK], R[9];
   double third[9] = {dt2 * dt2 * dt / 20, dt2 * dt2 / 8, dt2 * dt / 6, 0, dt2 * dt / 3, dt2 / 2, 0, 0, dt};
   jerk *= jerk, spin *= spin;
   for (int i = 0; i < 3; ++i) {
@@ -193,7 +193,7 @@ static void diffuse(double *m, double dt, const double *J) {
     AT(PART_SPIN + i, PART_SPIN_UP + i) += spin * third[5];
     AT(PART_SPIN_UP + i, PART_SPIN_UP + i) += spin * third[8];
     for (int k = 0; k < 3; ++k) {
-      double drift = m_drive[PROCESSNOISE_GYRO + k];
+      double drift = m_drive[NOISE_GYRO + k];
       AT(PART_GYRO_BIAS + 3 * k + i, PART_GYRO_BIAS + 3 * k + i) += dt * drift * drift;
     }
   }
@@ -218,7 +218,7 @@ static void forget_unknown(double *m, int n) {
 }
 
 static void predict(double *m) {
-  if (m_told[0]) follow(m);
+  if (m_has_command[0]) follow(m);
   double dt = m_dt[0], h = smaller_of(dt, LONGEST_STEP), angle[3], E[9], J[9], hJ[9], hhJ[9];
   if (!(dt > 0)) return;
   int n = active(m);

@@ -1,7 +1,7 @@
 /* What each channel of the vehicle sees of the estimate. sights.py is the same; keep both in step. */
 
 typedef struct {
-  double seen[4], rate[3], doubt;
+  double h[4], rate[3], rate_variance;
   double HP[3][STATES]; /* covariance with all errors */
   double S[3][3];       /* its own */
 } PredictedMeasurement;
@@ -28,7 +28,7 @@ static double mean_variance(const double *m, int first) {
 
 static void see_body(const double *m, int c, PredictedMeasurement *s, Rows *rows) {
   double R[9], v[3], in_B[3], rate[3], turning[3];
-  int force = c == CHANNELINDEX_SPECIFIC_FORCE, own = force ? PART_ACCELERATION : PART_SPEED;
+  int force = c == CHANNEL_SPECIFIC_FORCE, own = force ? PART_ACCELERATION : PART_SPEED;
   int bias = force ? PART_FORCE_BIAS : PART_DVL_BIAS;
   matrix_of(m_turn, R);
   for (int i = 0; i < 3; ++i) v[i] = X(own)[i] - (force ? m_gravity[i] : 0);
@@ -37,11 +37,11 @@ static void see_body(const double *m, int c, PredictedMeasurement *s, Rows *rows
   cross(X(PART_SPIN), in_B, turning);
   put_skew(rows, in_B), put(rows, own, R, 1, 1), put_one(rows, bias);
   for (int i = 0; i < 3; ++i) {
-    s->seen[i] = in_B[i] + X(bias)[i];
+    s->h[i] = in_B[i] + X(bias)[i];
     s->rate[i] = (force ? 0 : rate[i]) - turning[i];
   }
   double size = in_B[0] * in_B[0] + in_B[1] * in_B[1] + in_B[2] * in_B[2];
-  s->doubt = force ? mean_variance(m, PART_SPIN) * size : mean_variance(m, PART_ACCELERATION);
+  s->rate_variance = force ? mean_variance(m, PART_SPIN) * size : mean_variance(m, PART_ACCELERATION);
 }
 
 static void see_floor(const double *m, PredictedMeasurement *s, Rows *rows) {
@@ -53,37 +53,37 @@ static void see_floor(const double *m, PredictedMeasurement *s, Rows *rows) {
   for (int i = 0; i < 3; ++i)
     rows->H[0][PART_TURN + i] = arm[i] - (fabs(cosine) > STEEP ? altitude / cosine * tilt[i] : 0);
   rows->H[0][PART_PLACE + 2] = 1, rows->H[0][PART_FLOOR] = -1;
-  s->seen[0] = altitude, s->seen[1] = cosine, s->rate[0] = X(PART_SPEED)[2];
-  s->doubt = AT(PART_SPEED + 2, PART_SPEED + 2);
+  s->h[0] = altitude, s->h[1] = cosine, s->rate[0] = X(PART_SPEED)[2];
+  s->rate_variance = AT(PART_SPEED + 2, PART_SPEED + 2);
 }
 
 static void see(const double *m, int c, PredictedMeasurement *s, Rows *rows) {
   switch (c) {
-  case CHANNELINDEX_ATTITUDE:
-    memcpy(s->seen, m_turn, 4 * sizeof(double)), memcpy(s->rate, X(PART_SPIN), 3 * sizeof(double));
-    s->doubt = mean_variance(m, PART_SPIN), put_one(rows, PART_TURN);
+  case CHANNEL_ATTITUDE:
+    memcpy(s->h, m_turn, 4 * sizeof(double)), memcpy(s->rate, X(PART_SPIN), 3 * sizeof(double));
+    s->rate_variance = mean_variance(m, PART_SPIN), put_one(rows, PART_TURN);
     return;
-  case CHANNELINDEX_ANGULAR_VELOCITY:
-    for (int i = 0; i < 3; ++i) s->seen[i] = X(PART_SPIN)[i] + X(PART_GYRO_BIAS)[i], s->rate[i] = X(PART_SPIN_UP)[i];
-    s->doubt = mean_variance(m, PART_SPIN_UP), put_one(rows, PART_SPIN), put_one(rows, PART_GYRO_BIAS);
+  case CHANNEL_ANGULAR_VELOCITY:
+    for (int i = 0; i < 3; ++i) s->h[i] = X(PART_SPIN)[i] + X(PART_GYRO_BIAS)[i], s->rate[i] = X(PART_SPIN_UP)[i];
+    s->rate_variance = mean_variance(m, PART_SPIN_UP), put_one(rows, PART_SPIN), put_one(rows, PART_GYRO_BIAS);
     return;
-  case CHANNELINDEX_POSITION:
-    memcpy(s->seen, X(PART_PLACE), 3 * sizeof(double)), memcpy(s->rate, X(PART_SPEED), 3 * sizeof(double));
-    s->doubt = mean_variance(m, PART_SPEED), put_one(rows, PART_PLACE);
+  case CHANNEL_POSITION:
+    memcpy(s->h, X(PART_PLACE), 3 * sizeof(double)), memcpy(s->rate, X(PART_SPEED), 3 * sizeof(double));
+    s->rate_variance = mean_variance(m, PART_SPEED), put_one(rows, PART_PLACE);
     return;
-  case CHANNELINDEX_DEPTH:
-    s->seen[0] = X(PART_PLACE)[2], s->rate[0] = X(PART_SPEED)[2], rows->H[0][PART_PLACE + 2] = 1;
-    s->doubt = AT(PART_SPEED + 2, PART_SPEED + 2);
+  case CHANNEL_DEPTH:
+    s->h[0] = X(PART_PLACE)[2], s->rate[0] = X(PART_SPEED)[2], rows->H[0][PART_PLACE + 2] = 1;
+    s->rate_variance = AT(PART_SPEED + 2, PART_SPEED + 2);
     return;
-  case CHANNELINDEX_ALTIMETER_RANGE: see_floor(m, s, rows); return;
+  case CHANNEL_ALTIMETER_RANGE: see_floor(m, s, rows); return;
   default: see_body(m, c, s, rows);
   }
 }
 
 /* What channel c sees now. */
-static void look(const double *m, int c, int n, PredictedMeasurement *s) {
+static void predict_measurement(const double *m, int c, int n, PredictedMeasurement *s) {
   Rows rows;
-  memset(&rows, 0, sizeof(rows)), memset(s->seen, 0, sizeof(s->seen)), memset(s->rate, 0, sizeof(s->rate));
+  memset(&rows, 0, sizeof(rows)), memset(s->h, 0, sizeof(s->h)), memset(s->rate, 0, sizeof(s->rate));
   see(m, c, s, &rows);
   for (int i = 0; i < rows_of[c]; ++i) {
     memset(s->HP[i], 0, n * sizeof(double));
@@ -119,14 +119,14 @@ static void divide(double L[3][3], int n, double *x) {
 }
 
 /* What it saw at the time of a clone, -1 for now. */
-static void look_back(const double *m, int c, int slot, int n, PredictedMeasurement *s) {
+static void recall_measurement(const double *m, int c, int slot, int n, PredictedMeasurement *s) {
   if (slot < 0) {
-    look(m, c, n, s);
+    predict_measurement(m, c, n, s);
     return;
   }
   int at = MAIN + 3 * slot;
-  memcpy(s->seen, m_seen + 4 * slot, 4 * sizeof(double)), memcpy(s->rate, m_rate + 3 * slot, 3 * sizeof(double));
-  s->doubt = m_doubt[slot];
+  memcpy(s->h, m_h + 4 * slot, 4 * sizeof(double)), memcpy(s->rate, m_rate + 3 * slot, 3 * sizeof(double));
+  s->rate_variance = m_rate_variance[slot];
   for (int i = 0; i < rows_of[c]; ++i) {
     for (int j = 0; j < at + i; ++j) s->HP[i][j] = AT(j, at + i);
     for (int j = at + i; j < n; ++j) s->HP[i][j] = AT(at + i, j);

@@ -44,7 +44,7 @@ def active(m: FilterMemory) -> int:
 
 def predict(m: FilterMemory) -> None:
     """Advance by the time of the tick."""
-    if m.told[0]:
+    if m.has_command[0]:
         _follow(m)
     if m.dt[0] <= 0.0:
         return
@@ -61,11 +61,11 @@ def predict(m: FilterMemory) -> None:
 
 
 def _follow(m: FilterMemory) -> None:
-    asked_W = rotation(m) @ m.asked[:3]
+    commanded_W = rotation(m) @ m.commanded[:3]
     if m.guided[0]:
-        _change(m, Part.SPEED, asked_W - m.asked_W)
-    _change(m, Part.SPIN, m.asked[3:6] - m.asked_spin)
-    m.asked_W[:], m.asked_spin[:] = asked_W, m.asked[3:6]
+        _change(m, Part.SPEED, commanded_W - m.commanded_W)
+    _change(m, Part.SPIN, m.commanded[3:6] - m.commanded_spin)
+    m.commanded_W[:], m.commanded_spin[:] = commanded_W, m.commanded[3:6]
 
 
 def _change(m: FilterMemory, which: Part, by: Array) -> None:
@@ -196,11 +196,11 @@ def inflate_velocity_variance(m: FilterMemory, *, rests: bool) -> None:
 class PredictedMeasurement:
     """What a channel sees of the estimate, now or at the time of a clone."""
 
-    seen: Array
+    h: Array
     """(4,) [unit of the channel]; of the altimeter altitude and cosine of the tilt."""
     rate: Array
     """(3,) its rate [per s]."""
-    doubt: float
+    rate_variance: float
     """[square of its unit] variance of the rate."""
     HP: Array
     """(rows, n) [SI] covariance with all errors."""
@@ -220,10 +220,10 @@ class PredictedMeasurement:
 
 def predict_measurement(m: FilterMemory, c: ChannelIndex) -> PredictedMeasurement:
     """What channel c sees now."""
-    seen, H, rate, doubt = _MODELS[c](m)
+    h, H, rate, rate_variance = _MODELS[c](m)
     HP = H @ m.P[:MAIN, : active(m)]
     return PredictedMeasurement(
-        seen=np.resize(seen, 4), rate=np.resize(rate, 3), doubt=doubt, HP=HP, S=HP[:, :MAIN] @ H.T
+        h=np.resize(h, 4), rate=np.resize(rate, 3), rate_variance=rate_variance, HP=HP, S=HP[:, :MAIN] @ H.T
     )
 
 
@@ -247,9 +247,9 @@ def _predict_attitude(m: FilterMemory) -> _View:
 
 
 def _predict_angular_velocity(m: FilterMemory) -> _View:
-    seen = part(m, Part.SPIN) + part(m, Part.GYRO_BIAS)
+    h = part(m, Part.SPIN) + part(m, Part.GYRO_BIAS)
     H = _rows(3, (Part.SPIN, np.eye(3)), (Part.GYRO_BIAS, np.eye(3)))
-    return seen, H, part(m, Part.SPIN_UP).copy(), mean_variance(m, Part.SPIN_UP)
+    return h, H, part(m, Part.SPIN_UP).copy(), mean_variance(m, Part.SPIN_UP)
 
 
 def _predict_position(m: FilterMemory) -> _View:
@@ -318,4 +318,6 @@ def process_variance(m: FilterMemory, c: ChannelIndex, sight: PredictedMeasureme
     drive = m.drive[ProcessNoise.ANGULAR_JERK if turns else ProcessNoise.JERK]
     second = mean_variance(m, Part.SPIN_UP if turns else Part.ACCELERATION)
     squared = age * age
-    return float(squared * sight.doubt + squared * squared / 4 * second + drive * drive * squared * squared * age / 20)
+    return float(
+        squared * sight.rate_variance + squared * squared / 4 * second + drive * drive * squared * squared * age / 20
+    )

@@ -125,7 +125,7 @@ class StateEstimate:
     """[s] of the joint positions alone."""
     health: tuple[ChannelHealth, ...] = ()
     """Health of every channel that the robot has; empty where nobody judges."""
-    spread: _Velocity | None = None
+    std: _Velocity | None = None
     """(n_v,) [m, rad] standard deviations of q: position in W, attitude in B, joints; `None` where nobody tells."""
     altimeter_std: float = np.nan
     """[m] standard deviation of `altimeter_range`; nan where it is not known."""

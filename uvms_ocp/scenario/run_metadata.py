@@ -58,7 +58,7 @@ class RunOutcome:
     """The same at the end of each phase, event by event [m] or [rad]."""
     wall_s: float
     """[s] that the simulation took."""
-    spread: np.ndarray | None = None
+    std: np.ndarray | None = None
     """(n_v,) [m, rad] standard deviation of the estimated configuration, where the estimator tells."""
 
 
@@ -120,7 +120,7 @@ def run_meta(
         faults=faults,
         true_quantities=_values(ending.quantities),
         sensors_allow=_values(quantity_stds(setup, ending.q)),
-        spreads=_values({} if ending.spread is None else quantity_stds(setup, ending.q, ending.spread)),
+        spreads=_values({} if ending.std is None else quantity_stds(setup, ending.q, ending.std)),
         statuses=tuple(status.value for status in Status),
         seed=seed,
         noise=setup.sensors != IDEAL_SENSORS,

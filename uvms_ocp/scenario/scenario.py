@@ -292,8 +292,8 @@ class Scenario(FieldTable):
         wall = perf_counter() - begin
         truth = kinematic.evaluate(self._true_measurement(plant.state), recorder.last("t"))
         events = self._truth_at_events(kinematic, recorder)
-        spread = recorder.last("q_std") if "q_std" in recorder else None
-        ending = RunOutcome(q=recorder.last("q"), quantities=truth, at_events=events, wall_s=wall, spread=spread)
+        std = recorder.last("q_std") if "q_std" in recorder else None
+        ending = RunOutcome(q=recorder.last("q"), quantities=truth, at_events=events, wall_s=wall, std=std)
         return recorder.freeze(self._meta(controller, estimator, ending))
 
     def _truth_at_events(self, kinematic: KinematicController, recorder: Recorder) -> tuple[dict[str, float], ...]:

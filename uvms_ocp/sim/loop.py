@@ -124,8 +124,8 @@ def _row(
         "v_estimated": measurement.v,
         "altimeter_range": float(measurement.altimeter_range),
     }
-    if measurement.spread is not None:  # how well the estimate is known, where the estimator tells
-        row["q_std"], row["altimeter_std"] = measurement.spread, float(measurement.altimeter_std)
+    if measurement.std is not None:  # how well the estimate is known, where the estimator tells
+        row["q_std"], row["altimeter_std"] = measurement.std, float(measurement.altimeter_std)
     row["command"] = command.v
     if asked is not None:
         row["asked_thrust"] = asked

@@ -31,7 +31,7 @@ def look(
         drag=np.zeros(6),
         slopes=SLOPES,
         velocity=np.zeros(3),
-        known=np.ones(6, dtype=bool),
+        usable=np.ones(6, dtype=bool),
     )
 
 
@@ -78,15 +78,15 @@ def test_another_load_is_learnt_as_if_nothing_had_been_known() -> None:
 
 
 def test_an_axis_that_tells_nothing_is_not_listened_to() -> None:
-    true, known = look(weight=20.0), np.array([True, True, True, True, True, False])
-    wrong = replace(true, disturbance=np.where(known, true.disturbance, -50.0), known=known)
+    true, usable = look(weight=20.0), np.array([True, True, True, True, True, False])
+    wrong = replace(true, disturbance=np.where(usable, true.disturbance, -50.0), usable=usable)
     assert abs(fed([wrong] * 200).x[WEIGHT] - 20.0) < 0.5
 
 
 def test_standard_errors_do_not_fall_below_what_the_model_lacks_for_long() -> None:
     """On one axis alone a force of the model's and a weight look the same."""
     lone = np.array([False, False, True, False, False, False])
-    found = fed([replace(look(weight=20.0), known=lone)] * 600)
+    found = fed([replace(look(weight=20.0), usable=lone)] * 600)
     assert found.error(WEIGHT) > SETTINGS.lasting * LIMIT[2]
 
 

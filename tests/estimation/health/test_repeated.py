@@ -45,7 +45,7 @@ def _require_same(a: StateEstimate, b: StateEstimate) -> None:
     np.testing.assert_array_equal(a.q, b.q)
     np.testing.assert_array_equal(a.v, b.v)
     np.testing.assert_array_equal(a.altimeter_range, b.altimeter_range)
-    told: list[Any] = [(m.age, m.oldest, m.joint_age, m.health, m.spread) for m in (a, b)]
+    told: list[Any] = [(m.age, m.oldest, m.joint_age, m.health, m.std) for m in (a, b)]
     assert told[0] == told[1]
 
 

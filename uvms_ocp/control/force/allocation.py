@@ -66,7 +66,7 @@ class AllocationMemory(Layout):
     """Of the thrusters that follow."""
     place: Annotated[list[int], Sized("n")]
     """Of each of them among all."""
-    known: Annotated[Vector, Sized("m")]
+    stuck_wrench: Annotated[Vector, Sized("m")]
     """(6,) [N, N m] of those that are stuck."""
     # found by `allocate_thrust`
     wrench: Annotated[Vector, Sized("m")]
@@ -97,9 +97,9 @@ def apply_effectiveness(a: AllocationMemory) -> None:
 def _find_stuck_wrench(a: AllocationMemory) -> None:
     for k in range(len(a.matrix)):
         a.left.powers.wrench_weight[k] = a.wrench_weight[k]
-        a.known[k] = 0.0
+        a.stuck_wrench[k] = 0.0
         for i in range(a.count):
-            a.known[k] += a.matrix[k][i] * a.constant[i]
+            a.stuck_wrench[k] += a.matrix[k][i] * a.constant[i]
 
 
 def allocate_thrust(a: AllocationMemory) -> bool:
@@ -107,7 +107,7 @@ def allocate_thrust(a: AllocationMemory) -> bool:
     finite = True
     for k in range(len(a.matrix)):
         finite = finite and abs(a.wrench[k]) < LARGEST_WRENCH
-        a.left.wrench[k] = a.wrench[k] - a.known[k]
+        a.left.wrench[k] = a.wrench[k] - a.stuck_wrench[k]
     if finite:
         minimum_power(a.left.powers, a.left.wrench, a.left.unbounded)
         a.saturated = limited_thrust(a.left)
@@ -139,7 +139,7 @@ def _to_all(a: AllocationMemory) -> None:
         reached = 0.0
         for j in range(a.left.powers.count):
             reached += a.left.powers.matrix[k][j] * a.left.thrust[j]
-        a.reached[k] = reached + a.known[k]
+        a.reached[k] = reached + a.stuck_wrench[k]
         a.unreachable[k] = a.left.wrench[k] - reached
 
 

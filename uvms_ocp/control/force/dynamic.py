@@ -25,7 +25,7 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import Command, SensorSpecs, StateEstimate
 from uvms_ocp.robot.thrusters import largest_force, largest_wrench
 
-_command, _strain = unchecked_constructor(Command), unchecked_constructor(ActuationFeedback)
+_command, _feedback = unchecked_constructor(Command), unchecked_constructor(ActuationFeedback)
 
 DEFAULT_FAULT_TUNING = ActuatorHealthTuning()
 """For faulty thrusters and joints, by default."""
@@ -108,7 +108,7 @@ class DynamicController(TableDisplay):
         self._detection, self._allocation = memory.detection, memory.allocation
         self.monitor = self._monitor(laws)
         """Of thrusters and joints; `None` where it is off, and without the observer, whose findings it reads."""
-        self._fault, self._handicap, self._jammed = "", "", tuple[int, ...]()
+        self._fault, self._fault_summary, self._jammed = "", "", tuple[int, ...]()
         self.learner = None if load is None else _learner(laws, load)
         """Of what the tool carries; `None` where nothing is learnt."""
 
@@ -119,7 +119,7 @@ class DynamicController(TableDisplay):
         sound, command, bounds = tick.measurement, self.kinematic.command(tick), tick.restriction
         share = 1.0 if self.kinematic.guide is None else self.kinematic.guide.bandwidth
         self._tick.give(sound.q, sound.v, command, (share * bounds.feedback, bounds.joint_feedback))
-        encoders_trusted = not bounds.doubted or bounds.doubted.isdisjoint(_ENCODERS)
+        encoders_trusted = not bounds.distrusted or bounds.distrusted.isdisjoint(_ENCODERS)
         outputs = self._ticked(sound, tick.t, encoders_trusted)
         if self._detection.changed and self.monitor is not None:
             self._update_monitor(self.monitor, tick.t)
@@ -131,7 +131,7 @@ class DynamicController(TableDisplay):
             "bandwidth borne by the joints [-]": self.memory.joint_bandwidth_share,
             "faults of thrusters and joints": "not searched for"
             if self.monitor is None
-            else self._handicap or "none found",
+            else self._fault_summary or "none found",
             "load of the tool": "not learnt" if self.learner is None else "learnt",
         }
         below = self.kinematic._table()
@@ -149,9 +149,9 @@ class DynamicController(TableDisplay):
     def _to_command(self, command: Command, outputs: list[np.ndarray]) -> Command:
         """Make the command of these outputs, and feed the layer below back what the thrusters met."""
         thrust, torque, disturbance, wrench, unreachable, push = outputs
-        short, fault, fault_summary = bool(self._allocation.saturated), self._fault, self._handicap
+        short, fault, fault_summary = bool(self._allocation.saturated), self._fault, self._fault_summary
         self.kinematic.on_actuation_feedback(
-            _strain(short=short, push=push.item(), fault=fault, fault_summary=fault_summary, jammed=self._jammed)
+            _feedback(short=short, push=push.item(), fault=fault, fault_summary=fault_summary, jammed=self._jammed)
         )
         telemetry = {
             **command.telemetry,
@@ -180,10 +180,10 @@ class DynamicController(TableDisplay):
         if detection.jam or detection.thruster >= 0:
             n = self._robot.n_vehicle
             self._jammed = tuple(n + j for j in range(detection.joints.count) if detection.joints.jammed[j])
-            self._handicap = monitor.faulty
+            self._fault_summary = monitor.faulty
             if self.learner is not None:
                 self.learner.leave(self._jammed)
-        self._fault = f"{self._handicap}: {monitor.authority}" if self.memory.gives_up else ""
+        self._fault = f"{self._fault_summary}: {monitor.authority}" if self.memory.gives_up else ""
 
     def _monitor(self, laws: ForceLaws) -> ActuatorMonitor | None:
         if laws.search is None:

@@ -240,21 +240,21 @@ class AbortMonitor:
         self.on_actuation_feedback(feedback)
         hopeless, ended = bool(self._hopeless(tick)), bool(tick.restriction.abort)
         why = abort_reason(memory.distress, memory.mission, tick.t, tick.gates.tolist(), values, hopeless, ended)
-        return self.told(AbortReason(why), tick, quantities, feedback)
+        return self.describe(AbortReason(why), tick, quantities, feedback)
 
     def on_actuation_feedback(self, feedback: ActuationFeedback) -> None:
-        """Take in what the force layer met."""
+        """Take over the feedback of the force layer."""
         memory = self._memory.distress
         memory.short, memory.push, memory.fault = feedback.short, feedback.push, bool(feedback.fault)
 
-    def told(
+    def describe(
         self, why: AbortReason, tick: TickInputs, quantities: Mapping[str, float], feedback: ActuationFeedback
     ) -> str:
-        """What the kernel found at a tick, in words, from the quantities [in their units]."""
-        words = self._told(why, tick, quantities, feedback)
+        """Describe the reason that the kernel found at a tick, from the quantities [in their units]."""
+        words = self._describe(why, tick, quantities, feedback)
         return f"{words}; {feedback.fault_summary}" if words and feedback.fault_summary not in words else words
 
-    def _told(
+    def _describe(
         self, why: AbortReason, tick: TickInputs, quantities: Mapping[str, float], feedback: ActuationFeedback
     ) -> str:
         abort = self._mission.abort
@@ -292,11 +292,11 @@ class AbortMonitor:
 
 
 def _held_back(bad: Sequence[ChannelHealth]) -> str:
-    """What channels that are not good have to do with it, the reasons first: many have one in common."""
+    """Describe channels that are not good, by reason: many have one in common."""
     whys: dict[str, list[str]] = {}
     for item in sorted(bad, key=lambda item: item.channel):
         whys.setdefault(item.why or item.trust.name.lower(), []).append(item.channel)
     if not whys:
         return ""
-    told = ", ".join(f"{why} ({', '.join(channels)})" for why, channels in whys.items())
-    return f"; sensors that are not good end no phase: {told}; see to them, or to what the robot's file says of them"
+    causes = ", ".join(f"{why} ({', '.join(channels)})" for why, channels in whys.items())
+    return f"; sensors that are not good end no phase: {causes}; see to them, or to what the robot's file says of them"

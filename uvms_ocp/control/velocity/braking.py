@@ -246,7 +246,7 @@ def _lift(beam: AltimeterMemory, q: Vector, v: Vector, n: int) -> None:
     if beam.exists:
         sensor = 0.0
         for i in range(n):
-            sensor += beam.climb[i] * v[i]
+            sensor += beam.height_jacobian[i] * v[i]
         rise = min(rise, sensor)
     for i in range(3):
         v[i] += up[i] * max(0.0, -rise)

@@ -131,7 +131,7 @@ class GoalsMemory(Layout):
 
     of_phase: Annotated[list[Vector], Sized("n_phases", "n_parameters")]
     """(n_phases, n_parameters) [their units]"""
-    climb: int
+    ascent_start: int
     """Where the goal of the task that climbs begins among them."""
     tracks: TracksMemory
     """Of those that move and rest in the end."""
@@ -139,15 +139,15 @@ class GoalsMemory(Layout):
     """(n_parameters,) [their units] of now."""
 
 
-def load_goals(g: GoalsMemory, m: MissionMemory, climb: AscentMemory, t: float) -> None:
+def load_goals(g: GoalsMemory, m: MissionMemory, ascent: AscentMemory, t: float) -> None:
     """Those of the phase at t [s]; the abort phase climbs to where its beginning has aimed at. A kernel."""
     goals = g.of_phase[m.phase]
     for i in range(len(g.values)):
         g.values[i] = goals[i]
     follow_tracks(g.tracks, m.phase, m.since, t, g.values)
     if m.phase == m.abort_phase:
-        for i in range(len(climb.goal)):
-            g.values[g.climb + i] = climb.goal[i]
+        for i in range(len(ascent.goal)):
+            g.values[g.ascent_start + i] = ascent.goal[i]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -175,9 +175,9 @@ class MissionParameters:
             goals = [reference(0.0) for reference, _ in mission.references_of(phase)]
             view(memory.of_phase)[phase, : self._places[-1].stop] = np.concatenate(goals)
         if mission.abort is not None:
-            climb = self._places[mission.hierarchy.index(mission.abort.ascent_task)]
-            memory.climb = climb.start
-            view(memory.of_phase)[-1, climb] = 0.0
+            ascent = self._places[mission.hierarchy.index(mission.abort.ascent_task)]
+            memory.ascent_start = ascent.start
+            view(memory.of_phase)[-1, ascent] = 0.0
         write_tracks(memory.tracks, tracks, self._places, dt)
         self.asked = asked_in_phases(mission, tracks)
         """Of each phase, what is asked for."""

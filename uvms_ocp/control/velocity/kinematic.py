@@ -79,39 +79,39 @@ class GuideOutput:
 
 
 class Guide(Protocol):
-    """Asked at every tick after the mission has looked at it."""
+    """Source of velocities in place of the hierarchy's, asked at every tick after the mission."""
 
     @property
     def bandwidth(self) -> float:
-        """Share of the usual feedback of velocities that is enough: what it knows beforehand needs little."""
+        """Share of the usual feedback of velocities that suffices: a planned motion needs little."""
 
     def __call__(self, tick: TickInputs, feedback: ActuationFeedback, waiting: Callable[[], str]) -> GuideOutput:
-        """waiting: tells what the mission waits for, in words; strain: what the layer of forces meets."""
+        """waiting: describes what the mission waits for; feedback: of the force layer."""
 
 
 class GuidedController(Protocol):
-    """What is told of a guide's velocities: a `KinematicController`."""
+    """Controller that follows a guide's velocities: a `KinematicController`."""
 
     watchdog: Watchdog
 
     def pending(self) -> str:
-        """What the mission waits for."""
+        """Describe what the mission waits for."""
 
     def follow(self, command: Command) -> None:
-        """Take what is commanded in place of its own."""
+        """Take over a command in place of its own."""
 
 
 def apply_guide(
     layer: GuidedController, guide: Guide, tick: TickInputs, feedback: ActuationFeedback, command: Command
 ) -> Command:
-    """The command of a layer as its guide has it; that it is left is an alarm."""
-    said = guide(tick, feedback, layer.pending)
-    if said.why:
-        layer.watchdog.alarms.append((tick.t, said.why))
-    telemetry = {**command.telemetry, "guided": said.v is not None}
-    if said.v is None:
+    """Replace the command of a layer by that of its guide; where the guide gives up, log an alarm."""
+    guided = guide(tick, feedback, layer.pending)
+    if guided.why:
+        layer.watchdog.alarms.append((tick.t, guided.why))
+    telemetry = {**command.telemetry, "guided": guided.v is not None}
+    if guided.v is None:
         return replace_unchecked(command, telemetry=telemetry)
-    new = replace_unchecked(command, v=said.v, telemetry=telemetry)
+    new = replace_unchecked(command, v=guided.v, telemetry=telemetry)
     layer.follow(new)
     return new
 
@@ -176,16 +176,16 @@ class KinematicController(TableDisplay):
         self._sound = LastValidEstimate(robot, memory.sound)
         self._echo = LastFloorRange(robot, altimeter_of(robot, tasks), memory.beam)
         self._distress = AbortMonitor(mission, names, memory)
-        self._strain = self._felt = ActuationFeedback()
-        self._jammed = self._felt.jammed
+        self._feedback = self._applied_feedback = ActuationFeedback()
+        self._jammed = self._applied_feedback.jammed
         self._restriction = FREE
         self._bad = DegradedChannels()
         self._state = mission.start()
         write_state(memory.mission, self._state)
 
     def _table(self) -> SmallTable:
-        told = {"robot": self.robot.name, **self.mission.describe(self._state), "period [s]": self.dt}
-        return SmallTable(title=type(self).__name__, rows=rows_of(told))
+        values = {"robot": self.robot.name, **self.mission.describe(self._state), "period [s]": self.dt}
+        return SmallTable(title=type(self).__name__, rows=rows_of(values))
 
     @property
     def state(self) -> MissionState:
@@ -245,7 +245,7 @@ class KinematicController(TableDisplay):
     @checked_on_failure
     def on_actuation_feedback(self, feedback: ActuationFeedback) -> None:
         """Take in what the force layer meets."""
-        self._strain, self._jammed = feedback, feedback.jammed
+        self._feedback, self._jammed = feedback, feedback.jammed
 
     @checked_on_failure
     def command(self, tick: TickInputs) -> Command:
@@ -253,7 +253,7 @@ class KinematicController(TableDisplay):
         arrays, memory = self._arrays, self.memory
         if self._parameters.asked[tick.mission.phase]:
             self._parameters.ask(tick.mission, tick.t)
-        if self._strain is not self._felt:
+        if self._feedback is not self._applied_feedback:
             self._feel()
         solved = self._finish()
         self._guarding.answer.check()
@@ -267,7 +267,7 @@ class KinematicController(TableDisplay):
             finished=self._state.over,
             telemetry=_telemetry(tick, solved, arrays.reported.copy(), memory.share),
         )
-        return command if self.guide is None else apply_guide(self, self.guide, tick, self._strain, command)
+        return command if self.guide is None else apply_guide(self, self.guide, tick, self._feedback, command)
 
     def _finish_by(self, solver: HierarchySolver) -> Callable[[], Solved]:
         tick = solver.bind(self.problem.function, self.problem.sizes)
@@ -322,19 +322,19 @@ class KinematicController(TableDisplay):
 
     def _feel(self) -> None:
         """What the force layer met, for the kernels."""
-        changed, self._felt = self._jammed != self._felt.jammed, self._strain
-        self._distress.on_actuation_feedback(self._strain)
+        changed, self._applied_feedback = self._jammed != self._applied_feedback.jammed, self._feedback
+        self._distress.on_actuation_feedback(self._feedback)
         if changed:
             for axis in range(self.robot.n_v):
                 self.memory.jammed[axis] = axis in self._jammed
 
     def _advance(self, tick: TickInputs) -> None:
-        """What the kernels have made of the mission, in words."""
-        memory, state, quantities = self.memory, self._state, self._named(self._arrays.told)
+        """Advance the mission as the kernels found, and log the event."""
+        memory, state, quantities = self.memory, self._state, self._named(self._arrays.phase_quantities)
         phases, known = self.mission.all_phases, memory.mission
         if memory.why:
-            why = self._distress.told(AbortReason(memory.why), tick, quantities, self._strain)
-            goals = () if is_over(known) else self.mission.ascent_goals(ascent_goal(memory.climb))
+            why = self._distress.describe(AbortReason(memory.why), tick, quantities, self._feedback)
+            goals = () if is_over(known) else self.mission.ascent_goals(ascent_goal(memory.ascent))
             went: tuple[MissionState, Event | None] = state_after_abort(phases, state, known, tick.t, why, goals)
         else:
             went = state_after_transition(phases, state, known, memory.due, tick.t, quantities)

@@ -45,9 +45,9 @@ def prepare_tick(m: TickMemory) -> None:
     m.joint_age = m.sound.joint_age
     point_altimeter(m.beam, m.q)
     _begin(m)
-    load_goals(m.goals, m.mission, m.climb, m.t)
+    load_goals(m.goals, m.mission, m.ascent, m.t)
     restrict(m.restriction, m.t, m.altitude_matters)
-    doubted = _doubts_altimeter(m)
+    distrusted = _doubts_altimeter(m)
     lowest, lower = 0.0, False
     for i in range(len(m.gates)):
         if m.restriction.no_descent and m.lands[i] != 0:
@@ -55,12 +55,12 @@ def prepare_tick(m: TickMemory) -> None:
         if m.reads_altitude[i] != 0 and m.gates[i] > 0.0 and (not lower or m.rest_altitude[i] < lowest):
             lowest = m.rest_altitude[i]
             lower = True
-    m.echo[0] = echo_range(m.beam, m.t, m.altimeter_range, lowest, doubted)
+    m.echo[0] = echo_range(m.beam, m.t, m.altimeter_range, lowest, distrusted)
     m.altitude_valid = math.isfinite(m.beam.floor) and m.t - m.beam.since <= m.hold_after
     # Joints that brakes hold are where they were.
     braked = m.restriction.joints_held and math.isfinite(m.age) and m.joint_age >= m.age
     age = 0.0 if braked else m.age
-    echo_age = m.t - m.beam.since if m.altitude_matters and not doubted else 0.0
+    echo_age = m.t - m.beam.since if m.altitude_matters and not distrusted else 0.0
     m.echo_is_oldest = echo_age > age
     m.oldest = max(age, echo_age)
     m.freshness = freshness_of(m.oldest, m.hold_after, m.stop_after)
@@ -101,14 +101,14 @@ def _check_mission(m: TickMemory) -> None:
     """Go on with the mission, or give it up."""
     less, stopped = m.restriction, is_stopped(m)
     hopeless = stopped and (less.ended or less.any_lost)
-    m.why = abort_reason(m.distress, m.mission, m.t, m.gates, m.told, hopeless, less.ended)
+    m.why = abort_reason(m.distress, m.mission, m.t, m.gates, m.phase_quantities, hopeless, less.ended)
     if m.why != AbortReason.NOTHING:
         m.eventful = True
         if not m.mission.given_up:
             _climb(m)
         abort_mission(m.mission, m.t, not stopped)
     elif not m.holds:
-        m.due = transition_due(m.mission, m.t, m.told)
+        m.due = transition_due(m.mission, m.t, m.phase_quantities)
         m.eventful = m.due != NONE or m.mission.changed
         if m.due != NONE:
             take_transition(m.mission, m.t, m.due)
@@ -117,7 +117,7 @@ def _check_mission(m: TickMemory) -> None:
 def _climb(m: TickMemory) -> None:
     """What would be climbed to: above the highest floor, where that is to be believed."""
     believed = not (m.distress.pushed or _doubts_altimeter(m))
-    aim_ascent(m.climb, m.q, m.beam.highest if believed else math.nan)
+    aim_ascent(m.ascent, m.q, m.beam.highest if believed else math.nan)
 
 
 def _doubts_altimeter(m: TickMemory) -> bool:
@@ -131,7 +131,7 @@ def is_blind(m: TickMemory) -> bool:
 
 def is_stopped(m: TickMemory) -> bool:
     """As that of `TickInputs`."""
-    return m.freshness == Freshness.LOST or (m.restriction.ended and not m.restriction.climbs)
+    return m.freshness == Freshness.LOST or (m.restriction.ended and not m.restriction.can_ascend)
 
 
 def commit_velocity(m: TickMemory) -> None:
@@ -159,15 +159,15 @@ def _report(m: TickMemory) -> None:
     for i in range(len(m.quantities)):
         unknown = is_unknown(m.age, of_altitude[i] != 0, m.altitude_valid)
         m.reported[i] = math.nan if unknown else m.quantities[i]
-        m.told[i] = m.reported[i]
+        m.phase_quantities[i] = m.reported[i]
     for k in range(len(m.channel)):
         channel = m.rests_on[k]
         for i in range(len(m.quantities)):
             if m.restriction.level[m.channel[k]] != Trust.GOOD and channel[i] != 0 and not m.mission.given_up:
-                m.told[i] = math.nan
+                m.phase_quantities[i] = math.nan
     for i in range(len(m.quantities)):
         if not m.holds:
-            m.last_phase_quantities[i] = m.told[i]
+            m.last_phase_quantities[i] = m.phase_quantities[i]
 
 
 def _come_to_rest(m: TickMemory) -> None:
@@ -199,7 +199,7 @@ def _wanted_velocity(m: TickMemory) -> None:
     if m.usable:
         _shorten(m)
         if m.restriction.any_bad or m.pace != 1.0:
-            m.wanted_pace = limit_speed(m.restraint, m.restriction, m.beam, m.q, m.command, m.pace, m.wanted)
+            m.wanted_pace = limit_speed(m.speed_limit, m.restriction, m.beam, m.q, m.command, m.pace, m.wanted)
     else:
         _brake(m)
     for i in range(len(m.wanted)):
@@ -220,7 +220,7 @@ def _shorten(m: TickMemory) -> None:
 def _brake(m: TickMemory) -> None:
     """One tick nearer to rest."""
     for i in range(len(m.wanted)):
-        step = m.restraint.step[i]
+        step = m.speed_limit.step[i]
         m.wanted[i] = m.command[i] - min(max(m.command[i], -step), step)
 
 
@@ -257,7 +257,7 @@ class VelocityController(Layout):
 
 def solve(c: VelocityController) -> int:
     """What the hierarchy asks for; returns the code of the `Status`. A kernel."""
-    m, J, low, up, gate, goals, told = (
+    m, J, low, up, gate, goals, phase_quantities = (
         c.tick,
         c.jacobian,
         c.lower,
@@ -267,7 +267,9 @@ def solve(c: VelocityController) -> int:
         c.tick.quantities,
     )
     v, gates = m.v, m.gates
-    c.levels(m.q, v, m.previous, m.change, m.echo, goals, gates, J, low, up, None, None, gate, told, c.activity)
+    c.levels(
+        m.q, v, m.previous, m.change, m.echo, goals, gates, J, low, up, None, None, gate, phase_quantities, c.activity
+    )
     c.solver(J, low, up, gate, c.active_set, m.solved, c.found_set, c.report, c.residual)
     for i in range(len(c.active_set)):
         c.active_set[i] = c.found_set[i]

@@ -37,13 +37,13 @@ class TickMemory(Layout):
     """Limits on positions."""
     restriction: RestrictionMemory
     """What is not done because of channels that cannot be trusted."""
-    restraint: SpeedLimitMemory
+    speed_limit: SpeedLimitMemory
     """What is left of a velocity."""
     sound: LastValidMemory
     """What stands in for a measurement that is not sound."""
     beam: AltimeterMemory
     """Where the altimeter looks."""
-    climb: AscentMemory
+    ascent: AscentMemory
     """Where the abort phase leads to."""
     goals: GoalsMemory
     """Parameters of the tasks, an input of the levels."""
@@ -115,7 +115,7 @@ class TickMemory(Layout):
     # found by `after`
     reported: Annotated[Vector, Sized("n_quantities")]
     """(n_quantities,) [their units] NaN where not known."""
-    told: Annotated[Vector, Sized("n_quantities")]
+    phase_quantities: Annotated[Vector, Sized("n_quantities")]
     """(n_quantities,) [their units] what phases may end on."""
     last_phase_quantities: Annotated[Vector, Sized("n_quantities")]
     """(n_quantities,) [their units] the same of the last tick that did not hold."""
@@ -170,7 +170,7 @@ class TickArrays:
     """(n_quantities,) [their units]"""
     reported: np.ndarray
     """(n_quantities,) [their units]"""
-    told: np.ndarray
+    phase_quantities: np.ndarray
     """(n_quantities,) [their units]"""
     last_phase_quantities: np.ndarray
     """(n_quantities,) [their units]"""
@@ -198,14 +198,14 @@ def tick_memory(
     }
     memory = structure_of(TickMemory, **known)()
     write_mission(memory.mission, mission, names)
-    memory.climb.altitude = math.nan if mission.abort is None else mission.abort.altitude
+    memory.ascent.altitude = math.nan if mission.abort is None else mission.abort.altitude
     memory.hold_after, memory.stop_after = watchdog.hold_after, watchdog.stop_after
     memory.pace, memory.near = 1.0, True
     view(memory.place)[:] = robot.configuration()
     write_modes(memory.restriction)
     view(memory.last_phase_quantities)[:] = math.nan
     view(memory.velocity_limit)[:] = robot.limits.velocity
-    _write_restraint(memory.restraint, robot, problem.step)
+    _write_speed_limit(memory.speed_limit, robot, problem.step)
     memory.altimeter = [*problem.rests_on].index(ALTIMETER)
     for k, (channel, rests) in enumerate(problem.rests_on.items()):
         memory.channel[k] = CHANNELS.index(channel)
@@ -221,7 +221,7 @@ def arrays_of(memory: Any, problem: LevelsProblem) -> TickArrays:
     n_tasks, n_quantities = problem.function.size1_in("gates"), len(problem.quantity_names)
     sizes = {
         "gates": n_tasks,
-        **dict.fromkeys(("quantities", "reported", "told", "last_phase_quantities"), n_quantities),
+        **dict.fromkeys(("quantities", "reported", "phase_quantities", "last_phase_quantities"), n_quantities),
     }
     names = TickArrays.__dataclass_fields__
     return TickArrays(**{name: view(getattr(memory, name))[: sizes.get(name)] for name in names})
@@ -233,7 +233,7 @@ def inputs_of(memory: Any, arrays: TickArrays, problem: LevelsProblem) -> tuple[
     return (arrays.q, arrays.v, arrays.previous, arrays.change, arrays.echo, parameters, arrays.gates)
 
 
-def _write_restraint(memory: Any, robot: Robot, step: np.ndarray) -> None:
+def _write_speed_limit(memory: Any, robot: Robot, step: np.ndarray) -> None:
     view(memory.step)[:] = step
     memory.has_vehicle = bool(robot.n_vehicle)
     for i in range(robot.n_v):

@@ -44,4 +44,4 @@ class TickInputs:
     @property
     def stopped(self) -> bool:
         """Nothing can be known any more: no thrust."""
-        return self.freshness is Freshness.LOST or (bool(self.restriction.abort) and not self.restriction.climbs)
+        return self.freshness is Freshness.LOST or (bool(self.restriction.abort) and not self.restriction.can_ascend)

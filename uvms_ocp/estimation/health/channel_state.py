@@ -76,7 +76,7 @@ class ChannelMemory(Layout):
     """[s] when something last spoke against the channel."""
     excluded_until: float
     """[s] when its readings may be used again."""
-    heard: float
+    compared_at: float
     """[s] stamp of the last reading whose outcome was heard."""
     agreed: int
     """Readings in a row that agreed with the estimate."""
@@ -143,9 +143,9 @@ class HealthMemory(Layout):
     """Channels that the filter sees an older reading of than the newest."""
     exposed: bool
     """What told the velocity has been found out in this tick."""
-    adrift: bool
+    velocity_unobserved: bool
     """Nothing has told it for too long, by this tick."""
-    adrift_at: float
+    unobserved_at: float
     """[s] when that was so last, 0 before."""
     now: PastEstimate
     history: EstimateHistory

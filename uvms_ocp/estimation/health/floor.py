@@ -91,14 +91,14 @@ def copy_floor_points(to: FloorPoints, other: FloorPoints) -> None:
         append_floor_point(to, other.kept[slot_of(other, k)])
 
 
-def floor_step(known: FloorPoints, new: FloorPoint, base: float, slope: float) -> float:
+def floor_step(accepted: FloorPoints, new: FloorPoint, base: float, slope: float) -> float:
     """By how much [m] the floor would rise from the known spot that fits least to a new one; 0 where all fit.
 
     base [m]: that is nothing. slope: of the steepest floor.
     """
     worst, worst_excess = 0.0, 0.0
-    for k in range(known.count):
-        old = known.kept[slot_of(known, k)]
+    for k in range(accepted.count):
+        old = accepted.kept[slot_of(accepted, k)]
         beyond = abs(new.z - old.z) - base
         if beyond > worst_excess:
             excess = beyond - height_allowance(new, old, slope)
@@ -186,7 +186,7 @@ class FloorMemory(Layout):
     """[m] of the highest step."""
     here: FloorPoint
     """The newest."""
-    known: FloorPoints
+    accepted: FloorPoints
     before: FloorPoints
     candidates: FloorPoints
     """Of a floor that is farther away; each with the vertical motion until the next one."""
@@ -204,7 +204,7 @@ def init_floor(memory: ctypes.Structure, sigma: float, tuning: HealthTuning) -> 
 def accept_echo(w: FloorMemory, why: Complaint) -> bool:
     """Whether to believe the echo from `here`, in order of time; what speaks against it otherwise, or all the same."""
     _forget(w)
-    step = floor_step(w.known, w.here, w.base, w.slope)
+    step = floor_step(w.accepted, w.here, w.base, w.slope)
     if step == 0.0:
         _accept(w)
         return True
@@ -219,17 +219,17 @@ def accept_echo(w: FloorMemory, why: Complaint) -> bool:
 
 
 def _accept(w: FloorMemory) -> None:
-    known = w.known
-    if known.count == 0 or w.here.t - known.kept[slot_of(known, known.count - 1)].t >= w.spacing:
-        append_floor_point(known, w.here)
+    accepted = w.accepted
+    if accepted.count == 0 or w.here.t - accepted.kept[slot_of(accepted, accepted.count - 1)].t >= w.spacing:
+        append_floor_point(accepted, w.here)
     w.candidates.count = 0
     w.returned = 0
 
 
 def _take_nearer(w: FloorMemory) -> None:
     if w.before.count == 0:
-        copy_floor_points(w.before, w.known)
-    keep_alone(w.known, w.here)
+        copy_floor_points(w.before, w.accepted)
+    keep_alone(w.accepted, w.here)
     w.candidates.count = 0
     w.returned = 0
 
@@ -239,7 +239,7 @@ def _as_before(w: FloorMemory, step: float, why: Complaint) -> bool:
     if w.returned < _RETURN:
         set_complaint(why, Reason.AS_BEFORE, -step, 0.0)
         return False
-    copy_floor_points(w.known, w.before)
+    copy_floor_points(w.accepted, w.before)
     w.before.count = 0
     _accept(w)
     return True
@@ -250,7 +250,7 @@ def _farther(w: FloorMemory, step: float, why: Complaint) -> bool:
         w.candidates.count = 0
     _add_candidate(w)
     if _is_proven(w, -step):
-        keep_alone(w.known, w.here)
+        keep_alone(w.accepted, w.here)
         w.before.count = 0
         _accept(w)
         return True
@@ -280,17 +280,17 @@ def _add_candidate(w: FloorMemory) -> None:
 
 def _is_proven(w: FloorMemory, step: float) -> bool:
     """Whether the vehicle has moved as one does above a floor that is a step [m] farther away, and above another place."""
-    known, found = w.known, w.candidates
+    accepted, found = w.accepted, w.candidates
     if w.here.t - found.kept[found.first].t < w.step_time or step > w.relief:
         return False
-    if horizontal_distance(w.here, known.kept[slot_of(known, known.count - 1)]) < w.step_way:
+    if horizontal_distance(w.here, accepted.kept[slot_of(accepted, accepted.count - 1)]) < w.step_way:
         return False
     return vertical_travel(found) >= max(w.step_travel, 2.0 * _tolerance(w))
 
 
 def _forget(w: FloorMemory) -> None:
     oldest, found = w.here.t - w.memory, w.candidates
-    forget_older(w.known, oldest)
+    forget_older(w.accepted, oldest)
     forget_older(w.before, oldest)
     if found.count > 1 and found.kept[found.first].t < oldest:
         forget_first(found)

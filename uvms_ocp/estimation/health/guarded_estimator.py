@@ -43,7 +43,7 @@ class GatedEstimator(Protocol):
 
 @checked
 class GuardedEstimator(TableDisplay):
-    """A callable ``(Readings, t, command) -> StateEstimate`` around another one. Build one per run.
+    """Estimator, guarded: a callable ``(Readings, t, command) -> StateEstimate`` around another one. Build one per run.
 
     `StateEstimate.age` counts channels that q and v rest on, as far as no fallback replaces them (`support.fallback_sensors`); a
     lost altimeter gives no range.
@@ -59,13 +59,13 @@ class GuardedEstimator(TableDisplay):
         """specs: those that the estimator expects. monitor: one for them unless given."""
         specs = specs or SensorSpecs()
         self.estimator, self.monitor = estimator, monitor or HealthMonitor(robot, specs)
-        self._take = unchecked_method(self.monitor.take)
+        self._screen_and_finish = unchecked_method(self.monitor.screen_and_finish)
         exact = isinstance(estimator, PassThrough)
         # One of a class of its own may do more than to repeat.
         plain = estimator if isinstance(estimator, PassThrough) and type(estimator) is PassThrough else None
         self._repeated = pass_through_memory(plain) if plain is not None and self.monitor.repeats else None
         self._started = False
-        self._begun = not exact
+        self._has_all_channels = not exact
         self._gating = estimator if isinstance(estimator, GatedEstimator) else None
         gating = self._gating is not None
         self._needed = supporting_channels(robot, specs, rates=exact)
@@ -80,19 +80,19 @@ class GuardedEstimator(TableDisplay):
     def __call__(self, readings: Readings, t: float, command: Command | None = None) -> StateEstimate:
         """The measurement at time t [s]; `command` has been acting since the last call. Raises what the estimator raises."""
         if self._started and self._repeated is not None:
-            q, v, echo = self._take(readings, self._support, self._repeated, t, command)
-            return self._told(q, v, echo, self.monitor.health)
+            q, v, echo = self._screen_and_finish(readings, self._support, self._repeated, t, command)
+            return self._with_support(q, v, echo, self.monitor.health)
         monitor = self.monitor
-        vetted = monitor.screen(readings, t, command)
-        if not self._begun and not self._begin(vetted):
+        screened = monitor.screen(readings, t, command)
+        if not self._has_all_channels and not self._begin(screened):
             return replace_unchecked(self._nothing, health=monitor.judge(self._nothing, t))
-        if self._gating is not None and (monitor.velocity_invalidated or monitor.adrift):
-            self._gating.inflate_velocity_variance(rests=monitor.adrift)
-        measured = self.estimator(vetted, t, command)
+        if self._gating is not None and (monitor.velocity_invalidated or monitor.velocity_unobserved):
+            self._gating.inflate_velocity_variance(rests=monitor.velocity_unobserved)
+        measured = self.estimator(screened, t, command)
         health = monitor.finish(measured, self._support, self._outcomes, t)
         self._started = True
-        return self._told(
-            measured.q, measured.v, measured.altimeter_range, health, measured.spread, measured.altimeter_std
+        return self._with_support(
+            measured.q, measured.v, measured.altimeter_range, health, measured.std, measured.altimeter_std
         )
 
     def _table(self) -> SmallTable:
@@ -101,16 +101,16 @@ class GuardedEstimator(TableDisplay):
             title=type(self).__name__, rows=rows_of({"estimator": format_value(self.estimator), **watched})
         )
 
-    def _told(
+    def _with_support(
         self,
         q: Array,
         v: Array,
         echo: float,
         health: tuple[ChannelHealth, ...],
-        spread: Array | None = None,
+        std: Array | None = None,
         altimeter_std: float = math.nan,
     ) -> StateEstimate:
-        """With the age that the support of the estimate gives it."""
+        """Make the measurement, with the age of what supports the estimate."""
         support = self._support
         oldest = support.oldest
         return _measurement(
@@ -121,17 +121,17 @@ class GuardedEstimator(TableDisplay):
             oldest=_NAMES[oldest] if oldest >= 0 else "",
             joint_age=support.joint_age,
             health=health,
-            spread=spread,
+            std=std,
             altimeter_std=altimeter_std,
         )
 
     def _begin(self, readings: Readings) -> bool:
-        """Whether there is a reading of everything that one who estimates nothing asks for; what is there once remains."""
+        """Return whether every channel has a reading that a pass-through needs; what is there once remains."""
         asked = (*self._needed, *({"altimeter_range"} & set(self.monitor.channels)))
-        self._begun = all(getattr(readings, name) is not None for name in asked)
-        return self._begun
+        self._has_all_channels = all(getattr(readings, name) is not None for name in asked)
+        return self._has_all_channels
 
 
 def _shared(numbers: np.ndarray) -> ctypes.Array[ctypes.c_double]:
-    """The same memory, as kernels take it."""
+    """Share the memory of an array, as kernels take it."""
     return (ctypes.c_double * numbers.size).from_buffer(numbers.data)

@@ -44,11 +44,9 @@ from uvms_ocp.robot.signals import (
 )
 from uvms_ocp.types import Array
 
-# From the readings of one channel to where kernels see them, and back to those that the filter may see.
-
 
 class ChannelBuffer:
-    """Where a channel's readings are taken in."""
+    """Buffer of a channel's readings, from Python to the kernels and back to the filter."""
 
     __slots__ = ("_scalar", "_shape", "_texts", "_value", "memory", "seen", "used")
 
@@ -60,10 +58,10 @@ class ChannelBuffer:
         self.seen: Reading[Any] | None = None
         """The newest."""
         self.used: Reading[Any] | None = None
-        """What the filter sees: the last reading that was not refused, or one that says that there is nothing to read."""
+        """The last reading that was not refused, which the filter sees; it may state that there is nothing to read."""
 
-    def take(self, reading: Reading[Any]) -> None:
-        """Another reading than the newest so far."""
+    def ingest(self, reading: Reading[Any]) -> None:
+        """Write a new reading into the memory of the kernels."""
         self.seen, memory, value = reading, self.memory, reading.value
         memory.stamp, memory.fresh = reading.t, True
         if self._scalar and isinstance(value, float):
@@ -71,35 +69,33 @@ class ChannelBuffer:
         elif value.__class__ is np.ndarray and value.shape == self._shape:
             self._value[:] = value
         else:
-            self._take_in(np.asarray(value))
+            self._ingest_array(np.asarray(value))
 
-    def _take_in(self, value: Array) -> None:
-        """One of any shape."""
+    def _ingest_array(self, value: Array) -> None:
+        """Write a value of any shape; a wrong one is marked."""
         if value.shape == self._shape:
             self._value[:] = value
         else:
             self.memory.misshapen = self._texts.shape(value.shape, self._shape)
 
 
-# What the monitor does in a tick: before the filter, and after it.
-
 _N_OUTCOME = 4  # numbers of an outcome
-_ADRIFT = 1.0  # [s] for which a velocity may be carried on by itself
+_LONGEST_UNOBSERVED = 1.0  # [s] for which a velocity may be carried on by itself
 
 
 def screen(m: HealthMemory, t: float, moving: bool) -> None:
-    """Look at the fresh readings at time t [s]; moving: there was a command, and no brakes."""
+    """Screen the fresh readings at time t [s]; moving: there was a command, and no brakes."""
     _begin(m, t)
     integrate_command(m.encoders, moving, m.dt)
     m.n_behind = 0
     for k in range(m.n):
         c = m.channels[m.order[k]]
         if c.fresh:
-            _vet_newest(m, c)
+            _screen_newest(m, c)
         if c.behind:
             m.n_behind += 1
-    m.adrift = _is_adrift(m)
-    m.adrift_at = t if m.adrift else m.adrift_at
+    m.velocity_unobserved = _is_velocity_unobserved(m)
+    m.unobserved_at = t if m.velocity_unobserved else m.unobserved_at
 
 
 def _begin(m: HealthMemory, t: float) -> None:
@@ -109,24 +105,24 @@ def _begin(m: HealthMemory, t: float) -> None:
     m.exposed = False
 
 
-def _is_adrift(m: HealthMemory) -> bool:
-    """Whether neither fixes nor a DVL have told the velocity for a while, since that was last so."""
+def _is_velocity_unobserved(m: HealthMemory) -> bool:
+    """Return whether neither fixes nor a DVL have observed the velocity for a while, since that was last so."""
     last = max(
         _last_observed(m.channels[ChannelIndex.POSITION]), _last_observed(m.channels[ChannelIndex.LINEAR_VELOCITY])
     )
-    return last >= 0.0 and m.t - max(last, m.adrift_at) > _ADRIFT
+    return last >= 0.0 and m.t - max(last, m.unobserved_at) > _LONGEST_UNOBSERVED
 
 
 def _last_observed(c: ChannelMemory) -> float:
-    """When [s], -1 before the first and without the channel."""
+    """Return the time [s] of the last reading in use, -1 before the first and without the channel."""
     return -1.0 if not c.present or math.isnan(c.taken) else c.taken
 
 
-def judge(m: HealthMemory, t: float, known: bool) -> int:
-    """The verdicts at time t [s]; known: `now` is an estimate. Returns how many changed."""
+def judge(m: HealthMemory, t: float, is_estimated: bool) -> int:
+    """Update the trust in every channel at time t [s]; is_estimated: `now` is one. Returns how many verdicts changed."""
     m.t = t
     m.now.t = t
-    if known:
+    if is_estimated:
         remember(m.history, m.now)
     n = 0
     for k in range(m.n):
@@ -136,7 +132,7 @@ def judge(m: HealthMemory, t: float, known: bool) -> int:
 
 
 def finish(m: HealthMemory, s: EstimateSupport, outcomes: Vector, t: float) -> int:
-    """After the filter: its outcomes (36,), four numbers per channel, what the estimate `now` rests on, and the verdicts.
+    """Take the filter's outcomes (36,), four numbers per channel, the support of its estimate `now`, and judge.
 
     t [s] is the time of the tick. Returns how many verdicts changed.
     """
@@ -159,20 +155,20 @@ def _update_all_trust(m: HealthMemory, s: EstimateSupport, t: float) -> int:
     return n
 
 
-def _vet_newest(m: HealthMemory, c: ChannelMemory) -> None:
+def _screen_newest(m: HealthMemory, c: ChannelMemory) -> None:
     c.fresh = False
     c.behind = True
     if not c.started or c.stamp != c.seen:
         c.started = True
         c.seen = c.stamp
-        _vet_new(m, c)
+        _screen_new(m, c)
     c.misshapen = 0
     if not c.behind:
         for i in range(c.size):
             c.used_value[i] = c.value[i]
 
 
-def _vet_new(m: HealthMemory, c: ChannelMemory) -> None:
+def _screen_new(m: HealthMemory, c: ChannelMemory) -> None:
     slot, barred, b = slot_at(m.history, c.stamp), is_excluded(c, m.t), m.belief
     screen_reading(m, c, slot)
     if not b.used:
@@ -184,22 +180,20 @@ def _vet_new(m: HealthMemory, c: ChannelMemory) -> None:
     if b.used and b.why.code != Reason.NONE:
         suspect(c, b.why, m.t)
     # Fixes are heard even where the estimate contradicts them, as it may err, and so is a DVL that insists.
-    heard = b.used or (b.sane and (barred or c.number == ChannelIndex.POSITION or is_persistent(c)))
-    if heard and slot >= 0 and not is_empty(c):
+    is_compared = b.used or (b.sane and (barred or c.number == ChannelIndex.POSITION or is_persistent(c)))
+    if is_compared and slot >= 0 and not is_empty(c):
         compare(m, c, m.history.kept[slot])
 
 
 def _update_all_outcomes(m: HealthMemory, outcomes: Vector) -> None:
-    """Every outcome once."""
+    """Use every outcome once."""
     for k in range(m.n):
         number = m.order[k]
         c, at = m.channels[number], _N_OUTCOME * number
-        if outcomes[at] > c.heard:
-            c.heard = outcomes[at]
+        if outcomes[at] > c.compared_at:
+            c.compared_at = outcomes[at]
             update_gate_outcome(m, number, outcomes[at + 1], outcomes[at + 2], outcomes[at + 3] > 0.0, m.t)
 
-
-# The health of all channels: what the filter may see before it runs, and what its outcome says of them after.
 
 _readings = unchecked_constructor(Readings)
 _health = unchecked_constructor(ChannelHealth)
@@ -210,9 +204,9 @@ _JOINTS = ("joint_positions", "joint_velocities")
 
 @checked
 class HealthMonitor:
-    """Judges every channel. Holds what it has seen: build one per run.
+    """Monitor of the health of all channels. Holds their state: build one per run.
 
-    Each tick: `screen` the readings, run the filter on what is left, tell the outcomes of its own gates by `hear`, and `judge`.
+    Each tick: `screen` the readings, run the filter on the rest, pass on its gates by `update_gate_outcome`, and `judge`.
     """
 
     def __init__(
@@ -232,16 +226,16 @@ class HealthMonitor:
         frame = altimeter_frame or robot.description.altimeter
         present = {name: getattr(specs, name) for name in _present(robot, specs, frame)}
         self.memory = memory = health_memory(robot, present, self.tuning)
-        """All that it knows, a `HealthMemory`."""
+        """Memory of the kernels, a `HealthMemory`."""
         structures = (type(memory), structure_of(EstimateSupport), structure_of(PassThroughMemory))
-        self._vet, self._judge, self._conclude, self._take, self._hear = bind_kernels(
+        self._screen, self._judge, self._finish, self._screen_and_finish, self._update_gate_outcome = bind_kernels(
             (screen, judge, finish, screen_and_finish, update_gate_outcome), structures, compiled=compiled
         )
         shapes, self._texts = sizes_of(robot), ReasonTexts(robot.joint_names)
-        self._seats = {
+        self._buffers = {
             name: ChannelBuffer(memory.channels[NUMBER[name]], shapes[name], self._texts) for name in present
         }
-        self._places = tuple(self._seats.get(name) for name in CHANNELS)
+        self._places = tuple(self._buffers.get(name) for name in CHANNELS)
         self._beam = AltimeterMount(robot, frame, memory.now) if "altimeter_range" in present and frame else None
         self._joint_q, self._joint_v = robot.joint_q, robot.joint_v
         self._q, self._v = np.ctypeslib.as_array(memory.now.q), np.ctypeslib.as_array(memory.now.v)
@@ -256,7 +250,7 @@ class HealthMonitor:
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of those that the robot has, in the order of `health`."""
-        return tuple(self._seats)
+        return tuple(self._buffers)
 
     @property
     def health(self) -> tuple[ChannelHealth, ...]:
@@ -265,44 +259,44 @@ class HealthMonitor:
 
     @property
     def velocity_invalidated(self) -> bool:
-        """What told the velocity has been found out in this tick."""
+        """The source of the velocity proved wrong in this tick."""
         return bool(self.memory.exposed)
 
     @property
-    def adrift(self) -> bool:
-        """Neither fixes nor a DVL have told for a second, or for another one: the velocity that was carried on means nothing."""
-        return bool(self.memory.adrift)
+    def velocity_unobserved(self) -> bool:
+        """Neither fixes nor a DVL have observed the velocity for a second, or for another one: its prediction means nothing."""
+        return bool(self.memory.velocity_unobserved)
 
     @checked_on_failure
     def trust(self, channel: str) -> Trust:
-        """The verdict on a channel."""
-        return Trust(self._seats[channel].memory.trust)
+        """Return the verdict on a channel."""
+        return Trust(self._buffers[channel].memory.trust)
 
     def taken(self) -> dict[str, float | None]:
-        """When [s] the last reading of each channel was taken that the estimate rests on; `None` before the first."""
-        times = {name: seat.memory.taken for name, seat in self._seats.items()}
+        """Return when [s] the last reading was taken of each channel that the estimate rests on; `None` before the first."""
+        times = {name: buffer.memory.taken for name, buffer in self._buffers.items()}
         return {name: None if math.isnan(t) else t for name, t in times.items()}
 
     @checked_on_failure
     def screen(self, readings: Readings, t: float, command: Command | None = None) -> Readings:
-        """What the filter may see at time t [s]: in place of a refused reading the last one of its channel that was used.
+        """Screen readings at time t [s]: a refused one is replaced by the last of its channel that was used.
 
         `command` has been acting since the last call.
         """
-        fresh, strange = self._seat(readings)
-        self._vet(self.memory, t, self._is_moved(command))
+        fresh, strange = self._ingest(readings)
+        self._screen(self.memory, t, self._is_moved(command))
         self._use(fresh)
         if not self.memory.n_behind and not strange:
             return readings
-        return _readings(**{name: seat.used for name, seat in self._seats.items()})
+        return _readings(**{name: buffer.used for name, buffer in self._buffers.items()})
 
     @property
     def repeats(self) -> bool:
-        """Whether `take` can be asked: the altimeter is not carried by the arm."""
+        """Whether `screen_and_finish` can be used: the altimeter is not carried by the arm."""
         return self._beam is None or not self._beam.moves
 
     @checked_on_failure
-    def take(
+    def screen_and_finish(
         self,
         readings: Readings,
         support: ctypes.Structure,
@@ -310,75 +304,75 @@ class HealthMonitor:
         t: float,
         command: Command | None = None,
     ) -> tuple[Array, Array, float]:
-        """`screen` and `finish` at once, at time t [s], for who takes readings for the truth.
+        """Run `screen` and `finish` at once, at time t [s], for an estimator that takes readings for the truth.
 
         Returns q (n_q,) [m, rad], v (n_v,) [m/s, rad/s] and the range of the altimeter [m], nan without one; `health` has the
-        verdicts. support, repeated: a `Support` and a `PassThroughMemory`.
+        verdicts. support, repeated: an `EstimateSupport` and a `PassThroughMemory`.
         """
-        fresh, _ = self._seat(readings)
-        if self._take(self.memory, support, repeated, t, self._is_moved(command)):
-            self._tell(t)
+        fresh, _ = self._ingest(readings)
+        if self._screen_and_finish(self.memory, support, repeated, t, self._is_moved(command)):
+            self._publish(t)
         self._use(fresh)
         return self._q.copy(), self._v.copy(), self._range.item()
 
-    def _seat(self, readings: Readings) -> tuple[list[ChannelBuffer], bool]:
-        """Channels with another reading than before, and whether one is given that is not to be, or none where one was."""
+    def _ingest(self, readings: Readings) -> tuple[list[ChannelBuffer], bool]:
+        """Return the channels with new readings, and whether a channel is given that is not to be, or missing where one was."""
         fresh, strange = [], False
-        for reading, seat in zip(_all(readings), self._places, strict=True):
-            if seat is None:
+        for reading, buffer in zip(_all(readings), self._places, strict=True):
+            if buffer is None:
                 strange = strange or reading is not None
             elif reading is None:
-                strange = strange or seat.used is not None
-            elif reading is not seat.seen:
-                seat.take(reading)
-                fresh.append(seat)
+                strange = strange or buffer.used is not None
+            elif reading is not buffer.seen:
+                buffer.ingest(reading)
+                fresh.append(buffer)
         return fresh, strange
 
     def _is_moved(self, command: Command | None) -> bool:
-        """Whether joints are, and how fast, for the kernels."""
+        """Write the commanded rates of the joints for the kernels; return whether there are any."""
         if command is None or command.brakes:
             return False
         self._rates[:] = command.v[self._joint_v]
         return True
 
     def _use(self, fresh: list[ChannelBuffer]) -> None:
-        """What the filter sees from now on."""
+        """Let the filter see the accepted ones of the new readings."""
         behind = self.memory.n_behind
-        for seat in fresh:
-            if not behind or not seat.memory.behind:
-                seat.used = seat.seen
+        for buffer in fresh:
+            if not behind or not buffer.memory.behind:
+                buffer.used = buffer.seen
 
     @checked_on_failure
-    def hear(self, channel: str, t: float, nis: float, dof: int, accepted: bool) -> None:
-        """The outcome of the filter's own gate on a reading, at time t [s].
+    def update_gate_outcome(self, channel: str, t: float, nis: float, dof: int, accepted: bool) -> None:
+        """Take the outcome of the filter's own gate on a reading, at time t [s].
 
         nis: its normalised innovation squared, of dof degrees of freedom. A channel whose readings the filter refuses is
         suspect and lost as one that is silent; the filter decides when it takes them again.
         """
-        self._hear(self.memory, self._seats[channel].memory.number, nis, dof, accepted, t)
+        self._update_gate_outcome(self.memory, self._buffers[channel].memory.number, nis, dof, accepted, t)
 
     @checked_on_failure
     def judge(self, measurement: StateEstimate, t: float) -> tuple[ChannelHealth, ...]:
-        """The verdicts at time t [s], with what the filter made of the readings."""
-        known = measurement.age < math.inf
-        if known:
+        """Judge all channels at time t [s], with the estimate that the filter made of the readings."""
+        is_estimated = measurement.age < math.inf
+        if is_estimated:
             self._note(measurement)
-        if self._judge(self.memory, t, known):
-            self._tell(t)
+        if self._judge(self.memory, t, is_estimated):
+            self._publish(t)
         return self._health
 
     @checked_on_failure
     def finish(
         self, measurement: StateEstimate, support: ctypes.Structure, outcomes: ctypes.Array[ctypes.c_double], t: float
     ) -> tuple[ChannelHealth, ...]:
-        """As `judge`, after all outcomes of the filter's gates, with the age that the support of the estimate gives it.
+        """Judge all channels after the filter's gates, and find the age of what supports the estimate.
 
-        support: a `Support`, which then tells the ages. outcomes (36,) [s, -, -, -]: `GatedEstimator.outcomes`. t [s]
+        support: an `EstimateSupport`, which then has the ages. outcomes (36,) [s, -, -, -]: `GatedEstimator.outcomes`. t [s]
         is the time of the tick.
         """
         self._note(measurement)
-        if self._conclude(self.memory, support, outcomes, t):
-            self._tell(t)
+        if self._finish(self.memory, support, outcomes, t):
+            self._publish(t)
         return self._health
 
     def _note(self, measurement: StateEstimate) -> None:
@@ -386,9 +380,9 @@ class HealthMonitor:
         if self._beam is not None and self._beam.moves:
             self._beam.place(measurement.q[self._joint_q])
 
-    def _tell(self, t: float) -> None:
-        """Say what changed at time t [s]."""
-        changed = {name: seat.memory for name, seat in self._seats.items() if seat.memory.changed}
+    def _publish(self, t: float) -> None:
+        """Publish the verdicts that changed at time t [s], and log alarms."""
+        changed = {name: buffer.memory for name, buffer in self._buffers.items() if buffer.memory.changed}
         verdicts = {
             name: _health(channel=name, trust=Trust(c.trust), why=self._texts.of(name, c.complaint), since=t)
             for name, c in changed.items()
@@ -398,7 +392,7 @@ class HealthMonitor:
 
 
 def _present(robot: Robot, specs: SensorSpecs, altimeter_frame: str | None) -> list[str]:
-    """Channels that the robot has."""
+    """Return the channels that the robot has."""
     names = CHANNELS if robot.n_vehicle else _JOINTS
     absent = () if altimeter_frame else ("altimeter_range",)
     return [name for name in names if getattr(specs, name) is not None and name not in absent]

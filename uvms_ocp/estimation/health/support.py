@@ -22,15 +22,15 @@ _JOINTS = ("joint_positions",)
 
 
 class FallbackSensor(NamedTuple):
-    """A channel whose readings carry the estimate of another one."""
+    """Channel that replaces another one in the estimate."""
 
     channel: str
-    time: float
-    """[s] for which they do, after which the estimate has drifted too far."""
+    max_duration: float
+    """[s] after which the estimate has drifted too far."""
 
 
 class EstimateSupport(Layout):
-    """What an estimate rests on, and how old that is."""
+    """Channels that support an estimate, and their age."""
 
     exact: bool
     """The estimator takes readings for the truth."""
@@ -42,8 +42,8 @@ class EstimateSupport(Layout):
     """(9,) their numbers."""
     fallback: Annotated[list[int], Sized(N_CHANNELS)]
     """(9,) by the channel that is missing, -1 for none."""
-    bears: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [s] for which it stands in."""
+    max_duration: Annotated[Vector, Sized(N_CHANNELS)]
+    """(9,) [s] for which it replaces that."""
     age: float
     """[s] of what is least supported; inf before the first reading of any needed channel."""
     oldest: int
@@ -55,10 +55,10 @@ class EstimateSupport(Layout):
 
 
 def fallback_sensors(tuning: HealthTuning, *, gyro_from_attitude: bool) -> dict[str, FallbackSensor]:
-    """By the channel that is missing.
+    """Return the fallback of each channel, by the channel that is missing.
 
     Depth is replaced by the z of position and joint velocities by the change of joint positions, always: nobody needs them.
-    Encoders and the altimeter are replaced by nothing. A DVL carries the position for as long as the mission bears it
+    Encoders and the altimeter are replaced by nothing. A DVL replaces the position for as long as a mission allows
     (`uvms_ocp.estimation.degraded_modes`). gyro_from_attitude: the estimator finds rates from attitudes alone.
     """
     gyro = {"angular_velocity": FallbackSensor("attitude", math.inf)} if gyro_from_attitude else {}
@@ -70,7 +70,7 @@ def fallback_sensors(tuning: HealthTuning, *, gyro_from_attitude: bool) -> dict[
 
 
 def supporting_channels(robot: Robot, specs: SensorSpecs, *, rates: bool) -> tuple[str, ...]:
-    """Channels that q and v rest on. rates: joint velocities are not found from positions.
+    """Return the channels that q and v rest on. rates: joint velocities are not found from positions.
 
     The altitude has a state of its own: its range is nan without an echo.
     """
@@ -81,20 +81,20 @@ def supporting_channels(robot: Robot, specs: SensorSpecs, *, rates: bool) -> tup
 def support_of(
     needed: tuple[str, ...], fallback: Mapping[str, FallbackSensor], *, exact: bool, gating: bool
 ) -> ctypes.Structure:
-    """A `Support` of an estimator that takes readings for the truth (exact), or has gates of its own (gating)."""
+    """Make the `EstimateSupport` of an estimator that takes readings for the truth (exact), or has gates (gating)."""
     made = structure_of(EstimateSupport)()
     made.exact, made.gating, made.n = exact, gating, len(needed)
     made.needed[: len(needed)] = [int(NUMBER[name]) for name in needed]
     made.fallback[:] = [-1] * N_CHANNELS
     for name, other in fallback.items():
-        made.fallback[NUMBER[name]], made.bears[NUMBER[name]] = int(NUMBER[other.channel]), other.time
+        made.fallback[NUMBER[name]], made.max_duration[NUMBER[name]] = int(NUMBER[other.channel]), other.max_duration
     return made
 
 
 def update_age(m: HealthMemory, s: EstimateSupport) -> None:
-    """Age at the time of the tick of what is least supported, its channel, and that of the joints.
+    """Update the age of the least supported channel, and that of the joints.
 
-    A channel without readings counts as old as its stand-in's, and ages from when that falls silent too or has carried it for
+    A channel without readings counts as old as its fallback, and ages from when that falls silent too or has replaced it for
     as long as it can.
     """
     joints = m.channels[ChannelIndex.JOINT_POSITIONS].taken
@@ -115,26 +115,23 @@ def update_age(m: HealthMemory, s: EstimateSupport) -> None:
 
 
 def _supported_until(m: HealthMemory, s: EstimateSupport, number: int) -> float:
-    """[s] until when readings carry a channel, nan before its first one."""
+    """Return until when [s] readings support a channel, nan before its first one."""
     own, other = m.channels[number].taken, s.fallback[number]
     by = m.channels[other].taken if other >= 0 else math.nan
     if math.isnan(own) or math.isnan(by):
         return own
-    return max(own, min(by, own + s.bears[number]))
+    return max(own, min(by, own + s.max_duration[number]))
 
 
 def update_echo(m: HealthMemory, s: EstimateSupport) -> None:
-    """An estimator carries the altitude on while the altimeter is suspect; an echo alone is true for its moment only."""
+    """Update whether the altitude is supported: estimators predict it while the altimeter is suspect; a raw echo ages at once."""
     c = m.channels[ChannelIndex.ALTIMETER_RANGE]
     old = s.exact and m.t - c.taken > m.rules.least_to_suspect
     s.echo = not c.present or (not old and c.trust != Trust.LOST)
 
 
-# The estimate of one who takes readings for the truth: what the monitor lets through, as it is.
-
-
 class PassThroughMemory(Layout):
-    """Which channels q and v are made of."""
+    """Channels that q and v of a pass-through are made of."""
 
     n: int
     """Channels of either."""
@@ -145,7 +142,7 @@ class PassThroughMemory(Layout):
 
 
 def pass_through_memory(estimator: PassThrough) -> ctypes.Structure:
-    """A `PassThroughMemory` as this one repeats them."""
+    """Make the `PassThroughMemory` of an estimator."""
     made, n = structure_of(PassThroughMemory)(), len(estimator.q_channels)
     made.n = n
     made.of_q[:n], made.of_v[:n] = (
@@ -155,7 +152,7 @@ def pass_through_memory(estimator: PassThrough) -> ctypes.Structure:
 
 
 def repeat(m: HealthMemory, r: PassThroughMemory) -> None:
-    """`now` as the readings say that are used. A kernel."""
+    """Copy the readings in use into `now`. A kernel."""
     at, there = 0, 0
     for k in range(r.n):
         c = m.channels[r.of_q[k]]

@@ -85,18 +85,18 @@ def _alternatives(phase: Phase) -> bool:
 _PARTS = {"position_error": np.s_[:3], "horizontal_error": np.s_[:2], "orientation_error": np.s_[3:]}
 
 
-def quantity_stds(setup: Setup, q: np.ndarray, spread: np.ndarray | None = None) -> dict[str, float]:
+def quantity_stds(setup: Setup, q: np.ndarray, std: np.ndarray | None = None) -> dict[str, float]:
     """Compute the achievable standard deviation [m] or [rad] of each ``task.quantity`` at q (n_q,) [m, rad].
 
-    Of the distances and angles of frames from their goals, the root of the sum of the variances of their axes, from `spread`
-    (n_v,) [m, rad], that of the configuration as in `StateEstimate.spread`, or from `std_at_rest`. Empty with ideal sensors,
+    Of the distances and angles of frames from their goals, the root of the sum of the variances of their axes, from `std`
+    (n_v,) [m, rad], that of the configuration as in `StateEstimate.std`, or from `std_at_rest`. Empty with ideal sensors,
     which allow everything. Joints may be beyond their limits, where a fault has pushed them.
     """
     tasks = [task for task in setup.mission.hierarchy.tasks if isinstance(task, (PoseTask, ToolPosition))]
     if setup.sensors == IDEAL_SENSORS or not tasks:
         return {}
     kinematics = Kinematics(_without_limits(setup.robot), q)
-    variance = np.diag((std_at_rest(setup.robot, setup.sensors) if spread is None else spread) ** 2)
+    variance = np.diag((std_at_rest(setup.robot, setup.sensors) if std is None else std) ** 2)
     if setup.robot.n_vehicle:  # Jacobians take the velocity of B in B
         R_WB = quaternion_to_matrix(q[3:7])
         variance[:3, :3] = R_WB.T @ variance[:3, :3] @ R_WB
