@@ -38,7 +38,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class NmpcStatistics:
-    """Of all solves so far but the first, which may take its time."""
+    """Longest solve so far but the first, which may take its time."""
 
     solve_times: tuple[float, ...]
     """[s] by the controller's clock."""
@@ -143,7 +143,7 @@ class Nmpc(TableDisplay):
 
     @property
     def worker_status(self) -> WorkerStatus:
-        """Whether plans are still being made."""
+        """Plans are still being made."""
         return self._worker.status
 
     def close(self) -> None:

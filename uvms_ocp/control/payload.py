@@ -29,10 +29,10 @@ LOAD_FRAME = "tool"
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LoadLearning:
-    """Of `LoadLearner`. Raises `InvalidInput` for a number that is not finite and > 0, and a share above 1."""
+    """Tuning of `LoadLearner`. Raises `InvalidInput` for a number that is not finite and > 0, and a share above 1."""
 
     feed_forward: bool = True
-    """Whether the learnt weight follows the arm's posture at once, and not as fast as the observer."""
+    """The learnt weight follows the arm's posture at once, and not as fast as the observer."""
     period: float = 0.1
     """[s] between two looks at the disturbance."""
     settling: float = 1.5
@@ -112,7 +112,7 @@ class LoadSample:
 
 
 class LoadFilter:
-    """What is known of a load. Holds it: build one per run."""
+    """Kalman filter of a load and the current. Holds its estimate: build one per run."""
 
     def __init__(self, settings: LoadLearning, limit: np.ndarray, bandwidth: np.ndarray) -> None:
         """Limit (n_v,) [N, N m] of thrusters and motors; bandwidth (n_v,) [rad/s] of the observer.
@@ -137,7 +137,7 @@ class LoadFilter:
         """Standard error of an entry of `x`, in its unit, with that of the scale."""
         return math.hypot(math.sqrt(self.P[place, place]), self._settings.scale * self.x[place])
 
-    def take(self, look: LoadSample) -> None:
+    def update(self, look: LoadSample) -> None:
         """One look, a period after the last."""
         self._forget()
         H, missed = self._rows(look)
@@ -157,12 +157,12 @@ class LoadFilter:
         return H, look.disturbance - H @ self.x - look.drag
 
     def _accelerates(self, look: LoadSample) -> bool:
-        """Whether the tool does, by so much that it shows."""
+        """Return whether the tool does, by so much that it shows."""
         least = self._settings.least_acceleration
         return float(np.linalg.norm(look.mass)) > least * float(np.linalg.norm(look.weight))
 
     def _variance_of(self, look: LoadSample) -> np.ndarray:
-        """Of the noise (n_v,), and of drag that is not as the model has it."""
+        """Return the variances (n_v,) of the noise, and of drag that is not as the model has it."""
         return self._variance + (self._settings.drag * (look.slopes @ look.velocity)) ** 2
 
     def _unseen(self, look: LoadSample) -> np.ndarray:
@@ -190,7 +190,7 @@ class LoadFilter:
         self._last.append(missed)
 
     def _is_another(self, H: np.ndarray, missed: np.ndarray, usable: np.ndarray) -> bool:
-        """Whether what was known cannot be true any more, for some looks: another load, or another current."""
+        """Return whether what was known cannot be true any more, for some looks: another load, or another current."""
         variance = np.einsum("ij,jk,ik->i", H, self.P, H) + self._variance
         ratio = float(np.mean(missed[usable] ** 2 / variance[usable])) if usable.any() else 0.0
         self._surprised = self._surprised + 1 if ratio > self._settings.surprise**2 else 0
@@ -254,7 +254,7 @@ _LEAST_FLOW = (
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ForceResponse:
-    """Of an observer to k forces, each as if it were the only disturbance."""
+    """Response of an observer to k forces, each as if it were the only disturbance."""
 
     estimate: ca.SX
     """(n_v, k) [N, N m] of its estimate."""
@@ -263,7 +263,7 @@ class ForceResponse:
 
 
 class ObserverResponseLaw(Protocol):
-    """What is asked of an observer's law."""
+    """Observer's law, as far as it is used here."""
 
     def response(self, before: ForceResponse, M: ca.SX, force: ca.SX, share: ca.SX) -> ForceResponse:
         """A tick later, under forces (n_v, k) [N, N m], with the mass matrix M and a share (n_v,) of the bandwidth."""
@@ -318,7 +318,7 @@ def response_function(body: SymbolicDynamics, law: ObserverResponseLaw) -> ca.Fu
 
 
 COLUMNS = 7
-"""Of `response_function`."""
+"""Sizes of `response_function`."""
 
 
 # What the tool carries: learnt tick by tick, told for the record, and carried along with the arm.
@@ -328,7 +328,7 @@ _CERTAIN = 3.0  # standard errors that a weight must have to be carried along
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LoadEstimate:
-    """Of a point load at the tool."""
+    """Forces of a point load at the tool."""
 
     weight: float
     """[N] net weight in water, downwards."""
@@ -342,12 +342,12 @@ class LoadEstimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadFunctions:
-    """What a learner evaluates, for one robot and observer; see `load_functions`."""
+    """Functions of a learner, for one robot and observer; see `load_functions`."""
 
     tool: ca.Function
-    """As `tool_function` has it."""
+    """Function of `tool_function`."""
     response: ca.Function
-    """As `response_function` has it."""
+    """Function of `response_function`."""
 
 
 def load_functions(body: SymbolicDynamics, law: ObserverResponseLaw) -> LoadFunctions:
@@ -371,7 +371,7 @@ class LoadLearner:
         self._limit = limit
         # Looks are whole ticks apart.
         self.filter = LoadFilter(replace(settings, period=self._every * dt), limit, bandwidth)
-        """What is known."""
+        """Filter of the load."""
         self._estimate, self._innovation = np.zeros((n, COLUMNS)), np.zeros((n, COLUMNS))
         self._weight, self._velocity = np.zeros(n), np.zeros(3)
         self._acceleration = np.zeros(3)
@@ -380,7 +380,7 @@ class LoadLearner:
 
     @property
     def load(self) -> LoadEstimate:
-        """What is carried, as far as it is known."""
+        """Return the load at the tool, as far as it is known."""
         mass, error = float(self.filter.x[MASS]), self.filter.error(MASS)
         is_accurate = error <= max(self._settings.mass_error, self._settings.mass_share * abs(mass))
         return LoadEstimate(
@@ -410,7 +410,7 @@ class LoadLearner:
             self._estimate[:, 0] += moved
 
     def learn(self, q: np.ndarray, v: np.ndarray, estimate: np.ndarray, share: np.ndarray, sure: bool) -> None:
-        """From the observer's estimate (n_v,) [N, N m] of this tick, at q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
+        """Learn from the observer's estimate (n_v,) [N, N m] of this tick, at q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
 
         share (n_v,) of its bandwidth; sure: whether it observes, at velocities that are to be trusted. An estimate at
         its limit tells nothing either.
@@ -423,7 +423,7 @@ class LoadLearner:
         self._estimate, self._innovation = self._response(*given)
         self._ticks += 1
         if self._ticks > self._settling and self._ticks % self._every == 0:
-            self.filter.take(self._look(estimate))
+            self.filter.update(self._look(estimate))
 
     def telemetry(self) -> dict[str, float]:
         """For the record [N, N, kg, kg]."""

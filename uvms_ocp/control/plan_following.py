@@ -128,7 +128,7 @@ class PlanGuide:
 
     @property
     def bandwidth(self) -> float:
-        """Of the velocity loop, all of it once the plan is left."""
+        """Bandwidth of the velocity loop, all of it once the plan is left."""
         return 1.0 if self._left else self._tuning.bandwidth
 
     def __call__(self, tick: TickInputs, feedback: ActuationFeedback, waiting: Callable[[], str]) -> GuideOutput:

@@ -47,7 +47,7 @@ class SolveDelay:
 
     @property
     def seconds(self) -> float:
-        """From the request to the plan."""
+        """Time from the request to the plan."""
         return self._longest + _SENT
 
     def count(self, solve_time: float) -> None:
@@ -69,7 +69,7 @@ class TimedPlan:
     """A plan, and when it begins."""
 
     number: int
-    """Of the solve that made it."""
+    """Status of the solve that made it."""
     trajectory: Trajectory
     """With times from its first node."""
     begin: float
@@ -78,7 +78,7 @@ class TimedPlan:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ReplanningRequest:
-    """What a solve starts from."""
+    """Start of a solve."""
 
     state: State
     """Measured."""
@@ -95,7 +95,7 @@ class ReplanningRequest:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ReplanningResult:
-    """What a solve led to."""
+    """Result of a solve."""
 
     planned: TimedPlan | None
     """None where no plan keeps the constraints, so that the last one goes on."""
@@ -146,7 +146,7 @@ class Replanner:
         )
 
     def _first(self, request: ReplanningRequest) -> TimedPlan | None:
-        """As good as a few solves make it, from the guess to stay."""
+        """Converge the first plan by a few solves, from the guess to stay."""
         stay = last = hold_guess(self._problem, request.state)
         self._plans[HOLD] = self._newest = best = TimedPlan(number=HOLD, trajectory=stay, begin=request.t)
         for _ in range(_FIRST_SOLVES):
@@ -237,7 +237,7 @@ _PATIENCE = 3
 
 
 class WorkerStatus(AdvisedStatus):
-    """Whether plans are still being made. Where they are not, the last one goes on and its end is held."""
+    """Plans are still being made. Where they are not, the last one goes on and its end is held."""
 
     WORKING = "working", "nothing to do"
     CRASHED = "crashed", "the process of the solver has ended; see its last words on stderr, and build a new controller"
@@ -247,7 +247,7 @@ class WorkerStatus(AdvisedStatus):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ReplanningJob:
-    """What a worker is to solve again and again."""
+    """Problem that a worker solves again and again."""
 
     problem: OcpProblem
     period: float
@@ -279,7 +279,7 @@ class RunningWorker(ABC):
 
     @abstractmethod
     def answer(self) -> ReplanningResult | None:
-        """Of the solve that was asked for, once; None while there is none. Never waits."""
+        """Return the result of the solve that was asked for, once; `None` while there is none. Never waits."""
 
     @abstractmethod
     def close(self) -> None:

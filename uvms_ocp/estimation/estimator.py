@@ -44,7 +44,7 @@ class GateOutcome:
     degrees: int
     """Of freedom."""
     accepted: bool
-    """Whether it was used; of the joints, every one of them."""
+    """It was used; of the joints, every one of them."""
 
 
 class JointChart:

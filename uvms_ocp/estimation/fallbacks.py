@@ -79,7 +79,7 @@ class Watchdog:
         return verdict
 
     def _is_early(self, age: float, t: float) -> bool:
-        """Whether the first readings may still be under way."""
+        """Return whether the first readings may still be under way."""
         self._waits = self._waits and age == math.inf
         self._begun = t if math.isnan(self._begun) else self._begun
         return self._waits and t - self._begun <= self.stop_after
@@ -284,7 +284,7 @@ def echo_range(m: AltimeterMemory, t: float, echo: float, unknown: float, distru
 
 
 def has_altitude(m: AltimeterMemory, echo: float) -> bool:
-    """Whether an echo [m] along the beam stands for a height. A kernel."""
+    """Return whether an echo [m] along the beam stands for a height. A kernel."""
     return m.exists and math.isfinite(echo) and m.beam[3] > STEEP
 
 

@@ -81,7 +81,7 @@ def nearest_clone(m: FilterMemory, c: int, owner: Array, taken: Array) -> tuple[
 
 
 def is_due(m: FilterMemory, c: int) -> bool:
-    """Whether channel c is late and takes a reading at this tick; if so the next time is noted."""
+    """Return whether channel c is late and takes a reading at this tick; if so the next time is noted."""
     if m.lag[c] <= 0.0 or m.now[0] < m.due[c] - CONSTANTS.early:
         return False
     spacing, period = m.apart[c], m.period[c]
@@ -192,7 +192,7 @@ def _ingest(m: FilterMemory, c: ChannelIndex) -> None:
 
 
 def _is_usable(m: FilterMemory, c: ChannelIndex) -> bool:
-    """Whether the fresh reading is one: of a size that can be, newer than the last, not of the future."""
+    """Return whether the fresh reading is one: of a size that can be, newer than the last, not of the future."""
     if not m.last[c] < m.stamp[c] <= m.now[0] + CONSTANTS.early:
         return False
     value = m.value[c, : ROWS[c]]
@@ -297,7 +297,7 @@ def _squared_innovation(sight: PredictedMeasurement, more: float, nu: Array) -> 
 
 
 def _is_consistent(m: FilterMemory, c: ChannelIndex, sight: PredictedMeasurement, more: float, nu: Array) -> bool:
-    """Whether a reading outside the gate agrees with those before it, for long enough; a nearer floor needs no witness."""
+    """Return whether a reading outside the gate agrees with those before it, for long enough; a nearer floor needs no witness."""
     rows = len(nu)
     known = math.isfinite(m.since[c])
     agrees = known and _squared_innovation(sight, more, nu - m.refused[c, :rows]) <= m.gate[c]

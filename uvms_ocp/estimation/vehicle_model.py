@@ -151,7 +151,7 @@ def _forget_unknown(m: FilterMemory) -> None:
 
 
 def are_determined(variance: Array, most: Array | float) -> Mask:
-    """Whether each variance (n,) [square of a unit] is within `most` (n,) or () [the same]. One below zero rounding has eaten."""
+    """Return whether each variance (n,) [square of a unit] is within `most` (n,) or () [the same]. One below zero rounding has eaten."""
     return np.asarray((variance >= 0.0) & (variance <= most))
 
 
@@ -171,7 +171,7 @@ def clear(m: FilterMemory, i: int, n: int, variance: float) -> None:
 
 
 def is_unknown(m: FilterMemory, first: int, n: int) -> bool:
-    """Whether any of n entries of the error state is."""
+    """Return whether any of n entries of the error state is."""
     entries = slice(first, first + n)
     return bool((np.diag(m.P)[entries] > CONSTANTS.unknown * m.limit[entries] ** 2).any())
 

@@ -38,7 +38,7 @@ def look(
 def fed(looks: list[LoadSample], settings: LoadLearning = SETTINGS) -> LoadFilter:
     found = LoadFilter(settings, LIMIT, BANDWIDTH)
     for one in looks:
-        found.take(one)
+        found.update(one)
     return found
 
 
@@ -70,10 +70,10 @@ def test_another_load_is_learnt_as_if_nothing_had_been_known() -> None:
     found = fed([look(weight=0.0)] * 200)
     before = found.error(WEIGHT)
     for _ in range(10):
-        found.take(look(weight=30.0))
+        found.update(look(weight=30.0))
     assert found.error(WEIGHT) > 10.0 * before
     for _ in range(200):
-        found.take(look(weight=30.0))
+        found.update(look(weight=30.0))
     assert abs(found.x[WEIGHT] - 30.0) < 3.0
 
 

@@ -22,7 +22,7 @@ _ROLL, _PITCH = 3, 4  # and nothing between them, where the righting moment may 
 
 
 class AuthorityMemory(Layout):
-    """What is asked, and found by `judge_authority`."""
+    """Inputs and results of `judge_authority`."""
 
     matrix: Annotated[list[Vector], Sized(6, "n_thrusters")]
     """(6, n_thrusters) [N/N, N m/N]"""
@@ -44,7 +44,7 @@ class AuthorityMemory(Layout):
 
 
 def judge_authority(a: AuthorityMemory, e: ThrusterEffectiveness) -> None:
-    """What is left with an effect: twenty-four linear programs."""
+    """Compute the control authority left with this effectiveness: twenty-four linear programs."""
     for i in range(len(a.lower)):
         a.program.lower[i] = a.lower[i]
         a.program.upper[i] = a.upper[i]
@@ -83,7 +83,7 @@ def _largest_along(a: AuthorityMemory, axis: int, way: int, trimmed: bool) -> fl
 
 
 def _write_balance(a: AuthorityMemory, k: int, own: bool, trimmed: bool) -> None:
-    """Of axis k; own: by the thrusters alone, whatever the water balances."""
+    """Compute the reach on axis k; own: by the thrusters alone, whatever the water balances."""
     p, n = a.program, len(a.lower)
     for i in range(len(p.c)):
         p.A[k][i] = a.matrix[k][i] if i < n else 0.0
@@ -94,7 +94,7 @@ def _write_balance(a: AuthorityMemory, k: int, own: bool, trimmed: bool) -> None
 
 
 def _conclude_authority(a: AuthorityMemory) -> None:
-    """Whether the robot can be held still, and pushed either way on every axis that the water does not hold."""
+    """Return whether the robot can be held still, and pushed either way on every axis that the water does not hold."""
     a.holds = True
     enough = True
     for axis in range(6):
@@ -114,9 +114,9 @@ class Authority:
     sound: np.ndarray
     """(6, 2) [N, N m] the same of sound thrusters."""
     holds: bool
-    """Whether the robot can be held still."""
+    """The robot can be held still."""
     can_go_on: bool
-    """Whether the robot can be held still and pushed either way on every axis that the water does not hold."""
+    """The robot can be held still and pushed either way on every axis that the water does not hold."""
 
     @property
     def lost(self) -> tuple[str, ...]:
@@ -129,7 +129,7 @@ class Authority:
         return tuple(axis for axis, gone in zip(AXES, self._gone(), strict=True) if gone.any() and not gone.all())
 
     def __str__(self) -> str:
-        """What is left, in one line."""
+        """Describe the authority in one line."""
         if not self.holds:
             return "the thrusters that are left cannot hold the robot still"
         parts = [f"{axis} can no longer be driven on its own" for axis in self.lost]
@@ -153,7 +153,7 @@ class Authority:
 
 
 def authority_in(memory: Any) -> Authority:
-    """What an `AuthorityMemory` holds."""
+    """Read the authority in an `AuthorityMemory`."""
     return Authority(
         reach=view(memory.reach).copy(),
         sound=view(memory.sound).copy(),
@@ -163,7 +163,7 @@ def authority_in(memory: Any) -> Authority:
 
 
 def authority_sizes(n: int) -> dict[str, int]:
-    """Of an `AuthorityMemory` of n thrusters."""
+    """Return the sizes of an `AuthorityMemory` of n thrusters."""
     return {"n_thrusters": n, **program_sizes(6, n + 7)}
 
 
@@ -181,7 +181,7 @@ def authority_of(
     trim: np.ndarray,
     righting: np.ndarray,
 ) -> Authority:
-    """What is left with an effect, for a robot that trim (6,) [N, N m] holds still.
+    """Compute the control authority left with this effectiveness, for a robot that trim (6,) [N, N m] holds still.
 
     matrix (6, n) [N/N, N m/N]; lower, upper (n,) [N] limits of what may be asked. righting (6,) [N, N m]: what the water
     balances on its own, within the tilt that is allowed.

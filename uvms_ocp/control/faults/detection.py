@@ -19,7 +19,7 @@ class WrenchBalance(Layout):
     wait: float
     """[s] from a verdict to a judgement."""
     runs: bool
-    """Whether there is anything to wait for."""
+    """There is anything to wait for."""
     began: float
     """[s]"""
     total: Annotated[Vector, Sized(6)]
@@ -136,7 +136,7 @@ _TILT = 0.1  # [rad] in which the righting moment may balance what thrusters no 
 
 
 class FaultDetection(Layout):
-    """What one look shows of the actuators, what is remembered of those before, and what comes of them."""
+    """Memory of fault detection: one sample of the actuators, the samples before, and the verdicts."""
 
     # given
     q: Annotated[Vector, Sized("n_q")]
@@ -150,7 +150,7 @@ class FaultDetection(Layout):
     way: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] as `Asked.way`."""
     encoders_trusted: bool
-    """Whether the encoders are to be trusted."""
+    """The encoders are to be trusted."""
     # of the robot
     joint_way: FunctionField
     """``q, q -> (n_joints,)`` [rad or m] from one to the other."""
@@ -162,10 +162,10 @@ class FaultDetection(Layout):
     # remembered
     thrusters: ThrusterFaultMemory
     joints: JointFaultMemory
-    balance: WrenchBalance
+    wrench_balance: WrenchBalance
     authority: AuthorityMemory
     effectiveness: ThrusterEffectiveness
-    """What thrusters make of their commands, by the verdicts."""
+    """Effectiveness of the thrusters, by the verdicts."""
     paused: bool
     started: bool
     before: Annotated[Vector, Sized("n_q")]
@@ -188,7 +188,7 @@ class FaultDetection(Layout):
     """The authority is that of what is left; before, nobody has judged."""
     # found
     thruster: int
-    """That was found faulty in this look; -1 for none."""
+    """Thruster found faulty in this sample; -1 for none."""
     jam: bool
     """A joint was found jammed in this look."""
     judgement: bool
@@ -198,12 +198,12 @@ class FaultDetection(Layout):
 
 
 def pause_detection(m: FaultDetection) -> None:
-    """What is measured is not to be trusted."""
+    """Pause detection while the estimate is not trusted."""
     if not m.paused:
         m.paused = True
         m.thrusters.started = False
         reset_joints(m.joints)
-        begin_wrench_balance(m.balance, math.inf)
+        begin_wrench_balance(m.wrench_balance, math.inf)
 
 
 def detect_faults(m: FaultDetection, t: float) -> bool:
@@ -236,15 +236,15 @@ def _go_on(m: FaultDetection) -> None:
 
 
 def _judge(m: FaultDetection, t: float) -> bool:
-    """What is left of the thrusters, once the robot has settled after a verdict; whether it was judged now."""
+    """Judge the authority once the robot has settled after a verdict; return whether it was judged now."""
     if m.thruster >= 0:
-        begin_wrench_balance(m.balance, t)
-        m.balance.runs = True
-    elif m.balance.runs:
+        begin_wrench_balance(m.wrench_balance, t)
+        m.wrench_balance.runs = True
+    elif m.wrench_balance.runs:
         m.weight(m.q, m.wrench)
         for k in range(6):
             m.wrench[k] -= m.disturbance[k]
-        if update_wrench_balance(m.balance, m.wrench, t):
+        if update_wrench_balance(m.wrench_balance, m.wrench, t):
             _find_trim(m)
             judge_authority(m.authority, m.effectiveness)
             return True
@@ -258,7 +258,7 @@ def _find_trim(m: FaultDetection) -> None:
     _tilt(m, 0, 0.0)
     m.weight(m.tilted, m.upright)
     for axis in range(6):
-        m.authority.trim[axis] = m.balance.mean[axis]
+        m.authority.trim[axis] = m.wrench_balance.mean[axis]
         m.authority.righting[axis] = 0.0
         if 3 <= axis <= 4:
             _tilt(m, axis - 3, _TILT)

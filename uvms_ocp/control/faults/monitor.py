@@ -62,7 +62,7 @@ def write_detection(
 ) -> None:
     """Initialise a `FaultDetection`; bandwidth [rad/s] of the observer; dt [s] of a tick."""
     matrix, limits = thruster_matrix(robot), thrust_limits(robot)
-    memory.dt, memory.n_vehicle, memory.balance.wait = dt, robot.n_vehicle, tuning.judged_after
+    memory.dt, memory.n_vehicle, memory.wrench_balance.wait = dt, robot.n_vehicle, tuning.judged_after
     memory.thruster = -1
     view(memory.effectiveness.share)[:] = 1.0
     write_authority(memory.authority, matrix, *limits)
@@ -91,7 +91,7 @@ def write_thruster_watch(
     n, watch.suspect, watch.last = len(lower), -1, -1
     view(watch.lower)[:n], view(watch.upper)[:n] = lower, upper
     view(watch.since)[:] = math.nan
-    watch.manner.bandwidth, watch.manner.follows = bandwidth, _NOTHING
+    watch.fault_fit.bandwidth, watch.fault_fit.follows = bandwidth, _NOTHING
     reach = np.abs(matrix) @ np.maximum(upper, -lower)
     scale = np.maximum(np.repeat([tuning.force_scale, tuning.moment_scale], 3) * reach, 1e-6 * reach.max(initial=1.0))
     _write_window(watch.window, matrix / scale[:, None], scale, tuning)

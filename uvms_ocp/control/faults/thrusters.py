@@ -30,7 +30,7 @@ EARLY = 4  # looks by which what is asked lags what pushes, where it only answer
 
 
 class IsolationWindow(Layout):
-    """What was seen lately, in a ring of looks, and the likeliest culprit."""
+    """Window of recent samples for fault isolation, a ring, and the likeliest faulty thruster."""
 
     directions: Annotated[list[Vector], Sized(6, "n_thrusters")]
     """(6, n_thrusters) wrench of a newton in those scales."""
@@ -41,7 +41,7 @@ class IsolationWindow(Layout):
     length: int
     """Looks in which a culprit is sought."""
     least_change: float
-    """As the next three of `ActuatorHealthTuning`."""
+    """This and the next two as in `ActuatorHealthTuning`."""
     least_explained: float
     least_lead: float
     precedes: float
@@ -52,7 +52,7 @@ class IsolationWindow(Layout):
     time: Annotated[Vector, Sized("n_looks")]
     """(n_looks,) [s]"""
     count: int
-    """Of all looks."""
+    """Samples so far."""
     along: Annotated[list[Vector], Sized("n_looks", "n_thrusters")]
     """(n_looks, n_thrusters) changes of the residual along each direction."""
     # the likeliest culprit
@@ -61,7 +61,7 @@ class IsolationWindow(Layout):
     explained: float
     """Share of the changes."""
     lead: float
-    """What the next best leaves unexplained, over what this one does."""
+    """Residual of the next best explanation, over that of this one."""
 
 
 def append_sample(w: IsolationWindow, residual: Vector, t: float) -> int:
@@ -90,7 +90,7 @@ def isolate_fault(w: IsolationWindow) -> None:
 
 
 def _precedes(w: IsolationWindow, best: int, total: float, first: int, n: int) -> bool:
-    """Whether what a thruster is asked comes before the changes, and does not answer them."""
+    """Return whether what a thruster is asked comes before the changes, and does not answer them."""
     answers = max(_explained(w, best, first + EARLY // 2, n), _explained(w, best, first + EARLY, n))
     return total - answers >= w.precedes * (1.0 - w.explained) * total
 
@@ -133,7 +133,7 @@ def _changes(w: IsolationWindow, first: int, n: int) -> float:
 
 
 def _explained(w: IsolationWindow, i: int, first: int, n: int) -> float:
-    """Of the sum of squares, by what thruster i was asked in n looks."""
+    """Compute the share of the sum of squares that the commands of thruster i explain in n samples."""
     mean, size, along = 0.0, 0.0, 0.0
     for j in range(n):
         mean += w.asked[(first + j) % len(w.time)][i]
@@ -201,7 +201,7 @@ class FaultFit(Layout):
     """[N^2] that is left where it gives nothing, at least."""
     # found
     share: float
-    """That it gives of what it is asked, from now on; 0 where it does not follow."""
+    """Share of its command that it gives; 0 where it does not follow."""
     constant: float
     """[N] that it gives instead, where it does not follow."""
     sigma: float
@@ -211,7 +211,7 @@ class FaultFit(Layout):
 
 
 def classify_fault(m: FaultFit) -> None:
-    """By what was asked and what came of it."""
+    """Fit share and constant to commands and residuals."""
     m.shares.least = math.inf
     m.stops.least = math.inf
     m.dead = math.inf
@@ -295,7 +295,7 @@ class ThrusterFaultMemory(Layout):
     looks: float
     sound_share: float
     window: IsolationWindow
-    manner: FaultFit
+    fault_fit: FaultFit
     started: bool
     quiet_until: float
     """[s]"""
@@ -356,16 +356,16 @@ def _conclude_fault(w: ThrusterFaultMemory, e: ThrusterEffectiveness, t: float) 
     """The verdict, unless so little is missing that it does no harm, and what comes of commands from now on."""
     i = w.last
     _select_thruster(w, i)
-    classify_fault(w.manner)
-    if w.manner.share > w.sound_share:
+    classify_fault(w.fault_fit)
+    if w.fault_fit.share > w.sound_share:
         w.evidence = 0.0
         return -1
-    e.share[i] = e.share[i] * w.manner.share
+    e.share[i] = e.share[i] * w.fault_fit.share
     e.constant[i] = 0.0 if e.share[i] != 0.0 else _constant(w, i)
     w.health[i] = ActuatorHealth.FAULTY
     w.kind[i] = _kind(e.share[i], e.constant[i])
     w.confidence[i] = w.window.lead
-    w.since[i] = w.manner.onset
+    w.since[i] = w.fault_fit.onset
     _restart(w, t)
     return i
 
@@ -373,22 +373,22 @@ def _conclude_fault(w: ThrusterFaultMemory, e: ThrusterEffectiveness, t: float) 
 def _select_thruster(w: ThrusterFaultMemory, i: int) -> None:
     """All that is kept of thruster i."""
     b = w.window
-    w.manner.count = min(b.count, len(b.time))
-    for j in range(w.manner.count):
-        slot = (b.count - w.manner.count + j) % len(b.time)
+    w.fault_fit.count = min(b.count, len(b.time))
+    for j in range(w.fault_fit.count):
+        slot = (b.count - w.fault_fit.count + j) % len(b.time)
         along = 0.0
         for k in range(6):
             along += b.seen[slot][k] * b.directions[k][i]
-        w.manner.time[j] = b.time[slot]
-        w.manner.asked[j] = b.asked[slot][i]
-        w.manner.along[j] = along / max(b.square[i], _TINY)
+        w.fault_fit.time[j] = b.time[slot]
+        w.fault_fit.asked[j] = b.asked[slot][i]
+        w.fault_fit.along[j] = along / max(b.square[i], _TINY)
 
 
 def _constant(w: ThrusterFaultMemory, i: int) -> float:
     """Thrust [N] at which it is stuck; 0 where that cannot be told from none."""
-    lower, upper, constant = w.lower[i], w.upper[i], w.manner.constant
+    lower, upper, constant = w.lower[i], w.upper[i], w.fault_fit.constant
     possible = _BEYOND * lower <= constant <= _BEYOND * upper
-    clear = abs(constant) > max(_STUCK_SIGMAS * w.manner.sigma, _STUCK_SHARE * upper)
+    clear = abs(constant) > max(_STUCK_SIGMAS * w.fault_fit.sigma, _STUCK_SHARE * upper)
     return min(max(constant, lower), upper) if possible and clear else 0.0
 
 

@@ -47,12 +47,12 @@ class ThrusterEffectiveness(Layout):
         return self.share * asked + self.constant
 
     def asked(self, given: Array) -> Array:
-        """What to ask (n_thrusters,) [N] for the thrust given (n_thrusters,) [N] in the water; 0 of what does not follow."""
+        """Invert the effectiveness: command (n_thrusters,) [N] for a thrust (n_thrusters,) [N]; 0 of what does not follow."""
         return where(self.works, (given - self.constant) / self.share_or_one, 0.0)
 
 
 def effective_thrust(e: ThrusterEffectiveness, i: int, asked: float) -> float:
-    """As `Effect.given`, of thruster i, as a kernel: thrust [N] for that asked [N]."""
+    """Compute the thrust [N] of thruster i for that asked [N], as `ThrusterEffectiveness.given` does. A kernel."""
     return e.share[i] * asked + e.constant[i]
 
 
@@ -70,7 +70,7 @@ class ActuatorHealth(enum.IntEnum):
 
 
 class FaultKind(enum.IntEnum):
-    """What is wrong."""
+    """Kind of the fault."""
 
     NONE = 0
     DEAD = 1
@@ -97,7 +97,7 @@ class ThrusterVerdict:
     constant: float = 0.0
     """[N] of a stuck thruster."""
     confidence: float = 0.0
-    """What the next best explanation leaves unexplained, over what this does."""
+    """Residual of the next best explanation, over that of this one."""
     since: float = math.nan
     """[s] time from which on it explains the motion."""
 
@@ -129,12 +129,12 @@ def joint_alarm(number: int, name: str) -> str:
 
 
 def faulty_thrusters(verdicts: Sequence[ThrusterVerdict]) -> list[str]:
-    """Those that are faulty, such as ``thruster3 dead``."""
+    """List the faulty thrusters, such as ``thruster3 dead``."""
     return [f"thruster{i + 1} {verdict.kind.word}" for i, verdict in enumerate(verdicts) if verdict.kind]
 
 
 def faulty_joints(verdicts: Sequence[JointVerdict]) -> list[str]:
-    """Those that are faulty, such as ``joint2 jammed``."""
+    """List the faulty joints, such as ``joint2 jammed``."""
     return [f"joint{j + 1} {verdict.kind.word}" for j, verdict in enumerate(verdicts) if verdict.kind]
 
 
@@ -144,7 +144,7 @@ def faulty_joints(verdicts: Sequence[JointVerdict]) -> list[str]:
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ActuatorHealthTuning:
-    """Of `ActuatorMonitor`. Raises `InvalidInput` for a number that is not > 0, and a share of 1 or more."""
+    """Tuning of `ActuatorMonitor`. Raises `InvalidInput` for a number that is not > 0, and a share of 1 or more."""
 
     sample_time: float = 0.1
     """[s] between two looks at the residual wrench."""
@@ -167,9 +167,9 @@ class ActuatorHealthTuning:
     clear_lead: float = 16.0
     """Lead from which on a look counts fully."""
     looks: float = 8.0
-    """That must agree, one after the other; those of a smaller lead count by its square."""
+    """Samples in a row that must agree; those of a smaller lead count by its square."""
     sound_share: float = 0.75
-    """Of what is asked that a thruster gives at least, else it is weak; less than 0.3 counts as nothing."""
+    """Least share of its command that a sound thruster gives, else it is weak; less than 0.3 counts as nothing."""
     settling: float = 1.5
     """[s] after a start or a verdict that are not looked at."""
     judged_after: float = 6.0
@@ -196,7 +196,7 @@ class ActuatorHealthTuning:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class FilteredCommands:
-    """What actuators were asked, of numbers or CasADi expressions."""
+    """Filtered commands of the actuators, as numbers or CasADi expressions."""
 
     thrust: Array
     """(n_thrusters,) [N], filtered as the observer filters the residual."""
@@ -211,7 +211,7 @@ class ResidualFilter:
     """The law of it."""
 
     share: float
-    """Of the distance to a new thrust that the filter goes in a tick."""
+    """Share of the distance to a new thrust that the filter goes in a tick."""
     every: int
     """Ticks from look to look."""
 

@@ -40,7 +40,7 @@ LARGEST_WRENCH = 1e12
 
 
 class AllocationMemory(Layout):
-    """Of an `Allocation`, whose fields are described there. Room for n thrusters, of which `count` are there."""
+    """Memory of an `Allocation`, whose fields are described there. Room for n thrusters, of which `count` are there."""
 
     count: int
     matrix: Annotated[list[Vector], Sized("m", "n")]
@@ -63,9 +63,9 @@ class AllocationMemory(Layout):
     """(n,) [N]"""
     # found by `apply_effectiveness`
     left: LimitedThrustMemory
-    """Of the thrusters that follow."""
+    """Thrusters that follow."""
     place: Annotated[list[int], Sized("n")]
-    """Of each of them among all."""
+    """Index of each of them among all."""
     stuck_wrench: Annotated[Vector, Sized("m")]
     """(6,) [N, N m] of those that are stuck."""
     # found by `allocate_thrust`
@@ -81,7 +81,7 @@ class AllocationMemory(Layout):
 
 
 def apply_effectiveness(a: AllocationMemory) -> None:
-    """From now on: share and constant."""
+    """Apply the effectiveness, share and constant, from now on."""
     n = 0
     for i in range(a.count):
         if a.share[i] != 0.0:
@@ -130,7 +130,7 @@ def _keep(a: AllocationMemory, i: int, to: int) -> None:
 
 
 def _to_all(a: AllocationMemory) -> None:
-    """What is found to where it belongs."""
+    """Copy the solution to all thrusters."""
     for i in range(a.count):
         a.thrust[i] = a.constant[i]
     for j in range(a.left.powers.count):
@@ -184,9 +184,9 @@ class Allocation:
     wrench_weight: np.ndarray = field(default_factory=lambda: np.ones(6))
     """(6,) [1/N, 1/(N m)]: what to give up first when not everything can be reached."""
     effectiveness: ThrusterEffectiveness | None = None
-    """What thrusters make of their commands: what follows none is left out. `None`: all do what they are asked."""
+    """Effectiveness; a thruster that follows no command is left out. `None`: all are sound."""
     compiled: bool = field(default=True, repr=False)
-    """Whether it is worth a compiler: not for a few wrenches."""
+    """It is worth a compiler: not for a few wrenches."""
     memory: Any = field(init=False, repr=False)
     """A `AllocationMemory`"""
     _share_out: Callable[[Any], int] = field(init=False, repr=False)
@@ -235,7 +235,7 @@ class Allocation:
 
 
 def allocation_sizes(n: int) -> dict[str, int]:
-    """Of a `AllocationMemory` with room for n thrusters."""
+    """Return the sizes of an `AllocationMemory` with room for n thrusters."""
     return {"m": 6, "n": room_for(n)}
 
 
@@ -323,12 +323,12 @@ class ThrusterLag:
         return clipped(thrust + lead * (wanted - thrust), self.lower, self.upper)
 
     def after(self, thrust: Array, command: Array) -> Array:
-        """What becomes of a thrust (n,) [N] within a tick, (n,) [N], under a command (n,) [N]."""
+        """Propagate a thrust (n,) [N] by one tick under a command (n,) [N]."""
         return command + (thrust - command) * self.decay
 
 
 def thruster_lag(robot: Robot, *, lead: float, dt: float) -> ThrusterLag:
-    """That of a robot's thrusters; lead: driven so many times faster than their lag. dt [s]: control period."""
+    """Return the lag of a robot's thrusters; lead: driven so many times faster than their lag. dt [s]: control period."""
     time_constants = np.array([thruster.time_constant for thruster in robot.description.thrusters])
     lower, upper = thrust_limits(robot)
     return ThrusterLag(

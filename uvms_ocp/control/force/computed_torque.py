@@ -20,10 +20,10 @@ from uvms_ocp.robot.signals import Command, State
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RealizedForce:
-    """What thrusters and motors can do of a generalized force."""
+    """Limits of thrusters and motors on a generalized force."""
 
     allocation: AllocationResult
-    """Of the thrusters, once they have come up to speed."""
+    """Limits of the thrusters, once they have come up to speed."""
     torque: np.ndarray
     """(n_joints,) [N m or N], inside the limits."""
     force: np.ndarray
@@ -48,7 +48,7 @@ class Actuators:
         return np.concatenate([wrench[: self._robot.n_vehicle], self._torque])
 
     def realize(self, tau: np.ndarray) -> RealizedForce:
-        """What the limits leave of tau (n_v,) [N, N m]."""
+        """Limit tau (n_v,) [N, N m]."""
         n, limit = self._robot.n_vehicle, self._robot.limits.effort
         wrench = np.zeros(6)
         wrench[:n] = tau[self._robot.vehicle_v]
@@ -71,7 +71,7 @@ _command = unchecked_constructor(Command)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TrackingGains:
-    """Of the closed loop's position and velocity errors. Raises `InvalidInput` for a gain below 0 or a lead below 1."""
+    """Gains of the closed loop's position and velocity errors. Raises `InvalidInput` for a gain below 0 or a lead below 1."""
 
     vehicle_stiffness: float = 1.0
     """[1/s^2]"""

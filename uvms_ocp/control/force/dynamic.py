@@ -107,10 +107,10 @@ class DynamicController(TableDisplay):
         # Parts of it are made anew whenever they are asked for.
         self._detection, self._allocation = memory.detection, memory.allocation
         self.monitor = self._monitor(laws)
-        """Of thrusters and joints; `None` where it is off, and without the observer, whose findings it reads."""
+        """Monitor of thrusters and joints; `None` where it is off, and without the observer, whose findings it reads."""
         self._fault, self._fault_summary, self._jammed = "", "", tuple[int, ...]()
         self.learner = None if load is None else _learner(laws, load)
-        """Of what the tool carries; `None` where nothing is learnt."""
+        """Learner of the tool's load; `None` where nothing is learnt."""
 
     @checked_on_failure
     def __call__(self, measurement: StateEstimate, t: float) -> Command:

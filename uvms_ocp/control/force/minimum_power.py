@@ -36,7 +36,7 @@ SMALL = 1e-3
 
 
 class PowerMemory(Layout):
-    """Of thrusters. Room for n of them, of which `count` are used."""
+    """Power of thrusters. Room for n of them, of which `count` are used."""
 
     count: int
     matrix: Annotated[list[Vector], Sized("m", "n")]
@@ -58,7 +58,7 @@ class PowerMemory(Layout):
     """(n_spare, n) orthonormal rows of thrust that gives no wrench."""
     n_spare: int
     stretch: float
-    """Of a step."""
+    """Size of a step."""
     inner: Rows
 
 
@@ -109,7 +109,7 @@ def _invert(p: PowerMemory, k: int) -> None:
 
 
 def _find_spare(p: PowerMemory) -> None:
-    """From the thrusters one by one, always that of which most is neither in the rows of the matrix nor spare yet."""
+    """Choose thrusters one by one, always that of which most is neither in the rows of the matrix nor spare yet."""
     for row in range(len(p.matrix)):
         for i in range(p.count):
             p.inner.W[row][i] = p.matrix[row][i]
@@ -184,7 +184,7 @@ _EXACT = 1e-9  # relative loss of wrench that counts as none
 
 
 class LimitedThrustMemory(Layout):
-    """Of an `Allocation`, whose fields are described there. Room for n thrusters, as many as `powers.count` are used."""
+    """Memory of bounded minimum-power allocation, with the fields of `Allocation`. Room for n thrusters; `powers.count` are used."""
 
     powers: PowerMemory
     problem: BoundedProblem
@@ -258,7 +258,7 @@ def _solve(p: LimitedThrustMemory, started: bool) -> None:
 
 
 def _loses(p: LimitedThrustMemory) -> bool:
-    """Whether the wrench is another one than that of the unbounded thrust."""
+    """Return whether the wrench is another one than that of the unbounded thrust."""
     lost, wanted = 0.0, 0.0
     for k in range(p.problem.rows):
         difference, whole = 0.0, 0.0

@@ -16,7 +16,7 @@ from uvms_ocp.errors import InvalidInput
 
 
 class ObserverDynamics(Protocol):
-    """What an observer asks of `SymbolicDynamics`."""
+    """Dynamics that an observer needs, of `SymbolicDynamics`."""
 
     @property
     def links(self) -> Sized: ...
@@ -32,7 +32,7 @@ class ObserverDynamics(Protocol):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ObserverState:
-    """What an observer knows."""
+    """State of an observer."""
 
     estimate: Array
     """D (n_v,) [N, N m]"""
@@ -92,7 +92,7 @@ class ObserverLaw:
         return ObserverState(estimate=estimate, lead=push / w, v_hat=v_hat, follows=ca.SX(1.0))
 
     def response(self, before: ForceResponse, M: ca.SX, force: ca.SX, share: ca.SX) -> ForceResponse:
-        """What of the estimate comes from forces (n_v, k) [N, N m], each by itself, a tick later.
+        """Propagate the response of the estimate to forces (n_v, k) [N, N m], each by itself, by one tick.
 
         An observer is linear in what disturbs it, until its limit. M (n_v, n_v) [kg, kg m, kg m2]; share (n_v,) as above.
         """

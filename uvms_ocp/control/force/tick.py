@@ -46,7 +46,7 @@ class ForceMemory(Layout):
     """Memory of a tick: functions, inputs, state and outputs."""
 
     observe: FunctionField
-    """As `observe_function` makes it; the next two as `control_function` and `command_function` do."""
+    """Function of `observe_function`; the next two as `control_function` and `command_function` do."""
     control: FunctionField
     command: FunctionField
     watched: bool
@@ -240,7 +240,7 @@ class ForceTick:
 
     @property
     def observes(self) -> bool:
-        """Whether the last tick was given velocities that the observer may learn from."""
+        """The last tick was given velocities that the observer may learn from."""
         flags, without_joints = self._flags, not self.memory.detection.joints.count
         return not (flags.hold[0] or flags.stop[0]) and (without_joints or bool(flags.joints[0]))
 

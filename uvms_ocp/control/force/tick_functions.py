@@ -39,9 +39,9 @@ class MonitorStep(IntEnum):
     """State of the actuator monitor in a tick."""
 
     PAUSED = 0
-    """What is measured is not to be trusted."""
+    """Not trusting the estimate."""
     TAKES_IN = 1
-    """What was asked."""
+    """Filtering commands."""
     DUE = 2
     """For a look, besides."""
 

@@ -70,7 +70,7 @@ class DeadTimes:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class BandwidthDerating:
-    """What sensors leave of the bandwidth of the loops."""
+    """Bandwidth derating for dead time: shares that the loops keep."""
 
     vehicle: float = 1.0
     joints: float = 1.0
@@ -79,7 +79,7 @@ class BandwidthDerating:
 
 
 def dead_times(specs: SensorSpecs) -> DeadTimes:
-    """Of what tells velocities soonest; fixes tell the linear one where there is no DVL."""
+    """Dead times of the fastest velocity sensors; fixes give the linear one where there is no DVL."""
     linear = _soonest(specs.linear_velocity or specs.position)
     turning = _soonest(specs.angular_velocity, specs.attitude)
     return DeadTimes(
@@ -90,7 +90,7 @@ def dead_times(specs: SensorSpecs) -> DeadTimes:
 
 
 def bandwidth_derating(late: DeadTimes, *, vehicle: float, joints: float, dt: float) -> BandwidthDerating:
-    """Of loops with the bandwidths vehicle [1/s] and joints [1/s], closed once in dt [s]."""
+    """Compute the derating of loops with bandwidths vehicle [1/s] and joints [1/s], closed once in dt [s]."""
     shares = (
         _share(vehicle, late.vehicle + CONTROLLER_DEAD_TIME * dt),
         _share(joints, late.joints + CONTROLLER_DEAD_TIME * dt),

@@ -63,7 +63,7 @@ def aim_ascent(m: AscentMemory, q: Vector, floor: float) -> None:
 
 
 def ascent_sizes(robot: Robot, mission: Mission) -> dict[str, ca.Function]:
-    """Of a `AscentMemory`; nothing climbs without an abort phase."""
+    """Return the sizes of an `AscentMemory`; nothing ascends without an abort phase."""
     q = ca.SX.sym("q", robot.n_q)
     R_WF, p_WF = ca.SX.eye(3), ca.SX.zeros(3)
     if mission.abort is not None:
@@ -85,14 +85,14 @@ _PROGRESS = 0.02  # share of what is missing to a limit that counts as progress
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ActuationFeedback:
-    """What the force layer met in the last tick."""
+    """Feedback of the force layer on the last tick."""
 
     short: bool = False
     """The limits of the thrusters kept them from what was asked for."""
     push: float = 0.0
     """Upward force on the vehicle that the model does not know, as a share of the largest of the thrusters."""
     fault: str = ""
-    """Of thrusters or joints, without which the mission cannot go on."""
+    """Fault of thrusters or joints without which the mission cannot go on."""
     fault_summary: str = ""
     """All that is known to be faulty of them, such as ``thruster3 dead``."""
     jammed: tuple[int, ...] = ()
@@ -113,7 +113,7 @@ class AbortReason(IntEnum):
 
 
 class AbortMemory(Layout):
-    """What sends a mission into its abort phase, what the force layer met, and since when [s] it has been so."""
+    """Memory of the abort monitor: its thresholds, the feedback of the force layer, and since when [s] each holds."""
 
     aborts: bool
     """There is an abort phase."""
@@ -184,7 +184,7 @@ def _since(so: bool, since: float, t: float) -> float:
 
 
 def _is_high(d: AbortMemory, gates: Vector) -> bool:
-    """Whether the robot should be well above the floor."""
+    """Return whether the robot should be well above the floor."""
     found = False
     for i in range(len(d.high)):
         found = found or (d.high[i] != 0 and gates[i] != 0.0)
@@ -192,7 +192,7 @@ def _is_high(d: AbortMemory, gates: Vector) -> bool:
 
 
 def _progresses(d: AbortMemory, m: MissionMemory, quantities: Vector) -> bool:
-    """Whether something that the phase waits for to fall has come nearer to its limit, or nothing is missing."""
+    """Return whether something that the phase waits for to fall has come nearer to its limit, or nothing is missing."""
     if m.since != d.began:
         d.began = m.since
         d.stall_since = math.nan

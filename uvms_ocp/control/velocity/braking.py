@@ -115,7 +115,7 @@ def advance_stop(m: StopMemory) -> int:
 
 
 def stop_sizes(robot: Robot, dt: float) -> dict[str, Any]:
-    """Of a `StopMemory` at control period dt [s], but for `n_limits`."""
+    """Return the sizes of a `StopMemory` at control period dt [s], but for `n_limits`."""
     step, slower = _functions(robot, dt)
     return {"n_q": robot.n_q, "n_v": robot.n_v, "step": step, "slower": slower}
 
@@ -220,7 +220,7 @@ def limit_speed(
 
 
 def _pace(m: SpeedLimitMemory, speed: float, wanted: Vector, previous: Vector, pace: float) -> float:
-    """As near to the speed as the acceleration limits let it come in this tick; they always let it stay where it is."""
+    """Approach the speed as far as the acceleration limits allow in this tick; they always allow to keep the pace."""
     low, high = 0.0, 1.0
     for i in range(len(m.step)):
         if abs(wanted[i]) > _ZERO_SPEED:

@@ -25,7 +25,7 @@ N_PLACES = 4
 
 
 class PairsMemory(Layout):
-    """Of one task: as `NearestPairs`, and what is measured of them."""
+    """Nearest pairs of one task, as `NearestPairs`, and their measured distances."""
 
     task: int
     """Index in the hierarchy."""
@@ -63,7 +63,7 @@ class PairsMemory(Layout):
 
 
 class NearestMemory(Layout):
-    """Of all tasks, and the way to rest: all axes slow down in proportion."""
+    """Nearest pairs of all tasks, and the stop along which they are measured: all axes slow down in proportion."""
 
     n_asking: int
     """Tasks that ask."""
@@ -111,7 +111,7 @@ def place_along_stop(m: NearestMemory, q: Vector, v: Vector, acceleration: Vecto
 
 
 def measure_pairs(m: NearestMemory, k: int, values: Vector) -> None:
-    """What a task asks for, into the parameters [their units] of all, as `NearestPairs.parameters` has it. A kernel."""
+    """Write the distances of a task into the parameters [their units] of all, as `NearestPairs.parameters`. A kernel."""
     p = m.pairs[k]
     m.asked = k
     _look_around(m, p)
@@ -208,7 +208,7 @@ def _approach(m: NearestMemory, p: PairsMemory) -> float:
 
 
 def _take_gradients(m: NearestMemory, p: PairsMemory) -> None:
-    """Of the nearest pairs, each where it is nearest."""
+    """Distances of the nearest pairs, each where it is nearest."""
     for place in range(len(m.duration)):
         asks = False
         for row in range(p.n):

@@ -83,7 +83,7 @@ class Track:
 
 
 def tracks_of(mission: Mission, dt: float) -> tuple[Track, ...]:
-    """Of all goals that move and rest in the end, every dt [s]."""
+    """Sample all goals that move and rest in the end, every dt [s]."""
     found = []
     for phase in range(len(mission.all_phases)):
         pairs = zip(mission.tasks_of(phase), mission.references_of(phase), strict=True)
@@ -105,7 +105,7 @@ def _length(task: Task, dt: float) -> int:
 
 
 def track_sizes(tracks: Sequence[Track]) -> dict[str, int]:
-    """Of a `TracksMemory`. Tables of nearly one size have the same, so that not every one is compiled for anew."""
+    """Return the sizes of a `TracksMemory`. Tables of nearly one size have the same, so that few are compiled."""
     n = sum(track.samples.size for track in tracks)
     return {"n_tracks": len(tracks), "n_table": 1 << (n - 1).bit_length() if n else 0}
 
@@ -134,13 +134,13 @@ class GoalsMemory(Layout):
     ascent_start: int
     """Where the goal of the task that climbs begins among them."""
     tracks: TracksMemory
-    """Of those that move and rest in the end."""
+    """Tables of goals that move and rest in the end."""
     values: Annotated[Vector, Sized("n_parameters")]
     """(n_parameters,) [their units] of now."""
 
 
 def load_goals(g: GoalsMemory, m: MissionMemory, ascent: AscentMemory, t: float) -> None:
-    """Those of the phase at t [s]; the abort phase climbs to where its beginning has aimed at. A kernel."""
+    """Load the goals of the phase at t [s]; the abort phase ascends to where its beginning aimed. A kernel."""
     goals = g.of_phase[m.phase]
     for i in range(len(g.values)):
         g.values[i] = goals[i]
@@ -157,15 +157,15 @@ class _Asked:
     name: str
     """Of the task."""
     place: slice
-    """Of its goal among the parameters of all tasks."""
+    """Place of its goal among the parameters of all tasks."""
     reference: Callable[[float], np.ndarray]
     """Its goal at a time [s], and what stands for distances behind it."""
     of_phase: bool
-    """Whether that time is the time since the start of the phase."""
+    """That time is the time since the start of the phase."""
 
 
 class MissionParameters:
-    """Those of all tasks in a `GoalsMemory`: what its kernel does not know is asked of the tasks, tick by tick."""
+    """Goals of all tasks in a `GoalsMemory`: those that its kernel cannot evaluate are asked of the tasks, tick by tick."""
 
     def __init__(self, mission: Mission, memory: Any, tracks: Sequence[Track], dt: float) -> None:
         """memory: a `GoalsMemory`, which is set up. tracks: those of the mission, every dt [s]."""
@@ -180,7 +180,7 @@ class MissionParameters:
             view(memory.of_phase)[-1, ascent] = 0.0
         write_tracks(memory.tracks, tracks, self._places, dt)
         self.asked = asked_in_phases(mission, tracks)
-        """Of each phase, what is asked for."""
+        """Goals asked of the tasks, by phase."""
 
     def ask(self, state: MissionState, t: float) -> None:
         """Complete what the kernel has taken for the tick at t [s]."""
@@ -190,7 +190,7 @@ class MissionParameters:
 
 
 def asked_in_phases(mission: Mission, tracks: Sequence[Track]) -> list[tuple[_Asked, ...]]:
-    """Of each phase, goals that are neither still nor climbed to nor on a track."""
+    """List by phase the goals that are neither still nor of the ascent nor on a track."""
     tracked, places = {(track.phase, track.task) for track in tracks}, places_of(mission)
     return [_asked_in(mission, phase, tracked, places) for phase in range(len(mission.all_phases))]
 
@@ -217,13 +217,13 @@ def distance_tasks(mission: Mission) -> list[tuple[int, int, NearestPairs]]:
 
 
 def places_of(mission: Mission) -> list[slice]:
-    """Of each task, highest priority first, among the parameters of all."""
+    """Return the place of each task's parameters, highest priority first, among those of all."""
     ends = np.cumsum([0, *(len(reference(0.0)) for reference, _ in mission.references_of(0))]).tolist()
     return [slice(start, end) for start, end in pairwise(ends)]
 
 
 class DistanceProvider:
-    """What a `NearestMemory` knows of the tasks that ask, and who answers where kernels cannot measure: `CollisionModel`."""
+    """Distances in a `NearestMemory` for the tasks that ask, by `CollisionModel` where kernels cannot measure."""
 
     def __init__(self, memory: Any, asking: Sequence[tuple[int, int, NearestPairs]], robot: Robot | None) -> None:
         """memory: of the `nearest_sizes`, which is set up. asking: index of each task, where its parameters end, its pairs.
@@ -254,7 +254,7 @@ class DistanceProvider:
 
 
 def nearest_sizes(robot: Robot | None, asking: Sequence[NearestPairs], n_q: int, n_v: int) -> dict[str, Any]:
-    """Of a `NearestMemory` for a q (n_q,) [m, rad] and velocities (n_v,) [m/s, rad/s], but for the `distance_layout_sizes`.
+    """Return the sizes of a `NearestMemory` for q (n_q,) and v (n_v,), but for the `distance_layout_sizes`.
 
     Without a robot nothing moves.
     """
@@ -277,7 +277,7 @@ def _integrate(robot: Robot) -> ca.Function:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class StoppingMotion:
-    """Of a robot that is to stop."""
+    """Stop of a robot."""
 
     robot: Robot
     v: np.ndarray
@@ -309,7 +309,7 @@ def task_parameters(
 
 
 def measured_distances(pairs: NearestPairs, q: np.ndarray, motion: StoppingMotion | None = None) -> np.ndarray:
-    """What `measure` finds at q (n_q,) [m, rad], and on the way to rest, as one vector (`NearestPairs.parameters`)."""
+    """Measure at q (n_q,) [m, rad] and on the way to rest, as one vector (`NearestPairs.parameters`)."""
     robot, n_v = None if motion is None else motion.robot, pairs.model.n_v
     sizes = {**nearest_sizes(robot, [pairs], len(q), n_v), **distance_layout_sizes([pairs.model], None)}
     memory: Any = structure_of(NearestMemory, **sizes)()

@@ -70,7 +70,7 @@ from uvms_ocp.types import Period
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class GuideOutput:
-    """What a guide says at a tick."""
+    """Output of a guide at a tick."""
 
     v: np.ndarray | None
     """(n_v,) [m/s, rad/s] in place of what the hierarchy commands; `None` once and for all after it is left to that."""
@@ -123,7 +123,7 @@ _FRESHNESS = tuple(Freshness)
 
 
 class HierarchySolver(Protocol):
-    """What a solver of hierarchies offers to the control layer."""
+    """Solver of hierarchies for the control layer."""
 
     def bind(self, levels_function: ca.Function, sizes: tuple[int, ...]) -> Tick: ...
 
@@ -194,7 +194,7 @@ class KinematicController(TableDisplay):
 
     @property
     def quantities(self) -> dict[str, float]:
-        """As last measured [in their units]; NaN where nothing tells."""
+        """Quantities as last measured [in their units]; NaN where unknown."""
         return self._named(self._arrays.last_phase_quantities)
 
     @property
@@ -214,7 +214,7 @@ class KinematicController(TableDisplay):
 
     @checked_on_failure
     def observe(self, measurement: StateEstimate, t: float) -> TickInputs:
-        """What is known at time t [s]; what is missing of the measurement is replaced by what was known last."""
+        """Begin a tick at time t [s]: what is missing of the measurement is replaced by its last value."""
         started, memory, arrays = perf_counter(), self.memory, self._arrays
         self._sound.check(measurement)
         arrays.q[:], arrays.v[:] = measurement.q, measurement.v
@@ -285,7 +285,7 @@ class KinematicController(TableDisplay):
         self._take(self.memory)
 
     def pending(self) -> str:
-        """What the current phase still waits for, with the last measured values, and which channels hold it back."""
+        """Describe what the current phase waits for, with the last values, and which channels hold it back."""
         waits, bad = self.mission.pending(self.state, self.quantities), self._restriction.bad
         return waits if self.state.over or not bad else f"{waits}; {describe_channels(bad)}"
 
@@ -308,7 +308,7 @@ class KinematicController(TableDisplay):
         return self._named(np.where(unknown, np.nan, quantities))
 
     def _restricted(self, bad: list[ChannelHealth]) -> Restriction:
-        """What is not done, as the kernel has found of the channels that are not good."""
+        """Read the restriction that the kernel has found."""
         found, before = self.memory.restriction, self._restriction
         if not (bad == list(before.bad) and before.abort == "" and not found.ended):
             self._restriction = read_restriction(found, bad)
@@ -321,7 +321,7 @@ class KinematicController(TableDisplay):
         self.watchdog.judge(self.memory.oldest, t, channel)
 
     def _feel(self) -> None:
-        """What the force layer met, for the kernels."""
+        """Write the feedback of the force layer for the kernels."""
         changed, self._applied_feedback = self._jammed != self._applied_feedback.jammed, self._feedback
         self._distress.on_actuation_feedback(self._feedback)
         if changed:

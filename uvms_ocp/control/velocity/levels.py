@@ -74,7 +74,7 @@ def common_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
 
 
 def falling_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    """As `smooth_share`, but for the acceleration limit itself: the acceleration falls to 0 on the last part of the way.
+    """Limit the share like `smooth_share`, for the acceleration limit itself: it falls to 0 on the last part of the way.
 
     wanted (m,) [any/s]; acceleration (m,) [any/s2]; dt [s].
     """
@@ -86,7 +86,7 @@ def _share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
 
 
 def _excess(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    """What is wanted over what the jerk alone would give in one tick."""
+    """Ratio of the desired change to what the jerk alone allows in one tick."""
     jerk = ca.fmax(ca.fmin(acceleration, ENDLESS), 1 / ENDLESS) / _FALL
     return 2 * ca.fabs(wanted) / (jerk * dt**2)
 
@@ -162,7 +162,7 @@ class LevelsProblem:
     commanded one tick before, `change` its difference from that of the tick before it; the parameters are those of all tasks,
     one after the other (`uvms_ocp.control.velocity.goals`). The gate is 0 or 1: what lies between is in the bounds."""
     names: tuple[str, ...]
-    """Of the levels."""
+    """Sizes of the levels."""
     sizes: tuple[int, ...]
     """Rows of each level."""
     quantity_names: tuple[str, ...]
@@ -248,7 +248,7 @@ def _stacked(levels: Sequence[_Level], quantities: dict[str, ca.SX]) -> dict[str
 
 
 def _rests_on(symbols: TickSymbols, tasks: Sequence[Task], quantities: dict[str, ca.SX]) -> dict[str, np.ndarray]:
-    """By channel, which quantities depend on it; what is measured of distances depends on the whole configuration."""
+    """Return which quantities depend on each channel; what is measured of distances depends on the whole configuration."""
     robot, q, values = symbols.robot, symbols.q, ca.vertcat(ca.SX(0, 1), *quantities.values())
     measured = {task.name for task in tasks if task.nearest_pairs is not None}
     near = np.array([name.rpartition(".")[0] in measured for name in quantities], dtype=bool)
@@ -264,7 +264,7 @@ def _depends(values: ca.SX, on: ca.SX) -> np.ndarray:
 
 
 def tick_symbols(robot: Robot, dt: float) -> TickSymbols:
-    """What tasks are written in, at a control period dt [s]."""
+    """Return the symbols that tasks are written in, at a control period dt [s]."""
     q = ca.SX.sym("q", robot.n_q)
     return TickSymbols(
         robot=robot,

@@ -39,7 +39,7 @@ def _begin(m: TickMemory) -> None:
 
 
 def prepare_tick(m: TickMemory) -> None:
-    """What is known, from the measurement and the channels that are not good."""
+    """Prepare a tick: replace what is missing of the estimate, and evaluate restriction, quantities and gates."""
     hold_last_valid(m.sound, m.t, m.q, m.v, m.age, m.joint_age)
     m.age = m.sound.age
     m.joint_age = m.sound.joint_age
@@ -84,7 +84,7 @@ def _measure_distances(m: TickMemory) -> None:
 
 
 def finish_tick(m: TickMemory) -> None:
-    """What the tick comes to, after the hierarchy is solved: what is told, the velocity, and where the mission goes."""
+    """Finish a tick once the hierarchy is solved: outputs, velocity, and the mission's next state."""
     _report(m)
     if m.holds:
         _come_to_rest(m)
@@ -115,7 +115,7 @@ def _check_mission(m: TickMemory) -> None:
 
 
 def _climb(m: TickMemory) -> None:
-    """What would be climbed to: above the highest floor, where that is to be believed."""
+    """Aim the emergency ascent: above the highest floor, where that is to be believed."""
     believed = not (m.distress.pushed or _doubts_altimeter(m))
     aim_ascent(m.ascent, m.q, m.beam.highest if believed else math.nan)
 
@@ -143,7 +143,7 @@ def commit_velocity(m: TickMemory) -> None:
 
 
 def is_unknown(age: float, of_altitude: bool, altitude_valid: bool) -> bool:
-    """Whether a quantity is NaN: before the first measurement, and where it rests on an altitude that only stands in for one.
+    """Return whether a quantity is NaN: before the first measurement, and where its altitude is a fallback.
 
     age [s]: of the measurement.
     """
@@ -151,7 +151,7 @@ def is_unknown(age: float, of_altitude: bool, altitude_valid: bool) -> bool:
 
 
 def _report(m: TickMemory) -> None:
-    """What is known of the quantities.
+    """Update the quantities.
 
     Phases are told less: nothing that rests on a channel that is not good, but in the abort phase the best there is.
     """
@@ -231,9 +231,9 @@ class VelocityController(Layout):
     """All that a controller of velocities remembers."""
 
     tick: TickMemory
-    """Of the mission, and before and after the solver."""
+    """Memory of the tick, before and after the solver."""
     levels: FunctionField
-    """As `LevelsProblem.function`."""
+    """Levels, as `LevelsProblem.function`."""
     solver: FunctionField
     """J, lower, upper, gate, active set -> v, active set, report, residual."""
     jacobian: Annotated[Vector, Sized("n_entries")]
@@ -256,7 +256,7 @@ class VelocityController(Layout):
 
 
 def solve(c: VelocityController) -> int:
-    """What the hierarchy asks for; returns the code of the `Status`. A kernel."""
+    """Solve the hierarchy and finish the tick; return the code of the `Status`. A kernel."""
     m, J, low, up, gate, goals, phase_quantities = (
         c.tick,
         c.jacobian,
@@ -323,7 +323,7 @@ def finish_in_c(whole: Any) -> Callable[[], Solved]:
 def finish_by(
     solve: Callable[[], TickResult], after: Callable[[], None], arrays: TickArrays, memory: Any
 ) -> Callable[[], Solved]:
-    """By a solver that Python calls, on the arrays of a `TickMemory`."""
+    """Solve the hierarchy by a solver that Python calls, on the arrays of a `TickMemory`."""
 
     def call() -> Solved:
         result = solve()

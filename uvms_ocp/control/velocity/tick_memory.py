@@ -32,15 +32,15 @@ class TickMemory(Layout):
     mission: MissionMemory
     """Where it is."""
     distress: AbortMemory
-    """Whether it is to be given up."""
+    """It is to be given up."""
     rule: ViabilityMemory
     """Limits on positions."""
     restriction: RestrictionMemory
-    """What is not done because of channels that cannot be trusted."""
+    """Restriction by channels that cannot be trusted."""
     speed_limit: SpeedLimitMemory
-    """What is left of a velocity."""
+    """Limits on the speed."""
     sound: LastValidMemory
-    """What stands in for a measurement that is not sound."""
+    """Replacement of an estimate that is not sound."""
     beam: AltimeterMemory
     """Where the altimeter looks."""
     ascent: AscentMemory
@@ -108,7 +108,7 @@ class TickMemory(Layout):
     solved: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] that the hierarchy asks for."""
     usable: bool
-    """Whether it does."""
+    """It does."""
     quantities: Annotated[Vector, Sized("n_quantities")]
     """(n_quantities,) [their units] of the levels."""
 
@@ -134,7 +134,7 @@ class TickMemory(Layout):
     near: bool
     """A stop from it could come to a limit on positions."""
     share: float
-    """Of it that the limits on positions leave; 0 where the robot comes to rest."""
+    """Share of it that the limits on positions leave; 0 where the robot comes to rest."""
 
     # the motion of the last tick
     place: Annotated[Vector, Sized("n_q")]
@@ -228,7 +228,7 @@ def arrays_of(memory: Any, problem: LevelsProblem) -> TickArrays:
 
 
 def inputs_of(memory: Any, arrays: TickArrays, problem: LevelsProblem) -> tuple[np.ndarray, ...]:
-    """Of the levels function, in its order."""
+    """Inputs of the levels function, in its order."""
     parameters = view(memory.goals.values)[: problem.function.size1_in("parameters")]
     return (arrays.q, arrays.v, arrays.previous, arrays.change, arrays.echo, parameters, arrays.gates)
 

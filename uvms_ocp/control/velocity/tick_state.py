@@ -14,7 +14,7 @@ from uvms_ocp.robot.signals import StateEstimate
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class TickInputs:
-    """What is known when a tick begins."""
+    """Inputs of a tick: estimate, restriction and state of the mission."""
 
     begin: float
     """[s] when that was, by the computer's clock."""
@@ -34,7 +34,7 @@ class TickInputs:
     freshness: Freshness
     """How far the measurement can be trusted."""
     restriction: Restriction = FREE
-    """What is not done because of channels that cannot be trusted."""
+    """Restriction by channels that cannot be trusted."""
 
     @property
     def blind(self) -> bool:

@@ -111,7 +111,7 @@ class ViabilityMemory(Layout):
 
 
 def may_reach_limit(m: ViabilityMemory, v: Vector, gates: Vector, quantities: Vector) -> bool:
-    """Whether some position may come to a limit that counts until the robot rests from v [m/s, rad/s]. A kernel.
+    """Return whether some position may come to a limit that counts until the robot rests from v [m/s, rad/s]. A kernel.
 
     gates of tasks, quantities [in their units] as measured. Leaves what each axis moves at most, and which limits it is.
     """
@@ -211,7 +211,7 @@ def _height(m: ViabilityMemory, k: int, i: int, enough: float) -> float:
 
 
 def _is_clear(m: ViabilityMemory, q: Vector, v: Vector) -> bool:
-    """Whether the stop from v [m/s, rad/s] keeps all positions that count at or above their floors, at every tick.
+    """Return whether the stop from v [m/s, rad/s] keeps all positions that count at or above their floors, at every tick.
 
     Ticks that no position can have reached its floor at since it was last looked at are passed over
     (conservative advancement).
@@ -263,7 +263,7 @@ def _interpolate(m: ViabilityMemory, wanted: Vector, share: float) -> None:
 
 
 def _largest_share(m: ViabilityMemory, q: Vector, wanted: Vector) -> float:
-    """Of `wanted` [m/s, rad/s] from which the stop is clear, by halving; 0 is known to be clear."""
+    """Find the share of `wanted` [m/s, rad/s] from which the stop is clear, by halving; 0 is known to be clear."""
     _interpolate(m, wanted, 1.0)
     if _is_clear(m, q, m.mixed):
         return 1.0
@@ -346,12 +346,12 @@ def _told_by_python(guard: PositionGuard, robot: Robot) -> str:
 
 
 def models_of(guards: Sequence[PositionGuard]) -> list[CollisionModel]:
-    """Those that the guards have."""
+    """Return the positions that the guards have."""
     return [guard.model for guard in guards if guard.model is not None]
 
 
 def viability_sizes(robot: Robot, guards: Sequence[PositionGuard], dt: float) -> dict[str, Any]:
-    """Of a `ViabilityMemory` at control period dt [s], but for the `distance_layout_sizes` of its guards."""
+    """Return the sizes of a `ViabilityMemory` at control period dt [s], but for the `distance_layout_sizes` of its guards."""
     q = ca.SX.sym("q", robot.n_q)
     smooth = [guard.limit.values(q) for guard in guards if isinstance(guard.limit.values, ca.Function)]
     return {
@@ -364,7 +364,7 @@ def viability_sizes(robot: Robot, guards: Sequence[PositionGuard], dt: float) ->
 
 
 class ViabilitySetup:
-    """What a `ViabilityMemory` knows of a robot and its limits, and who answers for those without expression."""
+    """Write a robot and its limits into a `ViabilityMemory`; return the guards of limits without expression."""
 
     def __init__(self, robot: Robot, guards: Sequence[PositionGuard], dt: float, memory: Any) -> None:
         """Dt [s]: control period. memory: of the `viability_sizes` of the guards, which is set up."""
@@ -404,7 +404,7 @@ class ViabilitySetup:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ViableVelocity:
-    """What the rule makes of a velocity."""
+    """Velocity that the viability rule allows."""
 
     v: np.ndarray
     """(n_v,) [m/s, rad/s] for this tick."""

@@ -46,7 +46,7 @@ class ChannelMemory(Layout):
     gate: PlausibilityGate
     # The newest reading.
     fresh: bool
-    """Whether there is one since the last tick."""
+    """There is one since the last tick."""
     misshapen: int
     """Number of the text of its wrong shape, 0 where that is right."""
     stamp: float
@@ -57,7 +57,7 @@ class ChannelMemory(Layout):
     seen: float
     """[s] stamp of the last reading that was looked at."""
     started: bool
-    """Whether there was one."""
+    """There was one."""
     behind: bool
     """The filter sees an older reading."""
     used: float
@@ -92,7 +92,7 @@ class ChannelMemory(Layout):
     trust: int
     """`Trust`"""
     changed: bool
-    """Whether the verdict did, in the last tick."""
+    """The verdict did, in the last tick."""
     repeats: RepetitionMemory
 
 
@@ -119,9 +119,9 @@ class ScreeningResult(Layout):
     """What to do with a reading."""
 
     used: bool
-    """Whether it is passed on."""
+    """It is passed on."""
     sane: bool
-    """Whether what speaks against it is the estimate alone, if anything."""
+    """What speaks against it is the estimate alone, if anything."""
     why: Complaint
     """What does."""
 
@@ -207,7 +207,7 @@ def exclude(c: ChannelMemory, why: Complaint, t: float, clean: float) -> bool:
 
 
 def is_excluded(c: ChannelMemory, t: float) -> bool:
-    """Whether no reading is used at time t [s]."""
+    """Return whether no reading is used at time t [s]."""
     return t <= c.excluded_until
 
 
@@ -274,7 +274,7 @@ def _be_silent(c: ChannelMemory, quiet: float, t: float, anew: bool) -> None:
 
 
 def _is_contested(m: HealthMemory, c: ChannelMemory) -> bool:
-    """Whether a suspect channel may be why the filter refuses this one, which then is not lost for it."""
+    """Return whether a suspect channel may be why the filter refuses this one, which then is not lost for it."""
     return _is_suspect(m, c.rival) or _is_suspect(m, c.other_rival)
 
 

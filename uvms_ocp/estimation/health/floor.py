@@ -92,7 +92,7 @@ def copy_floor_points(to: FloorPoints, other: FloorPoints) -> None:
 
 
 def floor_step(accepted: FloorPoints, new: FloorPoint, base: float, slope: float) -> float:
-    """By how much [m] the floor would rise from the known spot that fits least to a new one; 0 where all fit.
+    """Return by how much [m] the floor would rise from the known spot that fits least to a new one; 0 where all fit.
 
     base [m]: that is nothing. slope: of the steepest floor.
     """
@@ -109,7 +109,7 @@ def floor_step(accepted: FloorPoints, new: FloorPoint, base: float, slope: float
 
 
 def height_allowance(new: FloorPoint, old: FloorPoint, slope: float) -> float:
-    """By how much [m] the floor may rise or fall from an old spot to a new one; slope: of the steepest floor.
+    """Return by how much [m] the floor may rise or fall from an old spot to a new one; slope: of the steepest floor.
 
     A beam that goes deeper than the old spot has passed its level at a point near it or far from it: from there on both
     fall, and meet the later, the more the beam tilts.
@@ -202,7 +202,7 @@ def init_floor(memory: ctypes.Structure, sigma: float, tuning: HealthTuning) -> 
 
 
 def accept_echo(w: FloorMemory, why: Complaint) -> bool:
-    """Whether to believe the echo from `here`, in order of time; what speaks against it otherwise, or all the same."""
+    """Return whether to believe the echo from `here`, in order of time; what speaks against it otherwise, or all the same."""
     _forget(w)
     step = floor_step(w.accepted, w.here, w.base, w.slope)
     if step == 0.0:
@@ -279,7 +279,7 @@ def _add_candidate(w: FloorMemory) -> None:
 
 
 def _is_proven(w: FloorMemory, step: float) -> bool:
-    """Whether the vehicle has moved as one does above a floor that is a step [m] farther away, and above another place."""
+    """Return whether the vehicle has moved as one does above a floor that is a step [m] farther away, and above another place."""
     accepted, found = w.accepted, w.candidates
     if w.here.t - found.kept[found.first].t < w.step_time or step > w.relief:
         return False

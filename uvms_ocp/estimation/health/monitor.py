@@ -292,7 +292,7 @@ class HealthMonitor:
 
     @property
     def repeats(self) -> bool:
-        """Whether `screen_and_finish` can be used: the altimeter is not carried by the arm."""
+        """`screen_and_finish` can be used: the altimeter is not carried by the arm."""
         return self._beam is None or not self._beam.moves
 
     @checked_on_failure

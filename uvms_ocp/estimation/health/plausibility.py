@@ -17,7 +17,7 @@ _UNIT = 1e-3  # by which the norm of a quaternion may differ from 1, as in recor
 
 
 def is_nonsense(channel: int, value: Vector, size: int, why: Complaint) -> bool:
-    """Whether a value of size numbers means nothing. A range that is nan is no echo."""
+    """Return whether a value of size numbers means nothing. A range that is nan is no echo."""
     if channel == ChannelIndex.ALTIMETER_RANGE and value[0] < 0.0:
         set_complaint(why, Reason.RANGE, value[0], 0.0)
         return True
@@ -29,7 +29,7 @@ def is_nonsense(channel: int, value: Vector, size: int, why: Complaint) -> bool:
 
 
 def is_mistimed(stamp: float, last: float, t: float, clock: float, why: Complaint) -> bool:
-    """Whether a time stamp [s] cannot be, after the `last` [s] one that was used and at time t [s]; clock [s] of grace."""
+    """Return whether a time stamp [s] cannot be, after the `last` [s] one that was used and at time t [s]; clock [s] of grace."""
     if stamp > t + clock:
         set_complaint(why, Reason.FUTURE, stamp - t, 0.0)
     elif stamp < last:
@@ -78,7 +78,7 @@ class PlausibilityGate(Layout):
 def is_off(
     g: PlausibilityGate, value: Vector, estimate: PastEstimate, away: float, growth: float, why: Complaint
 ) -> bool:
-    """Whether a value cannot be, against an estimate made `away` [s] from it; growth [unit of the channel] of the gate."""
+    """Return whether a value cannot be, against an estimate made `away` [s] from it; growth [unit of the channel] of the gate."""
     error = _error(g, value, estimate)
     allowed = g.base + growth + g.alone * away
     if error <= allowed:
@@ -88,7 +88,7 @@ def is_off(
 
 
 def is_impossible(g: PlausibilityGate, value: Vector, why: Complaint) -> bool:
-    """Whether no robot of this kind can ever read the value (size,) [unit of the channel]."""
+    """Return whether no robot of this kind can ever read the value (size,) [unit of the channel]."""
     if not (g.exists and math.isfinite(g.most)):
         return False
     squared = 0.0
@@ -171,7 +171,7 @@ def init_repetitions(memory: ctypes.Structure, sigma: float, *, size: int, each:
 
 
 def repeated(r: RepetitionMemory, value: Vector, why: Complaint) -> bool:
-    """Whether the channel counts as frozen, by its newest value (size,) [unit of the channel]."""
+    """Return whether the channel counts as frozen, by its newest value (size,) [unit of the channel]."""
     if r.noise == 0.0:
         return False
     fresh, same = not r.started, False
@@ -250,7 +250,7 @@ def integrate_command(e: EncoderMemory, moving: bool, dt: float) -> None:
 
 
 def stands_still(e: EncoderMemory, value: Vector, why: Complaint) -> bool:
-    """Whether an encoder counts as frozen, by the newest value (n_joints,) [rad or m]."""
+    """Return whether an encoder counts as frozen, by the newest value (n_joints,) [rad or m]."""
     worst, excess = 0, 0.0
     for i in range(e.n):
         if e.started and value[i] != e.last[i]:

@@ -272,7 +272,7 @@ def update_depth(d: DepthAgainstPosition, z: float, t: float) -> None:
 
 
 def depth_difference(d: DepthAgainstPosition, z: float, climb: float, t: float) -> float:
-    """By how much [m] the two differ, by the z [m] of a fix at time t [s] and the climb [m/s]; 0 where they agree."""
+    """Return by how much [m] the two differ, by the z [m] of a fix at time t [s] and the climb [m/s]; 0 where they agree."""
     if not abs(t - d.t) <= _GAP:
         return 0.0
     difference = z - d.depth - (t - d.t) * climb

@@ -55,7 +55,7 @@ def screen_reading(m: HealthMemory, c: ChannelMemory, slot: int) -> None:
 
 
 def is_empty(c: ChannelMemory) -> bool:
-    """Whether the newest reading is an echo that did not come back."""
+    """Return whether the newest reading is an echo that did not come back."""
     return c.number == ChannelIndex.ALTIMETER_RANGE and math.isnan(c.value[0])
 
 
@@ -108,7 +108,7 @@ def _agrees(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, why: Comp
 
 
 def is_persistent(c: ChannelMemory) -> bool:
-    """Whether a DVL insists on what cannot be.
+    """Return whether a DVL insists on what cannot be.
 
     While fixes carry the velocity it is taken again at half its gate: one reading of a biased one that noise brings just
     inside would move velocity and acceleration, and all that follows from them.

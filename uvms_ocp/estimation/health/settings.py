@@ -79,7 +79,7 @@ def sizes_of(robot: Robot) -> dict[str, tuple[int, ...]]:
 
 def _set_nothing(c: ctypes.Structure, number: int) -> None:
     c.number, c.rival, c.other_rival, c.gate.by, c.gate.or_by = number, -1, -1, -1, -1
-    c.used = c.refused_at = c.impossible_at = c.bad_at = c.excluded_until = c.heard = -math.inf
+    c.used = c.refused_at = c.impossible_at = c.bad_at = c.excluded_until = c.compared_at = -math.inf
     c.taken = c.used_at = math.nan
 
 

@@ -51,7 +51,7 @@ class EstimateSupport(Layout):
     joint_age: float
     """[s] of the joint positions alone."""
     echo: bool
-    """Whether the altitude is known."""
+    """The altitude is known."""
 
 
 def fallback_sensors(tuning: HealthTuning, *, gyro_from_attitude: bool) -> dict[str, FallbackSensor]:
