@@ -202,18 +202,18 @@ Message: TypeAlias = tuple[Any, ...]
 
 
 def request_message(request: ReplanningRequest) -> Message:
-    """As it is sent."""
+    """Encode a request for a worker."""
     return request.state.q, request.state.v, request.t, request.in_use, request.begin, request.delay
 
 
 def request_of(message: Message) -> ReplanningRequest:
-    """As it was."""
+    """Decode a request."""
     q, v, t, in_use, begin, delay = message
     return ReplanningRequest(state=_state_messages(q=q, v=v), t=t, in_use=in_use, begin=begin, delay=delay)
 
 
 def answer_message(answer: ReplanningResult) -> Message:
-    """As it is sent."""
+    """Encode a result of a worker."""
     plan, numbers = answer.planned, (answer.first, answer.solve_time, answer.processor_time)
     if plan is None:
         return numbers
@@ -221,7 +221,7 @@ def answer_message(answer: ReplanningResult) -> Message:
 
 
 def answer_of(message: Message) -> ReplanningResult:
-    """As it was."""
+    """Decode a result."""
     first, solve_time, processor_time, *plan = message
     planned = None
     if plan:

@@ -42,7 +42,7 @@ class GateOutcome:
     squared: float
     """Innovation, normalised and squared: chi-squared with `degrees` where sensor and vehicle are as expected."""
     degrees: int
-    """Of freedom."""
+    """Degrees of freedom."""
     accepted: bool
     """It was used; of the joints, every one of them."""
 

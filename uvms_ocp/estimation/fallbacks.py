@@ -237,7 +237,7 @@ def _units(robot: Robot) -> list[tuple[int, int]]:
 
 
 class AltimeterMemory(Layout):
-    """What `LastFloorRange` knows, and where the altimeter looks: along -z of its frame."""
+    """Memory of `LastFloorRange`, and the beam of the altimeter: along -z of its frame."""
 
     look: FunctionField
     """Q to `beam` and `height_jacobian`."""
@@ -264,7 +264,7 @@ def point_altimeter(m: AltimeterMemory, q: Vector) -> None:
 
 
 def echo_range(m: AltimeterMemory, t: float, echo: float, unknown: float, distrusted: bool) -> float:
-    """As `LastFloorRange.range` at t [s], of the echo [m] along the beam that the memory holds, or `unknown` [m]. A kernel."""
+    """Compute `LastFloorRange.range` at t [s], of the echo [m] along the beam in memory, or `unknown` [m]. A kernel."""
     if distrusted and m.exists:
         x, y = m.beam[0] - m.place[0], m.beam[1] - m.place[1]
         m.highest += _SLOPE * math.sqrt(x * x + y * y)
@@ -331,7 +331,7 @@ class LastFloorRange:
 
 
 def echo_sizes(robot: Robot, frame: str | None) -> dict[str, Any]:
-    """Of an `AltimeterMemory`, with the function that tells where the altimeter looks."""
+    """Return the sizes of an `AltimeterMemory`, and the function of its beam."""
     return {"n_v": robot.n_v, "look": _beam(robot, frame if frame is not None and robot.has_frame(frame) else None)}
 
 

@@ -91,7 +91,7 @@ class FilterConstants:
     longest_lag: float = 3.0
     """[s] of readings that are older no state is remembered."""
     most_clones: float = 24.0
-    """Of one channel; where more are needed they stand further apart."""
+    """Largest number of clones of one channel; where more are needed they stand further apart."""
     spacing: float = 0.01
     """[s] between two clones at least, for each time that an acceleration is integrated in what they see."""
     gate_relaxation: float = 4.0
@@ -99,7 +99,7 @@ class FilterConstants:
     surprise: float = 0.05
     """[s] for which the robot may have accelerated as it can before the process model notices."""
     unit: float = 1e-3
-    """By which the norm of a measured quaternion may differ from 1."""
+    """Tolerance on the norm of a measured quaternion."""
     exposed: float = 1.0
     """[m/s, m/s2] by which the motion may be wrong where its source proves wrong: more than vehicles make."""
     largest: float = 1e9

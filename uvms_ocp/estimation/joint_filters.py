@@ -154,7 +154,7 @@ def _inflate_own(m: FilterMemory, k: int, which: Mask, variance: Array) -> None:
 
 
 def _predicted(m: FilterMemory, k: int, slot: int) -> tuple[Array, Array, Array]:
-    """What the k-th channel saw at the clone, -1 for now; its rate and the variance of that."""
+    """Return the predicted measurement of channel k at the clone, -1 for now, its rate and the variance of that."""
     if slot >= 0:
         return m.joint_h[:, slot], m.joint_rate[:, slot], m.joint_rate_variance[:, slot]
     if k:

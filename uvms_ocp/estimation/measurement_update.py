@@ -126,7 +126,7 @@ def time_since_accepted(m: FilterMemory, c: ChannelIndex) -> float:
 
 
 def record_outcome(m: FilterMemory, c: ChannelIndex, squared: float, degrees: int, *, believed: bool) -> None:
-    """What became of the fresh reading of channel c: `squared` and its degrees of freedom."""
+    """Record the outcome for the fresh reading of channel c: `squared` and its degrees of freedom."""
     m.outcome[c] = m.stamp[c], squared, degrees, float(believed)
     if believed:
         m.used[c] = m.stamp[c]
@@ -264,7 +264,7 @@ def _gate(m: FilterMemory, c: ChannelIndex, slot: int, delta: float) -> None:
 
 
 def _sight_of(m: FilterMemory, c: ChannelIndex, slot: int) -> PredictedMeasurement:
-    """What c saw at the time of the clone, -1 for now."""
+    """Return the predicted measurement of c at the time of the clone, -1 for now."""
     if slot < 0:
         return predict_measurement(m, c)
     n, at = active(m), MAIN + 3 * slot
@@ -310,7 +310,7 @@ def _is_consistent(m: FilterMemory, c: ChannelIndex, sight: PredictedMeasurement
 
 
 def _relax(m: FilterMemory, c: ChannelIndex, squared: float) -> None:
-    """What the channel alone can put right is wrong, now and in its clones, by an unknown and common amount."""
+    """Inflate the variance of the part that this channel alone observes, now and in its clones, by a common error."""
     m.owner[(m.owner != c)] = _FREE
     m.since[c] = math.nan
     _inflate_own(m, c, CONSTANTS.gate_relaxation * squared)

@@ -138,7 +138,7 @@ def _relief(m: FilterMemory) -> float:
 
 
 def _forget_unknown(m: FilterMemory) -> None:
-    """What has become less certain than `limit` is not known at all: no growth, and no correlation if a reading can set it."""
+    """Bound variances by `limit`: no growth beyond it, and no correlation if a reading can set the part."""
     n, no_turn = active(m), not np.isfinite(m.turn).all()
     lost = np.concatenate([np.full(3, no_turn), ~np.isfinite(m.x)])
     for i in np.flatnonzero(lost | ~are_determined(np.diag(m.P)[:MAIN], m.limit**2)):
@@ -151,7 +151,7 @@ def _forget_unknown(m: FilterMemory) -> None:
 
 
 def are_determined(variance: Array, most: Array | float) -> Mask:
-    """Return whether each variance (n,) [square of a unit] is within `most` (n,) or () [the same]. One below zero rounding has eaten."""
+    """Return whether each variance (n,) [square of a unit] is within `most` (n,) or () [the same]; below zero it is rounding."""
     return np.asarray((variance >= 0.0) & (variance <= most))
 
 
@@ -194,7 +194,7 @@ def inflate_velocity_variance(m: FilterMemory, *, rests: bool) -> None:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PredictedMeasurement:
-    """What a channel sees of the estimate, now or at the time of a clone."""
+    """Predicted measurement of a channel, now or at the time of a clone."""
 
     h: Array
     """(4,) [unit of the channel]; of the altimeter altitude and cosine of the tilt."""
@@ -219,7 +219,7 @@ class PredictedMeasurement:
 
 
 def predict_measurement(m: FilterMemory, c: ChannelIndex) -> PredictedMeasurement:
-    """What channel c sees now."""
+    """Predict the measurement of channel c now."""
     h, H, rate, rate_variance = _MODELS[c](m)
     HP = H @ m.P[:MAIN, : active(m)]
     return PredictedMeasurement(

@@ -28,7 +28,7 @@ TEMPLATES = ("replay.c", "CMakeLists.txt")
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ControllerNames:
-    """What numbers of the controller stand for."""
+    """Names of the controller's phases, statuses and quantities."""
 
     phases: tuple[str, ...]
     """In the order of `ControllerOutputs.phase`."""
@@ -40,7 +40,7 @@ class ControllerNames:
     """In that of `ControllerInputs.trust`."""
 
     def texts(self) -> dict[str, list[str]]:
-        """By the names of their arrays in C, as far as they can stand in a text there; never nothing."""
+        """Return them by the names of their arrays in C, as far as they can stand in a text there; never empty."""
         found = {name: [_plain(text) for text in getattr(self, name)] for name in self.__dataclass_fields__}
         return {f"CONTROLLER_{name.upper()}": texts or [""] for name, texts in found.items()}
 
@@ -79,8 +79,8 @@ def source(library: CLibrary, names: ControllerNames, kernel: str) -> str:
             f"extern const Controller {_INITIAL};",
             f"void controller_reset(Controller *controller) {{ *controller = {_INITIAL}; }}",
             "void controller_step(Controller *controller, const ControllerInputs *in, ControllerOutputs *out) {",
-            "  ControllerInputs given = *in;",
-            f"  k_{kernel}(controller, &given, out);",
+            "  ControllerInputs inputs = *in;",
+            f"  k_{kernel}(controller, &inputs, out);",
             "}",
             *(f"const char *const {name}[] = {_texts(texts)};" for name, texts in names.texts().items()),
             "const unsigned long CONTROLLER_SIZES[3] = {",
@@ -121,16 +121,16 @@ def _documented(layout: type[Layout]) -> str:
 
 
 def field_docs(layout: type[Layout]) -> Mapping[str, str]:
-    """What is written under each field of a layout, or under the next one that has something."""
+    """Return the docstring of each field of a layout, or of the next one that has one."""
     body = _class_body(layout)
-    told, waiting = dict[str, str](), list[str]()
+    texts, waiting = dict[str, str](), list[str]()
     for node in body:
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
             waiting.append(node.target.id)
         elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and waiting:
-            told |= dict.fromkeys(waiting, inspect.cleandoc(str(node.value.value)))
+            texts |= dict.fromkeys(waiting, inspect.cleandoc(str(node.value.value)))
             waiting.clear()
-    return told
+    return texts
 
 
 def _class_body(layout: type[Layout]) -> Sequence[ast.stmt]:
@@ -142,7 +142,7 @@ def _class_body(layout: type[Layout]) -> Sequence[ast.stmt]:
 
 
 def interface_sizes(controller: KinematicController, n_thrusters: int) -> dict[str, int]:
-    """Of what goes in and out."""
+    """Return the sizes of `ControllerInputs` and `ControllerOutputs`."""
     robot = controller.robot
     return {
         "n_q": robot.n_q,
@@ -181,5 +181,5 @@ def kernel_of(memory: Any) -> Callable[..., None]:
 
 
 def controller_library(memory: Any, sizes: dict[str, int]) -> CLibrary:
-    """Texts of a `controller_memory`, which is given and tells what is of these `sizes_of`."""
+    """Texts of a `controller_memory`, with these `sizes_of`."""
     return c_library((kernel_of(memory),), memory, interface_types(sizes))

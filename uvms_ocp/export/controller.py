@@ -46,7 +46,7 @@ FILES = (
     "README.md",
     *TEMPLATES,
 )
-"""That `export_controller` writes."""
+"""Files that `export_controller` writes."""
 
 
 @checked
@@ -68,7 +68,7 @@ def export_controller(scenario: Scenario, folder: Path) -> list[Path]:
 
 @checked
 def exported_controller(folder: Path) -> Callable[[Scenario], CController]:
-    """What `export_controller` wrote, for ``Scenario(controller=exported_controller(folder))``; needs a C compiler.
+    """Load the files of `export_controller`, for ``Scenario(controller=exported_controller(folder))``; needs a C compiler.
 
     Where it begins to run it raises `InvalidInput` for a folder without a controller, or with that of another mission.
     """
@@ -82,14 +82,14 @@ def exported_controller(folder: Path) -> Callable[[Scenario], CController]:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Run:
-    """Of the controller that is exported."""
+    """Recorded run of the exported controller."""
 
     recorded: bytes
     n_ticks: int
 
 
 def _texts(scenario: Scenario) -> tuple[dict[str, str], bytes]:
-    """By file; and the recorded run."""
+    """Return the text of each file, and the recorded run."""
     controller = our_controller(scenario)
     kinematic = controller.kinematic
     sizes = interface_sizes(kinematic, _n_thrusters(scenario))

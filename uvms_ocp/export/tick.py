@@ -62,9 +62,9 @@ class ControllerOutputs(Layout):
     freshness: int
     """0 the measurement is fresh, 1 too old: the robot holds, 2 lost: it stops."""
     status: int
-    """Of the hierarchy: a place in CONTROLLER_STATUSES."""
+    """Status of the hierarchy: a place in CONTROLLER_STATUSES."""
     viable_share: float
-    """Of the hierarchy's velocity that a stop allows."""
+    """Share of the hierarchy's velocity that a stop allows."""
     quantities: Annotated[Vector, Sized("n_quantities")]
     """[m, rad, ...] those of CONTROLLER_QUANTITIES; NAN where unknown."""
 

@@ -91,9 +91,9 @@ class ThrusterVerdict:
 
     health: ActuatorHealth = ActuatorHealth.GOOD
     kind: FaultKind = FaultKind.NONE
-    """Of what is faulty."""
+    """Kind of the fault."""
     share: float = 1.0
-    """Of the thrust that is asked for."""
+    """Share of the commanded thrust that it gives."""
     constant: float = 0.0
     """[N] of a stuck thruster."""
     confidence: float = 0.0

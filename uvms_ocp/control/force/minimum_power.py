@@ -184,7 +184,7 @@ _EXACT = 1e-9  # relative loss of wrench that counts as none
 
 
 class LimitedThrustMemory(Layout):
-    """Memory of bounded minimum-power allocation, with the fields of `Allocation`. Room for n thrusters; `powers.count` are used."""
+    """Memory of bounded minimum-power allocation, with the fields of `Allocation`. Room for n thrusters."""
 
     powers: PowerMemory
     problem: BoundedProblem

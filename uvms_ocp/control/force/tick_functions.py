@@ -201,7 +201,7 @@ class ForceLaws:
     """[N] of all thrusters at most."""
     observer: ObserverLaw | None = None
     residual_filter: ResidualFilter | None = None
-    """Of the actuator monitor, where there is one."""
+    """Filter of the actuator monitor, where there is one."""
     search: ActuatorHealthTuning | None = None
     """For faulty thrusters and joints, with what is taken in; `None` for none."""
 

@@ -129,11 +129,11 @@ class AbortMemory(Layout):
     high: Annotated[list[int], Sized("n_tasks")]
     """(n_tasks,) which tasks keep the robot well above the floor."""
     short: bool
-    """As that of `ActuationFeedback`."""
+    """See `ActuationFeedback`."""
     fault: bool
     """There is one of `ActuationFeedback`."""
     push: float
-    """As that of `ActuationFeedback`."""
+    """See `ActuationFeedback`."""
     pushed: bool
     """Something under the vehicle bears it where it should be well above the floor."""
     contact_since: float

@@ -56,7 +56,7 @@ class StopMemory(Layout):
     next_q: Annotated[Vector, Sized("n_q")]
     next_v: Annotated[Vector, Sized("n_v")]
     n_limits: int
-    """That count."""
+    """Number of limits that count."""
     reach: Annotated[list[Vector], Sized("n_limits", "n_v")]
     """(n_limits, n_v) [m, or 1] as that of `PositionLimit`, finite."""
     room: Annotated[Vector, Sized("n_limits")]
@@ -186,7 +186,7 @@ _ZERO_SPEED = 1e-12  # [m/s, rad/s]
 
 
 class SpeedLimitMemory(Layout):
-    """What of the robot it depends on."""
+    """Quantities of the robot that limit its speed."""
 
     step: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] largest change in one tick."""

@@ -21,7 +21,7 @@ from uvms_ocp.robot.shapes.distance_kernels import (
 from uvms_ocp.tasks.task import FAR
 
 N_PLACES = 4
-"""That are looked at on the way, besides the present one."""
+"""Places along the stop at which distances are measured, besides the present one."""
 
 
 class PairsMemory(Layout):
@@ -88,7 +88,7 @@ class NearestMemory(Layout):
     at: int
     """Index of a place."""
     of_gradients: bool
-    """What is asked for."""
+    """Gradients are asked for too."""
 
 
 def place_along_stop(m: NearestMemory, q: Vector, v: Vector, acceleration: Vector, dt: float) -> None:

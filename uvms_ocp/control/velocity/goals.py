@@ -155,7 +155,7 @@ class _Asked:
     """A task whose goal is asked for at every tick of a phase."""
 
     name: str
-    """Of the task."""
+    """Name of the task."""
     place: slice
     """Place of its goal among the parameters of all tasks."""
     reference: Callable[[float], np.ndarray]

@@ -125,12 +125,12 @@ def _doubts_altimeter(m: TickMemory) -> bool:
 
 
 def is_blind(m: TickMemory) -> bool:
-    """As that of `TickInputs`."""
+    """Evaluate the property of `TickInputs` of this name."""
     return m.freshness != Freshness.FRESH or m.restriction.blind
 
 
 def is_stopped(m: TickMemory) -> bool:
-    """As that of `TickInputs`."""
+    """Evaluate the property of `TickInputs` of this name."""
     return m.freshness == Freshness.LOST or (m.restriction.ended and not m.restriction.can_ascend)
 
 

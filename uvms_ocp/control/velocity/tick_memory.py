@@ -90,9 +90,9 @@ class TickMemory(Layout):
     echo: Annotated[Vector, Sized(1)]
     """(1,) [m] range that tasks act on."""
     altitude_valid: bool
-    """As that of `TickInputs`."""
+    """See `TickInputs`."""
     echo_is_oldest: bool
-    """Of all that is needed."""
+    """The altimeter's reading is the oldest that is needed."""
     oldest: float
     """[s] age of what is."""
     freshness: int
@@ -142,7 +142,7 @@ class TickMemory(Layout):
     command: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] the last velocity that was taken."""
     pace: float
-    """That it was at."""
+    """Pace of that velocity."""
 
 
 # The memory of a tick in Python: made once, with what never changes, and seen as arrays.

@@ -291,7 +291,7 @@ class PositionGuard:
     """A limit of one task, and where its measured quantity is."""
 
     limit: PositionLimit
-    """As its task has it."""
+    """Limit, as its task has it."""
     task: int
     """Index in the hierarchy."""
     quantity: int
@@ -427,7 +427,7 @@ class Viability:
 
     @property
     def stop(self) -> Stop:
-        """That it looks along."""
+        """Stop along which it is checked."""
         return self._guarding.stop
 
     def kept(

@@ -88,7 +88,7 @@ class ChannelMemory(Layout):
     """The filter has a gate of its own for it."""
     complaint: Complaint
     refusal: Complaint
-    """What the filter's gate last said."""
+    """Refusal by the filter's gate, the last one."""
     trust: int
     """`Trust`"""
     changed: bool
@@ -97,7 +97,7 @@ class ChannelMemory(Layout):
 
 
 class TrustRules(Layout):
-    """Of `HealthTuning`, what the verdict on any channel takes."""
+    """Thresholds of `HealthTuning` that verdicts need."""
 
     periods_to_suspect: float
     periods_to_lose: float
@@ -116,18 +116,18 @@ class TrustRules(Layout):
 
 
 class ScreeningResult(Layout):
-    """What to do with a reading."""
+    """Result of the screening of a reading."""
 
     used: bool
     """It is passed on."""
     sane: bool
-    """What speaks against it is the estimate alone, if anything."""
+    """Nothing speaks against it but the estimate, if anything."""
     why: Complaint
-    """What does."""
+    """Complaint, if any."""
 
 
 class HealthMemory(Layout):
-    """All of it."""
+    """Memory of the health monitor."""
 
     n: int
     """Channels that the robot has."""
@@ -142,7 +142,7 @@ class HealthMemory(Layout):
     n_behind: int
     """Channels that the filter sees an older reading of than the newest."""
     exposed: bool
-    """What told the velocity has been found out in this tick."""
+    """The source of the velocity proved wrong in this tick."""
     velocity_unobserved: bool
     """Nothing has told it for too long, by this tick."""
     unobserved_at: float
@@ -151,7 +151,7 @@ class HealthMemory(Layout):
     history: EstimateHistory
     belief: ScreeningResult
     channels: Annotated[list[ChannelMemory], Sized(N_CHANNELS)]
-    """By `Channel`."""
+    """Channels by `ChannelIndex`."""
     encoders: EncoderMemory
     floor: FloorMemory
     velocity: VelocityAgainstPosition

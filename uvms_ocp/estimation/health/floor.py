@@ -53,7 +53,7 @@ class FloorPoints(Layout):
 
 
 def slot_of(s: FloorPoints, k: int) -> int:
-    """Of spot k, from the oldest."""
+    """Return the slot of spot k, from the oldest."""
     return (s.first + k) % len(s.kept)
 
 
@@ -72,7 +72,7 @@ def forget_first(s: FloorPoints) -> None:
 
 
 def forget_older(s: FloorPoints, t: float) -> None:
-    """Those from before time t [s] go, the last one aside."""
+    """Forget spots from before time t [s], the last one aside."""
     while s.count > 1 and s.kept[s.first].t < t:
         forget_first(s)
 
@@ -166,12 +166,12 @@ _RETURN = 3  # echoes in a row from a floor known before that bring it back
 
 
 class FloorMemory(Layout):
-    """What echoes showed so far, and which steps of a floor are possible."""
+    """Memory of the floor by echoes so far, and of the steps that are possible."""
 
     base: float
     """[m] by which echoes of one place may differ."""
     slope: float
-    """Of the steepest floor."""
+    """Slope of the steepest floor."""
     memory: float
     """[s] for which an echo tells of the floor where it was taken."""
     spacing: float
@@ -189,7 +189,7 @@ class FloorMemory(Layout):
     accepted: FloorPoints
     before: FloorPoints
     candidates: FloorPoints
-    """Of a floor that is farther away; each with the vertical motion until the next one."""
+    """Spots of a floor that is farther away; each with the vertical motion until the next one."""
     returned: int
 
 

@@ -49,7 +49,7 @@ def _is_no_rotation(value: Vector, why: Complaint) -> bool:
 
 
 class PlausibilityGate(Layout):
-    """By how much a reading may differ from the estimate: at once, and by how much more for every second without any.
+    """Gate of plausibility: how far a reading may differ from the estimate, at once and for every second without any.
 
     It grows with that time without end, so that it never shuts a channel out for good.
     """

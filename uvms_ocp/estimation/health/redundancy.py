@@ -26,7 +26,7 @@ class SampleRing(Layout):
 
 
 def ring_slot(s: SampleRing, k: int) -> int:
-    """Of entry k, from the oldest."""
+    """Return the slot of entry k, from the oldest."""
     return (s.first + k) % len(s.t)
 
 
@@ -66,7 +66,7 @@ def mean_time(s: SampleRing, start: int, n: int) -> float:
 
 
 def median_of(s: SampleRing, i: int, start: int, n: int) -> float:
-    """Of number i of n entries from `start` on."""
+    """Return the slot of number i of n entries from `start` on."""
     x = zeros(LONGEST)
     for k in range(n):
         value, place = s.value[ring_slot(s, start + k)][i], k
@@ -114,7 +114,7 @@ class VelocityAgainstPosition(Layout):
     ways: SampleRing
     """`way` at the last readings of the DVL, which late fixes may be compared with."""
     offsets: SampleRing
-    """Of fixes from the way."""
+    """Difference of fixes from the integrated velocity."""
 
 
 class RateAgainstAttitude(Layout):
@@ -129,7 +129,7 @@ class RateAgainstAttitude(Layout):
     rate: Annotated[Vector, Sized(3)]
     """(3,) [rad/s]"""
     offsets: SampleRing
-    """Of attitudes from the turn: constant in B where both turn alike."""
+    """Difference of attitudes from the integrated rate: constant in B where both turn alike."""
 
 
 class DepthAgainstPosition(Layout):

@@ -40,7 +40,7 @@ _STUBBORN = 3
 
 
 def screen_reading(m: HealthMemory, c: ChannelMemory, slot: int) -> None:
-    """What to do with the newest reading of a channel, in `belief`; slot of the estimate of its time, -1 for none."""
+    """Screen the newest reading of a channel, into `belief`; slot of the estimate of its time, -1 for none."""
     b = m.belief
     b.sane = not (_means_nothing(m, c, b.why) or _cannot_be(m, c, b.why))
     b.used = b.sane
@@ -70,7 +70,7 @@ def _means_nothing(m: HealthMemory, c: ChannelMemory, why: Complaint) -> bool:
 
 
 def _cannot_be(m: HealthMemory, c: ChannelMemory, why: Complaint) -> bool:
-    """What values alone and their age say."""
+    """Screen a reading by its values and age alone."""
     late = m.t - c.stamp - c.delay
     if late > m.rules.too_late:
         set_complaint(why, Reason.TOO_LATE, late, 0.0)
@@ -131,7 +131,7 @@ def _is_floor(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, why: Co
 
 
 def _place(here: FloorPoint, c: ChannelMemory, estimate: PastEstimate, up: Vector, at: Vector) -> None:
-    """Of an echo: up and at [m], axis and place of the altimeter, are in W, seen from the vehicle."""
+    """Find the spot of the floor of an echo: up and at [m], axis and place of the altimeter, are in W, seen from the vehicle."""
     here.t = c.stamp
     here.sensor_x = estimate.q[0] + at[0]
     here.sensor_y = estimate.q[1] + at[1]

@@ -120,7 +120,7 @@ def _set_gates(memory: ctypes.Structure, robot: Robot, specs: Mapping[str, Senso
 
 
 class _Allowed(NamedTuple):
-    """What an estimate may be off by."""
+    """Return by how much an estimate may be off."""
 
     start: int
     """Where the value begins in q or v."""
@@ -131,11 +131,11 @@ class _Allowed(NamedTuple):
     by: tuple[str, ...]
     """The channels that carry it."""
     pull: float = math.inf
-    """By which the growth alone grows itself, where the rate of the value is known at first."""
+    """Growth of the growth itself, where the rate of the value is known at first."""
 
 
 def _unforeseen(of: _Allowed, spec: SensorSpec, specs: Mapping[str, SensorSpec]) -> float:
-    """What the robot can have done that the estimate did not know of when the reading was taken.
+    """Compute how far the robot may have moved unknown to the estimate when the reading was taken.
 
     A late reading meets an estimate of its time that had been carried on by itself for as long, at worst with full acceleration
     the other way.
@@ -159,7 +159,7 @@ def _vehicle_gates(robot: Robot, tuning: HealthTuning) -> dict[str, _Allowed]:
 
 
 def _limit_rates(memory: ctypes.Structure, robot: Robot, tuning: HealthTuning) -> None:
-    """What no vehicle of this kind ever reads."""
+    """Bounds that no vehicle of this kind ever reads."""
     v, w = _brisk(robot.limits.velocity)
     memory.channels[NUMBER["angular_velocity"]].gate.most = 4 * w + tuning.rate
     memory.channels[NUMBER["linear_velocity"]].gate.most = v + tuning.current

@@ -26,11 +26,11 @@ class HealthTuning:
     """
 
     chance: float = 1e-9
-    """That noise repeats a value, or losses a silence, by themselves; 1e8 readings fit into a hundred hours of gyro."""
+    """Chance that noise repeats a value, or losses a silence, by themselves; 1e8 readings fit into a hundred hours of gyro."""
     periods_to_suspect: float = 2.5
     """of silence: 0.5 s of a 5 Hz DVL, before a watchdog of 0.6 s holds."""
     periods_to_lose: float = 8.0
-    """Of silence, or of nothing but refused readings."""
+    """Duration of silence, or of nothing but refused readings."""
     least_to_suspect: float = 0.05
     """[s] of silence of a quick sensor: as long as joints are fed back without encoders."""
     least_to_lose: float = 0.25
@@ -66,7 +66,7 @@ class HealthTuning:
     current: float = 1.0
     """[m/s] of water, which moves a vehicle beyond its own velocity limits."""
     slope: float = 3.0
-    """Of a floor; the steepest way over 1350 lines across floors with large protuberances is 2.8."""
+    """Slope of a floor; the steepest way over 1350 lines across floors with large protuberances is 2.8."""
     relief: float = 10.0
     """[m] of the highest step of a floor: nearly twice the highest of large protuberances."""
     step_time: float = 2.0
@@ -95,7 +95,7 @@ class HealthTuning:
 
 
 class Reason(IntEnum):
-    """What speaks against a channel."""
+    """Complaint against a channel."""
 
     NONE = 0
     STAMP = 1
@@ -115,9 +115,9 @@ class Reason(IntEnum):
     AS_BEFORE = 15
     FARTHER = 16
     DRIFT = 17
-    """Of DVL and position fixes from each other."""
+    """Largest difference of DVL and position fixes."""
     TURN = 18
-    """Of gyro and attitude from each other."""
+    """Largest difference of gyro and attitude."""
     DEPTH = 19
     SILENT = 20
     NO_ECHO = 21
