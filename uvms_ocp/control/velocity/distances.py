@@ -88,7 +88,7 @@ class NearestMemory(Layout):
     at: int
     """Index of a place."""
     of_gradients: bool
-    """Gradients are asked for too."""
+    """Gradients are asked for, not distances."""
 
 
 def place_along_stop(m: NearestMemory, q: Vector, v: Vector, acceleration: Vector, dt: float) -> None:
