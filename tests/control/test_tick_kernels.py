@@ -59,7 +59,7 @@ def twins(build: Callable[[], KinematicController], monkeypatch: pytest.MonkeyPa
     quick = build()
     bound: list[object] = []
     with monkeypatch.context() as without:
-        for room in ("kinematic", "tick.finishing"):
+        for room in ("kinematic", "tick"):
             name = f"uvms_ocp.control.velocity.{room}.bind_memory"
             without.setattr(name, lambda memory, kernels: bound.extend(kernels) or kernels)
         slow = build()

@@ -273,8 +273,8 @@ class KinematicController(TableDisplay):
         tick = solver.bind(self.problem.function, self.problem.sizes)
         inputs = inputs_of(self.memory, self._arrays, self.problem)
         solve = tick.adopt(*inputs) if isinstance(tick, InPlaceTick) else partial(tick, *inputs)
-        (settle,) = bind_memory(self.memory, (finish_tick,))
-        return finish_by(solve, partial(settle, self.memory), self._arrays, self.memory)
+        (finish,) = bind_memory(self.memory, (finish_tick,))
+        return finish_by(solve, partial(finish, self.memory), self._arrays, self.memory)
 
     @checked_on_failure
     def follow(self, command: Command) -> None:
