@@ -79,7 +79,7 @@ def test_a_controller_whose_kernels_are_python_gives_the_same_bits(
             control.on_actuation_feedback(feedback)
         first, second = quick(measurement, k * DT), slow(measurement, k * DT)
         np.testing.assert_array_equal(first.v, second.v)
-        for name in ("quantities", "gates", "freshness"):
+        for name in ("quantities", "activations", "freshness"):
             np.testing.assert_array_equal(first.telemetry[name], second.telemetry[name])
         assert (first.hold, first.stop, first.brakes) == (second.hold, second.stop, second.brakes)
         assert quick.state.held_since == slow.state.held_since

@@ -54,12 +54,12 @@ class WatchedEstimator:
         if not isinstance(estimate, StateEstimate):
             raise InvalidInput(f"estimator {self._name} returned {type(estimate).__name__}; return a StateEstimate")
         robot = self._robot
-        require_numbers(self._whose, "q", told.q, (robot.n_q,))
-        require_numbers(self._whose, "v", told.v, (robot.n_v,))
-        if told.std is not None:
-            require_numbers(self._whose, "std", told.std, (robot.n_v,))
-        require_normalized(self._whose, robot, told.q)
-        return told
+        require_numbers(self._whose, "q", estimate.q, (robot.n_q,))
+        require_numbers(self._whose, "v", estimate.v, (robot.n_v,))
+        if estimate.std is not None:
+            require_numbers(self._whose, "std", estimate.std, (robot.n_v,))
+        require_normalized(self._whose, robot, estimate.q)
+        return estimate
 
 
 class WatchedGates(WatchedEstimator):
