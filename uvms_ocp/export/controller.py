@@ -103,7 +103,8 @@ def _texts(scenario: Scenario) -> tuple[dict[str, str], bytes]:
         ticks=run.n_ticks,
         size=ctypes.sizeof(memory),
         period=scenario.dt,
-        bound=f"{iteration_budget(rows).most_of_all} iterations of the solver, {ROUNDS} rounds for every distance, whatever the numbers",
+        bound=f"{iteration_budget(rows).most_of_all} iterations of the solver, {ROUNDS} rounds for every distance, "
+        "whatever the numbers",
         channels=table(names.channels),
         phases=table(names.phases),
     )

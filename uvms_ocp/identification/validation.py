@@ -287,7 +287,9 @@ class HeldOutRecording:
 def leave_one_out(
     fitted: FitContext, horizons: Sequence[float] = HORIZONS, progress: Callable[[str], None] = lambda _: None
 ) -> Iterator[HeldOutRecording]:
-    """Hold out and predict each recording; horizons [s]; progress gets a line for each. Raises InvalidInput where there is one recording alone.
+    """Hold out and predict each recording; horizons [s]; progress gets a line for each.
+
+    Raises `InvalidInput` where there is one recording alone.
 
     The search on the others begins where all of them together end, which only its last digits can show.
     """
