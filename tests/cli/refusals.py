@@ -281,7 +281,6 @@ REFUSED: tuple[tuple[str, str], ...] = (
     ("export controller case1 taken/c", "cannot write there"),
     ("export controller case1 foreign", "not written by an earlier command"),
     ("export controller raises.py out", "ValueError"),
-    ("export controller mission.py:broken out", ""),
     ("export controller mission.py:no_frame out", "unknown frame"),
     ("export controller case1 out --plant wet", "unknown plant"),
     ("export controller case1 out --robot girona", "unknown robot"),

@@ -185,8 +185,8 @@ def test_a_manifest_that_cannot_be_read_is_named(tmp_path: Path) -> None:
 
 def test_a_foreign_file_in_the_way_of_a_recovery_is_refused_and_kept(tmp_path: Path) -> None:
     program = (
-        "import os, pathlib, sys; from uvms_ocp.record import claimed\n"
-        "with claimed(pathlib.Path(sys.argv[1]), ['b']) as claim:\n"
+        "import os, pathlib, sys; from uvms_ocp.record.output import claim_folder\n"
+        "with claim_folder(pathlib.Path(sys.argv[1]), ['b']) as claim:\n"
         "    with claim.staged() as staging:\n"
         "        (staging / 'b').write_text('new')\n"
         "        os.link = os.replace = lambda a, b: os._exit(9) if 'new' in str(a) else rename(a, b)\n"

@@ -1,7 +1,7 @@
 """Fossen's terms of one link in water, written once for NumPy arrays and CasADi expressions; drag must dissipate.
 
 At nu the water gets the power ``L(nu) + C(nu)``, ``L = nu.T D_lin nu`` and ``C = sum_ij Q_ij nu_i |nu_j| nu_j`` from the
-matrices of `uvms_ocp.robot.water.hydrodynamics.damping_matrix`. In a given direction it is ``s^2 L + s^3 C`` at the speed
+matrices of `uvms_ocp.robot.hydrodynamics.damping_matrix`. In a given direction it is ``s^2 L + s^3 C`` at the speed
 s: the first part decides where s is small, the second where it is large, so that neither may be negative anywhere.
 
 L is not if the symmetric part of D_lin has no negative eigenvalue, and only then.
