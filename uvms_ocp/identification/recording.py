@@ -1,6 +1,6 @@
 """Recordings of a moving vehicle as values: channels of samples, resampling, and cuts at gaps.
 
-Frames are those of `uvms_ocp.model.spatial`: W with z up, B forward-left-up. What a file has otherwise is turned when it is read,
+Frames are those of `uvms_ocp.robot.spatial`: W with z up, B forward-left-up. What a file has otherwise is turned when it is read,
 see `uvms_ocp.identification.reading`.
 """
 

@@ -1,6 +1,6 @@
 """Simulate the closed loop of plant, sensors, state estimator and controller.
 
-The parts know nothing of each other: what they exchange is `uvms_ocp.model.state`.
+The parts know nothing of each other: what they exchange is `uvms_ocp.robot.signals`.
 """
 
 from __future__ import annotations
