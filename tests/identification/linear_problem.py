@@ -24,7 +24,7 @@ class LinearRollout(Rollout):
     def __init__(self, G: tuple[np.ndarray, ...], bend: float = 0.0) -> None:
         self.G, self._bend = G, bend
 
-    def seen(
+    def predict(
         self, stretches: Sequence[Segment], starts: Sequence[SegmentStart], p: np.ndarray, *, slopes: bool
     ) -> list[PredictedOutputs]:
         return [self._seen(row) for row in p]

@@ -73,12 +73,12 @@ _MOST, _LONGEST = 20, 300  # causes, letters of one
 def cause_table(table: Any) -> list[dict[str, Any]]:
     """One row per outcome and kind of cause of the runs that failed, the most frequent first, each as its first run has it."""
     failed = table[~table["success"].astype(bool)]
-    told = failed["cause"].fillna("").map(_shortened)
-    groups = failed.assign(told=told, kind=told.map(_kind)).groupby(["outcome", "kind"], sort=False)
+    shortened = failed["cause"].fillna("").map(_shortened)
+    groups = failed.assign(shortened=shortened, kind=shortened.map(_kind)).groupby(["outcome", "kind"], sort=False)
     rows = [
         {
             "outcome": outcome,
-            "cause": runs["told"].iloc[0],
+            "cause": runs["shortened"].iloc[0],
             **Rate(number=len(runs), runs=len(table)).to_dict(),
             "run": int(runs["run"].iloc[0]),
         }

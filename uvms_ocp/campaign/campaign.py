@@ -79,10 +79,10 @@ class MissionJob(CampaignJob):
         record = scenario.run()
         cause = cause_of_end(record)
         success = cause["kind"] == COMPLETED
-        told = {"outcome": cause["kind"], "success": success, "cause": cause["text"]}
-        told |= {"finished": record.run_meta.completed}
+        ending = {"outcome": cause["kind"], "success": success, "cause": cause["text"]}
+        ending |= {"finished": record.run_meta.completed}
         keep = self.records == "all" or (self.records == "failures" and not success)
-        row = {**self.head(run), **run_metrics(scenario, record), **told}
+        row = {**self.head(run), **run_metrics(scenario, record), **ending}
         return RunResult(row=row, attachment=_packed(record) if keep else b"")
 
     def _variations(self) -> Sequence[Variation]:

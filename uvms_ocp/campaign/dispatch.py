@@ -188,13 +188,13 @@ class Dispatch:
     def _give_up(self) -> None:
         """Runs that did not end in their time, nor when they were told to: their processes end just now."""
         while not self._overdue.empty():
-            _, told = self._overdue.get_nowait()
+            _, overdue = self._overdue.get_nowait()
             for future, chunk in list(self._running.items()):
-                if told["run"] in chunk:
+                if overdue["run"] in chunk:
                     self._running.pop(future)
                     self._client.cancel([future], force=True)
-                    self._alone.extend(run for run in chunk if run != told["run"])
-                    row = failed_row(self._work, told["run"], TIME_LIMIT, over_time(self._limit))
+                    self._alone.extend(run for run in chunk if run != overdue["run"])
+                    row = failed_row(self._work, overdue["run"], TIME_LIMIT, over_time(self._limit))
                     self._folder.add(RunResult(row=row))
 
     def _require_cluster(self) -> None:

@@ -39,20 +39,22 @@ def run_jobs(
     """
     dask(), arrow()
     with opened(out, identity, sources or {}) as folder:
-        tell = _teller(folder, progress)
-        tell()
+        report_progress = _progress_reporter(folder, progress)
+        report_progress()
         if len(folder.left):
             from uvms_ocp.campaign.dispatch import Dispatch  # with Dask, which takes a second
 
             if scheduler is None:
                 warn_if_slower()  # which workers would not say
             with connected(scheduler, workers) as client:
-                Dispatch(client, work, folder, limit=limit, exclusive=scheduler is None).run(folder.left.tolist(), tell)
+                Dispatch(client, work, folder, limit=limit, exclusive=scheduler is None).run(
+                    folder.left.tolist(), report_progress
+                )
 
 
-def _teller(folder: CampaignFolder, progress: Progress | None) -> Callable[[], None]:
-    def tell() -> None:
+def _progress_reporter(folder: CampaignFolder, progress: Progress | None) -> Callable[[], None]:
+    def report_progress() -> None:
         if progress is not None:
             progress(int(np.sum(folder.finished)), folder.failed, len(folder.finished))
 
-    return tell
+    return report_progress

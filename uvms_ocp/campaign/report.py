@@ -167,17 +167,17 @@ def compare_campaigns(first: Path, second: Path, success: Sequence[Bound] = ()) 
     """
     folders, tables = (first, second), [table_with_success(folder, success) for folder in (first, second)]
     rates = [Rate(number=int(table["success"].sum()), runs=len(table)) for table in tables]
-    told: dict[str, Any] = {
+    comparison: dict[str, Any] = {
         "campaigns": [str(folder) for folder in folders],
         "success": [rate.to_dict() for rate in rates],
         "success_text": [str(rate) for rate in rates],
         "paired": _same_draws(*folders),
     }
-    if told["paired"]:
+    if comparison["paired"]:
         a, b = (table.set_index("run") for table in tables)
         common = a.index.intersection(b.index)
-        told |= _pairs(a.loc[common].reset_index(), b.loc[common].reset_index())
-    return told
+        comparison |= _pairs(a.loc[common].reset_index(), b.loc[common].reset_index())
+    return comparison
 
 
 def _same_draws(first: Path, second: Path) -> bool:

@@ -71,7 +71,7 @@ def mixed_thrusters(recording: Recording, thrust: Channel, B: np.ndarray, names:
     motion = motion_of(recording)
     if motion is None or thrust.values.shape[1] != B.shape[1]:
         return ""
-    agreement, told, axes = _agreement(motion, thrust), list[str](), int((np.abs(B) > 1e-9).any(axis=1).sum())
+    agreement, changes, axes = _agreement(motion, thrust), list[str](), int((np.abs(B) > 1e-9).any(axis=1).sum())
     best = agreement.of(B)
     for _ in range(_MOST):
         ways = {text: B @ Q for text, Q in _ways(names).items()}
@@ -80,8 +80,8 @@ def mixed_thrusters(recording: Recording, thrust: Channel, B: np.ndarray, names:
         if found[text] < best + _BETTER:
             break
         best, B = found[text], ways[text]
-        told.append(text)
-    return " and ".join(told) if best > _WELL * axes else ""
+        changes.append(text)
+    return " and ".join(changes) if best > _WELL * axes else ""
 
 
 def _agreement(motion: ExplainedMotion, thrust: Channel) -> _Agreement:
@@ -290,7 +290,7 @@ def calibrate(
 ) -> Calibration:
     """Identify; with profiles and leave-one-out, which take longer, if wanted; progress gets a line at each step.
 
-    warn is told every doubt before anything is searched. Recordings with silences are cut there.
+    warn gets every issue before anything is searched. Recordings with silences are cut there.
     Raises InvalidInput for no recordings, one alone to be left out, equal names, or a current that is recorded and not
     learnt, and NameNotFound for a channel that is missing.
     """
@@ -306,18 +306,18 @@ def calibrate(
     fitted = _fitted(subject, settings, prepared)
     left = fitted.residuals()
     inflation = variance_inflation(left, fitted.noise)
-    told = numbers(subject.vehicle, fitted.estimate, inflation)
+    identified = numbers(subject.vehicle, fitted.estimate, inflation)
     return Calibration(
         subject=subject,
         estimate=fitted.estimate,
         exported=exported_estimate(fitted, inflation),
-        numbers=told,
+        numbers=identified,
         open=unidentifiable_directions(subject.vehicle, fitted.estimate, inflation),
         inflation=inflation,
         whiteness=whiteness(left, fitted.noise),
         comparisons=_comparisons(fitted),
         issues=doubtful,
-        profiles=tuple(profiles(fitted, told, inflation, progress)) if profiled else (),
+        profiles=tuple(profiles(fitted, identified, inflation, progress)) if profiled else (),
         left_out=tuple(left_out(fitted, progress=progress)) if leave_one_out else (),
     )
 

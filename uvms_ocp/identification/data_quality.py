@@ -89,8 +89,8 @@ def _rate_issues(recording: Recording, name: str, reference: _Reference) -> Iter
     late, steady = offset(reference.t, reference.body, t, values)
     seen = np.column_stack([np.interp(reference.t + late, t, column) for column in values.T])
     jump = "its clock and that of the {} differ at the end by another time than at the beginning: a jump?"
-    told = [describe_delay(late) if steady else jump, describe_factor(reference.body, seen)]
-    yield from ((name, text.format(partner)) for text in told if text)
+    texts = [describe_delay(late) if steady else jump, describe_factor(reference.body, seen)]
+    yield from ((name, text.format(partner)) for text in texts if text)
     factor = float(np.linalg.norm(seen) / np.linalg.norm(reference.body))
     yield from _rate_axes(reference, seen / factor, name)
 
@@ -145,8 +145,8 @@ def of_joints(recording: Recording) -> Iterator[tuple[str, str]]:
         return
     late, _ = offset(t, rate, t_seen, seen)
     shifted = np.column_stack([np.interp(t + late, t_seen, column) for column in seen.T])
-    told = [describe_delay(late), describe_factor(rate, shifted)]
-    yield from ((_NAMES[1], text.format("positions")) for text in told if text)
+    texts = [describe_delay(late), describe_factor(rate, shifted)]
+    yield from ((_NAMES[1], text.format("positions")) for text in texts if text)
     yield from _columns(rate, shifted)
 
 
@@ -272,8 +272,8 @@ def _command_issues(name: str, held: ZeroOrderHold, motion: ExplainedMotion) -> 
     share = shares[:, moved].mean(axis=1)
     late = float(SHIFTS[int(np.argmax(share))])
     if share.max() > share[MAY].max() + _CLEARER:
-        told = f"{late:.2f} s after" if late > 0 else f"{-late:.2f} s before"
-        yield f"the vehicle accelerates {told} what it says: a clock of its own?"
+        offset = f"{late:.2f} s after" if late > 0 else f"{-late:.2f} s before"
+        yield f"the vehicle accelerates {offset} what it says: a clock of its own?"
     if signed:
         yield from _wrench_axes(held, motion, late)
 

@@ -300,13 +300,13 @@ class OutputErrorProblem:
 
     def _estimate(self, point: SearchPoint, blocks: list[NormalEquations], status: FitStatus, done: int) -> Estimate:
         names = [group[0].recording for group in self._recordings]
-        told = [] if status is FitStatus.RUNS_AWAY else blocks  # of which nothing is learnt
+        informative = [] if status is FitStatus.RUNS_AWAY else blocks  # of which nothing is learnt
         return Estimate(
             shared=point.shared,
             own=dict(zip(names, point.own, strict=True)),
             starts=tuple(one for group in point.starts for one in group),
             cost=self._total(point, [block.cost for block in blocks]),
-            information=self._reduced(point, told, 0.0)[0],
+            information=self._reduced(point, informative, 0.0)[0],
             status=status,
             iterations=done,
         )

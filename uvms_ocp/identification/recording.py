@@ -257,10 +257,10 @@ def _parts(one: Recording) -> tuple[Recording, ...]:
         raise InvalidInput(
             f"{given}; allowed: {SHORTEST:g} s at least without {LONGEST_GAP:g} s of silence: look at its times"
         )
-    told = f"nothing is recorded for {longest:.3g} s at {silences[int(np.argmax(np.diff(silences))), 0]:.3g} s"
-    known = (*one.issues_in_file, ("times", f"{told}: lost, or a clock that was set? It is cut where it is silent"))
+    silence = f"nothing is recorded for {longest:.3g} s at {silences[int(np.argmax(np.diff(silences))), 0]:.3g} s"
+    issues = (*one.issues_in_file, ("times", f"{silence}: lost, or a clock that was set? It is cut where it is silent"))
     return tuple(
-        replace(part, name=f"{one.name} part {k}", issues_in_file=known if k == 1 else one.issues_in_file)
+        replace(part, name=f"{one.name} part {k}", issues_in_file=issues if k == 1 else one.issues_in_file)
         for k, part in enumerate(found, start=1)
     )
 

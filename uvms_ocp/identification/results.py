@@ -68,8 +68,8 @@ _SPEEDS = "drive {axes} at two speeds that differ much, and keep each for some s
 def advice(one: UnidentifiableDirection) -> str:
     """Name the motion or knowledge that would determine a combination; as ``drive yaw fast``."""
     shares = [_parted(name) for name, _ in one.shares[:_SHARES]]
-    told = _of_all(shares)
-    return told or "; ".join(dict.fromkeys(_motion(_MOTIONS[quantity], entry) for quantity, entry in shares))
+    special = _of_all(shares)
+    return special or "; ".join(dict.fromkeys(_motion(_MOTIONS[quantity], entry) for quantity, entry in shares))
 
 
 def _of_all(shares: Sequence[tuple[str, str]]) -> str | None:
@@ -260,7 +260,7 @@ def _cell(value: float, worse: bool) -> str:
 
 # A calibration in words: numbers, how sure they are, what is not determined, and how well recordings are predicted.
 
-_TOLD = 6  # combinations, the worst first
+_MOST_COMBINATIONS = 6  # combinations, the worst first
 _DECADES = 1e3  # between the ends of an interval that is told of what is positive
 
 
@@ -282,8 +282,8 @@ def _number_table(one: Calibration) -> Iterator[str]:
     yield "|---|---:|---|---:|---|---|---|"
     for each in one.numbers:
         words = "yes" if each.determined else "no", _in_file(one, each)
-        told = f"{each.value:.4g} | {each.unit} | {each.sigma:.2g} | {_ends(each.interval)}"
-        yield f"| {each.name} | {told} | {words[0]} | {words[1]} |"
+        columns = f"{each.value:.4g} | {each.unit} | {each.sigma:.2g} | {_ends(each.interval)}"
+        yield f"| {each.name} | {columns} | {words[0]} | {words[1]} |"
 
 
 def _in_file(one: Calibration, each: IdentifiedNumber) -> str:
@@ -304,9 +304,9 @@ def _profiles(one: Calibration) -> Iterator[str]:
         yield _profile(each, each.number)
 
 
-def _profile(one: Profile, told: IdentifiedNumber) -> str:
+def _profile(one: Profile, number: IdentifiedNumber) -> str:
     word = "differs" if one.differs else ""
-    return f"| {told.name} | {told.unit} | {_ends(told.interval)} | {_ends(one.interval)} | {word} |"
+    return f"| {number.name} | {number.unit} | {_ends(number.interval)} | {_ends(one.interval)} | {word} |"
 
 
 def _ends(interval: tuple[float, float]) -> str:
@@ -319,7 +319,7 @@ def _open(one: Calibration) -> Iterator[str]:
     yield "\n## Combinations that the recordings leave open\n"
     if not one.open:
         yield "None."
-    for each in one.open[:_TOLD]:
+    for each in one.open[:_MOST_COMBINATIONS]:
         shares = " ".join(f"{share:+.2f} {name}" for name, share in each.shares)
         yield f"- {shares}: standard error {min(each.sigma, 1e3):.2g} without priors. To determine it: {advice(each)}."
 

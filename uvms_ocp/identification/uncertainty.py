@@ -29,7 +29,7 @@ DETERMINED = 0.3
 NARROWED = 0.7
 """Share of a prior's deviation below which recordings say more than the prior."""
 _NOTHING = 1e-12  # of information: all that is known where there is none
-_TOLD = 0.3  # of the largest entry of a combination
+_LEAST_SHARE = 0.3  # of the largest entry of a combination
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -88,10 +88,10 @@ def unidentifiable_directions(
         sigma = 1.0 / np.sqrt(max(float(value), _NOTHING))
         if sigma > DETERMINED:
             order = np.argsort(-np.abs(axis))
-            told = [i for i in order if abs(axis[i]) > _TOLD * abs(axis[order[0]])]
+            main = [i for i in order if abs(axis[i]) > _LEAST_SHARE * abs(axis[order[0]])]
             found.append(
                 UnidentifiableDirection(
-                    sigma=sigma, shares=tuple((vehicle.shared.names[i], float(axis[i])) for i in told)
+                    sigma=sigma, shares=tuple((vehicle.shared.names[i], float(axis[i])) for i in main)
                 )
             )
     return tuple(found)
@@ -228,8 +228,8 @@ def number_of(vehicle: Vehicle, one: IdentifiedNumber) -> Callable[[np.ndarray],
     theta = ca.SX.sym("theta", len(vehicle.shared.start))
     pairs = _pairs(vehicle, theta)
     (value,) = (each for entry, each in pairs if (entry.quantity, entry.entry) == (one.quantity, one.entry))
-    told = ca.log(value) if one.positive else value
-    function = ca.Function("number", [theta], [told, ca.densify(ca.jacobian(told, theta))])
+    scaled = ca.log(value) if one.positive else value
+    function = ca.Function("number", [theta], [scaled, ca.densify(ca.jacobian(scaled, theta))])
     return lambda shared: _evaluated(function, shared)
 
 

@@ -51,8 +51,8 @@ class Profile:
     @property
     def differs(self) -> bool:
         """True if an end differs from that by standard errors."""
-        told = [_line(self.number, ends) for ends in (self.number.interval, self.interval)]
-        return bool(np.abs(told[1] - told[0]).max() > _OTHER * (told[0][1] - told[0][0]) / 2)
+        lines = [_line(self.number, ends) for ends in (self.number.interval, self.interval)]
+        return bool(np.abs(lines[1] - lines[0]).max() > _OTHER * (lines[0][1] - lines[0][0]) / 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,7 +76,7 @@ class _Held:
 
 def profiles(
     fitted: FitContext,
-    told: Sequence[IdentifiedNumber],
+    numbers: Sequence[IdentifiedNumber],
     inflation: float = 1.0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Iterator[Profile]:
@@ -86,7 +86,7 @@ def profiles(
     a simulation of all recordings for each value at which it is held, and a search where that shows that all is not linear.
     """
     wide = fitted.inflated(inflation)
-    chosen = list(_distinct(wide, [one for one in told if one.determined]))
+    chosen = list(_distinct(wide, [one for one in numbers if one.determined]))
     if not chosen:
         return
     best = _best(wide, fitted.estimate)
@@ -95,9 +95,9 @@ def profiles(
         yield _profile(best, one)
 
 
-def _distinct(wide: FitContext, told: Sequence[IdentifiedNumber]) -> Iterator[IdentifiedNumber]:
+def _distinct(wide: FitContext, numbers: Sequence[IdentifiedNumber]) -> Iterator[IdentifiedNumber]:
     alone: set[int] = set()
-    for one in told:
+    for one in numbers:
         unknowns = np.flatnonzero(number_of(wide.vehicle, one)(wide.estimate.shared)[1])
         if len(unknowns) > 1 or unknowns[0] not in alone:
             yield one
@@ -119,7 +119,7 @@ def _profile(best: _Best, one: IdentifiedNumber) -> Profile:
     held = [*below[::-1], middle, *above]
     places, roots = (np.array([getattr(each, name) for each in held]) for name in ("place", "root"))
     ends = _crossing(places, roots, -INTERVAL), _crossing(places, roots, INTERVAL)
-    values, interval = (_told(one, np.array(each)) for each in (places, ends))
+    values, interval = (_on_scale(one, np.array(each)) for each in (places, ends))
     return Profile(number=one, values=values, roots=roots, interval=(float(interval[0]), float(interval[1])))
 
 
@@ -168,7 +168,7 @@ def _crossing(places: np.ndarray, roots: np.ndarray, wanted: float) -> float:
     return float(np.copysign(np.inf, wanted))
 
 
-def _told(one: IdentifiedNumber, places: np.ndarray) -> np.ndarray:
+def _on_scale(one: IdentifiedNumber, places: np.ndarray) -> np.ndarray:
     return np.asarray(np.exp(places) if one.positive else places)
 
 
@@ -301,12 +301,12 @@ def leave_one_out(
         found = without(fitted, held)
         predictor, step = fitted.predictor(found.shared), fitted.search.step
         asked = _lengths(held, step, predictor.start_window, horizons)
-        told = tuple(_horizon(fitted, predictor, balance, held, *pair) for pair in asked)
+        predicted = tuple(_horizon(fitted, predictor, balance, held, *pair) for pair in asked)
         yield HeldOutRecording(
             name=held.recording.name,
             estimate=found,
             predictor=predictor,
-            horizons=tuple(each for each in told if each.by[OTHERS].finite),
+            horizons=tuple(each for each in predicted if each.by[OTHERS].finite),
         )
 
 
