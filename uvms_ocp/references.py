@@ -1,7 +1,5 @@
 """Every source that docstrings cite, by its key.
 
-- [Arnstrom2022] D. Arnström, A. Bemporad, D. Axehill, A dual active-set solver for embedded quadratic programming using
-  recursive LDL' updates, IEEE Transactions on Automatic Control 67(8), 2022.
 - [Auton1988] T. R. Auton, J. C. R. Hunt, M. Prud'homme, The force exerted on a body in inviscid unsteady non-uniform
   rotational flow, Journal of Fluid Mechanics 197, 1988.
 - [Bland1977] R. G. Bland, New finite pivoting rules for the simplex method, Mathematics of Operations Research 2(2), 1977.

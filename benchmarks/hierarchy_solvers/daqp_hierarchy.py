@@ -1,4 +1,8 @@
-"""Hierarchies by the dual active-set solver DAQP ([Arnstrom2022]), natively, as an approximation."""
+"""Hierarchies by the dual active-set solver DAQP, natively, as an approximation.
+
+D. Arnström, A. Bemporad, D. Axehill, A dual active-set solver for embedded quadratic programming using recursive LDL'
+updates, IEEE Transactions on Automatic Control 67(8), 2022.
+"""
 
 from __future__ import annotations
 
