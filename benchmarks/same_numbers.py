@@ -210,14 +210,14 @@ def identification(setting: Setting) -> Values:
     settings = find("read_settings", "identification")(paths[0])
     recordings = [find("read_recording", "identification")(paths[1])]
     subject = find("calibrated_robot", "identification")(settings, setting.work)
-    result = find("calibrated", "identification")(subject, settings, recordings)
+    result = find("calibrate", "identification")(subject, settings, recordings)
     values = of_run(record, "run/")
     for number in attribute(result, "numbers"):
         entries = ("value", "sigma", "interval", "determined")
         values |= {f"{number.name}/{entry}": np.array(attribute(number, entry)) for entry in entries}
     for name in ("shared", "information"):
         values[name] = np.array(attribute(attribute(result, "estimate"), name))
-    return {**values, "together": np.array(attribute(result, "together"))}
+    return {**values, "inflation": np.array(attribute(result, "inflation"))}
 
 
 def driven(duration: float) -> Any:
@@ -227,7 +227,7 @@ def driven(duration: float) -> Any:
     task = find("VehiclePose", "tasks")(name="PC", goal=uo.pose_at((50.0, 0.0, -20.0)))
     phase = uo.Phase(name="go", activations={"PC": 1.0}, transitions=(there,))
     thrust = 6.0 * np.random.default_rng(0).normal(size=(round(2 * duration) + 2, len(robot.thruster_names)))
-    command, still = find("Command", "state"), np.zeros(robot.n_v)
+    command, still = find("Command", "signals"), np.zeros(robot.n_v)
     return uo.Scenario(
         name="driven",
         robot=robot,
@@ -252,7 +252,7 @@ def reach_problem(robot: Any, q: np.ndarray, n_steps: int, path: bool = False) -
     levels = [level(name="one", terms=(follow, *cheap))] if path else list(ordered)
     return find("single_phase", "ocp")(
         robot=robot,
-        start=find("State", "state")(q=q, v=np.zeros(robot.n_v)),
+        start=find("State", "signals")(q=q, v=np.zeros(robot.n_v)),
         duration=3.0 if path else 8.0,
         n_steps=n_steps,
         levels=levels,
