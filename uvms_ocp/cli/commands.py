@@ -11,13 +11,6 @@ from typing import Annotated
 import typer
 
 from uvms_ocp.cli import campaign, identify, plan, robots, run, show
-from uvms_ocp.cli import identify as excite
-from uvms_ocp.cli import identify as recordings
-from uvms_ocp.cli import robots as export
-from uvms_ocp.cli import robots as listing
-from uvms_ocp.cli import robots as new_files
-from uvms_ocp.cli import show as check
-from uvms_ocp.cli import show as compare
 from uvms_ocp.cli.options import BAD_INPUT
 from uvms_ocp.cli.printing import console_of, warned_behind_errors
 from uvms_ocp.errors import UvmsError, plain_line
@@ -82,22 +75,22 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.command(name="run")(run.run)
-app.command(name="check")(check.check)
-app.command(name="mission")(check.mission)
+app.command(name="check")(show.check)
+app.command(name="mission")(show.mission)
 app.command(name="campaign")(campaign.campaign)
-app.command(name="compare")(compare.compare_runs)
+app.command(name="compare")(show.compare_runs)
 app.command(name="show")(show.show_scene)
-app.command(name="excite")(excite.excite)
-app.command(name="check-recording")(recordings.check_recording)
+app.command(name="excite")(identify.excite)
+app.command(name="check-recording")(identify.check_recording)
 app.command(name="identify")(identify.identify)
-app.command(name="list")(listing.list_all)
+app.command(name="list")(robots.list_all)
 app.command(name="check-robot")(robots.check_robot)
 app.command(name="schema")(robots.schema)
-app.command(name="new-robot")(new_files.new_robot)
-app.command(name="new-mission")(new_files.new_mission)
+app.command(name="new-robot")(robots.new_robot)
+app.command(name="new-mission")(robots.new_mission)
 
 export_app = typer.Typer(help="Write what runs without Python.", no_args_is_help=True)
-export_app.command(name="controller")(export.controller)
+export_app.command(name="controller")(robots.controller)
 app.add_typer(export_app, name="export")
 app.add_typer(plan.app, name="plan")
 
