@@ -35,11 +35,12 @@ from uvms_ocp.types import Array, Indices
 # `[value]` is the unit of what is penalised.
 
 
-class Penalty(NamedTuple):
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Penalty:
     """The penalty and its derivatives by what is penalised."""
 
     value: Array
-    """(...) """
+    """(...)"""
     slope: Array
     """(...) [1/value]"""
     curvature: Array
@@ -47,7 +48,7 @@ class Penalty(NamedTuple):
 
 
 def penalty(y: Array) -> Penalty:
-    """Y^3/6 for 0 < y < 1, y^2/2 - y/2 + 1/6 above, zero below; y (...)."""
+    """Evaluate y^3/6 for 0 < y < 1, y^2/2 - y/2 + 1/6 above, zero below; y (...)."""
     inside = np.clip(y, 0.0, 1.0)
     beyond = np.maximum(y - 1.0, 0.0)
     value = inside**3 / 6.0 + beyond * (0.5 + 0.5 * beyond)
@@ -92,7 +93,8 @@ def outside(value: Array, lower: Array, upper: Array, margin: float) -> Penalty:
 # ``sqrt(|v_c|^2 + rho^2 |omega|^2 + eps^2)``: smooth at rest, independent of the witness, exactly differentiable.
 
 
-class LinkSpeeds(NamedTuple):
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LinkSpeeds:
     """One row per near pair."""
 
     speed: Array
