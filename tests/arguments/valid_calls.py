@@ -592,7 +592,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "SensorSpec": SensorSpec,
     "Trust": lambda: Trust.GOOD,
     "RobotDescription": lambda: robot().description,
-    "Near": lambda: stage_solver().find(stagewise.StageQp(stage_shape())).near(),
+    "WarmStart": lambda: stage_solver().solve_flat(stagewise.StageQp(stage_shape())).warm_start(),
     "SensorSpecs": lambda: IDEAL_SENSORS,
     "RealTimeSqp": sqp,
     "StageShape": stage_shape,
