@@ -13,8 +13,7 @@ import numpy as np
 from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.model_errors import printable
-from uvms_ocp.record import mcap as mcap_file
-from uvms_ocp.record import tables as record_files
+from uvms_ocp.record import mcap, tables
 from uvms_ocp.record.display import SmallTable, TableDisplay
 from uvms_ocp.record.meta_values import LARGEST, UNIT_NORM_TOLERANCE, LimitsMeta
 from uvms_ocp.record.run_meta import MIN_TICK, VEHICLE_V, PlanMeta, RunMeta, is_floating, read_meta, write_meta
@@ -249,20 +248,20 @@ class Record(TableDisplay):
 
         Raises `NotInstalled` without pandas, as do the files below.
         """
-        return record_files.to_dataframe(self.series, self.meta)
+        return tables.to_dataframe(self.series, self.meta)
 
     def to_csv(self, path: Path | str) -> None:
         """Write the table of `to_dataframe`, every number in full. Raises `OutputError`, `NotInstalled`."""
-        record_files.to_csv(self.series, self.meta, Path(path))
+        tables.to_csv(self.series, self.meta, Path(path))
 
     def to_parquet(self, path: Path | str) -> None:
         """Write a file that `from_parquet` reads as the same record. Raises `OutputError`, `NotInstalled`."""
-        record_files.to_parquet(self.series, self.meta, Path(path))
+        tables.to_parquet(self.series, self.meta, Path(path))
 
     @staticmethod
     def from_parquet(path: Path | str) -> Record:
         """Read a file of `to_parquet`. Raises `InvalidInput` for another or a damaged one, and `NotInstalled`."""
-        return _fitting(*record_files.from_parquet(Path(path)))
+        return _fitting(*tables.from_parquet(Path(path)))
 
     def to_mcap(self, path: Path | str) -> None:
         """Write a file that Foxglove opens, and `from_mcap` as the same record. Raises `OutputError`, `NotInstalled`.
@@ -270,12 +269,12 @@ class Record(TableDisplay):
         ``/tf`` has the poses of vehicle, its estimate and tool, ``/goals`` those of goals, ``/joint_states`` what a URDF layer
         moves by, ``/wrench`` and others the forces, ``/log`` phases, alarms and faults, ``/series/...`` every series.
         """
-        mcap_file.to_mcap(self.series, self.meta, Path(path))
+        mcap.to_mcap(self.series, self.meta, Path(path))
 
     @staticmethod
     def from_mcap(path: Path | str) -> Record:
         """Read a file of `to_mcap`. Raises `InvalidInput` for another or a damaged one, and `NotInstalled`."""
-        return _fitting(*mcap_file.from_mcap(Path(path)))
+        return _fitting(*mcap.from_mcap(Path(path)))
 
     @staticmethod
     def load(path: Path | str) -> Record:

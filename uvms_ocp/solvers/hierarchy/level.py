@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked_on_failure
-from uvms_ocp.codegen.elementwise import Array as elementwise_Array
+from uvms_ocp.codegen.elementwise import Array as ArrayOrExpression
 from uvms_ocp.codegen.elementwise import all_entries, interval_distance, logical_and, row_sums, where
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.display import FieldTable
@@ -215,8 +215,8 @@ def _check_order(name: str, lower: Array, upper: Array) -> None:
 
 
 def is_valid(
-    J: elementwise_Array, lower: elementwise_Array, upper: elementwise_Array, gate: elementwise_Array
-) -> elementwise_Array:
+    J: ArrayOrExpression, lower: ArrayOrExpression, upper: ArrayOrExpression, gate: ArrayOrExpression
+) -> ArrayOrExpression:
     """True if a solver can take the rows: J of sensible size, an interval for every row, gates in [0, 1]; no NaN.
 
     J (M, n) [rate/velocity]; lower and upper (M,) [rate]; gate (M,).
@@ -231,12 +231,12 @@ def is_valid(
 
 
 def widen_bounds(
-    J: elementwise_Array,
-    lower: elementwise_Array,
-    upper: elementwise_Array,
-    gate: elementwise_Array,
-    reach: elementwise_Array | None = None,
-) -> tuple[elementwise_Array, elementwise_Array]:
+    J: ArrayOrExpression,
+    lower: ArrayOrExpression,
+    upper: ArrayOrExpression,
+    gate: ArrayOrExpression,
+    reach: ArrayOrExpression | None = None,
+) -> tuple[ArrayOrExpression, ArrayOrExpression]:
     """Bounds (M,) [rate] that leave to infinity as the gate goes from 1 to 0.
 
     J (M, n) [rate/velocity]; lower and upper (M,) [rate]; gate (M,); reach (M,) [rate]: finite range of each row,
@@ -250,12 +250,12 @@ def widen_bounds(
 
 
 def residual(
-    J: elementwise_Array,
-    v: elementwise_Array,
-    lower: elementwise_Array,
-    upper: elementwise_Array,
-    gate: elementwise_Array,
-) -> elementwise_Array:
+    J: ArrayOrExpression,
+    v: ArrayOrExpression,
+    lower: ArrayOrExpression,
+    upper: ArrayOrExpression,
+    gate: ArrayOrExpression,
+) -> ArrayOrExpression:
     """Signed distance (M,) [rate] of ``J v`` to [lower, upper] as given, 0 where the gate is 0.
 
     J (M, n) [rate/velocity]; v (n,) [velocity]; lower and upper (M,) [rate]; gate (M,).
