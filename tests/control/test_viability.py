@@ -12,9 +12,8 @@ import pytest
 from compiler import IN_C_AND_PYTHON, needs_compiler
 from studies.random_limits import limit_violations, random_limits
 
-from uvms_ocp.control.velocity import viability
 from uvms_ocp.control.velocity.braking import Stop
-from uvms_ocp.control.velocity.viability import Viability
+from uvms_ocp.control.velocity.viability import Viability, enforce_viability
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -186,8 +185,8 @@ def test_the_rule_without_compiler_gives_the_same_bits(robot: Robot, monkeypatch
     with monkeypatch.context() as without:
         without.setattr("uvms_ocp.control.velocity.viability.bind_memory", lambda memory, kernels: kernels)
         slow = Guarded(robot)
-    assert slow.rule._keep is viability.keep
-    assert quick.rule._keep is not viability.keep
+    assert slow.rule._keep is enforce_viability
+    assert quick.rule._keep is not enforce_viability
     rng, q, slowed = np.random.default_rng(0), robot.configuration(position=(-0.3, 0.0, 0.0)), 0
     for _ in range(40):
         wanted = rng.uniform(-1.0, 1.0, robot.n_v) * robot.limits.velocity

@@ -180,7 +180,7 @@ def test_what_matters_is_known_better_where_nothing_else_does() -> None:
 
 
 def test_what_earlier_recordings_tell_counts() -> None:
-    given = assignment(known=found().information)
+    given = assignment(prior_information=found().information)
     twice = excitation_of(given, rollout(), found().commands)
     free = [k for k, each in enumerate(twice.numbers) if each.quantity == "added_mass"]
     for k in free:
