@@ -500,18 +500,3 @@ class ProtocolKind(Kind):
 
     def holds(self, value: object) -> bool:
         return not isinstance(value, type) and all(hasattr(value, name) for name in self.methods)
-
-
-@dataclass(frozen=True)
-class Subclass(Kind):
-    """A class."""
-
-    base: type
-
-    @property
-    def allowed(self) -> str:  # type: ignore[override]
-        """In words."""
-        return f"a class of {self.base.__name__}s"
-
-    def holds(self, value: object) -> bool:
-        return isinstance(value, type) and issubclass(value, self.base)

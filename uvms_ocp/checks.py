@@ -30,7 +30,6 @@ from uvms_ocp.argument_kinds import (
     Pose,
     ProtocolKind,
     Several,
-    Subclass,
     Table,
     Violation,
     Whole,
@@ -113,8 +112,6 @@ def _generic(origin: Any, arguments: tuple[Any, ...]) -> Kind:
         return Numbers(dtype=_dtype(arguments), plain=True)
     if origin is tuple and not (len(arguments) == 2 and arguments[1] is Ellipsis):
         return Several(tuple(map(kind_of, arguments)))
-    if origin is type:
-        return Subclass(arguments[0]) if isinstance(arguments[0], type) else Kind()
     if origin is Callable:
         return Function(len(arguments[0]) if isinstance(arguments[0], list) else None)
     if not isinstance(origin, type):
@@ -387,13 +384,7 @@ def parameters_of(function: Callable[..., Any]) -> tuple[str, str, dict[str, Any
     declared, passed, defaults, starred = [], [], {}, False
     for name, parameter in inspect.signature(function).parameters.items():
         by_name = parameter.kind is parameter.KEYWORD_ONLY
-        mark = (
-            "*"
-            if parameter.kind is parameter.VAR_POSITIONAL
-            else "**"
-            if parameter.kind is parameter.VAR_KEYWORD
-            else ""
-        )
+        mark = {parameter.VAR_POSITIONAL: "*", parameter.VAR_KEYWORD: "**"}.get(parameter.kind, "")
         if by_name and not starred:
             declared.append("*")
         starred = starred or by_name or mark == "*"

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+from undocumented import undocumented_names
 
 from uvms_ocp.identification.reading import ChannelMapping
 from uvms_ocp.identification.recording import CHANNEL_KINDS
@@ -14,7 +15,6 @@ from uvms_ocp.record.tables import SERIES
 from uvms_ocp.reference import build
 from uvms_ocp.reference.build import CITED, broken_links, documented_modules, guide_pages, place_of, theory_pages
 from uvms_ocp.reference.tables import generated_pages
-from uvms_ocp.reference.undocumented import undocumented_names
 
 EQUATION = re.compile(r"\$\$.+?\$\$", re.DOTALL)
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import sys
 import warnings
 import webbrowser
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, redirect_stderr, redirect_stdout
 from functools import partial
+from multiprocessing import get_context
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -68,68 +69,52 @@ from uvms_ocp.sim.own_parts import plant_name
 Job = Callable[[], object]
 
 
-def run_jobs(jobs: Sequence[Job], telling: AbstractContextManager[object] | None = None) -> None:
+def run_jobs(jobs: Sequence[Job], status: AbstractContextManager[object] | None = None) -> None:
     """Do all jobs, at most 255, in any order, here and in a copy of this process where the system makes one.
 
-    What counts is what they write; each must bear to be done twice. telling: entered here alone, once there is a copy, as a
+    What counts is what they write; each must bear to be done twice. status: entered here alone, once there is a copy, as a
     thread that prints would be missing in it. Raises what a job raises.
     """
-    places = _numbers(len(jobs))
-    try:
-        copy = _copy(lambda: _take(jobs, places))
-        try:
-            with telling or nullcontext():
-                _take(jobs, places)
-        except BaseException:
-            _end(copy)
-            raise
-        if not _is_done(copy):
-            for job in jobs:  # what went wrong there goes wrong here, and is told
-                job()
-    finally:
-        os.close(places)
-
-
-def _numbers(n: int) -> int:
-    """A pipe with the numbers of all jobs, which whoever is free reads one by one."""
-    reading, writing = os.pipe()
-    os.write(writing, bytes(range(n)))
+    numbers, writing = os.pipe()
+    os.write(writing, bytes(range(len(jobs))))
     os.close(writing)
-    return reading
+    copy = _start_copy(jobs, numbers)
+    try:
+        with status or nullcontext():
+            _work_off(jobs, numbers)
+    except BaseException:
+        if copy:
+            copy.kill()
+        raise
+    finally:
+        os.close(numbers)
+        if copy:
+            copy.join()
+    if copy and copy.exitcode:
+        for job in jobs:  # what went wrong there goes wrong here, and is raised
+            job()
 
 
-def _take(jobs: Sequence[Job], places: int) -> None:
-    while place := os.read(places, 1):
-        jobs[place[0]]()
+def _work_off(jobs: Sequence[Job], numbers: int) -> None:
+    """Do jobs by the numbers in a pipe, which whoever is free reads one by one."""
+    while number := os.read(numbers, 1):
+        jobs[number[0]]()
 
 
-def _copy(work: Job) -> int:
-    """The process that does the work too; 0 for none."""
+def _start_copy(jobs: Sequence[Job], numbers: int) -> BaseProcess | None:
+    """Fork a process that does the jobs too, where that is safe and there is a processor for it."""
     if sys.platform in ("win32", "darwin") or (os.cpu_count() or 1) < 2:
-        return 0
+        return None
+
+    def work() -> None:
+        with open(os.devnull, "w") as silence, redirect_stdout(silence), redirect_stderr(silence):
+            _work_off(jobs, numbers)
+
+    copy = get_context("fork").Process(target=work)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of threads of libraries, which wait for work
-        copy = os.fork()
-    if copy:
-        return copy
-    code = 1
-    try:
-        with open(os.devnull, "w") as silence:
-            sys.stdout = sys.stderr = silence
-            work()
-        code = 0
-    finally:
-        os._exit(code)
-
-
-def _is_done(copy: int) -> bool:
-    return copy == 0 or os.waitpid(copy, 0)[1] == 0
-
-
-def _end(copy: int) -> None:
-    if copy:
-        os.kill(copy, signal.SIGKILL)
-        os.waitpid(copy, 0)
+        copy.start()
+    return copy
 
 
 Follow = Annotated[

@@ -21,7 +21,6 @@ from uvms_ocp.record.durable_files import discard, locked, remove_empty, sync_fo
 # What a command of ours wrote into a folder, by which it is known again.
 
 STORE = ".uvms_ocp"  # in every folder that we write to
-_CHUNK = 1 << 20
 
 
 def _inner(name: str) -> str:
@@ -88,12 +87,9 @@ def manifest_of(root: Path, names: Iterable[str], folders: Iterable[str] = ()) -
 
 def fingerprint(path: Path) -> Fingerprint:
     """Return the digest of the contents of a file. Raises `OSError` where it cannot be read."""
-    digest, size = hashlib.sha256(), 0
     with path.open("rb") as file:
-        while chunk := file.read(_CHUNK):
-            digest.update(chunk)
-            size += len(chunk)
-    return Fingerprint(size=size, sha256=digest.hexdigest())
+        digest = hashlib.file_digest(file, "sha256")
+        return Fingerprint(size=file.tell(), sha256=digest.hexdigest())
 
 
 def is_same(path: Path, known: Fingerprint | None) -> bool:

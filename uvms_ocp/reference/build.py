@@ -139,13 +139,6 @@ def _leads_somewhere(link: str, path: Path, pages: dict[Path, _Page]) -> bool:
     return target.is_file()
 
 
-def outside_links(folder: Path) -> Iterator[str]:
-    """Scripts, styles and pictures that a page would load from a network."""
-    for path in folder.rglob("*.html"):
-        text = path.read_text(encoding="utf-8")
-        yield from (f"{path.name}: {word}" for word in ("@import", 'src="http', "src='http") if word in text)
-
-
 # From Markdown to pages: formulas become MathML, names in full become links to their documentation.
 
 _DISPLAY = re.compile(r"\$\$(.+?)\$\$", re.DOTALL)
