@@ -19,7 +19,7 @@ from driven_auv.vehicle import vehicle
 from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.identification.data_quality import check_data_quality
-from uvms_ocp.identification.fit import FitContext, Predicted, Predictor, Search, fit, rolled_out
+from uvms_ocp.identification.fit import FitContext, Predicted, Predictor, Search, fit_percent, rolled_out
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import Estimate, Noise, OutputErrorProblem
 from uvms_ocp.identification.parameters import Prior
@@ -118,7 +118,7 @@ def row(name: str, kind: str, predicted: Predicted) -> Row:
 
 
 def _fit(channel: str, seen: np.ndarray, predicted: np.ndarray) -> float | None:
-    return fit(seen, predicted) if seen.std() > MOVING[channel] else None
+    return fit_percent(seen, predicted) if seen.std() > MOVING[channel] else None
 
 
 def left_out(one: Bench, drifting: Bench, everything: Estimate, *, quick: bool) -> list[Row]:

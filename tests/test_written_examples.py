@@ -25,6 +25,7 @@ GUIDE = Path(build.__file__).with_name("guide")
 PAGES = (README, *sorted(GUIDE.glob("*.md")))
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\(([^):]+)\)")
+DEEP_IMPORT = re.compile(r"(?:from|import) uvms_ocp\.\w+\.[\w.]+")
 COMMAND = re.compile(r"`uvms-ocp ([a-z][^`]*)`")
 PLACE = re.compile(r"`((?:notebooks|benchmarks|robots)/[\w/.]+\.\w+)`")
 
@@ -90,3 +91,8 @@ def test_figures_in_readme_are_those_that_are_recorded() -> None:
     assert claims["table"]() in README.read_text(encoding="utf-8"), "run: python -m benchmarks --into README.md"
     for script in claims["SCRIPTS"]:
         assert (ROOT / "benchmarks" / f"{script}.py").exists()
+
+
+@pytest.mark.parametrize("page", [*PAGES, *sorted((ROOT / "notebooks").glob("*.ipynb"))], ids=lambda page: page.stem)
+def test_what_is_shown_is_imported_from_no_deeper_than_a_subpackage(page: Path) -> None:
+    assert DEEP_IMPORT.findall(page.read_text(encoding="utf-8")) == []

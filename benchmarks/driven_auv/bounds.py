@@ -8,7 +8,7 @@ import numpy as np
 
 from driven_auv.recordings import CHANNELS, MOVING, judged
 from driven_auv.vehicle import ACTUATORS
-from uvms_ocp.identification.fit import Predicted, fit
+from uvms_ocp.identification.fit import Predicted, fit_percent
 from uvms_ocp.identification.recording import GRID, Recording, rotations, smoothed
 from uvms_ocp.identification.rollout import PreparedRecording
 
@@ -30,7 +30,7 @@ def measured_twice(recording: Recording) -> dict[str, float | None]:
     found: dict[str, float | None] = dict.fromkeys(CHANNELS)
     for k, name in enumerate(CHANNELS[:3]):
         if seen[:, k].std() > MOVING[name]:
-            found[name] = max(fit(seen[:, k], np.interp(at + lag, t, rate[:, k])) for lag in _LAGS)
+            found[name] = max(fit_percent(seen[:, k], np.interp(at + lag, t, rate[:, k])) for lag in _LAGS)
     return found
 
 
@@ -69,4 +69,4 @@ def _fits(parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[float]:
     scale[-1] = 1.0
     S = X / scale
     coefficients = np.linalg.solve(S.T @ S + _RIDGE * np.eye(len(scale)), S.T @ y) / scale
-    return [fit(seen, own @ coefficients) for own, seen in parts]
+    return [fit_percent(seen, own @ coefficients) for own, seen in parts]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from driven import SIZE, drive, known, vehicle_of
 
-from uvms_ocp.identification.fit import Predicted, Predictor, fit
+from uvms_ocp.identification.fit import Predicted, Predictor, fit_percent
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import Estimate, Noise, OutputErrorProblem
 from uvms_ocp.identification.parameters import Free, Prior
@@ -60,7 +60,7 @@ def test_the_true_vehicle_predicts_nearly_all() -> None:
     (whole,) = PreparedRecording.of(recording(), problem()[0]).stretches(0.05)
     predicted = predictor().of(whole)
     for axis in range(3):
-        assert fit(predicted.measured[0][:, axis], predicted.rows[0][:, axis]) > 90.0
+        assert fit_percent(predicted.measured[0][:, axis], predicted.rows[0][:, axis]) > 90.0
 
 
 def test_what_is_seen_later_changes_no_prediction() -> None:
@@ -81,7 +81,7 @@ def test_a_force_of_one_recording_is_found_at_its_beginning_where_that_is_asked(
     drifting = drive(rollout.stage, np.array([8.0]), seed=0, t_end=20.0, size=(0.0,) * 6)
     found = Predictor(vehicle=one, rollout=rollout, shared=one.shared.start, noise=NOISE, own=own)
     predicted = found.of(PreparedRecording.of(drifting, one).stretches(0.05)[0])
-    assert least < fit(predicted.measured[0][:, 2], predicted.rows[0][:, 2]) < most
+    assert least < fit_percent(predicted.measured[0][:, 2], predicted.rows[0][:, 2]) < most
 
 
 def test_horizons_follow_each_other() -> None:
@@ -95,8 +95,8 @@ def test_horizons_follow_each_other() -> None:
 
 def test_a_fit_is_a_hundred_where_all_is_right_and_zero_at_the_mean() -> None:
     seen = np.array([1.0, 2.0, 4.0])
-    assert fit(seen, seen) == 100.0
-    assert fit(seen, np.full(3, seen.mean())) == pytest.approx(0.0)
+    assert fit_percent(seen, seen) == 100.0
+    assert fit_percent(seen, np.full(3, seen.mean())) == pytest.approx(0.0)
 
 
 def test_an_actuator_that_was_never_asked_is_left_open_and_the_others_are_determined() -> None:

@@ -90,7 +90,7 @@ class Predictor:
         return Predicted.joined([self.of(one).after(float(one.edges[0]) + self.start_window) for one in windows])
 
 
-def fit(measured: np.ndarray, predicted: np.ndarray) -> float:
+def fit_percent(measured: np.ndarray, predicted: np.ndarray) -> float:
     """Normalised fit [%], ``100 (1 - |error| / |measured - mean|)``, of measured and predicted (m,); 0: as good as the mean."""
     return 100.0 * (1.0 - float(np.linalg.norm(predicted - measured) / np.linalg.norm(measured - measured.mean())))
 

@@ -15,7 +15,7 @@ import yaml
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.calibration import Calibration, Comparison
 from uvms_ocp.identification.experiment_design import Excitation
-from uvms_ocp.identification.fit import Predicted, fit
+from uvms_ocp.identification.fit import Predicted, fit_percent
 from uvms_ocp.identification.parameters import AXES
 from uvms_ocp.identification.settings import CalibratedRobot, require_no_shape
 from uvms_ocp.identification.uncertainty import (
@@ -206,7 +206,7 @@ def fits(comparisons: Sequence[Comparison]) -> Iterator[str]:
 
 def _by_axis(predicted: Predicted) -> list[str]:
     pairs = [(predicted.measured[k][:, i], predicted.rows[k][:, i]) for k in range(2) for i in range(3)]
-    return [f"{fit(*pair):.0f}" if np.std(pair[0]) > _STILL else "-" for pair in pairs]
+    return [f"{fit_percent(*pair):.0f}" if np.std(pair[0]) > _STILL else "-" for pair in pairs]
 
 
 def left_out_tables(one: Sequence[HeldOutRecording]) -> Iterator[str]:

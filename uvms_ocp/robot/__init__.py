@@ -6,6 +6,7 @@ from uvms_ocp.robot.assembly import without_arm as without_arm
 from uvms_ocp.robot.dynamics import robot_dynamics as robot_dynamics
 from uvms_ocp.robot.hydrodynamics import Water as Water
 from uvms_ocp.robot.kinematics import Kinematics as Kinematics
+from uvms_ocp.robot.loading import example_robot_data as example_robot_data
 from uvms_ocp.robot.loading import list_robots as list_robots
 from uvms_ocp.robot.loading import load_robot as load_robot
 from uvms_ocp.robot.loading import robot_folder as robot_folder
