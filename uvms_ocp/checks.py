@@ -379,12 +379,15 @@ def _call({declared}):
 """
 
 
+_MARKS: dict[Any, str] = {inspect.Parameter.VAR_POSITIONAL: "*", inspect.Parameter.VAR_KEYWORD: "**"}
+
+
 def parameters_of(function: Callable[..., Any]) -> tuple[str, str, dict[str, Any]]:
     """The parameters of a function as they are declared and as they are passed on, and their defaults."""
     declared, passed, defaults, starred = [], [], {}, False
     for name, parameter in inspect.signature(function).parameters.items():
         by_name = parameter.kind is parameter.KEYWORD_ONLY
-        mark = {parameter.VAR_POSITIONAL: "*", parameter.VAR_KEYWORD: "**"}.get(parameter.kind, "")
+        mark = _MARKS.get(parameter.kind, "")
         if by_name and not starred:
             declared.append("*")
         starred = starred or by_name or mark == "*"

@@ -20,9 +20,9 @@ _SHOWN, _LONGEST = 3, 200  # mistakes, characters of a key
 def one_line(error: ValidationError, model: type[BaseModel]) -> str:
     """The mistakes of a file read as ``model``, the first few in full."""
     problems = _by_key(error)
-    told = [f"{printable(key)}: {_problem(problem, model)}" for key, problem in list(problems.items())[:_SHOWN]]
-    left = len(problems) - len(told)
-    return "; and ".join(told) + (f"; and {left} more" if left else "")
+    texts = [f"{printable(key)}: {_problem(problem, model)}" for key, problem in list(problems.items())[:_SHOWN]]
+    left = len(problems) - len(texts)
+    return "; and ".join(texts) + (f"; and {left} more" if left else "")
 
 
 def one_line_errors(model: type[_M]) -> type[_M]:

@@ -18,7 +18,8 @@ from uvms_ocp.robot import dynamics, signals
 ROOT = Path(uvms_ocp.__file__).parent
 OTHERS = (signals, dynamics)
 """Modules whose classes users make although no package exports them."""
-APART = ("cli", "robots")
+APART = ("cli", "robots", "identification")
+"""Commands are tried by words, and files and settings of identification by what stands in them."""
 
 
 @dataclass(frozen=True)

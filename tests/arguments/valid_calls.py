@@ -34,6 +34,7 @@ from uvms_ocp.mission_plan.plan import mission_digests
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
+from uvms_ocp.record.meta_values import ObstacleMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.robot.kinematics import Kinematics
@@ -211,8 +212,8 @@ def tool() -> planning.ToolGoal:
     return planning.ToolGoal(position=(12.3, 37.0, -38.5))
 
 
-def data() -> collision.ObstacleData:
-    return collision.ObstacleData(name="rock", shape="sphere", size=(0.3,), position=(0.0, 0.0, 0.0))
+def data() -> ObstacleMeta:
+    return ObstacleMeta(name="rock", shape="sphere", size=(0.3,), position=(0.0, 0.0, 0.0))
 
 
 def measurement() -> StateEstimate:
@@ -530,7 +531,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "PostureGoal": lambda: planning.PostureGoal(joints={"joint1": 0.1}),
     "Obstacle": rock,
     "Sequence[Obstacle]": lambda: [rock()],
-    "ObstacleData": data,
+    "ObstacleMeta": data,
     "coal.CollisionGeometry": lambda: coal.Sphere(0.2),
     "pin.SE3": pin.SE3.Identity,
     "pin.Model": lambda: robot().model,
@@ -738,7 +739,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "Mission.tasks_of": lambda: {"phase": 0},
     "NlpLevel": lambda: {"y": ca.SX.sym("x", 2)},
     "Nmpc.__call__": lambda: {"measurement": arm_measurement()},
-    "ObstacleData": lambda: data().model_dump(),
+    "ObstacleMeta": lambda: data().model_dump(),
     "OcpProblem": lambda: fields_of(problem()),
     "OcpRequest": lambda: {"goal": tool(), "n_steps": 2},
     "PlanRequest": lambda: {"goal": tool()},

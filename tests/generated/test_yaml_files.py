@@ -16,10 +16,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from promises import DAMAGES, Tally, damaged, damaged_bytes
 
-from uvms_ocp.record.meta_values import ObstacleData
 from uvms_ocp.robot.description import RobotDescription, as_matrix6, read_description
 from uvms_ocp.robot.loading import robot_folder
-from uvms_ocp.robot.shapes.obstacles import build_obstacles, describe_obstacle, parse_obstacle, read_obstacles
+from uvms_ocp.robot.shapes.obstacles import Obstacle, build_obstacle, describe_obstacle, parse_obstacle, read_obstacles
 
 pytestmark = pytest.mark.slow
 
@@ -82,12 +81,14 @@ def check_robot(description: RobotDescription) -> None:
             assert np.linalg.eigvalsh(drag + drag.T).min() >= -1e-9 * max(1.0, np.abs(drag).max())
 
 
-def check_obstacles(data: tuple[ObstacleData, ...]) -> None:
-    assert finite([item.model_dump() for item in data])
-    for item in build_obstacles(data):
-        again = describe_obstacle(item)
+def check_obstacles(obstacles: tuple[Obstacle, ...]) -> None:
+    for item in obstacles:
+        data = describe_obstacle(item)
+        assert data is not None
+        assert finite(data.model_dump())
+        again = describe_obstacle(build_obstacle(data))
         assert again is not None
-        assert again.shape == next(given.shape for given in data if given.name == item.name)
+        assert again.shape == data.shape
 
 
 @pytest.mark.parametrize(
@@ -141,14 +142,14 @@ def test_any_words_are_an_obstacle_or_refused_in_one_line() -> None:
     @settings(max_examples=500)
     @given(chosen(["sphere", "box"]), either(words, texts(most=12)))
     def holds(shape: str, text: str) -> None:
-        data = tally.outcome(lambda: parse_obstacle(shape, text, "a"))
-        if data is not None:
-            check_obstacles((data,))
+        item = tally.outcome(lambda: parse_obstacle(shape, text, "a"))
+        if item is not None:
+            check_obstacles((item,))
 
     holds()
-    data = tally.outcome(lambda: parse_obstacle("sphere", "1, 2,3 0.5", "a"))
-    assert data is not None
-    assert data.size == (0.5,)
+    item = tally.outcome(lambda: parse_obstacle("sphere", "1, 2,3 0.5", "a"))
+    assert item is not None
+    assert item.shape.radius == 0.5
     tally.check()
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import re
 from pathlib import Path
 
 import package_ast as house
@@ -53,3 +54,14 @@ def _assigned(method: ast.FunctionDef) -> set[str]:
         and isinstance(node.value, ast.Name)
         and node.value.id == "self"
     }
+
+
+def test_no_name_is_a_riddle() -> None:
+    riddles = re.compile(r"(?:^|_)(?:told|tells?|telling)(?:_|$)", re.IGNORECASE)
+    wrong = []
+    for path in house.modules():
+        for node in ast.walk(house.tree_of(path)):
+            name = getattr(node, "id", None) or getattr(node, "arg", None) or getattr(node, "name", None)
+            if isinstance(name, str) and riddles.search(name):
+                wrong.append(f"{path.name}:{getattr(node, 'lineno', 0)}: {name}")
+    assert wrong == []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import coal
 import numpy as np
 import pytest
 
@@ -12,13 +13,18 @@ from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.request import OcpRequest, solve_ocp
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.request import PostureGoal, ToolGoal
-from uvms_ocp.record.meta_values import ObstacleData
 from uvms_ocp.report.planned_motion import ocp_record, ocp_report
 from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.obstacles import Obstacle, obstacle
 
-BALL = ObstacleData(name="ball", shape="sphere", size=(0.2,), position=(0.8, 0.9, 0.0))
+
+def ball_at(*position: float) -> Obstacle:
+    return obstacle("ball", coal.Sphere(0.2), position)
+
+
+BALL = ball_at(0.8, 0.9, 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +42,7 @@ def test_the_tool_reaches_its_goal_around_an_obstacle(planar: Robot) -> None:
     goal = (float(tool[0]) + 3.0, float(tool[1]) + 1.0, float(tool[2]))
     free = solve_ocp(asked(planar, ToolGoal(position=goal), duration=20.0))
     x, y, z = Kinematics(planar, free.samples[1][len(free.samples[0]) // 2]).pose("base_link").translation
-    wall = ObstacleData(name="wall", shape="cylinder", size=(0.15, 1.0), position=(x, y + 0.1, z))
+    wall = obstacle("wall", coal.Cylinder(0.15, 1.0), (x, y + 0.1, z))
     around = solve_ocp(asked(planar, ToolGoal(position=goal), duration=20.0, obstacles=(wall,)))
     for result in (free, around):
         assert result.plan.status is OcpStatus.SOLVED
@@ -59,7 +65,7 @@ def test_a_posture_moves_what_was_asked_and_ends_at_rest(planar: Robot) -> None:
 
 
 def test_what_is_nearer_at_the_start_comes_no_nearer_and_what_touches_is_refused(planar: Robot) -> None:
-    near = BALL.model_copy(update={"position": (0.0, 0.45, 0.0)})
+    near = ball_at(0.0, 0.45, 0.0)
     result = solve_ocp(asked(planar, PostureGoal(joints={"x0": 0.5}), obstacles=(near,), clearance=0.2))
     assert result.plan.status is OcpStatus.SOLVED
     assert result.collision_free
@@ -68,20 +74,18 @@ def test_what_is_nearer_at_the_start_comes_no_nearer_and_what_touches_is_refused
     assert at_start.min() < 0.1
     assert (result.distances.min(axis=0) > kept - 5e-4).all()
     with pytest.raises(InvalidInput, match="the start is in collision: ball"):
-        solve_ocp(
-            asked(planar, PostureGoal(joints={"x0": 0.5}), obstacles=(BALL.model_copy(update={"position": (0, 0, 0)}),))
-        )
+        solve_ocp(asked(planar, PostureGoal(joints={"x0": 0.5}), obstacles=(ball_at(0, 0, 0),)))
 
 
 def test_a_goal_inside_an_obstacle_is_named_with_its_depth_before_anything_is_solved(planar: Robot) -> None:
     tool = Kinematics(planar, planar.configuration()).pose("tool").translation + np.array([3.0, 0.0, 0.0])
-    ball = BALL.model_copy(update={"position": tuple(tool)})
+    ball = ball_at(*tool)
     with pytest.raises(InvalidInput, match=r"the goal is in collision: ball - tool overlap by 0\.2 m; move it"):
         solve_ocp(asked(planar, ToolGoal(position=tuple(tool)), obstacles=(ball,)))
     with pytest.raises(InvalidInput, match=r"the goal is in collision: ball - link2_0 overlap by 0\.\d+ m; move it"):
         solve_ocp(asked(planar, ToolGoal(position=tuple(tool), rpy=(0.0, 0.0, 0.0)), obstacles=(ball,)))
     names = ("x0", "y0", "alpha")
-    base = BALL.model_copy(update={"position": (3.0, 0.0, 0.0)})
+    base = ball_at(3.0, 0.0, 0.0)
     with pytest.raises(InvalidInput, match=r"the goal is in collision: ball - base_link_0 overlap by 0\.\d+ m"):
         solve_ocp(asked(planar, PostureGoal(joints=dict(zip(names, (3.0, 0.0, 0.0), strict=True))), obstacles=(base,)))
 
@@ -130,7 +134,7 @@ def test_the_record_adds_up(planar: Robot) -> None:
 
 def test_mistakes_are_refused_in_one_line(planar: Robot) -> None:
     goal = PostureGoal(joints={"x0": 0.5})
-    inside = ObstacleData(name="inside", shape="sphere", size=(0.3,), position=(0.0, 0.0, 0.0))
+    inside = obstacle("inside", coal.Sphere(0.3), (0.0, 0.0, 0.0))
     for options, message in (
         ({"obstacles": (inside,)}, "the start is in collision: inside"),
         ({"obstacles": (BALL, BALL)}, "two obstacles are called 'ball'"),

@@ -9,7 +9,7 @@ import pytest
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.planning.request import PlanRequest, PostureGoal, ToolGoal, plan_path
-from uvms_ocp.record.meta_values import ObstacleData
+from uvms_ocp.record.meta_values import ObstacleMeta
 from uvms_ocp.report.planned_motion import motion_record, plan_report
 from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.robot import Robot
@@ -23,7 +23,7 @@ from uvms_ocp.robot.shapes.obstacles import (
     read_obstacles,
 )
 
-BALL = ObstacleData(name="ball", shape="sphere", size=(0.3,), position=(1.6, 0.3, -0.4))
+BALL = obstacle("ball", coal.Sphere(0.3), (1.6, 0.3, -0.4))
 
 
 def test_a_tool_pose_is_reached_in_position_and_orientation(robot: Robot) -> None:
@@ -71,9 +71,12 @@ def test_words_and_files_build_the_same_obstacle(shape: str, size: int, kind: ty
     words = parse_obstacle(shape, ",".join(map(str, [1.0, -2.0, 0.5, *sizes])), "a")
     path = tmp_path / "a.yaml"
     path.write_text(f"obstacles: [{{name: a, shape: {shape}, size: {sizes}, position: [1.0, -2.0, 0.5]}}]")
-    assert read_obstacles(path) == (words,)
-    assert isinstance(build_obstacle(words).shape, kind)
-    assert ObstacleData.model_validate(words.model_dump(mode="json")) == words
+    (read,) = read_obstacles(path)
+    assert describe_obstacle(read) == describe_obstacle(words)
+    assert isinstance(words.shape, kind)
+    data = describe_obstacle(words)
+    assert data is not None
+    assert data.size == tuple(sizes)
 
 
 ROOF = mesh_shape(np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.5]]), np.array([[0, 1, 2], [0, 2, 3]]))
@@ -97,7 +100,7 @@ def test_data_of_an_obstacle_build_it_again(shape: coal.CollisionGeometry, robot
     item = obstacle("thing", shape, (1.5, 1.0, -0.5), turned)
     data = describe_obstacle(item)
     assert data is not None
-    built = build_obstacle(ObstacleData.model_validate_json(data.model_dump_json(exclude_defaults=True)))
+    built = build_obstacle(ObstacleMeta.model_validate_json(data.model_dump_json(exclude_defaults=True)))
     q = robot.configuration()
     given, again = (CollisionModel(robot, [thing], self_collision=False).values(q) for thing in (item, built))
     np.testing.assert_allclose(again, given, atol=1e-7)

@@ -144,7 +144,7 @@ def test_an_environment_is_still_and_empty_unless_told_otherwise():
 
 def test_obstacles_need_finite_poses_and_names_of_their_own():
     sphere = Obstacle(name="rock", shape=coal.Sphere(0.5), X_WO=pin.SE3.Identity())
-    with pytest.raises(InvalidInput, match="unique"):
+    with pytest.raises(InvalidInput, match="two obstacles are called 'rock'"):
         Environment(seafloor=FlatSeafloor(z=0.0), obstacles=(sphere, sphere))
     with pytest.raises(InvalidInput, match="name"):
         Obstacle(name="", shape=coal.Sphere(0.5), X_WO=pin.SE3.Identity())

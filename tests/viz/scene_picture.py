@@ -10,7 +10,7 @@ import matplotlib.image as mpl_image
 import numpy as np
 from synthetic_record import SURROUNDINGS, synthetic_record
 
-from uvms_ocp.record.meta_values import ObstacleData
+from uvms_ocp.record.meta_values import ObstacleMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -21,7 +21,7 @@ EXPECTED = Path(__file__).with_name("scene_picture.png")
 SIZE = (960, 540)
 """[px]"""
 _BLOCK = 20  # [px] averaged into one, which takes out fonts and jagged edges
-_BOULDER = ObstacleData(name="boulder", shape="sphere", size=(0.4,), position=(2.4, 1.8, -37.0))
+_BOULDER = ObstacleMeta(name="boulder", shape="sphere", size=(0.4,), position=(2.4, 1.8, -37.0))
 
 
 def record_to_look_at(robot: Robot) -> Record:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from synthetic_record import QUANTITIES, synthetic_record
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.record.meta_values import ObstacleData
+from uvms_ocp.record.meta_values import ObstacleMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.viz import figure_of, figure_path, figure_quantities, plot, write_figures
@@ -72,12 +72,12 @@ def test_quantities_of_own_tasks_appear_by_themselves(robot: Robot) -> None:
     assert figure_quantities(synthetic_record(robot, quantities=(*QUANTITIES[:5], "HA.tilt"))) is None
 
 
-BALL = ObstacleData(name="ball", shape="sphere", size=(0.5,), position=(1.0, 2.0, -3.0))
-PILE = ObstacleData(name="pile", shape="cylinder", size=(0.2, 3.0), position=(0.0, 0.0, 0.0))
-CRATE = ObstacleData(
+BALL = ObstacleMeta(name="ball", shape="sphere", size=(0.5,), position=(1.0, 2.0, -3.0))
+PILE = ObstacleMeta(name="pile", shape="cylinder", size=(0.2, 3.0), position=(0.0, 0.0, 0.0))
+CRATE = ObstacleMeta(
     name="crate", shape="box", size=(2.0, 1.0, 0.5), position=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, np.pi / 2)
 )
-PLATE = ObstacleData(
+PLATE = ObstacleMeta(
     name="plate",
     shape="mesh",
     vertices=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.2, 0.2, 0.0)),
@@ -98,7 +98,7 @@ PLATE = ObstacleData(
     ],
 )
 def test_an_obstacle_covers_what_it_covers(
-    obstacle: ObstacleData, axes: tuple[int, int], low: tuple[float, float], high: tuple[float, float]
+    obstacle: ObstacleMeta, axes: tuple[int, int], low: tuple[float, float], high: tuple[float, float]
 ) -> None:
     outline = obstacle_outline(obstacle, *axes)
     np.testing.assert_allclose(outline.min(axis=0), low, atol=0.01)

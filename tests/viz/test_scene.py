@@ -19,7 +19,7 @@ import umsgpack
 from synthetic_record import QUANTITIES, SURROUNDINGS, synthetic_record, without
 
 from uvms_ocp.errors import InvalidInput, OutputError
-from uvms_ocp.record.meta_values import FaultMeta, FloorRelief, FrameMeta, MarkerMeta, ObstacleData, SurroundingsMeta
+from uvms_ocp.record.meta_values import FaultMeta, FloorRelief, FrameMeta, MarkerMeta, ObstacleMeta, SurroundingsMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -142,7 +142,7 @@ def _with_surroundings(record: Record, **values: Any) -> Record:
 
 
 def test_obstacles_of_the_record_are_drawn_where_they_are(record: Record, robot: Robot) -> None:
-    ball = ObstacleData(name="ball", shape="sphere", size=(0.5,), position=(1.0, 2.0, -38.0))
+    ball = ObstacleMeta(name="ball", shape="sphere", size=(0.5,), position=(1.0, 2.0, -38.0))
     pages = [_commands(show(item, robot).html) for item in (record, _with_surroundings(record, obstacles=(ball,)))]
     drawn, placed = ([c for c in pages[1] if c["type"] == kind and "/obstacles/" in c["path"]] for kind in _KINDS)
     assert not any("/obstacles/" in command.get("path", "") for command in pages[0])
@@ -225,7 +225,7 @@ def test_arrows_are_in_the_frame_of_the_vehicle(record: Record, robot: Robot) ->
 
 def test_a_line_leads_to_the_nearest_point_of_an_obstacle_and_is_left_out_afar(record: Record, robot: Robot) -> None:
     near, far = (
-        ObstacleData(name=name, shape="sphere", size=(0.4,), position=(2.0, y, -37.0))
+        ObstacleMeta(name=name, shape="sphere", size=(0.4,), position=(2.0, y, -37.0))
         for name, y in (("near", 1.5), ("far", 30.0))
     )
     details = _details(show(_with_surroundings(record, obstacles=(near, far)), robot).html)

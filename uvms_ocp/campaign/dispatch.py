@@ -143,10 +143,10 @@ class Dispatch:
             pass
         if not found:
             self._require_cluster()
-            self._tell_of_no_workers()
+            self._warn_of_no_workers()
         return found
 
-    def _tell_of_no_workers(self) -> None:
+    def _warn_of_no_workers(self) -> None:
         """Once, as a cluster may still be waiting for its machines."""
         if self._client.nthreads():
             self._alone_since = None

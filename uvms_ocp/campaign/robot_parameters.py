@@ -188,9 +188,9 @@ def _with_delay(channel: str, scenario: Scenario, value: float) -> Scenario:
     """Return the scenario with another nominal delay; the unmodelled part of the delay stays."""
     specs, true = scenario.specs, _true(scenario)
     known, spec = getattr(specs, channel), getattr(true, channel)
-    told = replace(specs, **{channel: replace(known, delay=value)})
+    specified = replace(specs, **{channel: replace(known, delay=value)})
     real = replace(true, **{channel: replace(spec, delay=value + spec.delay - known.delay)})
-    return replace(scenario, sensors=told, real_sensors=scenario.real_sensors and real)
+    return replace(scenario, sensors=specified, real_sensors=scenario.real_sensors and real)
 
 
 def _noisier(scenario: Scenario, factor: float) -> Scenario:

@@ -141,8 +141,8 @@ def campaign(
 
 
 def _make(wanted: Campaign, target: Path, cluster: dict[str, Any], console: Console) -> None:
-    with _interruptible(target, console), _progress_bar(console) as tell:
-        wanted.run(target, progress=tell, **cluster)
+    with _interruptible(target, console), _progress_bar(console) as advance:
+        wanted.run(target, progress=advance, **cluster)
 
 
 def _look(
@@ -298,10 +298,10 @@ def _progress_bar(console: Console) -> Iterator[Callable[[int, int, int], None]]
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("starting", total=None, failed=0, rate="-")
 
-        def tell(done: int, failed: int, total: int) -> None:
+        def advance(done: int, failed: int, total: int) -> None:
             speed = bar.tasks[0].finished_speed or bar.tasks[0].speed
             rate = "-" if not speed else f"{speed:.3g} runs/s" if speed >= 1 else f"{60 * speed:.3g} runs/min"
             done_of = f"{done} of {total} runs"
             bar.update(task, description=done_of, completed=done, total=total, failed=failed, rate=rate)
 
-        yield tell
+        yield advance

@@ -49,9 +49,9 @@ def check_recording(paths: Recordings, mapping: MappingFile = None, as_json: Jso
         return
     console = console_of()
     for one in found:
-        told = _recording_data(one)
-        console.print(table_of(one.name, told["channels"], _COLUMNS))
-        for doubt in told["doubts"]:
+        data = _recording_data(one)
+        console.print(table_of(one.name, data["channels"], _COLUMNS))
+        for doubt in data["doubts"]:
             print_line(console, f"doubtful: {doubt}")
 
 

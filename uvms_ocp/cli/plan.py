@@ -36,13 +36,12 @@ from uvms_ocp.mission_plan.planner import OPTIONS, plan_mission
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.request import OcpRequest, solve_ocp
 from uvms_ocp.planning.request import AXES, Goal, PlanRequest, PostureGoal, ToolGoal, Triple, plan_path
-from uvms_ocp.record.meta_values import ObstacleData
 from uvms_ocp.record.output import claim_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.planned_motion import motion_record, ocp_record, ocp_report, plan_report
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.obstacles import parse_obstacle, read_obstacles
+from uvms_ocp.robot.shapes.obstacles import Obstacle, parse_obstacle, read_obstacles
 from uvms_ocp.solvers.nlp.level_solver import IterationReport
 from uvms_ocp.solvers.nlp.options import PLUGINS, NlpOptions
 
@@ -105,7 +104,7 @@ class MotionOptions:
         joints = dict(_joint_goal(word) for word in self.joint or ())
         return PostureGoal(position=self.to, rpy=self.to_rpy, joints=joints)
 
-    def _obstacles(self) -> tuple[ObstacleData, ...]:
+    def _obstacles(self) -> tuple[Obstacle, ...]:
         return (
             *(read_obstacles(self.obstacles) if self.obstacles else ()),
             *(parse_obstacle("sphere", words, f"sphere{i}") for i, words in enumerate(self.sphere or (), 1)),
@@ -157,11 +156,11 @@ class PlanOutput:
         write_scene(self.record, self.robot, folder / "scene.html")
 
 
-Tell = Callable[[str], None]
+Progress = Callable[[str], None]
 """Told how far the search is, to show while it goes on."""
 
 
-def make_and_write_plan(make: Callable[[Tell], PlanOutput], out: Path, as_json: bool) -> None:
+def make_and_write_plan(make: Callable[[Progress], PlanOutput], out: Path, as_json: bool) -> None:
     """Make the plan, write it to the folder `out` and print what came of it; exit where it is not good."""
     console = console_of(stderr=as_json)
     with claim_folder(out, _FILES) as claim:
@@ -325,7 +324,9 @@ def ocp(
         plugin=nlp,
     )
     changed = _changed(_OCP | _MOTION, robot=motion.robot, current=current)
-    make_and_write_plan(lambda tell: _by_ocp(request, tell), out or default_folder(("plan", "ocp"), changed), as_json)
+    make_and_write_plan(
+        lambda progress: _by_ocp(request, progress), out or default_folder(("plan", "ocp"), changed), as_json
+    )
 
 
 app = typer.Typer(help="Plan a motion among obstacles, or a whole mission.", no_args_is_help=True)
@@ -356,8 +357,8 @@ def _by_curve(request: PlanRequest) -> PlanOutput:
     )
 
 
-def _by_ocp(request: OcpRequest, tell: Tell) -> PlanOutput:
-    result = solve_ocp(request, progress=lambda moment: tell(_words(moment)))
+def _by_ocp(request: OcpRequest, progress: Progress) -> PlanOutput:
+    result = solve_ocp(request, progress=lambda moment: progress(_words(moment)))
 
     def save(folder: Path) -> None:
         for name in ("plan.npz", "plan.json"):

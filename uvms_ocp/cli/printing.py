@@ -146,13 +146,13 @@ _LOGGER = logging.getLogger("uvms_ocp.codegen.compile")
 
 
 class _CompilationHandler(logging.Handler):
-    def __init__(self, tell: Callable[[str], None]) -> None:
+    def __init__(self, show: Callable[[str], None]) -> None:
         super().__init__(logging.INFO)
-        self._tell = tell
+        self._show = show
 
     def emit(self, record: logging.LogRecord) -> None:
         if record.levelno < logging.WARNING:
-            self._tell(record.getMessage())
+            self._show(record.getMessage())
 
 
 class _Warnings(logging.Handler):
@@ -175,9 +175,9 @@ class _Warnings(logging.Handler):
 
 
 @contextmanager
-def show_compilation(tell: Callable[[str], None]) -> Iterator[None]:
+def show_compilation(show: Callable[[str], None]) -> Iterator[None]:
     """Inside, `tell` is given what is being compiled, in a few words."""
-    before, handler = _LOGGER.level, _CompilationHandler(tell)
+    before, handler = _LOGGER.level, _CompilationHandler(show)
     _LOGGER.addHandler(handler)
     _LOGGER.setLevel(logging.INFO)
     try:

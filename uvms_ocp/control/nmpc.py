@@ -120,7 +120,7 @@ class Nmpc(TableDisplay):
 
     def _table(self) -> SmallTable:
         horizon = float(self._problem.nominal_times()[-1])
-        told = {
+        values = {
             "robot": self._robot.name,
             "levels": ", ".join(level.name for level in self._problem.levels),
             "horizon [s]": horizon,
@@ -130,7 +130,7 @@ class Nmpc(TableDisplay):
             "missed": self._missed,
             "rejected": self._rejected,
         }
-        return SmallTable(title=type(self).__name__, rows=rows_of(told))
+        return SmallTable(title=type(self).__name__, rows=rows_of(values))
 
     @property
     def statistics(self) -> NmpcStatistics:

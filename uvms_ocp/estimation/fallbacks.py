@@ -326,8 +326,8 @@ class LastFloorRange:
     def at(self, measurement: StateEstimate) -> tuple[float, bool]:
         """Range [m], always finite, at a measurement that is not remembered, and whether its echo tells the altitude."""
         point_altimeter(self.memory, doubles(measurement.q))
-        tells = has_altitude(self.memory, measurement.altimeter_range)
-        return (measurement.altimeter_range, True) if tells else (range_to_last_floor(self.memory, 0.0), False)
+        measured = has_altitude(self.memory, measurement.altimeter_range)
+        return (measurement.altimeter_range, True) if measured else (range_to_last_floor(self.memory, 0.0), False)
 
 
 def echo_sizes(robot: Robot, frame: str | None) -> dict[str, Any]:

@@ -234,8 +234,8 @@ def largest(given: ExperimentTask, rollout: Rollout, name: str, seed: int = 0) -
     t = STEP * np.arange(round(given.duration / STEP))
     wanted = BY_HAND[name](t, np.random.default_rng(seed))
     for share in _AMPLITUDES:
-        told = keep_inside_pool(given, rollout, share * wanted, STEP)
-        found = excitation_of(given, rollout, Channel(t=t, values=told))
+        inside = keep_inside_pool(given, rollout, share * wanted, STEP)
+        found = excitation_of(given, rollout, Channel(t=t, values=inside))
         if found.status is DesignStatus.INSIDE:
             break
     return found
@@ -259,8 +259,8 @@ def target_deviations(given: ExperimentTask, rollout: Rollout) -> np.ndarray:
     learnt = np.array([[one.informed for one in numbers] for numbers in by_hand]).max(axis=0)[chosen]
     sizes = np.array([one.size or np.inf for one in by_hand[0]])[chosen]
     believed = 1.0 / aim.deviations(np.zeros_like(aim.prior_information)) ** 2
-    told = np.where(learnt, 1.0 / least**2 - believed, 0.0)
-    return np.asarray((believed + np.maximum(told / HALF**2, 1.0 / (DETERMINED_BELOW * sizes) ** 2)) ** -0.5)
+    wanted = np.where(learnt, 1.0 / least**2 - believed, 0.0)
+    return np.asarray((believed + np.maximum(wanted / HALF**2, 1.0 / (DETERMINED_BELOW * sizes) ** 2)) ** -0.5)
 
 
 # What a search of commands lowers: what is left unknown, and what it costs to leave the pool or to hurry thrusters.
@@ -306,17 +306,17 @@ class Objective:
         found = minimize(lower, (knots / size).ravel(), jac=True, method="L-BFGS-B", bounds=bounds, options=options)
         return np.asarray(found.x.reshape(knots.shape) * size)
 
-    def _hurry(self, told: np.ndarray, price: float) -> tuple[float, np.ndarray]:
+    def _hurry(self, commands: np.ndarray, price: float) -> tuple[float, np.ndarray]:
         """Penalty of steps beyond the slew limit, with its slope (n, n_u) [1/N, 1/(N m)]."""
-        slope, most = np.zeros_like(told), self.limits.slew * self.courses.h
+        slope, most = np.zeros_like(commands), self.limits.slew * self.courses.h
         if not np.isfinite(most):
             return 0.0, slope
-        change = np.diff(told, axis=0)
+        change = np.diff(commands, axis=0)
         over = np.sign(change) * np.maximum(np.abs(change) / most - 1.0, 0.0)
-        each = 2.0 * price / len(told) * over / most
+        each = 2.0 * price / len(commands) * over / most
         slope[1:] += each
         slope[:-1] -= each
-        return price / len(told) * float((over**2).sum()), slope
+        return price / len(commands) * float((over**2).sum()), slope
 
 
 # Excitation design: commands after which the numbers that matter are known best, within thrust, pool and time.
@@ -396,5 +396,5 @@ class _Search:
     def expected(self, knots: np.ndarray) -> Excitation:
         """Predict the experiment of these knots, clipped to thrust and slew limits."""
         step = self.effort.step
-        told = self.given.limits.kept(self.objective.history.sent @ knots, step)
-        return excitation_of(self.given, self.rollout, Channel(t=step * np.arange(len(told)), values=told))
+        commands = self.given.limits.kept(self.objective.history.sent @ knots, step)
+        return excitation_of(self.given, self.rollout, Channel(t=step * np.arange(len(commands)), values=commands))

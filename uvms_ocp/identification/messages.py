@@ -152,14 +152,14 @@ def _mcap_files(path: Path) -> list[Path] | None:
         require_regular_file(path)
         return [path]
     about: Any = read_yaml(path / METADATA)
-    told = about["rosbag2_bagfile_information"]
-    packed = str(told.get("compression_mode") or "none").lower()
+    information = about["rosbag2_bagfile_information"]
+    packed = str(information.get("compression_mode") or "none").lower()
     if packed != "none":
         raise InvalidInput(f"{path}: packed by {packed}; unpack it by `ros2 bag convert`")
-    files = [path / PurePath(name).name for name in told["relative_file_paths"]]
+    files = [path / PurePath(name).name for name in information["relative_file_paths"]]
     for file in files:
         require_regular_file(file)
-    return files if told["storage_identifier"] == _MCAP[1:] else None
+    return files if information["storage_identifier"] == _MCAP[1:] else None
 
 
 def _decoder(channel: Any, schema: Any) -> Callable[[bytes], Any]:

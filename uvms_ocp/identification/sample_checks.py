@@ -69,7 +69,7 @@ def describe_factor(wanted: np.ndarray, seen: np.ndarray) -> str:
     if low < _SCALE and high > 1 / _SCALE:
         return ""
     factor = float(np.sqrt(low * high))
-    units = [told for one, unit in _UNITS.items() for told in _of_unit(factor, one, unit)]
+    units = [text for one, unit in _UNITS.items() for text in _of_unit(factor, one, unit)]
     return f"{factor:.2g} times the rate of the {{}}: {(units or ['its units?'])[0]}"
 
 

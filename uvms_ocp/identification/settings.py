@@ -242,8 +242,8 @@ def require_no_shape(subject: CalibratedRobot) -> None:
         shape = getattr(link, name)
         if shape is None or description.convention != "FLU" or shape.pose != Pose():
             continue
-        told = "give it coefficients in the link frame in place of its shape; the same are"
-        raise InvalidInput(f"{frame}: {told} {same_coefficients(subject)} instead of {name}")
+        text = "give it coefficients in the link frame in place of its shape; the same are"
+        raise InvalidInput(f"{frame}: {text} {same_coefficients(subject)} instead of {name}")
 
 
 def same_coefficients(subject: CalibratedRobot) -> str:

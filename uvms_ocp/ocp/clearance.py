@@ -21,9 +21,9 @@ from uvms_ocp.ocp.separating_planes import Planes, Poses, planes
 from uvms_ocp.ocp.terms import At, StageSymbols, Term
 from uvms_ocp.planning.distances import CoalDistances, Configurations, Contacts
 from uvms_ocp.planning.scene import CollisionScene
-from uvms_ocp.record.meta_values import ObstacleData
+from uvms_ocp.record.meta_values import ObstacleMeta
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.obstacles import Obstacle, describe_obstacle
+from uvms_ocp.robot.shapes.obstacles import Obstacle, describe_obstacles
 from uvms_ocp.robot.symbolic_bodies import Pose
 from uvms_ocp.tasks.task import Residual, TickSymbols, VectorReference, bounded_residual, evaluate_vector
 from uvms_ocp.types import Array, AtLeastOne, Count, Finite, Indices, Mask, Shape
@@ -107,13 +107,13 @@ class BallClearance(Term):
         """Centre of every obstacle at time t [s], and its radius with the margin [m]."""
         return np.array([(*ball.centre_at(t), ball.radius + self.margin) for ball in self.obstacles]).ravel()
 
-    def scenery(self, t: float) -> tuple[ObstacleData, ...]:
+    def scenery(self, t: float) -> tuple[ObstacleMeta, ...]:
         """Return the balls that are fixed to the world, as they are at time t [s], as spheres; radii of 0 have nothing to
         draw."""
         balls = [ball for ball in self.obstacles if ball.frame is None and ball.radius > 0]
         names = (f"obstacle {i}" for i in range(1, len(balls) + 1))
         return tuple(
-            ObstacleData(name=name, shape="sphere", size=(ball.radius,), position=tuple(ball.centre_at(t).tolist()))
+            ObstacleMeta(name=name, shape="sphere", size=(ball.radius,), position=tuple(ball.centre_at(t).tolist()))
             for name, ball in zip(names, balls, strict=True)
         )
 
@@ -265,13 +265,12 @@ class ShapeClearance(Term):
     def name(self) -> str:
         return "clearance"
 
-    def scenery(self, t: float) -> tuple[ObstacleData, ...]:
+    def scenery(self, t: float) -> tuple[ObstacleMeta, ...]:
         """Obstacles that have an end, as they are at time t [s]."""
         shapes = [item for i, item in enumerate(self.scene.geometry.geometryObjects) if self.scene.is_obstacle(i)]
         places = [self.moving[item.name](t) if item.name in self.moving else item.placement for item in shapes]
         pairs = zip(shapes, places, strict=True)
-        found = [describe_obstacle(Obstacle(name=item.name, shape=item.geometry, X_WO=X)) for item, X in pairs]
-        return tuple(item for item in found if item is not None)
+        return describe_obstacles(Obstacle(name=item.name, shape=item.geometry, X_WO=X) for item, X in pairs)
 
     # --- rows -------------------------------------------------------------------------------------
 

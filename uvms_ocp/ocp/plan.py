@@ -309,9 +309,9 @@ class Plan(TableDisplay):
         }
 
     def _table(self) -> SmallTable:
-        told = {name: value for name, value in self.summary().items() if name != "levels"}
+        values = {name: value for name, value in self.summary().items() if name != "levels"}
         levels = ((f"level {level.name}", f"{level.status}, residual {level.residual:.3g}") for level in self.levels)
-        return SmallTable(title=f"Plan: {self.status.value}", rows=(*rows_of(told), *levels))
+        return SmallTable(title=f"Plan: {self.status.value}", rows=(*rows_of(values), *levels))
 
     def to_record(self) -> Record:
         """The motion as a record, which figures, scenes and comparisons take; see `motion_series` for what it holds."""

@@ -28,7 +28,7 @@ from uvms_ocp.ocp.trajectory import Trajectory, hold_guess
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.ocp.verdict import Diagnosis, SolveVerdict
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
-from uvms_ocp.record.meta_values import FrameMeta, ObstacleData, SurroundingsMeta
+from uvms_ocp.record.meta_values import FrameMeta, ObstacleMeta, SurroundingsMeta
 from uvms_ocp.solvers.nlp.level_solver import Progress
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicNlp, LexicographicResult
 from uvms_ocp.solvers.nlp.options import NlpOptions
@@ -61,7 +61,7 @@ def _goal(term: TaskTerm, t: float) -> FrameMeta:
     return FrameMeta(name=f"goal of {term.name}", pose=tuple(pin.SE3ToXYZQUAT(pose).tolist()))
 
 
-def _renamed(obstacles: list[ObstacleData]) -> list[ObstacleData]:
+def _renamed(obstacles: list[ObstacleMeta]) -> list[ObstacleMeta]:
     """With names that differ: several terms may number theirs alike."""
     seen: Counter[str] = Counter()
     named = []

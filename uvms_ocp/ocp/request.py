@@ -22,9 +22,8 @@ from uvms_ocp.ocp.trajectory import Trajectory, guess_through, hold_guess
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.request import FiniteTriple, Goal, PlanRequest, PostureGoal, check_goal_distance, plan_path
 from uvms_ocp.planning.scene import CollisionScene, Coordinates, NearestPair, collision_scene, coordinates
-from uvms_ocp.record.meta_values import ObstacleData
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.obstacles import Obstacle, build_obstacles, seafloor
+from uvms_ocp.robot.shapes.obstacles import Obstacle, seafloor
 from uvms_ocp.robot.signals import State
 from uvms_ocp.solvers.nlp.level_solver import Progress
 from uvms_ocp.solvers.nlp.options import NlpOptions
@@ -70,7 +69,7 @@ class OcpRequest:
     start: Annotated[Array, Shape("robot.n_q"), Range(open=True)]
     """(n_q,) [m, rad] configuration."""
     goal: Goal
-    obstacles: tuple[ObstacleData, ...] = ()
+    obstacles: tuple[Obstacle, ...] = ()
     clearance: Magnitude = 0.06
     """[m] kept from obstacles and between links. What is nearer at start or goal keeps what it has there, of the robot's
     own links three quarters."""
@@ -135,7 +134,8 @@ def solve_ocp(request: OcpRequest, *, progress: Progress | None = None) -> OcpRe
     """
     check_goal_distance(request.robot, request.start, request.goal)
     planned = coordinates(request.robot, reference=request.start)
-    scene = collision_scene(planned, _surroundings(request))
+    floor = (seafloor(request.seabed),) if np.isfinite(request.seabed) else ()
+    scene = collision_scene(planned, (*request.obstacles, *floor))
     problem = _problem(request, scene)
     scene.check_no_overlap(start_distances(scene, request.start), "the start")
     check_goal(scene, request.goal, request.start)
@@ -175,11 +175,6 @@ def _guesses(request: OcpRequest, problem: OcpProblem) -> Iterator[Trajectory]:
         if curve is not None:
             yield curve
     yield hold_guess(problem)
-
-
-def _surroundings(request: OcpRequest) -> list[Obstacle]:
-    obstacles = build_obstacles(request.obstacles)
-    return [*obstacles, seafloor(request.seabed)] if np.isfinite(request.seabed) else obstacles
 
 
 def _problem(request: OcpRequest, scene: CollisionScene) -> OcpProblem:

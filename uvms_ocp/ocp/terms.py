@@ -16,7 +16,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.record.meta_values import ObstacleData
+from uvms_ocp.record.meta_values import ObstacleMeta
 from uvms_ocp.robot.limits import bounded_joints
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.tasks.task import Residual, Task, TickSymbols, VectorGoal, evaluate_vector, zero_residual
@@ -105,7 +105,7 @@ class Term(ABC):
             return np.zeros((len(times), 0))
         return np.array([self.reference(t) for t in times])
 
-    def scenery(self, t: float) -> tuple[ObstacleData, ...]:
+    def scenery(self, t: float) -> tuple[ObstacleMeta, ...]:
         """Return the obstacles to draw at time t [s]."""
         return ()
 

@@ -19,7 +19,6 @@ from uvms_ocp.planning.soft_collision import CollisionPlan as CollisionPlan
 from uvms_ocp.planning.soft_collision import PlanStatus as PlanStatus
 from uvms_ocp.planning.soft_collision import SoftCollisionOptions as SoftCollisionOptions
 from uvms_ocp.planning.soft_collision import plan_soft_collision as plan_soft_collision
-from uvms_ocp.record.meta_values import ObstacleData as ObstacleData
 from uvms_ocp.robot.shapes.obstacles import Obstacle as Obstacle
 from uvms_ocp.robot.shapes.obstacles import build_obstacle as build_obstacle
 from uvms_ocp.robot.shapes.obstacles import describe_obstacle as describe_obstacle

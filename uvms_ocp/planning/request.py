@@ -25,10 +25,9 @@ from uvms_ocp.planning.soft_collision import (
     SoftCollisionOptions,
     plan_soft_collision,
 )
-from uvms_ocp.record.meta_values import ObstacleData
 from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.obstacles import build_obstacles
+from uvms_ocp.robot.shapes.obstacles import Obstacle
 from uvms_ocp.tasks.joints import JointTracking
 from uvms_ocp.tasks.pose import ToolPose, ToolPosition, VehiclePose
 from uvms_ocp.tasks.task import Task
@@ -274,7 +273,7 @@ class PlanRequest:
     start: Annotated[Array, Shape("robot.n_q"), Range(open=True)]
     """(n_q,) [m, rad] configuration."""
     goal: Goal
-    obstacles: tuple[ObstacleData, ...] = ()
+    obstacles: tuple[Obstacle, ...] = ()
     axes: str = AXES[0]
     clearance: Magnitude = 0.06
     """[m] wanted from everything; what is verified is that nothing touches."""
@@ -304,7 +303,7 @@ def plan_path(request: PlanRequest) -> PlanResult:
     """
     check_goal_distance(request.robot, request.start, request.goal)
     planned = _planned_axes(request)
-    scene = collision_scene(planned, build_obstacles(request.obstacles))
+    scene = collision_scene(planned, request.obstacles)
     goal = request.goal.as_coordinates(CoalDistances(scene), seed=request.seed)
     if goal is None:
         return PlanResult(request=request, scene=scene, plan=None)

@@ -21,7 +21,7 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.robot.kinematics import shape_reach
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import self_pairs, shapes_among
-from uvms_ocp.robot.shapes.obstacles import Obstacle
+from uvms_ocp.robot.shapes.obstacles import Obstacle, require_distinct_names
 from uvms_ocp.types import Array, Indices, Shape
 
 # Coordinates of a planned motion: a plain vector x (n_axes,) in place of a configuration on the manifold.
@@ -295,7 +295,11 @@ class CollisionScene:
 def collision_scene(
     coordinates: Coordinates, obstacles: Sequence[Obstacle], *, self_collision: bool = True
 ) -> CollisionScene:
-    """All pairs link - obstacle, and the pairs of links of `self_pairs`, except those that no planned axis moves."""
+    """All pairs link - obstacle, and the pairs of links of `self_pairs`, except those that no planned axis moves.
+
+    Raises `InvalidInput` for two obstacles of one name.
+    """
+    require_distinct_names(obstacles)
     robot = coordinates.robot
     geometry, n_links = shapes_among(robot, obstacles), robot.collision_model.ngeoms
     names = [shape.name for shape in geometry.geometryObjects]

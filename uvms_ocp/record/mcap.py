@@ -231,8 +231,8 @@ def _joints(series: Series, names: Sequence[str], k: int, when: Any) -> Any:
     from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 
     n = len(names)
-    told = {"position": "q", "velocity": "v", "effort": "torque"}
-    columns = {key: series[name][k, -n:].tolist() for key, name in told.items() if name in series}
+    sources = {"position": "q", "velocity": "v", "effort": "torque"}
+    columns = {key: series[name][k, -n:].tolist() for key, name in sources.items() if name in series}
     joints = [JointState(name=name, **{key: row[i] for key, row in columns.items()}) for i, name in enumerate(names)]
     return JointStates(timestamp=when, joints=joints)
 
@@ -271,8 +271,8 @@ def log_messages(meta: Any) -> list[tuple[float, Any]]:
     events = [(e.t, Log.INFO, f"{e.source} to {e.target}: {e.reason}") for e in getattr(meta, "events", ())]
     alarms = [(alarm.t, Log.WARNING, alarm.text) for alarm in getattr(meta, "alarms", ())]
     faults = [(fault.t, Log.ERROR, fault.text) for fault in getattr(meta, "faults", ())]
-    told = sorted([*events, *alarms, *faults], key=lambda entry: entry[0])
-    return [(t, Log(timestamp=stamp(round(1e9 * t)), level=level, message=text)) for t, level, text in told]
+    entries = sorted([*events, *alarms, *faults], key=lambda entry: entry[0])
+    return [(t, Log(timestamp=stamp(round(1e9 * t)), level=level, message=text)) for t, level, text in entries]
 
 
 # An MCAP file of a record: every series tick by tick, and what Foxglove draws of it; it comes back.
@@ -337,13 +337,13 @@ def _column(writer: Any, name: str, array: np.ndarray, meta: Any) -> _Column:
     units = column_units(name, flat.shape[1], meta)
     short = [column.removeprefix(f"{name}.") for column in names]
     made = series_message(name, array.dtype.kind, short)
-    told = {
+    metadata = {
         **series_description(name, array),
         "dtype": array.dtype.str,
         "columns": "\n".join(names),
         "units": "\n".join(units),
     }
-    channel = writer.register_channel(f"{_SERIES}{name}", "protobuf", register_schema(writer, made), told)
+    channel = writer.register_channel(f"{_SERIES}{name}", "protobuf", register_schema(writer, made), metadata)
     fields = [field.name for field in made.DESCRIPTOR.fields]
     return _Column(channel=channel, made=made, fields=fields, rows=flat.tolist())
 
@@ -371,13 +371,15 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], Any]:
     own = _metadata(path)
     if own.get("version") != VERSION:
         raise InvalidInput(f"{path}: no record of version {VERSION}; give a file that Record.to_mcap wrote")
-    found, told, decoders = defaultdict(list), {}, DecoderFactory()
+    found, metadata, decoders = defaultdict(list), {}, DecoderFactory()
     for schema, channel, message in mcap_messages(path):
         if "series" in channel.metadata:
-            told[channel.metadata["series"]] = channel.metadata
+            metadata[channel.metadata["series"]] = channel.metadata
             decode = decoders.decoder_for(channel.message_encoding, schema)
             found[channel.metadata["series"]].append(decode(message.data))
-    series = {name: values_of(rows, told[name]["dtype"], int(told[name]["axes"])) for name, rows in found.items()}
+    series = {
+        name: values_of(rows, metadata[name]["dtype"], int(metadata[name]["axes"])) for name, rows in found.items()
+    }
     return series, read_meta(own["meta"])
 
 

@@ -27,7 +27,7 @@ Point = tuple[_Metres, _Metres, _Metres]
 
 
 @one_line_errors
-class ObstacleData(BaseModel):
+class ObstacleMeta(BaseModel):
     """One obstacle: a primitive shape with its sizes, or a mesh with its triangles."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -47,7 +47,7 @@ class ObstacleData(BaseModel):
     """(3,) [rad], R = Rz Ry Rx."""
 
     @model_validator(mode="after")
-    def _has_its_sizes(self) -> ObstacleData:
+    def _has_its_sizes(self) -> ObstacleMeta:
         if len(self.size) != N_SIZES[self.shape]:
             raise ValueError(f"a {self.shape} has {N_SIZES[self.shape]} sizes, not {len(self.size)}")
         corners = [corner for triangle in self.triangles for corner in triangle]
@@ -280,7 +280,7 @@ class SurroundingsMeta(MetaValue):
     frames: tuple[FrameMeta, ...] = ()
     """Such as goals."""
     markers: tuple[MarkerMeta, ...] = ()
-    obstacles: tuple[ObstacleData, ...] = ()
+    obstacles: tuple[ObstacleMeta, ...] = ()
     floor_z: Number | None = None
     """[m] height of the floor in W, below the start."""
     floor: FloorRelief | None = None

@@ -85,8 +85,8 @@ class RecordMeta(TableDisplay, MetaValue):
         return self
 
     def _table(self) -> SmallTable:
-        told = {name: getattr(self, name) for name in type(self).model_fields}
-        rows = ((name, format_value(_by_name(value))) for name, value in told.items() if value not in ("", (), None))
+        values = {name: getattr(self, name) for name in type(self).model_fields}
+        rows = ((name, format_value(_by_name(value))) for name, value in values.items() if value not in ("", (), None))
         return SmallTable(title=f"{type(self).__name__} of {self.scenario}", rows=tuple(rows))
 
 

@@ -304,10 +304,10 @@ def _series(table: Any) -> dict[str, np.ndarray]:
     parts: dict[str, list[np.ndarray]] = {}
     flat: set[str] = set()
     for field, column in zip(table.schema, table.columns, strict=True):
-        told = field.metadata or {}
-        name = told[b"series"].decode()
+        metadata = field.metadata or {}
+        name = metadata[b"series"].decode()
         parts.setdefault(name, []).append(column.to_numpy())
-        if told[b"axes"] == b"1":
+        if metadata[b"axes"] == b"1":
             flat.add(name)
     return {name: found[0] if name in flat else np.stack(found, axis=1) for name, found in parts.items()}
 
@@ -315,8 +315,8 @@ def _series(table: Any) -> dict[str, np.ndarray]:
 def series_description(name: str, array: np.ndarray) -> dict[str, str]:
     """Return the metadata that a file holds of a series of that name; array (n, ...) [unit of it]."""
     kind = SERIES.get(name)
-    told = {} if kind is None else {"meaning": kind.meaning, "frame": kind.frame}
-    return {"series": name, "axes": str(array.ndim), **told}
+    described = {} if kind is None else {"meaning": kind.meaning, "frame": kind.frame}
+    return {"series": name, "axes": str(array.ndim), **described}
 
 
 def _arrow() -> Any:

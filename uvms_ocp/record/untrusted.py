@@ -299,5 +299,5 @@ def read_yaml_as(path: Path, model: type[_M]) -> _M:
     try:
         return model.model_validate(read_yaml(path))
     except (OSError, ValueError) as error:
-        told = one_line(error, model) if isinstance(error, ValidationError) else str(error)
-        raise InvalidInput(f"{path}: {told}") from None
+        text = one_line(error, model) if isinstance(error, ValidationError) else str(error)
+        raise InvalidInput(f"{path}: {text}") from None

@@ -244,14 +244,14 @@ def build_reference(folder: Path | str) -> Path:
     modules = documented_modules("\n".join(text for pages in written.values() for text in pages.values()))
     pdoc.render.configure(docformat="markdown", show_source=True, search=True)
     try:
-        with warnings.catch_warnings(record=True) as told:
+        with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
             pdoc.pdoc(*_asked_for(modules), output_directory=folder)
         _without_private_links(folder)
         _write_pages(folder, written, modules)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written ({error}); choose another folder") from error
-    wrong = [*(str(item.message).splitlines()[0] for item in told), *broken_links(folder)]
+    wrong = [*(str(item.message).splitlines()[0] for item in warned), *broken_links(folder)]
     if wrong:
         raise InvalidInput(f"the reference has {len(wrong)} faults: {'; '.join(wrong[:_MOST_FAULTS])}")
     return folder / "index.html"

@@ -45,12 +45,12 @@ def _channels() -> str:
         (f"`{name}`", ", ".join(kind.columns) or "one for each", kind.unit, kind.frame or "-", _taken(kind))
         for name, kind in CHANNEL_KINDS.items()
     )
-    told = _fields(ChannelMapping.model_json_schema())
+    text = _fields(ChannelMapping.model_json_schema())
     return (
         "# Channels of a recording\n\nWhat a `uvms_ocp.identification.recording.Recording` may have, each with times "
         "of its own.\n\n"
         + _table(("channel", "columns", "unit", "frame", "between samples"), rows)
-        + f"\n\n## A channel in a mapping\n\n{told}\n"
+        + f"\n\n## A channel in a mapping\n\n{text}\n"
     )
 
 
@@ -106,15 +106,15 @@ def _learnable() -> Mapping[str, Quantity]:
 
 
 def _fields(part: dict[str, Any]) -> str:
-    told = part.get("description", "").split("\n\n")[0]
+    text = part.get("description", "").split("\n\n")[0]
     if "properties" not in part:
-        return f"{told}\n\nOne of: {', '.join(f'`{value}`' for value in part.get('enum', ()))}."
+        return f"{text}\n\nOne of: {', '.join(f'`{value}`' for value in part.get('enum', ()))}."
     needed = set(part.get("required", ()))
     rows = (
         (f"`{name}`", _type_of(field), "needed" if name in needed else _default(field), field.get("description", ""))
         for name, field in part["properties"].items()
     )
-    return told + "\n\n" + _table(("field", "type", "default", "meaning"), rows)
+    return text + "\n\n" + _table(("field", "type", "default", "meaning"), rows)
 
 
 def _default(field: dict[str, Any]) -> str:
@@ -145,8 +145,8 @@ def _range_of(field: dict[str, Any]) -> str:
 
 def _commands() -> str:
     root = typer.main.get_command(app)
-    told = "\n\n".join(_command(path, command) for path, command in _all(("uvms-ocp",), root))
-    return f"# Commands\n\nExit codes: {_exit_codes()}\n\n{told}\n"
+    text = "\n\n".join(_command(path, command) for path, command in _all(("uvms-ocp",), root))
+    return f"# Commands\n\nExit codes: {_exit_codes()}\n\n{text}\n"
 
 
 def _exit_codes() -> str:
@@ -167,10 +167,10 @@ def _all(path: tuple[str, ...], command: Any) -> Iterator[tuple[tuple[str, ...],
 def _command(path: tuple[str, ...], command: Any) -> str:
     arguments = [_value_of(parameter) for parameter in command.params if not _is_option(parameter)]
     options = ["[OPTIONS]"] if len(arguments) < len(command.params) else []
-    told = (command.help or "").partition("\f")[0]
+    text = (command.help or "").partition("\f")[0]
     rows = ((_name_of(parameter), str(getattr(parameter, "help", "") or "")) for parameter in command.params)
     table = _table(("name", "meaning"), rows) if command.params else ""
-    return f"## {' '.join(path)}\n\n    {' '.join((*path, *options, *arguments))}\n\n{told}\n\n{table}"
+    return f"## {' '.join(path)}\n\n    {' '.join((*path, *options, *arguments))}\n\n{text}\n\n{table}"
 
 
 def _is_option(parameter: Any) -> bool:

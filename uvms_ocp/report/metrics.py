@@ -61,24 +61,27 @@ def error_bound(record: Record, quantity: str) -> float | None:
     where the estimator gave no covariance.
     """
     spread = record.run_meta.spread(quantity)
-    told = quantities_at(record, float(record["t"][-1])).get(quantity)
-    if spread is None or told is None or not np.isfinite([spread, told]).all():
+    measured = quantities_at(record, float(record["t"][-1])).get(quantity)
+    if spread is None or measured is None or not np.isfinite([spread, measured]).all():
         return None
-    return norm_bound(told, spread)
+    return norm_bound(measured, spread)
 
 
-def norm_bound(told: float, spread: float) -> float:
+def norm_bound(measured: float, spread: float) -> float:
     """Bound the norm of three numbers [m or rad] with probability `CHANCE`.
 
     Mean and variance of its square are those of a multiple of chi-squared [Patnaik1949]. told [m or rad]: the norm of their
     means. spread [m or rad]: root of the sum of their variances, which are alike.
     """
     if spread == 0.0:
-        return told
+        return measured
     from scipy.special import gammaincinv  # a tenth of a second
 
     variance = spread**2 / 3.0
-    mean, half = spread**2 + told**2, variance * (3.0 * variance + 2.0 * told**2)  # of the square; half its variance
+    mean, half = (
+        spread**2 + measured**2,
+        variance * (3.0 * variance + 2.0 * measured**2),
+    )  # of the square; half its variance
     of_chi_squared = 2.0 * gammaincinv(0.5 * mean**2 / half, CHANCE)
     return float(np.sqrt(half / mean * of_chi_squared))
 

@@ -21,6 +21,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import PlanMeta, packages, versions
 from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.shapes.collision_model import links_without_shape
+from uvms_ocp.robot.shapes.obstacles import describe_obstacles
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import Array
 
@@ -107,7 +108,7 @@ def plan_meta(
         quantities=("plan.clearance",) if scene.n_pairs else (),
         surroundings=SurroundingsMeta(
             frames=() if X_WF is None else (FrameMeta(name="goal", pose=tuple(pin.SE3ToXYZQUAT(X_WF).tolist())),),
-            obstacles=request.obstacles,
+            obstacles=describe_obstacles(request.obstacles),
         ),
         packages=packages(),
         axes=scene.coordinates.names,
@@ -143,7 +144,7 @@ def plan_report(result: PlanResult) -> dict[str, Any]:
         "status": _UNREACHED if result.plan is None else result.plan.status.value,
         "advice": _UNREACHED_ADVICE if result.plan is None else result.plan.status.advice,
         "axes": list(scene.coordinates.names),
-        "obstacles": [item.model_dump(mode="json") for item in request.obstacles],
+        "obstacles": [item.model_dump(mode="json") for item in describe_obstacles(request.obstacles)],
         "n_pairs": scene.n_pairs,
         "clearance_wanted_m": request.clearance,
         "seed": request.seed,
@@ -259,7 +260,7 @@ def ocp_report(result: OcpResult) -> dict[str, Any]:
         "tool_error": _ocp_motion(result).tool_error() if usable else None,
         "clearance_wanted_m": request.clearance,
         "current_m_s": list(request.current),
-        "obstacles": [item.model_dump(mode="json") for item in request.obstacles],
+        "obstacles": [item.model_dump(mode="json") for item in describe_obstacles(request.obstacles)],
         "solver": request.plugin,
         "iterations": summary["iterations"],
         "solve_time_s": summary["solve_time"],

@@ -217,8 +217,8 @@ def _row(record: Record, channel: str, codes: np.ndarray) -> dict[str, Any]:
 
 def _why(record: Record, channel: str, since: float) -> str:
     """The first alarm on the channel."""
-    told = (alarm.text for alarm in record.run_meta.alarms if alarm.t >= since - 1e-9)
-    text = next((text for text in told if text.startswith(f"{channel} ")), "")
+    texts = (alarm.text for alarm in record.run_meta.alarms if alarm.t >= since - 1e-9)
+    text = next((text for text in texts if text.startswith(f"{channel} ")), "")
     return text.partition(": ")[2]
 
 

@@ -31,7 +31,7 @@ from uvms_ocp.record.meta_values import (
 )
 from uvms_ocp.record.run_meta import RunMeta, packages
 from uvms_ocp.robot.limits import Limits
-from uvms_ocp.robot.shapes.obstacles import describe_obstacle
+from uvms_ocp.robot.shapes.obstacles import describe_obstacles
 from uvms_ocp.robot.signals import IDEAL_SENSORS
 from uvms_ocp.scenario.preflight.checks import quantity_stds
 from uvms_ocp.scenario.preflight.setup import Setup
@@ -187,11 +187,10 @@ def _limits(limits: Limits) -> LimitsMeta:
 
 
 def _surroundings(setup: Setup, markers: Markers, end: np.ndarray) -> SurroundingsMeta:
-    obstacles = map(describe_obstacle, setup.environment.obstacles)
     return SurroundingsMeta(
         frames=tuple(_goal_frames(setup.mission)),
         markers=tuple(MarkerMeta(name=name, position=point) for name, point in markers.items()),
-        obstacles=tuple(item for item in obstacles if item is not None),
+        obstacles=describe_obstacles(setup.environment.obstacles),
         floor_z=setup.floor_at(*setup.start[:2]),
         floor=_relief(setup, markers, end),
     )

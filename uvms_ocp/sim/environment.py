@@ -13,10 +13,9 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.codegen.compile import compile_function
-from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
-from uvms_ocp.robot.shapes.obstacles import Obstacle
+from uvms_ocp.robot.shapes.obstacles import Obstacle, require_distinct_names
 from uvms_ocp.robot.spatial import quaternion_to_matrix
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.sim.currents import Current, StillWater, water_at
@@ -39,9 +38,7 @@ class Environment:
     """With names of their own."""
 
     def __post_init__(self) -> None:
-        names = [obstacle.name for obstacle in self.obstacles]
-        if len(set(names)) != len(names):
-            raise InvalidInput(f"names of obstacles must be unique; given: {names}")
+        require_distinct_names(self.obstacles)
 
 
 # What the plant feels of its environment at one configuration: water at its links, the floor below its contact points.

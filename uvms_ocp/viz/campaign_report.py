@@ -100,7 +100,7 @@ def figure_sensitivity(rows: Sequence[Mapping[str, Any]], figure_name: str) -> F
     axis = figure.subplots()
     names = [label_text(row["parameter"], _LONGEST) for row in own]
     above = [row["pawn"] > row["pawn_floor"] for row in own]
-    axis.barh(names, [row["pawn"] for row in own], color=[ORANGE if told else FADED for told in above])
+    axis.barh(names, [row["pawn"] for row in own], color=[ORANGE if distinct else FADED for distinct in above])
     if own:
         axis.axvline(own[0]["pawn_floor"], color=THRESHOLD, lw=0.9, ls=(0, (5, 3)))
     axis.set_xlabel(f"PAWN index of {figure_name} [-]; left of the dashed line nothing is told")

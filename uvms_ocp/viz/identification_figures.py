@@ -45,7 +45,7 @@ _ROOM = 1.15  # of the tallest bar but those of the vehicle before, which may be
 @styled
 def figure_residuals(one: Comparison) -> Figure:
     """Draw the residuals, simulated less measured, and their autocorrelation."""
-    told = {each.channel: each for each in one.whiteness}
+    tests = {each.channel: each for each in one.whiteness}
     figure = RecordFigure(figsize=(WIDTH, 0.95 * len(CHANNELS) + 0.6))
     _title(figure, f"{label_text(one.name)}: what the search has left, and its autocorrelation")
     grid = figure.subplots(len(CHANNELS), 2, sharex="col", squeeze=False, gridspec_kw={"width_ratios": (3, 1)})
@@ -54,8 +54,8 @@ def figure_residuals(one: Comparison) -> Figure:
         left = one.residuals.rows[sensor][:, column] - one.residuals.measured[sensor][:, column]
         over_time.plot(one.residuals.t[sensor], left, color=BLUE, lw=0.6)
         over_time.set_ylabel(f"{name}\n[{_UNITS[sensor]}]")
-        if name in told:
-            _correlation(over_lags, told[name])
+        if name in tests:
+            _correlation(over_lags, tests[name])
     grid[-1, 0].set_xlabel(axis_label("time", "t"))
     grid[-1, 1].set_xlabel("lag [s]")
     return figure
@@ -72,15 +72,15 @@ def _correlation(axis: Axes, one: Whiteness) -> None:
 
 
 @styled
-def figure_profiles(told: Sequence[Profile]) -> Figure:
+def figure_profiles(profiles: Sequence[Profile]) -> Figure:
     """Roots of the deviance with each number held, and the straight line that standard errors take for them."""
-    n_rows = -(-len(told) // _COLUMNS)
+    n_rows = -(-len(profiles) // _COLUMNS)
     figure = RecordFigure(figsize=(WIDTH, 1.5 * n_rows + 0.7))
     _title(figure, "Root of the deviance, a number held (grey: by standard errors)")
     axes = figure.subplots(n_rows, _COLUMNS, sharex=True, sharey=True, squeeze=False).ravel()
-    for axis, one in zip(axes, told, strict=False):
+    for axis, one in zip(axes, profiles, strict=False):
         _profile(axis, one)
-    for axis in axes[len(told) :]:
+    for axis in axes[len(profiles) :]:
         axis.set_axis_off()
     figure.supxlabel("standard errors from where the search has ended", fontsize=8)
     return figure
@@ -191,13 +191,13 @@ def _pitch(vertical: np.ndarray) -> np.ndarray:
 @styled
 def figure_intervals(one: Calibration) -> Figure:
     """Intervals of 95 %, relative to the sizes of numbers; those that are not determined are faded."""
-    told = one.numbers
-    figure = RecordFigure(figsize=(WIDTH, 0.17 * len(told) + 1.0))
+    numbers = one.numbers
+    figure = RecordFigure(figsize=(WIDTH, 0.17 * len(numbers) + 1.0))
     figure.suptitle("Half widths of 95 % intervals", fontsize=10, fontweight="bold", x=0.01, ha="left")
     axis = figure.subplots()
-    widths = [min(100.0 * INTERVAL * each.sigma / max(each.size, 1e-300), _WIDEST) for each in told]
-    axis.barh(np.arange(len(told)), widths, color=[BLUE if each.determined else FADED for each in told])
-    axis.set_yticks(np.arange(len(told)), [label_text(each.name) for each in told])
-    axis.set_ylim(len(told) - 0.4, -0.6)
+    widths = [min(100.0 * INTERVAL * each.sigma / max(each.size, 1e-300), _WIDEST) for each in numbers]
+    axis.barh(np.arange(len(numbers)), widths, color=[BLUE if each.determined else FADED for each in numbers])
+    axis.set_yticks(np.arange(len(numbers)), [label_text(each.name) for each in numbers])
+    axis.set_ylim(len(numbers) - 0.4, -0.6)
     axis.set_xlabel(f"[%] of the number's size, cut off at {_WIDEST:.0f}; grey: not determined")
     return figure

@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import plain_line
 from uvms_ocp.ocp.separating_planes import support_of
-from uvms_ocp.record.meta_values import ObstacleData
+from uvms_ocp.record.meta_values import ObstacleMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.shapes.obstacles import build_obstacle
 from uvms_ocp.viz.series import PhaseSpan, axis_label, axis_names, floor_heights, has_vehicle, n_joints, phase_spans
@@ -305,13 +305,13 @@ def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
         axis.annotate(label_text(marker.name), place, xytext=(5, 4), textcoords="offset points", fontsize=7)
 
 
-def obstacle_outline(data: ObstacleData, i: int, j: int) -> np.ndarray:
+def obstacle_outline(data: ObstacleMeta, i: int, j: int) -> np.ndarray:
     """Corners (n, 2) [m] of what an obstacle covers, seen along the axis of W that is neither i nor j; of a mesh its hull."""
     points = _surface_points(data, i, j)[:, [i, j]]
     return np.asarray(points[ConvexHull(points).vertices])
 
 
-def _surface_points(data: ObstacleData, i: int, j: int) -> np.ndarray:
+def _surface_points(data: ObstacleMeta, i: int, j: int) -> np.ndarray:
     """Points (n, 3) [m] in W, the farthest of the obstacle in every direction of the plane of axes i and j among them."""
     item = build_obstacle(data)
     R, p = item.X_WO.rotation, item.X_WO.translation

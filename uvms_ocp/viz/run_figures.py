@@ -143,8 +143,8 @@ def figure_health(record: Record) -> Figure | None:
     """One bar over time per channel, green where it was good, and below the bars what was said against channels."""
     if record.meta.kind != "run" or "health" not in record.series or not record.meta.channels:
         return None
-    names, told = record.meta.channels, _alarm_lines(record)
-    figure = RecordFigure(figsize=(WIDTH, 1.0 + 0.26 * len(names) + _LINE * len(told)))
+    names, alarms = record.meta.channels, _alarm_lines(record)
+    figure = RecordFigure(figsize=(WIDTH, 1.0 + 0.26 * len(names) + _LINE * len(alarms)))
     figure.suptitle("Health of the sensors", fontsize=10, fontweight="bold", x=0.01, ha="left")
     axis = figure.subplots()
     for row, codes in enumerate(record["health"].T):
@@ -153,8 +153,8 @@ def figure_health(record: Record) -> Figure | None:
     axis.set_ylim(len(names) - 0.5, -0.5)
     axis.grid(visible=False, axis="y")
     axis.set_xlabel(axis_label("time", "t"))
-    if told:
-        figure.supxlabel("\n".join(told), x=0.01, ha="left", fontsize=7)
+    if alarms:
+        figure.supxlabel("\n".join(alarms), x=0.01, ha="left", fontsize=7)
     shade_phases([axis], phase_spans(record), share=0.85)
     patches = [Patch(color=color, label=name) for name, color in _COLORS.items()]
     figure.legend(handles=patches, loc="outside upper right", ncols=len(patches))

@@ -118,8 +118,8 @@ def threshold_text(record: Record, name: str, limit: float) -> str:
     found = {item.phase for item in meta.thresholds if item.quantity == name and item.limit == limit}
     phases = [phase.name for phase in meta.phases if phase.name in found]
     abort = meta.abort_phase if meta.kind == "run" else None
-    told = ["abort" if phase == abort else f"phase {phase}" for phase in phases]
-    return plain_line(f"threshold {limit:g}, {', '.join(told)}", _LONGEST) if told else f"threshold {limit:g}"
+    names = ["abort" if phase == abort else f"phase {phase}" for phase in phases]
+    return plain_line(f"threshold {limit:g}, {', '.join(names)}", _LONGEST) if names else f"threshold {limit:g}"
 
 
 def task_gate(record: Record, task: str) -> np.ndarray | None:

@@ -332,13 +332,13 @@ def without_c_form(robot: Robot, mission: Mission, dt: float, quantity_names: Se
     """
     tasks = mission.hierarchy.tasks
     found = {item.name: _MOVES for phase in asked_in_phases(mission, tracks_of(mission, dt)) for item in phase}
-    limits = {guard.task: _told_by_python(guard, robot) for guard in position_guards(robot, tasks, quantity_names)}
+    limits = {guard.task: _refusal(guard, robot) for guard in position_guards(robot, tasks, quantity_names)}
     distances = {task: not_measured(pairs.model, robot) for task, _, pairs in distance_tasks(mission)}
-    told = [(tasks[task].name, why) for known in (limits, distances) for task, why in known.items()]
-    return found | {name: why for name, why in told if why}
+    reasons = [(tasks[task].name, why) for known in (limits, distances) for task, why in known.items()]
+    return found | {name: why for name, why in reasons if why}
 
 
-def _told_by_python(guard: PositionGuard, robot: Robot) -> str:
+def _refusal(guard: PositionGuard, robot: Robot) -> str:
     """Why it is; empty where it is not."""
     if guard.model is not None:
         return not_measured(guard.model, robot)

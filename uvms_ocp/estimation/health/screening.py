@@ -196,11 +196,11 @@ def _suspect_likelier(m: HealthMemory, first: int, second: int, likely: int) -> 
     Where a rate drifts from attitudes or fixes it is the rate that is biased: those jump, which is refused.
     """
     one, other, why = m.channels[first], m.channels[second], m.belief.why
-    told = _is_guilty(m, one) != _is_guilty(m, other)
-    by_likelihood = not told and likely >= 0 and m.channels[likely].present
-    if one.present and (_is_guilty(m, one) if told else not by_likelihood or likely == first):
+    one_guilty = _is_guilty(m, one) != _is_guilty(m, other)
+    by_likelihood = not one_guilty and likely >= 0 and m.channels[likely].present
+    if one.present and (_is_guilty(m, one) if one_guilty else not by_likelihood or likely == first):
         suspect(one, why, m.t)
-    if other.present and (_is_guilty(m, other) if told else not by_likelihood or likely == second):
+    if other.present and (_is_guilty(m, other) if one_guilty else not by_likelihood or likely == second):
         suspect(other, why, m.t)
 
 

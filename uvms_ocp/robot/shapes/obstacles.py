@@ -1,15 +1,15 @@
 """Obstacles: solid shapes that stand in the water, from code, a YAML file or words of a command line, and back to data.
 
-obstacles:
+    obstacles:
       - {name: pile, shape: cylinder, size: [0.2, 3.0], position: [1.5, 0.0, 0.0]}
       - {name: crate, shape: box, size: [0.4, 0.4, 0.8], position: [2.0, 1.0, -0.5], rpy: [0.0, 0.0, 0.3]}
 
-The entries are the fields of `ObstacleData`.
+The entries are the fields of `uvms_ocp.record.meta_values.ObstacleMeta`, by which records and files know an obstacle.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -24,7 +24,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.model_errors import printable
-from uvms_ocp.record.meta_values import N_SIZES, ObstacleData
+from uvms_ocp.record.meta_values import N_SIZES, ObstacleMeta
 from uvms_ocp.record.untrusted import read_yaml
 from uvms_ocp.types import Finite, Range, Shape
 
@@ -92,13 +92,7 @@ def mesh_shape(
     return shape
 
 
-# Obstacles from a YAML file or from words of a command line, and the way from `ObstacleData` to shapes and back.
-#
-#     obstacles:
-#       - {name: pile, shape: cylinder, size: [0.2, 3.0], position: [1.5, 0.0, 0.0]}
-#       - {name: crate, shape: box, size: [0.4, 0.4, 0.8], position: [2.0, 1.0, -0.5], rpy: [0.0, 0.0, 0.3]}
-#
-# The entries are the fields of `ObstacleData`.
+# Obstacles from a YAML file or from words of a command line, and as the metadata of a record.
 
 _MESH = "mesh"
 _EXAMPLE = "obstacles: [{name: ball, shape: sphere, size: [0.3], position: [1.0, 0.0, 0.0]}]"
@@ -119,17 +113,17 @@ class ObstacleFile(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    obstacles: tuple[ObstacleData, ...]
+    obstacles: tuple[ObstacleMeta, ...]
 
 
 @checked
-def read_obstacles(path: Path | str) -> tuple[ObstacleData, ...]:
+def read_obstacles(path: Path | str) -> tuple[Obstacle, ...]:
     """Read a file of obstacles. Raises ``InvalidInput`` naming the file and the entry that is wrong."""
     try:
         content = read_yaml(path)
         if not isinstance(content, dict) or "obstacles" not in content:
             raise InvalidInput(f"{printable(path)}: holds no obstacles; give a mapping such as {_EXAMPLE}")
-        return ObstacleFile.model_validate(content).obstacles
+        return tuple(map(build_obstacle, ObstacleFile.model_validate(content).obstacles))
     except InvalidInput:
         raise
     except ValidationError as error:
@@ -139,7 +133,7 @@ def read_obstacles(path: Path | str) -> tuple[ObstacleData, ...]:
 
 
 @checked
-def parse_obstacle(shape: str, words: str, name: str) -> ObstacleData:
+def parse_obstacle(shape: str, words: str, name: str) -> Obstacle:
     """An obstacle from its position and sizes, numbers with commas or blanks between: ``"X,Y,Z,R"`` for a sphere.
 
     Raises ``NameNotFound`` for an unknown shape, and ``InvalidInput``
@@ -156,13 +150,14 @@ def parse_obstacle(shape: str, words: str, name: str) -> ObstacleData:
     if len(numbers) != wanted:
         raise InvalidInput(f"{shape} {words!r}: give {wanted} numbers, the position and the size, such as 1,0,0.5,0.3")
     try:
-        return ObstacleData.model_validate({"name": name, "shape": shape, "size": numbers[3:], "position": numbers[:3]})
+        data = {"name": name, "shape": shape, "size": numbers[3:], "position": numbers[:3]}
+        return build_obstacle(ObstacleMeta.model_validate(data))
     except ValidationError as error:
         raise InvalidInput(f"{shape} {words!r}: {_first(error)}") from error
 
 
 @checked
-def build_obstacle(data: ObstacleData) -> Obstacle:
+def build_obstacle(data: ObstacleMeta) -> Obstacle:
     """The obstacle that the data describe."""
     rotation = pin.rpy.rpyToMatrix(*data.rpy)
     if data.shape == _MESH:
@@ -173,7 +168,7 @@ def build_obstacle(data: ObstacleData) -> Obstacle:
 
 
 @checked
-def describe_obstacle(item: Obstacle) -> ObstacleData | None:
+def describe_obstacle(item: Obstacle) -> ObstacleMeta | None:
     """The data from which `build_obstacle` makes the obstacle again, a convex shape as the mesh of its surface.
 
     `None` for a shape without an end, such as a plane.
@@ -182,20 +177,24 @@ def describe_obstacle(item: Obstacle) -> ObstacleData | None:
     if form is None:
         return None
     rpy = pin.rpy.matrixToRpy(item.X_WO.rotation)
-    return ObstacleData(name=item.name, position=item.X_WO.translation.tolist(), rpy=rpy.tolist(), **form)
+    return ObstacleMeta(name=item.name, position=item.X_WO.translation.tolist(), rpy=rpy.tolist(), **form)
 
 
-def build_obstacles(obstacles: Sequence[ObstacleData]) -> list[Obstacle]:
-    """The obstacles themselves. Raises ``InvalidInput`` where two share a name."""
+def describe_obstacles(obstacles: Iterable[Obstacle]) -> tuple[ObstacleMeta, ...]:
+    """The obstacles that have an end, as a record keeps them."""
+    described = map(describe_obstacle, obstacles)
+    return tuple(item for item in described if item is not None)
+
+
+def require_distinct_names(obstacles: Sequence[Obstacle]) -> None:
+    """Raise `InvalidInput` where two obstacles share a name."""
     names = [item.name for item in obstacles]
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
+    if twice := [name for name in names if names.count(name) > 1]:
         raise InvalidInput(f"two obstacles are called {twice[0]!r}; give each a name of its own")
-    return [build_obstacle(item) for item in obstacles]
 
 
 def _form(shape: coal.CollisionGeometry) -> dict[str, Any] | None:
-    """Shape and size of `ObstacleData`, or shape, vertices and triangles."""
+    """Shape and size of `ObstacleMeta`, or shape, vertices and triangles."""
     from scipy.spatial import ConvexHull  # a quarter of a second, which few need
 
     if isinstance(shape, coal.BVHModelBase):

@@ -140,7 +140,7 @@ def _below_the_noise(phase: str, condition: Below, sigma: float) -> Finding:
 # All checks of a mission before it begins.
 
 _RANK = 1e-6  # singular values below it count as zero
-_TELLS = {
+_ASSUMPTIONS = {
     "plant": "forces, floor and obstacles are judged by the robot's files, which it may not follow; no part of an export",
     "sensors": "accuracy is judged by their specs; no part of an export",
     "estimator": "accuracy is judged by the toolkit's filter; no part of an export, which begins at its measurements",
@@ -191,7 +191,7 @@ def check_unspecified(setup: Setup) -> Iterator[Finding]:
 def check_own_parts(setup: Setup) -> Iterator[Finding]:
     """A note on each part that is not the toolkit's."""
     for what, name in setup.own_parts.items():
-        yield Finding(severity=Severity.NOTE, check="parts", text=f"{what} {name} is your own: {_TELLS[what]}")
+        yield Finding(severity=Severity.NOTE, check="parts", text=f"{what} {name} is your own: {_ASSUMPTIONS[what]}")
 
 
 def check_freedom(setup: Setup, visits: Sequence[Visit], problem: LevelsProblem) -> Iterator[Finding]:

@@ -147,12 +147,12 @@ class LiveView:
 def _frame(robot: Robot, data: pin.Data, t: float, state: State, command: Command) -> dict[str, Any]:
     """JSON values: time, a pose for each joint of the model, and what the controller tells of phase and quantities."""
     pin.forwardKinematics(robot.model, data, state.q)
-    told = command.telemetry
+    telemetry = command.telemetry
     return {
         "t": round(t, 4),
         "poses": [rounded(pin.SE3ToXYZQUAT(X), _DIGITS) for X in list(data.oMi)[1:]],
-        "phase": int(told["phase"]) if "phase" in told else None,
-        "values": rounded(told["quantities"]) if "quantities" in told else [],
+        "phase": int(telemetry["phase"]) if "phase" in telemetry else None,
+        "values": rounded(telemetry["quantities"]) if "quantities" in telemetry else [],
     }
 
 

@@ -203,7 +203,7 @@ def _handler_of(page: ScenePage, frames: Callable[[], Iterator[str]] | None) -> 
             # A name that another site has led here is no loopback address.
             known = self.headers.get("Host", "").partition(":")[0] in (_HOST, "localhost")
             if known and self.path == FRAMES and frames is not None:
-                self._tell(frames())
+                self._send(frames())
                 return
             found = known and self.path == "/"
             self.send_response(200 if found else 404 if known else 403)
@@ -213,7 +213,7 @@ def _handler_of(page: ScenePage, frames: Callable[[], Iterator[str]] | None) -> 
             if found:
                 self.wfile.write(body)
 
-        def _tell(self, lines: Iterator[str]) -> None:
+        def _send(self, lines: Iterator[str]) -> None:
             self.send_response(200)
             self.send_header("Content-Type", "text/event-stream")
             self.send_header("Cache-Control", "no-store")
