@@ -102,7 +102,8 @@ def test_an_address_where_nobody_answers_is_an_error_in_one_line(
     monkeypatch.setattr("uvms_ocp.campaign.cluster._PATIENCE", 1.0)
     work = TrivialRuns()
     with pytest.raises(OutputError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
-        run_jobs(tmp_path, identity_of(work, 3), work, scheduler="tcp://127.0.0.1:9")
+        run_jobs(tmp_path / "out", identity_of(work, 3), work, scheduler="tcp://127.0.0.1:9")
+    assert not (tmp_path / "out").exists()
 
 
 def test_workers_are_not_for_a_cluster_of_others(tmp_path: Path) -> None:

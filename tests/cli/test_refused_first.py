@@ -110,6 +110,7 @@ def test_progress_is_not_said_where_stderr_is_no_terminal(empty: Path, place: Pa
     process = called(*SHORT, cwd=place)
     assert process.returncode == 3
     assert process.stderr == ""
+    assert not {"\r", "\x1b"} & set(process.stdout)  # of bars
     assert "compiling" not in process.stdout
     assert list(empty.glob("*.so"))
 

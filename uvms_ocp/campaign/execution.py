@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
@@ -38,18 +39,20 @@ def run_jobs(
     Raises what `opened`, `connected` and `Dispatch.run` raise, and `NotInstalled` without the extra ``uvms-ocp[campaign]``.
     """
     dask(), arrow()
-    with opened(out, identity, sources or {}) as folder:
+    with ExitStack() as held:
+        # Nobody at the address is found out before there is a folder.
+        client = None if scheduler is None else held.enter_context(connected(scheduler, workers))
+        folder = held.enter_context(opened(out, identity, sources or {}))
         report_progress = _progress_reporter(folder, progress)
         report_progress()
         if len(folder.left):
             from uvms_ocp.campaign.dispatch import Dispatch  # with Dask, which takes a second
 
-            if scheduler is None:
+            if client is None:
                 warn_if_slower()  # which workers would not say
-            with connected(scheduler, workers) as client:
-                Dispatch(client, work, folder, limit=limit, exclusive=scheduler is None).run(
-                    folder.left.tolist(), report_progress
-                )
+                client = held.enter_context(connected(None, workers))
+            dispatch = Dispatch(client, work, folder, limit=limit, exclusive=scheduler is None)
+            dispatch.run(folder.left.tolist(), report_progress)
 
 
 def _progress_reporter(folder: CampaignFolder, progress: Progress | None) -> Callable[[], None]:

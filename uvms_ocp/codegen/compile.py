@@ -253,8 +253,8 @@ def warn_if_slower() -> None:
 
 
 def has_compiler() -> bool:
-    """Check that there is a compiler, and that it has not been found to hang."""
-    return _compiler() not in {None, *_HUNG}
+    """Check that there is a compiler that has not been found to hang, and a folder for what it makes."""
+    return _compiler() not in {None, *_HUNG} and cache_folder()[0] is not None
 
 
 @lru_cache(maxsize=1)
