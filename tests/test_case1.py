@@ -30,7 +30,7 @@ class Run:
     largest_step: float
 
 
-@pytest.fixture(scope="module", params=SOLVERS)
+@pytest.fixture(scope="module", params=["active_set", pytest.param("lexqp", marks=pytest.mark.slow), "icat"])
 def run(request: pytest.FixtureRequest) -> Run:
     solver, largest_step = SOLVERS[request.param]
     scenario = case1(solver=solver(), plant="kinematic")

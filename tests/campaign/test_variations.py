@@ -154,6 +154,7 @@ def test_a_mission_bears_a_delay_that_is_told(scenario: Scenario, name: str, del
     assert not [alarm.text for alarm in record.meta.alarms if "suspect" in alarm.text]
 
 
+@pytest.mark.slow
 @long_without_compiler
 @pytest.mark.parametrize("dt", [0.02, 0.005])
 def test_a_mission_bears_20_ms_of_delay_that_nobody_told_of(scenario: Scenario, dt: float) -> None:

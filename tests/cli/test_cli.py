@@ -203,6 +203,7 @@ def test_export_writes_the_controller_whole_or_not_at_all(tmp_path: Path) -> Non
     assert "--out" not in refused.stderr  # it has no such option
 
 
+@pytest.mark.slow
 def test_without_a_compiler_a_run_works_and_says_so_once(tmp_path: Path) -> None:
     options = ("--plant", "kinematic", "--duration", "0.1", "--json")
     process = cli("run", *options, cwd=tmp_path, PATH=str(tmp_path), CC="")
@@ -211,6 +212,7 @@ def test_without_a_compiler_a_run_works_and_says_so_once(tmp_path: Path) -> None
     assert process.stderr.count("no C compiler found (CC, cc, gcc, clang): everything works, only slower") == 1
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_without_a_folder_for_compiled_libraries_a_run_works_and_says_so_once(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
@@ -222,6 +224,7 @@ def test_without_a_folder_for_compiled_libraries_a_run_works_and_says_so_once(tm
     assert process.stderr.splitlines().count(told) == process.stderr.count("slower") == 1
 
 
+@pytest.mark.slow
 def test_the_old_spelling_of_the_active_set_solver_is_understood(tmp_path: Path) -> None:
     options = ("run", "--plant", "kinematic", "--duration", "0.1", "--solver", "lexls", "--json")
     process = cli(*options, cwd=tmp_path)

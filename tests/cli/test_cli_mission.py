@@ -21,6 +21,7 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[subprocess.Comple
     return uvms("plan", "mission", "reach", "--step", "1", "--out", "plan", "--json", cwd=folder), folder
 
 
+@pytest.mark.slow
 def test_a_mission_is_planned_and_told(planned: tuple[subprocess.CompletedProcess[str], Path]) -> None:
     process, folder = planned
     assert process.returncode == 0, process.stderr

@@ -142,6 +142,7 @@ def test_a_plan_that_fails_leaves_nothing_of_an_earlier_one(name: str, replanned
     assert {path.name for path in folder.iterdir()} == {"report.json", ".uvms_ocp"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["infeasible"])
 def test_optimal_control_without_a_usable_plan_says_why_and_claims_no_motion(
     name: str, replanned: dict[str, Run]

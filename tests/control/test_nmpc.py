@@ -112,6 +112,7 @@ def test_the_tool_keeps_its_station_in_a_gusty_current(robot: Robot) -> None:
     assert nmpc.statistics.rejected == 0
 
 
+@pytest.mark.slow
 def test_the_tool_follows_a_moving_goal_in_a_gusty_current(robot: Robot) -> None:
     goal = circle(robot)
     nmpc = Nmpc(following(robot, goal), clock=lambda: 0.0)

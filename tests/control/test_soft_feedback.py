@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from compiler import long_without_compiler
 from scipy.spatial import cKDTree
 
@@ -32,6 +33,7 @@ def test_a_dvl_that_is_off_is_found_out_by_position_fixes() -> None:
     assert np.abs(estimated - true)[biased["t"] > ONSET + 8.0].max() < 0.2
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_encoders_that_are_late_shake_neither_arm_nor_vehicle() -> None:
     """Fed back at full bandwidth, joints that are known 50 ms late swing up as soon as the arm is to move."""

@@ -279,6 +279,7 @@ def test_case_1_among_obstacles_steps_within_the_accelerations_and_keeps_clear(c
     assert distances.min() < 0.1  # the obstacles are in the way
 
 
+@pytest.mark.slow
 def test_from_random_starts_towards_random_goals_every_limit_holds() -> None:
     """The quick run at 50 Hz takes 12 of the thousand of `benchmarks/viability.py`."""
     (total,) = random_limits(n=12, dt=DT).run().table

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import package_ast as house
+import pytest
 
 
+@pytest.mark.slow
 def test_every_public_function_that_can_raise_says_what() -> None:
     wrong = []
     for place in house.public_functions():

@@ -131,6 +131,7 @@ def test_what_stays_open_is_told_as_it_was_before() -> None:
     assert row.endswith("| as before |")
 
 
+@pytest.mark.slow
 def test_profiles_and_leave_one_out_come_when_they_are_asked_for(tmp_path: Path) -> None:
     settings, parts = tmp_path / "my.yaml", [tmp_path / f"part{k}.csv" for k in range(2)]
     settings.write_text(SETTINGS.replace("step: 0.05", "step: 0.1"))

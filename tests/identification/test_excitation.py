@@ -66,6 +66,7 @@ def objective(given: ExperimentTask) -> Objective:
     return Objective(aim, given.limits, history, courses, target_deviations(given, rollout()))
 
 
+@pytest.mark.slow
 def test_the_slope_of_the_objective_is_that_of_its_value() -> None:
     rng, narrow = np.random.default_rng(1), replace(LIMITS, pool=LIMITS.pool / 50, tilt=0.02)
     one = objective(assignment(limits=narrow))
@@ -227,6 +228,7 @@ learn: {added_mass: {}}
 """
 
 
+@pytest.mark.slow
 def test_a_command_writes_what_thrusters_are_told_and_what_it_will_tell(tmp_path: Path) -> None:
     (tmp_path / "my.yaml").write_text(SETTINGS)
     words = ["excite", str(tmp_path / "my.yaml"), "--duration", "3", "--share", "0.25", "--out", str(tmp_path / "out")]

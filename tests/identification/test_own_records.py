@@ -89,6 +89,7 @@ def test_the_lag_of_thrusters_is_learnt_from_a_run(noise: bool) -> None:
     assert told(record) == ""
 
 
+@pytest.mark.slow
 def test_dead_zones_are_learnt_from_a_run_as_robot_files_have_them() -> None:
     record = driven_run(duration=20.0, size=3.0, held=0.25, dead_zone=2.0)
     learn = {"lag": {}, "dead_zone": {}, "dead_zone_reverse": {}}

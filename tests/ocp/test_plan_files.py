@@ -76,6 +76,7 @@ def test_what_a_plan_is_proven_to_keep_clear_of_comes_back(
     assert_same(plan, Plan.load(plan.save(tmp_path / f"plan.{suffix}")))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_plan_that_failed_comes_back_too(planner: Planner, robot: Robot, suffix: str, tmp_path: Path) -> None:
     fast = np.zeros(robot.n_v)

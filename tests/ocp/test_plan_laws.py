@@ -104,6 +104,7 @@ def test_no_level_rises_by_more_than_the_tolerance_where_levels_are_added_below(
             assert with_more.residual <= (1.0 + 1e-4) * alone.residual + TOLERANCE
 
 
+@pytest.mark.slow
 def test_levels_that_exclude_each_other_end_where_ipopt_ends(plan: Plan, by_ipopt: Plan) -> None:
     assert plan.status is by_ipopt.status is OcpStatus.MISSED
     assert plan.levels[0].residual < 2 * TOLERANCE

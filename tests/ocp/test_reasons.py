@@ -162,6 +162,7 @@ def wall_at(robot: Robot, upper: float) -> OcpProblem:
     return replace(too_fast_to_stop(robot)[0], constraints=(AtRest(), along(robot, "wall", -np.inf, upper)))
 
 
+@pytest.mark.slow
 def test_what_would_have_to_give_way_is_enough_and_no_more_than_that(robot: Robot) -> None:
     planner = Planner(wall_at(robot, 0.02), NlpOptions(time_limit=PATIENCE))
     p, x = planner.transcription.parameters(), planner.transcription.pack(hold_guess(planner.problem))

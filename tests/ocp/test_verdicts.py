@@ -37,6 +37,7 @@ from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.tasks.task import Residual, zero_residual
 
 
+@pytest.mark.slow
 def test_a_horizon_that_is_too_short_says_how_long_it_should_be(planner_of_each: Planner, robot: Robot) -> None:
     plan = planner_of_each.plan(reach(robot, duration=1.2))
     assert plan.status is OcpStatus.TOO_SHORT
@@ -148,6 +149,7 @@ def test_a_limit_of_iterations_is_no_proof_of_infeasibility(robot: Robot, plugin
     assert "iteration limit" in plan.reason
 
 
+@pytest.mark.slow
 def test_a_missed_goal_is_not_called_unreachable_before_more_time_was_tried(
     planner_of_each: Planner, robot: Robot
 ) -> None:

@@ -27,6 +27,7 @@ def is_old_then_new(found: list[str]) -> bool:
     return set(found) == {"old", "new"} and changes == 1 and found[0] == "old"
 
 
+@pytest.mark.slow
 def test_a_kill_at_any_operation_and_at_any_of_the_recovery_leaves_all_old_files_or_all_new_ones(
     tmp_path: Path,
 ) -> None:

@@ -75,6 +75,7 @@ def test_a_mission_that_waits_for_less_tilt_than_there_will_be_is_refused() -> N
     assert (finding.severity, finding.phase) == (Severity.ERROR, first.name)
 
 
+@pytest.mark.slow
 def test_an_unreachable_goal_is_refused_with_the_distance_missing(refused: PreflightReport) -> None:
     (finding,) = refused.errors
     assert finding.check == "reachability"

@@ -48,6 +48,7 @@ def test_two_targets_are_reached_one_after_the_other() -> None:
     assert moved["path_length_m"] > 1.5
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_a_current_that_sets_in_sends_the_mission_back_and_it_ends_well() -> None:
     report = summarize(current_drift(dt=0.01).run())
@@ -74,6 +75,7 @@ def test_retries_that_are_used_up_end_the_mission_with_a_cause() -> None:
     assert "0 retries are used up: PC.horizontal_error" in report["cause"]["text"]
 
 
+@pytest.mark.slow
 @long_without_compiler
 @pytest.mark.parametrize(("relief", "min_altitude"), [("flat", 1.0), ("large", 10.0)])
 def test_a_transit_ends_above_its_way_point(relief: str, min_altitude: float) -> None:
@@ -147,6 +149,7 @@ def test_the_valve_is_turned_in_view_of_the_camera() -> None:
     assert angle[turning].max() < 0.4
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_clearance_keeps_the_whole_robot_away_from_the_obstacles_that_it_would_hit() -> None:
     scenario = obstacle_field(dt=0.02)

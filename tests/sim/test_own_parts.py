@@ -159,6 +159,7 @@ def test_records_and_reports_name_the_parts() -> None:
     assert replace(ours, controller=partial(our_controller, guide=None)).own_parts == {"controller": "our_controller"}
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_figures_scene_and_file_of_a_run_without_any_part_of_the_toolkit(tmp_path: Path) -> None:
     record = all_own().run()

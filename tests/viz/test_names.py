@@ -95,6 +95,7 @@ def hostile_record(robot: Robot, first: int) -> Record:
     return replace(record, meta=record.meta.model_copy(update={"robot": d}))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", FIGURES.values(), ids=FIGURES)
 def test_every_figure_draws_every_name_as_it_is(draw: Any, records: list[Record]) -> None:
     chosen = records[::2] if draw is FIGURES["joints"] else records  # which shows seven names at once

@@ -95,6 +95,7 @@ def test_every_panel_has_units_or_a_task_and_every_phase_is_named(record: Record
     assert "B tool frame" in named
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [slice(None), slice(0, 20), slice(-20, None)], ids=["all", "first", "last"])
 @pytest.mark.parametrize("names", [("LA.altitude",), QUANTITIES], ids=["altitude", "everything"])
 def test_every_figure_bears_quantities_that_are_not_known(

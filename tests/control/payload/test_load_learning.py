@@ -60,6 +60,7 @@ def test_after_30_s_the_net_weight_of_two_kilograms_is_known_within_a_tenth(
     assert abs(load.weight - true) < 2.0 * load.weight_error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_a_mass_is_undetermined_until_the_robot_has_accelerated(robot: str) -> None:
     found = learnt(robot, "float", rough=False)
@@ -68,6 +69,7 @@ def test_a_mass_is_undetermined_until_the_robot_has_accelerated(robot: str) -> N
     assert abs(moved.mass - 2.0) < 2.0 * moved.mass_error < 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_with_noise_in_a_gusty_current_the_mass_is_within_its_interval_once_it_is_determined(robot: str) -> None:
     found = [load for load in learnt(robot, "load", rough=True)[:: round(1 / DT)] if not isnan(load.mass)]
@@ -75,6 +77,7 @@ def test_with_noise_in_a_gusty_current_the_mass_is_within_its_interval_once_it_i
     assert all(abs(load.mass - 2.0) < 2.0 * load.mass_error for load in found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_without_a_payload_nothing_is_learnt_beyond_its_interval(robot: str) -> None:
     for load in learnt(robot, "none", rough=True)[:: round(1 / DT)]:

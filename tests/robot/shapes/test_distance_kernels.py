@@ -39,6 +39,7 @@ def test_solids_apart_are_as_far_as_coal_says(pair: SolidPair, one: str, other: 
             apart += 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("one", "other"), PAIRS)
 def test_solids_that_overlap_part_after_their_depth_and_along_no_direction_before(
     pair: SolidPair, one: str, other: str
