@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
 from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.errors import InvalidInput, NotInstalled
+from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.certificate import normal_certificate, normal_rows
 from uvms_ocp.solvers.hierarchy.level import Level, Stack, is_valid, row_slices, stack, widen_bounds
@@ -31,7 +32,6 @@ from uvms_ocp.solvers.hierarchy.solution import (
     row_residuals,
     timed_solution,
 )
-from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 from uvms_ocp.types import Array
 
 _result = unchecked_constructor(TickResult)
@@ -88,7 +88,7 @@ class Daqp:
         if v is None:
             solution = LexicographicActiveSet(compiled=False).solve(levels)
             return np.array(solution.v), solution.status
-        exact = self.certified and self._certificate(rows, v) <= TOLERANCES.certified
+        exact = self.certified and self._certificate(rows, v) <= tolerances.CERTIFIED
         return v, Status.SOLVED if exact else Status.INEXACT
 
     def _certificate(self, rows: Stack, v: Array) -> float:

@@ -15,13 +15,15 @@ from compiler import IN_C_AND_PYTHON, needs_compiler
 from hierarchies import dependent_hierarchy, random_hierarchy, reference
 from test_hierarchy import _arguments, _tick_function
 
+from uvms_ocp.codegen.compile import constants_of
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet, core_source
 from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.certificate import certificate
 from uvms_ocp.solvers.hierarchy.level import Level
 from uvms_ocp.solvers.hierarchy.solution import Status
-from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES, iteration_budget
+from uvms_ocp.solvers.hierarchy.tolerances import iteration_budget
 
 COMPILED, NUMPY = LexicographicActiveSet(), LexicographicActiveSet(compiled=False)
 STRUCTURES = [(1, (2, 0, 1)), (4, (3, 2, 2)), (7, (1, 0, 6, 2, 7)), (13, (6, 6, 6, 3, 13)), (60, (20, 9, 30))]
@@ -218,7 +220,7 @@ def test_the_core_needs_libm_only() -> None:
 
 def test_the_core_in_c_has_the_tolerances_and_the_patience_of_python() -> None:
     source = core_source(3, (1, 0, 2))
-    for name, value in (asdict(TOLERANCES) | asdict(iteration_budget(3))).items():
+    for name, value in (constants_of(tolerances) | asdict(iteration_budget(3))).items():
         (defined,) = re.findall(rf"^#define {name.upper()} (.+)$", source, re.MULTILINE)
         assert float(defined) == value
 

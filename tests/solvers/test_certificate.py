@@ -13,6 +13,7 @@ from hierarchies import _optimum, distance, random_hierarchy
 
 from uvms_ocp.codegen.compile import compile_library
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet, core_source
 from uvms_ocp.solvers.hierarchy.certificate import (
     NormalRows,
@@ -22,7 +23,6 @@ from uvms_ocp.solvers.hierarchy.certificate import (
     normal_rows,
 )
 from uvms_ocp.solvers.hierarchy.level import Level, stack
-from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 
 SIZES = (5, 2, 3, 1, 3, 5)
 ACTIVE_SET = LexicographicActiveSet()
@@ -65,7 +65,7 @@ def _better(levels: list[Level], k: int, v: np.ndarray, low: np.ndarray, up: np.
 
 def _share(levels: list[Level], k: int, v: np.ndarray, rows: NormalRows) -> float:
     """What `_better` finds within reach, of the residual of the level or the unit of rates."""
-    reach = TOLERANCES.reach * rows.velocity
+    reach = tolerances.REACH * rows.velocity
     unit = rows.unit * rows.level[k] * rows.velocity
     return _better(levels, k, v, v - reach, v + reach) / max(_missed(levels[k], v), unit)
 
@@ -156,7 +156,7 @@ def test_a_first_level_that_contradicts_its_own_box_is_no_optimum_because_the_bo
     assert certificate([level], v) >= short > 0.1
     assert solution.status.exact
     for normal in NORMAL:
-        assert normal([level], solution.v) <= TOLERANCES.certified < 0.1 < normal([level], np.array(v))
+        assert normal([level], solution.v) <= tolerances.CERTIFIED < 0.1 < normal([level], np.array(v))
 
 
 @pytest.mark.parametrize("normal", [_in_python, pytest.param(_in_c, marks=needs_compiler)])
@@ -165,7 +165,7 @@ def test_an_optimum_has_a_small_certificate(normal: Callable[[list[Level], np.nd
         levels = random_hierarchy(seed)
         v = ACTIVE_SET.solve(levels).v
         assert certificate(levels, v) < 1e-10
-        assert normal(levels, v) <= TOLERANCES.certified
+        assert normal(levels, v) <= tolerances.CERTIFIED
 
 
 def test_the_radius_is_how_far_a_better_velocity_is_looked_for() -> None:

@@ -14,13 +14,14 @@ from hierarchies import dependent_hierarchy, random_hierarchy, reference
 
 from uvms_ocp.codegen.compile import compile_library
 from uvms_ocp.solvers.hierarchy import active_set_numpy as fallbacks
+from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet, core_source
 from uvms_ocp.solvers.hierarchy.active_set_numpy import STATUSES, SolvedRows, solve_levels
 from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.certificate import normal_certificate, normal_rows
 from uvms_ocp.solvers.hierarchy.level import Level, stack
 from uvms_ocp.solvers.hierarchy.solution import Status
-from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES, iteration_budget
+from uvms_ocp.solvers.hierarchy.tolerances import iteration_budget
 
 COMPILED, NUMPY = LexicographicActiveSet(), LexicographicActiveSet(compiled=False)
 SIZES = (6, 2, 3, 2, 6)
@@ -90,7 +91,7 @@ def test_level_by_level_finds_what_the_core_finds(care: str) -> None:
         levels = random_hierarchy(seed, 6, SIZES) if seed % 2 else dependent_hierarchy(seed, 6, SIZES)
         found, usual = _broken(levels, only), COMPILED.solve(levels)
         assert found.status is Status.CASCADED, seed
-        assert _certificate(levels, found.v) <= TOLERANCES.certified
+        assert _certificate(levels, found.v) <= tolerances.CERTIFIED
         np.testing.assert_allclose(found.residual, np.concatenate(usual.residuals), atol=1e-7)
 
 
@@ -105,7 +106,7 @@ def test_with_fewer_levels_those_above_are_at_their_optimum() -> None:
         assert error.max() < 1e-10
         missed = np.split(found.residual, np.cumsum(sizes)[:-1])[:-1]
         np.testing.assert_allclose([np.linalg.norm(r) for r in missed], optimum, atol=1e-7)
-        assert found.status.exact == (_certificate(levels, found.v) <= TOLERANCES.certified)
+        assert found.status.exact == (_certificate(levels, found.v) <= tolerances.CERTIFIED)
         statuses.add(found.status)
     assert Status.INEXACT in statuses
 
@@ -158,7 +159,7 @@ def test_what_the_core_leaves_unsolved_is_solved_and_certified_by_someone_else()
     for levels in _left():
         solution = COMPILED.solve(levels)
         assert solution.status is Status.CASCADED
-        assert _certificate(levels, solution.v) <= 10.0 * TOLERANCES.certified
+        assert _certificate(levels, solution.v) <= 10.0 * tolerances.CERTIFIED
 
 
 def test_more_of_it_is_solved_than_by_quadratic_programs() -> None:

@@ -25,10 +25,11 @@ import stat
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache, lru_cache
 from pathlib import Path
+from types import ModuleType
 from typing import IO
 
 import casadi as ca
@@ -138,6 +139,19 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
 def _end(said: IO[bytes]) -> str:
     said.seek(max(0, said.seek(0, os.SEEK_END) - _KEPT))
     return said.read().decode(errors="replace")
+
+
+# Numbers of Python in C source.
+
+
+def constants_of(module: ModuleType) -> dict[str, float]:
+    """Return the numbers that a module names in capitals."""
+    return {name: value for name, value in vars(module).items() if name.isupper() and isinstance(value, int | float)}
+
+
+def c_macros(values: Mapping[str, object]) -> str:
+    """Define a macro for each value, under its name in capitals."""
+    return "".join(f"#define {name.upper()} {value}\n" for name, value in values.items())
 
 
 # C source to shared library, compiled once and cached; where that cannot be done callers fall back to slower code.

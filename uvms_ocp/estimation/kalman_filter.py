@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict
 from enum import IntEnum
 from functools import lru_cache, partial
@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.codegen.buffered import BoundFunction
-from uvms_ocp.codegen.compile import external_function
+from uvms_ocp.codegen.compile import c_macros, external_function
 from uvms_ocp.estimation import joint_filters as joints
 from uvms_ocp.estimation import measurement_update as fusion
 from uvms_ocp.estimation import vehicle_model as vehicle
@@ -94,16 +94,12 @@ def core_source(n_joints: int) -> str:
     views = "".join(f"#define m_{name} (m + {start})\n" for name, (start, _) in offsets.items())
     parts = [
         _INCLUDES,
-        _macros({**_SIZES, "N_JOINTS": n_joints, "SIZE": size, **asdict(CONSTANTS)}),
+        c_macros({**_SIZES, "N_JOINTS": n_joints, "SIZE": size, **asdict(CONSTANTS)}),
         views,
         *(_enumeration(prefix, codes) for prefix, codes in _CODES.items()),
         *(folder.joinpath(name).read_text(encoding="utf-8") for name in _SOURCES),
     ]
     return "\n".join(parts)
-
-
-def _macros(values: Mapping[str, object]) -> str:
-    return "".join(f"#define {name.upper()} {value}\n" for name, value in values.items())
 
 
 def _enumeration(prefix: str, codes: type[IntEnum]) -> str:

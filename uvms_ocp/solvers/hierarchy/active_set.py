@@ -17,8 +17,9 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
 from uvms_ocp.codegen.buffered import BufferedFunction
-from uvms_ocp.codegen.compile import compile_function, external_function
+from uvms_ocp.codegen.compile import c_macros, compile_function, constants_of, external_function
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.solvers.hierarchy.active_set_numpy import STATUSES, RowState, solve_levels
 from uvms_ocp.solvers.hierarchy.level import Level
 from uvms_ocp.solvers.hierarchy.solution import (
@@ -32,7 +33,7 @@ from uvms_ocp.solvers.hierarchy.solution import (
     solve_stacked,
     timed_solution,
 )
-from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES, iteration_budget
+from uvms_ocp.solvers.hierarchy.tolerances import iteration_budget
 from uvms_ocp.types import Array
 
 # The C source of the solver: its own files, behind the sizes, tolerances and codes that Python decides.
@@ -53,9 +54,9 @@ def solver_source(n: int, sizes: Sequence[int]) -> str:
         raise InvalidInput(f"levels of {list(sizes)} rows; give at least one row")
     parts = [
         _INCLUDES,
-        _macros({"N": n, "M": sum(filled), "L": len(filled), "LEVEL_SIZES": ", ".join(map(str, filled))}),
-        _macros(asdict(TOLERANCES)),
-        _macros(asdict(iteration_budget(sum(filled)))),
+        c_macros({"N": n, "M": sum(filled), "L": len(filled), "LEVEL_SIZES": ", ".join(map(str, filled))}),
+        c_macros(constants_of(tolerances)),
+        c_macros(asdict(iteration_budget(sum(filled)))),
         _codes({code.name: code.value for code in RowState}),
         _codes({status.name: code for code, status in enumerate(STATUSES)}),
         *_texts(_SOURCES),
@@ -77,10 +78,6 @@ def core_source(n: int, sizes: Sequence[int]) -> str:
 def _texts(names: Iterable[str]) -> list[str]:
     folder = files("uvms_ocp.solvers.hierarchy")
     return [folder.joinpath(name).read_text(encoding="utf-8") for name in names]
-
-
-def _macros(values: Mapping[str, object]) -> str:
-    return "".join(f"#define {name.upper()} {value}\n" for name, value in values.items())
 
 
 def _codes(codes: Mapping[str, int]) -> str:

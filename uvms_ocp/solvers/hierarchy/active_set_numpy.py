@@ -18,10 +18,11 @@ from enum import IntEnum
 import numpy as np
 
 from uvms_ocp.codegen.elementwise import interval_distance
+from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.solvers.hierarchy.certificate import NO_NEGLIGIBLE_ROWS, NormalRows, normal_certificate, normal_rows
 from uvms_ocp.solvers.hierarchy.level import is_valid, residual, row_slices, widen_bounds
 from uvms_ocp.solvers.hierarchy.solution import Status
-from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES, IterationBudget, iteration_budget
+from uvms_ocp.solvers.hierarchy.tolerances import IterationBudget, iteration_budget
 from uvms_ocp.types import Array
 
 # What the numbers mean that the solver in C and Python exchange.
@@ -53,15 +54,15 @@ class PivotRules:
     """Pivot rules: rows too dependent to be pivots, and multipliers that are rounding."""
 
     rank_tolerance: float
-    """`Tolerances.rank_tolerance`."""
+    """`tolerances.RANK_TOLERANCE`."""
     rank_noise: float
-    """`Tolerances.rank_noise`."""
+    """`tolerances.RANK_NOISE`."""
     multiplier: float
-    """`Tolerances.multiplier`."""
+    """`tolerances.MULTIPLIER`."""
 
 
-ORDINARY = PivotRules(TOLERANCES.rank_tolerance, TOLERANCES.rank_noise, TOLERANCES.multiplier)
-CAREFUL = PivotRules(TOLERANCES.careful_rank, TOLERANCES.careful_noise, TOLERANCES.careful_multiplier)
+ORDINARY = PivotRules(tolerances.RANK_TOLERANCE, tolerances.RANK_NOISE, tolerances.MULTIPLIER)
+CAREFUL = PivotRules(tolerances.CAREFUL_RANK, tolerances.CAREFUL_NOISE, tolerances.CAREFUL_MULTIPLIER)
 
 
 @dataclass(slots=True, eq=False)
@@ -136,7 +137,7 @@ def start_workspace(
         lower=lower,
         upper=upper,
         norm=norm,
-        tolerance=TOLERANCES.feasible * (norm + size),
+        tolerance=tolerances.FEASIBLE * (norm + size),
         levels=list(row_slices(sizes)),
         state=given,
         v=np.zeros(J.shape[1]),
@@ -146,7 +147,7 @@ def start_workspace(
 
 
 def _size(bound: Array) -> Array:
-    return np.where(np.abs(bound) < TOLERANCES.endless, np.abs(bound), 0.0)
+    return np.where(np.abs(bound) < tolerances.ENDLESS, np.abs(bound), 0.0)
 
 
 def bounds_of(work: ActiveSetWorkspace, rows: Array) -> Array:
@@ -311,7 +312,7 @@ def _step(work: ActiveSetWorkspace, target: Array) -> tuple[bool, int]:
 
 
 def _has_moved(before: Array, after: Array) -> bool:
-    return bool(np.abs(after - before).max() > TOLERANCES.moved * max(1.0, np.abs(after).max()))
+    return bool(np.abs(after - before).max() > tolerances.MOVED * max(1.0, np.abs(after).max()))
 
 
 def _drop_row(work: ActiveSetWorkspace, equalities: EqualitySolution, rule: _Rule) -> int:
@@ -330,7 +331,7 @@ def _wrong_row(work: ActiveSetWorkspace, equalities: EqualitySolution, level: in
     slack = equalities.slack[own.rows]
     scale = float(np.abs(slack) @ work.norm[own.rows])
     # A slack that an exact solution could not tell from zero decides nothing for the levels below.
-    significant = np.abs(slack) > TOLERANCES.significant / TOLERANCES.feasible * work.tolerance[own.rows]
+    significant = np.abs(slack) > tolerances.SIGNIFICANT / tolerances.FEASIBLE * work.tolerance[own.rows]
     if not significant.any():
         return -1
     rows, multipliers, g = [own.rows[significant]], [slack[significant]], slack @ own.T[:, : own.column]
@@ -343,7 +344,7 @@ def _wrong_row(work: ActiveSetWorkspace, equalities: EqualitySolution, level: in
         g = g[:c0] + multiplier @ pivots[:, :c0]
         rows.append(block.rows[: block.rank])
         multipliers.append(multiplier)
-    tolerance = max(work.manner.multiplier * scale, TOLERANCES.wrong)
+    tolerance = max(work.manner.multiplier * scale, tolerances.WRONG)
     return _worst(work, np.concatenate(rows), np.concatenate(multipliers), tolerance, rule, decided)
 
 
@@ -399,7 +400,7 @@ def solve_levels(
     # No run gets hold of what is lost.
     chain = _Chain(replace(rows, lost=NO_NEGLIGIBLE_ROWS))
     status, v = chain.solve(active_set), chain.best.w * rows.velocity
-    if not (np.abs(v) < TOLERANCES.endless).all():
+    if not (np.abs(v) < tolerances.ENDLESS).all():
         v, status = np.zeros_like(v), Status.INEXACT
     return SolvedRows(
         v=v,
@@ -429,7 +430,7 @@ class _Chain:
         self.best = _Run(np.zeros(rows.J.shape[1]), np.zeros(len(rows.J)))
         self._levels = [own for own in row_slices(rows.sizes) if own.stop > own.start]
         self._missed: Array | None = None
-        self._near = TOLERANCES.touching * (1.0 + np.abs(rows.J).sum(axis=1))
+        self._near = tolerances.TOUCHING * (1.0 + np.abs(rows.J).sum(axis=1))
 
     def solve(self, active_set: Array) -> Status:
         """Try the fallbacks in order; return the status of `best`."""
@@ -460,7 +461,7 @@ class _Chain:
                 break
             fewer = self._without(given_up.start)
             run = self._run(fewer, np.zeros(len(fewer.J)))
-            if np.isfinite(run.w).all() and normal_certificate(fewer, run.w) <= TOLERANCES.certified:
+            if np.isfinite(run.w).all() and normal_certificate(fewer, run.w) <= tolerances.CERTIFIED:
                 return self._is_proven(run)
         return False
 
@@ -477,7 +478,7 @@ class _Chain:
             return False
         missed = interval_distance(self.rows.J @ run.w, self.rows.lower, self.rows.upper)
         norms = np.array([np.linalg.norm(missed[own]) for own in self._levels])
-        proven = normal_certificate(self.rows, run.w) <= TOLERANCES.certified
+        proven = normal_certificate(self.rows, run.w) <= tolerances.CERTIFIED
         if proven or self._missed is None or _is_better(norms, self._missed):
             self.best, self._missed = run, norms
         return proven
@@ -508,10 +509,10 @@ class _Chain:
 
 
 def _is_finite(w: Array) -> bool:
-    return bool((np.abs(w) < TOLERANCES.endless).all())
+    return bool((np.abs(w) < tolerances.ENDLESS).all())
 
 
 def _is_better(missed: Array, than: Array) -> bool:
     """Levels whose residuals differ by rounding are equal, and the next one decides."""
-    differ = np.flatnonzero(np.abs(missed - than) > TOLERANCES.tied * (1.0 + than))
+    differ = np.flatnonzero(np.abs(missed - than) > tolerances.TIED * (1.0 + than))
     return bool(differ.size) and bool(missed[differ[0]] < than[differ[0]])

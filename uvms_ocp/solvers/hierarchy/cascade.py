@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
 from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.solvers.hierarchy.certificate import normal_certificate, normal_rows
 from uvms_ocp.solvers.hierarchy.level import Level, residual
 from uvms_ocp.solvers.hierarchy.qp_graph import (
@@ -42,7 +43,6 @@ from uvms_ocp.solvers.hierarchy.solution import (
     solve_stacked,
     timed_solution,
 )
-from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 from uvms_ocp.types import Array
 
 # A bound cascade, which survives a plugin that breaks down in the middle of a tick.
@@ -114,7 +114,7 @@ class QpTick:
             return Status.INEXACT
         J, low, up = self._levels(*inputs)[:3]
         rows = normal_rows(J.reshape(-1, len(v)), low, up, self._functions.sizes)
-        exact = normal_certificate(rows, v / rows.velocity) <= TOLERANCES.certified
+        exact = normal_certificate(rows, v / rows.velocity) <= tolerances.CERTIFIED
         return Status.SOLVED if exact else Status.INEXACT
 
     def _solve_by_level(self, inputs: Sequence[ArrayLike]) -> tuple[Array, ...]:

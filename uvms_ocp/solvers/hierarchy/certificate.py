@@ -26,7 +26,7 @@ two terms cancel, and x comes from non-negative least squares of r and the gaps,
 
 Rounding: a row ``a_i v`` of doubles is wrong by up to ``noise_i = n 2^-52 |a_i| (|v| + |down or up|)``, and a smaller gap
 cannot be told from 0 and counts as 0. So the number is a bound up to ``noise_k + sum x_j noise_j``, about 1e-15 of
-``|a| |v|`` unless rows are nearly dependent: where it is more than `Tolerances.resolved`, it is added. `[rate]` is the unit
+``|a| |v|`` unless rows are nearly dependent: where it is more than `tolerances.RESOLVED`, it is added. `[rate]` is the unit
 of a row, `[velocity]` that of an entry of v.
 """
 
@@ -40,8 +40,8 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.codegen.elementwise import interval_distance, interval_excess
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.solvers.hierarchy.level import Level, row_slices, stack, widen_bounds
-from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 from uvms_ocp.types import Array
 
 # Rows in normal units: every level divided by its largest row, velocities by their size; scaling.c is the twin in C.
@@ -79,8 +79,8 @@ class NegligibleRows:
         if not len(self.J):
             return False
         missed = np.abs(interval_distance(self.J @ v, self.lower, self.upper))
-        nearer = np.minimum(missed, TOLERANCES.reach * velocity * _norms(self.J))
-        return bool((nearer > np.maximum(TOLERANCES.unnoticed, TOLERANCES.certified * missed)).any())
+        nearer = np.minimum(missed, tolerances.REACH * velocity * _norms(self.J))
+        return bool((nearer > np.maximum(tolerances.UNNOTICED, tolerances.CERTIFIED * missed)).any())
 
 
 NO_NEGLIGIBLE_ROWS = NegligibleRows(J=np.zeros((0, 0)), lower=np.zeros(0), upper=np.zeros(0))
@@ -124,7 +124,7 @@ def normal_rows(J: Array, lower: Array, upper: Array, sizes: Sequence[int]) -> N
     """
     norm = _norms(J)
     largest = norm.max(initial=0.0)
-    real = norm > TOLERANCES.vanished * largest
+    real = norm > tolerances.VANISHED * largest
     level = np.array([_power(norm[rows][real[rows]].max(initial=0.0)) for rows in row_slices(sizes)])
     divisor, lost = np.repeat(level, sizes), ~real & (norm > 0.0)
     lost_rows = NegligibleRows(J=J[lost], lower=lower[lost], upper=upper[lost])
@@ -155,7 +155,7 @@ def _asked(lower: Array, upper: Array, real: Array) -> float:
 
 def _norms(J: Array) -> Array:
     squares = (J * J).sum(axis=1)
-    sound = (squares > TOLERANCES.small_square) & (squares < np.inf)
+    sound = (squares > tolerances.SMALL_SQUARE) & (squares < np.inf)
     return np.asarray(np.where(sound, np.sqrt(squares), np.abs(J).max(axis=1, initial=0.0)))
 
 
@@ -203,7 +203,7 @@ def _box(J: Array, lower: Array, upper: Array) -> VelocityBox:
 #
 # Rounding: a row ``a_i v`` of doubles is wrong by up to ``noise_i = n 2^-52 |a_i| (|v| + |down or up|)``, and a smaller gap
 # cannot be told from 0 and counts as 0. So the number is a bound up to ``noise_k + sum x_j noise_j``, about 1e-15 of
-# ``|a| |v|`` unless rows are nearly dependent: where it is more than `Tolerances.resolved`, it is added. `[rate]` is the unit
+# ``|a| |v|`` unless rows are nearly dependent: where it is more than `tolerances.RESOLVED`, it is added. `[rate]` is the unit
 # of a row, `[velocity]` that of an entry of v.
 
 
@@ -256,12 +256,12 @@ def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | No
 def normal_certificate(rows: NormalRows, w: Array) -> float:
     """Largest excess of any level at w (n,) over its residual or ``rows.unit``: what a status goes by.
 
-    The larger of both counts. The region is the default one, but no farther from w than ``TOLERANCES.reach``. inf where rows
+    The larger of both counts. The region is the default one, but no farther from w than ``tolerances.REACH``. inf where rows
     that count as nothing are missed.
     """
     if rows.lost.are_missed(w * rows.velocity, rows.velocity):
         return np.inf
-    region, reach = _default_region(rows, w), TOLERANCES.reach
+    region, reach = _default_region(rows, w), tolerances.REACH
     region = _Region(down=np.minimum(region.down, reach), up=np.minimum(region.up, reach))
     excesses = _excesses(rows, w, region, first=_beyond_box(region))
     slack = interval_distance(rows.J @ w, rows.lower, rows.upper)
@@ -281,14 +281,14 @@ def _length(w: Array) -> float:
 
 
 def _default_region(rows: NormalRows, w: Array) -> _Region:
-    reach = TOLERANCES.reach
+    reach = tolerances.REACH
     boxed = (rows.box.lower > -np.inf) & (rows.box.upper < np.inf)
     down, up = np.maximum(w - rows.box.lower, 0.0), np.maximum(rows.box.upper - w, 0.0)
     return _Region(down=np.where(boxed, down, reach), up=np.where(boxed, up, reach))
 
 
 def _beyond_box(region: _Region) -> _Region:
-    reach = TOLERANCES.reach
+    reach = tolerances.REACH
     return _Region(down=np.maximum(region.down, reach), up=np.maximum(region.up, reach))
 
 
@@ -330,7 +330,7 @@ class _Found:
 
 def _found(rows: NormalRows, w: Array, region: _Region) -> _Found:
     y, far = rows.J @ w, _length(w) + _length(np.maximum(region.down, region.up))
-    noise = np.asarray(TOLERANCES.rounding * len(w) * np.linalg.norm(rows.J, axis=1) * far)
+    noise = np.asarray(tolerances.ROUNDING * len(w) * np.linalg.norm(rows.J, axis=1) * far)
     return _Found(
         J=rows.J,
         slack=interval_distance(y, rows.lower, rows.upper),
@@ -350,7 +350,7 @@ def _level_excess(found: _Found, own: slice, region: _Region) -> float:
     x = _multipliers(held, gap, gradient, np.maximum(region.down, region.up))
     r, rounding = gradient + x @ held, float(x @ noise)
     bound = float(x @ gap + np.abs(r) @ np.where(r > 0.0, region.down, region.up))
-    return min(size, bound + rounding if rounding > TOLERANCES.resolved * max(size, found.unit) else bound)
+    return min(size, bound + rounding if rounding > tolerances.RESOLVED * max(size, found.unit) else bound)
 
 
 def _held(found: _Found, above: int) -> tuple[Array, Array, Array]:

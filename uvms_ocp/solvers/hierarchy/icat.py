@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
 from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.solvers.hierarchy.level import Level, residual, row_slices, stack
 from uvms_ocp.solvers.hierarchy.solution import (
     Solution,
@@ -29,7 +30,6 @@ from uvms_ocp.solvers.hierarchy.solution import (
     dense_outputs,
     timed_solution,
 )
-from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 from uvms_ocp.types import Array, Shape
 
 _result = unchecked_constructor(TickResult)
@@ -120,9 +120,9 @@ class Icat:
 def _guarded(solver: Icat, J: Array, rate: Array, activation: Array, sizes: Sequence[int]) -> tuple[Array, Status]:
     """Solve as `Icat.velocity` for any numbers: v is 0 where they are invalid or the result is not finite."""
     # Comparisons with NaN are false.
-    valid = (np.abs(J) < TOLERANCES.largest).all() and np.isfinite(rate).all() and np.isfinite(activation).all()
+    valid = (np.abs(J) < tolerances.LARGEST).all() and np.isfinite(rate).all() and np.isfinite(activation).all()
     v = solver.velocity(J, rate, activation, sizes) if valid else np.full(J.shape[1], np.inf)
-    sound = bool((np.abs(v) < TOLERANCES.endless).all())
+    sound = bool((np.abs(v) < tolerances.ENDLESS).all())
     return (v, Status.REGULARISED) if sound else (np.zeros(len(v)), Status.INVALID_INPUT)
 
 

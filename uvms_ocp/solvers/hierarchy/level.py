@@ -16,7 +16,7 @@ from uvms_ocp.codegen.elementwise import Array as ArrayOrExpression
 from uvms_ocp.codegen.elementwise import all_entries, interval_distance, logical_and, row_sums, where
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.display import FieldTable
-from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
+from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.types import Array
 
 # One priority level of a hierarchy of linear velocity objectives, and the stacking of levels.
@@ -225,7 +225,7 @@ def is_valid(
     open_outwards = logical_and(lower < np.inf, upper > -np.inf)
     ordered = logical_and(lower <= upper, open_outwards)
     return logical_and(
-        all_entries(abs(J) < TOLERANCES.largest),
+        all_entries(abs(J) < tolerances.LARGEST),
         all_entries(logical_and(ordered, logical_and(gate >= 0.0, gate <= 1.0))),
     )
 

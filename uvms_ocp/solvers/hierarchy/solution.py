@@ -66,9 +66,9 @@ class Status(AdvisedStatus):
         """True if every level is at its lexicographic optimum: `certificate.normal_certificate` has proven it to 1e-7.
 
         That is of rows as doubles know them: what rounding leaves open of nearly dependent ones is in the proof from 1e-3 on
-        (`Tolerances.resolved`). Rows below 1e-13 of the largest one of all levels count as nothing (`Tolerances.vanished`):
+        (`tolerances.RESOLVED`). Rows below 1e-13 of the largest one of all levels count as nothing (`tolerances.VANISHED`):
         nothing is exact where one of them could be
-        nearer to its bounds by more than 1e-12 (`Tolerances.unnoticed`).
+        nearer to its bounds by more than 1e-12 (`tolerances.UNNOTICED`).
         """
         return self in (Status.SOLVED, Status.COLD_STARTED, Status.CASCADED)
 

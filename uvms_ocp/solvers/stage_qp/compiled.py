@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping
-from dataclasses import asdict
 from functools import lru_cache
 from importlib.resources import files
 from typing import Any
 
 import numpy as np
 
-from uvms_ocp.codegen.compile import compile_library, loaded_library
+from uvms_ocp.codegen.compile import c_macros, compile_library, constants_of, loaded_library
+from uvms_ocp.solvers.stage_qp import tolerances
 from uvms_ocp.solvers.stage_qp.problem import (
-    STAGE_TOLERANCES,
     ResidualProducts,
     StageQp,
     StageQpOptions,
@@ -231,7 +230,7 @@ def core_source() -> str:
     """C99 source of the solver, for all shapes: `solve_qp` of iteration.c; needs libm only and allocates nothing."""
     folder = files("uvms_ocp.solvers.stage_qp")
     texts = (folder.joinpath(name).read_text(encoding="utf-8") for name in _SOURCES)
-    macros = "".join(f"#define {name.upper()} {value}\n" for name, value in asdict(STAGE_TOLERANCES).items())
+    macros = c_macros(constants_of(tolerances))
     codes = ", ".join(f"{status.name} = {code}" for code, status in enumerate(_STATUSES))
     starts = ", ".join(f"START_{start.name} = {start.value}" for start in StartMode)
     return "\n".join([_INCLUDES, macros, f"enum {{ {codes} }};\nenum {{ {starts} }};", *texts])

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uvms_ocp.solvers.stage_qp import tolerances
 from uvms_ocp.solvers.stage_qp.problem import (
-    STAGE_TOLERANCES,
     KktResidual,
     StageQp,
     StageQpOptions,
@@ -45,9 +45,9 @@ class NumpyStages:
         """Take the data over and make the Hessian, without the cost of `costless`; the largest curvature [1/unit of z^2]."""
         self._qp = qp
         if costless:
-            self._Q, self.q[:] = [STAGE_TOLERANCES.phase_one * np.eye(n) for n in self.shape.n_z], 0.0
-            self._least = STAGE_TOLERANCES.smallest_curvature * STAGE_TOLERANCES.phase_one
-            return STAGE_TOLERANCES.phase_one
+            self._Q, self.q[:] = [tolerances.PHASE_ONE * np.eye(n) for n in self.shape.n_z], 0.0
+            self._least = tolerances.SMALLEST_CURVATURE * tolerances.PHASE_ONE
+            return tolerances.PHASE_ONE
         self._Q = [
             J.T @ J + np.tril(H) + np.tril(H, -1).T + np.diag(damping)
             for J, H, damping in zip(qp.J, qp.H, qp.damping, strict=True)
@@ -55,7 +55,7 @@ class NumpyStages:
         self.q[:] = np.concatenate([J.T @ r + g for J, r, g in zip(qp.J, qp.r, qp.g, strict=True)])
         most = max(np.diag(Q).max(initial=0.0) for Q in self._Q)
         most = most if most > 0.0 else 1.0
-        self._least = STAGE_TOLERANCES.smallest_curvature * most
+        self._least = tolerances.SMALLEST_CURVATURE * most
         return float(most)
 
     def factor(self, weight: Array, weight_z: Array) -> int:
@@ -137,16 +137,16 @@ class NumpyStages:
 
 def _eliminated(M: Array, state: int, least: float) -> tuple[Array, Array, int]:
     """The rows of L from `state` on and what they leave above, 1 / L_kk, and 0, or what was wrong as in blocks.c; M = L' L."""
-    L, n, tolerances = M.copy(), len(M), STAGE_TOLERANCES
+    L, n = M.copy(), len(M)
     given, inverse = np.diag(M).copy(), np.zeros(n)
     for k in range(n - 1, state - 1, -1):
         pivot = L[k, k]
         if not np.isfinite(pivot):
             return L, inverse, 2
-        if pivot < -tolerances.indefinite * (abs(given[k]) + least):
+        if pivot < -tolerances.INDEFINITE * (abs(given[k]) + least):
             return L, inverse, 1
-        if pivot <= tolerances.rounding * given[k] + tolerances.tiny:
-            pivot = tolerances.damped * max(given[k], least)
+        if pivot <= tolerances.ROUNDING * given[k] + tolerances.TINY:
+            pivot = tolerances.DAMPED * max(given[k], least)
         inverse[k] = 1.0 / np.sqrt(pivot)
         L[k, :k] *= inverse[k]
         L[k, k] = pivot * inverse[k]
@@ -191,7 +191,7 @@ class Residuals:
     @property
     def worst(self) -> float:
         """Return the largest of all residuals."""
-        complementarity = STAGE_TOLERANCES.sharper * self.kkt.complementarity / (self.gradient * self.variable)
+        complementarity = tolerances.SHARPER * self.kkt.complementarity / (self.gradient * self.variable)
         return _larger(self.kkt.stationarity / self.gradient, self.kkt.primal / self.variable, complementarity)
 
 
@@ -201,11 +201,11 @@ class InteriorPoint:
     def __init__(
         self, stages: NumpyStages, table: RowTable, curvature: float, options: StageQpOptions, *, damped: bool
     ) -> None:
-        self._slow = STAGE_TOLERANCES.slow if damped else 0.0
+        self._slow = tolerances.SLOW if damped else 0.0
         self.stages, self.table, self.options, self.curvature = stages, table, options, curvature
         self.iterations, self.corrections, self.stride = 0, 0, 0.0
         self._free, self._m = ~table.fixed, len(table.norm) - len(table.fixed)
-        self._elasticity = STAGE_TOLERANCES.elasticity * table.norm**2 / curvature
+        self._elasticity = tolerances.ELASTICITY * table.norm**2 / curvature
         self._weight = np.zeros_like(table.bound)
         self._soft = np.zeros_like(table.bound)
 
@@ -228,7 +228,7 @@ class InteriorPoint:
         free = np.where(self._free, grad, 0.0)
         linear = _larger(_largest(row / t.norm), _largest(equal / t.norm), _largest(defect))
         stationarity = _larger(_largest(free), _largest(dual * t.norm))
-        gradient = _larger(largest, _largest(y * t.norm), STAGE_TOLERANCES.least_size * self.curvature)
+        gradient = _larger(largest, _largest(y * t.norm), tolerances.LEAST_SIZE * self.curvature)
         variable = 1.0 + _largest(p.z)
         return Residuals(
             grad=free,
@@ -254,7 +254,7 @@ class InteriorPoint:
         self.iterations += 1
         if p is not None:
             self._soft = _ratio(p.e, p.f + p.e * t.l2, p.f > 0.0)
-            give = STAGE_TOLERANCES.side_elasticity * self._elasticity + t.compliance + self._soft
+            give = tolerances.SIDE_ELASTICITY * self._elasticity + t.compliance + self._soft
             self._weight = _ratio(p.multiplier, p.multiplier * give + p.s, p.multiplier > 0.0)
         total = self._weight.sum(axis=0) + np.where(t.equal, 1.0 / (self._elasticity + t.compliance), 0.0)
         slow = 0.0 if r is None else self._slow * r.gradient / r.variable
@@ -292,15 +292,15 @@ class InteriorPoint:
         if wrong == 2 or (wrong and self.iterations == 1):
             return p, -wrong
         mu = max(self._mu(p), 1e-300)
-        least = STAGE_TOLERANCES.floor * self.options.tolerance * r.gradient * r.variable
+        least = tolerances.FLOOR * self.options.tolerance * r.gradient * r.variable
         affine = self.direction(p, r, *self._aim(p, None, 0.0, 0.0))
         share = _share(p, affine, 1.0)
         centre = max(least, mu * (self._mu(p.moved(affine, share)) / mu) ** 3)
         step = self.direction(p, r, *self._aim(p, affine, centre, share))
-        if _share(p, step, 1.0) < STAGE_TOLERANCES.short_step:
+        if _share(p, step, 1.0) < tolerances.SHORT_STEP:
             step = self.direction(p, r, *self._aim(p, None, mu, 0.0))
         step = self._corrected(p, step)
-        self.stride, share = _largest(step.z), _share(p, step, STAGE_TOLERANCES.to_boundary)
+        self.stride, share = _largest(step.z), _share(p, step, tolerances.TO_BOUNDARY)
         return p.moved(step, share), share
 
     def _corrected(self, p: PrimalDualPoint, step: PrimalDualPoint) -> PrimalDualPoint:

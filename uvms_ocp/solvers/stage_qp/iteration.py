@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from uvms_ocp.solvers.stage_qp import tolerances
 from uvms_ocp.solvers.stage_qp.interior_point import InteriorPoint, NumpyStages, Residuals
 from uvms_ocp.solvers.stage_qp.problem import (
-    STAGE_TOLERANCES,
     ResidualProducts,
     StageQp,
     StageQpOptions,
@@ -82,7 +82,7 @@ class NumpyCore:
 
     def _finished(self, qp: StageQp, table: RowTable, end: IterationResult, options: StageQpOptions) -> IterationResult:
         """Polish the end of an interior-point run to all digits: solve with the sides that it approaches as equalities."""
-        rough = options.tolerance > STAGE_TOLERANCES.finished or end.approached is None
+        rough = options.tolerance > tolerances.FINISHED or end.approached is None
         if rough or table.elastic.any() or end.status is not StageQpStatus.SOLVED:
             return end
         assert end.approached is not None
@@ -149,7 +149,7 @@ def rest_point(qp: StageQp, table: RowTable) -> PrimalDualPoint:
 
 def _patience(changes: int) -> int:
     """Rounds without a smaller number of changes."""
-    return 0 if changes > STAGE_TOLERANCES.many_changes else STAGE_TOLERANCES.vain_changes
+    return 0 if changes > tolerances.MANY_CHANGES else tolerances.VAIN_CHANGES
 
 
 def _from_equalities(method: InteriorPoint, point: PrimalDualPoint, *, alone: bool) -> IterationResult:
@@ -176,11 +176,11 @@ def _equalities_alone(method: InteriorPoint, point: PrimalDualPoint) -> tuple[Pr
     wrong = method.factor(None)
     if wrong:
         return p, wrong
-    for k in range(STAGE_TOLERANCES.most_corrections + 1):
+    for k in range(tolerances.MOST_CORRECTIONS + 1):
         r = method.residuals(p)
         equal = np.max(np.abs(np.concatenate([r.equal / t.norm, r.defect])))
         left = np.max([np.abs(r.grad).max() / r.gradient, equal / r.variable])
-        if k == STAGE_TOLERANCES.most_corrections or _is_enough(left, before, method.options.tolerance):
+        if k == tolerances.MOST_CORRECTIONS or _is_enough(left, before, method.options.tolerance):
             break
         before = left
         r = replace(r, row=np.zeros_like(r.row), dual=np.zeros_like(r.dual))
@@ -190,7 +190,7 @@ def _equalities_alone(method: InteriorPoint, point: PrimalDualPoint) -> tuple[Pr
 
 def _is_enough(left: float, before: float, tolerance: float) -> bool:
     """Check whether corrections may end: below the tolerance, once one takes less than half of what is left."""
-    return not left > STAGE_TOLERANCES.exact * tolerance or bool(left <= 0.1 * tolerance and not left <= 0.5 * before)
+    return not left > tolerances.EXACT * tolerance or bool(left <= 0.1 * tolerance and not left <= 0.5 * before)
 
 
 def _missed(method: InteriorPoint, r: Residuals) -> float:
@@ -203,7 +203,7 @@ def _cold(method: InteriorPoint, point: PrimalDualPoint) -> PrimalDualPoint:
     """A start inside, from z alone."""
     t, p = method.table, method.rest(point.z)
     r = method.residuals(p)
-    missed = max(_missed(method, r), STAGE_TOLERANCES.least_missed)
+    missed = max(_missed(method, r), tolerances.LEAST_MISSED)
     mu = method.options.cold_mu * missed * max(method.curvature * missed, r.kkt.stationarity)
     s = np.where(t.side, np.maximum(method.beyond(r.value), missed * t.norm), 0.0)
     multiplier = np.divide(mu, s, out=np.zeros_like(s), where=t.side)
@@ -216,8 +216,8 @@ def _warm(method: InteriorPoint, p: PrimalDualPoint) -> PrimalDualPoint:
     """A start near the optimum; a cold one where bounds are hard and the point is far from it."""
     t, y, r, warm_mu = method.table, p.y, method.residuals(p), method.options.warm_mu
     if not t.elastic.any():
-        far, nearer = _far(method, r), STAGE_TOLERANCES.nearer
-        if far > STAGE_TOLERANCES.far:
+        far, nearer = _far(method, r), tolerances.NEARER
+        if far > tolerances.FAR:
             return _cold(method, replace(p, z=np.where(t.fixed, p.z, 0.0)))
         warm_mu = float(np.clip(far**2, warm_mu / nearer, warm_mu * nearer))
     mu, beyond = warm_mu * method.curvature, method.beyond(r.value)
@@ -275,19 +275,19 @@ class _Progress:
             self.best, self._vain = (p, r), 0
         if r.kkt.primal < 0.9 * self._lowest:
             self._lowest, self._high = r.kkt.primal, 0
-        self._stuck = self._stuck + 1 if share < STAGE_TOLERANCES.stuck else 0
+        self._stuck = self._stuck + 1 if share < tolerances.STUCK else 0
         if r.worst <= method.options.tolerance:
             return StageQpStatus.SOLVED
         # Where a direction has no curvature, steps are endless long before the point is.
-        if max(r.variable, method.stride if self._stuck > 2 else 0.0) > STAGE_TOLERANCES.endless:
+        if max(r.variable, method.stride if self._stuck > 2 else 0.0) > tolerances.ENDLESS:
             return StageQpStatus.UNBOUNDED
         return StageQpStatus.ITERATION_LIMIT if self._is_over(method, r) else None
 
     def _is_over(self, method: InteriorPoint, r: Residuals) -> bool:
-        most, tolerance = STAGE_TOLERANCES.most_vain, method.options.tolerance
-        high = self._high > STAGE_TOLERANCES.most_high and self._lowest > tolerance * r.variable
-        usable = self.best[1].worst <= STAGE_TOLERANCES.inexact_tolerances * tolerance
-        hopeless = self._stuck > 2 or r.gradient > STAGE_TOLERANCES.hopeless * self._first or not r.worst < np.inf
+        most, tolerance = tolerances.MOST_VAIN, method.options.tolerance
+        high = self._high > tolerances.MOST_HIGH and self._lowest > tolerance * r.variable
+        usable = self.best[1].worst <= tolerances.INEXACT_TOLERANCES * tolerance
+        hopeless = self._stuck > 2 or r.gradient > tolerances.HOPELESS * self._first or not r.worst < np.inf
         return high or (usable and self._vain > most) or hopeless or method.iterations >= method.options.max_iterations
 
 

@@ -12,8 +12,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from uvms_ocp.solvers.stage_qp import tolerances
 from uvms_ocp.solvers.stage_qp.problem import (
-    STAGE_TOLERANCES,
     KktResidual,
     StageQp,
     StageQpStatus,
@@ -217,7 +217,7 @@ def predict_active(table: RowTable, y: Array, costate: Array) -> Mask:
     point leaves them, those with a large one.
     """
     most = max(np.abs(y).max(initial=0.0), np.abs(costate).max(initial=0.0))
-    least = 0.0 if (table.side & (y == 0.0)).any() else STAGE_TOLERANCES.counts * most
+    least = 0.0 if (table.side & (y == 0.0)).any() else tolerances.COUNTS * most
     return np.asarray(table.side & (-SIGNS * y * table.norm > least))
 
 
@@ -233,6 +233,6 @@ def update_active(table: RowTable, active: Mask, y: Array, value: Array, toleran
 
     y (M,) [1/unit of the row] multipliers; value (M,) [unit of the row]; tolerance relative to the largest variable.
     """
-    room = STAGE_TOLERANCES.sharp * tolerance * (1.0 + np.abs(value[-len(table.fixed) :]).max()) * table.norm
+    room = tolerances.SHARP * tolerance * (1.0 + np.abs(value[-len(table.fixed) :]).max()) * table.norm
     missed = table.side & (SIGNS * (table.bound - value) > room)
     return np.asarray((active & (SIGNS * y <= 0.0)) | (missed & ~active))

@@ -14,10 +14,10 @@ import numpy as np
 from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked
 from uvms_ocp.codegen.elementwise import interval_distance, interval_excess
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.solvers.stage_qp import tolerances
 from uvms_ocp.solvers.stage_qp.compiled import compiled_core
 from uvms_ocp.solvers.stage_qp.iteration import NumpyCore, rest_point
 from uvms_ocp.solvers.stage_qp.problem import (
-    STAGE_TOLERANCES,
     FlatSolution,
     StageQp,
     StageQpOptions,
@@ -215,7 +215,7 @@ class StageQpSolver:
 
     @property
     def _inexact(self) -> float:
-        return self.options.tolerance * STAGE_TOLERANCES.inexact_tolerances
+        return self.options.tolerance * tolerances.INEXACT_TOLERANCES
 
     def _final_status(self, best: IterationResult) -> StageQpStatus:
         """Endless steps, and rounding, prove nothing."""
