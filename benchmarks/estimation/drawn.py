@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.estimation.estimator import Estimator
-from uvms_ocp.estimation.filter_tuning import EstimatorTuning
+from uvms_ocp.estimation.filter_tuning import ALTITUDE_DRIFT, BIAS_DRIFTS, EstimatorTuning
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import Reading, Readings, SensorSpecs, State
 from uvms_ocp.sim.seafloor import Seafloor
@@ -80,8 +80,7 @@ class Drawn:
         angle = dt * self.spin[0] + dt * dt / 2 * self.spin[1] + turn
         self.R = self.R @ pin.exp3(angle)
         self.spin = _carried(self.spin, dt) + np.array([spin, spin_up])
-        drifts = (tuning.gyro_drift, tuning.dvl_drift, tuning.force_drift)
-        for name, drift in zip(_BIASED, drifts, strict=True):
+        for name, drift in zip(_BIASED, BIAS_DRIFTS, strict=True):
             self.biases[name] = self.biases[name] + drift * np.sqrt(dt) * self._normal(3)
         push = tuning.joint_acceleration * np.sqrt(dt) * self._normal(2, self.robot.n_joints)
         halves = np.linalg.cholesky(np.array([[dt * dt / 3, dt / 2], [dt / 2, 1.0]]))
@@ -89,9 +88,9 @@ class Drawn:
 
     def _raise_floor(self) -> None:
         speed = np.hypot(*self.place[1, :2])
-        self.floor.z += np.sqrt(
-            self.dt * (self.tuning.altitude_drift**2 + (self.tuning.floor_roughness * speed) ** 2)
-        ) * float(self._normal())
+        self.floor.z += np.sqrt(self.dt * (ALTITUDE_DRIFT**2 + (self.tuning.floor_roughness * speed) ** 2)) * float(
+            self._normal()
+        )
 
     def _shock(self) -> Array:
         """(3, 3) what white noise of the third derivative does in dt, one derivative per row."""

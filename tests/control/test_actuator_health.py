@@ -182,7 +182,7 @@ def pushed(effort: float, moves: float) -> list[FaultKind]:
     """After 3 s in which two joints are asked for 0.2 rad/s: one stands, one goes at `moves` [rad/s], against `effort` [N m]."""
     structure = structure_of(JointFaultMemory, n_joints=2)
     watch, (look,) = structure(), bind_kernels((detect_joint_faults,), (structure,))
-    write_joint_watch(watch, np.array([10.0, 10.0]), ActuatorHealthTuning())
+    write_joint_watch(watch, np.array([10.0, 10.0]))
     for k in range(30):
         q = np.array([0.0, 0.1 * k * moves])
         look(watch, vector([0.02, 0.02]), vector(q), vector([-effort, -effort]), 0.1 * k)
@@ -198,8 +198,8 @@ def test_a_joint_that_stands_because_nothing_pushes_it_is_not_jammed() -> None:
 
 
 def test_impossible_tunings_are_refused() -> None:
-    with pytest.raises(InvalidInput, match="sound_share"):
-        ActuatorHealthTuning(sound_share=1.0)
+    with pytest.raises(InvalidInput, match="explained"):
+        ActuatorHealthTuning(explained=1.0)
     with pytest.raises(InvalidInput, match="window"):
         ActuatorHealthTuning(window=0.0)
 

@@ -43,35 +43,17 @@ class LoadLearning:
     """[kg] the same of the mass."""
     current: float = 0.5
     """[m/s] the same of the current in each direction."""
-    current_walk: float = 0.01
-    """[m/s] by which the current may change within a second."""
-    lasting: float = 0.005
-    """Force that the model lacks for long on every axis, share of the most that thrusters or motors give there."""
-    lasting_time: float = 60.0
-    """[s] after which that has become another."""
-    unsteady: float = 0.001
-    """Force, the same share, below which the disturbance is noise at least."""
-    alike: float = 2.0
-    """[s] for which the disturbance is wrong in the same way: what the model lacks of a motion lasts longer than noise."""
     drag: float = 0.1
     """Share of its slope that the drag of a moving tool's velocity may be wrong by."""
-    least_acceleration: float = 0.05
-    """[m/s2] of the tool, below which nothing is learnt of the mass: noise of the velocity looks the same."""
-    surprise: float = 4.0
-    """Standard deviations, root mean square of all axes, beyond which something else is carried, or the water has changed."""
     scale: float = 0.03
     """to which the forces of thrusters and motors are known: standard errors of weight and mass are no smaller share."""
-    mass_share: float = 0.25
-    """Standard error, share of the mass, at which this is determined."""
-    mass_error: float = 0.25
-    """[kg] or that at most: a tool that carries nothing has no share."""
 
     def __post_init__(self) -> None:
         for name in (name for name in self.__slots__ if name != "feed_forward"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise InvalidInput(f"{name} of the load learning = {value}; give a finite number > 0")
-        for name in ("lasting", "unsteady", "drag", "scale", "mass_share"):
+        for name in ("drag", "scale"):
             if getattr(self, name) > 1:
                 raise InvalidInput(f"{name} of the load learning = {getattr(self, name)}; give a share of 1 or less")
 
@@ -83,6 +65,15 @@ class LoadLearning:
 
 WEIGHT, MASS, CURRENT, LASTING = 0, 1, slice(2, 5), 5
 """Where the state has them."""
+_CURRENT_WALK = 0.01  # [m/s] by which the current may change within a second
+LASTING_FORCE = 0.005
+"""Force that the model lacks for long on every axis, share of the most that thrusters or motors give there."""
+_LASTING_TIME = 60.0  # [s] after which that has become another
+_UNSTEADY = 0.001  # force, the same share, below which the disturbance is noise at least
+_ALIKE = 2.0  # [s] for which the disturbance is wrong in the same way: what the model lacks of a motion lasts longer than noise
+LEAST_ACCELERATION = 0.05
+"""[m/s2] of the tool, below which nothing is learnt of the mass: noise of the velocity looks the same."""
+_SURPRISE = 4.0  # standard deviations, root mean square of all axes, beyond which another load or current is there
 _MEMORY = 10.0  # [s] over which the size of the noise is taken
 _OUTLIER = 3.0  # times its size, beyond which a change of the noise counts as that
 _FIRST_NOISE, _COOLING = 300.0, 1.0  # times that noise is taken for more at first, and [s] after which it is by e less
@@ -121,12 +112,12 @@ class LoadFilter:
         """
         n = require_limits(limit)
         self._settings, self._last = settings, deque[np.ndarray](maxlen=_looks_apart(settings, bandwidth))
-        lasting = (settings.lasting * limit) ** 2
+        lasting = (LASTING_FORCE * limit) ** 2
         prior = [settings.weight**2, settings.mass**2, *3 * [settings.current**2]]
         self._prior = np.concatenate([prior, lasting])
-        self._least = (settings.unsteady * limit) ** 2
+        self._least = (_UNSTEADY * limit) ** 2
         self._variance = self._least.copy()
-        self._colour = np.maximum(_COLOUR / bandwidth, settings.alike) / settings.period
+        self._colour = np.maximum(_COLOUR / bandwidth, _ALIKE) / settings.period
         self._surprised, self._waits, self._heat = 0, 0, _FIRST_NOISE
         self.x = np.zeros(LASTING + n)
         """(5 + n_v,) net weight [N], mass [kg], current (3,) [m/s] in W, lasting force (n_v,) [N, N m]."""
@@ -158,8 +149,7 @@ class LoadFilter:
 
     def _accelerates(self, look: LoadSample) -> bool:
         """Return whether the tool does, by so much that it shows."""
-        least = self._settings.least_acceleration
-        return float(np.linalg.norm(look.mass)) > least * float(np.linalg.norm(look.weight))
+        return float(np.linalg.norm(look.mass)) > LEAST_ACCELERATION * float(np.linalg.norm(look.weight))
 
     def _variance_of(self, look: LoadSample) -> np.ndarray:
         """Return the variances (n_v,) of the noise, and of drag that is not as the model has it."""
@@ -173,13 +163,13 @@ class LoadFilter:
 
     def _forget(self) -> None:
         """The current walks, and the lasting force becomes another."""
-        period, settings = self._settings.period, self._settings
+        period = self._settings.period
         keep = np.ones(len(self.x))
-        keep[LASTING:] = math.exp(-period / settings.lasting_time)
+        keep[LASTING:] = math.exp(-period / _LASTING_TIME)
         self.x *= keep
         self.P = keep[:, None] * self.P * keep
         self.P[np.diag_indices_from(self.P)] += (1.0 - keep**2) * self._prior
-        self.P[CURRENT, CURRENT] += np.eye(3) * settings.current_walk**2 * period
+        self.P[CURRENT, CURRENT] += np.eye(3) * _CURRENT_WALK**2 * period
 
     def _listen(self, missed: np.ndarray, usable: np.ndarray) -> None:
         """To the noise: how what is missed changes within the memory of the observer."""
@@ -193,7 +183,7 @@ class LoadFilter:
         """Return whether what was known cannot be true any more, for some looks: another load, or another current."""
         variance = np.einsum("ij,jk,ik->i", H, self.P, H) + self._variance
         ratio = float(np.mean(missed[usable] ** 2 / variance[usable])) if usable.any() else 0.0
-        self._surprised = self._surprised + 1 if ratio > self._settings.surprise**2 else 0
+        self._surprised = self._surprised + 1 if ratio > _SURPRISE**2 else 0
         return self._surprised >= _PATIENCE
 
     def _begin_anew(self) -> None:
@@ -323,6 +313,8 @@ COLUMNS = 7
 
 # What the tool carries: learnt tick by tick, told for the record, and carried along with the arm.
 
+_MASS_SHARE = 0.25  # standard error of the mass, share of it, at which this is determined
+_MASS_ERROR = 0.25  # [kg] or that at most: a tool that carries nothing has no share
 _CERTAIN = 3.0  # standard errors that a weight must have to be carried along
 
 
@@ -382,7 +374,7 @@ class LoadLearner:
     def load(self) -> LoadEstimate:
         """Return the load at the tool, as far as it is known."""
         mass, error = float(self.filter.x[MASS]), self.filter.error(MASS)
-        is_accurate = error <= max(self._settings.mass_error, self._settings.mass_share * abs(mass))
+        is_accurate = error <= max(_MASS_ERROR, _MASS_SHARE * abs(mass))
         return LoadEstimate(
             weight=float(self.filter.x[WEIGHT]),
             weight_error=self.filter.error(WEIGHT),

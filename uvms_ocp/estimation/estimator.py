@@ -14,7 +14,7 @@ from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.estimation.channels import JOINT_CHANNELS, AltimeterMount, age_of, needed_channels, oldest_of
 from uvms_ocp.estimation.filter_memory import N_VEHICLE, NUMBER, ChannelIndex, FilterMemory
-from uvms_ocp.estimation.filter_tuning import EstimatorTuning, initialise
+from uvms_ocp.estimation.filter_tuning import RESPONSE_TIME, EstimatorTuning, initialise
 from uvms_ocp.estimation.kalman_filter import bound_tick
 from uvms_ocp.estimation.vehicle_model import inflate_velocity_variance
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
@@ -95,7 +95,7 @@ class Estimator(TableDisplay):
     that is late is fused at the time it was taken. One that is not finite, larger than 1e9 in the unit of its channel, of
     the future or older than the last of its channel is never used, nor is an altimeter's range below zero; only its nan says
     something, that there is no echo. One that contradicts the estimate by more than five standard deviations is not used
-    until others agree with it for `EstimatorTuning.recovery`. The age is that of the last one that was used.
+    until others agree with it for a second. The age is that of the last one that was used.
 
     The current is no part of the state: without a sensor of the velocity in water, or a model of thrust and drag, nothing
     that is read depends on it.
@@ -117,7 +117,7 @@ class Estimator(TableDisplay):
         specs, tuning = specs or SensorSpecs(), tuning or EstimatorTuning()
         altimeter_frame = altimeter_frame or robot.description.altimeter
         frame = None if specs.altimeter_range is None or not robot.n_vehicle else altimeter_frame
-        self._n_vehicle, self._response_time = robot.n_vehicle, tuning.response_time
+        self._n_vehicle = robot.n_vehicle
         self.memory = memory = initialise(FilterMemory(robot.n_joints), robot, specs, tuning)
         """All numbers of the filter, for who studies it."""
         for name in needed_channels(robot, specs, altimeter_frame):
@@ -206,7 +206,7 @@ class Estimator(TableDisplay):
 
     def _follow(self, command: Command, dt: float) -> None:
         """Advance the velocity (n_v,) [m/s, rad/s] that commands alone would have brought about."""
-        self._response = command.v + math.exp(-dt / self._response_time) * (self._response - command.v)
+        self._response = command.v + math.exp(-dt / RESPONSE_TIME) * (self._response - command.v)
         self.memory.commanded[6 - self._n_vehicle :] = self._response
 
     def _take_in(self, readings: Readings) -> None:

@@ -34,26 +34,10 @@ class EstimatorTuning:
     """[m/s]"""
     force_bias: float = 0.02
     """[m/s2] of the accelerometer."""
-    gyro_drift: float = 1e-5
-    """[rad/s/sqrt(s)] of the bias."""
-    dvl_drift: float = 1e-5
-    """[m/s/sqrt(s)] of the bias."""
-    force_drift: float = 1e-4
-    """[m/s2/sqrt(s)] of the bias."""
     joint_acceleration: float = 0.04
     """[rad/s2/sqrt(Hz)]"""
     floor_roughness: float = 0.3
     """Slope."""
-    altitude_drift: float = 0.005
-    """[m/sqrt(s)] at rest."""
-    echo_memory: float = 1.0
-    """[s] for which the altitude is known without an echo."""
-    response_time: float = 0.1
-    """[s] with which velocities are taken to follow commands."""
-    response_uncertainty: float = 0.5
-    """Standard deviation of a velocity after a step of the commanded one, as a share of that step."""
-    recovery: float = 1.0
-    """[s] for which readings that contradict the estimate must agree with each other to be believed."""
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -64,6 +48,17 @@ class EstimatorTuning:
 
 # What the filter is told once: the noise of the sensors, how the robot is expected to move, and what it knows at first.
 
+BIAS_DRIFTS = (1e-5, 1e-5, 1e-4)
+"""[rad/s/sqrt(s), m/s/sqrt(s), m/s2/sqrt(s)] of gyro, DVL and accelerometer."""
+ALTITUDE_DRIFT = 0.005
+"""[m/sqrt(s)] at rest."""
+RESPONSE_TIME = 0.1
+"""[s] with which velocities are taken to follow commands."""
+_ECHO_MEMORY = 1.0  # [s] for which the altitude is known without an echo
+_RESPONSE_UNCERTAINTY = (
+    0.5  # standard deviation of a velocity after a step of the commanded one, as a share of that step
+)
+_RECOVERY = 1.0  # [s] for which readings that contradict the estimate must agree with each other to be believed
 _SMALLEST_SIGMA = 1e-5  # stands in for the noise of an exact sensor, and keeps covariances regular
 _LIMITS = (3.0, 1e2, 30.0, 10.0, 3.0, 3.0, 1.0, 10.0, 10.0)  # of each `Part` but the floor
 _FIRST = (3.0, 1e2, 1.0, 0.1, 1.0, 0.1)  # of those that are not biases
@@ -77,13 +72,13 @@ _EARLY_STEP = 0.25  # [s] for which echoes must agree that the floor has gone do
 def initialise(memory: FilterMemory, robot: Robot, specs: SensorSpecs, tuning: EstimatorTuning) -> FilterMemory:
     """`memory` before the first tick."""
     for name in CHANNELS:
-        _set_channel(memory, NUMBER[name], getattr(specs, name), tuning)
+        _set_channel(memory, NUMBER[name], getattr(specs, name))
     memory.recovery[ChannelIndex.ALTIMETER_RANGE] = _EARLY_STEP
     memory.limit[:] = [*np.repeat(_LIMITS, 3), _FLOOR]
     memory.joint_limit[:] = _JOINT_LIMIT
     memory.gravity[:] = robot.model.gravity.linear
     memory.floating[0], memory.guided[0] = float(robot.n_vehicle > 0), float(specs.specific_force is None)
-    memory.beam_up[2], memory.echo_memory[0] = 1.0, tuning.echo_memory
+    memory.beam_up[2], memory.echo_memory[0] = 1.0, _ECHO_MEMORY
     memory.agility[:] = _agility(robot)
     _set_drive(memory, tuning)
     _set_first(memory, specs, tuning)
@@ -103,25 +98,21 @@ def sigma_of(spec: SensorSpec | None) -> float:
     return _SMALLEST_SIGMA if spec is None else max(spec.sigma, _SMALLEST_SIGMA)
 
 
-def _set_channel(memory: FilterMemory, c: ChannelIndex, spec: SensorSpec | None, tuning: EstimatorTuning) -> None:
+def _set_channel(memory: FilterMemory, c: ChannelIndex, spec: SensorSpec | None) -> None:
     memory.sigma[c] = sigma_of(spec)
     memory.period[c] = 0.0 if spec is None else 1.0 / spec.rate
     memory.lag[c] = 0.0 if spec is None else spec.delay
     rows = 3 if c <= ChannelIndex.SPECIFIC_FORCE and c != ChannelIndex.DEPTH else 1
-    memory.gate[c], memory.recovery[c] = _GATES[rows], tuning.recovery
+    memory.gate[c], memory.recovery[c] = _GATES[rows], _RECOVERY
 
 
 def _set_drive(memory: FilterMemory, tuning: EstimatorTuning) -> None:
     drive = memory.drive
     drive[ProcessNoise.JERK], drive[ProcessNoise.ANGULAR_JERK] = tuning.jerk, tuning.angular_jerk
-    drive[ProcessNoise.GYRO], drive[ProcessNoise.DVL], drive[ProcessNoise.FORCE] = (
-        tuning.gyro_drift,
-        tuning.dvl_drift,
-        tuning.force_drift,
-    )
-    drive[ProcessNoise.ROUGHNESS], drive[ProcessNoise.SETTLING] = tuning.floor_roughness, tuning.altitude_drift
+    drive[ProcessNoise.GYRO], drive[ProcessNoise.DVL], drive[ProcessNoise.FORCE] = BIAS_DRIFTS
+    drive[ProcessNoise.ROUGHNESS], drive[ProcessNoise.SETTLING] = tuning.floor_roughness, ALTITUDE_DRIFT
     drive[ProcessNoise.JOINT] = tuning.joint_acceleration
-    drive[ProcessNoise.REPLY] = tuning.response_uncertainty * math.sqrt(2.0 * tuning.response_time)
+    drive[ProcessNoise.REPLY] = _RESPONSE_UNCERTAINTY * math.sqrt(2.0 * RESPONSE_TIME)
 
 
 def _set_first(memory: FilterMemory, specs: SensorSpecs, tuning: EstimatorTuning) -> None:

@@ -328,6 +328,7 @@ class Objective:
 
 _PRICES = 100.0, 300.0, 1000.0, 1000.0  # of leaving the pool, round by round
 _DEARER = 3000.0, 10000.0, 30000.0  # where the finer steps still find it outside
+_START_FREQUENCY = 0.2  # [Hz] of the sines where the search begins
 _START_AMPLITUDES = 1.0, 2.0, 4.0  # of what each axis can get alone, where the search begins
 
 
@@ -339,8 +340,6 @@ class DesignSettings:
     """[s] of the simulation, for which a command is held."""
     knots: float = 0.2
     """[s] between the commands that are searched for."""
-    fastest: float = 0.2
-    """[Hz] of the sines where the search begins."""
     starts: int = 3
     """Drawn in each size, of which the best is made better."""
     iterations: int = 200
@@ -382,7 +381,7 @@ class _Search:
         given, history, rng = self.given, self.objective.history, np.random.default_rng(self.effort.seed)
         found = []
         for share in _START_AMPLITUDES * self.effort.starts:
-            sines = multisine(rng, history.sent.shape[0], 6, given.duration * self.effort.fastest)
+            sines = multisine(rng, history.sent.shape[0], 6, given.duration * _START_FREQUENCY)
             exported = keep_inside_pool(given, self.rollout, share * sines, self.effort.step)
             found.append(np.clip(history.nearest(exported), *given.limits.thrust.T))
         return min(found, key=lambda knots: self.objective.value(knots, _PRICES[0])[0])

@@ -247,6 +247,8 @@ class Unknowns:
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 Pairs = tuple[tuple[int, int], ...]
 _XYZ = ("x", "y", "z")
+LONGEST_DELAY = 1.0
+"""[s] of commands and of measurements."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -266,8 +268,6 @@ class ActuatorModel:
     """True where a command beyond it acts in full, as for thrusters of robot files; else the size of the dead zone is missing."""
     delay: float = 0.1
     """[s] between a command and its effect, lag aside."""
-    longest_delay: float = 1.0
-    """[s] of commands and of measurements."""
     commands: str = ""
     """Channel of a recording that has them; empty for the only one that a recording has."""
 
@@ -387,7 +387,7 @@ def _sensing(driven: ActuatorModel) -> dict[str, Quantity]:
     """The sensor of attitude and its rate sits in B turned by a rotation vector, to which each recording adds its own."""
     return {
         "velocity_point": Quantity.fixed("m", Reals(names=_XYZ), np.zeros(3)),
-        "velocity_delay": Quantity.fixed("s", _delay(driven), np.array([0.01 * driven.longest_delay])),
+        "velocity_delay": Quantity.fixed("s", _delay(driven), np.array([0.01 * LONGEST_DELAY])),
         "attitude_turn": Quantity.fixed("rad", Reals(names=_XYZ), np.zeros(3)),
     }
 
@@ -402,4 +402,4 @@ def _of_recordings() -> dict[str, Quantity]:
 
 
 def _delay(driven: ActuatorModel) -> Interval:
-    return Interval(names=("",), lower=np.zeros(1), upper=np.full(1, driven.longest_delay))
+    return Interval(names=("",), lower=np.zeros(1), upper=np.full(1, LONGEST_DELAY))

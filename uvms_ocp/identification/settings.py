@@ -30,6 +30,7 @@ from uvms_ocp.identification.fit import Search
 from uvms_ocp.identification.model import Vehicle
 from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.parameters import (
+    LONGEST_DELAY,
     ActuatorModel,
     Bounded,
     Free,
@@ -116,7 +117,7 @@ class CalibrationSettings(_Section):
     lag: _NonNegative | None = Field(
         default=None, description="of actuators, where the search begins [s]; default: of thrusters their mean, or 0.1"
     )
-    delay: Annotated[float, Field(ge=0.0, lt=_ACTUATORS.longest_delay)] = Field(
+    delay: Annotated[float, Field(ge=0.0, lt=LONGEST_DELAY)] = Field(
         default=0.05, description="of commands, where the search begins [s]; of runs of this toolkit 0"
     )
     dead_zone: _NonNegative | None = Field(

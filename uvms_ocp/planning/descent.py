@@ -58,6 +58,9 @@ class DescentSolver(Protocol):
     def minimise(self, problem: DescentProblem) -> Descent: ...
 
 
+_LONGEST_STEP = 0.3  # [m or rad] that the position of a node moves at most in one step
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TrustRegion:
     """Steps solve ``(H + mu metric) step = -gradient``.
@@ -71,8 +74,6 @@ class TrustRegion:
     """Relative decrease of the cost below which an accepted step is the last."""
     damping: float = 1e-3
     """First weight of the metric that holds steps back."""
-    longest_step: float = 0.3
-    """[m or rad] a node's position moves at most this far in one step."""
 
     def minimise(self, problem: DescentProblem) -> Descent:
         model, x, mu = problem.model, problem.start, self.damping
@@ -80,7 +81,7 @@ class TrustRegion:
         for iteration in range(self.max_iterations):
             if problem.enough(here):
                 return Descent(variables=x, model=here, iterations=iteration, converged=True)
-            step, predicted, mu = _step(here, problem.free, problem.metric, mu, self.longest_step)
+            step, predicted, mu = _step(here, problem.free, problem.metric, mu)
             there = model(x + step)
             actual = here.parts.total - there.parts.total
             if actual <= 0.0:
@@ -95,15 +96,13 @@ class TrustRegion:
         return Descent(variables=x, model=here, iterations=self.max_iterations, converged=False)
 
 
-def _step(
-    model: LocalModel, free: Mask, metric: BlockTridiagonal, mu: float, longest: float
-) -> tuple[Array, float, float]:
+def _step(model: LocalModel, free: Mask, metric: BlockTridiagonal, mu: float) -> tuple[Array, float, float]:
     """Step, predicted decrease, and the damping that made the step positive definite and short enough."""
     slope = model.gradient * free
     while True:
         factor = (model.hessian + metric.scaled(mu)).pinned(free).cholesky()
         step = -slope if factor is None else -factor.solve(slope)
-        if factor is not None and np.abs(step[:, : model.n_axes]).max() <= longest:
+        if factor is not None and np.abs(step[:, : model.n_axes]).max() <= _LONGEST_STEP:
             break
         mu *= 4.0
     predicted = -float(np.sum(slope * step)) - 0.5 * float(np.sum(step * model.hessian.times(step)))

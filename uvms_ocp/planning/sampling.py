@@ -30,8 +30,6 @@ class SamplingOptions:
     """[m] that edges keep."""
     room: float = 1.0
     """[m or rad] How far beyond start and goal unlimited axes are sampled."""
-    shortcuts: int = 60
-    """Attempts at cutting corners of the path found."""
     seed: Count = 0
 
     def __post_init__(self) -> None:
@@ -75,6 +73,7 @@ def edge_reach(distances: PairDistances, a: Array, b: Array, clearance: float) -
     return 1.0
 
 
+_SHORTCUTS = 60  # attempts at cutting corners of the path found
 _SHORTEST = 1e-3
 
 
@@ -142,7 +141,7 @@ def _extended(distances: PairDistances, tree: _Tree, target: Array, options: Sam
 
 def _shortened(distances: PairDistances, path: Array, rng: np.random.Generator, options: SamplingOptions) -> Array:
     """Straight cuts between random points of the path where they are free, then no vertex that can be left out."""
-    for _ in range(options.shortcuts):
+    for _ in range(_SHORTCUTS):
         if len(path) < 3:
             break
         i, j = np.sort(rng.choice(len(path) - 1, size=2, replace=False))

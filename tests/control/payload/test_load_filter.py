@@ -7,7 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uvms_ocp.control.payload import CURRENT, MASS, WEIGHT, LoadFilter, LoadLearning, LoadSample
+from uvms_ocp.control.payload import (
+    CURRENT,
+    LASTING_FORCE,
+    LEAST_ACCELERATION,
+    MASS,
+    WEIGHT,
+    LoadFilter,
+    LoadLearning,
+    LoadSample,
+)
 from uvms_ocp.errors import InvalidInput
 
 SETTINGS = LoadLearning()
@@ -56,7 +65,7 @@ def test_at_rest_the_mass_stays_as_unknown_as_it_was() -> None:
 
 
 def test_accelerations_below_the_least_are_noise() -> None:
-    small = 0.5 * SETTINGS.least_acceleration
+    small = 0.5 * LEAST_ACCELERATION
     found = fed([look(weight=20.0, mass=2.0, acceleration=small * (-1.0) ** k) for k in range(300)])
     assert found.error(MASS) == pytest.approx(SETTINGS.mass)
 
@@ -87,7 +96,7 @@ def test_standard_errors_do_not_fall_below_what_the_model_lacks_for_long() -> No
     """On one axis alone a force of the model's and a weight look the same."""
     lone = np.array([False, False, True, False, False, False])
     found = fed([replace(look(weight=20.0), usable=lone)] * 600)
-    assert found.error(WEIGHT) > SETTINGS.lasting * LIMIT[2]
+    assert found.error(WEIGHT) > LASTING_FORCE * LIMIT[2]
 
 
 def test_a_covariance_stays_one() -> None:
@@ -96,7 +105,7 @@ def test_a_covariance_stays_one() -> None:
     assert np.linalg.eigvalsh(found.P).min() > 0.0
 
 
-@pytest.mark.parametrize(("name", "value"), [("period", 0.0), ("mass", np.inf), ("lasting", 1.5), ("surprise", -1.0)])
+@pytest.mark.parametrize(("name", "value"), [("period", 0.0), ("mass", np.inf), ("drag", 1.5), ("weight", -1.0)])
 def test_settings_that_cannot_be_are_refused(name: str, value: float) -> None:
     with pytest.raises(InvalidInput, match=f"{name} of the load learning"):
         LoadLearning(**{name: value})

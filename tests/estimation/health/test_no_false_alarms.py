@@ -92,7 +92,7 @@ def _repeats(sigma: float, readings: Iterable[np.ndarray]) -> list[bool]:
     """Which readings (3,) make a sensor with noise sigma count as frozen."""
     memory, why = structure_of(RepetitionMemory, n_width=4)(), structure_of(Complaint)()
     (look,) = bind_kernels((repeated,), (type(memory), type(why)))
-    init_repetitions(memory, sigma, size=3, each=True, chance=1e-9)
+    init_repetitions(memory, sigma, size=3, each=True)
     return [bool(look(memory, (ctypes.c_double * 3)(*reading), why)) for reading in readings]
 
 

@@ -13,11 +13,12 @@ from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness
 # The wrench that holds the robot still, averaged once it has settled after a fault.
 
 
+_WAIT = 6.0  # [s] from a verdict to the judgement on what can still be reached, of the wrench that was needed in the second half
+
+
 class WrenchBalance(Layout):
     """Mean over the second half of a wait."""
 
-    wait: float
-    """[s] from a verdict to a judgement."""
     runs: bool
     """There is anything to wait for."""
     began: float
@@ -40,11 +41,11 @@ def begin_wrench_balance(b: WrenchBalance, t: float) -> None:
 def update_wrench_balance(b: WrenchBalance, wrench: Vector, t: float) -> bool:
     """A wrench (6,) [N, N m] at time t [s]; whether it is time to judge."""
     b.began = min(b.began, t)
-    if t - b.began > 0.5 * b.wait:
+    if t - b.began > 0.5 * _WAIT:
         b.count += 1
         for k in range(6):
             b.total[k] += wrench[k]
-    if t - b.began < b.wait or b.count == 0:
+    if t - b.began < _WAIT or b.count == 0:
         return False
     for k in range(6):
         b.mean[k] = b.total[k] / b.count
@@ -56,6 +57,9 @@ def update_wrench_balance(b: WrenchBalance, wrench: Vector, t: float) -> bool:
 
 _MEMORY = 2.0  # [s] of the way that a joint was asked to go
 _MOVED = 0.1  # share of that way which counts as having moved
+_JAM_TRAVEL = 0.05  # [rad or m] that a joint is asked to go, and does not, before it counts as jammed
+_JAM_EFFORT = 0.2  # share of its effort that must resist it
+_JAM_TIME = 0.5  # [s] for which it stands still all the time
 
 
 class JointFaultMemory(Layout):
@@ -65,11 +69,6 @@ class JointFaultMemory(Layout):
     """Joints."""
     effort: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [N m or N] limits."""
-    jam_travel: float
-    """[rad or m] as the next two of `ActuatorHealthTuning`."""
-    jam_effort: float
-    jam_time: float
-    """[s]"""
     started: bool
     t: float
     """[s] of the last look."""
@@ -124,9 +123,9 @@ def _look_at_joint(w: JointFaultMemory, j: int, resistance: float, t: float) -> 
         return
     wanted = abs(w.asked[j])
     against = -resistance if w.asked[j] > 0.0 else resistance if w.asked[j] < 0.0 else 0.0
-    stands = wanted > w.jam_travel and abs(w.moved[j]) < _MOVED * wanted
-    w.since[j] = min(w.since[j], t) if stands and against > w.jam_effort * w.effort[j] else math.inf
-    w.found[j] = t - w.since[j] >= w.jam_time - 1e-9
+    stands = wanted > _JAM_TRAVEL and abs(w.moved[j]) < _MOVED * wanted
+    w.since[j] = min(w.since[j], t) if stands and against > _JAM_EFFORT * w.effort[j] else math.inf
+    w.found[j] = t - w.since[j] >= _JAM_TIME - 1e-9
     w.jammed[j] = w.found[j]
 
 

@@ -27,7 +27,10 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 
-_NOTHING = 0.3  # share below which a thruster is dead, not weak
+_FORCE_SCALE = (
+    0.02  # change of the residual force that counts as one, share of what all thrusters together give on that axis
+)
+_MOMENT_SCALE = 0.005  # of moments, of which water and loads make less for their force than thrusters do
 
 
 def detection_sizes(
@@ -62,14 +65,13 @@ def write_detection(
 ) -> None:
     """Initialise a `FaultDetection`; bandwidth [rad/s] of the observer; dt [s] of a tick."""
     matrix, limits = thruster_matrix(robot), thrust_limits(robot)
-    memory.dt, memory.n_vehicle, memory.wrench_balance.wait = dt, robot.n_vehicle, tuning.judged_after
-    memory.thruster = -1
+    memory.dt, memory.n_vehicle, memory.thruster = dt, robot.n_vehicle, -1
     view(memory.effectiveness.share)[:] = 1.0
     write_authority(memory.authority, matrix, *limits)
     write_thruster_watch(
         memory.thrusters, matrix, *limits, tuning=tuning, bandwidth=bandwidth, period=residual_filter.every * dt
     )
-    write_joint_watch(memory.joints, robot.limits.effort, tuning)
+    write_joint_watch(memory.joints, robot.limits.effort)
 
 
 def write_thruster_watch(
@@ -86,22 +88,20 @@ def write_thruster_watch(
 
     matrix (6, n) [N/N, N m/N]; lower, upper (n,) [N] limits; bandwidth [rad/s] of the residual; period [s] of samples.
     """
-    for name in ("settling", "clear_lead", "looks", "sound_share"):
-        setattr(watch, name, getattr(tuning, name))
-    n, watch.suspect, watch.last = len(lower), -1, -1
+    n, watch.suspect, watch.last, watch.settling = len(lower), -1, -1, tuning.settling
     view(watch.lower)[:n], view(watch.upper)[:n] = lower, upper
     view(watch.since)[:] = math.nan
-    watch.fault_fit.bandwidth, watch.fault_fit.follows = bandwidth, _NOTHING
+    watch.fault_fit.bandwidth = bandwidth
     reach = np.abs(matrix) @ np.maximum(upper, -lower)
-    scale = np.maximum(np.repeat([tuning.force_scale, tuning.moment_scale], 3) * reach, 1e-6 * reach.max(initial=1.0))
-    _write_window(watch.window, matrix / scale[:, None], scale, tuning)
-    watch.window.length = _window_length(tuning, period)
+    scale = np.maximum(np.repeat([_FORCE_SCALE, _MOMENT_SCALE], 3) * reach, 1e-6 * reach.max(initial=1.0))
+    window, directions = watch.window, matrix / scale[:, None]
+    view(window.directions)[:, :n], view(window.square)[:n] = directions, np.sum(directions**2, axis=0)
+    view(window.scale)[:], window.length = scale, _window_length(tuning, period)
+    window.least_explained, window.least_lead = tuning.explained, tuning.lead
 
 
-def write_joint_watch(watch: Any, effort: np.ndarray, tuning: ActuatorHealthTuning) -> None:
+def write_joint_watch(watch: Any, effort: np.ndarray) -> None:
     """Initialise a `JointWatch` of sound joints; effort (n_joints,) [N m or N] limits."""
-    for name in ("jam_travel", "jam_effort", "jam_time"):
-        setattr(watch, name, getattr(tuning, name))
     watch.count = len(effort)
     view(watch.effort)[: len(effort)] = effort
     view(watch.since)[:] = math.inf
@@ -131,13 +131,6 @@ def joint_verdicts(watch: Any) -> list[JointVerdict]:
         else sound
         for j in range(watch.count)
     ]
-
-
-def _write_window(window: Any, directions: np.ndarray, scale: np.ndarray, tuning: ActuatorHealthTuning) -> None:
-    n = directions.shape[1]
-    view(window.directions)[:, :n], view(window.square)[:n] = directions, np.sum(directions**2, axis=0)
-    view(window.scale)[:], window.precedes = scale, tuning.precedes
-    window.least_change, window.least_explained, window.least_lead = tuning.least_change, tuning.explained, tuning.lead
 
 
 def _window_length(tuning: ActuatorHealthTuning, period: float) -> int:

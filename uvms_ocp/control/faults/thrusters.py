@@ -24,6 +24,8 @@ from uvms_ocp.control.faults.verdicts import ActuatorHealth, FaultKind, Thruster
 # what is left is that of likelihoods of an additive fault of unknown size ([Willsky1976]).
 
 _TINY_CHANGE = 1e-12
+_LEAST_CHANGE = 1.5  # root mean square of the changes, in their scales, below which nothing is looked for
+_PRECEDES = 1.25  # times as much as it leaves unexplained must be left where commands are taken a moment later
 _LEAST, _MOST = 0.25, 3.5  # theta; a thruster that sticks far from what is asked looks like more than 2 at first
 LATE = 2  # looks by which what is measured of the motion may lag what is asked, at most
 EARLY = 4  # looks by which what is asked lags what pushes, where it only answers it; and half of them
@@ -40,11 +42,9 @@ class IsolationWindow(Layout):
     """(n_thrusters,) of the size of each direction."""
     length: int
     """Looks in which a culprit is sought."""
-    least_change: float
-    """This and the next two as in `ActuatorHealthTuning`."""
     least_explained: float
+    """This and the next as in `ActuatorHealthTuning`."""
     least_lead: float
-    precedes: float
     seen: Annotated[list[Vector], Sized("n_looks", 6)]
     """(n_looks, 6) residual in those scales."""
     asked: Annotated[list[Vector], Sized("n_looks", "n_thrusters")]
@@ -83,7 +83,7 @@ def isolate_fault(w: IsolationWindow) -> None:
     if n >= w.length // 2:
         first = w.count - EARLY - n
         total = _changes(w, first, n)
-        if total >= n * (w.least_change * w.least_change):
+        if total >= n * (_LEAST_CHANGE * _LEAST_CHANGE):
             best = _lead(w, total, first, n)
             if w.explained >= w.least_explained and w.lead >= w.least_lead and _precedes(w, best, total, first, n):
                 w.thruster = best
@@ -92,7 +92,7 @@ def isolate_fault(w: IsolationWindow) -> None:
 def _precedes(w: IsolationWindow, best: int, total: float, first: int, n: int) -> bool:
     """Return whether what a thruster is asked comes before the changes, and does not answer them."""
     answers = max(_explained(w, best, first + EARLY // 2, n), _explained(w, best, first + EARLY, n))
-    return total - answers >= w.precedes * (1.0 - w.explained) * total
+    return total - answers >= _PRECEDES * (1.0 - w.explained) * total
 
 
 def _lead(w: IsolationWindow, total: float, first: int, n: int) -> int:
@@ -152,6 +152,7 @@ def _explained(w: IsolationWindow, i: int, first: int, n: int) -> float:
 _AFTER = 6  # looks that an onset must be back at least
 _TINY_SCATTER = 1e-12
 _REVERSED = 0.5  # share, the other way, from which a thruster counts as reversed; one that sticks may look like less
+_NOTHING = 0.3  # share below which a thruster is dead, not weak
 _STUCK = 0.1  # of what a dead thruster would leave unexplained
 
 
@@ -189,8 +190,6 @@ class FaultFit(Layout):
     """(n_looks,) [N] thrust along the thruster that the residual comes to."""
     bandwidth: float
     """[rad/s] of the filter."""
-    follows: float
-    """Least share of a thruster that follows its command."""
     faded: Annotated[Vector, Sized("n_looks")]
     """(n_looks,) what the filter still has of the time before an onset."""
     lost: Annotated[Vector, Sized("n_looks")]
@@ -218,7 +217,7 @@ def classify_fault(m: FaultFit) -> None:
     for k in range(max(m.count - _AFTER, 1)):
         _try_onset(m, k)
     loss = m.shares.best_slope
-    follows = m.stops.least > m.shares.least and not 1.0 - m.follows < loss < 1.0 + _REVERSED
+    follows = m.stops.least > m.shares.least and not 1.0 - _NOTHING < loss < 1.0 + _REVERSED
     stuck = m.stops.least < _STUCK * m.dead
     m.share = 1.0 - loss if follows else 0.0
     m.constant = m.stops.best_slope if stuck and not follows else 0.0
@@ -276,6 +275,9 @@ def _try_line(f: LineFit, n: int, onset: float) -> None:
 # The residual wrench is what the disturbance observer finds beyond model and commands. A thruster is faulty once its
 # asked thrust has explained nearly all changes of it, and no other thruster as well, look after look.
 
+_CLEAR_LEAD = 16.0  # lead from which on a look counts fully; those of a smaller one count by its square
+_LOOKS = 8.0  # in a row that must agree
+_SOUND_SHARE = 0.75  # of its command that a sound thruster gives at least, else it is weak
 _STUCK_SIGMAS = 4.0  # standard deviations from which on a constant thrust is told from none
 _STUCK_SHARE = 0.1  # of the limit, likewise
 _BEYOND = 1.1  # of the limits: no thruster sticks farther out
@@ -290,10 +292,7 @@ class ThrusterFaultMemory(Layout):
     upper: Annotated[Vector, Sized("n_thrusters")]
     """(n_thrusters,) [N]"""
     settling: float
-    """[s] as the next three of `ActuatorHealthTuning`."""
-    clear_lead: float
-    looks: float
-    sound_share: float
+    """[s] as that of `ActuatorHealthTuning`."""
     window: IsolationWindow
     fault_fit: FaultFit
     started: bool
@@ -329,12 +328,12 @@ def detect_thruster_faults(
         w.window.asked[slot][i] = e.share[i] * asked[i]
     isolate_fault(w.window)
     again = w.window.thruster >= 0 and w.window.thruster == w.last
-    counts = min(w.window.lead / w.clear_lead, 1.0)
+    counts = min(w.window.lead / _CLEAR_LEAD, 1.0)
     w.evidence = w.evidence + counts * counts if again else 0.0
     w.last = w.window.thruster
     if w.last != w.suspect:
         _mark(w)
-    return _conclude_fault(w, e, t) if w.evidence > w.looks else -1
+    return _conclude_fault(w, e, t) if w.evidence > _LOOKS else -1
 
 
 def _restart(w: ThrusterFaultMemory, t: float) -> None:
@@ -357,7 +356,7 @@ def _conclude_fault(w: ThrusterFaultMemory, e: ThrusterEffectiveness, t: float) 
     i = w.last
     _select_thruster(w, i)
     classify_fault(w.fault_fit)
-    if w.fault_fit.share > w.sound_share:
+    if w.fault_fit.share > _SOUND_SHARE:
         w.evidence = 0.0
         return -1
     e.share[i] = e.share[i] * w.fault_fit.share

@@ -22,6 +22,8 @@ from uvms_ocp.robot.signals import Trust
 
 N_ESTIMATES = 1024
 """that are remembered: five seconds of ticks of 5 ms; shorter ticks are not all kept."""
+TOO_LATE = 2.0
+"""[s] beyond its delay after which a reading is not used: half the length of a vehicle at its usual speed."""
 
 
 class ChannelMemory(Layout):
@@ -96,25 +98,6 @@ class ChannelMemory(Layout):
     repeats: RepetitionMemory
 
 
-class TrustRules(Layout):
-    """Thresholds of `HealthTuning` that verdicts need."""
-
-    periods_to_suspect: float
-    periods_to_lose: float
-    least_to_suspect: float
-    """[s]"""
-    least_to_lose: float
-    """[s]"""
-    clean: float
-    """[s]"""
-    clock: float
-    """[s]"""
-    late: float
-    """[s]"""
-    too_late: float
-    """[s]"""
-
-
 class ScreeningResult(Layout):
     """Result of the screening of a reading."""
 
@@ -133,7 +116,12 @@ class HealthMemory(Layout):
     """Channels that the robot has."""
     order: Annotated[list[int], Sized(N_CHANNELS)]
     """(9,) their numbers, in the order of `Readings`."""
-    rules: TrustRules
+    clean: float
+    """[s] as the next two of `HealthTuning`."""
+    clock: float
+    """[s]"""
+    late: float
+    """[s]"""
     started: bool
     t: float
     """[s] of the tick."""
@@ -163,6 +151,12 @@ class HealthMemory(Layout):
 #
 # A complaint makes a channel suspect for `HealthTuning.clean` seconds; silence makes it suspect and then lost, and so do
 # readings that are all refused. A reading that is used ends the loss; nothing is lost for good.
+
+LEAST_TO_SUSPECT = 0.05
+"""[s] of silence of a quick sensor: as long as joints are fed back without encoders."""
+_LEAST_TO_LOSE = 0.25  # [s] of silence of a quick sensor
+_PERIODS_TO_SUSPECT = 2.5  # of silence: 0.5 s of a 5 Hz DVL, before a watchdog of 0.6 s holds
+_PERIODS_TO_LOSE = 8.0  # of silence, or of nothing but refused readings
 
 
 def accept(c: ChannelMemory, t: float) -> None:
@@ -233,12 +227,12 @@ def update_trust(m: HealthMemory, c: ChannelMemory) -> bool:
     if math.isnan(c.used_at):
         c.used_at = m.t
     quiet, period = m.t - c.used_at, max(c.period, m.dt)
-    trust = _by_silence(c, m.rules, quiet, period)
-    if c.gated and c.refused_at >= m.t - m.rules.least_to_lose - period and _is_contested(m, c):
+    trust = _by_silence(c, quiet, period)
+    if c.gated and c.refused_at >= m.t - _LEAST_TO_LOSE - period and _is_contested(m, c):
         trust = min(trust, int(Trust.SUSPECT))
     if trust != Trust.GOOD:
         _be_silent(c, quiet, m.t, trust != c.trust)
-    elif m.t - c.bad_at <= m.rules.clean:
+    elif m.t - c.bad_at <= m.clean:
         trust = int(Trust.SUSPECT)
     else:
         c.complaint.code = Reason.NONE
@@ -253,10 +247,10 @@ def _mark_used(c: ChannelMemory, t: float) -> None:
         c.used_at = t
 
 
-def _by_silence(c: ChannelMemory, rules: TrustRules, quiet: float, period: float) -> int:
+def _by_silence(c: ChannelMemory, quiet: float, period: float) -> int:
     patience = c.delay + period * c.losses
-    lost = patience + max(rules.least_to_lose, rules.periods_to_lose * period)
-    suspect = patience + max(rules.least_to_suspect, rules.periods_to_suspect * period)
+    lost = patience + max(_LEAST_TO_LOSE, _PERIODS_TO_LOSE * period)
+    suspect = patience + max(LEAST_TO_SUSPECT, _PERIODS_TO_SUSPECT * period)
     if quiet > lost and not c.empty:
         return int(Trust.LOST)
     return int(Trust.SUSPECT) if quiet > suspect else int(Trust.GOOD)

@@ -160,8 +160,18 @@ def _copy_spot(to: FloorPoint, new: FloorPoint) -> None:
 # vertically, as an altimeter that is stuck shows a floor that follows the vehicle, and horizontally, as floors do not sink. The
 # floor that was known before is kept beside a new one, and believed again after a few echoes.
 
+POSITION = 0.1
+"""[m] by which position, depth and floor may be wrong of a robot that manoeuvres in gusts, beside noise."""
 _SIGMAS = 8.0
-_SPACING = 0.5  # [s] between the echoes that are kept
+_MEMORY = 60.0  # [s] for which an echo tells of the floor where it was taken
+_SPACING = max(0.5, _MEMORY / (MAX_FLOOR_POINTS - 2))  # [s] between the echoes that are kept
+_STEP_TIME = (
+    2.0  # [s] for which echoes from a floor that is farther away agree before they are believed: twenty at 10 Hz
+)
+_STEP_TRAVEL = (
+    0.2  # [m] of vertical motion in that time, which a value that is stuck does not follow; ten times the noise
+)
+_STEP_WAY = 0.3  # [m] of horizontal motion after which there may be another floor
 _RETURN = 3  # echoes in a row from a floor known before that bring it back
 
 
@@ -172,16 +182,6 @@ class FloorMemory(Layout):
     """[m] by which echoes of one place may differ."""
     slope: float
     """Slope of the steepest floor."""
-    memory: float
-    """[s] for which an echo tells of the floor where it was taken."""
-    spacing: float
-    """[s] between the echoes that are kept."""
-    step_time: float
-    """[s] for which echoes of a floor that is farther away agree."""
-    step_travel: float
-    """[m] of vertical motion in that time."""
-    step_way: float
-    """[m] of horizontal motion."""
     relief: float
     """[m] of the highest step."""
     here: FloorPoint
@@ -195,10 +195,7 @@ class FloorMemory(Layout):
 
 def init_floor(memory: ctypes.Structure, sigma: float, tuning: HealthTuning) -> None:
     """Prepare a `FloorMemory`; sigma [m]: noise of the altimeter."""
-    memory.base, memory.slope, memory.memory = tuning.position + _SIGMAS * sigma, tuning.slope, tuning.floor_memory
-    memory.spacing = max(_SPACING, tuning.floor_memory / (MAX_FLOOR_POINTS - 2))
-    for name in ("step_time", "step_travel", "step_way", "relief"):
-        setattr(memory, name, getattr(tuning, name))
+    memory.base, memory.slope, memory.relief = POSITION + _SIGMAS * sigma, tuning.slope, tuning.relief
 
 
 def accept_echo(w: FloorMemory, why: Complaint) -> bool:
@@ -220,7 +217,7 @@ def accept_echo(w: FloorMemory, why: Complaint) -> bool:
 
 def _accept(w: FloorMemory) -> None:
     accepted = w.accepted
-    if accepted.count == 0 or w.here.t - accepted.kept[slot_of(accepted, accepted.count - 1)].t >= w.spacing:
+    if accepted.count == 0 or w.here.t - accepted.kept[slot_of(accepted, accepted.count - 1)].t >= _SPACING:
         append_floor_point(accepted, w.here)
     w.candidates.count = 0
     w.returned = 0
@@ -271,7 +268,7 @@ def _add_candidate(w: FloorMemory) -> None:
     found, here = w.candidates, w.here
     if found.count > 0:
         last = found.kept[slot_of(found, found.count - 1)]
-        if here.t - last.t < w.spacing:
+        if here.t - last.t < _SPACING:
             last.lowest = min(last.lowest, here.sensor_z)
             last.highest = max(last.highest, here.sensor_z)
             return
@@ -281,15 +278,15 @@ def _add_candidate(w: FloorMemory) -> None:
 def _is_proven(w: FloorMemory, step: float) -> bool:
     """Return whether the vehicle has moved as one does above a floor that is a step [m] farther away, and above another place."""
     accepted, found = w.accepted, w.candidates
-    if w.here.t - found.kept[found.first].t < w.step_time or step > w.relief:
+    if w.here.t - found.kept[found.first].t < _STEP_TIME or step > w.relief:
         return False
-    if horizontal_distance(w.here, accepted.kept[slot_of(accepted, accepted.count - 1)]) < w.step_way:
+    if horizontal_distance(w.here, accepted.kept[slot_of(accepted, accepted.count - 1)]) < _STEP_WAY:
         return False
-    return vertical_travel(found) >= max(w.step_travel, 2.0 * _tolerance(w))
+    return vertical_travel(found) >= max(_STEP_TRAVEL, 2.0 * _tolerance(w))
 
 
 def _forget(w: FloorMemory) -> None:
-    oldest, found = w.here.t - w.memory, w.candidates
+    oldest, found = w.here.t - _MEMORY, w.candidates
     forget_older(w.accepted, oldest)
     forget_older(w.before, oldest)
     if found.count > 1 and found.kept[found.first].t < oldest:

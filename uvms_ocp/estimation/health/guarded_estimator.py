@@ -69,7 +69,7 @@ class GuardedEstimator(TableDisplay):
         self._gating = estimator if isinstance(estimator, GatedEstimator) else None
         gating = self._gating is not None
         self._needed = supporting_channels(robot, specs, rates=exact)
-        others = fallback_sensors(self.monitor.tuning, gyro_from_attitude=gating)
+        others = fallback_sensors(gyro_from_attitude=gating)
         self._support = support_of(self._needed, others, exact=exact, gating=gating)
         self._outcomes = _shared(np.zeros(_OUTCOMES) if self._gating is None else self._gating.outcomes.reshape(-1))
         self._nothing = _measurement(

@@ -144,6 +144,10 @@ _LEAST = 3  # repetitions, however unlikely: some sensors send a reading twice
 _NEVER = 1e-300
 
 
+CHANCE = 1e-9
+"""That noise repeats a value, or losses a silence, by themselves; 1e8 readings fit into a hundred hours of gyro."""
+
+
 class RepetitionMemory(Layout):
     """How often each component of a channel has repeated itself."""
 
@@ -164,9 +168,9 @@ class RepetitionMemory(Layout):
     """(n_width,) repetitions of each."""
 
 
-def init_repetitions(memory: ctypes.Structure, sigma: float, *, size: int, each: bool, chance: float) -> None:
-    """Prepare a `RepetitionMemory`: noise sigma [unit of the channel] of size components; chance of a false alarm."""
-    memory.noise, memory.each, memory.chance = _SHARE * sigma, each, math.log(chance)
+def init_repetitions(memory: ctypes.Structure, sigma: float, *, size: int, each: bool) -> None:
+    """Prepare a `RepetitionMemory`: noise sigma [unit of the channel] of size components."""
+    memory.noise, memory.each, memory.chance = _SHARE * sigma, each, math.log(CHANCE)
     memory.size, memory.finest = size, math.inf
 
 

@@ -6,7 +6,14 @@ import math
 
 from uvms_ocp.codegen.kernel_layout import Vector, zeros
 from uvms_ocp.estimation.filter_memory import ChannelIndex
-from uvms_ocp.estimation.health.channel_state import ChannelMemory, HealthMemory, ScreeningResult, exclude, suspect
+from uvms_ocp.estimation.health.channel_state import (
+    TOO_LATE,
+    ChannelMemory,
+    HealthMemory,
+    ScreeningResult,
+    exclude,
+    suspect,
+)
 from uvms_ocp.estimation.health.estimate_history import PastEstimate, rotate
 from uvms_ocp.estimation.health.floor import FloorPoint, accept_echo
 from uvms_ocp.estimation.health.plausibility import (
@@ -50,8 +57,8 @@ def screen_reading(m: HealthMemory, c: ChannelMemory, slot: int) -> None:
     if slot >= 0 and not is_empty(c):
         _compare_with_estimate(m, c, m.history.kept[slot], b)
     late = m.t - c.stamp - c.delay
-    if b.why.code == Reason.NONE and late > m.rules.late + m.dt:
-        set_complaint(b.why, Reason.LATE, late, m.rules.late + m.dt)
+    if b.why.code == Reason.NONE and late > m.late + m.dt:
+        set_complaint(b.why, Reason.LATE, late, m.late + m.dt)
 
 
 def is_empty(c: ChannelMemory) -> bool:
@@ -66,13 +73,13 @@ def _means_nothing(m: HealthMemory, c: ChannelMemory, why: Complaint) -> bool:
     if c.misshapen > 0:
         set_complaint(why, Reason.SHAPE, c.misshapen, 0.0)
         return True
-    return is_nonsense(c.number, c.value, c.size, why) or is_mistimed(c.stamp, c.used, m.t, m.rules.clock, why)
+    return is_nonsense(c.number, c.value, c.size, why) or is_mistimed(c.stamp, c.used, m.t, m.clock, why)
 
 
 def _cannot_be(m: HealthMemory, c: ChannelMemory, why: Complaint) -> bool:
     """Screen a reading by its values and age alone."""
     late = m.t - c.stamp - c.delay
-    if late > m.rules.too_late:
+    if late > TOO_LATE:
         set_complaint(why, Reason.TOO_LATE, late, 0.0)
         return True
     if is_empty(c):
@@ -186,7 +193,7 @@ def _exclude_velocity(m: HealthMemory, why: Complaint) -> None:
     """
     velocity, position = m.channels[ChannelIndex.LINEAR_VELOCITY], m.channels[ChannelIndex.POSITION]
     lies = velocity.present and (_is_guilty(m, velocity) or not _is_guilty(m, position))
-    if lies and exclude(velocity, why, m.t, m.rules.clean):
+    if lies and exclude(velocity, why, m.t, m.clean):
         m.exposed = True
 
 

@@ -11,16 +11,29 @@ import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import structure_of
 from uvms_ocp.estimation.filter_memory import N_CHANNELS, NUMBER
-from uvms_ocp.estimation.health.channel_state import N_ESTIMATES, HealthMemory
-from uvms_ocp.estimation.health.floor import init_floor
-from uvms_ocp.estimation.health.plausibility import init_repetitions
+from uvms_ocp.estimation.health.channel_state import N_ESTIMATES, TOO_LATE, HealthMemory
+from uvms_ocp.estimation.health.floor import POSITION, init_floor
+from uvms_ocp.estimation.health.plausibility import CHANCE, init_repetitions
 from uvms_ocp.estimation.health.redundancy import init_comparisons
 from uvms_ocp.estimation.health.tuning import HealthTuning
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import SensorSpec
 from uvms_ocp.types import Array
 
-_SIGMAS = 8.0
+_SIGMAS = 8.0  # of the channel's noise, which noise passes once in 1e15 readings
+# How wrong an estimate can be beyond noise, of a robot that manoeuvres in gusts.
+_POSITION_DRIFT = (
+    0.05  # [m/s] of a position that a DVL carries, or of a depth that anything does: its bias, and the attitude's
+)
+_ATTITUDE = 0.05  # [rad]
+_ATTITUDE_DRIFT = 0.02  # [rad/s] of an attitude that a gyro carries: ten times the noise of the gyro
+_VELOCITY = 0.25  # [m/s]: a vehicle that accelerates with 1 m/s2 between two readings of a DVL
+_VELOCITY_DRIFT = 0.02  # [m/s2] of a velocity that position fixes carry
+_RATE = 0.2  # [rad/s] of the vehicle: a blow
+_RATE_DRIFT = 0.1  # [rad/s2] of a rate that attitudes carry
+_JOINTS = 0.05  # [rad or m] of joint positions
+_JOINT_RATE = 0.5  # [rad/s or m/s] of joint velocities: a joint that meets its stop
+_ENCODER_TRAVEL = 0.02  # [rad or m] that is asked of a joint while its encoder does not change by a bit
 _BRISK = 1.5  # by how much water and blows move a vehicle faster than it can by itself
 _ANY = 1e12  # [unit of the channel] growth of what has no limits
 _FASTEST = 10.0  # [rad/s or m/s] of a joint without limits
@@ -48,16 +61,15 @@ def health_memory(robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthT
         n_estimates=N_ESTIMATES,
     )()
     made.n, made.order[: len(specs)] = len(specs), [int(NUMBER[name]) for name in specs]
-    for name in (field for field, _ in type(made.rules)._fields_):
-        setattr(made.rules, name, getattr(tuning, name))
-    made.history.length = max((spec.delay for spec in specs.values()), default=0.0) + tuning.too_late
+    made.clean, made.clock, made.late = tuning.clean, tuning.clock, tuning.late
+    made.history.length = max((spec.delay for spec in specs.values()), default=0.0) + TOO_LATE
     made.history.spacing = made.history.length / (N_ESTIMATES - 2)
     for c in range(N_CHANNELS):
         _set_nothing(made.channels[c], c)
     for name, spec in specs.items():
-        _set_channel(made.channels[NUMBER[name]], robot, name, spec, tuning)
+        _set_channel(made.channels[NUMBER[name]], robot, name, spec)
     _set_gates(made, robot, specs, tuning)
-    _set_encoders(made.encoders, robot, specs, tuning)
+    _set_encoders(made.encoders, robot, specs)
     _set_comparisons(made, specs, tuning)
     return made
 
@@ -83,19 +95,19 @@ def _set_nothing(c: ctypes.Structure, number: int) -> None:
     c.taken = c.used_at = math.nan
 
 
-def _set_channel(c: ctypes.Structure, robot: Robot, name: str, spec: SensorSpec, tuning: HealthTuning) -> None:
+def _set_channel(c: ctypes.Structure, robot: Robot, name: str, spec: SensorSpec) -> None:
     c.present, c.size = True, math.prod(sizes_of(robot)[name])
-    c.delay, c.period, c.losses = spec.delay, 1.0 / spec.rate, _losses(spec.dropout, tuning.chance)
+    c.delay, c.period, c.losses = spec.delay, 1.0 / spec.rate, _losses(spec.dropout)
     c.rival, c.other_rival = _two(_RIVALS.get(name, ()))
     plain = not name.startswith("joint") or robot.n_joints == len(robot.home)
-    init_repetitions(c.repeats, spec.sigma, size=c.size, each=plain and name not in _WHOLE, chance=tuning.chance)
+    init_repetitions(c.repeats, spec.sigma, size=c.size, each=plain and name not in _WHOLE)
 
 
-def _losses(dropout: float, chance: float) -> float:
+def _losses(dropout: float) -> float:
     """How many readings in a row a sensor that drops some loses by chance."""
     if dropout <= 0.0:
         return 0.0
-    return math.inf if dropout >= 1.0 else math.log(chance) / math.log(dropout)
+    return math.inf if dropout >= 1.0 else math.log(CHANCE) / math.log(dropout)
 
 
 def _two(names: tuple[str, ...]) -> tuple[int, int]:
@@ -106,7 +118,7 @@ def _two(names: tuple[str, ...]) -> tuple[int, int]:
 
 def _set_gates(memory: ctypes.Structure, robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthTuning) -> None:
     """The gate of each channel that has one, by what the robot's limits allow."""
-    allowed = _joint_gates(robot, tuning) | (_vehicle_gates(robot, tuning) if robot.n_vehicle else {})
+    allowed = _joint_gates(robot) | (_vehicle_gates(robot, tuning) if robot.n_vehicle else {})
     for name, spec in specs.items():
         if name not in allowed or (spec.exact and name in _RATES):
             continue
@@ -150,18 +162,18 @@ def _vehicle_gates(robot: Robot, tuning: HealthTuning) -> dict[str, _Allowed]:
     a, alpha = _brisk(robot.limits.acceleration)
     fixes = ("position", "linear_velocity")
     return {
-        "position": _Allowed(0, tuning.position, tuning.position_drift, v + tuning.current, fixes[1:], a),
-        "depth": _Allowed(2, tuning.position, tuning.position_drift, v + tuning.current, fixes, a),
-        "attitude": _Allowed(3, tuning.attitude, tuning.attitude_drift, w, ("angular_velocity",), alpha),
-        "angular_velocity": _Allowed(3, tuning.rate, tuning.rate_drift, alpha, ("attitude",)),
-        "linear_velocity": _Allowed(0, tuning.velocity, tuning.velocity_drift, a, fixes[:1]),
+        "position": _Allowed(0, POSITION, _POSITION_DRIFT, v + tuning.current, fixes[1:], a),
+        "depth": _Allowed(2, POSITION, _POSITION_DRIFT, v + tuning.current, fixes, a),
+        "attitude": _Allowed(3, _ATTITUDE, _ATTITUDE_DRIFT, w, ("angular_velocity",), alpha),
+        "angular_velocity": _Allowed(3, _RATE, _RATE_DRIFT, alpha, ("attitude",)),
+        "linear_velocity": _Allowed(0, _VELOCITY, _VELOCITY_DRIFT, a, fixes[:1]),
     }
 
 
 def _limit_rates(memory: ctypes.Structure, robot: Robot, tuning: HealthTuning) -> None:
     """Bounds that no vehicle of this kind ever reads."""
     v, w = _brisk(robot.limits.velocity)
-    memory.channels[NUMBER["angular_velocity"]].gate.most = 4 * w + tuning.rate
+    memory.channels[NUMBER["angular_velocity"]].gate.most = 4 * w + _RATE
     memory.channels[NUMBER["linear_velocity"]].gate.most = v + tuning.current
 
 
@@ -171,12 +183,12 @@ def _brisk(limits: Array) -> tuple[float, float]:
     return linear, angular
 
 
-def _joint_gates(robot: Robot, tuning: HealthTuning) -> dict[str, _Allowed]:
+def _joint_gates(robot: Robot) -> dict[str, _Allowed]:
     v, a = (_finite(limit[robot.joint_v]) for limit in (robot.limits.velocity, robot.limits.acceleration))
     fastest, quickest = _BRISK * float(v.max(initial=0.0)), _BRISK * float(a.max(initial=0.0))
     return {
-        "joint_positions": _Allowed(robot.joint_q.start, tuning.joints, fastest, fastest, (), quickest),
-        "joint_velocities": _Allowed(robot.joint_v.start, tuning.joint_rate, quickest, quickest, ()),
+        "joint_positions": _Allowed(robot.joint_q.start, _JOINTS, fastest, fastest, (), quickest),
+        "joint_velocities": _Allowed(robot.joint_v.start, _JOINT_RATE, quickest, quickest, ()),
     }
 
 
@@ -184,12 +196,10 @@ def _finite(limits: Array) -> Array:
     return np.minimum(limits, _ANY)
 
 
-def _set_encoders(
-    encoders: ctypes.Structure, robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthTuning
-) -> None:
+def _set_encoders(encoders: ctypes.Structure, robot: Robot, specs: Mapping[str, SensorSpec]) -> None:
     delay = specs["joint_positions"].delay if "joint_positions" in specs else 0.0
     fastest = np.minimum(robot.limits.velocity[robot.joint_v], _FASTEST)
-    encoders.allowed[: robot.n_joints] = (tuning.encoder_travel + delay * fastest).tolist()
+    encoders.allowed[: robot.n_joints] = (_ENCODER_TRAVEL + delay * fastest).tolist()
     encoders.n = robot.n_joints if robot.n_joints == len(robot.home) == len(robot.joint_names) else 0
 
 

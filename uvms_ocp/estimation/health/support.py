@@ -10,8 +10,7 @@ from typing import Annotated, NamedTuple
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of
 from uvms_ocp.estimation.estimator import PassThrough
 from uvms_ocp.estimation.filter_memory import N_CHANNELS, NUMBER, ChannelIndex
-from uvms_ocp.estimation.health.channel_state import HealthMemory
-from uvms_ocp.estimation.health.tuning import HealthTuning
+from uvms_ocp.estimation.health.channel_state import LEAST_TO_SUSPECT, HealthMemory
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import SensorSpecs, Trust
 
@@ -54,7 +53,7 @@ class EstimateSupport(Layout):
     """The altitude is known."""
 
 
-def fallback_sensors(tuning: HealthTuning, *, gyro_from_attitude: bool) -> dict[str, FallbackSensor]:
+def fallback_sensors(*, gyro_from_attitude: bool) -> dict[str, FallbackSensor]:
     """Return the fallback of each channel, by the channel that is missing.
 
     Depth is replaced by the z of position and joint velocities by the change of joint positions, always: nobody needs them.
@@ -65,7 +64,7 @@ def fallback_sensors(tuning: HealthTuning, *, gyro_from_attitude: bool) -> dict[
     return gyro | {
         "position": FallbackSensor("linear_velocity", math.inf),
         "linear_velocity": FallbackSensor("position", math.inf),
-        "attitude": FallbackSensor("angular_velocity", tuning.max_gyro_only),
+        "attitude": FallbackSensor("angular_velocity", 10.0),  # by then 0.01 rad at a drift of 1e-3 rad/s
     }
 
 
@@ -126,7 +125,7 @@ def _supported_until(m: HealthMemory, s: EstimateSupport, number: int) -> float:
 def update_echo(m: HealthMemory, s: EstimateSupport) -> None:
     """Update whether the altitude is supported: estimators predict it while the altimeter is suspect; a raw echo ages at once."""
     c = m.channels[ChannelIndex.ALTIMETER_RANGE]
-    old = s.exact and m.t - c.taken > m.rules.least_to_suspect
+    old = s.exact and m.t - c.taken > LEAST_TO_SUSPECT
     s.echo = not c.present or (not old and c.trust != Trust.LOST)
 
 
