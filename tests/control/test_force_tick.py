@@ -12,20 +12,18 @@ from compiler import needs_compiler
 
 from uvms_ocp.checks import replace_unchecked
 from uvms_ocp.codegen import compile_function
-from uvms_ocp.codegen.kernel_layout import column_view, view
+from uvms_ocp.codegen.kernel_layout import arrays_of, column_view, view
 from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, ResidualFilter, ThrusterEffectiveness
 from uvms_ocp.control.force.allocation import thruster_lag
 from uvms_ocp.control.force.observer import ObserverLaw
 from uvms_ocp.control.force.tick import ForceTick
 from uvms_ocp.control.force.tick_functions import (
-    DesiredForce,
     ForceLaws,
     ForceOutputs,
     ForceState,
     MonitorStep,
     control_function,
     observe_function,
-    views_of,
 )
 from uvms_ocp.control.force.velocity_law import VelocityLaw
 from uvms_ocp.errors import InvalidInput
@@ -153,7 +151,7 @@ def test_a_velocity_that_is_not_to_be_trusted_is_not_fed_back_and_changes_no_dis
 def test_joints_that_are_not_to_be_trusted_leave_the_vehicle_as_it_is() -> None:
     (tick, q, v), n = busy(), laws().robot.n_vehicle
     ticked(tick, q, v, Command(v=2.0 * v), joints=False)
-    error = views_of(DesiredForce, laws().sizes, tick.memory.desired).error
+    error = arrays_of(tick.memory.desired).error
     np.testing.assert_array_equal(error[:n], v[:n])
     np.testing.assert_array_equal(error[n:], 0.0)
 

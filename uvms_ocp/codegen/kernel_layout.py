@@ -6,7 +6,8 @@ import ctypes
 from collections.abc import Callable, Iterator, Mapping, MutableSequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Any, TypeAlias, get_args, get_origin, get_type_hints
+from types import SimpleNamespace
+from typing import Annotated, Any, TypeAlias, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import casadi as ca
 import numpy as np
@@ -66,7 +67,7 @@ def work_sizes(function: ca.Function) -> tuple[int, int, int, int]:
     return tuple(max(1, size) for size in (function.sz_arg(), function.sz_res(), function.sz_iw(), function.sz_w()))
 
 
-def connect(memory: ctypes.Structure) -> bool:
+def connect(memory: Layout) -> bool:
     """Give the functions in `memory` the addresses of their machine code; false where one of them cannot be compiled."""
     done = True
     for part in functions_in(memory):
@@ -93,7 +94,7 @@ def _buffered(function: ca.Function) -> BufferedFunction:
     return BufferedFunction(function)
 
 
-def column_view(layout: ctypes.Structure) -> np.ndarray:
+def column_view(layout: Any) -> np.ndarray:
     """A layout of nothing but arrays of numbers as one array of them (n,) [any] on the same memory."""
     n = ctypes.sizeof(layout) // ctypes.sizeof(ctypes.c_double)
     return np.ctypeslib.as_array((ctypes.c_double * n).from_buffer(layout))
@@ -182,17 +183,20 @@ class Layout:
     """
 
 
+Memory = TypeVar("Memory", bound=Layout)
 _NUMBERS: dict[Any, Any] = {float: ctypes.c_double, int: ctypes.c_int, bool: ctypes.c_int}
 
 
-def structure_of(layout: type[Layout], **sizes: int | ca.Function | type[ctypes.Structure]) -> type[ctypes.Structure]:
+def structure_of(layout: type[Memory], **sizes: int | ca.Function | type[Layout]) -> type[Memory]:
     """The type of a layout in memory, with the sizes that its arrays and those of its parts are declared with, and functions.
+
+    It is a structure of ctypes with the fields of the layout, and typed as the layout itself.
 
     A part whose type is made already is given by its name. Raises `InvalidInput` for a size or function that is not given, and
     a field of another type.
     """
     key: Any = layout
-    return _structure(key, tuple(sorted(sizes.items())))
+    return cast(type[Memory], _structure(key, tuple(sorted(sizes.items()))))
 
 
 @lru_cache(maxsize=256)
@@ -200,7 +204,16 @@ def _structure(layout: Any, sizes: tuple[tuple[str, Any], ...]) -> type[ctypes.S
     known = dict(sizes)
     hints = get_type_hints(layout, include_extras=True)
     fields = [(name, _field(f"{layout.__name__}.{name}", hint, known)) for name, hint in hints.items()]
-    return type(layout.__name__, (ctypes.Structure,), {"__slots__": (), "_fields_": fields, "__doc__": layout.__doc__})
+    arrays = {name: lengths for name, hint in hints.items() if (lengths := _lengths(hint, known))}
+    body = {"__slots__": (), "_fields_": fields, "__doc__": layout.__doc__, "_arrays_": arrays}
+    return type(layout.__name__, (ctypes.Structure,), body)
+
+
+def _lengths(hint: Any, sizes: Mapping[str, Any]) -> tuple[int, ...]:
+    """The sizes of an array of numbers, which may be 0; nothing for any other field."""
+    if _item(hint) not in _NUMBERS:
+        return ()
+    return tuple(sizes[size] if isinstance(size, str) else size for size in get_args(hint)[1].sizes)
 
 
 def _field(name: str, hint: Any, sizes: Mapping[str, Any]) -> Any:
@@ -241,6 +254,24 @@ def _item(hint: Any) -> Any:
     while get_origin(item) is not None:
         item = get_args(item)[0]
     return float if item is Any else item
+
+
+def assign(memory: Layout, **values: Any) -> None:
+    """Set numbers in a memory by their names, and arrays from their first entry on; of one number, all entries."""
+    for name, value in values.items():
+        field = getattr(memory, name)
+        if isinstance(field, ctypes.Array):
+            given = np.asarray(value)
+            view(field)[tuple(map(slice, given.shape))] = given
+        else:
+            setattr(memory, name, value)
+
+
+def arrays_of(memory: Layout) -> Any:
+    """The arrays of numbers in a memory: under their names, on the same memory, of the sizes that they were declared with."""
+    sizes: dict[str, tuple[int, ...]] = getattr(memory, "_arrays_")  # noqa: B009
+    arrays = {name: view(getattr(memory, name))[tuple(map(slice, shape))] for name, shape in sizes.items()}
+    return SimpleNamespace(**arrays)
 
 
 def declared_sizes(layout: type[Layout], sizes: Mapping[str, int]) -> dict[str, int]:

@@ -255,7 +255,7 @@ class CProgram:
     """Code of the functions, after the types."""
 
 
-def c_program(kernels: Sequence[Callable[..., Any]], structures: Iterable[type[ctypes.Structure]]) -> CProgram:
+def c_program(kernels: Sequence[Callable[..., Any]], structures: Iterable[type[Any]]) -> CProgram:
     """The `kernels`, under their names behind ``k_``, and what they call.
 
     structures: those that their parameters are annotated with, as `structure_of` makes them. Raises `InvalidInput` for a

@@ -26,13 +26,13 @@ import casadi as ca
 
 from uvms_ocp.codegen.compile import MATH, compile_library, loaded_library
 from uvms_ocp.codegen.kernel_expressions import PREFIX, c_name
-from uvms_ocp.codegen.kernel_layout import FunctionStructure, Layout, connect, functions_in
+from uvms_ocp.codegen.kernel_layout import FunctionStructure, Layout, Memory, connect, functions_in
 from uvms_ocp.codegen.kernel_program import c_program, structure_signature
 
 # A memory as C text: what initialises another one like it.
 
 
-def initial_value(memory: ctypes.Structure) -> str:
+def initial_value(memory: Layout) -> str:
     """A constant expression of C99, with its functions under their own names; what is zero is left out."""
     return _text(memory) or "{0}"
 
@@ -79,7 +79,7 @@ _PLAIN: dict[Any, Any] = {float: ctypes.c_double, int: ctypes.c_int, bool: ctype
 
 
 def bind_kernels(
-    kernels: Sequence[Callable[..., Any]], structures: Iterable[type[ctypes.Structure]], *, compiled: bool = True
+    kernels: Sequence[Callable[..., Any]], structures: Iterable[type[Layout]], *, compiled: bool = True
 ) -> tuple[Callable[..., Any], ...]:
     """The `kernels`, in C unless `compiled` is false or there is no compiler; themselves otherwise.
 
@@ -90,8 +90,8 @@ def bind_kernels(
 
 
 def make_memory(
-    structure: type[ctypes.Structure], kernels: Sequence[Callable[..., Any]], *, compiled: bool = True
-) -> tuple[ctypes.Structure, tuple[Callable[..., Any], ...]]:
+    structure: type[Memory], kernels: Sequence[Callable[..., Any]], *, compiled: bool = True
+) -> tuple[Memory, tuple[Callable[..., Any], ...]]:
     """A new memory whose functions are at their places, and the `kernels` that work on it, as `bind_kernels` gives them.
 
     Where one of its functions cannot be compiled the kernels stay in Python.
@@ -101,16 +101,14 @@ def make_memory(
 
 
 def bind_memory(
-    memory: ctypes.Structure, kernels: Sequence[Callable[..., Any]], *, compiled: bool = True
+    memory: Layout, kernels: Sequence[Callable[..., Any]], *, compiled: bool = True
 ) -> tuple[Callable[..., Any], ...]:
     """The `kernels` for a memory, as `make_memory` gives them, once its functions are at their places."""
     return bind_kernels(kernels, (type(memory),), compiled=compiled and connect(memory))
 
 
 @lru_cache(maxsize=64)
-def _bound(
-    kernels: tuple[Callable[..., Any], ...], structures: tuple[type[ctypes.Structure], ...]
-) -> tuple[Callable[..., Any], ...]:
+def _bound(kernels: tuple[Callable[..., Any], ...], structures: tuple[Any, ...]) -> tuple[Callable[..., Any], ...]:
     path = _compiled(kernels, _Shapes(structures))
     if path is None:
         return kernels
@@ -122,7 +120,7 @@ def _bound(
 class _Shapes:
     """Structures that are equal where C sees no difference between them: functions of one name and size are exchangeable."""
 
-    def __init__(self, structures: tuple[type[ctypes.Structure], ...]) -> None:
+    def __init__(self, structures: tuple[Any, ...]) -> None:
         self.structures, self._shapes = structures, tuple(map(structure_signature, structures))
 
     def __hash__(self) -> int:
@@ -173,9 +171,7 @@ class CLibrary:
     """Function that initialises memory; after types and declarations."""
 
 
-def c_library(
-    kernels: Sequence[Callable[..., Any]], memory: ctypes.Structure, others: Sequence[type[ctypes.Structure]] = ()
-) -> CLibrary:
+def c_library(kernels: Sequence[Callable[..., Any]], memory: Layout, others: Sequence[type[Layout]] = ()) -> CLibrary:
     """The `kernels`, which work on a `memory` such as this and on `others`. Raises `InvalidInput`, as `c_program`."""
     program = c_program(kernels, (type(memory), *others))
     functions = dict.fromkeys(part.function for part in functions_in(memory))

@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Annotated, Any
+from typing import Annotated
 
-from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, assign, structure_of
 from uvms_ocp.robot.signals import ChannelHealth, Readings, Trust
 
 ALTIMETER, ENCODERS = "altimeter_range", "joint_positions"
@@ -229,23 +229,24 @@ def _apply(r: RestrictionMemory, k: int, t: float, altitude_matters: bool) -> No
                 r.at_fault[c] = True
 
 
-def write_modes(memory: Any) -> None:
+def write_modes(memory: RestrictionMemory) -> None:
     """Write `DEGRADED_MODES` into a `RestrictionMemory`."""
-    for k, mode in enumerate(DEGRADED_MODES):
-        for c, channel in enumerate(CHANNELS):
-            memory.needs[k][c] = channel in mode.without
-        memory.trust[k], memory.of_altitude[k] = mode.trust, mode.without == {ALTIMETER}
-        memory.mode_speed[k], memory.mode_feedback[k], memory.max_duration[k] = (
-            mode.speed,
-            mode.feedback,
-            mode.max_duration,
-        )
-        memory.mode_joint_feedback[k] = mode.joint_feedback
-        memory.flags[k][:] = mode.no_descent, mode.joints_held, mode.hold, mode.blind, mode.can_ascend
+    modes = DEGRADED_MODES
+    assign(
+        memory,
+        needs=[[channel in mode.without for channel in CHANNELS] for mode in modes],
+        trust=[mode.trust for mode in modes],
+        of_altitude=[mode.without == {ALTIMETER} for mode in modes],
+        mode_speed=[mode.speed for mode in modes],
+        mode_feedback=[mode.feedback for mode in modes],
+        mode_joint_feedback=[mode.joint_feedback for mode in modes],
+        max_duration=[mode.max_duration for mode in modes],
+        flags=[(mode.no_descent, mode.joints_held, mode.hold, mode.blind, mode.can_ascend) for mode in modes],
+    )
     memory.speed, memory.feedback, memory.joint_feedback, memory.can_ascend = 1.0, 1.0, 1.0, True
 
 
-def write_channels(memory: Any, bad: Sequence[ChannelHealth]) -> None:
+def write_channels(memory: RestrictionMemory, bad: Sequence[ChannelHealth]) -> None:
     """Write the trust of all channels into a `RestrictionMemory`; those not in `bad` are good."""
     found = {item.channel: item for item in bad}
     for c, channel in enumerate(CHANNELS):
@@ -254,7 +255,7 @@ def write_channels(memory: Any, bad: Sequence[ChannelHealth]) -> None:
         memory.since[c] = 0.0 if item is None else item.since
 
 
-def read_restriction(memory: Any, bad: Sequence[ChannelHealth]) -> Restriction:
+def read_restriction(memory: RestrictionMemory, bad: Sequence[ChannelHealth]) -> Restriction:
     """Read the restriction that `restrict` has found."""
     if not bad:
         return FREE
@@ -278,7 +279,7 @@ def restriction_for(health: Sequence[ChannelHealth], t: float, *, altitude_matte
 
     altitude_matters: some task on altitude is on. Without, a mission goes on without altimeter.
     """
-    memory: Any = structure_of(RestrictionMemory)()
+    memory = structure_of(RestrictionMemory)()
     write_modes(memory)
     bad = degraded_channels(health)
     write_channels(memory, bad)

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked
-from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, doubles, structure_of, view
+from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, assign, doubles, structure_of
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.kinematics import STEEP
 from uvms_ocp.robot.robot import Robot
@@ -185,17 +185,15 @@ class LastValidEstimate:
 
     __slots__ = ("_last", "_shapes", "memory")
 
-    def __init__(self, robot: Robot, memory: Any = None) -> None:
+    def __init__(self, robot: Robot, memory: LastValidMemory | None = None) -> None:
         """memory: a `LastValidMemory` of the caller's, who asks the kernel."""
-        self.memory: Any = structure_of(LastValidMemory, n_q=robot.n_q, n_v=robot.n_v)() if memory is None else memory
-        """The `LastValidMemory`."""
+        self.memory = structure_of(LastValidMemory, n_q=robot.n_q, n_v=robot.n_v)() if memory is None else memory
         self._last = StateEstimate(q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=np.nan)
         self._shapes = self._last.q.shape, self._last.v.shape
-        view(self.memory.q)[:], self.memory.since = self._last.q, -math.inf
         units = _units(robot)
-        self.memory.n_units = len(units)
-        for k, ends in enumerate(units):
-            self.memory.unit[k][:] = ends
+        assign(self.memory, q=self._last.q, since=-math.inf, n_units=len(units))
+        if units:
+            assign(self.memory, unit=units)
 
     def __call__(self, measurement: StateEstimate, t: float) -> StateEstimate:
         """T [s]: time of the tick. Raises `InvalidInput` for a q or v of another robot's size."""
@@ -305,13 +303,12 @@ class LastFloorRange:
 
     __slots__ = ("memory",)
 
-    def __init__(self, robot: Robot, frame: str | None, memory: Any = None) -> None:
+    def __init__(self, robot: Robot, frame: str | None, memory: AltimeterMemory | None = None) -> None:
         """frame: that of the altimeter; `None` or one that the robot does not have: no altitude is ever known.
 
         memory: an `AltimeterMemory` of the caller's, of the `echo_sizes` of the frame.
         """
-        self.memory: Any = structure_of(AltimeterMemory, **echo_sizes(robot, frame))() if memory is None else memory
-        """The `AltimeterMemory`."""
+        self.memory = structure_of(AltimeterMemory, **echo_sizes(robot, frame))() if memory is None else memory
         self.memory.exists = frame is not None and robot.has_frame(frame)
         self.memory.floor = self.memory.highest = math.nan
 

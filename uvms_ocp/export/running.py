@@ -47,7 +47,7 @@ class CController:
         return command_in(self._outputs, forces=self._forces)
 
 
-def interface_types(sizes: dict[str, int]) -> tuple[type[ctypes.Structure], type[ctypes.Structure]]:
+def interface_types(sizes: dict[str, int]) -> tuple[type[ControllerInputs], type[ControllerOutputs]]:
     """Return the structures of inputs and outputs for n_q, n_v, n_joints, n_thrusters and n_quantities."""
     return structure_of(ControllerInputs, **sizes), structure_of(ControllerOutputs, **sizes)
 
@@ -76,8 +76,8 @@ class RecordingController:
         self,
         controller: Callable[[StateEstimate, float], Command],
         kinematic: KinematicController,
-        inputs: ctypes.Structure,
-        outputs: ctypes.Structure,
+        inputs: ControllerInputs,
+        outputs: ControllerOutputs,
     ) -> None:
         """inputs, outputs: structures through which the numbers go."""
         self.kinematic = kinematic

@@ -8,7 +8,6 @@ a variable, `[b]` that of the rows. Inputs are trusted: finite, lower <= upper, 
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Callable
 from functools import lru_cache
@@ -393,6 +392,6 @@ def bounded_least_squares(
 
 
 @lru_cache(maxsize=16)
-def _bound(m: int, n: int, compiled: bool) -> tuple[type[ctypes.Structure], Callable[..., Any]]:
+def _bound(m: int, n: int, compiled: bool) -> tuple[type[BoundedProblem], Callable[..., Any]]:
     problem, inner = structure_of(BoundedProblem, m=m, n=n), structure_of(Rows, m=m, n=n)
     return problem, bind_kernels((solve_bounded,), (inner, problem), compiled=compiled)[0]

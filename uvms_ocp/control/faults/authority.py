@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of, view
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, assign, structure_of, view
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness, effective_thrust
 from uvms_ocp.solvers.linear_program import LinearProgram, program_sizes, solve_program, value_of
@@ -152,7 +152,7 @@ class Authority:
         return np.min(self.reach / np.maximum(self.sound, np.finfo(float).tiny), axis=1)
 
 
-def authority_in(memory: Any) -> Authority:
+def authority_in(memory: AuthorityMemory) -> Authority:
     """Read the authority in an `AuthorityMemory`."""
     return Authority(
         reach=view(memory.reach).copy(),
@@ -165,12 +165,6 @@ def authority_in(memory: Any) -> Authority:
 def authority_sizes(n: int) -> dict[str, int]:
     """Return the sizes of an `AuthorityMemory` of n thrusters."""
     return {"n_thrusters": n, **program_sizes(6, n + 7)}
-
-
-def write_authority(memory: Any, matrix: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
-    """Matrix (6, n) [N/N, N m/N]; lower, upper (n,) [N] limits of what may be asked."""
-    view(memory.matrix)[:, : len(lower)] = matrix
-    view(memory.lower)[: len(lower)], view(memory.upper)[: len(lower)] = lower, upper
 
 
 def authority_of(
@@ -187,9 +181,8 @@ def authority_of(
     balances on its own, within the tilt that is allowed.
     """
     structure, effects, judge = _bound(len(lower))
-    memory: Any = structure()
-    write_authority(memory, matrix, lower, upper)
-    memory.trim[:], memory.righting[:] = trim.tolist(), righting.tolist()
+    memory = structure()
+    assign(memory, matrix=matrix, lower=lower, upper=upper, trim=trim, righting=righting)
     judge(memory, effects(tuple(effectiveness.share), tuple(effectiveness.constant)))
     return authority_in(memory)
 

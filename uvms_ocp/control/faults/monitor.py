@@ -8,15 +8,17 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.kernel_layout import view
-from uvms_ocp.control.faults.authority import Authority, authority_in, authority_sizes, write_authority
-from uvms_ocp.control.faults.thrusters import EARLY, LATE
+from uvms_ocp.codegen.kernel_layout import assign
+from uvms_ocp.control.faults.authority import Authority, authority_in, authority_sizes
+from uvms_ocp.control.faults.detection import FaultDetection, JointFaultMemory
+from uvms_ocp.control.faults.thrusters import EARLY, LATE, ThrusterFaultMemory
 from uvms_ocp.control.faults.verdicts import (
     ActuatorHealth,
     ActuatorHealthTuning,
     FaultKind,
     JointVerdict,
     ResidualFilter,
+    ThrusterEffectiveness,
     ThrusterVerdict,
     faulty_joints,
     faulty_thrusters,
@@ -55,7 +57,7 @@ def window_capacity(tuning: ActuatorHealthTuning, period: float) -> int:
 
 
 def write_detection(
-    memory: Any,
+    memory: FaultDetection,
     robot: Robot,
     tuning: ActuatorHealthTuning,
     residual_filter: ResidualFilter,
@@ -66,8 +68,8 @@ def write_detection(
     """Initialise a `FaultDetection`; bandwidth [rad/s] of the observer; dt [s] of a tick."""
     matrix, limits = thruster_matrix(robot), thrust_limits(robot)
     memory.dt, memory.n_vehicle, memory.thruster = dt, robot.n_vehicle, -1
-    view(memory.effectiveness.share)[:] = 1.0
-    write_authority(memory.authority, matrix, *limits)
+    assign(memory.effectiveness, share=1.0)
+    assign(memory.authority, matrix=matrix, lower=limits[0], upper=limits[1])
     write_thruster_watch(
         memory.thrusters, matrix, *limits, tuning=tuning, bandwidth=bandwidth, period=residual_filter.every * dt
     )
@@ -75,7 +77,7 @@ def write_detection(
 
 
 def write_thruster_watch(
-    watch: Any,
+    watch: ThrusterFaultMemory,
     matrix: np.ndarray,
     lower: np.ndarray,
     upper: np.ndarray,
@@ -88,26 +90,30 @@ def write_thruster_watch(
 
     matrix (6, n) [N/N, N m/N]; lower, upper (n,) [N] limits; bandwidth [rad/s] of the residual; period [s] of samples.
     """
-    n, watch.suspect, watch.last, watch.settling = len(lower), -1, -1, tuning.settling
-    view(watch.lower)[:n], view(watch.upper)[:n] = lower, upper
-    view(watch.since)[:] = math.nan
+    assign(watch, suspect=-1, last=-1, settling=tuning.settling, lower=lower, upper=upper, since=math.nan)
     watch.fault_fit.bandwidth = bandwidth
     reach = np.abs(matrix) @ np.maximum(upper, -lower)
     scale = np.maximum(np.repeat([_FORCE_SCALE, _MOMENT_SCALE], 3) * reach, 1e-6 * reach.max(initial=1.0))
-    window, directions = watch.window, matrix / scale[:, None]
-    view(window.directions)[:, :n], view(window.square)[:n] = directions, np.sum(directions**2, axis=0)
-    view(window.scale)[:], window.length = scale, _window_length(tuning, period)
-    window.least_explained, window.least_lead = tuning.explained, tuning.lead
+    directions = matrix / scale[:, None]
+    assign(
+        watch.window,
+        directions=directions,
+        square=np.sum(directions**2, axis=0),
+        scale=scale,
+        length=_window_length(tuning, period),
+        least_explained=tuning.explained,
+        least_lead=tuning.lead,
+    )
 
 
-def write_joint_watch(watch: Any, effort: np.ndarray) -> None:
+def write_joint_watch(watch: JointFaultMemory, effort: np.ndarray) -> None:
     """Initialise a `JointWatch` of sound joints; effort (n_joints,) [N m or N] limits."""
-    watch.count = len(effort)
-    view(watch.effort)[: len(effort)] = effort
-    view(watch.since)[:] = math.inf
+    assign(watch, count=len(effort), effort=effort, since=math.inf)
 
 
-def thruster_verdicts(watch: Any, effectiveness: Any, n: int) -> list[ThrusterVerdict]:
+def thruster_verdicts(
+    watch: ThrusterFaultMemory, effectiveness: ThrusterEffectiveness, n: int
+) -> list[ThrusterVerdict]:
     """Return the verdict of a `ThrusterWatch` on each of n thrusters; effectiveness: in memory."""
     return [
         ThrusterVerdict(
@@ -122,7 +128,7 @@ def thruster_verdicts(watch: Any, effectiveness: Any, n: int) -> list[ThrusterVe
     ]
 
 
-def joint_verdicts(watch: Any) -> list[JointVerdict]:
+def joint_verdicts(watch: JointFaultMemory) -> list[JointVerdict]:
     """Return the verdict of a `JointWatch` on each joint."""
     sound = JointVerdict()
     return [
@@ -153,7 +159,7 @@ def _joint_way_function(robot: Robot, symbolic: SymbolicDynamics) -> ca.Function
 class ActuatorMonitor:
     """Report the verdicts of a `FaultDetection`, and log alarms."""
 
-    def __init__(self, robot: Robot, memory: Any, alarms: list[tuple[float, str]]) -> None:
+    def __init__(self, robot: Robot, memory: FaultDetection, alarms: list[tuple[float, str]]) -> None:
         """memory: the `FaultDetection`; alarms: time [s] and text of each, appended to."""
         self._robot, self._memory, self.alarms = robot, memory, alarms
         self.thrusters: list[ThrusterVerdict] = []

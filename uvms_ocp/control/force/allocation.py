@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from uvms_ocp.codegen.elementwise import Array, clipped, where
-from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, assign, structure_of
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness
 from uvms_ocp.control.force.minimum_power import (
@@ -187,28 +187,23 @@ class Allocation:
     """Effectiveness; a thruster that follows no command is left out. `None`: all are sound."""
     compiled: bool = field(default=True, repr=False)
     """It is worth a compiler: not for a few wrenches."""
-    memory: Any = field(init=False, repr=False)
-    """A `AllocationMemory`"""
-    _share_out: Callable[[Any], int] = field(init=False, repr=False)
+    memory: AllocationMemory = field(init=False, repr=False)
+    _allocate: Callable[[AllocationMemory], int] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         self._check()
         structure = structure_of(AllocationMemory, **allocation_sizes(len(self.lower)))
-        take, share = bind_kernels((apply_effectiveness, allocate_thrust), (structure,), compiled=self.compiled)
+        apply, allocate = bind_kernels((apply_effectiveness, allocate_thrust), (structure,), compiled=self.compiled)
         object.__setattr__(self, "memory", structure())
-        object.__setattr__(self, "_share_out", share)
+        object.__setattr__(self, "_allocate", allocate)
         self.write(self.memory)
-        take(self.memory)
+        apply(self.memory)
 
-    def write(self, memory: Any) -> None:
+    def write(self, memory: AllocationMemory) -> None:
         """Write this allocation into an `AllocationMemory` with the `allocation_sizes` of its thrusters."""
         n, effectiveness = len(self.lower), self.effectiveness or ThrusterEffectiveness.sound(len(self.lower))
-        memory.count, memory.wrench_weight[:] = n, self.wrench_weight.tolist()
-        for k in range(6):
-            memory.matrix[k][:n] = self.matrix[k].tolist()
-        for name in ("lower", "upper", "power_factor", "power_exponent", "dead_zone"):
-            getattr(memory, name)[:n] = getattr(self, name).tolist()
-        memory.share[:n], memory.constant[:n] = effectiveness.share.tolist(), effectiveness.constant.tolist()
+        assign(memory, count=n, share=effectiveness.share, constant=effectiveness.constant)
+        assign(memory, **{name: getattr(self, name) for name in _SHAPES})
 
     def allocate(self, wrench: ArrayLike) -> AllocationResult:
         """Thrust for a wrench (6,) [N, N m] about the origin of B, in B.
@@ -217,7 +212,7 @@ class Allocation:
         """
         w, memory = _six(wrench), self.memory
         memory.wrench[:] = w.tolist()
-        if not self._share_out(memory):
+        if not self._allocate(memory):
             raise InvalidInput(f"wrench {w} given; allowed: six finite numbers below {LARGEST_WRENCH:g} [N, N m]")
         found = (np.array(memory.thrust[: memory.count]), np.array(memory.reached), np.array(memory.unreachable))
         return AllocationResult(*found, bool(memory.saturated))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, column_view, structure_of
+from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, arrays_of, column_view, structure_of
 from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.control.faults.detection import FaultDetection, detect_faults, pause_detection
 from uvms_ocp.control.faults.monitor import detection_sizes, write_detection
@@ -33,7 +33,6 @@ from uvms_ocp.control.force.tick_functions import (
     command_function,
     control_function,
     observe_function,
-    views_of,
 )
 from uvms_ocp.control.force.velocity_law import BandwidthDerating
 from uvms_ocp.errors import InvalidInput
@@ -192,18 +191,18 @@ class ForceTick:
     def __init__(self, laws: ForceLaws, derating: BandwidthDerating | None = None, *, compiled: bool = True) -> None:
         """derating: for the dead time of the sensors. compiled: in C where there is a compiler."""
         structure = structure_of(ForceMemory, **_sizes(laws))
-        self.memory: Any
-        """A `ForceMemory`"""
+        self.memory: ForceMemory
+        """Of the kernel."""
         self.memory, (begin, self._step, self._adapt) = make_memory(
             structure, (begin_force, force_step, apply_detected_effectiveness), compiled=compiled
         )
-        self.inputs: ForceInputs = views_of(ForceInputs, laws.sizes, self.memory.inputs)
+        self.inputs: ForceInputs = arrays_of(self.memory.inputs)
         """Inputs of the next tick."""
         parts = {name: getattr(self.memory.inputs, name) for name in ForceInputs.__dataclass_fields__}
         self._flags = ForceInputs(**parts)  # of ctypes, which take single numbers sooner than NumPy
-        self.observed: ForceState = views_of(ForceState, laws.sizes, self.memory.observed)
+        self.observed: ForceState = arrays_of(self.memory.observed)
         """State of the last tick after its observer."""
-        self.state: ForceState = views_of(ForceState, laws.sizes, self.memory.state)
+        self.state: ForceState = arrays_of(self.memory.state)
         """State that the next tick starts from."""
         self._outputs = column_view(self.memory.outputs)
         self._places = tuple(column_places(ForceOutputs, laws.sizes).values())
@@ -250,11 +249,8 @@ class ForceTick:
 
     def _write(self, laws: ForceLaws, derating: BandwidthDerating) -> None:
         memory, robot = self.memory, laws.robot
-        memory.bandwidth_share, memory.joint_bandwidth_share, memory.joints_late = (
-            derating.vehicle,
-            derating.joints,
-            derating.joints_late,
-        )
+        memory.bandwidth_share, memory.joint_bandwidth_share = derating.vehicle, derating.joints
+        memory.joints_late = derating.joints_late
         allocation_of(robot).write(memory.allocation)
         memory.detection.n_vehicle, memory.detection.joints.count = robot.n_vehicle, robot.n_joints
         if laws.search is not None and laws.residual_filter is not None and laws.observer is not None:

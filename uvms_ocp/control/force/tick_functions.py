@@ -16,7 +16,7 @@ from typing import Annotated, Any, TypeVar
 import casadi as ca
 
 from uvms_ocp.codegen.elementwise import Array
-from uvms_ocp.codegen.kernel_layout import Layout, Sized, declared_sizes, view
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, declared_sizes
 from uvms_ocp.control.faults.verdicts import (
     ActuatorHealthTuning,
     FilteredCommands,
@@ -172,12 +172,6 @@ def size_of(parts: type[Layout], sizes: Mapping[str, int]) -> int:
 def parts_of(parts: type[Parts], sizes: Mapping[str, int], column: Array) -> Parts:
     """Split a column (n,) of expressions into its parts."""
     return parts(**{name: column[place] for name, place in column_places(parts, sizes).items()})
-
-
-def views_of(parts: type[Parts], sizes: Mapping[str, int], memory: Any) -> Parts:
-    """Return NumPy views of the parts of a column in memory."""
-    declared = declared_sizes(parts, sizes).items()
-    return parts(**{name: view(getattr(memory, name))[:size] for name, size in declared})
 
 
 def column_of(parts: Any) -> ca.SX:

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, structure_of
+from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, assign, structure_of
 from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.estimation.degraded_modes import describe_channels
 from uvms_ocp.mission.mission import Mission, write_mission
@@ -72,7 +72,7 @@ def ascent_sizes(robot: Robot, mission: Mission) -> dict[str, ca.Function]:
     return {"pose": ca.Function("climb_frame", [q], outputs, {"cse": True})}
 
 
-def ascent_goal(memory: Any) -> pin.SE3:
+def ascent_goal(memory: AscentMemory) -> pin.SE3:
     """The goal that `aim` has left in a `AscentMemory`."""
     goal = np.array(memory.goal)
     return pin.SE3(goal[3:].reshape(3, 3, order="F"), goal[:3])
@@ -279,16 +279,13 @@ class AbortMonitor:
         pending = self._mission.pending(tick.mission, quantities)
         return f"stall: {pending}, no nearer for {abort.stall_after:g} s{_held_back(tick.restriction.bad)}"
 
-    def _write(self, memory: Any) -> None:
+    def _write(self, memory: AbortMemory) -> None:
         abort = self._mission.abort
-        memory.aborts, memory.began = abort is not None, -math.inf
+        high = [isinstance(task, MinimumAltitude) for task in self._mission.hierarchy.tasks]
+        assign(memory, aborts=abort is not None, began=-math.inf, high=high)
         memory.contact_since = memory.thrust_since = memory.stall_since = math.nan
-        for i, task in enumerate(self._mission.hierarchy.tasks):
-            memory.high[i] = isinstance(task, MinimumAltitude)
-        if abort is not None:
-            memory.time_limit, memory.stall_after = abort.time_limit, abort.stall_after
-            memory.thrust_after = abort.thrust_after
-            memory.contact, memory.contact_after = abort.contact, abort.contact_after
+        for name in ("time_limit", "stall_after", "thrust_after", "contact", "contact_after") if abort else ():
+            setattr(memory, name, getattr(abort, name))
 
 
 def _held_back(bad: Sequence[ChannelHealth]) -> str:

@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked, unchecked_constructor
+from uvms_ocp.codegen.kernel_layout import arrays_of
 from uvms_ocp.codegen.kernels import bind_memory
 from uvms_ocp.control.velocity.abort import AbortMonitor, AbortReason, ActuationFeedback, ascent_goal
 from uvms_ocp.control.velocity.goals import (
@@ -35,7 +36,7 @@ from uvms_ocp.control.velocity.tick import (
     prepare_tick,
     velocity_controller,
 )
-from uvms_ocp.control.velocity.tick_memory import altimeter_of, arrays_of, inputs_of, tick_memory
+from uvms_ocp.control.velocity.tick_memory import altimeter_of, inputs_of, tick_memory
 from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.control.velocity.viability import (
     ViabilitySetup,
@@ -167,7 +168,7 @@ class KinematicController(TableDisplay):
         self._whole = velocity_controller(memory, self.problem, solver)
         self.memory = memory = memory if self._whole is None else self._whole.tick
         """All that a tick knows, a `TickMemory`."""
-        self._arrays = arrays_of(memory, self.problem)
+        self._arrays = arrays_of(memory)
         self._parameters = MissionParameters(mission, memory.goals, tracks, dt)
         self._measuring = DistanceProvider(memory.nearest, asking, robot)
         self._before, self._take = bind_memory(memory, (prepare_tick, commit_velocity))
@@ -271,7 +272,7 @@ class KinematicController(TableDisplay):
 
     def _finish_by(self, solver: HierarchySolver) -> Callable[[], Solved]:
         tick = solver.bind(self.problem.function, self.problem.sizes)
-        inputs = inputs_of(self.memory, self._arrays, self.problem)
+        inputs = inputs_of(self._arrays, arrays_of(self.memory.goals))
         solve = tick.adopt(*inputs) if isinstance(tick, InPlaceTick) else partial(tick, *inputs)
         (finish,) = bind_memory(self.memory, (finish_tick,))
         return finish_by(solve, partial(finish, self.memory), self._arrays, self.memory)

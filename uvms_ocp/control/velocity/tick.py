@@ -16,7 +16,7 @@ from uvms_ocp.control.velocity.braking import begin_stop, limit_speed, step_stop
 from uvms_ocp.control.velocity.distances import measure_pairs, place_along_stop
 from uvms_ocp.control.velocity.goals import load_goals
 from uvms_ocp.control.velocity.levels import LevelsProblem
-from uvms_ocp.control.velocity.tick_memory import TickArrays, TickMemory
+from uvms_ocp.control.velocity.tick_memory import TickMemory
 from uvms_ocp.control.velocity.viability import enforce_viability, may_reach_limit
 from uvms_ocp.estimation.degraded_modes import restrict
 from uvms_ocp.estimation.fallbacks import Freshness, echo_range, freshness_of, hold_last_valid, point_altimeter
@@ -285,7 +285,7 @@ def solve_and_finish(c: VelocityController) -> int:
     return status
 
 
-def velocity_controller(tick: Any, problem: LevelsProblem, solver: Any) -> Any:
+def velocity_controller(tick: TickMemory, problem: LevelsProblem, solver: Any) -> VelocityController | None:
     """A `VelocityController` whose tick is a copy of this one; `None` for a solver that has no machine code."""
     levels, rows = dense(problem.function), problem.sizes
     core = solver.core(levels.size2_out(0), rows) if isinstance(solver, LexicographicActiveSet) else None
@@ -294,7 +294,7 @@ def velocity_controller(tick: Any, problem: LevelsProblem, solver: Any) -> Any:
     sizes = {"n_rows": sum(rows), "n_entries": levels.numel_out(0), "n_statuses": len(Status)}
     activity = levels.numel_out(levels.n_out() - 1)
     kind = structure_of(VelocityController, tick=type(tick), levels=levels, solver=core, n_activity=activity, **sizes)
-    memory: Any = kind()
+    memory = kind()
     memory.tick = tick
     memory.usable[:] = [status.usable for status in Status]
     return memory
@@ -307,7 +307,7 @@ Solved = tuple[int, np.ndarray, np.ndarray, float]
 _STATUS_CODE = {status: code for code, status in enumerate(Status)}
 
 
-def finish_in_c(whole: Any) -> Callable[[], Solved]:
+def finish_in_c(whole: VelocityController) -> Callable[[], Solved]:
     """On a `VelocityController`."""
     (run,) = bind_memory(whole, (solve_and_finish,))
     residual, activity = view(whole.residual), view(whole.activity)
@@ -321,7 +321,7 @@ def finish_in_c(whole: Any) -> Callable[[], Solved]:
 
 
 def finish_by(
-    solve: Callable[[], TickResult], after: Callable[[], None], arrays: TickArrays, memory: Any
+    solve: Callable[[], TickResult], after: Callable[[], None], arrays: Any, memory: TickMemory
 ) -> Callable[[], Solved]:
     """Solve the hierarchy by a solver that Python calls, on the arrays of a `TickMemory`."""
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
 
-from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of, view
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, assign, structure_of
 from uvms_ocp.control.velocity.abort import AbortMemory, AscentMemory, ascent_sizes
 from uvms_ocp.control.velocity.braking import SpeedLimitMemory
 from uvms_ocp.control.velocity.distances import NearestMemory
@@ -145,42 +144,9 @@ class TickMemory(Layout):
     """Pace of that velocity."""
 
 
-# The memory of a tick in Python: made once, with what never changes, and seen as arrays.
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class TickArrays:
-    """Arrays of a `TickMemory`, on the same memory, and what they are there."""
-
-    q: np.ndarray
-    """(n_q,) [m, rad]"""
-    v: np.ndarray
-    """(n_v,) [m/s, rad/s]"""
-    gates: np.ndarray
-    """(n_tasks,) """
-    echo: np.ndarray
-    """(1,) [m]"""
-    previous: np.ndarray
-    """(n_v,) [m/s, rad/s]"""
-    change: np.ndarray
-    """(n_v,) [m/s, rad/s]"""
-    solved: np.ndarray
-    """(n_v,) [m/s, rad/s]"""
-    quantities: np.ndarray
-    """(n_quantities,) [their units]"""
-    reported: np.ndarray
-    """(n_quantities,) [their units]"""
-    phase_quantities: np.ndarray
-    """(n_quantities,) [their units]"""
-    last_phase_quantities: np.ndarray
-    """(n_quantities,) [their units]"""
-    command: np.ndarray
-    """(n_v,) [m/s, rad/s]"""
-
-
 def tick_memory(
     robot: Robot, mission: Mission, problem: LevelsProblem, watchdog: Watchdog, sizes: Mapping[str, Any]
-) -> Any:
+) -> TickMemory:
     """A `TickMemory` at rest, before the first measurement; what tells of distress, echoes, limits and goals is not in it yet.
 
     sizes: as `viability_sizes` and `track_sizes` tell them.
@@ -198,46 +164,32 @@ def tick_memory(
     }
     memory = structure_of(TickMemory, **known)()
     write_mission(memory.mission, mission, names)
-    memory.ascent.altitude = math.nan if mission.abort is None else mission.abort.altitude
-    memory.hold_after, memory.stop_after = watchdog.hold_after, watchdog.stop_after
-    memory.pace, memory.near = 1.0, True
-    view(memory.place)[:] = robot.configuration()
     write_modes(memory.restriction)
-    view(memory.last_phase_quantities)[:] = math.nan
-    view(memory.velocity_limit)[:] = robot.limits.velocity
-    _write_speed_limit(memory.speed_limit, robot, problem.step)
-    memory.altimeter = [*problem.rests_on].index(ALTIMETER)
-    for k, (channel, rests) in enumerate(problem.rests_on.items()):
-        memory.channel[k] = CHANNELS.index(channel)
-        view(memory.rests_on)[k, : len(names)] = rests
-    for i, task in enumerate(tasks):
-        memory.reads_altitude[i], memory.rest_altitude[i] = task.needs_altimeter, task.rest_altitude
-        memory.lands[i] = task.needs_altimeter and task.equality
+    memory.ascent.altitude = math.nan if mission.abort is None else mission.abort.altitude
+    is_joint = np.arange(robot.n_v) >= robot.n_vehicle
+    assign(memory.speed_limit, step=problem.step, is_joint=is_joint, has_vehicle=bool(robot.n_vehicle))
+    assign(
+        memory,
+        hold_after=watchdog.hold_after,
+        stop_after=watchdog.stop_after,
+        pace=1.0,
+        near=True,
+        place=robot.configuration(),
+        last_phase_quantities=math.nan,
+        velocity_limit=robot.limits.velocity,
+        altimeter=[*problem.rests_on].index(ALTIMETER),
+        channel=[CHANNELS.index(channel) for channel in problem.rests_on],
+        rests_on=[*problem.rests_on.values()],
+        reads_altitude=[task.needs_altimeter for task in tasks],
+        rest_altitude=[task.rest_altitude for task in tasks],
+        lands=[task.needs_altimeter and task.equality for task in tasks],
+    )
     return memory
 
 
-def arrays_of(memory: Any, problem: LevelsProblem) -> TickArrays:
-    """The arrays of a `TickMemory`, which has room for one of each where there is none."""
-    n_tasks, n_quantities = problem.function.size1_in("gates"), len(problem.quantity_names)
-    sizes = {
-        "gates": n_tasks,
-        **dict.fromkeys(("quantities", "reported", "phase_quantities", "last_phase_quantities"), n_quantities),
-    }
-    names = TickArrays.__dataclass_fields__
-    return TickArrays(**{name: view(getattr(memory, name))[: sizes.get(name)] for name in names})
-
-
-def inputs_of(memory: Any, arrays: TickArrays, problem: LevelsProblem) -> tuple[np.ndarray, ...]:
-    """Inputs of the levels function, in its order."""
-    parameters = view(memory.goals.values)[: problem.function.size1_in("parameters")]
-    return (arrays.q, arrays.v, arrays.previous, arrays.change, arrays.echo, parameters, arrays.gates)
-
-
-def _write_speed_limit(memory: Any, robot: Robot, step: np.ndarray) -> None:
-    view(memory.step)[:] = step
-    memory.has_vehicle = bool(robot.n_vehicle)
-    for i in range(robot.n_v):
-        memory.is_joint[i] = i >= robot.n_vehicle
+def inputs_of(tick: Any, goals: Any) -> tuple[np.ndarray, ...]:
+    """Inputs of the levels function, in its order; tick, goals: `arrays_of` a `TickMemory` and of its goals."""
+    return (tick.q, tick.v, tick.previous, tick.change, tick.echo, goals.values, tick.gates)
 
 
 def altimeter_of(robot: Robot, tasks: Sequence[Task]) -> str | None:

@@ -8,7 +8,6 @@ seen before is kept beside a new one, and accepted again after a few echoes.
 
 from __future__ import annotations
 
-import ctypes
 import math
 from typing import Annotated
 
@@ -193,7 +192,7 @@ class FloorMemory(Layout):
     returned: int
 
 
-def init_floor(memory: ctypes.Structure, sigma: float, tuning: HealthTuning) -> None:
+def init_floor(memory: FloorMemory, sigma: float, tuning: HealthTuning) -> None:
     """Prepare a `FloorMemory`; sigma [m]: noise of the altimeter."""
     memory.base, memory.slope, memory.relief = POSITION + _SIGMAS * sigma, tuning.slope, tuning.relief
 

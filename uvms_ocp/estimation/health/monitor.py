@@ -50,7 +50,7 @@ class ChannelBuffer:
 
     __slots__ = ("_scalar", "_shape", "_texts", "_value", "memory", "seen", "used")
 
-    def __init__(self, memory: ctypes.Structure, shape: tuple[int, ...], texts: ReasonTexts) -> None:
+    def __init__(self, memory: ChannelMemory, shape: tuple[int, ...], texts: ReasonTexts) -> None:
         """memory: a `ChannelMemory`. shape: of a right value."""
         self.memory, self._shape, self._texts = memory, shape, texts
         self._scalar = shape == ()
@@ -299,8 +299,8 @@ class HealthMonitor:
     def screen_and_finish(
         self,
         readings: Readings,
-        support: ctypes.Structure,
-        repeated: ctypes.Structure,
+        support: EstimateSupport,
+        repeated: PassThroughMemory,
         t: float,
         command: Command | None = None,
     ) -> tuple[Array, Array, float]:
@@ -363,7 +363,7 @@ class HealthMonitor:
 
     @checked_on_failure
     def finish(
-        self, measurement: StateEstimate, support: ctypes.Structure, outcomes: ctypes.Array[ctypes.c_double], t: float
+        self, measurement: StateEstimate, support: EstimateSupport, outcomes: ctypes.Array[ctypes.c_double], t: float
     ) -> tuple[ChannelHealth, ...]:
         """Judge all channels after the filter's gates, and find the age of what supports the estimate.
 

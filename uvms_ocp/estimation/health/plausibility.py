@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 from typing import Annotated
 
@@ -168,7 +167,7 @@ class RepetitionMemory(Layout):
     """(n_width,) repetitions of each."""
 
 
-def init_repetitions(memory: ctypes.Structure, sigma: float, *, size: int, each: bool) -> None:
+def init_repetitions(memory: RepetitionMemory, sigma: float, *, size: int, each: bool) -> None:
     """Prepare a `RepetitionMemory`: noise sigma [unit of the channel] of size components."""
     memory.noise, memory.each, memory.chance = _SHARE * sigma, each, math.log(CHANCE)
     memory.size, memory.finest = size, math.inf

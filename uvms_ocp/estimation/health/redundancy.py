@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 from typing import Annotated
 
@@ -150,7 +149,7 @@ class DepthAgainstPosition(Layout):
 
 
 def init_comparisons(
-    velocity: ctypes.Structure, rate: ctypes.Structure, depth: ctypes.Structure, noise: dict[str, float]
+    velocity: VelocityAgainstPosition, rate: RateAgainstAttitude, depth: DepthAgainstPosition, noise: dict[str, float]
 ) -> None:
     """Prepare all three; noise [unit of the channel] of position, attitude and depth."""
     fix = noise["position"]

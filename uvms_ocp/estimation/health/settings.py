@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -11,9 +10,9 @@ import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import structure_of
 from uvms_ocp.estimation.filter_memory import N_CHANNELS, NUMBER
-from uvms_ocp.estimation.health.channel_state import N_ESTIMATES, TOO_LATE, HealthMemory
+from uvms_ocp.estimation.health.channel_state import N_ESTIMATES, TOO_LATE, ChannelMemory, HealthMemory
 from uvms_ocp.estimation.health.floor import POSITION, init_floor
-from uvms_ocp.estimation.health.plausibility import CHANCE, init_repetitions
+from uvms_ocp.estimation.health.plausibility import CHANCE, EncoderMemory, init_repetitions
 from uvms_ocp.estimation.health.redundancy import init_comparisons
 from uvms_ocp.estimation.health.tuning import HealthTuning
 from uvms_ocp.robot.robot import Robot
@@ -50,7 +49,7 @@ _RIVALS = {
 """Channels that may be why the estimate does not agree with one."""
 
 
-def health_memory(robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthTuning) -> ctypes.Structure:
+def health_memory(robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthTuning) -> HealthMemory:
     """A `HealthMemory`; specs: of every channel that the robot has."""
     made = structure_of(
         HealthMemory,
@@ -89,13 +88,13 @@ def sizes_of(robot: Robot) -> dict[str, tuple[int, ...]]:
     }
 
 
-def _set_nothing(c: ctypes.Structure, number: int) -> None:
+def _set_nothing(c: ChannelMemory, number: int) -> None:
     c.number, c.rival, c.other_rival, c.gate.by, c.gate.or_by = number, -1, -1, -1, -1
     c.used = c.refused_at = c.impossible_at = c.bad_at = c.excluded_until = c.compared_at = -math.inf
     c.taken = c.used_at = math.nan
 
 
-def _set_channel(c: ctypes.Structure, robot: Robot, name: str, spec: SensorSpec) -> None:
+def _set_channel(c: ChannelMemory, robot: Robot, name: str, spec: SensorSpec) -> None:
     c.present, c.size = True, math.prod(sizes_of(robot)[name])
     c.delay, c.period, c.losses = spec.delay, 1.0 / spec.rate, _losses(spec.dropout)
     c.rival, c.other_rival = _two(_RIVALS.get(name, ()))
@@ -116,7 +115,7 @@ def _two(names: tuple[str, ...]) -> tuple[int, int]:
     return first, second
 
 
-def _set_gates(memory: ctypes.Structure, robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthTuning) -> None:
+def _set_gates(memory: HealthMemory, robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthTuning) -> None:
     """The gate of each channel that has one, by what the robot's limits allow."""
     allowed = _joint_gates(robot) | (_vehicle_gates(robot, tuning) if robot.n_vehicle else {})
     for name, spec in specs.items():
@@ -170,7 +169,7 @@ def _vehicle_gates(robot: Robot, tuning: HealthTuning) -> dict[str, _Allowed]:
     }
 
 
-def _limit_rates(memory: ctypes.Structure, robot: Robot, tuning: HealthTuning) -> None:
+def _limit_rates(memory: HealthMemory, robot: Robot, tuning: HealthTuning) -> None:
     """Bounds that no vehicle of this kind ever reads."""
     v, w = _brisk(robot.limits.velocity)
     memory.channels[NUMBER["angular_velocity"]].gate.most = 4 * w + _RATE
@@ -196,14 +195,14 @@ def _finite(limits: Array) -> Array:
     return np.minimum(limits, _ANY)
 
 
-def _set_encoders(encoders: ctypes.Structure, robot: Robot, specs: Mapping[str, SensorSpec]) -> None:
+def _set_encoders(encoders: EncoderMemory, robot: Robot, specs: Mapping[str, SensorSpec]) -> None:
     delay = specs["joint_positions"].delay if "joint_positions" in specs else 0.0
     fastest = np.minimum(robot.limits.velocity[robot.joint_v], _FASTEST)
     encoders.allowed[: robot.n_joints] = (_ENCODER_TRAVEL + delay * fastest).tolist()
     encoders.n = robot.n_joints if robot.n_joints == len(robot.home) == len(robot.joint_names) else 0
 
 
-def _set_comparisons(memory: ctypes.Structure, specs: Mapping[str, SensorSpec], tuning: HealthTuning) -> None:
+def _set_comparisons(memory: HealthMemory, specs: Mapping[str, SensorSpec], tuning: HealthTuning) -> None:
     noise = {
         name: spec.sigma + max(map(abs, spec.biases)) if (spec := specs.get(name)) else 0.0
         for name in ("position", "attitude", "depth")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Mapping
 from typing import Annotated, NamedTuple
@@ -79,7 +78,7 @@ def supporting_channels(robot: Robot, specs: SensorSpecs, *, rates: bool) -> tup
 
 def support_of(
     needed: tuple[str, ...], fallback: Mapping[str, FallbackSensor], *, exact: bool, gating: bool
-) -> ctypes.Structure:
+) -> EstimateSupport:
     """Make the `EstimateSupport` of an estimator that takes readings for the truth (exact), or has gates (gating)."""
     made = structure_of(EstimateSupport)()
     made.exact, made.gating, made.n = exact, gating, len(needed)
@@ -140,7 +139,7 @@ class PassThroughMemory(Layout):
     """(n,) """
 
 
-def pass_through_memory(estimator: PassThrough) -> ctypes.Structure:
+def pass_through_memory(estimator: PassThrough) -> PassThroughMemory:
     """Make the `PassThroughMemory` of an estimator."""
     made, n = structure_of(PassThroughMemory)(), len(estimator.q_channels)
     made.n = n
