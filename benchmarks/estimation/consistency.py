@@ -145,7 +145,7 @@ def _errors(run: Watched, due: dict[str, float], *, final: bool) -> Iterator[tup
     for name in wanted:
         due[name] = run.t + APART.get(name, np.inf)
     error = error_of(run)
-    P, joints = run.estimator.memory.covariance, run.estimator.memory.joint_P
+    P, joints = run.estimator.covariance, run.estimator.memory.joint_P
     for name in wanted:
         if name in _PARTS:
             part = slice(_PARTS[name], _PARTS[name] + 3)
@@ -165,7 +165,7 @@ def error_of(run: Watched) -> Array:
     biases = [truth.biases[name] for name in ("angular_velocity", "linear_velocity", "specific_force")]
     x = np.concatenate([truth.place.ravel(), truth.spin.ravel(), *biases, [truth.floor.z]])
     error = np.zeros(MAIN)
-    error[:3], error[3:] = pin.log3(R.T @ truth.R), x - memory.x
+    error[:3], error[3:] = pin.log3(R.T @ truth.R), x - memory.x[3:]
     return error
 
 

@@ -200,7 +200,7 @@ class Twins:
 
     def are_finite(self, told: list[StateEstimate]) -> bool:
         numbers = [part for m in told for part in (m.q, m.v, m.std, m.altimeter_range)]
-        numbers += [part for e in self.both for part in (e.memory.x, e.memory.covariance)]
+        numbers += [part for e in self.both for part in (e.memory.x, e.covariance)]
         return all(np.isfinite(part).all() for part in numbers)
 
 

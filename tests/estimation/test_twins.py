@@ -1,4 +1,4 @@
-"""The filter in C and its NumPy twin: the same numbers, whatever is read and however late."""
+"""The filter in C and in Python: the same numbers, whatever is read and however late."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from compiler import needs_compiler
 from estimation.consistency import DELAYS, SPECS, late
 
 from uvms_ocp.checks import unchecked_constructor
-from uvms_ocp.estimation import kalman_filter as core
 from uvms_ocp.estimation.estimator import Estimator
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -54,41 +53,21 @@ class Babble:
         return None if self.rng.random() < 0.1 else Command(v=0.1 * self.rng.standard_normal(self.robot.n_v))
 
 
-@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("name", ["girona_maris7", "planar5"])
 @pytest.mark.parametrize("specs", [SensorSpecs(), SPECS, late(SPECS, DELAYS), EVERYTHING_LATE], ids=range(4))
-def test_c_and_numpy_give_the_same_numbers(name: str, specs: SensorSpecs) -> None:
+def test_in_c_and_in_python_the_numbers_are_the_same(name: str, specs: SensorSpecs) -> None:
     robot = load_robot(name)
     compiled, plain = Estimator(robot, specs), Estimator(robot, specs, compiled=False)
     babble, t = Babble(robot, specs, seed=len(name)), 0.0
-    for _ in range(1500):
+    for _ in range(300):
         t += float(babble.rng.choice([0.0, 0.005, 0.01, 0.02]))
         readings, command = babble.readings(t), babble.command()
         a, b = compiled(readings, t, command), plain(readings, t, command)
-        for part in ("q", "v", "std", "age"):
-            np.testing.assert_allclose(getattr(a, part), getattr(b, part), rtol=1e-9, atol=1e-9, err_msg=part)
-        # A beam that hardly looks down multiplies what rounding has done to the attitude.
-        np.testing.assert_allclose(a.altimeter_range, b.altimeter_range, rtol=1e-7)
-    np.testing.assert_allclose(compiled.memory.outcome, plain.memory.outcome, rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(compiled.memory.covariance, plain.memory.covariance, rtol=1e-9, atol=1e-9)
-
-
-@needs_compiler
-def test_without_a_compiler_the_filter_is_that_of_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot, tick, ticked = load_robot("girona_maris7"), core.numpy_tick, []
-    compiled = Estimator(robot)
-    monkeypatch.setattr(core, "_core", lambda n_joints: None)
-    monkeypatch.setattr(core, "numpy_tick", lambda memory: (ticked.append(memory), tick(memory)))
-    plain, babble = Estimator(robot), Babble(robot, SensorSpecs(), seed=0)
-    for k in range(100):
-        readings, command = babble.readings(0.01 * k), babble.command()
-        a, b = compiled(readings, 0.01 * k, command), plain(readings, 0.01 * k, command)
         for part in ("q", "v", "std", "age", "altimeter_range"):
-            np.testing.assert_allclose(getattr(a, part), getattr(b, part), rtol=1e-7, atol=1e-9, err_msg=part)
-    assert len(ticked) == 100
-    assert all(memory is plain.memory for memory in ticked)
-    assert np.isfinite(b.age)
+            np.testing.assert_array_equal(getattr(a, part), getattr(b, part), err_msg=part)
+    np.testing.assert_array_equal(compiled.memory.outcome, plain.memory.outcome)
+    np.testing.assert_array_equal(compiled.covariance, plain.covariance)
 
 
 @pytest.mark.parametrize("specs", [SensorSpecs(), IDEAL_SENSORS, late(SPECS, DELAYS)], ids=["default", "ideal", "late"])
@@ -114,7 +93,7 @@ def test_covariances_stay_symmetric_and_positive(specs: SensorSpecs) -> None:
                 readings[name] = reading(value=values[name], t=taken * dt)
         estimator(all_readings(**readings), k * dt)
     m = estimator.memory
-    n = len(m.covariance) + 3 * (int(np.flatnonzero(m.owner >= 0).max(initial=-1)) + 1)
+    n = len(estimator.covariance) + 3 * (int(np.flatnonzero(m.owner >= 0).max(initial=-1)) + 1)
     upper = np.triu(m.P[:n, :n])
     held = np.concatenate([np.ones(28, dtype=bool), np.repeat(m.owner[: (n - 28) // 3] >= 0, 3)])
     held &= np.diag(upper) > 0.0  # channels with one row have two of zeros
@@ -124,4 +103,4 @@ def test_covariances_stay_symmetric_and_positive(specs: SensorSpecs) -> None:
     for joint in m.joint_P:
         np.testing.assert_allclose(joint, joint.T, atol=1e-12)
         assert np.linalg.eigvalsh(joint[:2, :2]).min() > 0.0
-    assert np.linalg.eigvalsh(m.covariance * scale[:28, None] * scale[:28]).min() > 0.0
+    assert np.linalg.eigvalsh(estimator.covariance * scale[:28, None] * scale[:28]).min() > 0.0

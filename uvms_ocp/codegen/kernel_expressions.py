@@ -88,6 +88,8 @@ _WHOLE: dict[type, str] = {ast.FloorDiv: "/", ast.Mod: "%"}
 _ORDER: dict[type, str] = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
 _OF_NUMBERS = {
     math.sqrt: "sqrt",
+    math.floor: "floor",
+    math.ceil: "ceil",
     math.sin: "sin",
     math.cos: "cos",
     math.exp: "exp",

@@ -139,7 +139,7 @@ class CallbackStructure(function_structure(_NOTHING)):  # type: ignore[misc]
 class CallbackBinding:
     """The Python function that answers a question in a memory, for as long as this lives."""
 
-    def __init__(self, question: CallbackStructure, function: Callable[[], None]) -> None:
+    def __init__(self, question: Any, function: Callable[[], None]) -> None:
         self._function = function
         self._error: BaseException | None = None
         self._called = _CALL(self._call)
@@ -184,6 +184,9 @@ class Layout:
 
 
 Memory = TypeVar("Memory", bound=Layout)
+Kernel = TypeVar("Kernel", bound=Callable[..., Any])
+WIDE: set[Callable[..., Any]] = set()
+"""Kernels that are marked by `wide`."""
 _NUMBERS: dict[Any, Any] = {float: ctypes.c_double, int: ctypes.c_int, bool: ctypes.c_int}
 
 
@@ -283,6 +286,12 @@ def declared_sizes(layout: type[Layout], sizes: Mapping[str, int]) -> dict[str, 
 def zeros(n: int) -> list[float]:
     """A local array of a kernel: n numbers, which is a constant, or the `len` of an array in a layout."""
     return [0.0] * n
+
+
+def wide(kernel: Kernel) -> Kernel:
+    """Mark a kernel for wider registers where the processor has them: for long loops. The numbers are the same."""
+    WIDE.add(kernel)
+    return kernel
 
 
 def doubles(values: np.ndarray) -> Any:

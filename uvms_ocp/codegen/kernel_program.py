@@ -33,7 +33,7 @@ from uvms_ocp.codegen.kernel_expressions import (
     number,
     of_ctypes,
 )
-from uvms_ocp.codegen.kernel_layout import FunctionStructure, Layout, Vector, work_sizes, zeros
+from uvms_ocp.codegen.kernel_layout import WIDE, FunctionStructure, Layout, Vector, work_sizes, zeros
 from uvms_ocp.errors import InvalidInput
 
 # Statements of kernels, from Python to C.
@@ -242,6 +242,12 @@ static inline double greater_of(double x, double y) { return y > x ? y : x; }
 static inline int lesser_of_int(int x, int y) { return y < x ? y : x; }
 static inline int greater_of_int(int x, int y) { return y > x ? y : x; }
 """
+_WIDE = """#if defined(__x86_64__) && defined(__linux__) && defined(__GNUC__) && !defined(__clang__)
+#define WIDE __attribute__((target_clones("avx2", "default")))
+#else
+#define WIDE
+#endif
+"""
 _PLAIN = {float: DOUBLE, int: INT, bool: INT, Vector: VECTOR, type(None): NOTHING}
 
 
@@ -267,8 +273,11 @@ def c_program(kernels: Sequence[Callable[..., Any]], structures: Iterable[type[A
     while program.waiting:
         program.translate(program.waiting.pop(0))
     heads = {k: f"{'' if k in kernels else 'static '}{_head(signature)}" for k, signature in program.signatures.items()}
-    bodies = [f"{head} {{\n{program.bodies[kernel]}}}\n" for kernel, head in heads.items()]
-    code = "\n".join([_HEAD, *(f"{head};" for head in heads.values()), "", *bodies])
+    wide = WIDE.intersection(heads)
+    bodies = [
+        f"{'WIDE ' if kernel in wide else ''}{head} {{\n{program.bodies[kernel]}}}\n" for kernel, head in heads.items()
+    ]
+    code = "\n".join([_HEAD, *([_WIDE] if wide else []), *(f"{head};" for head in heads.values()), "", *bodies])
     return CProgram(types="\n".join(program.declared), code=code)
 
 
@@ -388,7 +397,7 @@ def _variable(name: str, kind: CType, *, own: bool) -> str:
 @lru_cache(maxsize=1024)
 def _syntax(kernel: Callable[..., Any]) -> ast.FunctionDef:
     found = ast.parse(textwrap.dedent(inspect.getsource(kernel))).body[0]
-    if not isinstance(found, ast.FunctionDef) or found.decorator_list:
-        raise InvalidInput(f"{kernel.__name__} is no plain function; kernels have no decorators")
+    if not isinstance(found, ast.FunctionDef) or len(found.decorator_list) > (kernel in WIDE):
+        raise InvalidInput(f"{kernel.__name__} is no plain function; kernels have no decorators but `wide`")
     ast.increment_lineno(found, kernel.__code__.co_firstlineno - 1)
     return found

@@ -11,9 +11,10 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
+from uvms_ocp.codegen.kernel_layout import arrays_of
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.estimation.channels import JOINT_CHANNELS, AltimeterMount, age_of, needed_channels, oldest_of
-from uvms_ocp.estimation.filter_memory import N_VEHICLE, NUMBER, ChannelIndex, FilterMemory
+from uvms_ocp.estimation.filter_memory import MAIN, N_VEHICLE, NUMBER, ChannelIndex, Part, filter_memory
 from uvms_ocp.estimation.filter_tuning import RESPONSE_TIME, EstimatorTuning, initialise
 from uvms_ocp.estimation.kalman_filter import bound_tick
 from uvms_ocp.estimation.vehicle_model import inflate_velocity_variance
@@ -52,7 +53,7 @@ class JointChart:
 
     __slots__ = ("_memory", "_origin", "_plain", "_robot")
 
-    def __init__(self, robot: Robot, memory: FilterMemory) -> None:
+    def __init__(self, robot: Robot, memory: Any) -> None:
         self._robot, self._memory, self._origin = robot, memory, pin.neutral(robot.model)
         self._plain = all(joint.n_q == joint.n_v for joint in robot.joints)
 
@@ -118,15 +119,17 @@ class Estimator(TableDisplay):
         altimeter_frame = altimeter_frame or robot.description.altimeter
         frame = None if specs.altimeter_range is None or not robot.n_vehicle else altimeter_frame
         self._n_vehicle = robot.n_vehicle
-        self.memory = memory = initialise(FilterMemory(robot.n_joints), robot, specs, tuning)
-        """All numbers of the filter, for who studies it."""
+        self._filter = filter_memory(robot.n_joints)
+        initialise(self._filter, robot, specs, tuning)
+        self.memory = memory = arrays_of(self._filter)
+        """All numbers of the filter, for who studies it: the arrays of a `FilterMemory`."""
         for name in needed_channels(robot, specs, altimeter_frame):
             memory.needed[NUMBER[name]] = 1.0
         self._has_range = frame is not None
         self._beam = None if frame is None else AltimeterMount(robot, frame, memory)
         self._chart = JointChart(robot, memory)
         self._joints = self._chart.configuration()
-        self.advance = bound_tick(memory, compiled=compiled)
+        self.advance = bound_tick(self._filter, compiled=compiled)
         """The filter alone: from the inputs in `memory` to its outputs."""
         self._seen: dict[str, Reading | None] = dict.fromkeys(CHANNELS)
         self._refused: frozenset[str] = frozenset()
@@ -142,7 +145,7 @@ class Estimator(TableDisplay):
         dt = self._elapsed(t)
         if command is not None:
             self._follow(command, dt)
-        self.memory.has_command[0] = command is not None
+        self._filter.has_command = command is not None
         self._take_in(readings)
         if self._beam is not None:
             self._beam.place(self._joints)
@@ -191,6 +194,12 @@ class Estimator(TableDisplay):
         inflate_velocity_variance(self.memory, rests=rests)
 
     @property
+    def covariance(self) -> Array:
+        """(MAIN, MAIN) [SI] of the vehicle's errors, in the order of `Part`."""
+        upper = np.triu(self.memory.P[:MAIN, :MAIN])
+        return np.asarray(upper + np.triu(upper, 1).T)
+
+    @property
     def std(self) -> np.ndarray:
         """Standard deviations (n_v,) [m, rad] of the estimated q: position in W, attitude in B, joints."""
         return self.memory.std[6 - self._n_vehicle :].copy()
@@ -201,7 +210,7 @@ class Estimator(TableDisplay):
         dt = 0.0 if self._t is None else t - self._t
         if dt < 0:
             raise InvalidInput(f"estimator called at t = {t} s after t = {self._t} s; give increasing times")
-        self._t = self.memory.now[0] = t
+        self._t = self._filter.now = t
         return dt
 
     def _follow(self, command: Command, dt: float) -> None:
@@ -225,7 +234,10 @@ class Estimator(TableDisplay):
         memory, v = self.memory, self.memory.joint_x[:, 1]
         q = self._joints = self._chart.configuration()
         if self._n_vehicle:
-            q, v = np.concatenate([memory.x[:3], memory.turn, q]), np.concatenate([memory.twist, v])
+            q, v = (
+                np.concatenate([memory.x[Part.PLACE : Part.SPEED], memory.turn, q]),
+                np.concatenate([memory.twist, v]),
+            )
         echo, echo_std = memory.range.tolist() if self._has_range else (math.nan, math.nan)
         age, joint_age = memory.age.tolist()
         return _measurement(

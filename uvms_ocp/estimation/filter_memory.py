@@ -1,4 +1,4 @@
-"""Memory of the Kalman filter: named parts of one array of numbers, which the core in C and its NumPy twin both work on.
+"""Memory of the Kalman filter, its constants, and the numbers of its channels and states.
 
 The error state of the vehicle has `MAIN` entries, in the order of `Part`: attitude (a rotation vector in B), position, velocity
 and acceleration in W, angular velocity and acceleration in B, the biases of gyro, DVL and accelerometer in B, and the height of
@@ -8,14 +8,11 @@ has not arrived yet, three rows each. Joints are independent of the vehicle and 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
+from typing import Annotated
 
-import numpy as np
-
-from uvms_ocp.robot.kinematics import STEEP
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of
 from uvms_ocp.robot.signals import CHANNELS
-from uvms_ocp.types import Array
 
 
 class ChannelIndex(IntEnum):
@@ -35,12 +32,19 @@ class ChannelIndex(IntEnum):
 NUMBER = {name: ChannelIndex[name.upper()] for name in CHANNELS}
 """Index of each channel, by its name in `Readings`."""
 N_VEHICLE, N_CHANNELS = 7, len(ChannelIndex)
-ROWS = (3, 3, 3, 1, 3, 3, 1, 1, 1)
-"""Entries of one reading of each channel; of one joint."""
 
 
-ORDERS = (2, 1, 2, 2, 1, 0, 2, 2, 1)
-"""How often the acceleration is integrated until it is what the channel reads."""
+def rows_of(c: int) -> int:
+    """Entries of one reading of a channel; of one joint. A kernel, as the next."""
+    return 3 if c <= ChannelIndex.SPECIFIC_FORCE and c != ChannelIndex.DEPTH else 1
+
+
+def orders_of(c: int) -> int:
+    """How often the acceleration is integrated until it is what the channel reads."""
+    if c == ChannelIndex.SPECIFIC_FORCE:
+        return 0
+    velocity = c == ChannelIndex.ANGULAR_VELOCITY or c == ChannelIndex.LINEAR_VELOCITY
+    return 1 if velocity or c == ChannelIndex.JOINT_VELOCITIES else 2
 
 
 class Part(IntEnum):
@@ -80,218 +84,174 @@ class ProcessNoise(IntEnum):
     REPLY = 8
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class FilterConstants:
-    """Constants that C and NumPy share beside the sizes."""
-
-    early: float = 1e-9
-    """[s] by which clocks may differ through rounding."""
-    longest_step: float = 1.0
-    """[s] of a tick over which the motion is carried on; after it the robot is taken to stay."""
-    longest_lag: float = 3.0
-    """[s] of readings that are older no state is remembered."""
-    most_clones: float = 24.0
-    """Largest number of clones of one channel; where more are needed they stand further apart."""
-    spacing: float = 0.01
-    """[s] between two clones at least, for each time that an acceleration is integrated in what they see."""
-    gate_relaxation: float = 4.0
-    """Gate relaxation: variance, in squared innovations, added to the states that rejected readings contradict."""
-    surprise: float = 0.05
-    """[s] for which the robot may have accelerated as it can before the process model notices."""
-    unit: float = 1e-3
-    """Tolerance on the norm of a measured quaternion."""
-    exposed: float = 1.0
-    """[m/s, m/s2] by which the motion may be wrong where its source proves wrong: more than vehicles make."""
-    largest: float = 1e9
-    """[unit of the channel] no sensor reads more: a larger number is none."""
-    unknown: float = 0.25
-    """Share of the largest variance from which on a part counts as unknown."""
-    steep: float = STEEP
-    """Cosine of a beam's tilt below which its range says nothing about the height."""
+EARLY = 1e-9
+"""[s] by which clocks may differ through rounding."""
+LONGEST_STEP = 1.0
+"""[s] of a tick over which the motion is carried on; after it the robot is taken to stay."""
+LONGEST_LAG = 3.0
+"""[s] of readings that are older no state is remembered."""
+GATE_RELAXATION = 4.0
+"""Gate relaxation: variance, in squared innovations, added to the states that rejected readings contradict."""
+EXPOSED = 1.0
+"""[m/s, m/s2] by which the motion may be wrong where its source proves wrong: more than vehicles make."""
+LARGEST = 1e9
+"""[unit of the channel] no sensor reads more: a larger number is none."""
+UNKNOWN = 0.25
+"""Share of the largest variance from which on a part counts as unknown."""
 
 
-CONSTANTS = FilterConstants()
+class PredictedMeasurement(Layout):
+    """Predicted measurement of a channel, now or at the time of a clone."""
+
+    h: Annotated[Vector, Sized(4)]
+    """(4,) [unit of the channel]; of the altimeter altitude and cosine of the tilt."""
+    rate: Annotated[Vector, Sized(3)]
+    """(3,) its rate [per s]."""
+    rate_variance: float
+    """[square of its unit] variance of the rate."""
+    H: Annotated[list[Vector], Sized(3, MAIN)]
+    """(3, MAIN) [SI] slopes."""
+    HP: Annotated[list[Vector], Sized(3, STATES)]
+    """(3, STATES) [SI] covariance with all errors."""
+    S: Annotated[list[Vector], Sized(3, 3)]
+    """(3, 3) [SI] its own."""
+    L: Annotated[list[Vector], Sized(3, 3)]
+    """(3, 3) [SI] lower factor of that and noise."""
 
 
-class FilterMemory:
-    """Named views of one array, `numbers`. Units are those of the channels and of `EstimatorTuning`."""
+class FilterMemory(Layout):
+    """Memory of the filter. Units are those of the channels and of `EstimatorTuning`."""
 
+    n_joints: int
     # Set once.
-    sigma: Array
+    sigma: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [unit of the channel] its noise."""
-    period: Array
+    period: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [s] between its readings, 0 for once per tick."""
-    gate: Array
+    gate: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) chi-square gate: largest squared innovation that is accepted; of one joint for the joints."""
-    agility: Array
+    agility: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [m/s2, rad/s2] largest change of acceleration of what each channel measures."""
-    recovery: Array
+    recovery: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [s] for which rejected readings must agree to be accepted."""
-    needed: Array
+    needed: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) 1 where the age counts."""
-    drive: Array
-    """(9,) [of `EstimatorTuning`, and s^0.5] `Noise`."""
-    limit: Array
+    drive: Annotated[Vector, Sized(len(ProcessNoise))]
+    """(9,) [of `EstimatorTuning`, and s^0.5] `ProcessNoise`."""
+    limit: Annotated[Vector, Sized(MAIN)]
     """(MAIN,) [unit of the error] standard deviation beyond which an entry counts as unknown."""
-    joint_limit: Array
+    joint_limit: Annotated[Vector, Sized(2)]
     """(2,) [rad or m, rad/s or m/s] the same of a joint."""
-    gravity: Array
+    gravity: Annotated[Vector, Sized(3)]
     """(3,) [m/s2] in W."""
-    beam_at: Array
+    beam_at: Annotated[Vector, Sized(3)]
     """(3,) [m] the altimeter in B."""
-    beam_up: Array
+    beam_up: Annotated[Vector, Sized(3)]
     """(3,) its z axis in B."""
-    echo_memory: Array
-    """(1,) [s]"""
-    floating: Array
-    """(1,) 1 where there is a vehicle."""
-    guided: Array
-    """(1,) 1 where commanded linear velocities are taken to be followed."""
+    echo_memory: float
+    """[s]"""
+    floating: bool
+    """There is a vehicle."""
+    guided: bool
+    """Commanded linear velocities are taken to be followed."""
     # Inputs of a tick.
-    now: Array
-    """(1,) [s]"""
-    has_command: Array
-    """(1,) 1 if there is a command."""
-    commanded: Array
+    now: float
+    """[s]"""
+    has_command: bool
+    """There is a command."""
+    commanded: Annotated[Vector, Sized("n_commanded")]
     """(6 + n_joints,) [m/s, rad/s] velocity that the command has brought about."""
-    fresh: Array
+    fresh: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) 1 where there is a reading."""
-    stamp: Array
+    stamp: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [s] when it was taken."""
-    value: Array
+    value: Annotated[list[Vector], Sized(N_VEHICLE, 4)]
     """(7, 4) [unit of the channel] what the vehicle's channels read."""
-    joint_value: Array
+    joint_value: Annotated[list[Vector], Sized(2, "n_joints")]
     """(2, n_joints) [rad or m, rad/s or m/s] what the joints' channels read."""
     # State.
-    started: Array
-    """(1,) """
-    before: Array
-    """(1,) [s] time of the last tick."""
-    dt: Array
-    """(1,) [s]"""
-    turn: Array
+    started: bool
+    before: float
+    """[s] time of the last tick."""
+    dt: float
+    """[s]"""
+    turn: Annotated[Vector, Sized(4)]
     """(4,) quaternion xyzw of R_WB."""
-    x: Array
-    """(MAIN - 3,) [SI] the parts from `PLACE` on."""
-    P: Array
+    x: Annotated[Vector, Sized(MAIN)]
+    """(MAIN,) [SI] the parts by their places; those of `Part.TURN` are 0, as the attitude is in `turn`."""
+    P: Annotated[list[Vector], Sized(STATES, STATES)]
     """(STATES, STATES) [SI] covariance of the errors; only its upper triangle counts."""
-    commanded_W: Array
+    commanded_W: Annotated[Vector, Sized(3)]
     """(3,) [m/s] linear part of the last `commanded`, in W."""
-    commanded_spin: Array
+    commanded_spin: Annotated[Vector, Sized(3)]
     """(3,) [rad/s]"""
-    commanded_rates: Array
+    commanded_rates: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [rad/s or m/s]"""
-    owner: Array
+    owner: Annotated[Vector, Sized(SLOTS)]
     """(SLOTS,) channel of each clone, -1 for none."""
-    taken: Array
+    taken: Annotated[Vector, Sized(SLOTS)]
     """(SLOTS,) [s] its time."""
-    h: Array
+    h: Annotated[list[Vector], Sized(SLOTS, 4)]
     """(SLOTS, 4) [unit of the channel] predicted measurement h(x)."""
-    rate: Array
+    rate: Annotated[list[Vector], Sized(SLOTS, 3)]
     """(SLOTS, 3) how fast that changed [per s]."""
-    rate_variance: Array
+    rate_variance: Annotated[Vector, Sized(SLOTS)]
     """(SLOTS,) [square of its unit] variance of the rate."""
-    last: Array
+    last: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [s] time of the newest reading of each channel."""
-    used: Array
+    used: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [s] time of the newest that was accepted."""
-    lag: Array
+    lag: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [s] largest delay expected."""
-    apart: Array
+    apart: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [s] between two clones of each."""
-    due: Array
+    due: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [s] time of the next clone."""
-    echo: Array
-    """(1,) [s] time of the last echo that was accepted."""
-    since: Array
+    echo: float
+    """[s] time of the last echo that was accepted."""
+    since: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [s] when rejected readings began to agree, nan for none."""
-    refused: Array
+    refused: Annotated[list[Vector], Sized(N_VEHICLE, 3)]
     """(7, 3) [unit of the channel] innovation of the last one."""
-    joint_x: Array
+    joint_x: Annotated[list[Vector], Sized("n_joints", 2)]
     """(n_joints, 2) [rad or m, rad/s or m/s] displacement and velocity."""
-    joint_P: Array
+    joint_P: Annotated[list[list[Vector]], Sized("n_joints", JOINT_STATES, JOINT_STATES)]
     """(n_joints, JOINT_STATES, JOINT_STATES) [SI]"""
-    joint_owner: Array
-    """(JOINT_SLOTS,) """
-    joint_taken: Array
+    joint_owner: Annotated[Vector, Sized(JOINT_SLOTS)]
+    """(JOINT_SLOTS,) as `owner`."""
+    joint_taken: Annotated[Vector, Sized(JOINT_SLOTS)]
     """(JOINT_SLOTS,) [s]"""
-    joint_h: Array
+    joint_h: Annotated[list[Vector], Sized("n_joints", JOINT_SLOTS)]
     """(n_joints, JOINT_SLOTS) [SI]"""
-    joint_rate: Array
+    joint_rate: Annotated[list[Vector], Sized("n_joints", JOINT_SLOTS)]
     """(n_joints, JOINT_SLOTS) [SI]"""
-    joint_rate_variance: Array
+    joint_rate_variance: Annotated[list[Vector], Sized("n_joints", JOINT_SLOTS)]
     """(n_joints, JOINT_SLOTS) [SI]"""
-    joint_since: Array
+    joint_since: Annotated[list[Vector], Sized(2, "n_joints")]
     """(2, n_joints) [s]"""
-    joint_refused: Array
+    joint_refused: Annotated[list[Vector], Sized(2, "n_joints")]
     """(2, n_joints) [rad or m, rad/s or m/s]"""
+    joint_unknown: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) 1 where the fresh reading was the first."""
     # Outputs of a tick.
-    outcome: Array
+    predicted: PredictedMeasurement
+    """Of the channel that was looked at last."""
+    change: Annotated[Vector, Sized(STATES)]
+    """(STATES,) [SI] of the errors, by the last correction."""
+    outcome: Annotated[list[Vector], Sized(N_CHANNELS, 4)]
     """(9, 4) [s, -, -, -] time, squared innovation, degrees of freedom, 1 if accepted; nan before the first."""
-    twist: Array
+    twist: Annotated[Vector, Sized(6)]
     """(6,) [m/s, rad/s] in B."""
-    range: Array
+    range: Annotated[Vector, Sized(2)]
     """(2,) [m] along the altimeter's beam, nan where it is not known, and its standard deviation."""
-    age: Array
+    age: Annotated[Vector, Sized(2)]
     """(2,) [s] of the oldest needed channel, and of the joint positions."""
-    std: Array
+    std: Annotated[Vector, Sized("n_commanded")]
     """(6 + n_joints,) [m, rad] standard deviations of position in W, attitude in B, joints."""
 
-    def __init__(self, n_joints: int) -> None:
-        self.n_joints = n_joints
-        self.places, size = places(n_joints)
-        self.numbers = np.zeros(size)
-        for name, (start, shape) in self.places.items():
-            setattr(self, name, self.numbers[start : start + int(np.prod(shape))].reshape(shape))
 
-    @property
-    def covariance(self) -> Array:
-        """(MAIN, MAIN) of the vehicle's errors."""
-        upper = np.triu(self.P[:MAIN, :MAIN])
-        return upper + np.triu(upper, 1).T
-
-
-def places(n_joints: int) -> tuple[dict[str, tuple[int, tuple[int, ...]]], int]:
-    """Return offset and shape of each part of the memory, by name, and the size of the whole."""
-    found, at = {}, 0
-    for name, shape in shapes(n_joints).items():
-        found[name] = at, shape
-        at += int(np.prod(shape))
-    return found, at
-
-
-def shapes(n_joints: int) -> dict[str, tuple[int, ...]]:
-    """Return the shape of each part of the memory, by name."""
-    n, c = n_joints, N_CHANNELS
-    return {
-        **dict.fromkeys(("sigma", "period", "gate", "agility", "recovery", "needed", "fresh", "stamp"), (c,)),
-        **dict.fromkeys(("last", "used", "lag", "apart", "due", "since"), (c,)),
-        **dict.fromkeys(
-            ("echo_memory", "floating", "guided", "now", "has_command", "started", "before", "dt", "echo"), (1,)
-        ),
-        **dict.fromkeys(("gravity", "beam_at", "beam_up", "commanded_W", "commanded_spin"), (3,)),
-        "drive": (len(ProcessNoise),),
-        "limit": (MAIN,),
-        "joint_limit": (2,),
-        "commanded": (6 + n,),
-        "commanded_rates": (n,),
-        "value": (N_VEHICLE, 4),
-        "refused": (N_VEHICLE, 3),
-        "joint_value": (2, n),
-        "turn": (4,),
-        "x": (MAIN - 3,),
-        "P": (STATES, STATES),
-        **dict.fromkeys(("owner", "taken", "rate_variance"), (SLOTS,)),
-        "h": (SLOTS, 4),
-        "rate": (SLOTS, 3),
-        "joint_x": (n, 2),
-        "joint_P": (n, JOINT_STATES, JOINT_STATES),
-        **dict.fromkeys(("joint_owner", "joint_taken"), (JOINT_SLOTS,)),
-        **dict.fromkeys(("joint_h", "joint_rate", "joint_rate_variance"), (n, JOINT_SLOTS)),
-        **dict.fromkeys(("joint_since", "joint_refused"), (2, n)),
-        "outcome": (c, 4),
-        "twist": (6,),
-        "range": (2,),
-        "age": (2,),
-        "std": (6 + n,),
-    }
+def filter_memory(n_joints: int) -> FilterMemory:
+    """Make the memory of a robot with that many joints."""
+    memory = structure_of(FilterMemory, n_joints=n_joints, n_commanded=6 + n_joints)()
+    memory.n_joints = n_joints
+    return memory

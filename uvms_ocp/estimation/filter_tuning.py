@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from uvms_ocp.checks import checked
+from uvms_ocp.codegen.kernel_layout import arrays_of
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.estimation.filter_memory import MAIN, NUMBER, ChannelIndex, FilterMemory, Part, ProcessNoise
+from uvms_ocp.estimation.filter_memory import (
+    MAIN,
+    NUMBER,
+    ChannelIndex,
+    FilterMemory,
+    Part,
+    ProcessNoise,
+    rows_of,
+)
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import CHANNELS, SensorSpec, SensorSpecs
 
@@ -69,20 +79,20 @@ _MOST_AGILE = 10.0  # [m/s2, rad/s2] where limits are infinite
 _EARLY_STEP = 0.25  # [s] for which echoes must agree that the floor has gone down
 
 
-def initialise(memory: FilterMemory, robot: Robot, specs: SensorSpecs, tuning: EstimatorTuning) -> FilterMemory:
-    """`memory` before the first tick."""
+def initialise(structure: FilterMemory, robot: Robot, specs: SensorSpecs, tuning: EstimatorTuning) -> None:
+    """Write what the filter knows before the first tick."""
+    memory = arrays_of(structure)
     for name in CHANNELS:
         _set_channel(memory, NUMBER[name], getattr(specs, name))
     memory.recovery[ChannelIndex.ALTIMETER_RANGE] = _EARLY_STEP
     memory.limit[:] = [*np.repeat(_LIMITS, 3), _FLOOR]
     memory.joint_limit[:] = _JOINT_LIMIT
     memory.gravity[:] = robot.model.gravity.linear
-    memory.floating[0], memory.guided[0] = float(robot.n_vehicle > 0), float(specs.specific_force is None)
-    memory.beam_up[2], memory.echo_memory[0] = 1.0, _ECHO_MEMORY
-    memory.agility[:] = _agility(robot)
-    _set_drive(memory, tuning)
+    memory.beam_up[2], memory.agility[:] = 1.0, _agility(robot)
+    structure.floating, structure.guided = robot.n_vehicle > 0, specs.specific_force is None
+    structure.echo_memory, structure.echo = _ECHO_MEMORY, -math.inf
+    _set_drive(memory.drive, tuning)
     _set_first(memory, specs, tuning)
-    return memory
 
 
 def _agility(robot: Robot) -> np.ndarray:
@@ -98,16 +108,14 @@ def sigma_of(spec: SensorSpec | None) -> float:
     return _SMALLEST_SIGMA if spec is None else max(spec.sigma, _SMALLEST_SIGMA)
 
 
-def _set_channel(memory: FilterMemory, c: ChannelIndex, spec: SensorSpec | None) -> None:
+def _set_channel(memory: Any, c: ChannelIndex, spec: SensorSpec | None) -> None:
     memory.sigma[c] = sigma_of(spec)
     memory.period[c] = 0.0 if spec is None else 1.0 / spec.rate
     memory.lag[c] = 0.0 if spec is None else spec.delay
-    rows = 3 if c <= ChannelIndex.SPECIFIC_FORCE and c != ChannelIndex.DEPTH else 1
-    memory.gate[c], memory.recovery[c] = _GATES[rows], _RECOVERY
+    memory.gate[c], memory.recovery[c] = _GATES[rows_of(c)], _RECOVERY
 
 
-def _set_drive(memory: FilterMemory, tuning: EstimatorTuning) -> None:
-    drive = memory.drive
+def _set_drive(drive: np.ndarray, tuning: EstimatorTuning) -> None:
     drive[ProcessNoise.JERK], drive[ProcessNoise.ANGULAR_JERK] = tuning.jerk, tuning.angular_jerk
     drive[ProcessNoise.GYRO], drive[ProcessNoise.DVL], drive[ProcessNoise.FORCE] = BIAS_DRIFTS
     drive[ProcessNoise.ROUGHNESS], drive[ProcessNoise.SETTLING] = tuning.floor_roughness, ALTITUDE_DRIFT
@@ -115,7 +123,7 @@ def _set_drive(memory: FilterMemory, tuning: EstimatorTuning) -> None:
     drive[ProcessNoise.REPLY] = _RESPONSE_UNCERTAINTY * math.sqrt(2.0 * RESPONSE_TIME)
 
 
-def _set_first(memory: FilterMemory, specs: SensorSpecs, tuning: EstimatorTuning) -> None:
+def _set_first(memory: Any, specs: SensorSpecs, tuning: EstimatorTuning) -> None:
     biases = (
         (Part.GYRO_BIAS, tuning.gyro_bias, specs.angular_velocity),
         (Part.DVL_BIAS, tuning.dvl_bias, specs.linear_velocity),
@@ -127,7 +135,7 @@ def _set_first(memory: FilterMemory, specs: SensorSpecs, tuning: EstimatorTuning
     memory.P[range(MAIN), range(MAIN)] = sigma**2
     memory.turn[3] = 1.0
     memory.joint_P[:, 0, 0], memory.joint_P[:, 1, 1] = np.square(_JOINT_FIRST)
-    for never in (memory.last, memory.used, memory.due, memory.echo):
+    for never in (memory.last, memory.used, memory.due):
         never[:] = -math.inf
     for none in (memory.owner, memory.joint_owner):
         none[:] = -1.0

@@ -1,193 +1,269 @@
-"""Kalman filters of the joints, one each, in NumPy: the twin of joints.c."""
+"""Kalman filters of the joints, one each, as kernels."""
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-
+from uvms_ocp.codegen.kernel_layout import zeros
 from uvms_ocp.estimation.filter_memory import (
-    CONSTANTS,
+    EARLY,
+    GATE_RELAXATION,
     JOINT_SLOTS,
+    JOINT_STATES,
+    LARGEST,
+    LONGEST_STEP,
     N_CHANNELS,
+    UNKNOWN,
     ChannelIndex,
     FilterMemory,
     ProcessNoise,
 )
 from uvms_ocp.estimation.measurement_update import (
+    NONE,
     free_expired,
     free_slot,
     gate_allowance,
     is_due,
+    is_of_now,
     nearest_clone,
     record_outcome,
     space_clones,
     time_since_accepted,
     update_lag,
 )
-from uvms_ocp.estimation.vehicle_model import are_determined, response_variance
-from uvms_ocp.types import Array, Mask
+from uvms_ocp.estimation.vehicle_model import is_determined, response_variance
 
-_FIRST = ChannelIndex.JOINT_POSITIONS
-_CHANNELS = (ChannelIndex.JOINT_POSITIONS, ChannelIndex.JOINT_VELOCITIES)
+_FIRST = int(ChannelIndex.JOINT_POSITIONS)
 
 
-def predict(m: FilterMemory) -> None:
+def predict_joints(m: FilterMemory) -> None:
     """Advance by the time of the tick."""
-    if m.has_command[0]:
-        change = m.commanded[6:] - m.commanded_rates
-        m.joint_x[:, 1] += change
-        m.joint_P[:, 1, 1] += response_variance(m, change)
-        m.commanded_rates[:] = m.commanded[6:]
-    dt, step = float(m.dt[0]), float(min(m.dt[0], CONSTANTS.longest_step))
-    if dt <= 0.0:
+    dt, drive = m.dt, m.drive[ProcessNoise.JOINT] * m.drive[ProcessNoise.JOINT]
+    h, n = min(LONGEST_STEP, dt), _active(m)
+    for j in range(m.n_joints):
+        x = m.joint_x[j]
+        if m.has_command:
+            change = m.commanded[6 + j] - m.commanded_rates[j]
+            x[1] += change
+            m.joint_P[j][1][1] += response_variance(m, change)
+            m.commanded_rates[j] = m.commanded[6 + j]
+        if not dt > 0.0:
+            continue
+        x[0] += h * x[1]
+        for k in range(n):
+            m.joint_P[j][0][k] += h * m.joint_P[j][1][k]
+        for k in range(n):
+            m.joint_P[j][k][0] += h * m.joint_P[j][k][1]
+        m.joint_P[j][0][0] += drive * (dt * dt * dt / 3.0)
+        m.joint_P[j][1][1] += drive * dt
+        m.joint_P[j][0][1] += drive * (dt * dt / 2.0)
+        m.joint_P[j][1][0] += drive * (dt * dt / 2.0)
+        for i in range(2):
+            _bound(m, j, i)
+
+
+def _active(m: FilterMemory) -> int:
+    """Return the rows of the covariances that are in use, and one more."""
+    slot = JOINT_SLOTS - 1
+    while slot >= 0 and m.joint_owner[slot] < 0.0:
+        slot -= 1
+    return 3 + slot
+
+
+def _bound(m: FilterMemory, j: int, i: int) -> None:
+    """Bound variances by `joint_limit`: what is lost or unknown falls back to it."""
+    most, lost, P = m.joint_limit[i] * m.joint_limit[i], not math.isfinite(m.joint_x[j][i]), m.joint_P[j][i][i]
+    if not lost and is_determined(P, most):
         return
-    x, P, drive = m.joint_x, m.joint_P, m.drive[ProcessNoise.JOINT] ** 2
-    x[:, 0] += step * x[:, 1]
-    P[:, 0, :] += step * P[:, 1, :]
-    P[:, :, 0] += step * P[:, :, 1]
-    P[:, 0, 0] += drive * (dt * dt * dt / 3)
-    P[:, 0, 1] += drive * (dt * dt / 2)
-    P[:, 1, 0] += drive * (dt * dt / 2)
-    P[:, 1, 1] += drive * dt
-    for i in range(2):
-        lost = ~np.isfinite(x[:, i])
-        unknown = lost | ~are_determined(P[:, i, i], m.joint_limit[i] ** 2)
-        carried = unknown & ~lost & (i == 1) & (P[:, i, i] > 0.0) & (P[:, i, i] < np.inf)
-        share = (m.joint_limit[i] / np.sqrt(P[carried, i, i]))[:, None]
-        P[carried, i, :] *= share
-        P[carried, :, i] *= share
-        P[unknown & ~carried, i, :] = 0.0
-        P[unknown & ~carried, :, i] = 0.0
-        P[unknown, i, i] = m.joint_limit[i] ** 2
-        x[unknown if i == 1 else lost, i] = 0.0
+    if i == 1 and not lost and P > 0.0 and math.isfinite(P):
+        share = math.sqrt(most / P)
+        for k in range(JOINT_STATES):
+            m.joint_P[j][1][k] *= share
+        for k in range(JOINT_STATES):
+            m.joint_P[j][k][1] *= share
+        m.joint_P[j][1][1] = most
+    else:
+        _clear(m, j, i, most)
+    if lost or i == 1:
+        m.joint_x[j][i] = 0.0
 
 
-def fuse(m: FilterMemory) -> None:
+def _clear(m: FilterMemory, j: int, i: int, variance: float) -> None:
+    for k in range(JOINT_STATES):
+        m.joint_P[j][i][k] = 0.0
+        m.joint_P[j][k][i] = 0.0
+    m.joint_P[j][i][i] = variance
+
+
+def fuse_joints(m: FilterMemory) -> None:
     """Use what is fresh, then clone what late channels see now."""
     space_clones(m, _FIRST, N_CHANNELS, JOINT_SLOTS)
-    for c in _CHANNELS:
-        if m.fresh[c] and _is_usable(m, c):
+    for c in range(_FIRST, N_CHANNELS):
+        if m.fresh[c] != 0.0:
             _ingest(m, c)
-    for c in _CHANNELS:
+    for c in range(_FIRST, N_CHANNELS):
         if m.lag[c] > 0.0:
-            free_expired(m, c, m.joint_owner, m.joint_taken)
+            free_expired(m, c, m.joint_owner, m.joint_taken, JOINT_SLOTS)
             if is_due(m, c):
                 _clone(m, c)
 
 
-def _is_usable(m: FilterMemory, c: ChannelIndex) -> bool:
-    fits = m.last[c] < m.stamp[c] <= m.now[0] + CONSTANTS.early
-    return bool(fits and (np.abs(m.joint_value[c - _FIRST]) <= CONSTANTS.largest).all())
-
-
-def _ingest(m: FilterMemory, c: ChannelIndex) -> None:
+def _ingest(m: FilterMemory, c: int) -> None:
+    value, count, limit = m.joint_value[c - _FIRST], 0, UNKNOWN * m.joint_limit[0] * m.joint_limit[0]
+    if not is_of_now(m, c):
+        return
+    for j in range(m.n_joints):
+        if not abs(value[j]) <= LARGEST:
+            return
     m.last[c] = m.stamp[c]
     update_lag(m, c)
-    limit = CONSTANTS.unknown * m.joint_limit[0] ** 2
-    unknown = (m.joint_P[:, 0, 0] > limit) & (c == _FIRST)
-    if unknown.any():
-        _initialise(m, unknown)
-    slot, delta, near = nearest_clone(m, c, m.joint_owner, m.joint_taken)
-    if unknown.all():
+    for j in range(m.n_joints):
+        m.joint_unknown[j] = c == _FIRST and m.joint_P[j][0][0] > limit
+        if m.joint_unknown[j] != 0.0:
+            _initialise(m, j)
+            count += 1
+    for slot in range(JOINT_SLOTS if count > 0 else 0):
+        if m.joint_owner[slot] == c:
+            m.joint_owner[slot] = -1.0
+    slot = nearest_clone(m, c, m.joint_owner, m.joint_taken, JOINT_SLOTS)
+    if count == m.n_joints:
         m.used[c] = m.stamp[c]
-    elif near:
-        _gate(m, c, slot, delta, unknown)
+    elif slot != NONE:
+        _gate(m, c, slot, m.stamp[c] - (m.now if slot < 0 else m.joint_taken[slot]))
 
 
-def _initialise(m: FilterMemory, which: Mask) -> None:
+def _initialise(m: FilterMemory, j: int) -> None:
     """Take the first reading for the truth."""
-    c, age = _FIRST, m.now[0] - m.stamp[_FIRST]
-    x, P = m.joint_x, m.joint_P
-    x[which, 0] = m.joint_value[0, which] + age * x[which, 1]
-    P[which, 0, :] = 0.0
-    P[which, :, 0] = 0.0
-    P[which, 0, 0] = m.sigma[c] ** 2 + age * age * P[which, 1, 1]
-    m.joint_owner[m.joint_owner == c] = -1.0
+    age, sigma = m.now - m.stamp[_FIRST], m.sigma[_FIRST]
+    m.joint_x[j][0] = m.joint_value[0][j] + age * m.joint_x[j][1]
+    _clear(m, j, 0, sigma * sigma + age * age * m.joint_P[j][1][1])
 
 
-def _gate(m: FilterMemory, c: ChannelIndex, slot: int, delta: float, done: Mask) -> None:
-    k, state = c - _FIRST, c - _FIRST if slot < 0 else 2 + slot
-    P, x = m.joint_P, m.joint_x
-    h, rate, rate_variance = _predicted(m, k, slot)
-    nu = m.joint_value[k] - h - delta * rate
-    own = (
-        m.sigma[c] ** 2
-        + delta * delta * np.maximum(0.0, rate_variance)
-        + abs(delta) * (m.drive[ProcessNoise.JOINT] ** 2 if k else 0.0)
-    )
-    S = P[:, state, state] + own
-    squared = nu * nu / S
-    granted = _allowance(m, c, rate if k == 0 else h)
-    inside = nu * nu <= m.gate[c] * (S + granted)
-    yields = ~inside & ~done & _are_consistent(m, c, nu, S + own + granted, inside | done)
-    _relax(m, k, state, yields, nu)
-    _inflate_surprised(m, c, inside & ~done & (squared > m.gate[c]), nu)
-    record_outcome(m, c, float(squared[~done].sum()), int((~done).sum()), believed=bool((inside | yields | done).all()))
-    used = (inside | yields) & ~done
-    gain = P[:, :, state] / (P[:, state, state] + own)[:, None]
-    change = np.where(used[:, None], gain * nu[:, None], 0.0)
-    P -= np.where(used[:, None, None], gain[:, :, None] * P[:, state, None, :], 0.0)
-    x += change[:, :2]
-    m.joint_h += change[:, 2:]
+def _predicted(m: FilterMemory, j: int, k: int, slot: int) -> float:
+    """Return the predicted measurement of channel k at the clone, -1 for now."""
+    return m.joint_x[j][k] if slot < 0 else m.joint_h[j][slot]
 
 
-def _allowance(m: FilterMemory, c: ChannelIndex, rate: Array) -> Array:
-    """(n_joints,) variance that the gate grants: beside what accelerations can do, joints with a rate (n_joints,) may stop."""
-    stop = np.abs(rate) * (time_since_accepted(m, c) if c == _FIRST else 1.0)
-    return np.asarray((math.sqrt(gate_allowance(m, c)) + stop / 5.0) ** 2)
-
-
-def _inflate_surprised(m: FilterMemory, c: ChannelIndex, which: Mask, nu: Array) -> None:
-    """Joints that have done what they can and the process model did not expect."""
-    k = c - _FIRST
-    _inflate_own(m, k, which, nu**2)
-    if k == 0:
-        m.joint_P[which, 1, 1] += (nu[which] / time_since_accepted(m, c)) ** 2
-
-
-def _inflate_own(m: FilterMemory, k: int, which: Mask, variance: Array) -> None:
-    """An error of that variance of what the k-th channel sees of some joints, now and in its clones."""
-    rows = np.concatenate([[k], 2 + np.flatnonzero(m.joint_owner == _FIRST + k)])
-    for j in np.flatnonzero(which):
-        m.joint_P[np.ix_([j], rows, rows)] += variance[j]
-
-
-def _predicted(m: FilterMemory, k: int, slot: int) -> tuple[Array, Array, Array]:
-    """Return the predicted measurement of channel k at the clone, -1 for now, its rate and the variance of that."""
+def _rate(m: FilterMemory, j: int, k: int, slot: int) -> float:
+    """Return how fast that changes [per s]."""
     if slot >= 0:
-        return m.joint_h[:, slot], m.joint_rate[:, slot], m.joint_rate_variance[:, slot]
-    if k:
-        return m.joint_x[:, 1], np.zeros(m.n_joints), np.zeros(m.n_joints)
-    return m.joint_x[:, 0], m.joint_x[:, 1], m.joint_P[:, 1, 1]
+        return m.joint_rate[j][slot]
+    return 0.0 if k != 0 else m.joint_x[j][1]
 
 
-def _are_consistent(m: FilterMemory, c: ChannelIndex, nu: Array, S: Array, inside: Mask) -> Mask:
-    """(n_joints,) whether readings outside the gate agree with those before them, for long enough."""
-    k = c - _FIRST
-    since, before = m.joint_since[k], m.joint_refused[k]
-    agrees = np.isfinite(since) & ((nu - before) ** 2 <= m.gate[c] * S)
-    since[:] = np.where(inside, math.nan, np.where(agrees, since, m.stamp[c]))
-    before[:] = np.where(inside, before, nu)
-    return np.asarray(agrees & (m.stamp[c] - since >= m.recovery[c] - CONSTANTS.early))
+def _rate_variance(m: FilterMemory, j: int, k: int, slot: int) -> float:
+    if slot >= 0:
+        return m.joint_rate_variance[j][slot]
+    return 0.0 if k != 0 else m.joint_P[j][1][1]
 
 
-def _relax(m: FilterMemory, k: int, state: int, which: Mask, nu: Array) -> None:
+def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
+    """Believe the readings of the joints or not, and use them."""
+    k, n, accepted, degrees, total, walk = c - _FIRST, _active(m), True, 0, 0.0, 0.0
+    state = k if slot < 0 else 2 + slot
+    if k != 0:
+        walk = m.drive[ProcessNoise.JOINT] * m.drive[ProcessNoise.JOINT]
+    for j in range(m.n_joints):
+        if m.joint_unknown[j] != 0.0:
+            m.joint_since[k][j] = math.nan
+            continue
+        variance, h, rate = _rate_variance(m, j, k, slot), _predicted(m, j, k, slot), _rate(m, j, k, slot)
+        own = m.sigma[c] * m.sigma[c] + delta * delta * max(variance, 0.0) + abs(delta) * walk
+        nu = m.joint_value[k][j] - h - delta * rate
+        S = m.joint_P[j][state][state] + own
+        granted = _allowance(m, c, h if k != 0 else rate)
+        believed = nu * nu <= m.gate[c] * (S + granted)
+        total += nu * nu / S
+        degrees += 1
+        if believed:
+            m.joint_since[k][j] = math.nan
+            if nu * nu / S > m.gate[c]:
+                _inflate_surprised(m, j, c, nu * nu)
+        elif _is_consistent(m, c, j, nu, S + own + granted):
+            believed = True
+            _relax(m, j, c, nu * nu)
+        if believed:
+            _correct(m, j, state, nu, own, n)
+        accepted = accepted and believed
+    record_outcome(m, c, total, degrees, accepted)
+
+
+def _allowance(m: FilterMemory, c: int, rate: float) -> float:
+    """Variance that the gate grants: beside what accelerations can do, a joint with a rate may stop."""
+    stop = abs(rate) * (time_since_accepted(m, c) if c == _FIRST else 1.0)
+    granted = math.sqrt(gate_allowance(m, c)) + stop / 5.0
+    return granted * granted
+
+
+def _is_consistent(m: FilterMemory, c: int, j: int, nu: float, S: float) -> bool:
+    """Return whether a reading outside the gate agrees with those before it, for long enough."""
+    since, refused = m.joint_since[c - _FIRST], m.joint_refused[c - _FIRST]
+    change = nu - refused[j]
+    agrees = math.isfinite(since[j]) and change * change <= m.gate[c] * S
+    if not agrees:
+        since[j] = m.stamp[c]
+    refused[j] = nu
+    return agrees and m.stamp[c] - since[j] >= m.recovery[c] - EARLY
+
+
+def _inflate_surprised(m: FilterMemory, j: int, c: int, squared: float) -> None:
+    """A joint has done what it can and the process model did not expect."""
+    time = time_since_accepted(m, c)
+    _inflate_own(m, j, c, squared)
+    if c == _FIRST:
+        m.joint_P[j][1][1] += squared / (time * time)
+
+
+def _relax(m: FilterMemory, j: int, c: int, squared: float) -> None:
     """The state, and its clones with it, is wrong by an unknown amount."""
-    if which.any():
-        m.joint_owner[(m.joint_owner >= 0) & (m.joint_owner != _FIRST + k)] = -1.0
-        m.joint_since[k, which] = math.nan
-    _inflate_own(m, k, which, CONSTANTS.gate_relaxation * nu**2)
+    for slot in range(JOINT_SLOTS):
+        if m.joint_owner[slot] != c:
+            m.joint_owner[slot] = -1.0
+    _inflate_own(m, j, c, GATE_RELAXATION * squared)
+    m.joint_since[c - _FIRST][j] = math.nan
 
 
-def _clone(m: FilterMemory, c: ChannelIndex) -> None:
-    slot, k = free_slot(m.joint_owner), c - _FIRST
+def _inflate_own(m: FilterMemory, j: int, c: int, variance: float) -> None:
+    """An error of that variance of what the channel sees of a joint, now and in its clones."""
+    for a in range(JOINT_STATES):
+        for b in range(JOINT_STATES):
+            if _is_of(m, c, a) and _is_of(m, c, b):
+                m.joint_P[j][a][b] += variance
+
+
+def _is_of(m: FilterMemory, c: int, state: int) -> bool:
+    """Return whether a channel sees a state, or saw the clone that it is."""
+    return m.joint_owner[state - 2] == c if state >= 2 else state == c - _FIRST
+
+
+def _correct(m: FilterMemory, j: int, state: int, nu: float, own: float, n: int) -> None:
+    """The Kalman update."""
+    S, gain, row = m.joint_P[j][state][state] + own, zeros(JOINT_STATES), zeros(JOINT_STATES)
+    for a in range(n):
+        row[a] = m.joint_P[j][state][a]
+        gain[a] = m.joint_P[j][a][state] / S
+    for a in range(n):
+        for b in range(n):
+            m.joint_P[j][a][b] -= gain[a] * row[b]
+    for a in range(2):
+        m.joint_x[j][a] += gain[a] * nu
+    for slot in range(n - 2):
+        m.joint_h[j][slot] += gain[2 + slot] * nu
+
+
+def _clone(m: FilterMemory, c: int) -> None:
+    slot, k = free_slot(m.joint_owner, JOINT_SLOTS), c - _FIRST
     if slot < 0:
         return
-    h, rate, rate_variance = (values.copy() for values in _predicted(m, k, -1))
-    m.joint_owner[slot], m.joint_taken[slot] = c, m.now[0]
-    m.joint_h[:, slot], m.joint_rate[:, slot], m.joint_rate_variance[:, slot] = h, rate, rate_variance
-    at, P = 2 + slot, m.joint_P
-    P[:, at, :] = P[:, k, :]
-    P[:, :, at] = P[:, :, k]
-    P[:, at, at] = P[:, k, k]
+    at = 2 + slot
+    m.joint_owner[slot] = c
+    m.joint_taken[slot] = m.now
+    for j in range(m.n_joints):
+        m.joint_h[j][slot] = _predicted(m, j, k, -1)
+        m.joint_rate[j][slot] = _rate(m, j, k, -1)
+        m.joint_rate_variance[j][slot] = _rate_variance(m, j, k, -1)
+        for a in range(JOINT_STATES):
+            m.joint_P[j][at][a] = m.joint_P[j][k][a]
+        for a in range(JOINT_STATES):
+            m.joint_P[j][a][at] = m.joint_P[j][a][k]
+        m.joint_P[j][at][at] = m.joint_P[j][k][k]

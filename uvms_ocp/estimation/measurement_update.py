@@ -1,389 +1,527 @@
-"""Gate and fuse the readings of the vehicle, late ones by stochastic cloning: the NumPy twin of fusion.c and clones.c."""
+"""Gate and fuse the readings of the vehicle, late ones by stochastic cloning, as kernels.
+
+A late reading is compared with its clone and corrects it, the state of now and all other clones by their covariances.
+"""
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-import pinocchio as pin
-
+from uvms_ocp.codegen.kernel_layout import Vector, wide, zeros
 from uvms_ocp.estimation.filter_memory import (
-    CONSTANTS,
+    EARLY,
+    EXPOSED,
+    GATE_RELAXATION,
+    LARGEST,
+    LONGEST_LAG,
     MAIN,
     N_VEHICLE,
-    ORDERS,
-    ROWS,
     SLOTS,
+    UNKNOWN,
     ChannelIndex,
     FilterMemory,
     Part,
     ProcessNoise,
+    orders_of,
+    rows_of,
 )
 from uvms_ocp.estimation.vehicle_model import (
-    PredictedMeasurement,
     active,
     clear,
+    divide,
+    factorise,
     is_unknown,
-    part,
+    multiply,
+    norm,
     predict_measurement,
     process_variance,
+    recall_measurement,
     rotation,
     second_derivative,
-    turned,
+    turn_by,
 )
-from uvms_ocp.types import Array, Mask
+from uvms_ocp.robot.kinematics import STEEP
 
-# When readings are taken that arrive late, and which clone stands for one: what clones.c does; keep both in step.
+# When readings are taken that arrive late, and which clone stands for one.
 
-_NOW = -1
+NOW, NONE = -1, -2  # in place of a clone
+_MOST_CLONES = 24.0  # of one channel; where more are needed they stand further apart
+_SPACING = 0.01  # [s] between two clones at least, for each time that an acceleration is integrated in what they see
+_SURPRISE = 0.05  # [s] for which the robot may have accelerated as it can before the process model notices
 
 
 def space_clones(m: FilterMemory, first: int, last: int, slots: int) -> None:
     """Share the slots among the late ones of channels first to last: where all their readings do not fit, none has many."""
-    channels = [c for c in range(first, last) if m.lag[c] > 0.0]
-    most = CONSTANTS.most_clones
-    while most > 2.0 and sum(min(most, _wanted(m, c)) for c in channels) > slots:
+    most, total = _MOST_CLONES, slots + 1.0
+    while most > 2.0:
+        total = 0.0
+        for c in range(first, last):
+            if m.lag[c] > 0.0:
+                total += min(_wanted(m, c), most)
+        if total <= slots:
+            break
         most -= 1.0
-    for c in channels:
-        m.apart[c] = max(m.period[c], _least(c), (m.lag[c] + 2.0 * m.dt[0]) / (most - 1.0))
+    for c in range(first, last):
+        if m.lag[c] > 0.0:
+            m.apart[c] = max((m.lag[c] + 2.0 * m.dt) / (most - 1.0), max(_least(c), m.period[c]))
 
 
 def _least(c: int) -> float:
     """[s] between two clones at least: motion is smooth enough in between. Joints have no need to save."""
-    return CONSTANTS.spacing * ORDERS[c] if c < N_VEHICLE else 0.0
+    return _SPACING * orders_of(c) if c < N_VEHICLE else 0.0
 
 
 def _wanted(m: FilterMemory, c: int) -> float:
     """Clones at a time if every reading of channel c has one that is near enough."""
-    apart = max(m.period[c], m.dt[0], _least(c), CONSTANTS.early)
-    return float((m.lag[c] + 2.0 * m.dt[0]) / apart + 1.0)
+    apart = max(max(EARLY, _least(c)), max(m.dt, m.period[c]))
+    return (m.lag[c] + 2.0 * m.dt) / apart + 1.0
+
+
+def is_of_now(m: FilterMemory, c: int) -> bool:
+    """Return whether the fresh reading of channel c is newer than the last, and not of the future."""
+    return m.last[c] < m.stamp[c] <= m.now + EARLY
 
 
 def update_lag(m: FilterMemory, c: int) -> None:
     """Remember how late the fresh reading of channel c is."""
-    age = m.now[0] - m.stamp[c]
-    if age > 1.5 * m.dt[0] + CONSTANTS.early and age > m.lag[c]:
-        m.lag[c] = min(age, CONSTANTS.longest_lag)
+    age = m.now - m.stamp[c]
+    if age > 1.5 * m.dt + EARLY and age > m.lag[c]:
+        m.lag[c] = min(LONGEST_LAG, age)
 
 
-def nearest_clone(m: FilterMemory, c: int, owner: Array, taken: Array) -> tuple[int, float, bool]:
-    """The clone for the fresh reading of channel c, -1 for now; by how much the reading is newer [s]; if near enough.
+def nearest_clone(m: FilterMemory, c: int, owner: Vector, taken: Vector, slots: int) -> int:
+    """The clone for the fresh reading of channel c, `NOW` for none, `NONE` where what there is is not near enough.
 
     owner (slots,) and taken (slots,) [s]: channel and time of each clone.
     """
-    best, delta, reach = _NOW, m.stamp[c] - m.now[0], 1.5 * m.dt[0] + CONSTANTS.early
-    for slot in np.flatnonzero(owner == c):
-        if abs(m.stamp[c] - taken[slot]) < abs(delta):
-            best, delta = int(slot), m.stamp[c] - taken[slot]
-    if best != _NOW:
+    best, nearest, reach = NOW, abs(m.stamp[c] - m.now), 1.5 * m.dt + EARLY
+    for slot in range(slots):
+        if owner[slot] == c and abs(m.stamp[c] - taken[slot]) < nearest:
+            best = slot
+            nearest = abs(m.stamp[c] - taken[slot])
+    if best >= 0:
         reach += m.apart[c]
-    return best, float(delta), bool(abs(delta) <= reach)
+    return best if nearest <= reach else NONE
 
 
 def is_due(m: FilterMemory, c: int) -> bool:
     """Return whether channel c is late and takes a reading at this tick; if so the next time is noted."""
-    if m.lag[c] <= 0.0 or m.now[0] < m.due[c] - CONSTANTS.early:
+    if m.lag[c] <= 0.0 or m.now < m.due[c] - EARLY:
         return False
-    spacing, period = m.apart[c], m.period[c]
-    if spacing <= m.dt[0] + CONSTANTS.early:
-        m.due[c] = m.now[0]
-    elif period <= m.dt[0]:
-        m.due[c] = m.now[0] + spacing
+    apart, period, phase = m.apart[c], m.period[c], m.last[c] if math.isfinite(m.last[c]) else 0.0
+    if apart <= m.dt + EARLY:
+        m.due[c] = m.now
+    elif period <= m.dt:
+        m.due[c] = m.now + apart
     else:
-        phase = m.last[c] if math.isfinite(m.last[c]) else 0.0
-        steps = math.floor((m.now[0] - phase) / period + 1e-6) + math.ceil(spacing / period - 1e-6)
+        steps = math.floor((m.now - phase) / period + 1e-6) + math.ceil(apart / period - 1e-6)
         m.due[c] = phase + steps * period
     return True
 
 
-def free_expired(m: FilterMemory, c: int, owner: Array, taken: Array) -> None:
+def free_expired(m: FilterMemory, c: int, owner: Vector, taken: Vector, slots: int) -> None:
     """Free clones of channel c whose readings are lost, or that are older than the last one.
 
     owner (slots,) and taken (slots,) [s]: channel and time of each clone.
     """
-    old = (m.now[0] - taken > m.lag[c] + 2.0 * m.dt[0] + CONSTANTS.early) | (taken <= m.last[c] + CONSTANTS.early)
-    owner[(owner == c) & old] = -1.0
+    for slot in range(slots):
+        lost = m.now - taken[slot] > m.lag[c] + 2.0 * m.dt + EARLY
+        if owner[slot] == c and (lost or taken[slot] <= m.last[c] + EARLY):
+            owner[slot] = -1.0
 
 
-def free_slot(owner: Array) -> int:
-    """The first free one, -1 for none; owner (slots,)."""
-    free = np.flatnonzero(owner < 0)
-    return int(free[0]) if len(free) else -1
+def free_slot(owner: Vector, slots: int) -> int:
+    """The first free one, `NOW` for none; owner (slots,)."""
+    for slot in range(slots):
+        if owner[slot] < 0.0:
+            return slot
+    return NOW
 
 
-def gate_allowance(m: FilterMemory, c: ChannelIndex) -> float:
+def time_since_accepted(m: FilterMemory, c: int) -> float:
+    """Time [s] in which the robot can have done something else since the last reading of channel c that was believed."""
+    return min(LONGEST_LAG, m.stamp[c] - m.used[c]) + _SURPRISE
+
+
+def gate_allowance(m: FilterMemory, c: int) -> float:
     """Variance that the gate grants channel c for accelerations that the process model does not expect.
 
     Of what the robot can have done since the last reading that was believed; the gate is five standard deviations wide.
     """
-    moved = m.agility[c] * time_since_accepted(m, c) ** ORDERS[c] / max(1, ORDERS[c])
-    return float(moved * moved / 25.0)
+    elapsed, moved = time_since_accepted(m, c), m.agility[c]
+    for _ in range(orders_of(c)):
+        moved *= elapsed
+    moved /= max(orders_of(c), 1)
+    return moved * moved / 25.0
 
 
-def time_since_accepted(m: FilterMemory, c: ChannelIndex) -> float:
-    """Time [s] in which the robot can have done something else since the last reading of channel c that was believed."""
-    return float(min(m.stamp[c] - m.used[c], CONSTANTS.longest_lag) + CONSTANTS.surprise)
-
-
-def record_outcome(m: FilterMemory, c: ChannelIndex, squared: float, degrees: int, *, believed: bool) -> None:
+def record_outcome(m: FilterMemory, c: int, squared: float, degrees: int, believed: bool) -> None:
     """Record the outcome for the fresh reading of channel c: `squared` and its degrees of freedom."""
-    m.outcome[c] = m.stamp[c], squared, degrees, float(believed)
+    outcome = m.outcome[c]
+    outcome[0] = m.stamp[c]
+    outcome[1] = squared
+    outcome[2] = degrees
+    outcome[3] = believed
     if believed:
         m.used[c] = m.stamp[c]
 
 
-# Readings of the vehicle's channels in NumPy: what fusion.c does; keep both in step.
-#
-# A late reading is compared with its clone and corrects it, the state of now and all other clones by their covariances.
-
-_CORRECTED_BY = {
-    ChannelIndex.ATTITUDE: Part.TURN,
-    ChannelIndex.ANGULAR_VELOCITY: Part.SPIN,
-    ChannelIndex.POSITION: Part.PLACE,
-    ChannelIndex.DEPTH: Part.PLACE + 2,
-    ChannelIndex.LINEAR_VELOCITY: Part.SPEED,
-    ChannelIndex.SPECIFIC_FORCE: Part.ACCELERATION,
-    ChannelIndex.ALTIMETER_RANGE: Part.FLOOR,
-}
-"""The part that a channel alone can put right."""
-_BIAS_OF = {
-    ChannelIndex.ATTITUDE: Part.GYRO_BIAS,
-    ChannelIndex.ANGULAR_VELOCITY: Part.GYRO_BIAS,
-    ChannelIndex.POSITION: Part.DVL_BIAS,
-    ChannelIndex.DEPTH: Part.DVL_BIAS,
-}
-"""The bias that may be what a surprise is about. Not of DVLs by themselves: fixes are too rough to find theirs again soon."""
-_INITIALISING = (ChannelIndex.ATTITUDE, ChannelIndex.POSITION, ChannelIndex.DEPTH, ChannelIndex.ALTIMETER_RANGE)
-"""Channels whose first reading is taken for the truth."""
-_NEEDS_ATTITUDE = (ChannelIndex.LINEAR_VELOCITY, ChannelIndex.SPECIFIC_FORCE, ChannelIndex.ALTIMETER_RANGE)
-"""Channels that mean nothing where the attitude is unknown."""
-_FREE = -1.0
+# Readings of the vehicle's channels.
 
 
 def fuse(m: FilterMemory) -> None:
     """Use what is fresh, then clone what late channels see now."""
     space_clones(m, 0, N_VEHICLE, SLOTS)
-    for c in ChannelIndex:
-        if c < N_VEHICLE and m.fresh[c]:
+    for c in range(N_VEHICLE):
+        if m.fresh[c] != 0.0:
             _ingest(m, c)
-    for c in ChannelIndex:
-        if c < N_VEHICLE and m.lag[c] > 0.0:
-            free_expired(m, c, m.owner, m.taken)
+    for c in range(N_VEHICLE):
+        if m.lag[c] > 0.0:
+            free_expired(m, c, m.owner, m.taken, SLOTS)
             if is_due(m, c):
                 _clone(m, c)
 
 
-def _ingest(m: FilterMemory, c: ChannelIndex) -> None:
+def _corrected_by(c: int) -> int:
+    """Return the part that a channel alone can put right."""
+    if c == ChannelIndex.ATTITUDE:
+        return Part.TURN
+    if c == ChannelIndex.ANGULAR_VELOCITY:
+        return Part.SPIN
+    if c == ChannelIndex.LINEAR_VELOCITY:
+        return Part.SPEED
+    if c == ChannelIndex.SPECIFIC_FORCE:
+        return Part.ACCELERATION
+    if c == ChannelIndex.ALTIMETER_RANGE:
+        return Part.FLOOR
+    return Part.PLACE if c == ChannelIndex.POSITION else Part.PLACE + 2
+
+
+def _initialises(c: int) -> bool:
+    """Return whether the first reading of a channel is taken for the truth."""
+    absolute = c == ChannelIndex.ATTITUDE or c == ChannelIndex.POSITION or c == ChannelIndex.DEPTH
+    return absolute or c == ChannelIndex.ALTIMETER_RANGE
+
+
+def _is_blind(m: FilterMemory, c: int) -> bool:
+    """Return whether a channel means nothing as the attitude is unknown."""
+    return c >= ChannelIndex.LINEAR_VELOCITY and is_unknown(m, Part.TURN, 3)
+
+
+def _is_uninitialised(m: FilterMemory, c: int) -> bool:
+    """Return whether a channel's next reading is the first."""
+    return _initialises(c) and is_unknown(m, _corrected_by(c), rows_of(c))
+
+
+def _ingest(m: FilterMemory, c: int) -> None:
     if not _is_usable(m, c):
         return
     m.last[c] = m.stamp[c]
-    if c == ChannelIndex.ALTIMETER_RANGE and math.isnan(m.value[c, 0]):
+    if c == ChannelIndex.ALTIMETER_RANGE and math.isnan(m.value[c][0]):
         m.used[c] = m.stamp[c]  # no echo is an answer too
         return
     update_lag(m, c)
-    if c in _NEEDS_ATTITUDE and is_unknown(m, Part.TURN, 3):
+    if _is_blind(m, c):
         return
-    if c in _INITIALISING and is_unknown(m, _CORRECTED_BY[c], ROWS[c]):
+    if _is_uninitialised(m, c):
         _initialise(m, c)
         return
-    slot, delta, near = nearest_clone(m, c, m.owner, m.taken)
-    if near:
-        _gate(m, c, slot, delta)
+    slot = nearest_clone(m, c, m.owner, m.taken, SLOTS)
+    if slot != NONE:
+        _gate(m, c, slot, m.stamp[c] - (m.now if slot < 0 else m.taken[slot]))
 
 
-def _is_usable(m: FilterMemory, c: ChannelIndex) -> bool:
+def _is_usable(m: FilterMemory, c: int) -> bool:
     """Return whether the fresh reading is one: of a size that can be, newer than the last, not of the future."""
-    if not m.last[c] < m.stamp[c] <= m.now[0] + CONSTANTS.early:
+    value = m.value[c]
+    if not is_of_now(m, c):
         return False
-    value = m.value[c, : ROWS[c]]
     if c == ChannelIndex.ALTIMETER_RANGE:
-        return bool(math.isnan(value[0]) or 0.0 <= value[0] <= CONSTANTS.largest)
-    if not (np.abs(value) <= CONSTANTS.largest).all():
-        return False
-    return c != ChannelIndex.ATTITUDE or bool(abs(float(np.linalg.norm(m.value[c])) - 1.0) <= CONSTANTS.unit)
+        return math.isnan(value[0]) or 0.0 <= value[0] <= LARGEST
+    for i in range(rows_of(c)):
+        if not abs(value[i]) <= LARGEST:
+            return False
+    return c != ChannelIndex.ATTITUDE or abs(norm(value) - 1.0) <= 1e-3
 
 
-def _initialise(m: FilterMemory, c: ChannelIndex) -> None:
+def _initialise(m: FilterMemory, c: int) -> None:
     """Take the first reading for the truth, unless it is too old to be. Nothing that was cloned before can be right."""
-    age, first, sight = m.now[0] - m.stamp[c], _CORRECTED_BY[c], predict_measurement(m, c)
-    variance = float(m.sigma[c] ** 2) + process_variance(m, c, sight, age)
-    if variance > CONSTANTS.unknown * m.limit[first] ** 2:
+    s, first, age, value, moved = m.predicted, _corrected_by(c), m.now - m.stamp[c], m.value[c], zeros(3)
+    noise = m.sigma[c] * m.sigma[c]
+    predict_measurement(m, c, active(m))
+    if noise + process_variance(m, c, age) > UNKNOWN * m.limit[first] * m.limit[first]:
         return
-    m.owner[:] = _FREE
-    n, sight = active(m), predict_measurement(m, c)
-    if c == ChannelIndex.ALTIMETER_RANGE:
-        _set_floor(m, sight, age)
-    else:
-        moved = age * sight.rate[:3] - age * age / 2 * second_derivative(m, c)
-        for i in range(ROWS[c]):
-            clear(m, first + i, n, variance)
-        if c == ChannelIndex.ATTITUDE:
-            m.turn[:] = turned(m.value[c] / np.linalg.norm(m.value[c]), moved)
-        else:
-            m.x[first - Part.PLACE :][: ROWS[c]] = m.value[c, : ROWS[c]] + moved[: ROWS[c]]
+    for slot in range(SLOTS):
+        m.owner[slot] = -1.0
+    n = active(m)
+    predict_measurement(m, c, n)
     m.used[c] = m.stamp[c]
-
-
-def _set_floor(m: FilterMemory, sight: PredictedMeasurement, age: float) -> None:
-    cosine = sight.h[1]
-    if cosine <= CONSTANTS.steep:
+    if c == ChannelIndex.ALTIMETER_RANGE:
+        _set_floor(m, age, n)
         return
-    c, i, n = ChannelIndex.ALTIMETER_RANGE, Part.FLOOR, active(m)
-    measured = cosine * m.value[c, 0] + age * sight.rate[0] - age * age / 2 * second_derivative(m, c)[0]
-    m.x[i - Part.PLACE] = part(m, Part.PLACE)[2] + rotation(m)[2] @ m.beam_at - measured
-    row = sight.HP[0] + m.P[i, :n]  # of the height of the altimeter
-    own = sight.S[0, 0] + 2.0 * sight.HP[0, i] + m.P[i, i]
-    m.P[i, :n] = row
-    m.P[:n, i] = row
-    m.P[i, i] = own + (cosine * m.sigma[c]) ** 2 + process_variance(m, c, sight, age)
-    m.echo[0] = m.stamp[c]
+    late = process_variance(m, c, age)
+    for i in range(3):
+        moved[i] = age * s.rate[i] - age * age / 2.0 * second_derivative(m, c, i)
+    for i in range(rows_of(c)):
+        clear(m, first + i, n, noise + late)
+    if c == ChannelIndex.ATTITUDE:
+        size = norm(value)
+        for i in range(4):
+            m.turn[i] = value[i] / size
+        turn_by(m.turn, moved)
+        return
+    for i in range(rows_of(c)):
+        m.x[first + i] = value[i] + moved[i]
 
 
-def _gate(m: FilterMemory, c: ChannelIndex, slot: int, delta: float) -> None:
+def _set_floor(m: FilterMemory, age: float, n: int) -> None:
+    c, at, s, R, row = int(ChannelIndex.ALTIMETER_RANGE), int(Part.FLOOR), m.predicted, zeros(9), m.predicted.HP[0]
+    cosine, arm = s.h[1], 0.0
+    if cosine <= STEEP:
+        return
+    noise = cosine * m.sigma[c]
+    rotation(m.turn, R)
+    for i in range(3):
+        arm += R[6 + i] * m.beam_at[i]
+    late, moved = process_variance(m, c, age), age * s.rate[0] - age * age / 2.0 * second_derivative(m, c, 0)
+    m.x[at] = m.x[Part.PLACE + 2] + arm - (cosine * m.value[c][0] + moved)
+    own = s.S[0][0] + 2.0 * row[at] + m.P[at][at]
+    for j in range(n):  # of the height of the altimeter
+        row[j] += m.P[j][at] if j < at else m.P[at][j]
+    for j in range(at):
+        m.P[j][at] = row[j]
+    for j in range(at, n):
+        m.P[at][j] = row[j]
+    m.P[at][at] = own + noise * noise + late
+    m.echo = m.stamp[c]
+
+
+def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
     """Believe a reading or not, and use it."""
-    sight = _sight_of(m, c, slot)
-    if c == ChannelIndex.ALTIMETER_RANGE and sight.h[1] <= CONSTANTS.steep:
+    nu, rows, s = zeros(3), rows_of(c), m.predicted
+    recall_measurement(m, c, slot, active(m))
+    if c == ChannelIndex.ALTIMETER_RANGE and s.h[1] <= STEEP:
         return
-    nu, own = _innovation(m, c, sight, delta), _noise(m, c, sight, delta)
-    granted, size = gate_allowance(m, c), float(nu @ nu)
-    squared, believed = _squared_innovation(sight, own, nu), _squared_innovation(sight, own + granted, nu) <= m.gate[c]
+    _innovation(m, c, delta, nu)
+    own, granted = _noise(m, c, delta), gate_allowance(m, c)
+    squared, size = _squared_innovation(m, own, rows, nu), nu[0] * nu[0] + nu[1] * nu[1] + nu[2] * nu[2]
+    believed = _squared_innovation(m, own + granted, rows, nu) <= m.gate[c]
     if believed:
         m.since[c] = math.nan
         if squared > m.gate[c]:
             _inflate_surprised(m, c, size)
-            sight = _sight_of(m, c, slot)
-    elif math.isfinite(squared) and math.isfinite(size) and _is_consistent(m, c, sight, 2.0 * own + granted, nu):
+            recall_measurement(m, c, slot, active(m))
+    elif math.isfinite(squared) and math.isfinite(size) and _is_consistent(m, c, 2.0 * own + granted, nu):
         believed = True
         _relax(m, c, size)
-        sight = _sight_of(m, c, slot)
-    record_outcome(m, c, squared, len(nu), believed=believed)
+        recall_measurement(m, c, slot, active(m))
+    record_outcome(m, c, squared, rows, believed)
     if believed:
         if c == ChannelIndex.ALTIMETER_RANGE:
-            m.echo[0] = m.stamp[c]
-        _correct(m, c, sight, nu, own)
+            m.echo = m.stamp[c]
+        _correct(m, c, nu, own)
 
 
-def _sight_of(m: FilterMemory, c: ChannelIndex, slot: int) -> PredictedMeasurement:
-    """Return the predicted measurement of c at the time of the clone, -1 for now."""
-    if slot < 0:
-        return predict_measurement(m, c)
-    n, at = active(m), MAIN + 3 * slot
-    HP = m.P[at : at + ROWS[c], :n].copy()
-    S = HP[:, at : at + ROWS[c]]
-    return PredictedMeasurement(h=m.h[slot], rate=m.rate[slot], rate_variance=float(m.rate_variance[slot]), HP=HP, S=S)
+def _innovation(m: FilterMemory, c: int, delta: float, nu: Vector) -> None:
+    """Measured minus predicted, which is carried on by delta [s], (rows,)."""
+    s, value = m.predicted, m.value[c]
+    if c != ChannelIndex.ATTITUDE:
+        scale = s.h[1] if c == ChannelIndex.ALTIMETER_RANGE else 1.0
+        for i in range(rows_of(c)):
+            nu[i] = value[i] * scale - s.h[i] - delta * s.rate[i]
+        return
+    by, back, error = zeros(3), zeros(4), zeros(4)
+    for i in range(4):
+        back[i] = s.h[i]
+    for i in range(3):
+        by[i] = delta * s.rate[i]
+    turn_by(back, by)
+    for i in range(3):
+        back[i] = -back[i]
+    multiply(back, value, error)
+    scale = (-1.0 if error[3] < 0.0 else 1.0) / norm(value)
+    for i in range(4):
+        error[i] *= scale
+    sine = math.sqrt(error[0] * error[0] + error[1] * error[1] + error[2] * error[2])
+    share = 2.0 * math.atan2(sine, error[3]) / sine if sine > 1e-6 else 2.0
+    for i in range(3):
+        nu[i] = share * error[i]
 
 
-def _innovation(m: FilterMemory, c: ChannelIndex, sight: PredictedMeasurement, delta: float) -> Array:
-    """(rows,) measured minus seen, which is carried on by delta [s]."""
-    n = ROWS[c]
-    if c == ChannelIndex.ATTITUDE:
-        h = pin.Quaternion(turned(sight.h, delta * sight.rate))
-        measured = m.value[c] / np.linalg.norm(m.value[c])
-        return np.asarray(pin.log3((h.inverse() * pin.Quaternion(measured)).toRotationMatrix()))
-    measured = m.value[c, :n] * (sight.h[1] if c == ChannelIndex.ALTIMETER_RANGE else 1.0)
-    return np.asarray(measured - sight.h[:n] - delta * sight.rate[:n])
-
-
-def _noise(m: FilterMemory, c: ChannelIndex, sight: PredictedMeasurement, delta: float) -> float:
+def _noise(m: FilterMemory, c: int, delta: float) -> float:
     """Variance of every entry of the reading."""
-    sigma = m.sigma[c] * (sight.h[1] if c == ChannelIndex.ALTIMETER_RANGE else 1.0)
-    walk = m.drive[ProcessNoise.JERK] ** 2 if c == ChannelIndex.SPECIFIC_FORCE else 0.0
-    return float(sigma * sigma + delta * delta * max(0.0, sight.rate_variance) + abs(delta) * walk)
+    sigma, walk = m.sigma[c] * (m.predicted.h[1] if c == ChannelIndex.ALTIMETER_RANGE else 1.0), 0.0
+    if c == ChannelIndex.SPECIFIC_FORCE:
+        walk = m.drive[ProcessNoise.JERK] * m.drive[ProcessNoise.JERK]
+    return sigma * sigma + delta * delta * max(m.predicted.rate_variance, 0.0) + abs(delta) * walk
 
 
-def _squared_innovation(sight: PredictedMeasurement, more: float, nu: Array) -> float:
-    w = np.linalg.solve(sight.factor(more), nu)
-    return float(w @ w)
+def _squared_innovation(m: FilterMemory, more: float, n: int, nu: Vector) -> float:
+    x, total = zeros(3), 0.0
+    for i in range(n):
+        x[i] = nu[i]
+    factorise(m.predicted, more, n)
+    divide(m.predicted, n, x)
+    for i in range(n):
+        total += x[i] * x[i]
+    return total
 
 
-def _is_consistent(m: FilterMemory, c: ChannelIndex, sight: PredictedMeasurement, more: float, nu: Array) -> bool:
+def _is_consistent(m: FilterMemory, c: int, more: float, nu: Vector) -> bool:
     """Return whether a reading outside the gate agrees with those before it, for long enough; a nearer floor needs no witness."""
-    rows = len(nu)
-    known = math.isfinite(m.since[c])
-    agrees = known and _squared_innovation(sight, more, nu - m.refused[c, :rows]) <= m.gate[c]
+    change, refused, rows = zeros(3), m.refused[c], rows_of(c)
+    for i in range(rows):
+        change[i] = nu[i] - refused[i]
+    agrees = math.isfinite(m.since[c]) and _squared_innovation(m, more, rows, change) <= m.gate[c]
     if not agrees:
         m.since[c] = m.stamp[c]
-    m.refused[c, :rows] = nu
+    for i in range(rows):
+        refused[i] = nu[i]
     if c == ChannelIndex.ALTIMETER_RANGE and nu[0] < 0.0:
         return True
-    return bool(agrees and m.stamp[c] - m.since[c] >= m.recovery[c] - CONSTANTS.early)
+    return agrees and m.stamp[c] - m.since[c] >= m.recovery[c] - EARLY
 
 
-def _relax(m: FilterMemory, c: ChannelIndex, squared: float) -> None:
+def _relax(m: FilterMemory, c: int, squared: float) -> None:
     """Inflate the variance of the part that this channel alone observes, now and in its clones, by a common error."""
-    m.owner[(m.owner != c)] = _FREE
+    for slot in range(SLOTS):
+        if m.owner[slot] != c:
+            m.owner[slot] = -1.0
     m.since[c] = math.nan
-    _inflate_own(m, c, CONSTANTS.gate_relaxation * squared)
-    if c not in (ChannelIndex.POSITION, ChannelIndex.DEPTH):
+    _inflate_own(m, c, GATE_RELAXATION * squared)
+    if c != ChannelIndex.POSITION and c != ChannelIndex.DEPTH:
         return
     # It took the time of recovery to go so far: with a speed that nobody knew of, or an acceleration.
-    time, own = float(m.recovery[c]), np.arange(_CORRECTED_BY[c], _CORRECTED_BY[c] + ROWS[c])
-    speed = min(CONSTANTS.gate_relaxation * squared / time**2, CONSTANTS.exposed**2)
-    m.P[own + 3, own + 3] += speed
-    m.P[own + 6, own + 6] += speed / time**2
+    time = m.recovery[c]
+    speed = min(EXPOSED * EXPOSED, GATE_RELAXATION * squared / (time * time))
+    for i in range(_corrected_by(c), _corrected_by(c) + rows_of(c)):
+        m.P[i + 3][i + 3] += speed
+        m.P[i + 6][i + 6] += speed / (time * time)
 
 
-def _inflate_surprised(m: FilterMemory, c: ChannelIndex, squared: float) -> None:
-    """The robot has done what it can and the process model did not expect, or what carries the estimate is biased."""
+def _inflate_surprised(m: FilterMemory, c: int, squared: float) -> None:
+    """The robot has done what it can and the process model did not expect, or what carries the estimate is biased.
+
+    The bias of DVLs is not in doubt by their own readings: fixes are too rough to find it again soon.
+    """
+    time = time_since_accepted(m, c) if orders_of(c) > 1 else 1.0
+    bias = int(Part.GYRO_BIAS) if c <= ChannelIndex.ANGULAR_VELOCITY else int(Part.DVL_BIAS)
     if c == ChannelIndex.LINEAR_VELOCITY:
         return  # which tells of accelerations, to go on with
     _inflate_own(m, c, squared)
-    if c in _BIAS_OF:
-        axes = range(_BIAS_OF[c], _BIAS_OF[c] + 3)
-        m.P[axes, axes] += squared / time_since_accepted(m, c) ** (2 * ORDERS[c] - 2)
+    if c <= ChannelIndex.DEPTH:
+        for i in range(bias, bias + 3):
+            m.P[i][i] += squared / (time * time)
 
 
-def _inflate_own(m: FilterMemory, c: ChannelIndex, variance: float) -> None:
+def _inflate_own(m: FilterMemory, c: int, variance: float) -> None:
     """An error of that variance of what the channel alone can put right, now and in its clones."""
-    n, rows, R = active(m), ROWS[c], rotation(m)
-    G = np.zeros((n, rows))
-    G[_CORRECTED_BY[c] : _CORRECTED_BY[c] + rows] = np.eye(rows)
-    moved = R.T if c in (ChannelIndex.LINEAR_VELOCITY, ChannelIndex.SPECIFIC_FORCE) else np.eye(rows)
-    for slot in np.flatnonzero(m.owner == c):
-        G[MAIN + 3 * slot : MAIN + 3 * slot + rows] = -moved if c == ChannelIndex.ALTIMETER_RANGE else moved
-    m.P[:n, :n] += variance * G @ G.T
+    rows, n, first, R, s = rows_of(c), active(m), _corrected_by(c), zeros(9), m.predicted
+    in_body = c == ChannelIndex.LINEAR_VELOCITY or c == ChannelIndex.SPECIFIC_FORCE
+    rotation(m.turn, R)
+    for i in range(3):
+        for j in range(n):
+            s.HP[i][j] = 0.0
+    for i in range(rows):
+        s.HP[i][first + i] = 1.0
+    for slot in range(SLOTS):
+        if m.owner[slot] == c:
+            for i in range(rows):
+                for j in range(rows):
+                    own = 0.0 if i != j else -1.0 if c == ChannelIndex.ALTIMETER_RANGE else 1.0
+                    s.HP[j][MAIN + 3 * slot + i] = R[3 * j + i] if in_body else own
+    u, v, w = s.HP[0], s.HP[1], s.HP[2]
+    for i in range(n):
+        for j in range(i, n):
+            m.P[i][j] += variance * (u[i] * u[j] + v[i] * v[j] + w[i] * w[j])
 
 
-def _correct(m: FilterMemory, c: ChannelIndex, sight: PredictedMeasurement, nu: Array, own: float) -> None:
-    """The Kalman update. Echoes move the floor alone: they are no means to tell where the vehicle is."""
-    n, L = active(m), sight.factor(own)
-    W, w = np.linalg.solve(L, sight.HP), np.linalg.solve(L, nu)
-    loss, dx = W.T @ W, W.T @ w
-    if c == ChannelIndex.ALTIMETER_RANGE:
-        moved = _moved_by_echoes(m, n)
-        loss, dx = np.where(moved[:, None] | moved, loss, 0.0), np.where(moved, dx, 0.0)
-    m.P[:n, :n] -= loss
-    m.turn[:] = turned(m.turn, dx[:3])
-    m.x += dx[3:MAIN]
-    for slot in np.flatnonzero(m.owner >= 0):
-        change = dx[MAIN + 3 * slot : MAIN + 3 * slot + 3]
-        if m.owner[slot] == ChannelIndex.ATTITUDE:
-            m.h[slot] = turned(m.h[slot], change)
-        else:
-            rows = ROWS[int(m.owner[slot])]
-            m.h[slot, :rows] += change[:rows]
+def _correct(m: FilterMemory, c: int, nu: Vector, own: float) -> None:
+    """The Kalman update. Echoes move the floor alone, and its clones: they are no means to tell where the vehicle is."""
+    s, rows, n, dx = m.predicted, rows_of(c), active(m), m.change
+    u, v, w = s.HP[0], s.HP[1], s.HP[2]
+    factorise(s, own, rows)
+    divide(s, rows, nu)
+    for j in range(n):
+        u[j] /= s.L[0][0]
+    if rows == 1:
+        for j in range(n):
+            dx[j] = u[j] * nu[0]
+        _lose_one(m, u, n, c == ChannelIndex.ALTIMETER_RANGE)
+    else:
+        for j in range(n):
+            v[j] = (v[j] - s.L[1][0] * u[j]) / s.L[1][1]
+            w[j] = (w[j] - s.L[2][0] * u[j] - s.L[2][1] * v[j]) / s.L[2][2]
+            dx[j] = u[j] * nu[0] + v[j] * nu[1] + w[j] * nu[2]
+        _lose(m, u, v, w, n)
+    _apply(m, dx)
 
 
-def _moved_by_echoes(m: FilterMemory, n: int) -> Mask:
-    moved = np.zeros(n, dtype=bool)
-    moved[Part.FLOOR] = True
-    for slot in np.flatnonzero(m.owner == ChannelIndex.ALTIMETER_RANGE):
-        moved[MAIN + 3 * slot] = True
-    return moved
+@wide
+def _lose(m: FilterMemory, u: Vector, v: Vector, w: Vector, n: int) -> None:
+    """The loss of variance of a reading of three numbers."""
+    for i in range(n):
+        row, a, b, d = m.P[i], u[i], v[i], w[i]
+        for j in range(i, n):
+            row[j] -= a * u[j] + b * v[j] + d * w[j]
 
 
-def _clone(m: FilterMemory, c: ChannelIndex) -> None:
+def _lose_one(m: FilterMemory, u: Vector, n: int, floor: bool) -> None:
+    """The loss of variance of a reading of one number; floor: on the floor and its clones alone."""
+    for i in range(n):
+        moved = not floor or _is_of_floor(m, i)
+        if not moved:
+            m.change[i] = 0.0
+        for j in range(i, n):
+            if moved or _is_of_floor(m, j):
+                m.P[i][j] -= u[i] * u[j]
+
+
+def _is_of_floor(m: FilterMemory, i: int) -> bool:
+    """Return whether an entry of the error state is the floor, or a clone of what sees it."""
+    if i < MAIN:
+        return i == Part.FLOOR
+    return (i - MAIN) % 3 == 0 and m.owner[(i - MAIN) // 3] == ChannelIndex.ALTIMETER_RANGE
+
+
+def _apply(m: FilterMemory, dx: Vector) -> None:
+    turn_by(m.turn, dx)
+    for i in range(int(Part.PLACE), MAIN):
+        m.x[i] += dx[i]
+    for slot in range(SLOTS):
+        c, h, change = int(m.owner[slot]), m.h[slot], zeros(3)
+        if c >= 0:
+            for i in range(3):
+                change[i] = dx[MAIN + 3 * slot + i]
+            if c == ChannelIndex.ATTITUDE:
+                turn_by(h, change)
+            else:
+                for i in range(rows_of(c)):
+                    h[i] += change[i]
+
+
+def _clone(m: FilterMemory, c: int) -> None:
     """Keep what channel c sees now, with its covariances, until its reading arrives."""
-    unknown = c in _INITIALISING and is_unknown(m, _CORRECTED_BY[c], ROWS[c])
-    slot = free_slot(m.owner)
-    if slot < 0 or unknown or (c in _NEEDS_ATTITUDE and is_unknown(m, Part.TURN, 3)):
+    s, slot, before, rows = m.predicted, free_slot(m.owner, SLOTS), active(m), rows_of(c)
+    if slot < 0 or _is_blind(m, c) or _is_uninitialised(m, c):
         return
-    sight, at, rows = predict_measurement(m, c), MAIN + 3 * slot, ROWS[c]
-    m.owner[slot], m.taken[slot] = c, m.now[0]
-    m.h[slot], m.rate[slot], m.rate_variance[slot] = sight.h, sight.rate, sight.rate_variance
-    n, before = active(m), sight.HP.shape[1]
-    m.P[at : at + 3, :n] = 0.0
-    m.P[:n, at : at + 3] = 0.0
-    m.P[at : at + rows, :before] = sight.HP
-    m.P[:before, at : at + rows] = sight.HP.T
-    m.P[at : at + rows, at : at + rows] = sight.S
+    at = MAIN + 3 * slot
+    predict_measurement(m, c, before)
+    m.owner[slot] = c
+    m.taken[slot] = m.now
+    m.rate_variance[slot] = s.rate_variance
+    for i in range(4):
+        m.h[slot][i] = s.h[i]
+    for i in range(3):
+        m.rate[slot][i] = s.rate[i]
+    n = active(m)
+    for i in range(3):
+        clear(m, at + i, n, 0.0)
+        for j in range(before if i < rows else 0):
+            if j < at:
+                m.P[j][at + i] = s.HP[i][j]
+            else:
+                m.P[at + i][j] = s.HP[i][j]
+    for i in range(rows):
+        for j in range(i, rows):
+            m.P[at + i][at + j] = s.S[i][j]

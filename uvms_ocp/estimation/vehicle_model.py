@@ -1,323 +1,507 @@
-"""Process model and measurement models of the vehicle, in NumPy: the twin of motion.c and sights.c."""
+"""Process model and measurement models of the vehicle in the Kalman filter, as kernels.
+
+The covariance of the errors is kept in its upper triangle; what is lost (not finite) or unknown falls back to its limits.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
-from uvms_ocp.estimation.filter_memory import CONSTANTS, MAIN, ROWS, ChannelIndex, FilterMemory, Part, ProcessNoise
-from uvms_ocp.types import Array, Mask
+from uvms_ocp.codegen.kernel_layout import Vector, wide, zeros
+from uvms_ocp.estimation.filter_memory import (
+    EXPOSED,
+    LONGEST_STEP,
+    MAIN,
+    SLOTS,
+    UNKNOWN,
+    ChannelIndex,
+    FilterMemory,
+    Part,
+    PredictedMeasurement,
+    ProcessNoise,
+    rows_of,
+)
+from uvms_ocp.robot.kinematics import STEEP
 
-# The motion of the vehicle in NumPy: what motion.c does; keep both in step.
-
-_FORGOTTEN = slice(Part.SPEED, Part.GYRO_BIAS)  # parts that are zero where nothing is known of them
+# Rotations: matrices row by row, quaternions xyzw, vectors from an entry of theirs on.
 
 
-def part(m: FilterMemory, which: Part) -> Array:
-    """(3,) of the estimate, a view."""
-    return m.x[which - Part.PLACE : which - Part.PLACE + 3]
+def rotation(q: Vector, R: Vector) -> None:
+    """R (9,) of the quaternion q (4,)."""
+    x, y, z, w = q[0], q[1], q[2], q[3]
+    R[0] = 1.0 - 2.0 * (y * y + z * z)
+    R[1] = 2.0 * (x * y - w * z)
+    R[2] = 2.0 * (x * z + w * y)
+    R[3] = 2.0 * (x * y + w * z)
+    R[4] = 1.0 - 2.0 * (x * x + z * z)
+    R[5] = 2.0 * (y * z - w * x)
+    R[6] = 2.0 * (x * z - w * y)
+    R[7] = 2.0 * (y * z + w * x)
+    R[8] = 1.0 - 2.0 * (x * x + y * y)
 
 
-def rotation(m: FilterMemory) -> Array:
-    """R_WB (3, 3)."""
-    return np.asarray(pin.Quaternion(m.turn).toRotationMatrix())
+def rotate(R: Vector, x: Vector, y: Vector) -> None:
+    """Compute y = R x, (3,) each."""
+    for i in range(3):
+        y[i] = R[3 * i] * x[0] + R[3 * i + 1] * x[1] + R[3 * i + 2] * x[2]
 
 
-def turned(quaternion: Array, by: Array) -> Array:
-    """Quaternion (4,) times the rotation by the vector `by` (3,) [rad]."""
-    squared = float(by @ by)
-    angle = math.sqrt(squared)
-    share = math.sin(angle / 2) / angle if angle > 1e-4 else 0.5 - squared / 48
-    x, y, z = (share * by).tolist()
-    result = (pin.Quaternion(quaternion) * pin.Quaternion(math.cos(angle / 2), x, y, z)).coeffs()
-    return np.asarray(result / np.linalg.norm(result))
+def rotate_back(R: Vector, x: Vector, at: int, y: Vector) -> None:
+    """Compute y (3,) = R' x, of three entries of x from `at` on."""
+    for i in range(3):
+        y[i] = R[i] * x[at] + R[3 + i] * x[at + 1] + R[6 + i] * x[at + 2]
+
+
+def cross(a: Vector, at: int, b: Vector, c: Vector) -> None:
+    """Compute c (3,) = a x b, of three entries of a from `at` on."""
+    c[0] = a[at + 1] * b[2] - a[at + 2] * b[1]
+    c[1] = a[at + 2] * b[0] - a[at] * b[2]
+    c[2] = a[at] * b[1] - a[at + 1] * b[0]
+
+
+def multiply(a: Vector, b: Vector, c: Vector) -> None:
+    """Compute c = a b of quaternions (4,); c may be a."""
+    x = a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1]
+    y = a[3] * b[1] + a[1] * b[3] + a[2] * b[0] - a[0] * b[2]
+    z = a[3] * b[2] + a[2] * b[3] + a[0] * b[1] - a[1] * b[0]
+    w = a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2]
+    c[0] = x
+    c[1] = y
+    c[2] = z
+    c[3] = w
+
+
+def norm(q: Vector) -> float:
+    """Return the norm of q (4,)."""
+    return math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+
+
+def turn_by(q: Vector, by: Vector) -> None:
+    """Turn the quaternion q (4,) by a rotation vector (3,) [rad] in its own frame, and give it norm 1."""
+    squared = by[0] * by[0] + by[1] * by[1] + by[2] * by[2]
+    angle, e = math.sqrt(squared), zeros(4)
+    share = math.sin(angle / 2.0) / angle if angle > 1e-4 else 0.5 - squared / 48.0
+    for i in range(3):
+        e[i] = share * by[i]
+    e[3] = math.cos(angle / 2.0)
+    multiply(q, e, q)
+    size = norm(q)
+    for i in range(4):
+        q[i] /= size
+
+
+def turn_maps(angle: Vector, E: Vector, J: Vector) -> None:
+    """Compute E = exp(-angle) and J, the right Jacobian of exp at the angle (3,) [rad]; (9,) each."""
+    squared = angle[0] * angle[0] + angle[1] * angle[1] + angle[2] * angle[2]
+    size, K = math.sqrt(squared), zeros(9)
+    sine = 1.0 - squared / 6.0 + squared * squared / 120.0
+    cosine = 0.5 - squared / 24.0 + squared * squared / 720.0
+    third = 1.0 / 6.0 - squared / 120.0 + squared * squared / 5040.0
+    if size >= 1e-2:
+        sine = math.sin(size) / size
+        cosine = (1.0 - math.cos(size)) / squared
+        third = (size - math.sin(size)) / (squared * size)
+    K[1] = -angle[2]
+    K[2] = angle[1]
+    K[3] = angle[2]
+    K[5] = -angle[0]
+    K[6] = -angle[1]
+    K[7] = angle[0]
+    for i in range(3):
+        for j in range(3):
+            K2, one = angle[i] * angle[j] - (squared if i == j else 0.0), 1.0 if i == j else 0.0
+            E[3 * i + j] = one - sine * K[3 * i + j] + cosine * K2
+            J[3 * i + j] = one - cosine * K[3 * i + j] + third * K2
+
+
+# The covariance: its entries, and what is done to one of them.
 
 
 def active(m: FilterMemory) -> int:
-    """Rows of the covariance that are in use."""
-    used = np.flatnonzero(m.owner >= 0)
-    return MAIN + 3 * (int(used[-1]) + 1 if len(used) else 0)
-
-
-def predict(m: FilterMemory) -> None:
-    """Advance by the time of the tick."""
-    if m.has_command[0]:
-        _follow(m)
-    if m.dt[0] <= 0.0:
-        return
-    step = min(m.dt[0], CONSTANTS.longest_step)
-    spin, spin_up = part(m, Part.SPIN), part(m, Part.SPIN_UP)
-    angle = step * spin + step * step / 2 * spin_up
-    _predict_covariance(m, step, angle)
-    _forget_unknown(m)
-    m.turn[:] = turned(m.turn, angle)
-    speed, acceleration = part(m, Part.SPEED), part(m, Part.ACCELERATION)
-    part(m, Part.PLACE)[:] += step * speed + step * step / 2 * acceleration
-    speed += step * acceleration
-    spin += step * spin_up
-
-
-def _follow(m: FilterMemory) -> None:
-    commanded_W = rotation(m) @ m.commanded[:3]
-    if m.guided[0]:
-        _change(m, Part.SPEED, commanded_W - m.commanded_W)
-    _change(m, Part.SPIN, m.commanded[3:6] - m.commanded_spin)
-    m.commanded_W[:], m.commanded_spin[:] = commanded_W, m.commanded[3:6]
-
-
-def _change(m: FilterMemory, which: Part, by: Array) -> None:
-    part(m, which)[:] += by
-    axes = range(which, which + 3)
-    m.P[axes, axes] += response_variance(m, by)
-
-
-def response_variance(m: FilterMemory, change: Array) -> Array:
-    """Variances after a tick in which the asked velocities made a change (n,) [m/s, rad/s]: the faster, the less they follow.
-
-    That of an error with the time constant of the response and a standard deviation in proportion to the asked acceleration:
-    a share of a step, however it is divided into ticks.
-    """
-    return np.asarray((m.drive[ProcessNoise.REPLY] * change) ** 2 / m.dt[0]) if m.dt[0] > 0.0 else np.zeros(len(change))
-
-
-def _predict_covariance(m: FilterMemory, step: float, angle: Array) -> None:
-    n, F, J = active(m), np.eye(MAIN), np.asarray(pin.Jexp3(angle))
-    turn, place, speed, acceleration, spin, spin_up = (slice(i, i + 3) for i in range(0, 18, 3))
-    F[turn, turn], F[turn, spin], F[turn, spin_up] = pin.exp3(-angle), step * J, step * step / 2 * J
-    F[place, speed], F[place, acceleration] = step * np.eye(3), step * step / 2 * np.eye(3)
-    F[speed, acceleration] = F[spin, spin_up] = step * np.eye(3)
-    P = m.P[:n, :n]
-    P[:MAIN, MAIN:] = F @ P[:MAIN, MAIN:]
-    P[MAIN:, :MAIN] = P[:MAIN, MAIN:].T
-    main = F @ P[:MAIN, :MAIN] @ F.T + _diffusion(m, J)
-    P[:MAIN, :MAIN] = (main + main.T) / 2
-
-
-def _diffusion(m: FilterMemory, J: Array) -> Array:
-    """Covariance (MAIN, MAIN) that the driving noise adds in a tick; J (3, 3) turns it with the vehicle."""
-    dt, Q = float(m.dt[0]), np.zeros((MAIN, MAIN))
-    third = _thrice_integrated(dt)
-    jerk, spin = m.drive[ProcessNoise.JERK] ** 2, m.drive[ProcessNoise.ANGULAR_JERK] ** 2
-    Q[3:12, 3:12] = jerk * np.kron(third, np.eye(3))
-    turns = (slice(0, 3), slice(12, 15), slice(15, 18))
-    maps = (J, np.eye(3), np.eye(3))
-    for i, (rows, left) in enumerate(zip(turns, maps, strict=True)):
-        for j, (columns, right) in enumerate(zip(turns, maps, strict=True)):
-            Q[rows, columns] = spin * third[i, j] * left @ right.T
-    for first, noise in (
-        (Part.GYRO_BIAS, ProcessNoise.GYRO),
-        (Part.DVL_BIAS, ProcessNoise.DVL),
-        (Part.FORCE_BIAS, ProcessNoise.FORCE),
-    ):
-        Q[range(first, first + 3), range(first, first + 3)] = dt * m.drive[noise] ** 2
-    Q[Part.FLOOR, Part.FLOOR] = dt * _relief(m)
-    return Q
-
-
-def _thrice_integrated(dt: float) -> Array:
-    """Covariance (3, 3) of a value and its two derivatives after dt [s] of white noise of the third."""
-    dt2 = dt * dt
-    off = dt2 * dt / 6
-    return np.array(
-        [
-            [dt2 * dt2 * dt / 20, dt2 * dt2 / 8, off],
-            [dt2 * dt2 / 8, dt2 * dt / 3, dt2 / 2],
-            [off, dt2 / 2, dt],
-        ]
-    )
-
-
-def _relief(m: FilterMemory) -> float:
-    """Variance [m2/s] of the floor that passes below the altimeter."""
-    velocity = part(m, Part.SPEED) + rotation(m) @ np.cross(part(m, Part.SPIN), m.beam_at)
-    roughness = m.drive[ProcessNoise.ROUGHNESS] ** 2 * (velocity[0] ** 2 + velocity[1] ** 2)
-    return float(m.drive[ProcessNoise.SETTLING] ** 2 + roughness)
-
-
-def _forget_unknown(m: FilterMemory) -> None:
-    """Bound variances by `limit`: no growth beyond it, and no correlation if a reading can set the part."""
-    n, no_turn = active(m), not np.isfinite(m.turn).all()
-    lost = np.concatenate([np.full(3, no_turn), ~np.isfinite(m.x)])
-    for i in np.flatnonzero(lost | ~are_determined(np.diag(m.P)[:MAIN], m.limit**2)):
-        carried = Part.SPEED <= i < Part.FLOOR and not lost[i] and 0.0 < m.P[i, i] < math.inf
-        (_limit_to if carried else clear)(m, int(i), n, float(m.limit[i]) ** 2)
-        if i >= Part.PLACE and (lost[i] or _FORGOTTEN.start <= i < _FORGOTTEN.stop):
-            m.x[i - Part.PLACE] = 0.0
-    if no_turn:
-        m.turn[:] = 0.0, 0.0, 0.0, 1.0
-
-
-def are_determined(variance: Array, most: Array | float) -> Mask:
-    """Return whether each variance (n,) [square of a unit] is within `most` (n,) or () [the same]; below zero it is rounding."""
-    return np.asarray((variance >= 0.0) & (variance <= most))
-
-
-def _limit_to(m: FilterMemory, i: int, n: int, variance: float) -> None:
-    """Less doubt and no less correlation: clones whose readings are on their way still tell of entry i."""
-    share = math.sqrt(variance / float(m.P[i, i]))
-    m.P[i, :n] *= share
-    m.P[:n, i] *= share
-    m.P[i, i] = variance
+    """Return the rows of the covariance that are in use."""
+    slot = SLOTS - 1
+    while slot >= 0 and m.owner[slot] < 0.0:
+        slot -= 1
+    return MAIN + 3 * (slot + 1)
 
 
 def clear(m: FilterMemory, i: int, n: int, variance: float) -> None:
     """Take entry i out of all correlations among the first n and give it a variance [square of its unit]."""
-    m.P[i, :n] = 0.0
-    m.P[:n, i] = 0.0
-    m.P[i, i] = variance
+    for j in range(i):
+        m.P[j][i] = 0.0
+    for j in range(i, n):
+        m.P[i][j] = 0.0
+    m.P[i][i] = variance
+
+
+def _limit_to(m: FilterMemory, i: int, n: int, variance: float) -> None:
+    """Less variance and no less correlation: clones whose readings are on their way still depend on entry i."""
+    share = math.sqrt(variance / m.P[i][i])
+    for j in range(i):
+        m.P[j][i] *= share
+    for j in range(i, n):
+        m.P[i][j] *= share
+    m.P[i][i] = variance
 
 
 def is_unknown(m: FilterMemory, first: int, n: int) -> bool:
     """Return whether any of n entries of the error state is."""
-    entries = slice(first, first + n)
-    return bool((np.diag(m.P)[entries] > CONSTANTS.unknown * m.limit[entries] ** 2).any())
-
-
-def inflate_velocity_variance(m: FilterMemory, *, rests: bool) -> None:
-    """Linear velocity and acceleration may be anything that vehicles do. Rare, and so in NumPy for both cores.
-
-    rests: they are taken for zero from here on, as what was carried on without readings leads ever farther astray.
-    """
-    m.owner[:] = -1.0
-    if rests:
-        part(m, Part.SPEED)[:] = part(m, Part.ACCELERATION)[:] = 0.0
-    for first in (Part.SPEED, Part.ACCELERATION):
-        axes = np.arange(first, first + 3)
-        m.P[axes, axes] += CONSTANTS.exposed**2
-
-
-# What each channel of the vehicle sees of the estimate, in NumPy: what sights.c does; keep both in step.
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class PredictedMeasurement:
-    """Predicted measurement of a channel, now or at the time of a clone."""
-
-    h: Array
-    """(4,) [unit of the channel]; of the altimeter altitude and cosine of the tilt."""
-    rate: Array
-    """(3,) its rate [per s]."""
-    rate_variance: float
-    """[square of its unit] variance of the rate."""
-    HP: Array
-    """(rows, n) [SI] covariance with all errors."""
-    S: Array
-    """(rows, rows) [SI] its own."""
-
-    def factor(self, more: float) -> Array:
-        """(rows, rows) lower factor of S with `more` [square of its unit] on the diagonal: no pivot is less but by rounding."""
-        L = np.zeros(self.S.shape)
-        for j in range(len(L)):
-            column = self.S[j:, j] - L[j:, :j] @ L[j, :j]
-            pivot = column[0] + more
-            L[j, j] = math.sqrt(more if pivot < more else pivot)
-            L[j + 1 :, j] = column[1:] / L[j, j]
-        return L
-
-
-def predict_measurement(m: FilterMemory, c: ChannelIndex) -> PredictedMeasurement:
-    """Predict the measurement of channel c now."""
-    h, H, rate, rate_variance = _MODELS[c](m)
-    HP = H @ m.P[:MAIN, : active(m)]
-    return PredictedMeasurement(
-        h=np.resize(h, 4), rate=np.resize(rate, 3), rate_variance=rate_variance, HP=HP, S=HP[:, :MAIN] @ H.T
-    )
-
-
-_View = tuple[Array, Array, Array, float]
-
-
-def _rows(n: int, *blocks: tuple[int, Array]) -> Array:
-    H = np.zeros((n, MAIN))
-    for at, block in blocks:
-        H[:, at : at + block.shape[1]] = block
-    return H
+    found = False
+    for i in range(first, first + n):
+        found = found or m.P[i][i] > UNKNOWN * m.limit[i] * m.limit[i]
+    return found
 
 
 def mean_variance(m: FilterMemory, first: int) -> float:
-    """Mean variance of three entries of the error state."""
-    return float((m.P[first, first] + m.P[first + 1, first + 1] + m.P[first + 2, first + 2]) / 3)
+    """Return the mean variance of three entries of the error state."""
+    return (m.P[first][first] + m.P[first + 1][first + 1] + m.P[first + 2][first + 2]) / 3.0
 
 
-def _predict_attitude(m: FilterMemory) -> _View:
-    return m.turn.copy(), _rows(3, (Part.TURN, np.eye(3))), part(m, Part.SPIN).copy(), mean_variance(m, Part.SPIN)
+def is_determined(variance: float, most: float) -> bool:
+    """Return whether a variance [square of a unit] is within `most` [the same]; below zero rounding has eaten it."""
+    return 0.0 <= variance <= most
 
 
-def _predict_angular_velocity(m: FilterMemory) -> _View:
-    h = part(m, Part.SPIN) + part(m, Part.GYRO_BIAS)
-    H = _rows(3, (Part.SPIN, np.eye(3)), (Part.GYRO_BIAS, np.eye(3)))
-    return h, H, part(m, Part.SPIN_UP).copy(), mean_variance(m, Part.SPIN_UP)
+def response_variance(m: FilterMemory, change: float) -> float:
+    """Variance of a velocity after a tick in which the asked one made a change [m/s, rad/s]: the faster, the less it follows.
+
+    That of an error with the time constant of the response and a standard deviation in proportion to the asked acceleration:
+    a share of a step, however it is divided into ticks.
+    """
+    drive = m.drive[ProcessNoise.REPLY] * change
+    return drive * drive / m.dt if m.dt > 0.0 else 0.0
 
 
-def _predict_position(m: FilterMemory) -> _View:
-    H = _rows(3, (Part.PLACE, np.eye(3)))
-    return part(m, Part.PLACE).copy(), H, part(m, Part.SPEED).copy(), mean_variance(m, Part.SPEED)
+# The process model: constant jerk, in the W of positions and the B of rotations.
 
 
-def _predict_depth(m: FilterMemory) -> _View:
-    H, z = _rows(1, (Part.PLACE + 2, np.eye(1))), Part.SPEED + 2
-    return part(m, Part.PLACE)[2:].copy(), H, part(m, Part.SPEED)[2:].copy(), float(m.P[z, z])
+def predict(m: FilterMemory) -> None:
+    """Advance by the time of the tick."""
+    if m.has_command:
+        _follow(m)
+    dt, angle, E, J = m.dt, zeros(3), zeros(9), zeros(9)
+    if not dt > 0.0:
+        return
+    h, n = min(LONGEST_STEP, dt), active(m)
+    for i in range(3):
+        angle[i] = h * m.x[Part.SPIN + i] + h * h / 2.0 * m.x[Part.SPIN_UP + i]
+    turn_maps(angle, E, J)
+    for i in range(1, MAIN):
+        for j in range(i):
+            m.P[i][j] = m.P[j][i]
+    _move_rows(m, n, h, E, J)
+    _move_columns(m, h, E, J)
+    _diffuse(m, dt, J)
+    _forget_unknown(m, n)
+    turn_by(m.turn, angle)
+    for i in range(3):
+        m.x[Part.PLACE + i] += h * m.x[Part.SPEED + i] + h * h / 2.0 * m.x[Part.ACCELERATION + i]
+        m.x[Part.SPEED + i] += h * m.x[Part.ACCELERATION + i]
+        m.x[Part.SPIN + i] += h * m.x[Part.SPIN_UP + i]
 
 
-def _predict_velocity(m: FilterMemory) -> _View:
-    R, spin = rotation(m), part(m, Part.SPIN)
-    v_B = R.T @ part(m, Part.SPEED)
-    rate = R.T @ part(m, Part.ACCELERATION) - np.cross(spin, v_B)
-    H = _rows(3, (Part.TURN, pin.skew(v_B)), (Part.SPEED, R.T), (Part.DVL_BIAS, np.eye(3)))
-    return v_B + part(m, Part.DVL_BIAS), H, rate, mean_variance(m, Part.ACCELERATION)
+def _follow(m: FilterMemory) -> None:
+    R, commanded = zeros(9), zeros(3)
+    rotation(m.turn, R)
+    rotate(R, m.commanded, commanded)
+    for i in range(3):
+        if m.guided:
+            _change(m, Part.SPEED + i, commanded[i] - m.commanded_W[i])
+        _change(m, Part.SPIN + i, m.commanded[3 + i] - m.commanded_spin[i])
+        m.commanded_W[i] = commanded[i]
+        m.commanded_spin[i] = m.commanded[3 + i]
 
 
-def _predict_specific_force(m: FilterMemory) -> _View:
-    R, spin = rotation(m), part(m, Part.SPIN)
-    force = R.T @ (part(m, Part.ACCELERATION) - m.gravity)
-    H = _rows(3, (Part.TURN, pin.skew(force)), (Part.ACCELERATION, R.T), (Part.FORCE_BIAS, np.eye(3)))
-    return (
-        force + part(m, Part.FORCE_BIAS),
-        H,
-        -np.cross(spin, force),
-        mean_variance(m, Part.SPIN) * float(force @ force),
-    )
+def _change(m: FilterMemory, i: int, change: float) -> None:
+    m.x[i] += change
+    m.P[i][i] += response_variance(m, change)
 
 
-def _predict_altitude(m: FilterMemory) -> _View:
-    down = rotation(m)[2]
-    cosine = down @ m.beam_up
-    altitude = part(m, Part.PLACE)[2] + down @ m.beam_at - m.x[Part.FLOOR - Part.PLACE]
-    tilt = altitude / cosine * np.cross(m.beam_up, down) if abs(cosine) > CONSTANTS.steep else np.zeros(3)
-    by_turn = np.cross(m.beam_at, down) - tilt
-    H = _rows(1, (Part.TURN, by_turn[None]), (Part.PLACE + 2, np.eye(1)), (Part.FLOOR, -np.eye(1)))
-    z = Part.SPEED + 2
-    return np.array([altitude, cosine]), H, part(m, Part.SPEED)[2:].copy(), float(m.P[z, z])
+@wide
+def _move_rows(m: FilterMemory, n: int, h: float, E: Vector, J: Vector) -> None:
+    """Rows of F P, columns 0 to n."""
+    half, t, hJ, hhJ = h * h / 2.0, zeros(3), zeros(9), zeros(9)
+    for i in range(9):
+        hJ[i] = h * J[i]
+        hhJ[i] = h * h / 2.0 * J[i]
+    for j in range(n):
+        for i in range(3):
+            t[i] = 0.0
+            for k in range(3):
+                t[i] += (
+                    E[3 * i + k] * m.P[Part.TURN + k][j]
+                    + hJ[3 * i + k] * m.P[Part.SPIN + k][j]
+                    + hhJ[3 * i + k] * m.P[Part.SPIN_UP + k][j]
+                )
+        for i in range(3):
+            m.P[Part.TURN + i][j] = t[i]
+    for i in range(3):
+        for j in range(n):
+            m.P[Part.PLACE + i][j] += h * m.P[Part.SPEED + i][j] + half * m.P[Part.ACCELERATION + i][j]
+            m.P[Part.SPEED + i][j] += h * m.P[Part.ACCELERATION + i][j]
+            m.P[Part.SPIN + i][j] += h * m.P[Part.SPIN_UP + i][j]
 
 
-_MODELS = {
-    ChannelIndex.ATTITUDE: _predict_attitude,
-    ChannelIndex.ANGULAR_VELOCITY: _predict_angular_velocity,
-    ChannelIndex.POSITION: _predict_position,
-    ChannelIndex.DEPTH: _predict_depth,
-    ChannelIndex.LINEAR_VELOCITY: _predict_velocity,
-    ChannelIndex.SPECIFIC_FORCE: _predict_specific_force,
-    ChannelIndex.ALTIMETER_RANGE: _predict_altitude,
-}
+def _move_columns(m: FilterMemory, h: float, E: Vector, J: Vector) -> None:
+    """The same on the columns of the vehicle's own block."""
+    half, t, hJ, hhJ = h * h / 2.0, zeros(3), zeros(9), zeros(9)
+    for i in range(9):
+        hJ[i] = h * J[i]
+        hhJ[i] = h * h / 2.0 * J[i]
+    for j in range(MAIN):
+        row = m.P[j]
+        for i in range(3):
+            t[i] = 0.0
+            for k in range(3):
+                t[i] += (
+                    E[3 * i + k] * row[Part.TURN + k]
+                    + hJ[3 * i + k] * row[Part.SPIN + k]
+                    + hhJ[3 * i + k] * row[Part.SPIN_UP + k]
+                )
+        for i in range(3):
+            row[Part.TURN + i] = t[i]
+            row[Part.PLACE + i] += h * row[Part.SPEED + i] + half * row[Part.ACCELERATION + i]
+            row[Part.SPEED + i] += h * row[Part.ACCELERATION + i]
+            row[Part.SPIN + i] += h * row[Part.SPIN_UP + i]
 
 
-def second_derivative(m: FilterMemory, c: ChannelIndex) -> Array:
-    """(3,) second derivative of what a channel that sets a part sees; its first entry alone for one row."""
+def _diffuse(m: FilterMemory, dt: float, J: Vector) -> None:
+    """Add what the driving noise does in a tick, which J turns with the vehicle."""
+    dt2, jerk, spin = dt * dt, m.drive[ProcessNoise.JERK], m.drive[ProcessNoise.ANGULAR_JERK]
+    third = zeros(9)  # covariance (3, 3), row by row, of a value and its derivatives after white noise of the third
+    third[0] = dt2 * dt2 * dt / 20.0
+    third[1] = dt2 * dt2 / 8.0
+    third[2] = dt2 * dt / 6.0
+    third[4] = dt2 * dt / 3.0
+    third[5] = dt2 / 2.0
+    third[8] = dt
+    jerk *= jerk
+    spin *= spin
+    for i in range(3):
+        for a in range(3):
+            for b in range(a, 3):
+                m.P[Part.PLACE + 3 * a + i][Part.PLACE + 3 * b + i] += jerk * third[3 * a + b]
+        for j in range(3):
+            JJ = J[3 * i] * J[3 * j] + J[3 * i + 1] * J[3 * j + 1] + J[3 * i + 2] * J[3 * j + 2]
+            if j >= i:
+                m.P[Part.TURN + i][Part.TURN + j] += spin * third[0] * JJ
+            m.P[Part.TURN + i][Part.SPIN + j] += spin * third[1] * J[3 * i + j]
+            m.P[Part.TURN + i][Part.SPIN_UP + j] += spin * third[2] * J[3 * i + j]
+        m.P[Part.SPIN + i][Part.SPIN + i] += spin * third[4]
+        m.P[Part.SPIN + i][Part.SPIN_UP + i] += spin * third[5]
+        m.P[Part.SPIN_UP + i][Part.SPIN_UP + i] += spin * third[8]
+        for k in range(3):
+            drift, at = m.drive[ProcessNoise.GYRO + k], Part.GYRO_BIAS + 3 * k + i
+            m.P[at][at] += dt * drift * drift
+    m.P[Part.FLOOR][Part.FLOOR] += dt * _relief(m)
+
+
+def _relief(m: FilterMemory) -> float:
+    """Variance [m2/s] of the floor that passes below the altimeter."""
+    R, arm, velocity = zeros(9), zeros(3), zeros(3)
+    rough, settling = m.drive[ProcessNoise.ROUGHNESS], m.drive[ProcessNoise.SETTLING]
+    rotation(m.turn, R)
+    cross(m.x, Part.SPIN, m.beam_at, arm)
+    rotate(R, arm, velocity)
+    for i in range(2):
+        velocity[i] += m.x[Part.SPEED + i]
+    return settling * settling + rough * rough * (velocity[0] * velocity[0] + velocity[1] * velocity[1])
+
+
+def _forget_unknown(m: FilterMemory, n: int) -> None:
+    """Bound variances by `limit`: no growth beyond it, and no correlation if a reading can set the part."""
+    for i in range(MAIN):
+        most, lost = m.limit[i] * m.limit[i], not math.isfinite(norm(m.turn) if i < Part.PLACE else m.x[i])
+        if not lost and is_determined(m.P[i][i], most):
+            continue
+        if not lost and Part.SPEED <= i < Part.FLOOR and m.P[i][i] > 0.0 and math.isfinite(m.P[i][i]):
+            _limit_to(m, i, n, most)
+        else:
+            clear(m, i, n, most)
+        if i >= Part.PLACE and (lost or Part.SPEED <= i < Part.GYRO_BIAS):
+            m.x[i] = 0.0
+    if not math.isfinite(norm(m.turn)):
+        for i in range(4):
+            m.turn[i] = 1.0 if i == 3 else 0.0
+
+
+def inflate_velocity_variance(memory: Any, *, rests: bool) -> None:
+    """Linear velocity and acceleration may be anything that vehicles do; memory: `arrays_of` a `FilterMemory`.
+
+    rests: they are taken for zero from here on, as what was carried on without readings leads ever farther astray.
+    """
+    memory.owner[:] = -1.0
+    for first in (Part.SPEED, Part.ACCELERATION):
+        axes = np.arange(first, first + 3)
+        memory.P[axes, axes] += EXPOSED**2
+        if rests:
+            memory.x[axes] = 0.0
+
+
+# What each channel of the vehicle sees of the estimate.
+
+
+def predict_measurement(m: FilterMemory, c: int, n: int) -> None:
+    """Predict the measurement of channel c now, with its covariances with the first n errors."""
+    s, rows = m.predicted, rows_of(c)
+    _model(m, s, c)
+    for i in range(rows):
+        for j in range(n):
+            s.HP[i][j] = 0.0
+        for k in range(MAIN):
+            h = s.H[i][k]
+            if h != 0.0:
+                for j in range(k):
+                    s.HP[i][j] += h * m.P[j][k]
+                for j in range(k, n):
+                    s.HP[i][j] += h * m.P[k][j]
+    for i in range(rows):
+        for j in range(rows):
+            s.S[i][j] = 0.0
+            for k in range(MAIN):
+                s.S[i][j] += s.HP[i][k] * s.H[j][k]
+
+
+def _model(m: FilterMemory, s: PredictedMeasurement, c: int) -> None:
+    for i in range(3):
+        s.rate[i] = 0.0
+        for k in range(MAIN):
+            s.H[i][k] = 0.0
+    for i in range(4):
+        s.h[i] = m.turn[i] if c == ChannelIndex.ATTITUDE else 0.0
     if c == ChannelIndex.ATTITUDE:
-        return part(m, Part.SPIN_UP).copy()
-    acceleration = part(m, Part.ACCELERATION)
-    return acceleration.copy() if ROWS[c] == 3 else np.repeat(acceleration[2], 3)
+        _see(m, s, Part.TURN, Part.SPIN)
+    elif c == ChannelIndex.ANGULAR_VELOCITY:
+        for i in range(3):
+            s.h[i] = m.x[Part.SPIN + i] + m.x[Part.GYRO_BIAS + i]
+            s.H[i][Part.GYRO_BIAS + i] = 1.0
+        _see(m, s, Part.SPIN, Part.SPIN_UP)
+    elif c == ChannelIndex.POSITION:
+        for i in range(3):
+            s.h[i] = m.x[Part.PLACE + i]
+        _see(m, s, Part.PLACE, Part.SPEED)
+    elif c == ChannelIndex.DEPTH:
+        s.h[0] = m.x[Part.PLACE + 2]
+        s.rate[0] = m.x[Part.SPEED + 2]
+        s.H[0][Part.PLACE + 2] = 1.0
+        s.rate_variance = m.P[Part.SPEED + 2][Part.SPEED + 2]
+    elif c == ChannelIndex.ALTIMETER_RANGE:
+        _see_floor(m, s)
+    else:
+        _see_in_body(m, s, c == ChannelIndex.SPECIFIC_FORCE)
 
 
-def process_variance(m: FilterMemory, c: ChannelIndex, sight: PredictedMeasurement, age: float) -> float:
-    """Variance of the way since a reading of that age [s]."""
-    turns = c == ChannelIndex.ATTITUDE
+def _see(m: FilterMemory, s: PredictedMeasurement, part: int, rate: int) -> None:
+    """A part of the state, whose rate is another one."""
+    s.rate_variance = mean_variance(m, rate)
+    for i in range(3):
+        s.rate[i] = m.x[rate + i]
+        s.H[i][part + i] = 1.0
+
+
+def _see_in_body(m: FilterMemory, s: PredictedMeasurement, force: bool) -> None:
+    """The velocity in B, or the specific force."""
+    own = int(Part.ACCELERATION) if force else int(Part.SPEED)
+    bias = int(Part.FORCE_BIAS) if force else int(Part.DVL_BIAS)
+    R, v, in_B, rate, turning = zeros(9), zeros(3), zeros(3), zeros(3), zeros(3)
+    rotation(m.turn, R)
+    for i in range(3):
+        v[i] = m.x[own + i] - (m.gravity[i] if force else 0.0)
+    rotate_back(R, v, 0, in_B)
+    rotate_back(R, m.x, Part.ACCELERATION, rate)
+    cross(m.x, Part.SPIN, in_B, turning)
+    s.H[0][Part.TURN + 1] = -in_B[2]
+    s.H[0][Part.TURN + 2] = in_B[1]
+    s.H[1][Part.TURN] = in_B[2]
+    s.H[1][Part.TURN + 2] = -in_B[0]
+    s.H[2][Part.TURN] = -in_B[1]
+    s.H[2][Part.TURN + 1] = in_B[0]
+    for i in range(3):
+        for j in range(3):
+            s.H[i][own + j] = R[3 * j + i]
+        s.H[i][bias + i] = 1.0
+        s.h[i] = in_B[i] + m.x[bias + i]
+        s.rate[i] = (0.0 if force else rate[i]) - turning[i]
+    size = in_B[0] * in_B[0] + in_B[1] * in_B[1] + in_B[2] * in_B[2]
+    s.rate_variance = mean_variance(m, Part.SPIN) * size if force else mean_variance(m, Part.ACCELERATION)
+
+
+def _see_floor(m: FilterMemory, s: PredictedMeasurement) -> None:
+    """Altitude of the altimeter above the floor, and cosine of the tilt of its beam."""
+    R, down, arm, tilt = zeros(9), zeros(3), zeros(3), zeros(3)
+    cosine, altitude = 0.0, m.x[Part.PLACE + 2] - m.x[Part.FLOOR]
+    rotation(m.turn, R)
+    for i in range(3):
+        down[i] = R[6 + i]
+        cosine += down[i] * m.beam_up[i]
+        altitude += down[i] * m.beam_at[i]
+    cross(m.beam_at, 0, down, arm)
+    cross(m.beam_up, 0, down, tilt)
+    for i in range(3):
+        s.H[0][Part.TURN + i] = arm[i] - (altitude / cosine * tilt[i] if abs(cosine) > STEEP else 0.0)
+    s.H[0][Part.PLACE + 2] = 1.0
+    s.H[0][Part.FLOOR] = -1.0
+    s.h[0] = altitude
+    s.h[1] = cosine
+    s.rate[0] = m.x[Part.SPEED + 2]
+    s.rate_variance = m.P[Part.SPEED + 2][Part.SPEED + 2]
+
+
+def recall_measurement(m: FilterMemory, c: int, slot: int, n: int) -> None:
+    """Predict the measurement of channel c at the time of a clone, -1 for now."""
+    if slot < 0:
+        predict_measurement(m, c, n)
+        return
+    s, at = m.predicted, MAIN + 3 * slot
+    for i in range(4):
+        s.h[i] = m.h[slot][i]
+    for i in range(3):
+        s.rate[i] = m.rate[slot][i]
+    s.rate_variance = m.rate_variance[slot]
+    for i in range(rows_of(c)):
+        for j in range(at + i):
+            s.HP[i][j] = m.P[j][at + i]
+        for j in range(at + i, n):
+            s.HP[i][j] = m.P[at + i][j]
+        for j in range(rows_of(c)):
+            s.S[i][j] = m.P[min(at + i, at + j)][max(at + i, at + j)]
+
+
+def factorise(s: PredictedMeasurement, more: float, n: int) -> None:
+    """Find the lower factor of S + more [square of its unit] on its diagonal, which bounds the pivots but for rounding."""
+    for j in range(n):
+        for i in range(j, n):
+            total = s.S[i][j] + (more if i == j else 0.0)
+            for k in range(j):
+                total -= s.L[i][k] * s.L[j][k]
+            if i == j:
+                s.L[i][j] = math.sqrt(more if total < more else total)
+            else:
+                s.L[i][j] = total / s.L[j][j]
+
+
+def divide(s: PredictedMeasurement, n: int, x: Vector) -> None:
+    """Divide x (n,) by the lower factor, in place."""
+    for i in range(n):
+        for k in range(i):
+            x[i] -= s.L[i][k] * x[k]
+        x[i] /= s.L[i][i]
+
+
+def second_derivative(m: FilterMemory, c: int, i: int) -> float:
+    """Entry i of the second derivative of what a channel that sets a part sees."""
+    if c == ChannelIndex.ATTITUDE:
+        return m.x[Part.SPIN_UP + i]
+    return m.x[Part.ACCELERATION + (i if rows_of(c) == 3 else 2)]
+
+
+def process_variance(m: FilterMemory, c: int, age: float) -> float:
+    """Variance of the way since a reading of that age [s], by the predicted measurement."""
+    turns, squared = c == ChannelIndex.ATTITUDE, age * age
     drive = m.drive[ProcessNoise.ANGULAR_JERK if turns else ProcessNoise.JERK]
     second = mean_variance(m, Part.SPIN_UP if turns else Part.ACCELERATION)
-    squared = age * age
-    return float(
-        squared * sight.rate_variance + squared * squared / 4 * second + drive * drive * squared * squared * age / 20
-    )
+    rate = squared * m.predicted.rate_variance
+    return rate + squared * squared / 4.0 * second + drive * drive * squared * squared * age / 20.0

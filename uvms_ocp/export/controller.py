@@ -121,8 +121,8 @@ def _texts(scenario: Scenario) -> tuple[dict[str, str], bytes]:
 
 def _recorded(scenario: Scenario, sizes: dict[str, int]) -> _Run:
     controller = our_controller(scenario)
-    inputs, outputs = (kind() for kind in interface_types(sizes))
-    recording = RecordingController(controller, controller.kinematic, inputs, outputs)
+    inputs, outputs = interface_types(sizes)
+    recording = RecordingController(controller, controller.kinematic, inputs(), outputs())
     scenario.run(controller=recording)
     return _Run(recorded=recording.as_bytes(), n_ticks=len(recording.ticks))
 

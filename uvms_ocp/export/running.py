@@ -29,7 +29,7 @@ class CController:
         forces: its commands have thrust and torque. Raises `InvalidInput` where the files cannot be compiled, or are of
         a controller for another robot or mission.
         """
-        types = interface_types(sizes)
+        types: Any = interface_types(sizes)
         self._inputs, self._outputs = (kind() for kind in types)
         self._forces, library = forces, _library(folder)
         size, *compiled = (ctypes.c_ulong * 3).in_dll(library, "CONTROLLER_SIZES")

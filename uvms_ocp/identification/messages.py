@@ -331,7 +331,7 @@ class _Rows:
 
     def add(self, logged: int, content: Any) -> None:
         try:
-            row = [self._time(logged, content)]
+            row = [seconds_at(content, self.time, self.wanted.unit) if self.time else 1e-9 * logged]
             for steps in self.columns:
                 row += numbers_at(content, steps)
         except NameNotFound as error:
@@ -345,9 +345,6 @@ class _Rows:
         if len(self.numbers) >= self.width * MOST_ROWS:
             raise InvalidInput(f"{self.wanted.topic}: more than {MOST_ROWS} messages; give recordings one by one")
         self.numbers.extend(row)
-
-    def _time(self, logged: int, content: Any) -> float:
-        return seconds_at(content, self.time, self.wanted.unit) if self.time else 1e-9 * logged
 
     def whole(self, path: Path) -> np.ndarray:
         if self.numbers:

@@ -328,7 +328,7 @@ class Mission(TableDisplay):
                     raise NameNotFound("phase", transition.to, (*names, DONE))
 
 
-def write_mission(memory: Any, mission: Mission, names: Sequence[str]) -> None:
+def write_mission(memory: MissionMemory, mission: Mission, names: Sequence[str]) -> None:
     """A mission into a `MissionMemory`; names: of the vector of quantities that it is asked with."""
     memory.ramp = mission.ramp
     memory.abort_phase = NONE if mission.abort is None else len(mission.phases)

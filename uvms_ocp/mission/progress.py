@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from enum import IntEnum
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
@@ -161,7 +161,7 @@ def quantities_read(phases: Sequence[Phase]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(c.quantity for phase in phases for tr in phase.transitions for c in tr.when))
 
 
-def write_conditions(memory: Any, phases: Sequence[Phase], names: Sequence[str]) -> None:
+def write_conditions(memory: MissionMemory, phases: Sequence[Phase], names: Sequence[str]) -> None:
     """Write the conditions of all phases into a `MissionMemory`; names: of the vector of quantities that they are asked with."""
     leads_to = {DONE: Terminal.DONE, ABORT: Terminal.ABORT, **{phase.name: k for k, phase in enumerate(phases)}}
     transitions = conditions = 0
@@ -178,18 +178,18 @@ def write_conditions(memory: Any, phases: Sequence[Phase], names: Sequence[str])
         memory.end[index] = transitions
 
 
-def _write_transition(memory: Any, at: int, transition: Transition, to: int) -> None:
+def _write_transition(memory: MissionMemory, at: int, transition: Transition, to: int) -> None:
     memory.hold[at], memory.to[at] = transition.hold, to
     memory.retries[at] = -1 if transition.retries is None else transition.retries
 
 
-def _write_condition(memory: Any, at: int, condition: Condition, names: Sequence[str]) -> None:
+def _write_condition(memory: MissionMemory, at: int, condition: Condition, names: Sequence[str]) -> None:
     memory.quantity[at], memory.below[at] = names.index(condition.quantity), isinstance(condition, Below)
     memory.limit[at] = condition.limit
     memory.release[at] = condition.limit if condition.release is None else condition.release
 
 
-def write_state(memory: Any, state: MissionState) -> None:
+def write_state(memory: MissionMemory, state: MissionState) -> None:
     """Where a mission is."""
     memory.phase, memory.since = state.phase, state.since
     memory.completed, memory.aborted, memory.given_up = state.completed, bool(state.aborted), bool(state.abort_reason)
@@ -206,7 +206,12 @@ def write_state(memory: Any, state: MissionState) -> None:
 
 
 def state_after_transition(
-    phases: Sequence[Phase], state: MissionState, memory: Any, due: int, t: float, quantities: Mapping[str, float]
+    phases: Sequence[Phase],
+    state: MissionState,
+    memory: MissionMemory,
+    due: int,
+    t: float,
+    quantities: Mapping[str, float],
 ) -> tuple[MissionState, Event | None]:
     """Return state and event after `transition_due` and, where one was due, `take_transition` at t [s].
 
@@ -225,7 +230,7 @@ def state_after_transition(
 
 
 def state_after_abort(
-    phases: Sequence[Phase], state: MissionState, memory: Any, t: float, reason: str, goals: GoalFunctions
+    phases: Sequence[Phase], state: MissionState, memory: MissionMemory, t: float, reason: str, goals: GoalFunctions
 ) -> tuple[MissionState, Event]:
     """Return state and event after `abort_mission` at t [s]. goals: of the abort phase."""
     after, source = _after(phases, state, memory, reason), phases[state.phase].name
@@ -234,7 +239,7 @@ def state_after_abort(
     return after if after.over else replace_unchecked(after, abort_reason=reason, goals=goals), event
 
 
-def _after(phases: Sequence[Phase], state: MissionState, memory: Any, reason: str) -> MissionState:
+def _after(phases: Sequence[Phase], state: MissionState, memory: MissionMemory, reason: str) -> MissionState:
     if is_over(memory):
         return replace_unchecked(
             state, completed=bool(memory.completed), aborted=(state.abort_reason or reason) * bool(memory.aborted)
@@ -248,7 +253,7 @@ def _after(phases: Sequence[Phase], state: MissionState, memory: Any, reason: st
     )
 
 
-def _fired(phases: Sequence[Phase], memory: Any) -> dict[tuple[int, int], int]:
+def _fired(phases: Sequence[Phase], memory: MissionMemory) -> dict[tuple[int, int], int]:
     counted = {
         (k, i): memory.fired[memory.first[k] + i]
         for k, phase in enumerate(phases)
@@ -257,7 +262,7 @@ def _fired(phases: Sequence[Phase], memory: Any) -> dict[tuple[int, int], int]:
     return {which: n for which, n in counted.items() if n}
 
 
-def _held_since(memory: Any) -> tuple[float | None, ...]:
+def _held_since(memory: MissionMemory) -> tuple[float | None, ...]:
     times = [memory.held_since[k] for k in range(memory.first[memory.phase], memory.end[memory.phase])]
     return tuple(None if math.isnan(since) else since for since in times)
 

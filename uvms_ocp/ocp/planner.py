@@ -147,7 +147,7 @@ class Refinement:
         best, gained = self._solved(guess, q, {}), np.inf
         for _ in range(_MOST_ROUNDS if self._terms else 0):
             path = self.planner.transcription.unpack(best.result.x, self.given)
-            off = self._off(best, path.q)
+            off = max(term.mismatch(self._times, best.near, path.q) for term in self._terms)
             settled = best.result.status.optimal and (off <= _AGREES or gained <= _GAIN)
             missing = self._missing(best, path) if settled or off <= _NEAR else {}
             tightened = {**best.tightened, **missing}
@@ -179,10 +179,6 @@ class Refinement:
         left = max(self._left, 0.0)
         result = self.planner.solve(p, guess, problem=self.given, time_limit=left, progress=self.progress)
         return RefinedResult(result=result, p=p, near=q, tightened=tightened)
-
-    def _off(self, found: RefinedResult, q: np.ndarray) -> float:
-        """[m] Between rows that decide and distances."""
-        return max(term.mismatch(self._times, found.near, q) for term in self._terms)
 
     def _missing(self, best: RefinedResult, path: Trajectory) -> dict[Term, np.ndarray]:
         """Add the shortfall between nodes to the margins so far; nothing at the last node, whose place is the goal's."""

@@ -8,7 +8,6 @@ import numpy as np
 
 from uvms_ocp.estimation.estimator import Estimator
 from uvms_ocp.estimation.filter_memory import Part
-from uvms_ocp.estimation.vehicle_model import part
 from uvms_ocp.robot.signals import State
 from uvms_ocp.scenario.cases import case1
 from uvms_ocp.sim import SensorSuite
@@ -29,7 +28,7 @@ def test_without_fixes_and_dvl_an_acceleration_that_was_wrong_leads_nowhere() ->
         readings = sensors.read(rest, t)
         measurement = estimator(readings if there else replace(readings, position=None, linear_velocity=None), t)
         if there:
-            part(inner.memory, Part.ACCELERATION)[:] = 2.0, 0.0, 0.0
+            inner.memory.x[Part.ACCELERATION : Part.SPIN] = 2.0, 0.0, 0.0
         speeds.append(float(np.linalg.norm(measurement.v[:3])))
     assert max(speeds) < 4.0
     assert speeds[-1] < 1.0

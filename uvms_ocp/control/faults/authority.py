@@ -134,7 +134,7 @@ class Authority:
             return "the thrusters that are left cannot hold the robot still"
         parts = [f"{axis} can no longer be driven on its own" for axis in self.lost]
         parts += [f"{axis} can be driven one way only" for axis in self.one_sided]
-        shares = self._shares()
+        shares = np.min(self.reach / np.maximum(self.sound, np.finfo(float).tiny), axis=1)
         parts += [
             f"{axis} {100 * share:.0f} %"
             for axis, share in zip(AXES, shares, strict=True)
@@ -146,10 +146,6 @@ class Authority:
         """(6, 2) which of what sound thrusters reach is out of reach."""
         there = self.sound > _GONE * self.sound.max()
         return there & ~(self.reach > _GONE * self.sound)
-
-    def _shares(self) -> np.ndarray:
-        """(6,) of the reach of sound thrusters, the worse way."""
-        return np.min(self.reach / np.maximum(self.sound, np.finfo(float).tiny), axis=1)
 
 
 def authority_in(memory: AuthorityMemory) -> Authority:

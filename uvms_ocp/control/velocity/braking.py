@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, doubles, structure_of, view, zeros
+from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, assign, doubles, structure_of, zeros
 from uvms_ocp.estimation.degraded_modes import RestrictionMemory
 from uvms_ocp.estimation.fallbacks import AltimeterMemory
 from uvms_ocp.robot.limits import bounded_joints
@@ -123,16 +123,14 @@ def stop_sizes(robot: Robot, dt: float) -> dict[str, Any]:
 class Stop:
     """The velocity of the next tick on the way to rest as a function of this one's. Not for use from two threads at once."""
 
-    def __init__(self, robot: Robot, dt: float, memory: Any = None) -> None:
+    def __init__(self, robot: Robot, dt: float, memory: StopMemory | None = None) -> None:
         """Dt [s] is the control period; memory: a `StopMemory` of the caller's, which is set up."""
         if memory is None:
             memory = structure_of(StopMemory, n_limits=1, **stop_sizes(robot, dt))()
-        self.way: Any = memory
-        """The `StopMemory`."""
+        self.way = memory
         self.acceleration = np.minimum(robot.limits.acceleration, ENDLESS)
         """(n_v,) [m/s2, rad/s2] finite."""
-        memory.dt = dt
-        view(memory.acceleration)[:] = self.acceleration
+        assign(memory, dt=dt, acceleration=self.acceleration)
 
     def slower(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """V (n_v,) [m/s, rad/s] one tick nearer to rest.

@@ -110,7 +110,7 @@ def track_sizes(tracks: Sequence[Track]) -> dict[str, int]:
     return {"n_tracks": len(tracks), "n_table": 1 << (n - 1).bit_length() if n else 0}
 
 
-def write_tracks(memory: Any, tracks: Sequence[Track], places: Sequence[slice], dt: float) -> None:
+def write_tracks(memory: TracksMemory, tracks: Sequence[Track], places: Sequence[slice], dt: float) -> None:
     """Into a `TracksMemory`. places: of the tasks among the parameters of all; dt [s]: between samples."""
     memory.dt, memory.n_tracks, table = dt, len(tracks), view(memory.table)
     for k, (track, end) in enumerate(zip(tracks, accumulate(track.samples.size for track in tracks), strict=True)):
@@ -167,7 +167,7 @@ class _Asked:
 class MissionParameters:
     """Goals of all tasks in a `GoalsMemory`: those that its kernel cannot evaluate are asked of the tasks, tick by tick."""
 
-    def __init__(self, mission: Mission, memory: Any, tracks: Sequence[Track], dt: float) -> None:
+    def __init__(self, mission: Mission, memory: GoalsMemory, tracks: Sequence[Track], dt: float) -> None:
         """memory: a `GoalsMemory`, which is set up. tracks: those of the mission, every dt [s]."""
         self._mission, self._values = mission, view(memory.values)
         self._places = places_of(mission)
@@ -225,7 +225,9 @@ def places_of(mission: Mission) -> list[slice]:
 class DistanceProvider:
     """Distances in a `NearestMemory` for the tasks that ask, by `CollisionModel` where kernels cannot measure."""
 
-    def __init__(self, memory: Any, asking: Sequence[tuple[int, int, NearestPairs]], robot: Robot | None) -> None:
+    def __init__(
+        self, memory: NearestMemory, asking: Sequence[tuple[int, int, NearestPairs]], robot: Robot | None
+    ) -> None:
         """memory: of the `nearest_sizes`, which is set up. asking: index of each task, where its parameters end, its pairs.
 
         robot: whose pairs kernels measure, where they can.
@@ -312,7 +314,7 @@ def measured_distances(pairs: NearestPairs, q: np.ndarray, motion: StoppingMotio
     """Measure at q (n_q,) [m, rad] and on the way to rest, as one vector (`NearestPairs.parameters`)."""
     robot, n_v = None if motion is None else motion.robot, pairs.model.n_v
     sizes = {**nearest_sizes(robot, [pairs], len(q), n_v), **distance_layout_sizes([pairs.model], None)}
-    memory: Any = structure_of(NearestMemory, **sizes)()
+    memory = structure_of(NearestMemory, **sizes)()
     measuring, values = (
         DistanceProvider(memory, [(0, pairs.n_parameters, pairs)], None),
         doubles(np.zeros(pairs.n_parameters)),

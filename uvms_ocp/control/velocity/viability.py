@@ -366,7 +366,7 @@ def viability_sizes(robot: Robot, guards: Sequence[PositionGuard], dt: float) ->
 class ViabilitySetup:
     """Write a robot and its limits into a `ViabilityMemory`; return the guards of limits without expression."""
 
-    def __init__(self, robot: Robot, guards: Sequence[PositionGuard], dt: float, memory: Any) -> None:
+    def __init__(self, robot: Robot, guards: Sequence[PositionGuard], dt: float, memory: ViabilityMemory) -> None:
         """Dt [s]: control period. memory: of the `viability_sizes` of the guards, which is set up."""
         self.stop = Stop(robot, dt, memory.stop)
         """On the way to rest that the rule looks along."""
@@ -421,7 +421,7 @@ class Viability:
         """Dt [s]: control period. quantity_names: of the vector of quantities, "task.quantity"."""
         guards = position_guards(robot, tasks, quantity_names)
         sizes = {**viability_sizes(robot, guards, dt), **distance_layout_sizes(models_of(guards), robot)}
-        self._memory: Any = structure_of(ViabilityMemory, **sizes)()
+        self._memory = structure_of(ViabilityMemory, **sizes)()
         self._comes_near, self._keep = bind_memory(self._memory, (may_reach_limit, enforce_viability))
         self._guarding = ViabilitySetup(robot, guards, dt, self._memory)
 

@@ -242,7 +242,7 @@ def _as_before(w: FloorMemory, step: float, why: Complaint) -> bool:
 
 
 def _farther(w: FloorMemory, step: float, why: Complaint) -> bool:
-    if w.candidates.count > 0 and not abs(w.here.z - _first_candidate_z(w)) <= _tolerance(w):
+    if w.candidates.count > 0 and not abs(w.here.z - w.candidates.kept[w.candidates.first].z) <= _tolerance(w):
         w.candidates.count = 0
     _add_candidate(w)
     if _is_proven(w, -step):
@@ -252,10 +252,6 @@ def _farther(w: FloorMemory, step: float, why: Complaint) -> bool:
         return True
     set_complaint(why, Reason.FARTHER, -step, 0.0)
     return False
-
-
-def _first_candidate_z(w: FloorMemory) -> float:
-    return w.candidates.kept[w.candidates.first].z
 
 
 def _tolerance(w: FloorMemory) -> float:

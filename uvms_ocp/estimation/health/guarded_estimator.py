@@ -21,7 +21,7 @@ from uvms_ocp.types import Array
 
 _measurement = unchecked_constructor(StateEstimate)
 
-_NAMES = {number: name for name, number in NUMBER.items()}
+_NAMES: dict[int, str] = {number: name for name, number in NUMBER.items()}
 _OUTCOMES = 4 * len(NUMBER)  # numbers that a filter tells of its channels
 
 

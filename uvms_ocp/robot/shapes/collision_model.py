@@ -221,7 +221,7 @@ class CollisionModel:
         """Sizes for `structure_of` a layout with a `DistanceMemory` of these pairs."""
         return distance_sizes(self._model, n_solids=self.n_solids, n_pairs=self.n_pairs)
 
-    def write(self, memory: Any) -> None:
+    def write(self, memory: DistanceMemory) -> None:
         """Into a `DistanceMemory` of those sizes, or larger: the pairs, in their order. Raises `InvalidInput` for a mesh."""
         if self.without_c_form:
             raise InvalidInput(

@@ -260,7 +260,7 @@ def distance_sizes(model: pin.Model, *, n_solids: int, n_pairs: int) -> dict[str
 
 
 def write_distances(
-    memory: Any, model: pin.Model, shapes: Sequence[pin.GeometryObject], pairs: Sequence[tuple[int, int]]
+    memory: DistanceMemory, model: pin.Model, shapes: Sequence[pin.GeometryObject], pairs: Sequence[tuple[int, int]]
 ) -> None:
     """Into a `DistanceMemory`: pairs of the shapes, by index, which have a form in C as far as they are used."""
     used = sorted({k for pair in pairs for k in pair})

@@ -105,7 +105,7 @@ class NumpyCore:
             if changes == 0:
                 return replace(end, iterations=spent)
             vain = 0 if changes < fewest else vain + 1
-            if vain > _patience(changes):
+            if vain > (0 if changes > tolerances.MANY_CHANGES else tolerances.VAIN_CHANGES):
                 break
             active, fewest, point = better, min(fewest, changes), end.point
         return None
@@ -145,11 +145,6 @@ def rest_point(qp: StageQp, table: RowTable) -> PrimalDualPoint:
     """Fixed variables where they are to be, all others at 0."""
     z = np.where(table.fixed, qp.flat["z_lower"], 0.0)
     return point_at(z, sum(qp.shape.n_x), len(table.norm))
-
-
-def _patience(changes: int) -> int:
-    """Rounds without a smaller number of changes."""
-    return 0 if changes > tolerances.MANY_CHANGES else tolerances.VAIN_CHANGES
 
 
 def _from_equalities(method: InteriorPoint, point: PrimalDualPoint, *, alone: bool) -> IterationResult:
