@@ -14,9 +14,9 @@ from actuators.hovering import Hover, run
 from compiler import needs_compiler
 from scipy.optimize import linprog
 
-from uvms_ocp.codegen.kernel_layout import structure_of
+from uvms_ocp.codegen.kernel_layout import assign, structure_of
 from uvms_ocp.codegen.kernels import bind_kernels, make_memory
-from uvms_ocp.control.faults.authority import authority_of
+from uvms_ocp.control.faults.authority import Authority, AuthorityMemory, authority_in, authority_sizes, judge_authority
 from uvms_ocp.control.faults.detection import FaultDetection, JointFaultMemory, detect_faults, detect_joint_faults
 from uvms_ocp.control.faults.monitor import (
     detection_sizes,
@@ -55,6 +55,22 @@ def without(*thrusters: int) -> ThrusterEffectiveness:
 
 def nothing_asked(n_thrusters: int, n_v: int) -> FilteredCommands:
     return FilteredCommands(thrust=np.zeros(n_thrusters), way=np.zeros(n_v), ticks=0.0)
+
+
+def authority_of(
+    matrix: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    effectiveness: ThrusterEffectiveness,
+    trim: np.ndarray,
+    righting: np.ndarray,
+) -> Authority:
+    """The control authority left with this effectiveness, for a robot that `trim` holds still."""
+    kinds = [structure_of(kind, **authority_sizes(len(lower))) for kind in (AuthorityMemory, ThrusterEffectiveness)]
+    (judge,), memory = bind_kernels((judge_authority,), kinds), kinds[0]()
+    assign(memory, matrix=matrix, lower=lower, upper=upper, trim=trim, righting=righting)
+    judge(memory, kinds[1](tuple(effectiveness.share), tuple(effectiveness.constant)))
+    return authority_in(memory)
 
 
 class Watched:

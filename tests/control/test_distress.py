@@ -12,15 +12,20 @@ from compiler import long_without_compiler
 
 from uvms_ocp.codegen.kernel_layout import doubles, structure_of
 from uvms_ocp.control.velocity.abort import (
+    AbortMemory,
     AbortMonitor,
+    AbortReason,
     ActuationFeedback,
     AscentMemory,
+    abort_reason,
     aim_ascent,
     ascent_goal,
     ascent_sizes,
 )
 from uvms_ocp.estimation.estimator import PassThrough
+from uvms_ocp.mission.mission import write_mission
 from uvms_ocp.mission.phase import Abort
+from uvms_ocp.mission.progress import MissionMemory, quantities_read, sizes_of, write_state
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import cause_of_end, summarize
 from uvms_ocp.robot.signals import ChannelHealth, Command, Readings, StateEstimate, Trust
@@ -51,12 +56,22 @@ def reasons(
     health: tuple[ChannelHealth, ...] = (),
 ) -> list[str]:
     """At every tick of phase A, where every quantity is `error`, which falls with `rate` [1/s]."""
-    control, distress = scenario.kinematic_controller(), AbortMonitor(scenario.mission)
+    control, mission = scenario.kinematic_controller(), scenario.mission
+    names = quantities_read(mission.all_phases)
+    sizes = {"n_tasks": mission.n_tasks, "n_quantities": len(names), **sizes_of(mission.all_phases)}
+    phases, memory = structure_of(MissionMemory, **sizes)(), structure_of(AbortMemory, **sizes)()
+    write_mission(phases, mission, names)
+    distress = AbortMonitor(mission, memory)
+    distress.on_actuation_feedback(feedback)
     measured = StateEstimate(q=scenario.start, v=np.zeros(scenario.robot.n_v), altimeter_range=3.0, health=health)
     found = []
     for k in range(round(seconds / DT)):
         now = dict.fromkeys(control.problem.quantity_names, error * np.exp(-rate * k * DT))
-        found.append(distress.reason(control.observe(measured, k * DT), now, feedback))
+        tick = control.observe(measured, k * DT)
+        write_state(phases, tick.mission)
+        values, ended = [now[name] for name in names], bool(tick.restriction.abort)
+        why = abort_reason(memory, phases, tick.t, tick.gates.tolist(), values, False, ended)
+        found.append(distress.describe(AbortReason(why), tick, now, feedback))
     return found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -12,12 +13,29 @@ import pytest
 from compiler import IN_C_AND_PYTHON, needs_compiler
 from studies.random_limits import limit_violations, random_limits
 
-from uvms_ocp.control.velocity.braking import Stop
-from uvms_ocp.control.velocity.viability import Viability, enforce_viability
+from uvms_ocp.codegen.kernel_layout import assign, connect, doubles, structure_of
+from uvms_ocp.codegen.kernels import bind_memory
+from uvms_ocp.control.velocity.braking import (
+    StopMemory,
+    begin_stop,
+    finite_acceleration,
+    slow_down,
+    step_stop,
+    stop_sizes,
+)
+from uvms_ocp.control.velocity.viability import (
+    ViabilityMemory,
+    ViabilitySetup,
+    enforce_viability,
+    may_reach_limit,
+    models_of,
+    position_guards,
+    viability_sizes,
+)
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.collision_model import CollisionModel
+from uvms_ocp.robot.shapes.collision_model import CollisionModel, distance_layout_sizes
 from uvms_ocp.robot.shapes.obstacles import Obstacle
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.scenario import Scenario
@@ -35,6 +53,49 @@ def robot() -> Robot:
 
 def ball(name: str, x: float, y: float, z: float, radius: float) -> Obstacle:
     return Obstacle(name=name, shape=coal.Sphere(radius), X_WO=pin.SE3(np.eye(3), np.array([x, y, z])))
+
+
+class Stop:
+    """The way to rest, by the kernels."""
+
+    def __init__(self, robot: Robot, dt: float) -> None:
+        self.way = structure_of(StopMemory, n_limits=1, **stop_sizes(robot, dt))()
+        assign(self.way, dt=dt, acceleration=finite_acceleration(robot))
+        connect(self.way)
+
+    def slower(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        found = doubles(np.zeros(len(v)))
+        slow_down(self.way, doubles(q), doubles(v), found)
+        return np.array(found)
+
+    def path(self, q: np.ndarray, v: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Configuration at the end of every tick and velocity during it, until rest."""
+        begin_stop(self.way, doubles(q), doubles(v))
+        while not self.way.done:
+            step_stop(self.way)
+            yield np.array(self.way.q), np.array(self.way.velocity)
+
+
+class Viability:
+    """The rule for a robot and the tasks of its hierarchy, by itself."""
+
+    def __init__(self, *, robot: Robot, tasks: tuple, quantity_names: tuple[str, ...], dt: float) -> None:
+        guards = position_guards(robot, tasks, quantity_names)
+        sizes = {**viability_sizes(robot, guards, dt), **distance_layout_sizes(models_of(guards), robot)}
+        self.memory, self.stop = structure_of(ViabilityMemory, **sizes)(), Stop(robot, dt)
+        self.near, self.enforce = bind_memory(self.memory, (may_reach_limit, enforce_viability))
+        self.setup = ViabilitySetup(robot, guards, dt, self.memory)
+
+    def kept(
+        self, *, q: np.ndarray, previous: np.ndarray, wanted: np.ndarray, gates: np.ndarray, quantities: np.ndarray
+    ) -> np.ndarray:
+        """The velocity for this tick in place of the wanted one."""
+        now, before, v, on, measured = map(doubles, (q, previous, wanted, gates, quantities))
+        self.share = 1.0
+        if self.near(self.memory, v, on, measured):
+            self.share = self.enforce(self.memory, now, before, v, on, measured)
+            self.setup.answer.check()
+        return np.array(v)
 
 
 class Guarded:
@@ -63,7 +124,7 @@ class Guarded:
 
     def kept(self, q: np.ndarray, previous: np.ndarray, wanted: np.ndarray, gates: tuple[float, float]) -> np.ndarray:
         quantities = self.quantities(q)
-        return self.rule.kept(q=q, previous=previous, wanted=wanted, gates=np.array(gates), quantities=quantities).v
+        return self.rule.kept(q=q, previous=previous, wanted=wanted, gates=np.array(gates), quantities=quantities)
 
 
 def reckless(guarded: Guarded, seed: int) -> tuple[int, float]:
@@ -146,9 +207,9 @@ def test_between_two_velocities_that_keep_a_limit_the_answer_keeps_it_too() -> N
         if (end[:, [1, 3]] > upper).any():
             continue
         kept = rule.kept(q=rest, previous=previous, wanted=wanted, gates=np.ones(2), quantities=upper)
-        way = np.array([q for q, _ in rule.stop.path(rest, kept.v)])
+        way = np.array([q for q, _ in rule.stop.path(rest, kept)])
         assert (way[:, [1, 3]] <= upper + 1e-9).all(), (previous, wanted, upper)
-        mixed += int(0.0 < kept.share < 1.0)
+        mixed += int(0.0 < rule.share < 1.0)
     assert mixed > 50
 
 
@@ -159,7 +220,7 @@ def test_a_reach_that_nobody_knows_guards_all_the_same(unknown: float) -> None:
     rule = Viability(robot=planar, tasks=(straight("y", 1, upper, reach=unknown),), quantity_names=("y.room",), dt=DT)
     kept = rule.kept(q=np.zeros(5), previous=np.zeros(5), wanted=wanted, gates=np.ones(1), quantities=np.array([upper]))
     assert kept.near
-    assert max(q[1] for q, _ in rule.stop.path(np.zeros(5), kept.v)) <= upper
+    assert max(q[1] for q, _ in rule.stop.path(np.zeros(5), kept)) <= upper
 
 
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
@@ -173,7 +234,7 @@ def test_what_a_limit_raises_is_raised_by_the_rule(compiled: bool, monkeypatch: 
     task = SimpleNamespace(name="y", position_limit=lambda robot: limit)
     rule = Viability(robot=planar, tasks=(task,), quantity_names=("y.room",), dt=DT)
     given = {"q": np.zeros(5), "previous": np.zeros(5), "wanted": np.ones(5), "gates": np.ones(1)}
-    assert rule.kept(**given, quantities=np.full(1, 1e3)).v.any()
+    assert rule.kept(**given, quantities=np.full(1, 1e3)).any()
     for _ in range(2):
         with pytest.raises(ValueError, match="no such place"):
             rule.kept(**given, quantities=np.zeros(1))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +10,18 @@ import pytest
 from broken_sensors import BrokenSensors
 from compiler import long_without_compiler
 
-from uvms_ocp.estimation.degraded_modes import DEGRADED_MODES, FREE, restriction_for
+from uvms_ocp.codegen.kernel_layout import structure_of
+from uvms_ocp.estimation.degraded_modes import (
+    DEGRADED_MODES,
+    FREE,
+    Restriction,
+    RestrictionMemory,
+    degraded_channels,
+    read_restriction,
+    restrict,
+    write_channels,
+    write_modes,
+)
 from uvms_ocp.record.meta_values import ABORT, DONE, EventMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import cause_of_end
@@ -166,6 +177,14 @@ def test_where_every_channel_is_good_nothing_is_other_than_where_nobody_judges(s
     judged = run(channels=(), start=0.0)
     np.testing.assert_array_equal(judged["command"], sound["command"])
     np.testing.assert_array_equal(judged["q"], sound["q"])
+
+
+def restriction_for(health: Sequence[ChannelHealth], t: float) -> Restriction:
+    memory, bad = structure_of(RestrictionMemory)(), degraded_channels(health)
+    write_modes(memory)
+    write_channels(memory, bad)
+    restrict(memory, t, True)
+    return read_restriction(memory, bad)
 
 
 def test_nobody_who_judges_and_only_good_channels_restrict_nothing() -> None:

@@ -12,8 +12,9 @@ from compiler import long_without_compiler
 from recording_solver import RecordingSolver
 
 import uvms_ocp as uo
+from uvms_ocp.codegen.kernel_layout import doubles
 from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.estimation.fallbacks import LastFloorRange, Watchdog
+from uvms_ocp.estimation.fallbacks import LastFloorRange, Watchdog, echo_range, point_altimeter
 from uvms_ocp.mission.phase import Condition
 from uvms_ocp.record.record import Record, quantity
 from uvms_ocp.report.summary import summarize
@@ -178,12 +179,17 @@ def test_an_echo_is_carried_for_as_long_as_the_watchdog_waits_and_no_longer(robo
 def test_a_carried_echo_stands_for_the_height_above_its_floor_however_the_robot_is_turned(
     robot: Robot, roll: float
 ) -> None:
-    echo = LastFloorRange(robot, "altimeter")
+    memory = LastFloorRange(robot, "altimeter").memory
+
+    def carried(measurement: StateEstimate, t: float) -> float:
+        point_altimeter(memory, doubles(measurement.q))
+        return echo_range(memory, t, measurement.altimeter_range, 9.0, False)
+
     at = measured(robot, 3.0)
-    floor = float(AltimeterBeam(robot, "altimeter").at(at.q).origin[2]) - echo.range(at, 0.0, 9.0)
+    floor = float(AltimeterBeam(robot, "altimeter").at(at.q).origin[2]) - carried(at, 0.0)
     turned = measured(robot, math.nan, roll=roll)
     beam = AltimeterBeam(robot, "altimeter").at(turned.q)
-    assert echo.range(turned, DT, 9.0) * beam.cosine == pytest.approx(float(beam.origin[2]) - floor)
+    assert carried(turned, DT) * beam.cosine == pytest.approx(float(beam.origin[2]) - floor)
 
 
 @pytest.mark.parametrize(("roll", "tells"), [(math.acos(STEEP) - 1e-6, True), (math.acos(STEEP) + 1e-6, False)])

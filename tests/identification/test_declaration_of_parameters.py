@@ -8,12 +8,18 @@ import pytest
 from vehicles import HULL, declaration, vehicle
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.identification.coordinates import PositiveDefinite, pseudo_inertia, second_moment
+from uvms_ocp.identification.coordinates import PositiveDefinite, second_moment
 from uvms_ocp.identification.parameters import Bounded, Fixed, Free, Prior, Quantity, Unknowns
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 
 FREE = ("mass", "centre_of_mass", "second_moment", "volume", "centre_of_buoyancy")
 WET = ("added_mass", "linear_drag", "quadratic_drag")
+
+
+def pseudo_inertia(mass: ca.SX, centre: ca.SX, S: ca.SX) -> ca.SX:
+    """(4, 4) [kg m2, kg m, kg] positive definite for a positive mass [kg] and S (3, 3) [kg m2], whatever the centre (3,) [m]."""
+    first = mass * centre
+    return ca.vertcat(ca.horzcat(S + first @ centre.T, first), ca.horzcat(first.T, mass))
 
 
 def values_at(layout: Unknowns, theta: np.ndarray) -> dict[str, np.ndarray]:

@@ -10,7 +10,7 @@ import pytest
 from compiler import COMPILER, needs_compiler
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.solvers.hierarchy.active_set import core_source, solver_declaration, solver_source
+from uvms_ocp.solvers.hierarchy.active_set import core_source, solver_source
 from uvms_ocp.solvers.hierarchy.active_set_numpy import STATUSES
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.solvers.stage_qp.compiled import core_source as stagewise_source
@@ -82,11 +82,6 @@ def test_it_keeps_its_promises_for_random_numbers_under_the_sanitizers(tmp_path:
     assert sum(counts) == 10_000
     assert most <= allowed
     assert all(count[status] > 100 for status in Status if status is not Status.REGULARISED)
-
-
-@needs_compiler
-def test_it_is_what_its_declaration_says(tmp_path: Path) -> None:
-    _compiled(solver_declaration() + solver_source(3, (1, 2)), tmp_path, "-Wmissing-prototypes", "-c")
 
 
 def test_levels_without_a_row_have_no_source() -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Annotated
 
-from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, assign, structure_of
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, assign
 from uvms_ocp.robot.signals import ChannelHealth, Readings, Trust
 
 ALTIMETER, ENCODERS = "altimeter_range", "joint_positions"
@@ -177,7 +177,7 @@ class RestrictionMemory(Layout):
 
 
 def restrict(r: RestrictionMemory, t: float, altitude_matters: bool) -> None:
-    """Combine all modes that apply at t [s] to the channels in the memory, as `restriction_for` does. A kernel."""
+    """Combine all modes that apply at t [s] to the channels in the memory. A kernel."""
     _nothing(r)
     for c in range(len(r.level)):
         r.at_fault[c] = False
@@ -272,19 +272,6 @@ def read_restriction(memory: RestrictionMemory, bad: Sequence[ChannelHealth]) ->
         abort=describe_channels(sorted(at_fault, key=lambda item: item.channel)),
         bad=tuple(bad),
     )
-
-
-def restriction_for(health: Sequence[ChannelHealth], t: float, *, altitude_matters: bool = True) -> Restriction:
-    """Return the restriction at time t [s]; `FREE` where nothing is monitored.
-
-    altitude_matters: some task on altitude is on. Without, a mission goes on without altimeter.
-    """
-    memory = structure_of(RestrictionMemory)()
-    write_modes(memory)
-    bad = degraded_channels(health)
-    write_channels(memory, bad)
-    restrict(memory, t, altitude_matters)
-    return read_restriction(memory, bad)
 
 
 def describe_channels(channels: Iterable[ChannelHealth]) -> str:

@@ -312,14 +312,6 @@ class LastFloorRange:
         self.memory.exists = frame is not None and robot.has_frame(frame)
         self.memory.floor = self.memory.highest = math.nan
 
-    def range(self, measurement: StateEstimate, t: float, unknown: float, distrusted: bool = False) -> float:
-        """[m], always finite, at the tick at time t [s]; `unknown` [m] is the altitude to act on before the first echo.
-
-        doubted: no echo of now is to be believed.
-        """
-        point_altimeter(self.memory, doubles(measurement.q))
-        return echo_range(self.memory, t, measurement.altimeter_range, unknown, distrusted)
-
     def at(self, measurement: StateEstimate) -> tuple[float, bool]:
         """Range [m], always finite, at a measurement that is not remembered, and whether its echo tells the altitude."""
         point_altimeter(self.memory, doubles(measurement.q))

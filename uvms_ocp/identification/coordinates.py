@@ -293,9 +293,3 @@ def spatial_inertia(mass: ca.SX, centre: ca.SX, S: ca.SX) -> ca.SX:
     c = skew(centre)
     upper = ca.horzcat(mass * ca.SX.eye(3), -mass * c)
     return ca.vertcat(upper, ca.horzcat(mass * c, rotational_inertia(S) - mass * c @ c))
-
-
-def pseudo_inertia(mass: ca.SX, centre: ca.SX, S: ca.SX) -> ca.SX:
-    """(4, 4) [kg m2, kg m, kg] positive definite for a positive mass [kg] and S (3, 3) [kg m2], whatever the centre (3,) [m]."""
-    first = mass * centre
-    return ca.vertcat(ca.horzcat(S + first @ centre.T, first), ca.horzcat(first.T, mass))

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
-from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, assign, structure_of, view
-from uvms_ocp.codegen.kernels import bind_kernels
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, view
 from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness, effective_thrust
 from uvms_ocp.solvers.linear_program import LinearProgram, program_sizes, solve_program, value_of
 
@@ -161,31 +158,3 @@ def authority_in(memory: AuthorityMemory) -> Authority:
 def authority_sizes(n: int) -> dict[str, int]:
     """Return the sizes of an `AuthorityMemory` of n thrusters."""
     return {"n_thrusters": n, **program_sizes(6, n + 7)}
-
-
-def authority_of(
-    matrix: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    effectiveness: ThrusterEffectiveness,
-    trim: np.ndarray,
-    righting: np.ndarray,
-) -> Authority:
-    """Compute the control authority left with this effectiveness, for a robot that trim (6,) [N, N m] holds still.
-
-    matrix (6, n) [N/N, N m/N]; lower, upper (n,) [N] limits of what may be asked. righting (6,) [N, N m]: what the water
-    balances on its own, within the tilt that is allowed.
-    """
-    structure, effects, judge = _bound(len(lower))
-    memory = structure()
-    assign(memory, matrix=matrix, lower=lower, upper=upper, trim=trim, righting=righting)
-    judge(memory, effects(tuple(effectiveness.share), tuple(effectiveness.constant)))
-    return authority_in(memory)
-
-
-@lru_cache(maxsize=16)
-def _bound(n: int) -> tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]]:
-    structure, effectiveness = (
-        structure_of(kind, **authority_sizes(n)) for kind in (AuthorityMemory, ThrusterEffectiveness)
-    )
-    return structure, effectiveness, bind_kernels((judge_authority,), (structure, effectiveness))[0]

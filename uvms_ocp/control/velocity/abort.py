@@ -6,18 +6,18 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Annotated, Any
+from typing import Annotated
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, assign, structure_of
+from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, assign
 from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.estimation.degraded_modes import describe_channels
-from uvms_ocp.mission.mission import Mission, write_mission
+from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Abort
-from uvms_ocp.mission.progress import MissionMemory, quantities_read, sizes_of, write_state
+from uvms_ocp.mission.progress import MissionMemory
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import ChannelHealth
 from uvms_ocp.robot.symbolic_model import SymbolicModel
@@ -210,41 +210,17 @@ def _progresses(d: AbortMemory, m: MissionMemory, quantities: Vector) -> bool:
     return nearer or not waiting
 
 
-class _Alone(Layout):
-    """For a `AbortMonitor` of its own."""
-
-    mission: MissionMemory
-    distress: AbortMemory
-
-
 class AbortMonitor:
     """Why the mission is to be given up, asked at every tick. Remembers since when: build one per run."""
 
-    def __init__(self, mission: Mission, quantity_names: Sequence[str] = (), memory: Any = None) -> None:
-        """quantity_names: of the vector of quantities, those of conditions by default.
-
-        memory: of the caller's, with a `mission` and a `distress`.
-        """
-        self._mission, self._names = mission, tuple(quantity_names) or quantities_read(mission.all_phases)
-        if memory is None:
-            sizes = {"n_tasks": mission.n_tasks, "n_quantities": len(self._names)}
-            memory = structure_of(_Alone, **sizes, **sizes_of(mission.all_phases))()
-            write_mission(memory.mission, mission, self._names)
-        self._memory = memory
-        self._write(memory.distress)
-
-    def reason(self, tick: TickInputs, quantities: Mapping[str, float], feedback: ActuationFeedback) -> str:
-        """Empty while there is none. quantities [in their units]: NaN where not known. Names what is faulty."""
-        memory, values = self._memory, [float(quantities[name]) for name in self._names]
-        write_state(memory.mission, tick.mission)
-        self.on_actuation_feedback(feedback)
-        hopeless, ended = bool(self._hopeless(tick)), bool(tick.restriction.abort)
-        why = abort_reason(memory.distress, memory.mission, tick.t, tick.gates.tolist(), values, hopeless, ended)
-        return self.describe(AbortReason(why), tick, quantities, feedback)
+    def __init__(self, mission: Mission, memory: AbortMemory) -> None:
+        """memory: of the kernel, which is set up."""
+        self._mission, self._memory = mission, memory
+        self._write(memory)
 
     def on_actuation_feedback(self, feedback: ActuationFeedback) -> None:
         """Take over the feedback of the force layer."""
-        memory = self._memory.distress
+        memory = self._memory
         memory.short, memory.push, memory.fault = feedback.short, feedback.push, bool(feedback.fault)
 
     def describe(

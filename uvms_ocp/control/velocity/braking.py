@@ -7,14 +7,13 @@ neither changes a velocity by more than the acceleration limits allow.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import lru_cache
 from typing import Annotated, Any
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, assign, doubles, structure_of, zeros
+from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, zeros
 from uvms_ocp.estimation.degraded_modes import RestrictionMemory
 from uvms_ocp.estimation.fallbacks import AltimeterMemory
 from uvms_ocp.robot.limits import bounded_joints
@@ -120,42 +119,15 @@ def stop_sizes(robot: Robot, dt: float) -> dict[str, Any]:
     return {"n_q": robot.n_q, "n_v": robot.n_v, "step": step, "slower": slower}
 
 
-class Stop:
-    """The velocity of the next tick on the way to rest as a function of this one's. Not for use from two threads at once."""
-
-    def __init__(self, robot: Robot, dt: float, memory: StopMemory | None = None) -> None:
-        """Dt [s] is the control period; memory: a `StopMemory` of the caller's, which is set up."""
-        if memory is None:
-            memory = structure_of(StopMemory, n_limits=1, **stop_sizes(robot, dt))()
-        self.way = memory
-        self.acceleration = np.minimum(robot.limits.acceleration, ENDLESS)
-        """(n_v,) [m/s2, rad/s2] finite."""
-        assign(memory, dt=dt, acceleration=self.acceleration)
-
-    def slower(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """V (n_v,) [m/s, rad/s] one tick nearer to rest.
-
-        Joints brake harder where their position limit, not far from q (n_q,) [m, rad], asks for it.
-        """
-        found = doubles(np.zeros(len(v)))
-        slow_down(self.way, doubles(q), doubles(v), found)
-        return np.array(found)
-
-    def path(self, q: np.ndarray, v: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Configuration at the end of every tick and velocity during it, until rest.
-
-        From q (n_q,) [m, rad] with v (n_v,) [m/s, rad/s].
-        """
-        begin_stop(self.way, doubles(q), doubles(v))
-        while not self.way.done:
-            step_stop(self.way)
-            yield np.array(self.way.q), np.array(self.way.velocity)
+def finite_acceleration(robot: Robot) -> np.ndarray:
+    """Return the limits (n_v,) [m/s2, rad/s2] of acceleration by which a robot comes to rest."""
+    return np.minimum(robot.limits.acceleration, ENDLESS)
 
 
 @lru_cache(maxsize=8)
 def _functions(robot: Robot, dt: float) -> tuple[ca.Function, ca.Function]:
     """Q, v, time to rest -> q one tick on, v then; and v alone, at q."""
-    acceleration = np.minimum(robot.limits.acceleration, ENDLESS)
+    acceleration = finite_acceleration(robot)
     q, v, time = ca.SX.sym("q", robot.n_q), ca.SX.sym("v", robot.n_v), ca.SX.sym("time")
     symbolic = SymbolicModel(robot.model)
     moved = ca.densify(symbolic.integrate(q, v * dt))

@@ -176,7 +176,7 @@ class KinematicController(TableDisplay):
         self._guarding = ViabilitySetup(robot, guards, dt, memory.rule)
         self._sound = LastValidEstimate(robot, memory.sound)
         self._echo = LastFloorRange(robot, altimeter_of(robot, tasks), memory.beam)
-        self._distress = AbortMonitor(mission, names, memory)
+        self._distress = AbortMonitor(mission, memory.distress)
         self._feedback = self._applied_feedback = ActuationFeedback()
         self._jammed = self._applied_feedback.jammed
         self._restriction = FREE

@@ -23,17 +23,15 @@ from uvms_ocp.codegen.kernel_layout import (
     Layout,
     Sized,
     Vector,
-    doubles,
-    structure_of,
+    assign,
     view,
 )
-from uvms_ocp.codegen.kernels import bind_memory
 from uvms_ocp.control.velocity.braking import (
     NONE,
-    Stop,
     StopMemory,
     advance_stop,
     begin_stop,
+    finite_acceleration,
     slow_down,
     step_stop,
     stop_sizes,
@@ -43,7 +41,7 @@ from uvms_ocp.control.velocity.goals import asked_in_phases, distance_tasks, tra
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.collision_model import CollisionModel, distance_layout_sizes, in_c
+from uvms_ocp.robot.shapes.collision_model import CollisionModel, in_c
 from uvms_ocp.robot.shapes.collision_model import without_c_form as not_measured
 from uvms_ocp.robot.shapes.distance_kernels import DistanceMemory, distance_lower_bound, distance_of, place_solids
 from uvms_ocp.tasks.activation import ENDLESS
@@ -368,13 +366,12 @@ class ViabilitySetup:
 
     def __init__(self, robot: Robot, guards: Sequence[PositionGuard], dt: float, memory: ViabilityMemory) -> None:
         """Dt [s]: control period. memory: of the `viability_sizes` of the guards, which is set up."""
-        self.stop = Stop(robot, dt, memory.stop)
-        """On the way to rest that the rule looks along."""
         self._guards, self._memory = guards, memory
         self._robot, self._n_distances = robot, 0
         self._place, self._position, self._counts = map(view, (memory.place, memory.position, memory.counts))
         self.answer = CallbackBinding(memory.ask, self._look)
-        memory.n_limits = memory.stop.n_limits = len(guards)
+        memory.n_limits = len(guards)
+        assign(memory.stop, dt=dt, acceleration=finite_acceleration(robot), n_limits=len(guards))
         for k, guard in enumerate(guards):
             self._write(k, guard)
 
@@ -400,47 +397,3 @@ class ViabilitySetup:
         rows = np.flatnonzero(self._counts[guard.positions])
         which = None if len(rows) == guard.limit.n else rows
         self._position[guard.positions][rows] = guard.limit.values(self._place, which)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class ViableVelocity:
-    """Velocity that the viability rule allows."""
-
-    v: np.ndarray
-    """(n_v,) [m/s, rad/s] for this tick."""
-    share: float
-    """In [0, 1], of the velocity that was wanted; the rest is slowing down."""
-    near: bool
-    """A stop from the wanted velocity could come to a limit."""
-
-
-class Viability:
-    """The rule for a robot and the tasks of its hierarchy, by itself."""
-
-    def __init__(self, *, robot: Robot, tasks: Sequence[Task], quantity_names: Sequence[str], dt: float) -> None:
-        """Dt [s]: control period. quantity_names: of the vector of quantities, "task.quantity"."""
-        guards = position_guards(robot, tasks, quantity_names)
-        sizes = {**viability_sizes(robot, guards, dt), **distance_layout_sizes(models_of(guards), robot)}
-        self._memory = structure_of(ViabilityMemory, **sizes)()
-        self._comes_near, self._keep = bind_memory(self._memory, (may_reach_limit, enforce_viability))
-        self._guarding = ViabilitySetup(robot, guards, dt, self._memory)
-
-    @property
-    def stop(self) -> Stop:
-        """Stop along which it is checked."""
-        return self._guarding.stop
-
-    def kept(
-        self, *, q: np.ndarray, previous: np.ndarray, wanted: np.ndarray, gates: np.ndarray, quantities: np.ndarray
-    ) -> ViableVelocity:
-        """The velocity for this tick in place of `wanted` (n_v,) [m/s, rad/s].
-
-        q (n_q,) [m, rad], previous (n_v,) [m/s, rad/s], gates (n_tasks,) and quantities (n_quantities,) [in their units] as
-        in `keep`.
-        """
-        now, before, v, on, measured = map(doubles, (q, previous, wanted, gates, quantities))
-        near, share = bool(self._comes_near(self._memory, v, on, measured)), 1.0
-        if near:
-            share = self._keep(self._memory, now, before, v, on, measured)
-            self._guarding.answer.check()
-        return ViableVelocity(v=np.array(v), share=share, near=near)

@@ -206,7 +206,7 @@ _JOINTS = ("joint_positions", "joint_velocities")
 class HealthMonitor:
     """Monitor of the health of all channels. Holds their state: build one per run.
 
-    Each tick: `screen` the readings, run the filter on the rest, pass on its gates by `update_gate_outcome`, and `judge`.
+    Each tick: `screen` the readings, run the filter on the rest, and `judge`, with the outcomes of its gates `finish`.
     """
 
     def __init__(
@@ -228,8 +228,8 @@ class HealthMonitor:
         self.memory = memory = health_memory(robot, present, self.tuning)
         """Memory of the kernels, a `HealthMemory`."""
         structures = (type(memory), structure_of(EstimateSupport), structure_of(PassThroughMemory))
-        self._screen, self._judge, self._finish, self._screen_and_finish, self._update_gate_outcome = bind_kernels(
-            (screen, judge, finish, screen_and_finish, update_gate_outcome), structures, compiled=compiled
+        self._screen, self._judge, self._finish, self._screen_and_finish = bind_kernels(
+            (screen, judge, finish, screen_and_finish), structures, compiled=compiled
         )
         shapes, self._texts = sizes_of(robot), ReasonTexts(robot.joint_names)
         self._buffers = {
@@ -341,15 +341,6 @@ class HealthMonitor:
         for buffer in fresh:
             if not behind or not buffer.memory.behind:
                 buffer.used = buffer.seen
-
-    @checked_on_failure
-    def update_gate_outcome(self, channel: str, t: float, nis: float, dof: int, accepted: bool) -> None:
-        """Take the outcome of the filter's own gate on a reading, at time t [s].
-
-        nis: its normalised innovation squared, of dof degrees of freedom. A channel whose readings the filter refuses is
-        suspect and lost as one that is silent; the filter decides when it takes them again.
-        """
-        self._update_gate_outcome(self.memory, self._buffers[channel].memory.number, nis, dof, accepted, t)
 
     @checked_on_failure
     def judge(self, measurement: StateEstimate, t: float) -> tuple[ChannelHealth, ...]:

@@ -64,12 +64,6 @@ def solver_source(n: int, sizes: Sequence[int]) -> str:
     return "\n".join(parts)
 
 
-def solver_declaration() -> str:
-    """`solve_levels` as other C code declares it, with a comment that says what it takes; M and N are numbers there."""
-    text = _texts(["fallbacks.c"])[0]
-    return f"{text[text.index('/* The solver:') : text.index(' {', text.index('int solve_levels('))]};\n"
-
-
 def core_source(n: int, sizes: Sequence[int]) -> str:
     """Return `solver_source` with the solver and its certificate as external functions of CasADi."""
     return "\n".join([solver_source(n, sizes), *_texts(["casadi.c"])])
