@@ -91,8 +91,8 @@ class Viability:
     ) -> np.ndarray:
         """The velocity for this tick in place of the wanted one."""
         now, before, v, on, measured = map(doubles, (q, previous, wanted, gates, quantities))
-        self.share = 1.0
-        if self.near(self.memory, v, on, measured):
+        self.is_near, self.share = bool(self.near(self.memory, v, on, measured)), 1.0
+        if self.is_near:
             self.share = self.enforce(self.memory, now, before, v, on, measured)
             self.setup.answer.check()
         return np.array(v)
@@ -219,7 +219,7 @@ def test_a_reach_that_nobody_knows_guards_all_the_same(unknown: float) -> None:
     wanted[1] = 1.0
     rule = Viability(robot=planar, tasks=(straight("y", 1, upper, reach=unknown),), quantity_names=("y.room",), dt=DT)
     kept = rule.kept(q=np.zeros(5), previous=np.zeros(5), wanted=wanted, gates=np.ones(1), quantities=np.array([upper]))
-    assert kept.near
+    assert rule.is_near
     assert max(q[1] for q, _ in rule.stop.path(np.zeros(5), kept)) <= upper
 
 

@@ -144,7 +144,8 @@ class Estimator(TableDisplay):
         """
         dt = self._elapsed(t)
         if command is not None:
-            self._follow(command, dt)
+            self._response = command.v + math.exp(-dt / RESPONSE_TIME) * (self._response - command.v)
+            self.memory.commanded[6 - self._n_vehicle :] = self._response
         self._filter.has_command = command is not None
         self._take_in(readings)
         if self._beam is not None:
@@ -212,11 +213,6 @@ class Estimator(TableDisplay):
             raise InvalidInput(f"estimator called at t = {t} s after t = {self._t} s; give increasing times")
         self._t = self._filter.now = t
         return dt
-
-    def _follow(self, command: Command, dt: float) -> None:
-        """Advance the velocity (n_v,) [m/s, rad/s] that commands alone would have brought about."""
-        self._response = command.v + math.exp(-dt / RESPONSE_TIME) * (self._response - command.v)
-        self.memory.commanded[6 - self._n_vehicle :] = self._response
 
     def _take_in(self, readings: Readings) -> None:
         memory, seen = self.memory, self._seen

@@ -72,17 +72,13 @@ class Watchdog:
     def judge(self, age: float, t: float, channel: str = "") -> Freshness:
         """The verdict on a measurement of `age` [s] at time t [s], that of `channel` if known; nan counts as lost."""
         verdict = Freshness(freshness_of(age, self.hold_after, self.stop_after))
-        early = self._is_early(age, t)
+        self._waits = self._waits and age == math.inf
+        self._begun = t if math.isnan(self._begun) else self._begun
+        early = self._waits and t - self._begun <= self.stop_after
         if verdict is not self._verdict and not early:
             self.alarms.append((t, _describe(verdict, age, channel)))
             self._verdict = verdict
         return verdict
-
-    def _is_early(self, age: float, t: float) -> bool:
-        """Return whether the first readings may still be under way."""
-        self._waits = self._waits and age == math.inf
-        self._begun = t if math.isnan(self._begun) else self._begun
-        return self._waits and t - self._begun <= self.stop_after
 
 
 def freshness_of(age: float, hold_after: float, stop_after: float) -> int:

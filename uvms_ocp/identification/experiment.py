@@ -209,14 +209,11 @@ class TrajectorySimulator:
         L = _backward(A, direct)[1:]
         late = L @ self._late
         weights = L @ np.swapaxes(one.S[:-1], 1, 2), L, late[:, :, None] * one.late[:, None, :]
-        bent_x, bent_u = self._bent(one, weights)
+        found = self._mapped("bent", self._functions[0], one.x[:-1].T, *self._given(one.u), *_wide(weights))
+        bent_x, bent_u = found[0][:, :, 0], found[1][:, :, 0]
         own = with_x + self._bent_seen(one, M) + np.vstack([bent_x, np.zeros(len(one.x[0]))])
         adjoint = _backward(A, own[:, :, None])[1:, :, 0]
         return bent_u + np.einsum("kij,ki->kj", C, adjoint), np.einsum("kij,ki->kj", C, late)
-
-    def _bent(self, one: ExperimentTrajectory, weights: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray]:
-        found = self._mapped("bent", self._functions[0], one.x[:-1].T, *self._given(one.u), *_wide(weights))
-        return found[0][:, :, 0], found[1][:, :, 0]
 
     def _bent_seen(self, one: ExperimentTrajectory, M: np.ndarray) -> np.ndarray:
         """Second-order part of the gradient by x (n + 1, n_x), of the outputs."""

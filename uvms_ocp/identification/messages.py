@@ -189,9 +189,6 @@ def _checked(path: Path, work: Callable[[], Iterator[Any]]) -> Iterator[Any]:
 
 
 # Numbers in a message by paths such as ``pose.pose.position.x``, whatever library has decoded it.
-#
-# ``actuators[3]`` and ``position.2`` are elements; ``position[elbow]`` and ``transforms[base_link].translation.x`` are those of a
-# name, which a ``name`` or ``child_frame_id`` says. A path to a whole array has all its elements.
 
 _STEP = re.compile(r"\[([^\[\]]+)\]|([^.\[\]]+)")
 _PATH = re.compile(r"[^.\[\]]+(\.[^.\[\]]+|\[[^\[\]]+\])*$")

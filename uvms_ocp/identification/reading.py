@@ -63,28 +63,6 @@ def even_send_times(arrived: np.ndarray, period: float) -> np.ndarray:
 
 
 # How the columns of foreign files become channels: a YAML file, or the same as a value.
-#
-#     channels:
-#       linear_velocity:
-#         file: navigation_{name}.csv.gz
-#         time: header.stamp
-#         time_unit: ns
-#         columns: [velocity.x, velocity.y, velocity.z]
-#         body: FRD
-#
-# Messages of MCAP files and rosbag2 folders have a topic, and fields by their paths; without a time they count as measured when
-# they were logged:
-#
-#       attitude:
-#         topic: /odometry
-#         time: header.stamp
-#         columns: [pose.pose.orientation.x, pose.pose.orientation.y, pose.pose.orientation.z, pose.pose.orientation.w]
-#       joint_positions:
-#         topic: /joint_states
-#         columns: ["position[shoulder]", "position[elbow]"]
-#
-# Frames: ``world: NED`` and ``body: FRD`` are turned to W with z up and B forward-left-up. A world with z up is taken as it is:
-# where it has its x axis changes no fit.
 
 _DOWN = np.diag([1.0, -1.0, -1.0])  # from axes with z down to axes with z up, and back
 _UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}

@@ -16,9 +16,6 @@ from uvms_ocp.robot.spatial import quaternion_to_matrix
 from uvms_ocp.types import frozen_mapping, read_only
 
 # What was measured while a vehicle moved, as a value.
-#
-# Frames are those of `uvms_ocp.robot.spatial`: W with z up, B forward-left-up. What a file has otherwise is turned when it is
-# read, see `uvms_ocp.identification.reading`.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

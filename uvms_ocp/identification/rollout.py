@@ -201,9 +201,6 @@ def _joints(channel: Channel | None, edges: np.ndarray, window: float = 0.4) -> 
 
 
 # Simulation of many stretches at once, with the sensitivities of what is seen.
-#
-# The derivatives of single steps come from the stage, and are chained here: ``S_next = A S + B + C du/dp``. That is the
-# variational equation of the discrete model, so that slopes are those of what is simulated.
 
 N_START = 9
 """unknowns of a start: velocity (6), then the turn of the attitude in B (3)."""

@@ -52,19 +52,6 @@ from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.robot.thrusters import thruster_matrix
 
 # What of a robot is to be learnt, as a YAML file.
-#
-# robot: bluerov2_alpha5
-# arm: taken off
-# hull: [[-0.25, -0.2, -0.15], [0.25, 0.2, 0.15]]
-# commands: thrust
-# lag: 0.1
-# delay: 0.05
-# learn:
-#   mass: {prior: 0.01}
-#   added_mass: {free: [surge, sway, heave, yaw]}
-#   quadratic_drag: {}
-#   centre_of_buoyancy: {prior: 0.2}
-# noise: {velocity: 0.01, rate: 0.01, vertical: 0.005}
 
 _Positive = Annotated[float, Field(gt=0.0)]
 _NonNegative = Annotated[float, Field(ge=0.0)]

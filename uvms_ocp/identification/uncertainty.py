@@ -20,9 +20,6 @@ from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise
 from uvms_ocp.identification.parameters import AXES
 
 # How sure the unknowns are, and which combinations of them the recordings leave open.
-#
-# Errors of a model are not white: samples that follow each other miss alike, and count for less than their number. The
-# information is divided by the number of samples that miss together before standard errors are taken from it.
 
 DETERMINED = 0.3
 """Largest standard error of a coordinate, relative for what is positive, with which it counts as determined."""
@@ -125,8 +122,6 @@ def bartlett(residual: np.ndarray) -> float:
 
 
 # What has been learnt, as numbers of the vehicle with their units: entries of quantities, and what each axis has to move.
-#
-# Mass and added mass of an axis weigh the same in most motions: their sum is often known where neither is.
 
 DETERMINED_BELOW = 0.1
 """Largest standard error, relative to the size of a number, with which it counts as determined."""

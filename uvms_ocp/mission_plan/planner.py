@@ -91,7 +91,8 @@ class MissionProblem:
         longest [s]: after which no plan goes on, so that the water of later does not matter.
         """
         levels = mission_levels(self.problem.robot, self.terms, weights)
-        current = _currents(self.current, way, longest)
+        t, p = np.minimum((way.t[:-1] + way.t[1:]) / 2, longest), (way.q[:-1, :3] + way.q[1:, :3]) / 2
+        current = np.array([water_at(self.current, p[k : k + 1], float(t[k])).velocity[0] for k in range(len(t))])
         return replace(self.problem, levels=levels, current=current, longest=longest)
 
 
@@ -146,12 +147,6 @@ def _guess(problem: OcpProblem, way: GreedyRollout, segments: Sequence[HorizonSe
     t = problem.nominal_times()
     rows = np.searchsorted(way.t, np.interp(t, marks, greedy))
     return guess_through(problem, t, way.q[np.clip(rows, 0, len(way.t) - 1)])
-
-
-def _currents(current: Current, way: Trajectory, longest: float) -> np.ndarray:
-    """Velocities (n_steps, 3) [m/s] of the water around the vehicle at the middle of each step."""
-    t, p = np.minimum((way.t[:-1] + way.t[1:]) / 2, longest), (way.q[:-1, :3] + way.q[1:, :3]) / 2
-    return np.array([water_at(current, p[k : k + 1], float(t[k])).velocity[0] for k in range(len(t))])
 
 
 # From a scenario to a plan of its whole mission.

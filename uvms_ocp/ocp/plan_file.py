@@ -28,8 +28,6 @@ from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
 from uvms_ocp.solvers.nlp.program import NlpStatus
 
 # A plan as arrays and one text of values, in an ``.npz`` file or all of it in a ``.json`` file; and back, within bounds.
-#
-# Every number comes back as it was: arrays are stored as they are, texts hold the shortest decimals that round to the same.
 
 _TEXT = "summary"
 _NO_PLAN = f"no text {_TEXT!r}; give the plan.npz that `Plan.save` wrote"

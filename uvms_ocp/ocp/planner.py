@@ -73,8 +73,6 @@ def _renamed(obstacles: list[ObstacleMeta]) -> list[ObstacleMeta]:
 
 
 # Terms that follow the guess are written anew at the motion that was found, until it is the one they were written at.
-#
-# What their rows keep at the nodes they may miss between them: there they are tightened.
 
 _MOST_ROUNDS = 14
 _AGREES = 8e-4  # [m] between rows that decide and distances

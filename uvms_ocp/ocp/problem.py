@@ -150,8 +150,14 @@ class OcpProblem:
         if self.robot.n_vehicle and self.actuation is Actuation.THRUSTERS and not self.robot.description.thrusters:
             raise InvalidInput(f"robot {self.robot.name!r} has no thrusters; give some, or use Actuation.WRENCH")
         self._check_powers()
-        _check_state(self.robot, self.start)
-        self._check_freedom()
+        self.robot.check_configuration(self.start.q)
+        if np.shape(self.start.v) != (self.robot.n_v,) or not np.isfinite(self.start.v).all():
+            raise InvalidInput(
+                f"velocity at the start has shape {np.shape(self.start.v)}; give {self.robot.n_v} finite numbers"
+            )
+        freedom, n = self.start_freedom, 2 * self.robot.n_v
+        if freedom is not None and (np.shape(freedom) != (n,) or not (np.asarray(freedom) >= 0).all()):
+            raise InvalidInput(f"start_freedom {freedom}; give {n} numbers >= 0, of all axes and of their velocities")
 
     @property
     def n_steps(self) -> int:
@@ -217,11 +223,6 @@ class OcpProblem:
                 f"{names[0]}: no power is given for thruster {', '.join(unknown)}; add it, or use Effort"
             )
 
-    def _check_freedom(self) -> None:
-        freedom, n = self.start_freedom, 2 * self.robot.n_v
-        if freedom is not None and (np.shape(freedom) != (n,) or not (np.asarray(freedom) >= 0).all()):
-            raise InvalidInput(f"start_freedom {freedom}; give {n} numbers >= 0, of all axes and of their velocities")
-
     def _check_relaxed_levels(self) -> None:
         for level in self.levels[:-1]:
             if level.relax is None and any(term.minimises_time for term in level.terms):
@@ -253,12 +254,6 @@ def counts_at_end(problem: OcpProblem, term: Term, phase: OcpPhase) -> bool:
     if term.at is At.PATH:
         return last and term.state_only and term.phase in (None, phase.name)
     return term.phase == phase.name or (term.phase is None and last)
-
-
-def _check_state(robot: Robot, start: State) -> None:
-    robot.check_configuration(start.q)
-    if np.shape(start.v) != (robot.n_v,) or not np.isfinite(start.v).all():
-        raise InvalidInput(f"velocity at the start has shape {np.shape(start.v)}; give {robot.n_v} finite numbers")
 
 
 # The most usual problem, ready-made: the tool moves to a pose and comes to rest.

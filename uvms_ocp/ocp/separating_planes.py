@@ -22,8 +22,6 @@ from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.types import Array, Indices
 
 # Points of a convex shape of which one is the farthest against a direction, for directions near the one given.
-#
-# Rows on all of them keep the shape on one side of a plane while it turns a little; of a round rim only some are taken.
 
 _N_VERTICES = 6  # of a mesh, nearest to the plane first
 
@@ -113,10 +111,6 @@ _FORMS: MappingProxyType[type, Callable[..., Support]] = MappingProxyType(
 
 
 # Planes that part shapes: where coal finds two of them nearest, and the points that have to stay beyond.
-#
-# A plane is fixed to the first shape of a pair and touches it, so it bounds that shape wherever the robot goes. What the
-# points of the second shape have to the plane is never more than the distance of two convex shapes, and equal to it in value
-# and gradient at the configuration where coal found the plane.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

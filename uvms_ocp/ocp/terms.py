@@ -22,10 +22,6 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.tasks.task import Residual, Task, TickSymbols, VectorGoal, evaluate_vector, zero_residual
 from uvms_ocp.types import Array, Bound, Range
 
-# Terms of an optimal control problem: rows of state and input that serve as objectives and as constraints alike.
-#
-# In a level the distance of the rows to their range is minimised; as a constraint the range is kept.
-
 _ROUNDING = 0.02  # share of the limit below which powers flatten out, so that they can be differentiated at 0
 
 

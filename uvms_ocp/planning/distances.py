@@ -155,7 +155,10 @@ class CoalDistances:
         for sample, chosen in _grouped(candidates):
             self._place(configurations[sample])
             self._collect(sample, chosen, limits, found)
-            jacobians[sample] = self._jacobian(configurations[sample])
+            jacobian: Array = pin.computeJointJacobians(
+                self.scene.coordinates.robot.model, self._data, configurations[sample]
+            )
+            jacobians[sample] = jacobian
         if not found:
             return no_near_pairs(x.shape[1])
         samples, pairs, distances, normals, points, centres = map(np.array, zip(*found, strict=True))
@@ -169,10 +172,6 @@ class CoalDistances:
     def _place(self, q: Array) -> None:
         model = self.scene.coordinates.robot.model
         pin.updateGeometryPlacements(model, self._data, self.scene.geometry, self._geometry_data, q)
-
-    def _jacobian(self, q: Array) -> Array:
-        jacobian: Array = pin.computeJointJacobians(self.scene.coordinates.robot.model, self._data, q)
-        return jacobian
 
     def _collect(self, sample: int, pairs: list[int], thresholds: list[float], found: list[_Contact]) -> None:
         data, lower = self._geometry_data, self._bounds.lower[sample]

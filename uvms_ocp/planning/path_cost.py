@@ -29,10 +29,6 @@ from uvms_ocp.trajectories.segment_times import MotionLimits
 from uvms_ocp.types import Array, Indices
 
 # A smooth one-sided penalty: zero beyond a threshold, cubic, then quadratic.
-#
-# Its second derivative ``min(y, 1)`` is continuous, never negative and stays away from zero deep inside, so a
-# Gauss-Newton step keeps its curvature there; an exponential is zero nowhere and overflows in deep penetration.
-# `[value]` is the unit of what is penalised.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -87,10 +83,6 @@ def outside(value: Array, lower: Array, upper: Array, margin: float) -> Penalty:
 
 
 # Speed of a link near an obstacle, and its exact derivatives.
-#
-# [Gao2022] eq. (77) weighs the penalty by the speed of a body point. The witness point itself jumps on the link (flat
-# faces, coal gives no derivative of it), so the speed used here is the root mean square over the ball around the link,
-# ``sqrt(|v_c|^2 + rho^2 |omega|^2 + eps^2)``: smooth at rest, independent of the witness, exactly differentiable.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -159,8 +151,6 @@ def _dot(vector: Array, matrix: Array) -> Array:
 
 
 # The soft-collision cost J = l1 Js + l2 Jc + l3 Jd of a trajectory in its node derivatives, [Gao2022] eqs (76)-(82).
-#
-# Sums over pieces couple neighbouring nodes only, so the Gauss-Newton matrix is block tridiagonal.
 
 
 class DistanceSource(Protocol):

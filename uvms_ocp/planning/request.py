@@ -121,8 +121,6 @@ def _error(planned: Coordinates, frame_id: int, goal: pin.SE3 | Array, x: Array)
 
 
 # Where a plan is to end: a frame of the robot at a place, or the vehicle and joints in a posture.
-#
-# A goal says itself what it means for a path in planned axes, and for optimal control with tasks.
 
 Triple: TypeAlias = tuple[float, float, float]
 FiniteTriple: TypeAlias = tuple[Finite, Finite, Finite]

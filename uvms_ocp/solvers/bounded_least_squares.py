@@ -161,11 +161,6 @@ def _row_length(x: Vector, n: int) -> float:
 
 
 # Bounded least squares whose free directions minimise a weighted norm: small, dense, by an active set, as kernels.
-#
-# Two strict levels: among the x in [lower, upper] that minimise ``|A x - b|``, the one that minimises
-# ``x' diag(weight) x``. The answer is unique. The active set is found on the regularised problem
-# ``|A x - b|^2 + epsilon^2 x' diag(weight) x`` [Stark1995] and the levels are then separated exactly. `[x]` is the unit of
-# a variable, `[b]` that of the rows. Inputs are trusted: finite, lower <= upper, weight > 0.
 
 _EPSILON = 1e-4  # share of the norm while the active set is sought; its square is the loss of wrench
 _TOLERANCE = 1e-9  # of signs, relative

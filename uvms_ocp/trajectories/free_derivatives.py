@@ -25,10 +25,6 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.types import Array, Indices, Mask
 
 # Hermite pieces on the unit interval: exact matrices of the piece and of its cost.
-#
-# A piece of degree 2k - 1 is fixed by its value and first k - 1 derivatives at both ends, the *end data*
-# ``z = [p(0), p'(0), ..., p(1), p'(1), ...]`` (2k,). Derivatives are per unit-interval time, so an end derivative of
-# order d in real time is multiplied by duration^d. All matrices are.
 
 _Rational = list[list[Fraction]]
 
@@ -106,16 +102,6 @@ def _rounded(matrix: _Rational) -> Array:
     result = np.array([[float(x) for x in row] for row in matrix])
     result.flags.writeable = False
     return result
-
-
-# Minimum-derivative trajectories in the free derivatives of their nodes, in time linear in the pieces.
-#
-# Unknowns are the derivatives 0 .. k-1 of the curve at its nodes that nobody has fixed ([Gao2022] eq. (78)). The cost
-# is a sum over pieces of quadratic forms of their end data, so its matrix is block tridiagonal: a banded Cholesky
-# factor, shared by all axes. Internally time is divided by the geometric mean of the durations and derivatives are
-# scaled per node, so that conditioning does not depend on the unit of time.
-#
-# `[axis]` is the unit of an axis, such as m or rad; derivatives of order d are [axis/s^d].
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -37,8 +37,6 @@ from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import Array, Mask, Range, read_only
 
 # What a minimum-snap curve must obey besides its way points and times, checked and laid out node by node.
-#
-# `[axis]` is the unit of an axis, such as m or rad; derivatives of order d are [axis/s^d].
 
 
 @checked
@@ -210,11 +208,6 @@ def _set_constraint(values: Array, fixed: Mask, constraint: Constraint, index: i
     fixed[d, node, axes] = True
 
 
-# Minimum-snap (jerk, acceleration, ...) trajectories through way points, [Gao2022] eqs (59)-(75).
-#
-# `[axis]` is the unit of an axis, such as m or rad; derivatives of order d are [axis/s^d].
-
-
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class CostGradients:
     """Derivatives of the optimal cost."""
@@ -287,9 +280,6 @@ def _axes_with_one_pattern(fixed: Mask) -> Iterator[list[int]]:
 
 
 # The same minimum-derivative problem as an equality-constrained QP in coefficients, [Gao2022] eqs (74)-(75).
-#
-# Slower than the free-derivative form and used to check it; it takes bounds on derivatives at way points as well.
-# `[axis]` is the unit of an axis, such as m or rad.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -360,7 +350,9 @@ class _Qp:
         if not self.solver.stats()["success"]:
             raise InvalidInput(f"the QP of axis {axis} has no solution; check its bounds and constraints.")
         coefficients = np.asarray(solution["x"]).reshape(self.n, 2 * self.k)
-        return self._node_values(coefficients, problem.values[:, :, axis], problem.fixed[:, :, axis])
+        ends = np.asarray(self.A[: self.k * (self.n + 1), :] @ ca.DM(coefficients.ravel()))
+        nodes = ends.reshape(self.n + 1, self.k).T / self.unit ** np.arange(self.k)[:, None]
+        return np.where(problem.fixed[:, :, axis], problem.values[:, :, axis], nodes)
 
     def _rows(self) -> ca.DM:
         """Derivatives 0 .. k - 1 at every node (end of the last piece for the last), then their continuity."""
@@ -397,8 +389,3 @@ class _Qp:
             np.concatenate([(lower * scale).T.ravel(), continuous]),
             np.concatenate([(upper * scale).T.ravel(), continuous]),
         )
-
-    def _node_values(self, coefficients: Array, values: Array, fixed: Mask) -> Array:
-        ends = np.asarray(self.A[: self.k * (self.n + 1), :] @ ca.DM(coefficients.ravel()))
-        nodes = ends.reshape(self.n + 1, self.k).T / self.unit ** np.arange(self.k)[:, None]
-        return np.where(fixed, values, nodes)

@@ -63,8 +63,6 @@ class Actuators:
         return np.asarray(command)
 
 
-# Computed-torque control: the forces of a planned motion, corrected by feedback of positions and velocities.
-
 _state = unchecked_constructor(State)
 _command = unchecked_constructor(Command)
 

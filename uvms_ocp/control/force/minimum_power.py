@@ -22,10 +22,6 @@ from uvms_ocp.solvers.bounded_least_squares import (
 )
 
 # Thrust of least electrical power among all that give the same wrench, as a kernel.
-#
-# Power is ``sum factor |T|^exponent``. Reweighted least squares: replacing ``|T|^p`` by a parabola that touches it
-# and lies above it (p <= 2) gives a linear step in the null space of the thruster matrix, which lowers the power; the
-# step is stretched to nearly Newton's, so that a few suffice.
 
 _STEPS = 6
 _ROUNDING = 1e-14  # below it there is nothing

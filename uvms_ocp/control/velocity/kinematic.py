@@ -230,7 +230,9 @@ class KinematicController(TableDisplay):
         restriction = self._restricted(bad) if bad or self._restriction is not FREE else FREE
         freshness = _FRESHNESS[memory.freshness]
         if freshness is not self.watchdog.verdict:
-            self._alarm(measurement, t)
+            lost = ", ".join(item.channel for item in self._restriction.lost)
+            channel = ALTIMETER if self.memory.echo_is_oldest else measurement.oldest or lost
+            self.watchdog.judge(self.memory.oldest, t, channel)
         return _tick_state(
             begin=started,
             t=t,
@@ -314,12 +316,6 @@ class KinematicController(TableDisplay):
         if not (bad == list(before.bad) and before.abort == "" and not found.ended):
             self._restriction = read_restriction(found, bad)
         return self._restriction
-
-    def _alarm(self, measurement: StateEstimate, t: float) -> None:
-        """Tell how old the measurement has become, and of which channel that is."""
-        lost = ", ".join(item.channel for item in self._restriction.lost)
-        channel = ALTIMETER if self.memory.echo_is_oldest else measurement.oldest or lost
-        self.watchdog.judge(self.memory.oldest, t, channel)
 
     def _feel(self) -> None:
         """Write the feedback of the force layer for the kernels."""

@@ -105,19 +105,14 @@ def _check_mission(m: TickMemory) -> None:
     if m.why != AbortReason.NOTHING:
         m.eventful = True
         if not m.mission.given_up:
-            _climb(m)
+            believed = not (m.distress.pushed or _doubts_altimeter(m))
+            aim_ascent(m.ascent, m.q, m.beam.highest if believed else math.nan)
         abort_mission(m.mission, m.t, not stopped)
     elif not m.holds:
         m.due = transition_due(m.mission, m.t, m.phase_quantities)
         m.eventful = m.due != NONE or m.mission.changed
         if m.due != NONE:
             take_transition(m.mission, m.t, m.due)
-
-
-def _climb(m: TickMemory) -> None:
-    """Aim the emergency ascent: above the highest floor, where that is to be believed."""
-    believed = not (m.distress.pushed or _doubts_altimeter(m))
-    aim_ascent(m.ascent, m.q, m.beam.highest if believed else math.nan)
 
 
 def _doubts_altimeter(m: TickMemory) -> bool:

@@ -48,10 +48,6 @@ from uvms_ocp.tasks.activation import ENDLESS
 from uvms_ocp.tasks.task import Task
 
 # The viability rule: a velocity is accepted only if a full stop from it respects every limit on positions.
-#
-# A velocity that is refused gives way to the one nearest to it, on the way to the stop's own next velocity, from which the
-# stop is clear. That next velocity was part of the stop that the tick before accepted, so that from a viable state there is
-# always an answer, whatever the hierarchy asks for.
 
 _HALVINGS = 5
 

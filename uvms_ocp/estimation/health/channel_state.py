@@ -148,9 +148,6 @@ class HealthMemory(Layout):
 
 
 # What is thought of one channel, from complaints, silence and the time without either.
-#
-# A complaint makes a channel suspect for `HealthTuning.clean` seconds; silence makes it suspect and then lost, and so do
-# readings that are all refused. A reading that is used ends the loss; nothing is lost for good.
 
 LEAST_TO_SUSPECT = 0.05
 """[s] of silence of a quick sensor: as long as joints are fed back without encoders."""

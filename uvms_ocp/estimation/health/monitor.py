@@ -85,7 +85,10 @@ _LONGEST_UNOBSERVED = 1.0  # [s] for which a velocity may be carried on by itsel
 
 def screen(m: HealthMemory, t: float, moving: bool) -> None:
     """Screen the fresh readings at time t [s]; moving: there was a command, and no brakes."""
-    _begin(m, t)
+    m.dt = max(t - m.t, 0.0) if m.started else 0.0
+    m.t = t
+    m.started = True
+    m.exposed = False
     integrate_command(m.encoders, moving, m.dt)
     m.n_behind = 0
     for k in range(m.n):
@@ -96,13 +99,6 @@ def screen(m: HealthMemory, t: float, moving: bool) -> None:
             m.n_behind += 1
     m.velocity_unobserved = _is_velocity_unobserved(m)
     m.unobserved_at = t if m.velocity_unobserved else m.unobserved_at
-
-
-def _begin(m: HealthMemory, t: float) -> None:
-    m.dt = max(t - m.t, 0.0) if m.started else 0.0
-    m.t = t
-    m.started = True
-    m.exposed = False
 
 
 def _is_velocity_unobserved(m: HealthMemory) -> bool:

@@ -12,7 +12,7 @@ from uvms_ocp.codegen.kernel_layout import structure_of
 from uvms_ocp.estimation.filter_memory import N_CHANNELS, NUMBER
 from uvms_ocp.estimation.health.channel_state import N_ESTIMATES, TOO_LATE, ChannelMemory, HealthMemory
 from uvms_ocp.estimation.health.floor import POSITION, init_floor
-from uvms_ocp.estimation.health.plausibility import CHANCE, EncoderMemory, init_repetitions
+from uvms_ocp.estimation.health.plausibility import CHANCE, init_repetitions
 from uvms_ocp.estimation.health.redundancy import init_comparisons
 from uvms_ocp.estimation.health.tuning import HealthTuning
 from uvms_ocp.robot.robot import Robot
@@ -68,7 +68,10 @@ def health_memory(robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthT
     for name, spec in specs.items():
         _set_channel(made.channels[NUMBER[name]], robot, name, spec)
     _set_gates(made, robot, specs, tuning)
-    _set_encoders(made.encoders, robot, specs)
+    delay = specs["joint_positions"].delay if "joint_positions" in specs else 0.0
+    fastest = np.minimum(robot.limits.velocity[robot.joint_v], _FASTEST)
+    made.encoders.allowed[: robot.n_joints] = (_ENCODER_TRAVEL + delay * fastest).tolist()
+    made.encoders.n = robot.n_joints if robot.n_joints == len(robot.home) == len(robot.joint_names) else 0
     _set_comparisons(made, specs, tuning)
     return made
 
@@ -127,7 +130,9 @@ def _set_gates(memory: HealthMemory, robot: Robot, specs: Mapping[str, SensorSpe
         gate.base = of.base + _SIGMAS * spec.sigma + max(map(abs, spec.biases)) + _unforeseen(of, spec, specs)
         gate.by, gate.or_by = _two(of.by)
     if robot.n_vehicle:
-        _limit_rates(memory, robot, tuning)
+        v, w = _brisk(robot.limits.velocity)
+        memory.channels[NUMBER["angular_velocity"]].gate.most = 4 * w + _RATE
+        memory.channels[NUMBER["linear_velocity"]].gate.most = v + tuning.current
 
 
 class _Allowed(NamedTuple):
@@ -169,13 +174,6 @@ def _vehicle_gates(robot: Robot, tuning: HealthTuning) -> dict[str, _Allowed]:
     }
 
 
-def _limit_rates(memory: HealthMemory, robot: Robot, tuning: HealthTuning) -> None:
-    """Bounds that no vehicle of this kind ever reads."""
-    v, w = _brisk(robot.limits.velocity)
-    memory.channels[NUMBER["angular_velocity"]].gate.most = 4 * w + _RATE
-    memory.channels[NUMBER["linear_velocity"]].gate.most = v + tuning.current
-
-
 def _brisk(limits: Array) -> tuple[float, float]:
     """Norms of the linear and the angular limits (n_v,) of a vehicle in water."""
     linear, angular = (_BRISK * float(np.linalg.norm(_finite(limits[part]))) for part in (slice(0, 3), slice(3, 6)))
@@ -193,13 +191,6 @@ def _joint_gates(robot: Robot) -> dict[str, _Allowed]:
 
 def _finite(limits: Array) -> Array:
     return np.minimum(limits, _ANY)
-
-
-def _set_encoders(encoders: EncoderMemory, robot: Robot, specs: Mapping[str, SensorSpec]) -> None:
-    delay = specs["joint_positions"].delay if "joint_positions" in specs else 0.0
-    fastest = np.minimum(robot.limits.velocity[robot.joint_v], _FASTEST)
-    encoders.allowed[: robot.n_joints] = (_ENCODER_TRAVEL + delay * fastest).tolist()
-    encoders.n = robot.n_joints if robot.n_joints == len(robot.home) == len(robot.joint_names) else 0
 
 
 def _set_comparisons(memory: HealthMemory, specs: Mapping[str, SensorSpec], tuning: HealthTuning) -> None:

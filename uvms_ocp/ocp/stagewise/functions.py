@@ -22,9 +22,6 @@ from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermBlock, TermRows
 from uvms_ocp.robot.symbolic_model import SymbolicModel
 
 # Derivatives of the expressions of a step along its states and controls.
-#
-# State: the displacement of q in its tangent space (n_v,) [m, rad], v [m/s, rad/s] and, where durations are free, the length
-# of the step h [s]. Controls: the acceleration a [m/s2, rad/s2], and the thrust that cancels out. Forces follow from both.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -157,9 +154,6 @@ class Tangent:
 
 
 # Compiled functions of single steps: motion, rows of limits and terms, and their dense derivatives, row after row.
-#
-# Rows come in groups, each an output of its own, so that a level takes what it needs: what is held (limits of forces and
-# constraints first, then each level above), and the residuals whose half square is the cost of each level.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

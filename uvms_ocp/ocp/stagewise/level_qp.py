@@ -48,9 +48,6 @@ class Multipliers:
             own[:] = residual
 
 
-# The QP of one level about a point: its residuals, and what levels above and limits hold.
-
-
 class StageLevelQp:
     """Linearised at `StageMemory.z`; the QP moves from there."""
 
@@ -89,20 +86,16 @@ class StageLevelQp:
             if stage.step:
                 calls.add(memory.motion_linear, [memory.z[i], memory.z[i + 1]], [memory.gaps[i], self.qp.dynamics[i]])
             elif i + 1 < len(memory.stages):
-                self._turn(i)
+                F, n = self.qp.dynamics[i], self.memory.tangent.n_x
+                F[...] = np.eye(*F.shape)
+                if self.memory.tangent.free:
+                    F[n - 1, n - 1 :] = (0.0, 1.0)
         for i, stage in enumerate(memory.stages):
             function = memory.function(stage)
             if function is not None:
                 values = memory.row_memory(i)[:-1]
                 calls.add(function.linear, memory.arguments(i), [*values, *self._jacobians(i)])
         return calls
-
-    def _turn(self, i: int) -> None:
-        """The length of the steps that follow is chosen; all else stays."""
-        F, n = self.qp.dynamics[i], self.memory.tangent.n_x
-        F[...] = np.eye(*F.shape)
-        if self.memory.tangent.free:
-            F[n - 1, n - 1 :] = 0.0, 1.0
 
     def _jacobians(self, i: int) -> list[Array | None]:
         """Return the arrays that the functions of rows at stage i write: of residuals, then of rows that may be held."""

@@ -31,9 +31,6 @@ from uvms_ocp.solvers.stage_qp.problem import FlatSolution
 from uvms_ocp.types import Array
 
 # The stages of a horizon: its steps, the turn from one phase to the next, and the last node.
-#
-# A turn takes no time. There the rows count that end a phase, and the length of the steps of the next phase is chosen: as a
-# control, so that it is a state of the steps that follow and couples nothing else.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -73,9 +73,6 @@ def _better(trial: FilterMerit, entry: FilterMerit) -> bool:
 
 
 # Sequential quadratic programming over stages: full steps of Gauss and Newton where they work, a filter where not.
-#
-# A QP that no step can fulfil gives the step that breaks its rows least, in sum: the way to a point that keeps them, or,
-# where that does not help either, the proof that no small change does.
 
 _SMALLEST_SHARE = 1e-7
 _MORE, _LESS = 10.0, 4.0  # by how much damping grows, and by how much it falls

@@ -300,7 +300,9 @@ def _given(model: StageModel, ends: _Ends) -> tuple[ca.SX, np.ndarray]:
     if freedom is None:
         rows = ends.first - ends.given
         return rows, np.zeros(rows.numel())
-    norms = _norms(model, ends.first)
+    parts = [slice(3, 7)] if model.robot.n_vehicle else []
+    parts += [slice(joint.q.stop - 2, joint.q.stop) for joint in model.robot.joints if joint.n_q > joint.n_v]
+    norms = ca.vertcat(ca.SX(0, 1), *(ca.sumsqr(ends.first[part]) - 1 for part in parts))
     rows = ca.vertcat(_difference(model, ends.given, ends.first), norms)
     return rows, np.concatenate([freedom, np.zeros(norms.numel())])
 
@@ -317,23 +319,7 @@ def _difference(model: StageModel, one: ca.SX, other: ca.SX) -> ca.SX:
     return ca.vertcat(tree.difference(one[:n], other[:n]), other[n:] - one[n:])
 
 
-def _norms(model: StageModel, state: ca.SX) -> ca.SX:
-    """Return the norms, less 1, of the quaternion of a vehicle, and of the cosine and sine of joints that turn without an end."""
-    parts = [slice(3, 7)] if model.robot.n_vehicle else []
-    parts += [slice(joint.q.stop - 2, joint.q.stop) for joint in model.robot.joints if joint.n_q > joint.n_v]
-    return ca.vertcat(ca.SX(0, 1), *(ca.sumsqr(state[part]) - 1 for part in parts))
-
-
 # The raw rows of a horizon, all numbered here: where each group of them is, and what every single row is.
-#
-#     dynamics      step by step: the next state, then the forces where they are variables
-#     start         the first state, and the last one where the motion is periodic
-#     equal_steps   where durations are free: every step is as long as the one before
-#     total         where it is limited: all steps together
-#     terms         block by block, node by node
-#     costs         one row for each level
-#
-# `uvms_ocp.ocp.transcription.horizon` gives their values in this order.
 
 FIXED = ("motion", "forces", START, "equal steps")
 """Names of rows that are laws, not wishes."""

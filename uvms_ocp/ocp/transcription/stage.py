@@ -78,17 +78,6 @@ class Actuators:
 
 
 # Functions of one step of the horizon, with sparse first and second derivatives, as CasADi SX.
-#
-# Inverse-dynamics form: the acceleration is a decision, and the forces that it takes are an equality. Nothing is solved
-# inside the functions, so their derivatives stay short (a Hessian of forward dynamics is ten times as long). The forces
-# of a step are those at its middle, so that a step is right to second order in its length (those at its beginning with
-# `Integrator.EULER`).
-#
-# Variables of a step: ``z = [q, v, h, a, f, m]`` with q [m, rad], v [m/s, rad/s], the length of the step h [s],
-# a [m/s2, rad/s2], thrust f and joint torque m in shares of their limits. Where every velocity has a force of its own
-# that nothing limits, and there is no water, f and m are expressions in the others instead: a third of the variables and
-# rows less. Where forces are asked to be `eliminated` they always are: the thrust of least squares that makes the wrench,
-# and on top of it what cancels out among redundant thrusters, ``z = [q, v, h, a, s]`` with its coordinates s.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -155,9 +155,6 @@ class ActiveSetTick:
         )
 
 
-# Strict hierarchy by a dedicated active-set method for lexicographic least squares ([Escande2014], [Dimitrov2015]).
-
-
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LexicographicActiveSet:

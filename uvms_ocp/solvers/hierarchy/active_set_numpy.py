@@ -363,9 +363,6 @@ def _worst(
 
 
 # What is tried one after the other until a velocity is certified; the algorithm of fallbacks.c in NumPy, keep both in step.
-#
-# The core from a warm start, then cold; level by level, ordinarily and with more care; with fewer levels. Where nothing is
-# certified the best velocity counts, by the levels in their order.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -451,7 +448,8 @@ class _Chain:
             held = self._held(w, own)
             found = self._run(held, np.zeros(len(held.J)), manner).w
             w = found if self._is_held(held, found, own.start) else w
-        touched = self._touched(w)
+        y, near = (self.rows.J @ w, self._near)
+        touched = np.where(y >= self.rows.upper - near, 1.0, np.where(y <= self.rows.lower + near, -1.0, 0.0))
         return self._is_proven(_Run(w, touched)) or self._is_proven(self._run(self.rows, touched, manner))
 
     def _by_fewer_levels(self) -> bool:
@@ -501,11 +499,6 @@ class _Chain:
         y, near = held.J[:begin] @ w, self._near[:begin]
         kept = (y >= held.lower[:begin] - near) & (y <= held.upper[:begin] + near)
         return _is_finite(w) and bool(kept.all())
-
-    def _touched(self, w: Array) -> Array:
-        """(M,) bounds that w touches."""
-        y, near = self.rows.J @ w, self._near
-        return np.where(y >= self.rows.upper - near, 1.0, np.where(y <= self.rows.lower + near, -1.0, 0.0))
 
 
 def _is_finite(w: Array) -> bool:

@@ -157,8 +157,6 @@ def _level(step: LevelStep, inputs: list[Array]) -> tuple[Array, ...]:
     return BufferedFunction(step.give_up)(*inputs) if function.failed else outputs
 
 
-# Strict hierarchy as a cascade of quadratic programs ([Kanoun2011], [Escande2014]) inside one CasADi Function.
-
 _DEFAULTS: dict[str, dict[str, object]] = {
     "qpoases": {"printLevel": "none", "enableFlippingBounds": False},
     "qrqp": {"print_iter": False, "print_header": False, "print_info": False},
@@ -210,7 +208,10 @@ class LexicographicQp:
         J, lower, upper, _, _, gate, *extras = dense_outputs(levels_function, inputs)
         # Some plugins print a banner through Python's stdout when they are created.
         with contextlib.redirect_stdout(io.StringIO()):
-            steps = self._steps(J.shape[1], sizes)
+            settings, above = (self._settings(), np.cumsum([0, *sizes]))
+            steps = [
+                level_step(settings, J.shape[1], int(above[k]), size) if size else None for k, size in enumerate(sizes)
+            ]
         valid, J_safe, low, up = sanitised(J, lower, upper, gate)
         v, inexact = cascade(steps, J_safe, low, up)
         status, residual = outcome(valid, v, inexact, J, lower, upper, gate)
@@ -218,10 +219,6 @@ class LexicographicQp:
         tick = ca.Function("tick", inputs, outputs, names, [f"out_{i}" for i in range(len(outputs))])
         levels = ca.Function("levels", inputs, raw, names, [f"out_{i}" for i in range(len(raw))])
         return QpTick(QpFunctions(tick=tick, levels=levels, steps=steps, sizes=tuple(sizes), certified=self.certified))
-
-    def _steps(self, n: int, sizes: Sequence[int]) -> list[LevelStep | None]:
-        settings, above = self._settings(), np.cumsum([0, *sizes])
-        return [level_step(settings, n, int(above[k]), size) if size else None for k, size in enumerate(sizes)]
 
     def _settings(self) -> QpSettings:
         options = {"error_on_fail": False, **_DEFAULTS.get(self.plugin, {}), **self.options}

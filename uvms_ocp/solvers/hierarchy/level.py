@@ -20,8 +20,6 @@ from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.types import Array
 
 # One priority level of a hierarchy of linear velocity objectives, and the stacking of levels.
-#
-# `[rate]` is the unit of a row, `[velocity]` that of an entry of v; each may have its own.
 
 
 @checked_on_failure

@@ -20,8 +20,6 @@ from uvms_ocp.solvers.nlp.options import SqpOptions
 from uvms_ocp.solvers.nlp.program import LevelRows, NlpStatus, RowBounds
 
 # Which share of a level's step is taken: the rule by which no level loses what it had for the sake of one below.
-#
-# Judged by true residuals, not by the linear model of them. A share of 0 always keeps the rule.
 
 SHARES = (1.0, 1 / 2, 1 / 4, 1 / 8, 1 / 16)
 """Tried one after the other."""
@@ -68,11 +66,6 @@ def acceptance(
 
 
 # Weights that keep the step of a level near the point at which its rows were linearised.
-#
-# The first level has none: what it wants is worth a full step. Those below move what the levels above leave free, which is
-# most of the variables and nearly flat for each of them, so that without a weight their steps are as long as the
-# linear model says and longer than it holds. A weight rises where only a share of the step could be taken, and falls slowly
-# back while whole steps are taken.
 
 _RISE, _FALL = 5.0, 0.5
 _MOST = 3e3  # times the least

@@ -88,14 +88,6 @@ def status_of(stats: Mapping[str, Any]) -> NlpStatus:
 
 
 # A lexicographic nonlinear program as data: shared constraints, and levels of least squares in order.
-#
-# Level k minimises ``1/2 |y_k - clip(y_k, lower_k, upper_k)|^2``, the squared distance of its rows to their range, while
-# the rows of the levels above stay where those levels left them. All rows of the program are numbered once: first
-# the constraints, then those that freeze level 0, level 1 and so on. Bounds and multipliers use that numbering at every
-# level, so that they carry over.
-#
-# Variables and rows may have any units. Scale rows to the order of 1: those of a level add up as squares, and one tolerance
-# holds for all, so that costs, norms and violations are ``.
 
 _SLACK = 1e-6  # of inequality rows that are frozen exactly: they still need an inside
 

@@ -164,10 +164,6 @@ class SparseLevels:
 
 # Sequential quadratic programming for control in real time: few steps, each of them complete.
 #
-# An interior-point solver of NLPs that is stopped early stands somewhere between its start and the constraints. A QP that
-# is solved to its end obeys the linearised constraints, all of them: from a start near the solution, such as the last one
-# moved on in time, one step is nearly feasible and nearly optimal (real-time iteration [Diehl2005]).
-#
 # Within one step levels take their turns. Each is linearised where those above it left the point, so that a level also mends
 # what curvature did to the constraints, and keeps their rows as they truly are there. The first takes its step whole; those
 # below are damped and searched along (`proximal.py`, `acceptance.py`), and none of them takes what costs a level above

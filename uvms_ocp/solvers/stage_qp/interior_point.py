@@ -155,10 +155,6 @@ def _eliminated(M: Array, state: int, least: float) -> tuple[Array, Array, int]:
 
 
 # The algorithm of interior_point.c in NumPy, for machines without a C compiler: one iteration; keep both in step.
-#
-# Primal-dual interior point with predictor and corrector [Mehrotra1992], around a factor of the stages. A hard row has a little
-# compliance in every step, which the next one takes back (proximal method of multipliers): so equalities may depend on each
-# other, and each of them only adds a weight to rows that exist anyway.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -122,9 +122,6 @@ def no_result(point: PrimalDualPoint) -> IterationResult:
 
 
 # Rows of constraints and bounds of variables in one list, with what each of them is.
-#
-# Bounds that are reached are guessed from a QP nearby: they are equalities and all others are none, until both prove right. One
-# factor where the guess is right, one more for every guess that is mended [Hintermueller2002].
 
 SIGNS = np.array([[1.0], [-1.0]])
 """Signs of the distances to the lower and the upper side."""
