@@ -229,7 +229,7 @@ def test_what_a_limit_raises_is_raised_by_the_rule(compiled: bool, monkeypatch: 
         raise ValueError("no such place")
 
     if not compiled:
-        monkeypatch.setattr("uvms_ocp.control.velocity.viability.bind_memory", lambda memory, kernels: kernels)
+        monkeypatch.setattr(f"{__name__}.bind_memory", lambda memory, kernels: kernels)
     planar, limit = load_robot("planar5"), PositionLimit(quantity="room", lower=0.0, values=refuse, reach=np.ones(5))
     task = SimpleNamespace(name="y", position_limit=lambda robot: limit)
     rule = Viability(robot=planar, tasks=(task,), quantity_names=("y.room",), dt=DT)
@@ -244,10 +244,10 @@ def test_what_a_limit_raises_is_raised_by_the_rule(compiled: bool, monkeypatch: 
 def test_the_rule_without_compiler_gives_the_same_bits(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     quick = Guarded(robot)
     with monkeypatch.context() as without:
-        without.setattr("uvms_ocp.control.velocity.viability.bind_memory", lambda memory, kernels: kernels)
+        without.setattr(f"{__name__}.bind_memory", lambda memory, kernels: kernels)
         slow = Guarded(robot)
-    assert slow.rule._keep is enforce_viability
-    assert quick.rule._keep is not enforce_viability
+    assert slow.rule.enforce is enforce_viability
+    assert quick.rule.enforce is not enforce_viability
     rng, q, slowed = np.random.default_rng(0), robot.configuration(position=(-0.3, 0.0, 0.0)), 0
     for _ in range(40):
         wanted = rng.uniform(-1.0, 1.0, robot.n_v) * robot.limits.velocity
