@@ -6,7 +6,7 @@ body keeps to assignments, ``if``, ``for`` over ``range``, ``while``, ``return``
 ``abs``, ``len`` of an array in a layout, `zeros`, functions of ``math`` and other kernels. Constants are numbers and members of
 integer enumerations of its module. A CasADi function is a field of a layout (`FunctionField`), called with vectors and layouts
 of them, and so is a callback to Python (`CallbackField`), for what has no other form. A local variable keeps the type that it
-has first. Layouts and vectors are changed in place.
+has first. Layouts and vectors are changed in place. `wide` marks a kernel with long loops for the processor's wider registers.
 
 Python and C give the same bits as long as nothing is divided by zero, taken the root of below zero or made an integer out of
 range: there Python raises, and C goes on. Kernels guard against it, and multiply where they would take a power.
