@@ -231,7 +231,7 @@ def test_the_way_of_a_joint_that_turns_without_end_is_known(tmp_path: Path) -> N
     text = (source / "robot.urdf").read_text(encoding="utf-8")
     (tmp_path / "robot.urdf").write_text(text.replace('type="revolute"', 'type="continuous"', 1), encoding="utf-8")
     machine = load_robot(urdf=tmp_path / "robot.urdf", hydrodynamics=source / "hydrodynamics.yaml")
-    assert len(machine.home) == machine.n_joints + 1
+    assert machine.n_q == machine.n_v + 2
     memory, look, every = looks_of(machine)
     q, v = machine.configuration(), np.zeros(machine.n_v)
     v[machine.joint_v] = 0.3

@@ -187,7 +187,7 @@ def test_an_arm_of_example_robot_data_loads_with_a_fixed_base(name: str) -> None
     robot = load_robot(urdf=example_robot_data() / "robots" / path, base="fixed", mimic="free")
     assert (robot.n_q, robot.n_v, robot.n_vehicle) == (n_q, n_v, 0)
     assert len(robot.collision_model.geometryObjects) > 0
-    assert np.array_equal(robot.configuration()[robot.joint_q], robot.home)
+    assert np.array_equal(robot.joint_values(robot.configuration()), robot.home)
 
 
 def test_a_continuous_joint_has_no_position_limit_and_an_angle_as_its_value() -> None:

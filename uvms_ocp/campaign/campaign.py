@@ -14,7 +14,17 @@ from typing import Any
 from uvms_ocp.campaign.code_source import CodeSource
 from uvms_ocp.campaign.distributions import Design
 from uvms_ocp.campaign.execution import Progress, Workers, run_jobs
-from uvms_ocp.campaign.jobs import COMPLETED, METRICS, CampaignJob, Row, RunResult, run_metrics
+from uvms_ocp.campaign.jobs import (
+    COMPLETED,
+    ERROR,
+    METRICS,
+    CampaignJob,
+    Row,
+    RunResult,
+    describe,
+    failed_row,
+    run_metrics,
+)
 from uvms_ocp.campaign.store import SOURCES, CampaignManifest, read_manifest, read_table, types_of
 from uvms_ocp.campaign.variations import Variation, quantiles, require_available, vary
 from uvms_ocp.checks import checked
@@ -77,6 +87,13 @@ class MissionJob(CampaignJob):
         """The row of a run, and its record where that is to be kept."""
         scenario = self.scenario_of(run)
         record = scenario.run()
+        try:
+            return self._result(run, scenario, record)
+        except Exception as error:  # what was simulated is not lost by what is made of it
+            row = failed_row(self, run, ERROR, describe(error))
+            return RunResult(row=row, attachment=b"" if self.records == "none" else _packed(record))
+
+    def _result(self, run: int, scenario: Scenario, record: Record) -> RunResult:
         cause = cause_of_end(record)
         success = cause["kind"] == COMPLETED
         ending = {"outcome": cause["kind"], "success": success, "cause": cause["text"]}

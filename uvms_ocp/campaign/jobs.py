@@ -146,7 +146,7 @@ def attempt_job(
     except OverTime as error:
         done = RunResult(row=failed_row(work, run, TIME_LIMIT, f"{over_time(limit)}{_place(error)}"))
     except (Exception, SystemExit) as error:
-        done = RunResult(row=failed_row(work, run, ERROR, _describe(error)))
+        done = RunResult(row=failed_row(work, run, ERROR, describe(error)))
     wall = perf_counter() - begin
     row = {"run": run, **done.row, "wall_s": wall, "worker": worker, "version": __version__}
     return RunResult(row=row, attachment=done.attachment)
@@ -157,7 +157,7 @@ def failed_row(work: CampaignJob, run: int, outcome: str, text: str) -> dict[str
     try:
         head = dict(work.head(run))
     except Exception as error:
-        head, text = {}, f"{text}; and its parameters cannot be drawn: {_describe(error)}"
+        head, text = {}, f"{text}; and its parameters cannot be drawn: {describe(error)}"
     own = {"outcome": outcome, "success": False, "cause": plain_line(text, _LONGEST)}
     return {"run": run, **head, **own, "version": __version__}
 
@@ -167,7 +167,7 @@ def over_time(limit: float) -> str:
     return f"not over after {limit:g} s, and stopped; give more by the time limit"
 
 
-def _describe(error: BaseException) -> str:
+def describe(error: BaseException) -> str:
     """Class, message and place."""
     return f"{type(error).__name__}: {error}{_place(error)}"
 

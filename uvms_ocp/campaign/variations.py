@@ -112,9 +112,11 @@ def place_parameters(scenario: Scenario) -> Iterator[Parameter]:
         for axis, name in _TURNS:
             meaning = f"turn of the vehicle at the start about its {'xyz'[axis]}"
             yield Parameter(name=f"start.{name}", unit="rad", meaning=meaning, apply=partial(_turned, axis))
-    for index, name in enumerate(robot.joint_names):
+    for joint in robot.joints:
         meaning = "added to this joint at the start"
-        yield Parameter(name=f"start.{name}", unit="rad or m", meaning=meaning, apply=partial(_bent, index))
+        if joint.n_v == 1:
+            apply = partial(_bent, joint.idx_v)
+            yield Parameter(name=f"start.{joint.name}", unit="rad or m", meaning=meaning, apply=apply)
     if isinstance(scenario.environment.seafloor, FlatSeafloor | HeightField):
         yield Parameter(name="floor.z", unit="m", meaning="added to the height of the floor", apply=_with_floor)
     for obstacle in scenario.environment.obstacles:
@@ -138,9 +140,8 @@ def _turned(axis: int, scenario: Scenario, value: float) -> Scenario:
 
 
 def _bent(index: int, scenario: Scenario, value: float) -> Scenario:
-    start = np.array(scenario.start)
-    start[scenario.robot.joint_q.start + index] += value
-    return replace(scenario, start=start)
+    model = scenario.robot.model
+    return replace(scenario, start=pin.integrate(model, scenario.start, value * np.eye(model.nv)[index]))
 
 
 def _with_floor(scenario: Scenario, value: float) -> Scenario:

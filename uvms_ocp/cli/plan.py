@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -30,6 +31,7 @@ from uvms_ocp.cli.options import (
     label,
 )
 from uvms_ocp.cli.printing import console_of, print_json, print_paths, table_of
+from uvms_ocp.cli.run import draw_all
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.mission_plan.plan import MissionPlan
 from uvms_ocp.mission_plan.planner import OPTIONS, plan_mission
@@ -142,18 +144,25 @@ class PlanOutput:
     save: Callable[[Path], object]
     """Writes what only this method has into a folder; called where there is a motion."""
 
-    def write(self, folder: Path) -> None:
-        """The report always, the rest where there is a motion; a colliding one is worth looking at."""
+    def write(self, folder: Path) -> list[str]:
+        """The report always, the rest where there is a motion; a colliding one is worth looking at.
+
+        Returns a line for each drawing that failed.
+        """
         from uvms_ocp.viz.plan_figures import write_plan_figures
         from uvms_ocp.viz.scene.show import write_scene
 
         (folder / "report.json").write_text(json.dumps(self.report, indent=2) + "\n")
         if self.record is None:
-            return
+            return []
         self.save(folder)
         self.record.save(folder / "record.npz")
-        write_plan_figures(self.record, folder / "figures")
-        write_scene(self.record, self.robot, folder / "scene.html")
+        return draw_all(
+            {
+                "scene.html": partial(write_scene, self.record, self.robot, folder / "scene.html"),
+                "figures": partial(write_plan_figures, self.record, folder / "figures"),
+            }
+        )
 
 
 Progress = Callable[[str], None]
@@ -167,9 +176,11 @@ def make_and_write_plan(make: Callable[[Progress], PlanOutput], out: Path, as_js
         with console.status("planning") as status:
             made = make(lambda text: status.update(plain_line(f"planning: {text}")))
         with claim.staged() as staging:
-            made.write(staging)
+            missing = made.write(staging)
         written = claim.written()
     _print_plan(console, made, written)
+    for line in missing:
+        console.print(line, style="yellow", markup=False)
     if as_json:
         print_json(made.report)
     if not made.good:

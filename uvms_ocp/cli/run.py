@@ -7,12 +7,13 @@ import os
 import sys
 import warnings
 import webbrowser
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, redirect_stderr, redirect_stdout
 from functools import partial
 from multiprocessing import get_context
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import typer
@@ -53,7 +54,7 @@ from uvms_ocp.cli.printing import (
     show_compilation,
     table_of,
 )
-from uvms_ocp.errors import plain_line
+from uvms_ocp.errors import OutputError, plain_line
 from uvms_ocp.mission_plan.plan import MissionPlan
 from uvms_ocp.record.output import claim_folder
 from uvms_ocp.record.record import Record
@@ -117,6 +118,26 @@ def _start_copy(jobs: Sequence[Job], numbers: int) -> BaseProcess | None:
     return copy
 
 
+def draw_all(drawings: Mapping[str, Job], telling: AbstractContextManager[object] | None = None) -> list[str]:
+    """Write all figures and scenes as `run_jobs` does; one that fails costs no other, and is returned as a line that says why.
+
+    drawings: what writes each, by name. Raises what the disk refuses.
+    """
+    with TemporaryDirectory() as folder:
+        told = [Path(folder, str(k)) for k in range(len(drawings))]
+        run_jobs([partial(_attempt, *one, place) for one, place in zip(drawings.items(), told, strict=True)], telling)
+        return [place.read_text(encoding="utf-8") for place in told if place.exists()]
+
+
+def _attempt(name: str, draw: Job, told: Path) -> None:
+    try:
+        draw()
+    except (OSError, OutputError):
+        raise
+    except Exception as error:
+        told.write_text(plain_line(f"{name}: not drawn, {type(error).__name__}: {error}"), encoding="utf-8")
+
+
 Follow = Annotated[
     Path | None, typer.Option(metavar="PLAN", help="Plan of this mission, of `plan mission`; the hierarchy takes over.")
 ]
@@ -176,7 +197,7 @@ def run_and_write(
 ) -> dict[str, Any]:
     """Run a scenario, by a plan if given, write all that comes of it into a folder, print a summary; returns its report.
 
-    live: show it in the browser meanwhile.
+    The record is safe before anything is made of it. live: show it in the browser meanwhile.
 
     Raises `InvalidInput` for what pre-flight refuses, unless forced.
     """
@@ -185,14 +206,18 @@ def run_and_write(
         require_accepted(preflight, scenario.name, console, force=force)
         with _watched(scenario, console) if live else nullcontext() as observer:
             record = _simulate(scenario, plan, console, observer)
-        report = summarize(record) | {"preflight": preflight.to_dict()}
         with claim.staged() as staging:
-            run_jobs(
-                _jobs(scenario, record, report, staging, plan),
-                console.status("writing record, report, figures and scene"),
-            )
+            record.save(staging / _RECORD)
+        report = summarize(record) | {"preflight": preflight.to_dict()}
+        with claim.staged(keep=[_RECORD]) as staging:
+            (staging / "report.json").write_text(json.dumps(report, indent=2) + "\n")
+            (staging / "figures").mkdir()
+            drawings = _drawings(scenario, record, staging, plan)
+            missing = draw_all(drawings, console.status("writing report, figures and scene"))
         written = claim.written()
     _print_summary(console, report, written)
+    for line in missing:
+        console.print(line, style="yellow", markup=False)
     return report
 
 
@@ -245,26 +270,27 @@ def _bar(console: Console) -> Iterator[ProgressBar]:
         yield bar
 
 
+_RECORD = "record.npz"
+
+
 def _files() -> tuple[str, ...]:
     """That a run may write."""
     from uvms_ocp.viz.run_figures import FIGURES
 
-    return ("record.npz", "report.json", "scene.html", *(f"figures/{name}.png" for name in FIGURES))
+    return (_RECORD, "report.json", "scene.html", *(f"figures/{name}.png" for name in FIGURES))
 
 
-def _jobs(
-    scenario: Scenario, record: Record, report: dict[str, Any], folder: Path, plan: MissionPlan | None
-) -> list[Job]:
-    """Return the function that writes each file, the slowest first."""
+def _drawings(scenario: Scenario, record: Record, folder: Path, plan: MissionPlan | None) -> dict[str, Job]:
+    """Return the function that writes each file, by its name, the slowest first."""
     from uvms_ocp.viz.run_figures import FIGURES, write_figure
     from uvms_ocp.viz.scene.show import write_scene
 
-    (folder / "report.json").write_text(json.dumps(report, indent=2) + "\n")
-    (folder / "figures").mkdir()
-    figures = [partial(write_figure, record, name, folder / "figures") for name in FIGURES]
-    ghosts = {} if plan is None else {"plan": plan.to_record(scenario)}
-    scene = partial(write_scene, record, scenario.robot, folder / "scene.html", ghosts=ghosts)
-    return [scene, *figures, partial(record.save, folder / "record.npz")]
+    def scene() -> None:
+        ghosts = {} if plan is None else {"plan": plan.to_record(scenario)}
+        write_scene(record, scenario.robot, folder / "scene.html", ghosts=ghosts)
+
+    figures = {f"figures/{name}.png": partial(write_figure, record, name, folder / "figures") for name in FIGURES}
+    return {"scene.html": scene, **figures}
 
 
 def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) -> None:

@@ -133,14 +133,16 @@ def plan_record(
     q = np.array([pin.normalize(robot.model, trajectory.state_at(robot.model, float(moment))[0]) for moment in t])
     series = motion_series(robot, trajectory, powers, t, q)
     names: tuple[str, ...] = ()
-    if all(joint.n_q == joint.n_v == 1 for joint in robot.joints):
+    if all(joint.n_v == 1 for joint in robot.joints):
         planned = coordinates(robot, reference=q[0])
-        names = planned.names
-        series |= axis_series(planned, np.array([planned.x(row) for row in q]), series["v"])
+        names, x = planned.names, np.array([planned.x(row) for row in q])
+        x[:, planned.endless] = np.unwrap(x[:, planned.endless], axis=0)
+        series |= axis_series(planned, x, series["v"])
     meta = PlanMeta(
         scenario=title,
         robot=robot.name,
         joints=robot.joint_names,
+        endless=robot.endless_joints,
         phases=(PhaseMeta(name="plan"),),
         surroundings=surroundings,
         packages=packages(),

@@ -17,7 +17,7 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.meta_values import ObstacleMeta
-from uvms_ocp.robot.limits import bounded_joints
+from uvms_ocp.robot.limits import ranged_joints
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.tasks.task import Residual, Task, TickSymbols, VectorGoal, evaluate_vector, zero_residual
 from uvms_ocp.types import Array, Bound, Range
@@ -245,12 +245,12 @@ class Duration(Term):
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Posture(Term):
-    """Joints away from a preferred posture, in shares of their range: the integral of the squares."""
+    """Joints away from a preferred posture, in shares of their range, of a turn where they are endless: the squares' integral."""
 
     is_goal: ClassVar[bool] = False
     at: At = At.PATH
     q: Annotated[np.ndarray, Range(open=True)]
-    """(n_q,) [m, rad] configuration, of which joints with two limits are used."""
+    """(n_q,) [m, rad] configuration, of which joints with two limits and endless ones are used."""
 
     @property
     def name(self) -> str:
@@ -258,11 +258,9 @@ class Posture(Term):
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         robot = stage.tick.robot
-        away = [
-            (stage.tick.q[joint.idx_q] - parameters[joint.idx_q]) / (upper - lower)
-            for joint, lower, upper in bounded_joints(robot.joints, robot.limits)
-            if np.isfinite([lower, upper]).all()
-        ]
+        ranges = [(joint, upper - lower) for joint, lower, upper in ranged_joints(robot.joints, robot.limits)]
+        ranges += [(joint, 2 * np.pi) for joint in robot.joints if joint.endless]
+        away = [joint.way(parameters, joint.position(stage.tick.q)) / width for joint, width in ranges]
         return zero_residual(ca.vertcat(ca.SX(0, 1), *away))
 
     def n_parameters(self, robot: Robot) -> int:

@@ -5,6 +5,7 @@ A goal says itself what it means for a path in planned axes, and for optimal con
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, TypeAlias
@@ -196,11 +197,14 @@ class PostureGoal:
         planned = distances.scene.coordinates
         names = coordinates(planned.robot).names
         values = dict(zip(names, planned.reference.tolist(), strict=True))
+        endless = {joint.name for joint in planned.robot.joints if joint.endless}
         for name, value in self._axes().items():
             if name not in values:
                 raise NameNotFound("axis", name, names)
             if not np.isfinite(value):
                 raise InvalidInput(f"the goal has {name} = {value}; give a finite number.")
+            if name in endless:  # the shorter way round
+                value = values[name] + math.remainder(value - values[name], 2 * math.pi)
             if name not in planned.names and abs(value - values[name]) > _SAME:
                 raise InvalidInput(
                     f"the goal moves {name} from {values[name]:.6g} to {value:.6g}, but the planned axes are "

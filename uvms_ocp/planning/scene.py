@@ -7,9 +7,9 @@ pitch = +-90 deg, which a planned vehicle motion must not cross.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import casadi as ca
 import numpy as np
@@ -60,10 +60,9 @@ class Coordinates:
     @checked_on_failure
     def configurations(self, x: Annotated[Array, Shape("n", "self.n_axes")]) -> Array:
         """(n, n_q) [m, rad] configurations from x (n, n_axes) [m, rad]."""
-        full = self.all_axes(x)
-        if not self.robot.n_vehicle:
-            return full
-        return np.concatenate([full[:, :3], _quaternions(full[:, 3:6]), full[:, 6:]], axis=1)
+        full, n = self.all_axes(x), self.robot.n_vehicle
+        vehicle = np.concatenate([full[:, :3], _quaternions(full[:, 3:6])], axis=1) if n else full[:, :0]
+        return np.concatenate([vehicle, *_joint_columns(self.robot, full[:, n:].T, np)], axis=1)
 
     @checked_on_failure
     def x(self, q: ArrayLike) -> Array:
@@ -83,9 +82,9 @@ class Coordinates:
         """(n_q,) expression of the configuration at x (n_axes,)."""
         full = ca.SX(ca.DM(self.reference))
         full[self.planned.tolist()] = x
-        if not self.robot.n_vehicle:
-            return full
-        return ca.vertcat(full[:3], _symbolic_quaternion(full[3:6]), full[6:])
+        n = self.robot.n_vehicle
+        vehicle = [full[:3], _symbolic_quaternion(full[3:6])] if n else []
+        return ca.vertcat(ca.SX(0, 1), *vehicle, *_joint_columns(self.robot, ca.vertsplit(full[n:]), ca))
 
     @checked_on_failure
     def follows(self) -> Array:
@@ -100,6 +99,12 @@ class Coordinates:
             for before, after in ((5, 4), (5, 3), (4, 3)):
                 result[before, after] = 1.0
         return result[np.ix_(self.planned, self.planned)]
+
+    @property
+    def endless(self) -> Indices:
+        """Indices among the planned axes of those that turn without end: roll, yaw and endless joints."""
+        turning = {"roll", "yaw", *(joint.name for joint in self.robot.joints if joint.endless)}
+        return np.array([k for k, name in enumerate(self.names) if name in turning], dtype=np.intp)
 
     def limits(self) -> tuple[Array, Array]:
         """Lower and upper positions (n_axes,) [m, rad]; vehicle axes have none but pitch, which stays within 89 deg."""
@@ -116,12 +121,11 @@ def coordinates(robot: Robot, *, reference: ArrayLike | None = None, axes: Seque
     """Choose the planned axes, by their names among x, y, z, roll, pitch, yaw and the joints; default all.
 
     reference (n_q,) [m, rad]: configuration that axes not planned keep; default: origin, ``robot.home``. Raises
-    `NameNotFound` for an axis that the robot does not have, and `InvalidInput` for a joint that is not a single bounded
-    axis or a reference that is no valid configuration.
+    `NameNotFound` for an axis that the robot does not have, and `InvalidInput` for a joint that is not a single axis or a reference that is no valid configuration.
     """
     for joint in robot.joints:
-        if joint.n_q != 1 or joint.n_v != 1:
-            raise InvalidInput(f"joint {joint.name!r} has {joint.n_q} coordinates; planning needs single-axis joints.")
+        if joint.n_v != 1:
+            raise InvalidInput(f"joint {joint.name!r} has {joint.n_v} coordinates; planning needs single-axis joints.")
     names = _axis_names(robot)
     wanted = names if axes is None else tuple(axes)
     for name in wanted:
@@ -137,10 +141,18 @@ def _axis_names(robot: Robot) -> tuple[str, ...]:
 
 
 def _axis_values(robot: Robot, q: Array) -> Array:
+    joints = robot.joint_values(q)
     if not robot.n_vehicle:
-        return np.array(q)
+        return joints
     rpy = pin.rpy.matrixToRpy(pin.Quaternion(np.array(q[3:7])).toRotationMatrix())
-    return np.concatenate([q[:3], rpy, q[7:]])
+    return np.concatenate([q[:3], rpy, joints])
+
+
+def _joint_columns(robot: Robot, values: Sequence[Any], maths: Any) -> Iterator[Any]:
+    """The entries of q that each joint has at its value, (n,) or an expression: of an endless one cosine and sine."""
+    for joint, value in zip(robot.joints, values, strict=True):
+        entries = (maths.cos(value), maths.sin(value)) if joint.endless else (value,)
+        yield from (entry if maths is ca else entry[:, None] for entry in entries)
 
 
 def _quaternions(rpy: Array) -> Array:

@@ -15,7 +15,7 @@ from typing import IO, Any
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput, NotInstalled
-from uvms_ocp.record.run_meta import is_floating, read_meta, write_meta
+from uvms_ocp.record.run_meta import is_floating, joint_positions, read_meta, write_meta
 from uvms_ocp.record.tables import column_names, column_units, series_description, write_atomically
 from uvms_ocp.record.untrusted import DENSEST, SMALL, require_regular_file
 
@@ -200,16 +200,13 @@ def streams(series: Series, meta: Any) -> Iterator[Stream]:
     if meta.surroundings.frames:
         goals = {frame.name: np.array([frame.pose]) for frame in meta.surroundings.frames}
         yield Stream(topic="/goals", at=partial(_transforms, goals), once=True)
-    if "q" in series and len(meta.joints) and _n_joints(series, floating) == len(meta.joints):
-        yield Stream(topic="/joint_states", at=partial(_joints, series, tuple(meta.joints)))
+    if meta.joints and (positions := joint_positions(series, meta)) is not None:
+        told = {"position": positions, "velocity": series.get("v"), "effort": series.get("torque")}
+        yield Stream(topic="/joint_states", at=partial(_joints, told, tuple(meta.joints)))
     if floating:
         for name in _WRENCHES:
             if name in series:
                 yield Stream(topic=f"/{name}", at=partial(_wrench, wrench_class(), series[name]))
-
-
-def _n_joints(series: Series, floating: bool) -> int:
-    return int(series["q"].shape[1]) - (_POSE if floating else 0)
 
 
 def _transforms(poses: Mapping[str, np.ndarray], k: int, when: Any) -> Any:
@@ -226,13 +223,12 @@ def _transforms(poses: Mapping[str, np.ndarray], k: int, when: Any) -> Any:
     return found
 
 
-def _joints(series: Series, names: Sequence[str], k: int, when: Any) -> Any:
+def _joints(told: Mapping[str, Any], names: Sequence[str], k: int, when: Any) -> Any:
     from foxglove_schemas_protobuf.JointState_pb2 import JointState
     from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 
     n = len(names)
-    sources = {"position": "q", "velocity": "v", "effort": "torque"}
-    columns = {key: series[name][k, -n:].tolist() for key, name in sources.items() if name in series}
+    columns = {key: rows[k, -n:].tolist() for key, rows in told.items() if rows is not None}
     joints = [JointState(name=name, **{key: row[i] for key, row in columns.items()}) for i, name in enumerate(names)]
     return JointStates(timestamp=when, joints=joints)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import stat
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -345,16 +346,18 @@ class FolderClaim:
     replacement: Replacement
 
     @contextmanager
-    def staged(self) -> Iterator[Path]:
+    def staged(self, keep: Iterable[str] = ()) -> Iterator[Path]:
         """Give an empty folder; the files written there then take the place of all earlier ones of ours.
 
-        On any error the folder is as before. Raises `OutputError` where the disk refuses, and `InvalidInput` for what has
+        keep: names of earlier ones that are to stay beside them. On any error the folder is as before. Raises `OutputError` where the disk refuses, and `InvalidInput` for what has
         come to stand in the way.
         """
         replacement = self.replacement
         try:
             with as_output_errors(replacement.target):
                 replacement.new.mkdir()
+                for name in keep:
+                    shutil.copyfile(replacement.target / name, replacement.new / name)
                 yield replacement.new
                 replacement.commit()
         except BaseException:

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Annotated, Any, Final, Literal
 
+import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from uvms_ocp.argument_kinds import short
@@ -47,6 +48,8 @@ VERSION: Final = "0.2"
 
 VEHICLE_V = 6
 """Velocities of a vehicle."""
+VEHICLE_Q = 7
+"""Its entries in q: position and quaternion."""
 _DEPENDENCIES = ("pin", "casadi", "coal", "numpy")
 
 
@@ -59,6 +62,8 @@ class RecordMeta(TableDisplay, MetaValue):
     robot: str
     joints: tuple[str, ...]
     """Names in the order of q."""
+    endless: tuple[str, ...] = ()
+    """Joints that turn without end, each (cos, sin) in q; not told by older records. See `joint_positions`."""
     thrusters: tuple[str, ...] = ()
     """Names in the order of the series ``thrust``; empty in older records."""
     phases: Annotated[tuple[PhaseMeta, ...], Field(min_length=1)]
@@ -203,6 +208,32 @@ def is_floating(series: Mapping[str, Any], meta: RunMeta | PlanMeta) -> bool:
     if isinstance(meta, RunMeta):
         return meta.floating
     return "v" in series and series["v"].shape[1] - len(meta.joints) == VEHICLE_V
+
+
+def joint_positions(series: Mapping[str, Any], meta: RunMeta | PlanMeta, name: str = "q") -> Any:
+    """One number per joint (n, n_joints) [rad or m], without jumps, from the series `q` or `q_estimated` of a record.
+
+    `None` where it has no such series, or joints of several axes. series: (n, ...) each, by name.
+    """
+    first = VEHICLE_Q if is_floating(series, meta) else 0
+    if name not in series or series[name].shape[1] != first + len(meta.joints) + len(meta.endless):
+        return None
+    columns, place = [], first
+    for joint in meta.joints:
+        one, place = series[name][:, place], place + 1
+        if joint in meta.endless:
+            one, place = np.unwrap(np.arctan2(series[name][:, place], one)), place + 1
+        columns.append(one)
+    return np.array(columns).reshape(len(columns), len(series[name])).T
+
+
+def joint_errors(series: Mapping[str, Any], meta: RunMeta | PlanMeta) -> Any:
+    """Estimate less truth of each joint (n, n_joints) [rad or m], as `joint_positions`; endless ones the shorter way."""
+    true, measured = (joint_positions(series, meta, name) for name in ("q", "q_estimated"))
+    if true is None or measured is None:
+        return None
+    turns = 2 * np.pi * np.array([joint in meta.endless for joint in meta.joints], dtype=float)
+    return measured - true - turns * np.round((measured - true) / (2 * np.pi))
 
 
 _KINDS: dict[str, type[RunMeta] | type[PlanMeta]] = {"run": RunMeta, "plan": PlanMeta}

@@ -155,13 +155,15 @@ def column_units(name: str, width: int, meta: Any) -> list[str]:
     if name == "quantities":
         return [unit_of(quantity) for quantity in meta.quantities]
     units = SERIES[name].units if name in SERIES else {"": "-"}
-    return [units[_part(column, units)] for column in _columns(name, width, meta)]
+    columns, unitless = _columns(name, width, meta), {part for joint in meta.endless for part in _circle(joint)}
+    return ["-" if name in _OF_Q and column in unitless else units[_part(column, units)] for column in columns]
 
 
 def _columns(name: str, width: int, meta: Any) -> list[str]:
     found = [*_MAKERS[name](meta)] if name in _MAKERS else []
     if len(found) != width:  # such as a fixed base, whose configuration is its joints
-        found = [*meta.joints] if len(meta.joints) == width else [str(k + 1) for k in range(width)]
+        joints = _joint_entries(meta) if name in _OF_Q else [*meta.joints]
+        found = joints if len(joints) == width else [str(k + 1) for k in range(width)]
     return found
 
 
@@ -177,10 +179,24 @@ def _velocities(meta: Any) -> Sequence[str]:
     return (*_VEHICLE_V, *meta.joints)
 
 
+def _configuration(meta: Any) -> Sequence[str]:
+    return (*_VEHICLE_Q, *_joint_entries(meta))
+
+
+def _joint_entries(meta: Any) -> list[str]:
+    """What the entries of the joints in q are called: of an endless one there are two."""
+    return [part for name in meta.joints for part in (_circle(name) if name in meta.endless else (name,))]
+
+
+def _circle(name: str) -> tuple[str, str]:
+    return f"{name}.cos", f"{name}.sin"
+
+
+_OF_Q = ("q", "q_estimated")
 _LINEAR = {"x", "y", "z", "surge", "sway", "heave"}
 _TURNING = {"qx", "qy", "qz", "qw", "roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate"}
 _MAKERS: Mapping[str, Callable[[Any], Sequence[str]]] = {
-    **dict.fromkeys(("q", "q_estimated"), lambda meta: (*_VEHICLE_Q, *meta.joints)),
+    **dict.fromkeys(_OF_Q, _configuration),
     **dict.fromkeys(("v", "v_estimated", "command", "q_std", "disturbance"), _velocities),
     **dict.fromkeys(("wrench", "unreachable"), lambda meta: _VEHICLE_V),
     **dict.fromkeys(("torque", "joint_health"), lambda meta: meta.joints),

@@ -10,6 +10,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.record.meta_values import ABORT, DONE
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.record import quantity as quantity
+from uvms_ocp.record.run_meta import joint_errors, joint_positions
 
 # Series and scalars that several reports need.
 
@@ -97,10 +98,9 @@ def estimate_table(record: Record) -> list[dict[str, Any]]:
         return []
     half = slice(len(record) // 2, None)
     q, measured, spread = (record[name][half] for name in ("q", "q_estimated", "q_std"))
-    floating = record.run_meta.floating
-    n = spread.shape[1] - (6 if floating else 0)
-    plain = n > 0 and q.shape[1] == n + (7 if floating else 0)
-    rows = [_row("joints", (measured - q)[:, -n:], spread[:, -n:])] if plain else []
+    floating, errors = record.run_meta.floating, joint_errors(record.series, record.meta)
+    n = 0 if errors is None else errors.shape[1]
+    rows = [_row("joints", errors[half], spread[:, -n:])] if n else []
     if not floating:
         return rows
     # The distance of two quaternions is half the angle between them; their signs do not matter.
@@ -191,12 +191,11 @@ def _joint_margin(record: Record, rows: slice) -> float | None:
     meta = record.run_meta
     if meta.limits is None:
         return None
+    joints = joint_positions(record.series, meta)
+    if joints is None:
+        return None
     lower, upper = np.array(meta.limits.position_lower), np.array(meta.limits.position_upper)
-    n_vehicle = 7 if meta.floating else 0
-    if record["q"].shape[1] - n_vehicle != len(lower) or not len(lower):
-        return None  # joints that turn without end have two entries in q
-    joints = record["q"][rows, n_vehicle:]
-    margin = float(np.minimum(joints - lower, upper - joints).min())
+    margin = float(np.minimum(joints[rows] - lower, upper - joints[rows]).min(initial=np.inf))
     return margin if np.isfinite(margin) else None
 
 

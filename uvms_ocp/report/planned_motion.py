@@ -104,6 +104,7 @@ def plan_meta(
         scenario=scenario,
         robot=request.robot.name,
         joints=request.robot.joint_names,
+        endless=request.robot.endless_joints,
         phases=(PhaseMeta(name="plan"),),
         quantities=("plan.clearance",) if scene.n_pairs else (),
         surroundings=SurroundingsMeta(

@@ -310,7 +310,7 @@ def up_at_rest(robot: Robot, q: np.ndarray) -> np.ndarray:
     q (n_q,) [m, rad] gives the posture of the arm. Thrusters keep the axes that they drive; about the others weight and
     buoyancy turn the vehicle to where they do no more work. ``(0, 0, 1)``, level, where every such axis is driven.
     """
-    level = robot.configuration(joints=q[robot.n_q - robot.n_joints :])
+    level = robot.configuration(joints=robot.joint_values(q))
     arms, lift = lifts(robot, np.asarray(level))
     righting = arms.T @ lift  # [N m] with the vehicle level, when W and B have the same axes
     up = np.array([0.0, 0.0, 1.0])

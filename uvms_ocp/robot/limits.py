@@ -10,6 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked
+from uvms_ocp.codegen.elementwise import Array, is_symbolic
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.robot.description import RobotDescription
 from uvms_ocp.types import read_only
@@ -41,6 +43,38 @@ class Joint:
     def v(self) -> slice:
         """The joint's part of v."""
         return slice(self.idx_v, self.idx_v + self.n_v)
+
+    @property
+    def endless(self) -> bool:
+        """True for one that turns without end, which is (cos, sin) in q."""
+        return self.n_v == 1 and self.n_q == 2
+
+    def position(self, q: Array) -> Array:
+        """Its one number [rad or m] at q (n_q,), an array or an expression; of an endless one from -pi to pi.
+
+        Raises `InvalidInput` for a joint of several degrees of freedom.
+        """
+        own = self._own(q)
+        if len(own) == 1:
+            return own[0]
+        return (ca.atan2 if is_symbolic(*own) else np.arctan2)(own[1], own[0])
+
+    def way(self, q: Array, to: Array) -> Array:
+        """How far [rad or m] it is from q (n_q,) to the number `to`: of an endless one the shorter way round.
+
+        Raises `InvalidInput` for a joint of several degrees of freedom.
+        """
+        own = self._own(q)
+        if len(own) == 1:
+            return to - own[0]
+        (c, s), maths = own, ca if is_symbolic(*own, to) else np
+        turn = maths.arctan2 if maths is np else maths.atan2
+        return turn(maths.sin(to) * c - maths.cos(to) * s, maths.cos(to) * c + maths.sin(to) * s)
+
+    def _own(self, q: Array) -> list[Array]:
+        if self.n_v != 1:
+            raise InvalidInput(f"joint {self.name!r} has {self.n_v} degrees of freedom; name joints of one")
+        return [q[i] for i in range(self.idx_q, self.idx_q + self.n_q)]
 
 
 @checked
@@ -131,15 +165,14 @@ def _position_limit(limit: np.ndarray, joints: tuple[Joint, ...], unlimited: flo
 
 
 def home_of(model: pin.Model, description: RobotDescription, joints: tuple[Joint, ...], limits: Limits) -> np.ndarray:
-    """Return the joint part of q [rad or m] in the stowed posture."""
-    n_vehicle = model.nv - len(limits.position_lower)
-    values = np.zeros(model.nv)
-    values[n_vehicle:] = _zero_or_middle(limits.position_lower, limits.position_upper)
+    """Return the stowed posture (n_joints,) [rad or m], one number per degree of freedom."""
+    first = model.nv - len(limits.position_lower)
+    values = _zero_or_middle(limits.position_lower, limits.position_upper)
     for joint in joints:
         entry = description.joints.get(joint.name)
         if entry is not None and entry.home is not None:
-            values[joint.v] = entry.home
-    return read_only(from_joint_values(model, values)[7 if n_vehicle else 0 :])
+            values[joint.idx_v - first : joint.idx_v - first + joint.n_v] = entry.home
+    return read_only(values)
 
 
 def _zero_or_middle(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
@@ -147,9 +180,27 @@ def _zero_or_middle(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     return np.where(inside, 0.0, 0.5 * (np.where(inside, 0.0, lower) + np.where(inside, 0.0, upper)))
 
 
-def from_joint_values(model: pin.Model, values: np.ndarray) -> np.ndarray:
-    """Return q (n_q,) [m, rad], displaced from neutral by ``values`` (n_v,) [m, rad], whatever the types of the joints."""
-    return np.asarray(pin.integrate(model, pin.neutral(model), values))
+# The one place where numbers for people, one per degree of freedom of a joint, become entries of q and back: an endless
+# joint is (cos, sin) in q, so that neither sizes nor differences of q are those of the joints.
+
+
+def from_joint_values(model: pin.Model, values: np.ndarray, q: np.ndarray | None = None) -> np.ndarray:
+    """Return q (n_q,) [m, rad] with its joints at `values` (n_joints,) [rad or m]; the rest as in `q`, default neutral."""
+    first, neutral = model.nv - len(values), pin.neutral(model)
+    moved = np.asarray(pin.integrate(model, neutral, np.concatenate([np.zeros(first), values])))
+    if q is not None and first:
+        moved[:7] = q[:7]
+    return moved
+
+
+def to_joint_values(model: pin.Model, n_joints: int, q: np.ndarray) -> np.ndarray:
+    """Return the values (n_joints,) [rad or m] of the joints at q (n_q,) [m, rad]; an endless one from -pi to pi."""
+    return np.asarray(pin.difference(model, pin.neutral(model), np.asarray(q, dtype=float))[model.nv - n_joints :])
+
+
+def ranged_joints(joints: Sequence[Joint], limits: Limits) -> list[tuple[Joint, float, float]]:
+    """Those of `bounded_joints` with room between two limits: what goes by a share of the range has one to go by."""
+    return [entry for entry in bounded_joints(joints, limits) if 0.0 < entry[2] - entry[1] < np.inf]
 
 
 def bounded_joints(joints: Sequence[Joint], limits: Limits) -> list[tuple[Joint, float, float]]:

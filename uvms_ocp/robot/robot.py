@@ -16,8 +16,8 @@ from uvms_ocp.record.display import SmallTable
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.description import RobotDescription, checked_copy
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
-from uvms_ocp.robot.limits import Joint, Limits, from_joint_values
-from uvms_ocp.types import Range, read_only
+from uvms_ocp.robot.limits import Joint, Limits, from_joint_values, to_joint_values
+from uvms_ocp.types import Range, Shape, read_only
 
 # Building and checking the configuration q of a robot.
 
@@ -35,15 +35,11 @@ class ConfigurationSpace:
     joints: tuple[Joint, ...]
     limits: Limits
     home: np.ndarray
-    """(n_q - 7,) or (n_q,) [rad or m] stowed posture, the joint part of q."""
+    """(n_joints,) [rad or m] stowed posture."""
 
     @property
     def _n_vehicle(self) -> int:
-        return int(self.model.nv) - len(self.limits.position_lower)
-
-    @property
-    def _joint_q(self) -> slice:
-        return slice(self.model.nq - len(self.home), self.model.nq)
+        return int(self.model.nv) - len(self.home)
 
     def vehicle_part(
         self, position: ArrayLike | None, rpy: ArrayLike | None, quaternion: ArrayLike | None
@@ -66,13 +62,12 @@ class ConfigurationSpace:
         Raises `InvalidInput` for a wrong shape and `NameNotFound` for an unknown joint.
         """
         if joints is None:
-            return self.home
-        first, values = self._n_vehicle, np.zeros(self.model.nv)
-        if isinstance(joints, Mapping):
-            values[first:] = self._by_name(joints)
+            values = self.home
+        elif isinstance(joints, Mapping):
+            values = self._by_name(joints)
         else:
-            values[first:] = finite("joints", joints, self.model.nv - first)
-        return from_joint_values(self.model, values)[self._joint_q]
+            values = finite("joints", joints, len(self.home))
+        return from_joint_values(self.model, values)[7 if self._n_vehicle else 0 :]
 
     def checked(self, q: ArrayLike) -> np.ndarray:
         """Q (n_q,) [m, rad] read-only. Raises `InvalidInput` naming what is wrong with it."""
@@ -84,16 +79,13 @@ class ConfigurationSpace:
         return read_only(array)
 
     def _by_name(self, joints: Mapping[str, float]) -> np.ndarray:
-        neutral = pin.neutral(self.model)
-        q = neutral.copy()
-        q[self._joint_q] = self.home
-        values = pin.difference(self.model, neutral, q)
+        values = np.concatenate([np.zeros(self._n_vehicle), self.home])
         own = {joint.name: joint for joint in self.joints}
         for name, value in joints.items():
             if name not in own:
                 raise NameNotFound("joint", name, own)
             values[own[name].v] = value
-        return np.asarray(values[self._n_vehicle :])
+        return values[self._n_vehicle :]
 
     def _check_joint(self, joint: Joint, values: np.ndarray) -> None:
         if joint.n_q != joint.n_v:
@@ -197,7 +189,7 @@ class Robot:
     """Arm joints of a free-flyer, all joints otherwise."""
     limits: Limits
     home: Annotated[np.ndarray, Range(open=True)]
-    """(n_q - 7,) or (n_q,) [rad or m] stowed posture, the joint part of q."""
+    """(n_joints,) [rad or m] stowed posture, one number per degree of freedom."""
     hydrodynamics: tuple[LinkHydrodynamics, ...]
     """Links in water; floats and ballast add their volume."""
 
@@ -238,6 +230,11 @@ class Robot:
         return tuple(joint.name for joint in self.joints)
 
     @property
+    def endless_joints(self) -> tuple[str, ...]:
+        """Names of the joints that turn without end."""
+        return tuple(joint.name for joint in self.joints if joint.endless)
+
+    @property
     def thruster_names(self) -> tuple[str, ...]:
         """Names of the thrusters in the order of thrust."""
         return tuple(thruster.name for thruster in self.description.thrusters)
@@ -254,8 +251,8 @@ class Robot:
 
     @property
     def joint_q(self) -> slice:
-        """The joints' part of q."""
-        return slice(self.n_q - len(self.home), self.n_q)
+        """The joints' part of q, where a joint that turns without end has two entries, (cos, sin); see `joint_values`."""
+        return slice(7 if self.n_vehicle else 0, self.n_q)
 
     @property
     def frame_names(self) -> tuple[str, ...]:
@@ -323,6 +320,21 @@ class Robot:
         """
         space = self._space
         return space.checked(np.concatenate([space.vehicle_part(position, rpy, quaternion), space.joint_part(joints)]))
+
+    @checked_on_failure
+    def joint_values(self, q: Annotated[np.ndarray, Shape("self.n_q")]) -> np.ndarray:
+        """Return one number per degree of freedom of the joints (n_joints,) [rad or m] at q (n_q,) [m, rad].
+
+        Those of joints that turn without end are from -pi to pi.
+        """
+        return to_joint_values(self.model, self.n_joints, q)
+
+    @checked_on_failure
+    def with_joint_values(
+        self, q: Annotated[np.ndarray, Shape("self.n_q")], values: Annotated[np.ndarray, Shape("self.n_joints")]
+    ) -> np.ndarray:
+        """Return q (n_q,) [m, rad] with its joints at `values` (n_joints,) [rad or m], which may be beyond the limits."""
+        return from_joint_values(self.model, values, q)
 
     @checked_on_failure
     def check_configuration(self, q: ArrayLike) -> np.ndarray:

@@ -40,8 +40,9 @@ def _range(thruster: Thruster) -> tuple[float, float]:
 
 
 def largest_wrench(robot: Robot) -> np.ndarray:
-    """Return (6,) [N, N m], what all thrusters can give at most axis by axis, ahead and up; nothing without thrusters."""
-    return np.asarray(np.abs(thruster_matrix(robot)) @ np.array([t.maximum for t in robot.description.thrusters]))
+    """Return (6,) [N, N m], what all thrusters can give at most axis by axis, ahead and up; 0 where that is rounding."""
+    most = np.abs(thruster_matrix(robot)) @ np.array([t.maximum for t in robot.description.thrusters])
+    return np.asarray(np.where(most > _RANK_TOLERANCE * most.max(initial=0.0), most, 0.0))
 
 
 def largest_force(robot: Robot) -> np.ndarray:

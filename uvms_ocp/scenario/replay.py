@@ -100,6 +100,7 @@ def _record(
         scenario=f"plan carried out {how}",
         robot=robot.name,
         joints=robot.joint_names,
+        endless=robot.endless_joints,
         thrusters=robot.thruster_names,
         phases=(PhaseMeta(name="plan"),),
         surroundings=plan.surroundings,

@@ -94,6 +94,7 @@ def run_meta(
         scenario=name,
         robot=robot.name,
         joints=robot.joint_names,
+        endless=robot.endless_joints,
         thrusters=robot.thruster_names,
         phases=_phases(setup.mission),
         tasks=tuple(TaskMeta(name=task.name, label=task.label) for task in tasks),

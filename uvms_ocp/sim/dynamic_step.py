@@ -111,6 +111,8 @@ INPUTS = (
     *("u", "Du_Dt", "floor_z", "floor_normal", "brake", "dt"),
 )
 """Inputs of `step_function`."""
+TABLES = ("decay", "u", "Du_Dt", "floor_normal")
+"""Those that keep both axes, also with one column."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -176,8 +178,9 @@ def _inputs(model: StepModel) -> dict[str, ca.SX]:
     n_thrusters = len(model.thrusters.lower)
     sizes = {"q": robot.n_q, "v": robot.n_v, "asked_torque": robot.n_joints, "floor_z": n_points}
     sizes |= {"joint_energy": 1, "brake": 1, "dt": 1}
-    tables = {"decay": (n_thrusters, N_DECAYS), "u": (3, n_links), "Du_Dt": (3, n_links), "floor_normal": (3, n_points)}
-    return {name: ca.SX.sym(name, *tables.get(name, (sizes.get(name, n_thrusters), 1))) for name in INPUTS}
+    tables = zip(TABLES, ((n_thrusters, N_DECAYS), (3, n_links), (3, n_links), (3, n_points)), strict=True)
+    shapes = {name: (sizes.get(name, n_thrusters), 1) for name in INPUTS} | dict(tables)
+    return {name: ca.SX.sym(name, *shapes[name]) for name in INPUTS}
 
 
 def _velocity(model: StepModel, x: Mapping[str, ca.SX], tau: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -212,7 +215,8 @@ def _stops(model: StepModel, q: ca.SX, v: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.S
     force, slope = ca.SX.zeros(model.robot.n_v), ca.SX.zeros(model.robot.n_v)
     k, d = model.stops.stiffness, model.stops.damping
     for joint, lower, upper in bounded_joints(model.robot.joints, model.robot.limits):
-        beyond = ca.fmin(q[joint.idx_q] - lower, 0) + ca.fmax(q[joint.idx_q] - upper, 0)
+        at = joint.position(q)
+        beyond = ca.fmin(at - lower, 0) + ca.fmax(at - upper, 0)
         touching = beyond != 0
         force[joint.idx_v] = ca.if_else(touching, -k * beyond - (d + dt * k) * v[joint.idx_v], 0)
         slope[joint.idx_v] = ca.if_else(touching, d + dt * k, 0)
@@ -282,7 +286,7 @@ class StepSequence:
             raise InvalidInput(f"{n_steps} steps in a period; give 1 or more")
         function = period_function(step, n_steps)
         memory, self.given = _memory(function)
-        """Arrays by name: (n,) views, and those of a matrix as (columns, rows), all to be written to."""
+        """Arrays by name: (n,) views, and those of `TABLES` as (columns, rows), all to be written to."""
         self.carried = memory[: parts_of(step)["torque"].start]
         """(n_carried,) view of the inputs that the first results are: for the next period."""
         self._result = np.zeros(function.numel_out(0))
@@ -307,6 +311,6 @@ def _memory(function: ca.Function) -> tuple[np.ndarray, Mapping[str, np.ndarray]
     ends = np.cumsum([rows * columns for rows, columns in sizes]).tolist()
     block, views = np.zeros(ends[-1]), {}
     for i, (rows, columns) in enumerate(sizes):
-        part = block[ends[i] - rows * columns : ends[i]]
-        views[function.name_in(i)] = part if columns == 1 else part.reshape(columns, rows)  # CasADi reads by columns
+        part, name = block[ends[i] - rows * columns : ends[i]], function.name_in(i)
+        views[name] = part.reshape(columns, rows) if name in TABLES else part  # CasADi reads by columns
     return block, views

@@ -10,8 +10,9 @@ import numpy as np
 
 from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot.limits import Joint, bounded_joints
+from uvms_ocp.robot.limits import Joint, bounded_joints, ranged_joints
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.tasks.activation import SmoothActivation, approach_speed, saturate
 from uvms_ocp.tasks.task import (
     Residual,
@@ -21,6 +22,7 @@ from uvms_ocp.tasks.task import (
     TickSymbols,
     VectorGoal,
     bounded_residual,
+    column_of,
     equality_rows,
     evaluate_vector,
     require_positive,
@@ -63,7 +65,7 @@ class JointLimits(Task):
         """Bounded joints inside their range [rad or m]."""
         joints = bounded_joints(symbols.robot.joints, symbols.robot.limits)
         ranges = np.array([self._kept(low, up) for _, low, up in joints]).reshape(-1, 2)
-        value = symbols.q[[joint.idx_q for joint, _, _ in joints]]
+        value = column_of(joint.position(symbols.q) for joint, _, _ in joints)
         return Residual(value=value, lower=ranges[:, 0], upper=ranges[:, 1])
 
     def _kept(self, lower: float, upper: float) -> tuple[float, float]:
@@ -72,25 +74,21 @@ class JointLimits(Task):
         return lower + guard, upper - guard
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        joints = [
-            entry
-            for entry in bounded_joints(symbols.robot.joints, symbols.robot.limits)
-            if np.isfinite(entry[1:]).all()
-        ]
+        joints = ranged_joints(symbols.robot.joints, symbols.robot.limits)
         rows = [self._joint_row(symbols, joint, lower, upper) for joint, lower, upper in joints]
-        stacked = [ca.vertcat(*column) for column in zip(*rows, strict=True)] or [ca.SX(0, 1)] * 4
+        rate, lower, upper, activation, margin = (column_of(row[k] for row in rows) for k in range(5))
         return Rows(
             jacobian=symbols.velocity_rows([joint.idx_v for joint, _, _ in joints]),
-            rate=stacked[0],
-            lower=stacked[1],
-            upper=stacked[2],
-            activation=stacked[3],
-            quantities={"margin": ca.mmin(stacked[4])} if joints else {},
+            rate=rate,
+            lower=lower,
+            upper=upper,
+            activation=activation,
+            quantities={"margin": ca.mmin(margin)} if joints else {},
         )
 
     def _joint_row(self, symbols: TickSymbols, joint: Joint, lower: float, upper: float) -> tuple[ca.SX, ...]:
         """Rate, lower, upper, activation and distance to the nearer limit of one joint."""
-        q, margin = symbols.q[joint.idx_q], self.margin * (upper - lower)
+        q, margin = joint.position(symbols.q), self.margin * (upper - lower)
         low, high = self._kept(lower, upper)
         bell_low, bell_high = SmoothActivation(low, low + margin), SmoothActivation(high - margin, high)
         below, above = bell_low.decreasing(q), bell_high.increasing(q)
@@ -118,7 +116,8 @@ class JointLimits(Task):
 class JointTracking(Task):
     """MP: chosen joints follow a trajectory or hold a preferred posture ([Gao2022] Case 2).
 
-    Raises `InvalidInput` for a goal that does not give each joint one number.
+    A joint that turns without end goes the shorter way round. Raises `InvalidInput` for a goal that does not give each joint
+    one number, and in `rows` for a joint of several degrees of freedom.
     """
 
     name: str = "MP"
@@ -146,9 +145,12 @@ class JointTracking(Task):
         return np.concatenate(evaluate_vector(self.name, self.goal, t))
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
-        """``goal - q`` of the chosen joints = 0 [rad or m]."""
+        """The way of the chosen joints to the goal = 0 [rad or m]."""
         joints = [symbols.robot.joint(name) for name in self.joints]
-        return zero_residual(parameters[: len(joints)] - symbols.q[[joint.idx_q for joint in joints]])
+        goals = ca.vertsplit(parameters[: len(joints)])
+        return zero_residual(
+            column_of(joint.way(symbols.q, goal) for joint, goal in zip(joints, goals, strict=True))
+        )
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         joints = [symbols.robot.joint(name) for name in self.joints]
@@ -207,12 +209,12 @@ def manipulability(symbols: TickSymbols, frame: str) -> ca.SX:
 
 
 def _arm_gradient(symbols: TickSymbols, scalar: ca.SX) -> ca.SX:
-    """Row (1, n_v) of a scalar that depends on one-degree-of-freedom arm joints."""
-    gradient = ca.jacobian(scalar, symbols.q)
-    row = ca.SX.zeros(1, symbols.robot.n_v)
-    for joint in symbols.robot.joints:
-        if joint.n_q == joint.n_v == 1:
-            row[joint.idx_v] = gradient[joint.idx_q]
+    """Row (1, n_v) of a scalar that depends on the joints of the arm: its rate per velocity, on the manifold of q."""
+    q, model = symbols.q, SymbolicModel(symbols.robot.model)
+    v = ca.SX.sym("v", symbols.robot.n_v)
+    steps = ca.substitute(ca.jacobian(model.integrate(q, v), v), v, ca.SX.zeros(symbols.robot.n_v))
+    row = ca.jacobian(scalar, q) @ steps
+    row[:, symbols.robot.vehicle_v] = 0
     return row
 
 

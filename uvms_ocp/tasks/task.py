@@ -10,7 +10,7 @@ from __future__ import annotations
 import enum
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, Protocol, TypeAlias, runtime_checkable
 
@@ -346,6 +346,11 @@ def zero_residual(value: ca.SX) -> Residual:
     """A residual that asks for ``value = 0``."""
     zeros = np.zeros(value.shape[0])
     return Residual(value=value, lower=zeros, upper=zeros)
+
+
+def column_of(entries: Iterable[ca.SX]) -> ca.SX:
+    """A column (n,) of scalar expressions, also where there are none: (0, 1), and not CasADi's (0, 0)."""
+    return ca.vertcat(ca.SX(0, 1), *entries)
 
 
 def bounded_residual(value: ca.SX, *, lower: float = -np.inf, upper: float = np.inf) -> Residual:

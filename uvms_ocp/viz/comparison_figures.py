@@ -11,8 +11,9 @@ from matplotlib.lines import Line2D
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.record import Record
+from uvms_ocp.record.run_meta import joint_positions
 from uvms_ocp.record.tables import unit_of
-from uvms_ocp.viz.series import axis_label, n_joints, phase_spans
+from uvms_ocp.viz.series import axis_label, phase_spans
 from uvms_ocp.viz.style import (
     BLACK,
     BLUE,
@@ -49,8 +50,7 @@ def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> 
             raise NameNotFound("phase", phase, spans)
         span = spans[phase]
         rows = (record["t"] >= span.start) & (record["t"] <= span.end)
-        values = record["q"][rows, -n_joints(record) :]
-        for axis, column in zip(axes, values.T, strict=True):
+        for axis, column in zip(axes, joint_positions(record.series, record.meta)[rows].T, strict=True):
             axis.plot(record["t"][rows] - span.start, column, color=color, lw=1.0)
     for axis, name in zip(axes, joints, strict=True):
         axis.set_ylabel(label_text(name), rotation=0, ha="right", va="center")
@@ -64,7 +64,8 @@ def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> 
 
 def _joints_of(records: Mapping[str, Record]) -> tuple[str, ...]:
     """The names that all records have for the columns of their joints."""
-    named = {record.meta.joints if n_joints(record) == len(record.meta.joints) else () for record in records.values()}
+    shown = [(record.meta.joints, joint_positions(record.series, record.meta)) for record in records.values()]
+    named = {() if positions is None else joints for joints, positions in shown}
     if len(named) != 1 or () in named:
         raise InvalidInput(f"records = {len(records)} runs; give one or more with the same joints, of one axis each")
     return named.pop()

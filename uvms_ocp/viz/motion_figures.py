@@ -14,8 +14,9 @@ from uvms_ocp.errors import plain_line
 from uvms_ocp.ocp.separating_planes import support_of
 from uvms_ocp.record.meta_values import ObstacleMeta
 from uvms_ocp.record.record import Record
+from uvms_ocp.record.run_meta import joint_positions
 from uvms_ocp.robot.shapes.obstacles import build_obstacle
-from uvms_ocp.viz.series import PhaseSpan, axis_label, axis_names, floor_heights, has_vehicle, n_joints, phase_spans
+from uvms_ocp.viz.series import PhaseSpan, axis_label, axis_names, floor_heights, has_vehicle, phase_spans
 from uvms_ocp.viz.style import (
     AXES_XYZ,
     BLACK,
@@ -197,15 +198,15 @@ def _velocity_lines(axis: Axes, record: Record, part: slice, names: Sequence[str
 @styled
 def figure_joints(record: Record) -> Figure | None:
     """Joint positions and velocities, with limits where the record gives them; one small panel per joint."""
-    names = record.meta.joints
-    n = n_joints(record)
-    if not names or n != len(names):
+    names, values = record.meta.joints, joint_positions(record.series, record.meta)
+    n = len(names)
+    if not names or values is None:
         return None
     figure = RecordFigure(figsize=(WIDTH, 0.78 * n + 0.9))
     figure.suptitle("Joints", fontsize=10, fontweight="bold", x=0.01, ha="left")
     grid = figure.subplots(n, 2, sharex=True, squeeze=False)
     positions, velocities = _joint_bounds(record, n)
-    _joint_column(grid[:, 0], record, record["q"][:, -n:], positions)
+    _joint_column(grid[:, 0], record, values, positions)
     _joint_column(grid[:, 1], record, record["v"][:, -n:], velocities)
     for axis, name in zip(grid[:, 0], names, strict=True):
         axis.set_ylabel(label_text(name), rotation=0, ha="right", va="center")

@@ -21,9 +21,10 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record.meta_values import AlarmMeta
 from uvms_ocp.record.record import Record
+from uvms_ocp.record.run_meta import joint_errors
 from uvms_ocp.viz.motion_figures import figure_efforts, figure_joints, figure_path, figure_tracking, figure_velocities
 from uvms_ocp.viz.plan_figures import plan_figures
-from uvms_ocp.viz.series import axis_label, axis_names, has_vehicle, intervals_of, n_joints, phase_spans, require_rows
+from uvms_ocp.viz.series import axis_label, axis_names, has_vehicle, intervals_of, phase_spans, require_rows
 from uvms_ocp.viz.style import (
     AXES_XYZ,
     BLACK,
@@ -94,8 +95,9 @@ def _panels(record: Record) -> list[_Panel]:
                 1e3 * spread[:, 3:6],
             ),
         ]
-    n = n_joints(record)
-    if n and q.shape[1] == n + (7 if has_vehicle(record) else 0) and spread.shape[1] >= n:
+    errors = joint_errors(record.series, record.meta)
+    n = 0 if errors is None else errors.shape[1]
+    if n and spread.shape[1] >= n:
         names = [label_text(name, 10) for name in axis_names(record, n)]
         colors = [LINES[i % len(LINES)] for i in range(n)]
         found.append(
@@ -103,7 +105,7 @@ def _panels(record: Record) -> list[_Panel]:
                 axis_label("joints", "q", "joints", "m"),
                 names,
                 colors,
-                1e3 * (measured - q)[:, -n:],
+                1e3 * errors,
                 1e3 * spread[:, -n:],
             )
         )

@@ -141,7 +141,7 @@ class ForceOutputs(Layout):
     unreachable: Annotated[Array, Sized(6)]
     """(6,) [N, N m] part of it that the thrusters cannot give."""
     push: Annotated[Array, Sized(1)]
-    """(1,) upward part of the disturbance, as a share of the largest lift of the thrusters."""
+    """(1,) upward part of the disturbance, as a share of the largest lift of the thrusters; 0 where none lifts."""
 
 
 def column_sizes(robot: Robot) -> dict[str, int]:
@@ -192,7 +192,7 @@ class ForceLaws:
     velocity: VelocityLaw
     lag: ThrusterLag
     lift: float
-    """[N] of all thrusters at most."""
+    """[N] of all thrusters at most; 0 where none lifts, and no push is measured by it."""
     observer: ObserverLaw | None = None
     residual_filter: ResidualFilter | None = None
     """Filter of the actuator monitor, where there is one."""
@@ -269,7 +269,7 @@ def command_function(laws: ForceLaws) -> ca.Function:
         disturbance=observed.estimate,
         vehicle_force=desired.force[:n],
         unreachable=allocated.unreachable,
-        push=ca.dot(_up(inputs.q), observed.estimate[:3]) / laws.lift if n else ca.SX(1, 1),
+        push=ca.dot(_up(inputs.q), observed.estimate[:3]) / laws.lift if n and laws.lift > 0.0 else ca.SX(1, 1),
     )
     return ca.Function(
         "command", list(x.values()), [column_of(state), column_of(outputs)], list(x), ["state", "outputs"]

@@ -140,7 +140,7 @@ def _slower(robot: Robot, acceleration: np.ndarray, dt: float, q: ca.SX, v: ca.S
     """v one tick nearer to rest: in proportion, where no joint has to brake harder before its limit."""
     slower = ca.if_else(time > dt, v * (1.0 - dt / time), 0.0 * v)
     for joint, lower, upper in bounded_joints(robot.joints, robot.limits):
-        i, at = joint.idx_v, q[joint.idx_q]
+        i, at = joint.idx_v, joint.position(q)
         down, up = (stopping_speed(room, deceleration=acceleration[i], dt=dt) for room in (at - lower, upper - at))
         slower[i] = ca.fmax(ca.fmin(slower[i], up), -down)
     reach = ca.DM(acceleration * dt)

@@ -112,6 +112,8 @@ def reachable_rows(
     The gate acts as `uvms_ocp.solvers.hierarchy.level` says. The range of a row is what the limits let one tick change of
     its rate: bounds that are farther away than that are kept by the limits themselves.
     """
+    if not rows.n_rows:
+        return rows
     dt, limits = symbols.dt, symbols.robot.limits
     present, acceleration = rows.jacobian @ previous, row_acceleration(rows.jacobian, limits.acceleration)
     if equality:
@@ -293,7 +295,7 @@ def _limit_rows(symbols: TickSymbols, previous: ca.SX) -> Rows:
     reach = ca.DM(robot.limits.acceleration * symbols.dt)
     lower, upper = ca.SX(-robot.limits.velocity), ca.SX(robot.limits.velocity)
     for joint, q_lower, q_upper in bounded_joints(robot.joints, robot.limits):
-        i, q = joint.idx_v, symbols.q[joint.idx_q]
+        i, q = joint.idx_v, joint.position(symbols.q)
         braking = {"deceleration": float(robot.limits.acceleration[i]), "dt": symbols.dt}
         lower[i] = ca.fmax(lower[i], -stopping_speed(q - q_lower, **braking))
         upper[i] = ca.fmin(upper[i], stopping_speed(q_upper - q, **braking))

@@ -56,7 +56,7 @@ def health_memory(robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthT
         n_q=robot.n_q,
         n_v=robot.n_v,
         n_joints=robot.n_joints,
-        n_width=max(4, len(robot.home), robot.n_joints),
+        n_width=max(4, *sizes_of(robot)["joint_positions"]),
         n_estimates=N_ESTIMATES,
     )()
     made.n, made.order[: len(specs)] = len(specs), [int(NUMBER[name]) for name in specs]
@@ -85,7 +85,7 @@ def sizes_of(robot: Robot) -> dict[str, tuple[int, ...]]:
         "angular_velocity": (3,),
         "linear_velocity": (3,),
         "specific_force": (3,),
-        "joint_positions": (len(robot.home),),
+        "joint_positions": (robot.joint_q.stop - robot.joint_q.start,),
         "joint_velocities": (robot.n_joints,),
         "altimeter_range": (),
     }
@@ -101,7 +101,7 @@ def _set_channel(c: ChannelMemory, robot: Robot, name: str, spec: SensorSpec) ->
     c.present, c.size = True, math.prod(sizes_of(robot)[name])
     c.delay, c.period, c.losses = spec.delay, 1.0 / spec.rate, _losses(spec.dropout)
     c.rival, c.other_rival = _two(_RIVALS.get(name, ()))
-    plain = not name.startswith("joint") or robot.n_joints == len(robot.home)
+    plain = not name.startswith("joint") or sizes_of(robot)["joint_positions"] == (robot.n_joints,)
     init_repetitions(c.repeats, spec.sigma, size=c.size, each=plain and name not in _WHOLE)
 
 

@@ -250,15 +250,14 @@ def _late(setup: Setup) -> Iterator[DelayedAxes]:
 def _postures(setup: Setup, visits: Sequence[Visit]) -> Iterator[tuple[str, np.ndarray]]:
     """Map phases to q (n_q,) [m, rad] at the start and wherever a tool has to reach from a vehicle that stands still."""
     yield "", setup.start
-    joints = setup.start[setup.robot.joint_q]
+    joints = setup.robot.joint_values(setup.start)
     for visit in visits:
         task = visit.active(ToolPose) or visit.active(ToolPosition)
-        if task is not None and visit.active(NullVelocity) is not None and setup.robot.n_joints == len(joints):
+        if task is not None and visit.active(NullVelocity) is not None:
             arm = ArmReach(setup.robot, task.frame, rotation_weight=float(isinstance(task, ToolPose)))
             stance, goal = visit.stances[0], goals_of(setup, task.name, task.goal)[0]
-            q, joints = stance.configuration(setup), arm.solve(stance.X_WB, goal, (joints,)).joints
-            q[setup.robot.joint_q] = joints
-            yield visit.phase.name, q
+            joints = arm.solve(stance.X_WB, goal, (joints,)).joints
+            yield visit.phase.name, setup.robot.with_joint_values(stance.configuration(setup), joints)
 
 
 def _stiffness(setup: Setup, q: np.ndarray) -> np.ndarray:

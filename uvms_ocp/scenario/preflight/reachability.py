@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.mission.mission import Mission
+from uvms_ocp.robot.limits import from_joint_values
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Stance, Visit, forecast
 from uvms_ocp.tasks.pose import NullVelocity, ToolPose, ToolPosition, VehiclePose
@@ -116,12 +117,10 @@ class ArmReach:
         )
 
     def _configuration(self, X_WB: pin.SE3, joints: np.ndarray) -> np.ndarray:
-        v = np.zeros(self._robot.n_v)
-        v[self._robot.joint_v] = joints
-        q = pin.integrate(self._robot.model, pin.neutral(self._robot.model), v)
+        q = pin.neutral(self._robot.model)
         if self._robot.n_vehicle:
             q[:7] = pin.SE3ToXYZQUAT(X_WB)
-        return q
+        return from_joint_values(self._robot.model, joints, q)
 
 
 # Check: the tool reaches its goal from wherever the vehicle may stand by then.

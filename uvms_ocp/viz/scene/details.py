@@ -86,8 +86,7 @@ def _thinned(points: np.ndarray, limit: int = 400) -> np.ndarray:
 def _robot_size(robot: Robot) -> float:
     """Radius [m] of a ball around the robot's shapes, about its first joint."""
     data, shapes = robot.model.createData(), robot.visual_model.createData()
-    q = robot.configuration(joints=robot.home) if robot.n_vehicle else np.asarray(robot.home)
-    pin.updateGeometryPlacements(robot.model, data, robot.visual_model, shapes, q)
+    pin.updateGeometryPlacements(robot.model, data, robot.visual_model, shapes, robot.configuration())
     if not len(shapes.oMg):
         return 0.5
     first = data.oMi[1].translation
