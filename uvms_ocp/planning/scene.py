@@ -121,7 +121,8 @@ def coordinates(robot: Robot, *, reference: ArrayLike | None = None, axes: Seque
     """Choose the planned axes, by their names among x, y, z, roll, pitch, yaw and the joints; default all.
 
     reference (n_q,) [m, rad]: configuration that axes not planned keep; default: origin, ``robot.home``. Raises
-    `NameNotFound` for an axis that the robot does not have, and `InvalidInput` for a joint that is not a single axis or a reference that is no valid configuration.
+    `NameNotFound` for an axis that the robot does not have, and `InvalidInput` for a joint of several axes or a reference that is
+    no valid configuration.
     """
     for joint in robot.joints:
         if joint.n_v != 1:

@@ -349,8 +349,8 @@ class FolderClaim:
     def staged(self, keep: Iterable[str] = ()) -> Iterator[Path]:
         """Give an empty folder; the files written there then take the place of all earlier ones of ours.
 
-        keep: names of earlier ones that are to stay beside them. On any error the folder is as before. Raises `OutputError` where the disk refuses, and `InvalidInput` for what has
-        come to stand in the way.
+        keep: names of earlier ones that stay beside them. On any error the folder is as before. Raises `OutputError` where
+        the disk refuses, and `InvalidInput` for what has come to stand in the way.
         """
         replacement = self.replacement
         try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -129,13 +129,46 @@ def limits_of(model: pin.Model, description: RobotDescription, joints: tuple[Joi
     """Return the limits of the URDF (joints) and of the description (vehicle, accelerations)."""
     vehicle_velocity, vehicle_acceleration = _vehicle_limits(description)
     n_vehicle = len(vehicle_velocity)
-    return Limits(
+    limits = Limits(
         position_lower=_position_limit(model.lowerPositionLimit, joints, -np.inf),
         position_upper=_position_limit(model.upperPositionLimit, joints, np.inf),
         velocity=read_only([*vehicle_velocity, *_or_unlimited(model.upperVelocityLimit[n_vehicle:])]),
         acceleration=read_only([*vehicle_acceleration, *_joint_accelerations(description, joints)]),
         effort=read_only(_or_unlimited(model.upperEffortLimit[n_vehicle:])),
     )
+    return _with_assumed(model, joints, limits) if n_vehicle else limits
+
+
+# Joints of a vehicle's arm whose files leave open how fast or how strong they are: without any limit they whirl, and the
+# vehicle with them, as every motion of the arm is then free.
+
+ASSUMED_VELOCITY, ASSUMED_ACCELERATION = 0.8, 2.0
+"""[rad/s] and [rad/s2] of the arm in [Gao2022]."""
+_SLIDE = 0.1  # [m] from the axis: what is there moves as far as a joint that slides is taken to
+
+
+def held_joints(model: pin.Model, joints: Sequence[Joint]) -> tuple[str, ...]:
+    """Names of the joints whose lower limit is the upper one, so that they never move."""
+    lower, upper = model.lowerPositionLimit, model.upperPositionLimit
+    return tuple(joint.name for joint in joints if not joint.endless and (lower[joint.q] == upper[joint.q]).all())
+
+
+def open_joints(model: pin.Model, joints: Sequence[Joint]) -> tuple[str, ...]:
+    """Names of the joints that move without a limit of velocity or of effort."""
+    held, bounds = held_joints(model, joints), (model.upperVelocityLimit, model.upperEffortLimit)
+    speed, effort = map(_or_unlimited, bounds)
+    moving = (joint for joint in joints if joint.name not in held)
+    return tuple(joint.name for joint in moving if np.isinf([speed[joint.v], effort[joint.v]]).any())
+
+
+def _with_assumed(model: pin.Model, joints: Sequence[Joint], limits: Limits) -> Limits:
+    velocity, acceleration, open_ones = limits.velocity.copy(), limits.acceleration.copy(), open_joints(model, joints)
+    for joint in joints:
+        if joint.name in open_ones:
+            unit = _SLIDE if model.joints[model.getJointId(joint.name)].shortname().startswith("JointModelP") else 1.0
+            for values, assumed in ((velocity, ASSUMED_VELOCITY), (acceleration, ASSUMED_ACCELERATION)):
+                values[joint.v] = np.where(np.isinf(values[joint.v]), unit * assumed, values[joint.v])
+    return replace(limits, velocity=read_only(velocity), acceleration=read_only(acceleration))
 
 
 def _vehicle_limits(description: RobotDescription) -> tuple[tuple[float, ...], tuple[float, ...]]:

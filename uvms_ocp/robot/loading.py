@@ -19,7 +19,15 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound, RobotDataError
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.description import RobotDescription, TrimBody, checked_copy, forward_left_up, read_description
-from uvms_ocp.robot.limits import home_of, joints_of, limits_of
+from uvms_ocp.robot.limits import (
+    ASSUMED_ACCELERATION,
+    ASSUMED_VELOCITY,
+    held_joints,
+    home_of,
+    joints_of,
+    limits_of,
+    open_joints,
+)
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.urdf import UrdfModels, read_urdf
 
@@ -81,6 +89,7 @@ def _files_of(distribution: str) -> list[Path]:
 # What the files of a robot leave open, and what comes of it: valid files whose gaps a user has to know of.
 
 _ROUNDING = 1e-9  # relative, of masses that are added and taken away again
+_SINGULAR = 1e-13  # relative to the largest eigenvalue
 
 
 def unknowns(model: pin.Model, description: RobotDescription) -> Iterator[tuple[str, str]]:
@@ -93,9 +102,24 @@ def unknowns(model: pin.Model, description: RobotDescription) -> Iterator[tuple[
         )
     elif description.base == "free_flyer" and not description.links:
         yield "water", "no link is in water: give a hydrodynamics.yaml with links"
+    floats = description.base == "free_flyer"
+    joints = joints_of(model, free_flyer=floats)
+    if held := held_joints(model, joints):
+        yield "joints", f"joint {', '.join(held)} has no range, lower = upper: it is held there; make it fixed"
+    if floats and (open_ones := open_joints(model, joints)):
+        yield (
+            "limits",
+            f"no limit of velocity or effort for joint {', '.join(open_ones)}: {_ASSUMED}; give <limit>",
+        )
     unknown = [thruster.name for thruster in description.thrusters if thruster.power is None]
     if unknown:
         yield "energy", f"no power is given for thruster {', '.join(unknown)}: the energy of the thrusters is not known"
+
+
+_ASSUMED = (
+    f"what is missing is {ASSUMED_VELOCITY:g} rad/s and {ASSUMED_ACCELERATION:g} rad/s2, those of the arm in [Gao2022], with "
+    "motors that bear it"
+)
 
 
 def links_without_water(model: pin.Model, description: RobotDescription) -> tuple[str, ...]:
@@ -124,6 +148,21 @@ def link_masses(model: pin.Model) -> dict[str, float]:
             rest = total - on_frames[frame.parentJoint]
             masses[frame.name] = rest if rest > _ROUNDING * total else 0.0
     return masses
+
+
+def joints_without_inertia(model: pin.Model, M: np.ndarray) -> Iterator[str]:
+    """Say, for each joint that a mass matrix M (n_v, n_v) [kg, kg m2] gives nothing to move, which links are behind it.
+
+    Forces then have no acceleration, and nothing can be simulated.
+    """
+    values, vectors = np.linalg.eigh(M)
+    empty = (vectors[:, values <= _SINGULAR * values.max(initial=0.0)] ** 2).sum(axis=1) > 0.1
+    for index in range(1, model.njoints):
+        joint = model.joints[index]
+        if empty[joint.idx_v : joint.idx_v + joint.nv].any():
+            bodies = (frame for frame in model.frames if frame.type == pin.FrameType.BODY)
+            links = [frame.name for frame in bodies if frame.parentJoint == index]
+            yield f"link {', '.join(links)} behind joint {model.names[index]!r}"
 
 
 # From robot files to a `Robot`: URDF and description are read, checked against each other and joined.

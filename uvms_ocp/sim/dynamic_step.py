@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -75,12 +76,24 @@ def skid_points(robot: Robot) -> np.ndarray:
 
     (0, 3) for a robot with a fixed base or without collision shapes on its vehicle.
     """
-    hull = [shape for shape in robot.collision_model.geometryObjects if shape.parentJoint == 1]
-    if not robot.n_vehicle or not hull:
+    hull = _hull(robot)
+    if not hull:
         return np.zeros((0, 3))
     corners = np.concatenate([_box_corners(shape) for shape in hull])
     (x0, y0, z0), (x1, y1, _) = corners.min(axis=0), corners.max(axis=0)
     return np.array([[x0, y0, z0], [x0, y1, z0], [x1, y0, z0], [x1, y1, z0]])
+
+
+def lowest_link(robot: Robot) -> str:
+    """Name of the link of the vehicle whose collision shape reaches lowest in its frame; it has one."""
+    shape = min(_hull(robot), key=lambda shape: float(_box_corners(shape)[:, 2].min()))
+    return str(robot.model.frames[shape.parentFrame].name)
+
+
+def _hull(robot: Robot) -> list[Any]:
+    """Collision shapes fixed to the vehicle."""
+    shapes = robot.collision_model.geometryObjects if robot.n_vehicle else ()
+    return [shape for shape in shapes if shape.parentJoint == 1]
 
 
 def _box_corners(shape: object) -> np.ndarray:

@@ -129,11 +129,11 @@ class ClosestApproach:
     """The smallest distance over a run; 0 or less is contact."""
 
     distance: float
-    """[m]"""
+    """[m], infinite where there are no two shapes."""
     row: int
     """Row of the configurations given."""
     pair: str
-    """Names of the two shapes."""
+    """Names of the two shapes; empty where there are none."""
 
 
 @checked
@@ -152,7 +152,9 @@ def closest_approach(
     """
     obstacles = [*environment.obstacles, *([_floor_below(environment, q, spacing)] if floor else [])]
     model = CollisionModel(robot, obstacles, self_collision=self_collision)
-    distances = np.array([model.values(row) for row in q])
+    distances = np.array([model.values(row) for row in q]).reshape(len(q), model.n_pairs)
+    if not distances.size:
+        return ClosestApproach(distance=np.inf, row=0, pair="")
     row, pair = np.unravel_index(int(np.argmin(distances)), distances.shape)
     return ClosestApproach(distance=float(distances[row, pair]), row=int(row), pair=model.pair_names[pair])
 

@@ -148,9 +148,7 @@ class JointTracking(Task):
         """The way of the chosen joints to the goal = 0 [rad or m]."""
         joints = [symbols.robot.joint(name) for name in self.joints]
         goals = ca.vertsplit(parameters[: len(joints)])
-        return zero_residual(
-            column_of(joint.way(symbols.q, goal) for joint, goal in zip(joints, goals, strict=True))
-        )
+        return zero_residual(column_of(joint.way(symbols.q, goal) for joint, goal in zip(joints, goals, strict=True)))
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         joints = [symbols.robot.joint(name) for name in self.joints]

@@ -11,6 +11,7 @@ import pinocchio as pin
 from uvms_ocp.robot.kinematics import STEEP, AltimeterBeam
 from uvms_ocp.scenario.preflight.reachability import goals_of
 from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Visit, main_path, points_on_ball, threshold_of
+from uvms_ocp.sim.dynamic_step import lowest_link, skid_points
 from uvms_ocp.sim.environment import closest_approach
 from uvms_ocp.tasks.altitude import LandingAltitude, MinimumAltitude
 from uvms_ocp.tasks.attitude import HorizontalAttitude
@@ -161,6 +162,22 @@ def _landing(visit: Visit, minimum: MinimumAltitude) -> Iterator[Finding]:
         yield Finding(
             severity=Severity.ERROR, check="contradiction", phase=visit.phase.name, text=text, figures=figures
         )
+
+
+# Check: the hull does not start in the floor, which would throw it out.
+
+_SUNK = 0.02  # [m] that what stands on the floor may be in it
+
+
+def check_hull(setup: Setup) -> Iterator[Finding]:
+    """An error where the underside of the hull, as the plant has it, starts in the floor; names the link that is lowest."""
+    X_WB = pin.XYZQUATToSE3(np.asarray(setup.start[:7]))
+    points = [X_WB.act(point) for point in skid_points(setup.robot)]
+    depth = max((setup.floor_at(x, y) - z for x, y, z in points), default=0.0)
+    if depth > _SUNK:
+        severity = Severity.ERROR if setup.with_forces else Severity.WARNING
+        text = f"the hull starts {depth:.2f} m inside the floor, lowest with link {lowest_link(setup.robot)}; raise the start"
+        yield Finding(severity=severity, check="start", text=text, figures={"depth_m": depth})
 
 
 # Check: the robot is free of the obstacles where it starts and where its phases end.

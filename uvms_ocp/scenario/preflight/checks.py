@@ -15,13 +15,14 @@ from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Below, Phase
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot.assembly import without_trim
+from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.robot.kinematics import Kinematics
-from uvms_ocp.robot.loading import unknowns
+from uvms_ocp.robot.loading import joints_without_inertia, unknowns
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import IDEAL_SENSORS
 from uvms_ocp.robot.spatial import quaternion_to_matrix
-from uvms_ocp.scenario.preflight.altitude import check_altitude, check_echo, check_goals, check_obstacles
-from uvms_ocp.scenario.preflight.forces import check_delays, check_forces, check_load, check_rest
+from uvms_ocp.scenario.preflight.altitude import check_altitude, check_echo, check_goals, check_hull, check_obstacles
+from uvms_ocp.scenario.preflight.forces import check_delays, check_depth, check_forces, check_load, check_rest
 from uvms_ocp.scenario.preflight.reachability import check_tool
 from uvms_ocp.scenario.preflight.setup import Finding, PreflightReport, Setup, Severity, Visit, forecast
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition
@@ -163,9 +164,11 @@ def check_mission(setup: Setup) -> PreflightReport:
         *check_echo(setup),
         *check_altitude(setup, visits),
         *check_goals(setup),
+        *check_hull(setup),
         *check_obstacles(setup, visits),
         *check_freedom(setup, visits, problem),
         *check_forces(setup, visits),
+        *check_depth(setup, visits),
         *check_rest(setup, visits),
         *check_accuracy(setup),
         *check_delays(setup, visits),
@@ -177,6 +180,7 @@ def check_mission(setup: Setup) -> PreflightReport:
 def _check_wherever(setup: Setup) -> Iterator[Finding]:
     """Findings that hold wherever the mission leads."""
     yield from check_unspecified(setup)
+    yield from check_inertia(setup)
     yield from check_own_parts(setup)
     yield from check_load(setup)
 
@@ -186,6 +190,15 @@ def check_unspecified(setup: Setup) -> Iterator[Finding]:
     if setup.with_forces:
         for subject, text in unknowns(without_trim(setup.robot).model, setup.robot.description):
             yield Finding(severity=Severity.WARNING, check=subject, text=text)
+
+
+def check_inertia(setup: Setup) -> Iterator[Finding]:
+    """Find joints that have nothing to move, whose acceleration under a force is not defined."""
+    if setup.with_forces and "plant" not in setup.own_parts:
+        dynamics = cached_dynamics(setup.robot)
+        for whose in joints_without_inertia(setup.robot.model, dynamics.mass_matrix(setup.start)):
+            text = f"no inertia about its axis: {whose}; give an <inertial>, or make the joint fixed"
+            yield Finding(severity=Severity.ERROR, check="inertia", text=text)
 
 
 def check_own_parts(setup: Setup) -> Iterator[Finding]:

@@ -13,7 +13,7 @@ from uvms_ocp.control.force.velocity_law import CONTROLLER_DEAD_TIME, dead_times
 from uvms_ocp.control.payload import require_learnable
 from uvms_ocp.errors import UvmsError
 from uvms_ocp.mission.phase import Phase
-from uvms_ocp.robot.assembly import up_at_rest
+from uvms_ocp.robot.assembly import static_residual, up_at_rest
 from uvms_ocp.robot.dynamics import Dynamics, cached_dynamics, robot_dynamics
 from uvms_ocp.robot.thrusters import unactuated_axes
 from uvms_ocp.scenario.preflight.reachability import ArmReach, goals_of
@@ -30,6 +30,8 @@ _TIMES = np.linspace(0.0, 120.0, 9)  # [s] at which a current that varies is sam
 _FULL = 0.8  # share of a limit above which holding still is called tight
 _TILTED = 0.1  # [rad] that is worth a word where no task asks for a level vehicle
 _SHORT = 1e-3  # [N, N m] of force missing that counts
+_HEAVE, _PITCH = 2, 4  # axes of the vehicle
+_ADRIFT = 0.5  # [N] out of trim: against a drag of 100 N/(m/s) 0.3 m in a minute
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -129,6 +131,36 @@ def _load(setup: Setup, allocation: Allocation, tau: np.ndarray) -> DriveLoad:
         torque=float(np.max(np.abs(tau[robot.joint_v]) / effort, initial=0.0)),
         missing=missing,
     )
+
+
+def check_depth(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
+    """Errors where nothing moves the vehicle up and down: it keeps its depth, or, out of trim, does not.
+
+    A vehicle that turns its nose up and down dives by its way ahead.
+    """
+    still = unactuated_axes(setup.robot)
+    if not (setup.with_forces and setup.robot.description.thrusters and {_HEAVE, _PITCH} <= {*still}):
+        return
+    lift, _ = static_residual(setup.robot, setup.start)
+    if abs(lift) > _ADRIFT:
+        text = (
+            f"the vehicle is {abs(lift):.2g} N too {'light' if lift > 0 else 'heavy'}, and no thruster holds its depth"
+        )
+        yield Finding(severity=Severity.ERROR, check=FORCES, text=f"{text}: trim it", figures={"lift_N": lift})
+    z = float(setup.start[2])
+    for visit in visits:
+        task = visit.active(VehiclePose)
+        limit = None if task is None else threshold_of(visit.phase, f"{task.name}.position_error")
+        if task is None or limit is None:
+            continue
+        way = abs(float(goals_of(setup, task.name, task.goal)[-1].translation[2]) - z)
+        if way > limit:
+            text = (
+                f"{task.name} waits for a goal {way:.2f} m above or below, and no thruster drives heave or pitch: the vehicle "
+                f"stays at z = {z:g} m; give it thrust up and down, or goals at its depth"
+            )
+            figures = {"way_m": way}
+            yield Finding(severity=Severity.ERROR, check=FORCES, phase=visit.phase.name, text=text, figures=figures)
 
 
 def check_rest(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:

@@ -14,7 +14,7 @@ import pinocchio as pin
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import RobotDataError
 from uvms_ocp.robot.assembly import static_residual, trim_body, without_trim
-from uvms_ocp.robot.loading import load_robot, unknowns
+from uvms_ocp.robot.loading import joints_without_inertia, load_robot, unknowns
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import links_without_shape
 from uvms_ocp.robot.thrusters import thruster_matrix
@@ -160,6 +160,9 @@ def _mass_matrix(robot: Robot) -> RobotFinding:
     M = pin.crba(robot.model, robot.model.createData(), np.array(robot.configuration()))
     smallest = float(np.linalg.eigvalsh(np.triu(M) + np.triu(M, 1).T).min())
     text = f"smallest eigenvalue of the mass matrix {smallest:.3g}"
+    if empty := list(joints_without_inertia(robot.model, np.triu(M) + np.triu(M, 1).T)):
+        whose = "; ".join(empty)
+        return _error("mass matrix", f"no inertia about its axis: {whose}; give an <inertial>, or make the joint fixed")
     return (
         _good("mass matrix", text) if smallest > 0.0 else _error("mass matrix", f"{text}; give inertias to the links")
     )
