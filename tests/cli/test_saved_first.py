@@ -1,0 +1,58 @@
+"""A run is saved before anything is made of it: what fails then costs itself alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import MappingProxyType
+
+import pytest
+from rich.console import Console
+from tiny_robots import TINY, robot_of, scenario_of
+
+from uvms_ocp.campaign.campaign import MissionJob
+from uvms_ocp.campaign.distributions import Design
+from uvms_ocp.cli import run
+from uvms_ocp.record.record import Record
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.viz import run_figures
+
+
+def _tiny() -> Scenario:
+    return scenario_of(robot_of(TINY["one wet link"]), "kinematic")
+
+
+def _fails(record: Record) -> None:
+    raise ValueError("no axes\nleft")
+
+
+def test_a_figure_that_fails_costs_that_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = {name: run_figures.FIGURES[name] for name in ("joints", "quantities")}
+    monkeypatch.setattr(run_figures, "FIGURES", MappingProxyType({"errors": _fails, **kept}))
+    console = Console(record=True, width=200, file=(tmp_path / "said").open("w"))
+    report = run.run_and_write(_tiny(), tmp_path / "out", console)
+    written = {path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*.*")}
+    expected = {"record.npz", "report.json", "scene.html", "figures/joints.png", "figures/quantities.png"}
+    assert expected <= written
+    assert "figures/errors.png" not in written
+    said = [line for line in console.export_text().splitlines() if "not drawn" in line]
+    assert said == ["figures/errors.png: not drawn, ValueError: no axes left"]
+    assert report["completed"] == Record.load(tmp_path / "out" / "record.npz").run_meta.completed
+
+
+def test_a_report_that_fails_leaves_the_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run, "summarize", _fails)
+    with pytest.raises(ValueError, match="no axes"):
+        run.run_and_write(_tiny(), tmp_path, Console(quiet=True))
+    assert len(Record.load(tmp_path / "record.npz")) > 1
+
+
+@pytest.mark.parametrize("records", ["none", "all"])
+def test_metrics_that_fail_leave_the_record_of_a_run_of_a_campaign(
+    records: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("uvms_ocp.campaign.campaign.run_metrics", lambda scenario, record: _fails(record))
+    design = Design(sampler="random", runs=1, parameters=0, seed=0)
+    done = MissionJob(scenario=_tiny, variations=(), names=(), design=design, records=records).make(0)
+    assert (done.row["outcome"], done.row["success"]) == ("error", False)
+    assert "no axes left" in str(done.row["cause"])
+    assert bool(done.attachment) == (records == "all")

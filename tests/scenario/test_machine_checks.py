@@ -1,0 +1,77 @@
+"""Pre-flight and the check of a robot know what a valid file can leave out, and say whose it is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tiny_robots import OPEN, STANDING, TINY, WEIGHTLESS, Tiny, robot_of, scenario_of
+
+from uvms_ocp.robot.limits import ASSUMED_ACCELERATION, ASSUMED_VELOCITY
+from uvms_ocp.robot.thrusters import largest_wrench
+from uvms_ocp.scenario.preflight.robot_check import check_robot
+from uvms_ocp.scenario.scenario import Scenario
+
+
+def _said(scenario: Scenario) -> str:
+    return "\n".join(f"{finding.severity.value}: {finding.text}" for finding in scenario.check().findings)
+
+
+def test_a_hull_that_starts_in_the_floor_is_refused_with_the_link_that_is_lowest() -> None:
+    robot = robot_of(STANDING)
+    scenario = scenario_of(robot, "dynamic")
+    assert "error: the hull starts 1.10 m inside the floor, lowest with link stand" in _said(scenario)
+    assert not scenario.check().accepted
+    above = scenario_of(robot_of(TINY["one wet link"]), "dynamic")
+    assert "inside the floor" not in _said(above)
+
+
+def test_a_link_that_moves_without_inertia_is_refused_by_name() -> None:
+    robot = robot_of(WEIGHTLESS)
+    text = "no inertia about its axis: link propeller behind joint 'propeller_joint'"
+    assert f"error: {text}" in _said(scenario_of(robot, "dynamic"))
+    assert text not in _said(scenario_of(robot, "kinematic"))  # which moves nothing by forces
+    assert any(text in finding.text for finding in check_robot(robot).findings)
+
+
+def test_joints_without_limits_are_given_those_of_a_published_arm_which_is_said_once() -> None:
+    robot = robot_of(OPEN)
+    np.testing.assert_array_equal(robot.limits.velocity[6:], ASSUMED_VELOCITY)
+    np.testing.assert_array_equal(robot.limits.acceleration[6:], ASSUMED_ACCELERATION)
+    assert _said(scenario_of(robot, "dynamic")).count("no limit of velocity or effort for joint turn0, turn1") == 1
+    told = [finding for finding in check_robot(robot).findings if "Gao2022" in finding.text]
+    assert len(told) == 1
+
+
+def test_what_a_file_limits_stays_as_it_is() -> None:
+    robot = robot_of(TINY["endless and not"])
+    np.testing.assert_array_equal(robot.limits.velocity[6:], 0.7)
+    assert np.isinf(robot.limits.acceleration[6:]).all()
+
+
+def test_a_joint_without_range_is_held_and_named() -> None:
+    robot = robot_of(TINY["a joint without range"])
+    assert "joint sonar_joint has no range" in _said(scenario_of(robot, "dynamic"))
+    record = scenario_of(robot, "kinematic", duration=2.0).run()
+    np.testing.assert_allclose(record["q"][:, -1], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("depth", "refused"), [(5.0, False), (6.0, True)])
+def test_a_vehicle_that_nothing_drives_up_or_down_is_refused_a_goal_at_another_depth(depth: float, refused: bool) -> None:
+    scenario = scenario_of(robot_of(TINY["no lift"]), "dynamic", depth=depth)
+    assert ("no thruster drives heave or pitch" in _said(scenario)) == refused
+    with_lift = scenario_of(robot_of(TINY["one wet link"]), "dynamic", depth=depth)
+    assert "no thruster drives heave" not in _said(with_lift)
+
+
+def test_nothing_is_divided_by_a_lift_that_is_not_there() -> None:
+    robot = robot_of(TINY["no lift"])
+    assert largest_wrench(robot)[2] == 0.0
+    tilted = tuple((x, y, z, 1.0, 0.0, 1e-9) for x, y, z, *_ in TINY["no lift"].thrusters)
+    assert largest_wrench(robot_of(Tiny(thrusters=tilted)))[2] == 0.0
+
+
+@pytest.mark.slow
+def test_without_lift_no_push_is_taken_for_contact() -> None:
+    record = scenario_of(robot_of(TINY["no lift"]), "dynamic", duration=6.0).run()
+    assert not record.run_meta.abort_phase or all("pushed up" not in alarm.text for alarm in record.run_meta.alarms)
+    assert record.run_meta.completed

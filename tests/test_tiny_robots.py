@@ -1,0 +1,59 @@
+"""Sizes of one and of none: every array keeps its axes, from the loading of a robot to the scene of its run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny_robots import TINY, robot_of, scenario_of
+
+from uvms_ocp.record.record import Record
+from uvms_ocp.report.summary import summarize
+from uvms_ocp.viz import write_figures, write_scene
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_numbers_of_joints_and_configurations_are_each_others_inverse(name: str) -> None:
+    robot, rng = robot_of(TINY[name]), np.random.default_rng(1)
+    assert robot.home.shape == (robot.n_joints,)
+    for _ in range(20):
+        lower, upper = robot.limits.position_lower, robot.limits.position_upper
+        values = rng.uniform(np.maximum(lower, -3.1), np.minimum(upper, 3.1))
+        q = robot.configuration(joints=values)
+        np.testing.assert_allclose(robot.joint_values(q), values, atol=1e-12)
+        np.testing.assert_allclose(robot.with_joint_values(robot.configuration(), values), q, atol=1e-12)
+        np.testing.assert_allclose([joint.position(q) for joint in robot.joints], values, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_a_run_on_the_kinematic_plant_is_the_same_once_saved_and_loaded(name: str, tmp_path: Path) -> None:
+    robot = robot_of(TINY[name])
+    scenario = scenario_of(robot, "kinematic")
+    scenario.check()
+    record = scenario.run()
+    record.save(tmp_path / "record.npz")
+    again = Record.load(tmp_path / "record.npz")
+    assert again.meta == record.meta
+    for series, values in record.series.items():
+        np.testing.assert_array_equal(again[series], values)
+    assert summarize(record)["phases"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TINY)
+def test_a_run_in_water_is_saved_loaded_told_and_drawn(name: str, tmp_path: Path) -> None:
+    robot = robot_of(TINY[name])
+    scenario = scenario_of(robot, "dynamic")
+    scenario.check()
+    record = scenario.run()
+    n = len(record)
+    assert record["current"].shape == (n, 3)
+    assert record["thrust"].shape == (n, len(robot.description.thrusters))
+    assert record["torque"].shape == (n, robot.n_joints)
+    record.save(tmp_path / "record.npz")
+    loaded = Record.load(tmp_path / "record.npz")
+    assert summarize(loaded)["phases"]
+    assert write_figures(loaded, tmp_path)
+    write_scene(loaded, robot, tmp_path / "scene.html")
+    assert (tmp_path / "scene.html").stat().st_size > 0
