@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tiny_robots import TINY, robot_of, scenario_of
+from tiny_robots import RIGID, TINY, robot_of, scenario_of
 
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.viz import write_figures, write_scene
@@ -38,6 +39,11 @@ def test_a_run_on_the_kinematic_plant_is_the_same_once_saved_and_loaded(name: st
     for series, values in record.series.items():
         np.testing.assert_array_equal(again[series], values)
     assert summarize(record)["phases"]
+
+
+def test_a_robot_of_which_nothing_moves_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="'tiny' has a fixed base and no joints: nothing of it moves"):
+        scenario_of(robot_of(RIGID), "kinematic")
 
 
 @pytest.mark.slow

@@ -63,8 +63,9 @@ class Tiny:
         body = "\n".join((_HULL, *booms, _TOOL.format(parent=names[-1]), self.more))
         (folder / "robot.urdf").write_text(f"<robot name='tiny'>{body}</robot>", encoding="utf-8")
         links = f"{{base_link: {{{_WET}}}{', arm0: {coefficients: {}}' if self.dry else ''}}}"
+        bound = "minimum: -40, maximum: 40, time_constant: 0.1"
         thrusters = "".join(
-            f"\n  - {{name: t{k}, position: [{x}, {y}, {z}], direction: [{u}, {v}, {w}], minimum: -40, maximum: 40}}"
+            f"\n  - {{name: t{k}, position: [{x}, {y}, {z}], direction: [{u}, {v}, {w}], {bound}}}"
             for k, (x, y, z, u, v, w) in enumerate(self.thrusters)
         )
         bounds = "[0.8, 0.5, 0.5, 0.6, 0.6, 0.6]"
@@ -91,7 +92,6 @@ TINY = {
     "two wet links": Tiny(dry=True),
     "one thruster": Tiny(thrusters=_ALL[:1]),
     "fixed base, no thrusters": Tiny(base="fixed", thrusters=(), limited=False),
-    "fixed base, no joints": Tiny(base="fixed", thrusters=(), limited=False, joints=()),
     "an endless joint": Tiny(joints=(ENDLESS,)),
     "endless and not": Tiny(joints=(ENDLESS, ("revolute", "0 0 1", _LIMIT), ENDLESS)),
     "a joint that slides": Tiny(joints=(("prismatic", "1 0 0", _LIMIT),)),
@@ -101,6 +101,7 @@ TINY = {
 """Each flies."""
 OPEN = Tiny(joints=tuple(("continuous", axis, "") for axis in ("0 0 1", "0 1 0")))
 """Without limits of joints."""
+RIGID = Tiny(base="fixed", thrusters=(), limited=False, joints=())
 WEIGHTLESS, STANDING = Tiny(more=_PROPELLER), Tiny(more=_STAND)
 
 
@@ -117,7 +118,9 @@ def scenario_of(robot: Robot, plant: str, duration: float = 0.1, depth: float = 
     arm = [Manipulability()] if robot.n_joints else []
     tasks = [JointLimits(), *vehicle, *arm, ToolPosition(goal=pose_at((1.0, 0.1, -5.0)))]
     tasks.append(JointTracking(joints=robot.joint_names, goal=robot.home))
-    reached = Transition(to=DONE, when=(Below(quantity="PC.position_error" if vehicle else "TP.position_error", limit=0.01),))
+    reached = Transition(
+        to=DONE, when=(Below(quantity="PC.position_error" if vehicle else "TP.position_error", limit=0.01),)
+    )
     phase = Phase(name="A", activations=activate(*(task.name for task in tasks)), transitions=(reached,))
     mission = mission_of(robot, tasks, (phase,))
     start = robot.configuration(position=(0.0, 0.0, -5.0)) if robot.n_vehicle else robot.configuration()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import StringIO
 from pathlib import Path
 from types import MappingProxyType
 
@@ -28,7 +29,7 @@ def _fails(record: Record) -> None:
 def test_a_figure_that_fails_costs_that_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     kept = {name: run_figures.FIGURES[name] for name in ("joints", "quantities")}
     monkeypatch.setattr(run_figures, "FIGURES", MappingProxyType({"errors": _fails, **kept}))
-    console = Console(record=True, width=200, file=(tmp_path / "said").open("w"))
+    console = Console(record=True, width=200, file=StringIO())
     report = run.run_and_write(_tiny(), tmp_path / "out", console)
     written = {path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*.*")}
     expected = {"record.npz", "report.json", "scene.html", "figures/joints.png", "figures/quantities.png"}

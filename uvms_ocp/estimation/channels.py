@@ -40,7 +40,7 @@ def needed_channels(robot: Robot, specs: SensorSpecs, altimeter_frame: str | Non
     skipped = (
         *_OPTIONAL_CHANNELS,
         *(() if robot.n_vehicle else _VEHICLE_CHANNELS),
-        *(() if altimeter_frame else ("altimeter_range",)),
+        *(() if altimeter_frame and robot.n_vehicle else ("altimeter_range",)),
     )
     return tuple(name for name in CHANNELS if getattr(specs, name) is not None and name not in skipped)
 

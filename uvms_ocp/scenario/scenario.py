@@ -209,6 +209,7 @@ class Scenario(FieldTable):
             raise InvalidInput(f"solver = the class {self.solver.__name__}; give a value, {self.solver.__name__}()")
         if not hasattr(self.solver, "bind"):
             raise InvalidInput(f"solver = {self.solver!r}; give a value such as LexicographicActiveSet()")
+        _require_moving(self.robot)
         self.robot.check_configuration(self.start)
         if self.altimeter_frame is not None:
             self.robot.frame_id(self.altimeter_frame)
@@ -357,6 +358,12 @@ class Scenario(FieldTable):
         if z <= floor:
             given = f"start position of the vehicle z = {z:g} m"
             raise InvalidInput(f"{given} is below the seafloor z = {floor:g} m; raise it")
+
+
+def _require_moving(robot: Robot) -> None:
+    if not robot.n_v:
+        text = f"robot {robot.name!r} has a fixed base and no joints: nothing of it moves"
+        raise InvalidInput(f"{text}; load it with base='free_flyer', or give it joints")
 
 
 @checked
