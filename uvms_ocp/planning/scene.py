@@ -149,7 +149,7 @@ def _axis_values(robot: Robot, q: Array) -> Array:
     return np.concatenate([q[:3], rpy, joints])
 
 
-def _joint_columns(robot: Robot, values: Sequence[Any], maths: Any) -> Iterator[Any]:
+def _joint_columns(robot: Robot, values: Any, maths: Any) -> Iterator[Any]:
     """The entries of q that each joint has at its value, (n,) or an expression: of an endless one cosine and sine."""
     for joint, value in zip(robot.joints, values, strict=True):
         entries = (maths.cos(value), maths.sin(value)) if joint.endless else (value,)

@@ -281,7 +281,8 @@ def _check_thrusters(model: pin.Model, description: RobotDescription, path: Path
     carrier = 1 if description.base == "free_flyer" else 0
     for thruster in description.thrusters:
         if model.frames[model.getFrameId(thruster.link)].parentJoint != carrier:
-            problem = f"thruster {thruster.name!r} link: given {thruster.link!r}; allowed: links fixed to the vehicle"
+            allowed = "links fixed to the vehicle, as gimballed thrusters are not modelled"
+            problem = f"thruster {thruster.name!r} link: given {thruster.link!r}; allowed: {allowed}"
             raise RobotDataError(path, problem)
 
 

@@ -192,9 +192,14 @@ def _surroundings(setup: Setup, markers: Markers, end: np.ndarray) -> Surroundin
         frames=tuple(_goal_frames(setup.mission)),
         markers=tuple(MarkerMeta(name=name, position=point) for name, point in markers.items()),
         obstacles=describe_obstacles(setup.environment.obstacles),
-        floor_z=setup.floor_at(*setup.start[:2]),
+        floor_z=setup.floor_at(*_place(setup, setup.start)),
         floor=_relief(setup, markers, end),
     )
+
+
+def _place(setup: Setup, q: np.ndarray) -> np.ndarray:
+    """Where the vehicle is (2,) [m] in W at q (n_q,) [m, rad]; a fixed base is at the origin."""
+    return q[:2] if setup.robot.n_vehicle else np.zeros(2)
 
 
 def _goal_frames(mission: Mission) -> Iterator[FrameMeta]:
@@ -214,7 +219,6 @@ def _frame(name: str, X_WF: pin.SE3) -> FrameMeta:
 
 def _relief(setup: Setup, markers: Markers, end: np.ndarray) -> FloorRelief | None:
     """The floor around the way from the start to the configuration `end` (n_q,), and around the markers."""
-    ends = (setup.start[:2], end[:2]) if setup.robot.n_vehicle else np.zeros((1, 2))
-    points = np.array([*ends, *(point[:2] for point in markers.values())])
+    points = np.array([*(_place(setup, q) for q in (setup.start, end)), *(point[:2] for point in markers.values())])
     low, high = points.min(axis=0) - _FLOOR_AROUND, points.max(axis=0) + _FLOOR_AROUND
     return floor_relief(setup.environment.seafloor, low, high)

@@ -150,7 +150,8 @@ def closest_approach(
 
     floor: count it, which a robot that has landed touches. spacing [m] of the mesh for a floor that is not flat.
     """
-    obstacles = [*environment.obstacles, *([_floor_below(environment, q, spacing)] if floor else [])]
+    track = q[:, :2] if robot.n_vehicle else np.zeros((len(q), 2))
+    obstacles = [*environment.obstacles, *([_floor_below(environment, track, spacing)] if floor else [])]
     model = CollisionModel(robot, obstacles, self_collision=self_collision)
     distances = np.array([model.values(row) for row in q]).reshape(len(q), model.n_pairs)
     if not distances.size:
@@ -159,9 +160,9 @@ def closest_approach(
     return ClosestApproach(distance=float(distances[row, pair]), row=int(row), pair=model.pair_names[pair])
 
 
-def _floor_below(environment: Environment, q: np.ndarray, spacing: float) -> Obstacle:
-    """The part of the floor around the track of the vehicle."""
-    low, high = q[:, :2].min(axis=0) - _AROUND, q[:, :2].max(axis=0) + _AROUND
+def _floor_below(environment: Environment, track: np.ndarray, spacing: float) -> Obstacle:
+    """The part of the floor around the track (n, 2) [m] of the vehicle."""
+    low, high = track.min(axis=0) - _AROUND, track.max(axis=0) + _AROUND
     centre, extent = 0.5 * (low + high), float((high - low).max())
     place = (float(centre[0]), float(centre[1]))
     return floor_obstacle(environment.seafloor, centre=place, extent=extent, spacing=spacing)
