@@ -71,7 +71,7 @@ def health_memory(robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthT
     delay = specs["joint_positions"].delay if "joint_positions" in specs else 0.0
     fastest = np.minimum(robot.limits.velocity[robot.joint_v], _FASTEST)
     made.encoders.allowed[: robot.n_joints] = (_ENCODER_TRAVEL + delay * fastest).tolist()
-    made.encoders.n = robot.n_joints if robot.n_joints == len(robot.home) == len(robot.joint_names) else 0
+    made.encoders.n = robot.n_joints if _is_plain(robot) and robot.n_joints == len(robot.joint_names) else 0
     _set_comparisons(made, specs, tuning)
     return made
 
@@ -101,8 +101,13 @@ def _set_channel(c: ChannelMemory, robot: Robot, name: str, spec: SensorSpec) ->
     c.present, c.size = True, math.prod(sizes_of(robot)[name])
     c.delay, c.period, c.losses = spec.delay, 1.0 / spec.rate, _losses(spec.dropout)
     c.rival, c.other_rival = _two(_RIVALS.get(name, ()))
-    plain = not name.startswith("joint") or sizes_of(robot)["joint_positions"] == (robot.n_joints,)
+    plain = not name.startswith("joint") or _is_plain(robot)
     init_repetitions(c.repeats, spec.sigma, size=c.size, each=plain and name not in _WHOLE)
+
+
+def _is_plain(robot: Robot) -> bool:
+    """Tell whether each degree of freedom of the joints is one number in q."""
+    return sizes_of(robot)["joint_positions"] == (robot.n_joints,)
 
 
 def _losses(dropout: float) -> float:
