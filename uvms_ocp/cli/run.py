@@ -118,24 +118,24 @@ def _start_copy(jobs: Sequence[Job], numbers: int) -> BaseProcess | None:
     return copy
 
 
-def draw_all(drawings: Mapping[str, Job], telling: AbstractContextManager[object] | None = None) -> list[str]:
+def draw_all(drawings: Mapping[str, Job], status: AbstractContextManager[object] | None = None) -> list[str]:
     """Write all figures and scenes as `run_jobs` does; one that fails costs no other, and is returned as a line that says why.
 
     drawings: what writes each, by name. Raises what the disk refuses.
     """
     with TemporaryDirectory() as folder:
-        told = [Path(folder, str(k)) for k in range(len(drawings))]
-        run_jobs([partial(_attempt, *one, place) for one, place in zip(drawings.items(), told, strict=True)], telling)
-        return [place.read_text(encoding="utf-8") for place in told if place.exists()]
+        reasons = [Path(folder, str(k)) for k in range(len(drawings))]
+        run_jobs([partial(_attempt, *one, place) for one, place in zip(drawings.items(), reasons, strict=True)], status)
+        return [place.read_text(encoding="utf-8") for place in reasons if place.exists()]
 
 
-def _attempt(name: str, draw: Job, told: Path) -> None:
+def _attempt(name: str, draw: Job, reason: Path) -> None:
     try:
         draw()
     except (OSError, OutputError):
         raise
     except Exception as error:
-        told.write_text(plain_line(f"{name}: not drawn, {type(error).__name__}: {error}"), encoding="utf-8")
+        reason.write_text(plain_line(f"{name}: not drawn, {type(error).__name__}: {error}"), encoding="utf-8")
 
 
 Follow = Annotated[

@@ -201,8 +201,8 @@ def streams(series: Series, meta: Any) -> Iterator[Stream]:
         goals = {frame.name: np.array([frame.pose]) for frame in meta.surroundings.frames}
         yield Stream(topic="/goals", at=partial(_transforms, goals), once=True)
     if meta.joints and (positions := joint_positions(series, meta)) is not None:
-        told = {"position": positions, "velocity": series.get("v"), "effort": series.get("torque")}
-        yield Stream(topic="/joint_states", at=partial(_joints, told, tuple(meta.joints)))
+        states = {"position": positions, "velocity": series.get("v"), "effort": series.get("torque")}
+        yield Stream(topic="/joint_states", at=partial(_joints, states, tuple(meta.joints)))
     if floating:
         for name in _WRENCHES:
             if name in series:
@@ -223,12 +223,12 @@ def _transforms(poses: Mapping[str, np.ndarray], k: int, when: Any) -> Any:
     return found
 
 
-def _joints(told: Mapping[str, Any], names: Sequence[str], k: int, when: Any) -> Any:
+def _joints(states: Mapping[str, Any], names: Sequence[str], k: int, when: Any) -> Any:
     from foxglove_schemas_protobuf.JointState_pb2 import JointState
     from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 
     n = len(names)
-    columns = {key: rows[k, -n:].tolist() for key, rows in told.items() if rows is not None}
+    columns = {key: rows[k, -n:].tolist() for key, rows in states.items() if rows is not None}
     joints = [JointState(name=name, **{key: row[i] for key, row in columns.items()}) for i, name in enumerate(names)]
     return JointStates(timestamp=when, joints=joints)
 
