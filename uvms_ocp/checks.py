@@ -15,35 +15,22 @@ from typing import Annotated, Any, Literal, ParamSpec, TypeVar, Union, get_args,
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.argument_kinds import (
-    Boolean,
-    Choice,
-    Either,
-    FilePath,
-    Filled,
-    Function,
-    Instance,
-    Items,
-    Kind,
-    Number,
-    Numbers,
-    Pose,
-    ProtocolKind,
-    Several,
-    Table,
-    Violation,
-    Whole,
-)
+from uvms_ocp import argument_kinds
 from uvms_ocp.errors import ArgumentNotFound, InvalidInput, UvmsError
 from uvms_ocp.types import Range, Shape
 
 # From an annotation to the kind of value that it allows.
 
 _ARRAY_LIKE = frozenset(typing.get_args(ArrayLike))
-_PLAIN_KINDS: dict[Any, Kind] = {bool: Boolean(), Path: FilePath(), None: Instance(type(None)), Any: Kind()}
+_PLAIN_KINDS: dict[Any, argument_kinds.Kind] = {
+    bool: argument_kinds.Boolean(),
+    Path: argument_kinds.FilePath(),
+    None: argument_kinds.Instance(type(None)),
+    Any: argument_kinds.Kind(),
+}
 
 
-def kinds_of(function: Callable[..., Any], owner: type | None = None) -> dict[str, Kind]:
+def kinds_of(function: Callable[..., Any], owner: type | None = None) -> dict[str, argument_kinds.Kind]:
     """Return the kind of each parameter, by name; `owner` is the class of which `function` is the constructor."""
     # The annotations of fields that are inherited are read where they stand, not where the constructor was made.
     generated = function.__code__.co_filename == "<string>"
@@ -55,12 +42,12 @@ def kinds_of(function: Callable[..., Any], owner: type | None = None) -> dict[st
     return {name: kinds[name] for name in own if name in kinds}
 
 
-def kind_of(annotation: Any) -> Kind:
+def kind_of(annotation: Any) -> argument_kinds.Kind:
     """Return the kind of value that this annotation allows; anything, where the annotation says nothing that can be checked."""
     if annotation in _PLAIN_KINDS:
         return _PLAIN_KINDS[annotation]
     if annotation is ArrayLike:
-        return Numbers()
+        return argument_kinds.Numbers()
     origin = typing.get_origin(annotation)
     if origin is Annotated:
         return _annotated(*typing.get_args(annotation))
@@ -69,10 +56,10 @@ def kind_of(annotation: Any) -> Kind:
     if isinstance(annotation, TypeVar) and annotation.__constraints__:
         return _either(annotation.__constraints__)
     if origin is Literal:
-        return Choice(typing.get_args(annotation))
+        return argument_kinds.Choice(typing.get_args(annotation))
     if origin is not None:
         return _generic(origin, typing.get_args(annotation))
-    return _kind_of_class(annotation) if isinstance(annotation, type) else Kind()
+    return _kind_of_class(annotation) if isinstance(annotation, type) else argument_kinds.Kind()
 
 
 def _hints(thing: Any) -> dict[str, Any]:
@@ -82,52 +69,52 @@ def _hints(thing: Any) -> dict[str, Any]:
         return {}
 
 
-def _annotated(base: Any, *extras: object) -> Kind:
+def _annotated(base: Any, *extras: object) -> argument_kinds.Kind:
     kind = kind_of(base)
     inside = next((extra for extra in extras if isinstance(extra, Range)), None)
     shape = next((extra for extra in extras if isinstance(extra, Shape)), None)
-    if isinstance(kind, Items) and shape is not None:
-        kind = Numbers()
-    if isinstance(kind, Numbers):
-        return Numbers(dtype=kind.dtype, plain=kind.plain, shape=shape, inside=inside)
-    if isinstance(kind, Number):
-        return Number(inside=inside)
-    return Whole(inside=inside) if isinstance(kind, Whole) else kind
+    if isinstance(kind, argument_kinds.Items) and shape is not None:
+        kind = argument_kinds.Numbers()
+    if isinstance(kind, argument_kinds.Numbers):
+        return argument_kinds.Numbers(dtype=kind.dtype, plain=kind.plain, shape=shape, inside=inside)
+    if isinstance(kind, argument_kinds.Number):
+        return argument_kinds.Number(inside=inside)
+    return argument_kinds.Whole(inside=inside) if isinstance(kind, argument_kinds.Whole) else kind
 
 
-def _either(arguments: tuple[Any, ...]) -> Kind:
-    found: list[Kind] = []
+def _either(arguments: tuple[Any, ...]) -> argument_kinds.Kind:
+    found: list[argument_kinds.Kind] = []
     if {Path, str} <= set(arguments):
         arguments = tuple(a for a in arguments if a not in (Path, str))
-        found.append(FilePath(text=True))
+        found.append(argument_kinds.FilePath(text=True))
     if set(arguments) >= _ARRAY_LIKE:  # a union of unions is flat: what numpy calls array-like has come apart
         arguments = tuple(a for a in arguments if a not in _ARRAY_LIKE)
-        found.append(Numbers())
+        found.append(argument_kinds.Numbers())
     found += [kind_of(argument) for argument in arguments]
-    return found[0] if len(found) == 1 else Either(tuple(found))
+    return found[0] if len(found) == 1 else argument_kinds.Either(tuple(found))
 
 
-def _generic(origin: Any, arguments: tuple[Any, ...]) -> Kind:
+def _generic(origin: Any, arguments: tuple[Any, ...]) -> argument_kinds.Kind:
     if origin is np.ndarray:
-        return Numbers(dtype=_dtype(arguments), plain=True)
+        return argument_kinds.Numbers(dtype=_dtype(arguments), plain=True)
     if origin is tuple and not (len(arguments) == 2 and arguments[1] is Ellipsis):
-        return Several(tuple(map(kind_of, arguments)))
+        return argument_kinds.Several(tuple(map(kind_of, arguments)))
     if origin is Callable:
-        return Function(len(arguments[0]) if isinstance(arguments[0], list) else None)
+        return argument_kinds.Function(len(arguments[0]) if isinstance(arguments[0], list) else None)
     if not isinstance(origin, type):
-        return Kind()
+        return argument_kinds.Kind()
     if issubclass(origin, Mapping):
-        return Table(kind_of(arguments[0]), kind_of(arguments[1]))
+        return argument_kinds.Table(kind_of(arguments[0]), kind_of(arguments[1]))
     if issubclass(origin, Iterable) and origin in (tuple, list, set, frozenset, Sequence, Iterable):
-        return Items(origin, kind_of(arguments[0]))
+        return argument_kinds.Items(origin, kind_of(arguments[0]))
     return _filled(origin, arguments) if is_dataclass(origin) else _kind_of_class(origin)
 
 
-def _filled(cls: type, arguments: tuple[Any, ...]) -> Kind:
+def _filled(cls: type, arguments: tuple[Any, ...]) -> argument_kinds.Kind:
     """A generic dataclass, whose fields are what its parameters stand for."""
     meant = dict(zip(cls.__parameters__, arguments, strict=True))  # type: ignore[attr-defined]
     parts = [(name, kind_of(meant[hint])) for name, hint in _hints(cls).items() if hint in meant]
-    return Filled(cls, tuple(parts))
+    return argument_kinds.Filled(cls, tuple(parts))
 
 
 def _dtype(arguments: tuple[Any, ...]) -> type | None:
@@ -135,19 +122,19 @@ def _dtype(arguments: tuple[Any, ...]) -> type | None:
     return scalar[0] if scalar and isinstance(scalar[0], type) else None
 
 
-def _kind_of_class(cls: type) -> Kind:
+def _kind_of_class(cls: type) -> argument_kinds.Kind:
     if cls is np.ndarray:
-        return Numbers(plain=True)
+        return argument_kinds.Numbers(plain=True)
     if issubclass(cls, (float, int)) and cls in (float, int):
-        return Number() if cls is float else Whole()
+        return argument_kinds.Number() if cls is float else argument_kinds.Whole()
     if getattr(cls, "_is_protocol", False):
-        return ProtocolKind(cls, _methods(cls))
+        return argument_kinds.ProtocolKind(cls, _methods(cls))
     if issubclass(cls, Mapping):
-        return Table(Kind(), Kind())
+        return argument_kinds.Table(argument_kinds.Kind(), argument_kinds.Kind())
     if cls is Callable:
-        return Function()
+        return argument_kinds.Function()
     # The pose of Pinocchio, which whoever reads records or solves levels does without.
-    return Pose(cls) if hasattr(cls, "homogeneous") else Instance(cls)
+    return argument_kinds.Pose(cls) if hasattr(cls, "homogeneous") else argument_kinds.Instance(cls)
 
 
 def _methods(protocol: type) -> tuple[str, ...]:
@@ -232,14 +219,14 @@ class _Arguments:
         self._function, self._owner = function, owner
         constructor = owner is not None and function.__name__ == "__init__"
         self.title = owner.__name__ if constructor and owner else function.__qualname__
-        self._positional: tuple[tuple[str, Kind], ...] = ()
-        self._kinds: dict[str, Kind] | None = None
+        self._positional: tuple[tuple[str, argument_kinds.Kind], ...] = ()
+        self._kinds: dict[str, argument_kinds.Kind] | None = None
         self._names: frozenset[str] | None = None  # that may be given; any where there is **
         self._defaults: dict[str, Any] = {}
         self._converting: frozenset[str] = frozenset()
         self._shaped: frozenset[str] = frozenset()
 
-    def _of(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> list[tuple[str, Kind, Any]]:
+    def _of(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> list[tuple[str, argument_kinds.Kind, Any]]:
         """Name, kind and value of each argument that is given and annotated."""
         if self._kinds is None:
             self._read()
@@ -247,7 +234,7 @@ class _Arguments:
         kinds = self._kinds or {}
         return found + [(name, kinds[name], value) for name, value in kwargs.items() if name in kinds]
 
-    def check(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> list[tuple[str, Kind, Any]]:
+    def check(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> list[tuple[str, argument_kinds.Kind, Any]]:
         """The arguments, as `_of` gives them, if one of them has to be converted.
 
         Raises `InvalidInput` for a wrong one, and `ArgumentNotFound` for a name that none has.
@@ -264,7 +251,7 @@ class _Arguments:
             self._check_shapes(given)
         return given if converts else []
 
-    def _check_shapes(self, given: list[tuple[str, Kind, Any]]) -> None:
+    def _check_shapes(self, given: list[tuple[str, argument_kinds.Kind, Any]]) -> None:
         lengths: dict[str, Any] = {name: value for name, _, value in given}
         givers: dict[str, str] = {}
         for name, kind, value in given:
@@ -293,7 +280,7 @@ class _Arguments:
 
 
 _STARRED = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-_ANYTHING = Kind()
+_ANYTHING = argument_kinds.Kind()
 
 
 def _before(function: Any, owner: type | None) -> Any:
@@ -400,7 +387,7 @@ def parameters_of(function: Callable[..., Any]) -> tuple[str, str, dict[str, Any
 
 
 def _converted(
-    given: Iterable[tuple[str, Kind, Any]], args: tuple[Any, ...], kwargs: dict[str, Any], keeps: bool
+    given: Iterable[tuple[str, argument_kinds.Kind, Any]], args: tuple[Any, ...], kwargs: dict[str, Any], keeps: bool
 ) -> tuple[tuple[Any, ...], dict[str, Any]]:
     values = [(name, kind.kept(value) if keeps else kind.taken(value)) for name, kind, value in given]
     n_named = sum(name in kwargs for name, _ in values)
@@ -412,7 +399,7 @@ def _is_frozen(cls: type) -> bool:
     return bool(getattr(getattr(cls, "__dataclass_params__", None), "frozen", False))
 
 
-def _one_line(wrong: Violation) -> str:
+def _one_line(wrong: argument_kinds.Violation) -> str:
     return " ".join(str(wrong).split())
 
 

@@ -19,10 +19,8 @@ from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.scenario.scenario import Scenario, maker_of
-from uvms_ocp.sim.currents import Current, GustyCurrent, OnsetCurrent, StillWater, UniformCurrent
-from uvms_ocp.sim.seafloor import FlatSeafloor, HeightField
-from uvms_ocp.tasks.joints import JointTracking
-from uvms_ocp.tasks.task import Hierarchy, Task
+from uvms_ocp.sim import Current, FlatSeafloor, GustyCurrent, HeightField, OnsetCurrent, StillWater, UniformCurrent
+from uvms_ocp.tasks import Hierarchy, JointTracking, Task
 
 # Parameters of the current: uniform parts, heading and gusts.
 

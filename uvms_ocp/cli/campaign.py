@@ -19,6 +19,7 @@ from uvms_ocp.campaign.jobs import METRICS, metric_values
 from uvms_ocp.campaign.report import Bound, compare_campaigns, parse_bounds, report_of, table_with_success
 from uvms_ocp.campaign.store import FILE
 from uvms_ocp.campaign.variations import available_parameters
+from uvms_ocp.cli import printing
 from uvms_ocp.cli.options import (
     CurrentVelocity,
     Duration,
@@ -34,15 +35,6 @@ from uvms_ocp.cli.options import (
     folder,
     given,
     label,
-)
-from uvms_ocp.cli.printing import (
-    console_of,
-    print_json,
-    print_line,
-    print_paths,
-    require_accepted,
-    show_compilation,
-    table_of,
 )
 from uvms_ocp.cli.run import run_and_write
 from uvms_ocp.errors import InvalidInput, OutputError, plain_line
@@ -111,7 +103,7 @@ def campaign(
     \f
     Raises `InvalidInput` where options do not fit, and `OutputError` for a report that cannot be written.
     """
-    console, bounds = console_of(stderr=as_json), parse_bounds(success or ())
+    console, bounds = printing.console_of(stderr=as_json), parse_bounds(success or ())
     if (Path(what) / FILE).is_file():
         _look(Path(what), rerun, against, out, bounds, console, as_json)
         return
@@ -137,7 +129,7 @@ def campaign(
     _make(wanted, target, cluster, console)
     found = _write_report(target, bounds, console)
     if as_json:
-        print_json(found)
+        printing.print_json(found)
 
 
 def _make(wanted: Campaign, target: Path, cluster: dict[str, Any], console: Console) -> None:
@@ -163,32 +155,32 @@ def _look(
     else:
         found = _write_report(folder, bounds, console)
     if as_json:
-        print_json(found)
+        printing.print_json(found)
 
 
 def _repeat(folder: Path, run: int, out: Path, console: Console, as_json: bool) -> None:
     kept = kept_campaign(folder)
     scenario = kept.scenario_of(run)
     values = [{"parameter": name, "value": value} for name, value in kept.work.head(run).items()]
-    console.print(table_of(f"run {run}", values, ("parameter", "value")))
+    console.print(printing.table_of(f"run {run}", values, ("parameter", "value")))
     found = run_and_write(scenario, out, console)
     if as_json:
-        print_json(found)
+        printing.print_json(found)
 
 
 def _require_fit(wanted: Campaign, force: bool, console: Console) -> None:
-    with console.status("looking over the mission") as status, show_compilation(status.update):
+    with console.status("looking over the mission") as status, printing.show_compilation(status.update):
         preflight = wanted.work.base().check()
-    require_accepted(preflight, "the mission itself", console, force=force)
+    printing.require_accepted(preflight, "the mission itself", console, force=force)
 
 
 def _list_parameters(what: str, options: dict[str, Any], console: Console, as_json: bool) -> None:
     known = available_parameters(build_scenario(what, options)).values()
     rows = [{"parameter": p.name, "unit": p.unit, "meaning": p.meaning} for p in known]
     if as_json:
-        print_json(rows)
+        printing.print_json(rows)
     else:
-        console.print(table_of(f"what can be varied of {what}", rows, ("parameter", "unit", "meaning")))
+        console.print(printing.table_of(f"what can be varied of {what}", rows, ("parameter", "unit", "meaning")))
 
 
 @contextmanager
@@ -198,7 +190,7 @@ def _interruptible(folder: Path, console: Console) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         text = f"stopped; what is finished is in {folder}, and the same command goes on with the rest"
-        print_line(console, text, "yellow")
+        printing.print_line(console, text, "yellow")
         raise typer.Exit(_INTERRUPTED) from None
 
 
@@ -217,7 +209,7 @@ def _write_report(folder: Path, success: Sequence[Bound], console: Console) -> d
     except OSError as error:
         raise OutputError(f"{folder}: cannot write the report ({error.strerror})") from error
     _print_report(report, console)
-    print_paths(console, paths)
+    printing.print_paths(console, paths)
     return report
 
 
@@ -266,7 +258,7 @@ def _print_table(
 ) -> None:
     if rows:
         part = f" (the first {most} of {len(rows)}; report.html has all)" if len(rows) > most else ""
-        console.print(table_of(title + part, rows[:most], columns))
+        console.print(printing.table_of(title + part, rows[:most], columns))
 
 
 def _print_comparison(found: dict[str, Any], console: Console) -> None:

@@ -11,18 +11,13 @@ import typer
 from uvms_ocp.cli.options import NOT_COMPLETED, Json, folder
 from uvms_ocp.cli.printing import console_of, print_json, print_line, print_paths, show_compilation, table_of
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification import ExperimentLimits, Noise, Rollout, check_data_quality, stage_of, write_recording
 from uvms_ocp.identification.calibration import Calibration, calibrate
-from uvms_ocp.identification.data_quality import check_data_quality
-from uvms_ocp.identification.experiment import ExperimentLimits
 from uvms_ocp.identification.experiment_design import DesignSettings, DesignStatus, ExperimentTask, design_experiment
-from uvms_ocp.identification.model import stage_of
-from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.reading import read_mapping, read_recording
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, split_at_gaps
 from uvms_ocp.identification.results import excitation_text, report_text, require_coefficients, variant_text, whole_text
-from uvms_ocp.identification.rollout import Rollout
 from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, calibrated_robot, read_settings
-from uvms_ocp.identification.tables import write_recording
 from uvms_ocp.record.output import claim_folder
 from uvms_ocp.robot.thrusters import thrust_limits
 

@@ -19,9 +19,7 @@ from uvms_ocp.scenario.cases import SCENARIOS
 from uvms_ocp.scenario.own_code import load_scenario, own_code
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.own_parts import PLANTS
-from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
-from uvms_ocp.solvers.hierarchy.icat import Icat
+from uvms_ocp.solvers import Icat, LexicographicActiveSet, LexicographicQp
 
 # Options that several commands share, written once as fields of a dataclass.
 

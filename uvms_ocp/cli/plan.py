@@ -12,37 +12,18 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from uvms_ocp.cli.options import (
-    NOT_COMPLETED,
-    CurrentVelocity,
-    Hydrodynamics,
-    Json,
-    Name,
-    Noise,
-    Out,
-    PlantName,
-    RobotName,
-    Seabed,
-    build_scenario,
-    default_folder,
-    defaults_of,
-    expand_options,
-    given,
-    label,
-)
+from uvms_ocp.cli import options as opt
 from uvms_ocp.cli.printing import console_of, print_json, print_paths, table_of
 from uvms_ocp.cli.run import draw_all
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.mission_plan.plan import MissionPlan
 from uvms_ocp.mission_plan.planner import OPTIONS, plan_mission
-from uvms_ocp.ocp.plan import OcpStatus
-from uvms_ocp.ocp.request import OcpRequest, solve_ocp
+from uvms_ocp.ocp import OcpRequest, OcpStatus, solve_ocp
 from uvms_ocp.planning.request import AXES, Goal, PlanRequest, PostureGoal, ToolGoal, Triple, plan_path
 from uvms_ocp.record.output import claim_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.planned_motion import motion_record, ocp_record, ocp_report, plan_report
-from uvms_ocp.robot.loading import load_robot
-from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot import Robot, load_robot
 from uvms_ocp.robot.shapes.obstacles import Obstacle, parse_obstacle, read_obstacles
 from uvms_ocp.solvers.nlp.level_solver import IterationReport
 from uvms_ocp.solvers.nlp.options import PLUGINS, NlpOptions
@@ -67,7 +48,7 @@ class MotionOptions:
     box: Annotated[list[str] | None, typer.Option(metavar="X,Y,Z,LX,LY,LZ", help="Obstacle; repeatable.")] = None
     obstacles: Annotated[Path | None, typer.Option(metavar="YAML", help="File of obstacles.")] = None
     robot: Annotated[str, typer.Option(help="Robot, see `uvms-ocp list`.")] = "girona_maris7_full"
-    clearance: _Clearance = defaults_of(PlanRequest)["clearance"]
+    clearance: _Clearance = opt.defaults_of(PlanRequest)["clearance"]
 
     def asked(self) -> dict[str, Any]:
         """The fields that requests of all methods have.
@@ -87,7 +68,7 @@ class MotionOptions:
 
     def _check_vehicle(self, robot: Robot) -> None:
         poses = {"to": self.to, "to-rpy": self.to_rpy, "position": self.position, "rpy": self.rpy}
-        for name in given(**poses):
+        for name in opt.given(**poses):
             if not robot.n_vehicle:
                 raise InvalidInput(
                     f"--{name}: {robot.name} has no free vehicle pose; give --joint NAME=Q with any of "
@@ -184,7 +165,7 @@ def make_and_write_plan(make: Callable[[Progress], PlanOutput], out: Path, as_js
     if as_json:
         print_json(made.report)
     if not made.good:
-        raise typer.Exit(NOT_COMPLETED)
+        raise typer.Exit(opt.NOT_COMPLETED)
 
 
 def _print_plan(console: Console, made: PlanOutput, paths: list[Path]) -> None:
@@ -216,31 +197,35 @@ _COLUMNS = ("name", "begin_s", "end_s")
 
 
 def mission(
-    name: Name,
-    robot: RobotName = None,
-    hydrodynamics: Hydrodynamics = None,
-    plant: PlantName = None,
-    current: CurrentVelocity = None,
-    seabed: Seabed = None,
-    noise: Noise = None,
+    name: opt.Name,
+    robot: opt.RobotName = None,
+    hydrodynamics: opt.Hydrodynamics = None,
+    plant: opt.PlantName = None,
+    current: opt.CurrentVelocity = None,
+    seabed: opt.Seabed = None,
+    noise: opt.Noise = None,
     within: Annotated[
         float | None, typer.Option(metavar="S", help="Longest duration [s]; default: that of the greedy mission.")
     ] = None,
     step: Annotated[float, typer.Option(metavar="S", help="Step of the horizon [s].")] = 1.0,
     time_limit: Annotated[float, typer.Option(metavar="S", help="Time limit of each solve [s].")] = OPTIONS.time_limit,
     nlp: Annotated[str, typer.Option(help=f"Solver: {' or '.join(PLUGINS)}.")] = OPTIONS.plugin,
-    out: Out = None,
-    as_json: Json = False,
+    out: opt.Out = None,
+    as_json: opt.Json = False,
 ) -> None:
     """A whole mission as one problem of least energy.
 
     Current, obstacles, floor and all limits included; `run SCENARIO --follow DIR/plan.npz` flies it, with the same options.
     """
     console = console_of(stderr=as_json)
-    options = given(robot=robot, hydrodynamics=hydrodynamics, plant=plant, current=current, seabed=seabed, noise=noise)
-    scenario = build_scenario(name, options)
+    options = opt.given(
+        robot=robot, hydrodynamics=hydrodynamics, plant=plant, current=current, seabed=seabed, noise=noise
+    )
+    scenario = opt.build_scenario(name, options)
     solver = _options(nlp, time_limit)
-    with claim_folder(out or default_folder(("plan", "mission", label(name)), options), _MISSION_FILES) as claim:
+    with claim_folder(
+        out or opt.default_folder(("plan", "mission", opt.label(name)), options), _MISSION_FILES
+    ) as claim:
         with console.status(f"planning {name}"):
             found = plan_mission(scenario, duration=within, step=step, options=solver)
         with claim.staged() as staging:
@@ -250,7 +235,7 @@ def mission(
     if as_json:
         print_json(found.summary())
     if not found.solved:
-        raise typer.Exit(NOT_COMPLETED)
+        raise typer.Exit(opt.NOT_COMPLETED)
 
 
 def _options(plugin: str, time_limit: float) -> NlpOptions:
@@ -287,8 +272,8 @@ def _print(console: Console, found: MissionPlan, paths: list[Path]) -> None:
 # ``plan curve`` and ``plan ocp``: a motion among obstacles, by a smooth curve or by optimal control.
 
 _PERIOD = 0.02  # [s] between rows of plan.csv
-_CURVE, _OCP = defaults_of(PlanRequest), defaults_of(OcpRequest)
-_MOTION = defaults_of(MotionOptions)
+_CURVE, _OCP = opt.defaults_of(PlanRequest), opt.defaults_of(OcpRequest)
+_MOTION = opt.defaults_of(MotionOptions)
 _Axes = Annotated[str, typer.Option(help=f"Planned axes, of {', '.join(AXES)}; level: no roll, no pitch.")]
 
 
@@ -296,8 +281,8 @@ def curve(
     motion: MotionOptions,
     axes: _Axes = _CURVE["axes"],
     seed: Annotated[int, typer.Option(help="Seed of restarts and sampling.")] = _CURVE["seed"],
-    out: Out = None,
-    as_json: Json = False,
+    out: opt.Out = None,
+    as_json: opt.Json = False,
 ) -> None:
     """A smooth curve of the shapes alone, proven free of collision.
 
@@ -306,7 +291,7 @@ def curve(
     """
     request = PlanRequest(**motion.asked(), axes=axes, seed=seed)
     changed = _changed(_CURVE | _MOTION, robot=motion.robot, seed=seed)
-    make_and_write_plan(lambda _: _by_curve(request), out or default_folder(("plan", "curve"), changed), as_json)
+    make_and_write_plan(lambda _: _by_curve(request), out or opt.default_folder(("plan", "curve"), changed), as_json)
 
 
 def ocp(
@@ -317,8 +302,8 @@ def ocp(
     seabed: Annotated[float | None, typer.Option(metavar="Z", help="Height of a level floor [m].")] = None,
     time_limit: Annotated[float, typer.Option(metavar="S", help="Time limit of the solver [s].")] = _OCP["time_limit"],
     nlp: Annotated[str, typer.Option(help=f"Solver: {' or '.join(PLUGINS)}.")] = _OCP["plugin"],
-    out: Out = None,
-    as_json: Json = False,
+    out: opt.Out = None,
+    as_json: opt.Json = False,
 ) -> None:
     """Optimal control in water, within thrust and torque.
 
@@ -336,13 +321,13 @@ def ocp(
     )
     changed = _changed(_OCP | _MOTION, robot=motion.robot, current=current)
     make_and_write_plan(
-        lambda progress: _by_ocp(request, progress), out or default_folder(("plan", "ocp"), changed), as_json
+        lambda progress: _by_ocp(request, progress), out or opt.default_folder(("plan", "ocp"), changed), as_json
     )
 
 
 app = typer.Typer(help="Plan a motion among obstacles, or a whole mission.", no_args_is_help=True)
-app.command(name="curve")(expand_options(curve))
-app.command(name="ocp")(expand_options(ocp))
+app.command(name="curve")(opt.expand_options(curve))
+app.command(name="ocp")(opt.expand_options(ocp))
 app.command(name="mission")(mission)
 
 

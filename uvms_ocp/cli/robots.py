@@ -11,22 +11,12 @@ import pinocchio as pin
 import typer
 from rich.table import Table
 
-from uvms_ocp.cli.options import (
-    BAD_INPUT,
-    SCENARIO_HELP,
-    SOLVERS,
-    Hydrodynamics,
-    RobotName,
-    build_scenario,
-    folder,
-    given,
-)
+from uvms_ocp.cli import options as opt
 from uvms_ocp.cli.printing import cell, console_of, print_json, print_paths, show_compilation
 from uvms_ocp.errors import InvalidInput, OutputError, plain_line
 from uvms_ocp.export.controller import export_controller
+from uvms_ocp.robot import Robot, list_robots, robot_folder
 from uvms_ocp.robot.description import RobotDescription
-from uvms_ocp.robot.loading import list_robots, robot_folder
-from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.cases import SCENARIOS
 from uvms_ocp.scenario.own_code import robot_of
 from uvms_ocp.scenario.preflight.robot_check import RobotReport, check_robot_files
@@ -61,7 +51,7 @@ def check_robot(
     else:
         _print_robot(report)
     if not report.usable:
-        raise typer.Exit(BAD_INPUT)
+        raise typer.Exit(opt.BAD_INPUT)
 
 
 def schema() -> None:
@@ -96,7 +86,7 @@ def list_all(
         "scenarios": list(SCENARIOS),
         "robots": list(list_robots()),
         "plants": list(PLANTS),
-        "solvers": list(SOLVERS),
+        "solvers": list(opt.SOLVERS),
     }
     if as_json:
         print_json(known)
@@ -115,7 +105,7 @@ _BESIDE = 'uo.load_robot(urdf=ROBOT / "robot.urdf", hydrodynamics=ROBOT / "hydro
 
 def new_robot(
     out: Annotated[
-        Path, typer.Argument(metavar="DIR", parser=folder, help="Folder for robot.urdf and hydrodynamics.yaml.")
+        Path, typer.Argument(metavar="DIR", parser=opt.folder, help="Folder for robot.urdf and hydrodynamics.yaml.")
     ],
 ) -> None:
     """Write a robot to begin with: a box of a vehicle with an arm of three joints, with comments.
@@ -181,18 +171,18 @@ def _write(files: dict[Path, str]) -> None:
 
 
 def controller(
-    scenario: Annotated[str, typer.Argument(help=SCENARIO_HELP)],
-    out: Annotated[Path, typer.Argument(metavar="DIR", parser=folder, help="Folder for the sources.")],
+    scenario: Annotated[str, typer.Argument(help=opt.SCENARIO_HELP)],
+    out: Annotated[Path, typer.Argument(metavar="DIR", parser=opt.folder, help="Folder for the sources.")],
     plant: Annotated[
         str | None,
         typer.Option(help="dynamic: with thrust and torque; kinematic: velocities alone; default: the scenario's."),
     ] = None,
-    robot: RobotName = None,
-    hydrodynamics: Hydrodynamics = None,
+    robot: opt.RobotName = None,
+    hydrodynamics: opt.Hydrodynamics = None,
 ) -> None:
     """Write the whole controller as C source that needs libm only, with a recorded run to compare with."""
-    options = given(plant=plant, robot=robot, hydrodynamics=hydrodynamics)
+    options = opt.given(plant=plant, robot=robot, hydrodynamics=hydrodynamics)
     console = console_of()
     with console.status("running the scenario once") as status, show_compilation(status.update):
-        paths = export_controller(build_scenario(scenario, options), out)
+        paths = export_controller(opt.build_scenario(scenario, options), out)
     print_paths(console, paths)

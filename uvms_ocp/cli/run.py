@@ -24,36 +24,8 @@ from rich.progress import Progress as ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from uvms_ocp.cli.options import (
-    NOT_COMPLETED,
-    CurrentVelocity,
-    Duration,
-    Faults,
-    Hydrodynamics,
-    Json,
-    Name,
-    Noise,
-    Out,
-    PlantName,
-    RobotName,
-    Seabed,
-    Seed,
-    SolverName,
-    build_scenario,
-    default_folder,
-    given,
-    label,
-    solver_name,
-)
-from uvms_ocp.cli.printing import (
-    cell,
-    console_of,
-    print_json,
-    print_paths,
-    require_accepted,
-    show_compilation,
-    table_of,
-)
+from uvms_ocp.cli import options as opt
+from uvms_ocp.cli import printing
 from uvms_ocp.errors import OutputError, plain_line
 from uvms_ocp.mission_plan.plan import MissionPlan
 from uvms_ocp.record.output import claim_folder
@@ -145,24 +117,24 @@ _PROGRESS_EVERY = 40  # ticks between two updates of the progress bar
 
 
 def run(
-    name: Name = "case1",
-    robot: RobotName = None,
-    hydrodynamics: Hydrodynamics = None,
-    plant: PlantName = None,
-    solver: SolverName = None,
-    current: CurrentVelocity = None,
-    seabed: Seabed = None,
-    seed: Seed = None,
-    noise: Noise = None,
-    duration: Duration = None,
-    fault: Faults = None,
+    name: opt.Name = "case1",
+    robot: opt.RobotName = None,
+    hydrodynamics: opt.Hydrodynamics = None,
+    plant: opt.PlantName = None,
+    solver: opt.SolverName = None,
+    current: opt.CurrentVelocity = None,
+    seabed: opt.Seabed = None,
+    seed: opt.Seed = None,
+    noise: opt.Noise = None,
+    duration: opt.Duration = None,
+    fault: opt.Faults = None,
     follow: Follow = None,
-    out: Out = None,
+    out: opt.Out = None,
     force: Annotated[bool, typer.Option("--force", help="Run even if pre-flight finds errors.")] = False,
     live: Annotated[
         bool, typer.Option("--live", help="Show it in the browser meanwhile, no faster than the clock.")
     ] = False,
-    as_json: Json = False,
+    as_json: opt.Json = False,
 ) -> None:
     """Run a scenario; write its record, report, figures and 3-D scene.
 
@@ -171,19 +143,26 @@ def run(
     \f
     Raises `InvalidInput` for what pre-flight refuses, unless forced, and for --follow with another mission's plan.
     """
-    console = console_of(stderr=as_json)
-    options = given(robot=robot, hydrodynamics=hydrodynamics, plant=plant, current=current, seabed=seabed)
-    options |= given(noise=noise, seed=seed, duration=duration)
+    console = printing.console_of(stderr=as_json)
+    options = opt.given(robot=robot, hydrodynamics=hydrodynamics, plant=plant, current=current, seabed=seabed)
+    options |= opt.given(noise=noise, seed=seed, duration=duration)
     options |= {"faults": parse_faults(fault)} if fault else {}
-    scenario = build_scenario(name, options, solver)
+    scenario = opt.build_scenario(name, options, solver)
     plan = None if follow is None else _plan_of(scenario, follow)
-    parts = (label(name), plant_name(scenario.plant), solver_name(scenario.solver), *(("followed",) if plan else ()))
+    parts = (
+        opt.label(name),
+        plant_name(scenario.plant),
+        opt.solver_name(scenario.solver),
+        *(("followed",) if plan else ()),
+    )
     others = {key: value for key, value in options.items() if key != "plant"}
-    report = run_and_write(scenario, out or default_folder(parts, others), console, force=force, plan=plan, live=live)
+    report = run_and_write(
+        scenario, out or opt.default_folder(parts, others), console, force=force, plan=plan, live=live
+    )
     if as_json:
-        print_json(report)
+        printing.print_json(report)
     if not report["completed"]:
-        raise typer.Exit(NOT_COMPLETED)
+        raise typer.Exit(opt.NOT_COMPLETED)
 
 
 def run_and_write(
@@ -203,7 +182,7 @@ def run_and_write(
     """
     with claim_folder(out, _files()) as claim:
         preflight = scenario.check()
-        require_accepted(preflight, scenario.name, console, force=force)
+        printing.require_accepted(preflight, scenario.name, console, force=force)
         with _watched(scenario, console) if live else nullcontext() as observer:
             record = _simulate(scenario, plan, console, observer)
         with claim.staged() as staging:
@@ -245,7 +224,7 @@ def _simulate(scenario: Scenario, plan: MissionPlan | None, console: Console, ob
     """Run with a progress bar that names the phase and what it waits for; what is compiled before."""
     with _bar(console) as bar:
         task = bar.add_task("", total=scenario.duration, waiting="")
-        with show_compilation(lambda text: bar.update(task, description=text)):
+        with printing.show_compilation(lambda text: bar.update(task, description=text)):
             controller = scenario.controller() if plan is None else plan.controller(scenario)
 
             def show(t: float, command: Command) -> None:
@@ -301,7 +280,7 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
         table.add_column(column, no_wrap=True, justify="left" if column == "phase" else "right")
     for phase in report["phases"]:
         times = (f"{phase['start_s']:.2f}", f"{phase['end_s']:.2f}")
-        energy = cell(phase["energy_j"])
+        energy = printing.cell(phase["energy_j"])
         table.add_row(_title(phase["name"], phase["title"]), *times, energy, f"{phase['path_length_m']:.2f}")
     console.print(table)
     for phase in report["phases"]:
@@ -310,17 +289,17 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     if carried := format_load(report["load"]):
         console.print(carried)
     resources = _transposed(report["resources"])
-    console.print(table_of("resources", resources, tuple(resources[0])))
+    console.print(printing.table_of("resources", resources, tuple(resources[0])))
     times = report["controller_us"]
     whole = f", whole controller {times['p50']:.0f} us" if times else ""
     verdict = "complete" if report["completed"] else plain_line(f"not completed: {report['pending']}")
     console.print(
         f"mission {verdict}; simulated {report['simulated_s']:.1f} s in {report['wall_s']:.1f} s, "
-        f"tick p50 {report['tick_us']['p50']:.0f} us{whole}, largest tilt {cell(report['largest_tilt_rad'])} rad"
+        f"tick p50 {report['tick_us']['p50']:.0f} us{whole}, largest tilt {printing.cell(report['largest_tilt_rad'])} rad"
     )
     if not report["completed"] or report["ended_too_early"]:
         console.print(plain_line(f"cause: {report['cause']['kind']}: {report['cause']['text']}"))
-    print_paths(console, paths)
+    printing.print_paths(console, paths)
 
 
 def _print_end(console: Console, phase: dict[str, Any]) -> None:
@@ -358,9 +337,9 @@ def _active_errors(phase: dict[str, Any]) -> Iterator[str]:
         task, _, quantity = name.rpartition(".")
         if task in phase["tasks"] and "error" in quantity:
             allowed = phase["sensors_allow"].get(name)
-            true = cell(phase["true_errors"].get(name))
+            true = printing.cell(phase["true_errors"].get(name))
             beside = "" if allowed is None else f", true {true}, sensors allow {allowed:.2g}"
-            yield f"{name} {cell(value)}{beside}"
+            yield f"{name} {printing.cell(value)}{beside}"
 
 
 def _transposed(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -33,8 +33,7 @@ from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record.output import recover_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.comparison import compare
-from uvms_ocp.robot.loading import list_robots
-from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot import Robot, list_robots
 from uvms_ocp.scenario.cases import SCENARIOS
 from uvms_ocp.scenario.own_code import own_code, robot_of
 from uvms_ocp.scenario.scenario import Scenario

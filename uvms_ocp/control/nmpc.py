@@ -9,26 +9,14 @@ from time import perf_counter
 import numpy as np
 
 from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
+from uvms_ocp.control import solve_workers
 from uvms_ocp.control.force.computed_torque import ComputedTorque, TrackingGains
 from uvms_ocp.control.force.dynamic import VelocityGains, observer_of
-from uvms_ocp.control.solve_workers import (
-    HOLD,
-    ProcessWorker,
-    ReplanningJob,
-    ReplanningRequest,
-    SynchronousWorker,
-    TimedPlan,
-    WorkerStatus,
-    start_worker,
-)
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.fallbacks import LastValidEstimate
-from uvms_ocp.ocp.problem import HessianKind, OcpProblem
-from uvms_ocp.ocp.trajectory import hold_guess
+from uvms_ocp.ocp import HessianKind, OcpProblem, hold_guess
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
-from uvms_ocp.robot.dynamics import robot_dynamics
-from uvms_ocp.robot.hydrodynamics import Water
-from uvms_ocp.robot.signals import Command, State, StateEstimate
+from uvms_ocp.robot import Command, State, StateEstimate, Water, robot_dynamics
 from uvms_ocp.solvers.nlp.options import SqpOptions
 
 _state = unchecked_constructor(State)
@@ -81,7 +69,7 @@ class Nmpc(TableDisplay):
         gains: TrackingGains | None = None,
         observer: VelocityGains | None = None,
         clock: Callable[[], float] = perf_counter,
-        worker: SynchronousWorker | ProcessWorker | None = None,
+        worker: solve_workers.SynchronousWorker | solve_workers.ProcessWorker | None = None,
     ) -> None:
         """problem: fixed durations; the measured state replaces its start, its Hessian is that of Gauss and Newton.
 
@@ -99,16 +87,16 @@ class Nmpc(TableDisplay):
             )
         self._robot, self.period = problem.robot, period
         self._problem = replace(problem, hessian=HessianKind.GAUSS_NEWTON)
-        self._worker = start_worker(
-            worker or SynchronousWorker(),
-            ReplanningJob(problem=self._problem, period=period, options=options, clock=clock),
+        self._worker = solve_workers.start_worker(
+            worker or solve_workers.SynchronousWorker(),
+            solve_workers.ReplanningJob(problem=self._problem, period=period, options=options, clock=clock),
         )
         robot, dynamics = problem.robot, robot_dynamics(problem.robot)
         self._observer = observer_of(robot, dynamics, observer or VelocityGains(), dt, problem.current)
         self._sound = LastValidEstimate(robot)
         self._law = ComputedTorque(robot, dynamics, dt=dt, gains=gains, water=Water(velocity=problem.current))
-        self._now: TimedPlan | None = None
-        self._coming: TimedPlan | None = None
+        self._now: solve_workers.TimedPlan | None = None
+        self._coming: solve_workers.TimedPlan | None = None
         self._takes_over = np.inf
         """[s] when the coming plan does."""
         self._asked: float | None = None
@@ -142,7 +130,7 @@ class Nmpc(TableDisplay):
         )
 
     @property
-    def worker_status(self) -> WorkerStatus:
+    def worker_status(self) -> solve_workers.WorkerStatus:
         """Plans are still being made."""
         return self._worker.status
 
@@ -174,10 +162,12 @@ class Nmpc(TableDisplay):
         self._plan_ahead(state, t, now.begin)
         return command
 
-    def _followed(self, state: State, t: float) -> TimedPlan:
+    def _followed(self, state: State, t: float) -> solve_workers.TimedPlan:
         """The plan for this tick."""
         if self._now is None:
-            self._now = TimedPlan(number=HOLD, trajectory=hold_guess(self._problem, state), begin=t)
+            self._now = solve_workers.TimedPlan(
+                number=solve_workers.HOLD, trajectory=hold_guess(self._problem, state), begin=t
+            )
             self._plan_ahead(state, t, t + self._worker.lead)
         self._collect(t)
         if self._coming is not None and t >= self._takes_over - _ROUNDING:
@@ -189,7 +179,9 @@ class Nmpc(TableDisplay):
         if self._now is None or self._asked is not None or t < self._next - _ROUNDING:
             return
         self._asked, delay = t, self._worker.delay
-        self._worker.ask(ReplanningRequest(state=state, t=t, in_use=self._now.number, begin=begin, delay=delay))
+        self._worker.ask(
+            solve_workers.ReplanningRequest(state=state, t=t, in_use=self._now.number, begin=begin, delay=delay)
+        )
         self._collect(t)
 
     def _collect(self, t: float) -> None:

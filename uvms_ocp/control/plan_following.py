@@ -17,10 +17,9 @@ from uvms_ocp.estimation.degraded_modes import describe_channels
 from uvms_ocp.estimation.fallbacks import LastValidEstimate
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.ocp.trajectory import Trajectory
+from uvms_ocp.robot import Command, Robot, State, StateEstimate
 from uvms_ocp.robot.dynamics import Dynamics
 from uvms_ocp.robot.hydrodynamics import STILL_WATER, Water
-from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import Command, State, StateEstimate
 from uvms_ocp.types import Magnitude, Positive
 
 # Carrying out a plan: blind, to see how well the model fits, or with feedback.

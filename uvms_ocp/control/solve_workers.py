@@ -25,9 +25,7 @@ from uvms_ocp.ocp.stagewise.program import program_for, quickest
 from uvms_ocp.ocp.trajectory import Trajectory, hold_guess, shift_guess
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.signals import State
-from uvms_ocp.solvers.nlp.options import SqpOptions
-from uvms_ocp.solvers.nlp.program import NlpStatus
-from uvms_ocp.solvers.nlp.real_time_sqp import RealTimeSqp, SqpResult
+from uvms_ocp.solvers import NlpStatus, RealTimeSqp, SqpOptions, SqpResult
 from uvms_ocp.types import Positive
 
 # When a plan that is asked for now will be there, judged by the solves before.

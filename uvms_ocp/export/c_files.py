@@ -12,8 +12,7 @@ from typing import Any
 
 from uvms_ocp.codegen.kernel_layout import Layout, structure_of
 from uvms_ocp.codegen.kernels import CLibrary, c_library
-from uvms_ocp.control.force.dynamic import DynamicController
-from uvms_ocp.control.velocity.kinematic import KinematicController
+from uvms_ocp.control import DynamicController, KinematicController
 from uvms_ocp.control.velocity.tick import velocity_controller
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.export.running import interface_types

@@ -8,31 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from uvms_ocp.checks import checked
-from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.control.velocity.levels import build_levels
+from uvms_ocp.control import KinematicController, build_levels
 from uvms_ocp.control.velocity.viability import without_c_form
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.degraded_modes import CHANNELS
-from uvms_ocp.export.c_files import (
-    TEMPLATES,
-    ControllerNames,
-    controller_library,
-    controller_memory,
-    header,
-    initial,
-    interface_sizes,
-    kernel_of,
-    solver_file,
-    source,
-    table,
-    template,
-)
+from uvms_ocp.export import c_files
 from uvms_ocp.export.running import CController, RecordingController, interface_types
 from uvms_ocp.record.output import claim_folder
 from uvms_ocp.robot.shapes.gjk import ROUNDS
 from uvms_ocp.scenario.scenario import Scenario, our_controller
-from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.solution import Status
+from uvms_ocp.solvers import LexicographicActiveSet, Status
 from uvms_ocp.solvers.hierarchy.tolerances import iteration_budget
 from uvms_ocp.version import __version__
 
@@ -44,7 +29,7 @@ FILES = (
     "solver.c",
     "recorded.bin",
     "README.md",
-    *TEMPLATES,
+    *c_files.TEMPLATES,
 )
 """Files that `export_controller` writes."""
 
@@ -75,7 +60,9 @@ def exported_controller(folder: Path) -> Callable[[Scenario], CController]:
 
     def exported(scenario: Scenario) -> CController:
         kinematic = scenario.kinematic_controller()
-        return CController(folder, interface_sizes(kinematic, _n_thrusters(scenario)), forces=scenario.takes_forces)
+        return CController(
+            folder, c_files.interface_sizes(kinematic, _n_thrusters(scenario)), forces=scenario.takes_forces
+        )
 
     return exported
 
@@ -92,11 +79,11 @@ def _texts(scenario: Scenario) -> tuple[dict[str, str], bytes]:
     """Return the text of each file, and the recorded run."""
     controller = our_controller(scenario)
     kinematic = controller.kinematic
-    sizes = interface_sizes(kinematic, _n_thrusters(scenario))
-    memory, names, run = controller_memory(controller), _names(scenario, kinematic), _recorded(scenario, sizes)
-    library = controller_library(memory, sizes)
+    sizes = c_files.interface_sizes(kinematic, _n_thrusters(scenario))
+    memory, names, run = c_files.controller_memory(controller), _names(scenario, kinematic), _recorded(scenario, sizes)
+    library = c_files.controller_library(memory, sizes)
     rows = sum(kinematic.problem.sizes)
-    readme = template("README.md").format(
+    readme = c_files.template("README.md").format(
         scenario=scenario.name,
         robot=scenario.robot.name,
         version=__version__,
@@ -105,18 +92,18 @@ def _texts(scenario: Scenario) -> tuple[dict[str, str], bytes]:
         period=scenario.dt,
         bound=f"{iteration_budget(rows).most_of_all} iterations of the solver, {ROUNDS} rounds for every distance, "
         "whatever the numbers",
-        channels=table(names.channels),
-        phases=table(names.phases),
+        channels=c_files.table(names.channels),
+        phases=c_files.table(names.phases),
     )
     made = {
-        "controller.h": header(library, names, type(memory).__name__),
-        "controller.c": source(library, names, kernel_of(memory).__name__),
-        "initial.c": initial(library),
+        "controller.h": c_files.header(library, names, type(memory).__name__),
+        "controller.c": c_files.source(library, names, c_files.kernel_of(memory).__name__),
+        "initial.c": c_files.initial(library),
         "functions.c": library.functions,
-        "solver.c": solver_file(kinematic),
+        "solver.c": c_files.solver_file(kinematic),
         "README.md": readme,
     }
-    return made | {name: template(name) for name in TEMPLATES}, run.recorded
+    return made | {name: c_files.template(name) for name in c_files.TEMPLATES}, run.recorded
 
 
 def _recorded(scenario: Scenario, sizes: dict[str, int]) -> _Run:
@@ -127,8 +114,8 @@ def _recorded(scenario: Scenario, sizes: dict[str, int]) -> _Run:
     return _Run(recorded=recording.as_bytes(), n_ticks=len(recording.ticks))
 
 
-def _names(scenario: Scenario, controller: KinematicController) -> ControllerNames:
-    return ControllerNames(
+def _names(scenario: Scenario, controller: KinematicController) -> c_files.ControllerNames:
+    return c_files.ControllerNames(
         phases=tuple(phase.name for phase in scenario.mission.all_phases),
         statuses=tuple(status.name for status in Status),
         quantities=tuple(controller.problem.quantity_names),

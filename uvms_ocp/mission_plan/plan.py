@@ -16,9 +16,8 @@ from uvms_ocp.control.plan_following import FollowingTuning, PlanGuide, PlannedP
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model_errors import printable
-from uvms_ocp.ocp.plan import OcpStatus, Plan
+from uvms_ocp.ocp import OcpStatus, Plan, Trajectory
 from uvms_ocp.ocp.plan_file import Arrays, from_arrays, trajectory_arrays, write_arrays
-from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.robot import Robot

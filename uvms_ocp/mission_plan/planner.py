@@ -11,6 +11,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.control.plan_following import PlannedPhase
+from uvms_ocp.mission_plan import surroundings
 from uvms_ocp.mission_plan.plan import MissionPlan, mission_digests
 from uvms_ocp.mission_plan.segments import (
     GreedyRollout,
@@ -22,22 +23,8 @@ from uvms_ocp.mission_plan.segments import (
     greedy_rollout,
     horizon_segments,
 )
-from uvms_ocp.mission_plan.surroundings import (
-    certify_along,
-    clearance,
-    floor_along,
-    floor_terms,
-    link_pairs,
-    near_links,
-    obstacle_pairs,
-    violated_links,
-)
 from uvms_ocp.mission_plan.terms import MissionTerms, MissionWeights, mission_levels, mission_terms
-from uvms_ocp.ocp.clearance import ShapeClearance
-from uvms_ocp.ocp.plan import OcpStatus, Plan
-from uvms_ocp.ocp.planner import Planner
-from uvms_ocp.ocp.problem import OcpProblem
-from uvms_ocp.ocp.trajectory import Trajectory, guess_through
+from uvms_ocp.ocp import OcpProblem, OcpStatus, Plan, Planner, ShapeClearance, Trajectory, guess_through
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.robot.signals import State
@@ -82,7 +69,7 @@ class MissionProblem:
     def keeping(self, links: Mask) -> MissionProblem:
         """With a constraint on pairs of links (n_pairs,) too."""
         assert self.shapes is not None
-        constraints = (*self.problem.constraints, link_pairs(self.shapes, links))
+        constraints = (*self.problem.constraints, surroundings.link_pairs(self.shapes, links))
         return replace(self, problem=replace(self.problem, constraints=constraints))
 
     def at(self, weights: MissionWeights, way: Trajectory, longest: float) -> OcpProblem:
@@ -101,9 +88,9 @@ def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> Mis
     _stated(scenario, foretold_way(scenario), margins, step)  # or it is refused before anything is compiled
     way = greedy_rollout(scenario)
     segments, terms, problem = _stated(scenario, way, margins, step)
-    shapes = clearance(scenario, margins)
+    shapes = surroundings.clearance(scenario, margins)
     if shapes is not None and scenario.environment.obstacles:
-        problem = replace(problem, constraints=(*problem.constraints, obstacle_pairs(shapes)))
+        problem = replace(problem, constraints=(*problem.constraints, surroundings.obstacle_pairs(shapes)))
     return MissionProblem(
         problem=problem,
         segments=tuple(segments),
@@ -127,8 +114,8 @@ def _stated(
 def _problem(
     scenario: Scenario, way: GreedyRollout, segments: Sequence[HorizonSegment], terms: MissionTerms, margins: Margins
 ) -> OcpProblem:
-    robot, floor = scenario.robot, floor_along(scenario, way)
-    above = floor_terms(scenario, segments, floor, margins)
+    robot, floor = scenario.robot, surroundings.floor_along(scenario, way)
+    above = surroundings.floor_terms(scenario, segments, floor, margins)
     return OcpProblem(
         robot=robot,
         start=State(q=np.array(scenario.start), v=np.zeros(robot.n_v)),
@@ -185,7 +172,7 @@ def plan_mission(
     longest = duration or posed.greedy_duration
     search = _Search(posed, options or OPTIONS)
     plan = search.found(longest)
-    proof = None if posed.shapes is None else certify_along(posed.shapes, plan.trajectory)
+    proof = None if posed.shapes is None else surroundings.certify_along(posed.shapes, plan.trajectory)
     status, reason = _verdict(plan, proof, longest)
     phases = _phases(scenario, posed.segments, plan.trajectory.t[posed.problem.starts_of_phases()])
     return MissionPlan(
@@ -269,10 +256,10 @@ class _Search:
         kept: Mask = np.zeros(shapes.scene.n_pairs, dtype=bool)
         options = replace(self._options, time_limit=min(self._options.time_limit, _PATIENCE))
         for _ in range(_ROUNDS):
-            missed = violated_links(shapes, plan.trajectory)
+            missed = surroundings.violated_links(shapes, plan.trajectory)
             if not (missed & ~kept).any():
                 break
-            kept |= near_links(shapes, plan.trajectory)
+            kept |= surroundings.near_links(shapes, plan.trajectory)
             posed = self._posed.keeping(kept)
             problem = posed.at(MissionWeights(), plan.trajectory, limit)
             shared = Transcription(problem, plugin=options.plugin, like=self._hasty.transcription)

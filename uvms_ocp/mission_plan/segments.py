@@ -12,18 +12,14 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.control.velocity.levels import build_levels
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.mission.mission import Mission
-from uvms_ocp.mission.phase import Phase, Transition
+from uvms_ocp.mission import Mission, Phase, Transition
 from uvms_ocp.ocp.problem import OcpPhase
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot.signals import IDEAL_SENSORS
 from uvms_ocp.scenario.preflight.setup import forecast, main_path
 from uvms_ocp.scenario.scenario import Scenario, our_controller
-from uvms_ocp.tasks.altitude import MinimumAltitude
+from uvms_ocp.tasks import Clearance, JointLimits, MinimumAltitude, UnderActuation
 from uvms_ocp.tasks.attitude import AngleTask
-from uvms_ocp.tasks.clearance import Clearance
-from uvms_ocp.tasks.joints import JointLimits
-from uvms_ocp.tasks.pose import UnderActuation
 from uvms_ocp.tasks.task import EndingReference, Task, TaskClass
 from uvms_ocp.types import Magnitude
 

@@ -12,17 +12,15 @@ import pinocchio as pin
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission_plan.segments import GreedyRollout, HorizonSegment, Margins, active_tasks
-from uvms_ocp.ocp.clearance import ShapeClearance
+from uvms_ocp.ocp import ShapeClearance, Trajectory
 from uvms_ocp.ocp.clearance_certificate import SteppedMotion, certificate, shortfall
 from uvms_ocp.ocp.terms import At, StageSymbols, Term
-from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.planning.scene import CollisionScene, collision_scene, coordinates
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.dynamic_step import skid_points
-from uvms_ocp.tasks.altitude import MinimumAltitude
-from uvms_ocp.tasks.clearance import Clearance
+from uvms_ocp.tasks import Clearance, MinimumAltitude
 from uvms_ocp.tasks.task import Residual, bounded_residual
 from uvms_ocp.types import Mask
 

@@ -11,8 +11,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.mission.mission import Mission
-from uvms_ocp.mission.phase import Below, Condition, Phase
+from uvms_ocp.mission import Below, Condition, Mission, Phase
 from uvms_ocp.mission_plan.segments import (
     HorizonSegment,
     Margins,
@@ -26,9 +25,8 @@ from uvms_ocp.mission_plan.segments import (
 from uvms_ocp.ocp.problem import OcpLevel
 from uvms_ocp.ocp.terms import At, Duration, Effort, Energy, Smoothness, StageSymbols, TaskRows, TaskTerm, Term
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.tasks.altitude import LandingAltitude, MinimumAltitude
+from uvms_ocp.tasks import JointTracking, LandingAltitude, MinimumAltitude
 from uvms_ocp.tasks.attitude import AngleTask
-from uvms_ocp.tasks.joints import JointTracking
 from uvms_ocp.tasks.pose import NullVelocity, PoseTask, ToolPosition
 from uvms_ocp.tasks.task import Residual, Task, TaskClass, bounded_residual, zero_residual
 from uvms_ocp.types import Bound

@@ -12,19 +12,7 @@ import pinocchio as pin
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import AdvisedStatus, InvalidInput
 from uvms_ocp.model_errors import printable
-from uvms_ocp.ocp.plan_file import (
-    LevelValues,
-    PlanValues,
-    clearance_values,
-    read_plan,
-    result_arrays,
-    solver_values,
-    stored_clearance,
-    stored_result,
-    stored_trajectory,
-    trajectory_arrays,
-    write_plan,
-)
+from uvms_ocp.ocp import plan_file
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.planning.scene import Coordinates, coordinates
@@ -32,8 +20,7 @@ from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.record.meta_values import AxisLimitsMeta, PhaseMeta, SurroundingsMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import PlanMeta, packages
-from uvms_ocp.robot.loading import list_robots, load_robot
-from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot import Robot, list_robots, load_robot
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
 from uvms_ocp.types import Array
 
@@ -325,16 +312,18 @@ class Plan(TableDisplay):
 
         Raises `OutputError` where the file cannot be written.
         """
-        arrays = trajectory_arrays(self.trajectory) | ({} if self.result is None else result_arrays(self.result))
+        arrays = plan_file.trajectory_arrays(self.trajectory) | (
+            {} if self.result is None else plan_file.result_arrays(self.result)
+        )
         values = self.summary() | {
-            "levels": tuple(LevelValues(**asdict(level)) for level in self.levels),
+            "levels": tuple(plan_file.LevelValues(**asdict(level)) for level in self.levels),
             "of_wrench": self.trajectory.of_wrench,
             "surroundings": self.surroundings,
             "current": self.current,
-            "solver": None if self.result is None else solver_values(self.result),
-            "clearance": None if self.clearance is None else clearance_values(self.clearance),
+            "solver": None if self.result is None else plan_file.solver_values(self.result),
+            "clearance": None if self.clearance is None else plan_file.clearance_values(self.clearance),
         }
-        return write_plan(Path(path), PlanValues(**values), arrays)
+        return plan_file.write_plan(Path(path), plan_file.PlanValues(**values), arrays)
 
     @staticmethod
     def load(path: Path | str, robot: Robot | None = None) -> Plan:
@@ -343,25 +332,29 @@ class Plan(TableDisplay):
         robot: by default that of the same name in the library. Raises `InvalidInput`, in one line, for what is no such file,
         is damaged, or is of another robot.
         """
-        values, arrays = read_plan(Path(path))
+        values, arrays = plan_file.read_plan(Path(path))
         try:
             return _plan_of(values, arrays, robot or _robot_of(values))
         except (InvalidInput, ValueError) as error:
             raise InvalidInput(f"{printable(str(path))}: not a plan written by uvms_ocp: {error}") from error
 
 
-def _robot_of(values: PlanValues) -> Robot:
+def _robot_of(values: plan_file.PlanValues) -> Robot:
     if values.robot not in list_robots():
         raise InvalidInput(f"robot {values.robot[:60]!r} is not in the library; give it: Plan.load(path, robot)")
     return load_robot(values.robot)
 
 
-def _plan_of(values: PlanValues, arrays: dict[str, np.ndarray], robot: Robot) -> Plan:
+def _plan_of(values: plan_file.PlanValues, arrays: dict[str, np.ndarray], robot: Robot) -> Plan:
     if robot.name != values.robot:
         raise InvalidInput(f"a plan of robot {values.robot[:60]!r}, not of {robot.name!r}")
-    trajectory = stored_trajectory(robot, arrays, of_wrench=values.of_wrench)
-    result = None if values.solver is None else stored_result(values.solver, arrays)
-    unknown = arrays.keys() - trajectory_arrays(trajectory).keys() - (result_arrays(result) if result else {}).keys()
+    trajectory = plan_file.stored_trajectory(robot, arrays, of_wrench=values.of_wrench)
+    result = None if values.solver is None else plan_file.stored_result(values.solver, arrays)
+    unknown = (
+        arrays.keys()
+        - plan_file.trajectory_arrays(trajectory).keys()
+        - (plan_file.result_arrays(result) if result else {}).keys()
+    )
     if unknown:
         raise InvalidInput(f"array {min(unknown)[:60]!r} is none of a plan")
     return Plan(
@@ -372,7 +365,7 @@ def _plan_of(values: PlanValues, arrays: dict[str, np.ndarray], robot: Robot) ->
         levels=tuple(LevelReport(**level.model_dump()) for level in values.levels),
         solve_time=values.solve_time,
         result=result,
-        clearance=None if values.clearance is None else stored_clearance(values.clearance),
+        clearance=None if values.clearance is None else plan_file.stored_clearance(values.clearance),
         surroundings=values.surroundings,
         current=values.current,
     )

@@ -23,9 +23,8 @@ from uvms_ocp.planning.scene import NearestPair
 from uvms_ocp.record.meta_values import MetaValue, Number, SurroundingsMeta
 from uvms_ocp.record.untrusted import read_arrays, read_text
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.solvers import LexicographicResult, NlpStatus
 from uvms_ocp.solvers.nlp.level_solver import NlpPoint
-from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
-from uvms_ocp.solvers.nlp.program import NlpStatus
 
 # A plan as arrays and one text of values, in an ``.npz`` file or all of it in a ``.json`` file; and back, within bounds.
 

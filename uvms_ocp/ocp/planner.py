@@ -29,10 +29,8 @@ from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.ocp.verdict import Diagnosis, SolveVerdict
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.record.meta_values import FrameMeta, ObstacleMeta, SurroundingsMeta
+from uvms_ocp.solvers import LexicographicNlp, LexicographicResult, NlpOptions, NlpStatus
 from uvms_ocp.solvers.nlp.level_solver import Progress
-from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicNlp, LexicographicResult
-from uvms_ocp.solvers.nlp.options import NlpOptions
-from uvms_ocp.solvers.nlp.program import NlpStatus
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition
 from uvms_ocp.tasks.task import evaluate_pose
 from uvms_ocp.types import Finite

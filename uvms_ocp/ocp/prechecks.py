@@ -9,9 +9,8 @@ import pinocchio as pin
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.clearance import ShapeClearance
 from uvms_ocp.ocp.problem import OcpProblem
-from uvms_ocp.planning.distances import CoalDistances
+from uvms_ocp.planning import CoalDistances, CollisionScene
 from uvms_ocp.planning.request import Goal, PostureGoal, ToolGoal
-from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.robot.robot import Robot
 
 # Which shapes are nearer at the start than a constraint allows, in words.

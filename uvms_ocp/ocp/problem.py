@@ -13,8 +13,7 @@ import pinocchio as pin
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.ocp.terms import At, AtRest, Effort, Smoothness, TaskTerm, Term
-from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import State
+from uvms_ocp.robot import Robot, State
 from uvms_ocp.tasks.pose import ToolPose
 from uvms_ocp.types import DAY, Bound, Positive, Range
 

@@ -22,9 +22,8 @@ from uvms_ocp.ocp.trajectory import Trajectory, guess_through, hold_guess
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.request import FiniteTriple, Goal, PlanRequest, PostureGoal, check_goal_distance, plan_path
 from uvms_ocp.planning.scene import CollisionScene, Coordinates, NearestPair, collision_scene, coordinates
-from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot import Robot, State
 from uvms_ocp.robot.shapes.obstacles import Obstacle, seafloor
-from uvms_ocp.robot.signals import State
 from uvms_ocp.solvers.nlp.level_solver import Progress
 from uvms_ocp.solvers.nlp.options import NlpOptions
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial

@@ -11,9 +11,8 @@ import pinocchio as pin
 from uvms_ocp.checks import checked, unchecked_constructor
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import Actuation, OcpProblem
+from uvms_ocp.robot import State, Water
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
-from uvms_ocp.robot.hydrodynamics import Water
-from uvms_ocp.robot.signals import State
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 from uvms_ocp.types import Indices, Shape
 

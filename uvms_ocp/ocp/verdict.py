@@ -12,8 +12,7 @@ from uvms_ocp.ocp.diagnosis import PhaseOne, bindings, is_held, phase_one
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.problem import OcpPhase, OcpProblem
 from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
-from uvms_ocp.solvers.nlp.program import NlpStatus
+from uvms_ocp.solvers import LexicographicResult, NlpStatus
 
 _MISSED = (
     1e-3  # [unit of the row] residual of a goal level from which it counts as missed; weighted, where that is more

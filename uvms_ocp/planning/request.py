@@ -26,12 +26,8 @@ from uvms_ocp.planning.soft_collision import (
     SoftCollisionOptions,
     plan_soft_collision,
 )
-from uvms_ocp.robot.kinematics import Kinematics
-from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.obstacles import Obstacle
-from uvms_ocp.tasks.joints import JointTracking
-from uvms_ocp.tasks.pose import ToolPose, ToolPosition, VehiclePose
-from uvms_ocp.tasks.task import Task
+from uvms_ocp.robot import Kinematics, Obstacle, Robot
+from uvms_ocp.tasks import JointTracking, Task, ToolPose, ToolPosition, VehiclePose
 from uvms_ocp.trajectories.segment_times import MotionLimits
 from uvms_ocp.types import Array, Count, Finite, Magnitude, Range, Shape
 

@@ -18,10 +18,9 @@ from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.path_cost import CostParts, CostWeights, DistanceSource, LocalModel, PathCost
 from uvms_ocp.planning.sampling import SamplingOptions, sampled_waypoints
 from uvms_ocp.planning.scene import CollisionScene
+from uvms_ocp.trajectories import MotionLimits, PiecewisePolynomial, scale_to_limits, trapezoidal_times
 from uvms_ocp.trajectories.free_derivatives import pieces_of
 from uvms_ocp.trajectories.min_snap import min_snap, solution_of
-from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
-from uvms_ocp.trajectories.segment_times import MotionLimits, scale_to_limits, trapezoidal_times
 from uvms_ocp.types import Array, AtLeastOne, Count, Indices, Magnitude, Mask
 
 

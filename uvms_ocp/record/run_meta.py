@@ -17,28 +17,8 @@ from pydantic import Field, ValidationError, model_validator
 from uvms_ocp.argument_kinds import short
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.model_errors import one_line
+from uvms_ocp.record import meta_values
 from uvms_ocp.record.display import SmallTable, TableDisplay, format_value
-from uvms_ocp.record.meta_values import (
-    ABORT,
-    DONE,
-    LARGEST,
-    AlarmMeta,
-    AxisLimitsMeta,
-    ClearanceMeta,
-    EventMeta,
-    FaultMeta,
-    LevelMeta,
-    LimitsMeta,
-    MetaValue,
-    Number,
-    PackageMeta,
-    PhaseMeta,
-    QuantityMeta,
-    SurroundingsMeta,
-    TaskMeta,
-    ThresholdMeta,
-    require_unique,
-)
 from uvms_ocp.version import __version__
 
 MIN_TICK = 1e-9
@@ -53,7 +33,7 @@ VEHICLE_Q = 7
 _DEPENDENCIES = ("pin", "casadi", "coal", "numpy")
 
 
-class RecordMeta(TableDisplay, MetaValue):
+class RecordMeta(TableDisplay, meta_values.MetaValue):
     """Metadata that any record has, for figures, scenes and reports."""
 
     version: Literal["0.2"] = VERSION
@@ -66,27 +46,29 @@ class RecordMeta(TableDisplay, MetaValue):
     """Joints that turn without end, each (cos, sin) in q; not told by older records. See `joint_positions`."""
     thrusters: tuple[str, ...] = ()
     """Names in the order of the series ``thrust``; empty in older records."""
-    phases: Annotated[tuple[PhaseMeta, ...], Field(min_length=1)]
+    phases: Annotated[tuple[meta_values.PhaseMeta, ...], Field(min_length=1)]
     """The series ``phase`` counts them; a plan has one."""
-    tasks: tuple[TaskMeta, ...] = ()
+    tasks: tuple[meta_values.TaskMeta, ...] = ()
     """Highest priority first, one per column of the series ``activations``."""
     tool_task: str | None = None
     """The task that brings the tool to its goal."""
-    levels: tuple[LevelMeta, ...] = ()
+    levels: tuple[meta_values.LevelMeta, ...] = ()
     """Whose rows the columns of the series ``activity`` and ``residual`` are."""
     quantities: tuple[str, ...] = ()
     """``task.quantity``, one per column of the series ``quantities``."""
-    thresholds: tuple[ThresholdMeta, ...] = ()
-    limits: LimitsMeta | None = None
-    surroundings: SurroundingsMeta = SurroundingsMeta()
-    packages: tuple[PackageMeta, ...] = ()
+    thresholds: tuple[meta_values.ThresholdMeta, ...] = ()
+    limits: meta_values.LimitsMeta | None = None
+    surroundings: meta_values.SurroundingsMeta = meta_values.SurroundingsMeta()
+    packages: tuple[meta_values.PackageMeta, ...] = ()
     """Versions of what computed the record."""
 
     @model_validator(mode="after")
     def _has_names_of_one_meaning(self) -> RecordMeta:
-        require_unique("phases", [DONE, ABORT, *(phase.name for phase in self.phases)])
-        require_unique("tasks", (task.name for task in self.tasks))
-        require_unique("quantities", self.quantities)
+        meta_values.require_unique(
+            "phases", [meta_values.DONE, meta_values.ABORT, *(phase.name for phase in self.phases)]
+        )
+        meta_values.require_unique("tasks", (task.name for task in self.tasks))
+        meta_values.require_unique("quantities", self.quantities)
         return self
 
     def _table(self) -> SmallTable:
@@ -97,7 +79,7 @@ class RecordMeta(TableDisplay, MetaValue):
 
 def _by_name(value: Any) -> Any:
     """Values of many fields by their names; those without one are counted."""
-    if not (isinstance(value, tuple) and any(isinstance(item, MetaValue) for item in value)):
+    if not (isinstance(value, tuple) and any(isinstance(item, meta_values.MetaValue) for item in value)):
         return value
     return tuple(getattr(item, "name", {}) for item in value)
 
@@ -116,7 +98,7 @@ class RunMeta(RecordMeta):
     """The same of the sensors."""
     floating: bool
     """True where q begins with the pose of a vehicle."""
-    dt: Annotated[float, Field(ge=MIN_TICK, le=LARGEST)]
+    dt: Annotated[float, Field(ge=MIN_TICK, le=meta_values.LARGEST)]
     """[s] control period."""
     completed: bool
     """True where every phase came to its end."""
@@ -124,35 +106,39 @@ class RunMeta(RecordMeta):
     """Conditions that an incomplete mission still waited for."""
     abort_phase: str = ""
     """Name of the phase in which the mission is given up, if it has one."""
-    events: tuple[EventMeta, ...] = ()
-    alarms: tuple[AlarmMeta, ...] = ()
-    faults: tuple[FaultMeta, ...] = ()
+    events: tuple[meta_values.EventMeta, ...] = ()
+    alarms: tuple[meta_values.AlarmMeta, ...] = ()
+    faults: tuple[meta_values.FaultMeta, ...] = ()
     """Faults that were injected; the mission was not given them."""
     channels: tuple[str, ...] = ()
     """Names of the sensors, one per column of the series ``health``; empty in older records."""
-    true_quantities: tuple[QuantityMeta, ...] = ()
+    true_quantities: tuple[meta_values.QuantityMeta, ...] = ()
     """At the true state at the end."""
-    sensors_allow: tuple[QuantityMeta, ...] = ()
+    sensors_allow: tuple[meta_values.QuantityMeta, ...] = ()
     """Standard deviations of the estimate at the end, as far as the noise of the sensors tells; none with ideal sensors."""
-    spreads: tuple[QuantityMeta, ...] = ()
+    spreads: tuple[meta_values.QuantityMeta, ...] = ()
     """Standard deviations of the estimate at the end, as the estimator gave them; none in older records."""
     statuses: tuple[str, ...] = ()
     """Words for the numbers of the series ``status``."""
     seed: int = 0
     noise: bool = False
-    wall_s: Number = 0.0
+    wall_s: meta_values.Number = 0.0
     """[s] that the simulation took."""
 
     @model_validator(mode="after")
     def _has_channels_of_one_meaning(self) -> RunMeta:
-        require_unique("channels", self.channels)
+        meta_values.require_unique("channels", self.channels)
         return self
 
     @model_validator(mode="after")
     def _goes_from_phase_to_phase(self) -> RunMeta:
-        known, here, t = {phase.name for phase in self.phases}, self.phases[0].name, -LARGEST
+        known, here, t = {phase.name for phase in self.phases}, self.phases[0].name, -meta_values.LARGEST
         for event in self.events:
-            if event.source != here or here in (DONE, ABORT) or event.target not in {*known, DONE, ABORT}:
+            if (
+                event.source != here
+                or here in (meta_values.DONE, meta_values.ABORT)
+                or event.target not in {*known, meta_values.DONE, meta_values.ABORT}
+            ):
                 raise ValueError(f"an event at {event.t:g} s leads {_way(event)}; the mission was in {here[:60]!r}")
             if event.t <= t:
                 raise ValueError(f"an event at {event.t:g} s after one at {t:g} s; events stand in order of time")
@@ -173,7 +159,7 @@ class RunMeta(RecordMeta):
         return next((item.value for item in self.true_quantities if item.name == name), None)
 
 
-def _way(event: EventMeta) -> str:
+def _way(event: meta_values.EventMeta) -> str:
     return f"from {event.source[:60]!r} to {event.target[:60]!r}"
 
 
@@ -183,14 +169,14 @@ class PlanMeta(RecordMeta):
     kind: Literal["plan"] = "plan"
     axes: tuple[str, ...]
     """Planned axes, one per column of the series ``x``."""
-    axis_limits: AxisLimitsMeta
-    breaks: tuple[Number, ...]
+    axis_limits: meta_values.AxisLimitsMeta
+    breaks: tuple[meta_values.Number, ...]
     """[s] where the pieces of the trajectory meet, both ends included."""
-    clearance_wanted: Number
+    clearance_wanted: meta_values.Number
     """[m]"""
     clearance_groups: tuple[str, ...] = ()
     """Obstacles from which the columns of the series ``clearance`` are the distance."""
-    min_clearance: ClearanceMeta | None = None
+    min_clearance: meta_values.ClearanceMeta | None = None
     """The smallest distance met; `None` where nothing can meet."""
 
     @model_validator(mode="after")
@@ -199,7 +185,7 @@ class PlanMeta(RecordMeta):
         given = (self.axis_limits.x_rate, self.axis_limits.x_acceleration)
         if any(limits is not None and len(limits) != n for limits in given):
             raise ValueError(f"axis_limits have one number for each of {n} axes")
-        require_unique("axes", self.axes)
+        meta_values.require_unique("axes", self.axes)
         return self
 
 
@@ -239,14 +225,14 @@ def joint_errors(series: Mapping[str, Any], meta: RunMeta | PlanMeta) -> Any:
 _KINDS: dict[str, type[RunMeta] | type[PlanMeta]] = {"run": RunMeta, "plan": PlanMeta}
 
 
-def packages() -> tuple[PackageMeta, ...]:
+def packages() -> tuple[meta_values.PackageMeta, ...]:
     """This package, Python and what the numbers depend on."""
     own = {"uvms_ocp": __version__, "python": platform.python_version()}
     found = own | {name: version(name) for name in _DEPENDENCIES}
-    return tuple(PackageMeta(name=name, version=text) for name, text in found.items())
+    return tuple(meta_values.PackageMeta(name=name, version=text) for name, text in found.items())
 
 
-def versions(found: tuple[PackageMeta, ...]) -> dict[str, str]:
+def versions(found: tuple[meta_values.PackageMeta, ...]) -> dict[str, str]:
     """Versions by package, for reports."""
     return {package.name: package.version for package in found}
 
@@ -293,7 +279,7 @@ def _from_0_1(values: dict[str, Any]) -> dict[str, Any]:
     named = {"markers": "position", "frames": "pose", "true_quantities": "value", "versions": "version"}
     lists = {key: _named(values[key], field) for key, field in named.items() if key in values}
     new = {**values, **lists, "kind": kind, "version": VERSION}
-    new["surroundings"] = {key: new.pop(key) for key in SurroundingsMeta.model_fields if key in new}
+    new["surroundings"] = {key: new.pop(key) for key in meta_values.SurroundingsMeta.model_fields if key in new}
     if "versions" in new:
         new["packages"] = new.pop("versions")
     if kind == "plan":

@@ -11,11 +11,8 @@ import pinocchio as pin
 from uvms_ocp.checks import checked
 from uvms_ocp.ocp.plan import OcpStatus, axis_series, motion_series
 from uvms_ocp.ocp.request import OcpRequest, OcpResult
-from uvms_ocp.planning.conservative_advancement import clearance_along
-from uvms_ocp.planning.distances import CoalDistances
-from uvms_ocp.planning.request import PlanRequest, PlanResult, ToolGoal
+from uvms_ocp.planning import CoalDistances, CollisionPlan, PlanRequest, PlanResult, ToolGoal, clearance_along
 from uvms_ocp.planning.scene import CollisionScene, NearestPair
-from uvms_ocp.planning.soft_collision import CollisionPlan
 from uvms_ocp.record.meta_values import AxisLimitsMeta, ClearanceMeta, FrameMeta, PhaseMeta, SurroundingsMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import PlanMeta, packages, versions

@@ -10,16 +10,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.record.meta_values import ABORT, DONE, EventMeta, ThresholdMeta
 from uvms_ocp.record.record import Record, quantity
 from uvms_ocp.record.run_meta import RunMeta, versions
-from uvms_ocp.report.metrics import (
-    error_bound,
-    estimate_table,
-    figures_between,
-    largest_tilt,
-    max_velocity_step,
-    none_if_nan,
-    quantities_at,
-    resources,
-)
+from uvms_ocp.report import metrics
 
 # What phases ended on: the estimate that they went by, the truth, and what the sensors allow to know.
 
@@ -41,10 +32,10 @@ def _rows(record: Record, event: EventMeta) -> list[dict[str, Any]]:
             "t": event.t,
             "quantity": item.quantity,
             "limit": item.limit,
-            "estimated": none_if_nan(item.estimated),
-            "true": none_if_nan(event.truth.get(item.quantity)),
+            "estimated": metrics.none_if_nan(item.estimated),
+            "true": metrics.none_if_nan(event.truth.get(item.quantity)),
             "sensors_allow": record.run_meta.allowance.get(item.quantity),
-            "met": _met(none_if_nan(event.truth.get(item.quantity)), item.limit),
+            "met": _met(metrics.none_if_nan(event.truth.get(item.quantity)), item.limit),
         }
         for item in event.conditions
         if item.sign == "<"
@@ -173,7 +164,7 @@ def load_estimate(record: Record) -> dict[str, float | None] | None:
     if "load_weight" not in record.series:
         return None
     units = {"weight": "n", "weight_error": "n", "mass": "kg", "mass_error": "kg"}
-    return {f"{name}_{unit}": none_if_nan(float(record[f"load_{name}"][-1])) for name, unit in units.items()}
+    return {f"{name}_{unit}": metrics.none_if_nan(float(record[f"load_{name}"][-1])) for name, unit in units.items()}
 
 
 def format_load(load: dict[str, float | None] | None) -> str:
@@ -235,7 +226,7 @@ def summarize(record: Record) -> dict[str, Any]:
     Lengths in m, angles in rad, times in s unless the key says otherwise. Raises `InvalidInput` for the record of a plan.
     """
     meta, task = record.run_meta, record.run_meta.tool_task
-    estimated = _none_if_nan(quantities_at(record, float(record["t"][-1])))
+    estimated = _none_if_nan(metrics.quantities_at(record, float(record["t"][-1])))
     return {
         **{name: getattr(meta, name) for name in ("scenario", "robot", "plant", "solver")},
         **{part: getattr(meta, part) or None for part in ("controller", "estimator", "sensors")},
@@ -245,26 +236,26 @@ def summarize(record: Record) -> dict[str, Any]:
         "ended_too_early": sorted({row["phase"] for row in ended_prematurely(record)}) if meta.completed else [],
         "goals": goal_table(record),
         "phases": phase_table(record),
-        "resources": resources(record),
+        "resources": metrics.resources(record),
         "seed": meta.seed,
         "noise": meta.noise,
         "faults": [fault.model_dump() for fault in meta.faults],
         "sensor_health": sensor_health(record),
         "load": load_estimate(record),
         "alarms": [alarm.model_dump() for alarm in meta.alarms],
-        "tool_position_error_m": none_if_nan(meta.true_quantity(f"{task}.position_error")),
-        "tool_orientation_error_rad": none_if_nan(meta.true_quantity(f"{task}.orientation_error")),
+        "tool_position_error_m": metrics.none_if_nan(meta.true_quantity(f"{task}.position_error")),
+        "tool_orientation_error_rad": metrics.none_if_nan(meta.true_quantity(f"{task}.orientation_error")),
         "estimated_tool_position_error_m": estimated.get(f"{task}.position_error"),
         "estimated_tool_orientation_error_rad": estimated.get(f"{task}.orientation_error"),
-        "tool_position_bound_m": error_bound(record, f"{task}.position_error"),
-        "tool_orientation_bound_rad": error_bound(record, f"{task}.orientation_error"),
+        "tool_position_bound_m": metrics.error_bound(record, f"{task}.position_error"),
+        "tool_orientation_bound_rad": metrics.error_bound(record, f"{task}.orientation_error"),
         "sensors_allow_tool_position_m": meta.allowance.get(f"{task}.position_error"),
         "sensors_allow_tool_orientation_rad": meta.allowance.get(f"{task}.orientation_error"),
-        "estimate": estimate_table(record),
+        "estimate": metrics.estimate_table(record),
         "vehicle_drift_in_last_phase_m": _drift_in_last_phase(record),
-        "largest_tilt_rad": largest_tilt(record),
+        "largest_tilt_rad": metrics.largest_tilt(record),
         "min_altimeter_m": _smallest(record["altimeter_range"]),
-        "max_velocity_step": max_velocity_step(record),
+        "max_velocity_step": metrics.max_velocity_step(record),
         "failed_ticks": _failed_ticks(record),
         "tick_us": _percentiles_us(record["tick_time"]),
         "controller_us": _percentiles_us(record["controller_time"]) if "controller_time" in record.series else None,
@@ -296,17 +287,17 @@ def phase_table(record: Record) -> list[dict[str, Any]]:
             "start_s": start,
             "end_s": end,
             "reason": reason,
-            "final_errors": _none_if_nan(quantities_at(record, end)),
+            "final_errors": _none_if_nan(metrics.quantities_at(record, end)),
             "true_errors": _none_if_nan(truth),
             "sensors_allow": meta.allowance,
-            **figures_between(record, start, end),
+            **metrics.figures_between(record, start, end),
         }
         for name, start, end, reason, truth in zip(names, starts, ends, reasons, truths, strict=False)
     ]
 
 
 def _none_if_nan(quantities: dict[str, float]) -> dict[str, float | None]:
-    return {name: none_if_nan(value) for name, value in quantities.items()}
+    return {name: metrics.none_if_nan(value) for name, value in quantities.items()}
 
 
 def _drift_in_last_phase(record: Record) -> float | None:

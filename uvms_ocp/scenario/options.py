@@ -11,28 +11,20 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked
-from uvms_ocp.control.force.dynamic import VelocityGains
-from uvms_ocp.control.payload import LoadLearning
+from uvms_ocp.control import LoadLearning, VelocityGains
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.errors import NameNotFound
-from uvms_ocp.mission.mission import Mission
-from uvms_ocp.mission.phase import Abort, Below, Phase, Transition
+from uvms_ocp.mission import Abort, Below, Mission, Phase, Transition
 from uvms_ocp.record.meta_values import ABORT
+from uvms_ocp.robot import IDEAL_SENSORS, Obstacle, Robot, SensorSpecs, load_robot, robot_sensors
 from uvms_ocp.robot.assembly import with_trim
 from uvms_ocp.robot.description import TrimBody
-from uvms_ocp.robot.loading import load_robot
-from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.obstacles import Obstacle
-from uvms_ocp.robot.signals import IDEAL_SENSORS, SensorSpecs, robot_sensors
 from uvms_ocp.robot.thrusters import unactuated_axes
 from uvms_ocp.scenario.scenario import Scenario
-from uvms_ocp.sim.currents import Current, StillWater, UniformCurrent
-from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim import Current, Environment, FlatSeafloor, Seafloor, StillWater, UniformCurrent
 from uvms_ocp.sim.faults import Fault, parse_faults
-from uvms_ocp.sim.seafloor import FlatSeafloor, Seafloor
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
-from uvms_ocp.tasks.pose import UnderActuation
-from uvms_ocp.tasks.task import Hierarchy, Task
+from uvms_ocp.tasks import Hierarchy, Task, UnderActuation
 from uvms_ocp.types import Bound, Count, Finite
 
 # What every scenario can be told in the same words, and the `Scenario` made of it.

@@ -16,8 +16,7 @@ from typing import Any
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound, UvmsError, plain_line
-from uvms_ocp.robot.loading import load_robot, robot_folder
-from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot import Robot, load_robot, robot_folder
 from uvms_ocp.scenario.options import CHANGEABLE, apply_options
 from uvms_ocp.scenario.scenario import Scenario
 

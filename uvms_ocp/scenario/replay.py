@@ -16,14 +16,9 @@ from uvms_ocp.ocp.plan import TOOL, Plan, TrackingError, tool_series, tracking_e
 from uvms_ocp.record.meta_values import AlarmMeta, PhaseMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import RunMeta, packages
+from uvms_ocp.robot import IDEAL_SENSORS, State, Water
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
-from uvms_ocp.robot.hydrodynamics import Water
-from uvms_ocp.robot.signals import IDEAL_SENSORS, State
-from uvms_ocp.sim.environment import Environment, closest_approach
-from uvms_ocp.sim.loop import simulate
-from uvms_ocp.sim.plant import DynamicPlant, Plant
-from uvms_ocp.sim.seafloor import FlatSeafloor
-from uvms_ocp.sim.sensors import SensorSuite
+from uvms_ocp.sim import DynamicPlant, Environment, FlatSeafloor, Plant, SensorSuite, closest_approach, simulate
 from uvms_ocp.types import Period
 
 PlantOrEnvironment: TypeAlias = Plant | Environment

@@ -11,24 +11,8 @@ import pinocchio as pin
 
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.estimation.health.monitor import HealthMonitor
-from uvms_ocp.mission.mission import Mission
-from uvms_ocp.mission.phase import Condition
-from uvms_ocp.record.meta_values import (
-    AlarmMeta,
-    EventMeta,
-    FaultMeta,
-    FloorRelief,
-    FrameMeta,
-    LevelMeta,
-    LimitsMeta,
-    MarkerMeta,
-    MetConditionMeta,
-    PhaseMeta,
-    QuantityMeta,
-    SurroundingsMeta,
-    TaskMeta,
-    ThresholdMeta,
-)
+from uvms_ocp.mission import Condition, Mission
+from uvms_ocp.record import meta_values
 from uvms_ocp.record.run_meta import RunMeta, packages
 from uvms_ocp.robot.limits import Limits
 from uvms_ocp.robot.shapes.obstacles import describe_obstacles
@@ -80,7 +64,7 @@ def run_meta(
     parts: PartNames,
     seed: int,
     markers: Markers,
-    faults: tuple[FaultMeta, ...],
+    faults: tuple[meta_values.FaultMeta, ...],
     controller: KinematicController,
     monitor: HealthMonitor,
     ending: RunOutcome,
@@ -97,7 +81,7 @@ def run_meta(
         endless=robot.endless_joints,
         thrusters=robot.thruster_names,
         phases=_phases(setup.mission),
-        tasks=tuple(TaskMeta(name=task.name, label=task.label) for task in tasks),
+        tasks=tuple(meta_values.TaskMeta(name=task.name, label=task.label) for task in tasks),
         tool_task=next((task.name for task in tasks if isinstance(task, (ToolPose, ToolPosition))), None),
         levels=_levels(controller),
         quantities=tuple(controller.problem.quantity_names),
@@ -116,7 +100,9 @@ def run_meta(
         pending="" if state.completed else controller.pending(),
         abort_phase="" if setup.mission.abort is None else setup.mission.abort.phase.name,
         events=_events(controller, ending),
-        alarms=tuple(AlarmMeta(t=t, text=text) for t, text in sorted([*monitor.alarms, *controller.watchdog.alarms])),
+        alarms=tuple(
+            meta_values.AlarmMeta(t=t, text=text) for t, text in sorted([*monitor.alarms, *controller.watchdog.alarms])
+        ),
         channels=monitor.channels,
         faults=faults,
         true_quantities=_values(ending.quantities),
@@ -129,29 +115,30 @@ def run_meta(
     )
 
 
-def _phases(mission: Mission) -> tuple[PhaseMeta, ...]:
+def _phases(mission: Mission) -> tuple[meta_values.PhaseMeta, ...]:
     return tuple(
-        PhaseMeta(
+        meta_values.PhaseMeta(
             name=phase.name, title=phase.title, tasks=tuple(name for name, gate in phase.activations.items() if gate)
         )
         for phase in mission.all_phases
     )
 
 
-def _levels(controller: KinematicController) -> tuple[LevelMeta, ...]:
+def _levels(controller: KinematicController) -> tuple[meta_values.LevelMeta, ...]:
     problem = controller.problem
-    return tuple(LevelMeta(name=name, rows=n) for name, n in zip(problem.names, problem.sizes, strict=True))
+    return tuple(meta_values.LevelMeta(name=name, rows=n) for name, n in zip(problem.names, problem.sizes, strict=True))
 
 
-def _events(controller: KinematicController, ending: RunOutcome) -> tuple[EventMeta, ...]:
+def _events(controller: KinematicController, ending: RunOutcome) -> tuple[meta_values.EventMeta, ...]:
     return tuple(
-        EventMeta(
+        meta_values.EventMeta(
             t=e.t,
             source=e.source,
             target=e.target,
             reason=e.reason,
             conditions=tuple(
-                MetConditionMeta(**_condition_fields(condition), estimated=value) for condition, value in e.conditions
+                meta_values.MetConditionMeta(**_condition_fields(condition), estimated=value)
+                for condition, value in e.conditions
             ),
             true_quantities=_values(truth),
         )
@@ -164,21 +151,21 @@ def _condition_fields(condition: Condition) -> dict[str, Any]:
     return {"quantity": condition.quantity, "limit": condition.limit, "sign": condition.sign}
 
 
-def _values(quantities: Mapping[str, float]) -> tuple[QuantityMeta, ...]:
-    return tuple(QuantityMeta(name=name, value=value) for name, value in quantities.items())
+def _values(quantities: Mapping[str, float]) -> tuple[meta_values.QuantityMeta, ...]:
+    return tuple(meta_values.QuantityMeta(name=name, value=value) for name, value in quantities.items())
 
 
-def _thresholds(mission: Mission) -> tuple[ThresholdMeta, ...]:
+def _thresholds(mission: Mission) -> tuple[meta_values.ThresholdMeta, ...]:
     return tuple(
-        ThresholdMeta(**_condition_fields(condition), phase=phase.name)
+        meta_values.ThresholdMeta(**_condition_fields(condition), phase=phase.name)
         for phase in mission.all_phases
         for transition in phase.transitions
         for condition in transition.when
     )
 
 
-def _limits(limits: Limits) -> LimitsMeta:
-    return LimitsMeta(
+def _limits(limits: Limits) -> meta_values.LimitsMeta:
+    return meta_values.LimitsMeta(
         position_lower=tuple(limits.position_lower.tolist()),
         position_upper=tuple(limits.position_upper.tolist()),
         velocity=tuple(limits.velocity.tolist()),
@@ -187,10 +174,10 @@ def _limits(limits: Limits) -> LimitsMeta:
     )
 
 
-def _surroundings(setup: Setup, markers: Markers, end: np.ndarray) -> SurroundingsMeta:
-    return SurroundingsMeta(
+def _surroundings(setup: Setup, markers: Markers, end: np.ndarray) -> meta_values.SurroundingsMeta:
+    return meta_values.SurroundingsMeta(
         frames=tuple(_goal_frames(setup.mission)),
-        markers=tuple(MarkerMeta(name=name, position=point) for name, point in markers.items()),
+        markers=tuple(meta_values.MarkerMeta(name=name, position=point) for name, point in markers.items()),
         obstacles=describe_obstacles(setup.environment.obstacles),
         floor_z=setup.floor_at(*_place(setup, setup.start)),
         floor=_relief(setup, markers, end),
@@ -202,7 +189,7 @@ def _place(setup: Setup, q: np.ndarray) -> np.ndarray:
     return q[:2] if setup.robot.n_vehicle else np.zeros(2)
 
 
-def _goal_frames(mission: Mission) -> Iterator[FrameMeta]:
+def _goal_frames(mission: Mission) -> Iterator[meta_values.FrameMeta]:
     """Goals of all tasks that have a pose for one, those of phases too; where they begin, if they move."""
     for task in mission.hierarchy.tasks:
         if isinstance(task, (PoseTask, ToolPosition)):
@@ -213,11 +200,11 @@ def _goal_frames(mission: Mission) -> Iterator[FrameMeta]:
                 yield _frame(name, evaluate_pose(task.name, goal, 0.0)[0])
 
 
-def _frame(name: str, X_WF: pin.SE3) -> FrameMeta:
-    return FrameMeta(name=name, pose=tuple(pin.SE3ToXYZQUAT(X_WF).tolist()))
+def _frame(name: str, X_WF: pin.SE3) -> meta_values.FrameMeta:
+    return meta_values.FrameMeta(name=name, pose=tuple(pin.SE3ToXYZQUAT(X_WF).tolist()))
 
 
-def _relief(setup: Setup, markers: Markers, end: np.ndarray) -> FloorRelief | None:
+def _relief(setup: Setup, markers: Markers, end: np.ndarray) -> meta_values.FloorRelief | None:
     """The floor around the way from the start to the configuration `end` (n_q,), and around the markers."""
     points = np.array([*(_place(setup, q) for q in (setup.start, end)), *(point[:2] for point in markers.values())])
     low, high = points.min(axis=0) - _FLOOR_AROUND, points.max(axis=0) + _FLOOR_AROUND

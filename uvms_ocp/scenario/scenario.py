@@ -12,9 +12,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked
+from uvms_ocp.control import DynamicController, LoadLearning, VelocityGains
 from uvms_ocp.control.external import SupervisedController
-from uvms_ocp.control.force.dynamic import DynamicController, VelocityGains
-from uvms_ocp.control.payload import LoadLearning
 from uvms_ocp.control.velocity.kinematic import Guide, HierarchySolver, KinematicController
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
@@ -24,27 +23,15 @@ from uvms_ocp.mission.mission import Mission
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.record.record import Record, Recorder
 from uvms_ocp.record.run_meta import RunMeta
+from uvms_ocp.robot import IDEAL_SENSORS, Command, Robot, SensorSpecs, State, StateEstimate
 from uvms_ocp.robot.dynamics import cached_dynamics, robot_dynamics
-from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, SensorSpecs, State, StateEstimate
 from uvms_ocp.scenario.preflight.checks import check_mission
 from uvms_ocp.scenario.preflight.setup import PreflightReport, Setup
 from uvms_ocp.scenario.run_metadata import PartNames, RunOutcome, run_meta
-from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim import DynamicPlant, Environment, Fault, KinematicPlant, Plant, SensorSuite, watched_parts
 from uvms_ocp.sim.fault_effects import require_possible
-from uvms_ocp.sim.faults import Fault
 from uvms_ocp.sim.loop import Progress, Sensors, StateEstimator, TickObserver, require_few_ticks, simulate
 from uvms_ocp.sim.own_parts import part_name, plant_name, require_plant, require_simulated, specs_of, takes_forces
-from uvms_ocp.sim.plant import DynamicPlant, KinematicPlant, Plant
-from uvms_ocp.sim.sensors import SensorSuite
-from uvms_ocp.sim.watched_parts import (
-    WatchedPlant,
-    WatchedSensors,
-    fault_meta,
-    inject_faults,
-    require_fault,
-    watched_estimator,
-)
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.types import DAY, Count
 
@@ -103,7 +90,9 @@ class EstimatorFactory:
             allowed = "make a callable (Readings, t, command) -> StateEstimate"
             raise InvalidInput(f"estimator made {type(made).__name__}; {allowed}")
         monitor = HealthMonitor(robot, specs, altimeter_frame=scenario.altimeter_frame)
-        return GuardedEstimator(watched_estimator(made, robot, part_name(self.maker)), robot, specs, monitor)
+        return GuardedEstimator(
+            watched_parts.watched_estimator(made, robot, part_name(self.maker)), robot, specs, monitor
+        )
 
 
 def maker_of(what: str, given: Any) -> Callable[..., Any]:
@@ -218,7 +207,7 @@ class Scenario(FieldTable):
         for name, kind in (("controller", ControllerFactory), ("estimator", EstimatorFactory)):
             object.__setattr__(self, name, kind(maker=maker_of(name, getattr(self, name)), scenario=self))
         for fault in self.faults:
-            require_fault(fault)
+            watched_parts.require_fault(fault)
         if faults := self.toolkit_faults:
             require_possible(faults, self.plant_robot or self.robot, kinematic=self.plant == "kinematic")
             require_simulated(faults, self.plant, self.sensors)
@@ -286,7 +275,7 @@ class Scenario(FieldTable):
         """
         controller = controller or self.controller()
         kinematic, estimator = controller.kinematic, self.estimator()
-        plant, sensors = inject_faults(self, self._plant(), self._sensors())
+        plant, sensors = watched_parts.inject_faults(self, self._plant(), self._sensors())
         begin = perf_counter()
         parts: dict[str, Any] = {"plant": plant, "sensors": sensors, "estimator": estimator, "controller": controller}
         recorder = simulate(**parts, dt=self.dt, duration=self.duration, progress=progress, observer=observer)
@@ -313,7 +302,7 @@ class Scenario(FieldTable):
             parts=self._part_names(controller, estimator),
             seed=self.seed,
             markers=self.markers,
-            faults=tuple(map(fault_meta, self.faults)),
+            faults=tuple(map(watched_parts.fault_meta, self.faults)),
             controller=controller.kinematic,
             monitor=estimator.monitor,
             ending=ending,
@@ -331,7 +320,7 @@ class Scenario(FieldTable):
 
     def _plant(self) -> Plant:
         if not isinstance(self.plant, str):
-            return WatchedPlant(self.plant(self), self.robot, part_name(self.plant))
+            return watched_parts.WatchedPlant(self.plant(self), self.robot, part_name(self.plant))
         if self.plant == "kinematic":
             return KinematicPlant(self.robot, self.start, self.toolkit_faults)
         real = self.plant_robot or self.robot
@@ -342,7 +331,7 @@ class Scenario(FieldTable):
     def _sensors(self) -> Sensors:
         if isinstance(self.sensors, SensorSpecs):
             return self._sensor_suite().read
-        return WatchedSensors(self.sensors(self), self.robot, self.specs, part_name(self.sensors))
+        return watched_parts.WatchedSensors(self.sensors(self), self.robot, self.specs, part_name(self.sensors))
 
     def _sensor_suite(self) -> SensorSuite:
         floor, specs = self.environment.seafloor, self.real_sensors or self.specs

@@ -23,12 +23,11 @@ import numpy as np
 from uvms_ocp.codegen.buffered import BoundFunction
 from uvms_ocp.codegen.elementwise import clipped
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot import Robot, thruster_matrix
 from uvms_ocp.robot.limits import bounded_joints
-from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.spatial import skew
 from uvms_ocp.robot.symbolic_bodies import sparse
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
-from uvms_ocp.robot.thrusters import thruster_matrix
 from uvms_ocp.sim.thrusters import N_DECAYS, Thrusters, joint_power
 
 # Contact of the vehicle's hull with the seafloor: a spring and damper at each corner of its underside.

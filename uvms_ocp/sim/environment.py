@@ -11,8 +11,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked
-from uvms_ocp.codegen.buffered import BufferedFunction
-from uvms_ocp.codegen.compile import compile_function
+from uvms_ocp.codegen import BufferedFunction, compile_function
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.robot.shapes.obstacles import Obstacle, require_distinct_names

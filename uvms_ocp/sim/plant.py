@@ -13,18 +13,9 @@ import pinocchio as pin
 from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
 from uvms_ocp.codegen.compile import compile_function, compile_lifted
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot import Command, Robot, State
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
-from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import Command, State
-from uvms_ocp.sim.dynamic_step import (
-    ContactModel,
-    JointStops,
-    StepModel,
-    StepSequence,
-    parts_of,
-    skid_points,
-    step_function,
-)
+from uvms_ocp.sim import dynamic_step
 from uvms_ocp.sim.environment import Environment, EnvironmentSampler
 from uvms_ocp.sim.fault_effects import (
     active_of,
@@ -106,7 +97,7 @@ class DynamicPlant(Plant):
 
     _dt: float
     """[s] of a control period."""
-    _advance: StepSequence
+    _advance: dynamic_step.StepSequence
     """The steps of one period."""
     _given: Mapping[str, np.ndarray]
     """Inputs of the steps."""
@@ -119,8 +110,8 @@ class DynamicPlant(Plant):
         dynamics: Dynamics,
         environment: Environment,
         max_step: float = 1e-3,
-        contact: ContactModel | None = None,
-        stops: JointStops | None = None,
+        contact: dynamic_step.ContactModel | None = None,
+        stops: dynamic_step.JointStops | None = None,
         faults: tuple[Fault, ...] = (),
         shared: bool = False,
     ) -> None:
@@ -134,17 +125,17 @@ class DynamicPlant(Plant):
             raise InvalidInput(f"max_step = {max_step} s; give a finite time > 0")
         self._robot, self._unloaded, self._dynamics, self._max_step = robot, dynamics, dynamics, max_step
         self._environment = with_steps(environment, faults)
-        self._points = skid_points(robot)
-        self._model = StepModel(
+        self._points = dynamic_step.skid_points(robot)
+        self._model = dynamic_step.StepModel(
             robot=robot,
             dynamics=dynamics.symbolic,
             points=self._points,
-            contact=contact or ContactModel(),
-            stops=stops or JointStops(),
+            contact=contact or dynamic_step.ContactModel(),
+            stops=stops or dynamic_step.JointStops(),
             thrusters=Thrusters.of(robot),
         )
         compiled = compile_lifted if shared else compile_function
-        self._step = compiled(step_function(self._model))
+        self._step = compiled(dynamic_step.step_function(self._model))
         self._surroundings = EnvironmentSampler(self._environment, dynamics.symbolic, self._points)
         self._faults = tuple(fault for fault in faults if fault.location.family in _PLANT_FAULTS)
         self._active: tuple[Fault, ...] = ()
@@ -152,7 +143,7 @@ class DynamicPlant(Plant):
         self._shapes = (len(robot.description.thrusters),), (robot.n_joints,)
         self._condition = condition_of((), np.zeros(self._shapes[0]))
         self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v), a=np.zeros(robot.n_v))
-        self._parts = parts_of(self._step)
+        self._parts = dynamic_step.parts_of(self._step)
         self._after = np.zeros(self._parts["a"].stop)
         self._after[self._parts["thruster_energy"]] = 0.0 * self._model.thrusters.factor
         self._begin(max_step)
@@ -205,7 +196,7 @@ class DynamicPlant(Plant):
     def _begin(self, dt: float) -> None:
         """Take periods of dt [s] from now on, with the function there is."""
         n_steps = max(1, math.ceil(dt / self._max_step - 1e-9))
-        self._dt, self._advance = dt, StepSequence(self._step, n_steps)
+        self._dt, self._advance = dt, dynamic_step.StepSequence(self._step, n_steps)
         self._given = given = self._advance.given
         self._advance.carried[:] = self._after[: len(self._advance.carried)]
         given["dt"][0], given["decay"][:] = dt, self._model.thrusters.decay(dt / n_steps).T
@@ -225,7 +216,7 @@ class DynamicPlant(Plant):
         if have != had or locked != self._model.locked:
             # Not compiled: a run does not wait for that in its middle.
             self._model = replace(self._model, dynamics=self._dynamics.symbolic, locked=locked)
-            self._step = step_function(self._model)
+            self._step = dynamic_step.step_function(self._model)
             self._surroundings = EnvironmentSampler(
                 self._environment, self._dynamics.symbolic, self._points, compiled=False
             )

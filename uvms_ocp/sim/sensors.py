@@ -16,10 +16,9 @@ import pinocchio as pin
 from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor, unchecked_method
 from uvms_ocp.codegen.buffered import BoundFunction, BufferedFunction
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot import Robot, SymbolicModel
 from uvms_ocp.robot.signals import CHANNELS, Reading, Readings, SensorSpec, SensorSpecs, State
 from uvms_ocp.robot.spatial import quaternion_exp, quaternion_multiply, quaternion_to_matrix
-from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.sim.fault_effects import ChannelFaults, FaultyChannel
 from uvms_ocp.sim.faults import Fault
 from uvms_ocp.sim.seafloor import Seafloor

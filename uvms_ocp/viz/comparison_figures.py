@@ -13,29 +13,16 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import joint_positions
 from uvms_ocp.record.tables import unit_of
+from uvms_ocp.viz import style
 from uvms_ocp.viz.series import axis_label, phase_spans
-from uvms_ocp.viz.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    ORANGE,
-    VERMILLION,
-    WIDTH,
-    RecordFigure,
-    heading_legend,
-    label_text,
-    logarithmic,
-    stacked,
-    styled,
-)
 
-_COLORS = (BLUE, VERMILLION, GREEN, ORANGE)
+_COLORS = (style.BLUE, style.VERMILLION, style.GREEN, style.ORANGE)
 _LEAST = {"step": 1e-4, "jerk": 1e-2, "lost": 1e-18}
 """What is drawn of the figures of a phase change on a logarithmic axis."""
 
 
 @checked
-@styled
+@style.styled
 def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> Figure:
     """Positions of all joints during the last stay in a phase, for runs by name, over time since its start.
 
@@ -43,7 +30,9 @@ def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> 
     same joints, of one axis each.
     """
     joints = _joints_of(records)
-    figure, axes = stacked(len(joints), 0.6, f"Joint positions in phase {label_text(phase)} [{unit_of('q', 'joints')}]")
+    figure, axes = style.stacked(
+        len(joints), 0.6, f"Joint positions in phase {style.label_text(phase)} [{unit_of('q', 'joints')}]"
+    )
     for (_, record), color in zip(records.items(), _COLORS, strict=False):
         spans = {span.name: span for span in phase_spans(record)}
         if phase not in spans:
@@ -53,11 +42,14 @@ def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> 
         for axis, column in zip(axes, joint_positions(record.series, record.meta)[rows].T, strict=True):
             axis.plot(record["t"][rows] - span.start, column, color=color, lw=1.0)
     for axis, name in zip(axes, joints, strict=True):
-        axis.set_ylabel(label_text(name), rotation=0, ha="right", va="center")
-    axes[-1].set_xlabel(axis_label(f"time since phase {label_text(phase)} began", "t"))
-    heading_legend(
+        axis.set_ylabel(style.label_text(name), rotation=0, ha="right", va="center")
+    axes[-1].set_xlabel(axis_label(f"time since phase {style.label_text(phase)} began", "t"))
+    style.heading_legend(
         figure,
-        [Line2D([], [], color=color, label=label_text(name)) for name, color in zip(records, _COLORS, strict=False)],
+        [
+            Line2D([], [], color=color, label=style.label_text(name))
+            for name, color in zip(records, _COLORS, strict=False)
+        ],
     )
     return figure
 
@@ -72,16 +64,18 @@ def _joints_of(records: Mapping[str, Record]) -> tuple[str, ...]:
 
 
 @checked
-@styled
+@style.styled
 def figure_paths(paths: Mapping[str, np.ndarray]) -> Figure:
     """Draw from above and from the side `paths` (n, 3) [m] in W by name, such as a tool's planned and tracked one."""
-    figure = RecordFigure(figsize=(WIDTH, 3.3))
+    figure = style.RecordFigure(figsize=(style.WIDTH, 3.3))
     figure.suptitle("Paths", fontsize=10, fontweight="bold", x=0.01, ha="left")
     views = figure.subplots(1, 2)
     for axis, (i, j), labels in zip(views, ((0, 1), (0, 2)), ("xy", "xz"), strict=True):
         for k, (name, path) in enumerate(paths.items()):
             color = _COLORS[k % len(_COLORS)]
-            axis.plot(path[:, i], path[:, j], color=color, ls="-" if k else "--", label=label_text(name), zorder=3 - k)
+            axis.plot(
+                path[:, i], path[:, j], color=color, ls="-" if k else "--", label=style.label_text(name), zorder=3 - k
+            )
             axis.plot(path[0, i], path[0, j], "o", color=color, ms=4)
             axis.plot(path[-1, i], path[-1, j], "*", color=color, ms=8)
         axis.set(xlabel=axis_label(labels[0], "q", "position"), ylabel=axis_label(labels[1], "q", "position"))
@@ -89,20 +83,21 @@ def figure_paths(paths: Mapping[str, np.ndarray]) -> Figure:
     for axis, title in zip(views, ("from above", "from the side"), strict=True):
         axis.set_title(title)
     ends = [
-        Line2D([], [], color=BLACK, ls="", marker=mark, label=text) for mark, text in (("o", "start"), ("*", "end"))
+        Line2D([], [], color=style.BLACK, ls="", marker=mark, label=text)
+        for mark, text in (("o", "start"), ("*", "end"))
     ]
-    heading_legend(figure, [*views[0].get_lines()[::3], *ends])
+    style.heading_legend(figure, [*views[0].get_lines()[::3], *ends])
     return figure
 
 
 @checked
-@styled
+@style.styled
 def figure_transitions(runs: Mapping[str, Mapping[str, np.ndarray]]) -> Figure:
     """How smoothly runs change phase; thin lines: changes.
 
     runs: by name, the series (n,) [s, -, m/s3 or rad/s3, m/s or rad/s] that `uvms_ocp.report.transition_series` gives.
     """
-    figure, axes = stacked(3, 1.5, "Smoothness of phase changes")
+    figure, axes = style.stacked(3, 1.5, "Smoothness of phase changes")
     for (_, run), color in zip(runs.items(), _COLORS, strict=False):
         for axis, name in zip(axes, ("step", "jerk", "lost"), strict=True):
             axis.plot(run["t"], np.maximum(run[name], _LEAST[name]), color=color, lw=0.8)
@@ -114,12 +109,12 @@ def figure_transitions(runs: Mapping[str, Mapping[str, np.ndarray]]) -> Figure:
         ("step of v / (a_max dt)", "jerk [m/s³, rad/s³]", "lost above [m/s, rad/s]"),
         strict=True,
     ):
-        logarithmic(axis)
+        style.logarithmic(axis)
         axis.set_ylabel(label)
         axis.set_ylim(bottom=_LEAST[name])
-    axes[0].axhline(1.0, color=BLACK, lw=0.6, ls="--")
-    heading_legend(
+    axes[0].axhline(1.0, color=style.BLACK, lw=0.6, ls="--")
+    style.heading_legend(
         figure,
-        [Line2D([], [], color=color, label=label_text(name)) for name, color in zip(runs, _COLORS, strict=False)],
+        [Line2D([], [], color=color, label=style.label_text(name)) for name, color in zip(runs, _COLORS, strict=False)],
     )
     return figure

@@ -15,44 +15,29 @@ from uvms_ocp.identification.fit import Predicted
 from uvms_ocp.identification.parameters import AXES
 from uvms_ocp.identification.uncertainty import CHANNELS, INTERVAL, LEAST_P, Whiteness
 from uvms_ocp.identification.validation import SCORED, HeldOutRecording, Profile, errors
+from uvms_ocp.viz import style
 from uvms_ocp.viz.series import axis_label
-from uvms_ocp.viz.style import (
-    BLACK,
-    BLUE,
-    FADED,
-    GREEN,
-    ORANGE,
-    THRESHOLD,
-    VERMILLION,
-    WIDTH,
-    RecordFigure,
-    heading_legend,
-    label_text,
-    save_figure,
-    stacked,
-    styled,
-)
 
 # What speaks for and against a calibration: residuals and whether they are white, profiles, recordings that were left out.
 
 _UNITS = ("m/s", "rad/s", "-")
 """Of what the three sensors show."""
 _COLUMNS = 4  # of profiles beside each other
-_PREDICTORS = (BLUE, FADED, ORANGE, GREEN)
+_PREDICTORS = (style.BLUE, style.FADED, style.ORANGE, style.GREEN)
 _ROOM = 1.15  # of the tallest bar but those of the vehicle before, which may be anywhere
 
 
-@styled
+@style.styled
 def figure_residuals(one: Comparison) -> Figure:
     """Draw the residuals, simulated less measured, and their autocorrelation."""
     tests = {each.channel: each for each in one.whiteness}
-    figure = RecordFigure(figsize=(WIDTH, 0.95 * len(CHANNELS) + 0.6))
-    _title(figure, f"{label_text(one.name)}: what the search has left, and its autocorrelation")
+    figure = style.RecordFigure(figsize=(style.WIDTH, 0.95 * len(CHANNELS) + 0.6))
+    _title(figure, f"{style.label_text(one.name)}: what the search has left, and its autocorrelation")
     grid = figure.subplots(len(CHANNELS), 2, sharex="col", squeeze=False, gridspec_kw={"width_ratios": (3, 1)})
     for i, (name, (over_time, over_lags)) in enumerate(zip(CHANNELS, grid, strict=True)):
         sensor, column = divmod(i, 3)
         left = one.residuals.rows[sensor][:, column] - one.residuals.measured[sensor][:, column]
-        over_time.plot(one.residuals.t[sensor], left, color=BLUE, lw=0.6)
+        over_time.plot(one.residuals.t[sensor], left, color=style.BLUE, lw=0.6)
         over_time.set_ylabel(f"{name}\n[{_UNITS[sensor]}]")
         if name in tests:
             _correlation(over_lags, tests[name])
@@ -63,19 +48,19 @@ def figure_residuals(one: Comparison) -> Figure:
 
 def _correlation(axis: Axes, one: Whiteness) -> None:
     lags = one.interval * np.arange(len(one.correlation))
-    axis.axhspan(-one.bound, one.bound, color=FADED, alpha=0.5, lw=0)
-    axis.vlines(lags[1:], 0.0, one.correlation[1:], color=BLUE, lw=1.2)
+    axis.axhspan(-one.bound, one.bound, color=style.FADED, alpha=0.5, lw=0)
+    axis.vlines(lags[1:], 0.0, one.correlation[1:], color=style.BLUE, lw=1.2)
     axis.set_ylim(-1.05, 1.05)
-    color = THRESHOLD if one.white else VERMILLION
+    color = style.THRESHOLD if one.white else style.VERMILLION
     p = f"p = {one.p:.2g}" if one.p > LEAST_P else f"p < {LEAST_P:g}"
     axis.set_title(f"{p}, {one.inflation:.2g} alike", fontsize=7, color=color, pad=2)
 
 
-@styled
+@style.styled
 def figure_profiles(profiles: Sequence[Profile]) -> Figure:
     """Roots of the deviance with each number held, and the straight line that standard errors take for them."""
     n_rows = -(-len(profiles) // _COLUMNS)
-    figure = RecordFigure(figsize=(WIDTH, 1.5 * n_rows + 0.7))
+    figure = style.RecordFigure(figsize=(style.WIDTH, 1.5 * n_rows + 0.7))
     _title(figure, "Root of the deviance, a number held (grey: by standard errors)")
     axes = figure.subplots(n_rows, _COLUMNS, sharex=True, sharey=True, squeeze=False).ravel()
     for axis, one in zip(axes, profiles, strict=False):
@@ -87,20 +72,20 @@ def figure_profiles(profiles: Sequence[Profile]) -> Figure:
 
 
 def _profile(axis: Axes, one: Profile) -> None:
-    number, color = one.number, VERMILLION if one.differs else BLUE
+    number, color = one.number, style.VERMILLION if one.differs else style.BLUE
     for end in (-INTERVAL, INTERVAL):
-        axis.axhline(end, color=THRESHOLD, lw=0.7, ls=(0, (5, 3)))
+        axis.axhline(end, color=style.THRESHOLD, lw=0.7, ls=(0, (5, 3)))
     straight, found = ((np.array(ends) - number.value) / number.sigma for ends in (number.interval, one.values))
-    axis.plot(straight, (-INTERVAL, INTERVAL), color=FADED, lw=2.5)
+    axis.plot(straight, (-INTERVAL, INTERVAL), color=style.FADED, lw=2.5)
     axis.plot(found, one.roots, color=color, lw=1.0, marker="o", ms=3)
-    axis.set_title(f"{label_text(number.name)}\n{number.value:.4g} ± {number.sigma:.2g}", fontsize=7)
+    axis.set_title(f"{style.label_text(number.name)}\n{number.value:.4g} ± {number.sigma:.2g}", fontsize=7)
 
 
-@styled
+@style.styled
 def figure_left_out(found: Sequence[HeldOutRecording]) -> Figure:
     """Errors of predictions of recordings that were left out, medians over them, beside those that know less."""
     asked = sorted({each.asked for one in found for each in one.horizons})
-    figure = RecordFigure(figsize=(WIDTH, 4.6))
+    figure = style.RecordFigure(figsize=(style.WIDTH, 4.6))
     _title(figure, "Recordings that were left out: errors by horizon; taller bars are cut")
     axes = figure.subplots(2, 4).ravel()
     for i, (axis, name) in enumerate(zip(axes, SCORED, strict=False)):
@@ -129,7 +114,7 @@ def _median(found: Sequence[HeldOutRecording], asked: float, name: str, i: int) 
     return float(np.median([errors(each.by[name])[i] for each in chosen]))
 
 
-def _title(figure: RecordFigure, text: str) -> None:
+def _title(figure: style.RecordFigure, text: str) -> None:
     figure.suptitle(text, fontsize=10, fontweight="bold", x=0.01, ha="left")
 
 
@@ -142,22 +127,22 @@ _WIDEST = 100.0  # [%] of an interval that is drawn: beyond it nothing is known
 
 def write_identification_figures(one: Calibration, folder: Path) -> list[Path]:
     """Write PNG files into the folder: two for each recording, one for all numbers, and those of what was asked for besides."""
-    paths = [save_figure(figure_intervals(one), folder / "intervals.png")]
+    paths = [style.save_figure(figure_intervals(one), folder / "intervals.png")]
     kinds: dict[str, Callable[[Comparison], Figure]] = {"predicted": figure_predicted, "residuals": figure_residuals}
     for k, each in enumerate(one.comparisons):
-        paths += [save_figure(draw(each), folder / f"{kind}_{k}.png") for kind, draw in kinds.items()]
+        paths += [style.save_figure(draw(each), folder / f"{kind}_{k}.png") for kind, draw in kinds.items()]
     if one.profiles:
-        paths.append(save_figure(figure_profiles(one.profiles), folder / "profiles.png"))
+        paths.append(style.save_figure(figure_profiles(one.profiles), folder / "profiles.png"))
     long_enough = [each for each in one.left_out if each.horizons]
     if long_enough:
-        paths.append(save_figure(figure_left_out(long_enough), folder / "left_out.png"))
+        paths.append(style.save_figure(figure_left_out(long_enough), folder / "left_out.png"))
     return paths
 
 
-@styled
+@style.styled
 def figure_predicted(one: Comparison) -> Figure:
     """Velocities, roll and pitch, measured and predicted from commands alone."""
-    figure, axes = stacked(len(AXES) + 2, 1.0, f"{label_text(one.name)}: measured and predicted")
+    figure, axes = style.stacked(len(AXES) + 2, 1.0, f"{style.label_text(one.name)}: measured and predicted")
     for i, (axis, name) in enumerate(zip(axes, AXES, strict=False)):
         sensor, column = divmod(i, 3)
         axis.set_ylabel(axis_label(name, "v", _PARTS[sensor]))
@@ -165,17 +150,19 @@ def figure_predicted(one: Comparison) -> Figure:
     for axis, name, angle in zip(axes[len(AXES) :], ("roll", "pitch"), (_roll, _pitch), strict=True):
         axis.set_ylabel(f"{name} [deg]")
         _draw(axis, one, 2, angle)
-    heading_legend(figure, axes[0].get_lines())
+    style.heading_legend(figure, axes[0].get_lines())
     return figure
 
 
 def _draw(axis: Axes, one: Comparison, sensor: int, column: Callable[[np.ndarray], np.ndarray]) -> None:
     drawn: tuple[tuple[str, Predicted, str], ...] = (
-        ("before", one.before, FADED),
-        ("at rest in balance", one.balance, GREEN),
-        ("calibrated", one.calibrated, VERMILLION),
+        ("before", one.before, style.FADED),
+        ("at rest in balance", one.balance, style.GREEN),
+        ("calibrated", one.calibrated, style.VERMILLION),
     )
-    axis.plot(one.calibrated.t[sensor], column(one.calibrated.measured[sensor]), color=BLACK, lw=0.7, label="measured")
+    axis.plot(
+        one.calibrated.t[sensor], column(one.calibrated.measured[sensor]), color=style.BLACK, lw=0.7, label="measured"
+    )
     for name, predicted, color in drawn:
         axis.plot(predicted.t[sensor], column(predicted.rows[sensor]), color=color, lw=0.9, label=name)
 
@@ -188,16 +175,18 @@ def _pitch(vertical: np.ndarray) -> np.ndarray:
     return np.asarray(np.rad2deg(-np.arcsin(np.clip(vertical[:, 0], -1.0, 1.0))))
 
 
-@styled
+@style.styled
 def figure_intervals(one: Calibration) -> Figure:
     """Intervals of 95 %, relative to the sizes of numbers; those that are not determined are faded."""
     numbers = one.numbers
-    figure = RecordFigure(figsize=(WIDTH, 0.17 * len(numbers) + 1.0))
+    figure = style.RecordFigure(figsize=(style.WIDTH, 0.17 * len(numbers) + 1.0))
     figure.suptitle("Half widths of 95 % intervals", fontsize=10, fontweight="bold", x=0.01, ha="left")
     axis = figure.subplots()
     widths = [min(100.0 * INTERVAL * each.sigma / max(each.size, 1e-300), _WIDEST) for each in numbers]
-    axis.barh(np.arange(len(numbers)), widths, color=[BLUE if each.determined else FADED for each in numbers])
-    axis.set_yticks(np.arange(len(numbers)), [label_text(each.name) for each in numbers])
+    axis.barh(
+        np.arange(len(numbers)), widths, color=[style.BLUE if each.determined else style.FADED for each in numbers]
+    )
+    axis.set_yticks(np.arange(len(numbers)), [style.label_text(each.name) for each in numbers])
     axis.set_ylim(len(numbers) - 0.4, -0.6)
     axis.set_xlabel(f"[%] of the number's size, cut off at {_WIDEST:.0f}; grey: not determined")
     return figure

@@ -16,23 +16,8 @@ from uvms_ocp.record.meta_values import ObstacleMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import joint_positions
 from uvms_ocp.robot.shapes.obstacles import build_obstacle
+from uvms_ocp.viz import style
 from uvms_ocp.viz.series import PhaseSpan, axis_label, axis_names, floor_heights, has_vehicle, phase_spans
-from uvms_ocp.viz.style import (
-    AXES_XYZ,
-    BLACK,
-    BLUE,
-    DASHES,
-    LINES,
-    VERMILLION,
-    WIDTH,
-    RecordFigure,
-    label_text,
-    legend_beside,
-    mark_time,
-    space_above,
-    stacked,
-    styled,
-)
 
 # What a mission on the physical plant cost: thrust, torque, power, tracking and disturbance.
 
@@ -41,33 +26,35 @@ _TRACKED = {"velocity": "linear", "rate": "angular"}
 
 
 @checked
-@styled
+@style.styled
 def figure_efforts(record: Record) -> Figure | None:
     """Thrust of every thruster, or the planned wrench, torque of every joint, and the energy taken so far."""
     draw = next((drawn for name, drawn in _PUSHES.items() if name in record.series), None)
     if draw is None or "joint_energy" not in record.series:
         return None
     n_pushes = 1 if draw is _thrust else len(_PARTS)
-    figure, axes = stacked(n_pushes + 2, 1.5, "Forces, torque and energy")
+    figure, axes = style.stacked(n_pushes + 2, 1.5, "Forces, torque and energy")
     draw(record, axes[:n_pushes])
     _torque(record, axes[-2])
     _energy(record, axes[-1])
     for axis in axes:
-        legend_beside(axis)
-    mark_time(axes, record, share=0.92)
+        style.legend_beside(axis)
+    style.mark_time(axes, record, share=0.92)
     return figure
 
 
 def _thrust(record: Record, axes: Sequence[Axes]) -> None:
     for i, thrust in enumerate(record["thrust"].T):
-        style = DASHES[i // len(LINES) % len(DASHES)]
-        axes[0].plot(record["t"], thrust, color=LINES[i % len(LINES)], ls=style, lw=0.8, label=f"thruster{i + 1}")
+        dash = style.DASHES[i // len(style.LINES) % len(style.DASHES)]
+        axes[0].plot(
+            record["t"], thrust, color=style.LINES[i % len(style.LINES)], ls=dash, lw=0.8, label=f"thruster{i + 1}"
+        )
     axes[0].set_ylabel(axis_label("thrust", "thrust"))
 
 
 def _wrench(record: Record, axes: Sequence[Axes]) -> None:
     for axis, part, values in zip(axes, _PARTS, np.hsplit(record["wrench"], len(_PARTS)), strict=True):
-        for color, name, column in zip(AXES_XYZ, "xyz", values.T, strict=True):
+        for color, name, column in zip(style.AXES_XYZ, "xyz", values.T, strict=True):
             axis.plot(record["t"], column, color=color, lw=0.8, label=name)
         axis.set_ylabel(axis_label(part, "wrench", part))
 
@@ -78,27 +65,29 @@ _PUSHES: Mapping[str, Callable[[Record, Sequence[Axes]], None]] = {"thrust": _th
 def _torque(record: Record, axis: Axes) -> None:
     names = axis_names(record, record["torque"].shape[1])
     for i, (name, torque) in enumerate(zip(names, record["torque"].T, strict=True)):
-        axis.plot(record["t"], torque, color=LINES[i % len(LINES)], lw=0.8, label=label_text(name, 10))
+        axis.plot(
+            record["t"], torque, color=style.LINES[i % len(style.LINES)], lw=0.8, label=style.label_text(name, 10)
+        )
     axis.set_ylabel(axis_label("torque", "torque"))
 
 
 def _energy(record: Record, axis: Axes) -> None:
     thrusters = record["thruster_energy"].sum(axis=1)
     unknown = " (not known)" if np.isnan(thrusters).any() else ""
-    axis.plot(record["t"], thrusters, color=BLUE, label=f"thrusters{unknown}")
-    axis.plot(record["t"], record["joint_energy"], color=VERMILLION, label="joints")
+    axis.plot(record["t"], thrusters, color=style.BLUE, label=f"thrusters{unknown}")
+    axis.plot(record["t"], record["joint_energy"], color=style.VERMILLION, label="joints")
     axis.set_ylabel(axis_label("energy", "joint_energy"))
 
 
 @checked
-@styled
+@style.styled
 def figure_tracking(record: Record) -> Figure | None:
     """How well the vehicle follows its reference velocity, and the force that the observer holds responsible."""
     if "disturbance" not in record.series or not has_vehicle(record):
         return None
     t, error = record["t"], record["v"] - record["command"]
-    figure, axes = stacked(3, 1.5, "Velocity tracking and estimated disturbance")
-    for i, (color, names) in enumerate(zip(AXES_XYZ, ("surge, roll", "sway, pitch", "heave, yaw"), strict=True)):
+    figure, axes = style.stacked(3, 1.5, "Velocity tracking and estimated disturbance")
+    for i, (color, names) in enumerate(zip(style.AXES_XYZ, ("surge, roll", "sway, pitch", "heave, yaw"), strict=True)):
         linear, angular = names.split(", ")
         axes[0].plot(t, 1e3 * error[:, i], color=color, lw=0.9, label=linear)
         axes[1].plot(t, 1e3 * error[:, 3 + i], color=color, lw=0.9, label=angular)
@@ -107,9 +96,9 @@ def figure_tracking(record: Record) -> Figure | None:
     labels = (velocity, rate, axis_label("disturbance", "disturbance", "force"))
     for axis, label in zip(axes, labels, strict=True):
         axis.set_ylabel(label)
-        legend_beside(axis)
+        style.legend_beside(axis)
         axis.set_ylim(*_robust_range(axis.lines))
-    mark_time(axes, record, share=0.92)
+    style.mark_time(axes, record, share=0.92)
     return figure
 
 
@@ -130,14 +119,14 @@ _LEAST_SPAN = 0.02  # [m/s, rad/s] of a velocity panel
 
 
 @checked
-@styled
+@style.styled
 def figure_velocities(record: Record) -> Figure | None:
     """Linear and angular velocity of the vehicle in B, whole run and a zoom on every change of phase."""
     if not has_vehicle(record):
         return None
     spans = phase_spans(record)
     changes = [span.start for span in spans[1:]][:_MAX_ZOOMS]
-    figure = RecordFigure(figsize=(WIDTH, 3.9 + (2.6 if changes else 0.0)))
+    figure = style.RecordFigure(figsize=(style.WIDTH, 3.9 + (2.6 if changes else 0.0)))
     figure.suptitle("Vehicle velocity", fontsize=10, fontweight="bold", x=0.01, ha="left")
     parts = figure.subfigures(2, 1, height_ratios=(3.4, 3.0)) if changes else [figure]
     _whole_run(parts[0], record)
@@ -157,9 +146,9 @@ def _whole_run(parent: Figure, record: Record) -> None:
     for axis, (part, label, names) in zip(axes, _VELOCITY_PANELS, strict=True):
         _velocity_lines(axis, record, part, names)
         axis.set_ylabel(label)
-        legend_beside(axis)
+        style.legend_beside(axis)
     axes[-1].set_xlabel(axis_label("time", "t"))
-    mark_time(axes, record, share=0.92)
+    style.mark_time(axes, record, share=0.92)
 
 
 def _zooms(parent: Figure, record: Record, changes: Sequence[float], spans: Sequence[PhaseSpan]) -> None:
@@ -167,7 +156,7 @@ def _zooms(parent: Figure, record: Record, changes: Sequence[float], spans: Sequ
     for column, change in enumerate(changes):
         for axis, (part, label, names) in zip(grid[:, column], _VELOCITY_PANELS, strict=True):
             _velocity_lines(axis, record, part, names, around=change)
-            mark_time([axis], record, named=False)
+            style.mark_time([axis], record, named=False)
             axis.set_xlim(change - _ZOOM, change + _ZOOM)
             _keep_span(axis)
             if column == 0:
@@ -190,34 +179,34 @@ def _keep_span(axis: Axes) -> None:
 def _velocity_lines(axis: Axes, record: Record, part: slice, names: Sequence[str], around: float | None = None) -> None:
     t, v = record["t"], record["v"][:, part]
     shown = np.ones(len(t), dtype=bool) if around is None else np.abs(t - around) <= _ZOOM
-    for values, name, color, dashes in zip(v[shown].T, names, AXES_XYZ, DASHES, strict=True):
+    for values, name, color, dashes in zip(v[shown].T, names, style.AXES_XYZ, style.DASHES, strict=True):
         axis.plot(t[shown], values, color=color, ls=dashes, label=name, lw=1.2)
 
 
 @checked
-@styled
+@style.styled
 def figure_joints(record: Record) -> Figure | None:
     """Joint positions and velocities, with limits where the record gives them; one small panel per joint."""
     names, values = record.meta.joints, joint_positions(record.series, record.meta)
     n = len(names)
     if not names or values is None:
         return None
-    figure = RecordFigure(figsize=(WIDTH, 0.78 * n + 0.9))
+    figure = style.RecordFigure(figsize=(style.WIDTH, 0.78 * n + 0.9))
     figure.suptitle("Joints", fontsize=10, fontweight="bold", x=0.01, ha="left")
     grid = figure.subplots(n, 2, sharex=True, squeeze=False)
     positions, velocities = _joint_bounds(record, n)
     _joint_column(grid[:, 0], record, values, positions)
     _joint_column(grid[:, 1], record, record["v"][:, -n:], velocities)
     for axis, name in zip(grid[:, 0], names, strict=True):
-        axis.set_ylabel(label_text(name), rotation=0, ha="right", va="center")
+        axis.set_ylabel(style.label_text(name), rotation=0, ha="right", va="center")
     for axis, title in zip(
         grid[0], (axis_label("position", "q", "joints"), axis_label("velocity", "v", "joints")), strict=True
     ):
-        axis.set_title(title, pad=1 + space_above(record))
+        axis.set_title(title, pad=1 + style.space_above(record))
     for axis in grid[-1]:
         axis.set_xlabel(axis_label("time", "t"))
     for column in grid.T:
-        mark_time(column, record, share=0.46)
+        style.mark_time(column, record, share=0.46)
     figure.align_ylabels(grid[:, 0])
     return figure
 
@@ -233,10 +222,10 @@ def _joint_bounds(record: Record, n: int) -> tuple[list[np.ndarray], list[np.nda
 
 def _joint_column(axes: Sequence[Axes], record: Record, values: np.ndarray, bounds: Sequence[np.ndarray]) -> None:
     for i, axis in enumerate(axes):
-        axis.plot(record["t"], values[:, i], color=LINES[i % len(LINES)])
+        axis.plot(record["t"], values[:, i], color=style.LINES[i % len(style.LINES)])
         for bound in bounds:
             if np.isfinite(bound[i]):
-                axis.axhline(bound[i], color=VERMILLION, lw=0.8, ls="--")
+                axis.axhline(bound[i], color=style.VERMILLION, lw=0.8, ls="--")
 
 
 # Figure of the vehicle's path over the floor.
@@ -248,12 +237,12 @@ _DIRECTIONS = 48  # that an outline is found in
 
 
 @checked
-@styled
+@style.styled
 def figure_path(record: Record) -> Figure | None:
     """The vehicle's path from above and from the side, coloured by phase, with the markers and obstacles of the scenario."""
     if not has_vehicle(record):
         return None
-    figure = RecordFigure(figsize=(WIDTH, 3.3))
+    figure = style.RecordFigure(figsize=(style.WIDTH, 3.3))
     figure.suptitle("Path of the vehicle", fontsize=10, fontweight="bold", x=0.01, ha="left")
     above, side = figure.subplots(1, 2)
     for axis, (i, j) in ((above, (0, 1)), (side, (0, 2))):
@@ -285,14 +274,16 @@ def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
     t, p = record["t"], record["q"][:, :3]
     for k, span in enumerate(phase_spans(record)):
         part = (t >= span.start) & (t <= span.end)
-        axis.plot(p[part, i], p[part, j], color=LINES[k % len(LINES)], lw=2, label=label_text(span.label))
-    axis.plot(p[0, i], p[0, j], "o", color=BLACK, ms=4)
+        axis.plot(
+            p[part, i], p[part, j], color=style.LINES[k % len(style.LINES)], lw=2, label=style.label_text(span.label)
+        )
+    axis.plot(p[0, i], p[0, j], "o", color=style.BLACK, ms=4)
     for item in record.meta.surroundings.obstacles:
         outline = obstacle_outline(item, i, j)
         axis.fill(*outline.T, facecolor=_OBSTACLE, edgecolor=_OBSTACLE_EDGE, lw=0.8, alpha=0.55, zorder=1)
         below = outline[:, 0].mean(), outline[:, 1].min()
         axis.annotate(
-            label_text(item.name, 16),
+            style.label_text(item.name, 16),
             below,
             xytext=(0, -2),
             textcoords="offset points",
@@ -302,8 +293,8 @@ def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
         )
     for marker in record.meta.surroundings.markers:
         place = marker.position[i], marker.position[j]
-        axis.plot(*place, "*", color=BLACK, ms=7)
-        axis.annotate(label_text(marker.name), place, xytext=(5, 4), textcoords="offset points", fontsize=7)
+        axis.plot(*place, "*", color=style.BLACK, ms=7)
+        axis.annotate(style.label_text(marker.name), place, xytext=(5, 4), textcoords="offset points", fontsize=7)
 
 
 def obstacle_outline(data: ObstacleMeta, i: int, j: int) -> np.ndarray:

@@ -15,20 +15,9 @@ from uvms_ocp.errors import plain_line
 from uvms_ocp.record.meta_values import ClearanceMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.tables import unit_of
+from uvms_ocp.viz import style
 from uvms_ocp.viz.motion_figures import figure_efforts
 from uvms_ocp.viz.series import axis_label, require_rows
-from uvms_ocp.viz.style import (
-    BLACK,
-    DASHES,
-    LINES,
-    THRESHOLD,
-    VERMILLION,
-    label_text,
-    save_figure,
-    stacked,
-    styled,
-    threshold,
-)
 
 _ROWS: Mapping[str, str] = MappingProxyType(
     {
@@ -44,37 +33,39 @@ _VEHICLE = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 @checked
-@styled
+@style.styled
 def figure_vehicle_motion(record: Record) -> Figure | None:
     """Planned vehicle axes from position to snap; `None` where none is planned."""
     return _motion(record, _VEHICLE, "Planned motion of the vehicle")
 
 
 @checked
-@styled
+@style.styled
 def figure_joint_motion(record: Record) -> Figure | None:
     """Planned joints from position to snap; `None` where none is planned."""
     return _motion(record, record.meta.joints, "Planned motion of the joints")
 
 
 @checked
-@styled
+@style.styled
 def figure_clearance(record: Record) -> Figure | None:
     """Distance from each obstacle and between links along the path, and the clearance that was wanted."""
     if "clearance" not in record.series or not record["clearance"].shape[1]:
         return None
     d, meta = record["clearance"], record.plan_meta
     wanted = meta.clearance_wanted
-    figure, (axis,) = stacked(1, 2.8, "Clearance along the path")
+    figure, (axis,) = style.stacked(1, 2.8, "Clearance along the path")
     for k, name in enumerate(meta.clearance_groups):
-        style = DASHES[k // len(LINES) % len(DASHES)]
-        axis.plot(record["t"], d[:, k], color=LINES[k % len(LINES)], ls=style, label=label_text(name, 24))
-    threshold(axis, wanted, f"wanted {wanted:g} m")
+        dash = style.DASHES[k // len(style.LINES) % len(style.DASHES)]
+        axis.plot(
+            record["t"], d[:, k], color=style.LINES[k % len(style.LINES)], ls=dash, label=style.label_text(name, 24)
+        )
+    style.threshold(axis, wanted, f"wanted {wanted:g} m")
     if meta.min_clearance is not None:
         _mark_least(axis, meta.min_clearance)
     top, bottom = min(float(d.max()), max(_FAR, 5.0 * wanted)), min(float(d.min()), 0.0)
     axis.set_ylim(1.1 * bottom - 0.03 * top, 1.05 * top)
-    axis.axhspan(axis.get_ylim()[0], 0.0, color=VERMILLION, alpha=0.15, lw=0)
+    axis.axhspan(axis.get_ylim()[0], 0.0, color=style.VERMILLION, alpha=0.15, lw=0)
     axis.set_ylabel(axis_label("distance", "clearance"))
     figure.legend(loc="outside upper right", ncols=4)
     _mark_breaks([axis], record)
@@ -85,7 +76,7 @@ def _mark_least(axis: Axes, nearest: ClearanceMeta) -> None:
     """A dot at the smallest distance, with the two shapes, written towards the middle of the panel."""
     when, least = nearest.t, nearest.distance
     left = when < axis.get_xlim()[1] / 2.0
-    axis.plot(when, least, "o", color=BLACK, ms=4, clip_on=False, zorder=3)
+    axis.plot(when, least, "o", color=style.BLACK, ms=4, clip_on=False, zorder=3)
     axis.annotate(
         plain_line(f"{least:.3g} m, {nearest.between}", 80),
         (when, least),
@@ -100,7 +91,9 @@ def _mark_least(axis: Axes, nearest: ClearanceMeta) -> None:
 @checked
 def write_plan_figures(record: Record, folder: Path | str) -> tuple[Path, ...]:
     """Write every figure that the plan can fill as PNG; returns the paths. Raises `OutputError`."""
-    return tuple(save_figure(figure, Path(folder) / f"{name}.png") for name, figure in plan_figures(record).items())
+    return tuple(
+        style.save_figure(figure, Path(folder) / f"{name}.png") for name, figure in plan_figures(record).items()
+    )
 
 
 def plan_figures(record: Record) -> dict[str, Figure]:
@@ -123,12 +116,16 @@ def _motion(record: Record, names: Collection[str], title: str) -> Figure | None
     if not wanted:
         return None
     rows = {series: label for series, label in _ROWS.items() if series in record.series}
-    figure, axes = stacked(len(rows), 1.25, title)
+    figure, axes = style.stacked(len(rows), 1.25, title)
     for row, (series, label) in zip(axes, rows.items(), strict=True):
         for k, i in enumerate(wanted):
-            name, style = planned[i], DASHES[k // len(LINES) % len(DASHES)]
+            name, dash = planned[i], style.DASHES[k // len(style.LINES) % len(style.DASHES)]
             row.plot(
-                record["t"], record[series][:, i], color=LINES[k % len(LINES)], ls=style, label=label_text(name, 10)
+                record["t"],
+                record[series][:, i],
+                color=style.LINES[k % len(style.LINES)],
+                ls=dash,
+                label=style.label_text(name, 10),
             )
         row.set_ylabel(f"{label}\n[{unit_of(series, 'position')}, {unit_of(series, 'attitude')}]")
         _draw_limits(row, record, series, wanted)
@@ -146,7 +143,7 @@ def _draw_limits(row: Axes, record: Record, series: str, wanted: list[int]) -> N
     for limit in sorted({values[i] for i in wanted if np.isfinite(values[i])}):
         for side in (limit, -limit):
             if low * 1.4 <= side <= high * 1.4:
-                row.axhline(side, color=THRESHOLD, lw=0.8, ls=(0, (5, 3)))
+                row.axhline(side, color=style.THRESHOLD, lw=0.8, ls=(0, (5, 3)))
 
 
 def _mark_breaks(axes: list[Axes], record: Record) -> None:

@@ -22,40 +22,10 @@ from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record.meta_values import AlarmMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import joint_errors
+from uvms_ocp.viz import style, task_figures
 from uvms_ocp.viz.motion_figures import figure_efforts, figure_joints, figure_path, figure_tracking, figure_velocities
 from uvms_ocp.viz.plan_figures import plan_figures
 from uvms_ocp.viz.series import axis_label, axis_names, has_vehicle, intervals_of, phase_spans, require_rows
-from uvms_ocp.viz.style import (
-    AXES_XYZ,
-    BLACK,
-    BLUE,
-    GREEN,
-    LINES,
-    ORANGE,
-    VERMILLION,
-    WIDTH,
-    Figures,
-    RecordFigure,
-    heading_legend,
-    label_text,
-    legend_beside,
-    logarithmic,
-    mark_time,
-    save_figure,
-    shade_phases,
-    stacked,
-    styled,
-    threshold,
-)
-from uvms_ocp.viz.task_figures import (
-    figure_activations,
-    figure_altitude,
-    figure_errors,
-    figure_misalignment,
-    figure_of,
-    figure_quantities,
-    figure_tool_error,
-)
 
 # How well the estimator knew where the robot was, and how well it said so.
 
@@ -63,17 +33,17 @@ _SHOWN = 98.0  # [%] of the ticks whose bands fit; before the first readings the
 
 
 @checked
-@styled
+@style.styled
 def figure_estimate(record: Record) -> Figure | None:
     """Errors of position, attitude and joints, estimate less truth, within two standard deviations that the filter gives."""
     panels = _panels(record) if {"q", "q_estimated", "q_std"} <= record.series.keys() else []
     if not panels:
         return None
-    figure, axes = stacked(len(panels), 1.5, "Estimate less truth, and two standard deviations")
+    figure, axes = style.stacked(len(panels), 1.5, "Estimate less truth, and two standard deviations")
     for axis, (label, names, colors, errors, spreads) in zip(axes, panels, strict=True):
         _draw(axis, record["t"], names, colors, errors, spreads)
         axis.set_ylabel(label)
-    shade_phases(axes, phase_spans(record), share=0.92)
+    style.shade_phases(axes, phase_spans(record), share=0.92)
     return figure
 
 
@@ -86,11 +56,11 @@ def _panels(record: Record) -> list[_Panel]:
     if has_vehicle(record):
         place, turn = 1e3 * (measured - q)[:, :3], 1e3 * _turns(q[:, 3:7], measured[:, 3:7])
         found += [
-            (axis_label("position", "q", "position", "m"), ("x", "y", "z"), AXES_XYZ, place, 1e3 * spread[:, :3]),
+            (axis_label("position", "q", "position", "m"), ("x", "y", "z"), style.AXES_XYZ, place, 1e3 * spread[:, :3]),
             (
                 axis_label("attitude", "q_std", "attitude", "m"),
                 ("roll", "pitch", "yaw"),
-                AXES_XYZ,
+                style.AXES_XYZ,
                 turn,
                 1e3 * spread[:, 3:6],
             ),
@@ -98,8 +68,8 @@ def _panels(record: Record) -> list[_Panel]:
     errors = joint_errors(record.series, record.meta)
     n = 0 if errors is None else errors.shape[1]
     if n and spread.shape[1] >= n:
-        names = [label_text(name, 10) for name in axis_names(record, n)]
-        colors = [LINES[i % len(LINES)] for i in range(n)]
+        names = [style.label_text(name, 10) for name in axis_names(record, n)]
+        colors = [style.LINES[i % len(style.LINES)] for i in range(n)]
         found.append(
             (
                 axis_label("joints", "q", "joints", "m"),
@@ -128,36 +98,36 @@ def _draw(
             axis.plot(t, sign * spreads[:, i], color=color, lw=0.6, ls=":")
     largest = max(float(np.percentile(2.0 * spreads, _SHOWN)), float(np.percentile(np.abs(errors), _SHOWN)), 1e-9)
     axis.set_ylim(-1.2 * largest, 1.2 * largest)
-    legend_beside(axis)
+    style.legend_beside(axis)
 
 
 # Figure of how far each sensor could be trusted.
 
-_COLORS = {"good": GREEN, "suspect": ORANGE, "lost": VERMILLION}
+_COLORS = {"good": style.GREEN, "suspect": style.ORANGE, "lost": style.VERMILLION}
 _MOST_WORDS = 8  # alarms written below the bars
 _HEIGHT = 0.62  # of a bar, of the space of a channel
 _LINE = 0.17  # [in] of text
 
 
 @checked
-@styled
+@style.styled
 def figure_health(record: Record) -> Figure | None:
     """One bar over time per channel, green where it was good, and below the bars what was said against channels."""
     if record.meta.kind != "run" or "health" not in record.series or not record.meta.channels:
         return None
     names, alarms = record.meta.channels, _alarm_lines(record)
-    figure = RecordFigure(figsize=(WIDTH, 1.0 + 0.26 * len(names) + _LINE * len(alarms)))
+    figure = style.RecordFigure(figsize=(style.WIDTH, 1.0 + 0.26 * len(names) + _LINE * len(alarms)))
     figure.suptitle("Health of the sensors", fontsize=10, fontweight="bold", x=0.01, ha="left")
     axis = figure.subplots()
     for row, codes in enumerate(record["health"].T):
         _bar(axis, record["t"], row, codes)
-    axis.set_yticks(range(len(names)), [label_text(name) for name in names])
+    axis.set_yticks(range(len(names)), [style.label_text(name) for name in names])
     axis.set_ylim(len(names) - 0.5, -0.5)
     axis.grid(visible=False, axis="y")
     axis.set_xlabel(axis_label("time", "t"))
     if alarms:
         figure.supxlabel("\n".join(alarms), x=0.01, ha="left", fontsize=7)
-    shade_phases([axis], phase_spans(record), share=0.85)
+    style.shade_phases([axis], phase_spans(record), share=0.85)
     patches = [Patch(color=color, label=name) for name, color in _COLORS.items()]
     figure.legend(handles=patches, loc="outside upper right", ncols=len(patches))
     return figure
@@ -173,7 +143,7 @@ def _bar(axis: Axes, t: np.ndarray, row: int, codes: np.ndarray) -> None:
 def _alarm_lines(record: Record) -> list[str]:
     """The first alarms on channels, a line each."""
     alarms = [alarm for alarm in record.run_meta.alarms if _of_channel(alarm, record.run_meta.channels)]
-    lines = [label_text(f"{alarm.t:.2f} s  {alarm.text}", 110) for alarm in alarms[:_MOST_WORDS]]
+    lines = [style.label_text(f"{alarm.t:.2f} s  {alarm.text}", 110) for alarm in alarms[:_MOST_WORDS]]
     rest = len(alarms) - len(lines)
     return [*lines, f"and {rest} more"] if rest else lines
 
@@ -186,26 +156,28 @@ def _of_channel(alarm: AlarmMeta, channels: tuple[str, ...]) -> bool:
 
 
 @checked
-@styled
+@style.styled
 def figure_tick_time(record: Record) -> Figure | None:
     """How long one control tick took, over time and as a distribution."""
     if "tick_time" not in record.series:
         return None
     tick = np.maximum(record["tick_time"] * 1e6, 1e-3)
-    figure = RecordFigure(figsize=(WIDTH, 2.6))
+    figure = style.RecordFigure(figsize=(style.WIDTH, 2.6))
     figure.suptitle("Computation time of one control tick", fontsize=10, fontweight="bold", x=0.01, ha="left")
     over_time, spread = figure.subplots(1, 2, sharey=True, width_ratios=(3, 1))
-    logarithmic(over_time)
-    over_time.plot(record["t"], tick, ".", ms=1.4, color=BLUE, rasterized=True)
+    style.logarithmic(over_time)
+    over_time.plot(record["t"], tick, ".", ms=1.4, color=style.BLUE, rasterized=True)
     over_time.set(xlabel=axis_label("time", "t"), ylabel=axis_label("tick", "tick_time", prefix="µ"))
-    spread.hist(tick, bins=np.geomspace(tick.min(), tick.max() * 1.01, 50), orientation="horizontal", color=BLUE)
+    spread.hist(tick, bins=np.geomspace(tick.min(), tick.max() * 1.01, 50), orientation="horizontal", color=style.BLUE)
     spread.set_xlabel("ticks")
-    lines = [_percentile_line((over_time, spread), tick, *entry) for entry in ((50, BLACK), (99, VERMILLION))]
+    lines = [
+        _percentile_line((over_time, spread), tick, *entry) for entry in ((50, style.BLACK), (99, style.VERMILLION))
+    ]
     period = 1e6 * record.run_meta.dt
-    threshold(over_time, period, "control period")
+    style.threshold(over_time, period, "control period")
     over_time.set_ylim(top=3.0 * max(period, float(tick.max())))  # room for its name below those of the phases
-    heading_legend(figure, lines)
-    mark_time([over_time], record, share=0.77)
+    style.heading_legend(figure, lines)
+    style.mark_time([over_time], record, share=0.77)
     return figure
 
 
@@ -221,12 +193,12 @@ def _percentile_line(axes: Sequence[Axes], tick: np.ndarray, share: int, color: 
 
 FIGURES: Mapping[str, Callable[[Record], Figure | None]] = MappingProxyType(
     {
-        "errors": figure_errors,
-        "misalignment": figure_misalignment,
-        "altitude": figure_altitude,
-        "tool_error": figure_tool_error,
-        "activations": figure_activations,
-        "quantities": figure_quantities,
+        "errors": task_figures.figure_errors,
+        "misalignment": task_figures.figure_misalignment,
+        "altitude": task_figures.figure_altitude,
+        "tool_error": task_figures.figure_tool_error,
+        "activations": task_figures.figure_activations,
+        "quantities": task_figures.figure_quantities,
         "velocities": figure_velocities,
         "joints": figure_joints,
         "path": figure_path,
@@ -256,15 +228,15 @@ def write_figures(record: Record, folder: Path | str, format: Format = "png") ->
 def write_figure(record: Record, name: str, folder: Path | str, format: Format = "png") -> Path | None:
     """Write one of `FIGURES`; `None` where the record cannot fill it. Raises as `write_figures`."""
     figure = FIGURES[name](record)
-    return None if figure is None else save_figure(figure, Path(folder) / f"{name}.{format}")
+    return None if figure is None else style.save_figure(figure, Path(folder) / f"{name}.{format}")
 
 
 @overload
 def plot(what: Plan | Record, name: str | Sequence[str], /, *names: str | Sequence[str]) -> Figure: ...
 @overload
-def plot(what: Plan | Record) -> Figures: ...
+def plot(what: Plan | Record) -> style.Figures: ...
 @checked
-def plot(what: Plan | Record, *names: str | Sequence[str]) -> Figure | Figures:
+def plot(what: Plan | Record, *names: str | Sequence[str]) -> Figure | style.Figures:
     """Every figure that a run or a plan can fill, or one with a panel for each of the names.
 
     names: quantities such as ``T.position_error``, series such as ``thrust``, columns such as ``q.z``, or lists of them; see
@@ -272,10 +244,10 @@ def plot(what: Plan | Record, *names: str | Sequence[str]) -> Figure | Figures:
     """
     record = what if isinstance(what, Record) else what.to_record()
     if names:
-        return figure_of(record, *_each(names))
+        return task_figures.figure_of(record, *_each(names))
     if record.meta.kind == "plan":
-        return Figures(plan_figures(record).values())
-    return Figures(figure for draw in FIGURES.values() if (figure := draw(record)) is not None)
+        return style.Figures(plan_figures(record).values())
+    return style.Figures(figure for draw in FIGURES.values() if (figure := draw(record)) is not None)
 
 
 def _each(names: Sequence[str | Sequence[str]]) -> list[str]:

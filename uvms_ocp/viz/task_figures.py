@@ -205,8 +205,8 @@ def figure_of(record: Record, name: str, *names: str) -> Figure:
     )
     for axis, one, (lines, unit) in zip(axes, names, curves, strict=True):
         for k, (label, values) in enumerate(lines.items()):
-            style = DASHES[k // len(LINES) % len(DASHES)]
-            axis.plot(record["t"], values, color=LINES[k % len(LINES)], ls=style, lw=1.1, label=label_text(label, 20))
+            dash = DASHES[k // len(LINES) % len(DASHES)]
+            axis.plot(record["t"], values, color=LINES[k % len(LINES)], ls=dash, lw=1.1, label=label_text(label, 20))
         _mark_thresholds(axis, record, one)
         axis.set_ylabel(f"{label_text(one, 24)}\n[{unit}]")
         if len(lines) > 1:

@@ -10,10 +10,9 @@ import pinocchio as pin
 from uvms_ocp.checks import unchecked_constructor
 from uvms_ocp.control.force.allocation import AllocationResult, allocation_of, thruster_lag
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot import Command, Robot, State
 from uvms_ocp.robot.dynamics import Dynamics
 from uvms_ocp.robot.hydrodynamics import STILL_WATER, Water
-from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import Command, State
 
 # From a generalized force to what is asked of thrusters and joint motors.
 

@@ -20,9 +20,8 @@ from uvms_ocp.control.velocity.abort import ActuationFeedback
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
+from uvms_ocp.robot import Command, Robot, SensorSpecs, StateEstimate
 from uvms_ocp.robot.dynamics import Dynamics
-from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import Command, SensorSpecs, StateEstimate
 from uvms_ocp.robot.thrusters import largest_force, largest_wrench
 
 _command, _feedback = unchecked_constructor(Command), unchecked_constructor(ActuationFeedback)

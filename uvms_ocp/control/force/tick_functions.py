@@ -26,9 +26,8 @@ from uvms_ocp.control.faults.verdicts import (
 from uvms_ocp.control.force.allocation import ThrusterLag
 from uvms_ocp.control.force.observer import ObserverLaw, ObserverState, limited
 from uvms_ocp.control.force.velocity_law import VelocityLaw
-from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot import Robot, thruster_matrix
 from uvms_ocp.robot.symbolic_bodies import sparse
-from uvms_ocp.robot.thrusters import thruster_matrix
 
 # Inputs, state, desired force and outputs of a tick: named parts of columns of numbers.
 

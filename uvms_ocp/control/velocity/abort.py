@@ -15,12 +15,10 @@ import pinocchio as pin
 from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, assign
 from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.estimation.degraded_modes import describe_channels
-from uvms_ocp.mission.mission import Mission
-from uvms_ocp.mission.phase import Abort
+from uvms_ocp.mission import Abort, Mission
 from uvms_ocp.mission.progress import MissionMemory
-from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot import Robot, SymbolicModel
 from uvms_ocp.robot.signals import ChannelHealth
-from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.tasks.altitude import MinimumAltitude
 
 # Where the abort phase climbs to from where the robot is: straight up, upright.

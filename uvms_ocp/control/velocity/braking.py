@@ -16,9 +16,8 @@ import numpy as np
 from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, zeros
 from uvms_ocp.estimation.degraded_modes import RestrictionMemory
 from uvms_ocp.estimation.fallbacks import AltimeterMemory
+from uvms_ocp.robot import Robot, SymbolicModel
 from uvms_ocp.robot.limits import bounded_joints
-from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.tasks.activation import ENDLESS, stopping_speed
 
 # How a robot comes to rest: all axes slow down in proportion, as fast as the first of them can.

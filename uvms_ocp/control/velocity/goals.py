@@ -18,9 +18,8 @@ from uvms_ocp.control.velocity.distances import NearestMemory, measure_pairs, pl
 from uvms_ocp.mission.mission import Mission, is_constant
 from uvms_ocp.mission.phase import MissionState
 from uvms_ocp.mission.progress import MissionMemory
-from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot import Robot, SymbolicModel
 from uvms_ocp.robot.shapes.collision_model import distance_layout_sizes, in_c
-from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.tasks.activation import ENDLESS
 from uvms_ocp.tasks.task import EndingReference, NearestPairs, Task
 

@@ -46,18 +46,9 @@ from uvms_ocp.control.velocity.viability import (
     without_c_form,
 )
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.estimation.degraded_modes import (
-    ALTIMETER,
-    FREE,
-    DegradedChannels,
-    Restriction,
-    describe_channels,
-    read_restriction,
-    write_channels,
-)
+from uvms_ocp.estimation import degraded_modes
 from uvms_ocp.estimation.fallbacks import Freshness, LastFloorRange, LastValidEstimate, Watchdog
-from uvms_ocp.mission.mission import Mission
-from uvms_ocp.mission.phase import Event, MissionState
+from uvms_ocp.mission import Event, Mission, MissionState
 from uvms_ocp.mission.progress import is_over, state_after_abort, state_after_transition, write_state
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.robot.robot import Robot
@@ -179,8 +170,8 @@ class KinematicController(TableDisplay):
         self._distress = AbortMonitor(mission, memory.distress)
         self._feedback = self._applied_feedback = ActuationFeedback()
         self._jammed = self._applied_feedback.jammed
-        self._restriction = FREE
-        self._bad = DegradedChannels()
+        self._restriction = degraded_modes.FREE
+        self._bad = degraded_modes.DegradedChannels()
         self._state = mission.start()
         write_state(memory.mission, self._state)
 
@@ -222,16 +213,18 @@ class KinematicController(TableDisplay):
         memory.t, memory.altimeter_range = t, measurement.altimeter_range
         memory.age, memory.joint_age = measurement.age, measurement.joint_age
         bad = self._bad.among(measurement.health)
-        if bad or self._restriction is not FREE:
-            write_channels(memory.restriction, bad)
+        if bad or self._restriction is not degraded_modes.FREE:
+            degraded_modes.write_channels(memory.restriction, bad)
         self._before(memory)
         self._measuring.answer.check()
         measurement = self._sound.substitute(measurement)
-        restriction = self._restricted(bad) if bad or self._restriction is not FREE else FREE
+        restriction = (
+            self._restricted(bad) if bad or self._restriction is not degraded_modes.FREE else degraded_modes.FREE
+        )
         freshness = _FRESHNESS[memory.freshness]
         if freshness is not self.watchdog.verdict:
             lost = ", ".join(item.channel for item in self._restriction.lost)
-            channel = ALTIMETER if self.memory.echo_is_oldest else measurement.oldest or lost
+            channel = degraded_modes.ALTIMETER if self.memory.echo_is_oldest else measurement.oldest or lost
             self.watchdog.judge(self.memory.oldest, t, channel)
         return _tick_state(
             begin=started,
@@ -290,7 +283,7 @@ class KinematicController(TableDisplay):
     def pending(self) -> str:
         """Describe what the current phase waits for, with the last values, and which channels hold it back."""
         waits, bad = self.mission.pending(self.state, self.quantities), self._restriction.bad
-        return waits if self.state.over or not bad else f"{waits}; {describe_channels(bad)}"
+        return waits if self.state.over or not bad else f"{waits}; {degraded_modes.describe_channels(bad)}"
 
     def evaluate(self, measurement: StateEstimate, t: float, state: MissionState | None = None) -> dict[str, float]:
         """All quantities at a measurement at time t [s], such as the true state after a run; the mission stays where it is.
@@ -307,14 +300,16 @@ class KinematicController(TableDisplay):
         motion = self._arrays.command / self.memory.pace, self._arrays.change
         outputs = self.problem.function(q, measurement.v, *motion, echo, parameters, gates)
         quantities = np.array(outputs[self.problem.function.index_out("quantities")]).ravel()
-        unknown = [is_unknown(measurement.age, bool(of), known) for of in self.problem.rests_on[ALTIMETER]]
+        unknown = [
+            is_unknown(measurement.age, bool(of), known) for of in self.problem.rests_on[degraded_modes.ALTIMETER]
+        ]
         return self._named(np.where(unknown, np.nan, quantities))
 
-    def _restricted(self, bad: list[ChannelHealth]) -> Restriction:
+    def _restricted(self, bad: list[ChannelHealth]) -> degraded_modes.Restriction:
         """Read the restriction that the kernel has found."""
         found, before = self.memory.restriction, self._restriction
         if not (bad == list(before.bad) and before.abort == "" and not found.ended):
-            self._restriction = read_restriction(found, bad)
+            self._restriction = degraded_modes.read_restriction(found, bad)
         return self._restriction
 
     def _feel(self) -> None:

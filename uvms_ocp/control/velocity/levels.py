@@ -16,9 +16,8 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked
+from uvms_ocp.robot import Robot, SymbolicModel
 from uvms_ocp.robot.limits import bounded_joints
-from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.solvers.hierarchy.level import widen_bounds
 from uvms_ocp.tasks.activation import ENDLESS, row_acceleration, stopping_speed
 from uvms_ocp.tasks.task import Hierarchy, Rows, Task, TaskClass, TickSymbols, equality_rows

@@ -14,15 +14,7 @@ import numpy as np
 from uvms_ocp.codegen.buffered import BoundCalls
 from uvms_ocp.codegen.elementwise import interval_excess
 from uvms_ocp.ocp.problem import OcpProblem
-from uvms_ocp.ocp.stagewise.functions import (
-    BlockFunctions,
-    HeldRows,
-    Tangent,
-    compile_dense,
-    force_rows,
-    motion_functions,
-    moved_function,
-)
+from uvms_ocp.ocp.stagewise import functions
 from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.ocp.transcription.term_rows import term_blocks
 from uvms_ocp.ocp.transcription.transcription import Transcription
@@ -72,8 +64,8 @@ class StageMemory:
         """whole: numbers parameters, variables and rows."""
         problem = whole.problem
         self.whole, self.stages = whole, horizon_stages(problem)
-        self.tangent = Tangent(model=StageModel(problem, eliminated=True))
-        self.forces = force_rows(self.tangent.model)
+        self.tangent = functions.Tangent(model=StageModel(problem, eliminated=True))
+        self.forces = functions.force_rows(self.tangent.model)
         self.functions = self._block_functions()
         self.steps = np.array([i for i, stage in enumerate(self.stages) if stage.step])
         n, layout = len(self.stages), self.tangent.model.layout
@@ -88,7 +80,7 @@ class StageMemory:
         self.held, self.held_parts = self._rows("held")
         """Rows that may be held, stage after stage: limits of forces, constraints, then those of all levels."""
         self._residuals = [self._level_rows(i) for i in range(self.n_levels)]
-        self.motion, self.motion_linear = motion_functions(self.tangent)
+        self.motion, self.motion_linear = functions.motion_functions(self.tangent)
         self.evaluate, self.move, self.find_inputs = self._evaluation(), self._moves(), self._inputs()
 
     @property
@@ -103,7 +95,7 @@ class StageMemory:
         """The same, stage by stage."""
         return self._residuals[level][1]
 
-    def function(self, stage: Stage) -> BlockFunctions | None:
+    def function(self, stage: Stage) -> functions.BlockFunctions | None:
         return None if stage.block is None else self.functions[stage.block]
 
     def arguments(self, i: int) -> list[Array]:
@@ -112,11 +104,11 @@ class StageMemory:
         assert stage.block is not None
         return [self.z[i], self.parameters[stage.block][stage.place], self.water[min(stage.node, len(self.water) - 1)]]
 
-    def _block_functions(self) -> tuple[BlockFunctions, ...]:
+    def _block_functions(self) -> tuple[functions.BlockFunctions, ...]:
         problem, free = self.whole.problem, self.tangent.free
         n = len(problem.phases)
         return tuple(
-            BlockFunctions(
+            functions.BlockFunctions(
                 block=block,
                 tangent=self.tangent,
                 forces=self.forces if i < n else None,
@@ -130,7 +122,7 @@ class StageMemory:
         for function in self.functions:
             _ = function.bend, function.curvature
 
-    def groups(self, stage: Stage) -> tuple[HeldRows, ...]:
+    def groups(self, stage: Stage) -> tuple[functions.HeldRows, ...]:
         """Rows of a stage that may be held."""
         function = self.function(stage)
         return () if function is None else function.held
@@ -161,14 +153,14 @@ class StageMemory:
         return [*(self.residual_parts(level)[i] for level in range(self.n_levels)), *self.held_parts[i]]
 
     def _moves(self) -> BoundCalls:
-        calls, function = BoundCalls(), moved_function(self.tangent)
+        calls, function = BoundCalls(), functions.moved_function(self.tangent)
         for i in range(len(self.stages)):
             calls.add(function, [self.z_from[i], self.x_step[i], self.u_step[i], self.share], [self.z[i]])
         return calls
 
     def _inputs(self) -> BoundCalls:
         calls, model = BoundCalls(), self.tangent.model
-        function = compile_dense("inputs", [model.z, model.water], self.tangent.expanded(model.inputs))
+        function = functions.compile_dense("inputs", [model.z, model.water], self.tangent.expanded(model.inputs))
         for k, i in enumerate(self.steps):
             calls.add(function, [self.z[i], self.water[k]], [self.thrust[k], self.torque[k]])
         return calls

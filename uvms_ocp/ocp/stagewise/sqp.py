@@ -12,9 +12,8 @@ import numpy as np
 
 from uvms_ocp.ocp.stagewise.level_qp import StageLevelQp
 from uvms_ocp.ocp.stagewise.memory import StageRanges
+from uvms_ocp.solvers import NlpOptions, NlpStatus
 from uvms_ocp.solvers.nlp.level_solver import Deadline
-from uvms_ocp.solvers.nlp.options import NlpOptions
-from uvms_ocp.solvers.nlp.program import NlpStatus
 from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQpStatus, WarmStart
 
 # Which points are accepted: those that no point seen before beats in cost and violation alike [Waechter2006].

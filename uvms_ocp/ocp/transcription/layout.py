@@ -29,8 +29,7 @@ from uvms_ocp.ocp.trajectory import Trajectory, has_thrusters, unchecked_traject
 from uvms_ocp.ocp.transcription.reuse import ReusedProblem
 from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel, derivatives
 from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermBlock, TermNodes, TermNumbers
-from uvms_ocp.robot.signals import State
-from uvms_ocp.robot.symbolic_model import SymbolicModel
+from uvms_ocp.robot import State, SymbolicModel
 
 # The variables of the NLP: those of step after step, then the state of the last node; units are those of z.
 

@@ -16,16 +16,8 @@ import numpy as np
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import OcpLevel, OcpPhase, OcpProblem
 from uvms_ocp.ocp.terms import Term
+from uvms_ocp.ocp.transcription import term_rows
 from uvms_ocp.ocp.transcription.stage import StageModel
-from uvms_ocp.ocp.transcription.term_rows import (
-    CONSTRAINT,
-    TermBlock,
-    TermEntry,
-    TermNumbers,
-    TermRows,
-    residual_of,
-    term_numbers,
-)
 from uvms_ocp.solvers.nlp.program import row_kinds
 from uvms_ocp.tasks.task import Residual
 
@@ -42,11 +34,11 @@ class ReusedProblem:
     """A problem, and what a kept program takes from its terms."""
 
     problem: OcpProblem
-    numbers: tuple[TermNumbers, ...]
+    numbers: tuple[term_rows.TermNumbers, ...]
     """Numbers of each block."""
 
 
-def fit_problem(model: StageModel, blocks: Sequence[TermBlock], given: OcpProblem) -> ReusedProblem:
+def fit_problem(model: StageModel, blocks: Sequence[term_rows.TermBlock], given: OcpProblem) -> ReusedProblem:
     """The numbers of a problem for the program of `blocks`; raises `InvalidInput` for a problem of another shape."""
     built = model.problem
     if given is built:
@@ -92,22 +84,22 @@ def _require_as_many(place: str, name: str, built: Sequence[object], given: Sequ
         raise InvalidInput(f"{place} has {now} {name}, the planner was built for {was}: build a new Planner")
 
 
-def _numbers(model: StageModel, rows: TermRows, given: OcpProblem) -> TermNumbers:
+def _numbers(model: StageModel, rows: term_rows.TermRows, given: OcpProblem) -> term_rows.TermNumbers:
     terms = [given.terms[member.place] for member in rows.members]
     if all(term is member.term for member, term in zip(rows.members, terms, strict=True)):
         return rows.own
     residuals = [_residual(model, member, term) for member, term in zip(rows.members, terms, strict=True)]
-    return term_numbers(terms, residuals)
+    return term_rows.term_numbers(terms, residuals)
 
 
-def _residual(model: StageModel, member: TermEntry, term: Term) -> Residual:
+def _residual(model: StageModel, member: term_rows.TermEntry, term: Term) -> Residual:
     """Return the residual of a term in the place of another one."""
     built = member.residual
     if term is member.term or not any(_differences(member.term, term)):
         return built
     if _role(model, member.term) != _role(model, term):
         raise _other(model, member, term)
-    given = residual_of(model, term, member.goals)
+    given = term_rows.residual_of(model, term, member.goals)
     same_kinds = row_kinds(built.lower, built.upper).same(row_kinds(given.lower, given.upper))
     if not (same_kinds and _same_expression(built.value, given.value, model.z, model.water, member.goals)):
         raise _other(model, member, term)
@@ -126,8 +118,10 @@ def _same_expression(one: ca.SX, other: ca.SX, *symbols: ca.SX) -> bool:
     return bool(texts[0] == texts[1])
 
 
-def _other(model: StageModel, member: TermEntry, given: Term) -> InvalidInput:
-    place = "constraints" if member.level == CONSTRAINT else f"level {model.problem.levels[member.level].name!r}"
+def _other(model: StageModel, member: term_rows.TermEntry, given: Term) -> InvalidInput:
+    place = (
+        "constraints" if member.level == term_rows.CONSTRAINT else f"level {model.problem.levels[member.level].name!r}"
+    )
     found = ", ".join(_differences(member.term, given))
     return InvalidInput(f"{place}: term {given.name!r} differs in {found} from the planner's: build a new Planner")
 

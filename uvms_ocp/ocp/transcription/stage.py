@@ -24,11 +24,9 @@ import numpy as np
 from uvms_ocp.codegen.compile import compile_function
 from uvms_ocp.ocp.problem import Actuation, HessianKind, Integrator, OcpProblem
 from uvms_ocp.ocp.terms import StageSymbols, finite_or
-from uvms_ocp.robot.dynamics import robot_dynamics
-from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot import Robot, SymbolicModel, robot_dynamics
 from uvms_ocp.robot.symbolic_bodies import sparse
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
-from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 from uvms_ocp.tasks.task import TickSymbols
 

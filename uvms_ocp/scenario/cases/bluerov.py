@@ -12,14 +12,11 @@ import pinocchio as pin
 from uvms_ocp.checks import checked
 from uvms_ocp.mission.phase import Below, Phase, Transition
 from uvms_ocp.record.meta_values import DONE
-from uvms_ocp.robot.kinematics import Kinematics
-from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot import Kinematics, load_robot
 from uvms_ocp.scenario.options import abort_phase, activate, approach_phase, mission_of, run_options
 from uvms_ocp.scenario.scenario import Scenario, pose_at
-from uvms_ocp.tasks.altitude import MinimumAltitude
+from uvms_ocp.tasks import JointLimits, JointTracking, MinimumAltitude, ToolPosition, VehiclePose
 from uvms_ocp.tasks.attitude import FieldOfView, HorizontalAttitude
-from uvms_ocp.tasks.joints import JointLimits, JointTracking
-from uvms_ocp.tasks.pose import ToolPosition, VehiclePose
 from uvms_ocp.types import Period, Point, Positive, Range
 
 # A small vehicle that reaches with its arm while floating.

@@ -17,9 +17,7 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.options import abort_phase, activate, mission_of, run_options
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.sim.currents import OnsetCurrent
-from uvms_ocp.tasks.altitude import LandingAltitude, MinimumAltitude
-from uvms_ocp.tasks.attitude import Alignment, HorizontalAttitude
-from uvms_ocp.tasks.joints import JointLimits, JointTracking
+from uvms_ocp.tasks import Alignment, HorizontalAttitude, JointLimits, JointTracking, LandingAltitude, MinimumAltitude
 from uvms_ocp.tasks.pose import NullVelocity, ToolPose, VehiclePose
 from uvms_ocp.tasks.task import Hierarchy, PoseReference, Task
 from uvms_ocp.types import Finite, Magnitude, Point

@@ -13,26 +13,20 @@ import pinocchio as pin
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission.phase import Phase
-from uvms_ocp.planning.distances import CoalDistances
+from uvms_ocp.planning import CoalDistances, collision_scene, coordinates, tool_goal
 from uvms_ocp.planning.path_cost import CostWeights
-from uvms_ocp.planning.request import tool_goal
-from uvms_ocp.planning.scene import collision_scene, coordinates
 from uvms_ocp.planning.soft_collision import (
     CollisionPlan,
     SoftCollisionOptions,
     plan_soft_collision,
 )
-from uvms_ocp.robot.kinematics import Kinematics
-from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.obstacles import Obstacle, obstacle
+from uvms_ocp.robot import Kinematics, Obstacle, Robot, obstacle
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.preflight.setup import forecast
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.seafloor import floor_obstacle
-from uvms_ocp.tasks.joints import JointTracking
-from uvms_ocp.tasks.pose import NullVelocity, ToolPose
-from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
-from uvms_ocp.trajectories.segment_times import MotionLimits
+from uvms_ocp.tasks import JointTracking, NullVelocity, ToolPose
+from uvms_ocp.trajectories import MotionLimits, PiecewisePolynomial
 
 ROCK = obstacle("rock", coal.Sphere(0.12), (12.25, 37.1, -39.8))
 """Stands beside the target, in the way of the elbow."""

@@ -16,11 +16,7 @@ from uvms_ocp.robot.shapes.obstacles import Obstacle, obstacle
 from uvms_ocp.scenario.options import abort_phase, activate, mission_of, run_options
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.sim.seafloor import HeightField
-from uvms_ocp.tasks.altitude import MinimumAltitude
-from uvms_ocp.tasks.attitude import HorizontalAttitude
-from uvms_ocp.tasks.clearance import Clearance
-from uvms_ocp.tasks.joints import JointLimits, JointTracking
-from uvms_ocp.tasks.pose import VehiclePose
+from uvms_ocp.tasks import Clearance, HorizontalAttitude, JointLimits, JointTracking, MinimumAltitude, VehiclePose
 from uvms_ocp.types import Positive, Range
 
 # A low transit over a rough floor: one cell of Table 2 of the paper.

@@ -13,8 +13,7 @@ from uvms_ocp.scenario.preflight.reachability import goals_of
 from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Visit, main_path, points_on_ball, threshold_of
 from uvms_ocp.sim.dynamic_step import lowest_link, skid_points
 from uvms_ocp.sim.environment import closest_approach
-from uvms_ocp.tasks.altitude import LandingAltitude, MinimumAltitude
-from uvms_ocp.tasks.attitude import HorizontalAttitude
+from uvms_ocp.tasks import HorizontalAttitude, LandingAltitude, MinimumAltitude
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition, VehiclePose
 from uvms_ocp.tasks.task import evaluate_pose
 

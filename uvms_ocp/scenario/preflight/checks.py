@@ -11,15 +11,12 @@ from uvms_ocp.checks import checked
 from uvms_ocp.control.velocity.goals import task_parameters
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.estimation.estimator import std_at_rest
-from uvms_ocp.mission.mission import Mission
-from uvms_ocp.mission.phase import Below, Phase
+from uvms_ocp.mission import Below, Mission, Phase
 from uvms_ocp.record.meta_values import DONE
+from uvms_ocp.robot import IDEAL_SENSORS, Kinematics, Robot
 from uvms_ocp.robot.assembly import without_trim
 from uvms_ocp.robot.dynamics import cached_dynamics
-from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.loading import joints_without_inertia, unknowns
-from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import IDEAL_SENSORS
 from uvms_ocp.robot.spatial import quaternion_to_matrix
 from uvms_ocp.scenario.preflight.altitude import check_altitude, check_echo, check_goals, check_hull, check_obstacles
 from uvms_ocp.scenario.preflight.forces import check_delays, check_depth, check_forces, check_load, check_rest

@@ -13,11 +13,10 @@ import pinocchio as pin
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import RobotDataError
+from uvms_ocp.robot import Robot, thruster_matrix
 from uvms_ocp.robot.assembly import static_residual, trim_body, without_trim
 from uvms_ocp.robot.loading import joints_without_inertia, load_robot, unknowns
-from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import links_without_shape
-from uvms_ocp.robot.thrusters import thruster_matrix
 
 FORCE_TOLERANCE = 0.5  # [N] residual of a trimmed robot with its arm stowed
 MOMENT_TOLERANCE = 0.5  # [N m]

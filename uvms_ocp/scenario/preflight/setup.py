@@ -13,16 +13,12 @@ import pinocchio as pin
 
 from uvms_ocp.checks import checked
 from uvms_ocp.control.force.dynamic import VelocityGains
-from uvms_ocp.mission.mission import Mission
-from uvms_ocp.mission.phase import Below, Phase
+from uvms_ocp.mission import Below, Mission, Phase
 from uvms_ocp.record.display import SmallTable, TableDisplay
 from uvms_ocp.record.meta_values import DONE
-from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import IDEAL_SENSORS, SensorSpecs
+from uvms_ocp.robot import IDEAL_SENSORS, Robot, SensorSpecs
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.tasks.altitude import LandingAltitude
-from uvms_ocp.tasks.attitude import Alignment
-from uvms_ocp.tasks.pose import NullVelocity, VehiclePose
+from uvms_ocp.tasks import Alignment, LandingAltitude, NullVelocity, VehiclePose
 from uvms_ocp.tasks.task import Task, evaluate_pose, evaluate_vector
 from uvms_ocp.types import Finite, Period, Shape
 

@@ -21,8 +21,7 @@ import pinocchio as pin
 
 from uvms_ocp.checks import checked
 from uvms_ocp.record.record import Record
-from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import Command, State
+from uvms_ocp.robot import Command, Robot, State
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.types import AtLeastOne, Count, Positive
 from uvms_ocp.viz.scene.animation import draw_robot, frames_of, joint_node, require_fit, rounded

@@ -13,8 +13,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record.record import Record
-from uvms_ocp.robot.loading import list_robots, load_robot
-from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot import Robot, list_robots, load_robot
 from uvms_ocp.viz.scene.animation import (
     NO_GHOSTS,
     Frames,
