@@ -15,7 +15,7 @@ from campaigns.trivial import Trivial, identity_of
 from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.campaign import read_table
-from uvms_ocp.campaign.execution import run_jobs
+from uvms_ocp.campaign.cluster import run_jobs
 
 PROSE = """
 {runs} runs that do nothing, of which every row goes to the disk. From the first row on, when processes have started, a run

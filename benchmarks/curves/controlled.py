@@ -8,8 +8,7 @@ import numpy as np
 from recording.timing import once
 
 from curves.scenes import Problem
-from uvms_ocp.ocp.clearance import ShapeClearance
-from uvms_ocp.ocp.clearance_certificate import SteppedMotion
+from uvms_ocp.ocp.clearance import ShapeClearance, SteppedMotion
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase

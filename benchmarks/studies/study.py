@@ -12,7 +12,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from uvms_ocp.campaign.execution import Progress, Workers, run_jobs
+from uvms_ocp.campaign.cluster import Progress, Workers, run_jobs
 from uvms_ocp.campaign.jobs import COMPLETED, CampaignJob, Row, RunResult
 from uvms_ocp.campaign.store import CampaignManifest, read_table, types_of
 from uvms_ocp.checks import checked

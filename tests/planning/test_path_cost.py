@@ -7,9 +7,17 @@ import pytest
 from curves.closed_forms import ClosedFormDistances, collision_density, density_hessian
 from planned_scenes import N, differences, random_x
 
-from uvms_ocp.planning.block_tridiagonal import BlockTridiagonal
 from uvms_ocp.planning.distances import CoalDistances
-from uvms_ocp.planning.path_cost import CostWeights, DistanceSource, PathCost, link_speeds, outside, penalty, two_sided
+from uvms_ocp.planning.path_cost import (
+    BlockTridiagonal,
+    CostWeights,
+    DistanceSource,
+    PathCost,
+    link_speeds,
+    outside,
+    penalty,
+    two_sided,
+)
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.trajectories.free_derivatives import pieces_of
 from uvms_ocp.trajectories.segment_times import MotionLimits

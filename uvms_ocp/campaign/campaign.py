@@ -11,9 +11,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from uvms_ocp.campaign.cluster import Progress, Workers, run_jobs
 from uvms_ocp.campaign.code_source import CodeSource
 from uvms_ocp.campaign.distributions import Design
-from uvms_ocp.campaign.execution import Progress, Workers, run_jobs
 from uvms_ocp.campaign.jobs import (
     COMPLETED,
     ERROR,

@@ -41,7 +41,6 @@ from uvms_ocp.scenario.scenario import Scenario
 if TYPE_CHECKING:
     from uvms_ocp.viz.scene.page import ScenePage
 
-
 # ``check`` and ``mission``: look at a mission without running it.
 
 

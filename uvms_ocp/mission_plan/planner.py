@@ -11,7 +11,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.control.plan_following import PlannedPhase
-from uvms_ocp.mission_plan import surroundings
+from uvms_ocp.mission_plan import terms as surroundings
 from uvms_ocp.mission_plan.plan import MissionPlan, mission_digests
 from uvms_ocp.mission_plan.segments import (
     GreedyRollout,

@@ -1,6 +1,7 @@
-"""Clearance as rows of an optimal control problem: between true shapes, and between balls.
+"""Clearance of balls and shapes as path constraints, and certificates of what is clear between nodes.
 
-What moves two bodies alike says nothing of how they are to each other: it is left out of their poses, and so of the derivatives.
+What moves two bodies alike says nothing of how they are to each other: it is left out of their poses, and so of the
+derivatives.
 """
 
 from __future__ import annotations
@@ -19,10 +20,13 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.ocp.separating_planes import Planes, Poses, planes
 from uvms_ocp.ocp.terms import At, StageSymbols, Term
+from uvms_ocp.ocp.trajectory import Trajectory, intervals_of
+from uvms_ocp.planning.conservative_advancement import ClearanceReport, check_motion
 from uvms_ocp.planning.distances import CoalDistances, Configurations, Contacts
-from uvms_ocp.planning.scene import CollisionScene
+from uvms_ocp.planning.scene import CollisionScene, NearestPair
 from uvms_ocp.record.meta_values import ObstacleMeta
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.collision_model import links_without_shape
 from uvms_ocp.robot.shapes.obstacles import Obstacle, describe_obstacles
 from uvms_ocp.robot.symbolic_bodies import Pose
 from uvms_ocp.tasks.task import Residual, TickSymbols, VectorReference, bounded_residual, evaluate_vector
@@ -368,3 +372,123 @@ def _group(carried: Indices, chosen: Mask, n: int) -> PlaneRowGroup:
     """Return the row group of the chosen of pairs (n_pairs, 2) of joints."""
     first, second = (tuple(np.unique(carried[chosen, side]).tolist()) for side in (0, 1))
     return PlaneRowGroup(pairs=chosen, n=n, first=first, second=second)
+
+
+# Certify that the motion of a plan is free of collision between its nodes too, by its own interpolation.
+#
+# Over a step the configuration is ``q_k (+) Omega(s)`` with ``Omega = s v + s^2/2 a``, where v is the velocity of the node but
+# for what integrators other than MIDPOINT make of it: a step ends at the next node, or nothing would be known of the jump. A
+# joint moves as fast as Omega' says. The vehicle turns no faster than ``|Omega'_w|``, and its origin
+# ``p_k + R_k int_0^1 exp(u Omega_w) du Omega_v`` moves no faster than ``|Omega'_v| + |Omega'_w| |Omega_v| / 2``: the bounds that
+# conservative advancement needs.
+
+_PER_STEP = 2  # intervals that are looked at first
+_LOOKS = 8  # at each step, where nothing is to be proven
+
+
+@checked
+def certificate(term: ShapeClearance, trajectory: Trajectory) -> ClearanceReport:
+    """Check whether the pairs of the term's scene stay apart along a trajectory; never where obstacles move: their speed is
+    unknown."""
+    motion = SteppedMotion(term=term, trajectory=trajectory)
+    if term.moving:
+        return _unproven(motion)
+    return check_motion(motion, term.scene)
+
+
+def _unproven(motion: SteppedMotion) -> ClearanceReport:
+    nearest = motion.nearest()
+    n = _LOOKS * len(motion.trajectory.a) + 1
+    return ClearanceReport(
+        collision_free=False,
+        undecided=nearest.distance > 0.0,
+        nearest=nearest,
+        n_samples=n,
+        unshaped=links_without_shape(motion.term.scene.coordinates.robot),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SteppedMotion:
+    """A trajectory of constant accelerations as a `Motion` of the axes of a scene.
+
+    Its bound on a vehicle stands in the columns of x and roll: a way in whatever direction reaches no farther.
+    """
+
+    term: ShapeClearance
+    trajectory: Trajectory
+
+    @property
+    def robot(self) -> Robot:
+        return self.term.scene.coordinates.robot
+
+    @property
+    def duration(self) -> float:
+        return float(self.trajectory.t[-1])
+
+    def intervals(self) -> tuple[Array, Array]:
+        t = self.trajectory.t
+        h = np.diff(t)[:, None]
+        middle = t[:-1, None] + (np.arange(_PER_STEP) + 0.5) / _PER_STEP * h
+        return middle.ravel(), np.broadcast_to(h / (2 * _PER_STEP), middle.shape).ravel()
+
+    def distances(self, t: Array) -> Array:
+        """(n, n_pairs) [m] at times t (n,) [s]."""
+        return self.term.distances(t.tolist(), self.configurations(t))
+
+    def nearest(self) -> NearestPair:
+        """The least distance that is met, looked for at every node and between them."""
+        path = self.trajectory
+        t = np.interp(np.arange(_LOOKS * len(path.a) + 1) / _LOOKS, np.arange(len(path.t)), path.t)
+        return self.term.scene.nearest(t, self.distances(t))
+
+    def configurations(self, t: Array) -> Array:
+        """(n, n_q) [m, rad] at times t (n,) [s]."""
+        k, s = self._steps(t)
+        path, model = self.trajectory, self.robot.model
+        moved = s * self._v[k] + s * s / 2 * path.a[k]
+        q = [pin.integrate(model, path.q[i], step) for i, step in zip(k.tolist(), moved, strict=True)]
+        return np.array([pin.normalize(model, row) for row in q])
+
+    def bounds(self, middle: Array, half: Array) -> Array:
+        """(n, n_axes) [m, rad] by which axes move at most within half (n,) [s] of middle (n,) [s]."""
+        k, s = self._steps(middle)
+        path, v, n, delta = self.trajectory, self._v, min(self.robot.n_vehicle, 6), half[:, None]
+        speed, a = v[k] + s * path.a[k], path.a[k]
+        result = np.abs(speed) * delta + np.abs(a) * delta**2 / 2
+        if n:
+            way, turn = (_norm(speed[:, part]) * half + _norm(a[:, part]) * half**2 / 2 for part in _PARTS)
+            h = np.diff(path.t)[k]
+            farthest = _norm(v[k, :3]) * h + _norm(a[:, :3]) * h**2 / 2
+            result[:, :n] = 0.0
+            result[:, 0], result[:, 3] = way + turn * farthest / 2, turn
+        return result
+
+    @cached_property
+    def _v(self) -> Array:
+        """(N, n_v) [m/s, rad/s] at the beginning of every step, with which it ends at the next node."""
+        path, model = self.trajectory, self.robot.model
+        return np.array([path.leaving(model, k) for k in range(len(path.a))])
+
+    def _steps(self, t: Array) -> tuple[Indices, Array]:
+        """The step of each time, and the time (n, 1) [s] since it began."""
+        path = self.trajectory
+        k = intervals_of(path.t, t)
+        return k, (t - path.t[k])[:, None]
+
+
+_PARTS = (slice(0, 3), slice(3, 6))
+
+
+def _norm(x: Array) -> Array:
+    return np.asarray(np.linalg.norm(x, axis=1))
+
+
+def shortfall(term: ShapeClearance, trajectory: Trajectory, t0: float) -> Array:
+    """(n_nodes, n_pairs) [m] By how much margins are missed in the steps beside each node; the first is at t0 [s]."""
+    t, n = trajectory.t, len(trajectory.a)
+    between = (t[:-1, None] + np.array([0.0, 0.25, 0.5, 0.75]) * np.diff(t)[:, None]).ravel()
+    q = SteppedMotion(term=term, trajectory=trajectory).configurations(between)
+    missing = np.maximum(term.margins - term.distances((t0 + between).tolist(), q), 0.0)
+    of_steps, none = missing.reshape(n, -1, term.scene.n_pairs).max(axis=1), np.zeros((1, term.scene.n_pairs))
+    return np.maximum(np.vstack([of_steps, none]), np.vstack([none, of_steps]))

@@ -16,8 +16,7 @@ import pinocchio as pin
 from numpy.lib.stride_tricks import sliding_window_view
 
 from uvms_ocp.checks import checked
-from uvms_ocp.ocp.clearance import ShapeClearance
-from uvms_ocp.ocp.clearance_certificate import certificate, shortfall
+from uvms_ocp.ocp.clearance import ShapeClearance, certificate, shortfall
 from uvms_ocp.ocp.diagnosis import level_prices
 from uvms_ocp.ocp.plan import LevelReport, OcpStatus, Plan
 from uvms_ocp.ocp.prechecks import describe_crowded_start, impossible_start

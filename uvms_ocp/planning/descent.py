@@ -9,8 +9,7 @@ from typing import Protocol
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.planning.block_tridiagonal import BlockTridiagonal
-from uvms_ocp.planning.path_cost import LocalModel
+from uvms_ocp.planning.path_cost import BlockTridiagonal, LocalModel
 from uvms_ocp.types import Array, Indices, Mask
 
 # Trust-region descent on a block-tridiagonal Gauss-Newton matrix (Levenberg-Marquardt in a smooth metric).

@@ -28,10 +28,14 @@ from uvms_ocp.robot.dynamics import cached_dynamics, robot_dynamics
 from uvms_ocp.scenario.preflight.checks import check_mission
 from uvms_ocp.scenario.preflight.setup import PreflightReport, Setup
 from uvms_ocp.scenario.run_metadata import PartNames, RunOutcome, run_meta
-from uvms_ocp.sim import DynamicPlant, Environment, Fault, KinematicPlant, Plant, SensorSuite, watched_parts
+from uvms_ocp.sim import own_parts
+from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.fault_effects import require_possible
+from uvms_ocp.sim.faults import Fault
 from uvms_ocp.sim.loop import Progress, Sensors, StateEstimator, TickObserver, require_few_ticks, simulate
 from uvms_ocp.sim.own_parts import part_name, plant_name, require_plant, require_simulated, specs_of, takes_forces
+from uvms_ocp.sim.plant import DynamicPlant, KinematicPlant, Plant
+from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.types import DAY, Count
 
@@ -90,9 +94,7 @@ class EstimatorFactory:
             allowed = "make a callable (Readings, t, command) -> StateEstimate"
             raise InvalidInput(f"estimator made {type(made).__name__}; {allowed}")
         monitor = HealthMonitor(robot, specs, altimeter_frame=scenario.altimeter_frame)
-        return GuardedEstimator(
-            watched_parts.watched_estimator(made, robot, part_name(self.maker)), robot, specs, monitor
-        )
+        return GuardedEstimator(own_parts.watched_estimator(made, robot, part_name(self.maker)), robot, specs, monitor)
 
 
 def maker_of(what: str, given: Any) -> Callable[..., Any]:
@@ -207,7 +209,7 @@ class Scenario(FieldTable):
         for name, kind in (("controller", ControllerFactory), ("estimator", EstimatorFactory)):
             object.__setattr__(self, name, kind(maker=maker_of(name, getattr(self, name)), scenario=self))
         for fault in self.faults:
-            watched_parts.require_fault(fault)
+            own_parts.require_fault(fault)
         if faults := self.toolkit_faults:
             require_possible(faults, self.plant_robot or self.robot, kinematic=self.plant == "kinematic")
             require_simulated(faults, self.plant, self.sensors)
@@ -275,7 +277,7 @@ class Scenario(FieldTable):
         """
         controller = controller or self.controller()
         kinematic, estimator = controller.kinematic, self.estimator()
-        plant, sensors = watched_parts.inject_faults(self, self._plant(), self._sensors())
+        plant, sensors = own_parts.inject_faults(self, self._plant(), self._sensors())
         begin = perf_counter()
         parts: dict[str, Any] = {"plant": plant, "sensors": sensors, "estimator": estimator, "controller": controller}
         recorder = simulate(**parts, dt=self.dt, duration=self.duration, progress=progress, observer=observer)
@@ -302,7 +304,7 @@ class Scenario(FieldTable):
             parts=self._part_names(controller, estimator),
             seed=self.seed,
             markers=self.markers,
-            faults=tuple(map(watched_parts.fault_meta, self.faults)),
+            faults=tuple(map(own_parts.fault_meta, self.faults)),
             controller=controller.kinematic,
             monitor=estimator.monitor,
             ending=ending,
@@ -320,7 +322,7 @@ class Scenario(FieldTable):
 
     def _plant(self) -> Plant:
         if not isinstance(self.plant, str):
-            return watched_parts.WatchedPlant(self.plant(self), self.robot, part_name(self.plant))
+            return own_parts.WatchedPlant(self.plant(self), self.robot, part_name(self.plant))
         if self.plant == "kinematic":
             return KinematicPlant(self.robot, self.start, self.toolkit_faults)
         real = self.plant_robot or self.robot
@@ -331,7 +333,7 @@ class Scenario(FieldTable):
     def _sensors(self) -> Sensors:
         if isinstance(self.sensors, SensorSpecs):
             return self._sensor_suite().read
-        return watched_parts.WatchedSensors(self.sensors(self), self.robot, self.specs, part_name(self.sensors))
+        return own_parts.WatchedSensors(self.sensors(self), self.robot, self.specs, part_name(self.sensors))
 
     def _sensor_suite(self) -> SensorSuite:
         floor, specs = self.environment.seafloor, self.real_sensors or self.specs

@@ -1,23 +1,40 @@
-"""Plants, sensors, estimators, controllers and faults of a user: protocols of what makes them, and what is required of these.
+"""Plants, sensors, estimators, controllers and faults of a user: what they have to be, and checks of what they return.
 
-A maker is called with the scenario and builds what takes long to build, so that a step only steps: an instance with settings, a
-function, or a class whose constructor takes the scenario. What it makes runs as Python beside what is compiled, fresh in every
-run: what it remembers belongs to that run, and what it draws it draws from `scenario.seed`. A maker that can be pickled, a class
-or a value of a class that can be imported, goes to the workers of studies. Shapes and numbers are checked at every tick; what
-does not fit raises `InvalidInput` with the name of the part. Records and reports name all parts.
+A maker is called with the scenario and builds what takes long to build, so that a step only steps: an instance with
+settings, a function, or a class whose constructor takes the scenario. What it makes runs as Python beside what is
+compiled, fresh in every run: what it remembers belongs to that run, and what it draws it draws from `scenario.seed`. A
+maker that can be pickled, a class or a value of a class that can be imported, goes to the workers of studies. Shapes
+and numbers are checked at every tick; what does not fit raises `InvalidInput` with the name of the part. Records and
+reports name all parts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import partial
+from operator import attrgetter
 from typing import Any, Protocol
 
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.checks import unchecked_constructor
+from uvms_ocp.control.external import require_numbers
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.robot.signals import Command, Readings, SensorSpecs
-from uvms_ocp.sim.faults import Fault
+from uvms_ocp.estimation.estimator import Estimator, PassThrough
+from uvms_ocp.estimation.filter_memory import NUMBER
+from uvms_ocp.estimation.health.guarded_estimator import GatedEstimator
+from uvms_ocp.estimation.health.settings import sizes_of
+from uvms_ocp.record.meta_values import UNIT_NORM_TOLERANCE, FaultMeta
+from uvms_ocp.record.tables import SERIES
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import CHANNELS, Command, Reading, Readings, SensorSpecs, State, StateEstimate
+from uvms_ocp.sim.dynamic_step import skid_points
+from uvms_ocp.sim.faults import Fault, is_active, plain
 from uvms_ocp.sim.loop import Controller, Sensors, StateEstimator
-from uvms_ocp.sim.plant import Plant
+from uvms_ocp.sim.plant import EFFORTS, Plant
+from uvms_ocp.types import Array
 
 # What was given for a part: a value of the toolkit's or what makes one of a user's own, and what is known of it beforehand.
 
@@ -155,3 +172,261 @@ class ControllerMaker(Protocol):
 
         The command has thrust and torque where the plant takes forces. `SupervisedController` follows the mission beside it.
         """
+
+
+# Somebody else's estimator, whose measurements are looked at before anyone relies on them.
+
+_OURS = (PassThrough, Estimator)
+
+
+def watched_estimator(made: Any, robot: Robot, name: str) -> StateEstimator:
+    """It, watched unless it is the toolkit's own; one that tells of gates of its own still does."""
+    if type(made) in _OURS:
+        return made
+    return (WatchedGates if isinstance(made, GatedEstimator) else WatchedEstimator)(made, robot, name)
+
+
+class WatchedEstimator:
+    """A callable ``(Readings, t, command) -> StateEstimate`` that asks another one."""
+
+    def __init__(self, estimator: Any, robot: Robot, name: str) -> None:
+        """name: what messages call it."""
+        self._wrapped, self._robot, self._whose = estimator, robot, f"the measurement of estimator {name}"
+        self._name = name
+
+    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> StateEstimate:
+        """Their measurement at time t [s]. Raises `InvalidInput` for one that no controller can take."""
+        estimate = self._wrapped(readings, t, command)
+        if not isinstance(estimate, StateEstimate):
+            raise InvalidInput(f"estimator {self._name} returned {type(estimate).__name__}; return a StateEstimate")
+        robot = self._robot
+        require_numbers(self._whose, "q", estimate.q, (robot.n_q,))
+        require_numbers(self._whose, "v", estimate.v, (robot.n_v,))
+        if estimate.std is not None:
+            require_numbers(self._whose, "std", estimate.std, (robot.n_v,))
+        require_normalized(self._whose, robot, estimate.q)
+        return estimate
+
+
+class WatchedGates(WatchedEstimator):
+    """Watched estimator that reports which readings it refuses."""
+
+    def __init__(self, estimator: Any, robot: Robot, name: str) -> None:
+        """Set up as `WatchedEstimator`. Raises `InvalidInput` for outcomes that the monitor cannot share."""
+        super().__init__(estimator, robot, name)
+        self.outcomes: Array = estimator.outcomes
+        """(9, 4) [s, -, -, -] theirs, see `GatedEstimator.outcomes`."""
+        shape = (len(NUMBER), 4)
+        found = np.shape(self.outcomes)
+        if found != shape or self.outcomes.dtype != float or not self.outcomes.flags.c_contiguous:
+            raise InvalidInput(f"outcomes of estimator {name} of shape {found}; give {shape}, floats row by row")
+
+    def inflate_velocity_variance(self, *, rests: bool = False) -> None:
+        """Pass it on."""
+        self._wrapped.inflate_velocity_variance(rests=rests)
+
+
+def require_normalized(whose: str, robot: Robot, q: np.ndarray) -> None:
+    """Raise `InvalidInput` for q (n_q,) [m, rad] whose quaternion, or pair of cos and sin, is not of norm 1."""
+    if not pin.isNormalized(robot.model, q, UNIT_NORM_TOLERANCE):
+        raise InvalidInput(f"{whose} has q with an attitude or a turning joint not of norm 1; normalize it")
+
+
+# Somebody else's plant, whose state and telemetry are looked at before they are recorded.
+
+_REAL = "biuf"
+_MAYBE_UNKNOWN = "thruster_energy"
+
+
+class WatchedPlant(Plant):
+    """Another one, asked."""
+
+    def __init__(self, plant: Any, robot: Robot, name: str) -> None:
+        """name: what messages call it. Raises `InvalidInput` for what is no `Plant`, or one that begins with a wrong state."""
+        missing = [item for item in ("state", "step", "telemetry") if not hasattr(plant, item)]
+        if missing:
+            raise InvalidInput(f"plant {name} made {type(plant).__name__} without {', '.join(missing)}; make a Plant")
+        self._wrapped, self._robot, self._name = plant, robot, name
+        n_thrusters, n_joints = len(robot.description.thrusters), robot.n_joints
+        self._shapes: dict[str, tuple[int, ...]] = dict(
+            zip(EFFORTS, ((n_thrusters,), (n_joints,), (n_thrusters,), ()), strict=True),
+            contact=(len(skid_points(robot)),),
+            current=(3,),
+        )
+        self.state = self._right(plant.state)
+
+    def step(self, command: Command, dt: float) -> None:
+        """Theirs, by dt [s]. Raises `InvalidInput` for a state that cannot be."""
+        self._wrapped.step(command, dt)
+        self.state = self._right(self._wrapped.state)
+
+    def telemetry(self) -> dict[str, Any]:
+        """Theirs. Raises `InvalidInput` for what cannot be recorded, or not under that name."""
+        telemetry = self._wrapped.telemetry()
+        if not isinstance(telemetry, dict):
+            raise InvalidInput(
+                f"telemetry of plant {self._name} is {type(telemetry).__name__}; give a dict, empty for none"
+            )
+        given = [name for name in EFFORTS if name in telemetry]
+        if given and len(given) < len(EFFORTS):
+            raise InvalidInput(
+                f"telemetry of plant {self._name} has {given[0]!r}; give all of {', '.join(EFFORTS)}, or none"
+            )
+        return {name: self._recorded(name, value) for name, value in telemetry.items()}
+
+    def _right(self, state: Any) -> State:
+        name, robot = self._name, self._robot
+        if not isinstance(state, State):
+            raise InvalidInput(f"state of plant {name} is {type(state).__name__}; give a State")
+        whose = f"the state of plant {name}"
+        require_numbers(whose, "q", state.q, (robot.n_q,))
+        require_numbers(whose, "v", state.v, (robot.n_v,))
+        if state.a is not None:
+            require_numbers(whose, "a", state.a, (robot.n_v,))
+        require_normalized(whose, robot, state.q)
+        return state
+
+    def _recorded(self, name: str, value: Any) -> np.ndarray:
+        whose, array = f"telemetry of plant {self._name}", np.asarray(value)
+        if array.dtype.kind not in _REAL or array.ndim > 1:
+            raise InvalidInput(
+                f"{whose} has {name} of shape {array.shape} and type {array.dtype}; give numbers (n,), or one"
+            )
+        if name not in self._shapes:
+            if name in SERIES:
+                raise InvalidInput(f"{whose} has {name!r}, which means something else in records; rename it")
+            return array
+        known = array[~np.isnan(array)] if name == _MAYBE_UNKNOWN else array
+        if array.shape != self._shapes[name] or not np.isfinite(known).all():
+            found = f"of shape {array.shape}" if array.shape != self._shapes[name] else "not finite"
+            raise InvalidInput(f"{whose} has {name} {found}; give finite numbers of shape {self._shapes[name]}")
+        return array.astype(float)
+
+
+# Somebody else's sensors, whose readings are looked at before the monitor sees them.
+
+_all = attrgetter(*CHANNELS)
+_state = unchecked_constructor(State)
+
+
+class WatchedSensors:
+    """A callable ``(State, t) -> Readings`` that asks another one."""
+
+    def __init__(self, sensors: Any, robot: Robot, specs: SensorSpecs, name: str) -> None:
+        """specs: which channels to expect. name: what messages call them. Raises `InvalidInput` for what cannot be called."""
+        if not callable(sensors):
+            raise InvalidInput(f"sensors {name} made {type(sensors).__name__}; make a callable (State, t) -> Readings")
+        self._wrapped: Callable[[State, float], Readings] = sensors
+        self._name, self._sizes = name, sizes_of(robot)
+        self._expected = {channel for channel in CHANNELS if getattr(specs, channel) is not None}
+        self._seen: dict[str, Reading[Any] | None] = dict.fromkeys(CHANNELS)
+
+    def __call__(self, state: State, t: float) -> Readings:
+        """Their readings of the true state at time t [s]. Raises `InvalidInput` for what is no reading of that channel."""
+        # Copied: nobody who writes to a reading reaches the true state.
+        readings = self._wrapped(_state(q=state.q.copy(), v=state.v.copy(), a=state.a), t)
+        if not isinstance(readings, Readings):
+            raise InvalidInput(f"sensors {self._name} returned {type(readings).__name__}; return Readings")
+        for channel, reading in zip(CHANNELS, _all(readings), strict=True):
+            if reading is not None and reading is not self._seen[channel]:
+                self._require(channel, reading)
+                self._seen[channel] = reading
+        return readings
+
+    def _require(self, channel: str, reading: Reading[Any]) -> None:
+        if channel not in self._expected:
+            raise InvalidInput(f"sensors {self._name} read {channel}, which their specs leave out; add it to them")
+        shape, right = np.shape(reading.value), self._sizes[channel]
+        if shape != right:
+            raise InvalidInput(f"sensors {self._name} read {channel} of shape {shape}; give {right}")
+
+
+# Faults of a user's own, between the toolkit's parts or others: on what sensors tell and on what the plant is told.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class InjectedFault:
+    """A fault, made for one run."""
+
+    maker: Any
+    made: Disturbance
+
+    def active(self, t: float) -> bool:
+        """Check that it is there at time t [s]."""
+        return is_active(self.maker.onset, self.maker.end, t)
+
+    def command(self, command: Command, t: float) -> Command:
+        """Return the command that arrives at time t [s]. Raises `InvalidInput` for one that the plant cannot take."""
+        left = self.made.command(command, t)
+        name = part_name(self.maker)
+        if not isinstance(left, Command):
+            raise InvalidInput(f"fault {name} returned {type(left).__name__} for a command; return a Command")
+        for item in ("v", "thrust", "torque"):
+            if (asked := getattr(command, item)) is not None:
+                require_numbers(f"the command of fault {name}", item, getattr(left, item), asked.shape)
+        return left
+
+
+class FaultyPlant(Plant):
+    """A plant that does not hear all that it is told."""
+
+    def __init__(self, plant: Plant, struck: Sequence[InjectedFault]) -> None:
+        self._plant, self._struck, self._t = plant, tuple(struck), 0.0
+        self.state = plant.state
+
+    def step(self, command: Command, dt: float) -> None:
+        """Advance by dt [s], by what is left of the command."""
+        for fault in self._struck:
+            if fault.active(self._t):
+                command = fault.command(command, self._t)
+        self._plant.step(command, dt)
+        self._t += dt
+        self.state = self._plant.state
+
+    def telemetry(self) -> dict[str, Any]:
+        """Return the telemetry of the plant."""
+        return self._plant.telemetry()
+
+
+def inject_faults(scenario: Any, plant: Plant, sensors: Sensors) -> tuple[Plant, Sensors]:
+    """Plant and sensors of a run with the own faults of a scenario between them and the others."""
+    makers = [fault for fault in scenario.faults if not isinstance(fault, Fault)]
+    if not makers:
+        return plant, sensors
+    struck = [InjectedFault(maker=maker, made=maker(scenario)) for maker in makers]
+    names = " and ".join(map(part_name, makers))
+    heard = WatchedSensors(_faulty_sensors(sensors, struck), scenario.robot, scenario.specs, f"with fault {names}")
+    return FaultyPlant(plant, struck), heard
+
+
+def _faulty_sensors(sensors: Sensors, struck: Sequence[InjectedFault]) -> Callable[[State, float], Readings]:
+    def read(state: State, t: float) -> Readings:
+        readings = sensors(state, t)
+        for fault in struck:
+            readings = fault.made.readings(readings, t) if fault.active(t) else readings
+        return readings
+
+    return read
+
+
+def require_fault(fault: Any) -> None:
+    """Raise `InvalidInput` for what is neither a `Fault` nor makes one of a user's own with an onset before its end."""
+    if isinstance(fault, Fault):
+        return
+    times: list[Any] = [getattr(fault, name, None) for name in ("onset", "end")]
+    (onset, end), numbers = times, all(isinstance(t, int | float | np.floating) for t in times)
+    if not (callable(fault) and numbers and 0.0 <= onset < end):
+        given = f"faults: {part_name(fault)} with onset = {onset} s, end = {end} s"
+        raise InvalidInput(
+            f"{given}; give a Fault, or what makes one, with times from 0 on, the end last, inf for never"
+        )
+
+
+def fault_meta(fault: Any) -> FaultMeta:
+    """Metadata of a fault for the record."""
+    end = float(fault.end) if np.isfinite(fault.end) else None
+    if isinstance(fault, Fault):
+        return FaultMeta(text=str(fault), target=fault.target, kind=fault.kind, t=fault.onset, end=end)
+    name = part_name(fault)
+    text = f"{name}@{plain(float(fault.onset))}" + ("" if end is None else f"-{plain(end)}")
+    return FaultMeta(text=text, target=name, kind="own", t=float(fault.onset), end=end)

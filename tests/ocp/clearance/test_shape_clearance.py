@@ -11,8 +11,7 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.ocp.clearance import ShapeClearance
-from uvms_ocp.ocp.clearance_certificate import SteppedMotion, certificate, shortfall
+from uvms_ocp.ocp.clearance import ShapeClearance, SteppedMotion, certificate, shortfall
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase

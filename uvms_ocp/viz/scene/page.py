@@ -30,7 +30,6 @@ from uvms_ocp.types import AtLeastOne, Positive
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-
 # The parts of meshcat that scenes use, imported without the deprecation warning that its unused server raises.
 
 with warnings.catch_warnings():
