@@ -146,7 +146,7 @@ def _window_length(tuning: ActuatorHealthTuning, period: float) -> int:
 def _weight_function(robot: Robot, symbolic: SymbolicDynamics) -> ca.Function:
     q, rest, still = ca.SX.sym("q", robot.n_q), ca.SX(robot.n_v, 1), ca.SX(3, len(symbolic.links))
     tau, n = symbolic.inverse_dynamics(q, rest, rest, still, still), robot.n_vehicle
-    wrench = ca.densify(ca.vertcat(tau[:n], ca.SX.zeros(6 - n)))
+    wrench = ca.densify(ca.vertcat(tau[:n, :], ca.SX.zeros(6 - n)))
     return ca.Function("weight", [q], [ca.cse(wrench)], ["q"], ["wrench"])
 
 

@@ -237,8 +237,8 @@ def control_function(laws: ForceLaws) -> ca.Function:
     desired = DesiredForce(
         error=error,
         force=force,
-        wrench=ca.vertcat(force[:n], ca.SX.zeros(6 - n)),
-        torque=limited(force[n:], laws.robot.limits.effort),
+        wrench=ca.vertcat(force[:n, :], ca.SX.zeros(6 - n)),
+        torque=limited(force[n:, :], laws.robot.limits.effort),
     )
     return ca.Function("control", list(x.values()), [ca.cse(column_of(desired))], list(x), ["desired"])
 
@@ -266,7 +266,7 @@ def command_function(laws: ForceLaws) -> ca.Function:
         command=command,
         torque=desired.torque,
         disturbance=observed.estimate,
-        vehicle_force=desired.force[:n],
+        vehicle_force=desired.force[:n, :],
         unreachable=allocated.unreachable,
         push=ca.dot(_up(inputs.q), observed.estimate[:3]) / laws.lift if n and laws.lift > 0.0 else ca.SX(1, 1),
     )
@@ -330,7 +330,7 @@ def _by_part(laws: ForceLaws, vehicle: ca.SX, joints: ca.SX) -> ca.SX:
     """Join values of the vehicle's axes and of the joints to (n_v,); either may be one number for all."""
     n_v, n = laws.robot.n_v, laws.robot.n_vehicle
     vehicle, joints = (ca.repmat(part, n_v) if part.is_scalar() else part for part in (vehicle, joints))
-    return ca.vertcat(vehicle[:n], joints[n:])
+    return ca.vertcat(vehicle[:n, :], joints[n:, :])  # one entry, sliced without its other axis, would become a row
 
 
 def _up(q: ca.SX) -> ca.SX:
