@@ -789,6 +789,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "figure_transitions": lambda: {"runs": {"a": report.transition_series(run_record())}},
     "figure_rate": lambda: {"success": np.array([True, False])},
     "figure_spread": lambda: {"values": {"energy [J]": np.array([1.0, 2.0])}, "success": np.array([True, False])},
+    "Robot.with_joint_values": lambda: {"q": q(), "values": robot().joint_values(q())},
     "trimmed": lambda: {"robot": load_robot("bluerov2_alpha5"), "bow": 0.2, "stern": -0.2},
     "check_robot_files": lambda: {"path": robot_folder("planar5")},
     "equality_rows": lambda: {"jacobian": ca.SX.eye(2), "rate": ca.SX.zeros(2)},
