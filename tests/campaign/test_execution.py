@@ -32,6 +32,7 @@ def test_a_raising_run_is_a_row_with_its_text_and_a_deadly_one_too_and_none_else
     assert (told[0], told[-1]) == ((0, 0, 10), (10, 2, 10))
 
 
+@pytest.mark.slow
 def test_a_run_without_end_is_a_row_that_says_so_and_the_others_go_on(tmp_path: Path) -> None:
     work = TrivialRuns(endless=frozenset({2}), asleep=frozenset({4}))
     run_jobs(tmp_path, identity_of(work, 8), work, workers=1, limit=1.5)
@@ -66,6 +67,7 @@ def test_short_runs_share_tasks_and_come_back_whole(tmp_path: Path) -> None:
     assert len(list((tmp_path / "rows").iterdir())) == 1  # a campaign that is complete is one file
 
 
+@pytest.mark.slow
 def test_a_cluster_at_an_address_loses_a_worker_and_gets_another(tmp_path: Path) -> None:
     work = TrivialRuns(pause=0.05)
     with cluster(tmp_path) as processes:

@@ -140,6 +140,7 @@ def test_list_names_everything(tmp_path: Path) -> None:
     assert set(known["solvers"]) >= {"active_set", "lexqp", "icat"}
 
 
+@pytest.mark.slow
 def test_check_refuses_an_unreachable_goal_with_figures(tmp_path: Path) -> None:
     process = cli("check", "case1_unreachable", "--plant", "kinematic", "--json", cwd=tmp_path)
     assert process.returncode == 2

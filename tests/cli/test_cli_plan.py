@@ -217,6 +217,7 @@ def test_optimal_control_reaches_the_goal_with_what_the_thrusters_have(controlle
     assert "all goals are met" in process.stderr
 
 
+@pytest.mark.slow
 def test_optimal_control_writes_its_plan_with_forces(controlled: Run) -> None:
     _, folder = controlled
     files = {str(path.relative_to(folder)) for path in results(folder)}
@@ -267,6 +268,7 @@ def test_plans_of_either_method_compare_figure_by_figure(around: Run, controlled
     assert rows["peak_thrust_n"]["second"] == pytest.approx(reports[1]["peak_thrust_n"])
 
 
+@pytest.mark.slow
 def test_a_plan_against_anything_else_is_refused_in_one_line(around: Run, tmp_path: Path) -> None:
     shutil.copy(Path(__file__).parents[1] / "records" / "run_v0_1.npz", tmp_path / "run.npz")
     np.savez(tmp_path / "other.npz", t=np.zeros(1), __meta__=np.array("{}"))

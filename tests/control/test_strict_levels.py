@@ -57,6 +57,7 @@ def residuals(program: LexicographicProgram, x: np.ndarray, p: np.ndarray) -> np
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plugin", ["piqp", "stagewise"])
 def test_no_level_above_rises_by_more_than_the_tolerance_in_random_steps(robot: Robot, plugin: str) -> None:
     own, options = problem(robot), replace(OPTIONS, plugin=plugin)

@@ -324,6 +324,7 @@ def case1_among_obstacles() -> Scenario:
     )
 
 
+@pytest.mark.slow
 def test_case_1_among_obstacles_steps_within_the_accelerations_and_keeps_clear(case1_among_obstacles: Scenario) -> None:
     scenario = case1_among_obstacles
     limits = scenario.robot.limits

@@ -29,6 +29,7 @@ def copied(scenario: Scenario) -> Controller:
     return control
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", ["kinematic", "dynamic"])
 def test_our_controller_under_another_name_gives_the_same_record(plant: str) -> None:
     ours = case1(plant=plant, dt=0.02, duration=40.0)

@@ -11,6 +11,7 @@ from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import CHANNELS, SensorSpecs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("specs", [SPECS, late(SPECS, DELAYS)], ids=["in time", "late"])
 def test_errors_and_innovations_are_as_large_as_their_covariances_say(specs: SensorSpecs) -> None:
     """The short form of `benchmarks/navigation.py`."""

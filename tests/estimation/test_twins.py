@@ -70,6 +70,7 @@ def test_in_c_and_in_python_the_numbers_are_the_same(name: str, specs: SensorSpe
     np.testing.assert_array_equal(compiled.covariance, plain.covariance)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("specs", [SensorSpecs(), IDEAL_SENSORS, late(SPECS, DELAYS)], ids=["default", "ideal", "late"])
 def test_covariances_stay_symmetric_and_positive(specs: SensorSpecs) -> None:
     """Of the vehicle with its clones, and of the joints, after 3e4 ticks."""

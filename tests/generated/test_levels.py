@@ -36,6 +36,7 @@ def arguments(draw: st.DrawFn) -> dict[str, Any]:
     return good
 
 
+@pytest.mark.slow
 def test_any_arguments_make_a_level_or_are_refused_in_one_line() -> None:
     tally = Tally(bad=400)
 

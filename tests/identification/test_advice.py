@@ -35,6 +35,7 @@ def left(size: Sequence[float]) -> tuple[UnidentifiableDirection, ...]:
     return unidentifiable_directions(one, error.solve(error.start(), iterations=3))
 
 
+@pytest.mark.slow
 def test_what_did_not_move_is_to_be_driven_and_then_is_known() -> None:
     told = [advice(one) for one in left((0.0, 0.0, 10.0, 0.0, 0.0, 0.0))]
     assert sorted(text[: len("drive yaw fast")] for text in told) == ["drive yaw fast", "drive yaw to a"]

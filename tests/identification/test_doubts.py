@@ -63,6 +63,7 @@ def test_good_recordings_raise_no_doubt() -> None:
     assert told(moved()) == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [False, True])
 def test_a_run_of_our_own_raises_no_doubt(noise: bool) -> None:
     record = bluerov_inspection(noise=noise, seed=1, duration=15.0).run()

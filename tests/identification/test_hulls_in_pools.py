@@ -62,6 +62,7 @@ def test_the_slope_of_what_is_beyond_is_that_of_its_value() -> None:
     assert (found > 0.0).any(axis=0).all()
 
 
+@pytest.mark.slow
 def test_a_design_keeps_the_whole_hull_inside_and_tells_where_it_sweeps() -> None:
     one = vehicle_of(known().with_status(added_mass=Free()))
     given = ExperimentTask(vehicle=one, limits=LIMITS, duration=5.0)

@@ -33,6 +33,7 @@ def told(way: np.ndarray) -> str:
     return mixed_thrusters(recording(), Channel(t=one.t, values=one.values @ way.T), thruster_matrix(slow()), NAMES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "way"), WAYS.items(), ids=lambda one: one or "as it is" if isinstance(one, str) else ""
 )

@@ -82,6 +82,7 @@ def test_a_plant_without_thrusters_is_asked_for_no_thrust() -> None:
         PreparedRecording.of(run_recording(record, "run"), subject()[0].vehicle)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [False, True])
 def test_the_lag_of_thrusters_is_learnt_from_a_run(noise: bool) -> None:
     record = driven_run(sensors=robot_sensors(slow().description)) if noise else run()
@@ -117,6 +118,7 @@ def test_before_a_run_thrusters_are_at_rest() -> None:
     np.testing.assert_array_equal(commands.at(np.array([0.0]))[0], run()["asked_thrust"][0])
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_a_wrench_is_that_which_thrusters_can_give() -> None:
     scenario = case1(robot="girona_maris7", dt=0.02, duration=0.4)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from driven import drive, known, vehicle_of
 
 from uvms_ocp.identification.fit import Search, resumed_search, search_fit
@@ -18,6 +19,7 @@ def vehicle() -> Vehicle:
     return vehicle_of(known().with_status(added_mass=Free(), quadratic_drag=Free(only=("surge", "yaw")), lag=Free()))
 
 
+@pytest.mark.slow
 def test_what_is_twice_as_large_is_found() -> None:
     one = vehicle()
     rollout = Rollout(stage_of(one))

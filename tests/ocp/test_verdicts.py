@@ -143,6 +143,7 @@ def test_the_time_limit_holds_for_the_whole_plan_without_a_nan(
     assert np.isfinite(plan.trajectory.q).all()
 
 
+@pytest.mark.slow
 def test_a_limit_of_iterations_is_no_proof_of_infeasibility(robot: Robot, plugin: str) -> None:
     plan = Planner(reach(robot), NlpOptions(time_limit=PATIENCE, max_iterations=3, plugin=plugin)).plan()
     assert plan.status is OcpStatus.UNFINISHED

@@ -156,6 +156,7 @@ def test_a_plan_of_0_1_that_can_meet_nothing_has_no_smallest_distance() -> None:
     assert meta.min_clearance is None
 
 
+@pytest.mark.slow
 def test_every_figure_report_and_scene_works_from_a_run_of_0_1(tmp_path: Path) -> None:
     record, robot = Record.load(RECORDS / RUN), load_robot("girona_maris7_full")
     known = [name for name in FIGURES if name not in ("health", "estimate")]
@@ -173,6 +174,7 @@ def test_every_figure_report_and_scene_works_from_a_run_of_0_1(tmp_path: Path) -
     assert compare(record, record)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PLANS)
 def test_every_figure_report_and_scene_works_from_a_plan_of_0_1(name: str, tmp_path: Path) -> None:
     record, robot = Record.load(RECORDS / name), load_robot("girona_maris7_full")

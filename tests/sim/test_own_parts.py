@@ -136,6 +136,7 @@ def ran(scenario: Scenario) -> np.ndarray:
     return scenario.run()["q"]
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_parts_of_ones_own_go_to_another_process_with_their_scenario() -> None:
     scenario = all_own()

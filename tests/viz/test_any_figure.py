@@ -59,6 +59,7 @@ def test_without_a_name_a_run_gives_every_figure_and_a_notebook_shows_them(recor
     assert type(figures)(figures[:2])._repr_html_().count("data:image/png;base64,") == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("format", "head"), [("pdf", b"%PDF"), ("svg", b"<?xml"), ("png", b"\x89PNG")])
 def test_figures_are_written_in_the_formats_of_papers(record: Record, tmp_path: Path, format: str, head: bytes) -> None:
     paths = write_figures(record, tmp_path, format)
