@@ -75,9 +75,16 @@ class ArgumentNotFound(NameNotFound, TypeError):
 class RobotDataError(InvalidInput):
     """A robot file (URDF or YAML) that is missing, broken or physically impossible."""
 
-    def __init__(self, path: Path | str, problem: str) -> None:
-        self.path = Path(path)
-        super().__init__(f"{path}: {problem}")
+    def __init__(self, path: Path | str, *problems: str) -> None:
+        """problems: all that is wrong with the file, so that it is refused once."""
+        self.path, self.problems = Path(path), problems
+        shown = [*problems[:_MANY], *([f"{len(problems) - _MANY} more"] if len(problems) > _MANY else ())]
+        super().__init__(f"{path}: {'; and '.join(shown)}")
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """One line for each problem."""
+        return tuple(plain_line(f"{self.path}: {problem}") for problem in self.problems)
 
 
 class OutputError(UvmsError, OSError):

@@ -19,10 +19,14 @@ _SHOWN, _LONGEST = 3, 200  # mistakes, characters of a key
 
 def one_line(error: ValidationError, model: type[BaseModel]) -> str:
     """The mistakes of a file read as ``model``, the first few in full."""
-    problems = _by_key(error)
-    texts = [f"{printable(key)}: {_problem(problem, model)}" for key, problem in list(problems.items())[:_SHOWN]]
-    left = len(problems) - len(texts)
-    return "; and ".join(texts) + (f"; and {left} more" if left else "")
+    texts = problems_of(error, model)
+    left = len(texts) - _SHOWN
+    return "; and ".join(texts[:_SHOWN]) + (f"; and {left} more" if left > 0 else "")
+
+
+def problems_of(error: ValidationError, model: type[BaseModel]) -> list[str]:
+    """All mistakes of a file read as ``model``, each with its key."""
+    return [f"{printable(key)}: {_problem(problem, model)}" for key, problem in _by_key(error).items()]
 
 
 def one_line_errors(model: type[_M]) -> type[_M]:

@@ -251,8 +251,8 @@ BROKEN_URDFS = {
     "two parents": (link("a") + link("b") + joint() + joint(name="k"), "link 'b' has two parents"),
     "loop": (link("a") + link("b") + joint() + BACK_TO_A, "root links"),
     "missing mesh": (
-        with_shape("a", MESH.format("package://x/y.stl")),
-        "mesh 'package://x/y.stl' not found; give package_dirs",
+        with_shape("a", MESH.replace("visual", "collision").format("package://x/y.stl")),
+        "link 'a' collision: mesh 'package://x/y.stl' not found, and nothing would be told of what the link touches; --pack",
     ),
     "shape that does not exist": (
         with_shape("a", "<collision><geometry><cone/></geometry></collision>"),
@@ -262,15 +262,9 @@ BROKEN_URDFS = {
         link("a") + link("b") + joint(limit=LIMIT + "<dynamics damping='-1'/>"),
         "joint 'j' dynamics damping: given -1.0; allowed: >= 0",
     ),
-    "three colours": (
-        link("a") + "<material name='red'><color rgba='1 0 0'/></material>",
-        "material 'red' color rgba: given '1 0 0'; allowed: four numbers from 0 to 1",
-    ),
-    "colour without a name": (link("a") + "<material><color rgba='1 0 0 1'/></material>", "a <material> has no name"),
-    "material without a colour": (link("a") + "<material name='red'/>", "material 'red': given no name or no colour"),
     "flat box": (
-        with_shape("a", "<visual><geometry><box size='1 1 0'/></geometry></visual>"),
-        "link 'a' visual box: given {'size': '1 1 0'}; allowed: sizes > 0 m",
+        with_shape("a", "<collision><geometry><box size='1 1 0'/></geometry></collision>"),
+        "link 'a' collision box: given {'size': '1 1 0'}; allowed: sizes > 0 m",
     ),
 }
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from uvms_ocp.scenario.cases import SCENARIOS
 from uvms_ocp.scenario.own_code import forget_user_code, load_scenario, own_code, siblings
 
 _PACKED = "uvms_ocp_robots/"  # names of files of our own robots
-_PLACES = ("robot", "hydrodynamics")  # options that may be files
+_PLACES = ("robot", "hydrodynamics", "loading")  # options that may be files
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -72,7 +72,8 @@ class CodeSource:
             return self
         folder = _unpacked(self.digest(), tuple(self.files.items()))
         options = {
-            name: self._moved(value, folder) if name in _PLACES else value for name, value in self.options.items()
+            name: _each(value, partial(self._moved, folder=folder)) if name in _PLACES else value
+            for name, value in self.options.items()
         }
         return replace(self, words=self._moved(self.words, folder), options=options, files={})
 
@@ -86,7 +87,7 @@ class CodeSource:
 
     def identity(self) -> dict[str, Any]:
         """Return its identity, from which `restored` makes it: JSON values, paths below the root with ``./``."""
-        options = {name: self._below(value) for name, value in sorted(self.options.items())}
+        options = {name: _each(value, self._below) for name, value in sorted(self.options.items())}
         return {
             "words": self._below(self.words),
             "attribute": self.attribute,
@@ -105,7 +106,7 @@ class CodeSource:
         source = CodeSource(
             words=placed(identity["words"]),
             attribute=identity["attribute"],
-            options={name: placed(value) for name, value in identity["options"].items()},
+            options={name: _each(value, placed) for name, value in identity["options"].items()},
             root=root,
             files={name: _copy(copies / name) for name in identity["files"]},
         )
@@ -173,6 +174,13 @@ def _copy(path: Path) -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise InvalidInput(f"{path}: cannot be read ({error.strerror}); put back what was") from None
+
+
+def _each(value: Any, change: Callable[[Any], Any]) -> Any:
+    """The value with everything in it changed."""
+    if isinstance(value, Mapping):
+        return {name: _each(item, change) for name, item in value.items()}
+    return [_each(item, change) for item in value] if isinstance(value, list) else change(value)
 
 
 def _absolute(value: Any) -> Any:

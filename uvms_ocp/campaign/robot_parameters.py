@@ -39,7 +39,7 @@ def machine_parameters(scenario: Scenario) -> Iterator[Parameter]:
         yield _of_robot("water.drag", "-", "factor of all drag, linear and quadratic", _dragged)
         yield _of_robot("water.added_mass", "-", "factor of the added mass of all links", _with_added_mass)
     yield _of_robot("robot.mass", "-", "factor of the mass and inertia of all links", _heavier)
-    carrier = _HAND if robot.has_frame(_HAND) else robot.frame_names[-1]
+    carrier = _HAND if robot.has_frame(_HAND) else "base_link"
     yield _of_robot("payload.mass", "kg", f"of a point mass fixed to {carrier}", partial(_carrying, carrier, "mass"))
     meaning = f"of water that something without mass displaces at {carrier}"
     yield _of_robot("payload.volume", "m3", meaning, partial(_carrying, carrier, "volume"))
@@ -85,7 +85,7 @@ def _described(link: LinkHydrodynamics, changes: dict[str, np.ndarray]) -> LinkD
         pose=Pose(position=tuple(position.tolist()), rpy=tuple(rpy.tolist())),
         added_mass=_rows(terms["added_mass"]),
         linear_drag=_rows(terms["linear_drag"]),
-        quadratic_drag=tuple(np.diag(terms["quadratic"]).tolist()),
+        quadratic_drag=_rows(terms["quadratic"]),
         volume=link.volume,
         centre_of_buoyancy=tuple(link.centre_of_buoyancy.tolist()) if link.volume else None,
     )

@@ -21,13 +21,14 @@ from uvms_ocp.campaign.store import FILE
 from uvms_ocp.campaign.variations import available_parameters
 from uvms_ocp.cli import printing
 from uvms_ocp.cli.options import (
+    AS_WRITTEN,
     CurrentVelocity,
     Duration,
     Faults,
-    Hydrodynamics,
     Json,
     Noise,
     PlantName,
+    RobotFiles,
     RobotName,
     Seabed,
     build_scenario,
@@ -74,7 +75,7 @@ def campaign(
     ] = 3600.0,
     records: Annotated[str, typer.Option(help="Whole records to keep: none, failures or all.")] = "none",
     robot: RobotName = None,
-    hydrodynamics: Hydrodynamics = None,
+    files: RobotFiles = AS_WRITTEN,
     plant: PlantName = None,
     current: CurrentVelocity = None,
     seabed: Seabed = None,
@@ -110,7 +111,7 @@ def campaign(
     if report or rerun is not None or against is not None:
         raise InvalidInput(f"{what}: no campaign is there; --report, --rerun and --against need the folder of one")
     cluster = {"workers": workers, "scheduler": scheduler, "time_limit": time_limit}
-    options = given(robot=robot, hydrodynamics=hydrodynamics, plant=plant, current=current, seabed=seabed)
+    options = given(robot=robot, **files.options, plant=plant, current=current, seabed=seabed)
     options |= given(noise=noise, duration=duration, faults=tuple(fault) if fault else None)
     if parameters:
         _list_parameters(what, options, console, as_json)

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from uvms_ocp.cli import campaign, identify, plan, robots, run, show
-from uvms_ocp.cli.options import BAD_INPUT
+from uvms_ocp.cli.options import BAD_INPUT, expand_options
 from uvms_ocp.cli.printing import console_of, warned_behind_errors
 from uvms_ocp.errors import UvmsError, plain_line
 from uvms_ocp.version import __version__
@@ -74,23 +74,23 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-app.command(name="run")(run.run)
-app.command(name="check")(show.check)
-app.command(name="mission")(show.mission)
-app.command(name="campaign")(campaign.campaign)
+app.command(name="run")(expand_options(run.run))
+app.command(name="check")(expand_options(show.check))
+app.command(name="mission")(expand_options(show.mission))
+app.command(name="campaign")(expand_options(campaign.campaign))
 app.command(name="compare")(show.compare_runs)
-app.command(name="show")(show.show_scene)
+app.command(name="show")(expand_options(show.show_scene))
 app.command(name="excite")(identify.excite)
 app.command(name="check-recording")(identify.check_recording)
 app.command(name="identify")(identify.identify)
 app.command(name="list")(robots.list_all)
-app.command(name="check-robot")(robots.check_robot)
+app.command(name="check-robot")(expand_options(robots.check_robot))
 app.command(name="schema")(robots.schema)
-app.command(name="new-robot")(robots.new_robot)
-app.command(name="new-mission")(robots.new_mission)
+app.command(name="new-robot")(expand_options(robots.new_robot))
+app.command(name="new-mission")(expand_options(robots.new_mission))
 
 export_app = typer.Typer(help="Write what runs without Python.", no_args_is_help=True)
-export_app.command(name="controller")(robots.controller)
+export_app.command(name="controller")(expand_options(robots.controller))
 app.add_typer(export_app, name="export")
 app.add_typer(plan.app, name="plan")
 

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, fields
+from copy import copy
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
 
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
-from uvms_ocp.errors import NameNotFound, OutputError
+from uvms_ocp.errors import InvalidInput, NameNotFound, OutputError
 from uvms_ocp.robot.loading import list_robots
 from uvms_ocp.scenario.cases import SCENARIOS
 from uvms_ocp.scenario.own_code import load_scenario, own_code
@@ -25,27 +26,52 @@ from uvms_ocp.solvers import Icat, LexicographicActiveSet, LexicographicQp
 
 
 def expand_options(command: Callable[..., None]) -> Callable[..., None]:
-    """A command whose first parameter is a dataclass, as one that has the fields of it as options of its own.
+    """A command some of whose parameters are dataclasses, as one that has the fields of them as options of its own.
 
-    typer reads the options of a command from its signature: first those of the dataclass, then the others.
+    typer reads the options of a command from its signature. Of two options with the same flag the later one has its others
+    alone.
     """
-    first, *own = signature(command, eval_str=True).parameters.values()
-    group: Any = first.annotation
+    own = signature(command, eval_str=True).parameters.values()
+    groups: dict[str, Any] = {p.name: p.annotation for p in own if is_dataclass(p.annotation)}
+    shared = {name: _fields_as_parameters(group) for name, group in groups.items()}
+
+    @wraps(command)
+    def spread(**options: Any) -> None:
+        made = {
+            name: groups[name](**{parameter.name: options.pop(parameter.name) for parameter in parameters})
+            for name, parameters in shared.items()
+        }
+        command(**made, **options)
+
+    parameters = [q for p in own for q in shared.get(p.name, [p.replace(kind=Parameter.KEYWORD_ONLY)])]
+    parameters = _without_clashes(parameters)
+    spread.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    spread.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
+    return spread
+
+
+def _fields_as_parameters(group: Any) -> list[Parameter]:
     hints = get_type_hints(group, include_extras=True)
-    shared = [
+    return [
         Parameter(field.name, Parameter.KEYWORD_ONLY, default=field.default, annotation=hints[field.name])
         for field in fields(group)
     ]
 
-    @wraps(command)
-    def spread(**options: Any) -> None:
-        values = {parameter.name: options.pop(parameter.name) for parameter in shared}
-        command(group(**values), **options)
 
-    parameters = [*shared, *(parameter.replace(kind=Parameter.KEYWORD_ONLY) for parameter in own)]
-    spread.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    spread.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
-    return spread
+def _without_clashes(parameters: Sequence[Parameter]) -> list[Parameter]:
+    taken: set[str] = set()
+    kept = []
+    for parameter in parameters:
+        kind, option, *_ = (*get_args(parameter.annotation), None, None)
+        flags = getattr(option, "param_decls", None) or (f"--{parameter.name.replace('_', '-')}",)
+        free = tuple(flag for flag in flags if flag not in taken)
+        if free != flags and option is not None:
+            option = copy(option)
+            option.param_decls = free
+            parameter = parameter.replace(annotation=Annotated[kind, option])
+        taken.update(free)
+        kept.append(parameter)
+    return kept
 
 
 def defaults_of(kind: type[Any]) -> dict[str, Any]:
@@ -99,9 +125,77 @@ RobotName = Annotated[
         autocompletion=completing(*list_robots()),
     ),
 ]
-Hydrodynamics = Annotated[
-    str | None, typer.Option(metavar="YAML", help="Hydrodynamics file of the robot; default: the one beside its URDF.")
-]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RobotFiles:
+    """How the files of a robot are read; what is left out is as its hydrodynamics.yaml says, under the same names."""
+
+    hydrodynamics: Annotated[
+        str | None,
+        typer.Option(metavar="YAML", help="Hydrodynamics file of the robot; default: the one beside its URDF."),
+    ] = None
+    base: Annotated[
+        str | None, typer.Option(metavar="free_flyer|fixed", help="Whether it floats; default: what its file says.")
+    ] = None
+    packages: Annotated[
+        list[str] | None, typer.Option(metavar="DIR", help="Where package:// meshes are; repeatable.")
+    ] = None
+    meshes: Annotated[
+        bool | None, typer.Option("--meshes/--no-meshes", help="Whether shapes that are meshes are read.")
+    ] = None
+    mimic: Annotated[
+        str | None,
+        typer.Option(metavar="free|fixed", help="Joints that mimic another: of their own, or fixed to follow."),
+    ] = None
+    lock: Annotated[
+        list[str] | None, typer.Option(metavar="JOINT[=Q]", help="Fix a joint, at 0 unless told; repeatable.")
+    ] = None
+    drop: Annotated[
+        list[str] | None, typer.Option(metavar="LINK", help="Leave out a link and what hangs on it; repeatable.")
+    ] = None
+    tool_link: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--tool", "--tool-link", metavar="LINK", help="Frame of the tool; several times for several arms."
+        ),
+    ] = None
+    altimeter: Annotated[
+        str | None, typer.Option(metavar="LINK", help="Frame of the range sensor, which looks along its -z.")
+    ] = None
+
+    @property
+    def loading(self) -> dict[str, Any]:
+        """Arguments of `uvms_ocp.load_robot`, those that were given. Raises `InvalidInput` for a position that is none."""
+        return given(
+            base=self.base,
+            package_dirs=[str(Path(folder).resolve()) for folder in self.packages] if self.packages else None,
+            meshes=self.meshes,
+            mimic=self.mimic,
+            lock=dict(map(_position, self.lock)) if self.lock else None,
+            drop=self.drop or None,
+            tool=self.tool_link or None,
+            altimeter=self.altimeter,
+        )
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Options of a scenario, those that were given."""
+        return given(hydrodynamics=self.hydrodynamics, loading=self.loading or None)
+
+
+AS_WRITTEN = RobotFiles()
+"""As the robot's files say."""
+
+
+def _position(words: str) -> tuple[str, float]:
+    name, equals, value = words.partition("=")
+    try:
+        return name, float(value) if equals else 0.0
+    except ValueError:
+        raise InvalidInput(f"--lock {words!r}: give JOINT or JOINT=POSITION, such as propeller_joint=0.5") from None
+
+
 PlantName = Annotated[
     str | None,
     typer.Option(help=f"Plant: {', '.join(PLANTS)}; default: the scenario's.", autocompletion=completing(*PLANTS)),
@@ -179,6 +273,8 @@ def _word(name: str, value: Any) -> str:
         return name + "_".join(map(str, value))
     if name in ("robot", "hydrodynamics"):
         return label(str(value))
+    if name == "loading":
+        return label("-".join(f"{key}_{word}" for key, word in value.items()))
     return f"{name}{value}"
 
 

@@ -23,8 +23,9 @@ from uvms_ocp.planning.request import AXES, Goal, PlanRequest, PostureGoal, Tool
 from uvms_ocp.record.output import claim_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.planned_motion import motion_record, ocp_record, ocp_report, plan_report
-from uvms_ocp.robot import Robot, load_robot
+from uvms_ocp.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import Obstacle, parse_obstacle, read_obstacles
+from uvms_ocp.scenario.own_code import robot_of
 from uvms_ocp.solvers.nlp.level_solver import IterationReport
 from uvms_ocp.solvers.nlp.options import PLUGINS, NlpOptions
 
@@ -47,16 +48,18 @@ class MotionOptions:
     sphere: Annotated[list[str] | None, typer.Option(metavar="X,Y,Z,R", help="Obstacle; repeatable.")] = None
     box: Annotated[list[str] | None, typer.Option(metavar="X,Y,Z,LX,LY,LZ", help="Obstacle; repeatable.")] = None
     obstacles: Annotated[Path | None, typer.Option(metavar="YAML", help="File of obstacles.")] = None
-    robot: Annotated[str, typer.Option(help="Robot, see `uvms-ocp list`.")] = "girona_maris7_full"
+    robot: Annotated[str, typer.Option(help="Robot, see `uvms-ocp list`, a URDF or a opt.folder.")] = (
+        "girona_maris7_full"
+    )
     clearance: _Clearance = opt.defaults_of(PlanRequest)["clearance"]
 
-    def asked(self) -> dict[str, Any]:
+    def asked(self, files: opt.RobotFiles) -> dict[str, Any]:
         """The fields that requests of all methods have.
 
         Raises `InvalidInput` for goals that are none, several or not the robot's, a start that is not valid and obstacles
         that cannot be read, and `NameNotFound` for an unknown robot.
         """
-        robot = load_robot(self.robot)
+        robot = robot_of(self.robot, files.hydrodynamics, files.loading)
         self._check_vehicle(robot)
         return {
             "robot": robot,
@@ -199,7 +202,7 @@ _COLUMNS = ("name", "begin_s", "end_s")
 def mission(
     name: opt.Name,
     robot: opt.RobotName = None,
-    hydrodynamics: opt.Hydrodynamics = None,
+    files: opt.RobotFiles = opt.AS_WRITTEN,
     plant: opt.PlantName = None,
     current: opt.CurrentVelocity = None,
     seabed: opt.Seabed = None,
@@ -218,9 +221,7 @@ def mission(
     Current, obstacles, floor and all limits included; `run SCENARIO --follow DIR/plan.npz` flies it, with the same options.
     """
     console = console_of(stderr=as_json)
-    options = opt.given(
-        robot=robot, hydrodynamics=hydrodynamics, plant=plant, current=current, seabed=seabed, noise=noise
-    )
+    options = opt.given(robot=robot, **files.options, plant=plant, current=current, seabed=seabed, noise=noise)
     scenario = opt.build_scenario(name, options)
     solver = _options(nlp, time_limit)
     with claim_folder(
@@ -279,6 +280,7 @@ _Axes = Annotated[str, typer.Option(help=f"Planned axes, of {', '.join(AXES)}; l
 
 def curve(
     motion: MotionOptions,
+    files: opt.RobotFiles = opt.AS_WRITTEN,
     axes: _Axes = _CURVE["axes"],
     seed: Annotated[int, typer.Option(help="Seed of restarts and sampling.")] = _CURVE["seed"],
     out: opt.Out = None,
@@ -289,13 +291,14 @@ def curve(
     From the stowed posture to a goal of the tool, of the vehicle or of joints, as fast as the limits of velocity and
     acceleration allow; without water and forces.
     """
-    request = PlanRequest(**motion.asked(), axes=axes, seed=seed)
+    request = PlanRequest(**motion.asked(files), axes=axes, seed=seed)
     changed = _changed(_CURVE | _MOTION, robot=motion.robot, seed=seed)
     make_and_write_plan(lambda _: _by_curve(request), out or opt.default_folder(("plan", "curve"), changed), as_json)
 
 
 def ocp(
     motion: MotionOptions,
+    files: opt.RobotFiles = opt.AS_WRITTEN,
     duration: Annotated[float, typer.Option(metavar="S", help="Length [s].")] = _OCP["duration"],
     steps: Annotated[int, typer.Option(metavar="N", help="Steps of the horizon.")] = _OCP["n_steps"],
     current: Annotated[Triple, typer.Option(metavar="X Y Z", help="Current in W [m/s].")] = _OCP["current"],
@@ -311,7 +314,7 @@ def ocp(
     proven free of collision with obstacles, the floor and its own links.
     """
     request = OcpRequest(
-        **motion.asked(),
+        **motion.asked(files),
         duration=duration,
         n_steps=steps,
         current=current,
@@ -328,7 +331,7 @@ def ocp(
 app = typer.Typer(help="Plan a motion among obstacles, or a whole mission.", no_args_is_help=True)
 app.command(name="curve")(opt.expand_options(curve))
 app.command(name="ocp")(opt.expand_options(ocp))
-app.command(name="mission")(mission)
+app.command(name="mission")(opt.expand_options(mission))
 
 
 def _changed(defaults: Mapping[str, Any], **options: Any) -> dict[str, Any]:

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-import os
-from importlib.resources import files
+import shutil
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Literal, cast
+from typing import Annotated
 
-import pinocchio as pin
 import typer
 from rich.table import Table
 
 from uvms_ocp.cli import options as opt
-from uvms_ocp.cli.printing import cell, console_of, print_json, print_paths, show_compilation
+from uvms_ocp.cli.new_mission import TEMPLATES, NewMission, loading_line, variations_text
+from uvms_ocp.cli.printing import cell, console_of, print_json, print_line, print_paths, show_compilation
 from uvms_ocp.errors import InvalidInput, OutputError, plain_line
 from uvms_ocp.export.controller import export_controller
-from uvms_ocp.robot import Robot, list_robots, robot_folder
+from uvms_ocp.robot import list_robots, robot_folder
 from uvms_ocp.robot.description import RobotDescription
+from uvms_ocp.robot.proposal import find_urdf, propose
+from uvms_ocp.robot.urdf import with_own_meshes
 from uvms_ocp.scenario.cases import SCENARIOS
 from uvms_ocp.scenario.own_code import robot_of
 from uvms_ocp.scenario.preflight.robot_check import RobotReport, check_robot_files
@@ -30,21 +32,11 @@ def check_robot(
         str,
         typer.Argument(help="URDF, a folder with robot.urdf and hydrodynamics.yaml, or a name, see `uvms-ocp list`."),
     ],
-    hydrodynamics: Annotated[Path | None, typer.Option(metavar="YAML", help="Hydrodynamics file.")] = None,
-    base: Annotated[
-        str | None, typer.Option(metavar="free_flyer|fixed", help="Whether it floats; default: what its file says.")
-    ] = None,
-    packages: Annotated[
-        list[Path] | None, typer.Option("--packages", metavar="DIR", help="Where package:// meshes are; repeatable.")
-    ] = None,
-    mimic: Annotated[
-        str | None, typer.Option(metavar="free", help="Take joints that mimic another one for joints of their own.")
-    ] = None,
+    files: opt.RobotFiles = opt.AS_WRITTEN,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Check a robot: inertias, trim, thruster rank, frames, meshes."""
-    let = cast(Literal["free"] | None, mimic)  # `load_robot` refuses other words
-    report = check_robot_files(_files(robot), hydrodynamics, base=base, package_dirs=packages or (), mimic=let)
+    report = check_robot_files(_files(robot), files.hydrodynamics, **files.loading)
     if as_json:
         findings = [{"subject": f.subject, "verdict": f.verdict.value, "text": f.text} for f in report.findings]
         print_json({"usable": report.usable, "findings": findings})
@@ -99,31 +91,61 @@ def list_all(
 
 # ``new-robot`` and ``new-mission``: files to begin with, which run as they are.
 
-_TEMPLATES = Path(str(files("uvms_ocp.scenario"))) / "templates"
-_BESIDE = 'uo.load_robot(urdf=ROBOT / "robot.urdf", hydrodynamics=ROBOT / "hydrodynamics.yaml")'
-
 
 def new_robot(
     out: Annotated[
         Path, typer.Argument(metavar="DIR", parser=opt.folder, help="Folder for robot.urdf and hydrodynamics.yaml.")
     ],
+    source: Annotated[
+        Path | None,
+        typer.Option("--from", metavar="URDF|DIR", help="A URDF, or a folder with one, of whatever maker."),
+    ] = None,
+    files: opt.RobotFiles = opt.AS_WRITTEN,
 ) -> None:
-    """Write a robot to begin with: a box of a vehicle with an arm of three joints, with comments.
+    """Write a robot to begin with: of a URDF, with its roles and water proposed, or a box of a vehicle with an arm.
+
+    With --from the folder gets a copy of the URDF and its meshes, and a hydrodynamics.yaml in which every proposal is marked;
+    what the URDF leaves open is asked in one line each, and answered by options.
 
     \f
-    Raises `InvalidInput` for files that are there, `OutputError` where they cannot be written.
+    Raises `InvalidInput` for files that are there, `OutputError` where they cannot be written, `RobotDataError` for a URDF
+    that cannot be read.
     """
-    names = ("robot.urdf", "hydrodynamics.yaml")
-    _write({out / name: (_TEMPLATES / name).read_text(encoding="utf-8") for name in names})
+    if source is None:
+        if files != opt.AS_WRITTEN:
+            raise InvalidInput("options of a robot's files need one: give --from URDF")
+        names = ("robot.urdf", "hydrodynamics.yaml")
+        _write({out / name: (TEMPLATES / name).read_text(encoding="utf-8") for name in names})
+        return
+    urdf = find_urdf(source)
+    folders = [Path(place) for place in files.packages or ()]
+    keys = ("mimic", "lock", "drop")
+    loading = {key: value for key, value in files.loading.items() if key in keys}
+    loading |= {} if files.meshes is None else {"meshes": "yes" if files.meshes else "no"}
+    found = propose(
+        urdf,
+        base=files.base,
+        package_dirs=folders,
+        loading=loading,
+        tool=files.tool_link or (),
+        altimeter=files.altimeter,
+    )
+    text, meshes = with_own_meshes(urdf, folders)
+    _write(
+        {out / "robot.urdf": text, out / "hydrodynamics.yaml": found.text}, {out / to: at for to, at in meshes.items()}
+    )
+    _say(found.questions)
 
 
 def new_mission(
     file: Annotated[Path, typer.Argument(metavar="FILE.py", help="The file; what varies goes beside it.")],
     robot: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Folder of your robot; default: bluerov2_alpha5 of the package.")
+        str | None,
+        typer.Option(metavar="DIR", help="Folder of your robot, or its URDF; default: bluerov2_alpha5 of the package."),
     ] = None,
+    files: opt.RobotFiles = opt.AS_WRITTEN,
 ) -> None:
-    """Write a mission to begin with, and what is uncertain about it, with comments.
+    """Write a mission of what the robot has, and what is uncertain about it, with comments.
 
     \f
     Raises `InvalidInput` for files that are there or another name, `RobotDataError` for a robot that cannot be loaded,
@@ -132,29 +154,25 @@ def new_mission(
     if file.suffix != ".py":
         raise InvalidInput(f"{file}: give the name of a Python file, such as my_mission.py")
     vary = file.with_name(f"{file.stem}_variations.py")
-    text = (_TEMPLATES / "mission.py.txt").read_text(encoding="utf-8")
-    place, load = ('"bluerov2_alpha5"', "return uo.load_robot(ROBOT)")
-    frames = _frames(None)
-    if robot is not None:
-        way = os.path.relpath(robot.resolve(), file.resolve().parent).replace(os.sep, "/")
-        place, load = f'HERE / "{way}"', f"return {_BESIDE}"
-        frames = _frames(robot_of(str(robot)))
-    filled = text.format(file=file.name, vary=vary.name, robot=place, load=load, **frames)
-    _write({file: filled, vary: (_TEMPLATES / "variations.py.txt").read_text(encoding="utf-8")})
+    name = robot or "bluerov2_alpha5"
+    place, load = repr(name).replace("'", '"'), "return uo.load_robot(ROBOT)"
+    if Path(name).exists():
+        place, load = loading_line(file, Path(name), files.hydrodynamics, files.loading)
+    elif files != opt.AS_WRITTEN:
+        load = f"return uo.load_robot(ROBOT, {', '.join(f'{key}={value!r}' for key, value in files.loading.items())})"
+    mission = NewMission(robot=robot_of(name, files.hydrodynamics, files.loading), place=place, load=load)
+    varied = variations_text(mission.robot)
+    _write({file: mission.text(file, vary), vary: varied})
+    _say(mission.notes())
 
 
-def _frames(robot: Robot | None) -> dict[str, str]:
-    """Arguments of the tasks that name frames of the robot, where these are not those that tasks take by themselves."""
-    if robot is None:
-        return {"vehicle": "", "pose": "", "tool": ""}
-    links = [frame.name for frame in robot.model.frames if frame.type == pin.FrameType.BODY]
-    vehicle = "" if robot.has_frame("base_link") else f'frame="{links[0]}"'
-    tool = "" if robot.has_frame("tool") else f'frame="{links[-1]}", '
-    return {"vehicle": vehicle, "pose": vehicle and f"{vehicle}, ", "tool": tool}
+def _say(lines: Iterable[str]) -> None:
+    for line in lines:
+        print_line(console_of(stderr=True), line, "yellow")
 
 
-def _write(files: dict[Path, str]) -> None:
-    """All of them, or none where one is there already."""
+def _write(files: dict[Path, str], copies: Mapping[Path, Path] | None = None) -> None:
+    """All of them, or none where one is there already. copies: of other files."""
     for path in files:
         if path.exists():
             raise InvalidInput(f"{path}: is there already; choose another name, or move it away")
@@ -162,6 +180,9 @@ def _write(files: dict[Path, str]) -> None:
         for path, text in files.items():
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
+        for path, original in (copies or {}).items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(original, path)
     except OSError as error:
         raise OutputError(f"{path}: cannot write there ({error.strerror}); choose another place") from error
     print_paths(console_of(), list(files))
@@ -178,10 +199,10 @@ def controller(
         typer.Option(help="dynamic: with thrust and torque; kinematic: velocities alone; default: the scenario's."),
     ] = None,
     robot: opt.RobotName = None,
-    hydrodynamics: opt.Hydrodynamics = None,
+    files: opt.RobotFiles = opt.AS_WRITTEN,
 ) -> None:
     """Write the whole controller as C source that needs libm only, with a recorded run to compare with."""
-    options = opt.given(plant=plant, robot=robot, hydrodynamics=hydrodynamics)
+    options = opt.given(plant=plant, robot=robot, **files.options)
     console = console_of()
     with console.status("running the scenario once") as status, show_compilation(status.update):
         paths = export_controller(opt.build_scenario(scenario, options), out)

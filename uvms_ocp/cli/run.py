@@ -119,7 +119,7 @@ _PROGRESS_EVERY = 40  # ticks between two updates of the progress bar
 def run(
     name: opt.Name = "case1",
     robot: opt.RobotName = None,
-    hydrodynamics: opt.Hydrodynamics = None,
+    files: opt.RobotFiles = opt.AS_WRITTEN,
     plant: opt.PlantName = None,
     solver: opt.SolverName = None,
     current: opt.CurrentVelocity = None,
@@ -144,7 +144,7 @@ def run(
     Raises `InvalidInput` for what pre-flight refuses, unless forced, and for --follow with another mission's plan.
     """
     console = printing.console_of(stderr=as_json)
-    options = opt.given(robot=robot, hydrodynamics=hydrodynamics, plant=plant, current=current, seabed=seabed)
+    options = opt.given(robot=robot, **files.options, plant=plant, current=current, seabed=seabed)
     options |= opt.given(noise=noise, seed=seed, duration=duration)
     options |= {"faults": parse_faults(fault)} if fault else {}
     scenario = opt.build_scenario(name, options, solver)

@@ -14,13 +14,14 @@ import typer
 from rich.console import Console
 
 from uvms_ocp.cli.options import (
+    AS_WRITTEN,
     BAD_INPUT,
     SCENARIO_HELP,
     CurrentVelocity,
-    Hydrodynamics,
     Json,
     Name,
     PlantName,
+    RobotFiles,
     RobotName,
     Seabed,
     build_scenario,
@@ -33,9 +34,9 @@ from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record.output import recover_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.comparison import compare
-from uvms_ocp.robot import Robot, list_robots
+from uvms_ocp.robot import list_robots
 from uvms_ocp.scenario.cases import SCENARIOS
-from uvms_ocp.scenario.own_code import own_code, robot_of
+from uvms_ocp.scenario.own_code import own_code, robot_of, with_robot
 from uvms_ocp.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -47,14 +48,14 @@ if TYPE_CHECKING:
 def check(
     name: Name = "case1",
     robot: RobotName = None,
-    hydrodynamics: Hydrodynamics = None,
+    files: RobotFiles = AS_WRITTEN,
     plant: PlantName = None,
     current: CurrentVelocity = None,
     seabed: Seabed = None,
     as_json: Json = False,
 ) -> None:
     """Check whether a mission can be completed, without running it; exit code 2 where it cannot."""
-    options = given(robot=robot, hydrodynamics=hydrodynamics, plant=plant, current=current, seabed=seabed)
+    options = given(robot=robot, **files.options, plant=plant, current=current, seabed=seabed)
     scenario = build_scenario(name, options)
     preflight = scenario.check()
     print_findings(console_of(stderr=as_json), preflight, notes=True)
@@ -67,11 +68,11 @@ def check(
 def mission(
     name: Name = "case1",
     robot: RobotName = None,
-    hydrodynamics: Hydrodynamics = None,
+    files: RobotFiles = AS_WRITTEN,
     mermaid: Annotated[bool, typer.Option("--mermaid", help="Print a state diagram in Mermaid's notation.")] = False,
 ) -> None:
     """Print which tasks are on in which phase of a scenario, or its phases as a diagram."""
-    plan = build_scenario(name, given(robot=robot, hydrodynamics=hydrodynamics)).mission
+    plan = build_scenario(name, given(robot=robot, **files.options)).mission
     sys.stdout.write(plan.mermaid() if mermaid else f"{plan}\n")
 
 
@@ -142,7 +143,7 @@ def show_scene(
     robot: Annotated[
         str | None, typer.Option(help="Robot of the record, by name, folder or URDF; default: as it says.")
     ] = None,
-    hydrodynamics: Annotated[Path | None, typer.Option(metavar="YAML", help="Its file of water and limits.")] = None,
+    files: RobotFiles = AS_WRITTEN,
     fps: Annotated[float, typer.Option(metavar="HZ", help="Frames per second.")] = 25.0,
     out: Annotated[Path | None, typer.Option(metavar="HTML", help="Write this file, and serve nothing.")] = None,
     frames: Annotated[
@@ -160,7 +161,7 @@ def show_scene(
     """
     console = console_of()
     with console.status("drawing"):
-        page = _page(what, tuple(ghost or ()), _own_robot(robot, hydrodynamics), fps)
+        page = _page(what, tuple(ghost or ()), robot, files, fps)
     if out is not None:
         print_paths(console, [page.write(out)])
         return
@@ -190,24 +191,18 @@ def _film(console: Console, page: ScenePage, folder: Path, fps: float) -> None:
     console.print(f"{n} frames; for a video: ffmpeg -framerate {fps:g} -i {folder}/%05d.png -pix_fmt yuv420p video.mp4")
 
 
-def _page(what: str, ghosts: tuple[Path, ...], robot: Robot | None, fps: float) -> ScenePage:
+def _page(what: str, ghosts: tuple[Path, ...], robot: str | None, files: RobotFiles, fps: float) -> ScenePage:
     from uvms_ocp.viz.scene.show import show
 
-    if (what in list_robots() and not Path(what).exists()) or (Path(what) / "robot.urdf").is_file():
-        return show(robot_of(what))
+    is_name = what in list_robots() and not Path(what).exists()
+    if is_name or (Path(what) / "robot.urdf").is_file() or what.endswith(".urdf"):
+        return show(robot_of(what, files.hydrodynamics, files.loading))
+    own = with_robot(given(robot=robot, **files.options)).get("robot")
     others = {_name_of(path): _motion(path) for path in ghosts}
     if len(others) < len(ghosts):
         raise InvalidInput("two ghosts of one name; their folders, or files, need different names")
     shown = _motion(Path(what))
-    return show(shown, None if isinstance(shown, Plan) else robot, ghosts=others, fps=fps)
-
-
-def _own_robot(robot: str | None, hydrodynamics: Path | None) -> Robot | None:
-    if robot is None:
-        if hydrodynamics is not None:
-            raise InvalidInput("--hydrodynamics goes with --robot URDF; give both")
-        return None
-    return robot_of(robot, hydrodynamics)
+    return show(shown, None if isinstance(shown, Plan) else own, ghosts=others, fps=fps)
 
 
 def _motion(path: Path) -> Record | Plan:

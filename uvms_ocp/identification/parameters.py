@@ -21,6 +21,7 @@ from uvms_ocp.identification.coordinates import (
     second_moment,
 )
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
+from uvms_ocp.robot.thrusters import AXES as AXES
 
 # What is known of a quantity: fixed, free, bounded, or free with a prior.
 
@@ -244,7 +245,6 @@ class Unknowns:
 
 # The quantities of a vehicle, all of them known to be what its model says.
 
-AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 Pairs = tuple[tuple[int, int], ...]
 _XYZ = ("x", "y", "z")
 LONGEST_DELAY = 1.0

@@ -389,7 +389,16 @@ ORDER = (
     *("estimation", "trajectories", "collision", "optimal_control"),
 )
 """Of the pages of theory, which build on those before."""
-GUIDE = ("commands_by_example", "python", "campaigns", "mission_plans", "faults", "recordings", "limitations")
+GUIDE = (
+    "commands_by_example",
+    "robot_files",
+    "python",
+    "campaigns",
+    "mission_plans",
+    "faults",
+    "recordings",
+    "limitations",
+)
 """Pages on how to use it, in their order."""
 _PRIVATE = re.compile(r'<a href="[^"]*#_[^"]*">(.*?)</a>', re.DOTALL)
 _MOST_FAULTS = 20  # that are told

@@ -27,6 +27,7 @@ from uvms_ocp.robot.description import (
 )
 from uvms_ocp.robot.loading import robot_of, trim_inertia
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.roles import tools_of
 from uvms_ocp.robot.thrusters import unactuated_axes
 from uvms_ocp.robot.urdf import UrdfModels
 from uvms_ocp.types import Range
@@ -46,28 +47,37 @@ def cylinders_around_links(robot: Robot) -> dict[str, LinkDescription]:
     other two sides. It overestimates the volume of hollow or bent links: give measured data where there are any.
     """
     shapes = robot.collision_model if robot.collision_model.ngeoms else robot.visual_model
-    boxes: dict[int, list[np.ndarray]] = {}
-    for shape in shapes.geometryObjects:
-        boxes.setdefault(int(shape.parentFrame), []).append(_corners(robot.model, shape))
-    cylinders = {robot.model.frames[i].name: _cylinder(np.vstack(corners)) for i, corners in boxes.items()}
+    names = [robot.model.frames[i].name for i in dict.fromkeys(shape.parentFrame for shape in shapes.geometryObjects)]
+    cylinders = {name: cylinder_in(box_around(robot.model, shapes, name)) for name in names}
     return {name: LinkDescription(cylinder=cylinder) for name, cylinder in cylinders.items() if cylinder}
 
 
-def _corners(model: pin.Model, shape: pin.GeometryObject) -> np.ndarray:
-    """Corners (8, 3) of the box around a shape, in the frame that carries it."""
+def box_around(model: pin.Model, shapes: pin.GeometryModel, frame: str, *, joint: int | None = None) -> np.ndarray:
+    """Corners (2, 3) [m] of the box around the shapes of a link, in its frame; nan without shapes.
+
+    joint: take the shapes of all links that this joint carries.
+    """
+    index = model.getFrameId(frame)
+    X_JF = model.frames[index].placement
+    own = [s for s in shapes.geometryObjects if (s.parentFrame == index if joint is None else s.parentJoint == joint)]
+    corners = [X_JF.actInv(X) for s in own for X in _corners(s)]
+    return np.array([np.min(corners, axis=0), np.max(corners, axis=0)]) if corners else np.full((2, 3), np.nan)
+
+
+def _corners(shape: pin.GeometryObject) -> list[np.ndarray]:
+    """Corners of the box around a shape, in the frame of the joint that carries it."""
     shape.geometry.computeLocalAABB()
     box = shape.geometry.aabb_local
-    X_FG = model.frames[shape.parentFrame].placement.inverse() * shape.placement
-    corners = product(*zip(box.min_, box.max_, strict=True))
-    return np.array([X_FG.act(np.array(corner)) for corner in corners])
+    return [shape.placement.act(np.array(corner)) for corner in product(*zip(box.min_, box.max_, strict=True))]
 
 
-def _cylinder(corners: np.ndarray) -> Cylinder | None:
+def cylinder_in(corners: np.ndarray) -> Cylinder | None:
+    """The cylinder along the longest side of a box with corners (n, 3) [m]; `None` for a flat one."""
     low, high = corners.min(axis=0), corners.max(axis=0)
     sides = high - low
     axis = int(np.argmax(sides))
     radius = float(np.delete(sides, axis).mean()) / 2.0
-    if radius < _SMALLEST:
+    if not radius >= _SMALLEST:
         return None
     x, y, z = (0.5 * (low + high)).tolist()
     return Cylinder(radius=radius, length=float(sides[axis]), pose=Pose(position=(x, y, z), rpy=_ALONG[axis]))
@@ -117,7 +127,9 @@ def without_arm(robot: Robot) -> Robot:
     before = robot.description
     links = {name: link for name, link in before.links.items() if name in kept}
     trim = tuple(body for body in before.trim if body.link in kept)
-    return robot_of(_base_only(robot), checked_copy(before, joints={}, links=links, trim=trim), robot.name)
+    altimeter = before.altimeter if before.altimeter in kept else None
+    alone = checked_copy(before, joints={}, links=links, trim=trim, tool=None, altimeter=altimeter)
+    return robot_of(_base_only(robot), alone, robot.name)
 
 
 def _check_parts(vehicle: Robot, arm: Robot) -> None:
@@ -156,6 +168,8 @@ def _add_tool(vehicle: Robot, model: pin.Model, at: str) -> None:
     taken = [name for name in ("flange", "tool") if vehicle.has_frame(name)]
     if taken:
         raise InvalidInput(f"vehicle {vehicle.name!r} already has {', '.join(taken)}; use the arm's frames by name")
+    if model.existFrame("tool"):  # of the arm alone
+        model.frames[model.getFrameId("tool")].name = "tool_of_arm"
     for name in ("flange", "tool"):
         parent = model.getFrameId(at)
         carrier = model.frames[parent]
@@ -174,6 +188,7 @@ def _joined_description(
         joints={**vehicle.joints, **{prefix + name: joint for name, joint in before.joints.items()}},
         links={**vehicle.links, **{prefix + name: link for name, link in water.items()}},
         trim=(*vehicle.trim, *trim),
+        tool=(*tools_of(vehicle), *(prefix + tool for tool in tools_of(before))) or None,
     )
 
 

@@ -49,7 +49,7 @@ def _from_coefficients(name: str, given: data.LinkCoefficients) -> LinkHydrodyna
         X_FL=_se3(given.pose),
         added_mass=data.as_matrix6(given.added_mass),
         linear_drag=data.as_matrix6(given.linear_drag),
-        quadratic_drag=np.array(given.quadratic_drag),
+        quadratic_drag=data.as_matrix6(given.quadratic_drag),
         volume=given.volume,
         centre_of_buoyancy=np.array(given.centre_of_buoyancy or (0.0, 0.0, 0.0)),
     )

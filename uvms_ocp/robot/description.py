@@ -8,8 +8,10 @@ SI units throughout; angles in rad. Vectors are in the link's own frame, forward
 
 from __future__ import annotations
 
+import logging
 import math
 from collections import Counter
+from decimal import Decimal
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -18,13 +20,16 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from uvms_ocp.errors import InvalidInput, RobotDataError
-from uvms_ocp.model_errors import one_line
+from uvms_ocp.model_errors import one_line, problems_of
 from uvms_ocp.record.untrusted import BoundedLoader, read_yaml
+from uvms_ocp.robot.hydrodynamics import check_quadratic_drag
 
 # Schema of ``robots/<name>/hydrodynamics.yaml``: what a URDF cannot say about a robot under water.
 #
 # SI units throughout; angles in rad. Vectors are in the link's own frame, forward-left-up unless the file says
 # ``convention: NED``. ``RobotDescription.model_json_schema()`` is the same schema for editors and other tools.
+
+_log = logging.getLogger(__name__)
 
 NonNegative = Annotated[float, Field(ge=0.0)]
 Positive = Annotated[float, Field(gt=0.0)]
@@ -73,8 +78,9 @@ class LinkCoefficients(_Section):
         default=(0.0,) * 6,
         description="diagonal (6) or full matrix (6x6) [N/(m/s), N m/(rad/s)], dissipative",
     )
-    quadratic_drag: NonNegative6 = Field(
-        default=(0.0,) * 6, description="factor of v|v| per axis [N/(m/s)^2, N m/(rad/s)^2], >= 0"
+    quadratic_drag: NonNegative6 | Matrix6 = Field(
+        default=(0.0,) * 6,
+        description="factor of v|v| per axis (6), >= 0, or full matrix (6x6), dissipative [N/(m/s)^2, N m/(rad/s)^2]",
     )
     volume: float = Field(default=0.0, ge=0.0, le=1e4, description="displaced volume [m3]")
     centre_of_buoyancy: Point | None = Field(default=None, description="in the link frame [m]; needs a volume")
@@ -82,10 +88,13 @@ class LinkCoefficients(_Section):
     @field_validator("added_mass")
     @classmethod
     def _added_mass_is_an_inertia(cls, value: Vector6 | Matrix6) -> Vector6 | Matrix6:
+        value = symmetric_within_rounding(value)
         matrix = as_matrix6(value)
         scale = max(1.0, float(np.abs(matrix).max()))
         if np.abs(matrix / 2 - matrix.T / 2).max() > 0.5e-9 * scale:
-            raise ValueError("added mass must be a symmetric matrix")
+            i, j = np.unravel_index(np.argmax(np.abs(matrix / 2 - matrix.T / 2)), (6, 6))
+            entries = f"entry {i + 1}, {j + 1} is {matrix[i, j]:g} and {j + 1}, {i + 1} is {matrix[j, i]:g}"
+            raise ValueError(f"added mass must be a symmetric matrix, but for a rounded last digit: {entries}")
         if np.linalg.eigvalsh(matrix).min() < -1e-9 * scale:
             raise ValueError("added mass must not be indefinite: all eigenvalues >= 0")
         return value
@@ -99,6 +108,13 @@ class LinkCoefficients(_Section):
         if powers[0] < -1e-9 * scale:
             nu = ", ".join(f"{entry:.4g}" for entry in axes[:, 0])
             raise ValueError(f"drag feeds {-powers[0]:.3g} W at nu = ({nu}); eigenvalues of its symmetric part >= 0")
+        return value
+
+    @field_validator("quadratic_drag")
+    @classmethod
+    def _quadratic_drag_dissipates(cls, value: NonNegative6 | Matrix6) -> NonNegative6 | Matrix6:
+        matrix = as_matrix6(value)
+        check_quadratic_drag(np.zeros((6, 6)), matrix)
         return value
 
     @model_validator(mode="after")
@@ -238,10 +254,31 @@ class SensorDescription(_Section):
     dropout: float | None = Field(default=None, ge=0.0, le=1.0, description="probability that a reading is lost [-]")
 
 
+class LoadingDescription(_Section):
+    """How the URDF is read; options of commands of the same names take the place of these."""
+
+    packages: tuple[str, ...] = Field(default=(), description="folders with the packages of meshes, from this file's")
+    meshes: Literal["yes", "no"] = Field(default="yes", description="no: shapes that are meshes are left out")
+    mimic: Literal["free", "fixed"] | None = Field(
+        default=None,
+        description="joints that mimic another one: joints of their own, or fixed where the leader's lock or 0 puts them",
+    )
+    lock: dict[str, float] = Field(default={}, description="joints that do not move, with their position [rad or m]")
+    drop: tuple[str, ...] = Field(default=(), description="links that are left out, with all that hangs on them")
+
+
 class RobotDescription(_Section):
     """The whole file."""
 
     base: Literal["free_flyer", "fixed"] = "free_flyer"
+    base_link: str | None = Field(
+        default=None, description="link that stands for the vehicle; left out: base_link, or the root"
+    )
+    tool: str | tuple[str, ...] | None = Field(
+        default=None,
+        description="frame of the tool, of several arms one each; left out: tool, or the only end of a chain",
+    )
+    loading: LoadingDescription = LoadingDescription()
     convention: Literal["FLU", "NED"] = Field(default="FLU", description="axes of every vector and matrix in links")
     water_density: float = Field(default=998.0, ge=900.0, le=1300.0, description="[kg/m3], fresh 998, sea 1025")
     altimeter: str | None = Field(default=None, description="frame of the range sensor, which looks along its -z")
@@ -272,6 +309,30 @@ def as_matrix6(value: Vector6 | Matrix6) -> np.ndarray:
     return np.diag(array) if array.ndim == 1 else array
 
 
+def symmetric_within_rounding(value: Vector6 | Matrix6) -> Vector6 | Matrix6:
+    """The mean of both halves of a matrix whose entries differ by one unit of their last written digit at most.
+
+    Other differences are left as they are.
+    """
+    array = np.array(value, dtype=float)
+    if array.ndim == 1 or (array == array.T).all():
+        return value
+    units = np.array([[_last_digit(number) for number in row] for row in array.tolist()])
+    difference, size = np.abs(array - array.T), np.minimum(np.abs(array), np.abs(array.T))
+    allowed = np.minimum(1.001 * np.maximum(units, units.T), _ROUNDED * size)
+    symmetric = np.where(difference <= allowed, array / 2 + array.T / 2, array)
+    return tuple(tuple(row) for row in symmetric.tolist())  # type: ignore[return-value]
+
+
+_ROUNDED = 0.01  # relative: what is further apart is no rounding, however few digits there are
+
+
+def _last_digit(number: float) -> float:
+    """The unit of the last digit of a number as it is written, 0.01 of 55.12."""
+    exponent = Decimal(repr(number)).normalize().as_tuple().exponent
+    return 10.0 ** min(int(exponent), 0)
+
+
 def checked_copy(description: RobotDescription, **changes: object) -> RobotDescription:
     """Return a copy with other top-level values, validated. Raises ``InvalidInput``."""
     try:
@@ -292,9 +353,18 @@ def read_description(path: Path, variant: Path | None = None) -> RobotDescriptio
     if variant is not None:
         content = _overlaid(content, _read_mapping(variant))
     try:
-        return RobotDescription.model_validate(content)
+        description = RobotDescription.model_validate(content)
     except ValidationError as error:
-        raise RobotDataError(variant or path, one_line(error, RobotDescription)) from None
+        raise RobotDataError(variant or path, *problems_of(error, RobotDescription)) from None
+    for name, link in description.links.items():
+        given = content["links"][name].get("coefficients", {}) or {}
+        if link.coefficients and not np.array_equal(given.get("added_mass", (0.0,) * 6), link.coefficients.added_mass):
+            _log.warning(
+                "%s: links.%s.coefficients.added_mass: symmetric but for a last digit; the mean of both is taken",
+                path,
+                name,
+            )
+    return description
 
 
 def _read_mapping(path: Path) -> dict[str, Any]:
@@ -384,6 +454,7 @@ def _coefficients(water: LinkCoefficients) -> LinkCoefficients:
             "pose": _pose(water.pose),
             "added_mass": _matrix(water.added_mass),
             "linear_drag": _matrix(water.linear_drag),
+            "quadratic_drag": _matrix(water.quadratic_drag),
             "centre_of_buoyancy": None if centre is None else _vector(centre),
         }
     )

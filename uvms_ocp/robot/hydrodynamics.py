@@ -336,16 +336,22 @@ def _check_dissipates(frame: str, linear: np.ndarray, quadratic: np.ndarray) -> 
     if least < 0.0:
         found = _feeding((axis, -least))
         raise InvalidInput(f"{frame}: linear_drag {found}; allowed: no eigenvalue below 0 in its symmetric part")
+    check_quadratic_drag(linear, quadratic, f"{frame}: quadratic_drag ")
+
+
+def check_quadratic_drag(linear: np.ndarray, quadratic: np.ndarray, where: str = "") -> None:
+    """Raise `InvalidInput` where the quadratic drag (6, 6) [N/(m/s)^2, N m/(rad/s)^2] may feed energy.
+
+    linear (6, 6) [N/(m/s), N m/(rad/s)] is what an example of it is to overcome.
+    """
     worst = int(np.argmin(np.diag(quadratic)))
     if quadratic[worst, worst] < 0.0:
         found = _feeding(amplified_velocity(linear, quadratic, np.eye(6)[worst]))
-        raise InvalidInput(f"{frame}: quadratic_drag {found}; allowed: a diagonal of 0 or more")
+        raise InvalidInput(f"{where}{found}; allowed: a diagonal of 0 or more")
     factor, d = overload(quadratic)
     if factor > 1.0 + _TOLERANCE:
         found = _feeding(amplified_velocity(linear, quadratic, d))
-        raise InvalidInput(
-            f"{frame}: quadratic_drag {found}; allowed: couplings at most {1 / factor:.3g} times as large"
-        )
+        raise InvalidInput(f"{where}{found}; allowed: couplings at most {1 / factor:.3g} times as large")
 
 
 def _feeding(known: tuple[np.ndarray, float] | None) -> str:

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import importlib.metadata
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -29,7 +29,8 @@ from uvms_ocp.robot.limits import (
     open_joints,
 )
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.urdf import UrdfModels, read_urdf
+from uvms_ocp.robot.roles import with_roles
+from uvms_ocp.robot.urdf import Reading, UrdfModels, read_urdf
 
 # Where robots are found: ``robots/`` packed into the package, or the one of an editable checkout.
 
@@ -179,31 +180,76 @@ def load_robot(
     variant: str | None = None,
     base: str | None = None,
     package_dirs: Sequence[Path | str] = (),
-    mimic: Literal["free"] | None = None,
+    meshes: bool | None = None,
+    mimic: Literal["free", "fixed"] | None = None,
+    lock: Mapping[str, float] | None = None,
+    drop: Sequence[str] = (),
+    tool: str | Sequence[str] | None = None,
+    altimeter: str | None = None,
 ) -> Robot:
     """Load a robot by name, or from a URDF file and, if there is one, its hydrodynamics file.
 
-    ``variant`` is another published data set of a named robot, see ``list_variants``. ``base`` overrides the file
-    (default: free_flyer). ``package_dirs`` are searched for ``package://`` meshes. Joints that ``<mimic>`` another one
-    are refused; ``mimic="free"`` makes them joints of their own, with the limits the URDF gives them. Raises
-    ``InvalidInput`` for neither or both of name and URDF, another ``mimic``, or a variant without a name,
-    ``NameNotFound`` for an unknown robot or variant, and ``RobotDataError`` for a file that is missing, broken, does not
-    fit the other, or holds numbers that the model built from it has not.
+    ``variant`` is another published data set of a named robot, see ``list_variants``. The others take the place of what the
+    hydrodynamics file says, which is what they are by default: ``base`` is ``free_flyer`` or ``fixed``; ``package_dirs`` are
+    searched for ``package://`` meshes, besides those of the file; ``meshes=False`` leaves out shapes that are meshes. Joints
+    that ``<mimic>`` another one are refused; ``mimic="free"`` makes them joints of their own, with the limits the URDF gives
+    them, ``"fixed"`` keeps them where their leader's lock, or 0, puts them. ``lock`` fixes joints at a position [rad or m],
+    ``drop`` leaves out links with all that hangs on them. ``tool``, of several arms one each, and ``altimeter`` are frames.
+
+    Raises ``InvalidInput`` for neither or both of name and URDF, another ``mimic``, or a variant without a name,
+    ``NameNotFound`` for an unknown robot or variant, and ``RobotDataError``, with all that is wrong at once, for files that
+    are missing, broken, do not fit each other, or hold numbers that the model built from them has not.
 
     What the files leave open, such as links without water and thrusters without power data, is a warning of this module's
     logger.
     """
     urdf_path, yaml_path = _paths(name, urdf, hydrodynamics)
-    description = _description(name, yaml_path, variant)
-    if base is not None:
-        description = checked_copy(description, base=base)
-    free_flyer = description.base == "free_flyer"
-    folders = [Path(folder) for folder in package_dirs]
-    models = read_urdf(urdf_path, free_flyer=free_flyer, package_dirs=folders, let_mimic=mimic is not None)
+    faults: list[RobotDataError] = []
+    try:
+        description = _description(name, yaml_path, variant)
+    except RobotDataError as error:
+        faults.append(error)  # what is wrong with the URDF is told with it
+        description = RobotDescription()
+    loading: dict[str, Any] = {"mimic": mimic, "lock": lock, "drop": tuple(drop) or None}
+    loading |= {} if meshes is None else {"meshes": "yes" if meshes else "no"}
+    others = {
+        "base": base,
+        "tool": tool if tool is None or isinstance(tool, str) else tuple(tool),
+        "altimeter": altimeter,
+    }
+    changes: dict[str, Any] = {key: value for key, value in others.items() if value is not None}
+    how = description.loading.model_copy(update={key: value for key, value in loading.items() if value is not None})
+    if how != description.loading:
+        changes["loading"] = how
+    description = checked_copy(description, **changes) if changes else description
+    own = [(yaml_path or urdf_path).parent / folder for folder in how.packages]
+    try:
+        models = read_urdf(
+            urdf_path,
+            free_flyer=description.base == "free_flyer",
+            package_dirs=[*map(Path, package_dirs), *own],
+            reading=Reading(mimic=how.mimic, lock=how.lock, drop=how.drop, meshes=how.meshes == "yes"),
+        )
+    except RobotDataError as error:
+        faults.append(error)
+    if faults:
+        raise faults[0] if len(faults) == 1 else _joined(faults)
     robot = assemble(models, description, yaml_path or urdf_path, name)
     for _, text in unknowns(models.model, description):
         _log.warning("%s: %s", yaml_path or urdf_path, text)
     return robot
+
+
+def _joined(faults: Sequence[RobotDataError]) -> RobotDataError:
+    first, *others = faults
+    return RobotDataError(first.path, *first.problems, *(f"{e.path}: {text}" for e in others for text in e.problems))
+
+
+def files_of(path: Path, hydrodynamics: Path | str | None = None) -> dict[str, Any]:
+    """Arguments of `load_robot` for a URDF or a folder with robot.urdf, and hydrodynamics.yaml beside it if it is there."""
+    urdf = path / "robot.urdf" if path.is_dir() else path
+    beside = urdf.with_name("hydrodynamics.yaml")
+    return {"urdf": urdf, "hydrodynamics": hydrodynamics or (beside if beside.is_file() else None)}
 
 
 def _paths(name: str | None, urdf: Path | str | None, hydrodynamics: Path | str | None) -> tuple[Path, Path | None]:
@@ -232,9 +278,9 @@ def assemble(models: UrdfModels, description: RobotDescription, path: Path, name
     Raises ``RobotDataError``, which blames the file ``path``, for names, thrusters and a home that do not fit.
     """
     description = forward_left_up(description)
-    _check_names(models.model, description, path)
-    trimmed = replace(models, model=_with_trim(models.model, description.trim))
-    robot = robot_of(trimmed, description, name or models.name)
+    model, description = with_roles(models.model, description, path)
+    _check_names(model, description, path)
+    robot = robot_of(replace(models, model=_with_trim(model, description.trim)), description, name or models.name)
     _check_home(robot, path)
     return robot
 
@@ -272,24 +318,29 @@ def _check_names(model: pin.Model, description: RobotDescription, path: Path) ->
         *((f"thruster {thruster.name!r} link", thruster.link) for thruster in description.thrusters),
         *altimeter,
     ]
-    _check_known(path, wanted, known_frames)
-    _check_known(path, [("joints", joint) for joint in description.joints], tuple(model.names)[1:])
-    _check_thrusters(model, description, path)
+    faults = [
+        *_unknown(wanted, known_frames),
+        *_unknown([("joints", j) for j in description.joints], tuple(model.names)[1:]),
+    ]
+    faults += _moving_thrusters(model, description)
+    if faults:
+        raise RobotDataError(path, *faults)
 
 
-def _check_thrusters(model: pin.Model, description: RobotDescription, path: Path) -> None:
+def _moving_thrusters(model: pin.Model, description: RobotDescription) -> list[str]:
     carrier = 1 if description.base == "free_flyer" else 0
-    for thruster in description.thrusters:
-        if model.frames[model.getFrameId(thruster.link)].parentJoint != carrier:
-            allowed = "links fixed to the vehicle, as gimballed thrusters are not modelled"
-            problem = f"thruster {thruster.name!r} link: given {thruster.link!r}; allowed: {allowed}"
-            raise RobotDataError(path, problem)
+    allowed = "allowed: links fixed to the vehicle, as gimballed thrusters are not modelled"
+    return [
+        f"thruster {thruster.name!r} link: given {thruster.link!r}; {allowed}"
+        for thruster in description.thrusters
+        if model.existFrame(thruster.link) and model.frames[model.getFrameId(thruster.link)].parentJoint != carrier
+    ]
 
 
-def _check_known(path: Path, wanted: Sequence[tuple[str, str]], known: Sequence[str]) -> None:
-    for key, name in wanted:
-        if name not in known:
-            raise RobotDataError(path, f"{key}: {name!r} is not in the URDF; allowed: {', '.join(known)}")
+def _unknown(wanted: Sequence[tuple[str, str]], known: Sequence[str]) -> list[str]:
+    return [
+        f"{key}: {name!r} is not in the URDF; allowed: {', '.join(known)}" for key, name in wanted if name not in known
+    ]
 
 
 def _with_trim(model: pin.Model, trim: Sequence[TrimBody]) -> pin.Model:

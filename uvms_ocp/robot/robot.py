@@ -17,6 +17,7 @@ from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.description import RobotDescription, checked_copy
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 from uvms_ocp.robot.limits import Joint, Limits, from_joint_values, to_joint_values
+from uvms_ocp.robot.roles import TOOL, tools_of
 from uvms_ocp.types import Range, Shape, read_only
 
 # Building and checking the configuration q of a robot.
@@ -238,6 +239,11 @@ class Robot:
     def thruster_names(self) -> tuple[str, ...]:
         """Names of the thrusters in the order of thrust."""
         return tuple(thruster.name for thruster in self.description.thrusters)
+
+    @property
+    def tools(self) -> tuple[str, ...]:
+        """Frames of the tools, of several arms one each; the first is the frame ``tool``."""
+        return tools_of(self.description) or ((TOOL,) if self.has_frame(TOOL) else ())
 
     @property
     def vehicle_v(self) -> slice:

@@ -9,6 +9,8 @@ from uvms_ocp.checks import checked
 from uvms_ocp.robot.description import Thruster
 from uvms_ocp.robot.robot import Robot
 
+AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+"""The vehicle's, in the order of v."""
 _RANK_TOLERANCE = 1e-6  # relative; layouts are known to about a millimetre
 
 

@@ -11,10 +11,12 @@ which element is wrong; and the models are checked against the XML, because it l
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import NoReturn
+from typing import Literal, NoReturn
 from xml.etree import ElementTree
 
 import coal
@@ -24,7 +26,7 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.errors import InvalidInput, RobotDataError
 from uvms_ocp.record.untrusted import note_file_read, read_xml
-from uvms_ocp.robot.urdf_checks import check_urdf, quoted, read_number, read_sizes, read_vector, unread_words
+from uvms_ocp.robot.urdf_checks import Findings, check_urdf, quoted, read_number, read_sizes, read_vector, unread_words
 
 # Does the model that Pinocchio built hold the numbers of the XML?
 #
@@ -47,17 +49,19 @@ class _Mount:
 
 
 def check_agreement(path: Path, root: Element, model: pin.Model, shapes: Sequence[pin.GeometryModel]) -> None:
-    """Raise ``RobotDataError`` for the first number of the XML that the model does not have.
+    """Raise ``RobotDataError`` with all numbers of the XML that the model does not have.
 
     shapes: the visual ones, then those for collision.
     """
+    findings = Findings(path)
     with np.errstate(over="ignore", invalid="ignore"):  # what comes of it is no number, which agrees with nothing
         mounts = _mounts(path, root, model)
-        _check_inertias(path, root, model, mounts)
+        findings.attempt(_check_inertias, path, root, model, mounts)
         for joint in _moving_joints(root):
-            _check_joint(path, joint, model)
+            findings.attempt(_check_joint, path, joint, model)
         for kind, geometry in zip(("visual", "collision"), shapes, strict=True):
-            _check_shapes(path, root, kind, geometry, mounts)
+            findings.attempt(_check_shapes, path, root, kind, geometry, mounts)
+    findings.refuse()
 
 
 def _moving_joints(root: Element) -> list[Element]:
@@ -111,7 +115,7 @@ def _origin(path: Path, element: Element) -> pin.SE3:
 
 
 def _check_inertias(path: Path, root: Element, model: pin.Model, mounts: dict[str, _Mount]) -> None:
-    stated = np.zeros((model.njoints, 6, 6))
+    stated, sizes = np.zeros((model.njoints, 6, 6)), np.zeros((model.njoints, 6, 6))
     bodies: list[list[str]] = [[] for _ in range(model.njoints)]
     for link in root.findall("link"):
         name, inertial = link.get("name", ""), link.find("inertial")
@@ -119,11 +123,13 @@ def _check_inertias(path: Path, root: Element, model: pin.Model, mounts: dict[st
             mount = mounts[name]
             bodies[mount.joint].append(name)
             X = mount.X * _origin(path, inertial)
-            stated[mount.joint] += X.dualAction @ _inertia(path, inertial) @ X.actionInverse
-    for body, matrix, inertia in zip(bodies, stated, model.inertias, strict=True):
+            part = X.dualAction @ _inertia(path, inertial) @ X.actionInverse
+            stated[mount.joint] += part
+            sizes[mount.joint] += np.abs(part)
+    for body, matrix, size, inertia in zip(bodies, stated, sizes, model.inertias, strict=True):
         where, built = f"link {' with '.join(map(repr, body))}", inertia.matrix()
         for what, block in (("mass", np.s_[:1, :1]), ("mass x centre", np.s_[:3, 3:]), ("inertia", np.s_[3:, 3:])):
-            _check_close(path, f"{where} {what}", matrix[block], built[block])
+            _check_close(path, f"{where} {what}", matrix[block], built[block], float(size[block].max()))
 
 
 def _inertia(path: Path, inertial: Element) -> np.ndarray:
@@ -215,9 +221,10 @@ def _check_equal(path: Path, where: str, stated: ArrayLike, built: ArrayLike) ->
         _refuse(path, where, stated, built)
 
 
-def _check_close(path: Path, where: str, stated: np.ndarray, built: np.ndarray) -> None:
+def _check_close(path: Path, where: str, stated: np.ndarray, built: np.ndarray, size: float | None = None) -> None:
+    """size: that of the parts of a sum, which may cancel."""
     # Not "difference > tolerance", which would let NaN pass.
-    if not np.abs(stated - built).max() <= _ROUNDING * np.abs(stated).max():
+    if not np.abs(stated - built).max() <= _ROUNDING * (np.abs(stated).max() if size is None else size):
         _refuse(path, where, stated, built)
 
 
@@ -245,29 +252,161 @@ class UrdfModels:
     collision: pin.GeometryModel
 
 
-def read_urdf(
-    path: Path, *, free_flyer: bool, package_dirs: Sequence[Path] = (), let_mimic: bool = False
-) -> UrdfModels:
-    """Read a URDF file; every mistake in it is a one-line ``RobotDataError``, and so is a number that gets lost.
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Reading:
+    """What of a file becomes part of the robot."""
 
-    What the file holds beside a URDF is one warning, see `uvms_ocp.robot.urdf_checks`.
+    mimic: Literal["free", "fixed"] | None = None
+    """Joints that mimic another one: of their own, or fixed where the leader's locked or zero position puts them."""
+    lock: Mapping[str, float] = field(default_factory=dict)
+    """Joints that are fixed at a position [rad or m]."""
+    drop: tuple[str, ...] = ()
+    """Links that are left out, with all that hangs on them."""
+    meshes: bool = True
+    """Whether shapes that are meshes are read."""
+
+
+PLAIN = Reading()
+"""Everything, as it stands."""
+
+
+def prepare(path: Path, root: Element, reading: Reading, *, free_flyer: bool) -> list[str]:
+    """Make of the <robot> what is to be read; return what is to be told of it.
+
+    Raises ``RobotDataError`` with all mistakes.
+    """
+    findings = Findings(path)
+    _drop(findings, root, reading.drop)
+    if not reading.meshes:
+        _drop_meshes(findings, root)
+    if free_flyer:
+        _drop_floating_root(findings, root)
+    unread = findings.attempt(unread_words, path, root)
+    locked = _locked(findings, root, reading)
+    notes = findings.attempt(partial(check_urdf, let_mimic=reading.mimic is not None, locked=locked), path, root) or []
+    findings.refuse()
+    for joint in root.findall("joint"):
+        if joint.get("name") in locked:
+            _lock(path, joint, locked[joint.get("name", "")])
+    findings.notes += notes
+    if unread:
+        findings.notes.append(f"not read, since it is no part of URDF: {unread}")
+    for joint in root.findall("joint[mimic]"):
+        findings.notes.append(f"joint {joint.get('name')!r} moves on its own, its <mimic> is not kept")
+    return findings.notes
+
+
+def _drop(findings: Findings, root: Element, links: Iterable[str]) -> None:
+    for name in links:
+        if root.find(f"link[@name={name!r}]") is None:
+            known = ", ".join(link.get("name", "") for link in root.findall("link"))
+            findings.faults.append(f"drop: link {name!r} is not in the URDF; allowed: {known}")
+    waiting = list(links)
+    while waiting:
+        name = waiting.pop()
+        for link in [link for link in root.findall("link") if link.get("name") == name]:
+            root.remove(link)
+        for joint in root.findall("joint"):
+            if _end(joint, "child") == name:
+                root.remove(joint)
+            elif _end(joint, "parent") == name:
+                root.remove(joint)
+                waiting.append(_end(joint, "child"))
+
+
+def _drop_meshes(findings: Findings, root: Element) -> None:
+    dropped = dict.fromkeys(("visual", "collision"), 0)
+    for link in root.findall("link"):
+        for kind in dropped:
+            for shape in link.findall(kind):
+                if shape.find("geometry/mesh") is not None:
+                    link.remove(shape)
+                    dropped[kind] += 1
+    if any(dropped.values()):
+        counts = " and ".join(f"{n} {kind}" for kind, n in dropped.items())
+        findings.notes.append(f"without meshes: {counts} shapes are left out")
+
+
+def _drop_floating_root(findings: Findings, root: Element) -> None:
+    """A world on which the robot floats is the world that every free-flyer has."""
+    children = {_end(joint, "child") for joint in root.findall("joint")}
+    tops = [link for link in root.findall("link") if link.get("name") not in children]
+    if len(tops) != 1 or len(tops[0]):
+        return
+    below = [joint for joint in root.findall("joint") if _end(joint, "parent") == tops[0].get("name")]
+    if len(below) == 1 and below[0].get("type") == "floating":
+        root.remove(tops[0])
+        root.remove(below[0])
+        world, joint = tops[0].get("name"), below[0].get("name")
+        findings.notes.append(
+            f"joint {joint!r} floats on the empty link {world!r}: both are the free base of the vehicle"
+        )
+
+
+def _locked(findings: Findings, root: Element, reading: Reading) -> dict[str, float]:
+    """Positions of the joints that do not move."""
+    names = [joint.get("name", "") for joint in root.findall("joint") if joint.get("type") != "fixed"]
+    for name in reading.lock:
+        if name not in names:
+            findings.faults.append(f"lock: joint {name!r} does not move in the URDF; allowed: {', '.join(names)}")
+    locked = dict(reading.lock)
+    for joint in root.findall("joint[mimic]") if reading.mimic == "fixed" else ():
+        locked.setdefault(joint.get("name", ""), _following(findings, joint, reading.lock))
+    return locked
+
+
+def _following(findings: Findings, joint: Element, positions: Mapping[str, float]) -> float:
+    """Where a joint is that mimics another one: ``multiplier * leader + offset``."""
+    mimic, where = joint.find("mimic"), f"joint {joint.get('name')!r} mimic"
+    read = partial(findings.attempt, read_number, findings.path, mimic)
+    factor, offset = (
+        read(key, f"{where} {key}", default) or 0.0 for key, default in (("multiplier", 1.0), ("offset", 0.0))
+    )
+    leader = "" if mimic is None else mimic.get("joint", "")
+    return factor * positions.get(leader, 0.0) + offset
+
+
+def _lock(path: Path, joint: Element, position: float) -> None:
+    """Make a joint a fixed one, at a position [rad or m]."""
+    axis = joint.find("axis")
+    vector = np.array((1.0, 0.0, 0.0) if axis is None else read_vector(path, axis, "xyz", "axis"))
+    along = position * vector / np.linalg.norm(vector)
+    slides = joint.get("type") == "prismatic"
+    X = _origin(path, joint) * (pin.SE3(np.eye(3), along) if slides else pin.SE3(pin.exp3(along), np.zeros(3)))
+    for tag in ("origin", "axis", "limit", "dynamics", "mimic", "safety_controller", "calibration"):
+        for element in joint.findall(tag):
+            joint.remove(element)
+    rpy = pin.rpy.matrixToRpy(X.rotation)
+    numbers = {
+        key: " ".join(map(repr, np.asarray(values).tolist())) for key, values in (("xyz", X.translation), ("rpy", rpy))
+    }
+    joint.set("type", "fixed")
+    ElementTree.SubElement(joint, "origin", numbers)
+
+
+def read_urdf(
+    path: Path, *, free_flyer: bool, reading: Reading = PLAIN, package_dirs: Sequence[Path] = ()
+) -> UrdfModels:
+    """Read a URDF file; all mistakes in it are one ``RobotDataError``, and so are numbers that get lost.
+
+    What is left out without harm, such as a picture that is missing, is a warning each, and what the file holds beside a URDF
+    one more, see `uvms_ocp.robot.urdf_checks`.
 
     ``package://name/...`` is searched as ``<dir>/name/...`` in ``package_dirs`` and in the folders above the
-    file; other mesh paths are relative to the file. Joints that
-    mimic another one are refused, unless ``let_mimic`` makes them joints of their own.
+    file; other mesh paths are relative to the file.
     """
-    root = _parse(path)
-    unread = unread_words(path, root)
-    check_urdf(path, root, let_mimic=let_mimic)
-    if unread:
-        _log.warning("%s: not read, since it is no part of URDF: %s", path, unread)
-    for joint in root.findall("joint[mimic]"):
-        _log.warning("%s: joint %r moves on its own, its <mimic> is not kept", path, joint.get("name"))
-    _resolve_meshes(path, root, (*(folder.resolve() for folder in package_dirs), *path.resolve().parents))
-    return _build(path, root, free_flyer)
+    root = read_urdf_xml(path)
+    notes = prepare(path, root, reading, free_flyer=free_flyer)
+    findings = Findings(path)
+    _resolve_meshes(findings, root, (*(folder.resolve() for folder in package_dirs), *path.resolve().parents))
+    models = _build(findings, root, free_flyer)
+    for note in _shown([*notes, *findings.notes]):
+        _log.warning("%s: %s", path, note)
+    return models
 
 
-def _parse(path: Path) -> Element:
+def read_urdf_xml(path: Path) -> Element:
+    """Return the <robot> of a file. Raises ``RobotDataError`` for what is none."""
     try:
         root = read_xml(path)
     except OSError as error:
@@ -279,42 +418,142 @@ def _parse(path: Path) -> Element:
     return root
 
 
-def _resolve_meshes(path: Path, root: Element, search: Iterable[Path]) -> None:
+def _resolve_meshes(findings: Findings, root: Element, search: Iterable[Path]) -> None:
     folders = tuple(search)
-    for mesh in root.iter("mesh"):
-        mesh.set("filename", str(_resolve_mesh(path, mesh.get("filename", ""), folders)))
+    for link in root.findall("link"):
+        for kind in ("visual", "collision"):
+            for shape in link.findall(kind):
+                for mesh in shape.iter("mesh"):
+                    given = mesh.get("filename", "")
+                    found = find_mesh(findings.path, given, folders)
+                    if found is None:
+                        _give_up(findings, link, shape, f"mesh {given!r} not found")
+                    else:
+                        mesh.set("filename", str(found))
+    findings.refuse()
 
 
-def _resolve_mesh(path: Path, filename: str, folders: Sequence[Path]) -> Path:
+def _give_up(findings: Findings, link: Element, shape: Element, problem: str) -> None:
+    """What cannot be read is left out where it is only drawn; a fault of the file otherwise."""
+    where = f"link {link.get('name')!r} {shape.tag}: {problem}"
+    if shape.tag == "visual":
+        link.remove(shape)
+        findings.notes.append(f"{where}; {_NOT_DRAWN}")
+    else:
+        findings.faults.append(
+            f"{where}, and nothing would be told of what the link touches; {_FIND}, or {_DO_WITHOUT}"
+        )
+
+
+_NOT_DRAWN = "not drawn"
+_FIND = "--packages DIR, or `packages` in loading of hydrodynamics.yaml, says where packages are"
+_DO_WITHOUT = "`meshes: no` there, or --no-meshes, does without"
+_MOST_NOTES = 4  # of one kind that are told one by one
+
+
+def _shown(notes: Sequence[str]) -> list[str]:
+    """Notes as they are told: of many that are not drawn the first, and how many more."""
+    undrawn = [note for note in notes if note.endswith(_NOT_DRAWN)]
+    shown, more = undrawn[:_MOST_NOTES], len(undrawn) - _MOST_NOTES
+    if undrawn:
+        shown[-1] += f", and so are {more} more; {_FIND}" if more > 0 else f"; {_FIND}"
+    return [note for note in notes if note not in undrawn] + shown
+
+
+def with_own_meshes(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[str, dict[str, Path]]:
+    """The text of a URDF whose meshes stand in ``meshes`` beside it, and which files these are copies of.
+
+    What is not found is named as it was.
+    """
+    text = path.read_text(encoding="utf-8", errors="replace")
+    folders = (*(folder.resolve() for folder in package_dirs), *path.resolve().parents)
+    copies: dict[str, Path] = {}
+    for given in dict.fromkeys(mesh.get("filename", "") for mesh in read_urdf_xml(path).iter("mesh")):
+        found = find_mesh(path, given, folders)
+        if found is not None:
+            name = f"meshes/{found.name}"
+            while copies.get(name, found) != found:
+                name = name.replace("meshes/", "meshes/_", 1)
+            copies[name] = found
+            text = text.replace(f'"{given}"', f'"{name}"').replace(f"'{given}'", f"'{name}'")
+    return text, copies
+
+
+def find_mesh(path: Path, filename: str, folders: Sequence[Path]) -> Path | None:
+    """Where a mesh of a URDF at `path` is, `None` for nowhere."""
     for candidate in _mesh_candidates(path, filename, folders):
         if candidate.is_file():
             note_file_read(candidate)
             return candidate
-    advice = (
-        "give package_dirs=[folder that contains the package], `check-robot --packages DIR`; or put that above the URDF"
-    )
-    raise RobotDataError(path, f"mesh {filename!r} not found; {advice}")
+    return None
 
 
 def _mesh_candidates(path: Path, filename: str, folders: Sequence[Path]) -> list[Path]:
-    if filename.startswith("package://"):
-        relative = filename.removeprefix("package://")
-        return [folder / relative for folder in folders]
+    scheme, mark, relative = filename.partition("://")
+    if mark and scheme in ("package", "model"):
+        package, _, inside = relative.partition("/")
+        return [place for folder in folders for place in (folder / relative, *_in_package(folder, package, inside))]
     plain = Path(filename.removeprefix("file://"))
     return [path.resolve().parent / plain, *(folder / plain for folder in folders)]
 
 
-def _build(path: Path, root: Element, free_flyer: bool) -> UrdfModels:
-    text = ElementTree.tostring(root, encoding="unicode")
+def _in_package(folder: Path, package: str, inside: str) -> list[Path]:
+    """The file where the folder is that package under another name, as a checkout may be."""
+    manifest = folder / "package.xml"
+    if not manifest.is_file():
+        return []
+    with suppress(OSError, InvalidInput):
+        return [folder / inside] if read_xml(manifest).findtext("name", "").strip() == package else []
+    return []
+
+
+def _build(findings: Findings, root: Element, free_flyer: bool) -> UrdfModels:
+    path = findings.path
     try:
-        model = pin.buildModelFromXML(text, *([pin.JointModelFreeFlyer()] if free_flyer else []))
-        shapes = [
-            pin.buildGeomFromUrdfString(model, text, kind)
-            for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
-        ]
+        model = pin.buildModelFromXML(_text(root), *([pin.JointModelFreeFlyer()] if free_flyer else []))
+        shapes = _shapes(model, root)
     except (ValueError, RuntimeError) as error:
-        raise RobotDataError(path, f"Pinocchio refuses it ({' '.join(str(error).split())})") from None
+        _drop_unreadable_meshes(findings, root)
+        if not findings.notes:
+            raise RobotDataError(path, f"Pinocchio refuses it ({' '.join(str(error).split())})") from None
+        shapes = _shapes(model, root)
     check_agreement(path, root, model, shapes)
     name = root.get("name", path.stem)
     model.name = name
     return UrdfModels(name=name, model=model, visual=shapes[0], collision=shapes[1])
+
+
+def _text(root: Element) -> str:
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _shapes(model: pin.Model, root: Element) -> list[pin.GeometryModel]:
+    kinds = (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
+    return [pin.buildGeomFromUrdfString(model, _text(root), kind) for kind in kinds]
+
+
+def _drop_unreadable_meshes(findings: Findings, root: Element) -> None:
+    """Leave out meshes that coal cannot read, where they are only drawn. Raises ``RobotDataError`` for the others."""
+    loader = coal.MeshLoader()
+    for link in root.findall("link"):
+        for kind in ("visual", "collision"):
+            for shape in link.findall(kind):
+                for mesh in shape.iter("mesh"):
+                    problem = _unreadable(Path(mesh.get("filename", "")), loader)
+                    if problem:
+                        _give_up(findings, link, shape, problem)
+    findings.refuse()
+
+
+def _unreadable(file: Path, loader: coal.MeshLoader) -> str:
+    with suppress(OSError), file.open("rb") as stream:
+        if stream.read(len(_LFS)) == _LFS:
+            return f"mesh {file.name!r} is a pointer of Git LFS, without content: `git lfs pull` fetches it"
+    try:
+        loader.load(str(file), np.ones(3))
+    except (ValueError, RuntimeError):
+        return f"mesh {file.name!r} cannot be read; allowed: STL, DAE or OBJ with triangles"
+    return ""
+
+
+_LFS = b"version https://git-lfs"

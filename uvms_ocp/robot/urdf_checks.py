@@ -16,10 +16,11 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Any, TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
@@ -33,6 +34,7 @@ from uvms_ocp.errors import RobotDataError, plain_line
 # here. Python's `float` takes more: blanks behind, ``1_0``, digits of other scripts, ``nan`` and ``inf``.
 
 Element = ElementTree.Element
+_T = TypeVar("_T")
 
 _DECIMAL = re.compile(r"[ \t\n\v\f\r]*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 SHAPES = {"box": (), "sphere": ("radius",), "cylinder": ("radius", "length"), "mesh": ()}
@@ -112,71 +114,149 @@ _ONCE = {
 _SHOWN_NAMES = 10  # names in a message
 _MOST_LINKS = 1000  # a humanoid with hands has 150; Pinocchio's recursion ends the process at some thousands in a row
 _SCALES = (1e-6, 1e6)  # of meshes, from micrometres to metres and back; beyond it numbers get lost
+_LOCK = "--lock JOINT, or `lock: {JOINT: 0}` in loading of hydrodynamics.yaml"
 _SOFT_LIMIT = ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity")
 
 
-def check_urdf(path: Path, root: Element, *, let_mimic: bool = False) -> None:
-    """Raise ``RobotDataError`` for the first mistake in links, joints or the tree they form.
+class Findings:
+    """What is wrong with one file, all of it, and what of it is left out without harm."""
 
-    Joints that mimic another one are a mistake unless ``let_mimic`` lets them through.
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.faults: list[str] = []
+        self.notes: list[str] = []
+
+    def attempt(self, check: Callable[..., _T], *args: Any) -> _T | None:
+        """The result of a check, `None` where it raises: what it raises becomes a fault of the file."""
+        try:
+            return check(*args)
+        except RobotDataError as error:
+            self.faults += error.problems
+            return None
+
+    def refuse(self) -> None:
+        """Raise ``RobotDataError`` with all faults, if there are any."""
+        if self.faults:
+            raise RobotDataError(self.path, *dict.fromkeys(self.faults))
+
+
+def check_urdf(path: Path, root: Element, *, let_mimic: bool = False, locked: Collection[str] = ()) -> list[str]:
+    """Raise ``RobotDataError`` with all mistakes in links, joints and the tree they form; return what is left out.
+
+    What only draws is taken out of `root` where it cannot be drawn, and so are twins, shapes without extent and limits below
+    0 of joints that turn without end: one line each. Joints that mimic another one are a mistake unless ``let_mimic`` lets
+    them through, or they are ``locked``.
     """
+    findings = Findings(path)
     if not root.get("name"):
-        raise RobotDataError(path, "the <robot> has no name")
-    _check_repeats(path, root)
-    _check_materials(path, root)
-    _check_links(path, root)
-    _check_joints(path, root, let_mimic)
-    _check_tree(path, root)
+        findings.faults.append("the <robot> has no name")
+    _settle_visuals(findings, root)
+    _settle_materials(findings, root)
+    _check_repeats(findings, root)
+    _check_links(findings, root)
+    _check_joints(findings, root, let_mimic, locked)
+    findings.attempt(_check_tree, path, root)
+    findings.refuse()
+    return findings.notes
 
 
-def _check_repeats(path: Path, root: Element) -> None:
+def _settle_visuals(findings: Findings, root: Element) -> None:
+    """Take out what cannot be drawn."""
+    for link in root.findall("link"):
+        where = f"link {link.get('name')!r} visual"
+        for visual in link.findall("visual"):
+            try:
+                for element in visual.iter():
+                    _drop_twins(findings, element, where)
+                _check_origin(findings.path, visual, where)
+                _check_shape(findings.path, visual.findall("geometry/*"), where)
+            except RobotDataError as error:
+                link.remove(visual)
+                findings.notes.append(f"{'; '.join(error.problems)}; not drawn")
+
+
+def _settle_materials(findings: Findings, root: Element) -> None:
+    """Take out the paint that has no colour: what it is on is drawn grey."""
+    own, wanted = root.findall("material"), root.findall("link/visual/material")  # elsewhere it is a simulator's
+    colours = {m.get("name", ""): m for m in reversed([*own, *wanted]) if _is_drawn(m)}
+    colours.pop("", None)
+    for parent in (root, *root.findall("link/visual")):
+        for material in parent.findall("material"):
+            name = material.get("name", "")
+            if name in colours and not (parent is root and material is not colours[name]):
+                material[:] = list(colours[name])  # urdfdom knows what stands in the <robot> alone
+                continue
+            parent.remove(material)
+            if _is_drawn(material) and not name:
+                parent.append(_named(material, root))
+            else:
+                findings.notes.append(f"material {name!r}: no colour of that name in the file; drawn grey")
+
+
+def _named(material: Element, root: Element) -> Element:
+    material.set("name", f"unnamed{sum(1 for _ in root.iter('material'))}")
+    return material
+
+
+def _is_drawn(material: Element) -> bool:
+    colour = material.find("color")
+    if colour is None:
+        return material.find("texture") is not None
+    values = to_floats(colour.get("rgba", ""))
+    return len(values) == 4 and all(0.0 <= value <= 1.0 for value in values)
+
+
+def _check_repeats(findings: Findings, root: Element) -> None:
     for part in (*root.findall("link"), *root.findall("joint")):
         for element in part.iter():
-            once = [child.tag for child in element if child.tag in _ONCE.get(element.tag, ())]
-            repeated = next((tag for tag in once if once.count(tag) > 1), None)
-            if repeated:
-                where = f"{part.tag} {part.get('name')!r}" + ("" if element is part else f" {element.tag}")
-                raise RobotDataError(path, f"{where}: given <{repeated}> {once.count(repeated)} times; allowed: once")
+            where = f"{part.tag} {part.get('name')!r}" + ("" if element is part else f" {element.tag}")
+            findings.attempt(_drop_twins, findings, element, where)
 
 
-def _check_materials(path: Path, root: Element) -> None:
-    defined = _names(path, root, "material")
-    for material in (*root.findall("material"), *root.findall("link/visual/material")):  # elsewhere it is a simulator's
-        name = material.get("name", "")
-        drawn = [part for part in ("color", "texture") if material.find(part) is not None]
-        if not name or not (drawn or name in defined) or (material in list(root) and not drawn):
-            raise RobotDataError(path, f"material {name!r}: given no name or no colour; allowed: a name and a <color>")
-        _check_colour(path, material.find("color"), f"material {name!r} color")
+def _drop_twins(findings: Findings, element: Element, where: str) -> None:
+    """Take out what stands twice and is equal. Raises ``RobotDataError`` where it is not: of two, parsers take the first."""
+    first: dict[str, Element] = {}
+    for child in [child for child in element if child.tag in _ONCE.get(element.tag, ())]:
+        known = first.setdefault(child.tag, child)
+        if known is child:
+            continue
+        if ElementTree.canonicalize(ElementTree.tostring(known), strip_text=True) != ElementTree.canonicalize(
+            ElementTree.tostring(child), strip_text=True
+        ):
+            times = len(element.findall(child.tag))
+            raise RobotDataError(findings.path, f"{where}: given <{child.tag}> {times} times; allowed: once")
+        element.remove(child)
+        findings.notes.append(f"{where}: <{child.tag}> stands there twice, and is the same")
 
 
-def _check_colour(path: Path, colour: Element | None, where: str) -> None:
-    if colour is None:
-        return
-    values = to_floats(colour.get("rgba", ""))
-    if len(values) != 4 or not all(0.0 <= value <= 1.0 for value in values):
-        given = quoted(colour.get("rgba", ""))
-        raise RobotDataError(path, f"{where} rgba: given {given}; allowed: four numbers from 0 to 1")
-
-
-def _check_links(path: Path, root: Element) -> None:
-    names = _names(path, root, "link")
-    if not names:
-        raise RobotDataError(path, "no <link>; a robot needs at least one")
-    if len(names) > _MOST_LINKS:
-        raise RobotDataError(path, f"{len(names)} links; at most {_MOST_LINKS} are read")
+def _check_links(findings: Findings, root: Element) -> None:
+    path = findings.path
+    names = findings.attempt(_names, path, root, "link")
+    if names == []:
+        findings.faults.append("no <link>; a robot needs at least one")
+    if names and len(names) > _MOST_LINKS:
+        findings.faults.append(f"{len(names)} links; at most {_MOST_LINKS} are read")
     for link in root.findall("link"):
-        _check_shapes(path, link)
-    total = sum(_check_inertial(path, link) for link in root.findall("link"))
-    if total <= 0.0:
-        raise RobotDataError(path, "no link has a mass; give an <inertial> with mass > 0 kg to the moving links")
+        for collision in link.findall("collision"):
+            findings.attempt(_check_collision, findings, link, collision)
+    masses = [findings.attempt(_check_inertial, path, link) for link in root.findall("link")]
+    if names and None not in masses and sum(filter(None, masses)) <= 0.0:
+        findings.faults.append("no link has a mass; give an <inertial> with mass > 0 kg to the moving links")
 
 
-def _check_shapes(path: Path, link: Element) -> None:
-    for kind in ("visual", "collision"):
-        where = f"link {link.get('name')!r} {kind}"
-        for element in link.findall(kind):
-            _check_origin(path, element, where)
-            _check_shape(path, element.findall("geometry/*"), where)
+def _check_collision(findings: Findings, link: Element, collision: Element) -> None:
+    where, shapes = f"link {link.get('name')!r} collision", collision.findall("geometry/*")
+    _check_origin(findings.path, collision, where)
+    if not shapes or _is_flat(findings.path, shapes[0], where):
+        link.remove(collision)
+        findings.notes.append(f"{where}: a shape of no size, which nothing can touch; left out")
+        return
+    _check_shape(findings.path, shapes, where)
+
+
+def _is_flat(path: Path, shape: Element, where: str) -> bool:
+    """Check for a placeholder: no size below 0, and all of them 0."""
+    return shape.tag in SHAPES and shape.tag != "mesh" and not any(read_sizes(path, shape, f"{where} {shape.tag}"))
 
 
 def _check_shape(path: Path, shapes: Sequence[Element], where: str) -> None:
@@ -205,7 +285,8 @@ def _check_inertial(path: Path, link: Element) -> float:
     _check_origin(path, inertial, where)
     mass = read_number(path, inertial.find("mass"), "value", f"{where} mass")
     if mass < 0.0:
-        raise RobotDataError(path, f"{where} mass: given {mass} kg; allowed: >= 0 kg")
+        advice = "give the real mass; what lifts is a volume, in links or trim of hydrodynamics.yaml"
+        raise RobotDataError(path, f"{where} mass: given {mass} kg; allowed: >= 0 kg; {advice}")
     _check_inertia(path, inertial.find("inertia"), f"{where} inertia", mass)
     return mass
 
@@ -214,30 +295,45 @@ def _check_inertia(path: Path, element: Element | None, where: str, mass: float)
     xx, xy, xz, yy, yz, zz = (read_number(path, element, key, f"{where} {key}") for key in _INERTIA)
     moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     if mass > 0.0 and moments[0] < -1e-9 * max(1.0, moments[2]):
-        raise RobotDataError(path, f"{where}: principal moment {moments[0]:.4g} kg m2; allowed: >= 0")
+        raise RobotDataError(path, f"{where}: principal moment {moments[0]:.4g} kg m2; allowed: >= 0; mend <inertia>")
 
 
-def _check_joints(path: Path, root: Element, let_mimic: bool) -> None:
-    _names(path, root, "joint")
+def _check_joints(findings: Findings, root: Element, let_mimic: bool, locked: Collection[str]) -> None:
+    path = findings.path
+    findings.attempt(_names, path, root, "joint")
     for joint in root.findall("joint"):
         where = f"joint {joint.get('name')!r}"
         kind = joint.get("type")
         if kind not in _JOINT_TYPES:
-            raise RobotDataError(path, f"{where}: type {kind!r}; allowed: {', '.join(_JOINT_TYPES)}")
-        _check_origin(path, joint, where)
-        _check_axis(path, joint, where)
-        _check_dynamics(path, joint.find("dynamics"), f"{where} dynamics")
-        _check_limit(path, joint, f"{where} limit")
-        _check_unused(path, joint, where)
-        if not let_mimic:
-            _check_independent(path, joint, where)
+            findings.faults.append(f"{where}: type {kind!r}; allowed: {', '.join(_JOINT_TYPES)}")
+        _settle_limit(findings, joint, where)
+        findings.attempt(_check_origin, path, joint, where)
+        findings.attempt(_check_axis, path, joint, where)
+        findings.attempt(_check_dynamics, path, joint.find("dynamics"), f"{where} dynamics")
+        if joint.get("name") not in locked:
+            findings.attempt(_check_limit, path, joint, f"{where} limit")
+        findings.attempt(_check_unused, path, joint, where)
+        if not let_mimic and joint.get("name") not in locked:
+            findings.attempt(_check_independent, path, joint, where)
+
+
+def _settle_limit(findings: Findings, joint: Element, where: str) -> None:
+    """Of joints that turn without end, such as propellers, a limit below 0 is none."""
+    limit = joint.find("limit")
+    if limit is None or joint.get("type") in ("revolute", "prismatic"):
+        return
+    for key in ("velocity", "effort"):
+        if to_float(limit.get(key)) < 0.0:
+            findings.notes.append(f"{where} limit {key}: given {limit.get(key)}; taken as no limit")
+            limit.set(key, "0")
 
 
 def _check_independent(path: Path, joint: Element, where: str) -> None:
     leader = joint.find("mimic")
     if leader is not None:
         follows = f"{where} mimics {leader.get('joint')!r}, which is not modelled"
-        problem = f"{follows}; remove <mimic>, or give mimic='free' (check-robot --mimic free) for a joint of its own"
+        advice = "give `mimic: fixed` in loading of hydrodynamics.yaml, or --mimic fixed, to fix it; free: a joint of its own"
+        problem = f"{follows}; {advice}"
         raise RobotDataError(path, problem)
 
 
@@ -272,7 +368,9 @@ def _check_limit(path: Path, joint: Element, where: str) -> None:
     element, bounded = joint.find("limit"), joint.get("type") in ("revolute", "prismatic")
     if element is None:
         if bounded:
-            raise RobotDataError(path, f"{where} is missing; give lower, upper, velocity and effort")
+            raise RobotDataError(
+                path, f"{where} is missing; give lower, upper, velocity and effort, or fix the joint: {_LOCK}"
+            )
         return
     lower, upper = (read_number(path, element, key, f"{where} {key}", default=0.0) for key in ("lower", "upper"))
     if bounded and lower > upper:
@@ -409,36 +507,44 @@ _PLACES = {
 def unread_words(path: Path, root: Element) -> str:
     """Describe the content of the file that is not read, for a warning; "" for none.
 
-    Raises ``RobotDataError`` for the first word that is misspelt.
+    Raises ``RobotDataError`` for all words that are misspelt.
     """
-    unread = Counter(_unread(path, root, "robot"))
+    findings = Findings(path)
+    unread = Counter(_unread(findings, root, "robot"))
     for part in root:
         if part.tag in _PLACES["robot"].children:
-            unread.update(_unread_below(path, part, f"{part.tag} {quoted(part.get('name', ''))}"))
+            unread.update(_unread_below(findings, part, f"{part.tag} {quoted(part.get('name', ''))}"))
+    findings.refuse()
     words = [word if n == 1 else f"{word} ({n} times)" for word, n in unread.most_common(_SHOWN_WORDS)]
     return ", ".join(words) + (f" and {len(unread) - _SHOWN_WORDS} more" if len(unread) > _SHOWN_WORDS else "")
 
 
-def _unread_below(path: Path, element: Element, where: str) -> Iterator[str]:
-    yield from _unread(path, element, where)
+def _unread_below(findings: Findings, element: Element, where: str) -> Iterator[str]:
+    yield from _unread(findings, element, where)
     for child in element:
         if child.tag in _PLACES[element.tag].children:
-            yield from _unread_below(path, child, f"{where} {child.tag}")
+            yield from _unread_below(findings, child, f"{where} {child.tag}")
 
 
-def _unread(path: Path, element: Element, where: str) -> Iterator[str]:
+def _unread(findings: Findings, element: Element, where: str) -> Iterator[str]:
     """The words of one element, without those below, that nothing reads."""
     place = _PLACES[element.tag]
     for word in element.attrib:
         if word not in place.attributes:
-            _check_attribute(path, word, place, element.attrib, where)
+            findings.attempt(_check_attribute, findings.path, word, place, element.attrib, where)
             yield f"attribute {_shown(word)} of <{element.tag}>"
     for child in element:
         if child.tag not in place.children | place.others:
-            _check_element(path, child.tag, place, where)
+            if not _is_limit_of_none(element, child):
+                findings.attempt(_check_element, findings.path, child.tag, place, where)
             yield f"<{_shown(child.tag)}> in <{element.tag}>"
     if any(text and not text.isspace() for text in (element.text, *(child.tail for child in element))):
         yield f"text in <{element.tag}>"
+
+
+def _is_limit_of_none(element: Element, child: Element) -> bool:
+    """Check for <limits> of a joint that turns without end, such as a propeller: it would limit nothing that is used."""
+    return child.tag == "limits" and element.tag == "joint" and element.get("type") in ("continuous", "fixed")
 
 
 def _check_attribute(path: Path, word: str, place: _Place, present: Collection[str], where: str) -> None:

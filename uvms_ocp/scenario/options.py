@@ -215,7 +215,8 @@ def abort_phase(*names: str, arrived: float = 0.3, hold: float = 2.0) -> Abort:
 
 
 def _underactuation(robot: Robot) -> list[Task]:
-    axes = unactuated_axes(robot)
+    """Nothing for a robot without thrusters, whose vehicle moves on the kinematic plant alone, on every axis."""
+    axes = unactuated_axes(robot) if robot.description.thrusters else ()
     return [UnderActuation(axes=axes)] if axes else []
 
 

@@ -17,6 +17,7 @@ from typing import Any
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound, UvmsError, plain_line
 from uvms_ocp.robot import Robot, load_robot, robot_folder
+from uvms_ocp.robot.loading import files_of
 from uvms_ocp.scenario.options import CHANGEABLE, apply_options
 from uvms_ocp.scenario.scenario import Scenario
 
@@ -187,31 +188,34 @@ def load_scenario(words: str, options: Mapping[str, Any], makers: Mapping[str, C
 
 
 def with_robot(options: Mapping[str, Any]) -> dict[str, Any]:
-    """The options with the robot of a name, a folder or a URDF, and its hydrodynamics file, as a `Robot`.
+    """The options with the robot of a name, a folder or a URDF, its hydrodynamics file and how it is read, as a `Robot`.
 
-    Raises `InvalidInput` for a hydrodynamics file without a robot.
+    Raises `InvalidInput` for a hydrodynamics file, or options of loading, without a robot.
     """
     given = dict(options)
-    water = given.pop("hydrodynamics", None)
+    water, loading = given.pop("hydrodynamics", None), given.pop("loading", None)
     if isinstance(given.get("robot"), str):
-        given["robot"] = robot_of(given["robot"], water)
+        given["robot"] = robot_of(given["robot"], water, loading)
     elif water is not None:
         text = "give both, --robot the folder or URDF that they are of, or a robot alone"
         raise InvalidInput(f"hydrodynamics {water} without a robot; {text}")
+    elif loading:
+        text = "give --robot the folder or URDF that they are of, or write them into its hydrodynamics.yaml"
+        raise InvalidInput(f"{', '.join(loading)} without a robot; {text}")
     return given
 
 
-def robot_of(words: str, hydrodynamics: Path | str | None = None) -> Robot:
-    """The robot of a URDF, a folder with robot.urdf and hydrodynamics.yaml, or a name; with other hydrodynamics if given."""
+def robot_of(words: str, hydrodynamics: Path | str | None = None, loading: Mapping[str, Any] | None = None) -> Robot:
+    """The robot of a URDF, a folder with robot.urdf and hydrodynamics.yaml, or a name; with other hydrodynamics if given.
+
+    loading: other arguments of `load_robot`.
+    """
     path = Path(words)
     is_name = words == path.name and not path.suffix and not path.exists()
     if is_name:
         robot_folder(words)  # refuses an unknown one
-        return load_robot(words, hydrodynamics=hydrodynamics)
-    if path.is_dir():
-        water = hydrodynamics or (path / "hydrodynamics.yaml" if (path / "hydrodynamics.yaml").exists() else None)
-        return load_robot(urdf=path / "robot.urdf", hydrodynamics=water)
-    return load_robot(urdf=path, hydrodynamics=hydrodynamics)
+        return load_robot(words, hydrodynamics=hydrodynamics, **(loading or {}))
+    return load_robot(**files_of(path, hydrodynamics), **(loading or {}))
 
 
 def _taken(words: str, maker: Callable[..., Any], given: Mapping[str, Any]) -> Mapping[str, Any]:

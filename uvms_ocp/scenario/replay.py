@@ -63,7 +63,7 @@ def replay(plan: Plan, where: PlantOrEnvironment, *, feedback: bool = True, dt: 
     )
     below = _below(plan, where) if isinstance(where, Environment) else ()
     record = _record(plan, recorder.series(), dt, "with feedback" if feedback else "blind", below)
-    frame = TOOL if robot.has_frame(TOOL) else robot.frame_names[-1]
+    frame = TOOL if robot.has_frame(TOOL) else "base_link"
     return ReplayResult(
         record=record, mismatch=tracking_error(trajectory, record["t"], record["q"], robot=robot, frame=frame)
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -15,19 +15,19 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import RobotDataError
 from uvms_ocp.robot import Robot, thruster_matrix
 from uvms_ocp.robot.assembly import static_residual, trim_body, without_trim
-from uvms_ocp.robot.loading import joints_without_inertia, load_robot, unknowns
+from uvms_ocp.robot.loading import files_of, joints_without_inertia, load_robot, unknowns
+from uvms_ocp.robot.roles import role_notes
 from uvms_ocp.robot.shapes.collision_model import links_without_shape
+from uvms_ocp.robot.thrusters import AXES
 
 FORCE_TOLERANCE = 0.5  # [N] residual of a trimmed robot with its arm stowed
 MOMENT_TOLERANCE = 0.5  # [N m]
 _RANK_TOLERANCE = 1e-6  # relative to the largest singular value
 _TRIANGLE_TOLERANCE = 1e-3  # relative; published inertias are rounded
 _LIMITING = "give vehicle_limits and joints in hydrodynamics.yaml, velocity and effort of joints in <limit> of the URDF"
-_FRAMES = ("base_link", "altimeter", "tool")
 _ALONE = (
     "the file has links alone: a variant belongs over a whole file; identify writes that beside it, hydrodynamics.yaml"
 )
-_AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 
 
 class RobotVerdict(Enum):
@@ -84,18 +84,32 @@ def check_robot_files(
     *,
     base: str | None = None,
     package_dirs: Sequence[Path | str] = (),
-    mimic: Literal["free"] | None = None,
+    meshes: bool | None = None,
+    mimic: Literal["free", "fixed"] | None = None,
+    lock: Mapping[str, float] | None = None,
+    drop: Sequence[str] = (),
+    tool: str | Sequence[str] | None = None,
+    altimeter: str | None = None,
 ) -> RobotReport:
     """Load a URDF, or a folder with ``robot.urdf`` and ``hydrodynamics.yaml``, and check the robot.
 
-    Options as in `load_robot`. Files that cannot be loaded give a report with that one error; raises ``InvalidInput``
-    for options that do not exist.
+    Options as in `load_robot`. Files that cannot be loaded give a report with all that is wrong with them; raises
+    ``InvalidInput`` for options that do not exist.
     """
-    urdf, water = _files(Path(path), hydrodynamics)
     try:
-        robot = load_robot(urdf=urdf, hydrodynamics=water, base=base, package_dirs=package_dirs, mimic=mimic)
+        robot = load_robot(
+            **files_of(Path(path), hydrodynamics),
+            base=base,
+            package_dirs=package_dirs,
+            meshes=meshes,
+            mimic=mimic,
+            lock=lock,
+            drop=drop,
+            tool=tool,
+            altimeter=altimeter,
+        )
     except RobotDataError as error:
-        return RobotReport(name=Path(path).name, findings=(_error("files", str(error)),))
+        return RobotReport(name=Path(path).name, findings=tuple(_error("files", text) for text in error.lines))
     return check_robot(robot)
 
 
@@ -114,14 +128,6 @@ def check_robot(robot: Robot) -> RobotReport:
     return RobotReport(name=robot.name, findings=findings)
 
 
-def _files(path: Path, hydrodynamics: Path | str | None) -> tuple[Path, Path | None]:
-    urdf = path / "robot.urdf" if path.is_dir() else path
-    if hydrodynamics is not None:
-        return urdf, Path(hydrodynamics)
-    beside = urdf.with_name("hydrodynamics.yaml")
-    return urdf, beside if beside.is_file() else None
-
-
 def _good(subject: str, text: str) -> RobotFinding:
     return RobotFinding(subject=subject, verdict=RobotVerdict.GOOD, text=text)
 
@@ -135,19 +141,29 @@ def _error(subject: str, text: str) -> RobotFinding:
 
 
 def _inertias(robot: Robot) -> Iterator[RobotFinding]:
-    names, inertias = list(robot.model.names), list(robot.model.inertias)
+    inertias = list(robot.model.inertias)
     moving = range(1, robot.model.njoints)
-    massless = [names[i] for i in moving if inertias[i].mass == 0.0]
-    impossible = [names[i] for i in moving if not _is_physical(inertias[i])]
+    massless = [_body(robot, i) for i in moving if inertias[i].mass == 0.0]
+    impossible = [i for i in moving if not _is_physical(inertias[i])]
     if massless:
-        yield _warning("inertias", f"no mass behind joint {', '.join(massless)}; give links there an <inertial>")
-    if impossible:
+        yield _warning("inertias", f"no mass in link {', '.join(massless)}; give links there an <inertial>")
+    for i in impossible:
+        moments = " ".join(f"{moment:.4g}" for moment in np.linalg.eigvalsh(inertias[i].inertia))
         yield _error(
             "inertias",
-            f"behind joint {', '.join(impossible)}: a principal moment exceeds the sum of the others; mend <inertia>",
+            f"link {_body(robot, i)}: principal moments {moments} kg m2; allowed: none exceeds the sum of the others; "
+            "mend <inertia>",
         )
     if not massless and not impossible:
         yield _good("inertias", f"{robot.model.njoints - 1} moving bodies, {sum(i.mass for i in inertias):.6g} kg")
+
+
+def _body(robot: Robot, joint: int) -> str:
+    """Names of the links that a joint of the model carries."""
+    frames = robot.model.frames
+    names = [frame.name for frame in frames if frame.parentJoint == joint and frame.type == pin.FrameType.BODY]
+    more = f" and what is fixed to it ({', '.join(names[1:4])}{', ...' if len(names) > 4 else ''})" if names[1:] else ""
+    return f"{names[0]!r}{more}" if names else f"behind joint {robot.model.names[joint]!r}"
 
 
 def _is_physical(inertia: pin.Inertia) -> bool:
@@ -157,11 +173,13 @@ def _is_physical(inertia: pin.Inertia) -> bool:
 
 def _mass_matrix(robot: Robot) -> RobotFinding:
     M = pin.crba(robot.model, robot.model.createData(), np.array(robot.configuration()))
-    smallest = float(np.linalg.eigvalsh(np.triu(M) + np.triu(M, 1).T).min())
-    text = f"smallest eigenvalue of the mass matrix {smallest:.3g}"
-    if empty := list(joints_without_inertia(robot.model, np.triu(M) + np.triu(M, 1).T)):
+    M = np.triu(M) + np.triu(M, 1).T
+    if empty := list(joints_without_inertia(robot.model, M)):
         whose = "; ".join(empty)
-        return _error("mass matrix", f"no inertia about its axis: {whose}; give an <inertial>, or make the joint fixed")
+        fixed = "fix the joint: `lock: {JOINT: 0}` in loading of hydrodynamics.yaml, or --lock JOINT"
+        return _error("mass matrix", f"no inertia about its axis: {whose}; give an <inertial>, or {fixed}")
+    smallest = float(np.linalg.eigvalsh(M).min())
+    text = f"smallest eigenvalue of the mass matrix {smallest:.3g}"
     return (
         _good("mass matrix", text) if smallest > 0.0 else _error("mass matrix", f"{text}; give inertias to the links")
     )
@@ -183,12 +201,8 @@ def _limits(robot: Robot) -> Iterator[RobotFinding]:
 
 
 def _frames(robot: Robot) -> Iterator[RobotFinding]:
-    named = robot.description.altimeter
-    missing = [name for name in _FRAMES if not robot.has_frame(name) and not (name == "altimeter" and named)]
-    if missing:
-        yield _warning("frames", f"without {', '.join(missing)}: name the frames to use in the tasks")
-    else:
-        yield _good("frames", f"{', '.join(_FRAMES)} exist")
+    for good, text in role_notes(robot.model, robot.description):
+        yield _good("frames", text) if good else _warning("frames", text)
 
 
 def _shapes(robot: Robot) -> Iterator[RobotFinding]:
@@ -244,5 +258,5 @@ def _thrusters(robot: Robot) -> RobotFinding:
     text = f"{matrix.shape[1]} thrusters, rank {rank}, singular values {' '.join(f'{s:.3g}' for s in singular)}"
     if rank == 6:
         return _good("thrusters", text)
-    lost = [_AXES[int(np.argmax(np.abs(column)))] for column in U.T[rank:]]
+    lost = [AXES[int(np.argmax(np.abs(column)))] for column in U.T[rank:]]
     return _warning("thrusters", f"{text}; under-actuated mainly in {', '.join(lost)}")

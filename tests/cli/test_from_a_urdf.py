@@ -1,0 +1,121 @@
+"""From a stranger's URDF to a mission that is accepted, without a line edited: arms none to two, thrusters all, some or none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from uvms_ocp.cli.commands import app
+from uvms_ocp.robot.assembly import static_residual
+from uvms_ocp.robot.loading import load_robot
+
+BODY = "<inertial>{at}<mass value='{m}'/><inertia ixx='{i}' ixy='0' ixz='0' iyy='{i}' iyz='0' izz='{i}'/></inertial>"
+
+
+def link(name: str, mass: float, at: str = "<origin xyz='0.15 0 0'/>", shape: str = "") -> str:
+    return f"<link name='{name}'>{BODY.format(m=mass, i=0.01 * mass, at=at) if mass else ''}{shape}</link>"
+
+
+def joint(parent: str, child: str, kind: str, xyz: str, axis: str = "0 1 0") -> str:
+    limit = "<limit lower='-1.5' upper='1.5' velocity='0.7' effort='9'/>" if kind == "revolute" else ""
+    return (
+        f"<joint name='{child}_joint' type='{kind}'><parent link='{parent}'/><child link='{child}'/>"
+        f"<origin xyz='{xyz}'/><axis xyz='{axis}'/>{limit}</joint>"
+    )
+
+
+HULL = link("rov/hull", 30, "", "<collision><geometry><box size='0.7 0.5 0.4'/></geometry></collision>")
+
+
+def arm(side: str, y: float) -> str:
+    upper, fore = f"{side}_upper", f"{side}_fore"
+    parts = link(upper, 0.5) + link(fore, 0.4) + link(f"{side}_nozzle", 0)
+    parts += joint("rov/hull", upper, "revolute", f"0.35 {y} -0.1") + joint(upper, fore, "revolute", "0.3 0 0")
+    return parts + joint(fore, f"{side}_nozzle", "fixed", "0.3 0 0")
+
+
+def fan(name: str, xyz: str, axis: str) -> str:
+    return link(name, 0.05, "") + joint("rov/hull", name, "continuous", xyz, axis)
+
+
+AHEAD = "".join(fan(f"fan_{k}", f"-0.3 {y} 0", "1 0 0") for k, y in enumerate((-0.2, 0.2)))
+SIDEWAYS = fan("fan_2", "0.2 0 0", "0 1 0") + fan("fan_3", "-0.2 0 0", "0 1 0")
+UP = "".join(
+    fan(f"fan_{k + 4}", f"{x} {y} 0.1", "0 0 1") for k, (x, y) in enumerate(((0.2, 0), (-0.2, 0.2), (-0.2, -0.2)))
+)
+EYE = link("altimeter", 0) + joint("rov/hull", "altimeter", "fixed", "0 0 -0.2")
+FIXED = "<robot name='r'><link name='world'/><joint name='w' type='fixed'><parent link='world'/><child link='rov/hull'/></joint>"
+STRANGERS = {
+    "one arm, all thrusters, an altimeter": HULL + arm("left", 0.1) + AHEAD + SIDEWAYS + UP + EYE,
+    "two arms, no altimeter": HULL + arm("left", 0.1) + arm("right", -0.1) + AHEAD + SIDEWAYS + UP,
+    "no arm": HULL + AHEAD + SIDEWAYS + UP + EYE,
+    "no vertical thrust": HULL + AHEAD + EYE,
+    "no thrusters": HULL + arm("left", 0.1),
+    "fixed base": FIXED.removeprefix("<robot name='r'>") + HULL + arm("left", 0.1),
+}
+
+
+def told(*words: str) -> str:
+    result = CliRunner().invoke(app, list(words))
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+@pytest.mark.parametrize("kind", STRANGERS)
+def test_a_urdf_becomes_a_mission_that_is_accepted(kind: str, tmp_path: Path) -> None:
+    source, robot, mission = tmp_path / "theirs.urdf", tmp_path / "mine", tmp_path / "m.py"
+    source.write_text(f"<robot name='r'>{STRANGERS[kind]}</robot>", encoding="utf-8")
+    asked = told("new-robot", "--from", str(source), str(robot))
+    assert ("altimeter: no link" in asked) == ("altimeter" not in STRANGERS[kind] and kind != "fixed base")
+    assert ("thrusters: no link" in asked) == (kind == "no thrusters")
+    assert "usable" in told("check-robot", str(robot))
+    told("new-mission", str(mission), "--robot", str(robot))
+    assert "accepted" in told("check", str(mission))
+    text = mission.read_text(encoding="utf-8")
+    assert text.count(" ToolPosition(") == {"two arms, no altimeter": 2, "no arm": 0, "no vertical thrust": 0}.get(
+        kind, 1
+    )
+    assert (" MinimumAltitude(threshold" in text) == ("altimeter" in STRANGERS[kind])
+    assert (" VehiclePose(" in text) == (kind != "fixed base")
+    made = load_robot(urdf=robot / "robot.urdf", hydrodynamics=robot / "hydrodynamics.yaml")
+    assert len(made.description.thrusters) == STRANGERS[kind].count("continuous")
+    if made.n_vehicle:
+        force, moment = static_residual(made, made.configuration())
+        assert abs(force) < 0.05
+        assert abs(moment).max() < 0.05
+
+
+def test_every_proposal_is_marked_and_options_answer_questions(tmp_path: Path) -> None:
+    source, robot = tmp_path / "theirs.urdf", tmp_path / "mine"
+    hook = link("hook", 0) + joint("left_fore", "hook", "fixed", "0.3 0 0.1")
+    source.write_text(f"<robot name='r'>{HULL}{arm('left', 0.1)}{hook}{AHEAD}</robot>", encoding="utf-8")
+    assert "tool: any of hook, left_nozzle; choose by" in told("new-robot", "--from", str(source), str(robot))
+    assert "tool" not in yaml.safe_load((robot / "hydrodynamics.yaml").read_text(encoding="utf-8"))
+    other = tmp_path / "other"
+    assert "tool: any" not in told("new-robot", "--from", str(source), str(other), "--tool", "hook")
+    lines = (other / "hydrodynamics.yaml").read_text(encoding="utf-8").splitlines()
+    assert "tool: hook # as you said" in lines
+    own = [line for line in lines if line and not line.startswith((" ", "#")) and not line.startswith("tool:")]
+    assert all("# proposed" in line for line in own)
+
+
+def test_options_of_reading_are_written_into_the_mission(tmp_path: Path) -> None:
+    source, mission = tmp_path / "theirs.urdf", tmp_path / "m.py"
+    source.write_text(f"<robot name='r'>{HULL}{arm('left', 0.1)}{AHEAD}</robot>", encoding="utf-8")
+    told(
+        "new-mission",
+        str(mission),
+        "--robot",
+        str(source),
+        "--lock",
+        "fan_0_joint",
+        "--lock",
+        "fan_1_joint",
+        "--tool",
+        "left_fore",
+    )
+    assert "lock={'fan_0_joint': 0.0, 'fan_1_joint': 0.0}, tool=['left_fore'])" in mission.read_text(encoding="utf-8")
+    assert "accepted" in told("check", str(mission))

@@ -1,0 +1,268 @@
+"""Write a mission of what a robot has: a way point for its vehicle, a target for each of its tools, and what is uncertain."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.robot.kinematics import Kinematics
+from uvms_ocp.robot.limits import bounded_joints
+from uvms_ocp.robot.loading import files_of
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.roles import role_notes
+from uvms_ocp.robot.thrusters import AXES, unactuated_axes
+
+TEMPLATES = Path(str(files("uvms_ocp.scenario"))) / "templates"
+
+_START, _WAY_POINT, _YAW = (0.0, 0.0, -6.0), (3.0, 1.0, -8.0), 0.4  # [m, rad]
+_FLOOR, _OVER = -10.0, 1.2  # [m] the floor, and what stays between it and all parts at their goals
+_FORWARD, _DOWN = 0.25, 0.1  # [m] from where a tool is anyway to its target
+_SMALL = 0.15  # of the range of each joint, for the target of an arm that stands
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class NewMission:
+    """A mission of a robot, ready to be written. robot: `None` for bluerov2_alpha5 of the package, by name."""
+
+    robot: Robot
+    place: str
+    """What ROBOT is in the file."""
+    load: str
+    """How the file loads it."""
+
+    def text(self, file: Path, vary: Path) -> str:
+        """The file."""
+        robot, goal = self.robot, self._goal()
+        tasks, conditions = list(self._tasks()), list(self._conditions())
+        constants = list(self._constants(goal))
+        names = [name for _, name in tasks if name]
+        safe = [name for name in names if name in ("JL", "MAC", "HA", "MP")]
+        template = (TEMPLATES / "mission.py.txt").read_text(encoding="utf-8")
+        return template.format(
+            title=self.title,
+            file=file.name,
+            vary=vary.name,
+            robot=self.place,
+            load=self.load,
+            imports="\n".join(self._imports(tasks)),
+            constants="\n".join(constants),
+            defaults="" if self.has_forces else '"plant": "kinematic", ',
+            duration="90.0" if robot.n_vehicle else "30.0",
+            tasks="\n".join(f"        {line}" for line, _ in tasks),
+            conditions="\n".join(f"    {line}" for line in conditions),
+            phases="\n".join(self._phases(names)),
+            name=file.stem if file.stem.isidentifier() else "my_mission",
+            abort=f", abort=abort_phase({', '.join(map(_quoted, safe))})" if robot.n_vehicle else "",
+            start="run.start(START)" if robot.n_vehicle else "robot.configuration()",
+            markers=self._markers(),
+        )
+
+    @property
+    def title(self) -> str:
+        """What it does."""
+        bring = (
+            "bring the tool to a target and hold it there" if len(self.tools) == 1 else "bring each tool to its target"
+        )
+        swim = "swim to a way point"
+        if not self.robot.n_vehicle:
+            return bring if self.tools else "hold the posture"
+        return f"{swim}, then {bring}" if self.tools else swim
+
+    @property
+    def tools(self) -> tuple[str, ...]:
+        """Frames of the tools that joints move, or the vehicle."""
+        return self.robot.tools if self.robot.n_joints else ()
+
+    @property
+    def has_forces(self) -> bool:
+        """Whether the dynamic plant can move it: by thrusters, or an arm that stands by its motors."""
+        return bool(self.robot.description.thrusters) or not self.robot.n_vehicle
+
+    @property
+    def missing(self) -> tuple[int, ...]:
+        """Axes of the vehicle that no thruster drives, where it has thrusters."""
+        axes = unactuated_axes(self.robot) if self.robot.n_vehicle and self.robot.description.thrusters else ()
+        return tuple(axes)
+
+    def notes(self) -> Iterator[str]:
+        """What is left out, one line each, and how to have it."""
+        yield from (text for good, text in role_notes(self.robot.model, self.robot.description) if not good)
+        if not self.has_forces:
+            yield "thrusters: none, so that the mission flies on the kinematic plant; write them into hydrodynamics.yaml"
+        if self.missing:
+            lost = ", ".join(AXES[axis] for axis in self.missing)
+            yield f"thrusters: none for {lost}; the way point lies where the others lead, and these axes are left free"
+
+    def _goal(self) -> np.ndarray:
+        """(n_q,) at the way point, with the arm stowed."""
+        robot = self.robot
+        if not robot.n_vehicle:
+            return np.asarray(robot.configuration())
+        position, yaw = self._way_point()
+        return np.asarray(robot.configuration(position=position, rpy=(0.0, 0.0, yaw)))
+
+    def _way_point(self) -> tuple[tuple[float, float, float], float]:
+        """Where all axes lead; straight ahead where some are missing."""
+        if {0, 1, 2} & set(self.missing):
+            ahead, down = (0 not in self.missing, 2 not in self.missing)
+            return (_WAY_POINT[0] if ahead else _START[0], 0.0, _WAY_POINT[2] if down else _START[2]), 0.0
+        return _WAY_POINT, _YAW
+
+    def _targets(self, goal: np.ndarray) -> list[tuple[float, ...]]:
+        """Positions [m] in W that the tools can reach."""
+        robot = self.robot
+        if robot.n_vehicle:
+            poses = [Kinematics(robot, goal).pose(tool).translation for tool in self.tools]
+            R = pin.rpy.rpyToMatrix(0.0, 0.0, self._way_point()[1])
+            ahead = R @ np.array([_FORWARD, 0.0, 0.0 if 2 in self.missing else -_DOWN])
+            return [tuple(np.round(pose + ahead, 2).tolist()) for pose in poses]
+        values = np.zeros(robot.n_v)
+        for joint, low, up in bounded_joints(robot.joints, robot.limits):
+            here = float(goal[joint.idx_q])
+            room = (low, up) if np.isfinite([low, up]).all() else (here - 1.0, here + 1.0)
+            values[joint.v] = _SMALL * (room[1] - room[0]) * (1.0 if room[1] - here > here - room[0] else -1.0)
+        moved = pin.integrate(robot.model, goal, values)
+        return [tuple(np.round(Kinematics(robot, moved).pose(tool).translation, 3).tolist()) for tool in self.tools]
+
+    def _constants(self, goal: np.ndarray) -> Iterator[str]:
+        targets = self._targets(goal)
+        yield f"FLOOR = {self._floor(goal, targets)}  # [m] z of the floor in W; z is up"
+        if self.robot.n_vehicle:
+            position, yaw = self._way_point()
+            yield f"START = uo.pose_at({_START}, (0.0, 0.0, 0.0))  # position [m]; roll, pitch, yaw [rad]"
+            yield f"WAY_POINT = uo.pose_at({position}, (0.0, 0.0, {yaw}))"
+        for name, target, tool in zip(self._target_names(), targets, self.tools, strict=True):
+            yield f"{name} = {target}  # [m] where {'the tool' if len(targets) == 1 else tool} goes"
+
+    def _floor(self, goal: np.ndarray, targets: list[tuple[float, ...]]) -> float:
+        data = self.robot.model.createData()
+        pin.framesForwardKinematics(self.robot.model, data, goal)
+        heights = [float(X.translation[2]) for X in list(data.oMf)[1:]] + [target[2] for target in targets]
+        lowest = min(heights) - _OVER
+        return min(_FLOOR, float(np.floor(lowest))) if self.robot.n_vehicle else float(np.floor(lowest - 1.0))
+
+    def _target_names(self) -> list[str]:
+        return ["TARGET"] if len(self.tools) == 1 else [f"TARGET_{k + 1}" for k in range(len(self.tools))]
+
+    def _tool_tasks(self) -> list[str]:
+        return ["TP"] if len(self.tools) == 1 else [f"TP{k + 1}" for k in range(len(self.tools))]
+
+    def _tasks(self) -> Iterator[tuple[str, str]]:
+        """Lines, each with the name of its task, if it is one."""
+        robot = self.robot
+        if robot.n_joints:
+            yield "JointLimits(),", "JL"
+        if robot.n_vehicle:
+            if robot.description.altimeter:
+                yield "MinimumAltitude(threshold=0.8),  # [m]", "MAC"
+            else:
+                yield "# MinimumAltitude() needs `altimeter: LINK` in hydrodynamics.yaml", ""
+            if not {3, 4} & set(self.missing):
+                yield "HorizontalAttitude(),", "HA"
+        for name, tool, target in zip(self._tool_tasks(), self.tools, self._target_names(), strict=True):
+            which = "" if len(self.tools) == 1 else f'name="{name}", frame={_quoted(tool)}, '
+            yield f"ToolPosition({which}goal=uo.pose_at({target})),", name
+        if robot.n_vehicle:
+            yield "VehiclePose(goal=WAY_POINT),", "PC"
+        if robot.n_joints:
+            yield "JointTracking(joints=robot.joint_names, goal=robot.home),", "MP"
+
+    def _conditions(self) -> Iterator[str]:
+        if self.robot.n_vehicle:
+            # The axes that nothing drives drift as weight and buoyancy have it.
+            error = "horizontal_error" if 2 in self.missing else "position_error"
+            yield f'arrived = uo.Below(quantity="PC.{error}", limit={"0.1" if not self.missing else "0.3"})  # [m]'
+        for k, name in enumerate(self._tool_tasks(), 1):
+            end = "" if len(self.tools) == 1 else f"_{k}"
+            yield f'reached{end} = uo.Below(quantity="{name}.position_error", limit=0.02)  # [m]'
+        if not self.robot.n_vehicle and not self.tools:
+            yield 'still = uo.Below(quantity="MP.posture_error", limit=0.02)  # [rad or m]'
+
+    def _phases(self, names: list[str]) -> Iterator[str]:
+        tools = set(self._tool_tasks()) if self.tools else set()
+        if self.robot.n_vehicle:
+            to = '"B"' if self.tools else "uo.DONE"
+            on = [name for name in names if name not in tools]
+            yield _phase("A", "way point", on, to, "arrived", "  # [s]: noise alone ends no phase")
+        if self.tools:
+            ends = ["reached"] if len(self.tools) == 1 else [f"reached_{k + 1}" for k in range(len(self.tools))]
+            yield _phase("B", "reach", names, "uo.DONE", ", ".join(ends))
+        if not self.robot.n_vehicle and not self.tools:
+            yield _phase("A", "posture", names, "uo.DONE", "still")
+
+    def _markers(self) -> str:
+        named = dict(zip(["target"] if len(self.tools) == 1 else self.tools, self._target_names(), strict=True))
+        items = [f"{_quoted(name)}: {value}" for name, value in named.items()]
+        if self.robot.n_vehicle:
+            items.append('"way point": tuple(np.asarray(WAY_POINT.translation).tolist())')
+        return f"{{{', '.join(items)}}}"
+
+    def _imports(self, tasks: list[tuple[str, str]]) -> Iterator[str]:
+        made = sorted({line.partition("(")[0] for line, name in tasks if name})
+        options = ["activate", "mission_of", "run_options"]
+        options = ["abort_phase", *options] if self.robot.n_vehicle else options
+        if self.robot.n_vehicle:
+            yield "import numpy as np\n"
+        yield "import uvms_ocp as uo"
+        yield f"from uvms_ocp.scenario.options import {', '.join(options)}"
+        yield f"from uvms_ocp.tasks import {', '.join(made)}"
+
+
+def _phase(name: str, title: str, on: list[str], to: str, when: str, comment: str = "") -> str:
+    conditions = f"({when},)"
+    lines = [
+        "uo.Phase(",
+        f'    name="{name}",',
+        f'    title="{title}",',
+        f"    activations=activate({', '.join(map(_quoted, on))}),",
+        f"    transitions=(uo.Transition(to={to}, when={conditions}, hold=1.0),),{comment}",
+        "),",
+    ]
+    return "\n".join(f"        {line}" for line in lines)
+
+
+def _quoted(name: str) -> str:
+    return '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def loading_line(file: Path, robot: Path, hydrodynamics: str | None, loading: Mapping[str, Any]) -> tuple[str, str]:
+    """What ROBOT is in a mission's file, and how it is loaded there."""
+
+    def beside(path: Path) -> str:
+        return os.path.relpath(path.resolve(), file.resolve().parent).replace(os.sep, "/")
+
+    found = files_of(robot, hydrodynamics)
+    urdf, water = Path(found["urdf"]), found["hydrodynamics"]
+    parts = [f'urdf=ROBOT / "{urdf.name}"']
+    if water is not None:
+        inside = Path(water).resolve().parent == urdf.resolve().parent
+        parts.append(
+            f"hydrodynamics=ROBOT / {_quoted(Path(water).name)}"
+            if inside
+            else f"hydrodynamics=HERE / {_quoted(beside(Path(water)))}"
+        )
+    for key, value in loading.items():
+        if key == "package_dirs":
+            parts.append(f"{key}=[{', '.join(f'HERE / {_quoted(beside(Path(folder)))}' for folder in value)}]")
+        else:
+            parts.append(f"{key}={value!r}")
+    return f"HERE / {_quoted(beside(urdf.parent))}", f"return uo.load_robot({', '.join(parts)})"
+
+
+def variations_text(robot: Robot) -> str:
+    """What is uncertain about a mission of the robot: lines about what it has not are left out."""
+    text = (TEMPLATES / "variations.py.txt").read_text(encoding="utf-8")
+    lacks = [
+        ("payload.", bool(robot.tools and robot.n_joints)),
+        ("start.yaw", bool(robot.n_vehicle)),
+        ("water.", bool(robot.description.links)),
+    ]
+    absent = [f'Variation("{word}' for word, there in lacks if not there]
+    return "\n".join(line for line in text.split("\n") if not any(word in line for word in absent))

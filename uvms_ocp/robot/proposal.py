@@ -1,0 +1,461 @@
+"""Propose a robot's hydrodynamics.yaml from its URDF alone: roles, what does not move, water by shapes, trim, thrusters.
+
+Every number and name that the URDF does not say is marked ``proposed`` in the file, with where it comes from, and how far it
+may be off: such a robot swims at once, and says what to measure first.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+import yaml
+
+from uvms_ocp.errors import InvalidInput, RobotDataError
+from uvms_ocp.robot.assembly import box_around, cylinder_in, lifts
+from uvms_ocp.robot.coefficients import links_in_water
+from uvms_ocp.robot.description import Box, LinkDescription, Pose, RobotDescription, checked_copy
+from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.robot.loading import assemble, link_masses
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.roles import CHOOSE, Roles, find_roles, is_altimeter_name, is_propeller_name
+from uvms_ocp.robot.urdf import Reading, UrdfModels, read_urdf, read_urdf_xml
+
+_WATER = 1025.0  # [kg/m3] the sea
+_WORLDS = ("world", "map", "odom", "ground")  # names of roots that do not move
+_VEHICLE = 0.5  # of the mass: a root with less carries an arm, and is no vehicle
+_LIFT = 0.03  # [m] of buoyancy above the mass
+_TOO_LARGE = 20.0  # times the mass of a link in water: its shapes are no hull, or in millimetres
+_THRUST = 12.0  # [N] per root of a kilogram of vehicle, as those of 10 to 200 kg have per thruster
+_DOWN = 0.9  # cosine to straight down, of a range sensor's -z
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RobotProposal:
+    """What is proposed."""
+
+    text: str
+    """The hydrodynamics.yaml."""
+    questions: tuple[str, ...]
+    """What the URDF leaves open, one line each, with how to answer."""
+    robot: Robot
+    """The robot that comes of both."""
+
+
+def find_urdf(place: Path) -> Path:
+    """The URDF that is meant by a file or a folder. Raises `InvalidInput` for none or several."""
+    if not place.is_dir():
+        return place
+    found = sorted(path for path in place.rglob("*.urdf") if path.is_file())
+    if len(found) == 1:
+        return found[0]
+    if not found:
+        raise InvalidInput(
+            f"{place}: holds no .urdf; of a .xacro file give what `xacro FILE.xacro > robot.urdf` writes"
+        )
+    raise InvalidInput(f"{place}: holds {len(found)} URDFs; give one of {', '.join(map(str, found[:30]))}")
+
+
+def propose(
+    urdf: Path,
+    *,
+    base: str | None = None,
+    package_dirs: Sequence[Path] = (),
+    loading: Mapping[str, Any] | None = None,
+    tool: Sequence[str] = (),
+    altimeter: str | None = None,
+) -> RobotProposal:
+    """Read any URDF and propose what it does not say; what is given is taken as it is.
+
+    loading: entries of ``loading`` in hydrodynamics.yaml. Raises ``RobotDataError`` with all that is wrong with the file.
+    """
+    given, root = dict(loading or {}), read_urdf_xml(urdf)
+    followers = [joint.get("name", "") for joint in root.findall("joint[mimic]")]
+    endless = [
+        j for j in root.findall("joint") if j.get("type") in ("revolute", "prismatic") and j.find("limit") is None
+    ]
+    chosen = given.get("lock", {})
+    lock = {**{joint.get("name", ""): 0.0 for joint in endless}, **chosen}
+    drop, meshes = tuple(given.get("drop", ())), given.get("meshes") != "no"
+    reading = Reading(mimic="free", lock=lock, drop=drop, meshes=meshes)
+    models, reading = _read(urdf, reading, package_dirs)
+    floats = base == "free_flyer" or (base is None and _floats(models.model))
+    if not floats:
+        models = read_urdf(urdf, free_flyer=False, package_dirs=package_dirs, reading=reading)
+    roles = find_roles(models.model, free_flyer=floats)
+    mimic: Any = given.get("mimic") or ("fixed" if followers else None)
+    still = (*roles.propellers, *roles.sensors, *roles.fingers, *roles.empty)
+    lock = {**{name: _nearest_to_zero(models.model, name) for name in still if name not in followers}, **lock}
+    reading = replace(reading, mimic=mimic, lock=lock)
+    thrusters = list(_thrusters(models, roles)) if floats else []
+    read_again = _quietly(urdf, floats, package_dirs, reading)
+    return _Draft(
+        models=read_again,
+        roles=roles,
+        reading=reading,
+        floats=floats,
+        tool=tuple(tool),
+        altimeter=altimeter,
+        pushers=thrusters,
+    ).proposal(urdf)
+
+
+def _read(urdf: Path, reading: Reading, package_dirs: Sequence[Path]) -> tuple[UrdfModels, Reading]:
+    """With meshes, or without those where some that matter are not there."""
+    try:
+        return read_urdf(urdf, free_flyer=True, package_dirs=package_dirs, reading=reading), reading
+    except RobotDataError as error:
+        if not reading.meshes or not all("mesh" in problem for problem in error.problems):
+            raise
+    reading = replace(reading, meshes=False)
+    return read_urdf(urdf, free_flyer=True, package_dirs=package_dirs, reading=reading), reading
+
+
+def _quietly(urdf: Path, floats: bool, package_dirs: Sequence[Path], reading: Reading) -> UrdfModels:
+    """Read again what has told its notes already."""
+    log = logging.getLogger(read_urdf.__module__)
+    before = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        return read_urdf(urdf, free_flyer=floats, package_dirs=package_dirs, reading=reading)
+    finally:
+        log.setLevel(before)
+
+
+def _floats(model: pin.Model) -> bool:
+    """Whether it is a vehicle, and not an arm that stands on something. model: on a free-flyer."""
+    root = next(frame.name for frame in model.frames if frame.type == pin.FrameType.BODY)
+    if any(is_propeller_name(frame.name) for frame in model.frames):
+        return True
+    total = sum(inertia.mass for inertia in model.inertias)
+    return root.rpartition("/")[2].lower() not in _WORLDS and model.inertias[1].mass > _VEHICLE * total
+
+
+def _nearest_to_zero(model: pin.Model, name: str) -> float:
+    joint = model.joints[model.getJointId(name)]
+    if joint.nq != 1:
+        return 0.0
+    low, high = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
+    return float(np.clip(0.0, low, high))
+
+
+def _thrusters(models: UrdfModels, roles: Roles) -> Iterator[tuple[str, pin.SE3, np.ndarray, str]]:
+    """Name, pose in B, direction in B and its source: of each propeller's joint, or else of each link of such a name."""
+    model = models.model
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, pin.neutral(model))
+    pushing = [name for name in roles.propellers if not _steers(name)]
+    for name in pushing:
+        joint = model.joints[model.getJointId(name)]
+        own = joint.createData()
+        joint.calc(own, pin.neutral(model))
+        X = data.oMi[model.getJointId(name)]
+        yield name, X, X.rotation @ np.array(own.S).ravel()[3:], "axis of the joint"
+    if pushing:
+        return
+    for i, frame in enumerate(model.frames):
+        is_link = frame.type == pin.FrameType.BODY and is_propeller_name(frame.name) and not _steers(frame.name)
+        if is_link and frame.parentJoint <= 1 and not _has_propeller_above(model, i):
+            round_ones = [
+                s for s in models.visual.geometryObjects if s.parentFrame == i and isinstance(s.geometry, coal.Cylinder)
+            ]
+            if round_ones:
+                yield frame.name, data.oMf[i], round_ones[0].placement.rotation[:, 2], "axis of its cylinder"
+            else:
+                yield frame.name, data.oMf[i], data.oMf[i].rotation[:, 0], "x axis of the link"
+
+
+def _steers(name: str) -> bool:
+    return any(word in name.lower() for word in ("fin", "rudder", "flap", "wheel"))
+
+
+def _has_propeller_above(model: pin.Model, index: int) -> bool:
+    above = model.frames[model.frames[index].parentFrame].parentFrame
+    return above > 0 and is_propeller_name(model.frames[above].name)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Draft:
+    """What is known of a robot before its water is."""
+
+    models: UrdfModels
+    roles: Roles
+    reading: Reading
+    floats: bool
+    tool: tuple[str, ...]
+    altimeter: str | None
+    pushers: list[tuple[str, pin.SE3, np.ndarray, str]]
+
+    def proposal(self, urdf: Path) -> RobotProposal:
+        """The whole of it."""
+        links, sources = self._links()
+        content = self._content(links)
+        dry = assemble(self.models, RobotDescription.model_validate(content), urdf)
+        if self.floats:
+            content["links"] = self._trimmed(dry, content["links"])
+        robot = assemble(self.models, RobotDescription.model_validate(content), urdf)
+        return RobotProposal(
+            text=_text(robot.description, sources, self), questions=tuple(self.questions()), robot=robot
+        )
+
+    @property
+    def tools(self) -> tuple[str, ...]:
+        """Tools, one for each arm, where that leaves no doubt."""
+        if self.tool:
+            return self.tool
+        known = [frame.name for frame in self.models.model.frames]
+        sure = [chain[0] for chain in self.roles.tools if len(chain) == 1]
+        if "tool" in known and len(self.roles.tools) < 2:
+            return ("tool",)
+        return tuple(sure) if len(sure) == len(self.roles.tools) else ()
+
+    @property
+    def range_sensor(self) -> str | None:
+        """A link that is called an altimeter and looks down."""
+        if self.altimeter or not self.floats:
+            return self.altimeter
+        model = self.models.model
+        data = model.createData()
+        pin.framesForwardKinematics(model, data, pin.neutral(model))
+        down = [
+            frame.name
+            for i, frame in enumerate(model.frames)
+            if frame.type == pin.FrameType.BODY and is_altimeter_name(frame.name) and data.oMf[i].rotation[2, 2] > _DOWN
+        ]
+        return down[0] if len(down) == 1 else None
+
+    def questions(self) -> Iterator[str]:
+        """What is left open."""
+        if not self.pushers:
+            kind = "a vehicle, as its root is the heaviest part" if self.floats else "an arm that stands on something"
+            yield f"base: taken for {kind}; --base {'fixed' if self.floats else 'free_flyer'} if it is not"
+        if not self.tools and self.roles.candidates:
+            yield f"tool: any of {', '.join(self.roles.candidates)}; {CHOOSE}"
+        if self.floats and not self.range_sensor:
+            yield "altimeter: no link is called one and looks down along its -z; --altimeter LINK, or none: no altitude tasks"
+        if self.floats and not self.pushers:
+            yield "thrusters: no link or joint is called one; write them into the file, or fly with --plant kinematic"
+
+    def _content(self, links: dict[str, Any]) -> dict[str, Any]:
+        model = self.models.model
+        joints = {
+            name: {"acceleration": _acceleration(model, name)} for name in list(model.names)[2 if self.floats else 1 :]
+        }
+        content: dict[str, Any] = {"base": "free_flyer" if self.floats else "fixed", "water_density": _WATER}
+        content |= {"base_link": self.roles.base} if self.floats and self.roles.base != "base_link" else {}
+        content |= {"tool": self.tools if len(self.tools) > 1 else self.tools[0]} if self.tools else {}
+        content |= {"altimeter": self.range_sensor} if self.range_sensor else {}
+        loading = {
+            "mimic": self.reading.mimic,
+            "lock": dict(self.reading.lock),
+            "drop": self.reading.drop,
+            "meshes": "yes" if self.reading.meshes else "no",
+        }
+        content["loading"] = {key: value for key, value in loading.items() if value not in (None, {}, (), "yes")}
+        if self.floats:
+            content["vehicle_limits"] = {
+                "velocity": [0.5, 0.4, 0.4, 0.4, 0.4, 0.5],
+                "acceleration": [0.3] * 3 + [0.4] * 3,
+            }
+        content |= {"joints": joints, "links": links}
+        return content | ({"thrusters": self._pushing()} if self.pushers else {})
+
+    def _pushing(self) -> list[dict[str, Any]]:
+        model = self.models.model
+        limit = float(f"{_THRUST * np.sqrt(sum(i.mass for i in model.inertias)):.2g}")
+        X_FB = model.frames[model.getFrameId(self.roles.base)].placement.inverse()
+        return [
+            {
+                "name": name,
+                "link": self.roles.base,
+                "position": _rounded(X_FB.act(X.translation)),
+                "direction": _rounded(X_FB.rotation @ direction),
+                "minimum": -limit,
+                "maximum": limit,
+                "time_constant": 0.15,
+            }
+            for name, X, direction, _ in self.pushers
+        ]
+
+    def _links(self) -> tuple[dict[str, Any], dict[str, str]]:
+        """Coefficients by link, and where they come from: of the vehicle those of a box around all that is fixed to it."""
+        model, masses = self.models.model, link_masses(self.models.model)
+        wet: dict[str, Any] = {}
+        sources: dict[str, str] = {}
+        hull = self.hull
+        for name, mass in masses.items():
+            frame = model.frames[model.getFrameId(name)]
+            on_vehicle = frame.parentJoint <= (1 if self.floats else 0)
+            if mass <= 0.0:
+                continue
+            if on_vehicle and name != hull:
+                wet[name] = {"coefficients": {}}
+                sources[name] = f"in the box around {hull}" if hull else "does not move"
+                continue
+            wet[name], sources[name] = self._by_shape(name, mass, whole=name == hull)
+        return wet, sources
+
+    @property
+    def hull(self) -> str:
+        """The link of the vehicle that has the coefficients: the heaviest; "" for none."""
+        on_vehicle = {
+            name: m for name, m in link_masses(self.models.model).items() if self._carrier(name) == 1 and m > 0.0
+        }
+        return max(on_vehicle, key=lambda name: on_vehicle[name]) if self.floats and on_vehicle else ""
+
+    def _carrier(self, name: str) -> int:
+        model = self.models.model
+        return int(model.frames[model.getFrameId(name)].parentJoint)
+
+    def _by_shape(self, name: str, mass: float, *, whole: bool) -> tuple[dict[str, Any], str]:
+        """Coefficients of one link, of the box or cylinder around its shapes, or of a body with its inertia."""
+        model = self.models.model
+        joint = self._carrier(name) if whole else None
+        corners = box_around(model, self.models.collision, name, joint=joint)
+        if np.isnan(corners).any():
+            corners = box_around(model, self.models.visual, name, joint=joint)
+        source = f"{'box' if whole else 'cylinder'} around its shapes"
+        if np.isnan(corners).any() or np.prod(np.ptp(corners, axis=0)) * _WATER > _TOO_LARGE * max(mass, 1.0):
+            corners, source = (
+                _as_its_inertia(model, name, mass),
+                "box with its mass and inertia, as it has no fitting shapes",
+            )
+        size, centre = np.ptp(corners, axis=0), corners.mean(axis=0)
+        cylinder = None if whole else cylinder_in(corners)
+        box = Box(size=tuple(np.maximum(size, 1e-3).tolist()), pose=Pose(position=tuple(centre.tolist())))
+        way = LinkDescription(box=box) if cylinder is None else LinkDescription(cylinder=cylinder)
+        (water,) = links_in_water(RobotDescription(links={name: way}, water_density=_WATER))
+        sides = " x ".join(f"{side:.3g}" for side in size)
+        return {"coefficients": _coefficients(water, mass)}, f"{source}, {sides} m"
+
+    def _trimmed(self, robot: Robot, links: dict[str, Any]) -> dict[str, Any]:
+        """The links with so much volume of the hull, and there, that the vehicle floats level with its arm stowed."""
+        hull = self.hull
+        if not hull:
+            return links
+        own = {**links, hull: {"coefficients": {**links[hull]["coefficients"]}}}
+        for key in ("volume", "centre_of_buoyancy"):
+            own[hull]["coefficients"].pop(key, None)
+        bare = checked_copy(robot.description, links=own)
+        arms, lift = lifts(replace(robot, description=bare, hydrodynamics=links_in_water(bare)), robot.configuration())
+        total = -float(lift.sum())
+        if total <= 0.0:
+            return links
+        at = -(arms.T @ lift) / total
+        gravity = float(np.linalg.norm(robot.model.gravity.linear))
+        at[2] = robot.model.inertias[1].lever[2] + _LIFT
+        X_BF = robot.model.frames[robot.frame_id(hull)].placement
+        own[hull]["coefficients"] |= {
+            "volume": float(f"{total / (gravity * _WATER):.6g}"),
+            "centre_of_buoyancy": [float(f"{value:.6g}") for value in X_BF.actInv(at)],
+        }
+        return own
+
+
+def _coefficients(water: LinkHydrodynamics, mass: float) -> dict[str, Any]:
+    """As a file has them. No link floats by itself: what its shape holds of air or water is not known."""
+    volume = min(water.volume, mass / _WATER)
+    return {
+        "pose": {
+            "position": _rounded(water.X_FL.translation),
+            "rpy": _rounded(pin.rpy.matrixToRpy(water.X_FL.rotation), 7),
+        },
+        "added_mass": _rounded(np.diag(water.added_mass)),
+        "linear_drag": _rounded(np.diag(water.linear_drag)),
+        "quadratic_drag": _rounded(np.diag(water.quadratic_drag)),
+        "volume": float(f"{volume:.4g}"),
+        "centre_of_buoyancy": _rounded(water.centre_of_buoyancy),
+    }
+
+
+def _rounded(values: np.ndarray, digits: int = 4) -> list[float]:
+    return [float(f"{value:.{digits}g}") if abs(value) > 1e-9 else 0.0 for value in np.asarray(values, dtype=float)]
+
+
+def _as_its_inertia(model: pin.Model, name: str, mass: float) -> np.ndarray:
+    """Corners (2, 3) [m] of a box that has the moments of a link, or of one as heavy as water where it has none."""
+    index = model.getFrameId(name)
+    inertia = model.frames[index].placement.actInv(model.inertias[model.frames[index].parentJoint])
+    a, b, c = np.diag(inertia.inertia)
+    squares = 6.0 / max(inertia.mass, 1e-9) * np.array([b + c - a, c + a - b, a + b - c])
+    cube = (mass / _WATER) ** (1 / 3)
+    size = np.sqrt(squares) if (squares > 0.0).all() else np.full(3, cube)
+    if np.prod(size) * _WATER > _TOO_LARGE * max(mass, 1.0):
+        size = np.full(3, cube)
+    return np.array([inertia.lever - size / 2, inertia.lever + size / 2])
+
+
+def _acceleration(model: pin.Model, name: str) -> float:
+    """[rad/s2, m/s2] half a second to full speed."""
+    joint = model.joints[model.getJointId(name)]
+    speed = float(model.upperVelocityLimit[joint.idx_v])
+    return float(f"{2.0 * speed:.3g}") if 0.0 < speed < 10.0 else 1.0
+
+
+def _text(description: RobotDescription, sources: Mapping[str, str], draft: _Draft) -> str:
+    """The file, with a source for every line."""
+    return "\n".join(_lines(description, sources, draft)) + "\n"
+
+
+_HEAD = """# What the URDF does not say: water, thrusters, limits. SI units; vectors in the frame of their link, forward-left-up.
+# Everything here is proposed, from the URDF alone: look at each line, and replace what you know.
+# `uvms-ocp schema` prints all that may stand here."""
+
+
+def _lines(description: RobotDescription, sources: Mapping[str, str], draft: _Draft) -> Iterator[str]:
+    values = description.model_dump(mode="json", exclude_unset=True)
+    yield _HEAD
+    yield f"base: {values['base']} # proposed: {'what floats' if draft.floats else 'an arm that stands on something'}"
+    yield f"water_density: {description.water_density} # proposed: the sea; fresh water has 998"
+    if description.base_link:
+        yield f"base_link: {_flow(description.base_link)} # proposed: the root, which stands for the vehicle"
+    if draft.tools:
+        source = "as you said" if draft.tool else "the end of each chain; the first is `tool` of tasks"
+        yield f"tool: {_flow(values['tool'])} # {'' if draft.tool else 'proposed: '}{source}"
+    for question in draft.questions():
+        yield f"# {question}"
+    if description.altimeter:
+        yield f"altimeter: {_flow(description.altimeter)} # proposed: by its name, as it looks down along its -z"
+    yield from _loading_lines(values.get("loading", {}))
+    if description.vehicle_limits:
+        yield "vehicle_limits: # proposed: of a slow vehicle; surge, sway, heave, roll, pitch, yaw"
+        yield from (f"  {key}: {_flow(row)}" for key, row in values["vehicle_limits"].items())
+    if description.joints:
+        yield "joints: # proposed: half a second to full speed, or 1 where the URDF has no limit of it"
+        yield from (f"  {_flow(name)}: {_flow(entry)}" for name, entry in values["joints"].items())
+    yield "links: # proposed by shapes: added mass may be 0.5 to 1.5 times as large, drag 0.5 to 2 times"
+    for name, link in values["links"].items():
+        yield f"  {_flow(name)}: # {sources.get(name, '')}"
+        coefficients = link["coefficients"]
+        yield f"    coefficients:{'' if coefficients else ' {}'}"
+        for key, value in coefficients.items():
+            source = " # proposed: so that it floats level" if key == "volume" and name == draft.hull else ""
+            yield f"      {key}: {_flow(value)}{source}"
+    if description.thrusters:
+        yield "thrusters: # proposed: places and directions of the URDF; limits as vehicles of this mass have them"
+        for entry, (_, _, _, source) in zip(values["thrusters"], draft.pushers, strict=True):
+            yield f"  - {_flow(entry)} # {source}"
+
+
+def _loading_lines(loading: Mapping[str, Any]) -> Iterator[str]:
+    source = {
+        "mimic": "joints that mimic another stay where it puts them",
+        "lock": "propellers, sensors, fingers, what has no mass or no <limit>: these do not move here",
+        "meshes": "some that matter for contact cannot be read",
+        "drop": "as you said",
+    }
+    if loading:
+        yield "loading: # proposed: how the URDF is read"
+        yield from (f"  {key}: {_flow(value)} # {source[key]}" for key, value in loading.items())
+
+
+def _flow(value: Any) -> str:
+    """A value on one line of YAML."""
+    text = yaml.safe_dump(value, default_flow_style=True, width=100_000, sort_keys=False, allow_unicode=True)
+    return text.removesuffix("\n").removesuffix("\n...").strip()

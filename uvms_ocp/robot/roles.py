@@ -1,0 +1,257 @@
+"""Find the roles of links, the vehicle's base, tools, altimeter, propellers and sensors: by structure first, then by name.
+
+Tasks, payloads and figures name roles, ``base_link``, ``tool`` and ``altimeter``; files name links as they like. A robot has
+a frame for each of its roles, fixed to the link that hydrodynamics.yaml names, or to what is found here.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.errors import RobotDataError
+from uvms_ocp.robot.description import RobotDescription
+
+BASE, TOOL, ALTIMETER = "base_link", "tool", "altimeter"
+CHOOSE = "choose by `tool:` in hydrodynamics.yaml, or --tool LINK"
+
+_OFF_AXIS = 0.1  # of the distance of a body's mass from its axis to what turns about it: propellers are balanced
+
+
+def _words(text: str) -> re.Pattern[str]:
+    """Words that stand alone in a name, such as ``dvl`` in ``dvl_link``, or in any part of it where they are long."""
+    alone, anywhere = ([word for word in text.split() if (len(word) > 5) == long] for long in (False, True))
+    return re.compile(rf"(?<![a-z])({'|'.join(alone)})s?(?![a-z])|{'|'.join(anywhere)}")
+
+
+_PROPELLER = _words("prop propeller thruster rotor blade screw fan rudder fin flap wheel")
+_SENSOR = _words(
+    "cam camera sonar imu dvl gps usbl ins pressure depth altimeter sensor lidar laser echosounder mbes fls beacon antenna "
+    "optical light lamp led hydrophone magnetometer acoustic modem ping inclinometer compass ctd gyro transducer pinger"
+)
+_FINGER = _words("finger jaw claw knuckle pincer thumb fingertip")
+_TIP = _words("tool tcp tip ee eef tool0 endeffector end_effector grasp effector")
+_RANGE = _words("altimeter echosounder dva")
+
+
+def is_propeller_name(name: str) -> bool:
+    """Check for the name of what pushes or steers in water."""
+    return _PROPELLER.search(name.lower()) is not None
+
+
+def is_sensor_name(name: str) -> bool:
+    """Check for the name of what measures or lights."""
+    return _SENSOR.search(name.lower()) is not None
+
+
+def is_finger_name(name: str) -> bool:
+    """Check for the name of a part of a gripper that closes."""
+    return _FINGER.search(name.lower()) is not None
+
+
+def _is_no_tool(name: str) -> bool:
+    return is_sensor_name(name) or is_finger_name(name)
+
+
+def is_altimeter_name(name: str) -> bool:
+    """Check for the name of a range sensor that may look down."""
+    return _RANGE.search(name.lower()) is not None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Roles:
+    """What links of a mechanism are, as far as the mechanism tells."""
+
+    base: str
+    """The link that stands for the vehicle: ``base_link`` where one is fixed to the root, or else the root itself."""
+    propellers: tuple[str, ...]
+    """Joints that turn propellers or fins."""
+    sensors: tuple[str, ...]
+    """Joints that move nothing but sensors."""
+    fingers: tuple[str, ...]
+    """Joints that close grippers."""
+    empty: tuple[str, ...]
+    """Joints that move nothing with a mass."""
+    tools: tuple[tuple[str, ...], ...]
+    """Candidates for the tool, by chain of joints; one where a chain leaves no doubt."""
+
+    @property
+    def only_tool(self) -> str | None:
+        """The tool where there is no doubt about it."""
+        return self.tools[0][0] if len(self.tools) == 1 and len(self.tools[0]) == 1 else None
+
+    @property
+    def candidates(self) -> tuple[str, ...]:
+        """All candidates for the tool."""
+        return tuple(name for chain in self.tools for name in chain)
+
+
+def find_roles(model: pin.Model, *, free_flyer: bool) -> Roles:
+    """The roles of the links of a model."""
+    tree = _Tree(model, free_flyer)
+    kinds = dict(_kinds(tree))
+    named = {
+        kind: tuple(model.names[j] for j in tree.moving if kinds.get(j) == kind)
+        for kind in ("turns", "looks", "grips", "empty")
+    }
+    arm = [j for j in tree.moving if j not in kinds]
+    ends = [j for j in arm if not any(child in arm for child in tree.children(j))]
+    return Roles(
+        base=_base(tree),
+        propellers=named["turns"],
+        sensors=named["looks"],
+        fingers=named["grips"],
+        empty=named["empty"],
+        tools=tuple(found for j in ends if (found := _tips(tree, j))),
+    )
+
+
+class _Tree:
+    """Links of a model by the joint that carries them."""
+
+    def __init__(self, model: pin.Model, free_flyer: bool) -> None:
+        self.model, self.carrier = model, 1 if free_flyer else 0
+        self.moving = range(self.carrier + 1, model.njoints)
+        bodies = [(i, frame) for i, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY]
+        self.bodies = {j: [i for i, frame in bodies if frame.parentJoint == j] for j in range(model.njoints)}
+
+    def name(self, frame: int) -> str:
+        return str(self.model.frames[frame].name)
+
+    def children(self, joint: int) -> list[int]:
+        return [j for j in self.moving if self.model.parents[j] == joint]
+
+    def below(self, joint: int) -> list[int]:
+        """The joint and all that hang on it."""
+        return [joint, *(j for child in self.children(joint) for j in self.below(child))]
+
+    def is_end(self, frame: int) -> bool:
+        """Whether no other link is fixed to the link further out, but sensors and fingers."""
+        others = [i for i in self.bodies[self.model.frames[frame].parentJoint] if not _is_no_tool(self.name(i))]
+        return all(self.model.frames[self.model.frames[i].parentFrame].parentFrame != frame for i in others)
+
+
+def _kinds(tree: _Tree) -> Iterator[tuple[int, str]]:
+    """Joints that are no part of an arm, with what hangs on them."""
+    for j in tree.moving:
+        names = [tree.name(i) for i in tree.bodies[j]]
+        own = [str(tree.model.names[j]), *names[:1]]
+        below = [tree.name(i) for k in tree.below(j) for i in tree.bodies[k]]
+        if not any(tree.model.inertias[k].mass for k in tree.below(j)):
+            yield j, "empty"
+        elif _whirls(tree, j) or (any(map(is_propeller_name, own)) and not tree.children(j)):
+            yield j, "turns"
+        elif below and all(map(is_sensor_name, below)):
+            yield j, "looks"
+        elif any(map(is_finger_name, own)):
+            yield from ((k, "grips") for k in tree.below(j))
+
+
+def _whirls(tree: _Tree, j: int) -> bool:
+    """Whether a joint of the vehicle turns one balanced link without end, as a propeller does."""
+    joint, inertia = tree.model.joints[j], tree.model.inertias[j]
+    if tree.model.parents[j] != tree.carrier or tree.carrier == 0 or len(tree.below(j)) > 1 or len(tree.bodies[j]) > 1:
+        return False
+    if joint.nv != 1 or joint.nq != 2:
+        return False
+    data = joint.createData()
+    joint.calc(data, pin.neutral(tree.model))
+    axis, lever = np.array(data.S).ravel()[3:], np.asarray(inertia.lever)
+    off = float(np.linalg.norm(lever - axis * (axis @ lever)))
+    return off <= _OFF_AXIS * max(float(np.linalg.norm(lever)), 0.1)
+
+
+def _base(tree: _Tree) -> str:
+    links = [tree.name(i) for i in tree.bodies[tree.carrier]]
+    return BASE if BASE in links else links[0] if links else ""
+
+
+def _tips(tree: _Tree, joint: int) -> tuple[str, ...]:
+    """Candidates for the tool at the last joint of a chain."""
+    links = [i for i in tree.bodies[joint] if not _is_no_tool(tree.name(i))]
+    ends = [tree.name(i) for i in links if tree.is_end(i)]
+    named = [name for name in ends if _TIP.search(name.lower())]
+    return tuple(named if len(named) == 1 else ends)
+
+
+def with_roles(model: pin.Model, description: RobotDescription, path: object) -> tuple[pin.Model, RobotDescription]:
+    """The model with a frame for each role, and the description with the names of its frames.
+
+    Raises ``RobotDataError``, which blames the file `path`, for roles of links that are not there.
+    """
+    free_flyer = description.base == "free_flyer"
+    roles, known = find_roles(model, free_flyer=free_flyer), {frame.name for frame in model.frames[1:]}
+    stated = {
+        BASE: description.base_link,
+        TOOL: next(iter(tools_of(description)), None),
+        ALTIMETER: description.altimeter,
+    }
+    faults = []
+    for key, names in ((BASE, [description.base_link]), (TOOL, tools_of(description))):
+        missing = [name for name in names if name is not None and name not in known]
+        advice = f"candidates: {', '.join(roles.candidates) or 'none'}" if key == TOOL else f"the root is {roles.base}"
+        faults += [f"{key}: {name!r} is not in the URDF; {advice}" for name in missing]
+    if faults:
+        raise RobotDataError(str(path), *faults)
+    if free_flyer and not description.base_link and BASE not in known:
+        stated[BASE] = roles.base
+    if TOOL not in known and not description.tool:
+        stated[TOOL] = roles.only_tool
+    model = model.copy()
+    for role, name in stated.items():
+        if name and name != role and name in known:
+            description = _placed(model, description, role, name)
+    return model, description
+
+
+def tools_of(description: RobotDescription) -> tuple[str, ...]:
+    """The tools that a description names."""
+    tool = description.tool
+    return () if tool is None else (tool,) if isinstance(tool, str) else tool
+
+
+def _placed(model: pin.Model, description: RobotDescription, role: str, name: str) -> RobotDescription:
+    """Add a frame for a role to the model; a link of the URDF that has its name gets another one."""
+    if model.existFrame(role):
+        other = f"{role}_of_urdf"
+        model.frames[model.getFrameId(role)].name = other
+        description = _renamed(description, {role: other})
+    parent = model.getFrameId(name)
+    carrier = model.frames[parent]
+    model.addFrame(pin.Frame(role, carrier.parentJoint, parent, carrier.placement, pin.FrameType.OP_FRAME))
+    return description
+
+
+def _renamed(description: RobotDescription, names: Mapping[str, str]) -> RobotDescription:
+    links = {names.get(name, name): link for name, link in description.links.items()}
+    return description.model_copy(update={"links": links})
+
+
+def role_notes(model: pin.Model, description: RobotDescription) -> Iterator[tuple[bool, str]]:
+    """Whether all is well, and one sentence, for each role. model: with its frames for roles."""
+    free_flyer = description.base == "free_flyer"
+    known: Sequence[str] = [frame.name for frame in model.frames[1:]]
+    roles = find_roles(model, free_flyer=free_flyer)
+    if free_flyer:
+        yield True, f"base_link: {description.base_link or roles.base}"
+    if TOOL in known:
+        found = ", ".join(tools_of(description)) or (roles.only_tool or TOOL if _is_added(model) else TOOL)
+        yield True, f"tool: {found}"
+    elif roles.candidates:
+        yield False, f"tool: any of {', '.join(roles.candidates)}; {CHOOSE}"
+    else:
+        yield True, "tool: none, no chain of joints ends in one; tasks of a tool are left out"
+    if free_flyer and description.altimeter:
+        yield True, f"altimeter: {description.altimeter}"
+    elif free_flyer:
+        looks = [name for name in known if is_altimeter_name(name)]
+        hint = f"`altimeter: {looks[0]}` takes that link" if looks else "`altimeter: LINK` names the link of one"
+        yield False, f"altimeter: none, so that tasks of the altitude are left out; {hint}, if it looks along its -z"
+
+
+def _is_added(model: pin.Model) -> bool:
+    return bool(model.frames[model.getFrameId(TOOL)].type == pin.FrameType.OP_FRAME)
