@@ -83,6 +83,11 @@ def unactuated_axes(robot: Robot) -> tuple[int, ...]:
     return unreachable_axes(thruster_matrix(robot)) if robot.n_vehicle else ()
 
 
+def undriven_axes(robot: Robot) -> tuple[int, ...]:
+    """`unactuated_axes` as tasks hear of them: none of a vehicle without thrusters, of which only velocities are asked."""
+    return unactuated_axes(robot) if robot.description.thrusters else ()
+
+
 def unreachable_axes(B: np.ndarray) -> tuple[int, ...]:
     """`unactuated_axes` of a thruster matrix B (6, n_thrusters) [-, m]."""
     null_space = left_null_space(B)

@@ -1,4 +1,8 @@
-"""Attitude tasks: horizontal attitude (HA), alignment with a target (AT), field of view (FV)."""
+"""Attitude tasks: horizontal attitude (HA), alignment with a target (AT), field of view (FV).
+
+Where the thrusters leave an axis of the vehicle to itself, an angle is measured and asked for in the plane in which what is
+driven turns it, and translation turns nothing: the strict hierarchy would meet the row by whatever is left, and flee.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,7 @@ from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.spatial import skew
+from uvms_ocp.robot.thrusters import undriven_axes
 from uvms_ocp.tasks.activation import SmoothActivation, approach_speed, row_acceleration, saturate
 from uvms_ocp.tasks.task import (
     Residual,
@@ -21,12 +26,15 @@ from uvms_ocp.tasks.task import (
     TickSymbols,
     VectorGoal,
     bounded_residual,
+    driven_turns,
     evaluate_vector,
     require_positive,
 )
 
 _SINE_FLOOR = 1e-9  # below this sine of the angle the rotation axis comes from the fallback
 _ROUNDING = 1e-3  # [rad] below which the smooth angle of a residual flattens out
+_PARALLEL = 1e-6  # sine of the angle between an axis and what turns the vehicle below which it is not turned
+_IN_PLANE = 1e-3  # share of a direction in the plane in which an axis is turned, below which there is no angle in it
 _OVERHEAD = 1e-3  # [m] horizontal distance below which the direction to a target is undefined
 
 
@@ -61,13 +69,61 @@ class AngleTask(Task):
     def __post_init__(self) -> None:
         require_positive(self.name, gain=self.gain, saturation=self.saturation, aim=self.aim)
 
+    @property
+    def watched_axis(self) -> tuple[float, float, float]:
+        """(3,) unit vector of `frame` whose angle it is."""
+        return 1.0, 0.0, 0.0
+
+    def turning_directions(self, robot: Robot) -> np.ndarray | None:
+        """(3, k) unit vectors in B, perpendicular to the axis, towards which it is turned; `None` where that is everywhere.
+
+        Raises `FrameNotFound`.
+        """
+        turns = driven_turns(robot, self.frame)
+        if turns is None:
+            return None
+        axis = _in_vehicle(robot, self.frame, self.watched_axis)
+        U, s, _ = np.linalg.svd(np.cross(np.eye(3)[list(turns)], axis).reshape(-1, 3).T)
+        directions = U[:, : int((s > _PARALLEL).sum())]
+        return None if directions.shape[1] == 2 else directions
+
+    def _turn(self, symbols: TickSymbols, b: ca.SX, fallback: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Angle [rad] and axis (3,) in W of the rotation towards b (3,) as far as that is driven, as of `misalignment`.
+
+        Both are 0 where b has no part in the plane in which the axis is turned; where nothing turns it the axis (3,) is.
+        """
+        R_WF, _ = symbols.kinematics.pose(self.frame)
+        a, directions = R_WF @ ca.DM(self.watched_axis), self.turning_directions(symbols.robot)
+        if directions is None:
+            return misalignment(a, b, fallback)
+        if not directions.shape[1]:
+            return misalignment(a, b, fallback)[0], ca.SX.zeros(3)
+        axis = _in_vehicle(symbols.robot, self.frame, self.watched_axis)
+        across = symbols.R_WB @ ca.DM(directions)
+        ahead, aside = ca.dot(a, b), ca.dot(across, b)
+        seen = ahead**2 + aside**2 > _IN_PLANE**2
+        normal = symbols.R_WB @ ca.DM(np.cross(axis, directions[:, 0]))
+        n = ca.if_else(aside < 0, -normal, normal)
+        return ca.if_else(seen, ca.atan2(ca.fabs(aside), ahead), 0), ca.if_else(seen, n, 0)
+
     def _angle_residual(self, a: ca.SX, b: ca.SX) -> Residual:
         """Chord between unit vectors, ``2 sin(theta / 2)``: smooth at theta = 0 and steep where theta is large."""
         chord = ca.sqrt(ca.sumsqr(a - b) + _ROUNDING**2)
         return bounded_residual(chord, upper=float(np.hypot(2 * np.sin(self.aim / 2), _ROUNDING)))
 
     def _angle_rows(self, symbols: TickSymbols, theta: ca.SX, row: ca.SX, quantities: dict[str, ca.SX]) -> Rows:
-        """Rows that hold d theta / dt = `row` @ v at a rate that brings theta inside `aim`."""
+        """Rows that hold d theta / dt = `row` @ v at a rate that brings theta inside `aim`.
+
+        What translation and axes that nobody drives make of it comes as it is measured, and is not asked for.
+        """
+        given, directions = ca.SX(0), self.turning_directions(symbols.robot)
+        if directions is not None and not directions.shape[1]:
+            theta = ca.SX(0)  # a row that nothing moves asks for nothing
+        if undriven := undriven_axes(symbols.robot):
+            others = sorted({0, 1, 2, *undriven})
+            given = row[:, others] @ symbols.velocity[others]
+            row = ca.SX(row)
+            row[:, others] = 0
         rising = approach_speed(
             self.aim - theta,
             gain=self.gain,
@@ -77,9 +133,9 @@ class AngleTask(Task):
         )
         return Rows(
             jacobian=row,
-            rate=saturate(-self.gain * theta, self.saturation),
+            rate=saturate(-self.gain * theta, self.saturation) - given,
             lower=ca.SX(-ca.inf),
-            upper=rising,
+            upper=rising - given,
             activation=self.activation.increasing(theta),
             quantities=quantities,
         )
@@ -88,7 +144,10 @@ class AngleTask(Task):
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class HorizontalAttitude(AngleTask):
-    """HA: the body z axis stays vertical. Row ``-n . omega`` ([Gao2022], horizontal attitude)."""
+    """HA: the body z axis stays vertical. Row ``-n . omega`` ([Gao2022], horizontal attitude).
+
+    The quantity ``tilt`` is the whole angle, also where a part of it is left to weight and buoyancy.
+    """
 
     name: str = "HA"
     task_class: TaskClass = TaskClass.SAFETY
@@ -108,9 +167,15 @@ class HorizontalAttitude(AngleTask):
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         R_WB, _ = symbols.kinematics.pose(self.frame)
-        theta, n = misalignment(R_WB[:, 2], ca.SX([0, 0, 1]), R_WB[:, 0])
+        up = ca.SX([0, 0, 1])
+        tilt, _ = misalignment(R_WB[:, 2], up, R_WB[:, 0])
+        theta, n = self._turn(symbols, up, R_WB[:, 0])
         row = -n.T @ symbols.kinematics.jacobian(self.frame)[3:, :]
-        return self._angle_rows(symbols, theta, row, {"tilt": theta})
+        return self._angle_rows(symbols, theta, row, {"tilt": tilt})
+
+    @property
+    def watched_axis(self) -> tuple[float, float, float]:
+        return 0.0, 0.0, 1.0
 
 
 @checked
@@ -156,12 +221,12 @@ class Alignment(AngleTask):
         return self._angle_residual(R_WB[:, 0], d / ca.sqrt(ca.sumsqr(d) + _OVERHEAD**2))
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        R_WB, p_WB = symbols.kinematics.pose(self.frame)
+        _, p_WB = symbols.kinematics.pose(self.frame)
         J = symbols.kinematics.jacobian(self.frame)
         d = ca.vertcat(parameters[:2] - p_WB[:2], 0)
         overhead = ca.norm_2(d) < _OVERHEAD
         distance = ca.fmax(ca.norm_2(d), _OVERHEAD)
-        theta, n = misalignment(R_WB[:, 0], d / distance, ca.SX([0, 0, 1]))
+        theta, n = self._turn(symbols, d / distance, ca.SX([0, 0, 1]))
         turning = skew(d) @ ca.diag(ca.SX([1, 1, 0])) / distance**2
         row = -n.T @ (J[3:, :] + turning @ J[:3, :])
         quantities = {"misalignment": ca.if_else(overhead, 0, theta), "overhead": overhead}
@@ -210,6 +275,10 @@ class FieldOfView(AngleTask):
         if value.shape != (3,) or not np.isclose(np.linalg.norm(self.axis), 1.0):
             raise InvalidInput(f"{self.name}: goal {value}, axis {self.axis}; give a position (3,) and a unit vector")
 
+    @property
+    def watched_axis(self) -> tuple[float, float, float]:
+        return self.axis
+
     def n_parameters(self, robot: Robot) -> int:
         return 6
 
@@ -229,14 +298,18 @@ class FieldOfView(AngleTask):
         d = parameters[:3] - p_WC
         near = ca.norm_2(d) < _OVERHEAD
         distance = ca.fmax(ca.norm_2(d), _OVERHEAD)
-        axis = R_WC @ ca.DM(self.axis)
-        theta, n = misalignment(axis, d / distance, _perpendicular(R_WC, self.axis))
+        theta, n = self._turn(symbols, d / distance, _perpendicular(R_WC, self.axis))
         turning = skew(d) / distance**2
         row = ca.if_else(near, 0, -n.T @ (J[3:, :] + turning @ J[:3, :]))
         angle = ca.if_else(near, 0, theta)
         rows = self._angle_rows(symbols, angle, row, {"angle": angle, "distance": ca.norm_2(d)})
         drift = ca.if_else(near, 0, n.T @ turning @ parameters[3:])
         return replace(rows, rate=rows.rate - drift, upper=rows.upper - drift)
+
+
+def _in_vehicle(robot: Robot, frame: str, axis: tuple[float, float, float]) -> np.ndarray:
+    """(3,) in B of an axis of a frame that is fixed to the vehicle."""
+    return np.asarray(robot.model.frames[robot.frame_id(frame)].placement.rotation @ np.asarray(axis))
 
 
 def _perpendicular(R_WC: ca.SX, axis: tuple[float, float, float]) -> ca.SX:

@@ -21,6 +21,7 @@ from uvms_ocp.tasks.task import (
     Task,
     TaskClass,
     TickSymbols,
+    driven_turns,
     equality_rows,
     evaluate_pose,
     require_positive,
@@ -38,7 +39,8 @@ class PoseTask(Task):
     """A frame F reaches a pose and follows it ([Gao2022] eqs 28-33, and the tool's CartError).
 
     Rows: twist of F in W at its origin, linear rows first. Rate: feed-forward plus ``[gain_linear (p_goal - p);
-    gain_angular log3(R_goal R')]``, each half saturated with its direction kept.
+    gain_angular log3(R_goal R')]``, each half saturated with its direction kept. Where F is fixed to a vehicle whose thrusters
+    do not drive every axis, the angular rows and the orientation error are those about the axes of B that they drive.
     """
 
     frame: str
@@ -80,7 +82,13 @@ class PoseTask(Task):
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         error_linear, error_angular = ca.vertsplit(self.residual(symbols, parameters).value, 3)
-        rate = parameters[12:] + ca.vertcat(
+        jacobian, ahead = symbols.kinematics.jacobian(self.frame), parameters[12:]
+        turns = driven_turns(symbols.robot, self.frame)
+        if turns is not None:
+            about = symbols.R_WB[:, list(turns)].T
+            error_angular = about @ error_angular
+            jacobian, ahead = (ca.vertcat(x[:3, :], about @ x[3:, :]) for x in (jacobian, ahead))
+        rate = ahead + ca.vertcat(
             saturate(self.gain_linear * error_linear, self.saturation_linear),
             saturate(self.gain_angular * error_angular, self.saturation_angular),
         )
@@ -89,7 +97,7 @@ class PoseTask(Task):
             "orientation_error": ca.norm_2(error_angular),
             "horizontal_error": ca.norm_2(error_linear[:2]),
         }
-        return equality_rows(symbols.kinematics.jacobian(self.frame), rate, quantities)
+        return equality_rows(jacobian, rate, quantities)
 
 
 @checked

@@ -25,6 +25,7 @@ from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.robot.symbolic_model import SymbolicKinematics
+from uvms_ocp.robot.thrusters import undriven_axes
 
 # Goals: constants or functions of time.
 #
@@ -200,6 +201,11 @@ class TickSymbols:
         """Jacobian (m, n_v) that selects generalized velocities."""
         return ca.SX.eye(self.robot.n_v)[indices, :]
 
+    @property
+    def R_WB(self) -> ca.SX:
+        """(3, 3) attitude of the vehicle."""
+        return self.kinematics.joint_poses[1].R
+
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -364,6 +370,21 @@ def require_positive(task: str, **values: float) -> None:
     for name, value in values.items():
         if not (np.isfinite(value) and value > 0):
             raise InvalidInput(f"{task}: {name} = {value}; give a finite value > 0")
+
+
+# Axes that nobody drives: what tasks ask for stays within what thrusters and joints can give.
+
+
+def driven_turns(robot: Robot, frame: str) -> tuple[int, ...] | None:
+    """Axes of B (0-2) about which thrusters turn a frame that is fixed to the vehicle; `None` where nothing is missing.
+
+    That is where they drive every axis, and for a frame on an arm, whose joints turn it. Raises `FrameNotFound`.
+    """
+    index = robot.frame_id(frame)
+    undriven = undriven_axes(robot)
+    if not undriven or robot.model.frames[index].parentJoint != 1:
+        return None
+    return tuple(axis for axis in range(3) if 3 + axis not in undriven)
 
 
 # The order of tasks: priority is position in a tuple.

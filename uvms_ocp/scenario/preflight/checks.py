@@ -19,7 +19,14 @@ from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.robot.loading import joints_without_inertia, unknowns
 from uvms_ocp.robot.spatial import quaternion_to_matrix
 from uvms_ocp.scenario.preflight.altitude import check_altitude, check_echo, check_goals, check_hull, check_obstacles
-from uvms_ocp.scenario.preflight.forces import check_delays, check_depth, check_forces, check_load, check_rest
+from uvms_ocp.scenario.preflight.forces import (
+    check_delays,
+    check_depth,
+    check_forces,
+    check_load,
+    check_rest,
+    check_undriven,
+)
 from uvms_ocp.scenario.preflight.reachability import check_tool
 from uvms_ocp.scenario.preflight.setup import Finding, PreflightReport, Setup, Severity, Visit, forecast
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition
@@ -166,6 +173,7 @@ def check_mission(setup: Setup) -> PreflightReport:
         *check_freedom(setup, visits, problem),
         *check_forces(setup, visits),
         *check_depth(setup, visits),
+        *check_undriven(setup, visits),
         *check_rest(setup, visits),
         *check_accuracy(setup),
         *check_delays(setup, visits),

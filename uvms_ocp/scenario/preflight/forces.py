@@ -15,12 +15,13 @@ from uvms_ocp.errors import UvmsError
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.robot.assembly import static_residual, up_at_rest
 from uvms_ocp.robot.dynamics import Dynamics, cached_dynamics, robot_dynamics
-from uvms_ocp.robot.thrusters import unactuated_axes
+from uvms_ocp.robot.thrusters import unactuated_axes, undriven_axes
 from uvms_ocp.scenario.preflight.reachability import ArmReach, goals_of
 from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Visit, threshold_of
 from uvms_ocp.sim.currents import water_at
-from uvms_ocp.tasks.attitude import HorizontalAttitude
+from uvms_ocp.tasks.attitude import AngleTask, HorizontalAttitude
 from uvms_ocp.tasks.pose import NullVelocity, PoseTask, ToolPose, ToolPosition, VehiclePose
+from uvms_ocp.tasks.task import driven_turns
 
 # Checks: thrusters and motors can hold the robot still in the current and move it against that, and where they cannot
 # hold its attitude, how far it will tilt.
@@ -30,6 +31,8 @@ _TIMES = np.linspace(0.0, 120.0, 9)  # [s] at which a current that varies is sam
 _FULL = 0.8  # share of a limit above which holding still is called tight
 _TILTED = 0.1  # [rad] that is worth a word where no task asks for a level vehicle
 _SHORT = 1e-3  # [N, N m] of force missing that counts
+_UNDRIVEN = "axes without thrust"
+_AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 _HEAVE, _PITCH = 2, 4  # axes of the vehicle
 _ADRIFT = 0.5  # [N] out of trim: against a drag of 100 N/(m/s) 0.3 m in a minute
 
@@ -161,6 +164,28 @@ def check_depth(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
             )
             figures = {"way_m": way}
             yield Finding(severity=Severity.ERROR, check=FORCES, phase=visit.phase.name, text=text, figures=figures)
+
+
+def check_undriven(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
+    """Tell once which axes no thruster drives, and which tasks ask for less for it; an error where a phase waits for nothing."""
+    undriven = undriven_axes(setup.robot)
+    turns = ", ".join(_AXES[axis] for axis in undriven if axis >= 3)
+    less: dict[str, None] = {}
+    for visit in visits:
+        for task in visit.tasks:
+            if not (turns and isinstance(task, AngleTask | PoseTask)) or driven_turns(setup.robot, task.frame) is None:
+                continue
+            directions = task.turning_directions(setup.robot) if isinstance(task, AngleTask) else None
+            if directions is None or directions.shape[1]:
+                less |= {task.name: None} if isinstance(task, PoseTask) or directions is not None else {}
+                continue
+            awaited = any(threshold_of(visit.phase, f"{task.name}.{name}") for name in ("misalignment", "angle"))
+            text = f"{task.name} is on but left out: no thruster drives {turns}, and no other axis turns {task.frame} to its goal"
+            severity = Severity.ERROR if awaited else Severity.WARNING
+            yield Finding(severity=severity, check=_UNDRIVEN, phase=visit.phase.name, text=f"{text}; switch it off")
+    if less:
+        text = f"no thruster drives {turns}: {', '.join(less)} ask for the other axes alone"
+        yield Finding(severity=Severity.NOTE, check=_UNDRIVEN, text=text)
 
 
 def check_rest(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
