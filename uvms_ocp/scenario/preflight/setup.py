@@ -17,6 +17,7 @@ from uvms_ocp.mission import Below, Mission, Phase
 from uvms_ocp.record.display import SmallTable, TableDisplay
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot import IDEAL_SENSORS, Robot, SensorSpecs
+from uvms_ocp.robot.thrusters import undriven_axes
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.tasks import Alignment, LandingAltitude, NullVelocity, VehiclePose
 from uvms_ocp.tasks.task import Task, evaluate_pose, evaluate_vector
@@ -264,7 +265,8 @@ def _stances_after(setup: Setup, visit: Visit) -> tuple[Stance, ...]:
     alignment = visit.active(Alignment)
     if alignment is not None:
         target, _ = evaluate_vector(alignment.name, alignment.goal, 0.0)
-        stances = tuple(_aligned(stance, target) for stance in stances)
+        walks = not undriven_axes(setup.robot)
+        stances = tuple(_aligned(stance, target, walks=walks) for stance in stances)
     landing = visit.active(LandingAltitude)
     if landing is not None:
         aim = landing.landing_distance + landing.safeguard
@@ -306,11 +308,11 @@ def _next_target(setup: Setup, visit: Visit) -> np.ndarray | None:
     return None if alignment is None else evaluate_vector(alignment.name, alignment.goal, 0.0)[0]
 
 
-def _aligned(stance: Stance, target: np.ndarray) -> Stance:
+def _aligned(stance: Stance, target: np.ndarray, *, walks: bool) -> Stance:
     """After turning to a target by the least motion: part of the turn is a walk around the target.
 
     With d the distance, ``d theta = -(d psi + ds / d)`` and the least ``d psi^2 + ds^2`` share the angle as
-    d^2 : 1 between turning and walking.
+    d^2 : 1 between turning and walking. A vehicle that does not drive every axis turns on the spot.
     """
     offset = stance.position[:2] - target[:2]
     d = float(np.linalg.norm(offset))
@@ -318,7 +320,7 @@ def _aligned(stance: Stance, target: np.ndarray) -> Stance:
         return stance
     bearing = math.atan2(-offset[1], -offset[0])
     theta = math.remainder(bearing - stance.yaw, 2 * math.pi)
-    walk = -theta / (d**2 + 1.0)
+    walk = -theta / (d**2 + 1.0) if walks else 0.0
     R = pin.rpy.rpyToMatrix(0.0, 0.0, walk)[:2, :2]
     return replace(stance, position=np.array([*(target[:2] + R @ offset), stance.position[2]]), yaw=bearing + walk)
 

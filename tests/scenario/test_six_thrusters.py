@@ -1,0 +1,59 @@
+"""A vehicle whose pitch nobody drives reaches way points, with tasks on its attitude and with a load that nobody told it of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from six_thrusters import six_thrusters
+
+import uvms_ocp as uo
+from uvms_ocp.robot.description import TrimBody
+from uvms_ocp.scenario.options import abort_phase, activate, mission_of, run_options
+from uvms_ocp.scenario.preflight import Severity
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.tasks import Alignment, HorizontalAttitude, JointLimits, JointTracking, MinimumAltitude, VehiclePose
+
+WAY_POINT, TARGET = (3.0, 0.0, -8.0), (4.1, 0.0, -8.6)
+
+
+def swim(load: float, *, aligned: bool = True) -> Scenario:
+    """To a way point 3.6 m away, in still water and without noise, with a load [kg] at the tool."""
+    robot = six_thrusters()
+    body = TrimBody(name="load", link="tool", position=(0.0, 0.0, 0.0), mass=load, volume=0.0)
+    run = run_options({"robot": robot, "payload": body if load else None, "duration": 60.0}, seabed=-12.0)
+    tasks = [
+        JointLimits(),
+        MinimumAltitude(),
+        HorizontalAttitude(),
+        Alignment(goal=TARGET),
+        VehiclePose(goal=uo.pose_at(WAY_POINT)),
+        JointTracking(joints=robot.joint_names, goal=robot.home),
+    ]
+    on = ("JL", "MAC", "HA", *(("AT",) if aligned else ()), "PC", "MP")
+    arrived = uo.Below(quantity="PC.position_error", limit=0.1)
+    there = (arrived, uo.Below(quantity="AT.misalignment", limit=0.1)) if aligned else (arrived,)
+    phase = uo.Phase(
+        name="A", activations=activate(*on), transitions=(uo.Transition(to=uo.DONE, when=there, hold=1.0),)
+    )
+    return run.scenario(
+        name="swim",
+        mission=mission_of(robot, tasks, (phase,), abort=abort_phase("JL", "MAC", "HA", "MP")),
+        start=run.start(uo.pose_at((0.0, 0.0, -6.0))),
+        markers={},
+    )
+
+
+def test_pre_flight_tells_once_which_axes_no_thruster_drives() -> None:
+    (finding,) = swim(0.0).check().of_check("axes without thrust")
+    assert finding.severity is Severity.NOTE
+    assert finding.text == "no thruster drives pitch: HA, AT, PC ask for the other axes alone"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("aligned", [True, False])
+@pytest.mark.parametrize("load", [0.0, 2.0, 4.0])
+def test_the_way_point_is_reached_with_any_load_and_never_fled(load: float, aligned: bool) -> None:
+    record = swim(load, aligned=aligned).run()
+    assert record.meta.events[-1].target == uo.DONE
+    away = np.linalg.norm(record.series["q"][:, :3] - WAY_POINT, axis=1)
+    assert away.max() < away[0] + 0.1
