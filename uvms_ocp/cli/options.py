@@ -63,15 +63,21 @@ def _without_clashes(parameters: Sequence[Parameter]) -> list[Parameter]:
     kept = []
     for parameter in parameters:
         kind, option, *_ = (*get_args(parameter.annotation), None, None)
-        flags = getattr(option, "param_decls", None) or (f"--{parameter.name.replace('_', '-')}",)
+        flags = _flags(option) or (f"--{parameter.name.replace('_', '-')}",)
         free = tuple(flag for flag in flags if flag not in taken)
         if free != flags and option is not None:
             option = copy(option)
-            option.param_decls = free
+            option.default, option.param_decls = ..., free
             parameter = parameter.replace(annotation=Annotated[kind, option])
         taken.update(free)
         kept.append(parameter)
     return kept
+
+
+def _flags(option: Any) -> tuple[str, ...]:
+    """Flags that an option states; typer takes the first for a default, until it reads the annotation."""
+    first = getattr(option, "default", None)
+    return (*((first,) if isinstance(first, str) else ()), *(getattr(option, "param_decls", None) or ()))
 
 
 def defaults_of(kind: type[Any]) -> dict[str, Any]:
