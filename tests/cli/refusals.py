@@ -172,7 +172,7 @@ REFUSED: tuple[tuple[str, str], ...] = (
     ("compare case1 garbage.npz", "garbage.npz"),
     ("show nowhere", "nowhere"),
     ("show empty", "holds no record.npz"),
-    ("show run.npz --hydrodynamics water.yaml", "goes with --robot"),
+    ("show run.npz --hydrodynamics water.yaml", "without a robot; give both, --robot"),
     ("show run.npz --ghost run.npz --ghost run.npz", "two ghosts"),
     ("show run.npz --ghost none.npz", "none.npz"),
     ("show run.npz --fps 0 --out page.html", "fps"),
