@@ -21,6 +21,10 @@ from uvms_ocp.viz import style
 _COLUMNS = 3
 _MOST = 12  # bars
 _LONGEST = 60
+_LARGEST = 1e300  # drawn: a spread of twice this is still finite
+_CONSTANT = (
+    1e-9  # spread over size below which a column is drawn as a constant: 30 bins need more digits than doubles have
+)
 
 
 @checked
@@ -53,11 +57,22 @@ def figure_outcomes(outcomes: Sequence[Mapping[str, Any]]) -> Figure:
     return figure
 
 
+def _bin_edges(values: np.ndarray) -> np.ndarray:
+    """Divide the range of finite values (n,) into 30 bins that differ in double precision, also where all are one number."""
+    lower, upper = float(values.min()), float(values.max())
+    size = max(abs(lower), abs(upper))
+    if size > 1e-290 and upper - lower > _CONSTANT * size:
+        return np.histogram_bin_edges(values, bins=30)
+    half = max(0.5, 1e-3 * size)
+    return np.linspace(lower - half, upper + half, 31)
+
+
 @checked
 @style.styled
 def figure_spread(values: Mapping[str, np.ndarray], success: Annotated[Mask, Shape("n")]) -> Figure:
     """Draw histograms of figures of merit, values (n,) [unit in the name] by name, NaN where a run has none; success (n,).
 
+    Values beyond 1e300 are left out as infinite ones are: their spread is no number.
     Raises `InvalidInput` for columns of another length.
     """
     for name, column in values.items():
@@ -65,13 +80,13 @@ def figure_spread(values: Mapping[str, np.ndarray], success: Annotated[Mask, Sha
             raise InvalidInput(
                 f"success has shape {success.shape}, values[{name!r}] {column.shape}; give one of each per run"
             )
-    names = [name for name, column in values.items() if np.isfinite(column).any()]
+    names = [name for name, column in values.items() if (np.abs(column) <= _LARGEST).any()]
     n_rows = max(1, -(-len(names) // _COLUMNS))
     figure = style.RecordFigure(figsize=(style.WIDTH, 1.7 * n_rows))
     axes = figure.subplots(n_rows, _COLUMNS, squeeze=False).ravel()
     for axis, name in zip(axes, names, strict=False):
-        known = np.isfinite(values[name])
-        edges = np.histogram_bin_edges(values[name][known], bins=30)
+        known = np.abs(values[name]) <= _LARGEST
+        edges = _bin_edges(values[name][known])
         parts = [values[name][known & success], values[name][known & ~success]]
         axis.hist(parts, bins=edges, stacked=True, color=[style.GREEN, style.VERMILLION], label=["success", "failure"])
         axis.set_xlabel(style.label_text(name))
