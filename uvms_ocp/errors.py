@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 from enum import Enum
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -16,6 +17,7 @@ from typing import Any, TypeVar
 # Each message is one line: what was given, what is allowed, what to do. `plain_line` makes one of any text.
 
 _MANY = 30  # names that a message lists
+_LONGEST = 900  # characters of the problems of a file that one line holds
 _NEAREST = 6  # of more
 
 
@@ -78,8 +80,9 @@ class RobotDataError(InvalidInput):
     def __init__(self, path: Path | str, *problems: str) -> None:
         """problems: all that is wrong with the file, so that it is refused once."""
         self.path, self.problems = Path(path), problems
-        shown = [*problems[:_MANY], *([f"{len(problems) - _MANY} more"] if len(problems) > _MANY else ())]
-        super().__init__(f"{path}: {'; and '.join(shown)}")
+        n_shown = max(3, sum(length <= _LONGEST for length in accumulate(map(len, problems))))
+        left = [f"{len(problems) - n_shown} more"] if len(problems) > n_shown else []
+        super().__init__(f"{path}: {'; and '.join([*problems[:n_shown], *left])}")
 
     @property
     def lines(self) -> tuple[str, ...]:

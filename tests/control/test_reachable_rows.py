@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 import pytest
 
-from uvms_ocp.control.velocity.levels import build_levels, reachable_rows
+import uvms_ocp as uo
+from uvms_ocp.control.velocity.levels import build_levels, common_share, reachable_rows
+from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.tasks import ToolPose, ToolPosition
 from uvms_ocp.tasks.activation import row_acceleration
 from uvms_ocp.tasks.pose import NullVelocity
 from uvms_ocp.tasks.task import Hierarchy, Rows, TickSymbols
@@ -104,3 +109,33 @@ def test_axes_that_no_task_needs_stay_still_through_the_first_transition() -> No
     assert record["phase"].max() == 1
     assert np.abs(record["command"][:, 3]).max() < 5e-3  # roll
     assert np.abs(record["command"][:, 4]).max() < 1e-2  # pitch
+
+
+@pytest.mark.parametrize("solver", [uo.LexicographicActiveSet(), uo.Icat()], ids=lambda solver: type(solver).__name__)
+@pytest.mark.parametrize("task", [ToolPosition, ToolPose])
+def test_a_row_that_nothing_moves_stops_no_other(task: type, solver: Any) -> None:
+    """No axis of an arm of parallel axes moves its tool out of its plane."""
+    robot = uo.load_robot("planar5")
+    start = robot.configuration()
+    tool = uo.Kinematics(robot, start).pose("tool")
+    wanted = task(goal=pin.SE3(tool.rotation, tool.translation + np.array([0.3, 0.2, 0.0])))
+    arrived = uo.Below(quantity=f"{wanted.name}.position_error", limit=0.005)
+    there = uo.Transition(to=uo.DONE, when=(arrived,), hold=0.5)
+    mission = uo.Mission(
+        hierarchy=uo.Hierarchy([wanted]),
+        phases=(uo.Phase(name="p", activations={wanted.name: 1.0}, transitions=(there,)),),
+    )
+    seen = uo.Environment(seafloor=uo.FlatSeafloor(z=-100.0))
+    record = uo.Scenario(
+        name="plane", robot=robot, mission=mission, environment=seen, start=start, duration=30.0, solver=solver
+    ).run()
+    assert summarize(record)["completed"]
+
+
+def test_rows_change_in_proportion_and_one_that_is_hardly_moved_by_itself() -> None:
+    wanted, acceleration = ca.SX([0.2, 0.1, 0.3]), ca.SX([1.0, 0.5, 1e-9])
+    shares = np.array(ca.DM(common_share(wanted, acceleration, 0.01))).ravel()
+    alone = np.array(ca.DM(common_share(wanted[:2], acceleration[:2], 0.01))).ravel()
+    np.testing.assert_array_equal(shares[:2], alone)
+    assert alone[0] == alone[1] > 0.0
+    assert 0.0 <= shares[2] < 1e-6

@@ -32,6 +32,7 @@ from uvms_ocp.types import Period
 
 _RISE = 0.07  # [s] from rest to the acceleration limit: short enough for what gates ask for (0.2 s, half of it at work)
 _FALL = 0.1  # [s] from the acceleration limit to a reference; longer, so that the axes can follow
+_LITTLE = 0.05  # acceleration of a row over that of the row that the same axes move most
 _NOTHING = 1e-12  # keeps the division by a change of zero finite
 
 
@@ -65,11 +66,17 @@ def smooth_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
 
 
 def common_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    """Least of `smooth_share` (m,) over all rows, with one root for all of them: ().
+    """Shares (m,) of rows that change in proportion: the least of `smooth_share` over those that the axes can move.
 
-    wanted (m,) [any/s]; acceleration (m,) [any/s2]; dt [s].
+    A row that they move by little, beside the row that they move most, as in a singular posture, has its own share: in
+    proportion to it none would move. wanted (m,) [any/s]; acceleration (m,) [any/s2]; dt [s].
     """
-    return ca.fmin(ca.mmin(_share(wanted, acceleration, dt)), _falling(ca.mmax(_excess(wanted, acceleration, dt))))
+    share, excess = _share(wanted, acceleration, dt), _excess(wanted, acceleration, dt)
+    moved = acceleration > _LITTLE * ca.mmax(acceleration)
+    # One root for all of them.
+    least = ca.mmin(ca.if_else(moved, share, ca.inf))
+    common = ca.fmin(least, _falling(ca.mmax(ca.if_else(moved, excess, 0))))
+    return ca.if_else(moved, common, ca.fmin(ca.fmin(share, _falling(excess)), common))
 
 
 def falling_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
