@@ -17,10 +17,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from promises import Tally
 
-import uvms_ocp.cli.plan
 import uvms_ocp.ocp.request
 import uvms_ocp.planning.request
 import uvms_ocp.scenario.options
+import uvms_ocp.scenario.own_code
 from uvms_ocp.cli.commands import main
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.scenario.scenario import Scenario
@@ -40,8 +40,12 @@ def begins(*_: Any, **__: Any) -> Any:
 def in_front(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
     """A folder of its own, robots that are loaded once, and no work."""
     monkeypatch.chdir(tmp_path)
-    once = lru_cache(load_robot)
-    for module in (uvms_ocp.cli.plan, uvms_ocp.scenario.options):
+    loaded = lru_cache(load_robot)
+
+    def once(*files: Any, **loading: Any) -> Any:
+        return load_robot(*files, **loading) if any(loading.values()) else loaded(*files)
+
+    for module in (uvms_ocp.scenario.own_code, uvms_ocp.scenario.options):
         monkeypatch.setattr(module, "load_robot", once)
     monkeypatch.setattr(uvms_ocp.planning.request, "plan_soft_collision", begins)
     monkeypatch.setattr(uvms_ocp.planning.request, "tool_goal", begins)

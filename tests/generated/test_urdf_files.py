@@ -85,13 +85,29 @@ def numbers(text: str | None, n: int = 1) -> list[float]:
     return [float(word) for word in words]
 
 
+def sizes(shape: ElementTree.Element) -> list[float]:
+    """Of the parts of a shape; placeholders, of no size, touch nothing and are left out."""
+    values = [value for part in shape.iterfind("geometry/*") for value in part.attrib.values()]
+    return [size for value in values for size in numbers(value, n=len(value.split(" ")))]
+
+
+def is_sound(shape: ElementTree.Element) -> bool:
+    """Whether what only draws can be drawn; what cannot is left out, too."""
+    try:
+        places = [numbers(value, n=3) for origin in shape.iterfind("origin") for value in origin.attrib.values()]
+        return min(sizes(shape)) > 0.0 and bool(np.isfinite(places).all())
+    except (AssertionError, ValueError):
+        return False
+
+
 def check_model(path: Path, models: UrdfModels) -> None:
     root = ElementTree.parse(path).getroot()
     model = models.model
     masses = [numbers(mass.get("value"))[0] for mass in root.iterfind("link/inertial/mass")]
     assert np.isclose(sum(inertia.mass for inertia in model.inertias), sum(masses), rtol=1e-12)
-    for kind, shapes in (("collision", models.collision), ("visual", models.visual)):
-        assert shapes.ngeoms == len(root.findall(f"link/{kind}"))
+    assert models.collision.ngeoms == sum(any(sizes(shape)) for shape in root.iterfind("link/collision"))
+    drawn = root.findall("link/visual")
+    assert sum(map(is_sound, drawn)) <= models.visual.ngeoms <= len(drawn)
     for joint in root.iterfind("joint"):
         limit = joint.find("limit")
         if joint.get("type") == "revolute" and limit is not None:

@@ -456,7 +456,8 @@ def _shown(notes: Sequence[str]) -> list[str]:
     undrawn = [note for note in notes if note.endswith(_NOT_DRAWN)]
     shown, more = undrawn[:_MOST_NOTES], len(undrawn) - _MOST_NOTES
     if undrawn:
-        shown[-1] += f", and so are {more} more; {_FIND}" if more > 0 else f"; {_FIND}"
+        shown[-1] += f", and so are {more} more" if more > 0 else ""
+        shown[-1] += f"; {_FIND}" if any(" mesh" in note for note in undrawn) else ""
     return [note for note in notes if note not in undrawn] + shown
 
 
