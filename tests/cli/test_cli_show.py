@@ -81,7 +81,7 @@ def test_a_robot_is_shown_by_its_folder_and_shows_its_runs(run: Path, tmp_path: 
     [
         (("nowhere",), "nowhere"),
         ((".",), "holds no record.npz or plan.npz or plan.json"),
-        (("RUN", "--hydrodynamics", "water.yaml"), "goes with --robot"),
+        (("RUN", "--hydrodynamics", "water.yaml"), "without a robot; give both, --robot"),
         (("RUN", "--ghost", "RUN", "--ghost", "RUN"), "two ghosts of one name"),
         (("RUN", "--robot", "bluerov2_alpha5"), "give its own robot"),
         (("RUN", "--port", "-1", "--no-browser"), "give another"),

@@ -210,6 +210,9 @@ def command(folder: Path, arguments: list[str]) -> Any:
     with WATCH.on(target, copy_and_recover):
         app([*arguments, *place], standalone_mode=False)
     new, moves = state(target), []
+    known = {"old": old, "new": new}
+    if arguments[0] == "run":  # which is safe before anything is made of it
+        known["record"] = {name: new[name] for name in (*FOREIGN, "record.npz")}
 
     def kill(n: int, event: str) -> None:
         moves.extend([n] if event == "os.link" else [])
@@ -221,7 +224,7 @@ def command(folder: Path, arguments: list[str]) -> Any:
             app([*arguments, *place], standalone_mode=False)
 
     return {
-        "found": [name_of(one, {"old": old, "new": new}) for one in seen],
+        "found": [name_of(one, known) for one in seen],
         "killed": in_child(again),
         "is_mixed": (target / ".uvms_ocp" / "journal.json").exists(),
         "left": sorted(recovered(target)),

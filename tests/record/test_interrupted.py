@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from itertools import pairwise
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +22,9 @@ def answer(what: str, folder: Path) -> Any:
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def is_old_then_new(found: list[str]) -> bool:
-    changes = sum(a != b for a, b in pairwise(found))
-    return set(found) == {"old", "new"} and changes == 1 and found[0] == "old"
+def in_turn(found: list[str]) -> list[str]:
+    """The states, each once where it lasts."""
+    return [state for state, _ in groupby(found)]
 
 
 @pytest.mark.slow
@@ -33,7 +33,7 @@ def test_a_kill_at_any_operation_and_at_any_of_the_recovery_leaves_all_old_files
 ) -> None:
     states = answer("killed", tmp_path)
     assert len(states["found"]) > 50
-    assert is_old_then_new(states["found"])
+    assert in_turn(states["found"]) == ["old", "new"]
     assert set(states["again"]) == {"old", "new"}
 
 
@@ -41,7 +41,8 @@ def test_a_kill_at_any_operation_and_at_any_of_the_recovery_leaves_all_old_files
 def test_so_does_one_at_any_operation_of_run_plan_and_export(tmp_path: Path) -> None:
     for name, command in answer("commands", tmp_path).items():
         assert len(command["found"]) > 40, name
-        assert is_old_then_new(command["found"]), name
+        # The record of a run is safe before its figures are drawn.
+        assert in_turn(command["found"]) == ["old", *(["record"] if name == "run" else []), "new"], name
         assert command["killed"], name
         assert command["is_mixed"], name
         assert command["left"] == command["files"], name
