@@ -120,7 +120,10 @@ def _task_on(record: Record, task: str) -> np.ndarray:
 
 
 def _logarithmic_panel(axis: Axes, record: Record, name: str, color: str) -> None:
-    """Logarithmic, because convergence is exponential; an exact start does not stretch the axis."""
+    """Logarithmic, because convergence is exponential; an exact start does not stretch the axis; linear where all is 0."""
+    if not (_required(record, name) > 0.0).any():
+        _linear_panel(axis, record, name, color)
+        return
     active = _panel(axis, record, name, color)
     active = active[np.isfinite(active)]
     logarithmic(axis)
