@@ -33,12 +33,12 @@ class NewMission:
 
     robot: Robot
     place: str
-    """What ROBOT is in the file."""
+    """Expression for ROBOT, the folder of the robot."""
     load: str
-    """How the file loads it."""
+    """Statement that loads the robot."""
 
     def text(self, file: Path, vary: Path) -> str:
-        """The file."""
+        """Write the source of the mission's file."""
         robot, goal = self.robot, self._goal()
         tasks, conditions = list(self._tasks()), list(self._conditions())
         constants = list(self._constants(goal))
@@ -66,7 +66,7 @@ class NewMission:
 
     @property
     def title(self) -> str:
-        """What it does."""
+        """Summarize the mission in a phrase."""
         bring = (
             "bring the tool to a target and hold it there" if len(self.tools) == 1 else "bring each tool to its target"
         )
@@ -82,7 +82,7 @@ class NewMission:
 
     @property
     def has_forces(self) -> bool:
-        """Whether the dynamic plant can move it: by thrusters, or an arm that stands by its motors."""
+        """Check that the dynamic plant can move it: by thrusters, or an arm that stands by its motors."""
         return bool(self.robot.description.thrusters) or not self.robot.n_vehicle
 
     @property
@@ -92,7 +92,7 @@ class NewMission:
         return tuple(axes)
 
     def notes(self) -> Iterator[str]:
-        """What is left out, one line each, and how to have it."""
+        """Yield what is left out, one line each, with how to have it."""
         yield from (text for good, text in role_notes(self.robot.model, self.robot.description) if not good)
         if not self.has_forces:
             yield "thrusters: none, so that the mission flies on the kinematic plant; write them into hydrodynamics.yaml"
@@ -233,7 +233,7 @@ def _quoted(name: str) -> str:
 
 
 def loading_line(file: Path, robot: Path, hydrodynamics: str | None, loading: Mapping[str, Any]) -> tuple[str, str]:
-    """What ROBOT is in a mission's file, and how it is loaded there."""
+    """Return the expression for ROBOT and the statement that loads it, for a mission's file."""
 
     def beside(path: Path) -> str:
         return os.path.relpath(path.resolve(), file.resolve().parent).replace(os.sep, "/")
@@ -257,7 +257,7 @@ def loading_line(file: Path, robot: Path, hydrodynamics: str | None, loading: Ma
 
 
 def variations_text(robot: Robot) -> str:
-    """What is uncertain about a mission of the robot: lines about what it has not are left out."""
+    """Write the variations of a robot's mission, without the lines about what the robot has not."""
     text = (TEMPLATES / "variations.py.txt").read_text(encoding="utf-8")
     lacks = [
         ("payload.", bool(robot.tools and robot.n_joints)),

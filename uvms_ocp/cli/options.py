@@ -155,7 +155,7 @@ class RobotFiles:
         typer.Option(metavar="free|fixed", help="Joints that mimic another: of their own, or fixed to follow."),
     ] = None
     lock: Annotated[
-        list[str] | None, typer.Option(metavar="JOINT[=Q]", help="Fix a joint, at 0 unless told; repeatable.")
+        list[str] | None, typer.Option(metavar="JOINT[=Q]", help="Fix a joint, at 0 unless given; repeatable.")
     ] = None
     drop: Annotated[
         list[str] | None, typer.Option(metavar="LINK", help="Leave out a link and what hangs on it; repeatable.")
@@ -191,7 +191,7 @@ class RobotFiles:
 
 
 AS_WRITTEN = RobotFiles()
-"""As the robot's files say."""
+"""No option given: the robot's own files decide."""
 
 
 def _position(words: str) -> tuple[str, float]:

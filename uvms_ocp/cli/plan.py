@@ -48,9 +48,7 @@ class MotionOptions:
     sphere: Annotated[list[str] | None, typer.Option(metavar="X,Y,Z,R", help="Obstacle; repeatable.")] = None
     box: Annotated[list[str] | None, typer.Option(metavar="X,Y,Z,LX,LY,LZ", help="Obstacle; repeatable.")] = None
     obstacles: Annotated[Path | None, typer.Option(metavar="YAML", help="File of obstacles.")] = None
-    robot: Annotated[str, typer.Option(help="Robot, see `uvms-ocp list`, a URDF or a opt.folder.")] = (
-        "girona_maris7_full"
-    )
+    robot: Annotated[str, typer.Option(help="Robot, see `uvms-ocp list`, a URDF or a folder.")] = "girona_maris7_full"
     clearance: _Clearance = opt.defaults_of(PlanRequest)["clearance"]
 
     def asked(self, files: opt.RobotFiles) -> dict[str, Any]:
