@@ -56,11 +56,14 @@ def dask() -> Any:
 def connected(scheduler: str | None, workers: int | None) -> Iterator[Any]:
     """A `distributed.Client` of the cluster at an address, or of as many `workers` of this machine as it has processors.
 
-    Raises `OutputError` where nobody answers at the address, `InvalidInput` for an address and a number of workers.
+    Raises `OutputError` where nobody answers at the address, `InvalidInput` for an empty address and for an address and a
+    number of workers.
     """
     if scheduler is not None:
         if workers is not None:
             raise InvalidInput(f"workers = {workers} with a scheduler; a cluster has its own: leave it out")
+        if not scheduler.strip():
+            raise InvalidInput("scheduler is empty; give the address of a Dask cluster such as tcp://host:8786")
         with _client(scheduler) as client:
             yield client
         return
