@@ -237,13 +237,7 @@ class Estimator(TableDisplay):
         echo, echo_std = memory.range.tolist() if self._has_range else (math.nan, math.nan)
         age, joint_age = memory.age.tolist()
         return _measurement(
-            q=q,
-            v=v.copy(),
-            altimeter_range=echo,
-            age=age,
-            joint_age=joint_age,
-            std=self.std,
-            altimeter_std=echo_std,
+            q=q, v=v.copy(), altimeter_range=echo, age=age, joint_age=joint_age, std=self.std, altimeter_std=echo_std
         )
 
 

@@ -11,15 +11,7 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.codegen.kernel_layout import arrays_of
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.estimation.filter_memory import (
-    MAIN,
-    NUMBER,
-    ChannelIndex,
-    FilterMemory,
-    Part,
-    ProcessNoise,
-    rows_of,
-)
+from uvms_ocp.estimation.filter_memory import MAIN, NUMBER, ChannelIndex, FilterMemory, Part, ProcessNoise, rows_of
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import CHANNELS, SensorSpec, SensorSpecs
 

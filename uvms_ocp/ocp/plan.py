@@ -176,10 +176,7 @@ class OcpStatus(AdvisedStatus):
         "obstructed start",
         "the start breaks a constraint: move the start or the obstacle, or lower the margin",
     )
-    INTERRUPTED = (
-        "interrupted",
-        "stopped by hand, at the best point so far: go on from it with guess=plan",
-    )
+    INTERRUPTED = ("interrupted", "stopped by hand, at the best point so far: go on from it with guess=plan")
     UNFINISHED = (
         "unfinished",
         "the solver stopped early: raise time_limit or max_iterations, loosen limits, or improve the guess",

@@ -218,11 +218,7 @@ class Planner:
     """
 
     def __init__(
-        self,
-        problem: OcpProblem,
-        options: NlpOptions | None = None,
-        *,
-        transcription: Transcription | None = None,
+        self, problem: OcpProblem, options: NlpOptions | None = None, *, transcription: Transcription | None = None
     ) -> None:
         """transcription: of the same problem for the same plugin, to share it between planners of different options."""
         self.options = options or NlpOptions()

@@ -150,10 +150,7 @@ class Ipopt:
         x = oracle.full(np.asarray(found["x"]).ravel())
         stats = solver.stats()
         return Descent(
-            variables=x,
-            model=problem.model(x),
-            iterations=int(stats["iter_count"]),
-            converged=bool(stats["success"]),
+            variables=x, model=problem.model(x), iterations=int(stats["iter_count"]), converged=bool(stats["success"])
         )
 
 

@@ -21,11 +21,7 @@ from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.path_cost import CostWeights
 from uvms_ocp.planning.sampling import SamplingOptions
 from uvms_ocp.planning.scene import VEHICLE_AXES, CollisionScene, Coordinates, collision_scene, coordinates
-from uvms_ocp.planning.soft_collision import (
-    CollisionPlan,
-    SoftCollisionOptions,
-    plan_soft_collision,
-)
+from uvms_ocp.planning.soft_collision import CollisionPlan, SoftCollisionOptions, plan_soft_collision
 from uvms_ocp.robot import Kinematics, Obstacle, Robot
 from uvms_ocp.tasks import JointTracking, Task, ToolPose, ToolPosition, VehiclePose
 from uvms_ocp.trajectories.segment_times import MotionLimits
@@ -319,9 +315,7 @@ def plan_path(request: PlanRequest) -> PlanResult:
 
 def _options(request: PlanRequest) -> SoftCollisionOptions:
     return SoftCollisionOptions(
-        weights=CostWeights(clearance=request.clearance),
-        sampling=SamplingOptions(seed=request.seed),
-        seed=request.seed,
+        weights=CostWeights(clearance=request.clearance), sampling=SamplingOptions(seed=request.seed), seed=request.seed
     )
 
 

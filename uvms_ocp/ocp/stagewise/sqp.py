@@ -341,9 +341,5 @@ class StageSqp:
             self._restored(here, self._options.convergence)
             self._merit()
         return SqpOutcome(
-            status=status,
-            iterations=iterations,
-            violation=self._worst,
-            cost=self._level.cost,
-            solution=self._solution,
+            status=status, iterations=iterations, violation=self._worst, cost=self._level.cost, solution=self._solution
         )

@@ -139,13 +139,7 @@ class Derivatives:
 
 
 def derivatives(
-    name: str,
-    z: ca.SX,
-    s: ca.SX,
-    rows: ca.SX,
-    *,
-    costs: ca.SX | None = None,
-    residuals: Sequence[ca.SX] | None = None,
+    name: str, z: ca.SX, s: ca.SX, rows: ca.SX, *, costs: ca.SX | None = None, residuals: Sequence[ca.SX] | None = None
 ) -> Derivatives:
     """Functions of rows (m,) and costs in z and s.
 

@@ -201,11 +201,7 @@ class Transcription:
         return RowRanges(
             levels=tuple(
                 LevelRows(
-                    name=level.name,
-                    lower=lower[rows],
-                    upper=upper[rows],
-                    relax=level.relax,
-                    frozen=slice(first, stop),
+                    name=level.name, lower=lower[rows], upper=upper[rows], relax=level.relax, frozen=slice(first, stop)
                 )
                 for level, rows, first, stop in places
             ),

@@ -183,13 +183,7 @@ class LexicographicActiveSet:
         if self.compiled:
             levels_function = compile_function(levels_function)
         function = self.function(levels_function, sizes)
-        return ActiveSetTick(
-            ActiveSetFunctions(
-                tick=function,
-                levels=dense(levels_function),
-                sizes=tuple(sizes),
-            )
-        )
+        return ActiveSetTick(ActiveSetFunctions(tick=function, levels=dense(levels_function), sizes=tuple(sizes)))
 
     def core(self, n: int, sizes: Sequence[int]) -> ca.Function | None:
         """(J, lower, upper, gate, active set) -> v, active set, report, residual, in machine code; None where that cannot be.

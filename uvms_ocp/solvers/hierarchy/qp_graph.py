@@ -245,12 +245,7 @@ def _program(settings: QpSettings, solver: ca.Function, symbols: _LevelSymbols) 
     solution = solver(
         h=ca.diagcat(curvature, ca.MX.eye(size)),
         g=ca.vertcat(-(E.T @ target), ca.MX.zeros(size)),
-        a=ca.densify(
-            ca.vertcat(
-                ca.horzcat(held_JP, ca.MX.zeros(held, size)),
-                ca.horzcat(JP, ca.MX(-ca.DM.eye(size))),
-            )
-        ),
+        a=ca.densify(ca.vertcat(ca.horzcat(held_JP, ca.MX.zeros(held, size)), ca.horzcat(JP, ca.MX(-ca.DM.eye(size))))),
         lba=ca.vertcat(held_lower, own[0]),
         uba=ca.vertcat(held_upper, own[1]),
     )

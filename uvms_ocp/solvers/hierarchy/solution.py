@@ -31,14 +31,8 @@ class Status(AdvisedStatus):
     """Outcome of a solve."""
 
     SOLVED = "solved", "nothing to do"
-    COLD_STARTED = (
-        "solved from a cold start",
-        "nothing to do; the active set of the previous call was of no use",
-    )
-    CASCADED = (
-        "solved level by level",
-        "nothing to do, unless it is frequent: then look for nearly dependent rows",
-    )
+    COLD_STARTED = ("solved from a cold start", "nothing to do; the active set of the previous call was of no use")
+    CASCADED = ("solved level by level", "nothing to do, unless it is frequent: then look for nearly dependent rows")
     INEXACT = (
         "inexact",
         (

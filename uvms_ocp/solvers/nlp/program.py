@@ -33,10 +33,7 @@ class NlpStatus(AdvisedStatus):
     """
 
     SOLVED = "solved", "nothing to do"
-    INEXACT = (
-        "inexact",
-        "the level is at a minimum to reduced accuracy only; scale its rows, or loosen the tolerance",
-    )
+    INEXACT = ("inexact", "the level is at a minimum to reduced accuracy only; scale its rows, or loosen the tolerance")
     STALLED = (
         "stalled",
         "no further progress before the constraints were kept; give another guess, or loosen the limits",

@@ -79,11 +79,7 @@ def _integers(*names: str) -> tuple[tuple[str, Any], ...]:
 class _Stages(ctypes.Structure):
     """Mirror of `Stages` in riccati.c."""
 
-    _fields_ = (
-        *_integers("N"),
-        *_pointers(*_SIZES, *_PLACES, *_DATA, *_STAGE_WORK),
-        *_numbers("most", "least"),
-    )
+    _fields_ = (*_integers("N"), *_pointers(*_SIZES, *_PLACES, *_DATA, *_STAGE_WORK), *_numbers("most", "least"))
 
 
 class _Residuals(ctypes.Structure):

@@ -12,14 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uvms_ocp.solvers.stage_qp import tolerances
-from uvms_ocp.solvers.stage_qp.problem import (
-    KktResidual,
-    StageQp,
-    StageQpOptions,
-    StageShape,
-    kkt_residual,
-    slices,
-)
+from uvms_ocp.solvers.stage_qp.problem import KktResidual, StageQp, StageQpOptions, StageShape, kkt_residual, slices
 from uvms_ocp.solvers.stage_qp.rows import SIGNS, PrimalDualPoint, RowTable, point_at
 from uvms_ocp.types import Array, Mask
 

@@ -135,9 +135,7 @@ class NumpyCore:
         changes = [np.abs(own @ J).max(initial=0.0) for J, own in zip(qp.J, along, strict=True)]
         whole = np.concatenate(along)
         return ResidualProducts(
-            slope=float(qp.flat["r"] @ whole),
-            square=float(whole @ whole),
-            change=float(max(changes)),
+            slope=float(qp.flat["r"] @ whole), square=float(whole @ whole), change=float(max(changes))
         )
 
 

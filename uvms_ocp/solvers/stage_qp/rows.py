@@ -13,13 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from uvms_ocp.solvers.stage_qp import tolerances
-from uvms_ocp.solvers.stage_qp.problem import (
-    KktResidual,
-    StageQp,
-    StageQpStatus,
-    StageShape,
-    kkt_residual,
-)
+from uvms_ocp.solvers.stage_qp.problem import KktResidual, StageQp, StageQpStatus, StageShape, kkt_residual
 from uvms_ocp.types import Array, Mask
 
 # Where an interior point is, and how it ends.
