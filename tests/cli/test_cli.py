@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import called
 from compiler import needs_compiler
 
 from uvms_ocp.cli.options import default_folder
@@ -20,6 +21,7 @@ from uvms_ocp.scenario.cases.bluerov import reach
 
 
 def cli(*arguments: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    """A command as a process of its own."""
     command = [sys.executable, "-m", "uvms_ocp", *arguments]
     env = os.environ | environment
     return subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, timeout=300, check=False)
@@ -108,7 +110,7 @@ def test_a_mission_out_of_time_exits_with_3_and_says_why(tmp_path: Path) -> None
 )
 def test_mistakes_get_one_line_and_exit_code_2(arguments: list[str], message: str, tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("a file, not a folder")
-    process = cli(*arguments, cwd=tmp_path)
+    process = called(*arguments, cwd=tmp_path)
     assert process.returncode == 2
     assert message in process.stderr
     assert len(process.stderr.strip().splitlines()) == 1
@@ -127,12 +129,12 @@ def test_a_solver_that_is_not_chosen_is_the_scenarios_own(tmp_path: Path) -> Non
 
 
 def test_options_that_do_not_parse_exit_with_2(tmp_path: Path) -> None:
-    assert cli("run", "--duration", "soon", cwd=tmp_path).returncode == 2
-    assert cli("fly", cwd=tmp_path).returncode == 2
+    assert called("run", "--duration", "soon", cwd=tmp_path).returncode == 2
+    assert called("fly", cwd=tmp_path).returncode == 2
 
 
 def test_list_names_everything(tmp_path: Path) -> None:
-    process = cli("list", "--json", cwd=tmp_path)
+    process = called("list", "--json", cwd=tmp_path)
     known = json.loads(process.stdout)
     assert process.returncode == 0
     assert "case1" in known["scenarios"]
@@ -142,7 +144,7 @@ def test_list_names_everything(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_check_refuses_an_unreachable_goal_with_figures(tmp_path: Path) -> None:
-    process = cli("check", "case1_unreachable", "--plant", "kinematic", "--json", cwd=tmp_path)
+    process = called("check", "case1_unreachable", "--plant", "kinematic", "--json", cwd=tmp_path)
     assert process.returncode == 2
     report = json.loads(process.stdout)
     assert report["accepted"] is False
@@ -152,7 +154,7 @@ def test_check_refuses_an_unreachable_goal_with_figures(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_check_flags_a_seabed_above_the_way_point(tmp_path: Path) -> None:
-    process = cli("check", "case1", "--seabed", "-39", cwd=tmp_path)
+    process = called("check", "case1", "--seabed", "-39", cwd=tmp_path)
     assert process.returncode == 2
     said = " ".join(process.stdout.split())
     assert "MAC keeps the vehicle 0.33 m above its way point" in said
@@ -172,20 +174,20 @@ def test_run_refuses_what_check_refuses_unless_forced(tmp_path: Path) -> None:
 
 def test_two_runs_compare_from_their_folders(complete: tuple[subprocess.CompletedProcess[str], Path]) -> None:
     _, folder = complete
-    process = cli("compare", str(folder), str(folder), "--json", cwd=folder.parent)
+    process = called("compare", str(folder), str(folder), "--json", cwd=folder.parent)
     assert process.returncode == 0, process.stderr
     rows = {row["figure"]: row for row in json.loads(process.stdout)}
     assert rows["duration_s"]["change"] == 0.0
 
 
 def test_a_mission_prints_as_a_table_or_a_diagram(tmp_path: Path) -> None:
-    assert "MAC   [R,I,S]      1    1    .    ." in cli("mission", "case1", cwd=tmp_path).stdout
-    assert cli("mission", "case1", "--mermaid", cwd=tmp_path).stdout.startswith("stateDiagram-v2")
+    assert "MAC   [R,I,S]      1    1    .    ." in called("mission", "case1", cwd=tmp_path).stdout
+    assert called("mission", "case1", "--mermaid", cwd=tmp_path).stdout.startswith("stateDiagram-v2")
 
 
 @needs_compiler
 def test_export_writes_the_controller_whole_or_not_at_all(tmp_path: Path) -> None:
-    process = cli("export", "controller", "case1", "c", "--plant", "kinematic", cwd=tmp_path)
+    process = called("export", "controller", "case1", "c", "--plant", "kinematic", cwd=tmp_path)
     assert process.returncode == 0, process.stderr
     assert {path.name for path in (tmp_path / "c").iterdir()} >= {
         "controller.h",
@@ -195,10 +197,10 @@ def test_export_writes_the_controller_whole_or_not_at_all(tmp_path: Path) -> Non
         "CMakeLists.txt",
         "README.md",
     }
-    assert cli("export", "controller", "case9", "d", cwd=tmp_path).returncode == 2
+    assert called("export", "controller", "case9", "d", cwd=tmp_path).returncode == 2
     assert not (tmp_path / "d").exists()
     (tmp_path / "file").write_text("")
-    refused = cli("export", "controller", "case1", "file/c", cwd=tmp_path)
+    refused = called("export", "controller", "case1", "file/c", cwd=tmp_path)
     assert refused.returncode == 2
     assert "cannot write there" in refused.stderr
     assert "--out" not in refused.stderr  # it has no such option
@@ -237,14 +239,14 @@ def test_the_old_spelling_of_the_active_set_solver_is_understood(tmp_path: Path)
 
 def test_a_robot_is_checked_by_name_as_by_its_folder(tmp_path: Path) -> None:
     by_name, by_path = (
-        cli("check-robot", words, "--json", cwd=tmp_path) for words in ("planar5", str(robot_folder("planar5")))
+        called("check-robot", words, "--json", cwd=tmp_path) for words in ("planar5", str(robot_folder("planar5")))
     )
     assert by_name.returncode == 0, by_name.stderr
     assert by_name.stdout == by_path.stdout
 
 
 def test_the_help_of_a_command_tells_users_nothing_of_exceptions(tmp_path: Path) -> None:
-    text = cli("run", "--help", cwd=tmp_path).stdout
+    text = called("run", "--help", cwd=tmp_path).stdout
     assert "--force" in text
     assert "InvalidInput" not in text
 
@@ -257,7 +259,7 @@ def test_a_foreign_file_is_refused_before_the_simulation_and_kept(tmp_path: Path
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "scene.html").write_text("mine")
     for arguments in (["run", "--out", "out"], ["plan", "curve", "--to", "1", "0", "0", "--out", "out"]):
-        process = cli(*arguments, cwd=tmp_path)
+        process = called(*arguments, cwd=tmp_path)
         assert process.returncode == 2
         assert process.stdout == ""
         assert process.stderr.splitlines() == [

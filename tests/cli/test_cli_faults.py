@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from command_line import called
 
 from uvms_ocp.cli.options import default_folder
 from uvms_ocp.sim.faults import parse_faults
 
 
-def cli(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "uvms_ocp", *arguments]
-    return subprocess.run(command, cwd=cwd, env=os.environ, capture_output=True, text=True, timeout=300, check=False)
-
-
 @pytest.mark.slow
 def test_faults_have_a_line_each_and_a_folder_of_their_own(tmp_path: Path) -> None:
     faults = ("--fault", "altimeter:frozen@0.1", "--fault", "joint2:jam@0.05-0.1")
-    process = cli("run", "case1", "--plant", "kinematic", "--duration", "0.2", *faults, "--json", cwd=tmp_path)
+    process = called("run", "case1", "--plant", "kinematic", "--duration", "0.2", *faults, "--json", cwd=tmp_path)
     assert process.returncode == 3, process.stderr
     assert "fault from 0.1 s: altimeter_range:frozen@0.1" in process.stderr
     assert "fault from 0.05 s to 0.1 s: joint2:jam@0.05-0.1" in process.stderr
@@ -31,7 +24,6 @@ def test_faults_have_a_line_each_and_a_folder_of_their_own(tmp_path: Path) -> No
     assert folder.name == "case1-kinematic-active_set-duration0.2-altimeter_range_frozen_0p1-joint2_jam_0p05to0p1"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -46,7 +38,7 @@ def test_faults_have_a_line_each_and_a_folder_of_their_own(tmp_path: Path) -> No
 def test_a_fault_that_cannot_be_gets_one_line_and_exit_code_2(
     arguments: list[str], message: str, tmp_path: Path
 ) -> None:
-    process = cli("run", "case1", *arguments, cwd=tmp_path)
+    process = called("run", "case1", *arguments, cwd=tmp_path)
     assert process.returncode == 2
     assert message in process.stderr
     assert len(process.stderr.strip().splitlines()) == 1

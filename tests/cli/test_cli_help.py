@@ -6,9 +6,13 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 import typer.main
+from command_line import called
 
 from uvms_ocp.cli import commands as cli
 
@@ -28,8 +32,8 @@ def _asked(*arguments: str, **environment: str) -> str:
     return process.stdout
 
 
-def test_help_has_examples_and_fits_80_columns() -> None:
-    told = _asked("--help").splitlines()
+def test_help_has_examples_and_fits_80_columns(tmp_path: Path) -> None:
+    told = called("--help", cwd=tmp_path).stdout.splitlines()
     assert sum(line.startswith("    uvms-ocp ") for line in told) >= 5
     assert max(map(len, told)) <= 80
 
@@ -57,3 +61,25 @@ def test_a_shell_completes_names(words: str, expected: list[str]) -> None:
     line = f"uvms-ocp {words}"
     told = _asked(_UVMS_OCP_COMPLETE="complete_bash", COMP_WORDS=line, COMP_CWORD=str(len(line.split()) - 1))
     assert told.split() == expected
+
+
+def _all(commands: cli.Commands) -> Iterator[tuple[Any, str]]:
+    for name, summary in commands.summaries():
+        yield commands[name], summary
+        yield from _all(getattr(commands[name], "commands", cli.Commands({})))
+
+
+def test_help_lists_every_command_with_the_first_words_of_its_own_help() -> None:
+    found = list(_all(typer.main.get_command(cli.app).commands))
+    assert len(found) > 16
+    for command, summary in found:
+        assert " ".join(command.help.partition("\n\n")[0].split()) == summary != ""
+
+
+@pytest.mark.parametrize("words", ["--help", "--version", "plan --help", "flies"])
+def test_what_names_no_command_imports_none(words: str) -> None:
+    code = f"{RUN[2].removesuffix('main()')}sys.argv[1:] = {words.split()}\ntry:\n    main()\nfinally:\n    print(*sys.modules)"
+    told = subprocess.run([*RUN[:2], code], capture_output=True, text=True, timeout=120, check=False)
+    loaded = told.stdout.split()
+    assert "uvms_ocp.cli.commands" in loaded
+    assert not {"numpy", "casadi", "pinocchio", "uvms_ocp.robot", "uvms_ocp.cli.run"} & set(loaded)

@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
+from subprocess import CompletedProcess
 
 import pytest
-
-
-def uvms(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "uvms_ocp", *words]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False)
+from command_line import called
 
 
 @pytest.fixture(scope="module")
-def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[subprocess.CompletedProcess[str], Path]:
+def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[CompletedProcess[str], Path]:
     folder = tmp_path_factory.mktemp("mission")
-    return uvms("plan", "mission", "reach", "--step", "1", "--out", "plan", "--json", cwd=folder), folder
+    return called("plan", "mission", "reach", "--step", "1", "--out", "plan", "--json", cwd=folder), folder
 
 
 @pytest.mark.slow
-def test_a_mission_is_planned_and_told(planned: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+def test_a_mission_is_planned_and_told(planned: tuple[CompletedProcess[str], Path]) -> None:
     process, folder = planned
     assert process.returncode == 0, process.stderr
     report = json.loads(process.stdout)
@@ -33,8 +28,8 @@ def test_a_mission_is_planned_and_told(planned: tuple[subprocess.CompletedProces
 
 
 @pytest.mark.slow
-def test_a_plan_is_flown_from_its_folder(planned: tuple[subprocess.CompletedProcess[str], Path]) -> None:
-    process = uvms("run", "reach", "--follow", "plan", "--out", "run", "--json", cwd=planned[1])
+def test_a_plan_is_flown_from_its_folder(planned: tuple[CompletedProcess[str], Path]) -> None:
+    process = called("run", "reach", "--follow", "plan", "--out", "run", "--json", cwd=planned[1])
     assert process.returncode == 0, process.stderr
     report = json.loads(process.stdout)
     assert report["completed"]
@@ -55,9 +50,9 @@ def test_a_plan_is_flown_from_its_folder(planned: tuple[subprocess.CompletedProc
     ids=" ".join,
 )
 def test_what_does_not_fit_is_refused_in_one_line(
-    planned: tuple[subprocess.CompletedProcess[str], Path], words: tuple[str, ...], text: str
+    planned: tuple[CompletedProcess[str], Path], words: tuple[str, ...], text: str
 ) -> None:
-    process = uvms(*words, cwd=planned[1])
+    process = called(*words, cwd=planned[1])
     assert process.returncode == 2
     (line,) = process.stderr.strip().splitlines()
     assert line.startswith("error: ")
@@ -65,7 +60,7 @@ def test_what_does_not_fit_is_refused_in_one_line(
 
 
 def test_a_plan_that_is_not_found_in_time_is_told_and_not_written(tmp_path: Path) -> None:
-    process = uvms("plan", "mission", "reach", "--time-limit", "0.001", "--out", "plan", "--json", cwd=tmp_path)
+    process = called("plan", "mission", "reach", "--time-limit", "0.001", "--out", "plan", "--json", cwd=tmp_path)
     assert process.returncode == 3
     assert json.loads(process.stdout)["status"] == "unfinished"
     assert not (tmp_path / "plan" / "plan.npz").exists()

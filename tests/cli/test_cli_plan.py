@@ -5,12 +5,12 @@ from __future__ import annotations
 import csv
 import json
 import shutil
-import subprocess
-import sys
 from pathlib import Path
+from subprocess import CompletedProcess
 
 import numpy as np
 import pytest
+from command_line import called
 
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.kinematics import Kinematics
@@ -25,12 +25,11 @@ obstacles:
 """
 TOOL = (3.0, 0.8, -0.6)
 
-Run = tuple[subprocess.CompletedProcess[str], Path]
+Run = tuple[CompletedProcess[str], Path]
 
 
-def plan(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "uvms_ocp", "plan", *arguments]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120, check=False)
+def plan(*arguments: str, cwd: Path) -> CompletedProcess[str]:
+    return called("plan", *arguments, cwd=cwd)
 
 
 def results(folder: Path) -> list[Path]:
@@ -248,9 +247,8 @@ def test_a_solver_that_runs_out_of_time_says_what_to_give(tmp_path: Path) -> Non
     assert "max_iterations" not in text
 
 
-def compared(*folders: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "uvms_ocp", "compare", *map(str, folders), "--json"]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+def compared(*folders: Path) -> CompletedProcess[str]:
+    return called("compare", *folders, "--json", cwd=Path())
 
 
 def test_plans_of_either_method_compare_figure_by_figure(around: Run, controlled: Run) -> None:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import inspect
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from command_line import called
 
-from uvms_ocp.cli.commands import main
-from uvms_ocp.cli.plan import app
+from uvms_ocp.cli import plan
+from uvms_ocp.cli.options import expand_options
 from uvms_ocp.ocp.request import OcpRequest
 from uvms_ocp.planning.request import PlanRequest
 
@@ -59,34 +58,19 @@ from uvms_ocp.planning.request import PlanRequest
         (["curve", "--to", "3", "0", "0", "--out", "bad.yaml/out"], "cannot write there"),
     ],
 )
-def test_mistakes_get_one_line_and_exit_code_2(
-    arguments: list[str],
-    message: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_mistakes_get_one_line_and_exit_code_2(arguments: list[str], message: str, tmp_path: Path) -> None:
     (tmp_path / "bad.yaml").write_text("obstacles: [{name: a, shape: box, size: [1, 1], position: [0, 0, 0]}]")
     (tmp_path / "list.yaml").write_text("[{name: a, shape: sphere, size: [1], position: [9, 9, 9]}]")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["uvms-ocp", "plan", *arguments])
-    with pytest.raises(SystemExit) as exit_:
-        main()
-    told = capsys.readouterr()
-    assert exit_.value.code == 2
-    assert message in told.err
-    assert len(told.err.strip().splitlines()) == 1
-    assert told.out == ""
+    process = called("plan", *arguments, cwd=tmp_path)
+    assert process.returncode == 2
+    assert message in process.stderr
+    assert len(process.stderr.strip().splitlines()) == 1
+    assert process.stdout == ""
     assert {path.name for path in tmp_path.iterdir()} == {"bad.yaml", "list.yaml"}
 
 
-def shown(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "uvms_ocp", "plan", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-
-
 def test_the_help_tells_all_methods_in_a_line_each() -> None:
-    lines = shown("--help").stdout.splitlines()
+    lines = called("plan", "--help", cwd=Path()).stdout.splitlines()
     commands = lines[lines.index("Commands:") + 1 :]
     assert [line.split()[0] for line in commands] == ["curve", "ocp", "mission"]
     assert "shapes alone" in commands[0]
@@ -98,14 +82,14 @@ def test_the_help_tells_all_methods_in_a_line_each() -> None:
     ("method", "option"), [("curve", "--duration"), ("curve", "--current"), ("ocp", "--axes"), ("ocp", "--seed")]
 )
 def test_an_option_of_the_other_method_is_unknown(method: str, option: str) -> None:
-    process = shown(method, "--to", "3", "0", "0", option, "1")
+    process = called("plan", method, "--to", "3", "0", "0", option, "1", cwd=Path())
     assert process.returncode == 2
     assert f"No such option: {option}" in process.stderr
 
 
 def options_of(method: str) -> dict[str, object]:
     """Names and defaults of the options of a command."""
-    (command,) = (item.callback for item in app.registered_commands if item.name == method)
+    command = expand_options(getattr(plan, method))
     return {name: option.default for name, option in inspect.signature(command).parameters.items()}
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import called
 
 from uvms_ocp.record.meta_values import PhaseMeta
 from uvms_ocp.record.record import Record
@@ -44,7 +45,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def show(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=120, check=False)
+    return called("show", *arguments, cwd=Path())
 
 
 def legend(page: Path) -> list[str]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from uvms_ocp.cli.printing import show_compilation, warned_behind_errors
+from uvms_ocp.cli.compilation import show_compilation, warned_behind_errors
 from uvms_ocp.codegen.compile import PROGRESS, compile_library
 
 LOGGER = logging.getLogger("uvms_ocp.codegen.compile")

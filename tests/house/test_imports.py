@@ -11,7 +11,9 @@ import pytest
 EXTRAS = ("dask", "distributed", "pandas", "pyarrow", "SALib", "mcap", "foxglove_schemas_protobuf", "rosbags")
 RARE = ("scipy", "matplotlib", "meshcat", *EXTRAS)
 _CODE = """
-import pkgutil, sys, uvms_ocp, uvms_ocp.cli.commands
+import pkgutil, sys, uvms_ocp, uvms_ocp.cli
+for module in pkgutil.iter_modules(uvms_ocp.cli.__path__, "uvms_ocp.cli."):
+    __import__(module.name)
 packages = {module.name for module in pkgutil.iter_modules(uvms_ocp.__path__)}  # which may load what their own calls need
 for name in set(dir(uvms_ocp)) - packages:
     getattr(uvms_ocp, name)
@@ -21,7 +23,9 @@ _WITHOUT = """
 import sys
 for name in {extras}:
     sys.modules[name] = None  # as if it was not installed
-import uvms_ocp.campaign, uvms_ocp.cli.commands
+import pkgutil, uvms_ocp.campaign, uvms_ocp.cli
+for module in pkgutil.iter_modules(uvms_ocp.cli.__path__, "uvms_ocp.cli."):
+    __import__(module.name)
 from pathlib import Path
 from uvms_ocp.errors import NotInstalled
 try:

@@ -4,3 +4,5 @@
 Exit codes: 0 done, 1 internal error, 2 bad input or refused by pre-flight, 3 mission not completed or no plan free of
 collision.
 """
+
+BAD_INPUT, NOT_COMPLETED = 2, 3

@@ -20,6 +20,7 @@ from uvms_ocp.campaign.report import Bound, compare_campaigns, parse_bounds, rep
 from uvms_ocp.campaign.store import FILE
 from uvms_ocp.campaign.variations import available_parameters
 from uvms_ocp.cli import printing
+from uvms_ocp.cli.compilation import show_compilation
 from uvms_ocp.cli.options import (
     AS_WRITTEN,
     CurrentVelocity,
@@ -170,7 +171,7 @@ def _repeat(folder: Path, run: int, out: Path, console: Console, as_json: bool) 
 
 
 def _require_fit(wanted: Campaign, force: bool, console: Console) -> None:
-    with console.status("looking over the mission") as status, printing.show_compilation(status.update):
+    with console.status("looking over the mission") as status, show_compilation(status.update):
         preflight = wanted.work.base().check()
     printing.require_accepted(preflight, "the mission itself", console, force=force)
 

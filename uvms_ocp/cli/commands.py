@@ -1,58 +1,90 @@
-"""The command line: its commands and its entry point."""
+"""The command line: its commands, each imported when it is asked for, and its entry point."""
 
 from __future__ import annotations
 
+import ast
 import os
 import sys
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
-from typing import Annotated
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
-from uvms_ocp.cli import campaign, identify, plan, robots, run, show
-from uvms_ocp.cli.options import BAD_INPUT, expand_options
-from uvms_ocp.cli.printing import console_of, warned_behind_errors
+from uvms_ocp.cli import BAD_INPUT
+from uvms_ocp.cli.compilation import warned_behind_errors
 from uvms_ocp.errors import UvmsError, plain_line
 from uvms_ocp.version import __version__
 
-# Options of three numbers, written with commas as others write them: ``--position -3,1,2``.
+# Groups of commands, each of which is imported when its turn comes: that takes longer than what many of them do.
 
-_SIZE = 3
-
-
-def expand_vectors(app: typer.Typer, words: Sequence[str]) -> list[str]:
-    """The words of a command line with every such option followed by its numbers one by one, as the parser takes them."""
-    return list(_spread(words, set(_vectors(typer.main.get_command(app)))))
+Place = str | typer.Typer
+"""Of a command: MODULE.FUNCTION of this package, or a group of further ones."""
 
 
-def _vectors(command: object) -> Iterator[str]:
-    """Options of a command, and of those below it, that take three values."""
-    for parameter in getattr(command, "params", ()):
-        if parameter.nargs == _SIZE:
-            yield from parameter.opts
-    for below in getattr(command, "commands", {}).values():
-        yield from _vectors(below)
+class Commands(Mapping[str, Any]):
+    """Commands by name, made when they are looked up."""
+
+    def __init__(self, places: Mapping[str, Place]) -> None:
+        self._places, self._made = places, dict[str, Any]()
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._made:
+            self._made[name] = _made(name, self._places[name])
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def summaries(self) -> list[tuple[str, str]]:
+        """Name and first paragraph of the help of all, without importing them."""
+        return [(name, _summary(place)) for name, place in self._places.items()]
 
 
-def _spread(words: Sequence[str], vectors: Collection[str]) -> Iterator[str]:
-    before = ""
-    for word in words:
-        name, equals, value = word.partition("=")
-        if equals and name in vectors:
-            yield from (name, *value.split(","))
-        elif before in vectors and word.count(",") == _SIZE - 1:
-            yield from word.split(",")
-        else:
-            yield word
-        before = word
+def _made(name: str, place: Place) -> Any:
+    if isinstance(place, typer.Typer):
+        return typer.main.get_group(place)
+    from uvms_ocp.cli.options import expand_options
+
+    module, function = place.split(".")
+    alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+    alone.command(name=name)(expand_options(getattr(import_module(f"uvms_ocp.cli.{module}"), function)))
+    return typer.main.get_command(alone)
 
 
-# Command line: `run`, `check`, `mission`, `compare`, `campaign`, `show`, `plan`, `list`, `check-robot`, `schema`, `new-robot`,
-# `new-mission`, `excite`, `check-recording`, `identify`, `export`.
-#
-# Exit codes: 0 done, 1 internal error, 2 bad input or refused by pre-flight, 3 mission not completed or no plan free of
-# collision.
+def _summary(place: Place) -> str:
+    if isinstance(place, typer.Typer):
+        return str(place.info.help)
+    module, function = place.split(".")
+    source = Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
+    nodes = (node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef))
+    text = next(ast.get_docstring(node) or "" for node in nodes if node.name == function)
+    return " ".join(text.partition("\n\n")[0].split())
+
+
+def _group(places: Mapping[str, Place], **options: Any) -> typer.Typer:
+    class Group(TyperGroup):
+        def __init__(self, **attributes: Any) -> None:
+            super().__init__(**attributes)
+            self.commands = Commands(places)  # type: ignore[assignment]
+
+        def list_commands(self, ctx: Any) -> list[str]:
+            return list(self.commands)
+
+        def format_commands(self, ctx: Any, formatter: Any) -> None:
+            with formatter.section("Commands"):
+                formatter.write_dl(Commands(places).summaries())
+
+    return typer.Typer(cls=Group, no_args_is_help=True, rich_markup_mode=None, **options)
+
+
+# The commands.
 
 _EXAMPLES = """Examples:
 
@@ -67,32 +99,31 @@ _EXAMPLES = """Examples:
 
 Completion in your shell: uvms-ocp --install-completion
 """
-app = typer.Typer(
+_EXPORT = {"controller": "robots.controller"}
+_PLAN = {"curve": "plan.curve", "ocp": "plan.ocp", "mission": "plan.mission"}
+app = _group(
+    {
+        "run": "run.run",
+        "check": "show.check",
+        "mission": "show.mission",
+        "campaign": "campaign.campaign",
+        "compare": "show.compare_runs",
+        "show": "show.show_scene",
+        "excite": "identify.excite",
+        "check-recording": "identify.check_recording",
+        "identify": "identify.identify",
+        "list": "robots.list_all",
+        "check-robot": "robots.check_robot",
+        "schema": "robots.schema",
+        "new-robot": "robots.new_robot",
+        "new-mission": "robots.new_mission",
+        "export": _group(_EXPORT, help="Write what runs without Python."),
+        "plan": _group(_PLAN, help="Plan a motion among obstacles, or a whole mission."),
+    },
     help="Task-priority planning of underwater vehicle-manipulator systems.",
-    no_args_is_help=True,
     epilog=_EXAMPLES,
     pretty_exceptions_enable=False,
-    rich_markup_mode=None,
 )
-app.command(name="run")(expand_options(run.run))
-app.command(name="check")(expand_options(show.check))
-app.command(name="mission")(expand_options(show.mission))
-app.command(name="campaign")(expand_options(campaign.campaign))
-app.command(name="compare")(show.compare_runs)
-app.command(name="show")(expand_options(show.show_scene))
-app.command(name="excite")(identify.excite)
-app.command(name="check-recording")(identify.check_recording)
-app.command(name="identify")(identify.identify)
-app.command(name="list")(robots.list_all)
-app.command(name="check-robot")(expand_options(robots.check_robot))
-app.command(name="schema")(robots.schema)
-app.command(name="new-robot")(expand_options(robots.new_robot))
-app.command(name="new-mission")(expand_options(robots.new_mission))
-
-export_app = typer.Typer(help="Write what runs without Python.", no_args_is_help=True)
-export_app.command(name="controller")(expand_options(robots.controller))
-app.add_typer(export_app, name="export")
-app.add_typer(plan.app, name="plan")
 
 
 def _show_version(wanted: bool) -> None:
@@ -110,6 +141,33 @@ def common(
     """Task-priority planning of underwater vehicle-manipulator systems."""
 
 
+# Options of three numbers, written with commas as others write them: ``--position -3,1,2``.
+
+_SIZE = 3
+
+
+def expand_vectors(app: typer.Typer, words: Sequence[str]) -> list[str]:
+    """The words of a command line with every such option followed by its numbers one by one, as the parser takes them."""
+    command: Any = typer.main.get_command(app)
+    for word in words:
+        if word in getattr(command, "commands", ()):
+            command = command.commands[word]
+    return list(_spread(words, {option for item in command.params if item.nargs == _SIZE for option in item.opts}))
+
+
+def _spread(words: Sequence[str], vectors: Collection[str]) -> Iterator[str]:
+    before = ""
+    for word in words:
+        name, equals, value = word.partition("=")
+        if equals and name in vectors:
+            yield from (name, *value.split(","))
+        elif before in vectors and word.count(",") == _SIZE - 1:
+            yield from word.split(",")
+        else:
+            yield word
+        before = word
+
+
 def main() -> None:
     """Entry point of the console script."""
     if sys.stdout is None:  # closed by the caller
@@ -125,6 +183,8 @@ def main() -> None:
         sys.exit(1)
     except (UvmsError, OSError) as error:
         _drop_stdout()
+        from uvms_ocp.cli.printing import console_of
+
         text = plain_line(f"error: {error}")
         console_of(stderr=True).print(text, style="red", highlight=False, soft_wrap=True)
         sys.exit(BAD_INPUT)

@@ -8,8 +8,10 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from uvms_ocp.cli.options import NOT_COMPLETED, Json, folder
-from uvms_ocp.cli.printing import console_of, print_json, print_line, print_paths, show_compilation, table_of
+from uvms_ocp.cli import NOT_COMPLETED
+from uvms_ocp.cli.compilation import show_compilation
+from uvms_ocp.cli.options import Json, folder
+from uvms_ocp.cli.printing import console_of, print_json, print_line, print_paths, table_of
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import ExperimentLimits, Noise, Rollout, check_data_quality, stage_of, write_recording
 from uvms_ocp.identification.calibration import Calibration, calibrate

@@ -93,7 +93,6 @@ SOLVERS: dict[str, type[HierarchySolver]] = {
     "icat": Icat,
 }
 _OLD_SOLVER_NAMES = {"lexls": "active_set"}
-BAD_INPUT, NOT_COMPLETED = 2, 3  # exit codes
 
 
 def folder(words: str | Path) -> Path:

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
+from uvms_ocp.cli import NOT_COMPLETED
 from uvms_ocp.cli import options as opt
 from uvms_ocp.cli.printing import console_of, print_json, print_paths, table_of
 from uvms_ocp.cli.run import draw_all
@@ -166,7 +167,7 @@ def make_and_write_plan(make: Callable[[Progress], PlanOutput], out: Path, as_js
     if as_json:
         print_json(made.report)
     if not made.good:
-        raise typer.Exit(opt.NOT_COMPLETED)
+        raise typer.Exit(NOT_COMPLETED)
 
 
 def _print_plan(console: Console, made: PlanOutput, paths: list[Path]) -> None:
@@ -234,7 +235,7 @@ def mission(
     if as_json:
         print_json(found.summary())
     if not found.solved:
-        raise typer.Exit(opt.NOT_COMPLETED)
+        raise typer.Exit(NOT_COMPLETED)
 
 
 def _options(plugin: str, time_limit: float) -> NlpOptions:
@@ -324,12 +325,6 @@ def ocp(
     make_and_write_plan(
         lambda progress: _by_ocp(request, progress), out or opt.default_folder(("plan", "ocp"), changed), as_json
     )
-
-
-app = typer.Typer(help="Plan a motion among obstacles, or a whole mission.", no_args_is_help=True)
-app.command(name="curve")(opt.expand_options(curve))
-app.command(name="ocp")(opt.expand_options(ocp))
-app.command(name="mission")(opt.expand_options(mission))
 
 
 def _changed(defaults: Mapping[str, Any], **options: Any) -> dict[str, Any]:

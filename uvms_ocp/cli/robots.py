@@ -10,9 +10,11 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from uvms_ocp.cli import BAD_INPUT
 from uvms_ocp.cli import options as opt
+from uvms_ocp.cli.compilation import show_compilation
 from uvms_ocp.cli.new_mission import TEMPLATES, NewMission, loading_line, variations_text
-from uvms_ocp.cli.printing import cell, console_of, print_json, print_line, print_paths, show_compilation
+from uvms_ocp.cli.printing import cell, console_of, print_json, print_line, print_paths
 from uvms_ocp.errors import InvalidInput, OutputError, plain_line
 from uvms_ocp.export.controller import export_controller
 from uvms_ocp.robot import list_robots, robot_folder
@@ -43,7 +45,7 @@ def check_robot(
     else:
         _print_robot(report)
     if not report.usable:
-        raise typer.Exit(opt.BAD_INPUT)
+        raise typer.Exit(BAD_INPUT)
 
 
 def schema() -> None:

@@ -24,8 +24,9 @@ from rich.progress import Progress as ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from uvms_ocp.cli import NOT_COMPLETED, printing
 from uvms_ocp.cli import options as opt
-from uvms_ocp.cli import printing
+from uvms_ocp.cli.compilation import show_compilation
 from uvms_ocp.errors import OutputError, plain_line
 from uvms_ocp.mission_plan.plan import MissionPlan
 from uvms_ocp.record.output import claim_folder
@@ -162,7 +163,7 @@ def run(
     if as_json:
         printing.print_json(report)
     if not report["completed"]:
-        raise typer.Exit(opt.NOT_COMPLETED)
+        raise typer.Exit(NOT_COMPLETED)
 
 
 def run_and_write(
@@ -224,7 +225,7 @@ def _simulate(scenario: Scenario, plan: MissionPlan | None, console: Console, ob
     """Run with a progress bar that names the phase and what it waits for; what is compiled before."""
     with _bar(console) as bar:
         task = bar.add_task("", total=scenario.duration, waiting="")
-        with printing.show_compilation(lambda text: bar.update(task, description=text)):
+        with show_compilation(lambda text: bar.update(task, description=text)):
             controller = scenario.controller() if plan is None else plan.controller(scenario)
 
             def show(t: float, command: Command) -> None:

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
+from uvms_ocp.cli import BAD_INPUT
+from uvms_ocp.cli.compilation import show_compilation
 from uvms_ocp.cli.options import (
     AS_WRITTEN,
-    BAD_INPUT,
     SCENARIO_HELP,
     CurrentVelocity,
     Json,
@@ -27,7 +28,7 @@ from uvms_ocp.cli.options import (
     build_scenario,
     given,
 )
-from uvms_ocp.cli.printing import console_of, print_findings, print_json, print_paths, show_compilation, table_of
+from uvms_ocp.cli.printing import console_of, print_findings, print_json, print_paths, table_of
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.mission_plan.plan import MissionPlan
 from uvms_ocp.ocp.plan import Plan

@@ -166,7 +166,7 @@ def _commands() -> str:
 
 
 def _exit_codes() -> str:
-    from uvms_ocp.cli import commands as cli
+    from uvms_ocp import cli
 
     return " ".join((cli.__doc__ or "").partition("Exit codes: ")[2].split())
 

@@ -1,0 +1,75 @@
+"""Say what is being compiled, where a command shows what it does, and what the compiler's log has to say beside it."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from uvms_ocp.cli import BAD_INPUT
+
+_LOGGER = logging.getLogger("uvms_ocp.codegen.compile")
+
+
+class _CompilationHandler(logging.Handler):
+    def __init__(self, show: Callable[[str], None]) -> None:
+        super().__init__(logging.INFO)
+        self._show = show
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if record.levelno < logging.WARNING:
+            self._show(record.getMessage())
+
+
+class _Warnings(logging.Handler):
+    """Lines for stderr; where that is no terminal they wait, and progress is none of them."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self._waiting: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        from uvms_ocp.codegen.compile import PROGRESS  # which has logged it
+
+        if sys.stderr is not None and sys.stderr.isatty():
+            sys.stderr.write(f"{record.getMessage()}\n")  # which Rich puts above its bars
+        elif not getattr(record, PROGRESS, False):
+            self._waiting.append(record.getMessage())
+
+    def say(self) -> None:
+        """Return what has waited."""
+        if sys.stderr is not None:
+            sys.stderr.writelines(f"{text}\n" for text in self._waiting)
+
+
+@contextmanager
+def show_compilation(show: Callable[[str], None]) -> Iterator[None]:
+    """Inside, `tell` is given what is being compiled, in a few words."""
+    before, handler = _LOGGER.level, _CompilationHandler(show)
+    _LOGGER.addHandler(handler)
+    _LOGGER.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        _LOGGER.removeHandler(handler)
+        _LOGGER.setLevel(before)
+
+
+@contextmanager
+def warned_behind_errors() -> Iterator[None]:
+    """Inside goes a command. Whatever made it slower is said on stderr, but an error is the only line there.
+
+    On a terminal it is said at once, with what is being compiled, and an error comes last.
+    """
+    handler = _Warnings()
+    _LOGGER.addHandler(handler)
+    try:
+        yield
+        handler.say()
+    except SystemExit as end:
+        if end.code != BAD_INPUT:
+            handler.say()
+        raise
+    finally:
+        _LOGGER.removeHandler(handler)
