@@ -86,3 +86,23 @@ def test_shapes_that_touch_are_told_with_their_place(empty: CollisionScene) -> N
     apart[1] = -0.02
     with pytest.raises(InvalidInput, match=f"the start is in collision: {empty.pairs[1].name} overlap by 0.02 m"):
         empty.check_no_overlap(apart, "the start")
+
+
+@pytest.mark.parametrize(("here", "there"), [(170, -170), (-175, 175), (200, 200), (10, 30), (10, 550), (-100, 100)])
+def test_an_attitude_is_reached_the_short_way_round(robot: Robot, here: float, there: float) -> None:
+    start = robot.configuration(rpy=(0.0, 0.0, np.radians(here)))
+    scene = collision_scene(coordinates(robot, reference=start, axes=("x", "y", "z", "yaw")), [])
+    way = np.radians(there - here)
+    short = np.arctan2(np.sin(way), np.cos(way))
+    for rpy in (
+        (0.0, 0.0, np.radians(there)),
+        (2 * np.pi, 0.0, np.radians(there)),
+        (np.pi, np.pi, np.radians(there - 180)),
+    ):
+        x = PostureGoal(rpy=rpy).as_coordinates(CoalDistances(scene), seed=0)
+        assert x[3] - scene.coordinates.x(start)[3] == pytest.approx(short, abs=1e-9)
+    tool = Kinematics(robot, robot.configuration(rpy=(0.0, 0.0, np.radians(there)))).pose("tool")
+    rpy = tuple(pin.rpy.matrixToRpy(tool.rotation).tolist())
+    x = ToolGoal(position=tuple(tool.translation.tolist()), rpy=rpy).as_coordinates(CoalDistances(scene), seed=0)
+    assert x is not None
+    assert abs(x[3] - scene.coordinates.x(start)[3]) <= np.pi + 1e-9

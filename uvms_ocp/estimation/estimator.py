@@ -85,7 +85,7 @@ _measurement = unchecked_constructor(StateEstimate)
 _outcome = unchecked_constructor(GateOutcome)
 _readings_by_channel = attrgetter(*CHANNELS)
 
-_LATEST = 1e9  # [s] of any clock; thirty years
+_LATEST = 1e10  # [s] of any clock; Unix time reaches it in 2286
 
 
 @checked
@@ -140,7 +140,7 @@ class Estimator(TableDisplay):
     def __call__(self, readings: Readings, t: float, command: Command | None = None) -> StateEstimate:
         """The estimate at time t [s]; `command` has been acting since the last call.
 
-        Raises `InvalidInput` for a time before that of the last call, or beyond 1e9 s.
+        Raises `InvalidInput` for a time before that of the last call, or beyond 1e10 s.
         """
         dt = self._elapsed(t)
         if command is not None:

@@ -109,7 +109,7 @@ def _label(transition: Transition) -> str:
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
 class Mission(TableDisplay):
-    """Phases over one hierarchy; the first phase begins at t = 0.
+    """Phases over one hierarchy; the first phase begins with the first tick.
 
     Raises `NameNotFound` for an unknown task or phase name, and `InvalidInput` without phases, for a ramp below 0, and for
     a goal of a task that has none.
@@ -172,10 +172,10 @@ class Mission(TableDisplay):
                     if condition.quantity not in known:
                         raise NameNotFound(f"quantity in phase {phase.name!r}", condition.quantity, known)
 
-    def start(self) -> MissionState:
-        """The state at t = 0: every gate rises from zero."""
+    def start(self, t: float = 0.0) -> MissionState:
+        """The state as the mission begins, at t [s]: every gate rises from zero."""
         waiting = (None,) * len(self.all_phases[0].transitions)
-        return MissionState(phase=0, since=0.0, activations_before=np.zeros(self.n_tasks), held_since=waiting)
+        return MissionState(phase=0, since=t, began=t, activations_before=np.zeros(self.n_tasks), held_since=waiting)
 
     @checked_on_failure
     def activations(self, state: MissionState, t: float) -> np.ndarray:
@@ -197,9 +197,9 @@ class Mission(TableDisplay):
     @checked_on_failure
     def references(self, state: MissionState, t: float) -> list[np.ndarray]:
         """Goal of each task at time t [s], highest priority first, as `Task.reference` gives it."""
-        # A goal sees the time since the start of the phase where it is the phase's own.
-        since = t - state.since
-        return [reference(since if own else t) for reference, own in self.goals(state)]
+        # A goal sees the time since the start of the mission, or of the phase where it is the phase's own.
+        since, elapsed = t - state.since, t - state.began
+        return [reference(since if own else elapsed) for reference, own in self.goals(state)]
 
     def goals(self, state: MissionState) -> GoalFunctions:
         """Goals of all tasks in a state, highest priority first."""

@@ -204,6 +204,8 @@ class MissionState:
     """Index among all phases of the mission."""
     since: float
     """[s] start of the phase."""
+    began: float = 0.0
+    """[s] start of the mission."""
     activations_before: Annotated[np.ndarray, Shape("n_tasks")]
     """(n_tasks,) activations when the phase began; the step leads on from them."""
     held_since: tuple[float | None, ...]

@@ -21,7 +21,7 @@ from uvms_ocp.record.meta_values import ABORT, DONE
 #
 # Transitions are those of all phases one after the other, conditions those of all transitions.
 
-_SAME_TIME = 1e-9  # [s] rounding of times
+_SAME_TIME = 1e-6  # [s] rounding of times since 1970
 NONE = -1
 """Instead of the index of a transition or phase."""
 
@@ -68,6 +68,10 @@ class MissionMemory(Layout):
     """Where it is."""
     since: float
     """[s] start of the phase."""
+    began: float
+    """[s] start of the mission."""
+    started: bool
+    """It has begun."""
     activations_before: Annotated[Vector, Sized("n_tasks")]
     """(n_tasks,) as in `MissionState`."""
     held_since: Annotated[Vector, Sized("n_transitions")]
@@ -82,6 +86,14 @@ class MissionMemory(Layout):
     """It has ended otherwise."""
     given_up: bool
     """It is, or was at its end, in the abort phase."""
+
+
+def start_at_first_tick(m: MissionMemory, t: float) -> None:
+    """Let the mission begin at t [s], whatever clock that is of, where it has not begun."""
+    if not m.started:
+        m.started = True
+        m.began = t
+        m.since = t
 
 
 def activations_at(m: MissionMemory, t: float, activations: Vector) -> None:
@@ -191,7 +203,7 @@ def _write_condition(memory: MissionMemory, at: int, condition: Condition, names
 
 def write_state(memory: MissionMemory, state: MissionState) -> None:
     """Where a mission is."""
-    memory.phase, memory.since = state.phase, state.since
+    memory.phase, memory.since, memory.began, memory.started = state.phase, state.since, state.began, True
     memory.completed, memory.aborted, memory.given_up = state.completed, bool(state.aborted), bool(state.abort_reason)
     view(memory.activations_before)[: len(state.activations_before)] = state.activations_before
     view(memory.fired)[:] = 0
@@ -247,6 +259,7 @@ def _after(phases: Sequence[Phase], state: MissionState, memory: MissionMemory, 
     return MissionState(
         phase=memory.phase,
         since=memory.since,
+        began=memory.began,
         activations_before=np.array(memory.activations_before)[: len(state.activations_before)],
         held_since=_held_since(memory),
         fired=_fired(phases, memory),

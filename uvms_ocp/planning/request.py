@@ -5,7 +5,6 @@ A goal says itself what it means for a path in planned axes, and for optimal con
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, TypeAlias
@@ -149,7 +148,8 @@ class ToolGoal:
         """
         planned = distances.scene.coordinates
         start = planned.reference[planned.planned]
-        return tool_goal(distances, self.frame, self.target, start, ToolGoalOptions(seed=seed))
+        goal = tool_goal(distances, self.frame, self.target, start, ToolGoalOptions(seed=seed))
+        return None if goal is None else planned.shortest_turn(goal, start)
 
     def as_tasks(self, robot: Robot, start: Array) -> tuple[Task, ...]:
         """The task that has the goal as its own, wherever the start (n_q,) [m, rad] is.
@@ -187,28 +187,30 @@ class PostureGoal:
         a goal away from the start on an axis that is not planned.
         """
         planned = distances.scene.coordinates
-        names = coordinates(planned.robot).names
-        values = dict(zip(names, planned.reference.tolist(), strict=True))
-        endless = {joint.name for joint in planned.robot.joints if joint.endless}
+        every = coordinates(planned.robot)
+        goal = planned.reference.copy()
         for name, value in self._axes().items():
-            if name not in values:
-                raise NameNotFound("axis", name, names)
+            if name not in every.names:
+                raise NameNotFound("axis", name, every.names)
             if not np.isfinite(value):
                 raise InvalidInput(f"the goal has {name} = {value}; give a finite number.")
-            if name in endless:  # the shorter way round
-                value = values[name] + math.remainder(value - values[name], 2 * math.pi)
-            if name not in planned.names and abs(value - values[name]) > _SAME:
+            goal[every.names.index(name)] = value
+        goal = every.shortest_turn(goal, planned.reference)
+        for name, was, value in zip(every.names, planned.reference, goal, strict=True):
+            if name not in planned.names and abs(value - was) > _SAME:
                 raise InvalidInput(
-                    f"the goal moves {name} from {values[name]:.6g} to {value:.6g}, but the planned axes are "
+                    f"the goal moves {name} from {was:.6g} to {value:.6g}, but the planned axes are "
                     f"{', '.join(planned.names)}; leave it where it is, or plan all axes."
                 )
-            values[name] = value
-        return np.array([values[name] for name in planned.names])
+        return np.asarray(goal[planned.planned])
 
     def _axes(self) -> dict[str, float]:
-        """Values of the axes that the goal names."""
+        """Values of the axes that the goal names; of an attitude those with a pitch within a quarter turn."""
         place = dict(zip(VEHICLE_AXES[:3], self.position or (), strict=False))
-        attitude = dict(zip(VEHICLE_AXES[3:], self.rpy or (), strict=False))
+        rpy = self.rpy
+        if rpy is not None and np.isfinite(rpy).all():
+            rpy = pin.rpy.matrixToRpy(pin.rpy.rpyToMatrix(np.array(rpy))).tolist()
+        attitude = dict(zip(VEHICLE_AXES[3:], rpy or (), strict=False))
         return {**place, **attitude, **self.joints}
 
     def as_tasks(self, robot: Robot, start: Array) -> tuple[Task, ...]:

@@ -106,6 +106,15 @@ class Coordinates:
         turning = {"roll", "yaw", *(joint.name for joint in self.robot.joints if joint.endless)}
         return np.array([k for k, name in enumerate(self.names) if name in turning], dtype=np.intp)
 
+    @checked_on_failure
+    def shortest_turn(
+        self, x: Annotated[Array, Shape("self.n_axes")], start: Annotated[Array, Shape("self.n_axes")]
+    ) -> Array:
+        """(n_axes,) [m, rad] the configuration of x (n_axes,) [m, rad], at most half a turn from start (n_axes,) [m, rad]."""
+        turn, nearest = 2.0 * np.pi, x.copy()
+        nearest[self.endless] -= turn * np.round((x - start)[self.endless] / turn)
+        return nearest
+
     def limits(self) -> tuple[Array, Array]:
         """Lower and upper positions (n_axes,) [m, rad]; vehicle axes have none but pitch, which stays within 89 deg."""
         free = np.full(self.robot.n_vehicle, np.inf)

@@ -50,11 +50,14 @@ class TracksMemory(Layout):
     """(n_table,) [their units] the parameters of a sample after those of the one before."""
 
 
-def follow_tracks(m: TracksMemory, phase: int, since: float, t: float, values: Vector) -> None:
-    """The parameters [their units] at t [s] of all tasks whose goal in a phase moves; `since` [s] is its start. A kernel."""
+def follow_tracks(m: TracksMemory, phase: int, of_phase: float, elapsed: float, values: Vector) -> None:
+    """The parameters [their units] of all tasks whose goal in a phase moves. A kernel.
+
+    of_phase, elapsed: [s] since the start of the phase, and of the mission.
+    """
     for k in range(m.n_tracks):
         if m.phase[k] == phase:
-            _sample(m, k, t - since if m.of_phase[k] != 0 else t, values)
+            _sample(m, k, of_phase if m.of_phase[k] != 0 else elapsed, values)
 
 
 def _sample(m: TracksMemory, k: int, t: float, values: Vector) -> None:
@@ -143,7 +146,7 @@ def load_goals(g: GoalsMemory, m: MissionMemory, ascent: AscentMemory, t: float)
     goals = g.of_phase[m.phase]
     for i in range(len(g.values)):
         g.values[i] = goals[i]
-    follow_tracks(g.tracks, m.phase, m.since, t, g.values)
+    follow_tracks(g.tracks, m.phase, t - m.since, t - m.began, g.values)
     if m.phase == m.abort_phase:
         for i in range(len(ascent.goal)):
             g.values[g.ascent_start + i] = ascent.goal[i]
@@ -160,7 +163,7 @@ class _Asked:
     reference: Callable[[float], np.ndarray]
     """Its goal at a time [s], and what stands for distances behind it."""
     of_phase: bool
-    """That time is the time since the start of the phase."""
+    """That time is the time since the start of the phase, and not of the mission."""
 
 
 class MissionParameters:
@@ -184,7 +187,7 @@ class MissionParameters:
     def ask(self, state: MissionState, t: float) -> None:
         """Complete what the kernel has taken for the tick at t [s]."""
         for asked in self.asked[state.phase]:
-            goal = asked.reference(t - state.since if asked.of_phase else t)
+            goal = asked.reference(t - (state.since if asked.of_phase else state.began))
             self._values[asked.place] = goal[: asked.place.stop - asked.place.start]
 
 

@@ -125,7 +125,8 @@ class KinematicController(TableDisplay):
     """Runs a mission: a callable ``(StateEstimate, t) -> Command``.
 
     One tick: `observe` what is known, solve the hierarchy, keep what a stop can keep, advance the mission, `command`. Holds
-    the mission's state and the last motion; `events` is the log of transitions. Build one per run.
+    the mission's state and the last motion; `events` is the log of transitions. Build one per run, which begins with its first
+    tick, whatever the clock shows.
     """
 
     def __init__(
@@ -174,6 +175,7 @@ class KinematicController(TableDisplay):
         self._bad = degraded_modes.DegradedChannels()
         self._state = mission.start()
         write_state(memory.mission, self._state)
+        memory.mission.started = False
 
     def _table(self) -> SmallTable:
         values = {"robot": self.robot.name, **self.mission.describe(self._state), "period [s]": self.dt}
@@ -215,6 +217,8 @@ class KinematicController(TableDisplay):
         bad = self._bad.among(measurement.health)
         if bad or self._restriction is not degraded_modes.FREE:
             degraded_modes.write_channels(memory.restriction, bad)
+        if not memory.mission.started:
+            self._state = self.mission.start(t)
         self._before(memory)
         self._measuring.answer.check()
         measurement = self._sound.substitute(measurement)

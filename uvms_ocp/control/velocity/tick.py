@@ -20,7 +20,15 @@ from uvms_ocp.control.velocity.tick_memory import TickMemory
 from uvms_ocp.control.velocity.viability import enforce_viability, may_reach_limit
 from uvms_ocp.estimation.degraded_modes import restrict
 from uvms_ocp.estimation.fallbacks import Freshness, echo_range, freshness_of, hold_last_valid, point_altimeter
-from uvms_ocp.mission.progress import NONE, abort_mission, activations_at, is_over, take_transition, transition_due
+from uvms_ocp.mission.progress import (
+    NONE,
+    abort_mission,
+    activations_at,
+    is_over,
+    start_at_first_tick,
+    take_transition,
+    transition_due,
+)
 from uvms_ocp.robot.signals import Trust
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.solution import Status, TickResult, dense
@@ -32,6 +40,7 @@ from uvms_ocp.solvers.hierarchy.solution import Status, TickResult, dense
 
 def _begin(m: TickMemory) -> None:
     """External activations, which tell whether the altitude matters."""
+    start_at_first_tick(m.mission, m.t)
     activations_at(m.mission, m.t, m.gates)
     m.altitude_matters = False
     for i in range(len(m.gates)):

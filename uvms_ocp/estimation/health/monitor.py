@@ -106,12 +106,12 @@ def _is_velocity_unobserved(m: HealthMemory) -> bool:
     last = max(
         _last_observed(m.channels[ChannelIndex.POSITION]), _last_observed(m.channels[ChannelIndex.LINEAR_VELOCITY])
     )
-    return last >= 0.0 and m.t - max(last, m.unobserved_at) > _LONGEST_UNOBSERVED
+    return last > -math.inf and m.t - max(last, m.unobserved_at) > _LONGEST_UNOBSERVED
 
 
 def _last_observed(c: ChannelMemory) -> float:
-    """Return the time [s] of the last reading in use, -1 before the first and without the channel."""
-    return -1.0 if not c.present or math.isnan(c.taken) else c.taken
+    """Return the time [s] of the last reading in use, -inf before the first and without the channel."""
+    return -math.inf if not c.present or math.isnan(c.taken) else c.taken
 
 
 def judge(m: HealthMemory, t: float, is_estimated: bool) -> int:

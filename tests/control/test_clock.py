@@ -1,0 +1,97 @@
+"""A robot's clock begins where it likes: what is commanded depends on time that has passed, not on what the clock shows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import uvms_ocp as uo
+from uvms_ocp.mission import ABORT, Abort
+from uvms_ocp.robot.signals import CHANNELS, IDEAL_SENSORS, Reading, Readings, SensorSpecs, State
+from uvms_ocp.sim import SensorSuite
+from uvms_ocp.tasks import HorizontalAttitude, JointTracking, VehiclePose
+from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
+
+TICKS = 80
+SENSORS = {"ideal": IDEAL_SENSORS, "noisy": SensorSpecs()}
+
+
+class Swing:
+    """A goal that never rests, asked of Python at every tick."""
+
+    def __call__(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([0.3 * np.sin(t)]), np.array([0.3 * np.cos(t)])
+
+
+def mission_of_moving_goals(robot: uo.Robot) -> uo.Mission:
+    """Two phases: goals of tasks and of phases that move, in tables and asked for, a hold, an abort."""
+    first, second = (joint.name for joint in robot.joints[:2])
+    ramp = PiecewisePolynomial(breaks=[0.0, 3.0], coefficients=np.array([[[0.0], [0.1]]]).transpose(1, 0, 2))
+    tasks = [
+        HorizontalAttitude(),
+        VehiclePose(goal=uo.pose_at((0.05, 0.0, -5.0))),
+        JointTracking(name="table", joints=(first,), goal=ramp),
+        JointTracking(name="asked", joints=(second,), goal=Swing()),
+    ]
+    on = {task.name: 1.0 for task in tasks}
+    go = uo.Transition(to="on", when=(uo.Below(quantity="PC.position_error", limit=1.0),), hold=0.3)
+    never = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="PC.position_error", limit=1e-9),))
+    phases = (
+        uo.Phase(name="begin", activations=on, transitions=(go,), goals={"asked": Swing()}),
+        uo.Phase(name="on", activations=on, transitions=(never,), goals={"table": ramp}),
+    )
+    climb = uo.Phase(name="climb", activations=on, transitions=(uo.Transition(to=ABORT, when=never.when),))
+    return uo.Mission(
+        hierarchy=uo.Hierarchy(tasks), phases=phases, abort=Abort(phase=climb, ascent_task="PC", stall_after=0.61)
+    )
+
+
+@pytest.fixture(scope="module")
+def scenario() -> uo.Scenario:
+    robot = uo.load_robot("bluerov2_alpha5")
+    return uo.Scenario(
+        name="clock",
+        dt=0.02,
+        robot=robot,
+        mission=mission_of_moving_goals(robot),
+        environment=uo.Environment(seafloor=uo.FlatSeafloor(z=-40)),
+        start=robot.configuration(position=(0, 0, -5)),
+    )
+
+
+def commands(scenario: uo.Scenario, began: float) -> tuple[np.ndarray, list[tuple[str, float]]]:
+    """What is estimated and commanded at each tick, and events with the time that has passed, as the clock began at [s]."""
+    estimator, controller = scenario.estimator(), scenario.controller()
+    robot = scenario.robot
+    suite = SensorSuite(robot, scenario.environment.seafloor, scenario.sensors, 0)
+    command, rows, q, v = None, [], np.array(scenario.start), np.zeros(robot.n_v)
+    for k in range(TICKS):
+        passed = k * scenario.dt
+        readings = suite.read(State(q=q, v=v, a=np.zeros(robot.n_v)), passed)
+        estimate = estimator(_shifted(readings, began), began + passed, command)
+        command = controller(estimate, began + passed)
+        v = command.v
+        q = pin.integrate(robot.model, q, v * scenario.dt)
+        rows.append(np.concatenate([estimate.q, command.v, command.thrust, command.torque]))
+    return np.array(rows), [(event.target, event.t - began) for event in controller.kinematic.events]
+
+
+def _shifted(readings: Readings, began: float) -> Readings:
+    given = {name: getattr(readings, name) for name in CHANNELS}
+    return Readings(**{name: None if r is None else Reading(value=r.value, t=r.t + began) for name, r in given.items()})
+
+
+@pytest.mark.parametrize("sensors", SENSORS)
+@pytest.mark.parametrize("began", [-64.0, 50.0, 1e3, 1.76e9])
+def test_commands_are_the_same_whatever_the_clock_shows(scenario: uo.Scenario, sensors: str, began: float) -> None:
+    here = replace(scenario, sensors=SENSORS[sensors])
+    wanted, events = commands(here, 0.0)
+    assert [target for target, _ in events][:1] == ["on"]
+    found, found_events = commands(here, began)
+    resolution = np.spacing(abs(began))  # [s] of times
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-9 + 1e3 * resolution)
+    assert [target for target, _ in found_events] == [target for target, _ in events]
+    np.testing.assert_allclose([t for _, t in found_events], [t for _, t in events], rtol=0, atol=1e-9 + 2 * resolution)
