@@ -696,6 +696,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "CollisionScene.nearest": lambda: {"t": np.arange(2.0), "distances": np.ones((2, len(scene().pairs)))},
     "CollisionPlan": lambda: fields_of(path_plan()),
     "Coordinates": lambda: fields_of(scene().coordinates),
+    "Coordinates.shortest_turn": lambda: {"near": scene().coordinates.x(q())},
     "Coordinates.symbolic_configuration": lambda: {"x": ca.SX.sym("x", scene().coordinates.n_axes)},
     "DynamicPlant.step": lambda: {"command": full_command(), "dt": 0.001},
     "KinematicPlant.step": lambda: {"dt": 0.001},

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import pytest
+from refusals import told_of
 from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
@@ -75,3 +77,55 @@ def test_two_missions_are_run_and_compared(place: Path) -> None:
     told = CliRunner().invoke(app, ["compare", "mission.py:other", "package.module:other", "--json"])
     assert told.exit_code == 0, told.output
     assert '"change": 0.0' in told.stdout
+
+
+WITHIN = """
+from dataclasses import replace
+
+import uvms_ocp as uo
+from uvms_ocp.robot import Command
+
+class Deaf:
+    def __init__(self, scenario):
+        pass
+
+    def __call__(self, measurement, t):
+        {tick}
+
+def scenario():
+    {scenario}
+    return replace(uo.scenario.reach(plant="kinematic", duration=0.1), controller=Deaf)
+"""
+FAILURES = {
+    "of a function": (WITHIN, {"scenario": "raise RuntimeError('two\\nlines')"}, ":15: RuntimeError: two lines"),
+    "that ends the program": (WITHIN, {"scenario": "raise SystemExit(0)"}, ":15: SystemExit: 0"),
+    "without end": (WITHIN, {"scenario": "scenario()"}, ":15: RecursionError: "),
+    "of a file that ends the program": ("import sys\nsys.exit(0)\n", {}, ":2: SystemExit: 0"),
+    "in the middle of a run": (WITHIN, {"tick": "raise KeyError(t)"}, ":12: KeyError: 0.0"),
+    "that ends a run": (WITHIN, {"tick": "raise SystemExit"}, ":12: SystemExit"),
+}
+
+
+@pytest.mark.parametrize("kind", FAILURES)
+def test_a_failure_of_ones_own_code_is_one_line_and_more_if_asked_for(kind: str, place: Path) -> None:
+    text, lines, said = FAILURES[kind]
+    path = place / f"failing{len(kind)}.py"
+    path.write_text(text.format(**{"scenario": "pass", "tick": "pass", **lines}) if lines else text)
+    for command in ("run", "check") if "tick" not in lines else ("run",):
+        told = told_of(f"{command} {path}")
+        assert (told["code"], told["err"].count("\n"), told["out"], told["reached"]) == (2, 1, "", "")
+        assert f"error: {path}{said}" in told["err"]
+        more = told_of(f"{command} {path} --traceback")
+        assert more["code"] == 2
+        assert more["err"].endswith(told["err"])
+        assert "Traceback (most recent call last)" in more["err"]
+
+
+def test_stdout_is_json_whatever_a_mission_prints(place: Path) -> None:
+    (place / "chatty.py").write_text(
+        WITHIN.format(scenario="print('made')", tick="print(t); return Command(v=[0.0] * 10)") + "print('read')\n"
+    )
+    told = told_of("run chatty.py --json --out out")
+    assert told["code"] == 3, told
+    assert json.loads(told["out"])["completed"] is False
+    assert {"made", "read", "0.0"} <= set(told["err"].split())

@@ -6,9 +6,10 @@ import ast
 import os
 import sys
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from importlib import import_module
 from pathlib import Path
+from traceback import print_exception
 from typing import Annotated, Any
 
 import typer
@@ -16,6 +17,7 @@ from typer.core import TyperGroup
 
 from uvms_ocp.cli import BAD_INPUT
 from uvms_ocp.cli.compilation import warned_behind_errors
+from uvms_ocp.cli.json_output import json_alone_on_stdout
 from uvms_ocp.errors import UvmsError, plain_line
 from uvms_ocp.version import __version__
 
@@ -132,10 +134,16 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
+_TRACEBACK = "--traceback"
+
+
 @app.callback()
 def common(
     version: Annotated[
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version.")
+    ] = False,
+    traceback: Annotated[
+        bool, typer.Option(_TRACEBACK, help="Print where an error comes from, not its line alone; anywhere.")
     ] = False,
 ) -> None:
     """Task-priority planning of underwater vehicle-manipulator systems."""
@@ -172,22 +180,32 @@ def main() -> None:
     """Entry point of the console script."""
     if sys.stdout is None:  # closed by the caller
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - for as long as the process lives
+    words = [word for word in sys.argv[1:] if word != _TRACEBACK]
     try:
-        with warned_behind_errors():
+        with warned_behind_errors(), json_alone_on_stdout() if "--json" in words else nullcontext():
             try:
-                app(expand_vectors(app, sys.argv[1:]))
+                app(expand_vectors(app, words))
             finally:
                 sys.stdout.flush()  # here, where a full disk can still be told
     except BrokenPipeError:  # of a reader that has seen enough
         _drop_stdout()
         sys.exit(1)
-    except (UvmsError, OSError) as error:
+    except (Exception, SystemExit) as error:
+        text = str(error) if isinstance(error, UvmsError | OSError) else _failure_of_own_code(error)
+        if not text:
+            raise
         _drop_stdout()
+        if _TRACEBACK in sys.argv:
+            print_exception(error)
         from uvms_ocp.cli.printing import console_of
 
-        text = plain_line(f"error: {error}")
-        console_of(stderr=True).print(text, style="red", highlight=False, soft_wrap=True)
+        console_of(stderr=True).print(plain_line(f"error: {text}"), style="red", highlight=False, soft_wrap=True)
         sys.exit(BAD_INPUT)
+
+
+def _failure_of_own_code(error: BaseException) -> str:
+    own_code = sys.modules.get("uvms_ocp.scenario.own_code")
+    return "" if own_code is None else str(own_code.own_failure(error))
 
 
 def _drop_stdout() -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-import sys
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,17 +12,13 @@ from typing import Any
 from rich.console import Console, ConsoleOptions
 from rich.table import Table
 
+from uvms_ocp.cli.json_output import print_json as print_json
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.scenario.preflight.setup import PreflightReport, Severity
 
 _TYPED = ("figure", "parameter", "channel")  # columns of names that are typed again: never broken
 _SHORT = 20  # letters of a word that is not broken either
 _BESIDE = 3  # that a column takes beside its own
-
-
-def print_json(value: Any) -> None:
-    """One JSON value on stdout."""
-    sys.stdout.write(json.dumps(value, indent=2) + "\n")
 
 
 def console_of(*, stderr: bool = False) -> Console:

@@ -14,7 +14,8 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.record.meta_values import ABORT as ABORT
 from uvms_ocp.record.meta_values import DONE as DONE
-from uvms_ocp.types import Positive, Shape
+from uvms_ocp.record.meta_values import LARGEST
+from uvms_ocp.types import Finite, Positive, Shape
 
 # What ends a phase: conditions on measured quantities, and transitions that wait for them.
 
@@ -156,8 +157,8 @@ def _described(condition: Condition, quantities: Mapping[str, float]) -> str:
 
 
 def _check_threshold(quantity: str, limit: float) -> None:
-    if not (math.isfinite(limit) and limit > 0):
-        raise InvalidInput(f"threshold of {quantity} = {limit}; give a finite value > 0")
+    if not 0 < limit <= LARGEST:
+        raise InvalidInput(f"threshold of {quantity} = {limit}; give a finite value > 0, at most {LARGEST:g}")
 
 
 # One action of a mission, where a mission is, and why it went on.
@@ -204,7 +205,7 @@ class MissionState:
     """Index among all phases of the mission."""
     since: float
     """[s] start of the phase."""
-    began: float = 0.0
+    began: Finite = 0.0
     """[s] start of the mission."""
     activations_before: Annotated[np.ndarray, Shape("n_tasks")]
     """(n_tasks,) activations when the phase began; the step leads on from them."""

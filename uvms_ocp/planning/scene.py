@@ -108,11 +108,11 @@ class Coordinates:
 
     @checked_on_failure
     def shortest_turn(
-        self, x: Annotated[Array, Shape("self.n_axes")], start: Annotated[Array, Shape("self.n_axes")]
+        self, x: Annotated[Array, Shape(..., "self.n_axes")], near: Annotated[Array, Shape(..., "self.n_axes")]
     ) -> Array:
-        """(n_axes,) [m, rad] the configuration of x (n_axes,) [m, rad], at most half a turn from start (n_axes,) [m, rad]."""
-        turn, nearest = 2.0 * np.pi, x.copy()
-        nearest[self.endless] -= turn * np.round((x - start)[self.endless] / turn)
+        """(..., n_axes) [m, rad] the same configurations as x (..., n_axes) [m, rad], at most half a turn from near."""
+        turn, nearest, ends = 2.0 * np.pi, x.copy(), self.endless
+        nearest[..., ends] -= turn * np.round((x - near)[..., ends] / turn)
         return nearest
 
     def limits(self) -> tuple[Array, Array]:

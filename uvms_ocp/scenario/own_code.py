@@ -25,6 +25,7 @@ from uvms_ocp.scenario.scenario import Scenario
 
 _PREFIX = "uvms_own_"  # of modules
 _HELPERS: dict[str, Path] = {}  # modules that files of one's own have imported, with the folder of the file
+_FOLDERS: set[Path] = set()  # where code of one's own has been loaded from
 
 
 @checked
@@ -61,7 +62,7 @@ class UserCode:
             return function(**options)
         except UvmsError:
             raise
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise _failed(str(self.file.resolve() if self.file else self.module), error) from error
 
     def _module(self) -> ModuleType:
@@ -96,14 +97,16 @@ def _imported(name: str) -> ModuleType:
     if folder not in sys.path:
         sys.path.insert(0, folder)
     try:
-        return importlib.import_module(name)
+        module = importlib.import_module(name)
     except ModuleNotFoundError as error:
         if error.name and (name == error.name or name.startswith(f"{error.name}.")):
             text = f"{name}: there is no such module; install it, or give a file such as mission.py:scenario"
             raise InvalidInput(text) from None
         raise _failed(name, error) from error
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise _failed(name, error) from error
+    _FOLDERS.add(Path(module.__file__ or "").parent)
+    return module
 
 
 def _of_file(path: Path) -> ModuleType:
@@ -117,6 +120,7 @@ def _of_file(path: Path) -> ModuleType:
         raise InvalidInput(f"{path}: cannot be loaded; give a Python file")
     module = importlib.util.module_from_spec(spec)
     _drop_helpers(path.parent)
+    _FOLDERS.add(path.parent)
     before = set(sys.modules)
     sys.modules[name] = module  # where dataclasses look for it
     sys.path.insert(0, str(path.parent))
@@ -124,7 +128,7 @@ def _of_file(path: Path) -> ModuleType:
         spec.loader.exec_module(module)
     except BaseException as error:
         del sys.modules[name]
-        if isinstance(error, Exception):
+        if isinstance(error, Exception | SystemExit):
             raise _failed(str(path), error) from error
         raise
     finally:
@@ -141,12 +145,21 @@ def _drop_helpers(folder: Path) -> None:
             del sys.modules[name], _HELPERS[name]
 
 
-def _failed(what: str, error: Exception) -> UvmsError:
+def own_failure(error: BaseException) -> str:
+    """Describe an error of code of one's own in one line, with the place; empty for one that comes from elsewhere."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if Path(frame.filename).parent in _FOLDERS]
+    return f"{own[-1].filename}:{own[-1].lineno}: {_said(error)}" if own else ""
+
+
+def _said(error: BaseException) -> str:
+    return plain_line(f"{type(error).__name__}: {error}")
+
+
+def _failed(what: str, error: BaseException) -> UvmsError:
     if isinstance(error, SyntaxError):
         return InvalidInput(f"{what}:{error.lineno}: {error.msg}")
-    own = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename == what]
-    place = f"{what}:{own[-1].lineno}" if own else what
-    return InvalidInput(f"{place}: {type(error).__name__}: {plain_line(str(error))}")
+    return InvalidInput(own_failure(error) or f"{what}: {_said(error)}")
 
 
 def _is_module(value: Any) -> bool:

@@ -8,7 +8,6 @@ or a `Reference`, any callable ``t -> (value, rate)``.
 from __future__ import annotations
 
 import enum
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -21,6 +20,7 @@ import pinocchio as pin
 from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.display import SmallTable, TableDisplay
+from uvms_ocp.record.meta_values import LARGEST
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
@@ -67,13 +67,13 @@ def evaluate_pose(name: str, goal: PoseGoal, t: float) -> tuple[pin.SE3, np.ndar
     if not isinstance(pose, pin.SE3):
         raise InvalidInput(f"{name}: goal of type {type(pose).__name__}; give a pinocchio.SE3 or a function of time")
     if not _finite(pose.translation, pose.rotation, rate):
-        raise InvalidInput(f"{name}: goal at t = {t} s is not finite; give finite numbers")
+        raise InvalidInput(f"{name}: goal at t = {t} s is not finite; give finite numbers, at most {LARGEST:g}")
     return pose, np.asarray(rate, dtype=float)
 
 
 def _finite(*values: np.ndarray) -> bool:
     # One number that is not finite spoils the sum, which is four times faster than to look at each.
-    return all(math.isfinite(np.add.reduce(value, axis=None)) for value in values)
+    return all(abs(np.add.reduce(value, axis=None)) <= LARGEST for value in values)
 
 
 # Distances that a task asks to be measured: those of the pairs of shapes that come nearest.
