@@ -15,7 +15,7 @@ from motions import recorded
 
 from uvms_ocp.errors import InvalidInput, NameNotFound, NotInstalled, UvmsError
 from uvms_ocp.identification.messages import numbers_at, seconds_at, steps_of, topics_of
-from uvms_ocp.identification.reading import RecordingMapping, mapped_recording
+from uvms_ocp.identification.reading import RecordingMapping, mapped_recording, read_mapping
 from uvms_ocp.identification.recording import Recording
 from uvms_ocp.record import mcap as mcap_records
 
@@ -254,8 +254,91 @@ def test_a_bag_that_makes_up_its_rows_is_refused_whatever_it_is_called(tmp_path:
     about = bag / "metadata.yaml"
     about.write_text(about.read_text().replace(file.name, name))
     file.rename(bag / name)
-    with pytest.raises(InvalidInput, match="1 views or triggers"):
+    with pytest.raises(InvalidInput, match="1 views, triggers or made up columns"):
         mapped_recording(bag, ROS)
+
+
+def test_a_bag_with_made_up_columns_is_refused(tmp_path: Path) -> None:
+    bag = ros_bag(tmp_path / "dive", "SQLITE3")
+    (file,) = bag.glob("*.db3")
+    with sqlite3.connect(file) as base:
+        base.execute("CREATE TABLE more (a INTEGER, b AS (a + 1))")
+    base.close()
+    with pytest.raises(InvalidInput, match="1 views, triggers or made up columns"):
+        mapped_recording(bag, ROS)
+
+
+def test_the_data_base_of_a_bag_is_read_without_its_folder(tmp_path: Path) -> None:
+    (file,) = ros_bag(tmp_path / "dive", "SQLITE3").glob("*.db3")
+    require_good(mapped_recording(file.rename(tmp_path / "alone.db3"), ROS))
+
+
+def test_a_bag_of_ros_1_is_read(tmp_path: Path) -> None:
+    rosbag1 = pytest.importorskip("rosbags.rosbag1", reason='needs pip install "uvms-ocp[rosbags]"')
+    typesys = pytest.importorskip("rosbags.typesys")
+    store = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
+    twist, vector = (store.types[f"geometry_msgs/msg/{name}"] for name in ("Twist", "Vector3"))
+    velocity = GOOD.channels["linear_velocity"].values
+    with rosbag1.Writer(tmp_path / "dive.bag") as writer:
+        to = writer.add_connection("/velocity", "geometry_msgs/msg/Twist", typestore=store)
+        for stamp, values in zip(STAMPS.tolist(), velocity.tolist(), strict=True):
+            message = twist(linear=vector(*values), angular=vector(0.0, 0.0, 0.0))
+            writer.write(to, stamp, store.serialize_ros1(message, "geometry_msgs/msg/Twist"))
+    one = {"topic": "/velocity", "columns": ["linear.x", "linear.y", "linear.z"]}
+    require_good(mapped_recording(tmp_path / "dive.bag", RecordingMapping(channels={"linear_velocity": one})))
+    with pytest.raises(NameNotFound, match="known: /velocity"):
+        mapped_recording(tmp_path / "dive.bag", RecordingMapping(channels={"linear_velocity": {**one, "topic": "/v"}}))
+
+
+DVL = "geometry_msgs/Vector3 velocity\nbool valid\n"
+"""A message that no library knows."""
+
+
+def test_a_message_that_a_bag_does_not_define_is_read_by_its_definition(tmp_path: Path) -> None:
+    rosbag2 = pytest.importorskip("rosbags.rosbag2", reason='needs pip install "uvms-ocp[rosbags]"')
+    typesys = pytest.importorskip("rosbags.typesys")
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    store.register(typesys.get_types_from_msg(DVL, "own_msgs/msg/Dvl"))
+    with rosbag2.Writer(tmp_path / "dive", version=8, storage_plugin=rosbag2.StoragePlugin.SQLITE3) as writer:
+        to = writer.add_connection("/dvl", "own_msgs/msg/Dvl", typestore=store)
+        writer.add_connection("/silent", "own_msgs/msg/Dvl", typestore=store)
+        for stamp, values in zip(STAMPS.tolist(), GOOD.channels["linear_velocity"].values.tolist(), strict=True):
+            message = store.types["own_msgs/msg/Dvl"](store.types["geometry_msgs/msg/Vector3"](*values), True)
+            writer.write(to, stamp, store.serialize_cdr(message, "own_msgs/msg/Dvl"))
+    (file,) = (tmp_path / "dive").glob("*.db3")
+    with sqlite3.connect(file) as base:  # as Humble and before leave it
+        base.execute("DROP TABLE message_definitions")
+    base.close()
+    one = {"topic": "/dvl", "columns": ["velocity.x", "velocity.y", "velocity.z"], "rows": {"valid": 1}}
+    mapping = {"channels": {"linear_velocity": one}}
+    with pytest.raises(InvalidInput, match=r"no definition of own_msgs/msg/Dvl in it.*messages: FOLDER"):
+        mapped_recording(file, RecordingMapping.model_validate(mapping))
+    (tmp_path / "definitions" / "own_msgs" / "msg").mkdir(parents=True)
+    (tmp_path / "definitions" / "own_msgs" / "msg" / "Dvl.msg").write_text(DVL)
+    (tmp_path / "map.yaml").write_text(json.dumps({**mapping, "messages": "definitions"}))
+    given = read_mapping(tmp_path / "map.yaml")
+    require_good(mapped_recording(file, given))
+    silent = {"linear_velocity": {**one, "topic": "/silent"}}
+    with pytest.raises(InvalidInput, match="/silent has no messages; leave the channel out"):
+        mapped_recording(
+            file, RecordingMapping.model_validate({**mapping, "channels": silent, "messages": given.messages})
+        )
+
+
+def test_a_log_of_mavlink_has_topics_by_the_type_of_its_messages(tmp_path: Path) -> None:
+    mavlink = pytest.importorskip(
+        "pymavlink.dialects.v20.ardupilotmega", reason='needs pip install "uvms-ocp[mavlink]"'
+    )
+    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    with (tmp_path / "dive.tlog").open("wb") as file:
+        for stamp, (x, y, z) in zip(STAMPS.tolist(), GOOD.channels["position"].values.tolist(), strict=True):
+            message = sender.local_position_ned_encode(stamp // 1_000_000 % 2**32, x, -y, -z, 0.0, 0.0, 0.0)
+            file.write((stamp // 1000).to_bytes(8, "big") + message.pack(sender))
+    one = {"topic": "LOCAL_POSITION_NED", "columns": ["x", "y", "z"], "world": "NED"}
+    read = mapped_recording(tmp_path / "dive.tlog", RecordingMapping(channels={"position": one}))
+    np.testing.assert_allclose(read.channels["position"].values, GOOD.channels["position"].values, atol=1e-5)
+    np.testing.assert_allclose(read.channels["position"].t, T, atol=1e-5)
+    assert topics_of(tmp_path / "dive.tlog") == ("LOCAL_POSITION_NED",)
 
 
 def test_a_packed_bag_says_how_to_unpack_it(tmp_path: Path) -> None:

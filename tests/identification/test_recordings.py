@@ -161,7 +161,7 @@ def test_wrong_files_are_told_in_a_line(tmp_path: Path) -> None:
     with pytest.raises(NameNotFound, match=r"unknown column of a.csv 'a'; known: t, b"):
         mapped_recording(tmp_path / "a.csv", good)
     (tmp_path / "b.csv").write_text("t,a\n0,one\n")
-    with pytest.raises(InvalidInput, match="no table of numbers"):
+    with pytest.raises(InvalidInput, match=r"b\.csv: row 1, column 'a': 'one' is no number"):
         mapped_recording(tmp_path / "b.csv", good)
     with pytest.raises(InvalidInput, match="there is no such file"):
         mapped_recording(tmp_path / "c.csv", good)

@@ -5,10 +5,15 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.calibration import with_thrust
+from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.settings import CalibrationSettings, calibrated_robot
 from uvms_ocp.robot.loading import robot_folder
+from uvms_ocp.robot.thrusters import signals_of_thrust, thrust_limits
 
 GIVEN = {"robot": "bluerov2_alpha5", "hull": [[-0.3, -0.2, -0.2], [0.3, 0.2, 0.2]], "learn": {"lag": {}, "delay": {}}}
 
@@ -32,3 +37,19 @@ def test_a_folder_beside_the_settings_is_a_robot(tmp_path: Path) -> None:
     assert one.file == other.file == tmp_path / "mine/hydrodynamics.yaml"
     with pytest.raises(LookupError, match="unknown robot 'yours'"):
         calibrated_robot(settings(robot="yours"), tmp_path)
+
+
+def test_commands_of_propellers_become_the_thrust_of_the_curves() -> None:
+    subject = calibrated_robot(settings(commands="propeller_commands"), Path())
+    assert subject.vehicle.actuators.commands == "thrust"
+    lower, upper = thrust_limits(subject.robot)
+    t = np.arange(0.0, 5.0, 0.1)
+    thrust = 0.5 * (upper - lower) * np.sin(t[:, None] + np.arange(len(upper))) + 0.5 * (upper + lower)
+    signals = np.array([signals_of_thrust(subject.robot, row) for row in thrust])
+    recorded = Recording(name="dive", channels={"propeller_commands": Channel(t=t, values=signals)})
+    found = with_thrust(subject.robot, recorded).channels["thrust"].values
+    beyond = np.abs(thrust) > 0.1 * upper  # of the dead band
+    np.testing.assert_allclose(found[beyond], thrust[beyond], rtol=1e-6)
+    with pytest.raises(InvalidInput, match="propeller_commands of 2 thrusters given; allowed: 8"):
+        two = Recording(name="dive", channels={"propeller_commands": Channel(t=t, values=signals[:, :2])})
+        with_thrust(subject.robot, two)

@@ -35,7 +35,7 @@ MappingFile = Annotated[
     Path | None,
     typer.Option("--mapping", metavar="YAML", help="Where the channels are in files of others; ours need none."),
 ]
-_COLUMNS = ("channel", "columns", "unit", "frame", "from [s]", "to [s]", "rate [Hz]", "delay [s]")
+_COLUMNS = ("channel", "columns", "unit", "frame", "least", "largest", "from [s]", "to [s]", "rate [Hz]", "delay [s]")
 
 
 def check_recording(paths: Recordings, mapping: MappingFile = None, as_json: Json = False) -> None:
@@ -48,6 +48,8 @@ def check_recording(paths: Recordings, mapping: MappingFile = None, as_json: Jso
     for one in found:
         data = _recording_data(one)
         console.print(table_of(one.name, data["channels"], _COLUMNS))
+        for line in data["read as"]:
+            print_line(console, line)
         for doubt in data["doubts"]:
             print_line(console, f"doubtful: {doubt}")
 
@@ -60,7 +62,11 @@ def read_recordings(paths: list[Path], mapping: Path | None) -> list[Recording]:
 
 def _recording_data(recording: Recording) -> dict[str, Any]:
     rows = [_row(name, channel) for name, channel in recording.channels.items()]
-    return {"channels": rows, "doubts": [str(doubt) for doubt in check_data_quality(recording)]}
+    return {
+        "channels": rows,
+        "read as": list(recording.layout),
+        "doubts": [str(doubt) for doubt in check_data_quality(recording)],
+    }
 
 
 def _row(name: str, channel: Channel) -> dict[str, Any]:
@@ -70,6 +76,8 @@ def _row(name: str, channel: Channel) -> dict[str, Any]:
         channel.values.shape[1],
         CHANNEL_KINDS[name].unit,
         CHANNEL_KINDS[name].frame,
+        float(channel.values.min()),
+        float(channel.values.max()),
         *times,
         channel.rate,
         channel.delay,

@@ -36,7 +36,8 @@ from uvms_ocp.identification.uncertainty import (
 )
 from uvms_ocp.identification.validation import HeldOutRecording, Profile, StaticBalance, profiles, static_baseline
 from uvms_ocp.identification.validation import leave_one_out as left_out
-from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.thrusters import thrust_limits, thrust_of_signals, thruster_matrix
 
 # Whether a vehicle accelerates as its thrusters push, or as if some were exchanged or reversed.
 
@@ -129,7 +130,7 @@ def check_settings(
         if settings.commands == "wrench" and "thrust" in channels:
             text = "thrusters were driven ahead of their lag to give it, and a lag by it is not theirs: give commands: thrust"
             yield QualityIssue(channel="wrench", problem=text)
-    if "thrust" in channels and settings.commands == "thrust":
+    if "thrust" in channels and settings.commands != "wrench":
         yield from _of_thrust(recording, channels["thrust"].of(subject.robot.thruster_names, "thrust"), subject)
 
 
@@ -294,6 +295,8 @@ def calibrate(
     Raises InvalidInput for no recordings, one alone to be left out, equal names, or a current that is recorded and not
     learnt, and NameNotFound for a channel that is missing.
     """
+    if settings.commands == "propeller_commands":
+        recordings = [with_thrust(subject.robot, one) for one in recordings]
     recordings = split_at_gaps(recordings)
     _require(recordings, leave_one_out)
     prepared = tuple(PreparedRecording.of(one, subject.vehicle) for one in recordings)
@@ -320,6 +323,22 @@ def calibrate(
         profiles=tuple(profiles(fitted, identified, inflation, progress)) if profiled else (),
         left_out=tuple(left_out(fitted, progress=progress)) if leave_one_out else (),
     )
+
+
+def with_thrust(robot: Robot, recording: Recording) -> Recording:
+    """The recording with the steady thrust of its `propeller_commands`, by the robot's thrust curves.
+
+    Without a curve -1 and 1 are a thruster's limits. Raises NameNotFound without that channel, InvalidInput for one of
+    other thrusters.
+    """
+    signals = recording.channel("propeller_commands").of(robot.thruster_names, "propeller_commands")
+    n = len(robot.thruster_names)
+    if signals.values.shape[1] != n:
+        raise InvalidInput(
+            f"{recording.name}: propeller_commands of {signals.values.shape[1]} thrusters given; allowed: {n}"
+        )
+    thrust = np.array([thrust_of_signals(robot, row) for row in signals.values])
+    return replace(recording, channels={**recording.channels, "thrust": replace(signals, values=thrust)})
 
 
 def _doubtful(

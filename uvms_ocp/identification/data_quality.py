@@ -45,6 +45,7 @@ from uvms_ocp.identification.sample_checks import QualityIssue as QualityIssue
 
 _INSIDE = slice(round(WINDOW / GRID), -round(WINDOW / GRID))
 """Smoothed samples whose window is whole."""
+_HALF = 0.5  # of the motion that a way to read axes must explain
 _PARTNER = {"linear_velocity": "position", "angular_velocity": "attitude"}
 
 
@@ -104,7 +105,7 @@ def _rate_axes(reference: _Reference, seen: np.ndarray, name: str) -> Iterator[t
     }
     ways |= _in_world(reference, seen, name)
     best = max(ways, key=lambda way: ways[way])
-    if ways[best] > own + EXPLAINED:
+    if ways[best] > max(own + EXPLAINED, _HALF):
         yield best[0], f"{best[1]} ({100 * ways[best]:.0f} % of it, {100 * own:.0f} % as they are)"
 
 

@@ -1,4 +1,4 @@
-"""Columns of numbers from the messages of MCAP files and rosbag2 folders, by paths of fields.
+"""Columns of numbers from messages, by paths of fields: MCAP files, ROS 1 and ROS 2 bags, lines of JSON, logs of MAVLink.
 
 ``pose.pose.position.x`` is a path; ``actuators[3]`` and ``position.2`` are elements; ``position[elbow]`` and
 ``transforms[base_link].translation.x`` are those of a name, which a ``name`` or ``child_frame_id`` says. A path to a whole array
@@ -12,161 +12,104 @@ import re
 import sqlite3
 from array import array
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass
+from functools import partial
 from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput, NameNotFound, NotInstalled, UvmsError
-from uvms_ocp.identification.tables import MOST_ROWS
+from uvms_ocp.identification.file_kinds import BAG_METADATA, kind_of
+from uvms_ocp.identification.text_tables import LONGEST_LINE, MOST_ROWS
 from uvms_ocp.record.mcap import mcap_messages, mcap_topics, require_mcap
 from uvms_ocp.record.untrusted import read_yaml, require_regular_file
 
-# What the library of the extra ``uvms-ocp[rosbags]`` knows: bags of ROS 2 in SQLite, and what messages of ROS 2 mean.
-
-_PARTED = "=" * 80 + "\n"
-"""Between the definitions of a schema in IDL."""
-_DATA_BASE = b"SQLite format 3\0"
-
-
-def bag_messages(folder: Path, topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
-    """Topic, when it was logged [ns] and content of those of some topics. Raises NotInstalled and InvalidInput."""
-    with _opened(folder) as reader:
-        chosen = [connection for connection in reader.connections if connection.topic in topics]
-        for connection, logged, data in reader.messages(connections=chosen) if chosen else ():
-            yield connection.topic, logged, reader.deserialize(data, connection.msgtype)
-
-
-def bag_topics(folder: Path) -> tuple[str, ...]:
-    """Return all topics of a bag, sorted. Raises NotInstalled and InvalidInput."""
-    with _opened(folder) as reader:
-        return tuple(sorted({connection.topic for connection in reader.connections}))
-
-
-def _opened(folder: Path) -> Any:
-    _typesystem()
-    from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_typestore
-
-    for file in filter(_is_data_base, folder.iterdir()):
-        _require_plain(file)
-    return AnyReader([folder], default_typestore=get_typestore(Stores.LATEST))
-
-
-def _is_data_base(file: Path) -> bool:
-    """Recognise a data base by its first bytes: the bag names its files freely."""
-    if not file.is_file():
-        return False
-    with file.open("rb") as content:
-        return content.read(len(_DATA_BASE)) == _DATA_BASE
-
-
-def _require_plain(file: Path) -> None:
-    """Raise InvalidInput for a data base that makes up its rows: of a few bytes, as many as there is time for."""
-    with closing(sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as base:
-        (others,) = base.execute("SELECT count(*) FROM sqlite_master WHERE type NOT IN ('table', 'index')").fetchone()
-    if others:
-        raise InvalidInput(f"{file}: {others} views or triggers; tables alone are read")
-
-
-def ros_decoder(name: str, encoding: str, text: str) -> Callable[[bytes], Any]:
-    """Make the decoder of a message type; encoding: ros2msg or ros2idl, of the text. Raises NotInstalled, InvalidInput."""
-    typesys = _typesystem()
-    known = {"ros2msg": lambda: typesys.get_types_from_msg(text, name), "ros2idl": lambda: _of_idl(typesys, text)}
-    if encoding not in known:
-        raise InvalidInput(f"{name}: a schema as {encoding[:40]!r}; allowed: {', '.join(known)}")
-    store = typesys.get_typestore(typesys.Stores.EMPTY if text.strip() else typesys.Stores.LATEST)
-    if text.strip():
-        store.register(known[encoding]())
-    return lambda data: store.deserialize_cdr(data, name)
-
-
-def _of_idl(typesys: Any, text: str) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for part in filter(str.strip, text.split(_PARTED)):
-        found |= typesys.get_types_from_idl(part.partition("\n")[2] if part.startswith("IDL: ") else part)
-    return found
-
-
-def _typesystem() -> Any:
-    try:
-        from rosbags import typesys
-    except ImportError:
-        raise NotInstalled("a recording of ROS 2", '"uvms-ocp[rosbags]"') from None
-    return typesys
-
-
-# Messages of MCAP files and rosbag2 folders, decoded: JSON, protobuf and those of ROS 2.
-
 Message = tuple[str, int, Any]
 """Topic, when it was logged [ns], and what it says."""
-METADATA = "metadata.yaml"
-_MCAP = ".mcap"
+
+# All kinds: the files that hold messages, and the topics of each.
 
 
-def holds_messages(path: Path) -> bool:
-    """Recognise a file or folder of messages, by its ending or its contents."""
-    return path.suffix == _MCAP or (path / METADATA).is_file()
+def messages(path: Path, topics: Collection[str], definitions: Path | None = None) -> Iterator[Message]:
+    """Yield the messages of some topics as logged; definitions: folder with ``.msg`` files that a bag of ROS 2 lacks.
 
-
-def messages(path: Path, topics: Collection[str]) -> Iterator[Message]:
-    """Yield the messages of some topics as logged. Raises NotInstalled, and InvalidInput for damaged or too large files."""
-    return _checked(path, lambda: _messages(path, topics))
+    Raises NotInstalled, and InvalidInput for damaged or too large files.
+    """
+    for file in _files(path):
+        yield from _checked(file, partial(_READERS[kind_of(file)].messages, file, topics, definitions))
 
 
 def topics_of(path: Path) -> tuple[str, ...]:
     """Return all topics, sorted. Raises NotInstalled and InvalidInput, as `messages` does."""
-    return tuple(_checked(path, lambda: _topics(path)))
+    found = (_checked(file, partial(_READERS[kind_of(file)].topics, file)) for file in _files(path))
+    return tuple(sorted({topic for topics in found for topic in topics}))
 
 
-def _messages(path: Path, topics: Collection[str]) -> Iterator[Message]:
-    files = _mcap_files(path)
-    if files is None:
-        yield from bag_messages(path, topics)
-        return
-    require_mcap()
-    for file in files:
-        decoders: dict[tuple[str, int], Callable[[bytes], Any]] = {}
-        for schema, channel, message in mcap_messages(file, topics):
-            key = (channel.message_encoding, channel.schema_id)
-            if key not in decoders:
-                decoders[key] = _decoder(channel, schema)
-            yield channel.topic, message.log_time, decoders[key](message.data)
+@dataclass(frozen=True, slots=True)
+class _Reader:
+    """How messages of one kind of file are read."""
+
+    messages: Callable[[Path, Collection[str], Path | None], Iterator[Message]]
+    topics: Callable[[Path], Collection[str]]
 
 
-def _topics(path: Path) -> Iterator[str]:
-    files = _mcap_files(path)
-    if files is None:
-        yield from bag_topics(path)
-        return
-    require_mcap()
-    yield from sorted({topic for file in files for topic in mcap_topics(file)})
-
-
-def _mcap_files(path: Path) -> list[Path] | None:
-    """List the files that hold the messages; `None` for a folder of another storage."""
+def _files(path: Path) -> list[Path]:
+    """The file itself, or those of a folder of ROS 2."""
     if not path.is_dir():
-        require_regular_file(path)
         return [path]
-    about: Any = read_yaml(path / METADATA)
-    information = about["rosbag2_bagfile_information"]
-    packed = str(information.get("compression_mode") or "none").lower()
+    try:
+        about: Any = read_yaml(path / BAG_METADATA)
+        information = about["rosbag2_bagfile_information"]
+        packed = str(information.get("compression_mode") or "none").lower()
+        names = information["relative_file_paths"] if packed == "none" else []
+    except UvmsError:
+        raise
+    except Exception as error:  # whatever stands in its place
+        raise InvalidInput(f"{path}: cannot be read ({type(error).__name__}: {error} in {BAG_METADATA})") from None
     if packed != "none":
         raise InvalidInput(f"{path}: packed by {packed}; unpack it by `ros2 bag convert`")
-    files = [path / PurePath(name).name for name in information["relative_file_paths"]]
+    files = [path / PurePath(name).name for name in names]
     for file in files:
         require_regular_file(file)
-    return files if information["storage_identifier"] == _MCAP[1:] else None
+    return files
 
 
-def _decoder(channel: Any, schema: Any) -> Callable[[bytes], Any]:
+def _checked(path: Path, work: Callable[[], Iterable[Any]]) -> Iterator[Any]:
+    try:
+        yield from work()
+    except (UvmsError, NotInstalled):
+        raise
+    except Exception as error:  # whatever libraries say to bytes that nobody meant
+        said = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        raise InvalidInput(f"{path}: cannot be read ({said})") from None
+
+
+# MCAP: JSON, protobuf and messages of ROS 2.
+
+
+def _mcap_messages(path: Path, topics: Collection[str], definitions: Path | None) -> Iterator[Message]:
+    require_mcap()
+    decoders: dict[tuple[str, int], Callable[[bytes], Any]] = {}
+    for schema, channel, message in mcap_messages(path, topics):
+        key = (channel.message_encoding, channel.schema_id)
+        if key not in decoders:
+            decoders[key] = _decoder(channel, schema, definitions)
+        yield channel.topic, message.log_time, decoders[key](message.data)
+
+
+def _mcap_topics(path: Path) -> Collection[str]:
+    require_mcap()
+    return mcap_topics(path)
+
+
+def _decoder(channel: Any, schema: Any, definitions: Path | None) -> Callable[[bytes], Any]:
     if channel.message_encoding == "json":
-        return json.loads
+        return _loads
     if channel.message_encoding == "cdr" and schema is not None:
-        return ros_decoder(schema.name, schema.encoding, schema.data.decode())
+        return ros_decoder(schema.name, schema.encoding, schema.data.decode(), definitions)
     from mcap_protobuf.decoder import DecoderFactory
 
     found: Callable[[bytes], Any] | None = DecoderFactory().decoder_for(channel.message_encoding, schema)
@@ -178,14 +121,184 @@ def _decoder(channel: Any, schema: Any) -> Callable[[bytes], Any]:
     return found
 
 
-def _checked(path: Path, work: Callable[[], Iterator[Any]]) -> Iterator[Any]:
+# ROS, by the library of the extra ``uvms-ocp[rosbags]``: what messages mean, bags of ROS 1, and those of ROS 2 in SQLite.
+
+_PARTED = "=" * 80 + "\n"
+"""Between the definitions of a schema in IDL."""
+
+
+def ros_decoder(name: str, encoding: str, text: str, definitions: Path | None = None) -> Callable[[bytes], Any]:
+    """Make the decoder of a message type; encoding: ros2msg or ros2idl, of the text; without text by those that are known.
+
+    definitions: folder with more of these, ``.msg`` files. Raises NotInstalled, InvalidInput.
+    """
+    typesys = _typesystem()
+    known = {"ros2msg": lambda: typesys.get_types_from_msg(text, name), "ros2idl": lambda: _of_idl(typesys, text)}
+    if text.strip() and encoding not in known:
+        raise InvalidInput(f"{name}: a schema as {encoding[:40]!r}; allowed: {', '.join(known)}")
+    store = typesys.get_typestore(typesys.Stores.EMPTY if text.strip() else typesys.Stores.LATEST)
+    if text.strip():
+        store.register(known[encoding]())
+    elif definitions is not None:
+        store.register(_of_folder(typesys, definitions))
+    if name not in store.fielddefs:
+        raise InvalidInput(
+            f"no definition of {name[:80]} in it; give a folder with its .msg file as `messages: FOLDER`"
+        )
+    return lambda data: store.deserialize_cdr(data, name)
+
+
+def _of_idl(typesys: Any, text: str) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for part in filter(str.strip, text.split(_PARTED)):
+        found |= typesys.get_types_from_idl(part.partition("\n")[2] if part.startswith("IDL: ") else part)
+    return found
+
+
+def _of_folder(typesys: Any, folder: Path) -> dict[str, Any]:
+    """Definitions of ``PACKAGE/msg/NAME.msg`` or ``PACKAGE/NAME.msg``, anywhere in a folder."""
+    found: dict[str, Any] = {}
+    for file in sorted(folder.rglob("*.msg")):
+        package = file.parent.parent.name if file.parent.name == "msg" else file.parent.name
+        found |= typesys.get_types_from_msg(file.read_text(encoding="utf-8"), f"{package}/msg/{file.stem}")
+    if not found:
+        raise InvalidInput(f"messages: {folder} has no .msg files; give a folder of PACKAGE/msg/NAME.msg")
+    return found
+
+
+def _typesystem() -> Any:
     try:
-        yield from work()
-    except (UvmsError, NotInstalled):
-        raise
-    except Exception as error:  # whatever libraries say to bytes that nobody meant
-        said = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        raise InvalidInput(f"{path}: cannot be read ({said})") from None
+        from rosbags import typesys
+    except ImportError:
+        raise NotInstalled("a recording of ROS", '"uvms-ocp[rosbags]"') from None
+    return typesys
+
+
+@contextmanager
+def _ros1(path: Path) -> Iterator[Any]:
+    _typesystem()
+    from rosbags.highlevel import AnyReader
+
+    with AnyReader([path]) as reader:
+        yield reader
+
+
+def _ros1_messages(path: Path, topics: Collection[str], _: Path | None) -> Iterator[Message]:
+    with _ros1(path) as reader:
+        chosen = [connection for connection in reader.connections if connection.topic in topics]
+        for connection, logged, data in reader.messages(connections=chosen) if chosen else ():
+            yield connection.topic, logged, reader.deserialize(data, connection.msgtype)
+
+
+def _ros1_topics(path: Path) -> Collection[str]:
+    with _ros1(path) as reader:
+        return {connection.topic for connection in reader.connections}
+
+
+@contextmanager
+def _data_base(path: Path) -> Iterator[sqlite3.Connection]:
+    """A data base of tables alone: one that makes up its rows has as many, of a few bytes, as there is time for."""
+    with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as base:
+        (others,) = base.execute("SELECT count(*) FROM sqlite_master WHERE type NOT IN ('table', 'index')").fetchone()
+        made_up = base.execute(
+            "SELECT count(*) FROM sqlite_master AS one, pragma_table_xinfo(one.name) AS it WHERE it.hidden <> 0"
+        ).fetchone()[0]
+        if others or made_up:
+            raise InvalidInput(f"{path}: {others + made_up} views, triggers or made up columns; plain tables are read")
+        yield base
+
+
+def _sqlite_messages(path: Path, topics: Collection[str], definitions: Path | None) -> Iterator[Message]:
+    with _data_base(path) as base:
+        kinds = {k: (topic, kind) for k, topic, kind in base.execute("SELECT id, name, type FROM topics")}
+        chosen = {k: (topic, kind) for k, (topic, kind) in kinds.items() if topic in topics}
+        texts = _definitions(base)
+        decoders = {k: ros_decoder(kind, *texts.get(kind, ("", "")), definitions) for k, (_, kind) in chosen.items()}
+        rows = base.execute(
+            f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({','.join('?' * len(chosen))})"
+            " ORDER BY timestamp",
+            tuple(chosen),
+        )
+        for k, logged, data in rows:
+            yield chosen[k][0], logged, decoders[k](data)
+
+
+def _definitions(base: sqlite3.Connection) -> dict[str, tuple[str, str]]:
+    """Encoding and text of the definition of each type, which bags of Humble and before do not hold."""
+    if not base.execute("SELECT count(*) FROM sqlite_master WHERE name = 'message_definitions'").fetchone()[0]:
+        return {}
+    columns = "topic_type, encoding, encoded_message_definition"
+    return {
+        kind: (encoding, text) for kind, encoding, text in base.execute(f"SELECT {columns} FROM message_definitions")
+    }
+
+
+def _sqlite_topics(path: Path) -> Collection[str]:
+    _typesystem()
+    with _data_base(path) as base:
+        return {topic for (topic,) in base.execute("SELECT name FROM topics")}
+
+
+# Lines of JSON, such as a DVL sends: the topic is what stands as `type`.
+
+_loads = partial(json.loads, parse_int=float)  # any number of digits
+
+
+def _json_messages(path: Path, topics: Collection[str] | None, _: Path | None) -> Iterator[Message]:
+    with path.open(encoding="utf-8") as file:
+        for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE), ""), 1):
+            if number > MOST_ROWS or len(line) == LONGEST_LINE:
+                raise InvalidInput(f"{path}: more than {MOST_ROWS} lines, or one of {LONGEST_LINE >> 20} MB")
+            if not line.strip():
+                continue
+            message = _loads(line)
+            topic = str(message.get("type", "")) if isinstance(message, dict) else ""
+            if topics is None or topic in topics:
+                yield topic, number, message
+
+
+def _json_topics(path: Path) -> Collection[str]:
+    return {topic for topic, _, _ in _json_messages(path, None, None)}
+
+
+# Logs of MAVLink by pymavlink: dataflash (.BIN) and telemetry (.tlog); topics are the types of messages.
+
+
+@contextmanager
+def _mavlink(path: Path) -> Iterator[Any]:
+    try:
+        from pymavlink import mavutil
+    except ImportError:
+        raise NotInstalled("a log of MAVLink", '"uvms-ocp[mavlink]"') from None
+    log = mavutil.mavlink_connection(str(path), dialect="ardupilotmega", robust_parsing=True)
+    try:
+        yield log
+    finally:
+        log.close()
+
+
+def _mavlink_messages(path: Path, topics: Collection[str], _: Path | None) -> Iterator[Message]:
+    with _mavlink(path) as log:
+        while (message := log.recv_match(type=list(topics))) is not None:
+            yield message.get_type(), round(1e9 * message._timestamp), message.to_dict()
+
+
+def _mavlink_topics(path: Path) -> Collection[str]:
+    with _mavlink(path) as log:
+        found = set()
+        while (message := log.recv_match()) is not None:
+            found.add(message.get_type())
+        return found - {"BAD_DATA"}
+
+
+_READERS = {
+    "mcap": _Reader(_mcap_messages, _mcap_topics),
+    "bag": _Reader(_ros1_messages, _ros1_topics),
+    "sqlite": _Reader(_sqlite_messages, _sqlite_topics),
+    "json": _Reader(_json_messages, _json_topics),
+    "dataflash": _Reader(_mavlink_messages, _mavlink_topics),
+    "tlog": _Reader(_mavlink_messages, _mavlink_topics),
+}
 
 
 # Numbers in a message by paths such as ``pose.pose.position.x``, whatever library has decoded it.
@@ -296,16 +409,19 @@ class TopicColumns:
     """[s] of a time that is a plain number."""
 
 
-def message_rows(path: Path, wanted: Mapping[str, TopicColumns]) -> dict[str, np.ndarray]:
+def message_rows(
+    path: Path, wanted: Mapping[str, TopicColumns], definitions: Path | None = None
+) -> dict[str, np.ndarray]:
     """Times [s] and values [as they are] (n, 1 + k) of all that is wanted, by the same names.
 
-    A message without such a field gives no row. Raises NameNotFound where none has it, NotInstalled and InvalidInput.
+    definitions: folder with ``.msg`` files that a bag of ROS 2 lacks. A message without such a field gives no row.
+    Raises NameNotFound where none has it, NotInstalled and InvalidInput.
     """
     found = {name: _Rows(one) for name, one in wanted.items()}
     by_topic: dict[str, list[_Rows]] = defaultdict(list)
     for rows in found.values():
         by_topic[rows.wanted.topic].append(rows)
-    for topic, logged, content in messages(path, by_topic.keys()):
+    for topic, logged, content in messages(path, by_topic.keys(), definitions):
         for rows in by_topic[topic]:
             rows.add(logged, content)
     return {name: rows.whole(path) for name, rows in found.items()}
@@ -348,4 +464,7 @@ class _Rows:
             return np.array(self.numbers).reshape(-1, self.width)
         if self.missing is not None:
             raise InvalidInput(f"{path.name}: {self.wanted.topic}: {self.missing}")
-        raise NameNotFound(f"topic of {path.name}", self.wanted.topic, topics_of(path))
+        topics = topics_of(path)
+        if self.wanted.topic in topics:
+            raise InvalidInput(f"{path.name}: {self.wanted.topic} has no messages; leave the channel out")
+        raise NameNotFound(f"topic of {path.name}", self.wanted.topic, topics)

@@ -21,14 +21,14 @@ they were logged:
         topic: /joint_states
         columns: ["position[shoulder]", "position[elbow]"]
 
-Frames: ``world: NED`` and ``body: FRD`` are turned to W with z up and B forward-left-up. A world with z up is taken as it is:
-where it has its x axis changes no fit.
+What a table of text looks like is found, or given (``table: {delimiter: tab}``). Frames: ``world: NED`` and ``body: FRD`` are
+turned to W with z up and B forward-left-up. A world with z up is taken as it is: where it has its x axis changes no fit.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -36,10 +36,19 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from uvms_ocp.errors import InvalidInput
-from uvms_ocp.identification.messages import TopicColumns, holds_messages, message_rows, topics_of
-from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, continuous_quaternions
-from uvms_ocp.identification.tables import column_names, is_stored, read_columns, require_there, stored_recording
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.identification.file_kinds import holds_messages, kind_of
+from uvms_ocp.identification.messages import TopicColumns, message_rows, topics_of
+from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, continuous_quaternions, rotations
+from uvms_ocp.identification.tables import (
+    TableColumns,
+    column_names,
+    is_stored,
+    read_table,
+    require_there,
+    stored_recording,
+)
+from uvms_ocp.identification.text_tables import TextFormat
 from uvms_ocp.model_errors import one_line_errors
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import is_floating
@@ -65,9 +74,32 @@ def even_send_times(arrived: np.ndarray, period: float) -> np.ndarray:
 # How the columns of foreign files become channels: a YAML file, or the same as a value.
 
 _DOWN = np.diag([1.0, -1.0, -1.0])  # from axes with z down to axes with z up, and back
-_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_DEGREE, _G = np.pi / 180.0, 9.80665
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
+    "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "kn": 0.514444},
+    "m/s2": {"m/s2": 1.0, "g": _G, "mg": 1e-3 * _G},
+    "rad": {"rad": 1.0, "deg": _DEGREE},
+    "rad/s": {"rad/s": 1.0, "deg/s": _DEGREE, "deg": _DEGREE},
+    "N": {"N": 1.0, "kgf": _G, "lbf": 4.448222},
+    "us": {"us": 1.0},
+}
+"""By the unit of a channel: units that its values may be given in, and factors."""
+_OF_CHANNEL = {
+    "attitude": ("rad",),
+    "joint_positions": ("rad", "m"),
+    "joint_velocities": ("rad/s", "m/s"),
+    "joint_torques": ("N",),
+    "wrench": ("N",),
+    "propeller_commands": ("us",),
+}
+_SPELLED = {"degrees": "deg", "degree": "deg", "°": "deg", "°/s": "deg/s", "dps": "deg/s", "radians": "rad", "sec": "s"}
+_SPELLED |= {"seconds": "s", "m/s^2": "m/s2", "m/s²": "m/s2", "knots": "kn", "µs": "us", "n": "N", "meters": "m"}
 _FOREIGN = 0.5  # of all rows, above which those without any cell are of other channels
 _LARGEST_ANGLE = 2.5 * np.pi  # [rad] of roll, pitch and yaw as files have them, unless yaw is unwound
+_AT_ONCE = 0.05  # of the usual interval, within which a message that says the same again is the same message
+_Numbers = Annotated[float, Field()] | tuple[float, ...]
 
 
 class ChannelMapping(BaseModel):
@@ -78,29 +110,48 @@ class ChannelMapping(BaseModel):
     file: str = Field(
         default="", description="in the folder of the recording, {name} for its name; empty: the file itself"
     )
-    topic: str = Field(default="", description="of the messages, in MCAP files and rosbag2 folders")
+    topic: str = Field(
+        default="", description="of the messages, in MCAP files, bags, logs of MAVLink; `type` of JSON lines"
+    )
     time: str = Field(
         default="", description="column or field of the times; of messages, empty for when they were logged"
     )
-    time_unit: Literal["s", "ms", "us", "ns"] = Field(
-        default="s", description="of times that are plain numbers; stamps of seconds and nanoseconds need none"
+    time_unit: Literal["s", "ms", "us", "ns"] | None = Field(
+        default=None,
+        description="of times that are plain numbers, default: as a header says, or s; stamps and ISO 8601 need none",
     )
-    columns: tuple[str, ...] = Field(
+    columns: tuple[str | float, ...] = Field(
         min_length=1,
-        description="in the order that the channel has; of messages, paths such as position.x, actuators[3]",
+        description="in the order that the channel has; -name for the opposite, a number for what is not measured; of "
+        "messages, paths such as position.x, actuators[3]; of tables also places, #1",
     )
-    format: Literal["as it is", "rpy", "quaternion xyzw", "quaternion wxyz"] = Field(
-        default="as it is", description="of an attitude"
+    rows: dict[str, float] = Field(
+        default={}, description="only rows or messages that have these values, such as {instance: 0, valid: 1}"
     )
-    unit: Literal["as it is", "deg"] = Field(default="as it is", description="deg for angles and rates in degrees")
-    scale: float = Field(default=1.0, description="factor of the values [-]")
-    world: Literal["z up", "NED"] = "z up"
-    body: Literal["FLU", "FRD"] = "FLU"
+    missing: tuple[float, ...] = Field(default=(), description="values that stand where nothing was measured")
+    format: Literal["rpy", "quaternion xyzw", "quaternion wxyz"] | None = Field(
+        default=None, description="of an attitude; default: quaternion xyzw"
+    )
+    unit: str | None = Field(
+        default=None, description="of the values; default: as a header says, or that of the channel"
+    )
+    offset: _Numbers = Field(default=0.0, description="added to the values, of all columns or of each [as they are]")
+    scale: _Numbers = Field(default=1.0, description="factor of the values then, of all columns or of each [-]")
+    frame: Literal["W", "B"] | None = Field(
+        default=None, description="of a velocity or a force; W is turned by the attitude; default: B"
+    )
+    world: Literal["z up", "NED"] | None = Field(default=None, description="axes of W; default: z up")
+    body: Literal["FLU", "FRD"] | None = Field(default=None, description="axes of B; default: FLU")
     delay: float = Field(default=0.0, description="by which times are known to be late [s]")
     sent_every: Annotated[float, Field(gt=0.0)] | None = Field(
         default=None, description="period [s] of what was sent evenly but arrived in bursts"
     )
     lost: Literal["never", "all zero"] = Field(default="never", description="how samples look that are none")
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Names of the columns or fields that are measured, without their signs."""
+        return tuple(one.removeprefix("-") for one in self.columns if isinstance(one, str))
 
 
 @one_line_errors
@@ -110,11 +161,55 @@ class RecordingMapping(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     channels: dict[str, ChannelMapping] = Field(min_length=1)
+    table: TextFormat | None = Field(default=None, description="what is known of tables of text")
+    messages: str = Field(default="", description="folder with PACKAGE/msg/NAME.msg that a bag of ROS 2 lacks")
 
 
 def read_mapping(path: Path) -> RecordingMapping:
-    """A mapping from its YAML file. Raises InvalidInput in one line for what is none."""
-    return read_yaml_as(path, RecordingMapping)
+    """A mapping from its YAML file, beside which its folder of messages is. Raises InvalidInput in one line for what is none."""
+    found = read_yaml_as(path, RecordingMapping)
+    for key, one in found.channels.items():
+        _require_meaning(key, one)
+    return found.model_copy(update={"messages": str(path.parent / found.messages)}) if found.messages else found
+
+
+def _require_meaning(key: str, one: ChannelMapping) -> None:
+    """Raises NameNotFound for no channel, InvalidInput for what means nothing of this one: never ignored."""
+    if key not in CHANNEL_KINDS:
+        raise NameNotFound("channel", key, CHANNEL_KINDS)
+    kind = CHANNEL_KINDS[key]
+    turned = one.frame == "W"
+    means = {
+        "format": key == "attitude",
+        "frame": kind.frame == "B",
+        "world": kind.frame == "W" or turned,
+        "body": key == "attitude" or (kind.frame == "B" and not turned),
+    }
+    for name, meant in means.items():
+        if getattr(one, name) is not None and not meant:
+            raise InvalidInput(f"{key}: {name}: {getattr(one, name)} given, which means nothing of it; leave it out")
+    if one.unit is not None:
+        allowed = [unit for base in _bases(key, one) for unit in UNITS[base]]
+        if one.unit not in allowed:
+            raise InvalidInput(
+                f"{key}: unit {one.unit!r} given; allowed: {', '.join(allowed) or 'none, it has no unit'}"
+            )
+    for name in ("offset", "scale"):
+        given = getattr(one, name)
+        if isinstance(given, tuple) and len(given) != len(one.columns):
+            raise InvalidInput(f"{key}: {len(given)} numbers of {name} given; allowed: one, or one for each column")
+    wanted = 3 if one.format == "rpy" else len(kind.columns)
+    arrays = any("." in column or "[" in column for column in one.fields) or one.topic  # which may have all of them
+    if wanted and (len(one.columns) > wanted or (len(one.columns) < wanted and not arrays)):
+        constant = "; a number may stand for one that is not measured, such as 0.0" if len(one.columns) < wanted else ""
+        raise InvalidInput(f"{key}: {len(one.columns)} columns given; allowed: {wanted}{constant}")
+
+
+def _bases(key: str, one: ChannelMapping) -> tuple[str, ...]:
+    """Units of a channel that others may be given in place of."""
+    if key == "attitude" and one.format != "rpy":
+        return ()
+    return _OF_CHANNEL.get(key, (CHANNEL_KINDS[key].unit,))
 
 
 def mapped_recording(source: Path, mapping: RecordingMapping, name: str = "") -> Recording:
@@ -123,62 +218,165 @@ def mapped_recording(source: Path, mapping: RecordingMapping, name: str = "") ->
     Times begin with the first sample of any channel. Rows with NaN are left out, and a doubt says how many.
     Raises NameNotFound, NotInstalled and InvalidInput.
     """
+    for key, one in mapping.channels.items():
+        _require_meaning(key, one)
     name = name or source.name.partition(".")[0]
     rows = _mapped_rows(source, mapping, name)
-    found = {key: _samples(key, one, rows[key]) for key, one in mapping.channels.items()}
+    read = {key: _samples(key, one, rows[key]) for key, one in mapping.channels.items()}
+    found = {
+        key: replace(one, values=_in_body(key, read)) if mapping.channels[key].frame == "W" else one
+        for key, one in read.items()
+    }
     start = min(channel.t[0] for channel in found.values())
     return Recording(
         name=name,
         channels={key: replace(one, t=one.t - start) for key, one in found.items()},
         issues_in_file=tuple(doubt for key, one in mapping.channels.items() for doubt in _unknown(key, one, rows[key])),
+        layout=tuple(dict.fromkeys(one.layout for one in rows.values() if one.layout)),
     )
 
 
-def _mapped_rows(source: Path, mapping: RecordingMapping, name: str) -> dict[str, np.ndarray]:
+def _in_body(key: str, read: Mapping[str, Channel]) -> np.ndarray:
+    """Values of a channel that was given in W, turned to B."""
+    if "attitude" not in read:
+        raise InvalidInput(f"{key}: frame: W given, which needs the attitude; give that channel too")
+    R = rotations(read["attitude"], read[key].undelayed_t)
+    return np.einsum("nji,nkj->nki", R, read[key].values.reshape(len(R), -1, 3)).reshape(len(R), -1)
+
+
+def _mapped_rows(source: Path, mapping: RecordingMapping, name: str) -> dict[str, TableColumns]:
     """Times [s] and values [as they are] (n, 1 + k) of every channel; of a file of messages all at once."""
-    found: dict[str, np.ndarray] = {}
+    found: dict[str, TableColumns] = {}
     by_path: dict[Path, dict[str, TopicColumns]] = defaultdict(dict)
     for key, one in mapping.channels.items():
         path = source / one.file.replace("{name}", name) if one.file else source
         if holds_messages(path):
             by_path[path][key] = _wanted(key, one, path)
         else:
-            found[key] = _table_rows(key, one, path)
+            found[key] = _chosen(key, one, _table_rows(key, one, path, mapping.table))
     for path, wanted in by_path.items():
-        found |= message_rows(path, wanted)
+        definitions = Path(mapping.messages) if mapping.messages else None
+        for key, values in message_rows(path, wanted, definitions).items():
+            rows = TableColumns(values=values, units=("",) * values.shape[1])
+            found[key] = _chosen(key, mapping.channels[key], rows)
     return found
 
 
 def _wanted(key: str, one: ChannelMapping, path: Path) -> TopicColumns:
     if not one.topic:
         raise InvalidInput(f"{path}: {key} has no topic; give one of {', '.join(topics_of(path))}")
-    return TopicColumns(topic=one.topic, columns=one.columns, time=one.time, unit=_UNITS[one.time_unit])
+    unit = _SECONDS[one.time_unit or "s"]
+    return TopicColumns(topic=one.topic, columns=(*one.fields, *one.rows), time=one.time, unit=unit)
 
 
-def _table_rows(key: str, one: ChannelMapping, path: Path) -> np.ndarray:
+def _table_rows(key: str, one: ChannelMapping, path: Path, given: TextFormat | None) -> TableColumns:
     if one.topic or not one.time:
         raise InvalidInput(f"{path}: {key} is in a table; give its time, and no topic")
-    return read_columns(path, [one.time, *one.columns]) * [_UNITS[one.time_unit], *np.ones(len(one.columns))]
+    table = read_table(path, [one.time, *one.fields, *one.rows], given)
+    said = _SPELLED.get(table.units[0], table.units[0])
+    unit = one.time_unit or (said if said in _SECONDS else "s")
+    values = table.values * [_SECONDS[unit], *np.ones(len(table.units) - 1)]
+    return replace(table, values=values, layout=f"{path.name}: {table.layout}" if table.layout else "")
 
 
-def _unknown(key: str, one: ChannelMapping, rows: np.ndarray) -> Iterator[tuple[str, str]]:
+def _chosen(key: str, one: ChannelMapping, table: TableColumns) -> TableColumns:
+    """Rows that are wanted, with sentinels as NaN, signs and constants, in the unit of the channel."""
+    n = len(one.rows)
+    values, which = table.values[:, : table.values.shape[1] - n], table.values[:, table.values.shape[1] - n :]
+    values = values[(which == list(one.rows.values())).all(axis=1)] if n else values
+    if not len(values) and len(table.values):
+        raise InvalidInput(f"{key}: no row has {one.rows}; leave rows out, or give values that there are")
+    for missing in one.missing:
+        values = np.hstack(
+            [values[:, :1], np.where(np.isclose(values[:, 1:], missing, rtol=1e-12), np.nan, values[:, 1:])]
+        )
+    factors, remarks = _factors(key, one, table.units[1 : values.shape[1]])
+    numbers = values[:, 1:] * factors
+    if len(one.fields) < len(one.columns) or any(str(name).startswith("-") for name in one.columns):
+        numbers = _signed(one, numbers)
+    shift, scale = np.asarray(one.offset), np.asarray(one.scale)
+    return replace(
+        table,
+        values=np.column_stack([values[:, 0], (numbers + shift) * scale]),
+        units=(),
+        remarks=(*table.remarks, *remarks),
+    )
+
+
+def _signed(one: ChannelMapping, measured: np.ndarray) -> np.ndarray:
+    """All columns (n, k): measured ones (n, l) with their signs, and constants."""
+    columns = iter(measured.T)
+    return np.column_stack(
+        [
+            np.full(len(measured), name)
+            if not isinstance(name, str)
+            else next(columns) * (-1 if name[:1] == "-" else 1)
+            for name in one.columns
+        ]
+    )
+
+
+def _factors(key: str, one: ChannelMapping, said: Sequence[str]) -> tuple[np.ndarray, list[str]]:
+    """Factors (k,) of columns to the unit of the channel, as given or as the file says, and remarks about the latter."""
+    bases = _bases(key, one)
+    known = {unit: factor for base in bases for unit, factor in UNITS[base].items()}
+    if one.unit is not None or one.scale != 1.0:
+        return np.full(len(said), known.get(one.unit or "", 1.0)), []
+    units = [_SPELLED.get(unit.strip(), unit.strip()) for unit in said]
+    other = sorted({unit for unit in units if unit and unit not in known})
+    turned = sorted({unit for unit in units if known.get(unit, 1.0) != 1.0})
+    remarks = [f"in {', '.join(turned)}, as the file says"] if turned else []
+    if other and bases:
+        remarks.append(
+            f"in {', '.join(other)} as the file says, and taken for {' or '.join(bases)}: give its unit, or a scale"
+        )
+    return np.array([known.get(unit, 1.0) for unit in units]), remarks
+
+
+def _unknown(key: str, one: ChannelMapping, table: TableColumns) -> Iterator[tuple[str, str]]:
     """Rows that are no numbers; where most have no cell at all, a file has the rows of other channels between them."""
+    rows = table.values
+    yield from ((key, remark) for remark in table.remarks)
+    twice = sorted({name for name in one.fields if one.fields.count(name) > 1})
+    if twice:
+        yield key, f"{', '.join(twice)} stands for more than one of its axes: give a number for what is not measured"
     open_cells = ~np.isfinite(rows)
     empty, lost = open_cells[:, 1:].all(axis=1), open_cells.any(axis=1)
     foreign = empty if empty.mean() > _FOREIGN else np.zeros(len(rows), dtype=bool)
     n, m = int((lost & ~foreign).sum()), int((~foreign).sum())
     if n:
         text = f"{n} of {m} rows have NaN ({_named(one, open_cells[~foreign].any(axis=0))}) and are left out"
-        command = key in CHANNEL_KINDS and CHANNEL_KINDS[key].command
+        command = CHANNEL_KINDS[key].command
         yield key, text + (", and a fit takes the command before them for what was asked" if command else "")
+    geographic = [name for name in one.fields if name.rpartition(".")[2].lower().startswith(("lat", "lon", "lng"))]
+    if key == "position" and geographic:
+        yield key, f"{', '.join(geographic)} are degrees on the globe: give metres east and north of a point"
+    if key == "attitude" and one.format == "rpy" and one.unit is None and _like_degrees(rows):
+        yield (
+            key,
+            f"yaw up to {np.nanmax(np.abs(rows[:, 3])):.4g} rad: in deg? give its unit, deg, or rad where it is so",
+        )
+
+
+def _like_degrees(rows: np.ndarray) -> bool:
+    """Judge yaw of rows (n, 4): one that is unwound begins within a turn, and no vehicle turns in a second by half of one."""
+    t, yaw = rows[np.isfinite(rows).all(axis=1)][:, [0, 3]].T
+    if len(yaw) < 2 or np.abs(yaw).max() < _LARGEST_ANGLE:
+        return False
+    rates = np.abs(np.diff(yaw)) / np.maximum(np.diff(t), 1e-9)
+    return bool(abs(yaw[0]) > _LARGEST_ANGLE or np.percentile(rates, 90.0) > np.pi)
 
 
 def _named(one: ChannelMapping, chosen: np.ndarray) -> str:
-    """Names of the chosen ones of its time and columns (1 + k,)."""
-    return ", ".join(name for name, each in zip((one.time, *one.columns), chosen, strict=True) if each)
+    """Names of the chosen ones of its time and columns (1 + k,); a path to an array stands for all of its columns."""
+    names = [one.time or "time", *map(str, one.columns)]
+    if len(names) != len(chosen):
+        return ", ".join(names[1:])
+    return ", ".join(name for name, each in zip(names, chosen, strict=True) if each)
 
 
-def _samples(key: str, one: ChannelMapping, rows: np.ndarray) -> Channel:
+def _samples(key: str, one: ChannelMapping, table: TableColumns) -> Channel:
+    rows = table.values
     known = np.isfinite(rows)
     if len(rows) > 1 and not known.all(axis=1).any():
         columns = _named(one, ~known.any(axis=0)) or "one column or another"
@@ -188,24 +386,35 @@ def _samples(key: str, one: ChannelMapping, rows: np.ndarray) -> Channel:
         rows = rows[(rows[:, 1:] != 0.0).any(axis=1)]
     if len(rows) < 2:
         raise InvalidInput(f"fewer than two samples of {key}; leave the channel out")
+    back = float((np.maximum.accumulate(rows[:, 0]) - rows[:, 0]).max())
+    n, rows = len(rows), _without_echoes(rows)
     given = rows[:, 0]
     t, first = np.unique(given if one.sent_every is None else even_send_times(given, one.sent_every), return_index=True)
     return Channel(
         t=t,
         values=_converted(key, one, rows[first, 1:]),
         delay=one.delay,
-        back=float((np.maximum.accumulate(given) - given).max()),
+        back=back,
         repeated=len(given) - len(t),
+        echoes=n - len(given),
     )
+
+
+def _without_echoes(rows: np.ndarray) -> np.ndarray:
+    """Rows (n, 1 + k) without messages that say the same again at nearly the same time, as topics that are republished do."""
+    steps, same = np.diff(rows[:, 0]), (np.diff(rows[:, 1:], axis=0) == 0.0).all(axis=1)
+    new = steps[~same]
+    if len(new) < 2:
+        return rows
+    echo = same & (steps >= 0.0) & (steps < _AT_ONCE * float(np.median(np.diff(rows[np.r_[True, ~same], 0]))))
+    return rows[np.r_[True, ~echo]]
 
 
 def _converted(key: str, one: ChannelMapping, values: np.ndarray) -> np.ndarray:
-    values = values * one.scale * (np.pi / 180.0 if one.unit == "deg" else 1.0)
     if key == "attitude":
         return _quaternions(one, values)
-    turned = {"W": one.world == "NED", "B": one.body == "FRD"}.get(
-        CHANNEL_KINDS[key].frame if key in CHANNEL_KINDS else "", False
-    )
+    frame = one.frame or CHANNEL_KINDS[key].frame
+    turned = {"W": one.world == "NED", "B": one.body == "FRD"}.get(frame, False)
     return values * np.tile(np.diag(_DOWN), values.shape[1] // 3) if turned else values
 
 
@@ -301,8 +510,8 @@ def _channel(t: np.ndarray, values: np.ndarray) -> Channel:
 
 # A recording of any file: one of ours, a record of a run, or one of others with a mapping.
 
-_OWN_ALONE = ".npz"  # files of others do not end so
-_RECORDS = {_OWN_ALONE: Record.load, ".mcap": Record.from_mcap, ".parquet": Record.from_parquet}
+_OWN_MEMBER = b"__meta__.npy"
+_RECORDS = {".npz": Record.load, ".mcap": Record.from_mcap, ".parquet": Record.from_parquet}
 
 
 def read_recording(path: Path, mapping: RecordingMapping | None = None) -> Recording:
@@ -316,17 +525,26 @@ def read_recording(path: Path, mapping: RecordingMapping | None = None) -> Recor
     try:
         return _own(path)
     except InvalidInput:
-        if mapping is None or path.suffix == _OWN_ALONE:
+        if mapping is None or _is_own_archive(path):
             raise
     return mapped_recording(path, mapping)
 
 
+def _is_own_archive(path: Path) -> bool:
+    """Recognise a record of ours, also a damaged one, by the first array in it."""
+    with path.open("rb") as file:
+        return path.suffix == ".npz" and _OWN_MEMBER in file.read(64)
+
+
 def _own(path: Path) -> Recording:
-    if path.suffix == _OWN_ALONE or (holds_messages(path) and path.is_file()):
+    if path.is_dir():
+        raise _needs_mapping(path)
+    kind = kind_of(path)
+    if path.suffix == ".npz" or kind == "mcap":
         return _of_record(path)
     if holds_messages(path):
         raise _needs_mapping(path)
-    return stored_recording(path) if path.suffix != ".parquet" or is_stored(column_names(path)) else _of_record(path)
+    return stored_recording(path) if kind != "parquet" or is_stored(column_names(path)) else _of_record(path)
 
 
 def _of_record(path: Path) -> Recording:

@@ -64,6 +64,8 @@ class Channel:
     """[s] by which times went back in the file at most, whose samples are in order here."""
     repeated: int = 0
     """Samples left out, for another had their time."""
+    echoes: int = 0
+    """Samples left out, for they said again what had just been said."""
     columns: tuple[str, ...] = ()
     """Names of joints or thrusters, where whoever recorded them says so."""
 
@@ -111,6 +113,8 @@ class Recording:
     channels: Mapping[str, Channel]
     issues_in_file: tuple[tuple[str, str], ...] = ()
     """Issues that the file itself reports, as pairs of channel and text."""
+    layout: tuple[str, ...] = ()
+    """How files were understood."""
     at_once: bool = False
     """True where commands act from their times on, as in runs of this toolkit."""
 

@@ -145,6 +145,18 @@ MOVES = {"linear_velocity": 0.01, "angular_velocity": 0.01}
 _GAP, _BURST = 8.0, 0.5  # of the usual interval; of the mean one
 _OFTEN = 0.02  # of all intervals, from which on gaps are what bursts leave
 _SHORTEST, _LONGEST = 1e-5, 5.0  # [s] between samples, of any sensor
+_TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_AT_ONCE = 0.05  # of the usual interval
+_FAR = 3.0  # widths of all others by which values are far off
+_FARTHEST = {
+    "position": 20.0,
+    "linear_velocity": 5.0,
+    "angular_velocity": 10.0,
+    "specific_force": 100.0,
+    "current": 5.0,
+}
+"""[unit] by which they are at least."""
+_PULSES = (900.0, 2200.0)  # [us]
 _SELDOM = ("current", *(name for name, kind in CHANNEL_KINDS.items() if kind.command))
 """What may be told when it changes alone."""
 _SHORTEST_RECORDING, _SPARSEST = 5.0, 100.0  # [s] of a recording; of it over what its samples take up
@@ -162,7 +174,8 @@ _FOR_LONG = 90.0  # [%] of samples below a peak
 def of_samples(recording: Recording) -> Iterator[tuple[str, str]]:
     """Channels and what speaks against them."""
     for name, channel in recording.channels.items():
-        yield from ((name, text) for check in (_times, _dead, _lost, _units) for text in check(name, channel))
+        checks = (_times, _dead, _lost, _far_off, _units, _no_force)
+        yield from ((name, text) for check in checks for text in check(name, channel))
 
 
 def has_times(channel: Channel) -> bool:
@@ -190,8 +203,11 @@ def _times(name: str, channel: Channel) -> Iterator[str]:
     steps = np.diff(channel.t)
     usual = float(np.median(steps))
     gaps = steps > max(_GAP * usual, WINDOW / 2)
-    if name not in _SELDOM and not _SHORTEST < usual < _LONGEST:
-        yield f"{usual:.3g} s between samples: the unit of its times?"
+    if (pairs := _pairs(channel)) > _OFTEN:
+        yield f"{100 * pairs:.0f} % of its samples follow another at once and differ: two sensors? choose one by its rows"
+    elif name not in _SELDOM and not _SHORTEST < usual < _LONGEST:
+        units = [unit for unit, factor in _TIME_UNITS.items() if _SHORTEST < usual * factor < _LONGEST / 2]
+        yield f"{usual:.3g} s between samples: the unit of its times{f', {units[0]}' if units else ''}?"
     elif usual < _BURST * steps.mean() and gaps.mean() > _OFTEN:
         yield f"arrives in bursts, half of the intervals below {usual:.3g} s at a mean of {steps.mean():.3g} s: sent_every?"
     elif gaps.any() and (name not in _SELDOM or np.percentile(steps, _FOR_LONG) < 2 * usual):
@@ -225,6 +241,43 @@ def _lost(name: str, channel: Channel) -> Iterator[str]:
         yield f"{lost} of {len(channel.t)} samples are exactly zero: lost ones?"
 
 
+def _pairs(channel: Channel) -> float:
+    """Share of samples that follow another at once and differ from it by more than it moves until the next but one."""
+    steps, values = np.diff(channel.t), channel.values
+    close = np.flatnonzero(steps < _AT_ONCE * float(np.percentile(steps, 75)))
+    close = close[(close > 0) & (close < len(steps) - 1)]
+    if not len(close):
+        return 0.0
+    apart = np.abs(values[close + 1] - values[close]).max(axis=1)
+    moved = np.abs(values[close] - values[close - 1]).max(axis=1)
+    return float((apart > 0.0).mean() * len(close) / len(steps)) if np.median(apart) >= np.median(moved) / 2 else 0.0
+
+
+def _far_off(name: str, channel: Channel) -> Iterator[str]:
+    """Values far outside all others: of what was not measured, or mistyped."""
+    if CHANNEL_KINDS[name].command or name == "attitude":
+        return
+    for label, values in zip(CHANNEL_KINDS[name].columns, channel.values.T, strict=False):
+        for extreme in (float(values.min()), float(values.max())):
+            others = values[values != extreme]
+            low, high = np.percentile(others, [0.1, 99.9]) if len(others) else (extreme, extreme)
+            gap, n = max(low - extreme, extreme - high), len(values) - len(others)
+            if gap > max(_FAR * (high - low), _FARTHEST.get(name, 0.0)) and n < _FOR_LONG / 100 * len(values):
+                cure = f"give missing: [{extreme:.10g}] where it stands for nothing" if n > 1 else "mistyped?"
+                yield f"{label} is {extreme:.6g} in {n} of {len(values)} samples, all others {low:.3g} to {high:.3g}: {cure}"
+
+
+def _no_force(name: str, channel: Channel) -> Iterator[str]:
+    """Commands that look like what is sent to motors."""
+    if name != "thrust" or not channel.values.any():
+        return
+    low, high = np.percentile(channel.values, [1.0, 99.0])
+    if _PULSES[0] < low and high < _PULSES[1]:
+        yield f"{low:.0f} to {high:.0f}: pulse widths in us? give offset: -1500, scale: 0.0025, as propeller_commands"
+    elif max(-low, high) <= 1.0 and np.abs(channel.values).max() <= 1.0:
+        yield f"{low:.3g} to {high:.3g}: shares of the largest command? give them as propeller_commands"
+
+
 def _units(name: str, channel: Channel) -> Iterator[str]:
     if name in _FASTEST:
         most, other = _FASTEST[name]
@@ -242,6 +295,7 @@ def _too_fast(values: np.ndarray, most: float, unit: str, other: str) -> Iterato
 _G = 9.81  # [m/s2]
 _LIKE_G = (0.8, 1.2)  # of it
 _FREE = 0.3  # of it, below which gravity is not there
+_PRESSURE = 700.0  # [mbar] of air, where people are, and no height of a vehicle in water
 _UPRIGHT = 0.7  # of it, which stays along an axis that is z up
 
 
@@ -295,7 +349,9 @@ def _turned(up: np.ndarray) -> Iterator[str]:
 
 
 def _above(z: np.ndarray) -> Iterator[str]:
-    if z.min() > 0.0:
+    if z.min() > _PRESSURE:
+        yield f"z is {z.min():.4g} to {z.max():.4g}: a pressure in mbar? give 0.0102 m of depth for each beyond the air's"
+    elif z.min() > 0.0:
         yield f"z is {z.min():.3g} to {z.max():.3g} m, above a surface at 0: z down (NED)?"
 
 

@@ -100,7 +100,9 @@ class CalibrationSettings(_Section):
     hull: tuple[_Corner, _Corner] = Field(
         description="box that holds the hull, lowest and highest corner [m], in its link"
     )
-    commands: Literal["thrust", "wrench"] = Field(default="thrust", description="channel of what was commanded")
+    commands: Literal["thrust", "wrench", "propeller_commands"] = Field(
+        default="thrust", description="channel of what was commanded; propeller_commands by the robot's thrust curves"
+    )
     lag: _NonNegative | None = Field(
         default=None, description="of actuators, where the search begins [s]; default: of thrusters their mean, or 0.1"
     )
@@ -204,7 +206,8 @@ def _files(settings: CalibrationSettings, folder: Path) -> tuple[Path, Path | No
 def _actuators(settings: CalibrationSettings, robot: Robot) -> ActuatorModel:
     asked = {name: getattr(settings, name) for name in ("lag", "dead_zone")}
     given: dict[str, Any] = {name: value or _LEAST for name, value in asked.items() if value is not None}
-    known = ActuatorModel(delay=settings.delay or _LEAST, commands=settings.commands)
+    channel = "wrench" if settings.commands == "wrench" else "thrust"
+    known = ActuatorModel(delay=settings.delay or _LEAST, commands=channel)
     if settings.commands == "wrench":
         return replace(known, **given)
     names, thrusters = robot.thruster_names, robot.description.thrusters

@@ -1,51 +1,74 @@
-"""Tables of numbers in files that anyone may have written, CSV and Parquet, and recordings stored as such."""
+"""Tables of numbers in files that anyone may have written, and recordings stored as such.
+
+Text (see `uvms_ocp.identification.text_tables`) and workbooks, Parquet, and named arrays: NumPy's ``.npz``, MATLAB's ``.mat``,
+HDF5. An array of two dimensions has a column ``name[k]``, k from 0, for each of its shorter side.
+"""
 
 from __future__ import annotations
 
 import csv
 import gzip
 import re
-import zlib
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from math import prod
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
-from uvms_ocp.errors import InvalidInput, NameNotFound, NotInstalled, UvmsError
+from uvms_ocp.errors import InvalidInput, NotInstalled, UvmsError
+from uvms_ocp.identification.file_kinds import kind_of
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording
+from uvms_ocp.identification.text_tables import MOST_ROWS, TextFormat, place_of, text_columns, text_layout
 from uvms_ocp.record.tables import require_numbers
-from uvms_ocp.record.untrusted import require_regular_file
-
-# Columns of numbers in a file that anyone may have written: CSV, also packed by gzip, and Parquet.
-
-MOST_ROWS = 5_000_000
-"""of a file: 14 hours at 100 Hz."""
-LONGEST_LINE = 1 << 20
-"""characters: a packed file may have one that fills any memory."""
-_COMMENT = "#"
+from uvms_ocp.record.untrusted import read_arrays
 
 
-def read_columns(path: Path, wanted: Sequence[str]) -> np.ndarray:
-    """The wanted columns (n, k) [as they are] of a table; an empty cell is NaN.
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class TableColumns:
+    """Columns of a table."""
+
+    values: np.ndarray
+    """(n, k) [as they are], NaN where a cell says nothing."""
+    units: tuple[str, ...]
+    """What the file says of their units; empty where it says nothing."""
+    remarks: tuple[str, ...] = ()
+    """What of the file was left out."""
+    layout: str = ""
+    """How the file was understood."""
+
+
+def read_table(path: Path, wanted: Sequence[str], given: TextFormat | None = None) -> TableColumns:
+    """The wanted columns of a table.
 
     Raises NameNotFound for a column that there is not, NotInstalled, and InvalidInput for what is no table of numbers.
     """
     require_there(path)
-    require_regular_file(path)
-    return _from_parquet(path, wanted) if path.suffix == ".parquet" else _from_csv(path, wanted)
+    kind = kind_of(path)
+    if kind in ("text", "workbook"):
+        layout = text_layout(path, given)
+        values, remarks = text_columns(path, wanted, layout)
+        units = tuple(layout.units[place_of(path, layout.names, name)] for name in wanted)
+        return TableColumns(values=values, units=units, remarks=remarks, layout=str(layout))
+    values = _from_parquet(path, wanted) if kind == "parquet" else _from_arrays(path, wanted)
+    return TableColumns(values=values, units=("",) * len(wanted))
+
+
+def read_columns(path: Path, wanted: Sequence[str]) -> np.ndarray:
+    """The wanted columns (n, k) [as they are] of a table; raises as `read_table` does."""
+    return read_table(path, wanted).values
 
 
 def column_names(path: Path) -> tuple[str, ...]:
     """Return the names of a table's columns. Raises InvalidInput for what is no table, and NotInstalled."""
     require_there(path)
-    require_regular_file(path)
-    if path.suffix == ".parquet":
+    kind = kind_of(path)
+    if kind == "parquet":
         with _parquet(path) as file:
             return tuple(file.schema_arrow.names)
-    with _opened(path) as file:
-        return tuple(name.strip() for name in next(csv.reader(_rows_of(file)), []))
+    return text_layout(path).names if kind in ("text", "workbook") else tuple(_arrays(path))
 
 
 def require_there(path: Path) -> None:
@@ -54,59 +77,91 @@ def require_there(path: Path) -> None:
         raise InvalidInput(f"{path}: there is no such file")
 
 
-def _from_csv(path: Path, wanted: Sequence[str]) -> np.ndarray:
-    with _opened(path) as file:
-        rows = csv.reader(_rows_of(file))
-        places = _places(path, next(rows, []), wanted)
-        return np.fromiter(_numbers(rows, places), dtype=float).reshape(-1, len(wanted))
+# Named arrays.
+
+_MOST_NUMBERS = 20 * MOST_ROWS
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[IO[str]]:
-    """A file to read, whose damage is told in one line."""
+def _from_arrays(path: Path, wanted: Sequence[str]) -> np.ndarray:
+    found = _arrays(path)
+    names = list(found)
+    columns = [found[names[place_of(path, names, name)]] for name in wanted]
+    lengths = {len(column) for column in columns}
+    if len(lengths) > 1 or max(lengths) > MOST_ROWS:
+        given = ", ".join(f"{name}: {len(column)}" for name, column in zip(wanted, columns, strict=True))
+        raise InvalidInput(f"{path}: columns of {given} numbers; allowed: as many of each, at most {MOST_ROWS}")
+    return np.column_stack(columns)
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    """Columns (n,) by name."""
     try:
-        with (
-            gzip.open(path, "rt", encoding="utf-8", newline="")
-            if path.suffix == ".gz"
-            else path.open(encoding="utf-8", newline="") as file
-        ):
-            yield file
-    except UvmsError:
+        read = {"npz": read_arrays, "mat": _mat_arrays, "hdf5": _hdf5_arrays}[kind_of(path)]
+        arrays = {name: np.asarray(array) for name, array in read(path).items()}
+    except (UvmsError, NotInstalled):
         raise
-    except (OSError, EOFError, zlib.error, csv.Error, ValueError, IndexError) as error:
-        raise InvalidInput(f"{path}: no table of numbers ({' '.join(str(error).split())[:200]})") from None
+    except Exception as error:  # whatever libraries say to bytes that nobody meant
+        raise InvalidInput(f"{path}: cannot be read ({' '.join(str(error).split())[:200]})") from None
+    found: dict[str, np.ndarray] = {}
+    for name, array in arrays.items():
+        numbers = array.astype("datetime64[ns]").astype(np.int64) * 1e-9 if array.dtype.kind == "M" else array
+        if numbers.dtype.kind not in "biuf" or numbers.ndim not in (1, 2):
+            continue
+        table = numbers.astype(float).reshape(len(numbers), -1)
+        table = table.T if table.shape[1] > len(table) else table
+        found |= {name: table[:, 0]} if table.shape[1] == 1 else {f"{name}[{k}]": row for k, row in enumerate(table.T)}
+    return found
 
 
-def _rows_of(file: IO[str]) -> Iterator[str]:
-    for line in iter(lambda: file.readline(LONGEST_LINE), ""):
-        if len(line) == LONGEST_LINE:
-            raise InvalidInput(f"{getattr(file, 'name', '')}: a line of more than {LONGEST_LINE >> 20} MB")
-        if not line.startswith(_COMMENT):
-            yield line
+def _mat_arrays(path: Path) -> Mapping[str, np.ndarray]:
+    from scipy.io import loadmat, whosmat
+
+    _require_few((name, shape) for name, shape, _ in whosmat(path))
+    return dict(_flat("", {k: v for k, v in loadmat(path, squeeze_me=True).items() if not k.startswith("__")}))
 
 
-def _places(path: Path, header: Sequence[str], wanted: Sequence[str]) -> list[int]:
-    names = [name.strip() for name in header]
-    for name in wanted:
-        if name not in names:
-            raise NameNotFound(f"column of {path.name}", name, names)
-    return [names.index(name) for name in wanted]
+def _flat(prefix: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
+    """Arrays of a structure and of those within it, by names with dots between them."""
+    names = value if isinstance(value, dict) else getattr(getattr(value, "dtype", None), "names", None)
+    if names:
+        for name in names:
+            yield from _flat(f"{prefix}.{name}" if prefix else name, value[name])
+    elif isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 0:
+        yield from _flat(prefix, value.item())
+    elif isinstance(value, np.ndarray):
+        yield prefix, value
 
 
-def _numbers(rows: Iterable[list[str]], places: Sequence[int]) -> Iterator[float]:
-    """One row after the other."""
-    for number, row in enumerate(rows):
-        if number >= MOST_ROWS:
-            raise InvalidInput(f"more than {MOST_ROWS} rows; give recordings one by one")
-        if row:
-            yield from [float(row[place]) if row[place].strip() else np.nan for place in places]
+def _hdf5_arrays(path: Path) -> Mapping[str, np.ndarray]:
+    try:
+        import h5py
+    except ImportError:
+        raise NotInstalled("reading HDF5", "h5py") from None
+    with h5py.File(path) as file:
+        found: dict[str, Any] = {}
+        file.visititems(lambda name, one: found.update({name: one}) if isinstance(one, h5py.Dataset) else None)
+        found = {name.replace("/", "."): one for name, one in found.items() if one.dtype.kind in "biuf"}
+        _require_few((name, one.shape) for name, one in found.items())
+        return {name: one[()].T if one.ndim == 2 else one[()] for name, one in found.items()}
+
+
+def _require_few(shapes: Iterator[tuple[str, Sequence[int]]]) -> None:
+    """Raise InvalidInput for more numbers than a recording has: a few bytes may declare any."""
+    for name, shape in shapes:
+        if prod(map(int, shape)) > _MOST_NUMBERS:
+            raise InvalidInput(f"{name!r} holds {tuple(shape)} numbers; at most {_MOST_NUMBERS} are read")
+
+
+# Parquet.
 
 
 def _from_parquet(path: Path, wanted: Sequence[str]) -> np.ndarray:
     with _parquet(path) as file:
-        require_numbers(file, path, wanted)
-        table = file.read(columns=list(wanted))
-        return np.column_stack([_floats(table.column(name)) for name in wanted])
+        names = list(file.schema_arrow.names)
+        columns = [names[place_of(path, names, name)] for name in wanted]
+        require_numbers(file, path, columns)
+        table = file.read(columns=list(dict.fromkeys(columns)))
+        return np.column_stack([_floats(table.column(name)) for name in columns])
 
 
 def _floats(column: Any) -> np.ndarray:

@@ -1,0 +1,304 @@
+"""One table in the many spellings that files have gives the same numbers, or a line that names the cure."""
+
+from __future__ import annotations
+
+import gzip
+import io
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.identification import RecordingMapping, check_data_quality, read_recording
+from uvms_ocp.identification.recording import Recording
+from uvms_ocp.identification.text_tables import text_layout
+
+T = np.arange(0.0, 20.0, 0.1)
+XYZ = np.column_stack([0.3 * np.sin(T), 0.1 * np.cos(T), -2.0 + 0.2 * np.sin(0.5 * T)]).round(6)
+ROWS = [[f"{t:.3f}", *(f"{x:.6f}" for x in row)] for t, row in zip(T, XYZ, strict=True)]
+NAMES = ["t", "x", "y", "z"]
+POSITION = {"time": "t", "columns": ["x", "y", "z"]}
+
+
+def table(
+    *,
+    names: list[str] | None = NAMES,
+    cell: str = ",",
+    line: str = "\n",
+    before: str = "",
+    rows: list[list[str]] = ROWS,
+) -> str:
+    head = [cell.join(names)] if names else []
+    return before + line.join([*head, *(cell.join(row) for row in rows)]) + line
+
+
+def decimal_comma(rows: list[list[str]]) -> list[list[str]]:
+    return [[cell.replace(".", ",") for cell in row] for row in rows]
+
+
+def at_noon(rows: list[list[str]], form: str) -> list[list[str]]:
+    return [[form.format(int(float(row[0])), round(1e3 * (float(row[0]) % 1.0))), *row[1:]] for row in rows]
+
+
+SPELLINGS: dict[str, bytes] = {
+    "plain": table().encode(),
+    "byte order mark": table().encode("utf-8-sig"),
+    "utf-16": table().encode("utf-16"),
+    "latin": table(before="Tauchgang März\n").encode("cp1252"),
+    "carriage returns": table(line="\r").encode(),
+    "windows": table(line="\r\n").encode(),
+    "packed": gzip.compress(table().encode()),
+    "semicolons": table(cell=";").encode(),
+    "tabs": table(cell="\t").encode(),
+    "blanks": table(cell="   ").encode(),
+    "bars": table(cell=" | ").encode(),
+    "decimal commas": table(cell=";", rows=decimal_comma(ROWS)).encode(),
+    "decimal commas and tabs": table(cell="\t", rows=decimal_comma(ROWS)).encode(),
+    "quotes": table(names=[f'"{n}"' for n in NAMES], rows=[[f'"{c}"' for c in row] for row in ROWS]).encode(),
+    "preamble": table(before="Log of dive 3,,,\nvehicle: BR2,,,\n\n").encode(),
+    "comment": table(before="# dive 3\n% by hand\n").encode(),
+    "header in a comment": table(names=None, before="# t,x,y,z\n").encode(),
+    "row of units": table(rows=[["s", "m", "m", "m"], *ROWS]).encode(),
+    "units in brackets": table(names=[" T (s) ", "X [m]", "Y [m]", "Z [m]"]).encode(),
+    "milliseconds by the header": table(
+        names=["t [ms]", *NAMES[1:]], rows=[[f"{1e3 * float(row[0]):.0f}", *row[1:]] for row in ROWS]
+    ).encode(),
+    "millimetres by a row of units": table(
+        rows=[["s", "mm", "mm", "mm"], *([row[0], *(f"{1e3 * float(c):.3f}" for c in row[1:])] for row in ROWS)]
+    ).encode(),
+    "ISO times": table(rows=at_noon(ROWS, "2024-06-01T12:00:{:02d}.{:03d}Z")).encode(),
+    "times with a blank": table(rows=at_noon(ROWS, "2024-06-01 12:00:{:02d}.{:03d}+02:00")).encode(),
+    "times of day": table(rows=at_noon(ROWS, "12:00:{:02d}.{:03d}")).encode(),
+    "a column of words": table(names=["mode", *NAMES], rows=[["AUTO", *row] for row in ROWS]).encode(),
+    "more cells than names": table(rows=[[*row, ""] for row in ROWS]).encode(),
+}
+
+
+def recording_of(path: Path, mapping: dict[str, object], **more: object) -> Recording:
+    return read_recording(path, RecordingMapping.model_validate({"channels": mapping, **more}))
+
+
+@pytest.mark.parametrize("spelling", SPELLINGS)
+def test_every_spelling_gives_the_same_numbers(spelling: str, tmp_path: Path) -> None:
+    path = tmp_path / "dive.csv"
+    path.write_bytes(SPELLINGS[spelling])
+    read = recording_of(path, {"position": POSITION}).channels["position"]
+    np.testing.assert_allclose(read.t, T, atol=1e-6)
+    np.testing.assert_allclose(read.values, XYZ, atol=1e-9)
+
+
+def test_columns_without_names_have_places(tmp_path: Path) -> None:
+    (tmp_path / "dive.csv").write_text(table(names=None))
+    with pytest.raises(NameNotFound, match="known: #1, #2, #3, #4"):
+        recording_of(tmp_path / "dive.csv", {"position": POSITION})
+    places = {"time": "#1", "columns": ["#2", "#3", "#4"]}
+    np.testing.assert_array_equal(
+        recording_of(tmp_path / "dive.csv", {"position": places}).channels["position"].values, XYZ
+    )
+
+
+def test_what_is_given_is_not_looked_for(tmp_path: Path) -> None:
+    (tmp_path / "dive.txt").write_bytes(table(cell="|").encode("utf-16-le"))
+    with pytest.raises(InvalidInput, match="binary"):
+        text_layout(tmp_path / "dive.txt")
+    read = recording_of(
+        tmp_path / "dive.txt", {"position": POSITION}, table={"encoding": "utf-16-le", "delimiter": "|"}
+    )
+    np.testing.assert_array_equal(read.channels["position"].values, XYZ)
+    assert read.layout == ("dive.txt: utf-16-le, '|' between cells, decimals after '.', header in line 1",)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "is empty"),
+        (b"ULog\x01\x12\x35more", "ulog2csv"),
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "git lfs pull"),
+        (b"$GPGGA,1,2,3\n", "NMEA"),
+        (b"\xfd7zXZ\x00", "packed by xz"),
+        (b"\x00\x01\x02" * 50, "binary"),
+        (table(names=["t", "x", "x", "z"]).encode(), r"2 columns are called 'x'; give one by its place: #2, #3"),
+        (table(rows=[*ROWS[:5], ["1_0", *ROWS[5][1:]], *ROWS[6:]]).encode(), "row 6, column 't': '1_0' is no number"),
+        (table(rows=[*ROWS[:5], ROWS[5][:2], *ROWS[6:]]).encode(), "row 6 has 2 cells; its table has 4 columns"),
+    ],
+)
+def test_what_cannot_be_read_names_its_kind_and_the_cure(content: bytes, message: str, tmp_path: Path) -> None:
+    (tmp_path / "dive.csv").write_bytes(content)
+    with pytest.raises(InvalidInput, match=message) as error:
+        recording_of(tmp_path / "dive.csv", {"position": {**POSITION, "columns": ["x", 0.0, "z"]}})
+    assert "\n" not in str(error.value)
+
+
+def test_a_few_bytes_do_not_hold_lines_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("uvms_ocp.identification.text_tables.MOST_ROWS", 1000)
+    (tmp_path / "a.csv").write_bytes(gzip.compress(b"t,x,y,z\n" + b"#\n" * 100_000))
+    with pytest.raises(InvalidInput, match="more than 1000 lines"):
+        recording_of(tmp_path / "a.csv", {"position": POSITION})
+
+
+def arrays_npz(path: Path) -> None:
+    np.savez(path, t=T, pose=XYZ, name=np.array("dive 3"))
+
+
+def arrays_mat(path: Path) -> None:
+    from scipy.io import savemat
+
+    savemat(path, {"t": T, "pose": XYZ, "log": {"depth": XYZ[:, 2]}})
+
+
+def arrays_hdf5(path: Path) -> None:
+    h5py = pytest.importorskip("h5py", reason='needs pip install "uvms-ocp[files]"')
+    with h5py.File(path, "w") as file:
+        file["t"], file["pose"] = T, XYZ
+
+
+@pytest.mark.parametrize(("ending", "write"), [(".npz", arrays_npz), (".mat", arrays_mat), (".h5", arrays_hdf5)])
+def test_named_arrays_are_tables(ending: str, write: Callable[[Path], None], tmp_path: Path) -> None:
+    write(tmp_path / f"dive{ending}")
+    one = {"time": "t", "columns": [f"pose[{k}]" for k in range(3)]}
+    read = recording_of(tmp_path / f"dive{ending}", {"position": one}).channels["position"]
+    np.testing.assert_array_equal(read.t, T)
+    np.testing.assert_array_equal(read.values, XYZ)
+    with pytest.raises(NameNotFound, match=r"known: (t, )?pose\[0\], pose"):
+        recording_of(tmp_path / f"dive{ending}", {"position": POSITION | {"columns": ["x", "y", "z"]}})
+
+
+def test_a_workbook_is_a_table(tmp_path: Path) -> None:
+    openpyxl = pytest.importorskip("openpyxl", reason='needs pip install "uvms-ocp[files]"')
+    book = openpyxl.Workbook()
+    for row in [["dive 3"], NAMES, *np.column_stack([T, XYZ]).tolist()]:
+        book.active.append(row)
+    book.save(tmp_path / "dive.xlsx")
+    read = recording_of(tmp_path / "dive.xlsx", {"position": POSITION}).channels["position"]
+    np.testing.assert_allclose(read.values, XYZ, atol=1e-12)
+
+
+def test_lines_of_json_have_topics_by_their_type(tmp_path: Path) -> None:
+    lines = [
+        f'{{"type": "velocity", "time": {1e3 * t}, "vx": {x}, "vy": {y}, "ok": true}}'
+        for t, (x, y, _) in zip(T, XYZ, strict=True)
+    ]
+    (tmp_path / "dvl.json").write_text("\n".join(['{"type": "position_local", "ts": 1}', *lines]))
+    one = {"topic": "velocity", "time": "time", "time_unit": "ms", "columns": ["vx", "-vy", 0.0], "rows": {"ok": 1}}
+    read = recording_of(tmp_path / "dvl.json", {"linear_velocity": one}).channels["linear_velocity"]
+    np.testing.assert_allclose(read.values, np.column_stack([XYZ[:, 0], -XYZ[:, 1], 0 * T]))
+    with pytest.raises(NameNotFound, match="known: position_local, velocity"):
+        recording_of(tmp_path / "dvl.json", {"linear_velocity": {**one, "topic": "speed"}})
+
+
+# What a mapping says, and what would be ignored.
+
+
+def written(tmp_path: Path, **columns: np.ndarray) -> Path:
+    file = io.StringIO()
+    np.savetxt(
+        file, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="", fmt="%.17g"
+    )
+    (tmp_path / "dive.csv").write_text(file.getvalue())
+    return tmp_path / "dive.csv"
+
+
+def test_constants_signs_offsets_and_scales(tmp_path: Path) -> None:
+    path = written(tmp_path, t=T, a=1500.0 + 100 * XYZ[:, 0], b=1500.0 + 100 * XYZ[:, 1])
+    commands = {"time": "t", "columns": ["a", "-b"], "offset": [-1500.0, 1500.0], "scale": 0.01}
+    read = recording_of(path, {"propeller_commands": commands}).channels["propeller_commands"]
+    np.testing.assert_allclose(read.values, XYZ[:, :2] * [1.0, -1.0], atol=1e-9)
+    position = {"time": "t", "columns": [0.0, 1.0, "-a"], "scale": [1.0, 2.0, 1e-3]}
+    read = recording_of(path, {"position": position}).channels["position"]
+    np.testing.assert_allclose(read.values[:, :2], [[0.0, 2.0]] * len(T))
+
+
+def test_rows_choose_one_of_two_sensors_in_a_table_and_without_them_it_is_said(tmp_path: Path) -> None:
+    twice, depth = np.repeat(T, 2) + np.tile([0.0, 1e-5], len(T)), np.repeat(XYZ, 2, axis=0)
+    depth[1::2, 2] -= 5.0
+    path = written(tmp_path, t=twice, x=depth[:, 0], y=depth[:, 1], z=depth[:, 2], I=np.tile([0.0, 1.0], len(T)))
+    both = recording_of(path, {"position": POSITION})
+    assert any("two sensors? choose one by its rows" in str(doubt) for doubt in check_data_quality(both))
+    one = recording_of(path, {"position": {**POSITION, "rows": {"I": 0}}})
+    np.testing.assert_array_equal(one.channels["position"].values, XYZ)
+    assert not check_data_quality(one)
+    with pytest.raises(InvalidInput, match="no row has"):
+        recording_of(path, {"position": {**POSITION, "rows": {"I": 7}}})
+
+
+@pytest.mark.parametrize(("share", "value"), [(0.01, -9999.0), (0.09, -32.768), (0.2, 65535.0)])
+def test_values_that_stand_for_nothing_are_seen_and_left_out_on_demand(
+    share: float, value: float, tmp_path: Path
+) -> None:
+    lost = np.random.default_rng(1).uniform(size=len(T)) < share
+    given = np.where(lost[:, None], value, XYZ)
+    path = written(tmp_path, t=T, x=given[:, 0], y=given[:, 1], z=given[:, 2])
+    doubts = [str(doubt) for doubt in check_data_quality(recording_of(path, {"position": POSITION}))]
+    assert any(f"give missing: [{value:.10g}]" in doubt for doubt in doubts), doubts
+    read = recording_of(path, {"position": {**POSITION, "missing": [value]}}).channels["position"]
+    np.testing.assert_array_equal(read.values, XYZ[~lost])
+
+
+def test_messages_that_are_published_again_count_once(tmp_path: Path) -> None:
+    times = (T[:, None] + [0.0, 4e-5, 3.5e-4]).ravel()
+    again = np.repeat(XYZ, 3, axis=0)
+    one = recording_of(written(tmp_path, t=times, x=again[:, 0], y=again[:, 1], z=again[:, 2]), {"position": POSITION})
+    np.testing.assert_array_equal(one.channels["position"].values, XYZ)
+    np.testing.assert_allclose(one.channels["position"].t, T, atol=1e-12)
+    assert one.channels["position"].echoes == 2 * len(T)
+    assert not check_data_quality(one)
+
+
+def test_velocities_in_the_world_are_turned_by_the_attitude(tmp_path: Path) -> None:
+    yaw = 0.1 * T
+    velocity = np.column_stack([np.cos(yaw), np.sin(yaw), 0.2 + 0 * T])  # along its own x axis
+    path = written(tmp_path, t=T, yaw=yaw, u=velocity[:, 0], v=velocity[:, 1], w=velocity[:, 2])
+    attitude = {"time": "t", "columns": [0.0, 0.0, "yaw"], "format": "rpy"}
+    one = {"time": "t", "columns": ["u", "v", "w"], "frame": "W"}
+    read = recording_of(path, {"attitude": attitude, "linear_velocity": one}).channels["linear_velocity"]
+    np.testing.assert_allclose(read.values, [[1.0, 0.0, 0.2]] * len(T), atol=1e-9)
+    with pytest.raises(InvalidInput, match="needs the attitude"):
+        recording_of(path, {"linear_velocity": one})
+
+
+def test_degrees_are_known_by_the_header_or_doubted(tmp_path: Path) -> None:
+    yaw = 45.0 + 3.0 * T
+    attitude = {"time": "t", "columns": [0.0, 0.0, "yaw"], "format": "rpy"}
+    path = written(tmp_path, t=T, yaw=yaw)
+    silent = recording_of(path, {"attitude": attitude})
+    assert any("in deg?" in str(doubt) for doubt in check_data_quality(silent))
+    right = recording_of(path, {"attitude": {**attitude, "unit": "deg"}}).channels["attitude"].values
+    text = path.read_text().replace("yaw", "yaw [deg]")
+    path.write_text(text)
+    np.testing.assert_array_equal(recording_of(path, {"attitude": attitude}).channels["attitude"].values, right)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "word"), [(1300.0, 1700.0, "pulse widths"), (-0.9, 0.9, "shares of the largest")]
+)
+def test_commands_that_are_no_newtons_are_doubted(low: float, high: float, word: str, tmp_path: Path) -> None:
+    command = (low + high) / 2 + (high - low) / 2 * np.sin(T)
+    read = recording_of(written(tmp_path, t=T, m=command), {"thrust": {"time": "t", "columns": ["m"]}})
+    assert any(word in str(doubt) for doubt in check_data_quality(read))
+    newtons = recording_of(written(tmp_path, t=T, m=30.0 * np.sin(T)), {"thrust": {"time": "t", "columns": ["m"]}})
+    assert not any(word in str(doubt) for doubt in check_data_quality(newtons))
+
+
+@pytest.mark.parametrize(
+    ("channel", "given", "message"),
+    [
+        ("linear_velocity", {"world": "NED"}, "world: NED given, which means nothing of it"),
+        ("position", {"body": "FRD"}, "body: FRD given"),
+        ("position", {"format": "rpy"}, "format: rpy given"),
+        ("position", {"frame": "W"}, "frame: W given"),
+        ("position", {"unit": "deg"}, r"unit 'deg' given; allowed: m, cm, mm"),
+        ("attitude", {"unit": "deg"}, "unit 'deg' given; allowed: none"),
+        ("position", {"columns": ["x", "y"]}, "2 columns given; allowed: 3; a number may stand for one"),
+        ("position", {"columns": ["x", "y", "z", "x"]}, "4 columns given; allowed: 3"),
+        ("position", {"scale": [1.0, 2.0]}, "2 numbers of scale given"),
+        ("velocity", {}, "unknown channel 'velocity'.*Did you mean 'linear_velocity'"),
+    ],
+)
+def test_a_key_that_means_nothing_is_refused(
+    channel: str, given: dict[str, object], message: str, tmp_path: Path
+) -> None:
+    path = written(tmp_path, t=T, x=XYZ[:, 0], y=XYZ[:, 1], z=XYZ[:, 2])
+    with pytest.raises((InvalidInput, NameNotFound), match=message):
+        recording_of(path, {channel: {**POSITION, **given}})

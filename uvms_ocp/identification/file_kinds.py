@@ -1,0 +1,103 @@
+"""Recognise what kind of recording a file is, by its first bytes rather than its ending."""
+
+from __future__ import annotations
+
+import gzip
+import zlib
+from pathlib import Path
+from typing import Literal
+
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.untrusted import require_regular_file
+
+Kind = Literal[
+    "text", "workbook", "parquet", "npz", "mat", "hdf5", "mcap", "bag", "sqlite", "json", "dataflash", "tlog"
+]
+MESSAGES: tuple[Kind, ...] = ("mcap", "bag", "sqlite", "json", "dataflash", "tlog")
+"""Kinds that hold messages of topics; all others are tables."""
+BAG_METADATA = "metadata.yaml"
+"""of a folder of ROS 2."""
+_KINDS: dict[bytes, Kind] = {
+    b"PAR1": "parquet",
+    b"\x89HDF\r\n\x1a\n": "hdf5",
+    b"MATLAB 5.0": "mat",
+    b"MATLAB 7.3": "hdf5",
+    b"\x89MCAP0\r\n": "mcap",
+    b"#ROSBAG V2.0": "bag",
+    b"SQLite format 3\0": "sqlite",
+    b"\xa3\x95": "dataflash",
+    b"{": "json",
+}
+_NOT_READ = {
+    b"version https://git-lfs": ("a pointer of Git LFS and not the file itself", "get it by `git lfs pull`"),
+    b"ULog\x01\x12\x35": ("a ULog of PX4", "turn it into tables by `ulog2csv` of pyulog"),
+    b"\xd0\xcf\x11\xe0": ("an old workbook (.xls)", "save it as .xlsx or CSV"),
+    b"#ROSBAG V1": ("a ROS 1 bag of version 1", "turn it into version 2 by `rosbag fix`"),
+    b"BZh": ("packed by bzip2", "unpack it"),
+    b"\xfd7zXZ": ("packed by xz", "unpack it"),
+    b"7z\xbc\xaf": ("packed by 7-Zip", "unpack it"),
+    b"\x28\xb5\x2f\xfd": ("packed by zstd", "unpack it"),
+    b"Rar!": ("packed by RAR", "unpack it"),
+    b"\x1f\x9d": ("packed by compress", "unpack it"),
+    b"%PDF": ("a PDF", "give the table that it shows as CSV"),
+    b"$": ("sentences of NMEA", "turn them into a table, a column for each field that is wanted"),
+    b"!AIVDM": ("sentences of NMEA", "turn them into a table, a column for each field that is wanted"),
+    b"<": ("XML or a page", "turn it into a table, a column for each field that is wanted"),
+}
+"""What is recognised and not read: what it is, and what to do."""
+_MAVLINK_STARTS = (0xFD, 0xFE)
+_STAMP = 8  # [B] before each message of a .tlog
+
+
+def kind_of(path: Path) -> Kind:
+    """Kind of a file. Raises InvalidInput for one that is empty, of a kind that is not read, or no file."""
+    require_regular_file(path)
+    with path.open("rb") as file:
+        head = file.read(64)
+    if not head:
+        raise InvalidInput(f"{path}: is empty; give a recording")
+    for start, kind in _KINDS.items():
+        if head.startswith(start):
+            return kind
+    for start, (what, cure) in _NOT_READ.items():
+        if head.startswith(start):
+            raise InvalidInput(f"{path}: {what}, which is not read; {cure}")
+    if head.startswith(b"PK\x03\x04"):
+        return "npz" if b".npy" in head else _archive(path)
+    if path.suffix == ".tlog" and len(head) > _STAMP and head[_STAMP] in _MAVLINK_STARTS:
+        return "tlog"
+    return _packed_text(path) if head.startswith(b"\x1f\x8b") else "text"
+
+
+def _archive(path: Path) -> Kind:
+    """A zip file whose first member is no array."""
+    from zipfile import BadZipFile, ZipFile
+
+    try:
+        with ZipFile(path) as archive:
+            names = archive.namelist()
+    except (BadZipFile, OSError, ValueError):
+        names = []
+    if "xl/workbook.xml" in names:
+        return "workbook"
+    if any(name.endswith(".npy") for name in names):
+        return "npz"
+    raise InvalidInput(f"{path}: a zip archive, which is not read; unpack it")
+
+
+def _packed_text(path: Path) -> Kind:
+    try:
+        with gzip.open(path) as file:
+            head = file.read(64)
+    except (OSError, EOFError, zlib.error) as error:
+        raise InvalidInput(f"{path}: no table of numbers ({' '.join(str(error).split())[:200]})") from None
+    if any(head.startswith(start) for start in (*_KINDS, *_NOT_READ)):
+        raise InvalidInput(f"{path}: packed by gzip, in which tables of text alone are read; unpack it")
+    return "text"
+
+
+def holds_messages(path: Path) -> bool:
+    """Recognise a file or a folder of messages; nothing that is not there."""
+    if path.is_dir():
+        return (path / BAG_METADATA).is_file()
+    return path.is_file() and kind_of(path) in MESSAGES

@@ -1,0 +1,383 @@
+"""Read tables of text that anyone may have written: encoding, delimiter, decimal sign, header and units are found, or given.
+
+A table is what follows a header: rows of equally many cells, in most of whose columns there are numbers. Lines before it are
+passed over, so are comments, of which the last before the first row may be the header. Columns have their names, and their
+places as ``#1``, ``#2``, ...
+"""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+import re
+import zlib
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from itertools import islice
+from pathlib import Path
+from typing import IO, Annotated, Literal
+from zipfile import ZipFile
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from uvms_ocp.errors import InvalidInput, NameNotFound, NotInstalled, UvmsError
+from uvms_ocp.model_errors import one_line_errors
+from uvms_ocp.record.untrusted import DENSEST, SMALL
+
+MOST_ROWS = 5_000_000
+"""of a file: 14 hours at 100 Hz."""
+LONGEST_LINE = 1 << 20
+"""characters: a packed file may have one that fills any memory."""
+_HEAD, _HEAD_BYTES = 200, 1 << 16  # lines, and bytes, from which the layout is found
+_DELIMITERS = {"tab": "\t", ";": ";", ",": ",", "|": "|", "blank": ""}
+_GZIP, _ZIP = b"\x1f\x8b", b"PK"
+_BYTE_ORDER_MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
+_MISSING = frozenset({"", "-", "--", "na", "n/a", "#n/a", "nan", "-nan", "none", "null", "nil", "missing"})
+_TRUTH = {"true": 1.0, "false": 0.0}
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.IGNORECASE)
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+_GROUPED = re.compile(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?")
+_TIME = re.compile(r"(\d{4}-\d\d-\d\d[T ])?(\d\d?):(\d\d):(\d\d)(\.\d+)?(Z|[+-]\d\d:?\d\d)?")
+_UNIT = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
+_UNITS = frozenset(
+    {
+        "s",
+        "ms",
+        "us",
+        "µs",
+        "ns",
+        "sec",
+        "m",
+        "mm",
+        "cm",
+        "m/s",
+        "mm/s",
+        "cm/s",
+        "m/s2",
+        "m/s^2",
+        "rad",
+        "deg",
+        "°",
+        "rad/s",
+    }
+    | {"deg/s", "°/s", "n", "nm", "mbar", "bar", "pa", "hz"}
+)
+
+
+@one_line_errors
+class TextFormat(BaseModel):
+    """What is known of a table of text; what is not given is found."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    encoding: str | None = Field(default=None, description="such as utf-8, cp1252")
+    delimiter: Literal["tab", ";", ",", "|", "blank"] | None = Field(default=None, description="between cells")
+    decimal: Literal[".", ","] | None = Field(default=None, description="sign before decimals")
+    header: Annotated[int, Field(ge=0)] | None = Field(default=None, description="its line, from 1; 0: there is none")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TextLayout:
+    """Layout of a table of text."""
+
+    encoding: str
+    delimiter: str
+    """Between cells, a key of `TextFormat`."""
+    decimal: str
+    names: tuple[str, ...]
+    """Of the columns; their places where there is no header."""
+    units: tuple[str, ...]
+    """Of the columns, from a row of units or from brackets in the names; empty where nothing is said."""
+    header: int
+    """Its line, from 1; 0 for none."""
+    first: int
+    """Line of the first row, from 1."""
+
+    def __str__(self) -> str:
+        header = f"header in line {self.header}" if self.header else "no header, columns are #1, #2, ..."
+        return f"{self.encoding}, {self.delimiter!r} between cells, decimals after {self.decimal!r}, {header}"
+
+
+def text_layout(path: Path, given: TextFormat | None = None) -> TextLayout:
+    """Find the layout of a table. Raises InvalidInput for what is none."""
+    given = given or TextFormat()
+    encoding = given.encoding or _encoding(path)
+    with _opened(path, encoding) as file:
+        head = [(k, line) for k, line in enumerate(islice(_lines(file), _HEAD), 1) if line.strip()]
+        rows = [(k, line) for k, line in head if not line.lstrip().startswith(("#", "%"))]
+        delimiter = given.delimiter or _delimiter([line for _, line in rows])
+        cells = [(k, _split(line, delimiter)) for k, line in rows]
+        if cells and all(row[-1] == "" for _, row in cells[len(cells) // 2 :] if row):  # lines that end by a delimiter
+            cells = [(k, row[:-1] if row[-1] == "" else row) for k, row in cells]
+        width = Counter(len(row) for _, row in cells).most_common(1)[0][0] if cells else 0
+        table = [(k, row) for k, row in cells if len(row) == width]
+        decimal = given.decimal or _decimal([row for _, row in table], delimiter)
+        first = _first_row(table, decimal)
+        before = [(k, row) for k, row in table if k < first and 2 * sum(map(bool, row)) >= width]
+        comments = [(k, _split(line.lstrip().lstrip("#%"), delimiter)) for k, line in head if k < first]
+        before = before or [(k, row) for k, row in comments if len(row) == width and not _is_row(row, decimal)][-1:]
+        units = (
+            before.pop()
+            if len(before) > 1 and all(cell.strip("[]()").lower() in _UNITS for cell in before[-1][1] if cell)
+            else None
+        )
+        if given.header is not None:
+            before = [(k, row) for k, row in cells + comments if k == given.header]
+            first = max(first, given.header + 1)
+        line, names = before[-1] if before else (0, [f"#{k + 1}" for k in range(width)])
+        said = [cell.strip("[]() ") for cell in units[1]] if units else [_unit_in(name) for name in names]
+        return TextLayout(
+            encoding=encoding,
+            delimiter=delimiter,
+            decimal=decimal,
+            names=tuple(names),
+            units=tuple(said),
+            header=line,
+            first=first,
+        )
+
+
+def text_columns(path: Path, wanted: Sequence[str], layout: TextLayout) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Wanted columns (n, k) [as they are] of a table, NaN where a cell says nothing, and remarks about what was left out.
+
+    Times of day and ISO 8601 times are in seconds. Raises NameNotFound for a column that there is not, and InvalidInput.
+    """
+    places = [place_of(path, layout.names, name) for name in wanted]
+    remarks: list[str] = []
+    with _opened(path, layout.encoding) as file:
+        numbers = np.fromiter(_numbers(file, layout, places, remarks), dtype=float)
+    return numbers.reshape(-1, len(wanted)), tuple(remarks)
+
+
+def place_of(path: Path, names: Sequence[str], wanted: str) -> int:
+    """Place of a column by its name, by its name without case and unit where that is unambiguous, or by ``#k``.
+
+    Raises NameNotFound, and InvalidInput for a name that stands more than once.
+    """
+    for key in (str.strip, _plain):
+        found = [k for k, name in enumerate(names) if key(name) == key(wanted)]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            places = ", ".join(f"#{k + 1}" for k in found)
+            raise InvalidInput(
+                f"{path.name}: {len(found)} columns are called {wanted!r}; give one by its place: {places}"
+            )
+    if re.fullmatch(r"#\d+", wanted) and 0 < int(wanted[1:]) <= len(names):
+        return int(wanted[1:]) - 1
+    raise NameNotFound(f"column of {path.name}", wanted, [name.strip() for name in names])
+
+
+def _plain(name: str) -> str:
+    return _UNIT.sub("", name).strip().lower()
+
+
+def _unit_in(name: str) -> str:
+    found = _UNIT.search(name)
+    return found[1].strip() if found else ""
+
+
+# Layout.
+
+
+def _encoding(path: Path) -> str:
+    with path.open("rb") as file:
+        start = file.read(4)
+    if start.startswith(_ZIP):
+        return "utf-8"
+    with _damage_in_a_line(path), gzip.open(path) if start.startswith(_GZIP) else path.open("rb") as data:
+        head = data.read(_HEAD_BYTES)
+    for mark, encoding in _BYTE_ORDER_MARKS.items():
+        if head.startswith(mark):
+            return encoding
+    if b"\0" in head:
+        raise InvalidInput(f"{path}: no table of numbers (it is binary); CSV and other tables of text are read")
+    try:
+        head[: len(head) - 4 if len(head) == _HEAD_BYTES else None].decode("utf-8")
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8"
+
+
+def _delimiter(lines: Sequence[str]) -> str:
+    """Find the delimiter by which most lines have equally many cells, and most cells are numbers."""
+
+    def share(name: str) -> float:
+        rows = [_split(line, name) for line in lines]
+        width, n = Counter(map(len, rows)).most_common(1)[0] if rows else (0, 0)
+        if width < 2:
+            return 0.0
+        cells = [cell for row in rows for cell in row if len(row) == width]
+        known = sum(_is_number(cell, "," if name != "," else ".") or cell.lower() in _MISSING for cell in cells)
+        return n / len(rows) * (0.01 + known / len(cells))
+
+    return max(_DELIMITERS, key=share)
+
+
+def _split(line: str, delimiter: str) -> list[str]:
+    if delimiter == "blank":
+        return line.split()
+    return [
+        cell.strip() for cell in next(csv.reader([line], delimiter=_DELIMITERS[delimiter], skipinitialspace=True), [])
+    ]
+
+
+def _decimal(rows: Sequence[Sequence[str]], delimiter: str) -> str:
+    if delimiter == ",":
+        return "."
+    cells = [cell for row in rows for cell in row]
+    commas = sum(bool(_DECIMAL_COMMA.fullmatch(cell)) for cell in cells)
+    return "," if commas > sum("." in cell and bool(_NUMBER.fullmatch(cell)) for cell in cells) else "."
+
+
+def _first_row(table: Sequence[tuple[int, Sequence[str]]], decimal: str) -> int:
+    """Line of the first row of numbers: as the later rows have them, column by column."""
+    later = [row for _, row in table[len(table) // 2 :]]
+    numeric = [
+        k
+        for k in range(len(later[0]) if later else 0)
+        if 2 * sum(_is_number(row[k], decimal) for row in later) >= len(later)
+    ]
+    for line, row in table:
+        cells = [row[k] for k in numeric]
+        if any(_is_number(cell, decimal) for cell in cells) and all(
+            _is_number(cell, decimal) or cell.lower() in _MISSING for cell in cells
+        ):
+            return line
+    return (table[-1][0] if table else 0) + 1
+
+
+def _is_row(row: Sequence[str], decimal: str) -> bool:
+    return 2 * sum(_is_number(cell, decimal) for cell in row) > len(row)
+
+
+def _is_number(cell: str, decimal: str) -> bool:
+    if decimal == "," and _DECIMAL_COMMA.fullmatch(cell):
+        return True
+    return bool(_NUMBER.fullmatch(cell) or _TIME.fullmatch(cell) or _GROUPED.fullmatch(cell))
+
+
+# Rows.
+
+
+def _numbers(file: IO[str], layout: TextLayout, places: Sequence[int], remarks: list[str]) -> Iterator[float]:
+    """One row after the other; a last row that breaks off is left out."""
+    lines = islice(_lines(file), layout.first - 1, None)
+    rows: Iterable[list[str]] = (
+        map(str.split, lines)
+        if layout.delimiter == "blank"
+        else csv.reader(lines, delimiter=_DELIMITERS[layout.delimiter], skipinitialspace=True)
+    )
+    before: list[str] = []
+    number = 0
+    for row in rows:
+        if not row or row[0].startswith(("#", "%")):
+            continue
+        if before:
+            yield from _cells(before, layout, number, places)
+        before, number = row, number + 1
+        if number > MOST_ROWS:
+            raise InvalidInput(f"more than {MOST_ROWS} rows; give recordings one by one")
+    if before and len(before) < len(layout.names):
+        remarks.append(f"the last row breaks off after {len(before)} of {len(layout.names)} cells and is left out")
+    elif before:
+        yield from _cells(before, layout, number, places)
+
+
+def _cells(row: Sequence[str], layout: TextLayout, number: int, places: Sequence[int]) -> Iterator[float]:
+    if len(row) <= max(places):
+        raise InvalidInput(f"row {number} has {len(row)} cells; its table has {len(layout.names)} columns")
+    for place in places:
+        cell = row[place].replace(",", ".") if layout.decimal == "," else row[place]
+        try:
+            if "_" in cell:
+                raise ValueError
+            yield float(cell)
+        except ValueError:
+            yield _unusual(cell.strip(), layout.names[place], number)
+
+
+def _unusual(cell: str, name: str, number: int) -> float:
+    """A cell that is no plain number: nothing, a time, or groups of digits."""
+    if cell.lower() in _MISSING:
+        return float("nan")
+    if cell.lower() in _TRUTH:
+        return _TRUTH[cell.lower()]
+    if _GROUPED.fullmatch(cell):
+        return float(cell.replace(",", ""))
+    found = _TIME.fullmatch(cell)
+    if not found:
+        raise InvalidInput(
+            f"row {number}, column {name!r}: {cell[:40]!r} is no number; numbers, times and empty cells are read"
+        )
+    day, hours, minutes, seconds, fraction, zone = found.groups()
+    time = 3600.0 * int(hours) + 60.0 * int(minutes) + int(seconds) + float(fraction or 0.0)
+    if day:
+        time += datetime.fromisoformat(day[:10]).replace(tzinfo=timezone.utc).timestamp()
+    if zone and zone != "Z":
+        time -= (1 if zone[0] == "+" else -1) * (3600.0 * int(zone[1:3]) + 60.0 * int(zone[-2:]))
+    return time
+
+
+# Files.
+
+
+@contextmanager
+def _opened(path: Path, encoding: str) -> Iterator[IO[str]]:
+    """A file to read, packed or not, or the first sheet of a workbook; what is damaged is told in one line."""
+    with path.open("rb") as file:
+        start = file.read(4)
+    with _damage_in_a_line(path):
+        if start.startswith(_ZIP):
+            yield _sheet(path)
+            return
+        with gzip.open(path) if start.startswith(_GZIP) else path.open("rb") as data:
+            yield io.TextIOWrapper(data, encoding=encoding, newline=None)
+
+
+def _sheet(path: Path) -> IO[str]:
+    """First sheet of a workbook as text with commas between cells."""
+    try:
+        from openpyxl import load_workbook
+    except ImportError:
+        raise NotInstalled("reading a workbook", "openpyxl") from None
+    with ZipFile(path) as archive:
+        size, unpacked = path.stat().st_size, sum(one.file_size for one in archive.infolist())
+    if unpacked > max(SMALL, DENSEST * size):
+        raise InvalidInput(f"would unpack to {unpacked >> 20} MB; at most {DENSEST} times a file are read")
+    text = io.StringIO()
+    try:
+        rows = csv.writer(text)
+        with closing(load_workbook(path, read_only=True, data_only=True)) as book:
+            rows.writerows(book.worksheets[0].iter_rows(values_only=True))
+    except Exception as error:  # whatever the library says to bytes that nobody meant
+        raise InvalidInput(f"no workbook ({' '.join(str(error).split())[:200]})") from None
+    text.seek(0)
+    return text
+
+
+@contextmanager
+def _damage_in_a_line(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except (NameNotFound, NotInstalled):
+        raise
+    except UvmsError as error:
+        raise error if str(error).startswith(str(path)) else InvalidInput(f"{path}: {error}") from None
+    except (OSError, EOFError, zlib.error, csv.Error, ValueError, LookupError) as error:
+        raise InvalidInput(f"{path}: no table of numbers ({' '.join(str(error).split())[:200]})") from None
+
+
+def _lines(file: IO[str]) -> Iterator[str]:
+    """All lines, in bounds: a few bytes, packed, may hold as many as there is time for."""
+    for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE), ""), 1):
+        if len(line) == LONGEST_LINE:
+            raise InvalidInput(f"a line of more than {LONGEST_LINE >> 20} MB")
+        if number > MOST_ROWS + _HEAD:
+            raise InvalidInput(f"more than {MOST_ROWS} lines; give recordings one by one")
+        yield line
