@@ -112,7 +112,8 @@ def text_layout(path: Path, given: TextFormat | None = None) -> TextLayout:
         rows = [(k, line) for k, line in head if not line.lstrip().startswith(("#", "%"))]
         delimiter = given.delimiter or _delimiter([line for _, line in rows])
         cells = [(k, _split(line, delimiter)) for k, line in rows]
-        if cells and all(row[-1] == "" for _, row in cells[len(cells) // 2 :] if row):  # lines that end by a delimiter
+        widest = max((len(row) for _, row in cells), default=0)
+        if widest and not any(row[-1] for _, row in cells if len(row) == widest):  # lines that end by a delimiter
             cells = [(k, row[:-1] if row[-1] == "" else row) for k, row in cells]
         width = Counter(len(row) for _, row in cells).most_common(1)[0][0] if cells else 0
         table = [(k, row) for k, row in cells if len(row) == width]
