@@ -26,6 +26,7 @@ from uvms_ocp.tasks import MinimumAltitude
 CALLS = surface()
 WORDS = {
     "limit": ("threshold",),
+    "tolerance": ("threshold",),
     "q0": ("q",),
     "start": ("q",),
     "reference": ("q",),

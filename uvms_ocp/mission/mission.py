@@ -32,7 +32,7 @@ from uvms_ocp.record.display import SmallTable, TableDisplay
 from uvms_ocp.record.meta_values import ABORT, DONE
 from uvms_ocp.tasks.pose import PoseTask
 from uvms_ocp.tasks.task import Hierarchy, Task
-from uvms_ocp.types import Shape
+from uvms_ocp.types import Finite, Shape
 
 # A mission as a graph, as a table and as a diagram.
 
@@ -172,7 +172,8 @@ class Mission(TableDisplay):
                     if condition.quantity not in known:
                         raise NameNotFound(f"quantity in phase {phase.name!r}", condition.quantity, known)
 
-    def start(self, t: float = 0.0) -> MissionState:
+    @checked_on_failure
+    def start(self, t: Finite = 0.0) -> MissionState:
         """The state as the mission begins, at t [s]: every gate rises from zero."""
         waiting = (None,) * len(self.all_phases[0].transitions)
         return MissionState(phase=0, since=t, began=t, activations_before=np.zeros(self.n_tasks), held_since=waiting)
