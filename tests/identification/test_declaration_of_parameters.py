@@ -9,7 +9,17 @@ from vehicles import HULL, declaration, vehicle
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification.coordinates import PositiveDefinite, second_moment
-from uvms_ocp.identification.parameters import Bounded, Fixed, Free, Prior, Quantity, Unknowns
+from uvms_ocp.identification.parameters import (
+    ActuatorModel,
+    Bounded,
+    Fixed,
+    Free,
+    NominalParameters,
+    Prior,
+    Quantity,
+    Unknowns,
+    vehicle_declaration,
+)
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 
 FREE = ("mass", "centre_of_mass", "second_moment", "volume", "centre_of_buoyancy")
@@ -115,3 +125,13 @@ def test_axes_without_a_scale_stay_without_a_value() -> None:
     one = Quantity.fixed("kg", flat, np.diag([4.0, 0.0, 9.0]))
     assert flat.names == ("a", "c", "c-a")
     np.testing.assert_allclose(np.asarray(ca.DM(flat.decode(ca.SX(ca.DM(one.x))))), np.diag([4.0, 0.0, 9.0]))
+
+
+@pytest.mark.parametrize("name", ["delay", "velocity_delay"])
+def test_a_delay_is_nothing_unless_it_is_given_or_learnt(name: str) -> None:
+    start = NominalParameters.of(vehicle())
+    declared = vehicle_declaration(start, HULL, ActuatorModel(delay=0.0))
+    fixed, free = declared.quantities[name], declared.with_status(**{name: Free()}).quantities[name]
+    late = [float(ca.DM(ca.evalf(one.coordinates.decode(ca.SX(ca.DM(one.x)))))) for one in (fixed, free)]
+    assert late[0] < 1e-5  # [s]
+    assert 1e-3 <= late[1] <= 0.01  # inside the interval, from where a search leads to either side

@@ -22,7 +22,7 @@ def settings(**other: object) -> CalibrationSettings:
     return CalibrationSettings.model_validate({**GIVEN, "arm": "taken off", **other})
 
 
-@pytest.mark.parametrize("name", ["lag", "delay", "dead_zone"])
+@pytest.mark.parametrize("name", ["lag", "dead_zone"])
 def test_what_is_given_as_nothing_begins_with_hardly_anything(name: str) -> None:
     actuators = calibrated_robot(settings(**{name: 0}), Path()).vehicle.actuators
     assert 0.0 < getattr(actuators, name) <= 1e-3

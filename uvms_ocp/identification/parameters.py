@@ -97,6 +97,8 @@ class Quantity:
     """(n,) [as x]"""
     own: bool = False
     """True where every recording has its own."""
+    begin: np.ndarray | None = None
+    """(n,) [as x] where a search begins, in place of x: from the edge of an interval none leads away."""
 
     @staticmethod
     def fixed(unit: str, coordinates: Coordinates, value: np.ndarray, *, own: bool = False) -> Quantity:
@@ -121,6 +123,8 @@ class Quantity:
             if name not in names:
                 raise NameNotFound("coordinate", name, names)
         chosen = np.array([status.only is None or name in status.only for name in names], dtype=bool)
+        if self.begin is not None and not isinstance(status, Fixed):
+            return replace(self, x=np.where(chosen, self.begin, self.x), begin=None).with_status(status)
         lower, upper = self._bounds(status)
         return replace(
             self,
@@ -249,6 +253,7 @@ Pairs = tuple[tuple[int, int], ...]
 _XYZ = ("x", "y", "z")
 LONGEST_DELAY = 1.0
 """[s] of commands and of measurements."""
+_AT_ONCE = 1e-6  # [s] of a delay that there is not
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -338,7 +343,7 @@ def vehicle_declaration(
             **_body(start, hull),
             **_water(start, coupled, np.full(6, 0.3) if speed is None else np.asarray(speed, dtype=float)),
             **_actuation(driven),
-            **_sensing(driven),
+            **_sensing(),
             **_of_recordings(),
         }
     )
@@ -379,15 +384,15 @@ def _actuation(driven: ActuatorModel) -> dict[str, Quantity]:
         "dead_zone": Quantity.fixed("N, N m", each, ones * driven.dead_zone),
         "dead_zone_reverse": Quantity.fixed("N, N m", each, ones * driven.dead_zone),
         "bias": Quantity.fixed("N, N m", Reals(names=AXES), np.zeros(6)),
-        "delay": Quantity.fixed("s", _delay(driven), np.array([driven.delay])),
+        "delay": _delay(driven.delay, begin=max(driven.delay, 1e-3)),
     }
 
 
-def _sensing(driven: ActuatorModel) -> dict[str, Quantity]:
+def _sensing() -> dict[str, Quantity]:
     """The sensor of attitude and its rate sits in B turned by a rotation vector, to which each recording adds its own."""
     return {
         "velocity_point": Quantity.fixed("m", Reals(names=_XYZ), np.zeros(3)),
-        "velocity_delay": Quantity.fixed("s", _delay(driven), np.array([0.01 * LONGEST_DELAY])),
+        "velocity_delay": _delay(_AT_ONCE, begin=0.01),
         "attitude_turn": Quantity.fixed("rad", Reals(names=_XYZ), np.zeros(3)),
     }
 
@@ -401,5 +406,8 @@ def _of_recordings() -> dict[str, Quantity]:
     }
 
 
-def _delay(driven: ActuatorModel) -> Interval:
-    return Interval(names=("",), lower=np.zeros(1), upper=np.full(1, LONGEST_DELAY))
+def _delay(known: float, begin: float) -> Quantity:
+    """A delay [s] that is known, and from where a search of it would begin."""
+    inside = Interval(names=("",), lower=np.zeros(1), upper=np.full(1, LONGEST_DELAY))
+    known_one = Quantity.fixed("s", inside, np.array([max(known, _AT_ONCE)]))
+    return replace(known_one, begin=inside.encode(np.array([begin])))

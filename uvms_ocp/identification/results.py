@@ -266,7 +266,8 @@ _DECADES = 1e3  # between the ends of an interval that is told of what is positi
 
 def report_text(one: Calibration) -> str:
     """Markdown."""
-    parts = ["# Calibration", *_number_table(one), *_profiles(one), *_open(one), *_white(one), *fits(one.comparisons)]
+    parts = ["# Calibration", *_number_table(one), *_profiles(one), *_open(one), *_held(one), *_white(one)]
+    parts += fits(one.comparisons)
     parts += [*left_out_tables(one.left_out), "", "## Doubts about the recordings", ""]
     return "\n".join([*parts, *(f"- {doubt}" for doubt in one.issues or ("none",))]) + "\n"
 
@@ -322,6 +323,18 @@ def _open(one: Calibration) -> Iterator[str]:
     for each in one.open[:_MOST_COMBINATIONS]:
         shares = " ".join(f"{share:+.2f} {name}" for name, share in each.shares)
         yield f"- {shares}: standard error {min(each.sigma, 1e3):.2g} without priors. To determine it: {advice(each)}."
+
+
+def _held(one: Calibration) -> Iterator[str]:
+    yield "\n## Numbers that the fit took for known\n"
+    yield "None of them was learnt: where one is wrong, those above take its part, beyond their intervals.\n"
+    yield "| number | value | unit |"
+    yield "|---|---|---|"
+    for name, each in one.subject.vehicle.shared.declaration.quantities.items():
+        if name not in IN_FILE and not each.free.any():
+            values = np.round(np.array(ca.evalf(each.coordinates.decode(ca.SX(ca.DM(each.x))))).ravel(), 5)
+            shown = f"{values.min():.4g}" if np.ptp(values) == 0.0 else f"{values.min():.4g} to {values.max():.4g}"
+            yield f"| {name} | {shown} | {each.unit} |"
 
 
 def _white(one: Calibration) -> Iterator[str]:

@@ -207,7 +207,7 @@ def _actuators(settings: CalibrationSettings, robot: Robot) -> ActuatorModel:
     asked = {name: getattr(settings, name) for name in ("lag", "dead_zone")}
     given: dict[str, Any] = {name: value or _LEAST for name, value in asked.items() if value is not None}
     channel = "wrench" if settings.commands == "wrench" else "thrust"
-    known = ActuatorModel(delay=settings.delay or _LEAST, commands=channel)
+    known = ActuatorModel(delay=settings.delay, commands=channel)
     if settings.commands == "wrench":
         return replace(known, **given)
     names, thrusters = robot.thruster_names, robot.description.thrusters
