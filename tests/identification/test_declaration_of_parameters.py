@@ -134,4 +134,4 @@ def test_a_delay_is_nothing_unless_it_is_given_or_learnt(name: str) -> None:
     fixed, free = declared.quantities[name], declared.with_status(**{name: Free()}).quantities[name]
     late = [float(ca.DM(ca.evalf(one.coordinates.decode(ca.SX(ca.DM(one.x)))))) for one in (fixed, free)]
     assert late[0] < 1e-5  # [s]
-    assert 1e-3 <= late[1] <= 0.01  # inside the interval, from where a search leads to either side
+    assert 0.9e-3 < late[1] < 0.011  # inside the interval, from where a search leads to either side
