@@ -12,6 +12,7 @@ import pytest
 import uvms_ocp as uo
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.export import export_controller
+from uvms_ocp.export.controller import literal, table
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.shapes.obstacles import Obstacle, mesh_shape, obstacle
 from uvms_ocp.scenario.cases.transit import FIELD, obstacle_field
@@ -56,3 +57,13 @@ def test_a_limit_that_python_tells_is_refused(tmp_path: Path) -> None:
 
 def test_a_mission_among_spheres_capsules_and_boxes_has_a_form_in_c() -> None:
     assert obstacle_field().kinematic_controller().without_c_form == {}
+
+
+@pytest.mark.parametrize("name", ["<img src=x onerror=alert(1)>", "a`b`|c\n# d", "[x](javascript:y)", "_a_ **b**"])
+def test_a_name_is_literal_in_markdown(name: str) -> None:
+    for text in (literal(name), table([name])):
+        span = text[text.index("`") :].rstrip(" |")
+        assert span.startswith("`")
+        assert span.endswith("`")
+        assert not set(span[1:-1]) & set("`|\n")
+    assert literal("case1") == "`case1`"

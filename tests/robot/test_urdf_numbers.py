@@ -290,3 +290,22 @@ def test_a_model_that_differs_from_its_file_is_refused(way: str, name: str) -> N
     TAMPERING[way](models)
     with pytest.raises(RobotDataError, match="the file says"):
         check_agreement(path, root, models.model, (models.visual, models.collision))
+
+
+@pytest.mark.parametrize("name", ["mass", "moment", "com", "place", "box", "radius"])
+def test_a_number_that_cannot_be_squared_is_refused_in_one_line(name: str, tmp_path: Path) -> None:
+    for huge in ("1e308", "-1e200"):
+        path = written(tmp_path, **{name: SOUND[name].replace("1", huge)})
+        with pytest.raises(RobotDataError, match=r"<= 1e\+30|allowed: > 0") as refused:
+            read_urdf(path, free_flyer=False)
+        assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("start", ["", "package://", "package://robot/", "file:///"])
+def test_a_mesh_whose_name_no_disk_takes_is_not_found(start: str, tmp_path: Path) -> None:
+    mesh = f"<mesh filename='{start}{'a' * 5000}.stl'/>"
+    path = written(tmp_path)
+    path.write_text(path.read_text().replace("<sphere radius='1'/>", mesh))
+    with pytest.raises(RobotDataError, match="not found") as refused:
+        read_urdf(path, free_flyer=False)
+    assert len(str(refused.value)) < 1000

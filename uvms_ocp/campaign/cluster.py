@@ -83,6 +83,7 @@ def _of_this_machine(workers: int) -> Iterator[Any]:
             processes=True,
             host="127.0.0.1",
             dashboard_address=None,
+            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # its other pages, beside another campaign's
             local_directory=folder,
             silence_logs=50,
             preload=["uvms_ocp.campaign.cluster"],

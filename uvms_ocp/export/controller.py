@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import ctypes
 import inspect
+import re
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -113,7 +114,12 @@ def template(name: str) -> str:
 
 def table(names: Sequence[str]) -> str:
     """Rows of Markdown: place and name."""
-    return "\n".join(f"| {place} | {_plain(name)} |" for place, name in enumerate(names))
+    return "\n".join(f"| {place} | {literal(name)} |" for place, name in enumerate(names))
+
+
+def literal(name: str) -> str:
+    """A name in Markdown, in a cell too, none of which is read as more than letters."""
+    return f"`{re.sub('[`|]', '.', plain_line(name))}`"
 
 
 def _texts(texts: Sequence[str]) -> str:
@@ -258,8 +264,8 @@ def _texts_controller(scenario: Scenario) -> tuple[dict[str, str], bytes]:
     library = controller_library(memory, sizes)
     rows = sum(kinematic.problem.sizes)
     readme = template("README.md").format(
-        scenario=scenario.name,
-        robot=scenario.robot.name,
+        scenario=literal(scenario.name),
+        robot=literal(scenario.robot.name),
         version=__version__,
         ticks=run.n_ticks,
         size=ctypes.sizeof(memory),

@@ -11,6 +11,7 @@ which element is wrong; and the models are checked against the XML, because it l
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -427,7 +428,7 @@ def _resolve_meshes(findings: Findings, root: Element, search: Iterable[Path]) -
                     given = mesh.get("filename", "")
                     found = find_mesh(findings.path, given, folders)
                     if found is None:
-                        _give_up(findings, link, shape, f"mesh {given!r} not found")
+                        _give_up(findings, link, shape, f"mesh {quoted(given)} not found")
                     else:
                         mesh.set("filename", str(found))
     findings.refuse()
@@ -483,7 +484,7 @@ def with_own_meshes(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[str,
 def find_mesh(path: Path, filename: str, folders: Sequence[Path]) -> Path | None:
     """Where a mesh of a URDF at `path` is, `None` for nowhere."""
     for candidate in _mesh_candidates(path, filename, folders):
-        if candidate.is_file():
+        if os.path.isfile(candidate):  # False, too, for a name that no disk takes
             note_file_read(candidate)
             return candidate
     return None
@@ -501,7 +502,7 @@ def _mesh_candidates(path: Path, filename: str, folders: Sequence[Path]) -> list
 def _in_package(folder: Path, package: str, inside: str) -> list[Path]:
     """The file where the folder is that package under another name, as a checkout may be."""
     manifest = folder / "package.xml"
-    if not manifest.is_file():
+    if not os.path.isfile(manifest):
         return []
     with suppress(OSError, InvalidInput):
         return [folder / inside] if read_xml(manifest).findtext("name", "").strip() == package else []

@@ -26,6 +26,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from uvms_ocp.errors import RobotDataError, plain_line
+from uvms_ocp.record.meta_values import LARGEST
 
 # Numbers of a URDF, read as strictly as urdfdom reads them.
 #
@@ -56,6 +57,9 @@ def to_floats(text: str) -> tuple[float, ...]:
     return tuple(to_float(word) for word in text.split(" ") if word)
 
 
+_LIMITS = ("lower", "upper", "velocity", "effort")  # where a huge number says that there is none
+
+
 def read_number(path: Path, element: Element | None, key: str, where: str, default: float | None = None) -> float:
     """Return the number of an attribute, or ``default`` [in its unit] where it is left out.
 
@@ -65,9 +69,9 @@ def read_number(path: Path, element: Element | None, key: str, where: str, defau
     if text is None and default is not None:
         return default
     value = to_float(text)
-    if math.isnan(value):
+    if math.isnan(value) or (abs(value) > LARGEST and key not in _LIMITS):
         given = "nothing" if text is None else quoted(text)
-        problem = f"{where}: given {given}; allowed: a finite number in plain digits, nothing after it"
+        problem = f"{where}: given {given}; allowed: a finite number in plain digits, nothing after it, <= {LARGEST:g}"
         raise RobotDataError(path, problem)
     return value
 
@@ -76,8 +80,8 @@ def read_vector(path: Path, element: Element, key: str, where: str) -> tuple[flo
     """Return the three numbers of an attribute. Raises ``RobotDataError`` where they are not."""
     text = element.get(key, "")
     values = to_floats(text)
-    if len(values) != 3 or any(map(math.isnan, values)):
-        problem = f"{where} {key}: given {quoted(text)}; allowed: three finite numbers with spaces between them"
+    if len(values) != 3 or not all(abs(value) <= LARGEST for value in values):
+        problem = f"{where} {key}: given {quoted(text)}; allowed: three finite numbers with spaces between them, <= {LARGEST:g}"
         raise RobotDataError(path, problem)
     return values
 

@@ -10,14 +10,15 @@ import math
 import os
 import re
 import shutil
+import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from pathlib import Path
-from threading import Thread
+from threading import BoundedSemaphore, Thread
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -167,6 +168,8 @@ def _finite(value: Any) -> Any:
 # One page for the browsers of this machine, and what a live one is told: served on the loopback address alone.
 
 _HOST = "127.0.0.1"
+_MOST_CONNECTIONS = 32
+_PATIENCE = 10.0  # [s] with a browser that neither asks nor takes what it asked for
 FRAMES = "/frames"
 """The path at which a live page hears of frames, as server-sent events."""
 
@@ -179,7 +182,7 @@ def served(page: ScenePage, port: int = 0, frames: Callable[[], Iterator[str]] |
     port is taken.
     """
     try:
-        server = ThreadingHTTPServer((_HOST, port), _handler_of(page, frames))
+        server = _PageServer((_HOST, port), _handler_of(page, frames))
     except (OSError, OverflowError) as error:
         raise OutputError(f"port {port} of {_HOST} cannot be served ({error}); give another, or 0 for any") from error
     thread = Thread(target=server.serve_forever, daemon=True)
@@ -192,11 +195,39 @@ def served(page: ScenePage, port: int = 0, frames: Callable[[], Iterator[str]] |
         thread.join()
 
 
+class _PageServer(ThreadingHTTPServer):
+    """Turns away whoever comes while all connections are taken."""
+
+    request_queue_size = _MOST_CONNECTIONS
+
+    def __init__(self, *arguments: Any) -> None:
+        self._free = BoundedSemaphore(_MOST_CONNECTIONS)
+        super().__init__(*arguments)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        if self._free.acquire(blocking=False):
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._free.release()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        if not isinstance(sys.exc_info()[1], OSError):  # a browser that has gone
+            super().handle_error(request, client_address)
+
+
 def _handler_of(page: ScenePage, frames: Callable[[], Iterator[str]] | None) -> type[BaseHTTPRequestHandler]:
     body = page.html.encode()
 
     class Handler(BaseHTTPRequestHandler):
         """Knows one page, and no one but those who ask for this machine by its loopback address."""
+
+        timeout = _PATIENCE
 
         def do_GET(self) -> None:
             # A name that another site has led here is no loopback address.
@@ -217,10 +248,9 @@ def _handler_of(page: ScenePage, frames: Callable[[], Iterator[str]] | None) -> 
             self.send_header("Content-Type", "text/event-stream")
             self.send_header("Cache-Control", "no-store")
             self.end_headers()
-            with suppress(ConnectionError):  # nobody looks any longer
-                for line in lines:
-                    self.wfile.write(f"data: {line}\n\n".encode())
-                self.wfile.write(b"event: end\ndata: end\n\n")
+            for line in lines:
+                self.wfile.write(f"data: {line}\n\n".encode())
+            self.wfile.write(b"event: end\ndata: end\n\n")
 
         def log_message(self, format: str, *args: Any) -> None:
             """Nobody reads it."""
