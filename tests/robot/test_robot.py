@@ -13,6 +13,7 @@ import pytest
 from uvms_ocp.errors import FrameNotFound, InvalidInput, NameNotFound, RobotDataError
 from uvms_ocp.robot.loading import example_robot_data, list_robots, load_robot, robot_folder
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.sim.dynamic_step import skid_points
 
 EXAMPLE_ARMS = {
     "panda": ("panda_description/urdf/panda.urdf", 9, 9),
@@ -341,3 +342,15 @@ def test_a_thruster_must_sit_on_the_vehicle(tmp_path: Path) -> None:
 def test_a_base_that_does_not_exist_is_refused() -> None:
     with pytest.raises(InvalidInput, match=r"base: given 'wheels'; .*'free_flyer' or 'fixed'"):
         load_robot("planar5", base="wheels")  # type: ignore[arg-type]
+
+
+def test_files_that_say_the_same_give_the_same_robot_also_after_its_use(tmp_path: Path) -> None:
+    """What was compiled for a robot is found by which robot it is."""
+    robot = load_robot("bluerov2_alpha5")
+    skid_points(robot)
+    assert load_robot("bluerov2_alpha5") is robot
+    path = tmp_path / "hydrodynamics.yaml"
+    text = (robot_folder("bluerov2_alpha5") / path.name).read_text(encoding="utf-8")
+    path.write_text(text.replace("water_density:", "water_density: 1000.0 #"), encoding="utf-8")
+    other = load_robot("bluerov2_alpha5", hydrodynamics=path)
+    assert (other.description.water_density, robot.description.water_density) == (1000.0, 998.0)

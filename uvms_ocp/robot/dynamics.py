@@ -106,7 +106,7 @@ def robot_dynamics(robot: Robot, density: Positive | None = None) -> Dynamics:
     return Dynamics(symbolic)
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=8)
 def cached_dynamics(robot: Robot) -> Dynamics:
     """`robot_dynamics`, made once where many runs have one robot."""
     return robot_dynamics(robot)

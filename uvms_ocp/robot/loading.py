@@ -9,8 +9,10 @@ import importlib.metadata
 import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal
+from weakref import WeakSet
 
 import numpy as np
 import pinocchio as pin
@@ -237,6 +239,21 @@ def load_robot(
     robot = assemble(models, description, yaml_path or urdf_path, name)
     for _, text in unknowns(models.model, description):
         _log.warning("%s: %s", yaml_path or urdf_path, text)
+    return _known(robot)
+
+
+_loaded = WeakSet[Robot]()
+
+
+def _known(robot: Robot) -> Robot:
+    """The same robot as before where files say the same: what was derived and compiled of it once is found again."""
+    for shape in (*robot.visual_model.geometryObjects, *robot.collision_model.geometryObjects):
+        shape.geometry.computeLocalAABB()  # else the first use does, and they differ
+    content = attrgetter("name", "model", "visual_model", "collision_model", "description")  # all else follows
+    for other in tuple(_loaded):
+        if content(other) == content(robot):
+            return other
+    _loaded.add(robot)
     return robot
 
 

@@ -173,7 +173,7 @@ def shifted_shapes(shapes: pin.GeometryModel, moved: frozenset[int], shift: pin.
 
 
 @checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, slots=True, weakref_slot=True, eq=False, repr=False)
 class Robot:
     """A vehicle with an arm, or a fixed-base arm; see `uvms_ocp.robot.loading.load_robot`.
 

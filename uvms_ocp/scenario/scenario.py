@@ -24,7 +24,7 @@ from uvms_ocp.record.display import FieldTable
 from uvms_ocp.record.record import Record, Recorder
 from uvms_ocp.record.run_meta import RunMeta
 from uvms_ocp.robot import IDEAL_SENSORS, Command, Robot, SensorSpecs, State, StateEstimate
-from uvms_ocp.robot.dynamics import cached_dynamics, robot_dynamics
+from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.scenario.preflight.checks import check_mission
 from uvms_ocp.scenario.preflight.setup import PreflightReport, Setup
 from uvms_ocp.scenario.run_metadata import PartNames, RunOutcome, run_meta
@@ -326,7 +326,7 @@ class Scenario(FieldTable):
         if self.plant == "kinematic":
             return KinematicPlant(self.robot, self.start, self.toolkit_faults)
         real = self.plant_robot or self.robot
-        dynamics = robot_dynamics(real)
+        dynamics = cached_dynamics(real)
         options: dict[str, Any] = {"dynamics": dynamics, "environment": self.environment, "faults": self.toolkit_faults}
         return DynamicPlant(real, self.start, **options, shared=real is not self.robot)
 

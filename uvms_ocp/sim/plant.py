@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, Protocol
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 
@@ -87,6 +89,23 @@ class KinematicPlant(Plant):
 
 _plant_state = unchecked_constructor(State)
 
+
+@lru_cache(maxsize=8)
+def _compiled_step(
+    robot: Robot, dynamics: Dynamics, contact: dynamic_step.ContactModel, stops: dynamic_step.JointStops, shared: bool
+) -> tuple[dynamic_step.StepModel, ca.Function]:
+    """Model of the step and its function, made once for many runs. shared: as `DynamicPlant`."""
+    model = dynamic_step.StepModel(
+        robot=robot,
+        dynamics=dynamics.symbolic,
+        points=dynamic_step.skid_points(robot),
+        contact=contact,
+        stops=stops,
+        thrusters=Thrusters.of(robot),
+    )
+    return model, (compile_lifted if shared else compile_function)(dynamic_step.step_function(model))
+
+
 _PLANT_FAULTS = ("thruster", "joint", "payload")
 BRAKE_FRICTION = 1e6  # [N m s/rad] of a locked joint, which creeps by less than a milliradian in a minute (assumed)
 
@@ -125,18 +144,9 @@ class DynamicPlant(Plant):
             raise InvalidInput(f"max_step = {max_step} s; give a finite time > 0")
         self._robot, self._unloaded, self._dynamics, self._max_step = robot, dynamics, dynamics, max_step
         self._environment = with_steps(environment, faults)
-        self._points = dynamic_step.skid_points(robot)
-        self._model = dynamic_step.StepModel(
-            robot=robot,
-            dynamics=dynamics.symbolic,
-            points=self._points,
-            contact=contact or dynamic_step.ContactModel(),
-            stops=stops or dynamic_step.JointStops(),
-            thrusters=Thrusters.of(robot),
-        )
-        compiled = compile_lifted if shared else compile_function
-        self._step = compiled(dynamic_step.step_function(self._model))
-        self._surroundings = EnvironmentSampler(self._environment, dynamics.symbolic, self._points)
+        parts = contact or dynamic_step.ContactModel(), stops or dynamic_step.JointStops()
+        self._model, self._step = _compiled_step(robot, dynamics, *parts, shared)
+        self._surroundings = EnvironmentSampler(self._environment, dynamics.symbolic, self._model.points)
         self._faults = tuple(fault for fault in faults if fault.location.family in _PLANT_FAULTS)
         self._active: tuple[Fault, ...] = ()
         self._t = 0.0
@@ -218,7 +228,7 @@ class DynamicPlant(Plant):
             self._model = replace(self._model, dynamics=self._dynamics.symbolic, locked=locked)
             self._step = dynamic_step.step_function(self._model)
             self._surroundings = EnvironmentSampler(
-                self._environment, self._dynamics.symbolic, self._points, compiled=False
+                self._environment, self._dynamics.symbolic, self._model.points, compiled=False
             )
         self._begin(self._dt)
 

@@ -190,7 +190,7 @@ class DynamicController(TableDisplay):
         return ActuatorMonitor(self._robot, self._detection, self.kinematic.watchdog.alarms)
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=8)
 def _laws(
     robot: Robot, dynamics: Dynamics, gains: VelocityGains, health: ActuatorHealthTuning | None, dt: float
 ) -> ForceLaws:
@@ -222,7 +222,7 @@ def _learner(laws: ForceLaws, settings: LoadLearning) -> LoadLearner:
     return LoadLearner(_load_functions(laws, observer), settings, limit=limit, bandwidth=bandwidth, dt=dt)
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=8)
 def _load_functions(laws: ForceLaws, observer: ObserverLaw) -> LoadFunctions:
     """Made once, as `_laws`."""
     return load_functions(laws.velocity.dynamics, observer)

@@ -260,7 +260,7 @@ class ForceTick:
             )
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=8)
 def _sizes(laws: ForceLaws) -> dict[str, Any]:
     """Return the sizes and functions of a `ForceMemory`."""
     period = laws.velocity.dt * (laws.residual_filter.every if laws.residual_filter else 1)
