@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 import uvms_ocp as uo
+from uvms_ocp.control.velocity.goals import task_parameters
+from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
+from uvms_ocp.control.velocity.swing import N_PASSIVE
 from uvms_ocp.robot.description import checked_copy
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.level import Level
+from uvms_ocp.tasks import Hierarchy, Task
 
+_PROBLEMS: dict[tuple[Robot, tuple[str, ...]], LevelsProblem] = {}
 _TEMPLATES = Path(str(uo.__file__)).parent / "scenario" / "templates"
 
 
@@ -29,3 +39,26 @@ def six_thrusters() -> Robot:
         for name, y in (("lift_left", 0.2), ("lift_right", -0.2))
     )
     return replace(robot, description=checked_copy(robot.description, thrusters=(*level, *abeam)))
+
+
+def command_of(robot: Robot, tasks: Sequence[Task], q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """(n_v,) [m/s, rad/s] at q (n_q,) and v (n_v,) from rest, with all tasks on."""
+    hierarchy, names = Hierarchy(tasks, [task.name for task in tasks]), tuple(task.name for task in tasks)
+    if (robot, names) not in _PROBLEMS:  # goals are parameters
+        _PROBLEMS[robot, names] = build_levels(robot, hierarchy, 0.005)
+    problem = _PROBLEMS[robot, names]
+    parameters = np.concatenate([task_parameters(task, task.reference(0.0), q) for task in hierarchy.tasks])
+    zeros = np.zeros(robot.n_v)
+    outputs = problem.function(q, v, np.zeros(N_PASSIVE), zeros, zeros, 5.0, parameters, np.ones(len(tasks)))
+    parts = {name: np.array(x) for name, x in zip(problem.function.name_out(), outputs, strict=True)}
+    ends = np.cumsum(problem.sizes)
+    levels = [
+        Level(
+            jacobian=parts["J"][begin:end],
+            lower=parts["lower"][begin:end, 0],
+            upper=parts["upper"][begin:end, 0],
+            gate=parts["gate"][begin:end, 0],
+        )
+        for begin, end in zip([0, *ends], ends, strict=False)
+    ]
+    return LexicographicActiveSet(compiled=False).solve(levels).v

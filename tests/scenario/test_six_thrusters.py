@@ -11,7 +11,15 @@ from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.scenario.options import abort_phase, activate, mission_of, run_options
 from uvms_ocp.scenario.preflight import Severity
 from uvms_ocp.scenario.scenario import Scenario
-from uvms_ocp.tasks import Alignment, HorizontalAttitude, JointLimits, JointTracking, MinimumAltitude, VehiclePose
+from uvms_ocp.tasks import (
+    Alignment,
+    HorizontalAttitude,
+    JointLimits,
+    JointTracking,
+    MinimumAltitude,
+    ToolPosition,
+    VehiclePose,
+)
 
 WAY_POINT, TARGET = (3.0, 0.0, -8.0), (4.1, 0.0, -8.6)
 
@@ -57,3 +65,34 @@ def test_the_way_point_is_reached_with_any_load_and_never_fled(load: float, alig
     assert record.meta.events[-1].target == uo.DONE
     away = np.linalg.norm(record.series["q"][:, :3] - WAY_POINT, axis=1)
     assert away.max() < away[0] + 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("load", [0.0, 2.0, 4.0])
+def test_a_tool_reaches_its_target_on_a_swinging_vehicle_and_the_swing_dies_away(load: float) -> None:
+    """From rest at the way point, where the load lets go: it pitches the vehicle by 20 deg and more, which no thruster holds."""
+    robot, target = six_thrusters(), (4.3, 0.0, -8.6)
+    body = TrimBody(name="load", link="tool", position=(0.0, 0.0, 0.0), mass=load, volume=0.0)
+    run = run_options({"robot": robot, "payload": body if load else None, "duration": 60.0}, seabed=-12.0)
+    tasks = [
+        JointLimits(),
+        MinimumAltitude(),
+        HorizontalAttitude(),
+        Alignment(goal=target),
+        ToolPosition(goal=uo.pose_at(target)),
+        VehiclePose(goal=uo.pose_at(WAY_POINT)),
+        JointTracking(joints=robot.joint_names, goal=robot.home),
+    ]
+    there = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="TP.position_error", limit=0.01),), hold=1.0)
+    phase = uo.Phase(name="B", activations=activate("JL", "MAC", "HA", "AT", "TP", "PC", "MP"), transitions=(there,))
+    record = run.scenario(
+        name="reach",
+        mission=mission_of(robot, tasks, (phase,), abort=abort_phase("JL", "MAC", "HA", "MP")),
+        start=run.start(uo.pose_at(WAY_POINT)),
+        markers={},
+    ).run()
+    assert record.meta.events[-1].target == uo.DONE
+    energy = record.series["v"][:, 4] ** 2
+    later = len(energy) // 2
+    assert energy[later:].max() <= 0.5 * energy[:later].max() + 1e-4
+    assert energy[-200:].max() <= 0.05 * energy.max() + 1e-4

@@ -8,17 +8,14 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
-from six_thrusters import six_thrusters
+from six_thrusters import command_of, six_thrusters
 from task_values import evaluate, random_configuration, task_function
 
 from uvms_ocp.control.velocity.goals import task_parameters
-from uvms_ocp.control.velocity.levels import build_levels
 from uvms_ocp.robot.description import checked_copy
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.thrusters import unactuated_axes
-from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.level import Level
-from uvms_ocp.tasks import Alignment, FieldOfView, Hierarchy, HorizontalAttitude, Task, UnderActuation, VehiclePose
+from uvms_ocp.tasks import Alignment, FieldOfView, HorizontalAttitude, Task, UnderActuation, VehiclePose
 
 PITCH, STEP = 4, 1e-6
 GOAL = np.array([3.0, -2.0, 1.0])
@@ -128,27 +125,6 @@ def test_the_way_point_is_approached_at_any_pitch(above: tuple[str, ...], robot:
         goal = pin.SE3(np.eye(3), rng.uniform(-4, 4, 3))
         v = np.zeros(robot.n_v)
         v[PITCH] = rng.uniform(-0.3, 0.3)
-        command = _command(robot, [*tasks, VehiclePose(goal=goal)], q, v)
+        command = command_of(robot, [*tasks, VehiclePose(goal=goal)], q, v)
         velocity = pin.Quaternion(q[3:7]).matrix() @ command[:3]
         assert velocity @ goal.translation > 0.0
-
-
-def _command(robot: Robot, tasks: list[Task], q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """(n_v,) [m/s, rad/s] at q (n_q,) and v (n_v,) from rest, with all tasks on."""
-    hierarchy = Hierarchy(tasks, [task.name for task in tasks])
-    problem = build_levels(robot, hierarchy, 0.005)
-    parameters = np.concatenate([task_parameters(task, task.reference(0.0), q) for task in hierarchy.tasks])
-    zeros = np.zeros(robot.n_v)
-    outputs = problem.function(q, v, zeros, zeros, 5.0, parameters, np.ones(len(tasks)))
-    parts = {name: np.array(x) for name, x in zip(problem.function.name_out(), outputs, strict=True)}
-    ends = np.cumsum(problem.sizes)
-    levels = [
-        Level(
-            jacobian=parts["J"][begin:end],
-            lower=parts["lower"][begin:end, 0],
-            upper=parts["upper"][begin:end, 0],
-            gate=parts["gate"][begin:end, 0],
-        )
-        for begin, end in zip([0, *ends], ends, strict=False)
-    ]
-    return LexicographicActiveSet(compiled=False).solve(levels).v

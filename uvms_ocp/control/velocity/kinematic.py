@@ -301,7 +301,7 @@ class KinematicController(TableDisplay):
             StoppingMotion(robot=self.robot, v=self._arrays.command.copy(), dt=self.dt) if self.memory.near else None
         )
         parameters = mission_parameters(self.mission, state, t, gates=gates, q=q, motion=moves)
-        motion = self._arrays.command / self.memory.pace, self._arrays.change
+        motion = self._arrays.passive, self._arrays.command / self.memory.pace, self._arrays.change
         outputs = self.problem.function(q, measurement.v, *motion, echo, parameters, gates)
         quantities = np.array(outputs[self.problem.function.index_out("quantities")]).ravel()
         unknown = [

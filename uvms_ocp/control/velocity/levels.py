@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked
+from uvms_ocp.control.velocity.swing import N_PASSIVE, countered_rows, lean_of, lean_rows, mean_attitude, swinging_axes
 from uvms_ocp.robot import Robot, SymbolicModel
 from uvms_ocp.robot.limits import bounded_joints
 from uvms_ocp.solvers.hierarchy.level import widen_bounds
@@ -154,9 +155,10 @@ def _way(room: ca.SX, acceleration: ca.SX, dt: float, eased: bool) -> ca.SX:
 
 # From tasks to the levels of one tick: a CasADi Function that stacks limits, tasks, easing and minimum velocity.
 
-LIMITS, JERK_LIMIT, REST = "limits", "easing", "rest"
-"""Names of the levels that every hierarchy has: the first, the one below the tasks that keep the robot safe, the last."""
-_INPUTS = ("q", "velocity", "previous", "change", "altimeter_range", "parameters", "gates")
+LIMITS, JERK_LIMIT, REST, LEAN = "limits", "easing", "rest", "lean"
+"""Names of levels beside tasks: the first, the one below the tasks that keep the robot safe, the last, and above the second that
+of `lean_rows` where a vehicle swings."""
+_INPUTS = ("q", "velocity", "passive", "previous", "change", "altimeter_range", "parameters", "gates")
 
 
 @checked
@@ -165,10 +167,11 @@ class LevelsProblem:
     """The levels of a tick, ready for a solver's ``bind``."""
 
     function: ca.Function
-    """(q, velocity, previous, change, altimeter_range, parameters, gates) ->
-    (J, lower, upper, rate, activation, gate, quantities, activity), rows of all levels stacked; `previous` is the velocity
-    commanded one tick before, `change` its difference from that of the tick before it; the parameters are those of all tasks,
-    one after the other (`uvms_ocp.control.velocity.goals`). The gate is 0 or 1: what lies between is in the bounds."""
+    """(q, velocity, passive, previous, change, altimeter_range, parameters, gates) ->
+    (J, lower, upper, rate, activation, gate, quantities, activity), rows of all levels stacked; `passive` is as `N_PASSIVE` of
+    `uvms_ocp.control.velocity.swing` says, `previous` is the velocity commanded one tick before, `change` its difference from
+    that of the tick before it; the parameters are those of all tasks, one after the other
+    (`uvms_ocp.control.velocity.goals`). The gate is 0 or 1: what lies between is in the bounds."""
     names: tuple[str, ...]
     """Sizes of the levels."""
     sizes: tuple[int, ...]
@@ -190,8 +193,16 @@ def build_levels(robot: Robot, hierarchy: Hierarchy, dt: Period) -> LevelsProble
     symbols = tick_symbols(robot, dt)
     previous, change = ca.SX.sym("previous", robot.n_v), ca.SX.sym("change", robot.n_v)
     parameters = ca.SX.sym("parameters", sum(task.n_parameters(robot) for task in hierarchy.tasks))
-    gates = ca.SX.sym("gates", len(hierarchy.tasks))
-    tasks = _task_rows(robot, hierarchy, symbols, parameters)
+    gates, passive = ca.SX.sym("gates", len(hierarchy.tasks)), ca.SX.sym("passive", N_PASSIVE)
+    tasks, leaning = _task_rows(robot, hierarchy, symbols, parameters), list[_Level]()
+    if swinging_axes(robot):
+        still = mean_attitude(symbols, passive)
+        lean, means = lean_of(still, passive), _task_rows(robot, hierarchy, still, parameters)
+        leaning += [_Level(LEAN, lean_rows(still, lean))] if robot.n_joints else []
+        tasks = [
+            rows if _is_safety(task) else countered_rows(rows, mean, symbols, passive, lean)
+            for task, rows, mean in zip(hierarchy.tasks, tasks, means, strict=True)
+        ]
     wanted = [
         _Level(task.name, _reachable(task, rows, symbols, previous, gate), gate)
         for task, rows, gate in zip(hierarchy.tasks, tasks, ca.vertsplit(gates), strict=True)
@@ -200,6 +211,7 @@ def build_levels(robot: Robot, hierarchy: Hierarchy, dt: Period) -> LevelsProble
     levels = [
         _Level(LIMITS, _limit_rows(symbols, previous)),
         *wanted[:n_safe],
+        *leaning,
         _Level(JERK_LIMIT, jerk_limit_rows(symbols, previous, change)),
         *wanted[n_safe:],
         _Level(REST, _rest_rows(symbols, previous)),
@@ -209,7 +221,7 @@ def build_levels(robot: Robot, hierarchy: Hierarchy, dt: Period) -> LevelsProble
         for task, rows in zip(hierarchy.tasks, tasks, strict=True)
         for name, value in rows.quantities.items()
     }
-    inputs = [symbols.q, symbols.velocity, previous, change, symbols.altimeter_range, parameters, gates]
+    inputs = [symbols.q, symbols.velocity, passive, previous, change, symbols.altimeter_range, parameters, gates]
     outputs = _stacked(levels, quantities)
     return LevelsProblem(
         function=ca.Function("levels", inputs, [*outputs.values()], list(_INPUTS), [*outputs], {"cse": True}),

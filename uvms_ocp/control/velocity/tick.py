@@ -47,11 +47,21 @@ def _begin(m: TickMemory) -> None:
         m.altitude_matters = m.altitude_matters or (m.reads_altitude[i] != 0 and m.gates[i] != 0.0)
 
 
+def _follow_swing(m: TickMemory) -> None:
+    """Separate what swings from its mean, and smooth the weight that the force layer finds at the tool."""
+    gain = m.rule.stop.dt / m.swing_memory
+    for k in range(3):
+        if m.swings[k] != 0:
+            m.passive[k] += m.rule.stop.dt * m.v[3 + k] - gain * m.passive[k]
+    m.passive[3] -= gain * (m.distress.push * m.lift + m.passive[3])
+
+
 def prepare_tick(m: TickMemory) -> None:
     """Prepare a tick: replace what is missing of the estimate, and evaluate restriction, quantities and gates."""
     hold_last_valid(m.sound, m.t, m.q, m.v, m.age, m.joint_age)
     m.age = m.sound.age
     m.joint_age = m.sound.joint_age
+    _follow_swing(m)
     point_altimeter(m.beam, m.q)
     _begin(m)
     load_goals(m.goals, m.mission, m.ascent, m.t)
@@ -272,7 +282,22 @@ def solve(c: VelocityController) -> int:
     )
     v, gates = m.v, m.gates
     c.levels(
-        m.q, v, m.previous, m.change, m.echo, goals, gates, J, low, up, None, None, gate, phase_quantities, c.activity
+        m.q,
+        v,
+        m.passive,
+        m.previous,
+        m.change,
+        m.echo,
+        goals,
+        gates,
+        J,
+        low,
+        up,
+        None,
+        None,
+        gate,
+        phase_quantities,
+        c.activity,
     )
     c.solver(J, low, up, gate, c.active_set, m.solved, c.found_set, c.report, c.residual)
     for i in range(len(c.active_set)):

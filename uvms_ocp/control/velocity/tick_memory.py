@@ -14,12 +14,14 @@ from uvms_ocp.control.velocity.braking import SpeedLimitMemory
 from uvms_ocp.control.velocity.distances import NearestMemory
 from uvms_ocp.control.velocity.goals import GoalsMemory
 from uvms_ocp.control.velocity.levels import LevelsProblem
+from uvms_ocp.control.velocity.swing import N_PASSIVE, memory_time, swinging_axes
 from uvms_ocp.control.velocity.viability import ViabilityMemory
 from uvms_ocp.estimation.degraded_modes import ALTIMETER, CHANNELS, RestrictionMemory, write_modes
 from uvms_ocp.estimation.fallbacks import AltimeterMemory, LastValidMemory, Watchdog, echo_sizes
 from uvms_ocp.mission.mission import Mission, write_mission
 from uvms_ocp.mission.progress import MissionMemory, sizes_of
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.thrusters import largest_wrench
 from uvms_ocp.tasks.task import Task
 
 # The memory of one tick of the kinematic layer: where the mission is, what is known, and what comes of it.
@@ -98,6 +100,14 @@ class TickMemory(Layout):
     """A `Freshness`."""
     holds: bool
     """The robot comes to rest, whatever the tasks want."""
+    swings: Annotated[list[int], Sized(3)]
+    """(3,) rotations of the vehicle that no thruster drives, and that swing."""
+    swing_memory: float
+    """[s] in which their mean is learnt."""
+    lift: float
+    """[N] of all thrusters at most."""
+    passive: Annotated[Vector, Sized(N_PASSIVE)]
+    """(4,) [rad, N] as that of `LevelsProblem`."""
     previous: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] commanded in the last tick, at full pace."""
     change: Annotated[Vector, Sized("n_v")]
@@ -182,6 +192,9 @@ def tick_memory(
         rests_on=[*problem.rests_on.values()],
         reads_altitude=[task.needs_altimeter for task in tasks],
         rest_altitude=[task.rest_altitude for task in tasks],
+        swings=[axis in swinging_axes(robot) for axis in (3, 4, 5)],
+        swing_memory=memory_time(robot),
+        lift=float(largest_wrench(robot)[2]) if robot.description.thrusters else 0.0,
         lands=[task.needs_altimeter and task.equality for task in tasks],
     )
     return memory
@@ -189,7 +202,7 @@ def tick_memory(
 
 def inputs_of(tick: Any, goals: Any) -> tuple[np.ndarray, ...]:
     """Inputs of the levels function, in its order; tick, goals: `arrays_of` a `TickMemory` and of its goals."""
-    return (tick.q, tick.v, tick.previous, tick.change, tick.echo, goals.values, tick.gates)
+    return (tick.q, tick.v, tick.passive, tick.previous, tick.change, tick.echo, goals.values, tick.gates)
 
 
 def altimeter_of(robot: Robot, tasks: Sequence[Task]) -> str | None:

@@ -10,6 +10,7 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.control.velocity.goals import task_parameters
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
+from uvms_ocp.control.velocity.swing import N_PASSIVE
 from uvms_ocp.estimation.estimator import std_at_rest
 from uvms_ocp.mission import Below, Mission, Phase
 from uvms_ocp.record.meta_values import DONE
@@ -253,6 +254,6 @@ def _jacobians(setup: Setup, problem: LevelsProblem, q: np.ndarray) -> dict[str,
         [task_parameters(task, task.reference(0.0), q) for task in setup.mission.hierarchy.tasks]
     )
     zeros = np.zeros(n_v)
-    outputs = problem.function(q, zeros, zeros, zeros, 10.0, parameters, np.ones(n_tasks))
+    outputs = problem.function(q, zeros, np.zeros(N_PASSIVE), zeros, zeros, 10.0, parameters, np.ones(n_tasks))
     J = np.array(outputs[problem.function.index_out("J")])
     return dict(zip(problem.names, np.split(J, np.cumsum(problem.sizes)[:-1]), strict=True))

@@ -1,0 +1,143 @@
+"""Tasks on top of a vehicle that swings: roll and pitch that no thruster drives.
+
+A velocity that follows a free axis at its own frequency drives it: by feedback, which lags by a quarter of a period, more than
+water damps it. So tasks are asked for at the attitude about which the vehicle swings, and what it swings by is left to the joints
+alone, with a lead that damps it. Where the arm leans out, the vehicle leans after it, by a load as much again: rows hold that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.robot import Robot, SymbolicModel
+from uvms_ocp.robot.dynamics import cached_dynamics
+from uvms_ocp.robot.thrusters import undriven_axes
+from uvms_ocp.tasks.activation import ENDLESS, approach_speed, row_acceleration
+from uvms_ocp.tasks.task import Rows, TickSymbols
+
+N_PASSIVE = 4
+"""Rotation of the vehicle from its mean (3,) [rad], 0 about driven axes; weight [N] at the tool that the model does not know."""
+_FREE = 6  # axes of a vehicle that can swing
+_SLOWEST, _QUICKEST = 0.3, 6.0  # [rad/s] of a swing
+_LEAD = 0.5  # of the swing's frequency, by which joints are ahead of it
+_MEMORY = 8.0  # over the swing's frequency [s]: in which its mean is learnt
+_JOINT_SHARE = 0.5  # of the velocity limits of the joints, for countering a swing
+_SINGULAR = 0.05  # of the largest lever of the joints, below which they meet no row
+_SOFT = 0.1  # of the righting moment upright, below which a lean is not followed any more
+_LARGEST_LEAN = 0.9  # [rad] that joints may bring about
+_LEAN_GAIN = 0.3  # of the swing's frequency
+_NOTHING = 1e-12  # keeps divisions by nothing finite
+
+
+def swinging_axes(robot: Robot) -> list[int]:
+    """Return roll and pitch (3, 4), as far as no thruster drives them."""
+    return [axis for axis in undriven_axes(robot) if axis in (3, 4)] if robot.n_vehicle == _FREE else []
+
+
+def swing_frequency(robot: Robot) -> float:
+    """Return the slowest [rad/s] of the free axes upright with the arm stowed, within what can be countered."""
+    axes, q = swinging_axes(robot), robot.configuration()
+    M = cached_dynamics(robot).mass_matrix(q)[np.ix_(axes, axes)]
+    K = np.array(_balance(robot)(q, 0.0)[0])[:, axes]
+    return float(np.clip(np.sqrt(max(np.linalg.eigvals(np.linalg.solve(M, K)).real.min(), 0.0)), _SLOWEST, _QUICKEST))
+
+
+def memory_time(robot: Robot) -> float:
+    """Return the time [s] in which the mean attitude is learnt; infinite where nothing swings."""
+    return _MEMORY / swing_frequency(robot) if swinging_axes(robot) else np.inf
+
+
+def mean_attitude(symbols: TickSymbols, passive: ca.SX) -> TickSymbols:
+    """Return the symbols at rest about the axes that swing, at their mean; passive (4,): see `N_PASSIVE`."""
+    robot, velocity = symbols.robot, ca.SX(symbols.velocity)
+    velocity[swinging_axes(robot)] = 0
+    model = SymbolicModel(robot.model)
+    q = model.integrate(symbols.q, ca.vertcat(ca.SX.zeros(3), -passive[:3], ca.SX.zeros(robot.n_joints)))
+    return replace(symbols, kinematics=model.forward_kinematics(q), q=q, velocity=velocity)
+
+
+def countered_rows(rows: Rows, mean: Rows, symbols: TickSymbols, passive: ca.SX, lean: Lean) -> Rows:
+    """Return the rows of a task with the rates that it asks for at the mean attitude, the swing countered by joints alone.
+
+    What they cannot follow is left, in phase: the share that they counter is the same for all of them. passive (4,): see
+    `N_PASSIVE`; lean: of `lean_of`.
+    """
+    robot, axes = symbols.robot, swinging_axes(symbols.robot)
+    J, free = ca.SX(rows.jacobian), rows.jacobian[:, axes]
+    J[:, axes] = 0
+    if robot.n_joints:
+        J[:, robot.n_vehicle :] += free @ lean.slope
+    limit = ca.diag(ca.DM(np.minimum(robot.limits.velocity[robot.joint_v], ENDLESS)))
+    arm = rows.jacobian[:, robot.n_vehicle :] @ limit
+    ahead = symbols.velocity[axes] - _LEAD * swing_frequency(robot) * passive[[axis - 3 for axis in axes]]
+    least = (_SINGULAR * ca.norm_fro(arm)) ** 2 + _NOTHING
+    share = -arm.T @ ca.solve(arm @ arm.T + least * ca.SX.eye(rows.n_rows), free @ ahead)
+    most = ca.fmax(_JOINT_SHARE, ca.mmax(ca.fabs(share))) if robot.n_joints else 1
+    met = J[:, robot.n_vehicle :] @ limit @ share * _JOINT_SHARE / most
+    return replace(rows, jacobian=J, rate=mean.rate + met, lower=mean.lower + met, upper=mean.upper + met)
+
+
+class Lean(NamedTuple):
+    """Where the free axes come to rest."""
+
+    slope: ca.SX
+    """(n_swinging, n_joints) [rad/rad or rad/m] of that by each joint."""
+    offset: ca.SX
+    """(n_swinging,) [rad] from the mean attitude."""
+
+
+def lean_of(symbols: TickSymbols, passive: ca.SX) -> Lean:
+    """Return the balance of weight, buoyancy and the weight at the tool, less where the vehicle hardly rights itself.
+
+    symbols: of `mean_attitude`; passive (4,): see `N_PASSIVE`.
+    """
+    robot, axes = symbols.robot, swinging_axes(symbols.robot)
+    slope, moment = _balance(robot)(symbols.q, passive[3])
+    K, upright = slope[:, axes], np.array(_balance(robot)(robot.configuration(), 0.0)[0])[:, axes]
+    least = (_SOFT * np.linalg.norm(upright)) ** 2 + _NOTHING
+    found = -K.T @ ca.solve(K @ K.T + least * ca.SX.eye(len(axes)), ca.horzcat(slope[:, robot.n_vehicle :], moment))
+    return Lean(slope=found[:, :-1], offset=found[:, -1])
+
+
+def lean_rows(symbols: TickSymbols, lean: Lean) -> Rows:
+    """Return rows that keep joints from leaning the vehicle farther than it rights itself.
+
+    symbols: of `mean_attitude`; lean: of `lean_of`.
+    """
+    robot, axes = symbols.robot, swinging_axes(symbols.robot)
+    up = symbols.R_WB[2, :]
+    angle = ca.vertcat(ca.atan2(up[1], up[2]), ca.atan2(-up[0], up[2]))[[axis - 3 for axis in axes]] + lean.offset
+    J = ca.horzcat(ca.SX(len(axes), robot.n_vehicle), lean.slope)
+    bound = partial(
+        approach_speed,
+        gain=_LEAN_GAIN * swing_frequency(robot),
+        deceleration=row_acceleration(J, robot.limits.acceleration),
+        dt=symbols.dt,
+        saturation=ENDLESS,
+    )
+    zeros = ca.SX.zeros(len(axes))
+    return Rows(
+        jacobian=J,
+        rate=zeros,
+        lower=-bound(_LARGEST_LEAN + angle),
+        upper=bound(_LARGEST_LEAN - angle),
+        activation=zeros,
+    )
+
+
+def _balance(robot: Robot) -> ca.Function:
+    """Make ``q (n_q,), weight [N] -> (n_swinging, n_v), (n_swinging,)``: slope of the moments about the free axes, and these."""
+    model, axes = SymbolicModel(robot.model), swinging_axes(robot)
+    q, weight, step = ca.SX.sym("q", robot.n_q), ca.SX.sym("weight"), ca.SX.sym("step", robot.n_v)
+    moved = model.integrate(q, step)
+    energy = cached_dynamics(robot).symbolic.potential_energy(moved)
+    if robot.tools:
+        energy += weight * model.forward_kinematics(moved).pose(robot.tools[0])[1][2]
+    moment = ca.jacobian(energy, step).T[axes]
+    outputs = ca.substitute([ca.jacobian(moment, step), moment], [step], [ca.SX.zeros(robot.n_v)])
+    return ca.Function("balance", [q, weight], ca.cse([ca.densify(x) for x in outputs]))
