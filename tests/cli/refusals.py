@@ -266,6 +266,10 @@ REFUSED: tuple[tuple[str, str], ...] = (
     ("identify not_free.yaml drive.csv --out out", "nothing in it is free"),
     ("identify wrench.yaml drive.csv --out foreign", "not written by an earlier command"),
     ("check-recording none.csv", "there is no such file"),
+    ("thruster-curve none.csv --pwm a --thrust b", "there is no such file"),
+    ("thruster-curve drive.csv --pwm a --thrust b --unit stone", "unknown unit 'stone'; known: N, kgf"),
+    ("thruster-curve drive.csv --pwm a --thrust b --at 16", "--voltage and --at belong together"),
+    ("thruster-curve drive.csv --pwm a --thrust b", "unknown column of drive.csv 'a'"),
     ("check-recording garbage.csv", "garbage.csv"),
     ("check-recording drive.csv --mapping none.yaml", "none.yaml"),
     # robots and files

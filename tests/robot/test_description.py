@@ -87,7 +87,7 @@ MISTAKES = {
     "falling thrust curve": (
         f"thrusters: [{{{THRUSTER}, curve: [[0, 1], [1, 0]]}}]",
         "thrusters.0.curve",
-        "increasing",
+        "point 2, [1.0, 0.0], does not",
     ),
     "two thrusters of one name": (f"thrusters: [{{{THRUSTER}}}, {{{THRUSTER}}}]", "thrusters", "unique"),
     "speed limit 0": (

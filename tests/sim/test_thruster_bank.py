@@ -12,7 +12,13 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.description import Thruster
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.thrusters import signals_of_thrust, thrust_of_signals, unactuated_axes, unreachable_axes
+from uvms_ocp.robot.thrusters import (
+    curve_of_table,
+    signals_of_thrust,
+    thrust_of_signals,
+    unactuated_axes,
+    unreachable_axes,
+)
 from uvms_ocp.sim.thrusters import N_DECAYS, Thrusters, joint_power
 
 
@@ -155,3 +161,49 @@ def test_a_fixed_base_has_no_vehicle_axes() -> None:
 def test_joint_power_counts_braking_and_losses() -> None:
     power = joint_power(np.array([3.0, -3.0, 5.0]), np.array([2.0, 2.0, 0.0]), 0.6)
     np.testing.assert_allclose(power, [10.0, 10.0, 0.0])
+
+
+def test_a_dead_band_is_a_plateau_of_the_curve() -> None:
+    robot = robot_with(curve=((-1.0, -40.0), (-0.08, 0.0), (0.0, 0.0), (0.1, 0.0), (1.0, 50.0)))
+    thrust = np.array([-40.0, -20.0, 0.0, 1e-9, 50.0])
+    signals = signals_of_thrust(robot, thrust)
+    assert signals[2] == pytest.approx(0.01)
+    np.testing.assert_allclose(thrust_of_signals(robot, signals), thrust, atol=1e-12)
+
+
+# Tables of a bench: a known curve, measured with noise and at several voltages, is found again.
+
+PWM = np.arange(1100.0, 1901.0, 25.0)
+
+
+def bench(volts: float) -> np.ndarray:
+    """Thrust [N] of a thruster with a dead band of 25 us to either side."""
+    beyond = np.sign(PWM - 1500.0) * np.maximum(np.abs(PWM - 1500.0) - 25.0, 0.0) / 375.0
+    return np.where(beyond < 0.0, 0.8, 1.0) * 3.0 * volts * beyond * np.abs(beyond)
+
+
+def test_the_curve_of_a_table_is_the_thruster_s() -> None:
+    order = np.random.default_rng(2).permutation(2 * len(PWM))
+    curve, off = curve_of_table(np.tile(PWM, 2)[order], np.r_[bench(16.0) + 0.5, bench(16.0) - 0.5][order])
+    np.testing.assert_allclose(curve, np.column_stack([PWM, bench(16.0)]), atol=1e-12)
+    assert off == pytest.approx(0.0, abs=1e-12)
+    assert len(robot_with(curve=curve).description.thrusters[0].curve) == len(PWM)  # as a robot file takes it
+
+
+def test_a_voltage_between_those_of_the_table_is_between_their_curves() -> None:
+    volts = np.repeat([12.0, 16.0, 20.0], len(PWM))
+    thrust = np.concatenate([bench(one) for one in (12.0, 16.0, 20.0)])
+    curve, _ = curve_of_table(np.tile(PWM, 3), thrust, volts, at=14.8)
+    np.testing.assert_allclose(np.transpose(curve)[1], bench(14.8), atol=1e-9)
+    with pytest.raises(InvalidInput, match="24 V given; allowed: 12 to 20 V"):
+        curve_of_table(np.tile(PWM, 3), thrust, volts, at=24.0)
+
+
+def test_noise_that_falls_is_levelled_and_how_far_is_said() -> None:
+    thrust = bench(16.0) + np.random.default_rng(0).normal(scale=2.0, size=len(PWM))
+    curve, off = curve_of_table(PWM, thrust)
+    fitted = np.transpose(curve)[1]
+    assert (np.diff(fitted) >= 0.0).all()
+    assert 0.0 < off == pytest.approx(np.abs(fitted - thrust).max())
+    with pytest.raises(InvalidInput, match="give the opposite"):
+        curve_of_table(PWM, -thrust)

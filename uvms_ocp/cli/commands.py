@@ -114,6 +114,7 @@ app = _group(
         "excite": "identify.excite",
         "check-recording": "identify.check_recording",
         "identify": "identify.identify",
+        "thruster-curve": "identify.thruster_curve",
         "list": "robots.list_all",
         "check-robot": "robots.check_robot",
         "schema": "robots.schema",

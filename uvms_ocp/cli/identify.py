@@ -12,7 +12,7 @@ from uvms_ocp.cli import NOT_COMPLETED
 from uvms_ocp.cli.compilation import show_compilation
 from uvms_ocp.cli.options import Json, folder
 from uvms_ocp.cli.printing import console_of, print_json, print_line, print_paths, table_of
-from uvms_ocp.errors import InvalidInput
+from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification import ExperimentLimits, Noise, Rollout, check_data_quality, stage_of, write_recording
 from uvms_ocp.identification.calibration import Calibration, calibrate
 from uvms_ocp.identification.experiment_design import DesignSettings, DesignStatus, ExperimentTask, design_experiment
@@ -20,8 +20,9 @@ from uvms_ocp.identification.reading import read_mapping, read_recording
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, split_at_gaps
 from uvms_ocp.identification.results import excitation_text, report_text, require_coefficients, variant_text, whole_text
 from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, calibrated_robot, read_settings
+from uvms_ocp.identification.tables import read_table
 from uvms_ocp.record.output import claim_folder
-from uvms_ocp.robot.thrusters import thrust_limits
+from uvms_ocp.robot.thrusters import curve_of_table, thrust_limits
 
 # ``check-recording``: what is in recordings, and what is doubtful about them.
 
@@ -203,3 +204,38 @@ def _assignment(
 ) -> ExperimentTask:
     noise, joints = Noise(**given.noise.model_dump()), tuple(subject.robot.home.tolist())
     return ExperimentTask(vehicle=subject.vehicle, limits=limits, duration=duration, noise=noise, joints=joints)
+
+
+# ``thruster-curve``: from a bench's table to the curve of a robot file.
+
+_NEWTONS = {"N": 1.0, "kgf": 9.80665, "gf": 9.80665e-3, "lbf": 4.448222}
+
+
+def thruster_curve(
+    table: Annotated[
+        Path, typer.Argument(metavar="TABLE", help="Table of a bench: text, .xlsx, Parquet, .mat or .npz.")
+    ],
+    pwm: Annotated[str, typer.Option(metavar="COLUMN", help="What was sent: pulse widths, or shares of the largest.")],
+    thrust: Annotated[str, typer.Option(metavar="COLUMN", help="Thrust that was measured.")],
+    unit: Annotated[str, typer.Option(help=f"Of the thrust: {', '.join(_NEWTONS)}.")] = "N",
+    voltage: Annotated[str | None, typer.Option(metavar="COLUMN", help="Voltage of each measurement.")] = None,
+    at: Annotated[float | None, typer.Option(metavar="V", help="Voltage that the curve is wanted for.")] = None,
+) -> None:
+    """Turn a table of thrust into the lines of a thruster in hydrodynamics.yaml.
+
+    Measurements of the same signal are averaged, dead bands kept; what falls where the signal rises is levelled, and it is
+    said by how much.
+    """
+    if unit not in _NEWTONS:
+        raise NameNotFound("unit", unit, _NEWTONS)
+    if (voltage is None) != (at is None):
+        raise InvalidInput("--voltage and --at belong together: give both, or neither")
+    columns = [pwm, thrust, *([voltage] if voltage else [])]
+    rows = read_table(table, columns).values
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    volts = rows[:, 2] if voltage else None
+    curve, off = curve_of_table(rows[:, 0], _NEWTONS[unit] * rows[:, 1], volts, at or 0.0)
+    points = ", ".join(f"[{signal:.6g}, {force:.4g}]" for signal, force in curve)
+    typer.echo(f"minimum: {min(curve[0][1], 0.0):.4g}\nmaximum: {curve[-1][1]:.4g}\ncurve: [{points}]")
+    if off > 0.0:
+        print_line(console_of(stderr=True), f"levelled by up to {off:.2g} N, where thrust fell as the signal rose")

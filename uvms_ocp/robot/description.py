@@ -201,7 +201,8 @@ class Thruster(_Section):
     dead_zone: NonNegative = Field(default=0.0, description="commands smaller than this give no thrust [N]")
     curve: tuple[tuple[float, float], ...] = Field(
         default=(),
-        description="(command [-], thrust [N]) points, both increasing; empty is linear between the limits",
+        description="(command [-], thrust [N]) points, commands increasing, thrust never falling; empty is linear between the "
+        "limits",
     )
     power: Power | None = None
 
@@ -215,9 +216,17 @@ class Thruster(_Section):
     @field_validator("curve")
     @classmethod
     def _curve_increases(cls, value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-        points = np.array(value)
-        if len(value) == 1 or (points[1:] <= points[:-1]).any():
-            raise ValueError("curve needs two or more points, command and thrust both increasing")
+        if not value:
+            return value
+        (command, thrust), n = np.transpose(value), len(value)
+        wrong = np.flatnonzero((np.diff(command) <= 0.0) | (np.diff(thrust) < 0.0))
+        if len(wrong):
+            point = list(value[wrong[0] + 1])
+            raise ValueError(
+                f"curve needs increasing commands and thrust that never falls; point {wrong[0] + 2}, {point}, does not"
+            )
+        if n < 2 or thrust[0] == thrust[-1]:
+            raise ValueError("curve needs two or more points of different thrust")
         return value
 
     @model_validator(mode="after")

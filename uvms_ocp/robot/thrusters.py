@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.description import Thruster
 from uvms_ocp.robot.robot import Robot
 
@@ -62,9 +63,59 @@ def thrust_of_signals(robot: Robot, signals: np.ndarray) -> np.ndarray:
 
 
 def signals_of_thrust(robot: Robot, thrust: np.ndarray) -> np.ndarray:
-    """Return command signals (n_thrusters,) for steady thrust (n_thrusters,) [N]; `thrust_of_signals` inverted."""
-    pairs = zip(robot.description.thrusters, thrust, strict=True)
-    return np.array([np.interp(value, *np.transpose(_curve(thruster))[::-1]) for thruster, value in pairs])
+    """Return command signals (n_thrusters,) for steady thrust (n_thrusters,) [N]; `thrust_of_signals` inverted.
+
+    In a dead band, where many signals give the same thrust, the middle of them.
+    """
+    return np.array(
+        [
+            _signal(*np.transpose(_curve(one)), value)
+            for one, value in zip(robot.description.thrusters, thrust, strict=True)
+        ]
+    )
+
+
+def _signal(signals: np.ndarray, thrust: np.ndarray, value: float) -> float:
+    alike = signals[thrust == value]
+    return float((alike[0] + alike[-1]) / 2) if len(alike) else float(np.interp(value, thrust, signals))
+
+
+def curve_of_table(
+    signals: np.ndarray, thrust: np.ndarray, voltage: np.ndarray | None = None, at: float = 0.0
+) -> tuple[tuple[tuple[float, float], ...], float]:
+    """Fit the thrust curve of a table, never falling, and how far [N] measurements lie off it at most.
+
+    signals: (n,) as they are sent, in any order, each as often as it was measured. thrust: (n,) [N]. voltage: (n,) [V] of each
+    measurement; the curve is that at `at` [V], between those that were measured. Raises InvalidInput for less than two
+    signals, or a voltage outside the table.
+    """
+    from scipy.optimize import isotonic_regression
+
+    if voltage is not None:
+        known = np.unique(voltage)
+        if not known[0] <= at <= known[-1]:
+            raise InvalidInput(f"{at:g} V given; allowed: {known[0]:g} to {known[-1]:g} V, which the table has")
+        below, above = known[known <= at][-1], known[known >= at][0]
+        share = 0.0 if above == below else (at - below) / (above - below)
+        tables = [_mean_thrust(signals[voltage == one], thrust[voltage == one]) for one in (below, above)]
+        each = np.unique(np.concatenate([table[0] for table in tables]))
+        low, high = (np.interp(each, *table) for table in tables)
+        mean = low + share * (high - low)
+    else:
+        each, mean = _mean_thrust(signals, thrust)
+    if len(each) < 2 or np.ptp(mean) == 0.0:
+        raise InvalidInput(f"{len(each)} different signals given; allowed: two or more, of different thrust")
+    fitted = isotonic_regression(mean.copy(), increasing=bool(mean[-1] > mean[0])).x
+    if fitted[-1] < fitted[0]:
+        raise InvalidInput(
+            "thrust falls from the lowest to the highest signal; give the opposite of its column, or of its sign"
+        )
+    return tuple(zip(each.tolist(), fitted.tolist(), strict=True)), float(np.abs(fitted - mean).max())
+
+
+def _mean_thrust(signals: np.ndarray, thrust: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    each, which = np.unique(signals, return_inverse=True)
+    return each, np.bincount(which, weights=thrust) / np.bincount(which)
 
 
 def _curve(thruster: Thruster) -> tuple[tuple[float, float], ...]:
