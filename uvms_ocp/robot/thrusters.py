@@ -67,15 +67,12 @@ def signals_of_thrust(robot: Robot, thrust: np.ndarray) -> np.ndarray:
 
     In a dead band, where many signals give the same thrust, the middle of them.
     """
-    return np.array(
-        [
-            _signal(*np.transpose(_curve(one)), value)
-            for one, value in zip(robot.description.thrusters, thrust, strict=True)
-        ]
-    )
+    pairs = zip(robot.description.thrusters, thrust, strict=True)
+    return np.array([_signal(np.array(_curve(thruster)), value) for thruster, value in pairs])
 
 
-def _signal(signals: np.ndarray, thrust: np.ndarray, value: float) -> float:
+def _signal(curve: np.ndarray, value: float) -> float:
+    signals, thrust = curve.T
     alike = signals[thrust == value]
     return float((alike[0] + alike[-1]) / 2) if len(alike) else float(np.interp(value, thrust, signals))
 
