@@ -93,6 +93,17 @@ def test_each_reason_needs_its_time_and_says_what_it_was(still: Scenario) -> Non
     assert stalled[-1] == "stall: PC.position_error = 1 not < 0.1, no nearer for 2 s"
 
 
+def test_an_error_that_grows_at_the_thrusters_limits_ends_the_mission_at_once(still: Scenario) -> None:
+    """Within two spans of its time; not where it shrinks, hardly grows, or thrust is left to bring it back."""
+    short = ActuationFeedback(short=True)
+    fled = reasons(still, short, 11.0, rate=-0.05)
+    assert 5.0 < first(fled) < 10.0 + 3 * DT
+    assert fled[-1].startswith("runaway: PC.position_error = 1.")
+    assert fled[-1].endswith("not < 0.1, and farther than 5 s ago, with thrusters at their limits")
+    for feedback, rate in ((short, 0.01), (short, -0.001), (ActuationFeedback(), -0.05)):
+        assert not any(reasons(still, feedback, 11.0, rate=rate))
+
+
 def test_a_stall_says_once_for_all_sensors_why_they_hold_it_back(still: Scenario) -> None:
     given, why = with_abort(still, stall_after=1.0), "0.05 s later than its delay is said to be, allowed 0.025 s"
     late = [ChannelHealth(channel=name, trust=Trust.SUSPECT, why=why) for name in ("position", "depth")]

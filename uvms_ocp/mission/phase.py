@@ -268,6 +268,8 @@ class Abort:
     """[s] without progress towards any condition that a phase waits for."""
     thrust_after: Positive = 20.0
     """[s] for which the limits of the thrusters keep them from what is asked for."""
+    runaway_after: Positive = 5.0
+    """[s] in which an error that a phase waits for grows, and none shrinks, with thrusters at their limits for most of them."""
     contact: Positive = 0.3
     """Upward force that the model does not know, as a share of the thrusters' largest, that counts as contact."""
     contact_after: Positive = 2.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -59,10 +60,11 @@ _PROGRESS = 0.02  # share of what is missing that must have been gained in the w
 
 @checked
 def cause_of_end(record: Record) -> dict[str, str]:
-    """``kind``: completed, ended too early, aborted, given up, slow, stalled; ``text``: one sentence with the figures.
+    """``kind``: completed, ended too early, aborted, given up, swinging, slow, stalled; ``text``: one sentence with the figures.
 
     A mission has ended too early where it is complete by the estimate and a true error is over its limit. One that is aborted
-    names what sent it into its abort phase, or ended it; one that is slow or stalled the last alarm, if there was any.
+    names what sent it into its abort phase, or ended it; one that swings by how much, how fast, and whether it grows; one that
+    swings, is slow or stalled the last alarm, if there was any.
 
     Raises `InvalidInput` for the record of a plan.
     """
@@ -76,6 +78,8 @@ def cause_of_end(record: Record) -> dict[str, str]:
     if meta.events and meta.events[-1].target == ABORT:
         return {"kind": "given up", "text": meta.events[-1].reason}
     cause = _unfinished(record)
+    if swinging := metrics.swings(record):
+        cause = {"kind": "swinging", "text": f"{cause['text']}; {', '.join(map(str, swinging))}"}
     alarms = [f"; last alarm at {alarm.t:.1f} s: {alarm.text}" for alarm in meta.alarms[-1:]]
     return {**cause, "text": "".join([cause["text"], *alarms])}
 
@@ -235,6 +239,7 @@ def summarize(record: Record) -> dict[str, Any]:
         "cause": cause_of_end(record),
         "ended_too_early": sorted({row["phase"] for row in ended_prematurely(record)}) if meta.completed else [],
         "goals": goal_table(record),
+        "swings": [asdict(swing) for swing in metrics.swings(record)],
         "phases": phase_table(record),
         "resources": metrics.resources(record),
         "seed": meta.seed,

@@ -79,6 +79,7 @@ def ascent_goal(memory: AscentMemory) -> pin.SE3:
 # What sends a mission into its abort phase: lost sensors, contact, too little thrust, no progress.
 
 _PROGRESS = 0.02  # share of what is missing to a limit that counts as progress
+_GROWTH = 0.1  # share of an error by which it grows where the robot runs away
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -108,6 +109,7 @@ class AbortReason(IntEnum):
     CONTACT = 5
     THRUST = 6
     STALL = 7
+    RUNAWAY = 8
 
 
 class AbortMemory(Layout):
@@ -116,10 +118,12 @@ class AbortMemory(Layout):
     aborts: bool
     """There is an abort phase."""
     time_limit: float
-    """[s] as the next four of `Abort`."""
+    """[s] as the next five of `Abort`."""
     stall_after: float
     """[s]"""
     thrust_after: float
+    """[s]"""
+    runaway_after: float
     """[s]"""
     contact: float
     contact_after: float
@@ -140,6 +144,14 @@ class AbortMemory(Layout):
     """[s]"""
     stall_since: float
     """[s]"""
+    runaway_since: float
+    """[s] since when no error has shrunk, the next three of it; NaN: not asked yet."""
+    ticks: int
+    """Since then."""
+    short_ticks: int
+    """Of them, those with thrusters at their limits."""
+    held: Annotated[Vector, Sized("n_quantities")]
+    """(n_quantities,) [unit of the quantity] then."""
     began: float
     """[s] start of the phase that `best` belongs to."""
     best: Annotated[Vector, Sized("n_quantities")]
@@ -171,6 +183,8 @@ def abort_reason(
     d.thrust_since = _since(d.short, d.thrust_since, t)
     if t - d.thrust_since > d.thrust_after:
         return AbortReason.THRUST
+    if _runs_away(d, m, t, quantities):
+        return AbortReason.RUNAWAY
     waits = not _progresses(d, m, quantities)
     d.stall_since = _since(waits, d.stall_since, t)
     return AbortReason.STALL if t - d.stall_since > d.stall_after else AbortReason.NOTHING
@@ -187,6 +201,29 @@ def _is_high(d: AbortMemory, gates: Vector) -> bool:
     for i in range(len(d.high)):
         found = found or (d.high[i] != 0 and gates[i] != 0.0)
     return found
+
+
+def _runs_away(d: AbortMemory, m: MissionMemory, t: float, quantities: Vector) -> bool:
+    """Return whether an error that the phase waits for has grown for too long, and none fallen, at the thrusters' limits."""
+    grown, fallen = False, m.since != d.began or math.isnan(d.runaway_since)
+    for i in range(m.first[m.phase], m.end[m.phase]):
+        for k in range(m.first_condition[i], m.end_condition[i]):
+            now, held = quantities[m.quantity[k]], d.held[m.quantity[k]]
+            if m.below[k] != 0 and not now < m.limit[k]:
+                grown = grown or now > (1.0 + _GROWTH) * held
+                fallen = fallen or not now >= (1.0 - _PROGRESS) * held
+    d.ticks += 1
+    d.short_ticks += 1 if d.short else 0
+    late = not fallen and t - d.runaway_since > d.runaway_after
+    if late and grown and 2 * d.short_ticks > d.ticks:
+        return True
+    if late or fallen:
+        d.runaway_since = t
+        d.ticks = 0
+        d.short_ticks = 0
+        for i in range(len(d.held)):
+            d.held[i] = quantities[i]
+    return False
 
 
 def _progresses(d: AbortMemory, m: MissionMemory, quantities: Vector) -> bool:
@@ -241,6 +278,8 @@ class AbortMonitor:
             AbortReason.LATE: f"{abort.time_limit:g} s were not enough for it",
             AbortReason.HOPELESS: self._hopeless(tick),
             AbortReason.ENDED: tick.restriction.abort,
+            AbortReason.RUNAWAY: f"runaway: {self._mission.pending(tick.mission, quantities)}, and farther than"
+            f" {abort.runaway_after:g} s ago, with thrusters at their limits",
             AbortReason.THRUST: f"thrust: the thrusters have been at their limits for {abort.thrust_after:g} s",
         }
         return texts[why] if why in texts else self._stalled(abort, tick, quantities)
@@ -257,8 +296,10 @@ class AbortMonitor:
         abort = self._mission.abort
         high = [isinstance(task, MinimumAltitude) for task in self._mission.hierarchy.tasks]
         assign(memory, aborts=abort is not None, began=-math.inf, high=high)
-        memory.contact_since = memory.thrust_since = memory.stall_since = math.nan
-        for name in ("time_limit", "stall_after", "thrust_after", "contact", "contact_after") if abort else ():
+        memory.contact_since = memory.thrust_since = memory.stall_since = memory.runaway_since = math.nan
+        for name in (
+            ("time_limit", "stall_after", "thrust_after", "runaway_after", "contact", "contact_after") if abort else ()
+        ):
             setattr(memory, name, getattr(abort, name))
 
 

@@ -1,0 +1,66 @@
+"""A regular oscillation at the end of a run is told with its period, amplitude and growth, and is a cause of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from uvms_ocp.record.record import Record
+from uvms_ocp.report.metrics import swing_of, swings
+from uvms_ocp.report.summary import cause_of_end, summarize
+
+STORED = Path(__file__).parents[1] / "records" / "run_v0_1.npz"
+DT = 0.02
+T = np.arange(0.0, 20.0, DT)
+
+
+@pytest.mark.parametrize("period", [1.1, 2.2, 4.0])
+@pytest.mark.parametrize("growth", [0.9, 1.0, 1.1])
+def test_period_amplitude_and_growth_are_those_of_the_oscillation(period: float, growth: float) -> None:
+    rng, drift = np.random.default_rng(1), 0.3 - 0.01 * T
+    values = drift + 0.05 * growth ** (T / period) * np.sin(2 * np.pi * T / period) + 1e-3 * rng.normal(size=len(T))
+    found = swing_of("error", values, DT)
+    assert found is not None
+    assert found.period == pytest.approx(period, rel=0.05)
+    assert found.growth == pytest.approx(growth, abs=0.05)
+    assert found.amplitude == pytest.approx(0.05 * growth ** (T[-1] / period), rel=0.25, abs=0.01)
+
+
+@pytest.mark.parametrize("kind", ["still", "decay", "noise", "step", "unknown"])
+def test_what_does_not_oscillate_is_no_swing(kind: str) -> None:
+    rng = np.random.default_rng(2)
+    values = {
+        "still": np.full(len(T), 0.2),
+        "decay": np.exp(-T / 5),
+        "noise": np.cumsum(rng.normal(size=len(T))),
+        "step": (T > 7.0) * 1.0,
+        "unknown": np.full(len(T), np.nan),
+    }[kind]
+    assert swing_of("error", values, DT) is None
+
+
+def swung(amplitude: float) -> Record:
+    """A stored run that does not complete, held in its last phase, with a pitch of this amplitude [rad]."""
+    stored = Record.load(STORED)
+    n, meta = round(20.0 / stored.run_meta.dt), stored.run_meta.model_copy(update={"events": (), "completed": False})
+    series = {name: np.repeat(values[:1], n, axis=0) for name, values in stored.series.items()}
+    t = meta.dt * np.arange(n)
+    quaternions = [pin.Quaternion(pin.rpy.rpyToMatrix(0.0, amplitude * np.sin(2 * np.pi * x / 2.2), 0.4)) for x in t]
+    series["q"][:, 3:7] = [quaternion.coeffs() for quaternion in quaternions]
+    return Record(series={**series, "t": t}, meta=meta)
+
+
+def test_a_pitch_that_swings_is_the_cause_of_a_mission_that_does_not_end() -> None:
+    record = swung(0.17)
+    (found,) = swings(record)
+    assert found.what == "pitch"
+    assert found.period == pytest.approx(2.2, rel=0.02)
+    cause = cause_of_end(record)
+    assert cause["kind"] == "swinging"
+    assert "pitch swings by +-0.17 every 2.2 s, neither growing nor dying away" in cause["text"]
+    (row,) = summarize(record)["swings"]
+    assert row["what"] == "pitch"
+    assert cause_of_end(swung(0.01))["kind"] != "swinging"
