@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import yaml
 from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot.assembly import without_arm, without_trim
+from uvms_ocp.robot.assembly import with_trim, without_arm, without_trim
+from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.loading import example_robot_data, list_robots, load_robot, robot_folder
 from uvms_ocp.scenario.preflight.robot_check import (
     RobotFinding,
@@ -82,7 +84,23 @@ def test_an_untrimmed_robot_is_told_which_float_would_trim_it() -> None:
     trim = finding(check_robot(without_trim(load_robot("girona_maris7"))), "trim")
     assert trim.verdict is RobotVerdict.WARNING
     assert "-118 N upwards and 146 N m" in trim.text
-    assert "a float of 118 N at x = 1.24 m" in trim.text
+    assert "a float of 1" in trim.text
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0), (0.2, -0.1), (-0.4, 0.3)])
+@pytest.mark.parametrize(("mass", "volume"), [(3.0, 0.0), (0.0, 2e-3), (1.0, 1e-3), (1.0, 1.001e-3)])
+def test_trim_that_is_advised_trims_and_lies_within_the_hull(
+    mass: float, volume: float, place: tuple[float, float]
+) -> None:
+    """The entries as they are printed, for a vehicle that carries something, heavy or light, or only out of place."""
+    robot = load_robot("bluerov2_alpha5")
+    robot = with_trim(robot, [TrimBody(name="pack", position=(*place, 0.0), mass=mass, volume=volume)])
+    robot = with_trim(robot, [TrimBody(name="cell", position=(0.2, 0.1, 0.0), mass=1.0, volume=0.0)])
+    text = finding(check_robot(robot), "trim").text
+    entries = yaml.safe_load(text[text.index("trim: [") :])["trim"]
+    bodies = [TrimBody(**{**entry, "name": f"new_{entry['name']}"}) for entry in entries]
+    assert finding(check_robot(with_trim(robot, bodies)), "trim").verdict is RobotVerdict.GOOD
+    assert all(abs(body.position[0]) < 0.23 and abs(body.position[1]) < 0.29 for body in bodies)
 
 
 def test_a_light_vehicle_is_told_to_take_ballast() -> None:

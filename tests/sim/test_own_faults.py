@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -105,3 +105,14 @@ def test_what_a_fault_leaves_is_looked_at(left: Any, heard: Any, message: str, m
     monkeypatch.setattr(OddOfRun, "heard", heard)
     with pytest.raises(InvalidInput, match=message):
         replace(flown(), faults=(Odd(onset=0.0),)).run()
+
+
+def test_a_scenario_takes_faults_as_the_shell_takes_them() -> None:
+    text, own = "altimeter:frozen@0.5", LooseCable(onset=1.0)
+    sound, (known,) = flown(), flown(faults=text).faults
+    for given, more in ((text, 0), ((text,), 0), ((text, own), 1), ((known,), 0)):
+        faults = replace(sound, faults=given).faults
+        assert len(faults) == 1 + more
+        assert asdict(faults[0]) == asdict(known)
+    with pytest.raises(InvalidInput, match="write TARGET:KIND=VALUES@ONSET-END"):
+        replace(sound, faults="nonsense")

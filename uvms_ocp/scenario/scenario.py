@@ -31,7 +31,7 @@ from uvms_ocp.scenario.run_metadata import PartNames, RunOutcome, run_meta
 from uvms_ocp.sim import own_parts
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.fault_effects import require_possible
-from uvms_ocp.sim.faults import Fault
+from uvms_ocp.sim.faults import Fault, parse_fault
 from uvms_ocp.sim.loop import Progress, Sensors, StateEstimator, TickObserver, require_few_ticks, simulate
 from uvms_ocp.sim.own_parts import part_name, plant_name, require_plant, require_simulated, specs_of, takes_forces
 from uvms_ocp.sim.plant import DynamicPlant, KinematicPlant, Plant
@@ -182,8 +182,9 @@ class Scenario(FieldTable):
     """[s] at which an incomplete mission is stopped."""
     markers: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     """Points (3,) [m] in W to draw, by name."""
-    faults: tuple[Fault | Callable[..., Any], ...] = ()
-    """Faults, unknown to controller and pre-flight; also a user's own, each a `uvms_ocp.sim.FaultMaker`."""
+    faults: str | tuple[Fault | Callable[..., Any] | str, ...] = ()
+    """Faults, unknown to controller and pre-flight, or texts as the shell takes them, see `uvms_ocp.sim.parse_fault`; also a
+    user's own, each a `uvms_ocp.sim.FaultMaker`."""
 
     def __post_init__(self) -> None:
         require_plant(self.plant)
@@ -208,11 +209,14 @@ class Scenario(FieldTable):
             self._require_above_floor()
         for name, kind in (("controller", ControllerFactory), ("estimator", EstimatorFactory)):
             object.__setattr__(self, name, kind(maker=maker_of(name, getattr(self, name)), scenario=self))
-        for fault in self.faults:
+        faults = (self.faults,) if isinstance(self.faults, str) else self.faults
+        faults = tuple(parse_fault(fault) if isinstance(fault, str) else fault for fault in faults)
+        object.__setattr__(self, "faults", faults)
+        for fault in faults:
             own_parts.require_fault(fault)
-        if faults := self.toolkit_faults:
-            require_possible(faults, self.plant_robot or self.robot, kinematic=self.plant == "kinematic")
-            require_simulated(faults, self.plant, self.sensors)
+        if known := self.toolkit_faults:
+            require_possible(known, self.plant_robot or self.robot, kinematic=self.plant == "kinematic")
+            require_simulated(known, self.plant, self.sensors)
             self._sensor_suite()
 
     @property

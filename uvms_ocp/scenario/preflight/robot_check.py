@@ -15,6 +15,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import RobotDataError
 from uvms_ocp.robot import Robot, thruster_matrix
 from uvms_ocp.robot.assembly import static_residual, trim_body, without_trim
+from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.loading import files_of, joints_without_inertia, load_robot, unknowns
 from uvms_ocp.robot.roles import role_notes
 from uvms_ocp.robot.shapes.collision_model import links_without_shape
@@ -23,6 +24,8 @@ from uvms_ocp.robot.thrusters import AXES
 FORCE_TOLERANCE = 0.5  # [N] residual of a trimmed robot with its arm stowed
 MOMENT_TOLERANCE = 0.5  # [N m]
 _RANK_TOLERANCE = 1e-6  # relative to the largest singular value
+_WITHIN = 0.9  # of the hull, for trim
+_HAND = 0.1  # [m]
 _TRIANGLE_TOLERANCE = 1e-3  # relative; published inertias are rounded
 _LIMITING = "give vehicle_limits and joints in hydrodynamics.yaml, velocity and effort of joints in <limit> of the URDF"
 _ALONE = (
@@ -236,15 +239,60 @@ def _trim(robot: Robot) -> RobotFinding:
 
 
 def _trim_advice(robot: Robot, force: float, moment: np.ndarray) -> str:
-    if abs(force) < FORCE_TOLERANCE:
-        return "shift a float or ballast"
-    x, y = -moment[1] / force, moment[0] / force
-    kind = "ballast" if force > 0.0 else "float"
-    body = trim_body("NAME", x, y, -force, robot)
     link = next(frame.name for frame in robot.model.frames if frame.type == pin.FrameType.BODY)
-    entry = f"{{name: {kind}, link: {link}, position: [{x:.3g}, {y:.3g}, {body.position[2]:g}], "
-    entry += f"mass: {body.mass:.4g}, volume: {body.volume:.4g}}}"
-    return f"a {kind} of {abs(force):.3g} N at x = {x:.3g} m, y = {y:.3g} m of {link} would trim it; in trim: - {entry}"
+    bodies = trim_bodies(robot, force, moment)
+    parts = [
+        f"a {body.name.partition('_')[0]} of {abs(lift):.3g} N at x = {body.position[0]:.3g} m, y = {body.position[1]:.3g} m"
+        for body, lift in bodies
+    ]
+    entries = [
+        f"{{name: {body.name}, link: {link}, position: [{body.position[0]:.3g}, {body.position[1]:.3g}, {body.position[2]:g}], "
+        f"mass: {body.mass:.4g}, volume: {body.volume:.4g}}}"
+        for body, _ in bodies
+    ]
+    return f"{' and '.join(parts)} of {link} would trim it; trim: [{', '.join(entries)}]"
+
+
+def trim_bodies(robot: Robot, force: float, moment: np.ndarray) -> list[tuple[TrimBody, float]]:
+    """Return floats and ballast that cancel a force [N] upwards and a moment (3,) [N m] in W, and what each lifts [N].
+
+    One where that lies within the hull, else two at its ends in the direction of the moment.
+    """
+    lift, lever = -force, np.array([moment[1], -moment[0]])
+    low, high = _hull(robot)
+
+    def body(name: str, place: np.ndarray, lift: float) -> tuple[TrimBody, float]:
+        kind = "float" if lift > 0.0 else "ballast"
+        return trim_body(f"{kind}{name}", float(place[0]), float(place[1]), lift, robot), lift
+
+    place = lever / lift if abs(lift) >= FORCE_TOLERANCE else np.full(2, np.inf)
+    if ((low <= place) & (place <= high)).all():
+        return [body("", place, lift)]
+    along = lever / np.linalg.norm(lever)
+    reach = [_reach(way, low, high) for way in (along, -along)]
+    first = (float(np.linalg.norm(lever)) + lift * reach[1]) / sum(reach)
+    pair = (body("_1", reach[0] * along, first), body("_2", -reach[1] * along, lift - first))
+    return [one for one in pair if abs(one[1]) > 0.0]
+
+
+def _hull(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (2,) [m] of the vehicle's collision shapes and thrusters, x and y in B, with the origin between them."""
+    model, points = robot.collision_model, [np.zeros(3)]
+    for shape in model.geometryObjects:
+        if shape.parentJoint == 1:
+            shape.geometry.computeLocalAABB()
+            box = shape.geometry.aabb_local
+            corners = np.array(np.meshgrid(*np.transpose([box.min_, box.max_]))).reshape(3, -1).T
+            points += [shape.placement.act(corner) for corner in corners]
+    points += [np.array(thruster.position) for thruster in robot.description.thrusters]
+    return _WITHIN * np.min(points, axis=0)[:2], _WITHIN * np.max(points, axis=0)[:2]
+
+
+def _reach(along: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
+    """Distance [m] from the origin of B to the border of the hull; a hand's breadth where it has none."""
+    room = np.where(along > 0.0, high, low)
+    ends = [r / a for r, a in zip(room, along, strict=True) if abs(a) > _RANK_TOLERANCE]
+    return max(min(ends), _HAND)
 
 
 def _thrusters(robot: Robot) -> RobotFinding:
