@@ -20,6 +20,7 @@ from uvms_ocp.tasks.task import PoseGoal, evaluate_pose
 
 REACHED = 1e-3  # [m, rad] what counts as reached: the thresholds at which a tool task ends
 _MARGIN = 1e-3  # share of the range by which starts keep away from the limits
+_ITERATIONS, _DAMPING, _CONVERGED = 60, 1e-3, 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -43,7 +44,7 @@ class ReachResult:
 
 
 class ArmReach:
-    """Searches postures within the joint limits for a frame to meet a pose, from many starts (bounded least squares).
+    """Searches postures within the joint limits for a frame to meet a pose, from many starts (Levenberg-Marquardt).
 
     The error is that of a tool task: metres and radians count the same. rotation_weight: 0 leaves orientation free.
     """
@@ -84,19 +85,30 @@ class ArmReach:
         yield self._reach(X_WB, goal, x)
 
     def _minimise(self, X_WB: pin.SE3, goal: pin.SE3, start: np.ndarray, weight: float) -> np.ndarray:
-        from scipy.optimize import least_squares  # half a second, which few need
-
-        weights = np.repeat([1.0, weight], 3)
-        span = _MARGIN * (self._upper - self._lower)
-        result = least_squares(
-            lambda x: weights * self._error(X_WB, goal, x)[0],
-            np.clip(start, self._lower + span, self._upper - span),
-            lambda x: weights[:, None] * self._error(X_WB, goal, x)[1],
-            bounds=(self._lower, self._upper),
-            xtol=1e-10,
-            max_nfev=60,
-        )
-        return np.asarray(result.x)
+        """Levenberg-Marquardt; joints at a limit that a step would push beyond it stand still, others stop there."""
+        weights, damping, lower, upper = np.repeat([1.0, weight], 3), _DAMPING, self._lower, self._upper
+        span = _MARGIN * (upper - lower)
+        x = np.clip(start, lower + span, upper - span)
+        error, slope = self._error(X_WB, goal, x)
+        for _ in range(_ITERATIONS):
+            r, J = weights * error, weights[:, None] * slope
+            gradient = J.T @ r
+            free = ~(((x <= lower) & (gradient > 0.0)) | ((x >= upper) & (gradient < 0.0)))
+            if not free.any():
+                break
+            H = J[:, free].T @ J[:, free]
+            step = np.zeros(len(x))
+            step[free] = np.linalg.solve(H + damping * np.eye(len(H)), -gradient[free])
+            tried = np.clip(x + step, lower, upper)
+            error, slope, before = *self._error(X_WB, goal, tried), (error, slope)
+            gained = r @ r - (weights * error) @ (weights * error)
+            if gained <= 0.0:
+                (error, slope), damping = before, 4.0 * damping
+            else:
+                x, damping = tried, max(0.2 * damping, _CONVERGED)
+            if abs(gained) < _CONVERGED * (r @ r) or np.abs(step).max() < _CONVERGED:
+                break
+        return x
 
     def _error(self, X_WB: pin.SE3, goal: pin.SE3, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Error (6,) of the frame, frame minus goal, and its derivative (6, n_joints)."""
