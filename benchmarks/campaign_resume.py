@@ -75,7 +75,7 @@ def main() -> None:
     if given.child:
         campaign_of(given.runs).run(given.child)
         return
-    runs, kills = (12, 1) if run.quick else (given.runs, given.kills)
+    runs, kills = (6, 1) if run.quick else (given.runs, given.kills)
     draw, rows = random.Random(0), []
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary, "killed")

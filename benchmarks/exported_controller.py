@@ -121,7 +121,7 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--scenarios", nargs="*", default=list(MISSIONS), metavar="NAME", choices=list(MISSIONS))
     given, run = begin(parser)
-    names, short = (["case1"], {"duration": 1.0}) if run.quick else (given.scenarios, {})
+    names, short = (["case1"], {"duration": 1.0, "plant": "kinematic"}) if run.quick else (given.scenarios, {})
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as work:
         for k, name in enumerate(names):

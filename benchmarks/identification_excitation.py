@@ -33,7 +33,8 @@ DURATION, VEHICLES, SINGLE = 60.0, 8, 3
 """[s] of a recording; whose recordings are fitted; numbers that a design is made for alone."""
 DESIGNED, ALONE = "designed", "alone"
 """A kind of excitation; what one for a single number would tell of it."""
-LITTLE = DesignSettings(iterations=2, starts=1)
+SEARCH = Search(step=0.005)
+LITTLE = DesignSettings(iterations=1, starts=1)
 """To see that it runs."""
 SCALED = ("mass", "gain")
 """Quantities that are known here: with the motion alone, forces and masses are known but for a common factor."""
@@ -63,14 +64,15 @@ def main() -> None:
     """Design, compare, simulate and fit."""
     _, run = begin(parser_of(__doc__))
     given, rollout = assignment(6.0 if run.quick else DURATION)
-    vehicles, begun = 2 if run.quick else VEHICLES, process_time()
+    vehicles, search = (1, replace(SEARCH, iterations=1)) if run.quick else (VEHICLES, SEARCH)
+    begun = process_time()
     found = {DESIGNED: design_experiment(given, rollout, LITTLE if run.quick else None)}
     seconds = process_time() - begun
     found |= {name: largest(given, rollout, name) for name in BY_HAND}
     table = compared(found)
     best = min(BY_HAND, key=lambda name: float(np.median([row[name] for row in table])))
     single = alone(given, rollout, farthest(table)[: 1 if run.quick else SINGLE], run.quick)
-    fits = fitted(given, rollout, {kind: found[kind] for kind in (DESIGNED, best)}, vehicles)
+    fits = fitted(given, rollout, {kind: found[kind] for kind in (DESIGNED, best)}, vehicles, search)
     rows = [{**row, ALONE: single.get(row["number"]), "fitted": fits[row["number"]]} for row in table]
     title, name = "Excitation of a vehicle that is identified", "identification_excitation"
     prose = PROSE.format(**told(given, found, rows), seconds=seconds, best=best, vehicles=vehicles)
@@ -114,23 +116,27 @@ def alone(given: ExperimentTask, rollout: Rollout, rows: Sequence[Row], quick: b
     return {name: _share(next(each for each in one.numbers if each.name == name)) for name, one in found.items()}
 
 
-def fitted(given: ExperimentTask, rollout: Rollout, found: Mapping[str, Excitation], n: int) -> dict[str, float]:
+def fitted(
+    given: ExperimentTask, rollout: Rollout, found: Mapping[str, Excitation], n: int, search: Search
+) -> dict[str, float]:
     """Root mean square error after the design, over that by hand, of each number, as n drawn vehicles have it."""
     truths = drawn(given.vehicle, np.random.default_rng(0), n)
     squares = {
-        kind: np.mean([_errors(given, rollout, truth, one, seed) ** 2 for seed, truth in enumerate(truths)], axis=0)
+        kind: np.mean(
+            [_errors(given, rollout, truth, one, seed, search) ** 2 for seed, truth in enumerate(truths)], axis=0
+        )
         for kind, one in found.items()
     }
     less = np.sqrt(squares[DESIGNED] / next(part for kind, part in squares.items() if kind != DESIGNED))
     return dict(zip([each.name for each in found[DESIGNED].numbers], less.tolist(), strict=True))
 
 
-def _errors(given: ExperimentTask, rollout: Rollout, truth: np.ndarray, one: Excitation, seed: int) -> np.ndarray:
+def _errors(
+    given: ExperimentTask, rollout: Rollout, truth: np.ndarray, one: Excitation, seed: int, search: Search
+) -> np.ndarray:
     """(m,) of all numbers, by their sizes."""
     recording = recorded(given.vehicle, rollout.stage, truth, np.random.default_rng(seed), one.commands)
-    estimate = search_fit(
-        given.vehicle, [PreparedRecording.of(recording, given.vehicle)], NOISE, rollout, Search(step=0.005)
-    )
+    estimate = search_fit(given.vehicle, [PreparedRecording.of(recording, given.vehicle)], NOISE, rollout, search)
     pairs = zip(numbers(given.vehicle, estimate), values_of(given.vehicle, truth), strict=True)
     return np.array([(told.value - wanted) / told.size for told, wanted in pairs])
 

@@ -7,6 +7,7 @@ where all of them were drawn. Writes identification_simulated.csv and identifica
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import erf, sqrt
 from time import process_time
 
@@ -46,13 +47,15 @@ tell. Squares of errors, weighed by the information, are {weighed:.2f} times wha
 """
 
 
-def identified(one: Vehicle, rollout: Rollout, truth: np.ndarray, driven: Excitation, seed: int) -> list[Row]:
+def identified(
+    one: Vehicle, rollout: Rollout, truth: np.ndarray, driven: Excitation, seed: int, recordings: int, search: Search
+) -> list[Row]:
     """A row for each number of one vehicle with unknowns truth (n,) [as `Unknowns.start`]."""
     rng = np.random.default_rng(seed)
-    names = [f"drawn{k}" for k in range(RECORDINGS)]
+    names = [f"drawn{k}" for k in range(recordings)]
     found = [recorded(one, rollout.stage, truth, rng, driven.commands, name) for name in names]
     begun = process_time()
-    estimate = search_fit(one, [PreparedRecording.of(each, one) for each in found], NOISE, rollout, SEARCH)
+    estimate = search_fit(one, [PreparedRecording.of(each, one) for each in found], NOISE, rollout, search)
     taken, off = process_time() - begun, estimate.shared - truth
     same = {"robot": seed, "status": estimate.status.value, "time [s]": taken,
             "weighed": float(off @ estimate.information @ off) / len(off)}  # fmt: skip
@@ -101,18 +104,21 @@ def _error(rows: Sequence[Row]) -> float | None:
 def main() -> None:
     """Design, draw, drive and identify."""
     _, run = begin(parser_of(__doc__))
-    one, robots = vehicle(), 2 if run.quick else ROBOTS
+    one = vehicle()
+    robots, recordings, search = (1, 1, replace(SEARCH, iterations=1)) if run.quick else (ROBOTS, RECORDINGS, SEARCH)
     given = ExperimentTask(vehicle=one, limits=limits(one), duration=6.0 if run.quick else DURATION, noise=NOISE)
     rollout = Rollout(stage_of(one))
-    driven = design_experiment(given, rollout, DesignSettings(iterations=2, starts=1) if run.quick else None)
+    driven = design_experiment(given, rollout, DesignSettings(iterations=1, starts=1) if run.quick else None)
     truths = drawn(one, np.random.default_rng(0), robots)
-    rows = [row for k, truth in enumerate(truths) for row in identified(one, rollout, truth, driven, k)]
+    rows = [
+        row for k, truth in enumerate(truths) for row in identified(one, rollout, truth, driven, k, recordings, search)
+    ]
     states = [simulate_commands(given, rollout, driven.commands, truth) for truth in truths]
     inside = sum(not given.limits.beyond(each, margin=0.0)[0].any() for each in states)
     summary = by_unknown(rows)
     form = {"unknown": "", **dict.fromkeys([name for name in summary[0] if name != "unknown"], ".1f")}
     title, name = "Identification of simulated vehicles", "identification_simulated"
-    prose = PROSE.format(**told(given, rows, summary), robots=robots, inside=inside)
+    prose = PROSE.format(**told(given, rows, summary), robots=robots, recordings=recordings, inside=inside)
     run.write(
         Report(name=name, title=title, prose=prose, tables=[Table(rows=summary, columns=form)], data={name: rows})
     )
@@ -124,7 +130,6 @@ def told(given: ExperimentTask, rows: Sequence[Row], summary: Sequence[Row]) -> 
     weighed = [row["weighed"] for row in rows if row["unknown"] == rows[0]["unknown"]]
     open_ones = [str(row["unknown"]) for row in summary if row["determined [%]"] <= 50.0]
     return {
-        "recordings": RECORDINGS,
         "duration": given.duration,
         "pool": " x ".join(f"{side:g}" for side in given.limits.pool[1] - given.limits.pool[0]),
         "velocity": VELOCITY,

@@ -17,7 +17,7 @@ from nbclient.exceptions import CellExecutionError
 from recording.report import Report, Row, Table, begin, parser_of
 
 FOLDER = Path(__file__).resolve().parents[1] / "notebooks"
-QUICK = ("01_first_mission", "03_your_robot")
+QUICK = ("10_stepping_a_robot",)
 _LONGEST = 4 * 3600  # [s] of one cell
 _FAST = re.compile(r"^FAST = True$", re.MULTILINE)
 PROSE = """

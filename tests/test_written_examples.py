@@ -27,12 +27,22 @@ BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\(([^):]+)\)")
 DEEP_IMPORT = re.compile(r"(?:from|import) uvms_ocp\.\w+\.[\w.]+")
 COMMAND = re.compile(r"`uvms-ocp ([a-z][^`]*)`")
+CALL = """
+def call(words):
+    import sys
+    from uvms_ocp.cli.commands import main
+    sys.argv = ["uvms-ocp", *words]
+    try:
+        main()
+    except SystemExit as end:
+        assert not end.code, words
+"""
 PLACE = re.compile(r"`((?:notebooks|benchmarks|robots)/[\w/.]+\.\w+)`")
 
 
 def program(text: str) -> Iterator[str]:
-    """One program: Python as it is, commands as calls of the same interpreter; README's two lines of pip are for `.ci/run`."""
-    yield "import subprocess, sys"
+    """One program: Python as it is, commands in the same process; README's two lines of pip are for `.ci/run`."""
+    yield CALL
     for language, block in BLOCK.findall(text):
         if language == "python":
             yield block
@@ -41,7 +51,7 @@ def program(text: str) -> Iterator[str]:
             command, *words = shlex.split(line, comments=True)
             assert command in ("uvms-ocp", "pip"), line
             if command == "uvms-ocp":
-                yield f"subprocess.run([sys.executable, '-m', 'uvms_ocp', *{words!r}], check=True)"
+                yield f"call({words!r})"
 
 
 @needs_compiler
