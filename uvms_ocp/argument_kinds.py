@@ -1,146 +1,94 @@
-"""Kinds of argument: numbers, words, arrays, paths and values of a class, and containers, alternatives and functions of these."""
+"""Kinds of argument, read from annotations: numbers, words, arrays, paths, values of a class, and what is composed of these."""
 
 from __future__ import annotations
 
 import inspect
 import operator
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+import types
+import typing
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from uvms_ocp.errors import short
 from uvms_ocp.types import Range, Shape, frozen_mapping, read_only
 
-# What an argument of one type may be: numbers, words, arrays, paths, values of a class.
-
-_SHOWN = 60  # characters of a wrong value
 _LARGEST = 2**63 - 1  # whole number that NumPy, C and files of ours can hold
 _REAL = ("numbers", "biuf")
 _OF_TYPE: dict[type | None, tuple[str, str]] = {np.bool_: ("truth values", "b"), np.intp: ("whole numbers", "iu")}
 """Contents of arrays, in words and as NumPy's letters."""
 
 
-@dataclass(frozen=True)
-class Violation:
+class _Violation(NamedTuple):
     """A value that does not fit: where it is, what is wrong with it and what is allowed there."""
 
     place: str
     found: str
     allowed: str
 
-    def __str__(self) -> str:
-        return f"{self.place} {self.found}; give {self.allowed}"
 
-
-def short(value: object) -> str:
-    """A value as messages show it: on one line, of 60 characters at most."""
-    try:
-        text = " ".join(repr(value).split())
-    except Exception:
-        text = f"a {type(value).__name__}"
-    return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
-
-
+@dataclass(frozen=True)
 class Kind:
-    """Anything; base of all kinds."""
+    """A value of which a test holds, and whose parts are of kinds of their own; by default anything."""
 
-    allowed = "a value"
+    allowed: str = "a value"
     """In words."""
-    converts = False
-    """True where `taken` or `kept` may differ from the value."""
-    shaped = False
-    """True where `shape_of` may give a shape."""
+    test: Callable[[Any], bool] = lambda value: True
+    converts: typing.ClassVar[Any] = False
+    """True where `converted` may differ from the value."""
+    shape: typing.ClassVar[Any] = None
+    """The shape that an array should have."""
 
-    def holds(self, value: object) -> bool:
-        """Return whether the value fits."""
-        return True
+    def fits(self, value: Any) -> bool:
+        """Return whether the value may be of this kind, its parts apart."""
+        return self.test(value)
 
-    def wrong(self, place: str, value: object) -> Violation:
+    def parts(self, place: str, value: Any) -> Iterable[tuple[str, Kind, Any]]:
+        """What a value that fits is made of: where it is, its kind and itself."""
+        return ()
+
+    def holds(self, value: Any) -> bool:
+        """Return whether the value is of this kind."""
+        return self.fits(value) and all(kind.holds(item) for _, kind, item in self.parts("", value))
+
+    def wrong(self, place: str, value: Any) -> _Violation:
         """Say what is wrong with a value that does not fit, as deep inside as can be said."""
-        return Violation(place, f"= {short(value)}", self.allowed)
+        for where, kind, item in self.parts(place, value) if self.fits(value) else ():
+            if not kind.holds(item):
+                return kind.wrong(where, item)
+        return _Violation(place, f"= {short(value)}", self.allowed)
 
-    def shape_of(self, value: object) -> Shape | None:
-        """The shape that a value should have."""
-        return None
+    def among(self, value: Any) -> Kind:
+        """The kind, of alternatives, that a value is of."""
+        return self
 
-    def taken(self, value: Any) -> Any:
-        """Return the value as a function gets it."""
-        return value
-
-    def kept(self, value: Any) -> Any:
-        """Return the value as a frozen dataclass keeps it: nothing that its giver could change later."""
+    def converted(self, value: Any, keep: bool) -> Any:
+        """Return the value as a function gets it, or as a frozen dataclass keeps it, where nobody can change it later."""
         return value
 
 
 @dataclass(frozen=True)
-class Instance(Kind):
-    """A value of a class."""
-
-    cls: type
-
-    @property
-    def allowed(self) -> str:  # type: ignore[override]
-        """In words."""
-        name = self.cls.__name__
-        return {"str": "a string", "bool": "True or False", "NoneType": "None", "dict": "a dictionary"}.get(
-            name, f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"
-        )
-
-    def holds(self, value: object) -> bool:
-        return isinstance(value, self.cls)
-
-
-class Boolean(Kind):
-    """True or False, of Python or NumPy."""
-
-    allowed = "True or False"
-
-    def holds(self, value: object) -> bool:
-        return isinstance(value, (bool, np.bool_))
-
-
-@dataclass(frozen=True)
-class Pose(Kind):
+class _Pose(Kind):
     """A pose whose numbers are finite; a frozen value keeps a copy."""
 
-    cls: type
-    allowed = "a pinocchio.SE3 of finite numbers"
     converts = True
 
-    def holds(self, value: object) -> bool:
-        return isinstance(value, self.cls) and bool(np.isfinite(value.homogeneous).all())  # type: ignore[attr-defined]
-
-    def kept(self, value: Any) -> Any:
-        return value.copy()
+    def converted(self, value: Any, keep: bool) -> Any:
+        return value.copy() if keep else value
 
 
 @dataclass(frozen=True)
-class FilePath(Kind):
-    """A path, or the text of one."""
-
-    text: bool = False
-    allowed = "a path without control characters"
-
-    def holds(self, value: object) -> bool:
-        known = isinstance(value, Path) or (self.text and isinstance(value, str))
-        return known and str(value) != "" and all(letter >= " " for letter in str(value))
-
-
-@dataclass(frozen=True)
-class Number(Kind):
+class _Number(Kind):
     """A real number; NaN and infinity too unless a range says otherwise, since who asks for it often knows better why."""
 
     inside: Range | None = None
     converts = True
 
-    @property
-    def allowed(self) -> str:  # type: ignore[override]
-        """In words."""
-        return f"a number{self.inside or ''}"
-
-    def holds(self, value: object) -> bool:
+    def fits(self, value: Any) -> bool:
         if isinstance(value, (bool, np.bool_, str, bytes)) or not hasattr(value, "__float__"):
             return False
         try:
@@ -149,66 +97,45 @@ class Number(Kind):
             return False
         return self.inside is None or self.inside.holds(number)
 
-    def taken(self, value: Any) -> Any:
+    def converted(self, value: Any, keep: bool) -> Any:
         # NumPy cannot say of a whole number of thirty digits whether it is finite.
         return float(value) if type(value) is int else value
 
-    def kept(self, value: Any) -> Any:
-        return self.taken(value)
-
 
 @dataclass(frozen=True)
-class Whole(Kind):
+class _Whole(Kind):
     """A whole number."""
 
     inside: Range | None = None
 
-    @property
-    def allowed(self) -> str:  # type: ignore[override]
-        """In words."""
-        return f"a whole number{self.inside or ''}"
+    def fits(self, value: Any) -> bool:
+        return self._is_inside(value) and abs(operator.index(value)) <= _LARGEST
 
-    def holds(self, value: object) -> bool:
-        number = _whole(value)
-        return number is not None and abs(number) <= _LARGEST and self._inside(number)
-
-    def wrong(self, place: str, value: object) -> Violation:
-        number = _whole(value)
-        if number is None or not self._inside(number):
+    def wrong(self, place: str, value: Any) -> _Violation:
+        if not self._is_inside(value):
             return super().wrong(place, value)
-        return Violation(place, f"is {short(value)}", f"{self.allowed}, of at most {_LARGEST} in size")
+        return _Violation(place, f"is {short(value)}", f"{self.allowed}, of at most {_LARGEST} in size")
 
-    def _inside(self, number: int) -> bool:
-        return self.inside is None or self.inside.holds(number)
-
-
-def _whole(value: object) -> int | None:
-    if isinstance(value, (bool, np.bool_)):
-        return None
-    try:
-        return operator.index(value)  # type: ignore[arg-type]
-    except TypeError:
-        return None
+    def _is_inside(self, value: Any) -> bool:
+        try:
+            number = operator.index(value)
+        except TypeError:
+            return False
+        return not isinstance(value, (bool, np.bool_)) and (self.inside is None or self.inside.holds(number))
 
 
 @dataclass(frozen=True)
-class Numbers(Kind):
+class _Numbers(Kind):
     """An array, or what NumPy makes one of: of real numbers, of whole ones or of truth values."""
 
     dtype: type | None = None
-    shape: Shape | None = None
+    shape: Shape | None = None  # type: ignore[misc]
     inside: Range | None = None
     plain: bool = False
     """A function asks for an array; otherwise it converts itself."""
     converts = True
 
-    @property
-    def allowed(self) -> str:  # type: ignore[override]
-        """In words."""
-        what, _ = _OF_TYPE.get(self.dtype, _REAL)
-        return f"an array{f' {self.shape}' if self.shape else ''} of {what}{self.inside or ''}"
-
-    def holds(self, value: object) -> bool:
+    def fits(self, value: Any) -> bool:
         array = _array(value)
         if array is None or (self.plain and array.ndim == 0 and self.shape is None):
             return False
@@ -218,37 +145,23 @@ class Numbers(Kind):
             return False
         return self.inside is None or not array.size or all(map(self.inside.holds, (array.min(), array.max())))
 
-    def wrong(self, place: str, value: object) -> Violation:
+    def wrong(self, place: str, value: Any) -> _Violation:
         array = _array(value)
-        if array is None or array.dtype.kind not in "biuf":
-            return super().wrong(place, value)
-        if self.shape is not None and not self.shape.holds(array):
-            return Violation(place, f"has shape {array.shape}", self.allowed)
-        spoilt = np.argwhere(np.isnan(array))
-        if len(spoilt) and self.inside is not None:
-            return Violation(place, f"has NaN at {spoilt[0].tolist()}", self.allowed)
+        if array is not None and array.dtype.kind in "biuf":
+            if self.shape is not None and not self.shape.holds(array):
+                return _Violation(place, f"has shape {array.shape}", self.allowed)
+            spoilt = np.argwhere(np.isnan(array))
+            if len(spoilt) and self.inside is not None:
+                return _Violation(place, f"has NaN at {spoilt[0].tolist()}", self.allowed)
         return super().wrong(place, value)
 
-    @property
-    def shaped(self) -> bool:  # type: ignore[override]
-        """True where there is a shape."""
-        return self.shape is not None
-
-    def shape_of(self, value: object) -> Shape | None:
-        return self.shape
-
-    def taken(self, value: Any) -> Any:
-        if not self.plain:
-            return value
-        return np.asarray(value, dtype=self.dtype) if self.dtype else np.asarray(value)
-
-    def kept(self, value: Any) -> Any:
-        if not self.plain and np.ndim(value) == 0:
-            return value
-        return read_only(value, self.dtype)
+    def converted(self, value: Any, keep: bool) -> Any:
+        if keep and (self.plain or np.ndim(value)):
+            return read_only(value, self.dtype)
+        return np.asarray(value, dtype=self.dtype) if self.plain else value
 
 
-def _array(value: object) -> np.ndarray | None:
+def _array(value: Any) -> np.ndarray | None:
     if isinstance(value, np.ndarray):
         return value
     if isinstance(value, (str, bytes)) or value is None:
@@ -259,244 +172,272 @@ def _array(value: object) -> np.ndarray | None:
         return None
 
 
-# What an argument of a composed type may be: alternatives, sequences, mappings, functions, things with certain methods.
-
-_TEXT = (str, bytes)
-
-
 @dataclass(frozen=True)
-class Choice(Kind):
-    """One of some plain values."""
-
-    values: tuple[Any, ...]
-
-    @property
-    def allowed(self) -> str:  # type: ignore[override]
-        """In words."""
-        return " or ".join(map(repr, self.values))
-
-    def holds(self, value: object) -> bool:
-        return isinstance(value, (str, int, bytes, type(None))) and value in self.values
-
-
-@dataclass(frozen=True)
-class Either(Kind):
+class _Either(Kind):
     """Any of some kinds."""
 
-    kinds: tuple[Kind, ...]
+    kinds: tuple[Kind, ...] = ()
 
     @property
-    def allowed(self) -> str:  # type: ignore[override]
-        """In words."""
-        return " or ".join(dict.fromkeys(kind.allowed for kind in self.kinds))
-
-    @property
-    def converts(self) -> bool:  # type: ignore[override]
-        """True where one of them does."""
+    def converts(self) -> bool:
         return any(kind.converts for kind in self.kinds)
 
     @property
-    def shaped(self) -> bool:  # type: ignore[override]
-        """True where one of them is."""
-        return any(kind.shaped for kind in self.kinds)
+    def shape(self) -> Shape | None:
+        return next((kind.shape for kind in self.kinds if kind.shape), None)
 
-    def holds(self, value: object) -> bool:
+    def fits(self, value: Any) -> bool:
         return any(kind.holds(value) for kind in self.kinds)
 
-    def wrong(self, place: str, value: object) -> Violation:
+    def wrong(self, place: str, value: Any) -> _Violation:
         # An alternative that finds its fault deep inside was the one that was meant.
         found = [kind.wrong(place, value) for kind in self.kinds]
         deeper = [fault for fault in found if fault.place != place or not fault.found.startswith("=")]
         return deeper[0] if deeper else super().wrong(place, value)
 
-    def shape_of(self, value: object) -> Shape | None:
-        return next((kind.shape_of(value) for kind in self.kinds if kind.holds(value)), None)
+    def among(self, value: Any) -> Kind:
+        return next((kind.among(value) for kind in self.kinds if kind.holds(value)), Kind())
 
-    def taken(self, value: Any) -> Any:
-        return self._of(value).taken(value)
-
-    def kept(self, value: Any) -> Any:
-        return self._of(value).kept(value)
-
-    def _of(self, value: object) -> Kind:
-        return next(kind for kind in self.kinds if kind.holds(value))
+    def converted(self, value: Any, keep: bool) -> Any:
+        return self.among(value).converted(value, keep)
 
 
 @dataclass(frozen=True)
-class Items(Kind):
+class _Items(Kind):
     """Several values of one kind: a tuple, a list, any sequence, or anything to iterate over."""
 
-    holder: type
-    kind: Kind
+    holder: type = tuple
+    kind: Kind = Kind()
 
     @property
-    def allowed(self) -> str:  # type: ignore[override]
-        """In words."""
-        name = "sequence" if self.holder in (Sequence, Iterable) else self.holder.__name__
-        inner = self.kind.allowed
-        return f"a {name}" + ("" if type(self.kind) is Kind else f" of which each is {inner}")
+    def converts(self) -> bool:
+        return self.kind.converts or self.holder in (Sequence, list)  # a frozen value keeps a tuple
 
-    @property
-    def converts(self) -> bool:  # type: ignore[override]
-        """A frozen value keeps a tuple."""
-        return self.kind.converts or self.holder in (Sequence, list)
-
-    def holds(self, value: object) -> bool:
-        if not self._is_holder(value):
+    def fits(self, value: Any) -> bool:
+        if isinstance(value, (str, bytes)):
             return False
-        return not isinstance(value, (Sequence, np.ndarray, set, frozenset)) or all(map(self.kind.holds, value))
-
-    def wrong(self, place: str, value: object) -> Violation:
-        if self._is_holder(value):
-            for index, item in enumerate(value):  # type: ignore[var-annotated, arg-type]
-                if not self.kind.holds(item):
-                    return self.kind.wrong(f"{place}[{index}]", item)
-        return super().wrong(place, value)
-
-    def taken(self, value: Any) -> Any:
-        return (
-            type(value)(map(self.kind.taken, value)) if self.kind.converts and type(value) in (tuple, list) else value
-        )
-
-    def kept(self, value: Any) -> Any:
-        return tuple(map(self.kind.kept, value)) if isinstance(value, (tuple, list)) else value
-
-    def _is_holder(self, value: object) -> bool:
-        if isinstance(value, _TEXT):
-            return False
-        numbers = isinstance(self.kind, (Number, Whole, Numbers)) and self.holder in (Sequence, Iterable)
+        numbers = isinstance(self.kind, (_Number, _Whole, _Numbers)) and self.holder in (Sequence, Iterable)
         return isinstance(value, self.holder) or (numbers and isinstance(value, np.ndarray) and value.ndim > 0)
 
+    def parts(self, place: str, value: Any) -> Iterable[tuple[str, Kind, Any]]:
+        if isinstance(value, (Sequence, np.ndarray, set, frozenset)):
+            yield from ((f"{place}[{index}]", self.kind, item) for index, item in enumerate(value))
+
+    def converted(self, value: Any, keep: bool) -> Any:
+        if (keep and isinstance(value, (tuple, list))) or (self.kind.converts and type(value) in (tuple, list)):
+            return (tuple if keep else type(value))(self.kind.converted(item, keep) for item in value)
+        return value
+
 
 @dataclass(frozen=True)
-class Several(Kind):
+class _Several(Kind):
     """A tuple of a given length; where numbers are asked for, any sequence of them will do."""
 
-    kinds: tuple[Kind, ...]
-
-    @property
-    def allowed(self) -> str:  # type: ignore[override]
-        """In words."""
-        return f"({', '.join(kind.allowed for kind in self.kinds)})"
-
-    @property
-    def converts(self) -> bool:  # type: ignore[override]
-        """Numbers in a list or array become a tuple."""
-        return True
-
-    def holds(self, value: object) -> bool:
-        if not self._is_holder(value) or len(value) != len(self.kinds):  # type: ignore[arg-type]
-            return False
-        return all(kind.holds(item) for kind, item in zip(self.kinds, value, strict=True))  # type: ignore[call-overload]
-
-    def wrong(self, place: str, value: object) -> Violation:
-        if self._is_holder(value) and len(value) == len(self.kinds):  # type: ignore[arg-type]
-            for index, (kind, item) in enumerate(zip(self.kinds, value, strict=True)):  # type: ignore[call-overload]
-                if not kind.holds(item):
-                    return kind.wrong(f"{place}[{index}]", item)
-        return super().wrong(place, value)
-
-    def taken(self, value: Any) -> Any:
-        return value if isinstance(value, tuple) else tuple(value)
-
-    def kept(self, value: Any) -> Any:
-        return tuple(kind.kept(item) for kind, item in zip(self.kinds, value, strict=True))
-
-    def _is_holder(self, value: object) -> bool:
-        numbers = all(isinstance(kind, (Number, Whole)) for kind in self.kinds)
-        return isinstance(value, tuple) or (
-            numbers and isinstance(value, (list, np.ndarray)) and getattr(value, "ndim", 1) == 1
-        )
-
-
-@dataclass(frozen=True)
-class Table(Kind):
-    """A mapping."""
-
-    key: Kind
-    item: Kind
-    allowed = "a mapping"
+    kinds: tuple[Kind, ...] = ()
     converts = True
 
-    def holds(self, value: object) -> bool:
-        return isinstance(value, Mapping) and not any(True for _ in self._faults("", value))
+    def fits(self, value: Any) -> bool:
+        numbers = all(isinstance(kind, (_Number, _Whole)) for kind in self.kinds)
+        other = numbers and isinstance(value, (list, np.ndarray)) and getattr(value, "ndim", 1) == 1
+        return (isinstance(value, tuple) or other) and len(value) == len(self.kinds)
 
-    def wrong(self, place: str, value: object) -> Violation:
-        if isinstance(value, Mapping):
-            return next(self._faults(place, value))
-        return super().wrong(place, value)
+    def parts(self, place: str, value: Any) -> Iterable[tuple[str, Kind, Any]]:
+        return ((f"{place}[{i}]", kind, item) for i, (kind, item) in enumerate(zip(self.kinds, value, strict=True)))
 
-    def kept(self, value: Any) -> Any:
+    def converted(self, value: Any, keep: bool) -> Any:
+        if keep:
+            return tuple(kind.converted(item, keep) for kind, item in zip(self.kinds, value, strict=True))
+        return value if isinstance(value, tuple) else tuple(value)
+
+
+@dataclass(frozen=True)
+class _Table(Kind):
+    """A mapping."""
+
+    key: Kind = Kind()
+    item: Kind = Kind()
+    converts = True
+
+    def parts(self, place: str, value: Any) -> Iterator[tuple[str, Kind, Any]]:
+        for key, item in value.items():
+            yield f"a key of {place}", self.key, key
+            yield f"{place}[{short(key)}]", self.item, item
+
+    def converted(self, value: Any, keep: bool) -> Any:
+        if not keep:
+            return value
         return frozen_mapping(
-            {key: self.item.kept(item) for key, item in value.items()} if self.item.converts else value
+            {k: self.item.converted(item, keep) for k, item in value.items()} if self.item.converts else value
         )
 
-    def _faults(self, place: str, value: Mapping[Any, Any]) -> Iterator[Violation]:
-        for key, item in value.items():
-            if not self.key.holds(key):
-                yield self.key.wrong(f"a key of {place}", key)
-            if not self.item.holds(item):
-                yield self.item.wrong(f"{place}[{short(key)}]", item)
-
 
 @dataclass(frozen=True)
-class Filled(Kind):
+class _Filled(Kind):
     """A value of a generic class of which some fields are of certain kinds."""
 
-    cls: type
-    parts: tuple[tuple[str, Kind], ...]
+    fields: tuple[tuple[str, Kind], ...] = ()
 
-    @property
-    def allowed(self) -> str:  # type: ignore[override]
-        """In words."""
-        inner = " and ".join(f"`{name}` is {kind.allowed}" for name, kind in self.parts)
-        return f"a {self.cls.__name__} of which {inner}"
-
-    def holds(self, value: object) -> bool:
-        return isinstance(value, self.cls) and all(kind.holds(getattr(value, name)) for name, kind in self.parts)
-
-    def wrong(self, place: str, value: object) -> Violation:
-        if isinstance(value, self.cls):
-            for name, kind in self.parts:
-                if not kind.holds(item := getattr(value, name)):
-                    return kind.wrong(f"{place}.{name}", item)
-        return super().wrong(place, value)
+    def parts(self, place: str, value: Any) -> Iterable[tuple[str, Kind, Any]]:
+        return ((f"{place}.{name}", kind, getattr(value, name)) for name, kind in self.fields)
 
 
-@dataclass(frozen=True)
-class Function(Kind):
-    """Something to call, with so many arguments as far as its signature can be read."""
+# From an annotation to the kind of value that it allows.
 
-    n_arguments: int | None = None
 
-    @property
-    def allowed(self) -> str:  # type: ignore[override]
-        """In words."""
-        return "a function" + ("" if self.n_arguments is None else f" of {self.n_arguments} arguments")
+def _is_a(*classes: type) -> Callable[[Any], bool]:
+    return lambda value: isinstance(value, classes)
 
-    def holds(self, value: object) -> bool:
-        if not callable(value):
-            return False
-        try:
-            inspect.signature(value).bind(*[None] * (self.n_arguments or 0))
-        except TypeError:
-            return self.n_arguments is None
-        except ValueError:  # built in
-            return True
+
+def _is_path(*classes: type) -> Callable[[Any], bool]:
+    return lambda value: isinstance(value, classes) and str(value) != "" and all(letter >= " " for letter in str(value))
+
+
+_PATH = "a path without control characters"
+_ARRAY_LIKE = frozenset(typing.get_args(ArrayLike))
+_PLAIN_KINDS: dict[Any, Kind] = {
+    bool: Kind("True or False", _is_a(bool, np.bool_)),
+    Path: Kind(_PATH, _is_path(Path)),
+    None: Kind("None", _is_a(type(None))),
+    Any: Kind(),
+}
+
+
+def kinds_of(function: Callable[..., Any], owner: type | None = None) -> dict[str, Kind]:
+    """Return the kind of each parameter, by name; `owner` is the class of which `function` is the constructor."""
+    # The annotations of fields that are inherited are read where they stand, not where the constructor was made.
+    generated = function.__code__.co_filename == "<string>"
+    hints = _hints(owner if owner is not None and generated else function)
+    own = inspect.signature(function).parameters
+    if owner is not None and not set(own) - {"self"} <= set(hints):
+        hints |= _hints(function)
+    return {name: _kind_of(hints[name]) for name in own if name in hints}
+
+
+def _kind_of(annotation: Any) -> Kind:
+    """Return the kind of value that this annotation allows; anything, where the annotation says nothing that can be checked."""
+    if annotation in _PLAIN_KINDS:
+        return _PLAIN_KINDS[annotation]
+    if annotation is ArrayLike:
+        return _numbers()
+    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
+    if origin is Annotated:
+        return _annotated(*arguments)
+    if origin in (Union, types.UnionType):
+        return _either(arguments)
+    if isinstance(annotation, TypeVar) and annotation.__constraints__:
+        return _either(annotation.__constraints__)
+    if origin is Literal:
+        known = _is_a(str, int, bytes, type(None))
+        return Kind(" or ".join(map(repr, arguments)), lambda value: known(value) and value in arguments)
+    if origin is not None:
+        return _generic(origin, arguments)
+    return _kind_of_class(annotation) if isinstance(annotation, type) else Kind()
+
+
+def _hints(thing: Any) -> dict[str, Any]:
+    try:
+        return typing.get_type_hints(thing, include_extras=True)
+    except NameError:  # a name that only its author's scope knows
+        return {}
+
+
+def _numbers(**what: Any) -> Kind:
+    found = _Numbers(**what)
+    shape = f" {found.shape}" if found.shape else ""
+    content, _ = _OF_TYPE.get(found.dtype, _REAL)
+    return _Numbers(f"an array{shape} of {content}{found.inside or ''}", **what)
+
+
+def _annotated(base: Any, *extras: object) -> Kind:
+    kind = _kind_of(base)
+    inside = next((extra for extra in extras if isinstance(extra, Range)), None)
+    shape = next((extra for extra in extras if isinstance(extra, Shape)), None)
+    if isinstance(kind, _Items) and shape is not None:
+        return _numbers(shape=shape, inside=inside)
+    if isinstance(kind, _Numbers):
+        return _numbers(dtype=kind.dtype, plain=kind.plain, shape=shape, inside=inside)
+    if isinstance(kind, (_Number, _Whole)):
+        return type(kind)(f"{kind.allowed}{inside or ''}", inside=inside)
+    return kind
+
+
+def _either(arguments: tuple[Any, ...]) -> Kind:
+    found: list[Kind] = []
+    if {Path, str} <= set(arguments):
+        arguments = tuple(a for a in arguments if a not in (Path, str))
+        found.append(Kind(_PATH, _is_path(Path, str)))
+    if set(arguments) >= _ARRAY_LIKE:  # a union of unions is flat: what numpy calls array-like has come apart
+        arguments = tuple(a for a in arguments if a not in _ARRAY_LIKE)
+        found.append(_numbers())
+    found += map(_kind_of, arguments)
+    if len(found) == 1:
+        return found[0]
+    return _Either(" or ".join(dict.fromkeys(kind.allowed for kind in found)), kinds=tuple(found))
+
+
+def _generic(origin: Any, arguments: tuple[Any, ...]) -> Kind:
+    if origin is np.ndarray:
+        (scalar, *_) = typing.get_args(arguments[1]) or (None,)
+        return _numbers(dtype=scalar if isinstance(scalar, type) else None, plain=True)
+    if origin is tuple and not (len(arguments) == 2 and arguments[1] is Ellipsis):
+        kinds = tuple(map(_kind_of, arguments))
+        return _Several(f"({', '.join(kind.allowed for kind in kinds)})", kinds=kinds)
+    if origin is Callable:
+        n = len(arguments[0]) if isinstance(arguments[0], list) else None
+        return Kind("a function" + ("" if n is None else f" of {n} arguments"), lambda value: _is_function(value, n))
+    if not isinstance(origin, type):
+        return Kind()
+    if issubclass(origin, Mapping):
+        return _Table("a mapping", _is_a(Mapping), *map(_kind_of, arguments))
+    if origin in (tuple, list, set, frozenset, Sequence, Iterable):
+        kind = _kind_of(arguments[0])
+        name = "sequence" if origin in (Sequence, Iterable) else origin.__name__
+        each = "" if kind == Kind() else f" of which each is {kind.allowed}"
+        return _Items(f"a {name}{each}", holder=origin, kind=kind)
+    if not is_dataclass(origin):
+        return _kind_of_class(origin)
+    # A generic dataclass, whose fields are what its parameters stand for.
+    meant = dict(zip(origin.__parameters__, arguments, strict=True))  # type: ignore[attr-defined]
+    parts = [(name, _kind_of(meant[hint])) for name, hint in _hints(origin).items() if hint in meant]
+    inner = " and ".join(f"`{name}` is {kind.allowed}" for name, kind in parts)
+    return _Filled(f"a {origin.__name__} of which {inner}", _is_a(origin), tuple(parts))
+
+
+def _is_function(value: Any, n_arguments: int | None) -> bool:
+    """Return whether it can be called, with so many arguments as far as its signature can be read."""
+    if not callable(value):
+        return False
+    try:
+        inspect.signature(value).bind(*[None] * (n_arguments or 0))
+    except TypeError:
+        return n_arguments is None
+    except ValueError:  # built in
         return True
+    return True
 
 
-@dataclass(frozen=True)
-class ProtocolKind(Kind):
-    """A value, of whatever class, with the methods of a protocol."""
-
-    protocol: type
-    methods: tuple[str, ...]
-
-    @property
-    def allowed(self) -> str:  # type: ignore[override]
-        """In words."""
-        return f"a value with the methods of {self.protocol.__name__} ({', '.join(self.methods)})"
-
-    def holds(self, value: object) -> bool:
-        return not isinstance(value, type) and all(hasattr(value, name) for name in self.methods)
+def _kind_of_class(cls: type) -> Kind:
+    if cls is np.ndarray:
+        return _numbers(plain=True)
+    if cls in (float, int):
+        return _Number("a number") if cls is float else _Whole("a whole number")
+    if getattr(cls, "_is_protocol", False):
+        parents = [base for base in cls.__mro__ if getattr(base, "_is_protocol", False)]
+        found = dict.fromkeys(name for base in parents for name in (*vars(base), *inspect.get_annotations(base)))
+        names = [name for name in found if not name.startswith("_") or name == "__call__"]
+        return Kind(
+            f"a value with the methods of {cls.__name__} ({', '.join(names)})",
+            lambda value: not isinstance(value, type) and all(hasattr(value, name) for name in names),
+        )
+    if issubclass(cls, Mapping):
+        return _Table("a mapping", _is_a(Mapping))
+    if cls is Callable:
+        return Kind("a function", callable)
+    if hasattr(cls, "homogeneous"):  # the pose of Pinocchio, which whoever reads records or solves levels does without
+        return _Pose(
+            "a pinocchio.SE3 of finite numbers",
+            lambda value: isinstance(value, cls) and bool(np.isfinite(value.homogeneous).all()),
+        )
+    name = cls.__name__
+    words = {"str": "a string", "NoneType": "None"}
+    return Kind(words.get(name, f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"), _is_a(cls))

@@ -3,145 +3,17 @@
 from __future__ import annotations
 
 import inspect
-import types
-import typing
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
-from functools import cache, wraps
-from pathlib import Path
+from functools import cache, cached_property, wraps
 from types import MethodType
-from typing import Annotated, Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, ParamSpec, TypeVar, get_args, get_origin
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from uvms_ocp import argument_kinds
+from uvms_ocp.argument_kinds import Kind, kinds_of
 from uvms_ocp.errors import ArgumentNotFound, InvalidInput, UvmsError
 from uvms_ocp.types import Range, Shape
-
-# From an annotation to the kind of value that it allows.
-
-_ARRAY_LIKE = frozenset(typing.get_args(ArrayLike))
-_PLAIN_KINDS: dict[Any, argument_kinds.Kind] = {
-    bool: argument_kinds.Boolean(),
-    Path: argument_kinds.FilePath(),
-    None: argument_kinds.Instance(type(None)),
-    Any: argument_kinds.Kind(),
-}
-
-
-def kinds_of(function: Callable[..., Any], owner: type | None = None) -> dict[str, argument_kinds.Kind]:
-    """Return the kind of each parameter, by name; `owner` is the class of which `function` is the constructor."""
-    # The annotations of fields that are inherited are read where they stand, not where the constructor was made.
-    generated = function.__code__.co_filename == "<string>"
-    hints = _hints(owner if owner is not None and generated else function)
-    kinds = {name: kind_of(hint) for name, hint in hints.items() if name != "return"}
-    own = inspect.signature(function).parameters
-    if owner is not None and not set(own) - {"self"} <= set(kinds):
-        kinds |= {name: kind_of(hint) for name, hint in _hints(function).items() if name != "return"}
-    return {name: kinds[name] for name in own if name in kinds}
-
-
-def kind_of(annotation: Any) -> argument_kinds.Kind:
-    """Return the kind of value that this annotation allows; anything, where the annotation says nothing that can be checked."""
-    if annotation in _PLAIN_KINDS:
-        return _PLAIN_KINDS[annotation]
-    if annotation is ArrayLike:
-        return argument_kinds.Numbers()
-    origin = typing.get_origin(annotation)
-    if origin is Annotated:
-        return _annotated(*typing.get_args(annotation))
-    if origin in (Union, types.UnionType):
-        return _either(typing.get_args(annotation))
-    if isinstance(annotation, TypeVar) and annotation.__constraints__:
-        return _either(annotation.__constraints__)
-    if origin is Literal:
-        return argument_kinds.Choice(typing.get_args(annotation))
-    if origin is not None:
-        return _generic(origin, typing.get_args(annotation))
-    return _kind_of_class(annotation) if isinstance(annotation, type) else argument_kinds.Kind()
-
-
-def _hints(thing: Any) -> dict[str, Any]:
-    try:
-        return typing.get_type_hints(thing, include_extras=True)
-    except NameError:  # a name that only its author's scope knows
-        return {}
-
-
-def _annotated(base: Any, *extras: object) -> argument_kinds.Kind:
-    kind = kind_of(base)
-    inside = next((extra for extra in extras if isinstance(extra, Range)), None)
-    shape = next((extra for extra in extras if isinstance(extra, Shape)), None)
-    if isinstance(kind, argument_kinds.Items) and shape is not None:
-        kind = argument_kinds.Numbers()
-    if isinstance(kind, argument_kinds.Numbers):
-        return argument_kinds.Numbers(dtype=kind.dtype, plain=kind.plain, shape=shape, inside=inside)
-    if isinstance(kind, argument_kinds.Number):
-        return argument_kinds.Number(inside=inside)
-    return argument_kinds.Whole(inside=inside) if isinstance(kind, argument_kinds.Whole) else kind
-
-
-def _either(arguments: tuple[Any, ...]) -> argument_kinds.Kind:
-    found: list[argument_kinds.Kind] = []
-    if {Path, str} <= set(arguments):
-        arguments = tuple(a for a in arguments if a not in (Path, str))
-        found.append(argument_kinds.FilePath(text=True))
-    if set(arguments) >= _ARRAY_LIKE:  # a union of unions is flat: what numpy calls array-like has come apart
-        arguments = tuple(a for a in arguments if a not in _ARRAY_LIKE)
-        found.append(argument_kinds.Numbers())
-    found += [kind_of(argument) for argument in arguments]
-    return found[0] if len(found) == 1 else argument_kinds.Either(tuple(found))
-
-
-def _generic(origin: Any, arguments: tuple[Any, ...]) -> argument_kinds.Kind:
-    if origin is np.ndarray:
-        return argument_kinds.Numbers(dtype=_dtype(arguments), plain=True)
-    if origin is tuple and not (len(arguments) == 2 and arguments[1] is Ellipsis):
-        return argument_kinds.Several(tuple(map(kind_of, arguments)))
-    if origin is Callable:
-        return argument_kinds.Function(len(arguments[0]) if isinstance(arguments[0], list) else None)
-    if not isinstance(origin, type):
-        return argument_kinds.Kind()
-    if issubclass(origin, Mapping):
-        return argument_kinds.Table(kind_of(arguments[0]), kind_of(arguments[1]))
-    if issubclass(origin, Iterable) and origin in (tuple, list, set, frozenset, Sequence, Iterable):
-        return argument_kinds.Items(origin, kind_of(arguments[0]))
-    return _filled(origin, arguments) if is_dataclass(origin) else _kind_of_class(origin)
-
-
-def _filled(cls: type, arguments: tuple[Any, ...]) -> argument_kinds.Kind:
-    """A generic dataclass, whose fields are what its parameters stand for."""
-    meant = dict(zip(cls.__parameters__, arguments, strict=True))  # type: ignore[attr-defined]
-    parts = [(name, kind_of(meant[hint])) for name, hint in _hints(cls).items() if hint in meant]
-    return argument_kinds.Filled(cls, tuple(parts))
-
-
-def _dtype(arguments: tuple[Any, ...]) -> type | None:
-    scalar = typing.get_args(arguments[1])
-    return scalar[0] if scalar and isinstance(scalar[0], type) else None
-
-
-def _kind_of_class(cls: type) -> argument_kinds.Kind:
-    if cls is np.ndarray:
-        return argument_kinds.Numbers(plain=True)
-    if issubclass(cls, (float, int)) and cls in (float, int):
-        return argument_kinds.Number() if cls is float else argument_kinds.Whole()
-    if getattr(cls, "_is_protocol", False):
-        return argument_kinds.ProtocolKind(cls, _methods(cls))
-    if issubclass(cls, Mapping):
-        return argument_kinds.Table(argument_kinds.Kind(), argument_kinds.Kind())
-    if cls is Callable:
-        return argument_kinds.Function()
-    # The pose of Pinocchio, which whoever reads records or solves levels does without.
-    return argument_kinds.Pose(cls) if hasattr(cls, "homogeneous") else argument_kinds.Instance(cls)
-
-
-def _methods(protocol: type) -> tuple[str, ...]:
-    parents = [base for base in protocol.__mro__ if getattr(base, "_is_protocol", False)]
-    names = (name for base in parents for name in (*vars(base), *inspect.get_annotations(base)))
-    return tuple(dict.fromkeys(name for name in names if not name.startswith("_") or name == "__call__"))
-
 
 # Decorators that name a wrong argument at the call that took it.
 
@@ -169,11 +41,8 @@ def checked_on_failure(thing: _T) -> _T:
     if isinstance(thing, type):
         return _checked_class(thing, late_all=True)
     setattr(thing, _LATE, True)
-    return thing if _is_method(thing) else _after(thing, None)
-
-
-def _is_method(function: Callable[..., Any]) -> bool:
-    return "." in function.__qualname__.rpartition("<locals>.")[2]
+    is_method = "." in thing.__qualname__.rpartition("<locals>.")[2]
+    return thing if is_method else _after(thing, None)
 
 
 def _checked_class(cls: Any, *, late_all: bool) -> Any:
@@ -191,71 +60,66 @@ def _checked_class(cls: Any, *, late_all: bool) -> Any:
 
 def _takes_arguments(function: Callable[..., Any]) -> bool:
     code = function.__code__
-    return bool(set(code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]) - {"self", "cls"}) or _extra(
-        function
-    )
-
-
-def _extra(function: Callable[..., Any]) -> bool:
-    return bool(function.__code__.co_flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS))
+    named = set(code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]) - {"self", "cls"}
+    return bool(named or code.co_flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS))
 
 
 class _Arguments:
-    """Kinds of the arguments of one function, read from its annotations when first needed."""
-
-    __slots__ = (
-        "_converting",
-        "_defaults",
-        "_function",
-        "_kinds",
-        "_names",
-        "_owner",
-        "_positional",
-        "_shaped",
-        "title",
-    )
+    """The arguments of one function: their kinds are read from its annotations when first needed."""
 
     def __init__(self, function: Callable[..., Any], owner: type | None) -> None:
-        self._function, self._owner = function, owner
-        constructor = owner is not None and function.__name__ == "__init__"
-        self.title = owner.__name__ if constructor and owner else function.__qualname__
-        self._positional: tuple[tuple[str, argument_kinds.Kind], ...] = ()
-        self._kinds: dict[str, argument_kinds.Kind] | None = None
-        self._names: frozenset[str] | None = None  # that may be given; any where there is **
-        self._defaults: dict[str, Any] = {}
-        self._converting: frozenset[str] = frozenset()
-        self._shaped: frozenset[str] = frozenset()
+        self._function, constructor = function, owner is not None and function.__name__ == "__init__"
+        self._class = owner if constructor else None
+        self.title = self._class.__name__ if self._class else function.__qualname__
 
-    def _of(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> list[tuple[str, argument_kinds.Kind, Any]]:
-        """Name, kind and value of each argument that is given and annotated."""
-        if self._kinds is None:
-            self._read()
-        found = [(name, kind, value) for (name, kind), value in zip(self._positional, args, strict=False)]
-        kinds = self._kinds or {}
-        return found + [(name, kinds[name], value) for name, value in kwargs.items() if name in kinds]
+    @cached_property
+    def _parameters(self) -> Mapping[str, inspect.Parameter]:
+        return inspect.signature(self._function).parameters
 
-    def check(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> list[tuple[str, argument_kinds.Kind, Any]]:
-        """The arguments, as `_of` gives them, if one of them has to be converted.
+    @cached_property
+    def _by_place(self) -> tuple[str, ...]:
+        return tuple(n for n, p in self._parameters.items() if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD))
 
-        Raises `InvalidInput` for a wrong one, and `ArgumentNotFound` for a name that none has.
-        """
-        converts, shaped, given = False, False, self._of(args, kwargs)
-        if self._names is not None and not kwargs.keys() <= self._names:
+    @cached_property
+    def _kinds(self) -> dict[str, Kind]:
+        starred = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+        kinds = kinds_of(self._function, self._class)
+        return {name: kind for name, kind in kinds.items() if self._parameters[name].kind not in starred}
+
+    @cached_property
+    def _names(self) -> Mapping[str, Any] | None:
+        """Defaults of what may be given by name; any may where there is **."""
+        parameters = self._parameters.values()
+        if any(p.kind is p.VAR_KEYWORD for p in parameters):
+            return None
+        return {p.name: p.default for p in parameters if p.kind is not p.VAR_POSITIONAL}
+
+    @cached_property
+    def _shaped(self) -> tuple[str, ...]:
+        return tuple(name for name, kind in self._kinds.items() if kind.shape)
+
+    @cached_property
+    def _converting(self) -> frozenset[str]:
+        return frozenset(name for name, kind in self._kinds.items() if kind.converts)
+
+    def check(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
+        """Raise `InvalidInput` for a wrong argument, and `ArgumentNotFound` for a name that none has."""
+        if self._names is not None and not kwargs.keys() <= self._names.keys():
             unknown = next(name for name in kwargs if name not in self._names)
-            raise ArgumentNotFound(self.title, unknown, [name for name in self._defaults if name != "self"])
-        for name, kind, value in given:
-            if not kind.holds(value) and value is not self._defaults.get(name, _ANYTHING):
-                raise InvalidInput(f"{self.title}: {_one_line(kind.wrong(name, value))}")
-            converts, shaped = converts or name in self._converting, shaped or name in self._shaped
-        if shaped:
+            raise ArgumentNotFound(self.title, unknown, [name for name in self._names if name != "self"])
+        given = dict(zip(self._by_place, args, strict=False)) | kwargs
+        for name, value in given.items():
+            kind = self._kinds.get(name)
+            if kind is not None and not kind.holds(value) and value is not self._parameters[name].default:
+                place, found, allowed = kind.wrong(name, value)
+                raise InvalidInput(f"{self.title}: {' '.join(f'{place} {found}; give {allowed}'.split())}")
+        if self._shaped:
             self._check_shapes(given)
-        return given if converts else []
 
-    def _check_shapes(self, given: list[tuple[str, argument_kinds.Kind, Any]]) -> None:
-        lengths: dict[str, Any] = {name: value for name, _, value in given}
-        givers: dict[str, str] = {}
-        for name, kind, value in given:
-            shape = kind.shape_of(value) if name in self._shaped else None
+    def _check_shapes(self, given: Mapping[str, Any]) -> None:
+        lengths, givers = dict(given), dict[str, str]()
+        for name, value in given.items():
+            shape = self._kinds[name].among(value).shape if name in self._shaped else None
             if shape is not None:
                 exact = shape.among(lengths)
                 if not exact.holds(value):
@@ -265,33 +129,27 @@ class _Arguments:
                 lengths |= exact.named(value)
                 givers |= dict.fromkeys(exact.named(value), name)
 
-    def _read(self) -> None:
-        constructor = self._owner if self._function.__name__ == "__init__" else None
-        kinds = kinds_of(self._function, constructor)
-        parameters = inspect.signature(self._function).parameters
-        self._defaults = {name: parameter.default for name, parameter in parameters.items()}
-        by_place = [name for name, p in parameters.items() if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
-        self._positional = tuple((name, kinds.get(name, _ANYTHING)) for name in by_place)
-        self._kinds = {name: kinds[name] for name, p in parameters.items() if name in kinds and p.kind not in _STARRED}
-        if not any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
-            self._names = frozenset(name for name, p in parameters.items() if p.kind is not p.VAR_POSITIONAL)
-        self._converting = frozenset(name for name, kind in kinds.items() if kind.converts)
-        self._shaped = frozenset(name for name, kind in kinds.items() if kind.shaped)
+    def converted(self, args: tuple[Any, ...], kwargs: dict[str, Any], keep: bool) -> tuple[tuple[Any, ...], Any]:
+        """The arguments as the function gets them, or as a frozen value keeps them."""
+        if not self._converting:
+            return args, kwargs
 
+        def convert(name: str, value: Any) -> Any:
+            return self._kinds[name].converted(value, keep) if name in self._converting else value
 
-_STARRED = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-_ANYTHING = argument_kinds.Kind()
+        first = tuple(map(convert, self._by_place, args))
+        return first + args[len(first) :], {name: convert(name, value) for name, value in kwargs.items()}
 
 
 def _before(function: Any, owner: type | None) -> Any:
     arguments = _Arguments(function, owner)
-    keeps = function.__name__ == "__init__" and owner is not None and _is_frozen(owner)
+    frozen = bool(getattr(getattr(owner, "__dataclass_params__", None), "frozen", False))
+    keeps = function.__name__ == "__init__" and frozen
 
     @wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
-        given = arguments.check(args, kwargs)
-        if given:
-            args, kwargs = _converted(given, args, kwargs, keeps)
+        arguments.check(args, kwargs)
+        args, kwargs = arguments.converted(args, kwargs, keeps)
         return function(*args, **kwargs)
 
     return call
@@ -306,7 +164,7 @@ def _after(function: Any, owner: type | None) -> Any:
     # Written out with the parameters of the function, it costs a tenth of what *args and **kwargs do.
     # A constructor says best itself what is wrong; what a method passes on names the arguments of another call.
     passed_on = UvmsError if function.__name__ == "__init__" else ()
-    declared, passed, defaults = parameters_of(function)
+    declared, passed, defaults = _parameters_of(function)
     space = {"_function": function, "_explain": explain, "_passed_on": passed_on, **defaults, **_CLASSES}
     exec(_AFTER.format(declared=declared, passed=passed, doubt=_doubt(function)), space)
     return wraps(function)(space["_call"])
@@ -369,7 +227,7 @@ def _call({declared}):
 _MARKS: dict[Any, str] = {inspect.Parameter.VAR_POSITIONAL: "*", inspect.Parameter.VAR_KEYWORD: "**"}
 
 
-def parameters_of(function: Callable[..., Any]) -> tuple[str, str, dict[str, Any]]:
+def _parameters_of(function: Callable[..., Any]) -> tuple[str, str, dict[str, Any]]:
     """The parameters of a function as they are declared and as they are passed on, and their defaults."""
     declared, passed, defaults, starred = [], [], {}, False
     for name, parameter in inspect.signature(function).parameters.items():
@@ -384,23 +242,6 @@ def parameters_of(function: Callable[..., Any]) -> tuple[str, str, dict[str, Any
         declared.append(f"{mark}{name}" + (f"={default}" if default else ""))
         passed.append(f"{name}={name}" if by_name else f"{mark}{name}")
     return ", ".join(declared), ", ".join(passed), defaults
-
-
-def _converted(
-    given: Iterable[tuple[str, argument_kinds.Kind, Any]], args: tuple[Any, ...], kwargs: dict[str, Any], keeps: bool
-) -> tuple[tuple[Any, ...], dict[str, Any]]:
-    values = [(name, kind.kept(value) if keeps else kind.taken(value)) for name, kind, value in given]
-    n_named = sum(name in kwargs for name, _ in values)
-    first = tuple(value for _, value in values[: len(values) - n_named])
-    return first + args[len(first) :], kwargs | dict(values[len(first) :])
-
-
-def _is_frozen(cls: type) -> bool:
-    return bool(getattr(getattr(cls, "__dataclass_params__", None), "frozen", False))
-
-
-def _one_line(wrong: argument_kinds.Violation) -> str:
-    return " ".join(str(wrong).split())
 
 
 # Frozen values made without a look at their arguments, for what runs at every tick.
@@ -434,7 +275,7 @@ def unchecked_constructor(cls: Callable[_P, _V]) -> Callable[_P, _V]:
     Nothing is copied: the arrays belong to the value from then on.
     """
     unchecked = _unchecked(cls)
-    declared, passed, defaults = parameters_of(unchecked)
+    declared, passed, defaults = _parameters_of(unchecked)
     space = {"_new": object.__new__, "_cls": cls, "_unchecked": unchecked, **defaults}
     fields_declared, fields_passed = declared.removeprefix("self, "), passed.removeprefix("self, ")
     if _is_plain(cls):

@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 _MANY = 30  # names that a message lists
 _LONGEST = 900  # characters of the problems of a file that one line holds
 _NEAREST = 6  # of more
+_SHOWN = 60  # characters of a wrong value
 
 
 class UvmsError(Exception):
@@ -108,6 +109,15 @@ def plain_line(text: str, longest: int | None = None) -> str:
     """
     plain = " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
     return plain if longest is None or len(plain) <= longest else plain[: longest - 1] + "…"
+
+
+def short(value: object) -> str:
+    """A value as messages show it: on one line, of 60 characters at most."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:
+        text = f"a {type(value).__name__}"
+    return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
 
 
 # Outcomes that say what to do about them.

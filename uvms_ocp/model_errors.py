@@ -10,8 +10,7 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from uvms_ocp.argument_kinds import short
-from uvms_ocp.errors import InvalidInput
+from uvms_ocp.errors import InvalidInput, short
 
 _M = TypeVar("_M", bound=BaseModel)
 _SHOWN, _LONGEST = 3, 200  # mistakes, characters of a key

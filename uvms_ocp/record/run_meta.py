@@ -14,8 +14,7 @@ from typing import Annotated, Any, Final, Literal
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
-from uvms_ocp.argument_kinds import short
-from uvms_ocp.errors import InvalidInput
+from uvms_ocp.errors import InvalidInput, short
 from uvms_ocp.model_errors import one_line
 from uvms_ocp.record import meta_values
 from uvms_ocp.record.display import SmallTable, TableDisplay, format_value

@@ -8,9 +8,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
-from uvms_ocp.argument_kinds import short
 from uvms_ocp.checks import checked, checked_on_failure
-from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.errors import InvalidInput, NameNotFound, short
 from uvms_ocp.robot.signals import CHANNELS
 from uvms_ocp.types import DAY, Bound
 
