@@ -10,7 +10,7 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.record import Record
-from uvms_ocp.report.metrics import error_bound, largest_tilt, max_velocity_step, none_if_nan, quantities_at, resources
+from uvms_ocp.report import metrics
 
 # Two runs, or two plans, side by side.
 
@@ -32,40 +32,30 @@ def compare(first: Record, second: Record) -> list[dict[str, Any]]:
 def _run_figures(record: Record) -> Iterator[tuple[str, Any]]:
     meta = record.run_meta
     yield "completed", meta.completed
-    yield "phases", " ".join(row["phase"] for row in resources(record)[:-1])
-    yield from ((name, value) for name, value in resources(record)[-1].items() if name != "phase")
-    yield "tool_position_error_m", none_if_nan(meta.true_quantity(f"{meta.tool_task}.position_error"))
-    estimated = quantities_at(record, float(record["t"][-1]))
-    yield "estimated_tool_position_error_m", none_if_nan(estimated.get(f"{meta.tool_task}.position_error"))
-    yield "tool_position_bound_m", error_bound(record, f"{meta.tool_task}.position_error")
+    yield "phases", " ".join(row["phase"] for row in metrics.resources(record)[:-1])
+    yield from ((name, value) for name, value in metrics.resources(record)[-1].items() if name != "phase")
+    yield "tool_position_error_m", metrics.none_if_nan(meta.true_quantity(f"{meta.tool_task}.position_error"))
+    estimated = metrics.quantities_at(record, float(record["t"][-1]))
+    yield "estimated_tool_position_error_m", metrics.none_if_nan(estimated.get(f"{meta.tool_task}.position_error"))
+    yield "tool_position_bound_m", metrics.error_bound(record, f"{meta.tool_task}.position_error")
     yield "sensors_allow_tool_position_m", meta.allowance.get(f"{meta.tool_task}.position_error")
-    yield "largest_tilt_rad", largest_tilt(record)
-    yield "max_velocity_step", max_velocity_step(record)
+    yield "largest_tilt_rad", metrics.largest_tilt(record)
+    yield "max_velocity_step", metrics.max_velocity_step(record)
 
 
 def _plan_figures(record: Record) -> Iterator[tuple[str, Any]]:
     yield "plan", record.meta.scenario
     yield "duration_s", float(record["t"][-1] - record["t"][0])
-    yield "path_length_m", _path_length(record)
-    thrusters, joints = (_last(record, name) for name in ("thruster_energy", "joint_energy"))
+    axes = [i for i, name in enumerate(record.plan_meta.axes) if name in ("x", "y", "z")]
+    yield "path_length_m", metrics.path_length(record["x"][:, axes])
+    spent = (np.sum(record[e][-1]) if e in record.series else np.nan for e in ("thruster_energy", "joint_energy"))
+    thrusters, joints = (metrics.none_if_nan(float(total)) for total in spent)
     yield "thruster_energy_j", thrusters
     yield "joint_energy_j", joints
     yield "energy_j", None if thrusters is None or joints is None else thrusters + joints
-    yield "peak_thrust_n", float(np.abs(record["thrust"]).max(initial=0.0)) if "thrust" in record.series else None
+    yield "peak_thrust_n", metrics.largest_thrust(record)
     nearest = record.plan_meta.min_clearance
     yield "min_clearance_m", None if nearest is None else nearest.distance
-
-
-def _path_length(record: Record) -> float:
-    """Way of the vehicle; 0 where it is not planned."""
-    axes = [i for i, name in enumerate(record.plan_meta.axes) if name in ("x", "y", "z")]
-    return float(np.linalg.norm(np.diff(record["x"][:, axes], axis=0), axis=1).sum())
-
-
-def _last(record: Record, name: str) -> float | None:
-    """The total at the end; `None` where it is not known."""
-    total = float(np.sum(record[name][-1])) if name in record.series else np.nan
-    return None if np.isnan(total) else total
 
 
 def _change(a: Any, b: Any) -> float | None:
@@ -90,7 +80,9 @@ def transition_series(record: Record) -> dict[str, np.ndarray]:
     the tasks that are fully on and of a class above the actions, of what the task misses of the rate that the
     acceleration limits let it reach. Raises `InvalidInput` for a plan, or without limits.
     """
-    dt, limits = record.run_meta.dt, _acceleration(record)
+    if record.meta.limits is None:
+        raise InvalidInput("this record tells no limits; shares of the acceleration limits need them")
+    dt, limits = record.run_meta.dt, np.array(record.meta.limits.acceleration)
     change = np.diff(record["command"], axis=0, prepend=0.0)
     limited = limits > 0.0  # what may not move at all has no share
     second = np.diff(change, axis=0, prepend=0.0)
@@ -102,12 +94,6 @@ def transition_series(record: Record) -> dict[str, np.ndarray]:
         "lost": _lost(record),
         "changes": record["t"][starts],
     }
-
-
-def _acceleration(record: Record) -> np.ndarray:
-    if record.meta.limits is None:
-        raise InvalidInput("this record tells no limits; shares of the acceleration limits need them")
-    return np.array(record.meta.limits.acceleration)
 
 
 @checked

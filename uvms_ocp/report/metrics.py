@@ -216,15 +216,18 @@ def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
     rows = slice(first, min(last, len(record) - 1) + 1)
     limits = record.meta.limits
     thrusters, joints = _gain(record, "thruster_energy", rows), _gain(record, "joint_energy", rows)
+    meta = record.run_meta
+    rates = record["v"][rows, _N_VEHICLE if meta.floating else 0 :]
+    saturated = record["saturated"][rows] if "saturated" in record.series else None
     return {
         "duration_s": end - start,
-        "path_length_m": _length(record["q"][rows, :3]) if record.run_meta.floating else 0.0,
-        "joint_path_rad": _joint_path(record, rows),
+        "path_length_m": path_length(record["q"][rows, :3]) if meta.floating else 0.0,
+        "joint_path_rad": float(np.abs(rates[:-1]).sum() * meta.dt),
         "thruster_energy_j": thrusters,
         "joint_energy_j": joints,
         "energy_j": None if thrusters is None or joints is None else thrusters + joints,
-        "peak_thrust_n": _peak(record, "thrust", rows),
-        "saturation_time_s": _saturated(record, rows),
+        "peak_thrust_n": largest_thrust(record, rows),
+        "saturation_time_s": None if saturated is None else float(np.count_nonzero(saturated[:-1]) * meta.dt),
         "joint_margin_rad": _joint_margin(record, rows),
         "velocity_share": _share(record, "v", None if limits is None else limits.velocity, rows),
         "torque_share": _share(record, "torque", None if limits is None else limits.effort, rows),
@@ -240,32 +243,20 @@ def _gain(record: Record, name: str, rows: slice) -> float | None:
     return None if np.isnan(gain) else gain
 
 
-def _length(points: np.ndarray) -> float:
+def path_length(points: np.ndarray) -> float:
+    """Length [m] of a path through points (n, 3) [m]."""
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
-def _joint_path(record: Record, rows: slice) -> float:
-    meta = record.run_meta
-    rates = record["v"][rows, _N_VEHICLE if meta.floating else 0 :]
-    return float(np.abs(rates[:-1]).sum() * meta.dt)
-
-
-def _peak(record: Record, name: str, rows: slice) -> float | None:
-    return float(np.abs(record[name][rows]).max(initial=0.0)) if name in record.series else None
-
-
-def _saturated(record: Record, rows: slice) -> float | None:
-    if "saturated" not in record.series:
-        return None
-    return float(np.count_nonzero(record["saturated"][rows][:-1]) * record.run_meta.dt)
+def largest_thrust(record: Record, rows: slice = slice(None)) -> float | None:
+    """Largest thrust [N] of any thruster in these rows; `None` where there is none."""
+    return float(np.abs(record["thrust"][rows]).max(initial=0.0)) if "thrust" in record.series else None
 
 
 def _joint_margin(record: Record, rows: slice) -> float | None:
     meta = record.run_meta
-    if meta.limits is None:
-        return None
     joints = joint_positions(record.series, meta)
-    if joints is None:
+    if meta.limits is None or joints is None:
         return None
     lower, upper = np.array(meta.limits.position_lower), np.array(meta.limits.position_upper)
     margin = float(np.minimum(joints[rows] - lower, upper - joints[rows]).min(initial=np.inf))

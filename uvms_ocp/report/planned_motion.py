@@ -97,6 +97,7 @@ def plan_meta(
     breaks [s] are where the pieces of its trajectory meet; `nearest` is the smallest distance that the method met.
     """
     request, scene, X_WF = motion.request, motion.scene, motion.goal_pose()
+    met = ClearanceMeta(t=nearest.time, distance=nearest.distance, between=nearest.pair)
     return PlanMeta(
         scenario=scenario,
         robot=request.robot.name,
@@ -114,12 +115,8 @@ def plan_meta(
         breaks=breaks,
         clearance_wanted=request.clearance,
         clearance_groups=tuple(scene.groups()),
-        min_clearance=_clearance(nearest) if scene.n_pairs else None,
+        min_clearance=met if scene.n_pairs else None,
     )
-
-
-def _clearance(nearest: NearestPair) -> ClearanceMeta:
-    return ClearanceMeta(t=nearest.time, distance=nearest.distance, between=nearest.pair)
 
 
 # What came out of a plan request: the content of ``report.json``, and the motion as a ``Record``.
@@ -154,28 +151,24 @@ def plan_report(result: PlanResult) -> dict[str, Any]:
 def _of_plan(result: PlanResult, plan: CollisionPlan) -> dict[str, Any]:
     curve, motion = plan.trajectory, _curve_motion(result, plan.trajectory)
     ends = curve.evaluate([curve.start, curve.end])
+    # Largest rate of each axis by its limit; 0 where there is no limit.
+    planned, limits = result.scene.coordinates, result.request.robot.limits
+    allowed = (limits.velocity[planned.planned], limits.acceleration[planned.planned])
     return {
         "start": ends[0].tolist(),
         "goal": ends[1].tolist(),
         "duration_s": curve.duration,
         "piece_durations_s": curve.durations.tolist(),
-        "limit_ratios": _limit_ratios(result, curve),
+        "limit_ratios": {
+            name: dict(zip(planned.names, (curve.peak(order) / limit).tolist(), strict=True))
+            for order, (name, limit) in enumerate(zip(_RATES, allowed, strict=True), start=1)
+        },
         **nearest_entries(_nearest(plan, motion)),
         "n_samples_certified": plan.clearance.n_samples,
         "tool_error": motion.tool_error(),
         "attempts": plan.attempts,
         "iterations": plan.iterations,
         "solve_time_s": plan.solve_time,
-    }
-
-
-def _limit_ratios(result: PlanResult, curve: PiecewisePolynomial) -> dict[str, dict[str, float]]:
-    """Largest rate of each axis by its limit; 0 where there is no limit."""
-    planned, limits = result.scene.coordinates, result.request.robot.limits
-    allowed = (limits.velocity[planned.planned], limits.acceleration[planned.planned])
-    return {
-        name: dict(zip(planned.names, (curve.peak(order) / limit).tolist(), strict=True))
-        for order, (name, limit) in enumerate(zip(_RATES, allowed, strict=True), start=1)
     }
 
 
@@ -226,7 +219,7 @@ def _nearest(plan: CollisionPlan, motion: PlannedMotion) -> NearestPair:
 
 _TOUCHING = "two shapes touch: add way for them, move the goal, or plan a curve"
 _ADVICE = {  # where a request has other means than a problem
-    OcpStatus.UNFINISHED: "the solver stopped early: give a longer duration, a nearer goal or fewer steps, or raise time_limit",
+    OcpStatus.UNFINISHED: "the solver stopped early: give a longer duration, a nearer goal or fewer steps, or raise time_limit"
 }
 
 

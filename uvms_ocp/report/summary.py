@@ -194,27 +194,14 @@ def sensor_health(record: Record) -> list[dict[str, Any]]:
     meta = record.run_meta
     if "health" not in record.series:
         return []
-    columns = zip(meta.channels, record["health"].T, strict=True)
-    return [_row(record, channel, codes) for channel, codes in columns]
-
-
-def _row(record: Record, channel: str, codes: np.ndarray) -> dict[str, Any]:
-    dt, bad = record.run_meta.dt, np.flatnonzero(codes)
-    first = float(record["t"][bad[0]]) if len(bad) else None
-    return {
-        "channel": channel,
-        "suspect_s": dt * int((codes == _SUSPECT).sum()),
-        "lost_s": dt * int((codes == _LOST).sum()),
-        "first_s": first,
-        "why": "" if first is None else _why(record, channel, first),
-    }
-
-
-def _why(record: Record, channel: str, since: float) -> str:
-    """The first alarm on the channel."""
-    texts = (alarm.text for alarm in record.run_meta.alarms if alarm.t >= since - 1e-9)
-    text = next((text for text in texts if text.startswith(f"{channel} ")), "")
-    return text.partition(": ")[2]
+    rows = []
+    for channel, codes in zip(meta.channels, record["health"].T, strict=True):
+        suspect, lost = (meta.dt * int((codes == code).sum()) for code in (_SUSPECT, _LOST))
+        first = float(record["t"][np.argmax(codes != 0)]) if codes.any() else None
+        texts = [alarm.text for alarm in meta.alarms if first is not None and alarm.t >= first - 1e-9]
+        why = next((text for text in texts if text.startswith(f"{channel} ")), "").partition(": ")[2]
+        rows.append({"channel": channel, "suspect_s": suspect, "lost_s": lost, "first_s": first, "why": why})
+    return rows
 
 
 # The report of one run.
@@ -310,9 +297,7 @@ def _drift_in_last_phase(record: Record) -> float | None:
     start = len(phase) - int(np.argmax(phase[::-1] != phase[-1])) if (phase != phase[-1]).any() else 0
     t = record["t"]
     settled = t >= t[start] + _SETTLING
-    if not settled.any():
-        return None
-    if not record.run_meta.floating:
+    if not settled.any() or not record.run_meta.floating:
         return None
     positions = record["q"][settled, :3]
     return float(np.linalg.norm(positions - positions[0], axis=1).max())

@@ -22,22 +22,20 @@ _COLUMNS = 3
 _MOST = 12  # bars
 _LONGEST = 60
 _LARGEST = 1e300  # drawn: a spread of twice this is still finite
-_CONSTANT = (
-    1e-9  # spread over size below which a column is drawn as a constant: 30 bins need more digits than doubles have
-)
+# Spread over size below which a column is drawn as a constant: 30 bins need more digits than doubles have.
+_CONSTANT = 1e-9
 
 
 @checked
 @style.styled
 def figure_rate(success: Annotated[Mask, Shape("n")], interval: tuple[float, float]) -> Figure:
     """Draw the share of successes over the number of runs; success (n,) of all runs in their order, interval of the whole."""
-    figure = style.RecordFigure(figsize=(style.WIDTH, 2.4))
+    figure = style.titled(2.4, "Success rate, and its 95 % interval at the end")
     axis = figure.subplots()
     n = np.arange(1, len(success) + 1)
     axis.axhspan(100 * interval[0], 100 * interval[1], color=style.BLUE, alpha=0.15, lw=0)
     axis.plot(n, 100 * np.cumsum(success) / n, color=style.BLUE)
     axis.set(xlabel="runs", ylabel="successes [%]", xlim=(1, max(2, len(success))))
-    figure.suptitle("Success rate, and its 95 % interval at the end", fontsize=10, fontweight="bold", x=0.01, ha="left")
     return figure
 
 
@@ -50,9 +48,8 @@ def figure_outcomes(outcomes: Sequence[Mapping[str, Any]]) -> Figure:
     shares = np.array([100 * row["share"] for row in rows])
     errors = np.array([[100 * (row["share"] - row["lower"]), 100 * (row["upper"] - row["share"])] for row in rows]).T
     colors = [style.GREEN if row["outcome"] == "completed" else style.VERMILLION for row in rows]
-    axis.barh(
-        [style.label_text(row["outcome"], _LONGEST) for row in rows], shares, xerr=np.maximum(errors, 0.0), color=colors
-    )
+    names = [style.label_text(row["outcome"], _LONGEST) for row in rows]
+    axis.barh(names, shares, xerr=np.maximum(errors, 0.0), color=colors)
     axis.set(xlabel="share of runs [%], with 95 % intervals", xlim=(0, 100))
     return figure
 
@@ -77,9 +74,8 @@ def figure_spread(values: Mapping[str, np.ndarray], success: Annotated[Mask, Sha
     """
     for name, column in values.items():
         if column.shape != success.shape:
-            raise InvalidInput(
-                f"success has shape {success.shape}, values[{name!r}] {column.shape}; give one of each per run"
-            )
+            given = f"success has shape {success.shape}, values[{name!r}] {column.shape}"
+            raise InvalidInput(f"{given}; give one of each per run")
     names = [name for name, column in values.items() if (np.abs(column) <= _LARGEST).any()]
     n_rows = max(1, -(-len(names) // _COLUMNS))
     figure = style.RecordFigure(figsize=(style.WIDTH, 1.7 * n_rows))
@@ -103,10 +99,8 @@ def figure_sensitivity(rows: Sequence[Mapping[str, Any]], figure_name: str) -> F
     figure = style.RecordFigure(figsize=(style.WIDTH, 0.8 + 0.28 * len(own)))
     axis = figure.subplots()
     names = [style.label_text(row["parameter"], _LONGEST) for row in own]
-    above = [row["pawn"] > row["pawn_floor"] for row in own]
-    axis.barh(
-        names, [row["pawn"] for row in own], color=[style.ORANGE if distinct else style.FADED for distinct in above]
-    )
+    colors = [style.ORANGE if row["pawn"] > row["pawn_floor"] else style.FADED for row in own]
+    axis.barh(names, [row["pawn"] for row in own], color=colors)
     if own:
         axis.axvline(own[0]["pawn_floor"], color=style.THRESHOLD, lw=0.9, ls=(0, (5, 3)))
     axis.set_xlabel(f"PAWN index of {figure_name} [-]; left of the dashed line nothing is told")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,8 +17,12 @@ from uvms_ocp.viz import style
 from uvms_ocp.viz.series import axis_label, phase_spans
 
 _COLORS = (style.BLUE, style.VERMILLION, style.GREEN, style.ORANGE)
-_LEAST = {"step": 1e-4, "jerk": 1e-2, "lost": 1e-18}
-"""What is drawn of the figures of a phase change on a logarithmic axis."""
+_SMOOTHNESS = {
+    "step": ("step of v / (a_max dt)", 1e-4),
+    "jerk": ("jerk [m/s³, rad/s³]", 1e-2),
+    "lost": ("lost above [m/s, rad/s]", 1e-18),
+}
+"""Of a phase change: labels, and the least that is drawn on a logarithmic axis."""
 
 
 @checked
@@ -30,9 +34,8 @@ def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> 
     same joints, of one axis each.
     """
     joints = _joints_of(records)
-    figure, axes = style.stacked(
-        len(joints), 0.6, f"Joint positions in phase {style.label_text(phase)} [{unit_of('q', 'joints')}]"
-    )
+    title = f"Joint positions in phase {style.label_text(phase)} [{unit_of('q', 'joints')}]"
+    figure, axes = style.stacked(len(joints), 0.6, title)
     for (_, record), color in zip(records.items(), _COLORS, strict=False):
         spans = {span.name: span for span in phase_spans(record)}
         if phase not in spans:
@@ -44,14 +47,14 @@ def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> 
     for axis, name in zip(axes, joints, strict=True):
         axis.set_ylabel(style.label_text(name), rotation=0, ha="right", va="center")
     axes[-1].set_xlabel(axis_label(f"time since phase {style.label_text(phase)} began", "t"))
-    style.heading_legend(
-        figure,
-        [
-            Line2D([], [], color=color, label=style.label_text(name))
-            for name, color in zip(records, _COLORS, strict=False)
-        ],
-    )
+    _name_runs(figure, records)
     return figure
+
+
+def _name_runs(figure: Figure, names: Iterable[str]) -> None:
+    """Add the legend of runs, a colour each."""
+    shown = zip(names, _COLORS, strict=False)
+    style.heading_legend(figure, [Line2D([], [], color=color, label=style.label_text(name)) for name, color in shown])
 
 
 def _joints_of(records: Mapping[str, Record]) -> tuple[str, ...]:
@@ -67,25 +70,19 @@ def _joints_of(records: Mapping[str, Record]) -> tuple[str, ...]:
 @style.styled
 def figure_paths(paths: Mapping[str, np.ndarray]) -> Figure:
     """Draw from above and from the side `paths` (n, 3) [m] in W by name, such as a tool's planned and tracked one."""
-    figure = style.RecordFigure(figsize=(style.WIDTH, 3.3))
-    figure.suptitle("Paths", fontsize=10, fontweight="bold", x=0.01, ha="left")
+    figure = style.titled(3.3, "Paths")
     views = figure.subplots(1, 2)
-    for axis, (i, j), labels in zip(views, ((0, 1), (0, 2)), ("xy", "xz"), strict=True):
+    for axis, (i, j), title in zip(views, ((0, 1), (0, 2)), ("from above", "from the side"), strict=True):
         for k, (name, path) in enumerate(paths.items()):
-            color = _COLORS[k % len(_COLORS)]
-            axis.plot(
-                path[:, i], path[:, j], color=color, ls="-" if k else "--", label=style.label_text(name), zorder=3 - k
-            )
+            color, label = _COLORS[k % len(_COLORS)], style.label_text(name)
+            axis.plot(path[:, i], path[:, j], color=color, ls="-" if k else "--", label=label, zorder=3 - k)
             axis.plot(path[0, i], path[0, j], "o", color=color, ms=4)
             axis.plot(path[-1, i], path[-1, j], "*", color=color, ms=8)
-        axis.set(xlabel=axis_label(labels[0], "q", "position"), ylabel=axis_label(labels[1], "q", "position"))
+        x, y = (axis_label("xyz"[k], "q", "position") for k in (i, j))
+        axis.set(xlabel=x, ylabel=y, title=title)
         axis.set_aspect("equal", adjustable="datalim")
-    for axis, title in zip(views, ("from above", "from the side"), strict=True):
-        axis.set_title(title)
-    ends = [
-        Line2D([], [], color=style.BLACK, ls="", marker=mark, label=text)
-        for mark, text in (("o", "start"), ("*", "end"))
-    ]
+    marks = (("o", "start"), ("*", "end"))
+    ends = [Line2D([], [], color=style.BLACK, ls="", marker=mark, label=text) for mark, text in marks]
     style.heading_legend(figure, [*views[0].get_lines()[::3], *ends])
     return figure
 
@@ -99,22 +96,14 @@ def figure_transitions(runs: Mapping[str, Mapping[str, np.ndarray]]) -> Figure:
     """
     figure, axes = style.stacked(3, 1.5, "Smoothness of phase changes")
     for (_, run), color in zip(runs.items(), _COLORS, strict=False):
-        for axis, name in zip(axes, ("step", "jerk", "lost"), strict=True):
-            axis.plot(run["t"], np.maximum(run[name], _LEAST[name]), color=color, lw=0.8)
+        for axis, name in zip(axes, _SMOOTHNESS, strict=True):
+            axis.plot(run["t"], np.maximum(run[name], _SMOOTHNESS[name][1]), color=color, lw=0.8)
             for time in run["changes"]:
                 axis.axvline(time, color=color, lw=0.6, alpha=0.6)
-    for axis, name, label in zip(
-        axes,
-        ("step", "jerk", "lost"),
-        ("step of v / (a_max dt)", "jerk [m/s³, rad/s³]", "lost above [m/s, rad/s]"),
-        strict=True,
-    ):
+    for axis, (label, least) in zip(axes, _SMOOTHNESS.values(), strict=True):
         style.logarithmic(axis)
         axis.set_ylabel(label)
-        axis.set_ylim(bottom=_LEAST[name])
+        axis.set_ylim(bottom=least)
     axes[0].axhline(1.0, color=style.BLACK, lw=0.6, ls="--")
-    style.heading_legend(
-        figure,
-        [Line2D([], [], color=color, label=style.label_text(name)) for name, color in zip(runs, _COLORS, strict=False)],
-    )
+    _name_runs(figure, runs)
     return figure

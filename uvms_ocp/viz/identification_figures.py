@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from uvms_ocp.identification.calibration import Calibration, Comparison
-from uvms_ocp.identification.fit import Predicted
 from uvms_ocp.identification.parameters import AXES
 from uvms_ocp.identification.uncertainty import CHANNELS, INTERVAL, LEAST_P, Whiteness
 from uvms_ocp.identification.validation import SCORED, HeldOutRecording, Profile, errors
@@ -31,8 +30,8 @@ _ROOM = 1.15  # of the tallest bar but those of the vehicle before, which may be
 def figure_residuals(one: Comparison) -> Figure:
     """Draw the residuals, simulated less measured, and their autocorrelation."""
     tests = {each.channel: each for each in one.whiteness}
-    figure = style.RecordFigure(figsize=(style.WIDTH, 0.95 * len(CHANNELS) + 0.6))
-    _title(figure, f"{style.label_text(one.name)}: what the search has left, and its autocorrelation")
+    title = f"{style.label_text(one.name)}: what the search has left, and its autocorrelation"
+    figure = style.titled(0.95 * len(CHANNELS) + 0.6, title)
     grid = figure.subplots(len(CHANNELS), 2, sharex="col", squeeze=False, gridspec_kw={"width_ratios": (3, 1)})
     for i, (name, (over_time, over_lags)) in enumerate(zip(CHANNELS, grid, strict=True)):
         sensor, column = divmod(i, 3)
@@ -60,8 +59,7 @@ def _correlation(axis: Axes, one: Whiteness) -> None:
 def figure_profiles(profiles: Sequence[Profile]) -> Figure:
     """Roots of the deviance with each number held, and the straight line that standard errors take for them."""
     n_rows = -(-len(profiles) // _COLUMNS)
-    figure = style.RecordFigure(figsize=(style.WIDTH, 1.5 * n_rows + 0.7))
-    _title(figure, "Root of the deviance, a number held (grey: by standard errors)")
+    figure = style.titled(1.5 * n_rows + 0.7, "Root of the deviance, a number held (grey: by standard errors)")
     axes = figure.subplots(n_rows, _COLUMNS, sharex=True, sharey=True, squeeze=False).ravel()
     for axis, one in zip(axes, profiles, strict=False):
         _profile(axis, one)
@@ -85,8 +83,7 @@ def _profile(axis: Axes, one: Profile) -> None:
 def figure_left_out(found: Sequence[HeldOutRecording]) -> Figure:
     """Errors of predictions of recordings that were left out, medians over them, beside those that know less."""
     asked = sorted({each.asked for one in found for each in one.horizons})
-    figure = style.RecordFigure(figsize=(style.WIDTH, 4.6))
-    _title(figure, "Recordings that were left out: errors by horizon; taller bars are cut")
+    figure = style.titled(4.6, "Recordings that were left out: errors by horizon; taller bars are cut")
     axes = figure.subplots(2, 4).ravel()
     for i, (axis, name) in enumerate(zip(axes, SCORED, strict=False)):
         _bars(axis, found, asked, i)
@@ -102,20 +99,13 @@ def _bars(axis: Axes, found: Sequence[HeldOutRecording], asked: Sequence[float],
     names = list(next((each.by for one in found for each in one.horizons), ()))
     if not names:
         return
-    heights = np.array([[_median(found, horizon, name, i) for horizon in asked] for name in names])
+    everything = [each for one in found for each in one.horizons]
+    chosen = [[each for each in everything if each.asked == horizon] for horizon in asked]
+    heights = np.array([[np.median([errors(each.by[name])[i] for each in some]) for some in chosen] for name in names])
     for k, name in enumerate(names):
         axis.bar(np.arange(len(asked)) + 0.2 * (k - 1.5), heights[k], 0.2, color=_PREDICTORS[k], label=name)
     axis.set_ylim(0.0, _ROOM * max(heights[0].max(), heights[2:].max()))
     axis.set_xticks(np.arange(len(asked)), [f"{horizon:g} s" for horizon in asked])
-
-
-def _median(found: Sequence[HeldOutRecording], asked: float, name: str, i: int) -> float:
-    chosen = [each for one in found for each in one.horizons if each.asked == asked]
-    return float(np.median([errors(each.by[name])[i] for each in chosen]))
-
-
-def _title(figure: style.RecordFigure, text: str) -> None:
-    figure.suptitle(text, fontsize=10, fontweight="bold", x=0.01, ha="left")
 
 
 # A calibration to look at: measured against predicted, what is left, how sure its numbers are, and what others predict.
@@ -155,15 +145,10 @@ def figure_predicted(one: Comparison) -> Figure:
 
 
 def _draw(axis: Axes, one: Comparison, sensor: int, column: Callable[[np.ndarray], np.ndarray]) -> None:
-    drawn: tuple[tuple[str, Predicted, str], ...] = (
-        ("before", one.before, style.FADED),
-        ("at rest in balance", one.balance, style.GREEN),
-        ("calibrated", one.calibrated, style.VERMILLION),
-    )
-    axis.plot(
-        one.calibrated.t[sensor], column(one.calibrated.measured[sensor]), color=style.BLACK, lw=0.7, label="measured"
-    )
-    for name, predicted, color in drawn:
+    last = one.calibrated
+    drawn = (("before", one.before), ("at rest in balance", one.balance), ("calibrated", last))
+    axis.plot(last.t[sensor], column(last.measured[sensor]), color=style.BLACK, lw=0.7, label="measured")
+    for (name, predicted), color in zip(drawn, (style.FADED, style.GREEN, style.VERMILLION), strict=True):
         axis.plot(predicted.t[sensor], column(predicted.rows[sensor]), color=color, lw=0.9, label=name)
 
 
@@ -179,13 +164,10 @@ def _pitch(vertical: np.ndarray) -> np.ndarray:
 def figure_intervals(one: Calibration) -> Figure:
     """Intervals of 95 %, relative to the sizes of numbers; those that are not determined are faded."""
     numbers = one.numbers
-    figure = style.RecordFigure(figsize=(style.WIDTH, 0.17 * len(numbers) + 1.0))
-    figure.suptitle("Half widths of 95 % intervals", fontsize=10, fontweight="bold", x=0.01, ha="left")
-    axis = figure.subplots()
+    axis = (figure := style.titled(0.17 * len(numbers) + 1.0, "Half widths of 95 % intervals")).subplots()
     widths = [min(100.0 * INTERVAL * each.sigma / max(each.size, 1e-300), _WIDEST) for each in numbers]
-    axis.barh(
-        np.arange(len(numbers)), widths, color=[style.BLUE if each.determined else style.FADED for each in numbers]
-    )
+    colors = [style.BLUE if each.determined else style.FADED for each in numbers]
+    axis.barh(np.arange(len(numbers)), widths, color=colors)
     axis.set_yticks(np.arange(len(numbers)), [style.label_text(each.name) for each in numbers])
     axis.set_ylim(len(numbers) - 0.4, -0.6)
     axis.set_xlabel(f"[%] of the number's size, cut off at {_WIDEST:.0f}; grey: not determined")

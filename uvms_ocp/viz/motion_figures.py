@@ -45,10 +45,7 @@ def figure_efforts(record: Record) -> Figure | None:
 
 def _thrust(record: Record, axes: Sequence[Axes]) -> None:
     for i, thrust in enumerate(record["thrust"].T):
-        dash = style.DASHES[i // len(style.LINES) % len(style.DASHES)]
-        axes[0].plot(
-            record["t"], thrust, color=style.LINES[i % len(style.LINES)], ls=dash, lw=0.8, label=f"thruster{i + 1}"
-        )
+        axes[0].plot(record["t"], thrust, **style.line_style(i), lw=0.8, label=f"thruster{i + 1}")
     axes[0].set_ylabel(axis_label("thrust", "thrust"))
 
 
@@ -65,9 +62,7 @@ _PUSHES: Mapping[str, Callable[[Record, Sequence[Axes]], None]] = {"thrust": _th
 def _torque(record: Record, axis: Axes) -> None:
     names = axis_names(record, record["torque"].shape[1])
     for i, (name, torque) in enumerate(zip(names, record["torque"].T, strict=True)):
-        axis.plot(
-            record["t"], torque, color=style.LINES[i % len(style.LINES)], lw=0.8, label=style.label_text(name, 10)
-        )
+        axis.plot(record["t"], torque, **style.line_style(i), lw=0.8, label=style.label_text(name, 10))
     axis.set_ylabel(axis_label("torque", "torque"))
 
 
@@ -97,17 +92,13 @@ def figure_tracking(record: Record) -> Figure | None:
     for axis, label in zip(axes, labels, strict=True):
         axis.set_ylabel(label)
         style.legend_beside(axis)
-        axis.set_ylim(*_robust_range(axis.lines))
+        # Limits that show all but the most extreme thousandth of all lines.
+        values = np.concatenate([np.asarray(line.get_ydata()) for line in axis.lines])
+        low, high = np.percentile(values, [0.05, 99.95])
+        margin = 0.1 * max(high - low, 1e-9)
+        axis.set_ylim(low - margin, high + margin)
     style.mark_time(axes, record, share=0.92)
     return figure
-
-
-def _robust_range(lines: object) -> tuple[float, float]:
-    """Limits that show all but the most extreme thousandth of all lines."""
-    values = np.concatenate([np.asarray(line.get_ydata()) for line in lines])  # type: ignore[attr-defined]
-    low, high = np.percentile(values, [0.05, 99.95])
-    margin = 0.1 * max(high - low, 1e-9)
-    return float(low - margin), float(high + margin)
 
 
 # Figures of how the vehicle and the joints move, with their limits.
@@ -126,8 +117,7 @@ def figure_velocities(record: Record) -> Figure | None:
         return None
     spans = phase_spans(record)
     changes = [span.start for span in spans[1:]][:_MAX_ZOOMS]
-    figure = style.RecordFigure(figsize=(style.WIDTH, 3.9 + (2.6 if changes else 0.0)))
-    figure.suptitle("Vehicle velocity", fontsize=10, fontweight="bold", x=0.01, ha="left")
+    figure = style.titled(3.9 + (2.6 if changes else 0.0), "Vehicle velocity")
     parts = figure.subfigures(2, 1, height_ratios=(3.4, 3.0)) if changes else [figure]
     _whole_run(parts[0], record)
     if changes:
@@ -158,22 +148,15 @@ def _zooms(parent: Figure, record: Record, changes: Sequence[float], spans: Sequ
             _velocity_lines(axis, record, part, names, around=change)
             style.mark_time([axis], record, named=False)
             axis.set_xlim(change - _ZOOM, change + _ZOOM)
-            _keep_span(axis)
+            # Without it a velocity of rounding size would fill its panel.
+            low, high = axis.get_ylim()
+            if high - low < _LEAST_SPAN:
+                axis.set_ylim((low + high - _LEAST_SPAN) / 2, (low + high + _LEAST_SPAN) / 2)
             if column == 0:
                 axis.set_ylabel(label)
-        grid[0, column].set_title(_change(spans[column], spans[column + 1]), fontsize=8)
+        shown = " to ".join(plain_line(span.name, _SHORT) for span in spans[column : column + 2])
+        grid[0, column].set_title(f"{shown} at {change:.2f} s", fontsize=8)
         grid[1, column].set_xlabel(axis_label("time", "t"))
-
-
-def _change(before: PhaseSpan, after: PhaseSpan) -> str:
-    return f"{plain_line(before.name, _SHORT)} to {plain_line(after.name, _SHORT)} at {after.start:.2f} s"
-
-
-def _keep_span(axis: Axes) -> None:
-    """Without it a velocity of rounding size would fill its panel."""
-    low, high = axis.get_ylim()
-    if high - low < _LEAST_SPAN:
-        axis.set_ylim((low + high - _LEAST_SPAN) / 2, (low + high + _LEAST_SPAN) / 2)
 
 
 def _velocity_lines(axis: Axes, record: Record, part: slice, names: Sequence[str], around: float | None = None) -> None:
@@ -191,18 +174,15 @@ def figure_joints(record: Record) -> Figure | None:
     n = len(names)
     if not names or values is None:
         return None
-    figure = style.RecordFigure(figsize=(style.WIDTH, 0.78 * n + 0.9))
-    figure.suptitle("Joints", fontsize=10, fontweight="bold", x=0.01, ha="left")
+    figure = style.titled(0.78 * n + 0.9, "Joints")
     grid = figure.subplots(n, 2, sharex=True, squeeze=False)
     positions, velocities = _joint_bounds(record, n)
     _joint_column(grid[:, 0], record, values, positions)
     _joint_column(grid[:, 1], record, record["v"][:, -n:], velocities)
     for axis, name in zip(grid[:, 0], names, strict=True):
         axis.set_ylabel(style.label_text(name), rotation=0, ha="right", va="center")
-    for axis, title in zip(
-        grid[0], (axis_label("position", "q", "joints"), axis_label("velocity", "v", "joints")), strict=True
-    ):
-        axis.set_title(title, pad=1 + style.space_above(record))
+    for axis, what, name in zip(grid[0], ("position", "velocity"), "qv", strict=True):
+        axis.set_title(axis_label(what, name, "joints"), pad=1 + style.space_above(record))
     for axis in grid[-1]:
         axis.set_xlabel(axis_label("time", "t"))
     for column in grid.T:
@@ -242,8 +222,7 @@ def figure_path(record: Record) -> Figure | None:
     """The vehicle's path from above and from the side, coloured by phase, with the markers and obstacles of the scenario."""
     if not has_vehicle(record):
         return None
-    figure = style.RecordFigure(figsize=(style.WIDTH, 3.3))
-    figure.suptitle("Path of the vehicle", fontsize=10, fontweight="bold", x=0.01, ha="left")
+    figure = style.titled(3.3, "Path of the vehicle")
     above, side = figure.subplots(1, 2)
     for axis, (i, j) in ((above, (0, 1)), (side, (0, 2))):
         _path_panel(axis, record, i, j)
@@ -262,11 +241,9 @@ def figure_path(record: Record) -> Figure | None:
 def _draw_floor(axis: Axes, record: Record) -> None:
     """A line for a flat floor, else the floor below the path."""
     below = floor_heights(record, record["q"][:, :2])
-    if below is None:
-        return
-    if record.meta.surroundings.floor is None:
+    if below is not None and record.meta.surroundings.floor is None:
         axis.axhline(below[0], color=_SAND, lw=2, label="floor")
-    else:
+    elif below is not None:
         axis.plot(record["q"][:, 0], below, color=_SAND, lw=2, label="floor below")
 
 
@@ -274,27 +251,18 @@ def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
     t, p = record["t"], record["q"][:, :3]
     for k, span in enumerate(phase_spans(record)):
         part = (t >= span.start) & (t <= span.end)
-        axis.plot(
-            p[part, i], p[part, j], color=style.LINES[k % len(style.LINES)], lw=2, label=style.label_text(span.label)
-        )
+        color = style.LINES[k % len(style.LINES)]
+        axis.plot(p[part, i], p[part, j], color=color, lw=2, label=style.label_text(span.label))
     axis.plot(p[0, i], p[0, j], "o", color=style.BLACK, ms=4)
     for item in record.meta.surroundings.obstacles:
         outline = obstacle_outline(item, i, j)
         axis.fill(*outline.T, facecolor=_OBSTACLE, edgecolor=_OBSTACLE_EDGE, lw=0.8, alpha=0.55, zorder=1)
         below = outline[:, 0].mean(), outline[:, 1].min()
-        axis.annotate(
-            style.label_text(item.name, 16),
-            below,
-            xytext=(0, -2),
-            textcoords="offset points",
-            ha="center",
-            va="top",
-            fontsize=6.5,
-        )
+        style.note(axis, style.label_text(item.name, 16), below, (0, -2), ha="center", va="top", fontsize=6.5)
     for marker in record.meta.surroundings.markers:
         place = marker.position[i], marker.position[j]
         axis.plot(*place, "*", color=style.BLACK, ms=7)
-        axis.annotate(style.label_text(marker.name), place, xytext=(5, 4), textcoords="offset points", fontsize=7)
+        style.note(axis, style.label_text(marker.name), place, (5, 4), fontsize=7)
 
 
 def obstacle_outline(data: ObstacleMeta, i: int, j: int) -> np.ndarray:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,14 +18,9 @@ from uvms_ocp.viz import style
 from uvms_ocp.viz.motion_figures import figure_efforts
 from uvms_ocp.viz.series import axis_label, require_rows
 
-_ROWS: Mapping[str, str] = MappingProxyType(
-    {
-        "x": "position",
-        "x_rate": "velocity",
-        "x_acceleration": "acceleration",
-        "x_jerk": "jerk",
-        "x_snap": "snap",
-    }
+_ROWS = (
+    *(("x", "position"), ("x_rate", "velocity"), ("x_acceleration", "acceleration")),
+    *(("x_jerk", "jerk"), ("x_snap", "snap")),
 )
 _FAR = 0.5  # [m] farther than this needs no look
 _VEHICLE = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -56,10 +50,7 @@ def figure_clearance(record: Record) -> Figure | None:
     wanted = meta.clearance_wanted
     figure, (axis,) = style.stacked(1, 2.8, "Clearance along the path")
     for k, name in enumerate(meta.clearance_groups):
-        dash = style.DASHES[k // len(style.LINES) % len(style.DASHES)]
-        axis.plot(
-            record["t"], d[:, k], color=style.LINES[k % len(style.LINES)], ls=dash, label=style.label_text(name, 24)
-        )
+        axis.plot(record["t"], d[:, k], **style.line_style(k), label=style.label_text(name, 24))
     style.threshold(axis, wanted, f"wanted {wanted:g} m")
     if meta.min_clearance is not None:
         _mark_least(axis, meta.min_clearance)
@@ -77,15 +68,9 @@ def _mark_least(axis: Axes, nearest: ClearanceMeta) -> None:
     when, least = nearest.t, nearest.distance
     left = when < axis.get_xlim()[1] / 2.0
     axis.plot(when, least, "o", color=style.BLACK, ms=4, clip_on=False, zorder=3)
-    axis.annotate(
-        plain_line(f"{least:.3g} m, {nearest.between}", 80),
-        (when, least),
-        xytext=(5 if left else -5, -4),
-        textcoords="offset points",
-        ha="left" if left else "right",
-        va="top",
-        fontsize=7,
-    )
+    offset, side = (5 if left else -5, -4), "left" if left else "right"
+    text = plain_line(f"{least:.3g} m, {nearest.between}", 80)
+    style.note(axis, text, (when, least), offset, ha=side, va="top", fontsize=7)
 
 
 @checked
@@ -115,18 +100,12 @@ def _motion(record: Record, names: Collection[str], title: str) -> Figure | None
     wanted = [i for i, name in enumerate(planned) if name in names]
     if not wanted:
         return None
-    rows = {series: label for series, label in _ROWS.items() if series in record.series}
+    rows = [(series, label) for series, label in _ROWS if series in record.series]
     figure, axes = style.stacked(len(rows), 1.25, title)
-    for row, (series, label) in zip(axes, rows.items(), strict=True):
+    for row, (series, label) in zip(axes, rows, strict=True):
         for k, i in enumerate(wanted):
-            name, dash = planned[i], style.DASHES[k // len(style.LINES) % len(style.DASHES)]
-            row.plot(
-                record["t"],
-                record[series][:, i],
-                color=style.LINES[k % len(style.LINES)],
-                ls=dash,
-                label=style.label_text(name, 10),
-            )
+            name = style.label_text(planned[i], 10)
+            row.plot(record["t"], record[series][:, i], **style.line_style(k), label=name)
         row.set_ylabel(f"{label}\n[{unit_of(series, 'position')}, {unit_of(series, 'attitude')}]")
         _draw_limits(row, record, series, wanted)
     axes[0].legend(ncols=len(wanted), loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=7)

@@ -13,13 +13,11 @@ from typing import Any, Literal, overload
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.plan import Plan
-from uvms_ocp.record.meta_values import AlarmMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import joint_errors
 from uvms_ocp.viz import style, task_figures
@@ -47,6 +45,7 @@ def figure_estimate(record: Record) -> Figure | None:
     return figure
 
 
+_VEHICLE = (("position", "q"), ("attitude", "q_std"))
 _Panel = tuple[str, Sequence[str], Sequence[str], np.ndarray, np.ndarray]
 
 
@@ -54,31 +53,19 @@ def _panels(record: Record) -> list[_Panel]:
     q, measured, spread = record["q"], record["q_estimated"], record["q_std"]
     found: list[_Panel] = []
     if has_vehicle(record):
+        position, attitude = (axis_label(what, name, what, "m") for what, name in _VEHICLE)
         place, turn = 1e3 * (measured - q)[:, :3], 1e3 * _turns(q[:, 3:7], measured[:, 3:7])
-        found += [
-            (axis_label("position", "q", "position", "m"), ("x", "y", "z"), style.AXES_XYZ, place, 1e3 * spread[:, :3]),
-            (
-                axis_label("attitude", "q_std", "attitude", "m"),
-                ("roll", "pitch", "yaw"),
-                style.AXES_XYZ,
-                turn,
-                1e3 * spread[:, 3:6],
-            ),
+        found = [
+            (position, ("x", "y", "z"), style.AXES_XYZ, place, 1e3 * spread[:, :3]),
+            (attitude, ("roll", "pitch", "yaw"), style.AXES_XYZ, turn, 1e3 * spread[:, 3:6]),
         ]
     errors = joint_errors(record.series, record.meta)
     n = 0 if errors is None else errors.shape[1]
     if n and spread.shape[1] >= n:
         names = [style.label_text(name, 10) for name in axis_names(record, n)]
         colors = [style.LINES[i % len(style.LINES)] for i in range(n)]
-        found.append(
-            (
-                axis_label("joints", "q", "joints", "m"),
-                names,
-                colors,
-                1e3 * errors,
-                1e3 * spread[:, -n:],
-            )
-        )
+        label = axis_label("joints", "q", "joints", "m")
+        found.append((label, names, colors, 1e3 * errors, 1e3 * spread[:, -n:]))
     return found
 
 
@@ -115,12 +102,14 @@ def figure_health(record: Record) -> Figure | None:
     """One bar over time per channel, green where it was good, and below the bars what was said against channels."""
     if record.meta.kind != "run" or "health" not in record.series or not record.meta.channels:
         return None
-    names, alarms = record.meta.channels, _alarm_lines(record)
-    figure = style.RecordFigure(figsize=(style.WIDTH, 1.0 + 0.26 * len(names) + _LINE * len(alarms)))
-    figure.suptitle("Health of the sensors", fontsize=10, fontweight="bold", x=0.01, ha="left")
+    t, names, alarms = record["t"], record.meta.channels, _alarm_lines(record)
+    figure = style.titled(1.0 + 0.26 * len(names) + _LINE * len(alarms), "Health of the sensors")
     axis = figure.subplots()
     for row, codes in enumerate(record["health"].T):
-        _bar(axis, record["t"], row, codes)
+        # A piece for every stay in one state.
+        for code, color in enumerate(_COLORS.values()):
+            pieces = [(t[i], t[j] - t[i]) for i, j, state in intervals_of(codes) if state == code]
+            axis.broken_barh(pieces, (row - _HEIGHT / 2, _HEIGHT), facecolors=color, lw=0)
     axis.set_yticks(range(len(names)), [style.label_text(name) for name in names])
     axis.set_ylim(len(names) - 0.5, -0.5)
     axis.grid(visible=False, axis="y")
@@ -133,23 +122,12 @@ def figure_health(record: Record) -> Figure | None:
     return figure
 
 
-def _bar(axis: Axes, t: np.ndarray, row: int, codes: np.ndarray) -> None:
-    """The channel of a row: a piece for every stay in one state."""
-    for code, color in enumerate(_COLORS.values()):
-        pieces = [(t[i], t[j] - t[i]) for i, j, state in intervals_of(codes) if state == code]
-        axis.broken_barh(pieces, (row - _HEIGHT / 2, _HEIGHT), facecolors=color, lw=0)
-
-
 def _alarm_lines(record: Record) -> list[str]:
     """The first alarms on channels, a line each."""
-    alarms = [alarm for alarm in record.run_meta.alarms if _of_channel(alarm, record.run_meta.channels)]
+    alarms = [alarm for alarm in record.run_meta.alarms if alarm.text.partition(" ")[0] in record.run_meta.channels]
     lines = [style.label_text(f"{alarm.t:.2f} s  {alarm.text}", 110) for alarm in alarms[:_MOST_WORDS]]
     rest = len(alarms) - len(lines)
     return [*lines, f"and {rest} more"] if rest else lines
-
-
-def _of_channel(alarm: AlarmMeta, channels: tuple[str, ...]) -> bool:
-    return alarm.text.partition(" ")[0] in channels
 
 
 # Figure of the computation time of the control ticks.
@@ -162,29 +140,24 @@ def figure_tick_time(record: Record) -> Figure | None:
     if "tick_time" not in record.series:
         return None
     tick = np.maximum(record["tick_time"] * 1e6, 1e-3)
-    figure = style.RecordFigure(figsize=(style.WIDTH, 2.6))
-    figure.suptitle("Computation time of one control tick", fontsize=10, fontweight="bold", x=0.01, ha="left")
+    figure = style.titled(2.6, "Computation time of one control tick")
     over_time, spread = figure.subplots(1, 2, sharey=True, width_ratios=(3, 1))
     style.logarithmic(over_time)
     over_time.plot(record["t"], tick, ".", ms=1.4, color=style.BLUE, rasterized=True)
     over_time.set(xlabel=axis_label("time", "t"), ylabel=axis_label("tick", "tick_time", prefix="µ"))
     spread.hist(tick, bins=np.geomspace(tick.min(), tick.max() * 1.01, 50), orientation="horizontal", color=style.BLUE)
     spread.set_xlabel("ticks")
-    lines = [
-        _percentile_line((over_time, spread), tick, *entry) for entry in ((50, style.BLACK), (99, style.VERMILLION))
-    ]
+    lines = []
+    for share, color in ((50, style.BLACK), (99, style.VERMILLION)):
+        value = float(np.percentile(tick, share))
+        label = f"p{share}  {value:.0f} µs"
+        lines += [axis.axhline(value, color=color, lw=0.9, ls="--", label=label) for axis in (over_time, spread)][1:]
     period = 1e6 * record.run_meta.dt
     style.threshold(over_time, period, "control period")
     over_time.set_ylim(top=3.0 * max(period, float(tick.max())))  # room for its name below those of the phases
     style.heading_legend(figure, lines)
     style.mark_time([over_time], record, share=0.77)
     return figure
-
-
-def _percentile_line(axes: Sequence[Axes], tick: np.ndarray, share: int, color: str) -> Line2D:
-    value = float(np.percentile(tick, share))
-    label = f"p{share}  {value:.0f} µs"
-    return [axis.axhline(value, color=color, lw=0.9, ls="--", label=label) for axis in axes][-1]
 
 
 # All figures of one run or plan, read from its `Record` alone.

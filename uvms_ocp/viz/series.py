@@ -50,18 +50,12 @@ class FaultSpan:
 
 def fault_spans(record: Record) -> tuple[FaultSpan, ...]:
     """Faults of a run that began before its end; none of a plan."""
-    last = float(record["t"][-1])
-    faults = record.meta.faults if record.meta.kind == "run" else ()
-    return tuple(
-        FaultSpan(
-            name=fault.text.partition("@")[0],
-            start=fault.t,
-            end=last if fault.end is None else min(fault.end, last),
-            ended=fault.end is not None and fault.end < last,
-        )
-        for fault in faults
-        if fault.t <= last
-    )
+    last, found = float(record["t"][-1]), []
+    for fault in getattr(record.meta, "faults", ()):
+        if fault.t <= last:
+            end = last if fault.end is None else min(fault.end, last)
+            found.append(FaultSpan(name=fault.text.partition("@")[0], start=fault.t, end=end, ended=end < last))
+    return tuple(found)
 
 
 def axis_label(text: str, name: str, part: str = "", prefix: str = "") -> str:
@@ -87,8 +81,9 @@ def phase_spans(record: Record) -> tuple[PhaseSpan, ...]:
     Raises `InvalidInput` where there is nothing to draw.
     """
     require_rows(record)
-    t = record["t"]
-    return tuple(_span(record, code, t[i], t[j]) for i, j, code in intervals_of(_phase_series(record)))
+    t, codes = record["t"], record["phase"] if "phase" in record.series else np.zeros(len(record), dtype=int)
+    spans = [(record.meta.phases[code], code, float(t[i]), float(t[j])) for i, j, code in intervals_of(codes)]
+    return tuple(PhaseSpan(index=k, name=one.name, title=one.title, start=a, end=b) for one, k, a, b in spans)
 
 
 def intervals_of(codes: np.ndarray) -> Iterator[tuple[int, int, int]]:
@@ -96,15 +91,6 @@ def intervals_of(codes: np.ndarray) -> Iterator[tuple[int, int, int]]:
     first = np.flatnonzero(np.diff(codes, prepend=-1))
     for i, j in zip(first, [*first[1:], len(codes) - 1], strict=True):
         yield int(i), int(j), int(codes[i])
-
-
-def _phase_series(record: Record) -> np.ndarray:
-    return record["phase"] if "phase" in record.series else np.zeros(len(record), dtype=int)
-
-
-def _span(record: Record, index: int, start: float, end: float) -> PhaseSpan:
-    phase = record.meta.phases[index]
-    return PhaseSpan(index=index, name=phase.name, title=phase.title, start=float(start), end=float(end))
 
 
 def thresholds(record: Record, name: str) -> tuple[float, ...]:

@@ -32,16 +32,8 @@ DPI = 180
 WIDTH = 7.2  # [in] two columns of a journal page
 
 # [Okabe2008], without the yellow that vanishes on white.
-BLUE, VERMILLION, GREEN, ORANGE, PINK, SKY, BLACK = (
-    "#0072B2",
-    "#D55E00",
-    "#009E73",
-    "#E69F00",
-    "#CC79A7",
-    "#56B4E9",
-    "#000000",
-)
-LINES = (BLUE, VERMILLION, GREEN, ORANGE, PINK, SKY, BLACK)
+LINES = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#56B4E9", "#000000")
+BLUE, VERMILLION, GREEN, ORANGE, PINK, SKY, BLACK = LINES
 AXES_XYZ = (VERMILLION, GREEN, BLUE)
 THRESHOLD = "#555555"
 FADED = "#AEB4B9"
@@ -144,10 +136,26 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
     return wrapper
 
 
+def titled(height: float, title: str) -> RecordFigure:
+    """An empty figure of a height [in], with its title on the left."""
+    figure = RecordFigure(figsize=(WIDTH, height))
+    figure.suptitle(title, fontsize=10, fontweight="bold", x=0.01, ha="left")
+    return figure
+
+
+def line_style(k: int) -> dict[str, Any]:
+    """Colour of the k-th line of many, and dashes where the colours come again."""
+    return {"color": LINES[k % len(LINES)], "ls": DASHES[k // len(LINES) % len(DASHES)]}
+
+
+def note(axis: Axes, text: str, place: Any, offset: tuple[float, float], **look: Any) -> None:
+    """Write a text at an offset [points] from a place on the axes; look: as of `Axes.annotate`."""
+    axis.annotate(text, place, xytext=offset, textcoords="offset points", **look)
+
+
 def stacked(n_rows: int, height: float, title: str) -> tuple[RecordFigure, list[Axes]]:
     """`n_rows` panels over one time axis; `height` [in] of one panel."""
-    figure = RecordFigure(figsize=(WIDTH, height * n_rows + 0.55))
-    figure.suptitle(title, fontsize=10, fontweight="bold", x=0.01, ha="left")
+    figure = titled(height * n_rows + 0.55, title)
     axes = figure.subplots(n_rows, 1, sharex=True, squeeze=False)[:, 0]
     axes[-1].set_xlabel(axis_label("time", "t"))
     return figure, list(axes)
@@ -213,17 +221,9 @@ def _name_phases(axis: Axes, spans: Sequence[PhaseSpan], width: float) -> None:
     scale = width / (spans[-1].end - spans[0].start)
     for span in spans:
         room = scale * (span.end - span.start) / _LETTER
-        axis.annotate(
-            span.label if len(span.label) < room else plain_line(span.name, max(2, int(room))),
-            ((span.start + span.end) / 2, 1.0),
-            xycoords=("data", "axes fraction"),
-            xytext=(0, 3),
-            textcoords="offset points",
-            ha="center",
-            va="bottom",
-            fontsize=7.5,
-            color="#333333",
-        )
+        text = span.label if len(span.label) < room else plain_line(span.name, max(2, int(room)))
+        look = {"ha": "center", "va": "bottom", "fontsize": 7.5, "color": "#333333"}
+        note(axis, text, ((span.start + span.end) / 2, 1.0), (0, 3), xycoords=("data", "axes fraction"), **look)
 
 
 def logarithmic(axis: Axes) -> None:
@@ -236,17 +236,8 @@ def logarithmic(axis: Axes) -> None:
 def threshold(axis: Axes, value: float, text: str) -> None:
     """A dashed line at `value` [unit of the axis], with its meaning written on it."""
     axis.axhline(value, color=THRESHOLD, lw=0.9, ls=(0, (5, 3)), zorder=1.5)
-    axis.annotate(
-        text,
-        (0.0, value),
-        xycoords=("axes fraction", "data"),
-        xytext=(4, 2),
-        textcoords="offset points",
-        ha="left",
-        va="bottom",
-        fontsize=7,
-        color=THRESHOLD,
-    )
+    look = {"ha": "left", "va": "bottom", "fontsize": 7, "color": THRESHOLD}
+    note(axis, text, (0.0, value), (4, 2), xycoords=("axes fraction", "data"), **look)
 
 
 # What lies behind the curves of every figure over time: the phases of the mission, and what went wrong on purpose.
@@ -278,14 +269,6 @@ def _name(axis: Axes, start: float, text: str, line: int) -> None:
     """Above the names of the phases, from its onset on or up to it; each a line higher than the one before."""
     begin, end = axis.get_xlim()
     late = start - begin > 0.5 * (end - begin)
-    axis.annotate(
-        text,
-        (start, 1.0),
-        xycoords=("data", "axes fraction"),
-        xytext=(-3 if late else 3, _ABOVE_PHASES + _LINE * line),
-        textcoords="offset points",
-        ha="right" if late else "left",
-        va="bottom",
-        fontsize=6.5,
-        color=VERMILLION,
-    )
+    offset, side = (-3 if late else 3, _ABOVE_PHASES + _LINE * line), "right" if late else "left"
+    look = {"ha": side, "va": "bottom", "fontsize": 6.5, "color": VERMILLION}
+    note(axis, text, (start, 1.0), offset, xycoords=("data", "axes fraction"), **look)

@@ -14,6 +14,7 @@ from uvms_ocp.errors import NameNotFound
 from uvms_ocp.record.meta_values import TaskMeta
 from uvms_ocp.record.record import Record, quantity
 from uvms_ocp.record.tables import column_names, column_units, unit_of
+from uvms_ocp.viz import style
 from uvms_ocp.viz.series import (
     axis_label,
     axis_names,
@@ -23,24 +24,6 @@ from uvms_ocp.viz.series import (
     task_gate,
     threshold_text,
     thresholds,
-)
-from uvms_ocp.viz.style import (
-    BLACK,
-    BLUE,
-    DASHES,
-    FADED,
-    GREEN,
-    LINES,
-    ORANGE,
-    VERMILLION,
-    heading_legend,
-    label_text,
-    legend_beside,
-    logarithmic,
-    mark_time,
-    stacked,
-    styled,
-    threshold,
 )
 
 # Figures of what the tasks measure: errors, misalignment, altitude ([Gao2022] figures 5-9).
@@ -56,14 +39,14 @@ _LOG_FLOOR = 1e-9  # [m, rad] below this an error is rounding
 
 
 @checked
-@styled
+@style.styled
 def figure_errors(record: Record, task: str = "PC") -> Figure | None:
     """Position and orientation error of the vehicle to its way point; faded while the task is off."""
     return _pose_error_figure(record, task, "Vehicle: error to the way point")
 
 
 @checked
-@styled
+@style.styled
 def figure_tool_error(record: Record, task: str | None = None) -> Figure | None:
     """Position and orientation error of the tool; faded while the task is off. `task` is the record's tool task."""
     name = task or record.meta.tool_task
@@ -71,38 +54,32 @@ def figure_tool_error(record: Record, task: str | None = None) -> Figure | None:
 
 
 def _pose_error_figure(record: Record, task: str, title: str) -> Figure | None:
-    rows = (
-        (f"{task}.position_error", "position error", BLUE),
-        (f"{task}.orientation_error", "orientation error", VERMILLION),
-    )
+    shown = (("position", style.BLUE), ("orientation", style.VERMILLION))
+    rows = [(f"{task}.{what}_error", f"{what} error", color) for what, color in shown]
     return _quantity_figure(record, rows, title, _logarithmic_panel)
 
 
 def _quantity_figure(
-    record: Record,
-    rows: Sequence[tuple[str, str, str]],
-    title: str,
-    panel: Callable[[Axes, Record, str, str], None],
+    record: Record, rows: Sequence[tuple[str, str, str]], title: str, panel: Callable[[Axes, Record, str, str], object]
 ) -> Figure | None:
     """One panel per row (quantity, label, colour) that the record has."""
     known = [row for row in rows if quantity(record, row[0]) is not None]
     if not known:
         return None
-    figure, axes = stacked(len(known), 1.75, title + estimate_suffix(record))
+    figure, axes = style.stacked(len(known), 1.75, title + estimate_suffix(record))
     for axis, (name, label, color) in zip(axes, known, strict=True):
         panel(axis, record, name, color)
         axis.set_ylabel(axis_label(label, name))
-    mark_time(axes, record)
-    heading_legend(
-        figure,
-        [Line2D([], [], color=BLACK, label="task active"), Line2D([], [], color=FADED, lw=0.9, label="task off")],
-    )
+    style.mark_time(axes, record)
+    active = Line2D([], [], color=style.BLACK, label="task active")
+    style.heading_legend(figure, [active, Line2D([], [], color=style.FADED, lw=0.9, label="task off")])
     return figure
 
 
 def _panel(axis: Axes, record: Record, name: str, color: str) -> np.ndarray:
     """Draw a quantity, faded while its task is off; returns its values (k,) while the task is on."""
-    values, on = _required(record, name), _task_on(record, name.rpartition(".")[0])
+    gate = task_gate(record, name.rpartition(".")[0])
+    values, on = _required(record, name), (np.ones(len(record), dtype=bool) if gate is None else gate > 0)
     axis.plot(record["t"], values, color=color, alpha=0.35, lw=0.9)
     axis.plot(record["t"], np.where(on, values, np.nan), color=color)
     _mark_thresholds(axis, record, name)
@@ -111,12 +88,7 @@ def _panel(axis: Axes, record: Record, name: str, color: str) -> np.ndarray:
 
 def _mark_thresholds(axis: Axes, record: Record, name: str) -> None:
     for limit in thresholds(record, name):
-        threshold(axis, limit, threshold_text(record, name, limit))
-
-
-def _task_on(record: Record, task: str) -> np.ndarray:
-    gate = task_gate(record, task)
-    return np.ones(len(record), dtype=bool) if gate is None else gate > 0
+        style.threshold(axis, limit, threshold_text(record, name, limit))
 
 
 def _logarithmic_panel(axis: Axes, record: Record, name: str, color: str) -> None:
@@ -126,7 +98,7 @@ def _logarithmic_panel(axis: Axes, record: Record, name: str, color: str) -> Non
         return
     active = _panel(axis, record, name, color)
     active = active[np.isfinite(active)]
-    logarithmic(axis)
+    style.logarithmic(axis)
     if len(active):
         lowest = min([*thresholds(record, name), float(np.percentile(active, 5)), float(active[-1])])
         axis.set_ylim(bottom=max(lowest, _LOG_FLOOR) / 2)
@@ -143,15 +115,15 @@ def _required(record: Record, name: str) -> np.ndarray:
 
 
 @checked
-@styled
+@style.styled
 def figure_misalignment(record: Record) -> Figure | None:
     """Angle between the vehicle's x axis and the horizontal direction to the target (AT), and tilt (HA)."""
-    rows = (("AT.misalignment", "misalignment", GREEN), ("HA.tilt", "tilt", ORANGE))
+    rows = (("AT.misalignment", "misalignment", style.GREEN), ("HA.tilt", "tilt", style.ORANGE))
     return _quantity_figure(record, rows, "Vehicle: alignment with the target, and tilt", _linear_panel)
 
 
 @checked
-@styled
+@style.styled
 def figure_altitude(record: Record) -> Figure | None:
     """Altitude above the floor with the thresholds on it, and a closer view of its end; `None` without an echo."""
     name = next((n for n in ("LA.altitude", "MAC.altitude") if np.isfinite(_required(record, n)).any()), None)
@@ -159,42 +131,40 @@ def figure_altitude(record: Record) -> Figure | None:
         return None
     t, altitude = record["t"], _required(record, name)
     altitude = np.where(np.isfinite(altitude), altitude, np.nan)
-    figure, axes = stacked(2, 1.75, "Altitude of the altimeter above the floor")
+    figure, axes = style.stacked(2, 1.75, "Altitude of the altimeter above the floor")
     near = 2.5 * max([*thresholds(record, name), float(np.nanmin(altitude))])
     for axis in axes:
-        axis.plot(t, altitude, color=BLUE, label="altitude")
+        axis.plot(t, altitude, color=style.BLUE, label="altitude")
         for limit in thresholds(record, name):
-            threshold(axis, limit, f"landed below {limit:g} m")
+            style.threshold(axis, limit, f"landed below {limit:g} m")
     lowest = int(np.nanargmin(altitude))
-    axes[1].plot(t[lowest], altitude[lowest], "v", color=VERMILLION, ms=5, label=f"lowest: {altitude[lowest]:.3f} m")
+    axes[1].plot(
+        t[lowest], altitude[lowest], "v", color=style.VERMILLION, ms=5, label=f"lowest: {altitude[lowest]:.3f} m"
+    )
     label = axis_label("altitude", name)
     axes[0].set(ylabel=label, ylim=(0, None))
     axes[1].set(ylabel=f"{label},\nnear the floor", ylim=(0, near))
     curve, *_, mark = axes[1].get_lines()
-    heading_legend(figure, [curve, mark])
-    mark_time(axes, record)
+    style.heading_legend(figure, [curve, mark])
+    style.mark_time(axes, record)
     return figure
 
 
 @checked
-@styled
+@style.styled
 def figure_quantities(record: Record) -> Figure | None:
     """Draw what the tasks measure and no other figure shows, own tasks included; `None` where there is nothing."""
     tasks = (record.meta.tool_task, "PC", "AT", "HA", "LA", "MAC")
     rows = [
-        (name, f"{label_text(name, 24)}\n", BLUE)
+        (name, f"{style.label_text(name, 24)}\n", style.BLUE)
         for name in record.meta.quantities
         if not (name.rpartition(".")[0] in tasks and name.rpartition(".")[2] in _ELSEWHERE)
     ]
-    return _quantity_figure(record, rows[:_MOST_PANELS], "Quantities of other tasks", _free_panel)
-
-
-def _free_panel(axis: Axes, record: Record, name: str, color: str) -> None:
-    _panel(axis, record, name, color)
+    return _quantity_figure(record, rows[:_MOST_PANELS], "Quantities of other tasks", _panel)
 
 
 @checked
-@styled
+@style.styled
 def figure_of(record: Record, name: str, *names: str) -> Figure:
     """One panel for each of the names: a quantity such as ``T.position_error``, a series such as ``thrust``, or a column ``q.z``.
 
@@ -203,18 +173,16 @@ def figure_of(record: Record, name: str, *names: str) -> Figure:
     require_rows(record)
     names = (name, *names)
     curves = [_curves(record, name) for name in names]
-    figure, axes = stacked(
-        len(names), 1.75, ", ".join(label_text(name) for name in names[:4]) + estimate_suffix(record)
-    )
+    title = ", ".join(style.label_text(name) for name in names[:4]) + estimate_suffix(record)
+    figure, axes = style.stacked(len(names), 1.75, title)
     for axis, one, (lines, unit) in zip(axes, names, curves, strict=True):
         for k, (label, values) in enumerate(lines.items()):
-            dash = DASHES[k // len(LINES) % len(DASHES)]
-            axis.plot(record["t"], values, color=LINES[k % len(LINES)], ls=dash, lw=1.1, label=label_text(label, 20))
+            axis.plot(record["t"], values, **style.line_style(k), lw=1.1, label=style.label_text(label, 20))
         _mark_thresholds(axis, record, one)
-        axis.set_ylabel(f"{label_text(one, 24)}\n[{unit}]")
+        axis.set_ylabel(f"{style.label_text(one, 24)}\n[{unit}]")
         if len(lines) > 1:
-            legend_beside(axis)
-    mark_time(axes, record, share=0.92 if any(len(lines) > 1 for lines, _ in curves) else 1.0)
+            style.legend_beside(axis)
+    style.mark_time(axes, record, share=0.92 if any(len(lines) > 1 for lines, _ in curves) else 1.0)
     return figure
 
 
@@ -224,10 +192,8 @@ def _curves(record: Record, name: str) -> tuple[dict[str, np.ndarray], str]:
     if name in record.meta.quantities or (name in names and record[name].ndim == 1):
         return {name: record[name]}, unit_of(name)
     if name in names:
-        columns = column_names(name, record[name].shape[1], record.meta)
-        return {
-            label.partition(".")[2]: column for label, column in zip(columns, record[name].T, strict=True)
-        }, unit_of(name)
+        labels = (label.partition(".")[2] for label in column_names(name, record[name].shape[1], record.meta))
+        return dict(zip(labels, record[name].T, strict=True)), unit_of(name)
     found = _columns(record, [key for key in names if record[key].ndim == _A_TABLE])
     if name not in found:
         of_series = (column for column, (series, _, _) in found.items() if series == name.partition(".")[0])
@@ -252,16 +218,16 @@ def _columns(record: Record, names: Sequence[str]) -> dict[str, tuple[str, int, 
 
 
 @checked
-@styled
+@style.styled
 def figure_activations(record: Record) -> Figure | None:
     """One small panel per task: activation of its rows (internal bell x phase) under the phase's own activation."""
     tasks = [task for task in record.meta.tasks if task_activity(record, task.name) is not None]
     if not tasks:
         return None
-    figure, axes = stacked(len(tasks), 0.56, "Activation of the tasks, highest priority on top")
+    figure, axes = style.stacked(len(tasks), 0.56, "Activation of the tasks, highest priority on top")
     for axis, task in zip(axes, tasks, strict=True):
         _activation_panel(axis, record, task)
-    mark_time(axes, record)
+    style.mark_time(axes, record)
     _legend(figure)
     return figure
 
@@ -270,41 +236,47 @@ def _activation_panel(axis: Axes, record: Record, task: TaskMeta) -> None:
     t, rows, gate = record["t"], task_activity(record, task.name), task_gate(record, task.name)
     if rows is None or gate is None:
         return
-    axis.fill_between(t, rows.max(axis=1, initial=0.0), color=BLUE, alpha=0.25, lw=0)
-    axis.plot(t, rows, color=BLUE, lw=0.8)
-    axis.plot(t, gate, color=VERMILLION, lw=0.9, ls="--")
-    axis.set(ylim=(-0.08, 1.12), yticks=(0, 1))
+    _draw_activation(axis, t, rows, gate)
     axis.grid(visible=False, axis="y")
-    axis.set_ylabel(label_text(task.name), rotation=0, ha="right", va="center", fontweight="bold")
+    axis.set_ylabel(style.label_text(task.name), rotation=0, ha="right", va="center", fontweight="bold")
     axis.annotate(
-        label_text(task.label), (1.008, 0.5), xycoords="axes fraction", va="center", fontsize=6.5, annotation_clip=False
+        style.label_text(task.label),
+        (1.008, 0.5),
+        xycoords="axes fraction",
+        va="center",
+        fontsize=6.5,
+        annotation_clip=False,
     )
 
 
 @checked
-@styled
+@style.styled
 def figure_row_activations(record: Record, task: str = "JL") -> Figure | None:
     """Activation of every row of a task, such as each joint of JL; `None` where the task has no level."""
     rows = task_activity(record, task)
     if rows is None or not rows.shape[1]:
         return None
-    figure, axes = stacked(rows.shape[1], 0.5, f"Activation of the rows of {label_text(task)}")
+    figure, axes = style.stacked(rows.shape[1], 0.5, f"Activation of the rows of {style.label_text(task)}")
     n = rows.shape[1]
     names = [task] if n == 1 and len(record.meta.joints) != 1 else axis_names(record, n)
     gate = task_gate(record, task)
     for axis, name, row in zip(axes, names, rows.T, strict=True):
-        axis.fill_between(record["t"], row, color=BLUE, alpha=0.25, lw=0)
-        axis.plot(record["t"], row, color=BLUE, lw=0.8)
-        if gate is not None:
-            axis.plot(record["t"], gate, color=VERMILLION, lw=0.9, ls="--")
-        axis.set(ylim=(-0.08, 1.12), yticks=(0, 1))
-        axis.set_ylabel(label_text(name), rotation=0, ha="right", va="center")
-    mark_time(axes, record)
+        _draw_activation(axis, record["t"], row[:, None], gate)
+        axis.set_ylabel(style.label_text(name), rotation=0, ha="right", va="center")
+    style.mark_time(axes, record)
     _legend(figure)
     return figure
 
 
+def _draw_activation(axis: Axes, t: np.ndarray, rows: np.ndarray, gate: np.ndarray | None) -> None:
+    axis.fill_between(t, rows.max(axis=1, initial=0.0), color=style.BLUE, alpha=0.25, lw=0)
+    axis.plot(t, rows, color=style.BLUE, lw=0.8)
+    if gate is not None:
+        axis.plot(t, gate, color=style.VERMILLION, lw=0.9, ls="--")
+    axis.set(ylim=(-0.08, 1.12), yticks=(0, 1))
+
+
 def _legend(figure: Figure) -> None:
     """Add the legend of the two lines of a panel of activations."""
-    rows = Line2D([], [], color=BLUE, lw=0.9, label="rows: own bell × phase")
-    heading_legend(figure, [rows, Line2D([], [], color=VERMILLION, lw=0.9, ls="--", label="phase")])
+    rows = Line2D([], [], color=style.BLUE, lw=0.9, label="rows: own bell × phase")
+    style.heading_legend(figure, [rows, Line2D([], [], color=style.VERMILLION, lw=0.9, ls="--", label="phase")])

@@ -46,12 +46,13 @@ def frames_of(record: Record, robot: Robot, fps: float) -> Frames:
     n = max(2, min(int(np.ceil(t[-1] * fps)) + 1, _MAX_POSES // robot.model.njoints))
     row = np.unique(np.searchsorted(t, np.linspace(0.0, t[-1], n) - 1e-9))
     data = robot.model.createData()
-    placements, tool, altimeter = [], [], []
+    placements, tool, altimeter = list[Any](), list[Any](), list[Any]()
     for q in record["q"][row]:
         pin.framesForwardKinematics(robot.model, data, q)
         placements.append([pin.SE3ToXYZQUAT(X) for X in data.oMi])
-        tool += [pin.SE3ToXYZQUAT(X) for X in _frame_pose(robot, data, "tool")]
-        altimeter += [pin.SE3ToXYZQUAT(X) for X in _frame_pose(robot, data, "altimeter")]
+        for name, poses in (("tool", tool), ("altimeter", altimeter)):
+            if robot.has_frame(name):
+                poses.append(pin.SE3ToXYZQUAT(data.oMf[robot.frame_id(name)]))
     return Frames(
         row=row,
         t=t[row],
@@ -59,11 +60,6 @@ def frames_of(record: Record, robot: Robot, fps: float) -> Frames:
         tool=np.array(tool)[:, :3] if tool else None,
         altimeter=np.array(altimeter) if altimeter else None,
     )
-
-
-def _frame_pose(robot: Robot, data: pin.Data, name: str) -> Iterator[pin.SE3]:
-    if robot.has_frame(name):
-        yield data.oMf[robot.frame_id(name)]
 
 
 def joint_node(model: pin.Model, joint: int) -> str:
@@ -97,10 +93,7 @@ def _clip(tracks: list[AnimationTrack], fps: float) -> AnimationClip:
 
 
 def _pose_tracks(time: np.ndarray, poses: np.ndarray) -> list[AnimationTrack]:
-    return [
-        _track("position", "vector3", time, poses[:, :3]),
-        _track("quaternion", "quaternion", time, poses[:, 3:]),
-    ]
+    return [_track("position", "vector3", time, poses[:, :3]), _track("quaternion", "quaternion", time, poses[:, 3:])]
 
 
 def _track(name: str, kind: str, time: np.ndarray, values: np.ndarray) -> AnimationTrack:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.record.record import Record, quantity
+from uvms_ocp.record.record import Record
 from uvms_ocp.record.tables import unit_of
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import Trust
@@ -29,11 +29,14 @@ def page_details(record: Record, robot: Robot, frames: Frames, centre: np.ndarra
     """JSON values for the page; centre (3,) [m] in W is the origin of its frame."""
     points, of_robot = _thinned(extent(record, frames)) - centre, robot_details(robot)
     far = np.linalg.norm(np.ptp(points, axis=0)) > _FAR * of_robot["size"]
+    # Height [m] of the plane around a floor that is not flat, or of the flat floor, in the frame of the page.
+    relief, plane = record.meta.surroundings.floor, record.meta.surroundings.floor_z
+    lowest = plane if relief is None else float(np.min(relief.z))
     return {
         "scenario": record.meta.scenario,
         "known": estimate_suffix(record).strip(),
         **_playback(float(frames.t[-1])),
-        "floor": _lowest_floor(record, centre),
+        "floor": None if lowest is None else float(lowest - centre[2]),
         "relief": _relief(record, centre),
         "labels": labels(record, centre),
         "points": points.tolist(),
@@ -60,23 +63,14 @@ def _playback(duration: float) -> dict[str, Any]:
     return {"duration": duration, "speed": next(fitting, _SPEEDS[-1]), "speeds": _SPEEDS}
 
 
-def _lowest_floor(record: Record, centre: np.ndarray) -> float | None:
-    """Height [m] of the plane around a floor that is not flat, or of the flat floor, in the frame of the page."""
-    relief, plane = record.meta.surroundings.floor, record.meta.surroundings.floor_z
-    lowest = plane if relief is None else float(np.min(relief.z))
-    return None if lowest is None else float(lowest - centre[2])
-
-
 def _relief(record: Record, centre: np.ndarray) -> dict[str, Any] | None:
     """The floor that is not flat, in the frame of the page."""
     relief = record.meta.surroundings.floor
     if relief is None:
         return None
     axes = {"x": relief.x, "y": relief.y, "z": relief.z}
-    values = {
-        axis: (np.array(points) - middle).round(3) for (axis, points), middle in zip(axes.items(), centre, strict=True)
-    }
-    return {axis: value.tolist() for axis, value in values.items()}
+    moved = zip(axes, axes.values(), centre, strict=True)
+    return {axis: (np.array(points) - middle).round(3).tolist() for axis, points, middle in moved}
 
 
 def _thinned(points: np.ndarray, limit: int = 400) -> np.ndarray:
@@ -128,14 +122,9 @@ def _row(label: str, colour: str, path: list[str]) -> dict[str, Any]:
 
 def readouts(record: Record, frames: Frames) -> dict[str, Any]:
     """JSON values: ``times`` (n,) [s] of the frames and a row for each quantity; `None` where it is not known."""
-    return {"times": frames.t.round(3).tolist(), "readouts": list(_rows(record, frames))}
-
-
-def _rows(record: Record, frames: Frames) -> Iterator[dict[str, Any]]:
-    for name in record.meta.quantities:
-        values = quantity(record, name)
-        if values is not None and np.isfinite(values).any():
-            yield readout(name, values[frames.row])
+    measured = {name: record["quantities"][:, k] for k, name in enumerate(record.meta.quantities)}
+    rows = [readout(name, values[frames.row]) for name, values in measured.items() if np.isfinite(values).any()]
+    return {"times": frames.t.round(3).tolist(), "readouts": rows}
 
 
 def readout(name: str, values: np.ndarray) -> dict[str, Any]:
@@ -159,16 +148,12 @@ def time_line(record: Record) -> dict[str, list[dict[str, Any]]]:
         ],
         "faults": [{"name": s.name, "ended": s.ended} | _from(s.start, s.end, start) for s in fault_spans(record)],
         "health": list(_unhealthy_intervals(record)),
-        "alarms": [{"t": a.t - start, "text": a.text} for a in _alarms(record)],
+        "alarms": [{"t": a.t - start, "text": a.text} for a in getattr(record.meta, "alarms", ())],
     }
 
 
 def _from(begin: float, end: float, start: float) -> dict[str, float]:
     return {"start": begin - start, "end": end - start}
-
-
-def _alarms(record: Record) -> tuple[Any, ...]:
-    return record.meta.alarms if record.meta.kind == "run" else ()
 
 
 def _unhealthy_intervals(record: Record) -> Iterator[dict[str, Any]]:

@@ -21,7 +21,6 @@ from pathlib import Path
 from threading import BoundedSemaphore, Thread
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import umsgpack  # type: ignore[import-untyped]
 
 from uvms_ocp.checks import checked
@@ -29,7 +28,7 @@ from uvms_ocp.errors import InvalidInput, OutputError, plain_line
 from uvms_ocp.types import AtLeastOne, Positive
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Browser
 
 # The parts of meshcat that scenes use, imported without the deprecation warning that its unused server raises.
 
@@ -43,17 +42,6 @@ with warnings.catch_warnings():
     from meshcat.commands import SetAnimation as SetAnimation
     from meshcat.path import Path as ScenePath
     from meshcat.visualizer import Visualizer as Visualizer
-
-__all__ = [
-    "Animation",
-    "AnimationClip",
-    "AnimationTrack",
-    "ScenePath",
-    "SetAnimation",
-    "Visualizer",
-    "geometry",
-    "viewer_assets_path",
-]
 
 
 # A meshcat scene without meshcat's server: commands are collected here and packed into one HTML page.
@@ -328,18 +316,10 @@ def write_frames(
             raise InvalidInput(f"fps = {fps:g} for {duration:g} s; give fewer than {_MOST_FRAMES} pictures")
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            return tuple(_picture(sheet, t, folder / f"{k:05d}.png") for k, t in enumerate(_times(duration, fps)))
+            paths = [folder / f"{k:05d}.png" for k in range(int(duration * fps) + 1)]
+            for k, path in enumerate(paths):
+                sheet.evaluate(_AT, k / fps)
+                sheet.screenshot(path=path)
+            return tuple(paths)
         except OSError as error:
             raise OutputError(f"{folder}: cannot be written ({error}); choose another folder") from error
-
-
-def _times(duration: float, fps: float) -> list[float]:
-    times: list[float] = (np.arange(int(duration * fps) + 1) / fps).tolist()
-    return times
-
-
-def _picture(sheet: Page, t: float, path: Path) -> Path:
-    """Save the picture of the page at t [s]."""
-    sheet.evaluate(_AT, t)
-    sheet.screenshot(path=path)
-    return path

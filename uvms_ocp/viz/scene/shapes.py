@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from types import MappingProxyType
+from collections.abc import Iterator
 from typing import Any
 
 import coal
@@ -51,67 +50,24 @@ def draw_shape(node: Visualizer, shape: coal.CollisionGeometry, rgba: np.ndarray
     return bool(parts)
 
 
-def _parts(shape: coal.CollisionGeometry) -> Iterator[Part]:
-    for kind, build in _BUILDERS.items():
-        if isinstance(shape, kind):
-            yield from build(shape)
-            return
-
-
-def _box(shape: coal.Box) -> Iterator[Part]:
-    yield mg.Box((2 * shape.halfSide).tolist()), np.eye(4)
-
-
-def _sphere(shape: coal.Sphere) -> Iterator[Part]:
-    yield mg.Sphere(shape.radius), np.eye(4)
-
-
-def _ellipsoid(shape: coal.Ellipsoid) -> Iterator[Part]:
-    yield mg.Sphere(1.0), np.diag([*shape.radii, 1.0])
-
-
-def _cylinder(shape: coal.Cylinder) -> Iterator[Part]:
-    yield mg.Cylinder(2 * shape.halfLength, shape.radius), Y_TO_Z
-
-
-def _cone(shape: coal.Cone) -> Iterator[Part]:
-    yield mg.Cylinder(2 * shape.halfLength, radiusTop=0.0, radiusBottom=shape.radius), Y_TO_Z
-
-
-def _capsule(shape: coal.Capsule) -> Iterator[Part]:
-    yield mg.Cylinder(2 * shape.halfLength, shape.radius), Y_TO_Z
-    for end in (-shape.halfLength, shape.halfLength):
-        yield mg.Sphere(shape.radius), shifted(np.array([0.0, 0.0, end]))
-
-
-def _mesh(shape: coal.BVHModelBase) -> Iterator[Part]:
-    faces = [_corners(shape.tri_indices(k)) for k in range(shape.num_tris)]
-    yield mg.TriangularMeshGeometry(shape.vertices(), faces), np.eye(4)
-
-
-def _convex(shape: coal.ConvexBase) -> Iterator[Part]:
-    """Coal gives the corners only."""
-    points = shape.points()
-    yield mg.TriangularMeshGeometry(points, ConvexHull(points).simplices), np.eye(4)
-
-
-def _corners(triangle: coal.Triangle) -> list[int]:
-    """Coal's triangles can be indexed but not iterated over."""
-    return [triangle[i] for i in range(3)]
-
-
-_BUILDERS: Mapping[type, Callable[[Any], Iterator[Part]]] = MappingProxyType(
-    {
-        coal.Box: _box,
-        coal.Sphere: _sphere,
-        coal.Ellipsoid: _ellipsoid,
-        coal.Cylinder: _cylinder,
-        coal.Cone: _cone,
-        coal.Capsule: _capsule,
-        coal.BVHModelBase: _mesh,
-        coal.ConvexBase: _convex,
-    }
-)
+def _parts(shape: Any) -> Iterator[Part]:
+    if isinstance(shape, coal.Box):
+        yield mg.Box((2 * shape.halfSide).tolist()), np.eye(4)
+    elif isinstance(shape, coal.Ellipsoid):
+        yield mg.Sphere(1.0), np.diag([*shape.radii, 1.0])
+    elif isinstance(shape, coal.Cone):
+        yield mg.Cylinder(2 * shape.halfLength, radiusTop=0.0, radiusBottom=shape.radius), Y_TO_Z
+    elif isinstance(shape, coal.BVHModelBase):
+        triangles = map(shape.tri_indices, range(shape.num_tris))  # which can be indexed but not iterated over
+        faces = [[triangle[i] for i in range(3)] for triangle in triangles]
+        yield mg.TriangularMeshGeometry(shape.vertices(), faces), np.eye(4)
+    elif isinstance(shape, coal.ConvexBase):  # of which coal gives the corners only
+        yield mg.TriangularMeshGeometry(shape.points(), ConvexHull(shape.points()).simplices), np.eye(4)
+    if isinstance(shape, coal.Cylinder | coal.Capsule):
+        yield mg.Cylinder(2 * shape.halfLength, shape.radius), Y_TO_Z
+    if isinstance(shape, coal.Sphere | coal.Capsule):
+        for end in (0.0,) if isinstance(shape, coal.Sphere) else (-shape.halfLength, shape.halfLength):
+            yield mg.Sphere(shape.radius), shifted(np.array([0.0, 0.0, end]))
 
 
 def shifted(position: np.ndarray) -> np.ndarray:

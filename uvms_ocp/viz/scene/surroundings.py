@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -55,18 +56,15 @@ def draw_trails(
     paths = {"vehicle": (frames.placements[:, 1, :3] if robot.n_vehicle else None, 0.018), "tool": (frames.tool, 0.011)}
     trails = []
     for rgb, (name, (points, radius)) in zip(colours, paths.items(), strict=True):
-        kept = None if points is None else _spaced(points)
-        if points is not None and kept is not None and len(kept) > 2:
+        if points is None:
+            continue
+        travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+        kept = np.unique(travelled // _TRAIL_STEP, return_index=True)[1]
+        if len(kept) > 2:
             node[name].set_object(tube(points[kept], radius), glow(rgb, 1.0))
             path = node[name].path.lower().strip("/").split("/")
             trails.append({"name": name, "path": path, "colour": hex_of(rgb), "t": frames.t[kept].round(3).tolist()})
     return trails
-
-
-def _spaced(points: np.ndarray) -> np.ndarray:
-    """Indices of points at least a step apart."""
-    travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    return np.unique(travelled // _TRAIL_STEP, return_index=True)[1]
 
 
 def draw_goals(node: Visualizer, record: Record) -> None:
@@ -77,7 +75,9 @@ def draw_goals(node: Visualizer, record: Record) -> None:
         own.set_transform(shifted(point))
         floor = floor_heights(record, point[None, :2])
         if floor is not None and point[2] - floor[0] > 0.2:
-            _draw_plumb(own["plumb"], point[2] - floor[0], rgb)
+            height = point[2] - floor[0]
+            own["plumb"]["rod"].set_object(mg.Box([0.012, 0.012, height]), glow(rgb, 0.5))
+            own["plumb"].set_transform(shifted(np.array([0.0, 0.0, -height / 2])))
     for i, frame in enumerate(record.meta.surroundings.frames):
         own = node[f"frame {i}"]
         draw_triad(own, 0.35)
@@ -107,12 +107,6 @@ def draw_obstacles(node: Visualizer, record: Record) -> None:
         item, own = build_obstacle(data), node[f"{i:03d}"]
         draw_shape(own["shape"], item.shape, _OBSTACLE)
         own.set_transform(item.X_WO.homogeneous)
-
-
-def _draw_plumb(node: Visualizer, height: float, rgb: tuple[float, ...]) -> None:
-    """A thin rod down to the floor, which gives depth to a marker in mid-water."""
-    node["rod"].set_object(mg.Box([0.012, 0.012, height]), glow(rgb, 0.5))
-    node.set_transform(shifted(np.array([0.0, 0.0, -height / 2])))
 
 
 # Arrows of what pushes the vehicle, in its own frame: thrust, contact with the floor, the current, the disturbance.
@@ -160,19 +154,12 @@ def _group(kind: ArrowKind, arrows: list[Arrow], norms: np.ndarray, length: floa
     """The values of a group; norms (n_arrows, n) [its unit], length [m] of a usual one."""
     usual = max(float(np.percentile(norms.max(axis=0), _USUAL)), _LEAST)
     return {
-        "label": kind.label,
-        "unit": kind.unit,
-        "colour": kind.colour,
-        "shown": kind.shown,
+        **{name: getattr(kind, name) for name in ("label", "unit", "colour", "shown")},
         "largest": float(norms.max()),
         "scale": length / usual,
         "longest": length * _MOST,
-        "arrows": [_arrow_data(*arrow) for arrow in arrows],
+        "arrows": [{"at": rounded(at), "vectors": rounded(vectors)} for at, vectors in arrows],
     }
-
-
-def _arrow_data(at: np.ndarray, vectors: np.ndarray) -> dict[str, Any]:
-    return {"at": rounded(at), "vectors": rounded(vectors)}
 
 
 def _thrust(thrust: np.ndarray, robot: Robot, frames: Frames, size: float) -> Iterator[Arrow]:
@@ -193,12 +180,8 @@ def _current(velocity: np.ndarray, robot: Robot, frames: Frames, size: float) ->
     yield np.array([0.0, 0.0, 0.75 * size]), _in_vehicle(velocity, frames)
 
 
-def _force(disturbance: np.ndarray, robot: Robot, frames: Frames, size: float) -> Iterator[Arrow]:
-    yield np.zeros(3), disturbance[:, :3]
-
-
-def _moment(disturbance: np.ndarray, robot: Robot, frames: Frames, size: float) -> Iterator[Arrow]:
-    yield np.zeros(3), disturbance[:, 3:6]
+def _disturbance(first: int, values: np.ndarray, *_: object) -> Iterator[Arrow]:
+    yield np.zeros(3), values[:, first : first + 3]
 
 
 def _in_vehicle(vectors: np.ndarray, frames: Frames) -> np.ndarray:
@@ -211,15 +194,12 @@ _KINDS = (
     ArrowKind(label="thrust", unit="N", colour="#b8f23c", share=0.55, series="thrust", draw=_thrust),
     ArrowKind(label="contact with the floor", unit="N", colour="#ff6b5e", share=0.5, series="contact", draw=_contact),
     ArrowKind(label="current", unit="m/s", colour="#63e6ff", share=0.7, series="current", draw=_current),
-    ArrowKind(label="disturbance, force", unit="N", colour="#ff7ad9", share=0.8, series="disturbance", draw=_force),
-    ArrowKind(
-        label="disturbance, moment",
-        unit="N m",
-        colour="#c9a0ff",
-        share=0.6,
-        series="disturbance",
-        draw=_moment,
-        shown=False,
+    *(
+        ArrowKind(label=f"disturbance, {what}", unit=unit, colour=colour, share=share, series="disturbance", **more)
+        for what, unit, colour, share, more in (
+            ("force", "N", "#ff7ad9", 0.8, {"draw": partial(_disturbance, 0)}),
+            ("moment", "N m", "#c9a0ff", 0.6, {"draw": partial(_disturbance, 3), "shown": False}),
+        )
     ),
 )
 
