@@ -11,20 +11,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from uvms_ocp.campaign import jobs
 from uvms_ocp.campaign.cluster import Progress, Workers, run_jobs
 from uvms_ocp.campaign.code_source import CodeSource
 from uvms_ocp.campaign.distributions import Design
-from uvms_ocp.campaign.jobs import (
-    COMPLETED,
-    ERROR,
-    METRICS,
-    CampaignJob,
-    Row,
-    RunResult,
-    describe,
-    failed_row,
-    run_metrics,
-)
 from uvms_ocp.campaign.store import SOURCES, CampaignManifest, read_manifest, read_table, types_of
 from uvms_ocp.campaign.variations import Variation, quantiles, require_available, vary
 from uvms_ocp.checks import checked
@@ -43,7 +33,7 @@ KEPT = ("none", "failures", "all")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class MissionJob(CampaignJob):
+class MissionJob(jobs.CampaignJob):
     """Goes to workers. Raises `NameNotFound` for unknown `records`."""
 
     scenario: CodeSource | Callable[[], Scenario]
@@ -60,14 +50,14 @@ class MissionJob(CampaignJob):
     def __post_init__(self) -> None:
         if self.records not in KEPT:
             raise NameNotFound("choice of records", self.records, KEPT)
-        own = {"seed": int, **dict.fromkeys(self.names, float), **dict.fromkeys(METRICS, float), "finished": bool}
+        own = {"seed": int, **dict.fromkeys(self.names, float), **dict.fromkeys(jobs.METRICS, float), "finished": bool}
         object.__setattr__(self, "_columns", own)
 
     @property
     def columns(self) -> Mapping[str, type]:
         return self._columns
 
-    def head(self, run: int) -> Row:
+    def head(self, run: int) -> jobs.Row:
         """Seed and values of the parameters of a run."""
         return {"seed": self.design.seed_of(run), **self.values(run)}
 
@@ -83,24 +73,24 @@ class MissionJob(CampaignJob):
         """The scenario that is varied."""
         return _made(self.scenario)
 
-    def make(self, run: int) -> RunResult:
+    def make(self, run: int) -> jobs.RunResult:
         """The row of a run, and its record where that is to be kept."""
         scenario = self.scenario_of(run)
         record = scenario.run()
         try:
             return self._result(run, scenario, record)
         except Exception as error:  # what was simulated is not lost by what is made of it
-            row = failed_row(self, run, ERROR, describe(error))
-            return RunResult(row=row, attachment=b"" if self.records == "none" else _packed(record))
+            row = jobs.failed_row(self, run, jobs.ERROR, jobs.describe(error))
+            return jobs.RunResult(row=row, attachment=b"" if self.records == "none" else _packed(record))
 
-    def _result(self, run: int, scenario: Scenario, record: Record) -> RunResult:
+    def _result(self, run: int, scenario: Scenario, record: Record) -> jobs.RunResult:
         cause = cause_of_end(record)
-        success = cause["kind"] == COMPLETED
+        success = cause["kind"] == jobs.COMPLETED
         ending = {"outcome": cause["kind"], "success": success, "cause": cause["text"]}
         ending |= {"finished": record.run_meta.completed}
         keep = self.records == "all" or (self.records == "failures" and not success)
-        row = {**self.head(run), **run_metrics(scenario, record), **ending}
-        return RunResult(row=row, attachment=_packed(record) if keep else b"")
+        row = {**self.head(run), **jobs.run_metrics(scenario, record), **ending}
+        return jobs.RunResult(row=row, attachment=_packed(record) if keep else b"")
 
     def _variations(self) -> Sequence[Variation]:
         return built(self.variations)
@@ -127,6 +117,7 @@ def _packed(record: Record) -> bytes:
 # A campaign as a value: a mission, what is uncertain about it, and how many runs of it.
 
 _MOST_RUNS = 10_000_000
+_NUMBERS = ("runs", "seed", "sampler", "records")  # fields of a campaign that its folder keeps as they are
 
 
 @checked
@@ -158,7 +149,9 @@ class Campaign(FieldTable):
             raise InvalidInput(f"{self.runs:,} runs; give at most {_MOST_RUNS:,}")
         scenario = _gathered(self.scenario, self.options, "scenario")
         variations = _gathered(self.variations, {}, "variations")
-        values = _checked_values(built(variations))
+        values: Any = built(variations)
+        if not isinstance(values, Sequence) or not all(isinstance(value, Variation) for value in values):
+            raise InvalidInput(f"variations = {str(values)[:80]}; give a list of Variation values")
         design = Design(sampler=self.sampler, runs=self.runs, parameters=len(values), seed=self.seed)
         names = tuple(variation.name for variation in values)
         work = MissionJob(scenario=scenario, variations=variations, names=names, design=design, records=self.records)
@@ -182,16 +175,8 @@ class Campaign(FieldTable):
         Raises `InvalidInput` where another campaign is in the folder, `OutputError` where it cannot be written, and
         `NotInstalled` without the extra ``uvms-ocp[campaign]``.
         """
-        run_jobs(
-            out,
-            self.identity(),
-            self.work,
-            sources=self.sources(),
-            workers=workers,
-            scheduler=scheduler,
-            limit=time_limit,
-            progress=progress,
-        )
+        where: dict[str, Any] = {"workers": workers, "scheduler": scheduler}
+        run_jobs(out, self.identity(), self.work, self.sources(), **where, limit=time_limit, progress=progress)
         return read_table(out)
 
     def scenario_of(self, run: Count) -> Scenario:
@@ -205,14 +190,11 @@ class Campaign(FieldTable):
         return CampaignManifest(
             name=_title(self.work.scenario),
             package=__version__,
-            runs=self.runs,
-            seed=self.seed,
-            sampler=self.sampler,
             parameters={variation.name: str(variation).partition(": ")[2] for variation in values},
             columns=types_of(self.work),
             scenario=_identity(self.work.scenario),
             variations=_identity(self.work.variations),
-            records=self.records,
+            **{name: getattr(self, name) for name in _NUMBERS},
         )
 
     def sources(self) -> dict[str, bytes]:
@@ -234,22 +216,17 @@ def kept_campaign(folder: Path) -> Campaign:
     which is not kept.
     """
     known = read_manifest(folder)
-    if "words" not in known.scenario:
-        raise InvalidInput(
-            f"{folder}: its scenario was a function in Python, which is not kept; use Campaign.scenario_of there"
-        )
     variations: Any = known.variations
-    if variations.get("values", ()):
-        raise InvalidInput(
-            f"{folder}: its variations were values in Python, which are not kept; use Campaign.scenario_of there"
+    if "words" not in known.scenario or variations.get("values", ()):
+        scenario = "words" not in known.scenario
+        what = (
+            "scenario was a function in Python, which is" if scenario else "variations were values in Python, which are"
         )
+        raise InvalidInput(f"{folder}: its {what} not kept; use Campaign.scenario_of there")
     return Campaign(
         scenario=CodeSource.restored(known.scenario, folder / SOURCES / "scenario"),
         variations=CodeSource.restored(variations, folder / SOURCES / "variations") if "words" in variations else (),
-        runs=known.runs,
-        seed=known.seed,
-        sampler=known.sampler,
-        records=known.records,
+        **{name: getattr(known, name) for name in _NUMBERS},
     )
 
 
@@ -263,31 +240,19 @@ def _gathered(given: Any, options: Mapping[str, Any], attribute: str) -> Any:
     return CodeSource.gathered(given, options, attribute) if isinstance(given, str) else given
 
 
-def _checked_values(values: Any) -> Sequence[Variation]:
-    if not isinstance(values, Sequence) or not all(isinstance(value, Variation) for value in values):
-        raise InvalidInput(f"variations = {str(values)[:80]}; give a list of Variation values")
-    return values
-
-
 def _identity(source: Any) -> dict[str, Any]:
     if isinstance(source, CodeSource):
         return source.identity()
     if callable(source):
-        return {"function": _title(source), "sha256": _digest(source)}
+        try:
+            text = inspect.getsource(source)
+        except (OSError, TypeError):
+            text = repr(type(source))
+        return {"function": _title(source), "sha256": hashlib.sha256(text.encode()).hexdigest()}
     return {"values": [str(value) for value in source]}
 
 
 def _title(source: Any) -> str:
-    return (
-        Path(source.words).name
-        if isinstance(source, CodeSource)
-        else getattr(source, "__qualname__", type(source).__name__)
-    )
-
-
-def _digest(function: Any) -> str:
-    try:
-        text = inspect.getsource(function)
-    except (OSError, TypeError):
-        text = repr(type(function))
-    return hashlib.sha256(text.encode()).hexdigest()
+    if isinstance(source, CodeSource):
+        return Path(source.words).name
+    return str(getattr(source, "__qualname__", type(source).__name__))

@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from uvms_ocp.campaign.jobs import CampaignJob
-from uvms_ocp.campaign.store import CampaignFolder, CampaignManifest, arrow, opened
+from uvms_ocp.campaign.store import CampaignManifest, arrow, opened
 from uvms_ocp.codegen.compile import warn_if_slower
 from uvms_ocp.errors import InvalidInput, NotInstalled, OutputError
 from uvms_ocp.types import Range
@@ -118,8 +118,8 @@ def run_jobs(
     out: Path,
     identity: CampaignManifest,
     work: CampaignJob,
-    *,
     sources: Mapping[str, bytes] | None = None,
+    *,
     workers: int | None = None,
     scheduler: str | None = None,
     limit: float = math.inf,
@@ -135,7 +135,11 @@ def run_jobs(
         # Nobody at the address is found out before there is a folder.
         client = None if scheduler is None else held.enter_context(connected(scheduler, workers))
         folder = held.enter_context(opened(out, identity, sources or {}))
-        report_progress = _progress_reporter(folder, progress)
+
+        def report_progress() -> None:
+            if progress is not None:
+                progress(int(np.sum(folder.finished)), folder.failed, len(folder.finished))
+
         report_progress()
         if len(folder.left):
             from uvms_ocp.campaign.dispatch import Dispatch  # with Dask, which takes a second
@@ -145,11 +149,3 @@ def run_jobs(
                 client = held.enter_context(connected(None, workers))
             dispatch = Dispatch(client, work, folder, limit=limit, exclusive=scheduler is None)
             dispatch.run(folder.left.tolist(), report_progress)
-
-
-def _progress_reporter(folder: CampaignFolder, progress: Progress | None) -> Callable[[], None]:
-    def report_progress() -> None:
-        if progress is not None:
-            progress(int(np.sum(folder.finished)), folder.failed, len(folder.finished))
-
-    return report_progress

@@ -107,16 +107,13 @@ class Dispatch:
             self._stop()
 
     def _fill(self, todo: Any) -> None:
-        threads = max(1, sum(self._client.nthreads().values()) if len(self._running) == 0 else self._threads())
+        workers = self._client.scheduler_info(n_workers=-1)["workers"].values() if self._running else ()
+        counts = [worker["nthreads"] for worker in workers] if self._running else self._client.nthreads().values()
+        threads = max(1, sum(counts))
         while len(self._running) < _AHEAD * threads and (chunk := self._next(todo)):
             self._send(chunk)
         if self._suspects and not self._running:
             self._send([self._suspects.popleft()])  # with nothing beside it
-
-    def _threads(self) -> int:
-        return max(
-            1, sum(worker["nthreads"] for worker in self._client.scheduler_info(n_workers=-1)["workers"].values())
-        )
 
     def _next(self, todo: Any) -> list[int]:
         """Runs of the next task: those under suspicion one by one, others together as far as they are short."""
@@ -161,15 +158,12 @@ class Dispatch:
         for future, found in self._client.gather(whole, errors="skip").items():
             if found is not None:  # else its worker has gone since, and with it the rows
                 for done in found:
-                    self._keep(done)
+                    self._wall, self._made = self._wall + float(done.row["wall_s"] or 0.0), self._made + 1
+                    self._folder.add(done)
                 self._running.pop(future)
         for future in futures:
             if future in self._running:
                 self._judge(future, self._running.pop(future))
-
-    def _keep(self, done: RunResult) -> None:
-        self._wall, self._made = self._wall + float(done.row["wall_s"] or 0.0), self._made + 1
-        self._folder.add(done)
 
     def _judge(self, future: Any, chunk: Sequence[int]) -> None:
         """A task that gave no rows: several runs are tried one by one, one that ended its processes is a row."""

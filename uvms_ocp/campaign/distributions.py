@@ -23,7 +23,7 @@ from uvms_ocp.types import Finite, Positive, Range
 # One number of a scenario that can be set.
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class Parameter:
     """Parameter of a scenario: name, unit, meaning, and how a value is applied."""
 
@@ -197,8 +197,16 @@ class Design:
     def __post_init__(self) -> None:
         if self.sampler not in SAMPLERS:
             raise NameNotFound("sampler", self.sampler, SAMPLERS)
-        if self.sampler == "indices":
-            self._require_blocks()
+        if self.sampler != "indices":
+            return
+        block = self.parameters + 2
+        if self.parameters < 2:
+            raise InvalidInput(f"the sampler indices with {self.parameters} parameters; give 2 or more to compare")
+        base = self.runs // block
+        if base < 2 or base * block != self.runs or base & (base - 1):
+            near = 2 ** max(1, round(np.log2(max(self.runs / block, 2))))
+            allowed = f"a power of 2 times {block}, the parameters and 2 more, such as {near * block}"
+            raise InvalidInput(f"{self.runs} runs with the sampler indices; give {allowed}")
 
     def row(self, run: int) -> np.ndarray:
         """Numbers (parameters,) of a run, from 0 to 1. Raises `NotInstalled` for indices without SALib."""
@@ -215,16 +223,6 @@ class Design:
     def _entropy(self, run: int, stream: int) -> np.random.SeedSequence:
         return np.random.SeedSequence(self.seed, spawn_key=(run, stream))
 
-    def _require_blocks(self) -> None:
-        block = self.parameters + 2
-        if self.parameters < 2:
-            raise InvalidInput(f"the sampler indices with {self.parameters} parameters; give 2 or more to compare")
-        base = self.runs // block
-        if base < 2 or base * block != self.runs or base & (base - 1):
-            near = 2 ** max(1, round(np.log2(max(self.runs / block, 2))))
-            allowed = f"a power of 2 times {block}, the parameters and 2 more, such as {near * block}"
-            raise InvalidInput(f"{self.runs} runs with the sampler indices; give {allowed}")
-
 
 @lru_cache(maxsize=4)
 def _table(design: Design) -> Any:
@@ -232,22 +230,18 @@ def _table(design: Design) -> Any:
     from scipy.stats import qmc
 
     if design.sampler == "indices":
-        return _indices(design)
+        try:
+            from SALib.sample import sobol
+        except ImportError:
+            raise NotInstalled("the sampler indices", '"uvms-ocp[campaign]"') from None
+        problem = problem_of([f"x{k}" for k in range(design.parameters)])
+        base = design.runs // (design.parameters + 2)
+        return sobol.sample(problem, base, calc_second_order=False, seed=design.seed)
     if design.sampler == "latin":
         return qmc.LatinHypercube(design.parameters, rng=design.seed).random(design.runs)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="The balance properties")  # any number of runs is allowed
         return qmc.Sobol(design.parameters, rng=design.seed).random(design.runs)
-
-
-def _indices(design: Design) -> Any:
-    problem = problem_of([f"x{k}" for k in range(design.parameters)])
-    try:
-        from SALib.sample import sobol
-    except ImportError:
-        raise NotInstalled("the sampler indices", '"uvms-ocp[campaign]"') from None
-    base = design.runs // (design.parameters + 2)
-    return sobol.sample(problem, base, calc_second_order=False, seed=design.seed)
 
 
 def problem_of(names: list[str]) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Bound:
+class MetricBound:
     """A figure of merit that must stay on one side of a number."""
 
     merit: str
@@ -39,12 +39,12 @@ class Bound:
         return f"{self.merit} {self.sign} {self.limit:g}"
 
 
-def parse_bounds(texts: Sequence[str]) -> tuple[Bound, ...]:
+def parse_bounds(texts: Sequence[str]) -> tuple[MetricBound, ...]:
     """Parse texts such as ``tool_position_error_m<0.01``. Raises `InvalidInput` or, for an unknown figure, `NameNotFound`."""
     return tuple(map(_parse, texts))
 
 
-def _parse(text: str) -> Bound:
+def _parse(text: str) -> MetricBound:
     found = re.fullmatch(r"\s*(\w+)\s*([<>])\s*([-+.\deE]+)\s*", text)
     try:
         name, sign, limit = found.groups() if found else ("", "", "")
@@ -55,10 +55,10 @@ def _parse(text: str) -> Bound:
         ) from None
     if name not in METRICS:
         raise NameNotFound("figure of merit", name, METRICS)
-    return Bound(merit=name, sign=sign, limit=value)
+    return MetricBound(merit=name, sign=sign, limit=value)
 
 
-def judged(table: Any, bounds: Sequence[Bound]) -> Any:
+def judged(table: Any, bounds: Sequence[MetricBound]) -> Any:
     """The table with `success`, and `outcome` of what finished without it, by these bounds; as it is without any."""
     if not bounds:
         return table
@@ -71,7 +71,7 @@ def judged(table: Any, bounds: Sequence[Bound]) -> Any:
     return table.assign(success=success, outcome=outcome, cause=np.where(missed, outcome, table["cause"]))
 
 
-def _missed(bounds: Sequence[Bound], kept: np.ndarray) -> str:
+def _missed(bounds: Sequence[MetricBound], kept: np.ndarray) -> str:
     return "not " + ", not ".join(str(bound) for bound, good in zip(bounds, kept, strict=True) if not good)
 
 
@@ -85,7 +85,7 @@ _FINISHED_WORSE = ("tool_position_error_m", "duration_s")  # by which runs are c
 
 
 @checked
-def campaign_report(folder: Path, success: Sequence[Bound] = ()) -> dict[str, Any]:
+def campaign_report(folder: Path, success: Sequence[MetricBound] = ()) -> dict[str, Any]:
     """Report on the finished runs of the campaign in a folder, as JSON values.
 
     success: bounds that a run has to keep, in place of what the mission itself counts. Raises `InvalidInput` where there is no
@@ -94,7 +94,7 @@ def campaign_report(folder: Path, success: Sequence[Bound] = ()) -> dict[str, An
     return report_of(folder, table_with_success(folder, success), success)
 
 
-def report_of(folder: Path, table: Any, success: Sequence[Bound]) -> dict[str, Any]:
+def report_of(folder: Path, table: Any, success: Sequence[MetricBound]) -> dict[str, Any]:
     """`campaign_report` of the `table_with_success` of that folder."""
     identity, rate = read_manifest(folder), Rate(number=int(table["success"].sum()), runs=len(table))
     return {
@@ -122,7 +122,7 @@ def report_of(folder: Path, table: Any, success: Sequence[Bound]) -> dict[str, A
     }
 
 
-def table_with_success(folder: Path, success: Sequence[Bound] = ()) -> Any:
+def table_with_success(folder: Path, success: Sequence[MetricBound] = ()) -> Any:
     """Return all finished runs with their success. Raises `InvalidInput` where there are none."""
     table = read_table(folder)
     if not len(table):
@@ -132,23 +132,23 @@ def table_with_success(folder: Path, success: Sequence[Bound] = ()) -> Any:
 
 def worst_runs(table: Any, folder: Path) -> list[dict[str, Any]]:
     """Ten rows in the order of `WORST_FIRST`, each with the command that repeats it."""
-    keys = [np.nan_to_num(metric_values(table, name), nan=np.inf) for name in reversed(_FINISHED_WORSE)]
+    merits = np.array([metric_values(table, name) for name in _FINISHED_WORSE]).T
+    keys = list(np.nan_to_num(merits, nan=np.inf).T[::-1])
     order = np.lexsort([-key for key in keys] + [table["success"].to_numpy(dtype=bool)])[:_WORST]
-    rows = table.iloc[order]
+    rows, merits = table.iloc[order], merits[order]
     return [
         {
             "run": int(row["run"]),
             "outcome": row["outcome"],
             "cause": row["cause"] or "",
-            **{name: _number(row[name]) for name in _FINISHED_WORSE},
+            **{
+                name: None if np.isnan(metric) else float(metric)
+                for name, metric in zip(_FINISHED_WORSE, own, strict=True)
+            },
             "repeat": f"uvms-ocp campaign {shlex.quote(str(folder))} --rerun {row['run']}",
         }
-        for _, row in rows.iterrows()
+        for (_, row), own in zip(rows.iterrows(), merits, strict=True)
     ]
-
-
-def _number(value: Any) -> float | None:
-    return float(value) if value == value and value is not None else None
 
 
 # Two campaigns side by side; where they drew the same, run by run.
@@ -158,7 +158,7 @@ _MOST = 20  # runs that are named
 
 
 @checked
-def compare_campaigns(first: Path, second: Path, success: Sequence[Bound] = ()) -> dict[str, Any]:
+def compare_campaigns(first: Path, second: Path, success: Sequence[MetricBound] = ()) -> dict[str, Any]:
     """Success and figures of both campaigns, as JSON values.
 
     Of campaigns with the same seed, sampler, number of runs and parameters runs of the same number are pairs: then only those

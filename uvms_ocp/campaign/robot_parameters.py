@@ -44,24 +44,25 @@ def machine_parameters(scenario: Scenario) -> Iterator[Parameter]:
     meaning = f"of water that something without mass displaces at {carrier}"
     yield _of_robot("payload.volume", "m3", meaning, partial(_carrying, carrier, "volume"))
     if robot.description.thrusters:
-        yield _of_robot("thrusters.limit", "-", "factor of the thrust limits of all thrusters", _with_limits)
-        yield _of_robot("thrusters.time_constant", "-", "factor of the lag of all thrusters", _with_lag)
-        yield _of_robot("thrusters.dead_zone", "N", "command below which no thruster pushes", _with_dead_zone)
+        lag = _driven(lambda thruster, factor: {"time_constant": factor * thruster.time_constant})
+        zone = _driven(lambda thruster, value: {"dead_zone": value})
+        yield _of_robot("thrusters.limit", "-", "factor of the thrust limits of all thrusters", _driven(_limited))
+        yield _of_robot("thrusters.time_constant", "-", "factor of the lag of all thrusters", lag)
+        yield _of_robot("thrusters.dead_zone", "N", "command below which no thruster pushes", zone)
 
 
 def _of_robot(name: str, unit: str, meaning: str, change: Callable[[Robot, float], Robot]) -> Parameter:
     def apply(scenario: Scenario, value: float) -> Scenario:
         return replace(scenario, plant_robot=change(scenario.plant_robot or scenario.robot, value))
 
-    return Parameter(name=name, unit=unit, meaning=meaning, apply=apply)
+    return Parameter(name, unit, meaning, apply)
 
 
 def _dragged(robot: Robot, factor: float) -> Robot:
     if not factor >= 0.0:
         raise InvalidInput(f"water.drag = {factor:g}; give a factor of 0 or more")
-    return _wet(
-        robot, lambda link: {"linear_drag": factor * link.linear_drag, "quadratic": factor * link.quadratic_drag}
-    )
+    names = ("linear_drag", "quadratic_drag")
+    return _wet(robot, lambda link: {name: factor * getattr(link, name) for name in names})
 
 
 def _with_added_mass(robot: Robot, factor: float) -> Robot:
@@ -79,21 +80,18 @@ def _wet(robot: Robot, change: Callable[[LinkHydrodynamics], dict[str, np.ndarra
 
 
 def _described(link: LinkHydrodynamics, changes: dict[str, np.ndarray]) -> LinkDescription:
-    terms = {"added_mass": link.added_mass, "linear_drag": link.linear_drag, "quadratic": link.quadratic_drag} | changes
+    matrices = {
+        name: changes.get(name, getattr(link, name)) for name in ("added_mass", "linear_drag", "quadratic_drag")
+    }
+    rows: dict[str, Any] = {name: tuple(map(tuple, matrix.tolist())) for name, matrix in matrices.items()}
     position, rpy = link.X_FL.translation, pin.rpy.matrixToRpy(link.X_FL.rotation)
     coefficients = LinkCoefficients(
         pose=Pose(position=tuple(position.tolist()), rpy=tuple(rpy.tolist())),
-        added_mass=_rows(terms["added_mass"]),
-        linear_drag=_rows(terms["linear_drag"]),
-        quadratic_drag=_rows(terms["quadratic"]),
+        **rows,
         volume=link.volume,
         centre_of_buoyancy=tuple(link.centre_of_buoyancy.tolist()) if link.volume else None,
     )
     return LinkDescription(coefficients=coefficients)
-
-
-def _rows(matrix: np.ndarray) -> Any:
-    return tuple(map(tuple, matrix.tolist()))
 
 
 def _heavier(robot: Robot, factor: float) -> Robot:
@@ -113,25 +111,17 @@ def _carrying(carrier: str, what: str, robot: Robot, value: float) -> Robot:
     return with_trim(robot, [TrimBody(name=f"payload {what}", link=carrier, position=(0.0, 0.0, 0.0), **body)])
 
 
-def _with_limits(robot: Robot, factor: float) -> Robot:
-    def change(thruster: Thruster) -> dict[str, object]:
-        curve = tuple((signal, factor * thrust) for signal, thrust in thruster.curve)
-        return {"minimum": factor * thruster.minimum, "maximum": factor * thruster.maximum, "curve": curve}
-
-    return _driven(robot, change)
+def _limited(thruster: Thruster, factor: float) -> dict[str, object]:
+    curve = tuple((signal, factor * thrust) for signal, thrust in thruster.curve)
+    return {"minimum": factor * thruster.minimum, "maximum": factor * thruster.maximum, "curve": curve}
 
 
-def _with_lag(robot: Robot, factor: float) -> Robot:
-    return _driven(robot, lambda thruster: {"time_constant": factor * thruster.time_constant})
+def _driven(change: Callable[[Thruster, float], dict[str, object]]) -> Callable[[Robot, float], Robot]:
+    def apply(robot: Robot, value: float) -> Robot:
+        thrusters = tuple(dict(thruster) | change(thruster, value) for thruster in robot.description.thrusters)
+        return replace(robot, description=checked_copy(robot.description, thrusters=thrusters))
 
-
-def _with_dead_zone(robot: Robot, value: float) -> Robot:
-    return _driven(robot, lambda thruster: {"dead_zone": value})
-
-
-def _driven(robot: Robot, change: Callable[[Thruster], dict[str, object]]) -> Robot:
-    thrusters = tuple(dict(thruster) | change(thruster) for thruster in robot.description.thrusters)
-    return replace(robot, description=checked_copy(robot.description, thrusters=thrusters))
+    return apply
 
 
 # Parameters of the sensors, as they truly are: the estimator goes on with what the robot's file says of them.
@@ -149,31 +139,22 @@ _FIELDS = {
 
 def sensor_parameters(scenario: Scenario) -> Iterator[Parameter]:
     """Yield parameters of all sensors together, and of each that the robot has."""
-    yield Parameter(name="sensors.noise", unit="-", meaning="factor of the noise of all channels", apply=_noisier)
-    if isinstance(scenario.sensors, SensorSpecs):
-        yield from _nominal_delays(scenario.specs)
-    text = "added to the delay of all channels, and known to nobody"
-    yield Parameter(name="sensors.untold_delay", unit="s", meaning=text, apply=_later)
-    for channel in CHANNELS:
-        if getattr(scenario.specs, channel) is not None:
-            for name, (meaning, unit) in _FIELDS.items():
-                yield Parameter(
-                    name=f"sensors.{channel}.{name}",
-                    unit=unit or UNITS[channel],
-                    meaning=meaning,
-                    apply=partial(_with, channel, name),
-                )
-
-
-def _nominal_delays(specs: SensorSpecs) -> Iterator[Parameter]:
-    """Known to estimator and controller, where the sensors are those of the toolkit."""
-    text = "added to the delay of all channels, as their file would say it"
-    yield Parameter(name="sensors.delay", unit="s", meaning=text, apply=_delayed)
-    for channel in CHANNELS:
-        if getattr(specs, channel) is not None:
-            text = "time from taking a reading to delivering it, as its file would say it"
-            apply = partial(_with_delay, channel)
-            yield Parameter(name=f"sensors.{channel}.delay", unit="s", meaning=text, apply=apply)
+    specs = scenario.specs
+    channels = [channel for channel in CHANNELS if getattr(specs, channel) is not None]
+    noise = _each(lambda spec, factor: {"sigma": factor * spec.sigma})
+    later = _each(lambda spec, value: {"delay": spec.delay + value})
+    yield Parameter("sensors.noise", "-", "factor of the noise of all channels", noise)
+    if isinstance(scenario.sensors, SensorSpecs):  # estimator and controller are told the delays
+        text = "added to the delay of all channels, as their file would say it"
+        yield Parameter("sensors.delay", "s", text, _delayed)
+        text = "time from taking a reading to delivering it, as its file would say it"
+        for channel in channels:
+            yield Parameter(f"sensors.{channel}.delay", "s", text, partial(_with_delay, channel))
+    yield Parameter("sensors.untold_delay", "s", "added to the delay of all channels, and known to nobody", later)
+    for channel in channels:
+        for name, (meaning, unit) in _FIELDS.items():
+            apply = partial(_with, channel, name)
+            yield Parameter(f"sensors.{channel}.{name}", unit or UNITS[channel], meaning, apply)
 
 
 def _delayed(scenario: Scenario, value: float) -> Scenario:
@@ -193,19 +174,14 @@ def _with_delay(channel: str, scenario: Scenario, value: float) -> Scenario:
     return replace(scenario, sensors=specified, real_sensors=scenario.real_sensors and real)
 
 
-def _noisier(scenario: Scenario, factor: float) -> Scenario:
-    return _each(scenario, lambda spec: {"sigma": factor * spec.sigma})
+def _each(change: Callable[[SensorSpec, float], dict[str, float]]) -> Callable[[Scenario, float], Scenario]:
+    def apply(scenario: Scenario, value: float) -> Scenario:
+        specs = _true(scenario)
+        found = {name: getattr(specs, name) for name in CHANNELS}
+        changed = {name: replace(spec, **change(spec, value)) for name, spec in found.items() if spec is not None}
+        return replace(scenario, real_sensors=replace(specs, **changed))
 
-
-def _later(scenario: Scenario, value: float) -> Scenario:
-    return _each(scenario, lambda spec: {"delay": spec.delay + value})
-
-
-def _each(scenario: Scenario, change: Callable[[SensorSpec], dict[str, float]]) -> Scenario:
-    specs = _true(scenario)
-    found = {name: getattr(specs, name) for name in CHANNELS}
-    changed = {name: replace(spec, **change(spec)) for name, spec in found.items() if spec is not None}
-    return replace(scenario, real_sensors=replace(specs, **changed))
+    return apply
 
 
 def _with(channel: str, name: str, scenario: Scenario, value: float) -> Scenario:

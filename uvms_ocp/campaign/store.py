@@ -182,7 +182,7 @@ def read_rows(folder: Path, columns: Mapping[str, type], wanted: Sequence[str] |
     if not tables:
         return schema_of({name: columns[name] for name in names}).empty_table()
     table = pa.concat_tables(tables)
-    return table.take(_first_of_each(table["run"].to_numpy()))
+    return table.take(np.unique(table["run"].to_numpy(), return_index=True)[1])
 
 
 def _read(path: Path, names: Sequence[str]) -> Any:
@@ -192,12 +192,6 @@ def _read(path: Path, names: Sequence[str]) -> Any:
     except (OSError, pa.ArrowException) as error:
         reason = " ".join(str(error).split())[:200]
         raise InvalidInput(f"{path}: damaged ({reason}); move it away, its runs are made again") from None
-
-
-def _first_of_each(runs: Any) -> Any:
-    import numpy as np
-
-    return np.unique(runs, return_index=True)[1]
 
 
 def schema_of(columns: Mapping[str, type]) -> Any:

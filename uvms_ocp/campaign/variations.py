@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.campaign.distributions import Distribution, Parameter, distribution_of, real_numbers
+from uvms_ocp.campaign.distributions import Parameter, distribution_of, real_numbers
 from uvms_ocp.campaign.robot_parameters import machine_parameters, sensor_parameters
 from uvms_ocp.checks import checked
 from uvms_ocp.control.force.dynamic import VelocityGains
@@ -20,7 +20,7 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.scenario.scenario import Scenario, maker_of
 from uvms_ocp.sim import Current, FlatSeafloor, GustyCurrent, HeightField, OnsetCurrent, StillWater, UniformCurrent
-from uvms_ocp.tasks import Hierarchy, JointTracking, Task
+from uvms_ocp.tasks import Hierarchy, JointTracking
 
 # Parameters of the current: uniform parts, heading and gusts.
 
@@ -34,12 +34,12 @@ def flow_parameters(scenario: Scenario) -> Iterator[Parameter]:
     if isinstance(_base(scenario), _UNIFORM):
         for axis, name in enumerate("xyz"):
             meaning = f"added to the velocity of the water along {name} of W"
-            yield Parameter(name=f"current.{name}", unit="m/s", meaning=meaning, apply=partial(_added, axis))
-        yield Parameter(name="current.speed", unit="m/s", meaning="horizontal speed of the water", apply=_with_speed)
-        meaning = "heading of the horizontal flow, from x of W towards y"
-        yield Parameter(name="current.heading", unit="rad", meaning=meaning, apply=_with_heading)
-    meaning = "standard deviation of gusts along each axis of W"
-    yield Parameter(name="current.gusts", unit="m/s", meaning=meaning, apply=_with_gusts)
+            yield Parameter(f"current.{name}", "m/s", meaning, partial(_added, axis))
+        yield Parameter("current.speed", "m/s", "horizontal speed of the water", _with_speed)
+        yield Parameter(
+            "current.heading", "rad", "heading of the horizontal flow, from x of W towards y", _with_heading
+        )
+    yield Parameter("current.gusts", "m/s", "standard deviation of gusts along each axis of W", _with_gusts)
 
 
 def _added(axis: int, scenario: Scenario, value: float) -> Scenario:
@@ -61,8 +61,8 @@ def _with_heading(scenario: Scenario, value: float) -> Scenario:
 def _with_gusts(scenario: Scenario, value: float) -> Scenario:
     current = scenario.environment.current
     if isinstance(current, GustyCurrent):
-        return _in(scenario, replace(current, sigma=value))
-    return _in(scenario, GustyCurrent(base=current, sigma=value, seed=scenario.seed))
+        return _in(scenario, current=replace(current, sigma=value))
+    return _in(scenario, current=GustyCurrent(base=current, sigma=value, seed=scenario.seed))
 
 
 def _velocity(scenario: Scenario) -> np.ndarray:
@@ -78,20 +78,16 @@ def _base(scenario: Scenario) -> Current:
 
 
 def _flowing(scenario: Scenario, velocity: np.ndarray) -> Scenario:
-    current = scenario.environment.current
-    if isinstance(current, GustyCurrent):
-        return _in(scenario, replace(current, base=_uniform(current.base, velocity)))
-    return _in(scenario, _uniform(current, velocity))
+    base, current = _base(scenario), scenario.environment.current
+    if isinstance(base, OnsetCurrent):
+        base = OnsetCurrent(velocity, start=base.start, rise=base.rise)
+    else:
+        base = UniformCurrent(velocity)
+    return _in(scenario, current=replace(current, base=base) if isinstance(current, GustyCurrent) else base)
 
 
-def _uniform(current: Current, velocity: np.ndarray) -> Current:
-    if isinstance(current, OnsetCurrent):
-        return OnsetCurrent(velocity, start=current.start, rise=current.rise)
-    return UniformCurrent(velocity)
-
-
-def _in(scenario: Scenario, current: Current) -> Scenario:
-    return replace(scenario, environment=replace(scenario.environment, current=current))
+def _in(scenario: Scenario, **changes: Any) -> Scenario:
+    return replace(scenario, environment=replace(scenario.environment, **changes))
 
 
 # Parameters of places: where the robot starts, how high the floor truly is, where obstacles truly are.
@@ -103,25 +99,25 @@ _TURNS = tuple(enumerate(("roll", "pitch", "yaw")))
 def place_parameters(scenario: Scenario) -> Iterator[Parameter]:
     """Offsets from what the scenario says; controller and mission know nothing of those of floor and obstacles."""
     robot = scenario.robot
-    if robot.n_vehicle:
-        for axis, name in _AXES:
-            meaning = f"added to {name} of the vehicle at the start, in W"
-            yield Parameter(name=f"start.{name}", unit="m", meaning=meaning, apply=partial(_moved, axis))
-        for axis, name in _TURNS:
-            meaning = f"turn of the vehicle at the start about its {'xyz'[axis]}"
-            yield Parameter(name=f"start.{name}", unit="rad", meaning=meaning, apply=partial(_turned, axis))
+    for axis, name in _AXES if robot.n_vehicle else ():
+        yield Parameter(
+            f"start.{name}", "m", f"added to {name} of the vehicle at the start, in W", partial(_moved, axis)
+        )
+    for axis, name in _TURNS if robot.n_vehicle else ():
+        meaning = f"turn of the vehicle at the start about its {'xyz'[axis]}"
+        yield Parameter(f"start.{name}", "rad", meaning, partial(_turned, axis))
     for joint in robot.joints:
-        meaning = "added to this joint at the start"
         if joint.n_v == 1:
-            apply = partial(_bent, joint.idx_v)
-            yield Parameter(name=f"start.{joint.name}", unit="rad or m", meaning=meaning, apply=apply)
+            bend = partial(_bent, joint.idx_v)
+            yield Parameter(f"start.{joint.name}", "rad or m", "added to this joint at the start", bend)
     if isinstance(scenario.environment.seafloor, FlatSeafloor | HeightField):
-        yield Parameter(name="floor.z", unit="m", meaning="added to the height of the floor", apply=_with_floor)
+        yield Parameter("floor.z", "m", "added to the height of the floor", _with_floor)
     for obstacle in scenario.environment.obstacles:
         for axis, name in _AXES:
             meaning = f"added to {name} of this obstacle, whose true place nobody knows"
-            apply = partial(_with_obstacle, obstacle.name, axis)
-            yield Parameter(name=f"obstacles.{obstacle.name}.{name}", unit="m", meaning=meaning, apply=apply)
+            yield Parameter(
+                f"obstacles.{obstacle.name}.{name}", "m", meaning, partial(_with_obstacle, obstacle.name, axis)
+            )
 
 
 def _moved(axis: int, scenario: Scenario, value: float) -> Scenario:
@@ -144,71 +140,53 @@ def _bent(index: int, scenario: Scenario, value: float) -> Scenario:
 
 def _with_floor(scenario: Scenario, value: float) -> Scenario:
     floor = scenario.environment.seafloor
-    raised = replace(floor, z=floor.z + value)  # type: ignore[type-var, attr-defined]
-    return replace(scenario, environment=replace(scenario.environment, seafloor=raised))
+    return _in(scenario, seafloor=replace(floor, z=floor.z + value))  # type: ignore[type-var, attr-defined]
 
 
 def _with_obstacle(name: str, axis: int, scenario: Scenario, value: float) -> Scenario:
     shift = pin.SE3(np.eye(3), value * np.eye(3)[axis])
-    moved = tuple(
-        replace(obstacle, X_WO=shift * obstacle.X_WO) if obstacle.name == name else obstacle
-        for obstacle in scenario.environment.obstacles
-    )
-    return replace(scenario, environment=replace(scenario.environment, obstacles=moved))
+    moved = [replace(o, X_WO=shift * o.X_WO) if o.name == name else o for o in scenario.environment.obstacles]
+    return _in(scenario, obstacles=tuple(moved))
 
 
 # Parameters of the mission: goals that do not move, numbers of tasks, gains of the velocity loop.
-
-_OFFSETS = ("x", "y", "z")
 
 
 def objective_parameters(scenario: Scenario) -> Iterator[Parameter]:
     """Yield parameters that the controller knows: goals and tasks."""
     for task in scenario.mission.hierarchy.tasks:
-        goal = getattr(task, "goal", None)
-        if isinstance(goal, pin.SE3) or _is_point(task, goal):
-            for axis, name in enumerate(_OFFSETS):
-                meaning = f"added to {name} of the goal of {task.name}, in W"
-                apply = partial(_with_goal, task.name, axis)
-                yield Parameter(name=f"goals.{task.name}.{name}", unit="m", meaning=meaning, apply=apply)
+        goal, own = getattr(task, "goal", None), f"goals.{task.name}"
+        # The posture of an arm of three joints is no point in W.
+        is_point = isinstance(goal, np.ndarray) and goal.shape == (3,) and not isinstance(task, JointTracking)
+        for axis, name in _AXES if isinstance(goal, pin.SE3) or is_point else ():
+            meaning = f"added to {name} of the goal of {task.name}, in W"
+            yield Parameter(f"{own}.{name}", "m", meaning, partial(_with_goal, task.name, axis))
         if isinstance(goal, pin.SE3):
             meaning = f"turn of the goal of {task.name} about z of W"
-            yield Parameter(
-                name=f"goals.{task.name}.yaw", unit="rad", meaning=meaning, apply=partial(_with_goal, task.name, 3)
-            )
+            yield Parameter(f"{own}.yaw", "rad", meaning, partial(_with_goal, task.name, 3))
         for name in real_numbers(task):
-            meaning = f"{name} of {task.name}, as its class has it"
             apply = partial(_with_number, task.name, name)
-            yield Parameter(name=f"tasks.{task.name}.{name}", unit="as there", meaning=meaning, apply=apply)
-    if scenario.takes_forces:
-        for item in fields(VelocityGains):
-            meaning = f"{item.name} of VelocityGains"
             yield Parameter(
-                name=f"gains.{item.name}", unit="as there", meaning=meaning, apply=partial(_gain, item.name)
+                f"tasks.{task.name}.{name}", "as there", f"{name} of {task.name}, as its class has it", apply
             )
-
-
-def _is_point(task: Task, goal: Any) -> bool:
-    """In W; the posture of an arm of three joints is none."""
-    return isinstance(goal, np.ndarray) and goal.shape == (3,) and not isinstance(task, JointTracking)
+    for name in [item.name for item in fields(VelocityGains)] if scenario.takes_forces else []:
+        yield Parameter(f"gains.{name}", "as there", f"{name} of VelocityGains", partial(_with, "gains", name))
 
 
 def _with_goal(name: str, axis: int, scenario: Scenario, value: float) -> Scenario:
     """Shift the goal of the task itself and of the phases that give it a goal of their own."""
     mission = _changed(scenario.mission, name, lambda task: task.with_goal(_shifted(task.goal, axis, value)))
-    phases = tuple(
-        replace(phase, goals={**phase.goals, name: _shifted(phase.goals[name], axis, value)})
-        if name in phase.goals
-        else phase
-        for phase in mission.phases
-    )
-    return replace(scenario, mission=replace(mission, phases=phases))
+    phases = list(mission.phases)
+    for k, phase in enumerate(phases):
+        if name in phase.goals:
+            phases[k] = replace(phase, goals={**phase.goals, name: _shifted(phase.goals[name], axis, value)})
+    return replace(scenario, mission=replace(mission, phases=tuple(phases)))
 
 
 def _shifted(goal: Any, axis: int, value: float) -> Any:
     if not isinstance(goal, pin.SE3):
         return goal if callable(goal) else goal + value * np.eye(3)[axis]
-    if axis < len(_OFFSETS):
+    if axis < len(_AXES):
         return pin.SE3(goal.rotation, goal.translation + value * np.eye(3)[axis])
     return pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, value) @ goal.rotation, goal.translation)
 
@@ -224,32 +202,24 @@ def _changed(mission: Mission, name: str, change: Any) -> Mission:
     return replace(mission, hierarchy=Hierarchy(tasks, order))
 
 
-def _gain(name: str, scenario: Scenario, value: float) -> Scenario:
-    return replace(scenario, gains=replace(scenario.gains, **{name: value}))
-
-
 # Parameters of parts that are not the toolkit's: the numbers of the dataclass that makes one.
 
 
 def own_parameters(scenario: Scenario) -> Iterator[Parameter]:
     """Such as ``parts.plant.rate``, of every own part that is made by a dataclass with real numbers."""
     for part, name in scenario.own_parts.items():
-        maker = _maker(scenario, part)
-        for item in _numbers(maker):
-            apply, meaning = partial(_with, part, item), f"{item} of {name}, as its class has it"
-            yield Parameter(name=f"parts.{part}.{item}", unit="as there", meaning=meaning, apply=apply)
-
-
-def _maker(scenario: Scenario, part: str) -> Any:
-    return maker_of(part, getattr(scenario, part))
-
-
-def _numbers(maker: Any) -> list[str]:
-    return real_numbers(maker) if is_dataclass(maker) and not isinstance(maker, type) else []
+        maker: Any = maker_of(part, getattr(scenario, part))
+        is_value = is_dataclass(maker) and not isinstance(maker, type)
+        for item in real_numbers(maker) if is_value else list[str]():
+            meaning = f"{item} of {name}, as its class has it"
+            yield Parameter(f"parts.{part}.{item}", "as there", meaning, partial(_with, part, item))
 
 
 def _with(part: str, name: str, scenario: Scenario, value: float) -> Scenario:
-    return replace(scenario, **{part: replace(_maker(scenario, part), **{name: value})})
+    """The scenario with another number of one of its parts, or of what makes it."""
+    own = getattr(scenario, part)
+    maker: Any = own if part == "gains" else maker_of(part, own)
+    return replace(scenario, **{part: replace(maker, **{name: value})})
 
 
 # All parameters that a scenario has, by name, in the order in which they are applied.
@@ -336,8 +306,5 @@ def seeded(scenario: Scenario, seed: int) -> Scenario:
 
 def quantiles(variations: Sequence[Variation], u: Sequence[float]) -> dict[str, float]:
     """Values by name of the numbers u (n_variations,) from 0 to 1."""
-
-    def value(distribution: Distribution, share: float) -> float:
-        return float(distribution.quantile(float(share)))
-
-    return {v.name: value(v.distribution, share) for v, share in zip(variations, u, strict=True)}
+    drawn = zip(variations, u, strict=True)
+    return {v.name: float(v.distribution.quantile(float(share))) for v, share in drawn}

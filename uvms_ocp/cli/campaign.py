@@ -16,7 +16,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from uvms_ocp.campaign.campaign import Campaign, kept_campaign
 from uvms_ocp.campaign.distributions import SAMPLERS
 from uvms_ocp.campaign.jobs import METRICS, metric_values
-from uvms_ocp.campaign.report import Bound, compare_campaigns, parse_bounds, report_of, table_with_success
+from uvms_ocp.campaign.report import MetricBound, compare_campaigns, parse_bounds, report_of, table_with_success
 from uvms_ocp.campaign.store import FILE
 from uvms_ocp.campaign.variations import available_parameters
 from uvms_ocp.cli import printing
@@ -144,7 +144,7 @@ def _look(
     rerun: int | None,
     against: Path | None,
     out: Path | None,
-    bounds: tuple[Bound, ...],
+    bounds: tuple[MetricBound, ...],
     console: Console,
     as_json: bool,
 ) -> None:
@@ -196,7 +196,7 @@ def _interruptible(folder: Path, console: Console) -> Iterator[None]:
         raise typer.Exit(_INTERRUPTED) from None
 
 
-def _write_report(folder: Path, success: Sequence[Bound], console: Console) -> dict[str, Any]:
+def _write_report(folder: Path, success: Sequence[MetricBound], console: Console) -> dict[str, Any]:
     """Write report.json and report.html into the folder of a campaign, and print what matters. Raises `OutputError`."""
     from uvms_ocp.viz.campaign_report import report_page
 
