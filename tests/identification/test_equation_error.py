@@ -7,10 +7,10 @@ from functools import cache
 import numpy as np
 import pytest
 from driven import drive, known, vehicle_of
+from equation_error import LinearFit, fit_equation_error, regressor_of
 from vehicles import vehicle
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.identification.equation_error import LinearFit, fit_equation_error, regressor_of
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.rollout import PreparedRecording
 

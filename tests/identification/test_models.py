@@ -8,9 +8,9 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
+from equation_error import regressor_of
 from vehicles import declaration, vehicle
 
-from uvms_ocp.identification.equation_error import regressor_of
 from uvms_ocp.identification.model import Stage, Vehicle, stage_of, vehicle_dynamics
 from uvms_ocp.identification.parameters import ActuatorModel, Free, Unknowns
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics

@@ -9,10 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification import uncertainty
 from uvms_ocp.identification.data_quality import MAY, SHIFTS, ExplainedMotion, check_data_quality, commanded, motion_of
 from uvms_ocp.identification.fit import FitContext, Predicted, Search, search_fit
 from uvms_ocp.identification.model import stage_of
@@ -22,18 +24,6 @@ from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold,
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 from uvms_ocp.identification.sample_checks import QualityIssue
 from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings
-from uvms_ocp.identification.uncertainty import (
-    DETERMINED,
-    INTERVAL,
-    IdentifiedNumber,
-    UnidentifiableDirection,
-    Whiteness,
-    numbers,
-    parameter_uncertainties,
-    unidentifiable_directions,
-    variance_inflation,
-    whiteness,
-)
 from uvms_ocp.identification.validation import HeldOutRecording, Profile, StaticBalance, profiles, static_baseline
 from uvms_ocp.identification.validation import leave_one_out as left_out
 from uvms_ocp.robot.robot import Robot
@@ -94,20 +84,15 @@ def _agreement(motion: ExplainedMotion, thrust: Channel) -> _Agreement:
 
 def _ways(names: Sequence[str]) -> dict[str, np.ndarray]:
     """(n, n) each, by what they do."""
-    n = len(names)
-    return {"all reversed": -np.eye(n)} | dict(_reversed(names)) | dict(_exchanged(names))
-
-
-def _reversed(names: Sequence[str]) -> Iterator[tuple[str, np.ndarray]]:
+    places = np.arange(len(names))
+    found = {"all reversed": -np.eye(len(names))}
     for k, name in enumerate(names):
-        yield f"{name} reversed", np.diag(np.where(np.arange(len(names)) == k, -1.0, 1.0))
-
-
-def _exchanged(names: Sequence[str]) -> Iterator[tuple[str, np.ndarray]]:
+        found[f"{name} reversed"] = np.diag(np.where(places == k, -1.0, 1.0))
     for i, j in combinations(range(len(names)), 2):
-        order = np.arange(len(names))
+        order = places.copy()
         order[[i, j]] = j, i
-        yield f"{names[i]} and {names[j]} exchanged", np.eye(len(names))[order]
+        found[f"{names[i]} and {names[j]} exchanged"] = np.eye(len(names))[order]
+    return found
 
 
 # What a recording says, and a fit with these settings takes for something else: doubts about both together.
@@ -150,9 +135,7 @@ def _of_current(current: Channel, *, learnt: bool) -> Iterator[QualityIssue]:
     values = current.values - (current.values.mean(axis=0) if learnt else 0.0)
     size = float(np.linalg.norm(values, axis=1).max())
     if size > _FLOWS:
-        taken = (
-            "about its mean, and a fit takes it for steady" if learnt else "that a fit takes for still water: learn it"
-        )
+        taken = ("that a fit takes for still water: learn it", "about its mean, and a fit takes it for steady")[learnt]
         yield QualityIssue(channel="current", problem=f"up to {size:.2g} m/s {taken}")
 
 
@@ -167,14 +150,12 @@ def _of_thrust(recording: Recording, thrust: Channel, subject: CalibratedRobot) 
     beyond = ((thrust.values > upper * (1.0 + _BEYOND)) | (thrust.values < lower * (1.0 + _BEYOND))).any(axis=0)
     if beyond.any():
         names = ", ".join(np.array(subject.robot.thruster_names)[beyond])
-        yield QualityIssue(
-            channel="thrust", problem=f"more is asked of {names} than they can give: a fit takes it for given"
-        )
+        text = f"more is asked of {names} than they can give: a fit takes it for given"
+        yield QualityIssue(channel="thrust", problem=text)
     mixed = mixed_thrusters(recording, thrust, thruster_matrix(subject.robot), subject.robot.thruster_names)
     if mixed:
-        yield QualityIssue(
-            channel="thrust", problem=f"the vehicle accelerates as with {mixed}: their order, their signs?"
-        )
+        text = f"the vehicle accelerates as with {mixed}: their order, their signs?"
+        yield QualityIssue(channel="thrust", problem=text)
 
 
 # What a robot's file may say of what was learnt: what stays open is as it was declared, and all else is fitted anew about it.
@@ -204,14 +185,13 @@ def exported_estimate(fitted: FitContext, inflation: float) -> ExportedEstimate:
     inflation: samples that miss alike, as `variance_inflation` finds.
     """
     shared, estimate = fitted.vehicle.shared, fitted.estimate
-    is_open = np.array(
-        [one.sigma > DETERMINED for one in parameter_uncertainties(fitted.vehicle, estimate, inflation)], dtype=bool
-    )
+    known = uncertainty.parameter_uncertainties(fitted.vehicle, estimate, inflation)
+    is_open = np.array([one.sigma > uncertainty.DETERMINED for one in known], dtype=bool)
     kept, best = np.zeros(len(is_open), dtype=bool), estimate
     if estimate.status is FitStatus.CONVERGED:
         for chosen in _chosen(shared, is_open):
             found = None if (chosen <= kept).all() else _held(fitted, kept | chosen)
-            allowed = INTERVAL**2 * inflation * int((kept | chosen).sum())
+            allowed = uncertainty.INTERVAL**2 * inflation * int((kept | chosen).sum())
             if found is not None and 2.0 * (found.cost - estimate.cost) < allowed:
                 kept, best = kept | chosen, found
     return ExportedEstimate(estimate=best, kept=tuple(np.array(shared.names)[kept].tolist()))
@@ -252,7 +232,7 @@ class Comparison:
     """Prediction by a vehicle at rest where weight and buoyancy of the calibrated one balance."""
     residuals: Predicted
     """Stretch by stretch, as the search has left it."""
-    whiteness: tuple[Whiteness, ...]
+    whiteness: tuple[uncertainty.Whiteness, ...]
     """Whiteness of the residuals."""
 
 
@@ -264,12 +244,12 @@ class Calibration:
     estimate: Estimate
     exported: ExportedEstimate
     """Estimate that the robot's file gets."""
-    numbers: tuple[IdentifiedNumber, ...]
-    open: tuple[UnidentifiableDirection, ...]
+    numbers: tuple[uncertainty.IdentifiedNumber, ...]
+    open: tuple[uncertainty.UnidentifiableDirection, ...]
     """Combinations of unknowns that the recordings do not determine."""
     inflation: float
     """samples that miss alike: intervals are wider by its root than white residuals would have them."""
-    whiteness: tuple[Whiteness, ...]
+    whiteness: tuple[uncertainty.Whiteness, ...]
     """Whiteness of the residuals of all recordings."""
     comparisons: tuple[Comparison, ...]
     issues: tuple[str, ...]
@@ -308,17 +288,18 @@ def calibrate(
         warn(doubt)
     fitted = _fitted(subject, settings, prepared)
     left = fitted.residuals()
-    inflation = variance_inflation(left, fitted.noise)
-    identified = numbers(subject.vehicle, fitted.estimate, inflation)
+    inflation = uncertainty.variance_inflation(left, fitted.noise)
+    identified = uncertainty.numbers(subject.vehicle, fitted.estimate, inflation)
+    balance = StaticBalance.of(subject.vehicle)
     return Calibration(
         subject=subject,
         estimate=fitted.estimate,
         exported=exported_estimate(fitted, inflation),
         numbers=identified,
-        open=unidentifiable_directions(subject.vehicle, fitted.estimate, inflation),
+        open=uncertainty.unidentifiable_directions(subject.vehicle, fitted.estimate, inflation),
         inflation=inflation,
-        whiteness=whiteness(left, fitted.noise),
-        comparisons=_comparisons(fitted),
+        whiteness=uncertainty.whiteness(left, fitted.noise),
+        comparisons=tuple(_comparison(fitted, balance, one) for one in prepared),
         issues=doubtful,
         profiles=tuple(profiles(fitted, identified, inflation, progress)) if profiled else (),
         left_out=tuple(left_out(fitted, progress=progress)) if leave_one_out else (),
@@ -364,19 +345,8 @@ def _fitted(
     vehicle, noise = subject.vehicle, Noise(**settings.noise.model_dump())
     rollout = Rollout(stage_of(vehicle))
     search = Search(step=settings.step, stretch=settings.stretch)
-    return FitContext(
-        vehicle=vehicle,
-        rollout=rollout,
-        prepared=prepared,
-        noise=noise,
-        search=search,
-        estimate=search_fit(vehicle, prepared, noise, rollout, search),
-    )
-
-
-def _comparisons(fitted: FitContext) -> tuple[Comparison, ...]:
-    balance = StaticBalance.of(fitted.vehicle)
-    return tuple(_comparison(fitted, balance, one) for one in fitted.prepared)
+    known: dict[str, Any] = {"vehicle": vehicle, "prepared": prepared, "noise": noise, "rollout": rollout}
+    return FitContext(**known, search=search, estimate=search_fit(vehicle, prepared, noise, rollout, search))
 
 
 def _comparison(fitted: FitContext, balance: StaticBalance, one: PreparedRecording) -> Comparison:
@@ -390,5 +360,5 @@ def _comparison(fitted: FitContext, balance: StaticBalance, one: PreparedRecordi
         static=static_baseline(whole, after.start_window),
         balance=balance.of_stretch(whole, fitted.estimate.shared),
         residuals=left,
-        whiteness=whiteness(left, fitted.noise),
+        whiteness=uncertainty.whiteness(left, fitted.noise),
     )

@@ -25,7 +25,7 @@ from uvms_ocp.robot.spatial import skew
 # must be positive.
 
 
-class Coordinates(Protocol):
+class QuantityCoordinates(Protocol):
     """A quantity and its coordinates x (n,) [-, or the unit of the quantity]."""
 
     @property

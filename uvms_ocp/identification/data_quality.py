@@ -273,8 +273,8 @@ def _command_issues(name: str, held: ZeroOrderHold, motion: ExplainedMotion) -> 
     share = shares[:, moved].mean(axis=1)
     late = float(SHIFTS[int(np.argmax(share))])
     if share.max() > share[MAY].max() + _CLEARER:
-        offset = f"{late:.2f} s after" if late > 0 else f"{-late:.2f} s before"
-        yield f"the vehicle accelerates {offset} what it says: a clock of its own?"
+        when = f"{late:.2f} s after" if late > 0 else f"{-late:.2f} s before"
+        yield f"the vehicle accelerates {when} what it says: a clock of its own?"
     if signed:
         yield from _wrench_axes(held, motion, late)
 

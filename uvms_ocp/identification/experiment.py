@@ -57,9 +57,6 @@ class ExperimentLimits:
         if not (self.slew > 0.0 and 0.0 < self.tilt < np.pi / 2 and 0.0 <= self.margin < 1.0):
             given = f"slew = {self.slew}, tilt = {self.tilt}, margin = {self.margin} given"
             raise InvalidInput(f"{given}; allowed: slew > 0, tilt from 0 to pi/2, margin from 0 to 1")
-        self._require_room()
-
-    def _require_room(self) -> None:
         if self.hull.shape != (2, 3) or not (self.hull[0] <= self.hull[1]).all():
             raise InvalidInput(f"hull {self.hull.tolist()} given; allowed: its lowest corner, then its highest")
         if not (self.room > 0.0).all():
@@ -70,10 +67,6 @@ class ExperimentLimits:
     def room(self) -> np.ndarray:
         """(3,) [m] that the vehicle can go either way before the hull, turned as at first, comes to a wall."""
         return np.asarray(((self.pool - self.hull) * [[-1.0], [1.0]]).min(axis=0))
-
-    @property
-    def _middle(self) -> np.ndarray:
-        return np.asarray(self.pool.mean(axis=0))
 
     @property
     def _half(self) -> np.ndarray:
@@ -115,7 +108,7 @@ class ExperimentLimits:
         """Distance of the hull's outermost corners from the pool's middle (n, 3) [-, in half widths]; slope (n, 3, 7)."""
         centre, size = self.hull.mean(axis=0), np.diff(self.hull, axis=0)[0] / 2
         R, with_q = _turned(x[:, 3:7]), np.einsum("ijkl,nl->nijk", _BENT, x[:, 3:7])
-        off = x[:, :3] + R @ centre - self._middle
+        off = x[:, :3] + R @ centre - np.asarray(self.pool.mean(axis=0))
         side = np.where(off < 0.0, -1.0, 1.0)
         corner = centre + side[:, :, None] * np.sign(R) * size  # the outermost in each direction
         slope = np.concatenate([np.tile(np.eye(3), (len(x), 1, 1)), np.einsum("nijk,nij->nik", with_q, corner)], axis=2)

@@ -14,14 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from uvms_ocp.errors import AdvisedStatus, InvalidInput, NameNotFound
-from uvms_ocp.identification.experiment import (
-    ExperimentLimits,
-    InformationCriterion,
-    KnotCommands,
-    TrajectorySimulator,
-    edges_of,
-    multisine,
-)
+from uvms_ocp.identification import experiment
 from uvms_ocp.identification.model import N_Q, N_V, Vehicle
 from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.recording import Channel, ZeroOrderHold
@@ -40,7 +33,7 @@ class ExperimentTask:
 
     vehicle: Vehicle
     """Vehicle with its unknowns at their prior values."""
-    limits: ExperimentLimits
+    limits: experiment.ExperimentLimits
     duration: float = 60.0
     """[s] of a recording."""
     matter: tuple[str, ...] = ()
@@ -78,13 +71,13 @@ class ExperimentTask:
         """Places of the m numbers that matter, as `numbers` has them. Raises NameNotFound for one that there is not."""
         return _chosen(slopes_of(self.vehicle, self.vehicle.shared.start)[0], self.matter)
 
-    def aim(self) -> InformationCriterion:
+    def aim(self) -> experiment.InformationCriterion:
         """Raises NameNotFound for a number that does not depend on the unknowns."""
         names, slopes = slopes_of(self.vehicle, self.vehicle.shared.start)
         chosen = slopes[_chosen(names, self.matter)]
         priors = np.concatenate([self.vehicle.shared.sigma, self.vehicle.own.sigma])
         known = np.zeros((len(priors),) * 2) if self.prior_information is None else self.prior_information
-        return InformationCriterion(
+        return experiment.InformationCriterion(
             slopes=np.hstack([chosen, np.zeros((len(chosen), len(self.vehicle.own.start)))]),
             prior_information=known + np.diag(1.0 / priors**2),
             noise=self.noise,
@@ -136,8 +129,8 @@ class Excitation:
 def excitation_of(given: ExperimentTask, rollout: Rollout, commands: Channel) -> Excitation:
     """Predict what other commands, held for equal steps, would determine."""
     step = float(commands.t[1] - commands.t[0])
-    courses, held = TrajectorySimulator(rollout, given.unknowns, step, given.still), ZeroOrderHold(commands)
-    edges = commands.t[0] + edges_of(len(commands.t), step, courses.delay)
+    courses, held = experiment.TrajectorySimulator(rollout, given.unknowns, step, given.still), ZeroOrderHold(commands)
+    edges = commands.t[0] + experiment.edges_of(len(commands.t), step, courses.delay)
     aim = given.aim()
     information = aim.information(courses.of(held.mean(edges), -held.mean_slope(edges)), step)
     n, states = len(given.vehicle.shared.start), simulate_commands(given, rollout, commands, given.unknowns)
@@ -155,8 +148,8 @@ def excitation_of(given: ExperimentTask, rollout: Rollout, commands: Channel) ->
 def simulate_commands(given: ExperimentTask, rollout: Rollout, commands: Channel, p: np.ndarray) -> np.ndarray:
     """States (k, n_x) [as `Stage`] to which commands lead a vehicle with unknowns p (n_p,) [as `Unknowns.start`]."""
     step = float(commands.t[1] - commands.t[0]) / FINER
-    courses = TrajectorySimulator(rollout, p, step, given.still)
-    edges = commands.t[0] + edges_of(FINER * len(commands.t), step, courses.delay)
+    courses = experiment.TrajectorySimulator(rollout, p, step, given.still)
+    edges = commands.t[0] + experiment.edges_of(FINER * len(commands.t), step, courses.delay)
     return courses.states(ZeroOrderHold(commands).mean(edges))
 
 
@@ -177,17 +170,13 @@ def keep_inside_pool(given: ExperimentTask, rollout: Rollout, wanted: np.ndarray
     x, found, before = np.zeros(rollout.stage.n_x), [], np.zeros(len(spread))
     x[N_Q - 1] = 1.0
     for one in wanted:
-        back = stiff * (_away(x) + _AHEAD * x[N_Q : N_Q + N_V])
+        # (6,) [m, rad] from where it began and from upright, in B; yaw is free.
+        R = np.array(quaternion_to_matrix(x[3:N_Q]))
+        back = stiff * (np.concatenate([R.T @ x[:3], [R[2, 1], -R[2, 0], 0.0]]) + _AHEAD * x[N_Q : N_Q + N_V])
         before = given.limits.after(before, spread @ (one * most - back), step)
         found.append(before)
         x = np.asarray(rollout.step(x, before, joints, p, step)).ravel()
     return np.array(found)
-
-
-def _away(x: np.ndarray) -> np.ndarray:
-    """(6,) [m, rad] from where it began and from upright, in B; yaw is free."""
-    R = np.array(quaternion_to_matrix(x[3:N_Q]))
-    return np.concatenate([R.T @ x[:3], [R[2, 1], -R[2, 0], 0.0]])
 
 
 # Thrust as one would think of it: steps, chirps, and both at once; each flown within the same pool, as large as it allows.
@@ -270,10 +259,10 @@ def target_deviations(given: ExperimentTask, rollout: Rollout) -> np.ndarray:
 class Objective:
     """Objective of the design, a function of knots (n_knots, n_u) [N, N m]."""
 
-    aim: InformationCriterion
-    limits: ExperimentLimits
-    history: KnotCommands
-    courses: TrajectorySimulator
+    aim: experiment.InformationCriterion
+    limits: experiment.ExperimentLimits
+    history: experiment.KnotCommands
+    courses: experiment.TrajectorySimulator
     wanted: np.ndarray
     """(m,) [units of numbers] standard errors that those of the aim are compared with."""
     off: np.ndarray = field(default_factory=lambda: np.zeros(1))
@@ -349,7 +338,7 @@ class DesignSettings:
 
 def design_experiment(given: ExperimentTask, rollout: Rollout, effort: DesignSettings | None = None) -> Excitation:
     """Search. rollout: of the vehicle's stage. Raises NameNotFound for a number that there is not."""
-    search = _Search.of(given, rollout, effort or DesignSettings())
+    search = _DesignSearch.of(given, rollout, effort or DesignSettings())
     knots = search.begun()
     for price in _PRICES:
         knots = search.lowered(knots, price)
@@ -361,7 +350,7 @@ def design_experiment(given: ExperimentTask, rollout: Rollout, effort: DesignSet
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Search:
+class _DesignSearch:
     """For knots (n_knots, n_u) [N, N m]."""
 
     given: ExperimentTask
@@ -370,18 +359,18 @@ class _Search:
     objective: Objective
 
     @staticmethod
-    def of(given: ExperimentTask, rollout: Rollout, effort: DesignSettings) -> _Search:
-        aim, courses = given.aim(), TrajectorySimulator(rollout, given.unknowns, effort.step, given.still)
-        history = KnotCommands.of(given.duration, effort.knots, effort.step, courses.delay)
+    def of(given: ExperimentTask, rollout: Rollout, effort: DesignSettings) -> _DesignSearch:
+        aim, courses = given.aim(), experiment.TrajectorySimulator(rollout, given.unknowns, effort.step, given.still)
+        history = experiment.KnotCommands.of(given.duration, effort.knots, effort.step, courses.delay)
         objective = Objective(aim, given.limits, history, courses, target_deviations(given, rollout))
-        return _Search(given=given, rollout=rollout, effort=effort, objective=objective)
+        return _DesignSearch(given=given, rollout=rollout, effort=effort, objective=objective)
 
     def begun(self) -> np.ndarray:
         """The best of sines that are made to stay in the pool."""
         given, history, rng = self.given, self.objective.history, np.random.default_rng(self.effort.seed)
         found = []
         for share in _START_AMPLITUDES * self.effort.starts:
-            sines = multisine(rng, history.sent.shape[0], 6, given.duration * _START_FREQUENCY)
+            sines = experiment.multisine(rng, history.sent.shape[0], 6, given.duration * _START_FREQUENCY)
             exported = keep_inside_pool(given, self.rollout, share * sines, self.effort.step)
             found.append(np.clip(history.nearest(exported), *given.limits.thrust.T))
         return min(found, key=lambda knots: self.objective.value(knots, _PRICES[0])[0])

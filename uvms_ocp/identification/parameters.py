@@ -11,12 +11,12 @@ import numpy as np
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification.coordinates import (
-    Coordinates,
     Interval,
     LinearDrag,
     PositiveDefinite,
     Positives,
     QuadraticDrag,
+    QuantityCoordinates,
     Reals,
     second_moment,
 )
@@ -84,7 +84,7 @@ class Quantity:
     """One quantity with what is known of each of its coordinates; fixed unless it is said otherwise."""
 
     unit: str
-    coordinates: Coordinates
+    coordinates: QuantityCoordinates
     x: np.ndarray
     """(n,) [-, or the unit of the quantity] where they are, and the middle of priors."""
     free: np.ndarray
@@ -101,20 +101,12 @@ class Quantity:
     """(n,) [as x] where a search begins, in place of x: from the edge of an interval none leads away."""
 
     @staticmethod
-    def fixed(unit: str, coordinates: Coordinates, value: np.ndarray, *, own: bool = False) -> Quantity:
+    def fixed(unit: str, coordinates: QuantityCoordinates, value: np.ndarray, *, own: bool = False) -> Quantity:
         """Known to be value (...) [unit of the quantity]. Raises InvalidInput for a value that coordinates do not reach."""
         x = coordinates.encode(value)
-        none, all_of_them = np.zeros(len(x), dtype=bool), np.full(len(x), np.inf)
-        return Quantity(
-            unit=unit,
-            coordinates=coordinates,
-            x=x,
-            free=none,
-            sigma=all_of_them,
-            lower=-all_of_them,
-            upper=all_of_them,
-            own=own,
-        )
+        none, endless = np.zeros(len(x), dtype=bool), np.full(len(x), np.inf)
+        wide = {"sigma": endless, "lower": -endless, "upper": endless}
+        return Quantity(unit=unit, coordinates=coordinates, x=x, free=none, own=own, **wide)
 
     def with_status(self, status: ParameterStatus) -> Quantity:
         """A copy of which this is known. Raises NameNotFound for a coordinate that there is not, and InvalidInput."""
@@ -224,20 +216,21 @@ class Unknowns:
 
     def believed(self, about: np.ndarray, wider: float = 1.0) -> Unknowns:
         """A copy that starts, and whose priors are, about (n,) [as start]; wider: factor of their deviations."""
-        found, first = dict(self.declaration.quantities), 0
-        for name, one in self._items():
-            x, n = one.x.copy(), int(one.free.sum())
-            x[one.free] = about[first : first + n]
-            found[name], first = replace(one, x=x, sigma=wider * one.sigma), first + n
-        return Unknowns(Declaration(quantities=found), self.own)
+        moved = self._with("x", about)
+        found = {name: replace(one, sigma=wider * one.sigma) for name, one in moved._items()}
+        return Unknowns(Declaration(quantities={**moved.declaration.quantities, **found}), self.own)
 
     def held(self, which: np.ndarray) -> Unknowns:
         """A copy in which those of which (n,) [bool] are next to known: where they start."""
+        return self._with("sigma", np.where(which, _HELD, self.sigma))
+
+    def _with(self, column: str, values: np.ndarray) -> Unknowns:
+        """A copy with other values (n,) of a column of all unknowns."""
         found, first = dict(self.declaration.quantities), 0
         for name, one in self._items():
-            sigma, n = one.sigma.copy(), int(one.free.sum())
-            sigma[one.free] = np.where(which[first : first + n], _HELD, sigma[one.free])
-            found[name], first = replace(one, sigma=sigma), first + n
+            changed, n = getattr(one, column).copy(), int(one.free.sum())
+            changed[one.free] = values[first : first + n]
+            found[name], first = replace(one, **{column: changed}), first + n
         return Unknowns(Declaration(quantities=found), self.own)
 
     def _items(self) -> Iterator[tuple[str, Quantity]]:

@@ -247,7 +247,10 @@ def split_at_gaps(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
 
 
 def _parts(one: Recording) -> tuple[Recording, ...]:
-    silences, (begin, end) = _silences(one), one.span
+    # (n, 2) [s] from the last sample before each to the first after it.
+    t = np.unique(np.concatenate([channel.undelayed_t for channel in one.channels.values()]))
+    last = np.flatnonzero(np.diff(t) > LONGEST_GAP)
+    silences, (begin, end) = np.column_stack([t[last], t[last + 1]]), one.span
     if not len(silences) or begin >= end:  # channels without a time in common are no matter of silences
         return (one,)
     ends = [-np.inf, *silences.ravel(), np.inf]
@@ -264,13 +267,6 @@ def _parts(one: Recording) -> tuple[Recording, ...]:
         replace(part, name=f"{one.name} part {k}", issues_in_file=issues if k == 1 else one.issues_in_file)
         for k, part in enumerate(found, start=1)
     )
-
-
-def _silences(one: Recording) -> np.ndarray:
-    """(n, 2) [s] from the last sample before each to the first after it."""
-    t = np.unique(np.concatenate([channel.undelayed_t for channel in one.channels.values()]))
-    last = np.flatnonzero(np.diff(t) > LONGEST_GAP)
-    return np.column_stack([t[last], t[last + 1]])
 
 
 def _between(one: Recording, begin: float, end: float) -> Recording | None:

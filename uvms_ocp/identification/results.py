@@ -25,7 +25,7 @@ from uvms_ocp.identification.uncertainty import (
     IdentifiedNumber,
     UnidentifiableDirection,
 )
-from uvms_ocp.identification.validation import OTHERS, SCORED, HeldOutRecording, Horizon, Profile, errors
+from uvms_ocp.identification.validation import OTHERS, SCORED, HeldOutRecording, HorizonPrediction, errors
 from uvms_ocp.robot.description import LinkCoefficients, read_description
 
 # What to do about a combination that recordings leave open, in words: which motion shows it, or what has to be measured.
@@ -120,12 +120,11 @@ def require_coefficients(subject: CalibratedRobot) -> LinkCoefficients:
 def variant_text(one: Calibration, recordings: Sequence[str]) -> str:
     """The file. Raises InvalidInput, as `require_coefficients`."""
     lines, learnt = [f"# Identified from: {', '.join(recordings)}."], list(_lines(one))
-    if not learnt:  # which is no file of ours without a key
-        return (
-            "\n".join([*lines, "# A robot file holds nothing of what was learnt: see the report.", "links: {}"]) + "\n"
-        )
-    lines += ["links:", f"  {one.subject.frame}:", "    coefficients:"]
-    return "\n".join([*lines, *(f"      {line}" for line in learnt)]) + "\n"
+    if learnt:
+        lines += ["links:", f"  {one.subject.frame}:", "    coefficients:", *(f"      {line}" for line in learnt)]
+    else:  # which is no file of ours without a key
+        lines += ["# A robot file holds nothing of what was learnt: see the report.", "links: {}"]
+    return "\n".join(lines) + "\n"
 
 
 def whole_text(one: Calibration, variant: Path) -> str:
@@ -222,7 +221,7 @@ def left_out_tables(one: Sequence[HeldOutRecording]) -> Iterator[str]:
     yield from _by_recording(one)
 
 
-def _horizon(asked: float, found: Sequence[Horizon]) -> Iterator[str]:
+def _horizon(asked: float, found: Sequence[HorizonPrediction]) -> Iterator[str]:
     short = min(each.length for each in found)
     yield f"\n### {asked:g} s" + (f" (recordings have {short:.3g} s)" if short < asked - 1e-6 else "")
     yield "\n| predicted by | " + " | ".join(SCORED) + " |"
@@ -247,7 +246,7 @@ def _by_recording(one: Sequence[HeldOutRecording]) -> Iterator[str]:
             yield f"\n{each.name}: the others determine too little to predict it (their search: {each.estimate.status.value})."
 
 
-def _beside(one: Horizon) -> Iterator[str]:
+def _beside(one: HorizonPrediction) -> Iterator[str]:
     found = {name: errors(predicted) for name, predicted in one.by.items()}
     best = np.min([row for name, row in found.items() if name != OTHERS], axis=0)
     for value, other in zip(found[OTHERS], best, strict=True):
@@ -302,12 +301,8 @@ def _profiles(one: Calibration) -> Iterator[str]:
     yield "\n| number | unit | by standard errors | by profile | |"
     yield "|---|---|---|---|---|"
     for each in one.profiles:
-        yield _profile(each, each.number)
-
-
-def _profile(one: Profile, number: IdentifiedNumber) -> str:
-    word = "differs" if one.differs else ""
-    return f"| {number.name} | {number.unit} | {_ends(number.interval)} | {_ends(one.interval)} | {word} |"
+        number, word = each.number, "differs" if each.differs else ""
+        yield f"| {number.name} | {number.unit} | {_ends(number.interval)} | {_ends(each.interval)} | {word} |"
 
 
 def _ends(interval: tuple[float, float]) -> str:
@@ -353,7 +348,7 @@ def _white(one: Calibration) -> Iterator[str]:
 
 def excitation_text(one: Excitation, actuators: Sequence[str]) -> str:
     """Markdown."""
-    return "\n".join(["# Excitation", "", *_course(one, actuators), "", *_experiment_numbers(one)]) + "\n"
+    return "\n".join(["# Excitation", "", *_course(one, actuators)]) + "\n"
 
 
 def _course(one: Excitation, actuators: Sequence[str]) -> Iterator[str]:
@@ -363,10 +358,7 @@ def _course(one: Excitation, actuators: Sequence[str]) -> Iterator[str]:
     yield f"{one.status.value}: {one.status.advice}\n"
     yield f"Commands last {step * len(one.commands.t):.4g} s, held for {step:.4g} s each, of {', '.join(actuators)}.\n"
     yield f"From where its origin begins the hull sweeps {', '.join(spans)} m in x, y and z, and tilts by {tilt:.2f} rad at most,"
-    yield "if the vehicle is as it is believed to be: keep it in sight, and record what was told if someone interferes."
-
-
-def _experiment_numbers(one: Excitation) -> Iterator[str]:
+    yield "if the vehicle is as it is believed to be: keep it in sight, and record what was told if someone interferes.\n"
     yield "| number | believed | unit | standard error | determined |"
     yield "|---|---:|---|---:|---|"
     for each in one.numbers:

@@ -76,7 +76,10 @@ class PreparedRecording:
         channels that have no time in common.
         """
         attitude, _ = recording.channel("attitude"), recording.channel("linear_velocity")
-        _require_span(recording)
+        begin, end = recording.span
+        if not begin < end:
+            given = f"one channel begins at {begin:.6g} s, and another has ended at {end:.6g} s"
+            raise InvalidInput(f"{recording.name}: {given}; give channels of one clock, with times in common")
         rate = recording.channels.get("angular_velocity")
         if rate is None:
             t, omega = angular_rate(attitude, window)
@@ -185,13 +188,6 @@ def _moved(recording: Recording, vehicle: Vehicle) -> Channel | None:
     return channel
 
 
-def _require_span(recording: Recording) -> None:
-    begin, end = recording.span
-    if not begin < end:
-        given = f"one channel begins at {begin:.6g} s, and another has ended at {end:.6g} s"
-        raise InvalidInput(f"{recording.name}: {given}; give channels of one clock, with times in common")
-
-
 def _joints(channel: Channel | None, edges: np.ndarray, window: float = 0.4) -> np.ndarray:
     middle = (edges[1:] + edges[:-1]) / 2
     if channel is None:
@@ -253,7 +249,7 @@ class Rollout:
         n = {len(one.edges) - 1 for one in stretches}
         if len(n) != 1 or any(one.joints.shape[0] != 3 * self.stage.n_j for one in stretches):
             raise InvalidInput(f"stretches of {sorted(n)} steps; allowed: equally many, with all joints of the vehicle")
-        run = _Run(self, stretches, starts, p, n.pop())
+        run = _StretchRun(self, stretches, starts, p, n.pop())
         return run.with_slopes() if slopes else run.rows()
 
     def many(self, name: str, function: ca.Function, n: int, m: int) -> ca.Function:
@@ -264,7 +260,7 @@ class Rollout:
         return self._many[key]
 
 
-class _Run:
+class _StretchRun:
     """One simulation of m stretches in n steps: states (m, n + 1, n_x)."""
 
     def __init__(

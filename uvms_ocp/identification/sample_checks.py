@@ -381,21 +381,17 @@ def _frozen(recording: Recording, pose: str, velocity: str) -> Iterator[tuple[st
     speed = np.interp(t, other.undelayed_t, np.linalg.norm(other.values, axis=1))
     apart = np.linalg.norm(rate, axis=1) - speed
     for name, mate, channel in ((pose, velocity, one), (velocity, pose, other)):
-        begin, end = _longest(channel)
+        # [s] from when to when its samples are the same for longest.
+        new = np.flatnonzero((np.diff(channel.values, axis=0) != 0.0).any(axis=1)) + 1
+        first, last = np.r_[0, new], np.r_[new - 1, len(channel.t) - 1]
+        k = int(np.argmax(channel.undelayed_t[last] - channel.undelayed_t[first]))
+        begin, end = float(channel.undelayed_t[first[k]]), float(channel.undelayed_t[last[k]])
         inside = (t > begin + WINDOW) & (t < end - WINDOW)
         if end - begin > _LONG and np.sqrt((apart[inside] ** 2).mean()) > _DIFFER:
             yield (
                 name,
                 f"stays exactly as it is from {begin:.1f} to {end:.1f} s, and the {mate} says otherwise: stopped?",
             )
-
-
-def _longest(channel: Channel) -> tuple[float, float]:
-    """[s] from when to when its samples are the same for longest."""
-    new = np.flatnonzero((np.diff(channel.values, axis=0) != 0.0).any(axis=1)) + 1
-    first, last = np.r_[0, new], np.r_[new - 1, len(channel.t) - 1]
-    k = int(np.argmax(channel.undelayed_t[last] - channel.undelayed_t[first]))
-    return float(channel.undelayed_t[first[k]]), float(channel.undelayed_t[last[k]])
 
 
 def _unrecorded(recording: Recording) -> Iterator[tuple[str, str]]:

@@ -59,11 +59,11 @@ _Corner = tuple[float, float, float]
 _NOISE, _SEARCH, _ACTUATORS = Noise(), Search(), ActuatorModel()  # whose defaults are those of the file
 
 
-class _Section(BaseModel):
+class _SettingsSection(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class QuantitySettings(_Section):
+class QuantitySettings(_SettingsSection):
     """Prior knowledge of a quantity; an empty section frees all of it."""
 
     free: tuple[str, ...] | None = Field(default=None, description="only these of its coordinates may be learnt")
@@ -79,7 +79,7 @@ class QuantitySettings(_Section):
         return Free(only=self.free) if self.prior is None else Prior(sigma=self.prior, only=self.free)
 
 
-class NoiseSettings(_Section):
+class NoiseSettings(_SettingsSection):
     """Standard deviations of sensors."""
 
     velocity: _Positive = Field(default=_NOISE.velocity, description="[m/s]")
@@ -89,7 +89,7 @@ class NoiseSettings(_Section):
 
 
 @one_line_errors
-class CalibrationSettings(_Section):
+class CalibrationSettings(_SettingsSection):
     """Settings of a calibration, as the YAML file has them."""
 
     robot: str = Field(description="name, see `uvms-ocp list`, or a URDF or its folder beside this file")

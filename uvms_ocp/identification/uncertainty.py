@@ -86,11 +86,8 @@ def unidentifiable_directions(
         if sigma > DETERMINED:
             order = np.argsort(-np.abs(axis))
             main = [i for i in order if abs(axis[i]) > _LEAST_SHARE * abs(axis[order[0]])]
-            found.append(
-                UnidentifiableDirection(
-                    sigma=sigma, shares=tuple((vehicle.shared.names[i], float(axis[i])) for i in main)
-                )
-            )
+            shares = tuple((vehicle.shared.names[i], float(axis[i])) for i in main)
+            found.append(UnidentifiableDirection(sigma=sigma, shares=shares))
     return tuple(found)
 
 
@@ -104,10 +101,8 @@ def variance_inflation(predicted: Predicted, noise: Noise) -> float:
 
     By Bartlett's formula, ``1 + 2 sum rho_k``, up to the first lag at which residuals are no longer correlated.
     """
-    found = []
-    for rows, seen, sigma in zip(
-        predicted.rows, predicted.measured, (noise.velocity, noise.rate, noise.vertical), strict=True
-    ):
+    found, sigmas = [], (noise.velocity, noise.rate, noise.vertical)
+    for rows, seen, sigma in zip(predicted.rows, predicted.measured, sigmas, strict=True):
         for residual in ((rows - seen) / sigma).T:
             found.append(float((residual**2).mean()) * bartlett(residual - residual.mean()))
     return max(1.0, float(np.mean(found)))
@@ -225,12 +220,12 @@ def number_of(vehicle: Vehicle, one: IdentifiedNumber) -> Callable[[np.ndarray],
     (value,) = (each for entry, each in pairs if (entry.quantity, entry.entry) == (one.quantity, one.entry))
     scaled = ca.log(value) if one.positive else value
     function = ca.Function("number", [theta], [scaled, ca.densify(ca.jacobian(scaled, theta))])
-    return lambda shared: _evaluated(function, shared)
 
+    def evaluate(shared: np.ndarray) -> tuple[float, np.ndarray]:
+        value, slope = function(shared)
+        return float(value), np.asarray(slope).ravel()
 
-def _evaluated(function: ca.Function, shared: np.ndarray) -> tuple[float, np.ndarray]:
-    value, slope = function(shared)
-    return float(value), np.asarray(slope).ravel()
+    return evaluate
 
 
 def values_of(vehicle: Vehicle, shared: np.ndarray) -> np.ndarray:
@@ -254,19 +249,15 @@ def _entries(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[_Entry], np.nda
 
 
 def _pairs(vehicle: Vehicle, theta: ca.SX) -> list[tuple[_Entry, ca.SX]]:
-    quantities = vehicle.shared.values(theta)
-    return [*_of_quantities(vehicle, quantities), *_totals(quantities)]
-
-
-def _of_quantities(vehicle: Vehicle, quantities: dict[str, ca.SX]) -> Iterator[tuple[_Entry, ca.SX]]:
+    quantities, found = vehicle.shared.values(theta), list[tuple[_Entry, ca.SX]]()
     for name, value in quantities.items():
         one = vehicle.shared.declaration.quantities[name]
         if value.shape[1] > 1:
-            yield from _of_matrix(name, one.unit, value)
+            found += _of_matrix(name, one.unit, value)
             continue
         positive = one.unit not in SIZES or name == "lag"
-        for k, entry in enumerate(one.coordinates.names):
-            yield _Entry(name, entry, one.unit, positive), value[k]
+        found += [(_Entry(name, entry, one.unit, positive), value[k]) for k, entry in enumerate(one.coordinates.names)]
+    return [*found, *_totals(quantities)]
 
 
 def _of_matrix(name: str, unit: str, value: ca.SX) -> Iterator[tuple[_Entry, ca.SX]]:
@@ -322,14 +313,12 @@ class Whiteness:
 
 def whiteness(left: Predicted, noise: Noise) -> tuple[Whiteness, ...]:
     """Test the whiteness of every channel in `CHANNELS` that has residuals."""
-    return tuple(_channels(left, noise))
-
-
-def _channels(left: Predicted, noise: Noise) -> Iterator[Whiteness]:
+    found = []
     for k, sigma in enumerate((noise.velocity, noise.rate, noise.vertical)):
         for name, residual in zip(CHANNELS[3 * k :], ((left.rows[k] - left.measured[k]) / sigma).T, strict=False):
             if np.ptp(residual) > 0.0:
-                yield _whiteness(name, residual, float(np.median(np.diff(left.t[k]))))
+                found.append(_whiteness(name, residual, float(np.median(np.diff(left.t[k])))))
+    return tuple(found)
 
 
 def _whiteness(name: str, residual: np.ndarray, interval: float) -> Whiteness:

@@ -65,7 +65,7 @@ class _Best:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Held:
+class _HeldFit:
     """End of a search with a number held."""
 
     place: float
@@ -114,7 +114,7 @@ def _best(wide: FitContext, estimate: Estimate) -> _Best:
 def _profile(best: _Best, one: IdentifiedNumber) -> Profile:
     number, point = number_of(best.wide.vehicle, one), best.expansion.point
     sigma = one.sigma / one.value if one.positive else one.sigma
-    middle = _Held(number(point.shared)[0], 0.0, point)
+    middle = _HeldFit(number(point.shared)[0], 0.0, point)
     below, above = (_side(best, middle, number, way * sigma) for way in (-1, 1))
     held = [*below[::-1], middle, *above]
     places, roots = (np.array([getattr(each, name) for each in held]) for name in ("place", "root"))
@@ -124,8 +124,8 @@ def _profile(best: _Best, one: IdentifiedNumber) -> Profile:
 
 
 def _side(
-    best: _Best, middle: _Held, number: Callable[[np.ndarray], tuple[float, np.ndarray]], step: float
-) -> list[_Held]:
+    best: _Best, middle: _HeldFit, number: Callable[[np.ndarray], tuple[float, np.ndarray]], step: float
+) -> list[_HeldFit]:
     """One and two standard errors away, and on until the interval closes."""
     found, last = [], middle
     for k in range(1, _FARTHEST + 1):
@@ -137,7 +137,7 @@ def _side(
     return found
 
 
-def _held(best: _Best, near: _Held, pull: ProfilePenalty, k: int) -> _Held:
+def _held(best: _Best, near: _HeldFit, pull: ProfilePenalty, k: int) -> _HeldFit:
     """Hold the number by one step from the optimum if its cost is as predicted, else by more steps or a search."""
     problem = best.wide.problem(pull)
     point, cost = problem.stepped(best.expansion)
@@ -153,10 +153,10 @@ def _held(best: _Best, near: _Held, pull: ProfilePenalty, k: int) -> _Held:
     return _found(best, pull, problem.resumed(found), found.cost)
 
 
-def _found(best: _Best, pull: ProfilePenalty, point: SearchPoint, cost: float) -> _Held:
+def _found(best: _Best, pull: ProfilePenalty, point: SearchPoint, cost: float) -> _HeldFit:
     deviance = 2.0 * (cost - pull.cost(point.shared) - best.cost)
     side = np.sign(pull.target - pull.number(best.expansion.point.shared)[0])
-    return _Held(pull.number(point.shared)[0], float(side * np.sqrt(max(deviance, 0.0))), point)
+    return _HeldFit(pull.number(point.shared)[0], float(side * np.sqrt(max(deviance, 0.0))), point)
 
 
 def _crossing(places: np.ndarray, roots: np.ndarray, wanted: float) -> float:
@@ -260,7 +260,7 @@ OTHERS, BEFORE, STATIC, BALANCE = "identified on the others", "before", "nothing
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Horizon:
+class HorizonPrediction:
     """Predictions of one recording, horizon by horizon, each from what was known before it."""
 
     asked: float
@@ -280,7 +280,7 @@ class HeldOutRecording:
     """Estimate from the other recordings alone, with their starts."""
     predictor: Predictor
     """Predictor with that estimate."""
-    horizons: tuple[Horizon, ...]
+    horizons: tuple[HorizonPrediction, ...]
     """Horizons over which that prediction stays finite."""
 
 
@@ -337,19 +337,14 @@ def _horizon(
     held: PreparedRecording,
     asked: float,
     length: float,
-) -> Horizon:
+) -> HorizonPrediction:
     step, known, before = fitted.search.step, predictor.start_window, fitted.vehicle.shared.start
     windows = held.windows(step, known, length)
-    resting = (
-        [static_baseline(one, known) for one in windows],
-        [balance.of_stretch(one, predictor.shared) for one in windows],
-    )
-    later = [[null.after(float(one.edges[0]) + known) for one, null in zip(windows, nulls, strict=True)]
-             for nulls in resting]  # fmt: skip
-    by = {
-        OTHERS: predictor.over(held, step, length),
-        BEFORE: fitted.predictor(before).over(held, step, length),
-        STATIC: Predicted.joined(later[0]),
-        BALANCE: Predicted.joined(later[1]),
+    by = {OTHERS: predictor.over(held, step, length), BEFORE: fitted.predictor(before).over(held, step, length)}
+    resting: dict[str, Callable[[Segment], Predicted]] = {
+        STATIC: lambda one: static_baseline(one, known),
+        BALANCE: lambda one: balance.of_stretch(one, predictor.shared),
     }
-    return Horizon(asked=asked, length=length, by=by)
+    for name, predict in resting.items():
+        by[name] = Predicted.joined([predict(one).after(float(one.edges[0]) + known) for one in windows])
+    return HorizonPrediction(asked=asked, length=length, by=by)
