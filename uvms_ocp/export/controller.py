@@ -138,7 +138,8 @@ def _documented(layout: type[Layout]) -> str:
 
 def field_docs(layout: type[Layout]) -> Mapping[str, str]:
     """Return the docstring of each field of a layout, or of the next one that has one."""
-    body = _class_body(layout)
+    (found,) = ast.parse(textwrap.dedent(inspect.getsource(layout))).body
+    body = found.body if isinstance(found, ast.ClassDef) else []
     texts, waiting = dict[str, str](), list[str]()
     for node in body:
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
@@ -147,11 +148,6 @@ def field_docs(layout: type[Layout]) -> Mapping[str, str]:
             texts |= dict.fromkeys(waiting, inspect.cleandoc(str(node.value.value)))
             waiting.clear()
     return texts
-
-
-def _class_body(layout: type[Layout]) -> Sequence[ast.stmt]:
-    (found,) = ast.parse(textwrap.dedent(inspect.getsource(layout))).body
-    return found.body if isinstance(found, ast.ClassDef) else []
 
 
 # A controller of Python as one in C: its memory at the beginning of a mission, and the texts.
@@ -247,27 +243,25 @@ def exported_controller(folder: Path) -> Callable[[Scenario], CController]:
     return exported
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Run:
-    """Recorded run of the exported controller."""
-
-    recorded: bytes
-    n_ticks: int
-
-
 def _texts_controller(scenario: Scenario) -> tuple[dict[str, str], bytes]:
     """Return the text of each file, and the recorded run."""
     controller = our_controller(scenario)
     kinematic = controller.kinematic
     sizes = interface_sizes(kinematic, _n_thrusters(scenario))
-    memory, names, run = controller_memory(controller), _names(scenario, kinematic), _recorded(scenario, sizes)
+    names = ControllerNames(
+        phases=tuple(phase.name for phase in scenario.mission.all_phases),
+        statuses=tuple(status.name for status in Status),
+        quantities=tuple(kinematic.problem.quantity_names),
+        channels=CHANNELS,
+    )
+    memory, run = controller_memory(controller), _recorded(scenario, sizes)
     library = controller_library(memory, sizes)
     rows = sum(kinematic.problem.sizes)
     readme = template("README.md").format(
         scenario=literal(scenario.name),
         robot=literal(scenario.robot.name),
         version=__version__,
-        ticks=run.n_ticks,
+        ticks=len(run.ticks),
         size=ctypes.sizeof(memory),
         period=scenario.dt,
         bound=f"{iteration_budget(rows).most_of_all} iterations of the solver, {ROUNDS} rounds for every distance, "
@@ -283,24 +277,16 @@ def _texts_controller(scenario: Scenario) -> tuple[dict[str, str], bytes]:
         "solver.c": solver_file(kinematic),
         "README.md": readme,
     }
-    return made | {name: template(name) for name in TEMPLATES}, run.recorded
+    return made | {name: template(name) for name in TEMPLATES}, run.as_bytes()
 
 
-def _recorded(scenario: Scenario, sizes: dict[str, int]) -> _Run:
+def _recorded(scenario: Scenario, sizes: dict[str, int]) -> RecordingController:
+    """Run the scenario with a fresh controller, recorded."""
     controller = our_controller(scenario)
     inputs, outputs = interface_types(sizes)
     recording = RecordingController(controller, controller.kinematic, inputs(), outputs())
     scenario.run(controller=recording)
-    return _Run(recorded=recording.as_bytes(), n_ticks=len(recording.ticks))
-
-
-def _names(scenario: Scenario, controller: KinematicController) -> ControllerNames:
-    return ControllerNames(
-        phases=tuple(phase.name for phase in scenario.mission.all_phases),
-        statuses=tuple(status.name for status in Status),
-        quantities=tuple(controller.problem.quantity_names),
-        channels=CHANNELS,
-    )
+    return recording
 
 
 def _n_thrusters(scenario: Scenario) -> int:

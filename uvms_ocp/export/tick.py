@@ -84,15 +84,8 @@ def write_measurement(inputs: Any, measurement: StateEstimate, t: float) -> None
 def command_in(outputs: Any, *, forces: bool) -> Command:
     """Read the command in `ControllerOutputs`, without thrust and torque unless there are forces."""
     v, thrust, torque = (np.array(getattr(outputs, name)) for name in ("v", "thrust", "torque"))
-    return _command(
-        v=v,
-        thrust=thrust if forces else None,
-        torque=torque if forces else None,
-        hold=bool(outputs.hold),
-        stop=bool(outputs.stop),
-        brakes=bool(outputs.brakes),
-        finished=bool(outputs.finished),
-    )
+    flags: dict[str, Any] = {name: bool(getattr(outputs, name)) for name in ("hold", "stop", "brakes", "finished")}
+    return _command(v=v, thrust=thrust if forces else None, torque=torque if forces else None, **flags)
 
 
 _ENCODERS, _RATES = CHANNELS.index(ENCODERS), CHANNELS.index("joint_velocities")
@@ -129,7 +122,13 @@ def control_force(c: ForceController, inputs: ControllerInputs, outputs: Control
         outputs.torque[i] = f.outputs.torque[i] if possible else 0.0
     outputs.stop = outputs.stop or not possible
     outputs.brakes = f.locks
-    _feed_back_actuation(m, f)
+    # Feed back to the next velocity tick what the force layer met.
+    m.distress.short = f.allocation.saturated
+    m.distress.push = f.outputs.push[0]
+    if f.detection.changed:
+        m.distress.fault = f.gives_up
+        for j in range(f.detection.joints.count):
+            m.jammed[f.detection.n_vehicle + j] = f.detection.joints.jammed[j]
 
 
 def _read_inputs(m: TickMemory, inputs: ControllerInputs) -> None:
@@ -175,13 +174,3 @@ def _write_force_inputs(f: ForceMemory, m: TickMemory, outputs: ControllerOutput
     f.t = m.t
     f.joint_age = m.joint_age
     f.encoders_trusted = less.level[_ENCODERS] == Trust.GOOD and less.level[_RATES] == Trust.GOOD
-
-
-def _feed_back_actuation(m: TickMemory, f: ForceMemory) -> None:
-    """Feed back to the next velocity tick what the force layer met."""
-    m.distress.short = f.allocation.saturated
-    m.distress.push = f.outputs.push[0]
-    if f.detection.changed:
-        m.distress.fault = f.gives_up
-        for j in range(f.detection.joints.count):
-            m.jammed[f.detection.n_vehicle + j] = f.detection.joints.jammed[j]

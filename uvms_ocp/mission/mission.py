@@ -13,21 +13,8 @@ import pinocchio as pin
 from uvms_ocp.checks import checked, checked_on_failure, unchecked_method
 from uvms_ocp.codegen.kernel_layout import structure_of, view
 from uvms_ocp.errors import InvalidInput, NameNotFound, plain_line
+from uvms_ocp.mission import progress
 from uvms_ocp.mission.phase import Abort, Event, GoalFunctions, MissionState, Phase, Transition, measured
-from uvms_ocp.mission.progress import (
-    NONE,
-    MissionMemory,
-    abort_mission,
-    activations_at,
-    quantities_read,
-    sizes_of,
-    state_after_abort,
-    state_after_transition,
-    take_transition,
-    transition_due,
-    write_conditions,
-    write_state,
-)
 from uvms_ocp.record.display import SmallTable, TableDisplay
 from uvms_ocp.record.meta_values import ABORT, DONE
 from uvms_ocp.tasks.pose import PoseTask
@@ -139,7 +126,9 @@ class Mission(TableDisplay):
             raise InvalidInput(f"mission: ramp = {self.ramp} s; give a finite time >= 0")
         last = () if self.abort is None else (self.abort.phase,)
         object.__setattr__(self, "all_phases", (*self.phases, *last))
-        self._check_names()
+        for name in self.phase_names:
+            if name in (DONE, ABORT) or self.phase_names.count(name) > 1:
+                raise InvalidInput(f"phase {name!r}; give each a name of its own, and not {DONE!r} or {ABORT!r}")
         self._check_targets()
         if self.abort is not None:
             _pose_task(self.hierarchy, self.abort.ascent_task)
@@ -182,7 +171,7 @@ class Mission(TableDisplay):
     def activations(self, state: MissionState, t: float) -> np.ndarray:
         """External activation (n_tasks,) of each task at time t [s] ([Gao2022] eq. 22 in time)."""
         activations = [0.0] * max(1, self.n_tasks)
-        activations_at(self._memory(state), t, activations)
+        progress.activations_at(self._memory(state), t, activations)
         return np.array(activations[: self.n_tasks])
 
     @property
@@ -215,19 +204,19 @@ class Mission(TableDisplay):
         """The state after the quantities [in their units] measured at t [s], and the event if a transition fired."""
         if state.over:
             return state, None
-        names, phase = quantities_read(self.all_phases), self.all_phases[state.phase]
+        names, phase = progress.quantities_read(self.all_phases), self.all_phases[state.phase]
         read = {c.quantity: measured(c.quantity, quantities) for tr in phase.transitions for c in tr.when}
         memory = self._memory(state)
-        due = transition_due(memory, t, [read.get(name, math.nan) for name in names])
-        if due != NONE:
-            take_transition(memory, t, due)
-        return state_after_transition(self.all_phases, state, memory, due, t, quantities)
+        due = progress.transition_due(memory, t, [read.get(name, math.nan) for name in names])
+        if due != progress.NONE:
+            progress.take_transition(memory, t, due)
+        return progress.state_after_transition(self.all_phases, state, memory, due, t, quantities)
 
     def _memory(self, state: MissionState) -> Any:
         """Memory of the kernels for a state, asked with the quantities that conditions read."""
-        memory = structure_of(MissionMemory, n_tasks=self.n_tasks, **sizes_of(self.all_phases))()
-        write_mission(memory, self, quantities_read(self.all_phases))
-        write_state(memory, state)
+        memory = structure_of(progress.MissionMemory, n_tasks=self.n_tasks, **progress.sizes_of(self.all_phases))()
+        write_mission(memory, self, progress.quantities_read(self.all_phases))
+        progress.write_state(memory, state)
         return memory
 
     @checked_on_failure
@@ -240,9 +229,9 @@ class Mission(TableDisplay):
         in it, the mission ends.
         """
         memory = self._memory(state)
-        abort_mission(memory, t, ascent_pose is not None)
+        progress.abort_mission(memory, t, ascent_pose is not None)
         goals = () if ascent_pose is None else self.ascent_goals(ascent_pose)
-        return state_after_abort(self.all_phases, state, memory, t, reason, goals)
+        return progress.state_after_abort(self.all_phases, state, memory, t, reason, goals)
 
     def has_ascent_goal(self, phase: int, task: int) -> bool:
         """True for a task whose goal is made as a phase begins: the ascent task in the abort phase."""
@@ -316,11 +305,6 @@ class Mission(TableDisplay):
             tasks[index] = tasks[index].with_goal(goal)
         return tuple(tasks)
 
-    def _check_names(self) -> None:
-        for name in self.phase_names:
-            if name in (DONE, ABORT) or self.phase_names.count(name) > 1:
-                raise InvalidInput(f"phase {name!r}; give each a name of its own, and not {DONE!r} or {ABORT!r}")
-
     def _check_targets(self) -> None:
         names = tuple(phase.name for phase in self.phases)
         for phase in self.phases:
@@ -329,12 +313,12 @@ class Mission(TableDisplay):
                     raise NameNotFound("phase", transition.to, (*names, DONE))
 
 
-def write_mission(memory: MissionMemory, mission: Mission, names: Sequence[str]) -> None:
+def write_mission(memory: progress.MissionMemory, mission: Mission, names: Sequence[str]) -> None:
     """A mission into a `MissionMemory`; names: of the vector of quantities that it is asked with."""
     memory.ramp = mission.ramp
-    memory.abort_phase = NONE if mission.abort is None else len(mission.phases)
+    memory.abort_phase = progress.NONE if mission.abort is None else len(mission.phases)
     view(memory.targets)[:, : mission.n_tasks] = mission._targets
-    write_conditions(memory, mission.all_phases, names)
+    progress.write_conditions(memory, mission.all_phases, names)
 
 
 def _pose_task(hierarchy: Hierarchy, name: str) -> PoseTask:

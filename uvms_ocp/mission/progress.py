@@ -14,7 +14,7 @@ import numpy as np
 
 from uvms_ocp.checks import replace_unchecked
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, view
-from uvms_ocp.mission.phase import Below, Condition, Event, GoalFunctions, MissionState, Phase, Transition, is_met
+from uvms_ocp.mission.phase import Below, Condition, Event, GoalFunctions, MissionState, Phase, is_met
 from uvms_ocp.record.meta_values import ABORT, DONE
 
 # Where a mission is, what ends its phases and where that leads, as numbers: what `Mission` asks at every tick, as kernels.
@@ -181,18 +181,14 @@ def write_conditions(memory: MissionMemory, phases: Sequence[Phase], names: Sequ
         memory.first[index] = transitions
         for transition in phase.transitions:
             memory.first_condition[transitions] = conditions
-            _write_transition(memory, transitions, transition, leads_to[transition.to])
+            memory.hold[transitions], memory.to[transitions] = transition.hold, leads_to[transition.to]
+            memory.retries[transitions] = -1 if transition.retries is None else transition.retries
             for condition in transition.when:
                 _write_condition(memory, conditions, condition, names)
                 conditions += 1
             memory.end_condition[transitions] = conditions
             transitions += 1
         memory.end[index] = transitions
-
-
-def _write_transition(memory: MissionMemory, at: int, transition: Transition, to: int) -> None:
-    memory.hold[at], memory.to[at] = transition.hold, to
-    memory.retries[at] = -1 if transition.retries is None else transition.retries
 
 
 def _write_condition(memory: MissionMemory, at: int, condition: Condition, names: Sequence[str]) -> None:
@@ -233,7 +229,8 @@ def state_after_transition(
         return replace_unchecked(state, held_since=_held_since(memory)) if memory.changed else state, None
     phase = phases[state.phase]
     transition, n_fired = phase.transitions[due], state.fired.get((state.phase, due), 0)
-    reason, target = _reason(transition, quantities), transition.to
+    held = f" for {transition.hold:g} s" if transition.hold else ""
+    reason, target = (transition.describe(quantities) + held), transition.to
     if transition.retries is not None and is_used_up(n_fired, transition.retries):
         reason, target = f"{n_fired} retries are used up: {reason}", ABORT
     values = tuple((condition, quantities[condition.quantity]) for condition in transition.when)
@@ -256,30 +253,21 @@ def _after(phases: Sequence[Phase], state: MissionState, memory: MissionMemory, 
         return replace_unchecked(
             state, completed=bool(memory.completed), aborted=(state.abort_reason or reason) * bool(memory.aborted)
         )
+    counted = {
+        (k, i): memory.fired[memory.first[k] + i]
+        for k, phase in enumerate(phases)
+        for i in range(len(phase.transitions))
+    }
     return MissionState(
         phase=memory.phase,
         since=memory.since,
         began=memory.began,
         activations_before=np.array(memory.activations_before)[: len(state.activations_before)],
         held_since=_held_since(memory),
-        fired=_fired(phases, memory),
+        fired={which: n for which, n in counted.items() if n},
     )
-
-
-def _fired(phases: Sequence[Phase], memory: MissionMemory) -> dict[tuple[int, int], int]:
-    counted = {
-        (k, i): memory.fired[memory.first[k] + i]
-        for k, phase in enumerate(phases)
-        for i in range(len(phase.transitions))
-    }
-    return {which: n for which, n in counted.items() if n}
 
 
 def _held_since(memory: MissionMemory) -> tuple[float | None, ...]:
     times = [memory.held_since[k] for k in range(memory.first[memory.phase], memory.end[memory.phase])]
     return tuple(None if math.isnan(since) else since for since in times)
-
-
-def _reason(transition: Transition, quantities: Mapping[str, float]) -> str:
-    held = f" for {transition.hold:g} s" if transition.hold else ""
-    return transition.describe(quantities) + held

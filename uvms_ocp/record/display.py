@@ -107,34 +107,22 @@ def format_value(value: Any) -> str:
     if value is None:
         return "-"
     if isinstance(value, np.ndarray):
-        return _of_array(value)
+        if value.size > _FEW or value.ndim > 1:
+            return f"array of shape {value.shape}"
+        return np.array2string(value, precision=4, suppress_small=True, max_line_width=_LONGEST)
     if isinstance(value, TableDisplay):
         return value._table().title
     if isinstance(value, Mapping):
         return ", ".join(map(str, value)) or "none"
     if isinstance(value, (tuple, list)):
-        return _of_items(value)
+        if any(isinstance(item, Mapping) for item in value):
+            return f"{len(value)} rows"
+        more = f" and {len(value) - _FEW} more" if len(value) > _FEW else ""
+        return (", ".join(map(format_value, value[:_FEW])) or "none") + more
     if isinstance(value, Enum):
         return str(value.value)
     if callable(value) and hasattr(value, "__qualname__"):
         return str(value.__qualname__)
-    return _of_other(value)
-
-
-def _of_array(value: np.ndarray) -> str:
-    if value.size > _FEW or value.ndim > 1:
-        return f"array of shape {value.shape}"
-    return np.array2string(value, precision=4, suppress_small=True, max_line_width=_LONGEST)
-
-
-def _of_items(value: tuple[Any, ...] | list[Any]) -> str:
-    if any(isinstance(item, Mapping) for item in value):
-        return f"{len(value)} rows"
-    more = f" and {len(value) - _FEW} more" if len(value) > _FEW else ""
-    return (", ".join(map(format_value, value[:_FEW])) or "none") + more
-
-
-def _of_other(value: Any) -> str:
-    """Describe it by its own words, where these are few; else by its kind."""
+    # Describe it by its own words, where these are few; else by its kind.
     words = f"{value:.4g}" if isinstance(value, float) else str(value) if isinstance(value, str) else repr(value)
     return type(value).__name__ if "\n" in words or " at 0x" in words or len(words) > _LONGEST else words

@@ -9,6 +9,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
+from itertools import count
 from pathlib import Path
 from typing import IO, Any
 
@@ -128,10 +129,10 @@ def series_message(name: str, kind: str, columns: Sequence[str]) -> Any:
     file = descriptor_pb2.FileDescriptorProto(name=f"uvms_ocp/{title}.proto", package="uvms_ocp", syntax="proto3")
     message = file.message_type.add(name=title)
     own = descriptor_pb2.FieldDescriptorProto
-    for number, column in zip(_numbers(len(columns)), field_names(columns), strict=True):
-        message.field.add(
-            name=column, number=number, type=getattr(own, _KINDS[kind][0]), label=own.Label.Value("LABEL_OPTIONAL")
-        )
+    numbers = (k for k in count(1) if k not in _RESERVED)
+    as_said = {"type": getattr(own, _KINDS[kind][0]), "label": own.Label.Value("LABEL_OPTIONAL")}
+    for number, column in zip(numbers, field_names(columns), strict=False):
+        message.field.add(name=column, number=number, **as_said)
     pool = descriptor_pool.DescriptorPool()
     pool.Add(file)
     return message_factory.GetMessageClass(pool.FindMessageTypeByName(f"uvms_ocp.{title}"))
@@ -156,11 +157,6 @@ def values_of(messages: Sequence[Any], dtype: str, n_axes: int) -> np.ndarray:
     rows = [[getattr(message, field) for field in fields] for message in messages]
     found = np.array(rows, dtype=_KINDS[wanted.kind][1]).reshape(len(rows), -1).astype(wanted)
     return found[:, 0] if n_axes == 1 else found
-
-
-def _numbers(n: int) -> list[int]:
-    allowed = (k for k in range(1, n + 1 + len(_RESERVED)) if k not in _RESERVED)
-    return [number for number, _ in zip(allowed, range(n), strict=False)]
 
 
 # What Foxglove draws by itself: poses as transforms, states of joints, wrenches, and what was said.
@@ -246,9 +242,8 @@ def wrench_class() -> Any:
     from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
 
     needed = (Vector3_pb2.DESCRIPTOR.name, timestamp_pb2.DESCRIPTOR.name)
-    file = descriptor_pb2.FileDescriptorProto(
-        name="uvms_ocp/Wrench.proto", package="uvms_ocp", syntax="proto3", dependency=needed
-    )
+    known = {"package": "uvms_ocp", "syntax": "proto3", "dependency": needed}
+    file = descriptor_pb2.FileDescriptorProto(name="uvms_ocp/Wrench.proto", **known)
     message, own = file.message_type.add(name="Wrench"), descriptor_pb2.FieldDescriptorProto
     once = own.Label.Value("LABEL_OPTIONAL")
     kinds = {"timestamp": ".google.protobuf.Timestamp", "force": ".foxglove.Vector3", "torque": ".foxglove.Vector3"}
@@ -333,12 +328,8 @@ def _column(writer: Any, name: str, array: np.ndarray, meta: Any) -> _Column:
     units = column_units(name, flat.shape[1], meta)
     short = [column.removeprefix(f"{name}.") for column in names]
     made = series_message(name, array.dtype.kind, short)
-    metadata = {
-        **series_description(name, array),
-        "dtype": array.dtype.str,
-        "columns": "\n".join(names),
-        "units": "\n".join(units),
-    }
+    about = {"dtype": array.dtype.str, "columns": "\n".join(names), "units": "\n".join(units)}
+    metadata = series_description(name, array) | about
     channel = writer.register_channel(f"{_SERIES}{name}", "protobuf", register_schema(writer, made), metadata)
     fields = [field.name for field in made.DESCRIPTOR.fields]
     return _Column(channel=channel, made=made, fields=fields, rows=flat.tolist())
@@ -373,9 +364,9 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], Any]:
             metadata[channel.metadata["series"]] = channel.metadata
             decode = decoders.decoder_for(channel.message_encoding, schema)
             found[channel.metadata["series"]].append(decode(message.data))
-    series = {
-        name: values_of(rows, metadata[name]["dtype"], int(metadata[name]["axes"])) for name, rows in found.items()
-    }
+    series = {}
+    for name, rows in found.items():
+        series[name] = values_of(rows, metadata[name]["dtype"], int(metadata[name]["axes"]))
     return series, read_meta(own["meta"])
 
 

@@ -259,7 +259,12 @@ class Replacement:
         before, after = journal.before, journal.after
         self._require_unchanged(journal)
         for name in after.files:
-            self._install(name)
+            # The old file stays in its place until the new one takes it, so that a reader always finds one.
+            if (self.new / name).exists():
+                place = self.target / name
+                place.parent.mkdir(parents=True, exist_ok=True)
+                self._keep(name)
+                os.replace(self.new / name, place)
         for name, known in before.files.items():
             if name not in after.files and is_same(self.target / name, known):
                 self._keep(name)
@@ -270,14 +275,6 @@ class Replacement:
     def _remove_folders(self, journal: Journal) -> None:
         """Not earlier: to undo this could take room that a full disk does not have."""
         remove_empty(self.target / name for name in journal.before.folders - journal.after.folders)
-
-    def _install(self, name: str) -> None:
-        """The old file stays in its place until the new one takes it, so that a reader always finds one."""
-        if (self.new / name).exists():
-            place = self.target / name
-            place.parent.mkdir(parents=True, exist_ok=True)
-            self._keep(name)
-            os.replace(self.new / name, place)
 
     def _keep(self, name: str) -> None:
         """A second name for the old file, or where the file system has no links, another."""

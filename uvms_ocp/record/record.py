@@ -62,7 +62,12 @@ def check_series(series: Series, meta: RunMeta | PlanMeta) -> None:
             shape = series[name].shape
             raise InvalidInput(f"series {name!r} has shape {shape}; its metadata allow {shape[0]} rows of {columns}")
     _check_counts(series, meta)
-    _check_quaternions(series, meta)
+    if "q" in series and is_floating(series, meta):
+        norms = np.linalg.norm(series["q"][:, 3:_VEHICLE_Q], axis=1)
+        right = np.abs(norms - 1.0) <= UNIT_NORM_TOLERANCE
+        if not right.all():
+            when = _first_wrong(series["t"], right)
+            raise InvalidInput(f"series 'q' has a quaternion, columns 3 to 6, whose norm is not 1 at t = {when:g} s")
     _check_health(series, meta)
     if isinstance(meta, RunMeta):
         _check_start_and_events(series["t"], meta)
@@ -159,15 +164,6 @@ def _check_health(series: Series, meta: RunMeta | PlanMeta) -> None:
             f"series 'health' is {values.dtype} of shape {values.shape}; "
             f"allowed: whole numbers from 0 to {_WORST_HEALTH}, a column for each of {n} channels"
         )
-
-
-def _check_quaternions(series: Series, meta: RunMeta | PlanMeta) -> None:
-    if "q" in series and is_floating(series, meta):
-        norms = np.linalg.norm(series["q"][:, 3:_VEHICLE_Q], axis=1)
-        right = np.abs(norms - 1.0) <= UNIT_NORM_TOLERANCE
-        if not right.all():
-            when = _first_wrong(series["t"], right)
-            raise InvalidInput(f"series 'q' has a quaternion, columns 3 to 6, whose norm is not 1 at t = {when:g} s")
 
 
 def _check_start_and_events(t: np.ndarray, meta: RunMeta) -> None:

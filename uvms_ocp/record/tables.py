@@ -114,17 +114,10 @@ SERIES: Mapping[str, SeriesKind] = {
 
 QUANTITIES: Mapping[str, str] = MappingProxyType(
     {
-        "position_error": "m",
-        "orientation_error": "rad",
-        "horizontal_error": "m",
-        "tilt": "rad",
-        "misalignment": "rad",
-        "overhead": "-",
-        "altitude": "m",
-        "clearance": "m",
-        "margin": "rad or m",
-        "posture_error": "rad or m",
-        "manipulability": "-",
+        **dict.fromkeys(("position_error", "horizontal_error", "altitude", "clearance"), "m"),
+        **dict.fromkeys(("orientation_error", "tilt", "misalignment"), "rad"),
+        **dict.fromkeys(("margin", "posture_error"), "rad or m"),
+        **dict.fromkeys(("overhead", "manipulability"), "-"),
     }
 )
 """Units of what our tasks measure, by the name after the task's. Tasks of one's own may measure more."""

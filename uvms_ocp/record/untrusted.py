@@ -9,12 +9,11 @@ import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
 from lzma import LZMAError
 from pathlib import Path
 from tokenize import TokenError
 from types import MappingProxyType
-from typing import IO, Any, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar
 from xml.etree import ElementTree
 from zipfile import BadZipFile, ZipFile, ZipInfo
 
@@ -95,20 +94,6 @@ _DAMAGE = (
 )
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Declared:
-    """Header of an array: its type, shape and order."""
-
-    shape: tuple[int, ...]
-    dtype: np.dtype[Any]
-    fortran: bool
-
-    @property
-    def size(self) -> int:
-        """[B]"""
-        return math.prod(self.shape) * self.dtype.itemsize
-
-
 def read_arrays(path: Path | str) -> Mapping[str, np.ndarray]:
     """Every array of the file by its name, read-only.
 
@@ -120,22 +105,15 @@ def read_arrays(path: Path | str) -> Mapping[str, np.ndarray]:
     try:
         with warnings.catch_warnings(), source.open("rb") as file, ZipFile(file) as archive:
             warnings.simplefilter("error")  # numpy's, of headers that it has to guess at
-            return MappingProxyType(_arrays(archive, source.stat().st_size))
+            members = _members(archive, source.stat().st_size)
+            return MappingProxyType({name: _array(archive, member, name) for name, member in members.items()})
     except InvalidInput:
         raise
     except FileNotFoundError as error:
         raise InvalidInput("No such file or directory; give the path of a file that is there") from error
     except _DAMAGE as error:
-        raise InvalidInput(" ".join(f"damaged, or no .npz file ({_error_text(error)})".split())) from error
-
-
-def _error_text(error: BaseException) -> str:
-    return (getattr(error, "strerror", None) or str(error) or type(error).__name__)[:200]
-
-
-def _arrays(archive: ZipFile, size: int) -> dict[str, np.ndarray]:
-    members = _members(archive, size)
-    return {name: _array(archive, member, name) for name, member in members.items()}
+        text = (getattr(error, "strerror", None) or str(error) or type(error).__name__)[:200]
+        raise InvalidInput(" ".join(f"damaged, or no .npz file ({text})".split())) from error
 
 
 def _members(archive: ZipFile, size: int) -> dict[str, ZipInfo]:
@@ -147,9 +125,8 @@ def _members(archive: ZipFile, size: int) -> dict[str, ZipInfo]:
             raise InvalidInput(f"{member.filename[:60]!r} in it is no array")
     total = sum(member.file_size for member in listed)
     if total > max(SMALL, DENSEST * size):
-        raise InvalidInput(
-            f"{total / 1e9:.3g} GB of arrays in {size / 1e6:.3g} MB; at most {DENSEST} times a file are read"
-        )
+        given = f"{total / 1e9:.3g} GB of arrays in {size / 1e6:.3g} MB"
+        raise InvalidInput(f"{given}; at most {DENSEST} times a file are read")
     members = {member.filename.removesuffix(_SUFFIX): member for member in listed}
     if len(members) < len(listed):
         raise InvalidInput("two arrays of one name")
@@ -158,26 +135,19 @@ def _members(archive: ZipFile, size: int) -> dict[str, ZipInfo]:
 
 def _array(archive: ZipFile, member: ZipInfo, name: str) -> np.ndarray:
     with archive.open(member) as file:
-        declared = _declared(file)
+        version = np.lib.format.read_magic(file)
+        read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+        if version not in read:
+            raise InvalidInput(f"arrays of format {version}; 1.0 and 2.0 are read")
+        shape, fortran, dtype = read[version](file)
         there = member.file_size - file.tell()
-        if declared.dtype.kind not in _KINDS:
-            raise InvalidInput(f"{name!r} holds {declared.dtype}; numbers and text are read")
-        if min(declared.shape, default=1) < 0 or declared.size != there:
-            raise InvalidInput(
-                f"{name!r} declares {declared.dtype} of shape {_short(declared.shape)}, but holds {there} bytes"
-            )
+        if dtype.kind not in _KINDS:
+            raise InvalidInput(f"{name!r} holds {dtype}; numbers and text are read")
+        if min(shape, default=1) < 0 or math.prod(shape) * dtype.itemsize != there:
+            raise InvalidInput(f"{name!r} declares {dtype} of shape {_short(shape)}, but holds {there} bytes")
         content = file.read()  # to its end, where its checksum is looked at
-    numbers = np.frombuffer(content, dtype=declared.dtype)
-    return numbers.reshape(declared.shape[::-1]).T if declared.fortran else numbers.reshape(declared.shape)
-
-
-def _declared(file: IO[bytes]) -> Declared:
-    version = np.lib.format.read_magic(file)
-    read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-    if version not in read:
-        raise InvalidInput(f"arrays of format {version}; 1.0 and 2.0 are read")
-    shape, fortran, dtype = read[version](file)
-    return Declared(shape=shape, dtype=dtype, fortran=fortran)
+    numbers = np.frombuffer(content, dtype=dtype)
+    return numbers.reshape(shape[::-1]).T if fortran else numbers.reshape(shape)
 
 
 def _short(shape: tuple[int, ...]) -> str:

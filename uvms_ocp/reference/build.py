@@ -9,7 +9,7 @@ import inspect
 import re
 import sys
 import warnings
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from html.parser import HTMLParser
 from importlib.resources import files
 from pathlib import Path
@@ -25,7 +25,7 @@ from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput, NameNotFound, OutputError
 from uvms_ocp.identification.parameters import ActuatorModel, NominalParameters, Quantity, vehicle_declaration
 from uvms_ocp.identification.reading import ChannelMapping
-from uvms_ocp.identification.recording import CHANNEL_KINDS, ChannelKind
+from uvms_ocp.identification.recording import CHANNEL_KINDS
 from uvms_ocp.identification.settings import CalibrationSettings
 from uvms_ocp.record.tables import series_markdown
 from uvms_ocp.robot.description import RobotDescription
@@ -39,13 +39,9 @@ def generated_pages() -> dict[str, str]:
     return {name: page() for name, page in (made | {"commands": _commands}).items()}
 
 
-def _table(head: tuple[str, ...], rows: Iterator[tuple[str, ...]]) -> str:
-    lines = ["| " + " | ".join(cells) + " |" for cells in (head, ("---",) * len(head), *map(_cells, rows))]
-    return "\n".join(lines)
-
-
-def _cells(row: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(" ".join(cell.replace("|", "\\|").split()) for cell in row)
+def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    plain = [[" ".join(cell.replace("|", "\\|").split()) for cell in row] for row in rows]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in (head, ("---",) * len(head), *plain))
 
 
 def _series() -> str:
@@ -57,8 +53,9 @@ def _series() -> str:
 
 
 def _channels() -> str:
+    taken = {True: "a command, held", False: "measured, interpolated"}
     rows = (
-        (f"`{name}`", ", ".join(kind.columns) or "one for each", kind.unit, kind.frame or "-", _taken(kind))
+        (f"`{name}`", ", ".join(kind.columns) or "one for each", kind.unit, kind.frame or "-", taken[kind.command])
         for name, kind in CHANNEL_KINDS.items()
     )
     text = _fields(ChannelMapping.model_json_schema())
@@ -68,10 +65,6 @@ def _channels() -> str:
         + _table(("channel", "columns", "unit", "frame", "between samples"), rows)
         + f"\n\n## A channel in a mapping\n\n{text}\n"
     )
-
-
-def _taken(kind: ChannelKind) -> str:
-    return "a command, held" if kind.command else "measured, interpolated"
 
 
 def _robot_files() -> str:
@@ -106,19 +99,11 @@ def _settings() -> str:
 def _learnable() -> Mapping[str, Quantity]:
     """Of any vehicle: of actuators that have names of their own, coordinates are those."""
     own, axes = np.eye(3), np.eye(6)
-    start = NominalParameters(
-        mass=1.0,
-        centre_of_mass=np.zeros(3),
-        inertia=own,
-        volume=1.0,
-        centre_of_buoyancy=np.zeros(3),
-        added_mass=axes,
-        linear_drag=axes,
-        quadratic_drag=axes,
-    )
-    return vehicle_declaration(
-        start, np.array([-np.ones(3), np.ones(3)]), ActuatorModel(names=("thrusters",))
-    ).quantities
+    body: dict[str, Any] = {"mass": 1.0, "centre_of_mass": np.zeros(3), "inertia": own}
+    water: dict[str, Any] = dict.fromkeys(("added_mass", "linear_drag", "quadratic_drag"), axes)
+    start = NominalParameters(**body, **water, volume=1.0, centre_of_buoyancy=np.zeros(3))
+    actuators = ActuatorModel(names=("thrusters",))
+    return vehicle_declaration(start, np.array([-np.ones(3), np.ones(3)]), actuators).quantities
 
 
 def _fields(part: dict[str, Any]) -> str:
@@ -126,15 +111,12 @@ def _fields(part: dict[str, Any]) -> str:
     if "properties" not in part:
         return f"{text}\n\nOne of: {', '.join(f'`{value}`' for value in part.get('enum', ()))}."
     needed = set(part.get("required", ()))
-    rows = (
-        (f"`{name}`", _type_of(field), "needed" if name in needed else _default(field), field.get("description", ""))
-        for name, field in part["properties"].items()
-    )
+    rows = []
+    for name, field in part["properties"].items():
+        default = f"`{field['default']}`" if field.get("default") is not None else "-"
+        kept = "needed" if name in needed else default
+        rows.append((f"`{name}`", _type_of(field), kept, field.get("description", "")))
     return text + "\n\n" + _table(("field", "type", "default", "meaning"), rows)
-
-
-def _default(field: dict[str, Any]) -> str:
-    return f"`{field['default']}`" if field.get("default") is not None else "-"
 
 
 def _type_of(field: dict[str, Any]) -> str:
@@ -150,13 +132,9 @@ def _type_of(field: dict[str, Any]) -> str:
         return f"list of {field.get('maxItems', '') or ''} {_type_of(items or {})}".replace("  ", " ")
     if isinstance(field.get("additionalProperties"), dict):
         return f"by name: {_type_of(field['additionalProperties'])}"
-    return str(field.get("type", "any")) + _range_of(field)
-
-
-def _range_of(field: dict[str, Any]) -> str:
     signs = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
     limits = [f"{sign} {field[key]:g}" for key, sign in signs.items() if key in field]
-    return f", {' and '.join(limits)}" if limits else ""
+    return str(field.get("type", "any")) + (f", {' and '.join(limits)}" if limits else "")
 
 
 def _commands() -> str:
@@ -352,7 +330,7 @@ def body_of(text: str, modules: Collection[str]) -> str:
     formulas: list[str] = []
     for pattern, display in ((_DISPLAY, "block"), (_INLINE, "inline")):
         text = pattern.sub(lambda found, how=display: _mark(formulas, found[1], how), text)  # type: ignore[misc]
-    text = CITED.sub(lambda found: f"[`{_short(found[1])}`]({address_of(found[1], modules)})", text)
+    text = CITED.sub(lambda f: f"[`{f[1].removeprefix('uvms_ocp.')}`]({address_of(f[1], modules)})", text)
     html = str(to_html(text))
     return re.sub(r"formula(\d+)mark", lambda found: formulas[int(found[1])], html)
 
@@ -363,10 +341,6 @@ def _mark(formulas: list[str], latex: str, display: str) -> str:
 
     formulas.append(convert(latex.strip(), display=display))
     return f"formula{len(formulas) - 1}mark"
-
-
-def _short(name: str) -> str:
-    return name.removeprefix("uvms_ocp.")
 
 
 def page_of(title: str, body: str, contents: Contents) -> str:
@@ -439,7 +413,8 @@ def build_reference(folder: Path | str) -> Path:
         with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
             pdoc.pdoc(*_asked_for(modules), output_directory=folder)
-        _without_private_links(folder)
+        for path in folder.rglob("*.html"):  # classes name their private bases, which have no place to lead to
+            path.write_text(_PRIVATE.sub(r"\1", path.read_text(encoding="utf-8")), encoding="utf-8")
         _write_pages(folder, written, modules)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written ({error}); choose another folder") from error
@@ -457,13 +432,6 @@ def _asked_for(modules: tuple[str, ...]) -> Iterator[str]:
             yield name
 
 
-def _without_private_links(folder: Path) -> None:
-    """Classes name their private bases, which have no place to lead to."""
-    for path in folder.rglob("*.html"):
-        text = path.read_text(encoding="utf-8")
-        path.write_text(_PRIVATE.sub(r"\1", text), encoding="utf-8")
-
-
 def _write_pages(folder: Path, written: dict[str, dict[str, str]], modules: tuple[str, ...]) -> None:
     contents: Contents = {
         heading: [(f"{name}.html", title_of(text)) for name, text in pages.items()]
@@ -473,8 +441,5 @@ def _write_pages(folder: Path, written: dict[str, dict[str, str]], modules: tupl
     for name, text in (item for pages in written.values() for item in pages.items()):
         page = page_of(title_of(text), body_of(text, modules), contents)
         (folder / f"{name}.html").write_text(page, encoding="utf-8")
-    (folder / "index.html").write_text(page_of("uvms_ocp", body_of(_first_page(), modules), contents), encoding="utf-8")
-
-
-def _first_page() -> str:
-    return (files("uvms_ocp.reference") / "theory" / "first_page.md").read_text(encoding="utf-8")
+    first = (files("uvms_ocp.reference") / "theory" / "first_page.md").read_text(encoding="utf-8")
+    (folder / "index.html").write_text(page_of("uvms_ocp", body_of(first, modules), contents), encoding="utf-8")

@@ -14,7 +14,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.control import LoadLearning, VelocityGains
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.errors import NameNotFound
-from uvms_ocp.mission import Abort, Below, Mission, Phase, Transition
+from uvms_ocp.mission import Abort, Below, Condition, Mission, Phase, Transition
 from uvms_ocp.record.meta_values import ABORT
 from uvms_ocp.robot import IDEAL_SENSORS, Obstacle, Robot, SensorSpecs, load_robot, robot_sensors
 from uvms_ocp.robot.assembly import with_trim
@@ -88,14 +88,12 @@ class RunOptions:
         plant_robot: what moves, where it is not the robot that the controller knows. Raises `InvalidInput` and
         `NameNotFound` as `Scenario` does.
         """
-        real = plant_robot or self.robot
+        real, floor = plant_robot or self.robot, seafloor or FlatSeafloor(z=self.seabed)
         return Scenario(
             name=name,
             robot=self.robot,
             mission=mission,
-            environment=Environment(
-                seafloor=seafloor or FlatSeafloor(z=self.seabed), current=self.current, obstacles=tuple(obstacles)
-            ),
+            environment=Environment(seafloor=floor, current=self.current, obstacles=tuple(obstacles)),
             start=start,
             solver=self.solver,
             plant=self.plant,
@@ -181,7 +179,9 @@ def mission_of(
     order: task names, highest priority first, instead of the order of the classes. overrides: fields of tasks by name.
     Raises `NameNotFound` for an unknown task or field, and `InvalidInput` for an order that does not name every task.
     """
-    first = _underactuation(robot)
+    # Nothing for a robot without thrusters, whose vehicle moves on the kinematic plant alone, on every axis.
+    axes = unactuated_axes(robot) if robot.description.thrusters else ()
+    first = [UnderActuation(axes=axes)] if axes else []
     names = tuple(task.name for task in first)
     listed = override([*first, *tasks], overrides) if overrides else [*first, *tasks]
     mission = Mission(
@@ -205,19 +205,7 @@ def abort_phase(*names: str, arrived: float = 0.3, hold: float = 2.0) -> Abort:
     that altitude, and for how long.
     """
     there = Below(quantity="PC.position_error", limit=arrived)
-    phase = Phase(
-        name="climb",
-        title="abort",
-        activations=activate("PC", *names),
-        transitions=(Transition(to=ABORT, when=(there,), hold=hold),),
-    )
-    return Abort(phase=phase)
-
-
-def _underactuation(robot: Robot) -> list[Task]:
-    """Nothing for a robot without thrusters, whose vehicle moves on the kinematic plant alone, on every axis."""
-    axes = unactuated_axes(robot) if robot.description.thrusters else ()
-    return [UnderActuation(axes=axes)] if axes else []
+    return Abort(phase=phase_of("climb", "abort", ("PC", *names), ABORT, there, hold=hold))
 
 
 def activate(*names: str) -> dict[str, float]:
@@ -225,16 +213,22 @@ def activate(*names: str) -> dict[str, float]:
     return dict.fromkeys(names, 1.0)
 
 
+def phase_of(
+    name: str, title: str, on: Sequence[str], to: str, *when: Condition, hold: float = 0.0, **goals: Any
+) -> Phase:
+    """A phase with these tasks fully on and one way on: to a phase once conditions have held for `hold` [s].
+
+    goals: by task, in place of their own.
+    """
+    exits = (Transition(to=to, when=when, hold=hold),)
+    return Phase(name=name, title=title, activations=activate(*on), transitions=exits, goals=goals)
+
+
 def approach_phase() -> Phase:
     """Phase A: the small vehicle comes near its way point, before its tool acts in phase B."""
     near = Below(quantity="PC.position_error", limit=0.2)
     turned = Below(quantity="PC.orientation_error", limit=0.2)
-    return Phase(
-        name="A",
-        title="approach",
-        activations=activate("JL", "MAC", "HA", "PC", "MP"),
-        transitions=(Transition(to="B", when=(near, turned)),),
-    )
+    return phase_of("A", "approach", ("JL", "MAC", "HA", "PC", "MP"), "B", near, turned)
 
 
 def override(tasks: list[Task], overrides: Mapping[str, Mapping[str, Any]]) -> list[Task]:

@@ -191,7 +191,12 @@ def load_scenario(words: str, options: Mapping[str, Any], makers: Mapping[str, C
         return makers[words](**given)
     found = code.load()
     if isinstance(found, Scenario):
-        return _with_options(words, found, given)
+        # A scenario that is a value, with what can be changed of it.
+        for name in given:
+            if name not in CHANGEABLE:
+                text = f"{words} is a Scenario, whose {name} is fixed"
+                raise InvalidInput(f"{text}; leave the option out, or make it a function that takes {name}")
+        return apply_options(found, given)
     if not callable(found):
         raise InvalidInput(f"{words} is a {type(found).__name__}; give a Scenario, or a function that makes one")
     made = code.called(found, **_taken(words, found, given))
@@ -241,12 +246,3 @@ def _taken(words: str, maker: Callable[..., Any], given: Mapping[str, Any]) -> M
             takes = f"; it takes {', '.join(known)}" if known else ""
             raise InvalidInput(f"{words} takes no option {name}{takes}: leave it out, or give the function a **options")
     return given
-
-
-def _with_options(words: str, scenario: Scenario, given: Mapping[str, Any]) -> Scenario:
-    """A scenario that is a value, with what can be changed of it."""
-    for name in given:
-        if name not in CHANGEABLE:
-            text = f"{words} is a Scenario, whose {name} is fixed"
-            raise InvalidInput(f"{text}; leave the option out, or make it a function that takes {name}")
-    return apply_options(scenario, given)

@@ -46,22 +46,11 @@ class RunOutcome:
     """(n_v,) [m, rad] standard deviation of the estimated configuration, where the estimator tells."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class PartNames:
-    """Parts that ran."""
-
-    plant: str
-    solver: str
-    controller: str
-    estimator: str
-    sensors: str
-
-
 def run_meta(
     *,
     name: str,
     setup: Setup,
-    parts: PartNames,
+    parts: Mapping[str, Any],
     seed: int,
     markers: Markers,
     faults: tuple[meta_values.FaultMeta, ...],
@@ -71,9 +60,12 @@ def run_meta(
 ) -> RunMeta:
     """Metadata of a run of the mission in `setup`.
 
-    controller, monitor: those that ran, which know what happened.
+    parts: names of plant, solver, controller, estimator and sensors. controller, monitor: those that ran, which know what
+    happened.
     """
     robot, tasks, state = setup.robot, setup.mission.hierarchy.tasks, controller.state
+    alarms, problem = sorted([*monitor.alarms, *controller.watchdog.alarms]), controller.problem
+    rows = zip(problem.names, problem.sizes, strict=True)
     return RunMeta(
         scenario=name,
         robot=robot.name,
@@ -83,26 +75,20 @@ def run_meta(
         phases=_phases(setup.mission),
         tasks=tuple(meta_values.TaskMeta(name=task.name, label=task.label) for task in tasks),
         tool_task=next((task.name for task in tasks if isinstance(task, (ToolPose, ToolPosition))), None),
-        levels=_levels(controller),
-        quantities=tuple(controller.problem.quantity_names),
+        levels=tuple(meta_values.LevelMeta(name=level, rows=n) for level, n in rows),
+        quantities=tuple(problem.quantity_names),
         thresholds=_thresholds(setup.mission),
         limits=_limits(robot.limits),
         surroundings=_surroundings(setup, markers, ending.q),
         packages=packages(),
-        plant=parts.plant,
-        solver=parts.solver,
-        controller=parts.controller,
-        estimator=parts.estimator,
-        sensors=parts.sensors,
+        **parts,
         floating=bool(robot.n_vehicle),
         dt=setup.dt,
         completed=state.completed,
         pending="" if state.completed else controller.pending(),
         abort_phase="" if setup.mission.abort is None else setup.mission.abort.phase.name,
         events=_events(controller, ending),
-        alarms=tuple(
-            meta_values.AlarmMeta(t=t, text=text) for t, text in sorted([*monitor.alarms, *controller.watchdog.alarms])
-        ),
+        alarms=tuple(meta_values.AlarmMeta(t=t, text=text) for t, text in alarms),
         channels=monitor.channels,
         faults=faults,
         true_quantities=_values(ending.quantities),
@@ -116,34 +102,18 @@ def run_meta(
 
 
 def _phases(mission: Mission) -> tuple[meta_values.PhaseMeta, ...]:
-    return tuple(
-        meta_values.PhaseMeta(
-            name=phase.name, title=phase.title, tasks=tuple(name for name, gate in phase.activations.items() if gate)
-        )
-        for phase in mission.all_phases
-    )
-
-
-def _levels(controller: KinematicController) -> tuple[meta_values.LevelMeta, ...]:
-    problem = controller.problem
-    return tuple(meta_values.LevelMeta(name=name, rows=n) for name, n in zip(problem.names, problem.sizes, strict=True))
+    on = [tuple(name for name, gate in phase.activations.items() if gate) for phase in mission.all_phases]
+    phases = zip(mission.all_phases, on, strict=True)
+    return tuple(meta_values.PhaseMeta(name=one.name, title=one.title, tasks=tasks) for one, tasks in phases)
 
 
 def _events(controller: KinematicController, ending: RunOutcome) -> tuple[meta_values.EventMeta, ...]:
-    return tuple(
-        meta_values.EventMeta(
-            t=e.t,
-            source=e.source,
-            target=e.target,
-            reason=e.reason,
-            conditions=tuple(
-                meta_values.MetConditionMeta(**_condition_fields(condition), estimated=value)
-                for condition, value in e.conditions
-            ),
-            true_quantities=_values(truth),
-        )
-        for e, truth in zip(controller.events, ending.at_events, strict=True)
-    )
+    found = []
+    for e, truth in zip(controller.events, ending.at_events, strict=True):
+        met = [meta_values.MetConditionMeta(**_condition_fields(one), estimated=x) for one, x in e.conditions]
+        why: dict[str, Any] = {"conditions": tuple(met), "true_quantities": _values(truth)}
+        found.append(meta_values.EventMeta(t=e.t, source=e.source, target=e.target, reason=e.reason, **why))
+    return tuple(found)
 
 
 def _condition_fields(condition: Condition) -> dict[str, Any]:
@@ -165,13 +135,8 @@ def _thresholds(mission: Mission) -> tuple[meta_values.ThresholdMeta, ...]:
 
 
 def _limits(limits: Limits) -> meta_values.LimitsMeta:
-    return meta_values.LimitsMeta(
-        position_lower=tuple(limits.position_lower.tolist()),
-        position_upper=tuple(limits.position_upper.tolist()),
-        velocity=tuple(limits.velocity.tolist()),
-        acceleration=tuple(limits.acceleration.tolist()),
-        effort=tuple(limits.effort.tolist()),
-    )
+    names = meta_values.LimitsMeta.model_fields
+    return meta_values.LimitsMeta(**{name: tuple(getattr(limits, name).tolist()) for name in names})
 
 
 def _surroundings(setup: Setup, markers: Markers, end: np.ndarray) -> meta_values.SurroundingsMeta:
@@ -197,11 +162,8 @@ def _goal_frames(mission: Mission) -> Iterator[meta_values.FrameMeta]:
             named = {f"goal of {task.name}": task.goal}
             named |= {f"goal of {task.name} in {phase}": goal for phase, goal in own.items()}
             for name, goal in named.items():
-                yield _frame(name, evaluate_pose(task.name, goal, 0.0)[0])
-
-
-def _frame(name: str, X_WF: pin.SE3) -> meta_values.FrameMeta:
-    return meta_values.FrameMeta(name=name, pose=tuple(pin.SE3ToXYZQUAT(X_WF).tolist()))
+                X_WF = evaluate_pose(task.name, goal, 0.0)[0]
+                yield meta_values.FrameMeta(name=name, pose=tuple(pin.SE3ToXYZQUAT(X_WF).tolist()))
 
 
 def _relief(setup: Setup, markers: Markers, end: np.ndarray) -> meta_values.FloorRelief | None:

@@ -21,13 +21,12 @@ from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.record.display import FieldTable
-from uvms_ocp.record.record import Record, Recorder
-from uvms_ocp.record.run_meta import RunMeta
+from uvms_ocp.record.record import Record
 from uvms_ocp.robot import IDEAL_SENSORS, Command, Robot, SensorSpecs, State, StateEstimate
 from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.scenario.preflight.checks import check_mission
 from uvms_ocp.scenario.preflight.setup import PreflightReport, Setup
-from uvms_ocp.scenario.run_metadata import PartNames, RunOutcome, run_meta
+from uvms_ocp.scenario.run_metadata import RunOutcome, run_meta
 from uvms_ocp.sim import own_parts
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.fault_effects import require_possible
@@ -201,12 +200,7 @@ class Scenario(FieldTable):
             raise InvalidInput(f"solver = the class {self.solver.__name__}; give a value, {self.solver.__name__}()")
         if not hasattr(self.solver, "bind"):
             raise InvalidInput(f"solver = {self.solver!r}; give a value such as LexicographicActiveSet()")
-        _require_moving(self.robot)
-        self.robot.check_configuration(self.start)
-        if self.altimeter_frame is not None:
-            self.robot.frame_id(self.altimeter_frame)
-        if self.robot.n_vehicle:
-            self._require_above_floor()
+        self._require_start()
         for name, kind in (("controller", ControllerFactory), ("estimator", EstimatorFactory)):
             object.__setattr__(self, name, kind(maker=maker_of(name, getattr(self, name)), scenario=self))
         faults = (self.faults,) if isinstance(self.faults, str) else self.faults
@@ -218,6 +212,19 @@ class Scenario(FieldTable):
             require_possible(known, self.plant_robot or self.robot, kinematic=self.plant == "kinematic")
             require_simulated(known, self.plant, self.sensors)
             self._sensor_suite()
+
+    def _require_start(self) -> None:
+        if not self.robot.n_v:
+            text = f"robot {self.robot.name!r} has a fixed base and no joints: nothing of it moves"
+            raise InvalidInput(f"{text}; load it with base='free_flyer', or give it joints")
+        self.robot.check_configuration(self.start)
+        if self.altimeter_frame is not None:
+            self.robot.frame_id(self.altimeter_frame)
+        if self.robot.n_vehicle:
+            x, y, z = self.start[:3].tolist()
+            if z <= (floor := self.environment.seafloor.height(x, y)):
+                given = f"start position of the vehicle z = {z:g} m"
+                raise InvalidInput(f"{given} is below the seafloor z = {floor:g} m; raise it")
 
     @property
     def toolkit_faults(self) -> tuple[Fault, ...]:
@@ -287,42 +294,34 @@ class Scenario(FieldTable):
         recorder = simulate(**parts, dt=self.dt, duration=self.duration, progress=progress, observer=observer)
         wall = perf_counter() - begin
         truth = kinematic.evaluate(self._true_measurement(plant.state), recorder.last("t"))
-        events = self._truth_at_events(kinematic, recorder)
-        std = recorder.last("q_std") if "q_std" in recorder else None
-        ending = RunOutcome(q=recorder.last("q"), quantities=truth, at_events=events, wall_s=wall, std=std)
-        return recorder.freeze(self._meta(controller, estimator, ending))
-
-    def _truth_at_events(self, kinematic: KinematicController, recorder: Recorder) -> tuple[dict[str, float], ...]:
-        """All quantities at the true state when each phase ended, of the goals that it had."""
+        # All quantities at the true state when each phase ended, of the goals that it had.
         truths = []
         for event, state in zip(kinematic.events, kinematic.left, strict=True):
             row = round(event.t / self.dt)
             then = State(q=recorder.at("q", row), v=recorder.at("v", row))
             truths.append(kinematic.evaluate(self._true_measurement(then), event.t, state))
-        return tuple(truths)
-
-    def _meta(self, controller: MissionController, estimator: GuardedEstimator, ending: RunOutcome) -> RunMeta:
-        return run_meta(
+        events = tuple(truths)
+        std = recorder.last("q_std") if "q_std" in recorder else None
+        ending = RunOutcome(q=recorder.last("q"), quantities=truth, at_events=events, wall_s=wall, std=std)
+        own = self.own_parts
+        meta = run_meta(
             name=self.name,
             setup=self.setup(),
-            parts=self._part_names(controller, estimator),
+            parts={
+                "plant": plant_name(self.plant),
+                "solver": type(self.solver).__name__,
+                "sensors": own.get("sensors", SensorSuite.__name__),
+                "estimator": own.get("estimator", type(estimator.estimator).__name__),
+                "controller": getattr(controller, "name", type(controller).__name__),
+            },
             seed=self.seed,
             markers=self.markers,
             faults=tuple(map(own_parts.fault_meta, self.faults)),
-            controller=controller.kinematic,
+            controller=kinematic,
             monitor=estimator.monitor,
             ending=ending,
         )
-
-    def _part_names(self, controller: MissionController, estimator: GuardedEstimator) -> PartNames:
-        own = self.own_parts
-        return PartNames(
-            plant=plant_name(self.plant),
-            solver=type(self.solver).__name__,
-            sensors=own.get("sensors", SensorSuite.__name__),
-            estimator=own.get("estimator", type(estimator.estimator).__name__),
-            controller=getattr(controller, "name", type(controller).__name__),
-        )
+        return recorder.freeze(meta)
 
     def _plant(self) -> Plant:
         if not isinstance(self.plant, str):
@@ -346,19 +345,6 @@ class Scenario(FieldTable):
     def _true_measurement(self, state: State) -> StateEstimate:
         suite = SensorSuite(self.robot, self.environment.seafloor, IDEAL_SENSORS, altimeter_frame=self.altimeter_frame)
         return PassThrough(self.robot, IDEAL_SENSORS)(suite.read(state, 0.0), 0.0)
-
-    def _require_above_floor(self) -> None:
-        x, y, z = self.start[:3].tolist()
-        floor = self.environment.seafloor.height(x, y)
-        if z <= floor:
-            given = f"start position of the vehicle z = {z:g} m"
-            raise InvalidInput(f"{given} is below the seafloor z = {floor:g} m; raise it")
-
-
-def _require_moving(robot: Robot) -> None:
-    if not robot.n_v:
-        text = f"robot {robot.name!r} has a fixed base and no joints: nothing of it moves"
-        raise InvalidInput(f"{text}; load it with base='free_flyer', or give it joints")
 
 
 @checked

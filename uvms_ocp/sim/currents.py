@@ -301,16 +301,13 @@ class _Path:
     def nodes(self, start: int, end: int) -> np.ndarray:
         """Nodes (end - start, 3) [m/s]."""
         while end > len(self._nodes):
-            self._nodes = np.vstack([self._nodes, self._next_block()])
+            block = self._kick * self._rng.standard_normal((_BLOCK, 3))
+            previous = self._nodes[-1]
+            for row in block:
+                row += self._decay * previous
+                previous = row
+            self._nodes = np.vstack([self._nodes, block])
         return self._nodes[start:end]
-
-    def _next_block(self) -> np.ndarray:
-        block = self._kick * self._rng.standard_normal((_BLOCK, 3))
-        previous = self._nodes[-1]
-        for row in block:
-            row += self._decay * previous
-            previous = row
-        return block
 
 
 def _rows(row: np.ndarray, n: int) -> np.ndarray:

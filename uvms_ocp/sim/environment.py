@@ -150,18 +150,15 @@ def closest_approach(
     floor: count it, which a robot that has landed touches. spacing [m] of the mesh for a floor that is not flat.
     """
     track = q[:, :2] if robot.n_vehicle else np.zeros((len(q), 2))
-    obstacles = [*environment.obstacles, *([_floor_below(environment, track, spacing)] if floor else [])]
+    obstacles = list(environment.obstacles)
+    if floor:
+        low, high = track.min(axis=0) - _AROUND, track.max(axis=0) + _AROUND
+        x, y = (0.5 * (low + high)).tolist()
+        extent = float((high - low).max())
+        obstacles.append(floor_obstacle(environment.seafloor, centre=(x, y), extent=extent, spacing=spacing))
     model = CollisionModel(robot, obstacles, self_collision=self_collision)
     distances = np.array([model.values(row) for row in q]).reshape(len(q), model.n_pairs)
     if not distances.size:
         return ClosestApproach(distance=np.inf, row=0, pair="")
     row, pair = np.unravel_index(int(np.argmin(distances)), distances.shape)
     return ClosestApproach(distance=float(distances[row, pair]), row=int(row), pair=model.pair_names[pair])
-
-
-def _floor_below(environment: Environment, track: np.ndarray, spacing: float) -> Obstacle:
-    """The part of the floor around the track (n, 2) [m] of the vehicle."""
-    low, high = track.min(axis=0) - _AROUND, track.max(axis=0) + _AROUND
-    centre, extent = 0.5 * (low + high), float((high - low).max())
-    place = (float(centre[0]), float(centre[1]))
-    return floor_obstacle(environment.seafloor, centre=place, extent=extent, spacing=spacing)

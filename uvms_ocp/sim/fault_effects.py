@@ -229,11 +229,7 @@ def condition_of(faults: Sequence[Fault], thrust: np.ndarray) -> ThrusterConditi
 # Faults of the machine itself: which joints cannot move, what the tool carries, and whether a robot can have them at all.
 
 _TOOL = "tool"
-_NEED_WATER = {
-    "thruster": "has no thrusters",
-    "current": "feels no current",
-    "payload": "has no mass",
-}
+_NEED_WATER = {"thruster": "has no thrusters", "current": "feels no current", "payload": "has no mass"}
 """Part that the kinematic plant lacks, by the family of a fault's target."""
 
 
@@ -255,16 +251,11 @@ def payloads(faults: Sequence[Fault]) -> tuple[Fault, ...]:
 
 def loaded(robot: Robot, carried: Sequence[Fault]) -> Robot:
     """The robot with these payloads: point masses at the origin of the frame ``tool``."""
-    bodies = [
-        TrimBody(
-            name=f"payload {k + 1}",
-            link=_TOOL,
-            position=(0.0, 0.0, 0.0),
-            mass=fault.values[0],
-            volume=fault.values[1] if len(fault.values) > 1 else 0.0,
-        )
-        for k, fault in enumerate(carried)
-    ]
+    bodies = []
+    for k, fault in enumerate(carried, start=1):
+        mass, volume, *_ = *fault.values, 0.0
+        where: Any = {"link": _TOOL, "position": (0.0, 0.0, 0.0)}
+        bodies.append(TrimBody(name=f"payload {k}", mass=mass, volume=volume, **where))
     return with_trim(robot, bodies)
 
 
@@ -324,7 +315,9 @@ class SteppedCurrent(Current):
         return base + self._shape(p_W, step) if step.any() else base
 
     def rate(self, p_W: np.ndarray, t: float) -> np.ndarray:
-        base, slope = self.base.rate(p_W, t), self._slope(t)
+        # (3,) [m/s2] of `_step` over time.
+        parts = [(_rising(t - fault.onset) - _rising(t - fault.end)) * np.array(fault.values) for fault in self.faults]
+        base, slope = self.base.rate(p_W, t), np.sum(parts, axis=0)
         return base + self._shape(p_W, slope) if slope.any() else base
 
     def gradient(self, p_W: np.ndarray, t: float) -> np.ndarray:
@@ -332,17 +325,15 @@ class SteppedCurrent(Current):
         if not vertical:
             return base
         added = np.zeros((len(p_W), 3, 3))
-        added[:, 2] = vertical * self._slope_of_share(p_W)
+        # (n, 3) [1/m] gradient of the share of the vertical part that is left at points p_W (n, 3).
+        floor, normals = ground_at(self.seafloor, p_W[:, :2])
+        slopes = [_smooth_slope(height / LAYER) / LAYER for height in (p_W[:, 2] - floor).tolist()]
+        added[:, 2] = vertical * (np.array(slopes)[:, None] * normals / normals[:, 2:])
         return base + added
 
     def _step(self, t: float) -> np.ndarray:
         """(3,) [m/s] of all steps together, far above the floor."""
         parts = [(_risen(t - fault.onset) - _risen(t - fault.end)) * np.array(fault.values) for fault in self.faults]
-        return np.sum(parts, axis=0)
-
-    def _slope(self, t: float) -> np.ndarray:
-        """(3,) [m/s2] of `_step` over time."""
-        parts = [(_rising(t - fault.onset) - _rising(t - fault.end)) * np.array(fault.values) for fault in self.faults]
         return np.sum(parts, axis=0)
 
     def _shape(self, p_W: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -352,12 +343,6 @@ class SteppedCurrent(Current):
             heights = p_W[:, 2] - ground_at(self.seafloor, p_W[:, :2])[0]
             field[:, 2] *= [_smooth(height / LAYER) for height in heights.tolist()]
         return field
-
-    def _slope_of_share(self, p_W: np.ndarray) -> np.ndarray:
-        """(n, 3) [1/m] gradient of the share of the vertical part that is left at points p_W (n, 3)."""
-        floor, normals = ground_at(self.seafloor, p_W[:, :2])
-        slopes = [_smooth_slope(height / LAYER) / LAYER for height in (p_W[:, 2] - floor).tolist()]
-        return np.array(slopes)[:, None] * normals / normals[:, 2:]
 
 
 def with_steps(environment: Environment, faults: Sequence[Fault]) -> Environment:

@@ -181,10 +181,7 @@ class DynamicPlant(Plant):
     def telemetry(self) -> dict[str, Any]:
         after, parts = self._after, self._parts
         return {
-            "thrust": after[parts["thrust"]],
-            "torque": after[parts["torque"]],
-            "contact": after[parts["contact"]],
-            "thruster_energy": after[parts["thruster_energy"]],
+            **{name: after[parts[name]] for name in ("thrust", "torque", "contact", "thruster_energy")},
             "joint_energy": after.item(parts["joint_energy"].start),
             "current": self._given["u"][:1].sum(axis=0),  # nothing where no link is in water
         }

@@ -299,20 +299,17 @@ class HeightField(Seafloor):
 
     def _crossing(self, origin: np.ndarray, direction: np.ndarray) -> float | None:
         """Distance [m] at which the ray meets a bump."""
-        interval = self._inside_box(origin, direction)
+        # Part of the ray inside the box that holds all bumps, by the slab method; `None` where it misses the box.
+        slope = np.where(np.abs(direction) < _LEVEL_RAY, _LEVEL_RAY, direction)
+        to_low, to_high = (self._low - origin) / slope, (self._high - origin) / slope
+        start = max(0.0, float(np.minimum(to_low, to_high).max()))
+        end = float(np.maximum(to_low, to_high).min())
+        interval = (start, end) if start <= end else None
         if interval is None:
             return None
         bumps = self._bumps[:, _near_ray(self._bumps, origin, direction, *interval)]
         bracket = self._first_bracket(bumps, origin, direction, *interval)
         return None if bracket is None else self._refined(bumps, origin, direction, *bracket)
-
-    def _inside_box(self, origin: np.ndarray, direction: np.ndarray) -> tuple[float, float] | None:
-        """Part of the ray inside the box that holds all bumps, by the slab method; `None` where it misses the box."""
-        slope = np.where(np.abs(direction) < _LEVEL_RAY, _LEVEL_RAY, direction)
-        to_low, to_high = (self._low - origin) / slope, (self._high - origin) / slope
-        start = max(0.0, float(np.minimum(to_low, to_high).max()))
-        end = float(np.maximum(to_low, to_high).min())
-        return (start, end) if start <= end else None
 
     def _first_bracket(
         self, bumps: np.ndarray, origin: np.ndarray, direction: np.ndarray, start: float, end: float

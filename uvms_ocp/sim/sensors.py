@@ -132,10 +132,12 @@ def _sources(
         "joint_velocities": (lambda state: state.v[joint_v], _add, n),
     }
     if robot.n_vehicle:
+        # A rotation vector in B turns a quaternion.
+        turned = BufferedFunction(_turn_function())
         sources |= {
             "position": (lambda state: state.q[:3], _add, 3),
             "depth": (lambda state: state.q.item(2), _add_scalar, 1),
-            "attitude": (lambda state: state.q[3:7], _turn(), 3),
+            "attitude": (lambda state: state.q[3:7], (lambda quaternion, error: turned(quaternion, error)[0]), 3),
             "angular_velocity": (lambda state: state.v[3:6], _add, 3),
             "linear_velocity": (lambda state: state.v[:3], _add, 3),
             "specific_force": (_specific_force(robot.model.gravity.linear), _add, 3),
@@ -187,12 +189,6 @@ def _add(value: np.ndarray, error: np.ndarray) -> np.ndarray:
 
 def _add_scalar(value: float, error: np.ndarray) -> float:
     return value + float(error[0])
-
-
-def _turn() -> Disturb:
-    """A rotation vector in B turns a quaternion."""
-    turned = BufferedFunction(_turn_function())
-    return lambda quaternion, error: turned(quaternion, error)[0]
 
 
 @lru_cache(maxsize=1)
@@ -260,11 +256,8 @@ class _Channel:
                 error += self._bias
             value = self._disturb(value, error)
         if not (self._dropout and self._losses.random() < self._dropout):
-            self._send(value, t)
-
-    def _send(self, value: Any, t: float) -> None:
-        if self._faults is None:
-            self._under_way.append((t + self._delay, t, _reading(value=value, t=t)))
-        elif (sample := self._faults(value, t)) is not None:
-            arrival = t + self._delay + sample.extra_delay
-            insort(self._under_way, (arrival, t, _reading(value=sample.value, t=sample.stamp)), key=itemgetter(0))
+            if self._faults is None:
+                self._under_way.append((t + self._delay, t, _reading(value=value, t=t)))
+            elif (sample := self._faults(value, t)) is not None:
+                arrival = t + self._delay + sample.extra_delay
+                insort(self._under_way, (arrival, t, _reading(value=sample.value, t=sample.stamp)), key=itemgetter(0))

@@ -10,10 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked
-from uvms_ocp.mission.phase import Below, Phase, Transition
+from uvms_ocp.mission.phase import Below, Phase
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot import Kinematics, load_robot
-from uvms_ocp.scenario.options import abort_phase, activate, approach_phase, mission_of, run_options
+from uvms_ocp.scenario.options import abort_phase, approach_phase, mission_of, phase_of, run_options
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.tasks import JointLimits, JointTracking, MinimumAltitude, ToolPosition, VehiclePose
 from uvms_ocp.tasks.attitude import FieldOfView, HorizontalAttitude
@@ -79,15 +79,8 @@ def pose_facing(origin: pin.SE3, target: np.ndarray, start: Kinematics) -> pin.S
 
 def _reach_phases(tolerance: float) -> tuple[Phase, ...]:
     there = Below(quantity="TP.position_error", limit=tolerance)
-    return (
-        approach_phase(),
-        Phase(
-            name="B",
-            title="reach",
-            activations=activate("JL", "MAC", "HA", "TP", "PC", "MP"),
-            transitions=(Transition(to=DONE, when=(there,), hold=1.0),),
-        ),
-    )
+    on = ("JL", "MAC", "HA", "TP", "PC", "MP")
+    return approach_phase(), phase_of("B", "reach", on, DONE, there, hold=1.0)
 
 
 # A small vehicle turns a valve: approach, hold, and a circular tool path, in view of its camera.
@@ -148,11 +141,14 @@ def bluerov_inspection(
     start = Kinematics(run.robot, q0)
     way_point = pose_facing(origin, centre, start)
     circle = Circle(centre=centre, across=way_point.rotation[:, 1], radius=radius, turns=turns, duration=turning)
+    # Direction of the tool, from the vehicle and in its frame.
+    p_BT = start.pose("base_link").actInv(start.pose("tool").translation)
+    x, y, z = (p_BT / np.linalg.norm(p_BT)).tolist()
     tasks = [
         JointLimits(),
         MinimumAltitude(),
         HorizontalAttitude(),
-        FieldOfView(goal=centre, axis=_towards_tool(start)),
+        FieldOfView(goal=centre, axis=(x, y, z)),
         ToolPosition(goal=circle(0.0)[0]),
         VehiclePose(goal=way_point),
         JointTracking(joints=run.robot.joint_names, goal=run.robot.home),
@@ -166,28 +162,8 @@ def bluerov_inspection(
     )
 
 
-def _towards_tool(start: Kinematics) -> tuple[float, float, float]:
-    """Direction of the tool, from the vehicle and in its frame."""
-    p_BT = start.pose("base_link").actInv(start.pose("tool").translation)
-    x, y, z = (p_BT / np.linalg.norm(p_BT)).tolist()
-    return x, y, z
-
-
 def _phases(circle: Circle, turning: float, tolerance: float) -> tuple[Phase, ...]:
     there = Below(quantity="TP.position_error", limit=tolerance)
-    return (
-        approach_phase(),
-        Phase(
-            name="B",
-            title="hold",
-            activations=activate("JL", "MAC", "HA", "FV", "TP", "PC", "MP"),
-            transitions=(Transition(to="C", when=(replace(there, limit=tolerance / 2),), hold=1.0),),
-        ),
-        Phase(
-            name="C",
-            title="turn",
-            activations=activate("JL", "MAC", "HA", "FV", "TP", "PC", "MP"),
-            goals={"TP": circle},
-            transitions=(Transition(to=DONE, when=(there,), hold=turning + 1.0),),
-        ),
-    )
+    on, near = ("JL", "MAC", "HA", "FV", "TP", "PC", "MP"), replace(there, limit=tolerance / 2)
+    turn = phase_of("C", "turn", on, DONE, there, hold=turning + 1.0, TP=circle)
+    return approach_phase(), phase_of("B", "hold", on, "C", near, hold=1.0), turn

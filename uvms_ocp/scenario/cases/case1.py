@@ -14,7 +14,7 @@ from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.mission.phase import Above, Below, Phase, Transition
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.scenario.options import abort_phase, activate, mission_of, run_options
+from uvms_ocp.scenario.options import abort_phase, mission_of, phase_of, run_options
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.sim.currents import OnsetCurrent
 from uvms_ocp.tasks import Alignment, HorizontalAttitude, JointLimits, JointTracking, LandingAltitude, MinimumAltitude
@@ -131,30 +131,10 @@ def case1_phases(thresholds: Thresholds) -> tuple[Phase, ...]:
         Below(quantity="T.orientation_error", limit=thresholds.tool_orientation),
     )
     return (
-        Phase(
-            name="A",
-            title="way point",
-            activations=activate("JL", "MAC", "HA", "PC", "MP"),
-            transitions=(Transition(to="B", when=(arrived,)),),
-        ),
-        Phase(
-            name="B",
-            title="alignment",
-            activations=activate("JL", "MAC", "HA", "AT", "MP"),
-            transitions=(Transition(to="C", when=(aligned,)),),
-        ),
-        Phase(
-            name="C",
-            title="landing",
-            activations=activate("JL", "HA", "AT", "LA", "MP"),
-            transitions=(Transition(to="D", when=(landed, aligned), hold=thresholds.landing_hold),),
-        ),
-        Phase(
-            name="D",
-            title="tool frame",
-            activations=activate("NR", "JL", "HA", "T", "MP"),
-            transitions=(Transition(to=DONE, when=reached, hold=thresholds.tool_hold),),
-        ),
+        phase_of("A", "way point", ("JL", "MAC", "HA", "PC", "MP"), "B", arrived),
+        phase_of("B", "alignment", ("JL", "MAC", "HA", "AT", "MP"), "C", aligned),
+        phase_of("C", "landing", ("JL", "HA", "AT", "LA", "MP"), "D", landed, aligned, hold=thresholds.landing_hold),
+        phase_of("D", "tool frame", ("NR", "JL", "HA", "T", "MP"), DONE, *reached, hold=thresholds.tool_hold),
     )
 
 

@@ -13,13 +13,8 @@ import pinocchio as pin
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission.phase import Phase
-from uvms_ocp.planning import CoalDistances, collision_scene, coordinates, tool_goal
+from uvms_ocp.planning import CoalDistances, collision_scene, coordinates, soft_collision, tool_goal
 from uvms_ocp.planning.path_cost import CostWeights
-from uvms_ocp.planning.soft_collision import (
-    CollisionPlan,
-    SoftCollisionOptions,
-    plan_soft_collision,
-)
 from uvms_ocp.robot import Kinematics, Obstacle, Robot, obstacle
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.preflight.setup import forecast
@@ -55,7 +50,7 @@ def case2(
     return replace(scenario, mission=replace(scenario.mission, phases=phases))
 
 
-def plan_arm(scenario: Scenario, clearance: float = 0.05) -> CollisionPlan:
+def plan_arm(scenario: Scenario, clearance: float = 0.05) -> soft_collision.CollisionPlan:
     """Trajectory of all joints from the start to the tool goal, for the vehicle where it is expected to land.
 
     clearance [m]: wanted from obstacles, floor and hull. Raises `InvalidInput` where no free posture reaches the goal.
@@ -77,8 +72,8 @@ def plan_arm(scenario: Scenario, clearance: float = 0.05) -> CollisionPlan:
         velocity=_SHARE * robot.limits.velocity[robot.joint_v],
         acceleration=_SHARE * robot.limits.acceleration[robot.joint_v],
     )
-    options = SoftCollisionOptions(weights=CostWeights(clearance=clearance))
-    return plan_soft_collision(distances.scene, np.stack([start, end]), limits=limits, options=options)
+    options = soft_collision.SoftCollisionOptions(weights=CostWeights(clearance=clearance))
+    return soft_collision.plan_soft_collision(distances.scene, np.stack([start, end]), limits=limits, options=options)
 
 
 def landed_configuration(scenario: Scenario) -> np.ndarray:

@@ -13,7 +13,7 @@ from uvms_ocp.mission.phase import Below, Phase, Transition
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.robot.shapes.obstacles import Obstacle, obstacle
-from uvms_ocp.scenario.options import abort_phase, activate, mission_of, run_options
+from uvms_ocp.scenario.options import abort_phase, activate, mission_of, phase_of, run_options
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.sim.seafloor import HeightField
 from uvms_ocp.tasks import Clearance, HorizontalAttitude, JointLimits, JointTracking, MinimumAltitude, VehiclePose
@@ -46,12 +46,7 @@ def transit(*, relief: str = "small", min_altitude: Positive = 1.0, length: Leng
         VehiclePose(goal=goal),
     ]
     arrived = Below(quantity="PC.horizontal_error", limit=1.0)
-    phase = Phase(
-        name="A",
-        title="transit",
-        activations=activate("JL", "MAC", "HA", "PC"),
-        transitions=(Transition(to=DONE, when=(arrived,)),),
-    )
+    phase = phase_of("A", "transit", ("JL", "MAC", "HA", "PC"), DONE, arrived)
     return run.scenario(
         name="transit",
         mission=mission_of(run.robot, tasks, (phase,), abort=abort_phase("JL", "MAC", "HA")),

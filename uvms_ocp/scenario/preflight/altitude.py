@@ -52,7 +52,7 @@ def check_echo(setup: Setup) -> Iterator[Finding]:
         if blind:
             text = f"{names}: there is no altimeter, so that no altitude is ever known; give one, or do without"
             severity = Severity.ERROR if on else Severity.WARNING
-            yield Finding(severity=severity, check=ECHO, phase=phase.name, text=text)
+            yield severity.finding(ECHO, text, phase.name)
         else:
             yield from _silent_start(setup, phase.name, names)
 
@@ -67,7 +67,7 @@ def _silent_start(setup: Setup, phase: str, names: str) -> Iterator[Finding]:
         f"{names}: the start has no echo ({why if beam.cosine <= STEEP else 'the floor returns none'}); until one comes "
         "nothing sinks, no condition on altitude is met, and a task on it soon makes the robot hold; start elsewhere"
     )
-    yield Finding(severity=Severity.WARNING, check=ECHO, phase=phase, text=text, figures={"tilt_rad": tilt})
+    yield Severity.WARNING.finding(ECHO, text, phase, tilt_rad=tilt)
 
 
 def check_goals(setup: Setup) -> Iterator[Finding]:
@@ -85,7 +85,7 @@ def check_goals(setup: Setup) -> Iterator[Finding]:
 def _buried(task: str, phase: str, z: float, floor: float) -> Finding:
     text = f"the goal of {task}, z = {z:g} m, is {floor - z:.2f} m below the seafloor, z = {floor:g} m; raise it"
     figures = {"below_floor_m": floor - z}
-    return Finding(severity=Severity.ERROR, check="goal", phase=phase, text=text, figures=figures)
+    return Severity.ERROR.finding("goal", text, phase, **figures)
 
 
 def _start(setup: Setup, first: Visit) -> Iterator[Finding]:
@@ -94,15 +94,15 @@ def _start(setup: Setup, first: Visit) -> Iterator[Finding]:
     minimum = first.active(MinimumAltitude)
     if altitude <= 0:
         text = f"the altimeter starts {-altitude:.2f} m inside the floor; raise the start"
-        yield Finding(severity=Severity.ERROR, check="start", text=text, figures={"altitude_m": altitude})
+        yield Severity.ERROR.finding("start", text, altitude_m=altitude)
     elif minimum is not None and altitude < minimum.threshold:
         text = f"the start is at an altitude of {altitude:.2f} m, below {minimum.name}'s {minimum.threshold:g} m"
-        yield Finding(severity=Severity.WARNING, check="start", text=text, figures={"altitude_m": altitude})
+        yield Severity.WARNING.finding("start", text, altitude_m=altitude)
     attitude = first.active(HorizontalAttitude)
     tilt = math.acos(min(1.0, float(pin.Quaternion(setup.start[3:7]).matrix()[2, 2])))
     if attitude is not None and tilt > attitude.activation.end:
         text = f"the vehicle starts with a tilt of {tilt:.2f} rad, outside {attitude.name}'s {attitude.activation.end:g} rad"
-        yield Finding(severity=Severity.WARNING, check="start", text=text, figures={"tilt_rad": tilt})
+        yield Severity.WARNING.finding("start", text, tilt_rad=tilt)
 
 
 def _way_point(setup: Setup, visit: Visit, minimum: MinimumAltitude) -> Iterator[Finding]:
@@ -119,9 +119,7 @@ def _way_point(setup: Setup, visit: Visit, minimum: MinimumAltitude) -> Iterator
     figures = {"kept_away_m": gap, "ball_m": radius, "altitude_at_way_point_m": minimum.threshold - gap}
     if first == task.name:
         text = f"{task.name} ranks above {minimum.name} and breaks the minimum altitude by {gap:.2f} m at its way point"
-        yield Finding(
-            severity=Severity.WARNING, check=MINIMUM_ALTITUDE, phase=visit.phase.name, text=text, figures=figures
-        )
+        yield Severity.WARNING.finding(MINIMUM_ALTITUDE, text, visit.phase.name, **figures)
         return
     shut = radius is not None and _least_gap(setup, goal, minimum, radius) > 0
     text = (
@@ -130,9 +128,7 @@ def _way_point(setup: Setup, visit: Visit, minimum: MinimumAltitude) -> Iterator
     )
     outside = f", outside the ball of {radius or 0:g} m that ends the phase; raise the way point by {gap:.2f} m"
     severity = Severity.ERROR if shut else Severity.WARNING
-    yield Finding(
-        severity=severity, check=MINIMUM_ALTITUDE, phase=visit.phase.name, text=text + outside * shut, figures=figures
-    )
+    yield severity.finding(MINIMUM_ALTITUDE, text + outside * shut, visit.phase.name, **figures)
 
 
 def _altitude(setup: Setup, X_WB: pin.SE3) -> float:
@@ -158,9 +154,7 @@ def _landing(visit: Visit, minimum: MinimumAltitude) -> Iterator[Finding]:
     if aim < minimum.threshold:
         text = f"{landing.name} aims at {aim:.2f} m while {minimum.name} keeps {minimum.threshold:g} m; switch one off"
         figures = {"aim_m": aim, "minimum_m": minimum.threshold}
-        yield Finding(
-            severity=Severity.ERROR, check="contradiction", phase=visit.phase.name, text=text, figures=figures
-        )
+        yield Severity.ERROR.finding("contradiction", text, visit.phase.name, **figures)
 
 
 # Check: the hull does not start in the floor, which would throw it out.
@@ -176,7 +170,7 @@ def check_hull(setup: Setup) -> Iterator[Finding]:
     if depth > _SUNK:
         severity = Severity.ERROR if setup.with_forces else Severity.WARNING
         text = f"the hull starts {depth:.2f} m inside the floor, lowest with link {lowest_link(setup.robot)}; raise the start"
-        yield Finding(severity=severity, check="start", text=text, figures={"depth_m": depth})
+        yield severity.finding("start", text, depth_m=depth)
 
 
 # Check: the robot is free of the obstacles where it starts and where its phases end.
@@ -202,4 +196,4 @@ def _touching(setup: Setup, q: np.ndarray, place: str, phase: str) -> Iterator[F
     if closest.distance <= 0:
         text = f"{place} is in collision, {closest.pair} by {-closest.distance:.2f} m; move it or the obstacle"
         figures = {"depth_m": -closest.distance}
-        yield Finding(severity=Severity.ERROR, check=OBSTACLES, phase=phase, text=text, figures=figures)
+        yield Severity.ERROR.finding(OBSTACLES, text, phase, **figures)

@@ -19,15 +19,8 @@ from uvms_ocp.robot.assembly import without_trim
 from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.robot.loading import joints_without_inertia, unknowns
 from uvms_ocp.robot.spatial import quaternion_to_matrix
+from uvms_ocp.scenario.preflight import forces
 from uvms_ocp.scenario.preflight.altitude import check_altitude, check_echo, check_goals, check_hull, check_obstacles
-from uvms_ocp.scenario.preflight.forces import (
-    check_delays,
-    check_depth,
-    check_forces,
-    check_load,
-    check_rest,
-    check_undriven,
-)
 from uvms_ocp.scenario.preflight.reachability import check_tool
 from uvms_ocp.scenario.preflight.setup import Finding, PreflightReport, Setup, Severity, Visit, forecast
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition
@@ -49,17 +42,17 @@ def check_structure(mission: Mission) -> Iterator[Finding]:
     for name in mission.hierarchy.names:
         if name not in used:
             text = f"task {name} is never switched on; use it or drop it"
-            yield Finding(severity=Severity.WARNING, check=CHECK, text=text)
+            yield Severity.WARNING.finding(CHECK, text)
 
 
 def _unreachable(name: str) -> Finding:
     text = f"no transition leads to phase {name!r}; add one or drop the phase"
-    return Finding(severity=Severity.WARNING, check="phases", phase=name, text=text)
+    return Severity.WARNING.finding("phases", text, name)
 
 
 def _trap(name: str) -> Finding:
     text = f"the mission cannot end from phase {name!r}; add a transition towards {DONE!r}"
-    return Finding(severity=Severity.ERROR, check="phases", phase=name, text=text)
+    return Severity.ERROR.finding("phases", text, name)
 
 
 def _idle(mission: Mission, phase: Phase) -> Iterator[Finding]:
@@ -69,7 +62,7 @@ def _idle(mission: Mission, phase: Phase) -> Iterator[Finding]:
     active = [task for task in mission.hierarchy.tasks if phase.activations.get(task.name, 0.0) > 0]
     if not any(task.task_class in acting or task.name in awaited for task in active):
         text = f"phase {phase.name!r} has no acting task switched on; nothing would happen in it"
-        yield Finding(severity=Severity.ERROR, check=CHECK, phase=phase.name, text=text)
+        yield Severity.ERROR.finding(CHECK, text, phase.name)
 
 
 def _waiting_in_vain(mission: Mission, phase: Phase) -> Iterator[Finding]:
@@ -79,7 +72,7 @@ def _waiting_in_vain(mission: Mission, phase: Phase) -> Iterator[Finding]:
             task = condition.quantity.rpartition(".")[0]
             if isinstance(condition, Below) and not phase.activations.get(task, 0.0) > 0 and not _alternatives(phase):
                 text = f"phase {phase.name!r} waits for {condition.quantity}, but task {task} is off in it"
-                yield Finding(severity=Severity.WARNING, check=CHECK, phase=phase.name, text=text)
+                yield Severity.WARNING.finding(CHECK, text, phase.name)
 
 
 def _alternatives(phase: Phase) -> bool:
@@ -140,7 +133,7 @@ def _below_the_noise(phase: str, condition: Below, sigma: float) -> Finding:
         "standard deviation): the phase may end early, or never; raise the limit or take better sensors"
     )
     figures = {"limit": condition.limit, "sensors_allow": sigma}
-    return Finding(severity=Severity.WARNING, check="accuracy", phase=phase, text=text, figures=figures)
+    return Severity.WARNING.finding("accuracy", text, phase, **figures)
 
 
 # All checks of a mission before it begins.
@@ -162,7 +155,7 @@ def check_mission(setup: Setup) -> PreflightReport:
     setup.mission.check_quantities(problem.quantity_names)
     if not setup.robot.n_vehicle:
         findings = [*check_structure(setup.mission), *check_echo(setup), *check_goals(setup), *check_accuracy(setup)]
-        return PreflightReport(findings=(*findings, *check_delays(setup), *_check_wherever(setup)))
+        return PreflightReport(findings=(*findings, *forces.check_delays(setup), *_check_wherever(setup)))
     visits = forecast(setup)
     findings = [
         *check_structure(setup.mission),
@@ -172,12 +165,12 @@ def check_mission(setup: Setup) -> PreflightReport:
         *check_hull(setup),
         *check_obstacles(setup, visits),
         *check_freedom(setup, visits, problem),
-        *check_forces(setup, visits),
-        *check_depth(setup, visits),
-        *check_undriven(setup, visits),
-        *check_rest(setup, visits),
+        *forces.check_forces(setup, visits),
+        *forces.check_depth(setup, visits),
+        *forces.check_undriven(setup, visits),
+        *forces.check_rest(setup, visits),
         *check_accuracy(setup),
-        *check_delays(setup, visits),
+        *forces.check_delays(setup, visits),
         *_check_wherever(setup),
     ]
     return PreflightReport(findings=(*findings, *check_tool(setup, visits)))
@@ -188,14 +181,14 @@ def _check_wherever(setup: Setup) -> Iterator[Finding]:
     yield from check_unspecified(setup)
     yield from check_inertia(setup)
     yield from check_own_parts(setup)
-    yield from check_load(setup)
+    yield from forces.check_load(setup)
 
 
 def check_unspecified(setup: Setup) -> Iterator[Finding]:
     """Find numbers that the robot's files leave open and the plant takes for 0."""
     if setup.with_forces:
         for subject, text in unknowns(without_trim(setup.robot).model, setup.robot.description):
-            yield Finding(severity=Severity.WARNING, check=subject, text=text)
+            yield Severity.WARNING.finding(subject, text)
 
 
 def check_inertia(setup: Setup) -> Iterator[Finding]:
@@ -204,13 +197,13 @@ def check_inertia(setup: Setup) -> Iterator[Finding]:
         dynamics = cached_dynamics(setup.robot)
         for whose in joints_without_inertia(setup.robot.model, dynamics.mass_matrix(setup.start)):
             text = f"no inertia about its axis: {whose}; give an <inertial>, or make the joint fixed"
-            yield Finding(severity=Severity.ERROR, check="inertia", text=text)
+            yield Severity.ERROR.finding("inertia", text)
 
 
 def check_own_parts(setup: Setup) -> Iterator[Finding]:
     """A note on each part that is not the toolkit's."""
     for what, name in setup.own_parts.items():
-        yield Finding(severity=Severity.NOTE, check="parts", text=f"{what} {name} is your own: {_ASSUMPTIONS[what]}")
+        yield Severity.NOTE.finding("parts", f"{what} {name} is your own: {_ASSUMPTIONS[what]}")
 
 
 def check_freedom(setup: Setup, visits: Sequence[Visit], problem: LevelsProblem) -> Iterator[Finding]:
@@ -235,11 +228,10 @@ def _without_freedom(visit: Visit, task: Task) -> Finding:
         for condition in transition.when
     )
     names = ", ".join(other.name for other in visit.tasks if other.equality and other is not task)
-    return Finding(
-        severity=Severity.ERROR if awaited else Severity.WARNING,
-        check="contradiction",
-        phase=visit.phase.name,
-        text=f"{task.name} is on but has no freedom left below the other equality tasks ({names}); switch one off",
+    return (Severity.ERROR if awaited else Severity.WARNING).finding(
+        "contradiction",
+        f"{task.name} is on but has no freedom left below the other equality tasks ({names}); switch one off",
+        visit.phase.name,
     )
 
 

@@ -70,7 +70,7 @@ def check_forces(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     for visit, load in moving:
         if load.missing > _SHORT and still[visits.index(visit)].missing <= _SHORT:
             text = f"thrust is short by {load.missing:.0f} N against the current at full speed: the approach is slower"
-            yield Finding(severity=Severity.WARNING, check=FORCES, phase=visit.phase.name, text=text)
+            yield Severity.WARNING.finding(FORCES, text, visit.phase.name)
 
 
 def _ignored(setup: Setup) -> Iterator[Finding]:
@@ -79,7 +79,7 @@ def _ignored(setup: Setup) -> Iterator[Finding]:
     speed = max(float(np.linalg.norm(setup.environment.current.velocity(at_start, t))) for t in _TIMES)
     if speed > 0:
         text = f"the kinematic plant ignores the current of {speed:.2g} m/s; use the dynamic plant"
-        yield Finding(severity=Severity.WARNING, check=FORCES, text=text, figures={"current_m_s": speed})
+        yield Severity.WARNING.finding(FORCES, text, current_m_s=speed)
 
 
 def _force_finding(visit: Visit, load: DriveLoad, purpose: str) -> Finding:
@@ -95,7 +95,7 @@ def _force_finding(visit: Visit, load: DriveLoad, purpose: str) -> Finding:
             f"{purpose} takes {100 * load.thrust:.0f} % of the thrust and {100 * load.torque:.0f} % of the joint torque"
         )
         severity = Severity.WARNING if max(load.thrust, load.torque) > _FULL else Severity.NOTE
-    return Finding(severity=severity, check=FORCES, phase=visit.phase.name, text=text, figures=figures)
+    return severity.finding(FORCES, text, visit.phase.name, **figures)
 
 
 def _cruise(setup: Setup, visit: Visit) -> float:
@@ -149,7 +149,7 @@ def check_depth(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
         text = (
             f"the vehicle is {abs(lift):.2g} N too {'light' if lift > 0 else 'heavy'}, and no thruster holds its depth"
         )
-        yield Finding(severity=Severity.ERROR, check=FORCES, text=f"{text}: trim it", figures={"lift_N": lift})
+        yield Severity.ERROR.finding(FORCES, f"{text}: trim it", lift_N=lift)
     z = float(setup.start[2])
     for visit in visits:
         task = visit.active(VehiclePose)
@@ -163,7 +163,7 @@ def check_depth(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
                 f"stays at z = {z:g} m; give it thrust up and down, or goals at its depth"
             )
             figures = {"way_m": way}
-            yield Finding(severity=Severity.ERROR, check=FORCES, phase=visit.phase.name, text=text, figures=figures)
+            yield Severity.ERROR.finding(FORCES, text, visit.phase.name, **figures)
 
 
 def check_undriven(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
@@ -182,10 +182,10 @@ def check_undriven(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
             awaited = any(threshold_of(visit.phase, f"{task.name}.{name}") for name in ("misalignment", "angle"))
             text = f"{task.name} is on but left out: no thruster drives {turns}, and no other axis turns {task.frame} to its goal"
             severity = Severity.ERROR if awaited else Severity.WARNING
-            yield Finding(severity=severity, check=_UNDRIVEN, phase=visit.phase.name, text=f"{text}; switch it off")
+            yield severity.finding(_UNDRIVEN, f"{text}; switch it off", visit.phase.name)
     if less:
         text = f"no thruster drives {turns}: {', '.join(less)} ask for the other axes alone"
-        yield Finding(severity=Severity.NOTE, check=_UNDRIVEN, text=text)
+        yield Severity.NOTE.finding(_UNDRIVEN, text)
 
 
 def check_rest(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
@@ -227,12 +227,13 @@ def _at_rest(
     text = f"where no thruster drives it the vehicle will rest at roll {_degrees(roll)}, pitch {_degrees(pitch)}"
     if task is not None:
         text += f": {task.name} is on, and its goal, a tilt of {task.aim:.2g} rad, is missed"
-    return Finding(
-        severity=severity,
-        check="attitude at rest",
-        phase="" if phase is None else phase.name,
-        text=f"{text}; trim the robot (`check-robot` tells by what)",
-        figures={"roll_rad": roll, "pitch_rad": pitch, "tilt_rad": _tilt(up)},
+    return severity.finding(
+        "attitude at rest",
+        f"{text}; trim the robot (`check-robot` tells by what)",
+        "" if phase is None else phase.name,
+        roll_rad=roll,
+        pitch_rad=pitch,
+        tilt_rad=_tilt(up),
     )
 
 
@@ -286,7 +287,7 @@ def _delay_finding(late: DelayedAxes, phase: str, borne: float, allowed: float) 
     )
     figures = {"delay_s": late.delay, "allowed_s": allowed, "swings_from_s": borne}
     severity = Severity.ERROR if late.delay > borne else Severity.WARNING
-    return Finding(severity=severity, check=DELAYS, phase=phase, text=text, figures=figures)
+    return severity.finding(DELAYS, text, phase, **figures)
 
 
 def _late(setup: Setup) -> Iterator[DelayedAxes]:
@@ -339,10 +340,10 @@ def check_load(setup: Setup) -> Iterator[Finding]:
         return
     if not setup.with_forces:
         text = "the kinematic plant carries no load, and none is learnt; use the dynamic plant"
-        yield Finding(severity=Severity.WARNING, check=_CHECK, text=text)
+        yield Severity.WARNING.finding(_CHECK, text)
     elif "controller" in setup.own_parts:
         text = "a controller of your own learns no load by itself; the toolkit's does"
-        yield Finding(severity=Severity.WARNING, check=_CHECK, text=text)
+        yield Severity.WARNING.finding(_CHECK, text)
     else:
         yield _learnt(setup)
 
@@ -351,6 +352,6 @@ def _learnt(setup: Setup) -> Finding:
     try:
         require_learnable(setup.robot, observed=bool(setup.load_bandwidth))
     except UvmsError as error:
-        return Finding(severity=Severity.ERROR, check=_CHECK, text=str(error))
+        return Severity.ERROR.finding(_CHECK, str(error))
     text = "the load at the tool is learnt: its net weight from forces, its mass once the tool accelerates"
-    return Finding(severity=Severity.NOTE, check=_CHECK, text=text)
+    return Severity.NOTE.finding(_CHECK, text)

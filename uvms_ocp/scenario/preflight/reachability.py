@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.mission.mission import Mission
 from uvms_ocp.robot.limits import from_joint_values
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Stance, Visit, forecast
@@ -113,7 +112,10 @@ class ArmReach:
     def _error(self, X_WB: pin.SE3, goal: pin.SE3, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Error (6,) of the frame, frame minus goal, and its derivative (6, n_joints)."""
         model, data = self._robot.model, self._data
-        pin.computeJointJacobians(model, data, self._configuration(X_WB, joints))
+        q = pin.neutral(self._robot.model)
+        if self._robot.n_vehicle:
+            q[:7] = pin.SE3ToXYZQUAT(X_WB)
+        pin.computeJointJacobians(model, data, from_joint_values(self._robot.model, joints, q))
         X_WF = pin.updateFramePlacement(model, data, self._frame)
         J = pin.getFrameJacobian(model, data, self._frame, pin.LOCAL_WORLD_ALIGNED)[:, self._robot.joint_v]
         R = X_WF.rotation @ goal.rotation.T
@@ -127,12 +129,6 @@ class ArmReach:
             position=float(np.linalg.norm(error[:3])),
             orientation=float(np.linalg.norm(error[3:])) if self._weight else 0.0,
         )
-
-    def _configuration(self, X_WB: pin.SE3, joints: np.ndarray) -> np.ndarray:
-        q = pin.neutral(self._robot.model)
-        if self._robot.n_vehicle:
-            q[:7] = pin.SE3ToXYZQUAT(X_WB)
-        return from_joint_values(self._robot.model, joints, q)
 
 
 # Check: the tool reaches its goal from wherever the vehicle may stand by then.
@@ -207,17 +203,13 @@ def _finding(setup: Setup, visit: Visit, task: ToolPose | ToolPosition) -> Findi
     figures: dict[str, Any] = distances.figures()
     if distances.worst.reached:
         text = f"{task.name}: the goal is reached from all {len(visit.stances)} foreseen vehicle positions"
-        return Finding(severity=Severity.NOTE, check=CHECK, phase=visit.phase.name, text=text, figures=figures)
+        return Severity.NOTE.finding(CHECK, text, visit.phase.name, **figures)
     suggestion = _suggestion(setup, arm, visit, goals)
     figures |= _free_orientation(setup, visit, task, goals)
     if suggestion is not None:
         figures["suggested_way_point"] = [round(float(x), 3) for x in suggestion]
-    return Finding(
-        severity=Severity.WARNING if distances.likely.reached else Severity.ERROR,
-        check=CHECK,
-        phase=visit.phase.name,
-        text=_text(task.name, distances, suggestion),
-        figures=figures,
+    return (Severity.WARNING if distances.likely.reached else Severity.ERROR).finding(
+        CHECK, _text(task.name, distances, suggestion), visit.phase.name, **figures
     )
 
 
@@ -264,7 +256,9 @@ def _suggestion(setup: Setup, arm: ArmReach, visit: Visit, goals: Sequence[pin.S
     distance = float(np.linalg.norm(direction))
     for step in np.arange(_STEP, min(distance, _FARTHEST), _STEP):
         shifted = pin.SE3(here.rotation, here.translation + direction * (step / distance))
-        moved = replace(setup, mission=_with_goal(setup.mission, phase, task.name, shifted))
+        phases = list(setup.mission.phases)
+        phases[phase] = replace(phases[phase], goals={**phases[phase].goals, task.name: shifted})
+        moved = replace(setup, mission=replace(setup.mission, phases=tuple(phases)))
         if _reached_from(moved, arm, visit, goals):
             return np.asarray(shifted.translation)
     return None
@@ -280,12 +274,6 @@ def _last_way_point(setup: Setup, visit: Visit) -> tuple[int, VehiclePose] | Non
         if task is not None and not callable(task.goal):
             found = (earlier.index, task)
     return found
-
-
-def _with_goal(mission: Mission, phase: int, name: str, goal: pin.SE3) -> Mission:
-    phases = list(mission.phases)
-    phases[phase] = replace(phases[phase], goals={**phases[phase].goals, name: goal})
-    return replace(mission, phases=tuple(phases))
 
 
 def _reached_from(setup: Setup, arm: ArmReach, visit: Visit, goals: Sequence[pin.SE3]) -> bool:

@@ -36,6 +36,10 @@ class Severity(enum.Enum):
     NOTE = "note"
     """A figure worth knowing."""
 
+    def finding(self, check: str, text: str, phase: str = "", **figures: Any) -> Finding:
+        """Make a finding of this severity; figures [m, rad, N] by name."""
+        return Finding(severity=self, check=check, phase=phase, text=text, figures=figures)
+
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -87,14 +91,9 @@ class PreflightReport(TableDisplay):
     def to_dict(self) -> dict[str, Any]:
         """JSON values only."""
         rows = [
-            {
-                "severity": finding.severity.value,
-                "check": finding.check,
-                "phase": finding.phase,
-                "text": finding.text,
-                "figures": dict(finding.figures),
-            }
-            for finding in self.findings
+            {"severity": one.severity.value, "check": one.check, "phase": one.phase, "text": one.text}
+            | {"figures": dict(one.figures)}
+            for one in self.findings
         ]
         return {"accepted": self.accepted, "findings": rows}
 
