@@ -30,7 +30,6 @@ from contextlib import suppress
 from functools import cache, lru_cache
 from pathlib import Path
 from types import ModuleType
-from typing import IO
 
 import casadi as ca
 import numpy as np
@@ -124,7 +123,8 @@ def run_compiler(command: Sequence[str], seconds: float) -> tuple[int, str]:
         except BaseException:  # Ctrl-C too, which does not reach a session of its own
             _kill(process)
             raise
-        return code, _end(said)
+        said.seek(max(0, said.seek(0, os.SEEK_END) - _KEPT))
+        return code, said.read().decode(errors="replace")
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:
@@ -134,11 +134,6 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
     process.wait()
-
-
-def _end(said: IO[bytes]) -> str:
-    said.seek(max(0, said.seek(0, os.SEEK_END) - _KEPT))
-    return said.read().decode(errors="replace")
 
 
 # Numbers of Python in C source.
@@ -347,17 +342,13 @@ def _build_in(folder: Path, compiler: str, sources: Sequence[str], flags: Sequen
     if problem := _load_error(built):
         _warn_once(f"what {compiler} made cannot be loaded", problem)
         return False
-    _move(built, library)
-    return True
-
-
-def _move(built: Path, library: Path) -> None:
-    """Into the cache, with the hash of what it is."""
+    # Into the cache, with the hash of what it is.
     digest = built.with_name("digest")
     digest.write_text(_digest(built.read_bytes()), encoding="ascii")
     # Between the two moves the pair does not match, which only costs another process a compilation.
     os.replace(built, library)
     os.replace(digest, library.with_suffix(".sha256"))
+    return True
 
 
 # A CasADi function with its numbers as data, so that functions that differ in numbers alone share machine code.

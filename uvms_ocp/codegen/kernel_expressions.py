@@ -288,7 +288,7 @@ def _call(node: ast.Call, scope: Scope) -> CExpression:
     if node.keywords or function is None:
         raise kernel_error(node, "has to call a kernel with arguments by place")
     if function is len:
-        return _length(node, scope)
+        return CExpression(str(length(node, scope)), INT)
     if function in (min, max):
         return _extreme(node, "lesser_of" if function is min else "greater_of", scope)
     if function is abs:
@@ -320,10 +320,6 @@ def length(node: ast.Call, scope: Scope) -> int:
     if not of.sizes or not of.sizes[0]:
         raise kernel_error(node, "is not known here; give the number to the kernel")
     return of.sizes[0]
-
-
-def _length(node: ast.Call, scope: Scope) -> CExpression:
-    return CExpression(str(length(node, scope)), INT)
 
 
 def _extreme(node: ast.Call, name: str, scope: Scope) -> CExpression:

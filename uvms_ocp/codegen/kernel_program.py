@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import ctypes
 import inspect
+import math
 import sys
 import textwrap
 from collections import Counter
@@ -52,25 +53,45 @@ def _statement(node: ast.stmt, scope: Scope) -> list[str]:
 
 
 def _assign(node: ast.Assign | ast.AnnAssign, scope: Scope) -> list[str]:
-    target = node.target if isinstance(node, ast.AnnAssign) else node.targets[0]
-    if node.value is None or (isinstance(node, ast.Assign) and len(node.targets) > 1):
-        raise kernel_error(node, "has to give one value to one name")
-    if isinstance(target, ast.Tuple):
-        return _several(node, target, scope)
-    if isinstance(target, ast.Name):
-        return _to_variable(target, node.value, scope)
-    place, value = number(target, scope), number(node.value, scope)
-    return [f"{place.text} = {_fitting(node, place.type, value)};"]
-
-
-def _several(node: ast.Assign | ast.AnnAssign, targets: ast.Tuple, scope: Scope) -> list[str]:
     """One after the other, which is the same as at once where no value depends on what the others change."""
-    names = [target.id for target in targets.elts if isinstance(target, ast.Name)]
-    values = node.value.elts if isinstance(node.value, ast.Tuple) else []
-    read = {part.id for value in values for part in ast.walk(value) if isinstance(part, ast.Name)}
-    if len(names) != len(targets.elts) or len(values) != len(names) or read & set(names):
-        raise kernel_error(node, "has to give as many values, which depend on none of the names")
-    return [line for name, value in zip(targets.elts, values, strict=True) for line in _to_variable(name, value, scope)]
+    if node.value is None:
+        raise kernel_error(node, "has to give a value")
+    pairs: list[tuple[ast.expr, ast.expr]] = []
+    for target in [node.target] if isinstance(node, ast.AnnAssign) else node.targets:
+        if isinstance(target, ast.Tuple):
+            values = node.value.elts if isinstance(node.value, ast.Tuple) else []
+            if len(values) != len(target.elts):
+                raise kernel_error(node, "has to give as many values")
+            pairs += zip(target.elts, values, strict=True)
+        else:
+            pairs.append((target, node.value))
+    if len(pairs) > 1 and any(_reads(value, target) for target, _ in pairs for _, value in pairs):
+        raise kernel_error(node, "has to give values that depend on nothing that it changes")
+    return [line for target, value in pairs for line in _to_place(target, value, scope)]
+
+
+def _reads(value: ast.expr, target: ast.expr) -> bool:
+    """Whether a value may depend on a target, which other names may stand for too."""
+    parts, whole = list(ast.walk(value)), isinstance(target, ast.Subscript)
+    while isinstance(target, ast.Subscript):
+        target = target.value
+    if isinstance(target, ast.Name) and not whole:
+        return any(isinstance(part, ast.Name) and part.id == target.id for part in parts)
+    name = target.attr if isinstance(target, ast.Attribute) else ""
+    called = any(isinstance(part, ast.Call) and ast.unparse(part.func) not in _PURE for part in parts)
+    others = [part.value for part in parts if isinstance(part, ast.Subscript)] if whole else []
+    aliases = any(not isinstance(part, ast.Attribute) or not name for part in others)
+    return called or aliases or any(isinstance(part, ast.Attribute) and part.attr == name for part in parts)
+
+
+_PURE = ("abs", "bool", "float", "int", "len", "max", "min", *(f"math.{name}" for name in vars(math)))
+
+
+def _to_place(target: ast.expr, value: ast.expr, scope: Scope) -> list[str]:
+    if isinstance(target, ast.Name):
+        return _to_variable(target, value, scope)
+    place, found = number(target, scope), number(value, scope)
+    return [f"{place.text} = {_fitting(target, place.type, found)};"]
 
 
 def _to_variable(target: Any, value: ast.expr, scope: Scope) -> list[str]:
@@ -358,7 +379,12 @@ class _Program:
             return
         if issubclass(structure, FunctionStructure):
             self._structures[name] = structure
-            self.declared.append(_function_declaration(structure))
+            n_arg, n_res, n_iw, n_w = work_sizes(structure.function)
+            call = "int (*call)(const double **, double **, long long int *, double *, int);"
+            memory = (
+                f"const double *arg[{n_arg}];\n  double *res[{n_res}];\n  long long int iw[{n_iw}];\n  double w[{n_w}];"
+            )
+            self.declared.append(f"typedef struct {{\n  {call}\n  {memory}\n}} {structure.__name__};\n")
             return
         kinds = {field: of_ctypes(kind) for field, kind in structure._fields_}  # type: ignore[misc]
         for kind in kinds.values():
@@ -372,13 +398,6 @@ class _Program:
 def _head(signature: Signature) -> str:
     given = ", ".join(kind.declared(c_name(p)) for p, kind in signature.parameters.items()) or "void"
     return f"{signature.result.name} {PREFIX}{signature.name}({given})"
-
-
-def _function_declaration(structure: type[FunctionStructure]) -> str:
-    n_arg, n_res, n_iw, n_w = work_sizes(structure.function)
-    call = "int (*call)(const double **, double **, long long int *, double *, int);"
-    memory = f"const double *arg[{n_arg}];\n  double *res[{n_res}];\n  long long int iw[{n_iw}];\n  double w[{n_w}];"
-    return f"typedef struct {{\n  {call}\n  {memory}\n}} {structure.__name__};\n"
 
 
 def _field(name: str, kind: CType) -> str:

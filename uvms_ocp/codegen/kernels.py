@@ -42,24 +42,16 @@ def _text(value: Any) -> str:
     if isinstance(value, FunctionStructure):
         return f"{{.call = {value.function.name()}}}"
     if isinstance(value, ctypes.Structure):
-        return _structure(value)
+        fields = {name: _text(getattr(value, name)) for name, *_ in value._fields_}
+        lines = [f".{c_name(name)} = {text}" for name, text in fields.items() if text]
+        return f"{{{', '.join(lines)}}}" if lines else ""
     if isinstance(value, ctypes.Array):
-        return _array(value)
+        items = [_text(item) for item in value]
+        while items and not items[-1]:
+            items.pop()
+        empty = "{0}" if isinstance(value[0], (ctypes.Array, ctypes.Structure)) else "0"
+        return f"{{{', '.join(item or empty for item in items)}}}" if items else ""
     return _number(value)
-
-
-def _structure(value: ctypes.Structure) -> str:
-    fields = {name: _text(getattr(value, name)) for name, *_ in value._fields_}
-    lines = [f".{c_name(name)} = {text}" for name, text in fields.items() if text]
-    return f"{{{', '.join(lines)}}}" if lines else ""
-
-
-def _array(value: ctypes.Array[Any]) -> str:
-    items = [_text(item) for item in value]
-    while items and not items[-1]:
-        items.pop()
-    empty = "{0}" if isinstance(value[0], (ctypes.Array, ctypes.Structure)) else "0"
-    return f"{{{', '.join(item or empty for item in items)}}}" if items else ""
 
 
 def _number(value: float) -> str:

@@ -189,17 +189,9 @@ def restrict(r: RestrictionMemory, t: float, altitude_matters: bool) -> None:
 
 
 def _nothing(r: RestrictionMemory) -> None:
-    r.speed = 1.0
-    r.feedback = 1.0
-    r.joint_feedback = 1.0
+    r.speed = r.feedback = r.joint_feedback = 1.0
     r.can_ascend = True
-    r.no_descent = False
-    r.joints_held = False
-    r.hold = False
-    r.blind = False
-    r.ended = False
-    r.any_bad = False
-    r.any_lost = False
+    r.no_descent = r.joints_held = r.hold = r.blind = r.ended = r.any_bad = r.any_lost = False
 
 
 def _applies(r: RestrictionMemory, k: int) -> bool:

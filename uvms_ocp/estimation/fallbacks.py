@@ -140,10 +140,7 @@ def hold_last_valid(m: LastValidMemory, t: float, q: Vector, v: Vector, age: flo
     m.is_valid = _is_sound(m, q, v)
     if m.is_valid:
         _store(m, t, q, v)
-        m.was[0] = age
-        m.was[1] = joint_age
-        m.age = age
-        m.joint_age = joint_age
+        m.was[0], m.was[1], m.age, m.joint_age = age, joint_age, age, joint_age
         return
     for i in range(len(m.q)):
         q[i] = m.q[i]
@@ -186,7 +183,10 @@ class LastValidEstimate:
         self.memory = structure_of(LastValidMemory, n_q=robot.n_q, n_v=robot.n_v)() if memory is None else memory
         self._last = StateEstimate(q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=np.nan)
         self._shapes = self._last.q.shape, self._last.v.shape
-        units = _units(robot)
+        # Where quaternions, and cosine and sine of joints without end, are in q.
+        lengths = {"JointModelFreeFlyer": 4, "JointModelSpherical": 4, "JointModelPlanar": 2}
+        ends = [(joint.idx_q + joint.nq, joint) for joint in robot.model.joints if joint.nq > joint.nv]
+        units = [(end - lengths.get(joint.shortname(), 2), end) for end, joint in ends]
         assign(self.memory, q=self._last.q, since=-math.inf, n_units=len(units))
         if units:
             assign(self.memory, unit=units)
@@ -223,13 +223,6 @@ class LastValidEstimate:
         return ", ".join(f"measurement.{name} has shape {shape}; give {right}" for name, shape, right in wrong)
 
 
-def _units(robot: Robot) -> list[tuple[int, int]]:
-    """Where quaternions, and cosine and sine of joints without end, are in q."""
-    lengths = {"JointModelFreeFlyer": 4, "JointModelSpherical": 4, "JointModelPlanar": 2}
-    ends = [(joint.idx_q + joint.nq, joint) for joint in robot.model.joints if joint.nq > joint.nv]
-    return [(end - lengths.get(joint.shortname(), 2), end) for end, joint in ends]
-
-
 class AltimeterMemory(Layout):
     """Memory of `LastFloorRange`, and the beam of the altimeter: along -z of its frame."""
 
@@ -262,17 +255,12 @@ def echo_range(m: AltimeterMemory, t: float, echo: float, unknown: float, distru
     if distrusted and m.exists:
         x, y = m.beam[0] - m.place[0], m.beam[1] - m.place[1]
         m.highest += _SLOPE * math.sqrt(x * x + y * y)
-        m.floor = m.highest
-        m.place[0] = m.beam[0]
-        m.place[1] = m.beam[1]
+        m.floor, m.place[0], m.place[1] = m.highest, m.beam[0], m.beam[1]
     if distrusted or not has_altitude(m, echo):
         return range_to_last_floor(m, unknown)
     floor = m.beam[2] - m.beam[3] * echo
     faded = m.highest - _FORGETTING * (t - m.since)
-    m.since = t
-    m.floor = floor
-    m.place[0] = m.beam[0]
-    m.place[1] = m.beam[1]
+    m.since, m.floor, m.place[0], m.place[1] = t, floor, m.beam[0], m.beam[1]
     m.highest = max(floor, faded) if math.isfinite(faded) else floor
     return echo
 

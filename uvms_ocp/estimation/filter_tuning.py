@@ -75,7 +75,11 @@ def initialise(structure: FilterMemory, robot: Robot, specs: SensorSpecs, tuning
     """Write what the filter knows before the first tick."""
     memory = arrays_of(structure)
     for name in CHANNELS:
-        _set_channel(memory, NUMBER[name], getattr(specs, name))
+        spec = getattr(specs, name)
+        memory.sigma[NUMBER[name]] = sigma_of(spec)
+        memory.period[NUMBER[name]] = 0.0 if spec is None else 1.0 / spec.rate
+        memory.lag[NUMBER[name]] = 0.0 if spec is None else spec.delay
+        memory.gate[NUMBER[name]], memory.recovery[NUMBER[name]] = _GATES[rows_of(NUMBER[name])], _RECOVERY
     memory.recovery[ChannelIndex.ALTIMETER_RANGE] = _EARLY_STEP
     memory.limit[:] = [*np.repeat(_LIMITS, 3), _FLOOR]
     memory.joint_limit[:] = _JOINT_LIMIT
@@ -83,7 +87,11 @@ def initialise(structure: FilterMemory, robot: Robot, specs: SensorSpecs, tuning
     memory.beam_up[2], memory.agility[:] = 1.0, _agility(robot)
     structure.floating, structure.guided = robot.n_vehicle > 0, specs.specific_force is None
     structure.echo_memory, structure.echo = _ECHO_MEMORY, -math.inf
-    _set_drive(memory.drive, tuning)
+    memory.drive[ProcessNoise.JERK], memory.drive[ProcessNoise.ANGULAR_JERK] = tuning.jerk, tuning.angular_jerk
+    memory.drive[ProcessNoise.GYRO], memory.drive[ProcessNoise.DVL], memory.drive[ProcessNoise.FORCE] = BIAS_DRIFTS
+    memory.drive[ProcessNoise.ROUGHNESS], memory.drive[ProcessNoise.SETTLING] = tuning.floor_roughness, ALTITUDE_DRIFT
+    memory.drive[ProcessNoise.JOINT] = tuning.joint_acceleration
+    memory.drive[ProcessNoise.REPLY] = _RESPONSE_UNCERTAINTY * math.sqrt(2.0 * RESPONSE_TIME)
     _set_first(memory, specs, tuning)
 
 
@@ -98,21 +106,6 @@ def _agility(robot: Robot) -> np.ndarray:
 def sigma_of(spec: SensorSpec | None) -> float:
     """Standard deviation [unit of the channel] of a channel's noise for the filter."""
     return _SMALLEST_SIGMA if spec is None else max(spec.sigma, _SMALLEST_SIGMA)
-
-
-def _set_channel(memory: Any, c: ChannelIndex, spec: SensorSpec | None) -> None:
-    memory.sigma[c] = sigma_of(spec)
-    memory.period[c] = 0.0 if spec is None else 1.0 / spec.rate
-    memory.lag[c] = 0.0 if spec is None else spec.delay
-    memory.gate[c], memory.recovery[c] = _GATES[rows_of(c)], _RECOVERY
-
-
-def _set_drive(drive: np.ndarray, tuning: EstimatorTuning) -> None:
-    drive[ProcessNoise.JERK], drive[ProcessNoise.ANGULAR_JERK] = tuning.jerk, tuning.angular_jerk
-    drive[ProcessNoise.GYRO], drive[ProcessNoise.DVL], drive[ProcessNoise.FORCE] = BIAS_DRIFTS
-    drive[ProcessNoise.ROUGHNESS], drive[ProcessNoise.SETTLING] = tuning.floor_roughness, ALTITUDE_DRIFT
-    drive[ProcessNoise.JOINT] = tuning.joint_acceleration
-    drive[ProcessNoise.REPLY] = _RESPONSE_UNCERTAINTY * math.sqrt(2.0 * RESPONSE_TIME)
 
 
 def _set_first(memory: Any, specs: SensorSpecs, tuning: EstimatorTuning) -> None:

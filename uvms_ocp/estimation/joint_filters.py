@@ -120,7 +120,10 @@ def _ingest(m: FilterMemory, c: int) -> None:
     for j in range(m.n_joints):
         m.joint_unknown[j] = c == _FIRST and m.joint_P[j][0][0] > limit
         if m.joint_unknown[j] != 0.0:
-            _initialise(m, j)
+            # Take the first reading for the truth.
+            age, sigma = m.now - m.stamp[_FIRST], m.sigma[_FIRST]
+            m.joint_x[j][0] = m.joint_value[0][j] + age * m.joint_x[j][1]
+            _clear(m, j, 0, sigma * sigma + age * age * m.joint_P[j][1][1])
             count += 1
     for slot in range(JOINT_SLOTS if count > 0 else 0):
         if m.joint_owner[slot] == c:
@@ -130,13 +133,6 @@ def _ingest(m: FilterMemory, c: int) -> None:
         m.used[c] = m.stamp[c]
     elif slot != NONE:
         _gate(m, c, slot, m.stamp[c] - (m.now if slot < 0 else m.joint_taken[slot]))
-
-
-def _initialise(m: FilterMemory, j: int) -> None:
-    """Take the first reading for the truth."""
-    age, sigma = m.now - m.stamp[_FIRST], m.sigma[_FIRST]
-    m.joint_x[j][0] = m.joint_value[0][j] + age * m.joint_x[j][1]
-    _clear(m, j, 0, sigma * sigma + age * age * m.joint_P[j][1][1])
 
 
 def _predicted(m: FilterMemory, j: int, k: int, slot: int) -> float:

@@ -57,7 +57,9 @@ def space_clones(m: FilterMemory, first: int, last: int, slots: int) -> None:
         total = 0.0
         for c in range(first, last):
             if m.lag[c] > 0.0:
-                total += min(_wanted(m, c), most)
+                # Clones at a time if every reading of channel c has one that is near enough.
+                apart = max(max(EARLY, _least(c)), max(m.dt, m.period[c]))
+                total += min((m.lag[c] + 2.0 * m.dt) / apart + 1.0, most)
         if total <= slots:
             break
         most -= 1.0
@@ -69,12 +71,6 @@ def space_clones(m: FilterMemory, first: int, last: int, slots: int) -> None:
 def _least(c: int) -> float:
     """[s] between two clones at least: motion is smooth enough in between. Joints have no need to save."""
     return _SPACING * orders_of(c) if c < N_VEHICLE else 0.0
-
-
-def _wanted(m: FilterMemory, c: int) -> float:
-    """Clones at a time if every reading of channel c has one that is near enough."""
-    apart = max(max(EARLY, _least(c)), max(m.dt, m.period[c]))
-    return (m.lag[c] + 2.0 * m.dt) / apart + 1.0
 
 
 def is_of_now(m: FilterMemory, c: int) -> bool:
@@ -159,9 +155,7 @@ def record_outcome(m: FilterMemory, c: int, squared: float, degrees: int, believ
     """Record the outcome for the fresh reading of channel c: `squared` and its degrees of freedom."""
     outcome = m.outcome[c]
     outcome[0] = m.stamp[c]
-    outcome[1] = squared
-    outcome[2] = degrees
-    outcome[3] = believed
+    outcome[1], outcome[2], outcome[3] = squared, degrees, believed
     if believed:
         m.used[c] = m.stamp[c]
 
@@ -197,12 +191,6 @@ def _corrected_by(c: int) -> int:
     return Part.PLACE if c == ChannelIndex.POSITION else Part.PLACE + 2
 
 
-def _initialises(c: int) -> bool:
-    """Return whether the first reading of a channel is taken for the truth."""
-    absolute = c == ChannelIndex.ATTITUDE or c == ChannelIndex.POSITION or c == ChannelIndex.DEPTH
-    return absolute or c == ChannelIndex.ALTIMETER_RANGE
-
-
 def _is_blind(m: FilterMemory, c: int) -> bool:
     """Return whether a channel means nothing as the attitude is unknown."""
     return c >= ChannelIndex.LINEAR_VELOCITY and is_unknown(m, Part.TURN, 3)
@@ -210,7 +198,9 @@ def _is_blind(m: FilterMemory, c: int) -> bool:
 
 def _is_uninitialised(m: FilterMemory, c: int) -> bool:
     """Return whether a channel's next reading is the first."""
-    return _initialises(c) and is_unknown(m, _corrected_by(c), rows_of(c))
+    # Channels whose first reading is taken for the truth.
+    absolute = c == ChannelIndex.ATTITUDE or c == ChannelIndex.POSITION or c == ChannelIndex.DEPTH
+    return (absolute or c == ChannelIndex.ALTIMETER_RANGE) and is_unknown(m, _corrected_by(c), rows_of(c))
 
 
 def _ingest(m: FilterMemory, c: int) -> None:
@@ -292,8 +282,7 @@ def _set_floor(m: FilterMemory, age: float, n: int) -> None:
         m.P[j][at] = row[j]
     for j in range(at, n):
         m.P[at][j] = row[j]
-    m.P[at][at] = own + noise * noise + late
-    m.echo = m.stamp[c]
+    m.P[at][at], m.echo = own + noise * noise + late, m.stamp[c]
 
 
 def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
@@ -507,8 +496,7 @@ def _clone(m: FilterMemory, c: int) -> None:
         return
     at = MAIN + 3 * slot
     predict_measurement(m, c, before)
-    m.owner[slot] = c
-    m.taken[slot] = m.now
+    m.owner[slot], m.taken[slot] = c, m.now
     m.rate_variance[slot] = s.rate_variance
     for i in range(4):
         m.h[slot][i] = s.h[i]

@@ -91,12 +91,17 @@ def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> Mis
     shapes = surroundings.clearance(scenario, margins)
     if shapes is not None and scenario.environment.obstacles:
         problem = replace(problem, constraints=(*problem.constraints, surroundings.obstacle_pairs(shapes)))
+    # The greedy way in the nominal times of the problem.
+    marks = np.cumsum([0.0, *(segment.ocp.nominal for segment in segments)])
+    greedy = np.array([segment.greedy[0] for segment in segments] + [segments[-1].greedy[1]])
+    t = problem.nominal_times()
+    rows = np.searchsorted(way.t, np.interp(t, marks, greedy))
     return MissionProblem(
         problem=problem,
         segments=tuple(segments),
         terms=terms,
         shapes=shapes,
-        guess=_guess(problem, way, segments),
+        guess=guess_through(problem, t, way.q[np.clip(rows, 0, len(way.t) - 1)]),
         greedy_duration=float(way.begins[-1]),
         current=scenario.environment.current,
     )
@@ -125,15 +130,6 @@ def _problem(
         floor=floor,
         altimeter_frame=scenario.altimeter_frame or robot.description.altimeter or "altimeter",
     )
-
-
-def _guess(problem: OcpProblem, way: GreedyRollout, segments: Sequence[HorizonSegment]) -> Trajectory:
-    """The greedy way in the nominal times of the problem."""
-    marks = np.cumsum([0.0, *(segment.ocp.nominal for segment in segments)])
-    greedy = np.array([segment.greedy[0] for segment in segments] + [segments[-1].greedy[1]])
-    t = problem.nominal_times()
-    rows = np.searchsorted(way.t, np.interp(t, marks, greedy))
-    return guess_through(problem, t, way.q[np.clip(rows, 0, len(way.t) - 1)])
 
 
 # From a scenario to a plan of its whole mission.

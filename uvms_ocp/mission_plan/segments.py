@@ -164,11 +164,16 @@ def greedy_rollout(scenario: Scenario) -> GreedyRollout:
     phases = main_path(scenario.mission.phases)
     names = [scenario.mission.phases[index].name for index in phases]
     kept = slice(None, None, _EVERY)
+    # Beginnings of the phases [s], as far as the greedy mission goes through them in their order, and the last end.
+    begins = [0.0]
+    for k, name in enumerate(names):
+        known = k < len(ends) and ends[k][0] == name
+        begins.append(max(ends[k][1], begins[-1]) if known else begins[-1] + _UNKNOWN)
     return GreedyRollout(
         t=record["t"][kept],
         q=record["q"][kept],
         phases=tuple(phases),
-        begins=_begins(names, ends),
+        begins=np.array(begins),
         quantities=dict(zip(record.meta.quantities, record["quantities"][kept].T, strict=True)),
     )
 
@@ -190,15 +195,6 @@ def foretold_way(scenario: Scenario) -> GreedyRollout:
     names = build_levels(scenario.robot, scenario.mission.hierarchy, scenario.dt).quantity_names
     unknown = np.full(len(t), np.nan)
     return GreedyRollout(t=t, q=q, phases=tuple(phases), begins=begins, quantities=dict.fromkeys(names, unknown))
-
-
-def _begins(names: Sequence[str], ends: Sequence[tuple[str, float]]) -> np.ndarray:
-    """Beginnings of the phases [s], as far as the greedy mission goes through them in their order, and the last end."""
-    begins = [0.0]
-    for k, name in enumerate(names):
-        known = k < len(ends) and ends[k][0] == name
-        begins.append(max(ends[k][1], begins[-1]) if known else begins[-1] + _UNKNOWN)
-    return np.array(begins)
 
 
 # The horizon of a mission: each phase as a segment of free length, and what has to be held at its end as one more.

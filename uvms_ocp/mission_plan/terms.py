@@ -247,7 +247,8 @@ class _Phase:
     def goals(self) -> Iterator[tuple[TaskClass, Term]]:
         """At the end of the phase, or all along what has to be held."""
         for condition in self._out.when:
-            kind = self._task_of(condition).task_class
+            name = condition.quantity.rpartition(".")[0]
+            kind = next(task for task in self.tasks if task.name == name).task_class
             for part in self._parts:
                 if part.holds:
                     yield kind, self._term(condition, part, At.PATH, met=True)
@@ -287,10 +288,6 @@ class _Phase:
             return
         assert refused is not None
         raise refused
-
-    def _task_of(self, condition: Condition) -> Task:
-        name = condition.quantity.rpartition(".")[0]
-        return next(task for task in self.tasks if task.name == name)
 
     def _term(self, condition: Condition, part: HorizonSegment, at: At, *, met: bool) -> Term:
         place = ConditionPlacement(phase=self._phase.name, segment=part.ocp.name, at=at)

@@ -193,16 +193,12 @@ def stored_trajectory(robot: Robot, arrays: Arrays, *, of_wrench: bool) -> Traje
         given = arrays[name].shape if name in arrays else None
         if n < 2 or given != shape:
             raise InvalidInput(f"array {name!r} has shape {given}; {robot.name} with {n} times needs {shape}")
-    _check_values(robot, arrays)
-    return Trajectory(t=arrays["t"], **{name: arrays[name] for name in widths}, of_wrench=of_wrench)
-
-
-def _check_values(robot: Robot, arrays: Arrays) -> None:
     t = arrays["t"]
     if t[0] != 0.0 or not (np.diff(t) > 0).all():
         raise InvalidInput("times t do not rise from 0")
     if robot.n_vehicle and np.linalg.norm(arrays["q"][:, 3:7], axis=1).min() < _SHORTEST:
         raise InvalidInput("array 'q' has a quaternion, columns 3 to 6, of norm 0")
+    return Trajectory(t=arrays["t"], **{name: arrays[name] for name in widths}, of_wrench=of_wrench)
 
 
 def result_arrays(result: LexicographicResult) -> dict[str, np.ndarray]:

@@ -180,7 +180,8 @@ class Refinement:
         result: dict[Term, np.ndarray] = {}
         for term in self.given.constraints:
             if isinstance(term, ShapeClearance):
-                missing = _spread(shortfall(term, path, self.t0))
+                padded = np.pad(shortfall(term, path, self.t0), ((_BESIDE, _BESIDE), (0, 0)))
+                missing = np.asarray(sliding_window_view(padded, 2 * _BESIDE + 1, axis=0).max(axis=-1))
                 missing[[0, -1]] = 0.0
                 if missing.max(initial=0.0) > _KEPT:
                     result[term] = best.tightened.get(term, 0.0) + _MORE * missing
@@ -193,12 +194,6 @@ def _gain(before: LexicographicResult, after: LexicographicResult) -> float:
     share = (old - new) / np.maximum(old, _ZERO)
     changed = np.flatnonzero((np.abs(share) > _GAIN) & (np.maximum(old, new) > _ZERO))
     return float(abs(share[changed[0]])) if len(changed) else 0.0
-
-
-def _spread(missing: np.ndarray) -> np.ndarray:
-    """(n_nodes, n_pairs) [m] the largest within two nodes: else the motion dips right beside where it no longer can."""
-    padded = np.pad(missing, ((_BESIDE, _BESIDE), (0, 0)))
-    return np.asarray(sliding_window_view(padded, 2 * _BESIDE + 1, axis=0).max(axis=-1))
 
 
 def worst_clearance(given: OcpProblem, path: Trajectory) -> ClearanceReport | None:

@@ -143,7 +143,11 @@ class OcpProblem:
         if not self.phases or not self.levels:
             raise InvalidInput("an optimal control problem needs phases and levels; give at least one of each")
         self._check_names()
-        self._check_relaxed_levels()
+        for level in self.levels[:-1]:
+            if level.relax is None and any(term.minimises_time for term in level.terms):
+                raise InvalidInput(
+                    f"level {level.name!r} minimises time: give it `relax`, such as 0.01, or put it last"
+                )
         if np.shape(self.current) not in ((3,), (self.n_steps, 3)) or not np.isfinite(self.current).all():
             raise InvalidInput(f"current {self.current}; give three finite numbers [m/s], or three for each step")
         if self.robot.n_vehicle and self.actuation is Actuation.THRUSTERS and not self.robot.description.thrusters:
@@ -221,13 +225,6 @@ class OcpProblem:
             raise InvalidInput(
                 f"{names[0]}: no power is given for thruster {', '.join(unknown)}; add it, or use Effort"
             )
-
-    def _check_relaxed_levels(self) -> None:
-        for level in self.levels[:-1]:
-            if level.relax is None and any(term.minimises_time for term in level.terms):
-                raise InvalidInput(
-                    f"level {level.name!r} minimises time: give it `relax`, such as 0.01, or put it last"
-                )
 
 
 @checked

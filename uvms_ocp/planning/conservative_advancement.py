@@ -64,7 +64,10 @@ def check_clearance(
     `per_piece` intervals of each piece are checked to begin with; shortest is the share of the duration below which an
     interval is not halved. all_collisions: go on after the first collision, for the true smallest clearance.
     """
-    bound = _acceleration_bounds(trajectory)
+    c = trajectory.derivative(2).coefficients
+    n = c.shape[0] - 1
+    to_bernstein = np.array([[comb(i, j) / comb(n, j) if j <= i else 0.0 for j in range(n + 1)] for i in range(n + 1)])
+    bound = np.abs(np.tensordot(to_bernstein, c, axes=1)).max(axis=0)
     curve = _Curve(trajectory=trajectory, measure=distances, per_piece=per_piece, acceleration=bound)
     return check_motion(curve, distances.scene, shortest=shortest, all_collisions=all_collisions)
 
@@ -156,14 +159,6 @@ class _Curve:
         piece = np.clip(np.searchsorted(breaks, middle, side="right") - 1, 0, last)
         speed = np.abs(self.trajectory.evaluate(middle, 1))
         return speed * half[:, None] + 0.5 * self.acceleration[piece] * half[:, None] ** 2
-
-
-def _acceleration_bounds(trajectory: PiecewisePolynomial) -> Array:
-    """(n_pieces, n_axes): no polynomial exceeds its largest Bernstein coefficient."""
-    c = trajectory.derivative(2).coefficients
-    n = c.shape[0] - 1
-    to_bernstein = np.array([[comb(i, j) / comb(n, j) if j <= i else 0.0 for j in range(n + 1)] for i in range(n + 1)])
-    return np.abs(np.tensordot(to_bernstein, c, axes=1)).max(axis=0)
 
 
 def _halved(middle: Array, half: Array) -> tuple[Array, Array]:

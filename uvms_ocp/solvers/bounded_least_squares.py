@@ -225,8 +225,7 @@ def solve_bounded(p: BoundedProblem) -> int:
 def _unit_weights(p: BoundedProblem) -> None:
     for j in range(p.columns):
         p.scale[j] = math.sqrt(p.weight[j])
-        p.low[j] = p.lower[j] * p.scale[j]
-        p.high[j] = p.upper[j] * p.scale[j]
+        p.low[j], p.high[j] = p.lower[j] * p.scale[j], p.upper[j] * p.scale[j]
         for i in range(p.rows):
             p.M[i][j] = p.A[i][j] / p.scale[j]
 
@@ -277,8 +276,7 @@ def _advance(p: BoundedProblem, exact: bool) -> None:
             p.x[j] += share * (p.optimum[j] - p.x[j])
         if k < 0:
             break
-        p.x[k] = p.high[k] if rises else p.low[k]
-        p.free[k] = False
+        p.x[k], p.free[k] = p.high[k] if rises else p.low[k], False
 
 
 def _free_ones(p: BoundedProblem) -> int:

@@ -62,28 +62,20 @@ def _begin_row(p: LinearProgram, i: int) -> None:
     """All variables at their lower bound, and what is missing in a row the only one to rest on, at its cost."""
     n, rest = len(p.c), p.b[i]
     for j in range(n):
-        p.x[j] = p.lower[j]
-        p.cost[j] = 0.0
-        p.basic[j] = False
+        p.x[j], p.cost[j], p.basic[j] = p.lower[j], 0.0, False
         rest -= p.A[i][j] * p.x[j]
     for j in range(len(p.x)):
         missing = 1.0 if j == n + i else 0.0
         p.tableau[i][j] = math.copysign(1.0, rest) * p.A[i][j] if j < n else missing
-    p.x[n + i] = abs(rest)
-    p.upper[n + i] = math.inf
-    p.lower[n + i] = 0.0
-    p.cost[n + i] = -1.0
-    p.basic[n + i] = True
-    p.basis[i] = n + i
+    p.x[n + i], p.upper[n + i], p.lower[n + i] = abs(rest), math.inf, 0.0
+    p.cost[n + i], p.basic[n + i], p.basis[i] = -1.0, True, n + i
 
 
 def _count_what_counts(p: LinearProgram) -> None:
     """With nothing missing any more, and what counts."""
     n = len(p.c)
     for i in range(len(p.b)):
-        p.x[n + i] = 0.0
-        p.upper[n + i] = 0.0
-        p.cost[n + i] = 0.0
+        p.x[n + i] = p.upper[n + i] = p.cost[n + i] = 0.0
     for j in range(n):
         p.cost[j] = p.c[j]
 
@@ -148,9 +140,7 @@ def _to_bound(p: LinearProgram, entering: int, up: float, step: float, leaving: 
     k = p.basis[leaving]
     p.x[k] = p.upper[k] if up * p.tableau[leaving][entering] < 0.0 else p.lower[k]
     p.x[entering] += up * step
-    p.basic[k] = False
-    p.basic[entering] = True
-    p.basis[leaving] = entering
+    p.basic[k], p.basic[entering], p.basis[leaving] = False, True, entering
     _pivot(p, leaving, entering)
 
 

@@ -69,10 +69,31 @@ def of_a_size_that_changes(m: Small) -> None:
 
 
 def of_swapped_names(m: Small) -> float:
-    """has to give as many values, which depend on none of the names"""
+    """has to give values that depend on nothing that it changes"""
     a, b = m.x, 2.0
     a, b = b, a
     return a - b
+
+
+def of_swapped_fields(m: Small) -> None:
+    """has to give values that depend on nothing that it changes"""
+    m.x, m.values[0] = 2.0, m.x
+
+
+def of_swapped_entries(m: Small) -> None:
+    """has to give values that depend on nothing that it changes"""
+    x = m.values
+    x[0], x[1] = 2.0, m.values[0]
+
+
+def of_a_field_that_a_call_may_read(m: Small) -> None:
+    """has to give values that depend on nothing that it changes"""
+    m.x, m.n = 2.0, of_unknown_length(m, m.values)
+
+
+def of_too_few_values(m: Small) -> None:
+    """has to give as many values"""
+    m.x, m.n = m.values  # type: ignore[assignment, misc]
 
 
 def calling_what_is_no_kernel(m: Small) -> None:
@@ -129,6 +150,10 @@ ALL = (
     of_unknown_length,
     of_a_size_that_changes,
     of_swapped_names,
+    of_swapped_fields,
+    of_swapped_entries,
+    of_a_field_that_a_call_may_read,
+    of_too_few_values,
     calling_what_is_no_kernel,
     calling_a_builtin,
     calling_with_too_few,

@@ -69,6 +69,7 @@ class Memory(Layout):
     """Of `tick`."""
 
     now: float
+    now_of_next: float
     windows: Annotated[list[Window], Sized("n")]
     double: Annotated[list[Vector], Sized("n", 3)]
     out: Annotated[Vector, Sized(4)]
@@ -122,8 +123,9 @@ def tick(m: Memory, x: float, quiet: bool) -> float:
         s -= math.atan2(row[2], medians[i]) + math.sqrt(abs(x))
     for i in range(1, len(m.out)):
         m.out[i] = medians[i - 1] if math.isfinite(medians[i - 1]) else math.inf
-    m.out[0] = s + math.erf(x) + math.remainder(x, LIMIT)
-    m.now += 0.1
+    m.out[0] = m.windows[0].values[6] = s + math.erf(x) + math.remainder(x, LIMIT)
+    m.now, m.double[0][1] = m.now_of_next, abs(x)
+    m.now_of_next += 0.1
     return total + halvings(x) + int(x) + float(m.windows[0].mood)
 
 

@@ -159,23 +159,19 @@ _PERIODS_TO_LOSE = 8.0  # of silence, or of nothing but refused readings
 def accept(c: ChannelMemory, t: float) -> None:
     """The filter may see the newest reading at time t [s]; where it has a gate of its own, its outcome is waited for."""
     c.used = c.stamp
-    c.empty = False
-    c.behind = False
+    c.empty = c.behind = False
     if not c.gated:
         _mark_used(c, t)
 
 
 def accept_empty(c: ChannelMemory) -> None:
     """The sensor works but has nothing to tell, such as an echo that does not come back."""
-    c.used = c.stamp
-    c.empty = True
-    c.behind = False
+    c.used, c.empty, c.behind = c.stamp, True, False
 
 
 def reject(c: ChannelMemory, why: Complaint, t: float) -> None:
     """A reading is not used at time t [s], and why."""
-    c.refused_at = t
-    c.impossible_at = t
+    c.refused_at, c.impossible_at = t, t
     suspect(c, why, t)
 
 
@@ -225,7 +221,11 @@ def update_trust(m: HealthMemory, c: ChannelMemory) -> bool:
         c.used_at = m.t
     quiet, period = m.t - c.used_at, max(c.period, m.dt)
     trust = _by_silence(c, quiet, period)
-    if c.gated and c.refused_at >= m.t - _LEAST_TO_LOSE - period and _is_contested(m, c):
+    if (
+        c.gated
+        and c.refused_at >= m.t - _LEAST_TO_LOSE - period
+        and (_is_suspect(m, c.rival) or _is_suspect(m, c.other_rival))
+    ):
         trust = min(trust, int(Trust.SUSPECT))
     if trust != Trust.GOOD:
         _be_silent(c, quiet, m.t, trust != c.trust)
@@ -240,8 +240,7 @@ def update_trust(m: HealthMemory, c: ChannelMemory) -> bool:
 
 def _mark_used(c: ChannelMemory, t: float) -> None:
     if c.used > -math.inf:
-        c.taken = c.used
-        c.used_at = t
+        c.taken, c.used_at = c.used, t
 
 
 def _by_silence(c: ChannelMemory, quiet: float, period: float) -> int:
@@ -262,11 +261,6 @@ def _be_silent(c: ChannelMemory, quiet: float, t: float, anew: bool) -> None:
         else:
             set_complaint(c.complaint, int(Reason.NO_ECHO) if c.empty else int(Reason.SILENT), quiet, 0.0)
     c.bad_at = t
-
-
-def _is_contested(m: HealthMemory, c: ChannelMemory) -> bool:
-    """Return whether a suspect channel may be why the filter refuses this one, which then is not lost for it."""
-    return _is_suspect(m, c.rival) or _is_suspect(m, c.other_rival)
 
 
 def _is_suspect(m: HealthMemory, channel: int) -> bool:

@@ -84,8 +84,7 @@ def keep_alone(s: FloorPoints, new: FloorPoint) -> None:
 
 def copy_floor_points(to: FloorPoints, other: FloorPoints) -> None:
     """Make one the same as the other."""
-    to.first = 0
-    to.count = 0
+    to.first = to.count = 0
     for k in range(other.count):
         append_floor_point(to, other.kept[slot_of(other, k)])
 
@@ -148,8 +147,7 @@ def _copy_spot(to: FloorPoint, new: FloorPoint) -> None:
     to.sensor_x = new.sensor_x
     to.sensor_y = new.sensor_y
     to.sensor_z = new.sensor_z
-    to.lowest = new.sensor_z
-    to.highest = new.sensor_z
+    to.lowest, to.highest = new.sensor_z, new.sensor_z
 
 
 # Whether an echo of the altimeter fits the motion of the vehicle and what the floor did so far.
@@ -199,13 +197,20 @@ def init_floor(memory: FloorMemory, sigma: float, tuning: HealthTuning) -> None:
 
 def accept_echo(w: FloorMemory, why: Complaint) -> bool:
     """Return whether to believe the echo from `here`, in order of time; what speaks against it otherwise, or all the same."""
-    _forget(w)
+    oldest, found = w.here.t - _MEMORY, w.candidates
+    forget_older(w.accepted, oldest)
+    forget_older(w.before, oldest)
+    if found.count > 1 and found.kept[found.first].t < oldest:
+        forget_first(found)
     step = floor_step(w.accepted, w.here, w.base, w.slope)
     if step == 0.0:
         _accept(w)
         return True
     if step > 0.0:
-        _take_nearer(w)
+        if w.before.count == 0:
+            copy_floor_points(w.before, w.accepted)
+        keep_alone(w.accepted, w.here)
+        w.candidates.count = w.returned = 0
         set_complaint(why, Reason.NEARER, step, 0.0)
         return True
     if w.before.count > 0 and floor_step(w.before, w.here, w.base, w.slope) == 0.0:
@@ -218,16 +223,7 @@ def _accept(w: FloorMemory) -> None:
     accepted = w.accepted
     if accepted.count == 0 or w.here.t - accepted.kept[slot_of(accepted, accepted.count - 1)].t >= _SPACING:
         append_floor_point(accepted, w.here)
-    w.candidates.count = 0
-    w.returned = 0
-
-
-def _take_nearer(w: FloorMemory) -> None:
-    if w.before.count == 0:
-        copy_floor_points(w.before, w.accepted)
-    keep_alone(w.accepted, w.here)
-    w.candidates.count = 0
-    w.returned = 0
+    w.candidates.count = w.returned = 0
 
 
 def _as_before(w: FloorMemory, step: float, why: Complaint) -> bool:
@@ -278,11 +274,3 @@ def _is_proven(w: FloorMemory, step: float) -> bool:
     if horizontal_distance(w.here, accepted.kept[slot_of(accepted, accepted.count - 1)]) < _STEP_WAY:
         return False
     return vertical_travel(found) >= max(_STEP_TRAVEL, 2.0 * _tolerance(w))
-
-
-def _forget(w: FloorMemory) -> None:
-    oldest, found = w.here.t - _MEMORY, w.candidates
-    forget_older(w.accepted, oldest)
-    forget_older(w.before, oldest)
-    if found.count > 1 and found.kept[found.first].t < oldest:
-        forget_first(found)

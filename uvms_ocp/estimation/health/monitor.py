@@ -86,9 +86,7 @@ _LONGEST_UNOBSERVED = 1.0  # [s] for which a velocity may be carried on by itsel
 def screen(m: HealthMemory, t: float, moving: bool) -> None:
     """Screen the fresh readings at time t [s]; moving: there was a command, and no brakes."""
     m.dt = max(t - m.t, 0.0) if m.started else 0.0
-    m.t = t
-    m.started = True
-    m.exposed = False
+    m.t, m.started, m.exposed = t, True, False
     integrate_command(m.encoders, moving, m.dt)
     m.n_behind = 0
     for k in range(m.n):
@@ -97,16 +95,12 @@ def screen(m: HealthMemory, t: float, moving: bool) -> None:
             _screen_newest(m, c)
         if c.behind:
             m.n_behind += 1
-    m.velocity_unobserved = _is_velocity_unobserved(m)
-    m.unobserved_at = t if m.velocity_unobserved else m.unobserved_at
-
-
-def _is_velocity_unobserved(m: HealthMemory) -> bool:
-    """Return whether neither fixes nor a DVL have observed the velocity for a while, since that was last so."""
+    # Whether neither fixes nor a DVL have observed the velocity for a while, since that was last so.
     last = max(
         _last_observed(m.channels[ChannelIndex.POSITION]), _last_observed(m.channels[ChannelIndex.LINEAR_VELOCITY])
     )
-    return last > -math.inf and m.t - max(last, m.unobserved_at) > _LONGEST_UNOBSERVED
+    m.velocity_unobserved = last > -math.inf and m.t - max(last, m.unobserved_at) > _LONGEST_UNOBSERVED
+    m.unobserved_at = t if m.velocity_unobserved else m.unobserved_at
 
 
 def _last_observed(c: ChannelMemory) -> float:
@@ -116,8 +110,7 @@ def _last_observed(c: ChannelMemory) -> float:
 
 def judge(m: HealthMemory, t: float, is_estimated: bool) -> int:
     """Update the trust in every channel at time t [s]; is_estimated: `now` is one. Returns how many verdicts changed."""
-    m.t = t
-    m.now.t = t
+    m.t, m.now.t = t, t
     if is_estimated:
         remember(m.history, m.now)
     n = 0
@@ -152,11 +145,9 @@ def _update_all_trust(m: HealthMemory, s: EstimateSupport, t: float) -> int:
 
 
 def _screen_newest(m: HealthMemory, c: ChannelMemory) -> None:
-    c.fresh = False
-    c.behind = True
+    c.fresh, c.behind = False, True
     if not c.started or c.stamp != c.seen:
-        c.started = True
-        c.seen = c.stamp
+        c.started, c.seen = True, c.stamp
         _screen_new(m, c)
     c.misshapen = 0
     if not c.behind:

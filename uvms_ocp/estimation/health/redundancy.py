@@ -165,8 +165,7 @@ def update_velocity(d: VelocityAgainstPosition, v_W: Vector, t: float) -> None:
     dt = t - d.t
     known = 0.0 <= dt <= _BLIND
     if not known:
-        d.offsets.count = 0
-        d.ways.count = 0
+        d.offsets.count = d.ways.count = 0
     for i in range(3):
         if known:
             d.way[i] += 0.5 * dt * (v_W[i] + d.velocity[i])
@@ -194,7 +193,8 @@ def drift_rate(d: VelocityAgainstPosition, p: Vector, t: float) -> float:
         drop_oldest(found)
     if span_of(found) < _DRIFT_SPAN or found.count < 3:
         return 0.0
-    rate = _change(found) / _time_between(found)
+    n = found.count // 3
+    rate = _change(found) / (mean_time(found, found.count - n, n) - mean_time(found, 0, n))
     return rate if rate > d.tolerance else 0.0
 
 
@@ -205,12 +205,6 @@ def _change(found: SampleRing) -> float:
         change = median_of(found, i, found.count - n, n) - median_of(found, i, 0, n)
         squared += change * change
     return math.sqrt(squared)
-
-
-def _time_between(found: SampleRing) -> float:
-    """[s] from the first third to the last."""
-    n = found.count // 3
-    return mean_time(found, found.count - n, n) - mean_time(found, 0, n)
 
 
 def _way_at(d: VelocityAgainstPosition, i: int, t: float) -> float:
@@ -266,8 +260,7 @@ def _turn_on(d: RateAgainstAttitude, rate: Vector, dt: float, out: Vector) -> No
 
 def update_depth(d: DepthAgainstPosition, z: float, t: float) -> None:
     """The depth z [m] at time t [s]."""
-    d.depth = z
-    d.t = t
+    d.depth, d.t = z, t
 
 
 def depth_difference(d: DepthAgainstPosition, z: float, climb: float, t: float) -> float:
@@ -280,13 +273,9 @@ def depth_difference(d: DepthAgainstPosition, z: float, climb: float, t: float) 
         d.first += difference
         return 0.0
     d.last[d.count % _LAST] = difference
-    by = abs(_of_last(d) / _LAST - d.first / _FIRST)
-    return by if d.count >= _FIRST + _LAST and by > d.tolerance else 0.0
-
-
-def _of_last(d: DepthAgainstPosition) -> float:
-    """The last differences, oldest first, added up [m]."""
+    # The last differences, oldest first, added up [m].
     total = 0.0
     for i in range(1, _LAST + 1):
         total += d.last[(d.count + i) % _LAST]
-    return total
+    by = abs(total / _LAST - d.first / _FIRST)
+    return by if d.count >= _FIRST + _LAST and by > d.tolerance else 0.0

@@ -95,8 +95,7 @@ def _compare_with_estimate(m: HealthMemory, c: ChannelMemory, estimate: PastEsti
     elif c.gate.exists and not _agrees(m, c, estimate, b.why):
         b.used = c.agreed < _CONFIRMED
         if b.used:
-            c.agreed = 0
-            b.why.code = Reason.NONE
+            c.agreed, b.why.code = 0, Reason.NONE
 
 
 def _agrees(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, why: Complaint) -> bool:
@@ -139,10 +138,8 @@ def _is_floor(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, why: Co
 
 def _place(here: FloorPoint, c: ChannelMemory, estimate: PastEstimate, up: Vector, at: Vector) -> None:
     """Find the spot of the floor of an echo: up and at [m], axis and place of the altimeter, are in W, seen from the vehicle."""
-    here.t = c.stamp
-    here.sensor_x = estimate.q[0] + at[0]
-    here.sensor_y = estimate.q[1] + at[1]
-    here.sensor_z = estimate.q[2] + at[2]
+    here.t, here.sensor_x = c.stamp, estimate.q[0] + at[0]
+    here.sensor_y, here.sensor_z = estimate.q[1] + at[1], estimate.q[2] + at[2]
     here.x = here.sensor_x - c.value[0] * up[0]
     here.y = here.sensor_y - c.value[0] * up[1]
     here.z = here.sensor_z - c.value[0] * up[2]
@@ -180,21 +177,14 @@ def _compare_fix(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, why:
     by = depth_difference(m.depth, c.value[2], v_W[2], c.stamp)
     if rate > 0.0:
         set_complaint(why, Reason.DRIFT, rate, 0.0)
-        _exclude_velocity(m, why)
+        # The DVL is not used until it agrees again, as the filter cannot find out by itself; unless fixes jumped.
+        velocity, position = m.channels[ChannelIndex.LINEAR_VELOCITY], m.channels[ChannelIndex.POSITION]
+        lies = velocity.present and (_is_guilty(m, velocity) or not _is_guilty(m, position))
+        if lies and exclude(velocity, why, m.t, m.clean):
+            m.exposed = True
     if by > 0.0:
         set_complaint(why, Reason.DEPTH, by, 0.0)
         _suspect_likelier(m, ChannelIndex.DEPTH, ChannelIndex.POSITION, -1)
-
-
-def _exclude_velocity(m: HealthMemory, why: Complaint) -> None:
-    """The DVL is not used until it agrees again, as the filter cannot find out by itself; unless fixes jumped.
-
-    Those have been refused.
-    """
-    velocity, position = m.channels[ChannelIndex.LINEAR_VELOCITY], m.channels[ChannelIndex.POSITION]
-    lies = velocity.present and (_is_guilty(m, velocity) or not _is_guilty(m, position))
-    if lies and exclude(velocity, why, m.t, m.clean):
-        m.exposed = True
 
 
 def _suspect_likelier(m: HealthMemory, first: int, second: int, likely: int) -> None:

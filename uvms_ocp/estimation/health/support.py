@@ -103,8 +103,7 @@ def update_age(m: HealthMemory, s: EstimateSupport) -> None:
         number = s.needed[k]
         own = _supported_until(m, s, number)
         if math.isnan(own):
-            s.oldest = number
-            s.age = math.inf
+            s.oldest, s.age = number, math.inf
             return
         if own < oldest:
             oldest = own

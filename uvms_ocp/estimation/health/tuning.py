@@ -87,9 +87,7 @@ class Complaint(Layout):
 
 def set_complaint(why: Complaint, code: int, first: float, second: float) -> None:
     """Set all of it; first, second [of the text of the `Reason` code]."""
-    why.code = code
-    why.first = first
-    why.second = second
+    why.code, why.first, why.second = code, first, second
 
 
 def copy_complaint(to: Complaint, other: Complaint) -> None:

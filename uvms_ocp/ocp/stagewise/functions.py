@@ -68,18 +68,14 @@ class Tangent:
     def _force_slope(self) -> ca.SX:
         return ca.jacobian(self.model.required_force, self.model.z)
 
-    def _slope(self, rows: ca.SX) -> ca.SX:
-        """(m, n_z) derivative of rows (m,) in z, through the forces as well."""
-        own, through = ca.jacobian(rows, self.model.z), ca.jacobian(rows, self.model.force)
-        return own + through @ self._force_slope if through.nnz() else own
-
     def expanded(self, expressions: Sequence[ca.SX]) -> list[ca.SX]:
         """Expressions with forces as what they are in z."""
         return ca.substitute(list(expressions), [self.model.force], [self.model.required_force])
 
     def jacobian(self, rows: ca.SX, *, controls: bool = True) -> ca.SX:
         """(m, n_x + n_u) derivative of rows (m,) in z; (m, n_x) without the controls."""
-        return self._along(self._slope(rows), controls)
+        own, through = ca.jacobian(rows, self.model.z), ca.jacobian(rows, self.model.force)
+        return self._along(own + through @ self._force_slope if through.nnz() else own, controls)
 
     def _along(self, slope: ca.SX, controls: bool) -> ca.SX:
         """Project a derivative (m, n_z) in z."""

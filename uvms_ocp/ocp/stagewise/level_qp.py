@@ -58,7 +58,12 @@ class StageLevelQp:
         self.held, self._bends = self._held_numbers(), False
         """Rows (m,) that may be held and are rows of the QP, and whether it has curvature."""
         self.multipliers = Multipliers(memory, level)
-        self.linearize, self._above = self._linearization(), self._frozen()
+        # Rows of the QP that belong to levels above.
+        found = []
+        for stage in self.memory.stages:
+            sizes = [group.n for group in self.memory.groups(stage)[: self.level + 1]]
+            found += [np.full(n, bool(i)) for i, n in enumerate(sizes)]
+        self.linearize, self._above = self._linearization(), np.concatenate([np.zeros(0, dtype=bool), *found])
         self.qp.fix_initial_state(np.zeros(self.shape.n_x[0]))
 
     def _shape(self) -> StageShape:
@@ -145,14 +150,6 @@ class StageLevelQp:
         memory = self.memory
         rows = interval_excess(memory.held, ranges.lower, ranges.upper)[self.held]
         return np.concatenate([np.abs(memory.gaps.ravel()), rows, ranges.z_excess(memory.z)])
-
-    def _frozen(self) -> Array:
-        """Rows of the QP that belong to levels above."""
-        found = []
-        for stage in self.memory.stages:
-            sizes = [group.n for group in self.memory.groups(stage)[: self.level + 1]]
-            found += [np.full(n, bool(i)) for i, n in enumerate(sizes)]
-        return np.concatenate([np.zeros(0, dtype=bool), *found])
 
     def fits(self, found: FlatSolution) -> bool:
         """Check whether a solution is that of a QP of this shape."""

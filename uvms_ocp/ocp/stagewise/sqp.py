@@ -195,7 +195,10 @@ class StageSqp:
         Where curvature makes none, that of Gauss and Newton takes the place; where that leaves directions open, steps are damped.
         """
         last = self._solution
-        near, solution, rough = self._near(), None, self._roughness(last)
+        # Tolerance of a QP: as little of rows as the point breaks, and of the gradient as the last step has changed. Where little
+        # is broken but much missed of the gradient, steps along weak curvature would break rows again.
+        changed = 1.0 if last is None else last.products.change / max(self._steepest, 1e-300)
+        near, solution, rough = self._near(), None, min(_ROUGHLY * min(self._worst, changed), _ROUGHEST)
         for damping, curved, give in _MODELS[self._model :]:
             if curved and give == np.inf and self._is_far:
                 continue
@@ -221,15 +224,6 @@ class StageSqp:
         last = self._solution
         return last.warm_start() if last is not None and last.status is StageQpStatus.SOLVED else None
 
-    def _roughness(self, last: FlatSolution | None) -> float:
-        """Return the tolerance of a QP: as little of rows as the point breaks, and of the gradient as the last step has
-        changed.
-
-        Where little is broken but much missed of the gradient, steps along weak curvature would break rows again.
-        """
-        changed = 1.0 if last is None else last.products.change / max(self._steepest, 1e-300)
-        return min(_ROUGHLY * min(self._worst, changed), _ROUGHEST)
-
     def _search(self, here: FilterMerit, slope: float) -> tuple[NlpStatus | None, FilterMerit]:
         share, before = 1.0, self._worst
         while share > _SMALLEST_SHARE:
@@ -239,7 +233,14 @@ class StageSqp:
                     self._filter.add(here)
                 if share < 1.0:
                     self._level.linearize()
-                self._adapt_damping(share, before, idle=-slope <= _DIGITS * here.cost)
+                # Steps that had to be cut short were too long where nothing but damping makes them shorter, and so are those that
+                # leave the rows as broken as they were before, and more so idle ones, with which no cost falls.
+                idle = -slope <= _DIGITS * here.cost
+                kept = self._options.feasibility
+                if share < 1.0 or (idle and self._worst > max(before, kept)):
+                    self._damping = max(_MORE * self._damping, _IDLE if idle else _DAMPED)
+                elif self._worst <= max(_KEPT * before, kept):
+                    self._damping /= _LESS
                 return None, trial
             share /= 2
         self._back()
@@ -275,17 +276,6 @@ class StageSqp:
                 break
             here = trial
         return here
-
-    def _adapt_damping(self, share: float, before: float, *, idle: bool) -> None:
-        """Steps that had to be cut short were too long where nothing but damping makes them shorter.
-
-        So are those that leave the rows as broken as they were before, and more so idle ones, with which no cost falls.
-        """
-        kept = self._options.feasibility
-        if share < 1.0 or (idle and self._worst > max(before, kept)):
-            self._damping = max(_MORE * self._damping, _IDLE if idle else _DAMPED)
-        elif self._worst <= max(_KEPT * before, kept):
-            self._damping /= _LESS
 
     def _restore(self, here: FilterMerit, solution: FlatSolution) -> tuple[NlpStatus | None, FilterMerit]:
         """Towards the constraints, whatever it costs."""

@@ -379,8 +379,9 @@ class RowLayout:
 def row_layout(problem: OcpProblem, blocks: Sequence[TermBlock], ends: Boundary, *, n_forces: int) -> RowLayout:
     """Number the rows of a problem whose terms are `blocks`; n_forces: rows of forces in the dynamics of each step."""
     N, n_state = problem.n_steps, problem.robot.n_q + problem.robot.n_v
+    names = N * (*FIXED[:1] * n_state, *FIXED[1:2] * n_forces)
     groups = [
-        _dynamics(N, n_state, n_forces),
+        _equalities(np.full(len(names), CONSTRAINT), np.repeat(np.arange(N), n_state + n_forces), names),
         _ends(problem, ends),
         _equal_steps(problem),
         _total(problem),
@@ -425,11 +426,6 @@ class _Group:
 def _equalities(level: np.ndarray, stage: np.ndarray, names: tuple[str, ...]) -> _Group:
     zero = np.zeros(len(names))
     return _Group(level=level, stage=stage, lower=zero, upper=zero, names=names)
-
-
-def _dynamics(N: int, n_state: int, n_forces: int) -> _Group:
-    names = N * (*FIXED[:1] * n_state, *FIXED[1:2] * n_forces)
-    return _equalities(np.full(len(names), CONSTRAINT), np.repeat(np.arange(N), n_state + n_forces), names)
 
 
 def _ends(problem: OcpProblem, ends: Boundary) -> _Group:

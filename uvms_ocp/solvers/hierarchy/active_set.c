@@ -2,7 +2,7 @@
 
    Rows lower <= a v <= upper in levels. Every iteration solves the hierarchy of the active rows as equalities, goes there
    until a free row blocks, and else drops a row whose multipliers are lexicographically wrong. Invariant: every row violated
-   at v is active. numpy_core.py is the same algorithm; keep both in step. */
+   at v is active. active_set_numpy.py finds the same optima, which tests compare. */
 
 enum { GREEDY = 0, BLAND = 1, TABU = 2 };
 

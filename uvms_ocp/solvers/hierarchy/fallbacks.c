@@ -1,4 +1,4 @@
-/* What is tried one after the other until a velocity is certified; fallbacks.py is the same, keep both in step.
+/* What is tried one after the other until a velocity is certified.
 
    The core from a warm start, then cold; level by level, ordinarily and with more care; with fewer levels. All runs together
    have MOST_OF_ALL iterations. Where nothing is certified the best velocity counts, by the levels in their order. */

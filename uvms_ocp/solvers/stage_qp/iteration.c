@@ -1,4 +1,4 @@
-/* From a start to the optimum, or to where it cannot go on, as iteration.py has it; keep both in step. */
+/* From a start to the optimum, or to where it cannot go on. */
 
 /* The optimum without inequalities, from the z, costates and y that are given: one factor, and corrections. */
 static int solve_equalities(Problem *q) {
