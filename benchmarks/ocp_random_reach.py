@@ -21,7 +21,7 @@ from uvms_ocp.ocp.problem import OcpLevel, OcpProblem
 from uvms_ocp.ocp.terms import TaskTerm
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
-from uvms_ocp.solvers.nlp.options import NlpOptions
+from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 from uvms_ocp.tasks.pose import ToolPose
 
 DRAWN, SEED, STEPS = 200, 1, 40

@@ -23,7 +23,7 @@ from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
-from uvms_ocp.solvers.nlp.options import NlpOptions
+from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 
 REPEATS, STEPS = 3, (20, 40, 80)
 OPTIONS = NlpOptions(max_iterations=3)

@@ -11,8 +11,8 @@ import coal
 import numpy as np
 
 from uvms_ocp.planning.distances import CoalDistances
-from uvms_ocp.planning.sampling import SamplingOptions, sampled_waypoints
 from uvms_ocp.planning.scene import CollisionScene, Coordinates, collision_scene, coordinates
+from uvms_ocp.planning.soft_collision import SamplingOptions, sampled_waypoints
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import Obstacle, obstacle

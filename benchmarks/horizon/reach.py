@@ -21,7 +21,7 @@ from horizon.problems import tool_reach
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
-from uvms_ocp.solvers.nlp.options import NlpOptions
+from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 
 PLUGINS = ("stagewise", "ipopt", "fatrop")
 LOOSE = 1e-6

@@ -24,7 +24,7 @@ from uvms_ocp.sim.loop import simulate
 from uvms_ocp.sim.plant import DynamicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import SensorSuite
-from uvms_ocp.solvers.nlp.options import SqpOptions
+from uvms_ocp.solvers.nlp.level_solver import SqpOptions
 from uvms_ocp.tasks.pose import ToolPose
 from uvms_ocp.tasks.task import PoseGoal, PoseReference, evaluate_pose
 

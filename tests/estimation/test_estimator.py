@@ -8,9 +8,8 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.errors import FrameNotFound, InvalidInput
-from uvms_ocp.estimation.channels import age_of
-from uvms_ocp.estimation.estimator import Estimator, PassThrough
-from uvms_ocp.estimation.filter_tuning import EstimatorTuning
+from uvms_ocp.estimation.estimator import Estimator, PassThrough, age_of
+from uvms_ocp.estimation.filter_memory import EstimatorTuning
 from uvms_ocp.robot.loading import list_robots, load_robot
 from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, Reading, Readings, SensorSpec, SensorSpecs, State
 from uvms_ocp.sim.seafloor import FlatSeafloor

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from uvms_ocp.ocp.plan import OcpStatus
-from uvms_ocp.ocp.planner import Planner
-from uvms_ocp.ocp.prechecks import impossible_start
+from uvms_ocp.ocp.planner import Planner, impossible_start
 from uvms_ocp.ocp.problem import OcpLevel, OcpPhase, OcpProblem
 from uvms_ocp.ocp.terms import Effort
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
-from uvms_ocp.solvers.nlp.options import NlpOptions
+from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 
 N_STEPS, JOINT = 10, 4
 

@@ -25,7 +25,7 @@ from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
-from uvms_ocp.solvers.nlp.options import NlpOptions
+from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 from uvms_ocp.tasks.pose import NullVelocity, UnderActuation, VehiclePose
 
 

@@ -13,8 +13,7 @@ from reaches import CHEAP, PATIENCE, patient, reach, tool_goal
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.clearance import Ball, BallClearance
 from uvms_ocp.ocp.plan import OcpStatus, Plan
-from uvms_ocp.ocp.planner import Planner
-from uvms_ocp.ocp.prechecks import impossible_start
+from uvms_ocp.ocp.planner import Planner, impossible_start
 from uvms_ocp.ocp.problem import Actuation, OcpLevel, single_phase
 from uvms_ocp.ocp.terms import (
     At,
@@ -33,7 +32,7 @@ from uvms_ocp.ocp.trajectory import hold_guess
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
-from uvms_ocp.solvers.nlp.options import NlpOptions
+from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 from uvms_ocp.tasks.task import Residual, zero_residual
 
 

@@ -16,19 +16,21 @@ from uvms_ocp.planning.descent import Ipopt
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.path_cost import CostWeights
 from uvms_ocp.planning.request import ToolGoalOptions, tool_goal
-from uvms_ocp.planning.sampling import SamplingOptions, edge_reach, sampled_waypoints
 from uvms_ocp.planning.scene import CollisionScene, Coordinates, collision_scene, coordinates
 from uvms_ocp.planning.soft_collision import (
     PlanStatus,
+    SamplingOptions,
     SoftCollisionOptions,
+    edge_reach,
     plan_soft_collision,
+    sampled_waypoints,
     straight_guess,
 )
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import obstacle
 from uvms_ocp.tasks.joints import JointTracking
-from uvms_ocp.trajectories.segment_times import MotionLimits
+from uvms_ocp.trajectories.min_snap import MotionLimits
 
 
 @pytest.fixture(scope="module")

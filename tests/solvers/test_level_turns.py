@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from uvms_ocp.solvers.nlp.level_solver import SqpOptions
 from uvms_ocp.solvers.nlp.lexicographic_sqp import (
     LevelMerit,
     LexicographicSqp,
@@ -13,7 +14,6 @@ from uvms_ocp.solvers.nlp.lexicographic_sqp import (
     TimeBudget,
     acceptance,
 )
-from uvms_ocp.solvers.nlp.options import SqpOptions
 from uvms_ocp.solvers.nlp.program import LevelRows, RowBounds
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.solvers.nlp.level_solver import NlpOptions, SqpOptions
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicNlp
-from uvms_ocp.solvers.nlp.options import NlpOptions, SqpOptions
 from uvms_ocp.solvers.nlp.program import LexicographicProgram, NlpLevel, NlpStatus, lexicographic_program
 from uvms_ocp.solvers.nlp.real_time_sqp import RealTimeSqp
 

@@ -17,8 +17,7 @@ from uvms_ocp.cli import options as opt
 from uvms_ocp.cli.printing import console_of, print_json, print_paths, table_of
 from uvms_ocp.cli.run import draw_all
 from uvms_ocp.errors import InvalidInput, plain_line
-from uvms_ocp.mission_plan.plan import MissionPlan
-from uvms_ocp.mission_plan.planner import OPTIONS, plan_mission
+from uvms_ocp.mission_plan.planner import OPTIONS, MissionPlan, plan_mission
 from uvms_ocp.ocp import OcpRequest, OcpStatus, solve_ocp
 from uvms_ocp.planning.request import AXES, Goal, PlanRequest, PostureGoal, ToolGoal, Triple, plan_path
 from uvms_ocp.record.output import claim_folder
@@ -27,8 +26,7 @@ from uvms_ocp.report.planned_motion import motion_record, ocp_record, ocp_report
 from uvms_ocp.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import Obstacle, parse_obstacle, read_obstacles
 from uvms_ocp.scenario.own_code import robot_of
-from uvms_ocp.solvers.nlp.level_solver import IterationReport
-from uvms_ocp.solvers.nlp.options import PLUGINS, NlpOptions
+from uvms_ocp.solvers.nlp.level_solver import PLUGINS, IterationReport, NlpOptions
 
 # Options of every plan: where it starts, where it goes, and what stands in the way.
 

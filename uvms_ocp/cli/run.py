@@ -28,7 +28,7 @@ from uvms_ocp.cli import NOT_COMPLETED, printing
 from uvms_ocp.cli import options as opt
 from uvms_ocp.cli.compilation import show_compilation
 from uvms_ocp.errors import OutputError, plain_line
-from uvms_ocp.mission_plan.plan import MissionPlan
+from uvms_ocp.mission_plan.planner import MissionPlan
 from uvms_ocp.record.output import claim_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import format_load, summarize

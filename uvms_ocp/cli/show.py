@@ -30,7 +30,7 @@ from uvms_ocp.cli.options import (
 )
 from uvms_ocp.cli.printing import console_of, print_findings, print_json, print_paths, table_of
 from uvms_ocp.errors import InvalidInput, plain_line
-from uvms_ocp.mission_plan.plan import MissionPlan
+from uvms_ocp.mission_plan.planner import MissionPlan
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record.output import recover_folder
 from uvms_ocp.record.record import Record

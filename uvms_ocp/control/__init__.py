@@ -13,4 +13,4 @@ from uvms_ocp.control.velocity.levels import build_levels as build_levels
 from uvms_ocp.estimation.estimator import Estimator as Estimator
 from uvms_ocp.estimation.estimator import GateOutcome as GateOutcome
 from uvms_ocp.estimation.estimator import PassThrough as PassThrough
-from uvms_ocp.estimation.filter_tuning import EstimatorTuning as EstimatorTuning
+from uvms_ocp.estimation.filter_memory import EstimatorTuning as EstimatorTuning

@@ -2,4 +2,4 @@
 
 from uvms_ocp.estimation.estimator import Estimator as Estimator
 from uvms_ocp.estimation.estimator import PassThrough as PassThrough
-from uvms_ocp.estimation.filter_tuning import EstimatorTuning as EstimatorTuning
+from uvms_ocp.estimation.filter_memory import EstimatorTuning as EstimatorTuning

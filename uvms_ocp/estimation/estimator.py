@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from operator import attrgetter
 from typing import Any
 
@@ -11,14 +13,33 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
-from uvms_ocp.codegen.kernel_layout import arrays_of
+from uvms_ocp.codegen.kernel_layout import arrays_of, zeros
+from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.estimation.channels import JOINT_CHANNELS, AltimeterMount, age_of, needed_channels, oldest_of
-from uvms_ocp.estimation.filter_memory import MAIN, N_VEHICLE, NUMBER, ChannelIndex, Part, filter_memory
-from uvms_ocp.estimation.filter_tuning import RESPONSE_TIME, EstimatorTuning, initialise
-from uvms_ocp.estimation.kalman_filter import bound_tick
-from uvms_ocp.estimation.vehicle_model import inflate_velocity_variance
+from uvms_ocp.estimation.filter_memory import (
+    MAIN,
+    N_CHANNELS,
+    N_VEHICLE,
+    NUMBER,
+    RESPONSE_TIME,
+    ChannelIndex,
+    EstimatorTuning,
+    FilterMemory,
+    Part,
+    filter_memory,
+    initialise,
+)
+from uvms_ocp.estimation.joint_filters import fuse_joints, predict_joints
+from uvms_ocp.estimation.measurement_update import fuse
+from uvms_ocp.estimation.vehicle_model import (
+    inflate_velocity_variance,
+    predict,
+    predict_measurement,
+    rotate_back,
+    rotation,
+)
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
+from uvms_ocp.robot.kinematics import STEEP
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import (
     CHANNELS,
@@ -31,6 +52,117 @@ from uvms_ocp.robot.signals import (
     StateEstimate,
 )
 from uvms_ocp.types import Array
+
+# One tick of the Kalman filter, as a kernel: from the inputs in its memory to the outputs there.
+
+
+def bound_tick(memory: FilterMemory, *, compiled: bool = True) -> Callable[[], None]:
+    """A call that advances the filter in `memory` to its `now`; in Python unless `compiled`, or without a compiler."""
+    (tick,) = bind_kernels((advance_filter,), (type(memory),), compiled=compiled)
+    return partial(tick, memory)
+
+
+def advance_filter(m: FilterMemory) -> None:
+    """Run one tick: predict, fuse what is fresh, and write the outputs."""
+    m.dt = m.now - m.before if m.started else 0.0
+    m.started = True
+    m.before = m.now
+    if m.floating:
+        predict(m)
+        fuse(m)
+        _write_vehicle_outputs(m)
+    predict_joints(m)
+    fuse_joints(m)
+    for j in range(m.n_joints):
+        m.std[6 + j] = math.sqrt(max(m.joint_P[j][0][0], 0.0))
+    m.age[0] = 0.0
+    m.age[1] = max(m.now - m.used[ChannelIndex.JOINT_POSITIONS], 0.0)
+    for c in range(N_CHANNELS):
+        if m.needed[c] > 0.0:
+            m.age[0] = max(m.now - m.used[c], m.age[0])
+        m.fresh[c] = 0.0
+
+
+def _write_vehicle_outputs(m: FilterMemory) -> None:
+    R, s = zeros(9), m.predicted
+    rotation(m.turn, R)
+    rotate_back(R, m.x, Part.SPEED, m.twist)
+    for i in range(3):
+        m.twist[3 + i] = m.x[Part.SPIN + i]
+        m.std[i] = math.sqrt(max(m.P[Part.PLACE + i][Part.PLACE + i], 0.0))
+        m.std[3 + i] = math.sqrt(max(m.P[Part.TURN + i][Part.TURN + i], 0.0))
+    predict_measurement(m, ChannelIndex.ALTIMETER_RANGE, MAIN)
+    has_floor = s.h[1] > STEEP and m.now - m.echo <= m.echo_memory
+    m.range[0] = s.h[0] / s.h[1] if has_floor else math.nan
+    m.range[1] = math.sqrt(max(s.S[0][0], 0.0)) / s.h[1] if has_floor else math.nan
+
+
+# Which channels an estimate needs, and how old they are.
+
+JOINT_CHANNELS = ("joint_positions",)
+_VEHICLE_CHANNELS = ("position", "attitude", "linear_velocity", "angular_velocity")
+_OPTIONAL_CHANNELS = ("depth", "joint_velocities", "specific_force")  # improve an estimate that does not need them
+
+
+def age_of(readings: Readings, channels: tuple[str, ...], t: float) -> float:
+    """Age [s] at time t [s] of the oldest of the channels' readings; inf where one is missing."""
+    return oldest_of(readings, channels, t)[0]
+
+
+def oldest_of(readings: Readings, channels: tuple[str, ...], t: float) -> tuple[float, str]:
+    """Age [s] at time t [s] of the oldest of the channels' readings, inf where one is missing, and which channel that is."""
+    taken, oldest = t, ""
+    for name in channels:
+        reading = getattr(readings, name)
+        if reading is None:
+            return math.inf, name
+        if reading.t < taken:
+            taken, oldest = reading.t, name
+    return t - taken, oldest
+
+
+def needed_channels(robot: Robot, specs: SensorSpecs, altimeter_frame: str | None) -> tuple[str, ...]:
+    """Channels that the robot has and that no other replaces."""
+    skipped = (
+        *_OPTIONAL_CHANNELS,
+        *(() if robot.n_vehicle else _VEHICLE_CHANNELS),
+        *(() if altimeter_frame and robot.n_vehicle else ("altimeter_range",)),
+    )
+    return tuple(name for name in CHANNELS if getattr(specs, name) is not None and name not in skipped)
+
+
+# Where the altimeter looks from, for the filter and for who watches the floor.
+
+
+class AltimeterMount:
+    """The altimeter in B: fixed to the vehicle, or carried by the arm, which a tick then has to look at."""
+
+    __slots__ = ("_data", "_frame", "_memory", "_robot", "moves")
+
+    def __init__(self, robot: Robot, frame: str, memory: Any) -> None:
+        """frame: that of the altimeter. Raises `FrameNotFound`.
+
+        memory: who is told, with `beam_at` (3,) [m] the altimeter in B, and `beam_up` (3,) its z axis there.
+        """
+        self._robot, self._frame, self._memory = robot, robot.frame_id(frame), memory
+        self._data = robot.model.createData()
+        self.moves = robot.model.frames[self._frame].parentJoint > 1
+        self._look(pin.neutral(robot.model)[robot.joint_q])
+
+    def place(self, joints: Array) -> None:
+        """Tell it, if the altimeter may have moved; `joints` (n_joint_q,) is that part of q [rad or m]."""
+        if self.moves:
+            self._look(joints)
+
+    def _look(self, joints: Array) -> None:
+        model, memory, q = self._robot.model, self._memory, pin.neutral(self._robot.model)
+        q[self._robot.joint_q] = joints
+        pin.forwardKinematics(model, self._data, q)
+        X_BS = pin.updateFramePlacement(model, self._data, self._frame)
+        memory.beam_at[:], memory.beam_up[:] = X_BS.translation, X_BS.rotation[:, 2]
+
+
+# Estimate the state of the robot from late and noisy readings, by an error-state Kalman filter.
 
 
 @checked

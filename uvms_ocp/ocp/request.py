@@ -14,8 +14,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.clearance import ShapeClearance
 from uvms_ocp.ocp.plan import OcpStatus, Plan, sample_times
-from uvms_ocp.ocp.planner import Planner
-from uvms_ocp.ocp.prechecks import check_goal, goal_distances, start_distances
+from uvms_ocp.ocp.planner import Planner, check_goal, goal_distances, start_distances
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Effort, Posture, Smoothness, TaskTerm
 from uvms_ocp.ocp.trajectory import Trajectory, guess_through, hold_guess
@@ -24,8 +23,7 @@ from uvms_ocp.planning.request import FiniteTriple, Goal, PlanRequest, PostureGo
 from uvms_ocp.planning.scene import CollisionScene, Coordinates, NearestPair, collision_scene, coordinates
 from uvms_ocp.robot import Robot, State
 from uvms_ocp.robot.shapes.obstacles import Obstacle, seafloor
-from uvms_ocp.solvers.nlp.level_solver import Progress
-from uvms_ocp.solvers.nlp.options import NlpOptions
+from uvms_ocp.solvers.nlp.level_solver import NlpOptions, Progress
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import Array, AtLeastOne, Bound, Magnitude, Positive, Range, Shape
 

@@ -10,7 +10,6 @@ from uvms_ocp.planning.request import PostureGoal as PostureGoal
 from uvms_ocp.planning.request import ToolGoal as ToolGoal
 from uvms_ocp.planning.request import plan_path as plan_path
 from uvms_ocp.planning.request import tool_goal as tool_goal
-from uvms_ocp.planning.sampling import sampled_waypoints as sampled_waypoints
 from uvms_ocp.planning.scene import CollisionScene as CollisionScene
 from uvms_ocp.planning.scene import Coordinates as Coordinates
 from uvms_ocp.planning.scene import collision_scene as collision_scene
@@ -19,6 +18,7 @@ from uvms_ocp.planning.soft_collision import CollisionPlan as CollisionPlan
 from uvms_ocp.planning.soft_collision import PlanStatus as PlanStatus
 from uvms_ocp.planning.soft_collision import SoftCollisionOptions as SoftCollisionOptions
 from uvms_ocp.planning.soft_collision import plan_soft_collision as plan_soft_collision
+from uvms_ocp.planning.soft_collision import sampled_waypoints as sampled_waypoints
 from uvms_ocp.robot.shapes.obstacles import Obstacle as Obstacle
 from uvms_ocp.robot.shapes.obstacles import build_obstacle as build_obstacle
 from uvms_ocp.robot.shapes.obstacles import describe_obstacle as describe_obstacle

@@ -13,7 +13,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.planning.distances import NearPairs
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.trajectories.free_derivatives import Pieces, basis, hermite_cost
-from uvms_ocp.trajectories.segment_times import MotionLimits
+from uvms_ocp.trajectories.min_snap import MotionLimits
 from uvms_ocp.types import Array, Indices, Mask
 
 # Solve symmetric positive definite block-tridiagonal systems: one node of a trajectory per block.

@@ -18,12 +18,11 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.planning.conservative_advancement import PairDistances
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.path_cost import CostWeights
-from uvms_ocp.planning.sampling import SamplingOptions
 from uvms_ocp.planning.scene import VEHICLE_AXES, CollisionScene, Coordinates, collision_scene, coordinates
-from uvms_ocp.planning.soft_collision import CollisionPlan, SoftCollisionOptions, plan_soft_collision
+from uvms_ocp.planning.soft_collision import CollisionPlan, SamplingOptions, SoftCollisionOptions, plan_soft_collision
 from uvms_ocp.robot import Kinematics, Obstacle, Robot
 from uvms_ocp.tasks import JointTracking, Task, ToolPose, ToolPosition, VehiclePose
-from uvms_ocp.trajectories.segment_times import MotionLimits
+from uvms_ocp.trajectories.min_snap import MotionLimits
 from uvms_ocp.types import Array, Count, Finite, Magnitude, Range, Shape
 
 # Coordinates that bring a frame of the robot to a pose: the goal of a plan given by its tool.

@@ -24,8 +24,8 @@ from uvms_ocp.control.external import require_numbers
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
 from uvms_ocp.estimation.filter_memory import NUMBER
+from uvms_ocp.estimation.health.channel_state import sizes_of
 from uvms_ocp.estimation.health.guarded_estimator import GatedEstimator
-from uvms_ocp.estimation.health.settings import sizes_of
 from uvms_ocp.record.meta_values import UNIT_NORM_TOLERANCE, FaultMeta
 from uvms_ocp.record.tables import SERIES
 from uvms_ocp.robot.robot import Robot

@@ -8,10 +8,10 @@ from uvms_ocp.solvers.hierarchy.solution import Solution as Solution
 from uvms_ocp.solvers.hierarchy.solution import Status as Status
 from uvms_ocp.solvers.hierarchy.solution import Tick as Tick
 from uvms_ocp.solvers.hierarchy.solution import TickResult as TickResult
+from uvms_ocp.solvers.nlp.level_solver import NlpOptions as NlpOptions
+from uvms_ocp.solvers.nlp.level_solver import SqpOptions as SqpOptions
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicNlp as LexicographicNlp
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult as LexicographicResult
-from uvms_ocp.solvers.nlp.options import NlpOptions as NlpOptions
-from uvms_ocp.solvers.nlp.options import SqpOptions as SqpOptions
 from uvms_ocp.solvers.nlp.program import LexicographicProgram as LexicographicProgram
 from uvms_ocp.solvers.nlp.program import NlpLevel as NlpLevel
 from uvms_ocp.solvers.nlp.program import NlpStatus as NlpStatus

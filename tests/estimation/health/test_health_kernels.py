@@ -14,15 +14,6 @@ from corruptors import STEPS, told_on_a_way
 from uvms_ocp.codegen.kernel_layout import structure_of
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.estimation.estimator import Estimator
-from uvms_ocp.estimation.health.estimate_history import (
-    EstimateHistory,
-    angle_between,
-    product,
-    remember,
-    slot_at,
-    small_rotation,
-)
-from uvms_ocp.estimation.health.estimate_history import rotate as turn
 from uvms_ocp.estimation.health.floor import (
     MAX_FLOOR_POINTS,
     FloorPoint,
@@ -36,6 +27,15 @@ from uvms_ocp.estimation.health.floor import (
 )
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.estimation.health.monitor import HealthMonitor
+from uvms_ocp.estimation.health.plausibility import (
+    EstimateHistory,
+    angle_between,
+    product,
+    remember,
+    slot_at,
+    small_rotation,
+)
+from uvms_ocp.estimation.health.plausibility import rotate as turn
 from uvms_ocp.estimation.health.redundancy import SampleRing, append_value, mean_time, median_of, value_at
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot

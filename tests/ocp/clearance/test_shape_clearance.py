@@ -24,7 +24,7 @@ from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import Obstacle, obstacle, seafloor
 from uvms_ocp.robot.signals import State
-from uvms_ocp.solvers.nlp.options import NlpOptions
+from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 from uvms_ocp.tasks.joints import JointTracking
 
 TILT = pin.rpy.rpyToMatrix(0.4, 0.2, 0.1)

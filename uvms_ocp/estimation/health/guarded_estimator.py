@@ -12,8 +12,13 @@ import numpy as np
 from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked, unchecked_constructor, unchecked_method
 from uvms_ocp.estimation.estimator import PassThrough
 from uvms_ocp.estimation.filter_memory import NUMBER
-from uvms_ocp.estimation.health.monitor import HealthMonitor
-from uvms_ocp.estimation.health.support import fallback_sensors, pass_through_memory, support_of, supporting_channels
+from uvms_ocp.estimation.health.monitor import (
+    HealthMonitor,
+    fallback_sensors,
+    pass_through_memory,
+    support_of,
+    supporting_channels,
+)
 from uvms_ocp.record.display import SmallTable, TableDisplay, format_value, rows_of
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import ChannelHealth, Command, Readings, SensorSpecs, StateEstimate

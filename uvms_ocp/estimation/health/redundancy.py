@@ -6,7 +6,7 @@ import math
 from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
-from uvms_ocp.estimation.health.estimate_history import angle_between, conjugate, normalize, product, small_rotation
+from uvms_ocp.estimation.health.plausibility import angle_between, conjugate, normalize, product, small_rotation
 
 # Values of the last seconds with their times, in a ring.
 

@@ -14,14 +14,15 @@ from uvms_ocp.estimation.health.channel_state import (
     exclude,
     suspect,
 )
-from uvms_ocp.estimation.health.estimate_history import PastEstimate, rotate
 from uvms_ocp.estimation.health.floor import FloorPoint, accept_echo
 from uvms_ocp.estimation.health.plausibility import (
+    PastEstimate,
     is_impossible,
     is_mistimed,
     is_nonsense,
     is_off,
     repeated,
+    rotate,
     stands_still,
 )
 from uvms_ocp.estimation.health.redundancy import (

@@ -11,13 +11,11 @@ import numpy as np
 from uvms_ocp.codegen.compile import has_compiler
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
-from uvms_ocp.ocp.stagewise.level_qp import StageLevelQp
 from uvms_ocp.ocp.stagewise.memory import StageIndices, StageMemory, StageRanges, StageVariables
-from uvms_ocp.ocp.stagewise.sqp import SqpOutcome, StageSqp
+from uvms_ocp.ocp.stagewise.sqp import SqpOutcome, StageLevelQp, StageSqp
 from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.solvers.nlp.level_solver import Deadline, NlpOutcome, NlpPoint
+from uvms_ocp.solvers.nlp.level_solver import SPARSE_PLUGIN, STAGEWISE, Deadline, NlpOptions, NlpOutcome, NlpPoint
 from uvms_ocp.solvers.nlp.lexicographic_sqp import LevelMerit, SqpPoint
-from uvms_ocp.solvers.nlp.options import SPARSE_PLUGIN, STAGEWISE, NlpOptions
 from uvms_ocp.solvers.nlp.program import LexicographicProgram, NlpStatus, RowBounds, RowRanges
 from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQpOptions, WarmStart
 from uvms_ocp.types import Array

@@ -26,9 +26,8 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
 from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.trajectory import Trajectory, has_thrusters, unchecked_trajectory
-from uvms_ocp.ocp.transcription.reuse import ReusedProblem
 from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel, derivatives
-from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermBlock, TermNodes, TermNumbers
+from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, ReusedProblem, TermBlock, TermNodes, TermNumbers
 from uvms_ocp.robot import State, SymbolicModel
 
 # The variables of the NLP: those of step after step, then the state of the last node; units are those of z.

@@ -21,9 +21,15 @@ from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.ocp.transcription.horizon import horizon
 from uvms_ocp.ocp.transcription.layout import VariableLayout, boundary, parameter_layout, row_layout
-from uvms_ocp.ocp.transcription.reuse import ReusedProblem, fit_problem
 from uvms_ocp.ocp.transcription.stage import StageModel
-from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermNodes, TermNumbers, term_blocks
+from uvms_ocp.ocp.transcription.term_rows import (
+    CONSTRAINT,
+    ReusedProblem,
+    TermNodes,
+    TermNumbers,
+    fit_problem,
+    term_blocks,
+)
 from uvms_ocp.robot.signals import State
 from uvms_ocp.solvers.nlp.program import LevelNlp, LevelRows, LexicographicProgram, RowRanges
 
@@ -31,7 +37,7 @@ _ROUNDING = 1e-9  # violation of a constraint at the start that is none
 
 
 class Transcription:
-    """The NLP of a problem, kept for all problems of its shape; see `uvms_ocp.ocp.transcription.reuse`.
+    """The NLP of a problem, kept for all problems of its shape; see `uvms_ocp.ocp.transcription.term_rows`.
 
     It keeps memory from call to call: whoever shares it between threads holds `turn` meanwhile, as planners do.
     Methods that take a problem raise `InvalidInput` for one of another shape; by default it is the one that was built in.

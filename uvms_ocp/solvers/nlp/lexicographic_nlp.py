@@ -22,9 +22,16 @@ import numpy as np
 
 from uvms_ocp.checks import checked, unchecked_constructor
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.solvers.nlp.level_solver import Deadline, LevelSolver, NlpOutcome, NlpPoint, Progress, SolveMonitor
-from uvms_ocp.solvers.nlp.options import STAGEWISE
-from uvms_ocp.solvers.nlp.options import NlpOptions as NlpOptions
+from uvms_ocp.solvers.nlp.level_solver import (
+    STAGEWISE,
+    Deadline,
+    LevelSolver,
+    NlpOutcome,
+    NlpPoint,
+    Progress,
+    SolveMonitor,
+)
+from uvms_ocp.solvers.nlp.level_solver import NlpOptions as NlpOptions
 from uvms_ocp.solvers.nlp.program import (
     LevelRows,
     LexicographicProgram,

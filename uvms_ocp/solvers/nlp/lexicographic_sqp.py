@@ -16,7 +16,7 @@ from typing import Protocol
 
 import numpy as np
 
-from uvms_ocp.solvers.nlp.options import SqpOptions
+from uvms_ocp.solvers.nlp.level_solver import SqpOptions
 from uvms_ocp.solvers.nlp.program import LevelRows, NlpStatus, RowBounds
 
 # Which share of a level's step is taken: the rule by which no level loses what it had for the sake of one below.

@@ -24,8 +24,8 @@ import numpy as np
 
 from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.solvers.nlp.level_solver import SPARSE_PLUGIN, STAGEWISE, SqpOptions
 from uvms_ocp.solvers.nlp.lexicographic_sqp import LevelMerit, LevelModel, LexicographicSqp, SqpPoint, TimeBudget
-from uvms_ocp.solvers.nlp.options import SPARSE_PLUGIN, STAGEWISE, SqpOptions
 from uvms_ocp.solvers.nlp.program import (
     LevelNlp,
     LexicographicProgram,

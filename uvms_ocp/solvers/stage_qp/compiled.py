@@ -13,20 +13,18 @@ import numpy as np
 from uvms_ocp.codegen.compile import c_macros, compile_library, constants_of, loaded_library
 from uvms_ocp.solvers.stage_qp import tolerances
 from uvms_ocp.solvers.stage_qp.problem import (
+    IterationResult,
+    PrimalDualPoint,
     ResidualProducts,
+    RowTable,
     StageQp,
     StageQpOptions,
     StageQpStatus,
     StageShape,
+    StartMode,
     WarmStart,
     kkt_residual,
     offsets,
-)
-from uvms_ocp.solvers.stage_qp.rows import (
-    IterationResult,
-    PrimalDualPoint,
-    RowTable,
-    StartMode,
     undetermined_variables,
     unpack_point,
 )

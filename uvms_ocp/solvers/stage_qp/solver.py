@@ -16,20 +16,24 @@ from uvms_ocp.codegen.elementwise import interval_distance, interval_excess
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.stage_qp import tolerances
 from uvms_ocp.solvers.stage_qp.compiled import compiled_core
-from uvms_ocp.solvers.stage_qp.iteration import NumpyCore, rest_point
+from uvms_ocp.solvers.stage_qp.interior_point import NumpyCore, rest_point
 from uvms_ocp.solvers.stage_qp.problem import (
     FlatSolution,
+    IterationResult,
+    PrimalDualPoint,
+    RowTable,
     StageQp,
     StageQpOptions,
     StageQpSolution,
     StageQpStatus,
     StageShape,
+    StartMode,
     WarmStart,
     offsets,
+    row_table,
     slices,
     stage_qp_solution,
 )
-from uvms_ocp.solvers.stage_qp.rows import IterationResult, PrimalDualPoint, RowTable, StartMode, row_table
 from uvms_ocp.types import Array
 
 # A QP with its residuals as rows: where a Hessian is the sum of stiff and weak ones, the weak are lost to rounding.
