@@ -1,4 +1,4 @@
-"""Laws of QPs of stages: their optimality conditions, which others confirm, in C and NumPy alike."""
+"""Laws of QPs of stages: their optimality conditions, which others confirm, in C and by PIQP alike."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from stage_qps import conic_optimum, dense, flat, kkt_failure, random_qp, reach_
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.stage_qp import StageQp, StageQpOptions, StageQpSolution, StageQpSolver, StageQpStatus, StageShape
 
-NUMPY = StageQpOptions(compiled=False)
+PIQP = StageQpOptions(compiled=False)
 
 
 def solved(qp: StageQp, warm: StageQpSolution | None = None) -> StageQpSolution:
@@ -61,9 +61,9 @@ def test_bounds_that_are_not_reached_cost_no_further_factor() -> None:
 
 @needs_compiler
 @pytest.mark.parametrize("seed", range(30))
-def test_c_and_numpy_find_the_same(seed: int) -> None:
+def test_c_and_piqp_find_the_same(seed: int) -> None:
     qp = random_qp(seed, equalities=seed % 2 > 0)
-    ours, twin = solved(qp), StageQpSolver(qp.shape, NUMPY).solve(qp)
+    ours, twin = solved(qp), StageQpSolver(qp.shape, PIQP).solve(qp)
     assert ours.status is twin.status
     # How many factors that takes is theirs: bounds that only just bind hold or not by rounding.
     assert max(kkt_failure(qp, ours), kkt_failure(qp, twin)) < 1e-5
@@ -73,12 +73,12 @@ def test_c_and_numpy_find_the_same(seed: int) -> None:
 
 @needs_compiler
 @pytest.mark.parametrize("seed", range(5))
-def test_c_and_numpy_find_the_same_multipliers_where_there_is_one_choice(seed: int) -> None:
+def test_c_and_piqp_find_the_same_multipliers_where_there_is_one_choice(seed: int) -> None:
     qp = random_qp(seed, inequalities=False)
     free = flat(solved(qp).u)
     for k, n_x in enumerate(qp.shape.n_x[:-1]):
         qp.z_upper[k][n_x:] = np.median(free)
-    ours, twin = solved(qp), StageQpSolver(qp.shape, NUMPY).solve(qp)
+    ours, twin = solved(qp), StageQpSolver(qp.shape, PIQP).solve(qp)
     for name in ("z", "y", "y_z", "costate"):
         np.testing.assert_allclose(flat(getattr(ours, name)), flat(getattr(twin, name)), atol=1e-9, rtol=1e-9)
 
@@ -282,7 +282,7 @@ def moved_to(qp: StageQp, z: np.ndarray) -> StageQp:
     return there
 
 
-@pytest.mark.parametrize("options", [StageQpOptions(), NUMPY], ids=["c", "numpy"])
+@pytest.mark.parametrize("options", [StageQpOptions(), PIQP], ids=["c", "piqp"])
 @pytest.mark.parametrize("seed", range(10))
 def test_multipliers_miss_the_conditions_nowhere_but_away_from_the_optimum(seed: int, options: StageQpOptions) -> None:
     qp = random_qp(seed, equalities=seed % 2 > 0)
@@ -296,10 +296,10 @@ def test_multipliers_miss_the_conditions_nowhere_but_away_from_the_optimum(seed:
 
 @needs_compiler
 @pytest.mark.parametrize("seed", range(20))
-def test_from_a_qp_nearby_c_and_numpy_find_the_same(seed: int) -> None:
+def test_from_a_qp_nearby_c_and_piqp_find_the_same(seed: int) -> None:
     qp, other = random_qp(seed), random_qp(seed)
     other.flat["r"][:] *= 1.1
-    ours, twin = StageQpSolver(qp.shape), StageQpSolver(qp.shape, NUMPY)
+    ours, twin = StageQpSolver(qp.shape), StageQpSolver(qp.shape, PIQP)
     near = ours.solve_flat(other).warm_start()
     found, same = ours.solve_flat(qp, near), twin.solve_flat(qp, near)
     assert found.status is same.status is StageQpStatus.SOLVED
@@ -307,6 +307,7 @@ def test_from_a_qp_nearby_c_and_numpy_find_the_same(seed: int) -> None:
     np.testing.assert_allclose(found.z, flat(solved(qp).z), atol=1e-6)
 
 
+@needs_compiler
 def test_a_loose_tolerance_costs_fewer_factors() -> None:
     qp = reach_qp(1, goal=True)
     solver = StageQpSolver(qp.shape)

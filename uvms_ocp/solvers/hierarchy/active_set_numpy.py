@@ -321,7 +321,7 @@ class _Attempts:
         slack = interval_distance(self.rows.J @ w, self.rows.lower, self.rows.upper)
         missed, best = np.array([np.linalg.norm(slack[own]) for own in self._levels]), self._missed
         proven = normal_certificate(self.rows, w) <= tolerances.CERTIFIED
-        differ = [] if best is None else np.flatnonzero(np.abs(missed - best) > tolerances.TIED * (1.0 + best))
+        differ = np.flatnonzero(False if best is None else np.abs(missed - best) > tolerances.TIED * (1.0 + best))
         if proven or best is None or (len(differ) and missed[differ[0]] < best[differ[0]]):
             self.w, self.active_set, self._missed = w, active_set, missed
         return proven

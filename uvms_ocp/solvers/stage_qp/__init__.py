@@ -1,4 +1,4 @@
-"""Convex QPs of stages by an interior point around a Riccati recursion, in C or NumPy."""
+"""Convex QPs of stages by an interior point around a Riccati recursion, in C; by PIQP without a compiler."""
 
 from uvms_ocp.solvers.stage_qp.problem import KktResidual as KktResidual
 from uvms_ocp.solvers.stage_qp.problem import StageQp as StageQp

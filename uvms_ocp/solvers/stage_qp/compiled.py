@@ -135,7 +135,7 @@ class CompiledCore:
         costless: bool,
         damped: bool,
     ) -> IterationResult:
-        """Run as `NumpyCore.run`."""
+        """Run as `SparseCore.run`."""
         self._load(qp, options)
         for name, array in self._table.items():
             array[:] = np.ravel(getattr(table, name))
@@ -146,7 +146,7 @@ class CompiledCore:
         return self._end()
 
     def solve(self, qp: StageQp, options: StageQpOptions, near: WarmStart | None) -> IterationResult:
-        """Solve as `NumpyCore.solve`."""
+        """Solve as `SparseCore.solve`."""
         self._load(qp, options)
         point = self._work["point"]
         if near is not None:
@@ -155,19 +155,19 @@ class CompiledCore:
         return self._end()
 
     def products(self, qp: StageQp, z: Array) -> ResidualProducts:
-        """Compute products as `NumpyCore.products`; z (n,) [unit of z]."""
+        """Compute products as `SparseCore.products`; z (n,) [unit of z]."""
         self._load(qp, None)
         self._library.products(ctypes.byref(self._problem.stages), _address(z), self._found_address)
         slope, square, change = self._found.tolist()
         return ResidualProducts(slope=slope, square=square, change=change)
 
     def steepest(self, qp: StageQp) -> float:
-        """Return the steepest slope as `NumpyCore.steepest`."""
+        """Return the steepest slope as `SparseCore.steepest`."""
         self._load(qp, None)
         return float(self._library.steepest(ctypes.byref(self._problem.stages)))
 
     def stationarity(self, qp: StageQp, near: WarmStart) -> float:
-        """Return the stationarity error as `NumpyCore.stationarity`."""
+        """Return the stationarity error as `SparseCore.stationarity`."""
         self._load(qp, None)
         stages, m = ctypes.byref(self._problem.stages), ctypes.c_int(self._problem.m)
         return float(self._library.stationarity(stages, _address(near.costate), _address(near.y), m))

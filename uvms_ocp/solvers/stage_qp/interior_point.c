@@ -1,4 +1,4 @@
-/* Primal-dual interior point, one iteration, as interior_point.py has it; keep both in step.
+/* Primal-dual interior point, one iteration.
 
 A point is one array: z (n), costate (n_x), y (M), then s, multiplier, e, f (2 M each: lower sides, upper sides). Rows M are those
 of constraints (m), then the variables. Only rows with a bound are looked at: of all others these are 0, and stay so. */

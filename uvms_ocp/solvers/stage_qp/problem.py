@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import lru_cache
 from itertools import accumulate, pairwise
@@ -12,7 +12,6 @@ import numpy as np
 
 from uvms_ocp.checks import checked, unchecked_constructor
 from uvms_ocp.errors import AdvisedStatus, InvalidInput
-from uvms_ocp.solvers.stage_qp import tolerances
 from uvms_ocp.types import Array, Bound, Mask
 
 # The numbers of a QP of stages, in arrays that are made once and written into, and how many there are.
@@ -169,7 +168,7 @@ class StageQpOptions:
     """Complementarity at a cold start, relative to what missed bounds cost by curvature and gradient. With more of it QPs in
     which many bounds are reached take fewer factors, and those without a point are told later."""
     compiled: bool = True
-    """False keeps to NumPy."""
+    """False keeps to PIQP, which solves the same QPs without warm starts."""
 
     def __post_init__(self) -> None:
         for name in ("tolerance", "max_iterations", "warm_mu", "cold_mu"):
@@ -318,8 +317,6 @@ class StartMode(IntEnum):
     """Z, costates and multipliers, those of all rows in y, are near the optimum."""
     COLD = 2
     """The run starts from z."""
-    ACTIVE = 3
-    """The optimum without inequalities is all that is sought."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -340,12 +337,6 @@ class PrimalDualPoint:
     """(2, M) [unit of the row] by how much elastic rows are missed."""
     f: Array
     """(2, M) [1/unit of the row] multipliers of e >= 0."""
-
-    def moved(self, step: PrimalDualPoint, share: float) -> PrimalDualPoint:
-        """Return the point moved by a share of a step."""
-        return PrimalDualPoint(
-            **{own.name: getattr(self, own.name) + share * getattr(step, own.name) for own in fields(self)}
-        )
 
     def row_multipliers(self) -> Array:
         """(M,) [1/unit of the row] positive at an upper bound."""
@@ -392,8 +383,6 @@ class IterationResult:
     """The same, relative to the terms of each condition."""
     iterations: int
     """Factors."""
-    approached: Mask | None = None
-    """(2, M) sides of which less was left after the last step, by more than their multipliers fell; None without a step."""
 
 
 def no_result(point: PrimalDualPoint) -> IterationResult:
@@ -482,6 +471,12 @@ def _norms(qp: StageQp) -> Array:
     return np.where(norm > 0.0, norm, 1.0)
 
 
+def rest_point(qp: StageQp, table: RowTable) -> PrimalDualPoint:
+    """Fixed variables where they are to be, all others at 0."""
+    z = np.where(table.fixed, qp.flat["z_lower"], 0.0)
+    return point_at(z, sum(qp.shape.n_x), len(table.norm))
+
+
 @lru_cache(maxsize=64)
 def undetermined_variables(shape: StageShape) -> Mask:
     """(n,) what the dynamics of a shape do not determine: the first state and all controls."""
@@ -489,31 +484,3 @@ def undetermined_variables(shape: StageShape) -> Mask:
     for k, n_x in enumerate(shape.n_x[1:], start=1):
         own[k][:n_x] = False
     return np.concatenate(own)
-
-
-def predict_active(table: RowTable, y: Array, costate: Array) -> Mask:
-    """(2, M) sides that hold the solution of a QP nearby where it is.
-
-    y (M,) [1/unit of the row] and costate (n_x,) [1/unit of x]: its multipliers. Where no side is without one, as an interior
-    point leaves them, those with a large one.
-    """
-    most = max(np.abs(y).max(initial=0.0), np.abs(costate).max(initial=0.0))
-    least = 0.0 if (table.side & (y == 0.0)).any() else tolerances.COUNTS * most
-    return np.asarray(table.side & (-SIGNS * y * table.norm > least))
-
-
-def hold_active(table: RowTable, active: Mask) -> RowTable:
-    """Active (2, M) sides as equalities, without all others."""
-    none, rows = np.zeros_like(table.side), active.any(axis=0)
-    target = np.where(rows, np.where(active, table.bound, 0.0).sum(axis=0), table.target)
-    return replace(table, side=none, equal=table.equal | rows, target=target)
-
-
-def update_active(table: RowTable, active: Mask, y: Array, value: Array, tolerance: float) -> Mask:
-    """(2, M) active sides but for those that pull, and those that a row's value misses.
-
-    y (M,) [1/unit of the row] multipliers; value (M,) [unit of the row]; tolerance relative to the largest variable.
-    """
-    room = tolerances.SHARP * tolerance * (1.0 + np.abs(value[-len(table.fixed) :]).max()) * table.norm
-    missed = table.side & (SIGNS * (table.bound - value) > room)
-    return np.asarray((active & (SIGNS * y <= 0.0)) | (missed & ~active))

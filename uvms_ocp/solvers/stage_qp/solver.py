@@ -1,4 +1,7 @@
-"""Solve QPs of stages by an interior point: one factorisation per iteration, and only one where no bound is reached.
+"""Solve QPs of stages by an interior point [Mehrotra1992]: one factorisation per iteration, and one where no bound is reached.
+
+Where there is a QP nearby, bounds that are reached are guessed from it: they are equalities and all others are none, until both
+prove right [Hintermueller2002].
 
 A QP that a first run has not solved is looked at again: with its residuals as rows, and for recession directions, along
 which its cost falls without end.
@@ -16,7 +19,6 @@ from uvms_ocp.codegen.elementwise import interval_distance, interval_excess
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.stage_qp import tolerances
 from uvms_ocp.solvers.stage_qp.compiled import compiled_core
-from uvms_ocp.solvers.stage_qp.interior_point import NumpyCore, rest_point
 from uvms_ocp.solvers.stage_qp.problem import (
     FlatSolution,
     IterationResult,
@@ -30,10 +32,12 @@ from uvms_ocp.solvers.stage_qp.problem import (
     StartMode,
     WarmStart,
     offsets,
+    rest_point,
     row_table,
     slices,
     stage_qp_solution,
 )
+from uvms_ocp.solvers.stage_qp.sparse_core import SparseCore
 from uvms_ocp.types import Array
 
 # A QP with its residuals as rows: where a Hessian is the sum of stiff and weak ones, the weak are lost to rounding.
@@ -152,12 +156,13 @@ _ROUGH = 1e-6  # tolerance of phase one
 class StageQpSolver:
     """Solves QPs of one shape, one at a time; memory is made once, here.
 
-    In C where there is a compiler, without holding the interpreter's lock; in NumPy otherwise, with the same results to rounding.
+    In C where there is a compiler, without holding the interpreter's lock; otherwise by PIQP, which finds the same optimum, and
+    starts every QP anew.
     """
 
     def __init__(self, shape: StageShape, options: StageQpOptions | None = None) -> None:
         self.shape, self.options = shape, options or StageQpOptions()
-        self._core = (compiled_core(shape) if self.options.compiled else None) or NumpyCore(shape)
+        self._core = (compiled_core(shape) if self.options.compiled else None) or SparseCore(shape)
 
     @checked_on_failure
     def solve(self, qp: StageQp, warm: StageQpSolution | None = None) -> StageQpSolution:

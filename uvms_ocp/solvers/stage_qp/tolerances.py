@@ -1,4 +1,4 @@
-"""Tolerances of the interior-point method, which C (as macros) and NumPy share."""
+"""Tolerances of the interior-point method in C, to which they are macros."""
 
 ROUNDING = 4e-15
 """Pivot, relative to its diagonal entry, that may be rounding alone."""

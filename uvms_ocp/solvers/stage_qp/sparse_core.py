@@ -1,0 +1,231 @@
+"""Solve a QP of stages as one sparse QP by the proximal interior point PIQP: the oracle of the solver in C, and in its place
+where there is no compiler.
+
+The variables are z, stage after stage, and two slacks e >= 0 for every row that may be missed, which cost ``l1 e + l2 e^2 / 2``.
+What a run ends with is judged by the optimality conditions, whatever the solver says of itself; it counts as one iteration, as
+PIQP does not tell how many it took.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.solvers.stage_qp import tolerances
+from uvms_ocp.solvers.stage_qp.problem import (
+    IterationResult,
+    PrimalDualPoint,
+    ResidualProducts,
+    RowTable,
+    StageQp,
+    StageQpOptions,
+    StageQpStatus,
+    StageShape,
+    StartMode,
+    WarmStart,
+    is_valid,
+    kkt_residual,
+    no_result,
+    offsets,
+    point_at,
+    rest_point,
+    row_table,
+    slices,
+)
+from uvms_ocp.types import Array, Mask
+
+_PLUGIN = "piqp"
+_ACCURACIES = ("abs", "rel", "duality_gap_abs", "duality_gap_rel")
+_SHARPER = 1e3  # than the tolerance asks for: a bound that only just binds is missed by the root of what is left of it
+
+
+class _SparseQp(NamedTuple):
+    """Min ``1/2 x' H x + g' x`` with ``lba <= A x <= uba`` and ``lbx <= x <= ubx``, by their names in CasADi."""
+
+    h: ca.DM
+    g: Array
+    a: ca.DM
+    lba: Array
+    uba: Array
+    lbx: Array
+    ubx: Array
+
+
+class SparseCore:
+    """The solver of one shape."""
+
+    def __init__(self, shape: StageShape) -> None:
+        """Raises `InvalidInput` where CasADi lacks PIQP."""
+        if not ca.has_conic(_PLUGIN):
+            raise InvalidInput(f"this CasADi has no QP solver {_PLUGIN!r}; install a C compiler, or CasADi from PyPI")
+        self._shape, first = shape, offsets(shape.n_z)
+        after = [start + i for start, n in zip(first[1:-1], shape.n_x[1:], strict=True) for i in range(n)]
+        self._after = ca.DM.triplet(list(range(len(after))), after, ca.DM.ones(len(after)), len(after), first[-1])
+        """Picks the states that steps lead to."""
+        self._solvers: dict[tuple[object, ...], ca.Function] = {}
+
+    def solve(self, qp: StageQp, options: StageQpOptions, near: WarmStart | None) -> IterationResult:
+        """Solve from nothing but the QP; NOT_A_NUMBER where entries are none."""
+        table = row_table(qp)
+        rest = rest_point(qp, table)
+        return self.run(qp, table, rest, options) if is_valid(qp) else no_result(rest)
+
+    def run(
+        self,
+        qp: StageQp,
+        table: RowTable,
+        point: PrimalDualPoint,
+        options: StageQpOptions,
+        *,
+        start: StartMode = StartMode.COLD,
+        costless: bool = False,
+        damped: bool = False,
+    ) -> IterationResult:
+        """Solve with the rows of a table, without the cost if ``costless``; PIQP starts by itself, and damps every step."""
+        Q, q = _cost(qp, costless=costless)
+        if not self._is_convex(qp, table, Q):
+            return replace(no_result(point), status=StageQpStatus.NOT_CONVEX, iterations=1)
+        n, m, n_b = len(q), len(qp.flat["lower"]), len(qp.flat["b"])
+        soft = table.elastic.any(axis=0) | (table.compliance > 0.0)
+        rows = np.flatnonzero(soft | ((table.side.any(axis=0) | table.equal) & (np.arange(m + n) < m)))
+        given = self._assembled(qp, table, Q, q, soft, rows)
+        (x, y_a, y_x), infeasible = self._solved(given, options)
+        z, y = x[:n], np.zeros(m + n)
+        y[m:], y[rows] = np.where(soft[m:], 0.0, y_x[:n]), y_a[n_b:]
+        value = np.concatenate([*(C @ own for C, own in zip(qp.C, self._stages(z), strict=True)), z])
+        values, slope = (given.a @ x).full().ravel(), (given.h @ x).full().ravel() + given.g
+        kkt = kkt_residual(
+            stationarity=float(np.abs(slope + (given.a.T @ y_a).full().ravel() + y_x).max()),
+            primal=float(max(np.abs(values - given.lba)[:n_b].max(initial=0.0), table.violation(value))),
+            complementarity=max(_left(y_a, values, given.lba, given.uba), _left(y_x, x, given.lbx, given.ubx)),
+        )
+        curvature = max(np.abs(own).max(initial=0.0) for own in Q)
+        gradient = float(
+            max(np.abs(slope[:n]).max(), np.abs(y * table.norm).max(), tolerances.LEAST_SIZE * curvature, 1e-300)
+        )
+        variable = 1.0 + float(np.abs(z).max())
+        worst = max(kkt.stationarity / gradient, kkt.primal / variable, kkt.complementarity / (gradient * variable))
+        # Where there is no point multipliers grow without end, and all else is small beside them.
+        least = max(np.abs(given.g).max(), tolerances.LEAST_SIZE * curvature, 1e-300)
+        worst = np.inf if infeasible or gradient > tolerances.HOPELESS * least else worst
+        costate = np.concatenate([np.zeros(self._shape.n_x[0]), y_a[:n_b]])
+        return IterationResult(
+            status=StageQpStatus.SOLVED if worst <= options.tolerance else StageQpStatus.ITERATION_LIMIT,
+            point=replace(point_at(z, len(costate), m + n), costate=costate, y=y),
+            value=value,
+            held=np.zeros(n),
+            kkt=kkt,
+            worst=worst,
+            iterations=1,
+        )
+
+    def _stages(self, z: Array) -> list[Array]:
+        return [z[own] for own in slices(self._shape.n_z)]
+
+    def _assembled(self, qp: StageQp, table: RowTable, Q: list[Array], q: Array, soft: Mask, rows: Array) -> _SparseQp:
+        n, m, k = len(q), len(qp.flat["lower"]), int(soft.sum())
+        steps = (
+            ca.horzcat(ca.diagcat(*map(ca.DM, qp.dynamics)), ca.DM(len(qp.flat["b"]), self._shape.n_z[-1]))
+            - self._after
+        )
+        own = ca.vertcat(ca.diagcat(*map(ca.DM, qp.C)), ca.DM.eye(n))[rows.tolist(), :]
+        places = np.flatnonzero(soft[rows]).tolist()
+        slack = ca.DM.triplet(places, list(range(k)), ca.DM.ones(k), len(rows), k)
+        bent = table.compliance[soft] > 0.0
+        l2 = np.where(bent, 1.0 / np.where(bent, table.compliance[soft], 1.0), table.l2[soft])
+        lower, upper = np.where(table.equal, table.target, np.where(table.side, table.bound, [[-np.inf], [np.inf]]))
+        low, up = np.where(soft[m:], [[-np.inf], [np.inf]], [lower[m:], upper[m:]])
+        return _SparseQp(
+            h=ca.diagcat(*map(ca.DM, Q), ca.diag(ca.DM([*l2, *l2]))),
+            g=np.concatenate([q, table.l1[soft], table.l1[soft]]),
+            a=ca.vertcat(ca.horzcat(steps, ca.DM(steps.shape[0], 2 * k)), ca.horzcat(own, -slack, slack)),
+            lba=np.concatenate([-qp.flat["b"], lower[rows]]),
+            uba=np.concatenate([-qp.flat["b"], upper[rows]]),
+            lbx=np.concatenate([np.where(table.fixed, qp.flat["z_lower"], low), np.zeros(2 * k)]),
+            ubx=np.concatenate([np.where(table.fixed, qp.flat["z_lower"], up), np.full(2 * k, np.inf)]),
+        )
+
+    def _solved(self, given: _SparseQp, options: StageQpOptions) -> tuple[list[Array], bool]:
+        """X, the multipliers of A x and of x, zeros where any of these is no number; whether PIQP finds the QP infeasible."""
+        H, A = given.h.sparsity(), given.a.sparsity()
+        key = (H.nnz(), *A.row(), *A.colind(), options.tolerance, options.max_iterations)
+        if key not in self._solvers:
+            own = dict.fromkeys((f"eps_{name}" for name in _ACCURACIES), options.tolerance / _SHARPER)
+            own = {_PLUGIN: {**own, "max_iter": options.max_iterations}, "error_on_fail": False}
+            self._solvers[key] = ca.conic("stages", _PLUGIN, {"h": H, "a": A}, own)
+        solver = self._solvers[key]
+        found = solver(**given._asdict())
+        parts = [np.array(found[name]).ravel() for name in ("x", "lam_a", "lam_x")]
+        finite = all(np.isfinite(part).all() for part in parts)
+        infeasible = "infeasible" in solver.stats()["return_status"]
+        return parts if finite else [np.zeros_like(part) for part in parts], infeasible
+
+    def _is_convex(self, qp: StageQp, table: RowTable, Q: list[Array]) -> bool:
+        """Check by a Riccati recursion whether the cost bends upwards along the dynamics and all equalities."""
+        if not qp.flat["H"].any() and (qp.flat["damping"] >= 0.0).all():
+            return True
+        most, m = max(np.abs(own).max(initial=0.0) for own in Q), len(qp.flat["lower"])
+        weight = np.where(table.equal, most / (tolerances.ELASTICITY * table.norm**2), 0.0)
+        P = np.zeros((0, 0))
+        for k in range(self._shape.N, -1, -1):
+            C, z, n = qp.C[k], slices(self._shape.n_z)[k], self._shape.n_x[k] if k else 0
+            M = Q[k] + C.T @ (weight[slices(self._shape.n_c)[k], None] * C) + np.diag(weight[m:][z])
+            if k < self._shape.N:
+                M += qp.dynamics[k].T @ P @ qp.dynamics[k]
+            M[table.fixed[z]], M[:, table.fixed[z]] = 0.0, 0.0
+            M += np.diag(
+                np.where(
+                    table.fixed[z],
+                    1.0,
+                    tolerances.INDEFINITE * (np.abs(np.diag(M)) + tolerances.SMALLEST_CURVATURE * most),
+                )
+            )
+            try:
+                W = np.linalg.solve(np.linalg.cholesky(M[n:, n:]), M[n:, :n])
+            except np.linalg.LinAlgError:
+                return False
+            P = M[:n, :n] - W.T @ W
+        return True
+
+    def stationarity(self, qp: StageQp, near: WarmStart) -> float:
+        """Largest entry [1/unit of z] of the gradient of a QP's Lagrangian at 0 with the multipliers of another, but for what
+        is fixed."""
+        (_, grad), m, N = _cost(qp), len(qp.flat["lower"]), self._shape.N
+        costate, y = [near.costate[own] for own in slices(self._shape.n_x)], near.y[m:]
+        for k, own in enumerate(slices(self._shape.n_z)):
+            grad[own] += near.y[slices(self._shape.n_c)[k]] @ qp.C[k] + y[own]
+            grad[own][: len(costate[k])] -= costate[k] if k else 0.0
+            grad[own] += costate[k + 1] @ qp.dynamics[k] if k < N else 0.0
+        return float(np.abs(np.where(row_table(qp).fixed, 0.0, grad)).max(initial=0.0))
+
+    def steepest(self, qp: StageQp) -> float:
+        """Largest entry [1/unit of z] of the gradient of the residuals' half square, at 0."""
+        return float(max(np.abs(r @ J).max(initial=0.0) for J, r in zip(qp.J, qp.r, strict=True)))
+
+    def products(self, qp: StageQp, z: Array) -> ResidualProducts:
+        """At z (n,) [unit of z]."""
+        along = [J @ own for J, own in zip(qp.J, self._stages(z), strict=True)]
+        changes = [np.abs(own @ J).max(initial=0.0) for J, own in zip(qp.J, along, strict=True)]
+        whole = np.concatenate(along)
+        return ResidualProducts(
+            slope=float(qp.flat["r"] @ whole), square=float(whole @ whole), change=float(max(changes))
+        )
+
+
+def _cost(qp: StageQp, *, costless: bool = False) -> tuple[list[Array], Array]:
+    """Hessian of every stage and gradient (n,) at 0; next to no curvature, and nothing else, for ``costless``."""
+    if costless:
+        return [tolerances.PHASE_ONE * np.eye(n) for n in qp.shape.n_z], np.zeros(sum(qp.shape.n_z))
+    parts = zip(qp.J, qp.H, qp.damping, strict=True)
+    Q = [J.T @ J + np.tril(H) + np.tril(H, -1).T + np.diag(damping) for J, H, damping in parts]
+    return Q, np.concatenate([J.T @ r + g for J, r, g in zip(qp.J, qp.r, qp.g, strict=True)])
+
+
+def _left(y: Array, value: Array, lower: Array, upper: Array) -> float:
+    """Largest product of a multiplier and what is left to its bound."""
+    gap = np.abs(np.where(y > 0.0, upper, lower) - value)
+    return float(np.abs(y * np.where(np.isfinite(gap), gap, 0.0)).max(initial=0.0))
