@@ -151,7 +151,8 @@ class _ActiveSet:
                 np.where(self.state[rows] == LOWER, self.lower[rows], self.upper[rows]) - T[:, :column] @ y[:column]
             )
             if rank:
-                y[column:end] = np.linalg.lstsq(T[:, column:end], missed, rcond=0.0)[0]
+                orthogonal, R = np.linalg.qr(T[:, column:end])
+                y[column:end] = np.linalg.solve(R, orthogonal.T @ missed)
             if rank < len(rows):
                 self.slack[rows] = T[:, column:end] @ y[column:end] - missed
             self.blocks.append(_Block(rows, T, column, rank))

@@ -36,7 +36,7 @@ from uvms_ocp.solvers.stage_qp.problem import (
     row_table,
     slices,
 )
-from uvms_ocp.types import Array, Mask
+from uvms_ocp.types import Array, Indices, Mask
 
 _PLUGIN = "piqp"
 _ACCURACIES = ("abs", "rel", "duality_gap_abs", "duality_gap_rel")
@@ -126,7 +126,9 @@ class SparseCore:
     def _stages(self, z: Array) -> list[Array]:
         return [z[own] for own in slices(self._shape.n_z)]
 
-    def _assembled(self, qp: StageQp, table: RowTable, Q: list[Array], q: Array, soft: Mask, rows: Array) -> _SparseQp:
+    def _assembled(
+        self, qp: StageQp, table: RowTable, Q: list[Array], q: Array, soft: Mask, rows: Indices
+    ) -> _SparseQp:
         n, m, k = len(q), len(qp.flat["lower"]), int(soft.sum())
         steps = (
             ca.horzcat(ca.diagcat(*map(ca.DM, qp.dynamics)), ca.DM(len(qp.flat["b"]), self._shape.n_z[-1]))
@@ -154,8 +156,8 @@ class SparseCore:
         H, A = given.h.sparsity(), given.a.sparsity()
         key = (H.nnz(), *A.row(), *A.colind(), options.tolerance, options.max_iterations)
         if key not in self._solvers:
-            own = dict.fromkeys((f"eps_{name}" for name in _ACCURACIES), options.tolerance / _SHARPER)
-            own = {_PLUGIN: {**own, "max_iter": options.max_iterations}, "error_on_fail": False}
+            accuracy = dict.fromkeys((f"eps_{name}" for name in _ACCURACIES), options.tolerance / _SHARPER)
+            own = {_PLUGIN: {**accuracy, "max_iter": options.max_iterations}, "error_on_fail": False}
             self._solvers[key] = ca.conic("stages", _PLUGIN, {"h": H, "a": A}, own)
         solver = self._solvers[key]
         found = solver(**given._asdict())
