@@ -100,6 +100,20 @@ def relative_failure(qp: StageQp, found: StageQpSolution) -> float:
 
 
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
+def test_what_rows_are_missed_by_is_that_of_the_point(compiled: bool) -> None:
+    """Also of QPs that were looked at again with their residuals as rows."""
+    for seed in SEEDS:
+        qp = wild_qp(seed)
+        found = StageQpSolver(qp.shape, StageQpOptions(compiled=compiled)).solve(qp)
+        for k, z in enumerate(found.z):
+            y = qp.C[k] @ z
+            missed = y - np.clip(y, qp.lower[k], qp.upper[k])
+            np.testing.assert_allclose(
+                found.excess[k], missed, rtol=1e-9, atol=1e-9 * (1.0 + np.abs(y).max(initial=0.0))
+            )
+
+
+@pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 def test_a_status_is_what_linear_programs_say(compiled: bool) -> None:
     options = StageQpOptions(compiled=compiled)
     for seed in SEEDS:

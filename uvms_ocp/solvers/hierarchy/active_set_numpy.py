@@ -16,7 +16,6 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import qr
 
 from uvms_ocp.codegen.elementwise import interval_distance
 from uvms_ocp.solvers.hierarchy import tolerances
@@ -92,6 +91,10 @@ class _ActiveSet:
         self.state[rows.lower >= rows.upper] = EQUAL
         self.tabu = np.zeros(len(rows.J), dtype=bool)
         """(M,) rows that must not be dropped any more."""
+        self.v = self.target = np.zeros(rows.J.shape[1])
+        """(n,) where the run is, and the optimum of the active rows."""
+        self.slack, self.blocks = np.zeros(len(rows.J)), list[_Block]()
+        """(M,) by how much active rows miss their bound there, and these rows level by level."""
 
     def solve(self, left: int) -> tuple[Array, int]:
         """The optimum (n,), and the iterations that it took, `left` at most."""
@@ -131,8 +134,9 @@ class _ActiveSet:
         return free & (y > self.upper + self.tolerance), free & (y < self.lower - self.tolerance)
 
     def _solve_equalities(self) -> None:
-        """Least squares of the active rows, level by level in the null space of those above: `target`, the least-norm optimum,
-        and `slack` (M,) of the active rows there."""
+        """Least squares of the active rows, level by level in the null space of those above, of least norm."""
+        from scipy.linalg import qr
+
         n = self.A.shape[1]
         Q, y, column, smallest = np.eye(n), np.zeros(n), 0, 1.0
         self.slack, self.blocks = np.zeros(len(self.A)), list[_Block]()

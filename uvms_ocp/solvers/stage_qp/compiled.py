@@ -14,7 +14,6 @@ from uvms_ocp.codegen.compile import c_macros, compile_library, constants_of, lo
 from uvms_ocp.solvers.stage_qp import tolerances
 from uvms_ocp.solvers.stage_qp.problem import (
     IterationResult,
-    PrimalDualPoint,
     ResidualProducts,
     RowTable,
     StageQp,
@@ -26,7 +25,6 @@ from uvms_ocp.solvers.stage_qp.problem import (
     kkt_residual,
     offsets,
     undetermined_variables,
-    unpack_point,
 )
 from uvms_ocp.types import Array
 
@@ -125,24 +123,17 @@ class CompiledCore:
         _point(self._problem.other, self._other)
 
     def run(
-        self,
-        qp: StageQp,
-        table: RowTable,
-        point: PrimalDualPoint,
-        options: StageQpOptions,
-        *,
-        start: StartMode,
-        costless: bool,
-        damped: bool,
+        self, qp: StageQp, table: RowTable, z: Array, options: StageQpOptions, *, phase_one: bool
     ) -> IterationResult:
-        """Run as `SparseCore.run`."""
+        """Run from z (n,) [unit of z] with the rows of a table: without the cost in phase one, else with steps that are damped in
+        directions without curvature."""
         self._load(qp, options)
         for name, array in self._table.items():
             array[:] = np.ravel(getattr(table, name))
-        self._stage_work["fixed"][:] = table.fixed
-        self._work["point"][:] = point.flat()
-        self._problem.start = int(start)
-        self._library.solve_qp(ctypes.byref(self._problem), int(costless), int(damped))
+        self._stage_work["fixed"][:], self._work["point"][:] = table.fixed, 0.0
+        self._work["point"][: self._n] = z
+        self._problem.start = int(StartMode.EQUALITIES if phase_one else StartMode.COLD)
+        self._library.solve_qp(ctypes.byref(self._problem), int(phase_one), int(not phase_one))
         return self._end()
 
     def solve(self, qp: StageQp, options: StageQpOptions, near: WarmStart | None) -> IterationResult:
@@ -183,12 +174,18 @@ class CompiledCore:
             problem.warm_mu, problem.cold_mu = options.warm_mu, options.cold_mu
 
     def _end(self) -> IterationResult:
-        problem, now = self._problem, self._problem.now
+        problem, now, n = self._problem, self._problem.now, self._n
+        end, flat = n + self._n_x, self._work["point"].copy()
+        # Of equalities, slacks, multipliers of the sides, and of what is missed.
+        equal, _, _, lower, upper, *_ = flat[end:].reshape(9, problem.M)
+        y = equal + upper - lower
+        y[problem.m :] -= self._now["held"]
         return IterationResult(
             status=_STATUSES[problem.status],
-            point=unpack_point(self._work["point"].copy(), self._n, self._n_x),
+            z=flat[:n],
+            costate=flat[n:end],
+            y=y,
             value=self._now["value"].copy(),
-            held=self._now["held"].copy(),
             kkt=kkt_residual(stationarity=now.stationarity, primal=now.primal, complementarity=now.complementarity),
             worst=now.worst,
             iterations=problem.iterations,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import lru_cache
 from itertools import accumulate, pairwise
@@ -320,63 +320,19 @@ class StartMode(IntEnum):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class PrimalDualPoint:
-    """A point, or a direction. Rows M are those of constraints, then the variables; sides (2, M) the lower and the upper ones."""
-
-    z: Array
-    """(n,) [unit of z] variables."""
-    costate: Array
-    """(n_x,) [1/unit of x]"""
-    y: Array
-    """(M,) [1/unit of the row] multipliers of equalities."""
-    s: Array
-    """(2, M) [unit of the row] what is left to each bound."""
-    multiplier: Array
-    """(2, M) [1/unit of the row] >= 0."""
-    e: Array
-    """(2, M) [unit of the row] by how much elastic rows are missed."""
-    f: Array
-    """(2, M) [1/unit of the row] multipliers of e >= 0."""
-
-    def row_multipliers(self) -> Array:
-        """(M,) [1/unit of the row] positive at an upper bound."""
-        return np.asarray(self.y + self.multiplier[1] - self.multiplier[0])
-
-    def of_rows(self, rows: Array) -> PrimalDualPoint:
-        """With those rows numbered `rows` (m,) alone."""
-        sides = {name: getattr(self, name)[:, rows] for name in ("s", "multiplier", "e", "f")}
-        return PrimalDualPoint(z=self.z, costate=self.costate, y=self.y[rows], **sides)
-
-    def flat(self) -> Array:
-        """All of it in one array."""
-        return np.concatenate([getattr(self, own.name).ravel() for own in fields(self)])
-
-
-def unpack_point(flat: Array, n: int, n_x: int) -> PrimalDualPoint:
-    """The point in one array, with n variables and n_x states; flat (n + n_x + 9 M,) [any]."""
-    m = (len(flat) - n - n_x) // 9
-    parts = flat[n + n_x :].reshape(9, m)
-    s, multiplier, e, f = (parts[k : k + 2] for k in (1, 3, 5, 7))
-    return PrimalDualPoint(z=flat[:n], costate=flat[n : n + n_x], y=parts[0], s=s, multiplier=multiplier, e=e, f=f)
-
-
-def point_at(z: Array, n_x: int, m: int) -> PrimalDualPoint:
-    """At z (n,) [unit of z], with nothing else; n_x states, m rows."""
-    return unpack_point(np.concatenate([z, np.zeros(n_x + 9 * m)]), len(z), n_x)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class IterationResult:
     """Result of one run."""
 
     status: StageQpStatus
     """SOLVED, NOT_CONVEX, NOT_A_NUMBER, ITERATION_LIMIT, or UNBOUNDED where steps are, which proves nothing."""
-    point: PrimalDualPoint
-    """The best."""
+    z: Array
+    """(n,) [unit of z] the best."""
+    costate: Array
+    """(n_x,) [1/unit of x]"""
+    y: Array
+    """(M,) [1/unit of the row] multipliers of rows of constraints, then of variables, positive at an upper bound."""
     value: Array
     """(M,) [unit of the row] of rows and variables."""
-    held: Array
-    """(n,) [1/unit of z] gradient along fixed variables, which their bounds take."""
     kkt: KktResidual
     """There."""
     worst: float
@@ -385,12 +341,12 @@ class IterationResult:
     """Factors."""
 
 
-def no_result(point: PrimalDualPoint) -> IterationResult:
-    """Return the result of a run that was not made, at a point."""
+def no_result(z: Array, n_x: int, m: int, status: StageQpStatus = StageQpStatus.NOT_A_NUMBER) -> IterationResult:
+    """Return the result of a run that was not made, at z (n,) [unit of z]; n_x states, m rows."""
     endless = kkt_residual(stationarity=np.inf, primal=np.inf, complementarity=np.inf)
-    held, value = np.zeros_like(point.z), np.full_like(point.y, np.nan)
+    none, value = np.zeros(n_x), np.full(m, np.nan)
     return IterationResult(
-        status=StageQpStatus.NOT_A_NUMBER, point=point, value=value, held=held, kkt=endless, worst=np.inf, iterations=0
+        status=status, z=z, costate=none, y=np.zeros(m), value=value, kkt=endless, worst=np.inf, iterations=0
     )
 
 
@@ -424,6 +380,10 @@ class RowTable:
     """(M,) [unit of the row/unit of z] largest entry of a row, 1 where all are 0."""
     fixed: Mask
     """(n,) variables that do not move."""
+
+    def rest(self, qp: StageQp) -> Array:
+        """(n,) [unit of z] fixed variables where they are to be, all others at 0."""
+        return np.where(self.fixed, qp.flat["z_lower"], 0.0)
 
     def violation(self, value: Array) -> float:
         """Largest [unit of z] of hard rows at the value (M,) [unit of the row] of all, relative to their norm."""
@@ -469,12 +429,6 @@ def _norms(qp: StageQp) -> Array:
     rows = [np.abs(C).max(axis=1, initial=0.0) for C in qp.C]
     norm = np.concatenate([*rows, np.ones(sum(qp.shape.n_z))])
     return np.where(norm > 0.0, norm, 1.0)
-
-
-def rest_point(qp: StageQp, table: RowTable) -> PrimalDualPoint:
-    """Fixed variables where they are to be, all others at 0."""
-    z = np.where(table.fixed, qp.flat["z_lower"], 0.0)
-    return point_at(z, sum(qp.shape.n_x), len(table.norm))
 
 
 @lru_cache(maxsize=64)

@@ -22,17 +22,14 @@ from uvms_ocp.solvers.stage_qp.compiled import compiled_core
 from uvms_ocp.solvers.stage_qp.problem import (
     FlatSolution,
     IterationResult,
-    PrimalDualPoint,
     RowTable,
     StageQp,
     StageQpOptions,
     StageQpSolution,
     StageQpStatus,
     StageShape,
-    StartMode,
     WarmStart,
     offsets,
-    rest_point,
     row_table,
     slices,
     stage_qp_solution,
@@ -211,14 +208,16 @@ class StageQpSolver:
         """Explain a failed run: phase one finds whether there is a feasible point at all, and where."""
         if failed.worst <= self._inexact and failed.status is StageQpStatus.ITERATION_LIMIT:
             return replace(failed, status=StageQpStatus.INEXACT)
-        least = self._run(qp, row_table(qp, phase_one=True), rest_point(qp, table), costless=True)
+        # With next to no curvature phase one loses digits, and needs few.
+        rough = replace(self.options, tolerance=max(self.options.tolerance, _ROUGH))
+        least = self._core.run(qp, row_table(qp, phase_one=True), table.rest(qp), rough, phase_one=True)
         spent = failed.iterations + least.iterations
-        missed = table.violation(_values(qp, least.point.z))
-        if least.status is StageQpStatus.SOLVED and missed > _MISSED * (1.0 + np.abs(least.point.z).max()):
+        missed = table.violation(_values(qp, least.z))
+        if least.status is StageQpStatus.SOLVED and missed > _MISSED * (1.0 + np.abs(least.z).max()):
             return replace(least, status=StageQpStatus.INFEASIBLE, iterations=spent)
         if self._is_unbounded(qp):
             return replace(failed, status=StageQpStatus.UNBOUNDED, iterations=spent)
-        again = self._run_damped(qp, least.point)
+        again = self._run_damped(qp, least.z)
         best = min(failed, again, key=lambda end: end.worst)
         return replace(best, status=self._final_status(best), iterations=spent + again.iterations)
 
@@ -242,43 +241,27 @@ class StageQpSolver:
         way = StageQpSolver(other.shape, self.options).solve(other)
         return way.status.usable and is_recession_direction(other, way.z)
 
-    def _run_damped(self, qp: StageQp, start: PrimalDualPoint) -> IterationResult:
-        """With residuals as rows, and some curvature for directions that have none, from the z of a start."""
+    def _run_damped(self, qp: StageQp, z: Array) -> IterationResult:
+        """With residuals as rows, and some curvature for directions that have none, from z."""
         other = with_residuals_as_rows(qp)
         table, own = row_table(other), original_rows(qp.shape, other.shape)
         slow = StageQpSolver(other.shape, self.options)
-        point = replace(rest_point(other, table), z=start.z)
-        end = slow._run(other, table, point, StartMode.COLD, damped=True)
-        return replace(end, point=end.point.of_rows(own))
-
-    def _run(
-        self,
-        qp: StageQp,
-        table: RowTable,
-        point: PrimalDualPoint,
-        start: StartMode = StartMode.EQUALITIES,
-        *,
-        costless: bool = False,
-        damped: bool = False,
-    ) -> IterationResult:
-        # With next to no curvature phase one loses digits, and needs few.
-        options = replace(self.options, tolerance=max(self.options.tolerance, _ROUGH)) if costless else self.options
-        return self._core.run(qp, table, point, options, start=start, costless=costless, damped=damped)
+        end = slow._core.run(other, table, z, self.options, phase_one=False)
+        return replace(end, y=end.y[own], value=end.value[own])
 
     @np.errstate(invalid="ignore")  # of what is not a number there is no excess
     def _found(self, qp: StageQp, end: IterationResult) -> FlatSolution:
-        m, y, flat = len(qp.flat["lower"]), end.point.row_multipliers(), qp.flat
-        y[m:] -= end.held
+        m, flat = len(qp.flat["lower"]), qp.flat
         return FlatSolution(
             shape=self.shape,
             status=end.status,
-            z=end.point.z,
-            costate=end.point.costate,
-            y=y,
+            z=end.z,
+            costate=end.costate,
+            y=end.y,
             excess=interval_distance(end.value[:m], flat["lower"], flat["upper"]),
             iterations=end.iterations,
             kkt=end.kkt,
-            products=self._core.products(qp, end.point.z),
+            products=self._core.products(qp, end.z),
         )
 
 

@@ -8,7 +8,6 @@ PIQP does not tell how many it took.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import casadi as ca
@@ -18,21 +17,17 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.stage_qp import tolerances
 from uvms_ocp.solvers.stage_qp.problem import (
     IterationResult,
-    PrimalDualPoint,
     ResidualProducts,
     RowTable,
     StageQp,
     StageQpOptions,
     StageQpStatus,
     StageShape,
-    StartMode,
     WarmStart,
     is_valid,
     kkt_residual,
     no_result,
     offsets,
-    point_at,
-    rest_point,
     row_table,
     slices,
 )
@@ -71,24 +66,21 @@ class SparseCore:
     def solve(self, qp: StageQp, options: StageQpOptions, near: WarmStart | None) -> IterationResult:
         """Solve from nothing but the QP; NOT_A_NUMBER where entries are none."""
         table = row_table(qp)
-        rest = rest_point(qp, table)
-        return self.run(qp, table, rest, options) if is_valid(qp) else no_result(rest)
+        return self._run(qp, table, options) if is_valid(qp) else self._nothing(qp, table, StageQpStatus.NOT_A_NUMBER)
 
     def run(
-        self,
-        qp: StageQp,
-        table: RowTable,
-        point: PrimalDualPoint,
-        options: StageQpOptions,
-        *,
-        start: StartMode = StartMode.COLD,
-        costless: bool = False,
-        damped: bool = False,
+        self, qp: StageQp, table: RowTable, z: Array, options: StageQpOptions, *, phase_one: bool
     ) -> IterationResult:
-        """Solve with the rows of a table, without the cost if ``costless``; PIQP starts by itself, and damps every step."""
+        """Run with the rows of a table, without the cost in phase one; PIQP starts by itself, not at z, and damps every step."""
+        return self._run(qp, table, options, costless=phase_one)
+
+    def _nothing(self, qp: StageQp, table: RowTable, status: StageQpStatus) -> IterationResult:
+        return no_result(table.rest(qp), sum(self._shape.n_x), len(table.norm), status)
+
+    def _run(self, qp: StageQp, table: RowTable, options: StageQpOptions, *, costless: bool = False) -> IterationResult:
         Q, q = _cost(qp, costless=costless)
         if not self._is_convex(qp, table, Q):
-            return replace(no_result(point), status=StageQpStatus.NOT_CONVEX, iterations=1)
+            return self._nothing(qp, table, StageQpStatus.NOT_CONVEX)
         n, m, n_b = len(q), len(qp.flat["lower"]), len(qp.flat["b"])
         soft = table.elastic.any(axis=0) | (table.compliance > 0.0)
         rows = np.flatnonzero(soft | ((table.side.any(axis=0) | table.equal) & (np.arange(m + n) < m)))
@@ -115,9 +107,10 @@ class SparseCore:
         costate = np.concatenate([np.zeros(self._shape.n_x[0]), y_a[:n_b]])
         return IterationResult(
             status=StageQpStatus.SOLVED if worst <= options.tolerance else StageQpStatus.ITERATION_LIMIT,
-            point=replace(point_at(z, len(costate), m + n), costate=costate, y=y),
+            z=z,
+            costate=costate,
+            y=y,
             value=value,
-            held=np.zeros(n),
             kkt=kkt,
             worst=worst,
             iterations=1,
