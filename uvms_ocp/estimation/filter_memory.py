@@ -17,9 +17,9 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, arrays_of, structure_of
-from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import CHANNELS, SensorSpec, SensorSpecs
+from uvms_ocp.types import Positive
 
 
 class ChannelIndex(IntEnum):
@@ -275,26 +275,20 @@ class EstimatorTuning:
     Larger: less lag, more noise. Raises `InvalidInput` for a number not > 0.
     """
 
-    jerk: float = 0.1
+    jerk: Positive = 0.1
     """[m/s3/sqrt(Hz)] of the vehicle."""
-    angular_jerk: float = 0.5
+    angular_jerk: Positive = 0.5
     """[rad/s3/sqrt(Hz)] of the vehicle."""
-    gyro_bias: float = 1e-3
+    gyro_bias: Positive = 1e-3
     """[rad/s] expected at first, beside the one that the sensor is said to have; so are the next two."""
-    dvl_bias: float = 1e-4
+    dvl_bias: Positive = 1e-4
     """[m/s]"""
-    force_bias: float = 0.02
+    force_bias: Positive = 0.02
     """[m/s2] of the accelerometer."""
-    joint_acceleration: float = 0.04
+    joint_acceleration: Positive = 0.04
     """[rad/s2/sqrt(Hz)]"""
-    floor_roughness: float = 0.3
+    floor_roughness: Positive = 0.3
     """Slope."""
-
-    def __post_init__(self) -> None:
-        for name in self.__slots__:
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise InvalidInput(f"{name} of the estimator = {value}; give a finite number > 0")
 
 
 # What the filter is told once: the noise of the sensors, how the robot is expected to move, and what it knows at first.

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import Annotated, NamedTuple, Protocol
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.errors import InvalidInput
+from uvms_ocp.checks import checked
 from uvms_ocp.planning.distances import NearPairs
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.trajectories.free_derivatives import Pieces, basis, hermite_cost
 from uvms_ocp.trajectories.min_snap import MotionLimits
-from uvms_ocp.types import Array, Indices, Mask
+from uvms_ocp.types import Array, AtLeastOne, Indices, Mask, Positive, Range
 
 # Solve symmetric positive definite block-tridiagonal systems: one node of a trajectory per block.
 #
@@ -251,6 +251,7 @@ class DistanceSource(Protocol):
         ...
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CostWeights:
     """L1, l2, l3 and the shape of the penalties.
@@ -258,28 +259,20 @@ class CostWeights:
     Raises `InvalidInput` for a negative weight, and unless clearance, speed floor, margin and samples are positive.
     """
 
-    smoothness: float = 1e-3
+    smoothness: Annotated[float, Range(0.0)] = 1e-3
     """Weight of the snap, in units of one rest-to-rest move by 1 m or 1 rad over the same time."""
-    collision: float = 100.0
+    collision: Annotated[float, Range(0.0)] = 100.0
     """[1/m] Of the penalty of clearance, per metre travelled."""
-    limits: float = 1.0
+    limits: Annotated[float, Range(0.0)] = 1.0
     """[1/s] Of the penalties of positions, velocities and accelerations beyond limits, per second."""
-    clearance: float = 0.06
+    clearance: Positive = 0.06
     """[m] distance where the penalty of clearance begins."""
-    speed_floor: float = 0.02
+    speed_floor: Positive = 0.02
     """[m/s] speed at which a link at rest counts."""
-    margin: float = 0.1
+    margin: Positive = 0.1
     """Fraction of a limit, and [m or rad] distance from a position limit, where its penalty begins."""
-    samples: int = 15
+    samples: AtLeastOne = 15
     """Samples per piece."""
-
-    def __post_init__(self) -> None:
-        for name in ("clearance", "speed_floor", "margin", "samples"):
-            if not getattr(self, name) > 0:
-                raise InvalidInput(f"{name} is {getattr(self, name)}; it must be positive.")
-        for name in ("smoothness", "collision", "limits"):
-            if not getattr(self, name) >= 0:
-                raise InvalidInput(f"the weight {name} is {getattr(self, name)}; it must not be negative.")
 
 
 class CostParts(NamedTuple):

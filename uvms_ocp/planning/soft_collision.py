@@ -22,7 +22,7 @@ from uvms_ocp.robot.kinematics import largest_change
 from uvms_ocp.trajectories import MotionLimits, PiecewisePolynomial, scale_to_limits, trapezoidal_times
 from uvms_ocp.trajectories.free_derivatives import pieces_of
 from uvms_ocp.trajectories.min_snap import min_snap, solution_of
-from uvms_ocp.types import Array, AtLeastOne, Count, Indices, Magnitude, Mask, Range, Shape
+from uvms_ocp.types import Array, AtLeastOne, Count, Indices, Magnitude, Mask, Positive, Range, Shape
 
 # Sample way points around obstacles by RRT-Connect [Kuffner2000], for paths that no bending frees.
 
@@ -33,18 +33,13 @@ class SamplingOptions:
     """Settings of ``sampled_waypoints``. Raises `InvalidInput` for a step or room that is not positive."""
 
     max_samples: int = 3000
-    step: float = 0.5
+    step: Positive = 0.5
     """[m, rad] Length of one extension of a tree, over all axes together."""
     clearance: float = 0.005
     """[m] that edges keep."""
-    room: float = 1.0
+    room: Positive = 1.0
     """[m or rad] How far beyond start and goal unlimited axes are sampled."""
     seed: Count = 0
-
-    def __post_init__(self) -> None:
-        for name in ("step", "room"):
-            if not getattr(self, name) > 0.0:
-                raise InvalidInput(f"{name} is {getattr(self, name)}; it must be positive.")
 
 
 Place = Annotated[ArrayLike, Shape("distances.scene.coordinates.n_axes"), Range(open=True)]

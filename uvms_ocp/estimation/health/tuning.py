@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -10,8 +9,8 @@ from typing import Any
 
 from uvms_ocp.checks import checked
 from uvms_ocp.codegen.kernel_layout import Layout
-from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.signals import UNITS
+from uvms_ocp.types import Positive
 
 # What the health monitor takes for possible, with reasons.
 
@@ -21,24 +20,18 @@ from uvms_ocp.robot.signals import UNITS
 class HealthTuning:
     """What robot, water and floor make possible. Raises `InvalidInput` for a number that is not finite and > 0."""
 
-    clean: float = 1.0
+    clean: Positive = 1.0
     """[s] without complaint after which a channel is good again: five readings of a 5 Hz sensor."""
-    clock: float = 0.001
+    clock: Positive = 0.001
     """[s] by which a time stamp may lie in the future: what clocks that are kept together differ by."""
-    late: float = 0.02
+    late: Positive = 0.02
     """[s] beyond its delay after which a reading is late: 2 cm at 1 m/s."""
-    current: float = 1.0
+    current: Positive = 1.0
     """[m/s] of water, which moves a vehicle beyond its own velocity limits."""
-    slope: float = 3.0
+    slope: Positive = 3.0
     """Slope of a floor; the steepest way over 1350 lines across floors with large protuberances is 2.8."""
-    relief: float = 10.0
+    relief: Positive = 10.0
     """[m] of the highest step of a floor: nearly twice the highest of large protuberances."""
-
-    def __post_init__(self) -> None:
-        for name in self.__slots__:
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise InvalidInput(f"{name} of the health monitor = {value}; give a finite number > 0")
 
 
 # Why a channel is not good: codes and the numbers that their texts need, for kernels, and the texts, for people.

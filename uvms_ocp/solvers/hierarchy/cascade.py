@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
@@ -19,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
 from uvms_ocp.codegen.buffered import BufferedFunction
-from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.errors import NameNotFound
 from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.solvers.hierarchy.certificate import normal_certificate, normal_rows
 from uvms_ocp.solvers.hierarchy.level import Level, residual
@@ -43,7 +42,7 @@ from uvms_ocp.solvers.hierarchy.solution import (
     solve_stacked,
     timed_solution,
 )
-from uvms_ocp.types import Array
+from uvms_ocp.types import Array, AtLeastOne, Positive
 
 # A bound cascade, which survives a plugin that breaks down in the middle of a tick.
 
@@ -171,30 +170,28 @@ _DEFAULTS: dict[str, dict[str, object]] = {
 class LexicographicQp:
     """Each level minimises its own slack subject to the optimal slack of all levels above it.
 
-    What a gate between 0 and 1 does is said in `uvms_ocp.solvers.hierarchy.level`.
+    What a gate between 0 and 1 does is said in `uvms_ocp.solvers.hierarchy.level`. Raises `InvalidInput` for a number out of
+    its range.
     """
 
     plugin: str = "qpoases"
     """Any conic plugin of CasADi that solves quadratic programs."""
     options: Mapping[str, object] = field(default_factory=dict)
     """Options of the plugin, on top of our defaults."""
-    proximal: float = 1e-10
+    proximal: Positive = 1e-10
     """Weight of the distance to the velocity of the levels above, relative to the mean square of the rows: it makes each
     program strictly convex."""
-    tolerance: float = 1e-9
+    tolerance: Positive = 1e-9
     """Largest accepted violation of a higher level, relative to its row."""
-    attempts: int = 3
+    attempts: AtLeastOne = 3
     """Programs per level at most; a further one starts where the last one ended."""
     certified: bool = True
     """Certify every result, which takes longer than the solution; else no result is called exact."""
 
     def __post_init__(self) -> None:
-        """Raises `NameNotFound` for an unknown plugin, `InvalidInput` for a number out of range."""
+        """Raises `NameNotFound` for an unknown plugin."""
         if not _exists(self.plugin):
             raise NameNotFound("conic plugin", self.plugin, conic_plugins())
-        if not (0.0 < self.proximal < math.inf and 0.0 < self.tolerance < math.inf and self.attempts >= 1):
-            given = f"proximal {self.proximal}, tolerance {self.tolerance}, attempts {self.attempts}"
-            raise InvalidInput(f"{given}; give positive, finite numbers")
 
     @checked_on_failure
     def solve(self, levels: Sequence[Level]) -> Solution:

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter
@@ -30,7 +29,7 @@ from uvms_ocp.solvers.hierarchy.solution import (
     dense_outputs,
     timed_solution,
 )
-from uvms_ocp.types import Array, Shape
+from uvms_ocp.types import Array, Positive, Shape
 
 _result = unchecked_constructor(TickResult)
 
@@ -41,20 +40,15 @@ class Icat:
     """[Gao2022] eq. (27): a fold over the levels, reading ``rate`` and ``activation`` only.
 
     Priorities hold up to the regularisation and while no activation is between 0 and 1; acceleration limits are not kept.
+    Raises `InvalidInput` for a number that is not positive and finite.
     """
 
-    damping: float = 1e-4
+    damping: Positive = 1e-4
     """[rate^4/velocity^4] Largest regularisation of a small singular value, added to its square."""
-    threshold: float = 0.01
+    threshold: Positive = 0.01
     """[rate^2/velocity^2] Singular values below it are regularised, along a cosine bell."""
-    weight: float = 10.0
+    weight: Positive = 10.0
     """[rate^2/velocity^2] Cost of motion that the levels above have already used up."""
-
-    def __post_init__(self) -> None:
-        """Raises `InvalidInput` for a number that is not positive and finite."""
-        if not all(0.0 < number < math.inf for number in (self.damping, self.threshold, self.weight)):
-            given = f"damping {self.damping}, threshold {self.threshold}, weight {self.weight}"
-            raise InvalidInput(f"{given}; give positive, finite numbers")
 
     @checked_on_failure
     def solve(self, levels: Sequence[Level]) -> Solution:

@@ -18,7 +18,7 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.solvers.nlp.program import LevelNlp, LexicographicProgram, NlpStatus, RowBounds, RowRanges, status_of
-from uvms_ocp.types import DAY
+from uvms_ocp.types import DAY, AtLeastOne, Positive
 
 # How the NLPs of a lexicographic program are solved.
 
@@ -36,15 +36,15 @@ class NlpOptions:
     tolerance: float = 1e-6
     """Allowed rise of the residual of a solved level, as a norm. With 0, and always with fatrop, rows of equalities are frozen
     as equality constraints: not for levels whose rows contradict each other, where no constraint qualification holds."""
-    convergence: float = 1e-8
+    convergence: Positive = 1e-8
     """Largest error of the optimality conditions, as the plugin scales them."""
-    max_iterations: int = 150
+    max_iterations: AtLeastOne = 150
     """For every NLP."""
-    time_limit: float = 20.0
+    time_limit: Positive = 20.0
     """[s] for all NLPs together. Iterations are not cut short; fatrop looks at it between NLPs only."""
     anticipate: bool = True
     """Try the lowest level first, with all levels above met in full."""
-    barrier: float = 1e-2
+    barrier: Positive = 1e-2
     """Barrier parameter at a cold start."""
     plugin_options: Mapping[str, Any] = field(default_factory=dict)
     """Options of the plugin itself, on top of ours."""
@@ -62,10 +62,6 @@ class NlpOptions:
     def __post_init__(self) -> None:
         if self.plugin not in PLUGINS:
             raise NameNotFound("NLP solver", self.plugin, PLUGINS)
-        for name in ("convergence", "max_iterations", "time_limit", "barrier"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidInput(f"{name} = {value}; give a finite value > 0")
         if self.time_limit > DAY:
             raise InvalidInput(f"time_limit = {self.time_limit:g} s; give at most {DAY:g} s, a day")
         if not (np.isfinite(self.tolerance) and self.tolerance >= 0):
@@ -124,15 +120,15 @@ class SqpOptions:
     plugin: str | None = None
     """``stagewise``, the fastest, and ``hpipm`` know horizons only; ``proxqp`` and ``piqp`` take any program. None: for `Nmpc`
     ``stagewise`` where there is a C compiler and no level above the last has `relax`; else ``hpipm``."""
-    max_steps: int = 3
+    max_steps: AtLeastOne = 3
     """For every solve."""
-    accuracy: float = 1e-2
+    accuracy: Positive = 1e-2
     """Largest violation of scaled rows with which a point counts as usable, and no further step is made."""
-    tolerance: float = 1e-3
+    tolerance: Positive = 1e-3
     """Allowed rise of the norm of a level's residual for the sake of all levels below."""
-    damping: float = 1e-6
+    damping: Positive = 1e-6
     """[1/unit of x^2] Added to the diagonal of the Hessian, so that what no term determines does not move."""
-    proximal: float = 1e-4
+    proximal: Positive = 1e-4
     """[1/unit of x^2] Least weight of the distance from where the levels above left the point; see `proximal.py`."""
 
     def __post_init__(self) -> None:
@@ -140,9 +136,6 @@ class SqpOptions:
             raise NameNotFound("QP solver", str(self.plugin), (*QP_PLUGINS, STAGEWISE))
         if self.plugin in QP_PLUGINS and not ca.has_conic(self.plugin):
             raise InvalidInput(f"this CasADi has no QP solver {self.plugin!r}; give another of {', '.join(QP_PLUGINS)}")
-        for name in self.__dataclass_fields__:
-            if name != "plugin" and not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise InvalidInput(f"{name} = {getattr(self, name)}; give a finite value > 0")
 
 
 # Who looks on while a program is solved, and may stop it: a callback, and Ctrl-C.

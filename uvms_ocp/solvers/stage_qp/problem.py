@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from enum import IntEnum
 from functools import lru_cache
 from itertools import accumulate, pairwise
+from typing import Annotated
 
 import numpy as np
 
 from uvms_ocp.checks import checked, unchecked_constructor
 from uvms_ocp.errors import AdvisedStatus, InvalidInput
-from uvms_ocp.types import Array, Bound, Mask
+from uvms_ocp.types import Array, Bound, Mask, Positive, Range
 
 # The numbers of a QP of stages, in arrays that are made once and written into, and how many there are.
 
@@ -150,32 +151,23 @@ def is_valid(qp: StageQp) -> bool:
 
 # How exactly a QP of stages is solved.
 
-_MOST_ITERATIONS = 10_000
-
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class StageQpOptions:
     """Raises `InvalidInput` for numbers that are not positive and finite, and more than 10,000 iterations."""
 
-    tolerance: float = 1e-9
+    tolerance: Positive = 1e-9
     """Tolerance of the KKT conditions, relative to the largest term in them."""
-    max_iterations: int = 60
+    max_iterations: Annotated[int, Range(1, 10_000)] = 60
     """Factors of one run; a QP that one run does not solve takes two more."""
-    warm_mu: float = 1e-6
+    warm_mu: Positive = 1e-6
     """Complementarity at a warm start, relative to the largest curvature: a squared distance to bounds."""
-    cold_mu: float = 0.1
+    cold_mu: Positive = 0.1
     """Complementarity at a cold start, relative to what missed bounds cost by curvature and gradient. With more of it QPs in
     which many bounds are reached take fewer factors, and those without a point are told later."""
     compiled: bool = True
     """False keeps to PIQP, which solves the same QPs without warm starts."""
-
-    def __post_init__(self) -> None:
-        for name in ("tolerance", "max_iterations", "warm_mu", "cold_mu"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise InvalidInput(f"{name} = {getattr(self, name)}; give a finite value > 0")
-        if self.max_iterations > _MOST_ITERATIONS:
-            raise InvalidInput(f"max_iterations = {self.max_iterations}; give at most {_MOST_ITERATIONS}")
 
 
 # What comes of a QP of stages.
