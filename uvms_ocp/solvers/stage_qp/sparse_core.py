@@ -64,28 +64,25 @@ class SparseCore:
         self._solvers: dict[tuple[object, ...], ca.Function] = {}
 
     def solve(self, qp: StageQp, options: StageQpOptions, near: WarmStart | None) -> IterationResult:
-        """Solve from nothing but the QP; NOT_A_NUMBER where entries are none."""
+        """Solve from nothing but the QP, or from z of a QP nearby; NOT_A_NUMBER where entries are none."""
         table = row_table(qp)
-        return self._run(qp, table, options) if is_valid(qp) else self._nothing(qp, table, StageQpStatus.NOT_A_NUMBER)
+        z = table.rest(qp) if near is None else near.z
+        if not is_valid(qp):
+            return self._nothing(qp, table, StageQpStatus.NOT_A_NUMBER)
+        return self.run(qp, table, z, options, phase_one=False)
 
     def run(
         self, qp: StageQp, table: RowTable, z: Array, options: StageQpOptions, *, phase_one: bool
     ) -> IterationResult:
-        """Run with the rows of a table, without the cost in phase one; PIQP starts by itself, not at z, and damps every step."""
-        return self._run(qp, table, options, costless=phase_one)
-
-    def _nothing(self, qp: StageQp, table: RowTable, status: StageQpStatus) -> IterationResult:
-        return no_result(table.rest(qp), sum(self._shape.n_x), len(table.norm), status)
-
-    def _run(self, qp: StageQp, table: RowTable, options: StageQpOptions, *, costless: bool = False) -> IterationResult:
-        Q, q = _cost(qp, costless=costless)
+        """Run from z (n,) [unit of z] with the rows of a table, without the cost in phase one; PIQP damps all its steps."""
+        Q, q = _cost(qp, costless=phase_one)
         if not self._is_convex(qp, table, Q):
             return self._nothing(qp, table, StageQpStatus.NOT_CONVEX)
         n, m, n_b = len(q), len(qp.flat["lower"]), len(qp.flat["b"])
         soft = table.elastic.any(axis=0) | (table.compliance > 0.0)
         rows = np.flatnonzero(soft | ((table.side.any(axis=0) | table.equal) & (np.arange(m + n) < m)))
         given = self._assembled(qp, table, Q, q, soft, rows)
-        (x, y_a, y_x), infeasible = self._solved(given, options)
+        (x, y_a, y_x), infeasible = self._solved(given, z, options)
         z, y = x[:n], np.zeros(m + n)
         y[m:], y[rows] = np.where(soft[m:], 0.0, y_x[:n]), y_a[n_b:]
         value = np.concatenate([*(C @ own for C, own in zip(qp.C, self._stages(z), strict=True)), z])
@@ -116,6 +113,9 @@ class SparseCore:
             iterations=1,
         )
 
+    def _nothing(self, qp: StageQp, table: RowTable, status: StageQpStatus) -> IterationResult:
+        return no_result(table.rest(qp), sum(self._shape.n_x), len(table.norm), status)
+
     def _stages(self, z: Array) -> list[Array]:
         return [z[own] for own in slices(self._shape.n_z)]
 
@@ -144,7 +144,7 @@ class SparseCore:
             ubx=np.concatenate([np.where(table.fixed, qp.flat["z_lower"], up), np.full(2 * k, np.inf)]),
         )
 
-    def _solved(self, given: _SparseQp, options: StageQpOptions) -> tuple[list[Array], bool]:
+    def _solved(self, given: _SparseQp, z: Array, options: StageQpOptions) -> tuple[list[Array], bool]:
         """X, the multipliers of A x and of x, zeros where any of these is no number; whether PIQP finds the QP infeasible."""
         H, A = given.h.sparsity(), given.a.sparsity()
         key = (H.nnz(), *A.row(), *A.colind(), options.tolerance, options.max_iterations)
@@ -153,7 +153,7 @@ class SparseCore:
             own = {_PLUGIN: {**accuracy, "max_iter": options.max_iterations}, "error_on_fail": False}
             self._solvers[key] = ca.conic("stages", _PLUGIN, {"h": H, "a": A}, own)
         solver = self._solvers[key]
-        found = solver(**given._asdict())
+        found = solver(**given._asdict(), x0=np.concatenate([z, np.zeros(len(given.g) - len(z))]))
         parts = [np.array(found[name]).ravel() for name in ("x", "lam_a", "lam_x")]
         finite = all(np.isfinite(part).all() for part in parts)
         infeasible = "infeasible" in solver.stats()["return_status"]
