@@ -23,10 +23,8 @@ ELSEWHERE = [pytest.param(None, marks=pytest.mark.skip(reason=LEFT_OUT), id="els
 
 
 def paced(benchmark: Benchmark) -> Any:
-    """With its mark: most are long, and those that are not show the writer of all files at work."""
-    return (
-        benchmark if benchmark.script in ("calls", "trajectories") else pytest.param(benchmark, marks=pytest.mark.slow)
-    )
+    """With its mark: most are long, and one that is not shows the writer of all files at work."""
+    return benchmark if benchmark.script == "calls" else pytest.param(benchmark, marks=pytest.mark.slow)
 
 
 def run(*words: str) -> subprocess.CompletedProcess[str]:

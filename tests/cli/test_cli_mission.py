@@ -59,6 +59,7 @@ def test_what_does_not_fit_is_refused_in_one_line(
     assert text in line
 
 
+@pytest.mark.slow
 def test_a_plan_that_is_not_found_in_time_is_told_and_not_written(tmp_path: Path) -> None:
     process = called("plan", "mission", "reach", "--time-limit", "0.001", "--out", "plan", "--json", cwd=tmp_path)
     assert process.returncode == 3

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from compiler import long_without_compiler
@@ -11,13 +13,19 @@ from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.sim import parse_fault
 
 ONSET, END = 20.0, 40.0  # [s]
+USUAL = {"noise": True, "dt": 1 / 50, "duration": END}
+
+
+@cache
+def usual_way() -> np.ndarray:
+    """Positions (n, 3) [m] where nothing fails."""
+    return case1(**USUAL).run()["q"][:, :3]
 
 
 @long_without_compiler
 def test_a_vehicle_whose_dvl_falls_silent_stays_on_its_way() -> None:
-    usual = {"noise": True, "dt": 1 / 50, "duration": END}
-    way = case1(**usual).run()["q"][:, :3]
-    without = case1(**usual, faults=(parse_fault(f"linear_velocity:lost@{ONSET:g}"),)).run()
+    way = usual_way()
+    without = case1(**USUAL, faults=(parse_fault(f"linear_velocity:lost@{ONSET:g}"),)).run()
     assert cKDTree(way).query(without["q"][:, :3])[0].max() < 0.3
     late = without["t"] > ONSET + 5.0
     assert np.abs(without["v"][late, :3]).max() < 0.3
@@ -25,9 +33,8 @@ def test_a_vehicle_whose_dvl_falls_silent_stays_on_its_way() -> None:
 
 @long_without_compiler
 def test_a_dvl_that_is_off_is_found_out_by_position_fixes() -> None:
-    usual = {"noise": True, "dt": 1 / 50, "duration": END}
-    way = case1(**usual).run()["q"][:, :3]
-    biased = case1(**usual, faults=(parse_fault(f"linear_velocity:bias=0.3,0,0@{ONSET:g}"),)).run()
+    way = usual_way()
+    biased = case1(**USUAL, faults=(parse_fault(f"linear_velocity:bias=0.3,0,0@{ONSET:g}"),)).run()
     assert cKDTree(way).query(biased["q"][:, :3])[0].max() < 5.0
     estimated, true = biased["q_estimated"][:, :3], biased["q"][:, :3]
     assert np.abs(estimated - true)[biased["t"] > ONSET + 8.0].max() < 0.2

@@ -197,7 +197,7 @@ def test_between_two_velocities_that_keep_a_limit_the_answer_keeps_it_too() -> N
     """Of what is wanted, slow to stop, and of what there was, quick to stop, a mixture can go farther than both."""
     planar, rng = load_robot("planar5"), np.random.default_rng(5)
     mixed = 0
-    for _ in range(300):
+    for _ in range(100):
         rest, previous, wanted = np.zeros(5), np.zeros(5), np.zeros(5)
         previous[3], wanted[1] = rng.uniform(0.1, 0.5), rng.uniform(0.5, 1.0)
         upper = rng.uniform([0.05, 0.005], [0.4, 0.1])
@@ -210,7 +210,7 @@ def test_between_two_velocities_that_keep_a_limit_the_answer_keeps_it_too() -> N
         way = np.array([q for q, _ in rule.stop.path(rest, kept)])
         assert (way[:, [1, 3]] <= upper + 1e-9).all(), (previous, wanted, upper)
         mixed += int(0.0 < rule.share < 1.0)
-    assert mixed > 50
+    assert mixed > 16
 
 
 @pytest.mark.parametrize("unknown", [np.inf, np.nan])

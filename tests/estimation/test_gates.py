@@ -253,7 +253,7 @@ def test_exact_sensors_that_jump_and_come_back_are_followed(channel: str, jump: 
         assert np.abs(measurement.v).max() < 1e-2
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("delay", [0.0, pytest.param(0.3, marks=pytest.mark.slow), 1.0])
 def test_late_readings_find_the_estimate_again_after_a_long_silence(delay: float) -> None:
     """When the filter knows nothing any more, however late what is read is."""
     twins, dt = Twins(SPECS), 0.05

@@ -112,6 +112,7 @@ def test_levels_that_exclude_each_other_end_where_ipopt_ends(plan: Plan, by_ipop
     require_same_words(plan.reason, by_ipopt.reason)
 
 
+@pytest.mark.slow
 def test_a_level_costs_those_below_what_ipopt_says(plan: Plan, by_ipopt: Plan) -> None:
     for own, theirs in zip(plan.levels[:2], by_ipopt.levels, strict=False):
         assert own.prices == pytest.approx(theirs.prices, rel=1e-3)
