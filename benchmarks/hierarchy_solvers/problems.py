@@ -127,13 +127,13 @@ def random_states(inputs: Sequence[Inputs], count: int) -> list[Inputs]:
     """Recorded ticks with another attitude, place, posture and velocity."""
     rng, states = np.random.default_rng(0), []
     for _ in range(count):
-        q, v, _, altitude, *rest = (x.copy() for x in inputs[int(rng.integers(len(inputs)))])
+        q, v, passive, _, change, altitude, *rest = (x.copy() for x in inputs[int(rng.integers(len(inputs)))])
         q[:3] += rng.uniform(-2.0, 2.0, 3)
         q[3:7] = rng.standard_normal(4)
         q[3:7] /= np.linalg.norm(q[3:7])
         q[7:] += rng.uniform(-0.5, 0.5, len(q) - 7)
         v = rng.uniform(-0.3, 0.3, len(v))
-        states.append((q, v, v, altitude * rng.uniform(0.2, 2.0), *rest))
+        states.append((q, v, passive, v, change, altitude * rng.uniform(0.2, 2.0), *rest))
     return states
 
 
