@@ -428,6 +428,12 @@ def _curve_file() -> str:
     return "curve.npz"
 
 
+def _survey_file() -> str:
+    path = Path(mkdtemp(), "survey.csv")
+    path.write_text("0,0,-9\n1,0,-9\n0,1,-9\n1,1,-9\n", encoding="utf-8")
+    return str(path)
+
+
 def _obstacle_file() -> str:
     text = "obstacles: [{name: ball, shape: sphere, size: [0.3], position: [1.0, 0.0, 0.0]}]"
     Path("obstacles.yaml").write_text(text, encoding="utf-8")
@@ -571,6 +577,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "ShearedCurrent": lambda: sim.ShearedCurrent(z=np.array([0.0, 1.0]), velocities=np.zeros((2, 3))),
     "GustyCurrent": lambda: sim.GustyCurrent(base=sim.StillWater()),
     "HeightField": lambda: sim.HeightField.random("small", z=-60.0, extent=5.0),
+    "Bathymetry": lambda: sim.Bathymetry(x=np.arange(2.0), y=np.arange(2.0), z=np.full((2, 2), -60.0)),
     "Altimeter": lambda: sim.Altimeter(robot(), sim.FlatSeafloor(z=-60.0)),
     "SensorSuite": suite,
     "KinematicPlant": lambda: sim.KinematicPlant(robot(), q()),
@@ -702,6 +709,9 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "KinematicPlant.step": lambda: {"dt": 0.001},
     "HeightField": lambda: {"centres": np.zeros((1, 2)), "heights": np.ones(1), "radii": np.ones(1)},
     "HeightField.random": lambda: {"extent": 5.0},
+    "Bathymetry": lambda: {"x": np.arange(2.0), "y": np.arange(2.0), "z": np.zeros((2, 2))},
+    "Bathymetry.read": lambda: {"path": _survey_file()},
+    "Bathymetry.ground_at": lambda: {"points": np.zeros((2, 2))},
     "FlatSeafloor.ground_at": lambda: {"points": np.zeros((2, 2))},
     "HeightField.ground_at": lambda: {"points": np.zeros((2, 2))},
     "HeightField.heights_at": lambda: {"points": np.zeros((2, 2))},

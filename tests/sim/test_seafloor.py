@@ -8,11 +8,17 @@ import pytest
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.robot.shapes.obstacles import mesh_shape
+from uvms_ocp.sim.bathymetry import Bathymetry
 from uvms_ocp.sim.seafloor import RELIEFS, FlatSeafloor, HeightField, Relief, floor_mesh
 
 FLOORS = {
     "plane": FlatSeafloor(z=-40.0),
     **{name: HeightField.random(name, z=-40.0, seed=4) for name in RELIEFS},
+    "bathymetry": Bathymetry(
+        x=np.linspace(-50, 30, 17) ** 3 / 2500,
+        y=np.arange(-30.0, 41.0, 7.0),
+        z=np.random.default_rng(6).uniform(-44.0, -38.5, (11, 17)),
+    ),
     "no bumps": HeightField(z=-40.0, centres=np.zeros((0, 2)), heights=np.zeros(0), radii=np.zeros(0)),
 }
 
@@ -160,3 +166,35 @@ def test_wrong_floors_are_refused_in_one_line():
         Relief(height=(0.5, 1.0), radius=(1.0, 2.0), spacing=0.0)
     with pytest.raises(InvalidInput, match="spacing"):
         floor_mesh(FLOORS["flat"], centre=(0.0, 0.0), extent=1.0, spacing=0.0)
+
+
+@pytest.mark.parametrize("form", ["csv", "titled.csv", "npz"])
+def test_a_survey_is_read_from_a_file_and_goes_through_its_points(form, tmp_path):
+    """In any order of lines, with the place of W in the coordinates of the chart."""
+    x, y = np.array([500.0, 502.0, 507.0]), np.array([60.0, 61.5])
+    z = np.random.default_rng(1).uniform(-30.0, -20.0, (2, 3))
+    path = tmp_path / f"bödén 1.{form}"
+    if form == "npz":
+        np.savez(path, x=x, y=y, z=z)
+    else:
+        lines = [f"{a},{b},{float(z[j, i])!r}" for i, a in enumerate(x) for j, b in enumerate(y)]
+        np.random.default_rng(2).shuffle(lines)
+        path.write_text("\n".join([*(["east,north,height"] if "titled" in form else []), *lines]), encoding="utf-8")
+    floor = Bathymetry.read(path, origin=(501.0, 60.0, -5.0))
+    for i, a in enumerate(x):
+        for j, b in enumerate(y):
+            assert floor.height(a - 501.0, b - 60.0) == pytest.approx(z[j, i] + 5.0)
+    assert floor.height(-100.0, -100.0) == pytest.approx(z[0, 0] + 5.0)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "x,y,z", "0,0,1\n1,0,1\n0,1,1", "0,0,1\n0,0,1\n1,0,1\n1,1,1", "0,0\n1,1", "0,0,1\n1,0,nan\n0,1,1\n1,1,1"],
+)
+def test_a_survey_with_holes_is_refused_in_one_line(text, tmp_path):
+    (tmp_path / "floor.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(InvalidInput) as error:
+        Bathymetry.read(tmp_path / "floor.csv")
+    assert "\n" not in str(error.value)
+    with pytest.raises(InvalidInput, match=r"nowhere.npz.* no bathymetry"):
+        Bathymetry.read(tmp_path / "nowhere.npz")

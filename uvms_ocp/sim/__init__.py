@@ -5,6 +5,7 @@
 What makes such parts: `uvms_ocp.sim.own_parts`.
 """
 
+from uvms_ocp.sim.bathymetry import Bathymetry as Bathymetry
 from uvms_ocp.sim.currents import Current as Current
 from uvms_ocp.sim.currents import GustyCurrent as GustyCurrent
 from uvms_ocp.sim.currents import OnsetCurrent as OnsetCurrent

@@ -1,0 +1,161 @@
+"""A sea floor that was surveyed: heights on a grid, of arrays or of a file."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+
+from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.model_errors import printable
+from uvms_ocp.sim.seafloor import Points, Seafloor
+from uvms_ocp.types import Finite, Vector3
+
+_LEVEL_RAY = 1e-9  # sine of the angle to the horizon below which a ray counts as level
+_FORMS = "give CSV with lines x,y,z [m] of a whole grid, or an .npz with arrays x (n,), y (m,) and z (m, n)"
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Bathymetry(Seafloor):
+    """Heights on a grid, bilinear between its points and level with its border beyond it.
+
+    Raises `InvalidInput` unless x and y ascend, with two values or more each, and every height is finite.
+    """
+
+    x: np.ndarray
+    """(n,) [m] in W."""
+    y: np.ndarray
+    """(m,) [m] in W."""
+    z: np.ndarray
+    """(m, n) [m] in W, up."""
+
+    def __post_init__(self) -> None:
+        for name in ("x", "y", "z"):
+            values = np.array(getattr(self, name), dtype=float)
+            values.setflags(write=False)
+            object.__setattr__(self, name, values)
+        for name, axis in (("x", self.x), ("y", self.y)):
+            if axis.ndim != 1 or len(axis) < 2 or not (np.isfinite(axis).all() and (np.diff(axis) > 0).all()):
+                raise InvalidInput(f"{name} of a bathymetry, shape {axis.shape}; give two values or more that ascend")
+        if self.z.shape != (len(self.y), len(self.x)) or not np.isfinite(self.z).all():
+            shape = f"({len(self.y)}, {len(self.x)})"
+            raise InvalidInput(f"z of a bathymetry, shape {self.z.shape}; give finite heights of shape {shape}")
+
+    @staticmethod
+    def read(path: Path | str, *, origin: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)) -> Bathymetry:
+        """Read a file: CSV with lines ``x,y,z`` in any order, with or without a title, or NumPy's ``.npz`` with x, y and z.
+
+        origin [m]: of W in the coordinates of the file, such as east, north and height of a chart. Raises `InvalidInput` for
+        a file that cannot be read, and for a grid with holes or points twice.
+        """
+        shown = printable(path)
+        try:
+            x, y, z = _of_arrays(Path(path)) if Path(path).suffix == ".npz" else _of_lines(Path(path))
+        except (OSError, ValueError, KeyError, BadZipFile) as error:
+            why = " ".join(str(error).split())
+            raise InvalidInput(f"{shown}: no bathymetry ({why}); {_FORMS}") from None
+        return Bathymetry(x=x - origin[0], y=y - origin[1], z=z - origin[2])
+
+    @checked_on_failure
+    def height(self, x: float, y: float) -> float:
+        return float(self._surface(np.array([[x, y]], dtype=float))[0][0])
+
+    @checked_on_failure
+    def normal(self, x: float, y: float) -> np.ndarray:
+        return self.ground_at(np.array([[x, y]], dtype=float))[1][0]
+
+    @checked_on_failure
+    def ground_at(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
+        """Heights (n,) [m] and unit normals (n, 3) of the floor at points (n, 2) [m], x and y in W."""
+        heights, slopes = self._surface(points)
+        upwards = np.column_stack([-slopes, np.ones(len(points))])
+        return heights, upwards / np.linalg.norm(upwards, axis=1)[:, None]
+
+    @checked_on_failure
+    def range_along(self, origin: Vector3, direction: Vector3) -> float:
+        # Along a ray the clearance is a parabola between two lines of the grid.
+        descent, above = -float(direction[2]), float(origin[2]) - self.height(float(origin[0]), float(origin[1]))
+        if above <= 0:
+            return above / descent if descent > _LEVEL_RAY else math.nan
+        knots = [np.zeros(1)]
+        for axis, lines in enumerate((self.x, self.y)):
+            if abs(direction[axis]) > _LEVEL_RAY:
+                knots.append((lines - origin[axis]) / direction[axis])
+        if descent > _LEVEL_RAY:
+            knots.append(np.array([(origin[2] - self.z.min()) / descent + 1.0]))
+        s = np.unique(np.concatenate(knots))
+        s = s[(s >= 0.0) & (s <= (knots[-1][-1] if descent > _LEVEL_RAY else math.inf))]
+        ends, middles = self._clearance(origin, direction, s), self._clearance(origin, direction, (s[1:] + s[:-1]) / 2)
+        u = _first_zero(ends[:-1], middles, ends[1:])
+        hits = np.flatnonzero(np.isfinite(u))
+        return float(s[hits[0]] + u[hits[0]] * (s[hits[0] + 1] - s[hits[0]])) if len(hits) else math.nan
+
+    def _clearance(self, origin: np.ndarray, direction: np.ndarray, s: np.ndarray) -> np.ndarray:
+        points = origin + s[:, None] * direction
+        return np.asarray(points[:, 2] - self._surface(points[:, :2])[0])
+
+    def _surface(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Heights (n,) [m] and slopes (n, 2) at points (n, 2) [m]."""
+        cells, shares, widths, inside = [], [], [], []
+        for lines, values in zip((self.x, self.y), points.T, strict=True):
+            at = np.clip(values, lines[0], lines[-1])
+            cell = np.clip(np.searchsorted(lines, at, side="right") - 1, 0, len(lines) - 2)
+            width = lines[cell + 1] - lines[cell]
+            cells.append(cell)
+            widths.append(width)
+            shares.append((at - lines[cell]) / width)
+            inside.append(at == values)
+        (i, j), (u, v), z = cells, shares, self.z
+        a, b, c, d = z[j, i], z[j, i + 1], z[j + 1, i], z[j + 1, i + 1]
+        east, north = (1 - v) * (b - a) + v * (d - c), (1 - u) * (c - a) + u * (d - b)
+        slopes = np.column_stack([east / widths[0] * inside[0], north / widths[1] * inside[1]])
+        return (1 - v) * ((1 - u) * a + u * b) + v * ((1 - u) * c + u * d), slopes
+
+
+def _first_zero(start: np.ndarray, middle: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """First zeros (n,) in [0, 1] of parabolas by their values (n,) at 0, 1/2 and 1, the first > 0; NaN for none."""
+    a = 2 * (start + end - 2 * middle)
+    b = end - start - a
+    with np.errstate(divide="ignore", invalid="ignore"):
+        q = -(b + np.copysign(np.sqrt(b * b - 4 * a * start), b)) / 2
+        roots = np.array([start / q, q / a])
+        roots[~((roots >= 0.0) & (roots <= 1.0))] = np.inf
+    least = roots.min(axis=0)
+    least[(least == np.inf) & (end <= 0.0)] = 1.0
+    return np.where(np.isfinite(least), least, np.nan)
+
+
+def _of_arrays(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    with np.load(path, allow_pickle=False) as file:
+        x, y, z = (np.asarray(file[name], dtype=float) for name in ("x", "y", "z"))
+        return x, y, z
+
+
+def _of_lines(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+    rows = [line.replace(";", ",").split(",") for line in lines]
+    if rows and not _is_number(rows[0][0]):
+        rows = rows[1:]
+    table = np.array([[float(word) for word in row] for row in rows])
+    if table.ndim != 2 or table.shape[1] != 3:
+        raise ValueError(f"{len(rows)} lines of numbers, not of three each")
+    x, i = np.unique(table[:, 0], return_inverse=True)
+    y, j = np.unique(table[:, 1], return_inverse=True)
+    if len(table) != len(x) * len(y) or len(np.unique(j * len(x) + i)) != len(table):
+        raise ValueError(f"{len(table)} points, and a grid of {len(x)} by {len(y)} lines")
+    z = np.zeros((len(y), len(x)))
+    z[j, i] = table[:, 2]
+    return x, y, z
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
