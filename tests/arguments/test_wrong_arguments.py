@@ -28,6 +28,7 @@ WORDS = {
     "limit": ("threshold",),
     "tolerance": ("threshold",),
     "q0": ("q",),
+    "written": ("q",),
     "start": ("q",),
     "reference": ("q",),
     "posture": ("joints",),
@@ -95,6 +96,15 @@ WRONG: tuple[Any, ...] = (
 )
 
 
+ANY_NORM = {
+    **dict.fromkeys(("State.q", "StateEstimate.q"), "as integrated or measured: whoever uses it looks"),
+    **dict.fromkeys(
+        ("PlanRequest.start", "OcpRequest.start", "Setup.start"), "looked at where it is planned or checked"
+    ),
+    **dict.fromkeys(("Robot.joint_values.q", "Robot.with_joint_values.q"), "of which joints alone are read"),
+    **dict.fromkeys(("ToolGoal.as_tasks.start", "PostureGoal.as_tasks.start", "Term.references.q"), "not read here"),
+}
+"""Configurations whose quaternion may have any norm, and why."""
 SHAPES: dict[str, tuple[tuple[int, ...], ...]] = {
     **dict.fromkeys(("position", "angular_velocity", "linear_velocity"), ((3,),)),
     "attitude": ((4,),),
@@ -195,13 +205,12 @@ def _values(call: Call, name: str) -> tuple[Any, ...]:
 
 def _faults(call: Call, right: dict[str, Any], name: str) -> Iterator[str]:
     """Answers to wrong values of one parameter that break the promise."""
-    for value in _values(call, name):
+    unnormalized = [] if f"{call.title}.{name}" in ANY_NORM else _unnormalized(right.get(name))
+    for value in (*_values(call, name), *unnormalized):
+        never = _never_right(value) or any(value is q for q in unnormalized)
         try:
             _run(call, {**right, name: value})
-            if (_never_right(value) or (value is NAN and name not in MAY_BE_NAN)) and (
-                call.title,
-                name,
-            ) not in ACCEPTED:
+            if (never or (value is NAN and name not in MAY_BE_NAN)) and (call.title, name) not in ACCEPTED:
                 yield f"{name} = {value!r}: accepted"
         except (UvmsError, TypeError) as error:
             text = str(error)
@@ -209,6 +218,15 @@ def _faults(call: Call, right: dict[str, Any], name: str) -> Iterator[str]:
                 yield f"{name} = {value!r}: {type(error).__name__}: {text}"
         except Exception as error:
             yield f"{name} = {value!r}: {type(error).__name__}: {error}"
+
+
+def _unnormalized(right: Any) -> list[np.ndarray]:
+    """A configuration, where one is right, with a quaternion of norm 2."""
+    if not (isinstance(right, np.ndarray) and right.dtype == float and right.shape[-1:] == (robot().n_q,)):
+        return []
+    q = right.copy()
+    q[..., 3:7] *= 2.0
+    return [q]
 
 
 def _never_right(value: Any) -> bool:

@@ -19,6 +19,7 @@ import pinocchio as pin
 
 from uvms_ocp.planning.distances import Contacts
 from uvms_ocp.planning.scene import CollisionScene
+from uvms_ocp.robot.robot import require_normalized
 from uvms_ocp.types import Array, Indices
 
 # Points of a convex shape of which one is the farthest against a direction, for directions near the one given.
@@ -125,6 +126,7 @@ class Poses:
     @staticmethod
     def of(model: pin.Model, q: Array) -> Poses:
         """At configurations q (n, n_q) [m, rad]."""
+        require_normalized(model, q)
         data, R, p = model.createData(), np.empty((len(q), model.njoints, 3, 3)), np.empty((len(q), model.njoints, 3))
         for k, row in enumerate(q):
             pin.forwardKinematics(model, data, row)

@@ -13,6 +13,7 @@ import pinocchio as pin
 from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.robot.kinematics import largest_change
+from uvms_ocp.robot.robot import require_normalized
 from uvms_ocp.types import Array, Indices, Mask, Shape
 
 
@@ -171,6 +172,7 @@ class CoalDistances:
 
     def _place(self, q: Array) -> None:
         model = self.scene.coordinates.robot.model
+        require_normalized(model, q)
         pin.updateGeometryPlacements(model, self._data, self.scene.geometry, self._geometry_data, q)
 
     def _collect(self, sample: int, pairs: list[int], thresholds: list[float], found: list[_Contact]) -> None:

@@ -13,7 +13,7 @@ from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.hydrodynamics import STILL_WATER, Water
-from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.robot import Robot, require_normalized
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.types import Positive
 
@@ -24,7 +24,7 @@ class Dynamics(FieldTable):
     """Equations of motion ``M a + C v + D v + g = tau``; see `SymbolicDynamics` for the terms.
 
     Water moves as one, or link by link in the order of ``symbolic.links``.
-    Arguments of the wrong shape raise InvalidInput. Not for use from two threads at once.
+    Arguments of the wrong shape, and quaternions whose norm is not 1, raise InvalidInput. Not for use from two threads at once.
     """
 
     symbolic: SymbolicDynamics
@@ -40,26 +40,26 @@ class Dynamics(FieldTable):
 
         q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
         """
-        return self._function("inverse_dynamics")(q, v, a, water.velocity.T, water.acceleration.T)[0]
+        return self._evaluate("inverse_dynamics", q, v, a, water.velocity.T, water.acceleration.T)[0]
 
     def forward_dynamics(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
         """Acceleration a (n_v,) [m/s2, rad/s2] under the generalized force tau (n_v,) [N, N m].
 
         q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
         """
-        return self._function("forward_dynamics")(q, v, tau, water.velocity.T, water.acceleration.T)[0]
+        return self._evaluate("forward_dynamics", q, v, tau, water.velocity.T, water.acceleration.T)[0]
 
     def bias_force(self, q: ArrayLike, v: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
         """Generalized force (n_v,) [N, N m] for zero acceleration: ``C v + D v + g``.
 
         q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
         """
-        return self._function("bias_force")(q, v, water.velocity.T, water.acceleration.T)[0]
+        return self._evaluate("bias_force", q, v, water.velocity.T, water.acceleration.T)[0]
 
     def mass_matrix(self, q: ArrayLike) -> np.ndarray:
         """Rigid-body plus added mass M (n_v, n_v) [kg, kg m, kg m2], symmetric, at q (n_q,) [m, rad]."""
         n_v = self.symbolic.model.nv
-        return self._function("mass_matrix")(q)[0].reshape(n_v, n_v)
+        return self._evaluate("mass_matrix", q)[0].reshape(n_v, n_v)
 
     def damping_matrix(self, q: ArrayLike, v: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
         """Symmetric part of D(q, v_r) (n_v, n_v) [N/(m/s), N m/(rad/s)]: drag of all links and joint friction.
@@ -67,22 +67,27 @@ class Dynamics(FieldTable):
         q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
         """
         n_v = self.symbolic.model.nv
-        return self._function("damping_matrix")(q, v, water.velocity.T)[0].reshape(n_v, n_v)
+        return self._evaluate("damping_matrix", q, v, water.velocity.T)[0].reshape(n_v, n_v)
 
     def kinetic_energy(self, q: ArrayLike, v: ArrayLike) -> float:
         """``1/2 v.T M v`` [J] at q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
 
         With v relative to a uniform current it is the energy in the drifting frame.
         """
-        return float(self._function("kinetic_energy")(q, v)[0][0])
+        return float(self._evaluate("kinetic_energy", q, v)[0][0])
 
     def potential_energy(self, q: ArrayLike) -> float:
         """Potential energy of weight and buoyancy [J] at q (n_q,) [m, rad], zero at the origin of W."""
-        return float(self._function("potential_energy")(q)[0][0])
+        return float(self._evaluate("potential_energy", q)[0][0])
 
     def link_positions(self, q: ArrayLike) -> np.ndarray:
         """Positions in W (n_links, 3) [m] at which a sheared current acts on the links, at q (n_q,) [m, rad]."""
-        return self._function("link_positions")(q)[0].reshape(3, -1).T
+        return self._evaluate("link_positions", q)[0].reshape(3, -1).T
+
+    def _evaluate(self, term: str, q: ArrayLike, *others: ArrayLike) -> tuple[np.ndarray, ...]:
+        outputs = self._function(term)(q, *others)  # says of which shape q has to be
+        require_normalized(self.symbolic.model, q)
+        return outputs
 
     def _function(self, term: str) -> BufferedFunction:
         if term not in self._functions:

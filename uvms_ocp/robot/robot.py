@@ -74,7 +74,7 @@ class ConfigurationSpace:
         """Q (n_q,) [m, rad] read-only. Raises `InvalidInput` naming what is wrong with it."""
         array = finite("q", q, self.model.nq)
         if self._n_vehicle:
-            _check_unit("quaternion", array[3:7])
+            _check_unit("q: its quaternion", array[3:7])
         for joint in self.joints:
             self._check_joint(joint, array[joint.q])
         return read_only(array)
@@ -111,6 +111,15 @@ def _check_unit(what: str, values: np.ndarray) -> None:
     norm = float(np.linalg.norm(values))
     if abs(norm - 1.0) > _UNIT_TOLERANCE:
         raise InvalidInput(f"{what} has norm {norm:.6g}; allowed: 1, divide it by its norm")
+
+
+def require_normalized(model: pin.Model, q: ArrayLike) -> None:
+    """Raise `InvalidInput` where q (..., n_q) [m, rad] has a quaternion or (cos, sin) whose norm is not 1, but for NaN."""
+    for row in np.reshape(np.asarray(q, dtype=float), (-1, model.nq)):
+        if not pin.isNormalized(model, row, _UNIT_TOLERANCE) and np.isfinite(row).all():
+            raise InvalidInput(
+                "q has a quaternion, or (cos, sin) of a joint, whose norm is not 1; divide it by its norm"
+            )
 
 
 def finite(what: str, values: ArrayLike, size: int) -> np.ndarray:

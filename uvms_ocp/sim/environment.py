@@ -12,7 +12,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.codegen import BufferedFunction, compile_function
-from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.robot import Robot, require_normalized
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.robot.shapes.obstacles import Obstacle, require_distinct_names
 from uvms_ocp.robot.spatial import quaternion_to_matrix
@@ -149,6 +149,7 @@ def closest_approach(
 
     floor: count it, which a robot that has landed touches. spacing [m] of the mesh for a floor that is not flat.
     """
+    require_normalized(robot.model, q)
     track = q[:, :2] if robot.n_vehicle else np.zeros((len(q), 2))
     obstacles = list(environment.obstacles)
     if floor:

@@ -17,6 +17,7 @@ from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor, 
 from uvms_ocp.codegen.buffered import BoundFunction, BufferedFunction
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Robot, SymbolicModel
+from uvms_ocp.robot.robot import require_normalized
 from uvms_ocp.robot.signals import CHANNELS, Reading, Readings, SensorSpec, SensorSpecs, State
 from uvms_ocp.robot.spatial import quaternion_exp, quaternion_multiply, quaternion_to_matrix
 from uvms_ocp.sim.fault_effects import ChannelFaults, FaultyChannel
@@ -50,6 +51,7 @@ class Altimeter:
     @checked_on_failure
     def measure(self, q: Annotated[np.ndarray, Shape("self.robot.n_q")]) -> float:
         """Range [m] at configuration q (n_q,) [m, rad]; nan without an echo."""
+        require_normalized(self.robot.model, q)
         self._q[:] = q
         self._look.evaluate()
         return self._seafloor.range_along(self._origin, self._direction)

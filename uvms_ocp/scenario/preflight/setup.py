@@ -17,6 +17,7 @@ from uvms_ocp.mission import Below, Mission, Phase
 from uvms_ocp.record.display import SmallTable, TableDisplay
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot import IDEAL_SENSORS, Robot, SensorSpecs
+from uvms_ocp.robot.robot import require_normalized
 from uvms_ocp.robot.thrusters import undriven_axes
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.tasks import Alignment, LandingAltitude, NullVelocity, VehiclePose
@@ -137,6 +138,7 @@ class Setup:
 
     def altimeter_pose(self, q: Annotated[np.ndarray, Shape("self.robot.n_q")]) -> pin.SE3:
         """X_WS at q (n_q,) [m, rad]; the vehicle's own pose without an altimeter."""
+        require_normalized(self.robot.model, q)
         if self.altimeter_frame is None:
             return pin.XYZQUATToSE3(np.asarray(q[:7]))
         return frame_pose(self.robot, q, self.altimeter_frame)
