@@ -202,3 +202,28 @@ def test_the_certificate_has_the_unit_of_its_rows(power: int) -> None:
     scaled = [Level(jacobian=lv.jacobian * scale, lower=lv.lower * scale, upper=lv.upper * scale) for lv in levels]
     v = ACTIVE_SET.solve(levels).v + 1e-3
     assert certificate(scaled, v) == pytest.approx(certificate(levels, v) * scale, rel=1e-9, abs=0.0)
+
+
+@pytest.mark.parametrize("slope", [1.0, 1e-3, 1e-5])
+def test_without_a_box_what_is_far_away_counts(slope: float) -> None:
+    levels = [Level(jacobian=[[1.0, 0.0]], lower=0.0, upper=0.0), Level(jacobian=[[1.0, slope]], lower=1.0, upper=1.0)]
+    assert certificate(levels, [0.0, 0.0]) == pytest.approx(1.0)
+    assert certificate(levels, [0.0, 0.5 / slope]) == pytest.approx(0.5)
+    assert certificate(levels, [0.0, 1.0 / slope]) < 1e-9
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_without_a_box_no_loss_is_larger_than_the_certificate(seed: int) -> None:
+    """Equalities of random rows, of which some are nearly dependent, against least squares in the null space."""
+    rng = np.random.default_rng(seed)
+    A, B = rng.normal(size=(2, 4)), rng.normal(size=(3, 4))
+    B[0] = A[0] + 10.0 ** rng.uniform(-4, 0) * B[0]
+    a, b = A @ rng.normal(size=4), rng.normal(size=3)
+    levels = [Level(jacobian=A, lower=a, upper=a), Level(jacobian=B, lower=b, upper=b)]
+    on_first, null = np.linalg.lstsq(A, a, rcond=None)[0], np.linalg.svd(A)[2][2:].T
+    best = on_first + null @ np.linalg.lstsq(B @ null, b - B @ on_first, rcond=None)[0]
+    least = np.linalg.norm(B @ best - b)
+    assert certificate(levels, best) < 1e-7 * max(1.0, np.abs(best).max())
+    for size in (1e-2, 1.0, 100.0):
+        v = best + null @ rng.normal(size=2) * size
+        assert certificate(levels, v) >= (np.linalg.norm(B @ v - b) - least) * (1 - 1e-9)

@@ -76,12 +76,12 @@ def read_number(path: Path, element: Element | None, key: str, where: str, defau
     return value
 
 
-def read_vector(path: Path, element: Element, key: str, where: str) -> tuple[float, ...]:
+def read_vector(path: Path, element: Element, key: str, where: str, largest: float = LARGEST) -> tuple[float, ...]:
     """Return the three numbers of an attribute. Raises ``RobotDataError`` where they are not."""
     text = element.get(key, "")
     values = to_floats(text)
-    if len(values) != 3 or not all(abs(value) <= LARGEST for value in values):
-        problem = f"{where} {key}: given {quoted(text)}; allowed: three finite numbers with spaces between them, <= {LARGEST:g}"
+    if len(values) != 3 or not all(abs(value) <= largest for value in values):
+        problem = f"{where} {key}: given {quoted(text)}; allowed: three finite numbers with spaces between them, <= {largest:g}"
         raise RobotDataError(path, problem)
     return values
 
@@ -364,7 +364,7 @@ def _check_axis(path: Path, joint: Element, where: str) -> None:
     axis = joint.find("axis")
     if axis is None or joint.get("type") in ("fixed", "floating"):
         return
-    if not 1e-9 <= math.hypot(*read_vector(path, axis, "xyz", f"{where} axis")) <= 1e9:
+    if not 1e-9 <= math.hypot(*read_vector(path, axis, "xyz", f"{where} axis", math.inf)) <= 1e9:
         raise RobotDataError(path, f"{where} axis: given {axis.get('xyz')!r}; allowed: a length from 1e-9 to 1e9")
 
 

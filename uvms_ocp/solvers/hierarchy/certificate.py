@@ -42,7 +42,7 @@ from uvms_ocp.codegen.elementwise import interval_distance, interval_excess
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.solvers.hierarchy.level import Level, row_slices, stack, widen_bounds
-from uvms_ocp.types import Array
+from uvms_ocp.types import Array, Mask
 
 # Rows in normal units: every level divided by its largest row, velocities by their size; scaling.c is the twin in C.
 
@@ -188,6 +188,8 @@ class _Region:
     """(n,) """
     up: Array
     """(n,) """
+    endless: Mask
+    """(n,) entries that y may change beyond it."""
 
 
 def certificate(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | None = None) -> float:
@@ -204,10 +206,12 @@ def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | No
 
     That least is over all y with ``|y - v| <= radius``, () or (n,) [velocity], entry by entry, that leave every row of the
     levels above at the residual it has at v or nearer to its bounds. Without a radius y is anywhere in the box that rows of
-    the first level with one entry and two bounds span, the velocity limits; entries without such a row get about twice the
-    velocity that the rows ask for. So do all entries for the first level itself, whose rows may contradict the box that they
-    span; the levels below are held in it. inf where v is not finite or too large to tell. Raises `InvalidInput` for a v or
-    radius of the wrong shape, or a radius that is not positive.
+    the first level with one entry and two bounds span, the velocity limits; entries without such a row go anywhere: where one
+    could improve a level, all of the level's residual counts. All entries of the first level itself, whose rows may contradict
+    the box that they span, get about twice the velocity that the rows ask for; the levels below are held in it.
+
+    inf where v is not finite or too large to tell. Raises `InvalidInput` for a v or radius of the wrong shape, or a radius
+    that is not positive.
     """
     rows = stack(levels)
     low, up = widen_bounds(rows.jacobian, rows.lower, rows.upper, rows.gate)
@@ -218,6 +222,7 @@ def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | No
     w = v / normal.velocity
     if radius is None:
         region = _default_region(normal, w)
+        region = replace(region, endless=np.isinf(normal.box.lower) | np.isinf(normal.box.upper))
         excesses = _excesses(normal, w, region, first=_beyond_box(region))
     else:
         region = _given_region(radius, v, normal.velocity)
@@ -235,7 +240,7 @@ def normal_certificate(rows: NormalRows, w: Array) -> float:
     if rows.lost.are_missed(w * rows.velocity, rows.velocity):
         return np.inf
     region, reach = _default_region(rows, w), tolerances.REACH
-    region = _Region(down=np.minimum(region.down, reach), up=np.minimum(region.up, reach))
+    region = replace(region, down=np.minimum(region.down, reach), up=np.minimum(region.up, reach))
     excesses = _excesses(rows, w, region, first=_beyond_box(region))
     slack = interval_distance(rows.J @ w, rows.lower, rows.upper)
     sizes = np.array([_length(slack[own]) for own in row_slices(rows.sizes)])
@@ -257,12 +262,13 @@ def _default_region(rows: NormalRows, w: Array) -> _Region:
     reach = tolerances.REACH
     boxed = (rows.box.lower > -np.inf) & (rows.box.upper < np.inf)
     down, up = np.maximum(w - rows.box.lower, 0.0), np.maximum(rows.box.upper - w, 0.0)
-    return _Region(down=np.where(boxed, down, reach), up=np.where(boxed, up, reach))
+    ended = np.zeros(len(w), dtype=bool)
+    return _Region(down=np.where(boxed, down, reach), up=np.where(boxed, up, reach), endless=ended)
 
 
 def _beyond_box(region: _Region) -> _Region:
     reach = tolerances.REACH
-    return _Region(down=np.maximum(region.down, reach), up=np.maximum(region.up, reach))
+    return replace(region, down=np.maximum(region.down, reach), up=np.maximum(region.up, reach))
 
 
 def _given_region(radius: ArrayLike, v: Array, velocity: float) -> _Region:
@@ -270,7 +276,7 @@ def _given_region(radius: ArrayLike, v: Array, velocity: float) -> _Region:
     if given.shape not in ((), v.shape) or not ((given > 0.0) & (given < np.inf)).all():
         raise InvalidInput(f"radius = {given}; give one finite velocity > 0 for all entries of v, or {len(v)} of them")
     reach = np.broadcast_to(given, v.shape) / velocity
-    return _Region(down=reach, up=reach)
+    return _Region(down=reach, up=reach, endless=np.zeros(len(v), dtype=bool))
 
 
 def _excesses(rows: NormalRows, w: Array, region: _Region, *, first: _Region) -> Array:
@@ -322,6 +328,8 @@ def _level_excess(found: _Found, own: slice, region: _Region) -> float:
     gradient, held, gap, noise = p @ found.J[own], *_held(found, own.start)
     x = _multipliers(held, gap, gradient, np.maximum(region.down, region.up))
     r, rounding = gradient + x @ held, float(x @ noise)
+    if (np.abs(r[region.endless]) > tolerances.CERTIFIED).any():
+        return size
     bound = float(x @ gap + np.abs(r) @ np.where(r > 0.0, region.down, region.up))
     return min(size, bound + rounding if rounding > tolerances.RESOLVED * max(size, found.unit) else bound)
 
