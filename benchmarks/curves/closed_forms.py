@@ -12,7 +12,7 @@ import pinocchio as pin
 from curves.capsules import Capsule, capsule_of
 from curves.segments import segment_distance, symbolic_segment_distance
 from uvms_ocp.planning.distances import NearPairs, no_near_pairs
-from uvms_ocp.planning.path_cost import CostWeights, symbolic_penalty
+from uvms_ocp.planning.path_cost import CostWeights
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.robot.symbolic_bodies import Pose
 from uvms_ocp.robot.symbolic_model import SymbolicModel
@@ -104,7 +104,7 @@ def collision_density(scene: CollisionScene, weights: CostWeights) -> ca.Functio
         distance = symbolic_segment_distance(a[:3], a[3:], b[:3], b[3:]) - radii[k]
         drift = ca.sumsqr(ca.jtimes(0.5 * (b[:3] + b[3:]), x, v))
         speed = ca.sqrt(drift + scene.gyration[k] ** 2 * spins[pair.second_joint] + weights.speed_floor**2)
-        cost += symbolic_penalty(1.0 - distance / widths[k]) * speed
+        cost += _penalty(1.0 - distance / widths[k]) * speed
     return ca.Function("collision_density", [x, v], [weights.collision * cost], ["x", "v"], ["cost"], {"cse": True})
 
 
@@ -148,3 +148,10 @@ def _mapped(function: ca.Function, x: Array) -> Array:
         run()
         rows[i] = result
     return rows
+
+
+def _penalty(y: ca.SX) -> ca.SX:
+    """`uvms_ocp.planning.path_cost.penalty` as an expression."""
+    inside = ca.fmin(ca.fmax(y, 0.0), 1.0)
+    beyond = ca.fmax(y - 1.0, 0.0)
+    return inside**3 / 6.0 + beyond * (0.5 + 0.5 * beyond)

@@ -8,11 +8,11 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from ipopt_descent import Ipopt
 from planned_scenes import limits_of
 
 from uvms_ocp.errors import FrameNotFound, InvalidInput
 from uvms_ocp.planning.conservative_advancement import check_clearance
-from uvms_ocp.planning.descent import Ipopt
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.path_cost import CostWeights
 from uvms_ocp.planning.request import ToolGoalOptions, tool_goal
@@ -171,9 +171,9 @@ def test_joint_tracking_follows_a_planned_trajectory(robot: Robot, ends: np.ndar
 
 
 def test_weights_out_of_range_are_refused() -> None:
-    with pytest.raises(InvalidInput, match="clearance is 0"):
+    with pytest.raises(InvalidInput, match=r"clearance = 0\.0; give a number > 0"):
         CostWeights(clearance=0.0)
-    with pytest.raises(InvalidInput, match="smoothness is -1"):
+    with pytest.raises(InvalidInput, match=r"smoothness = -1\.0; give a number >= 0"):
         CostWeights(smoothness=-1.0)
 
 

@@ -1,11 +1,40 @@
 """Bounded least squares: optimality on random problems, against SciPy and by its own conditions."""
 
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
 import numpy as np
 import pytest
 from compiler import needs_compiler
 from scipy.optimize import lsq_linear, minimize
 
-from uvms_ocp.solvers.bounded_least_squares import bounded_least_squares
+from uvms_ocp.codegen.kernel_layout import structure_of
+from uvms_ocp.codegen.kernels import bind_kernels
+from uvms_ocp.solvers.bounded_least_squares import BoundedProblem, Rows, room_for, solve_bounded
+
+
+def bounded_least_squares(
+    A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray, weight: np.ndarray, *, compiled: bool = True
+) -> np.ndarray:
+    """Return x (n,) [x] for A (m, n) [b/x], b (m,) [b], lower, upper (n,) [x] and weight (n,) [1/x^2]; in C unless `compiled` is
+    false or there is no compiler."""
+    (m, n), sizes = A.shape, (A.shape[0], room_for(A.shape[1]))
+    problem, solve = _bound(*sizes, compiled)
+    p: Any = problem()
+    p.rows, p.columns, p.b[:] = m, n, b.tolist()
+    for i in range(m):
+        p.A[i][:n] = A[i].tolist()
+    for name, values in (("lower", lower), ("upper", upper), ("weight", weight)):
+        getattr(p, name)[:n] = values.tolist()
+    solve(p)
+    return np.array(p.x[:n])
+
+
+@lru_cache(maxsize=16)
+def _bound(m: int, n: int, compiled: bool) -> tuple[type[BoundedProblem], Callable[..., Any]]:
+    problem, inner = structure_of(BoundedProblem, m=m, n=n), structure_of(Rows, m=m, n=n)
+    return problem, bind_kernels((solve_bounded,), (inner, problem), compiled=compiled)[0]
 
 
 def random_problem(seed: int) -> tuple[np.ndarray, ...]:

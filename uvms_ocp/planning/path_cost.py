@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, NamedTuple, Protocol
 
-import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked
@@ -136,13 +135,6 @@ def penalty(y: Array) -> Penalty:
     beyond = np.maximum(y - 1.0, 0.0)
     value = inside**3 / 6.0 + beyond * (0.5 + 0.5 * beyond)
     return Penalty(value=value, slope=0.5 * inside**2 + beyond, curvature=inside)
-
-
-def symbolic_penalty(y: ca.SX) -> ca.SX:
-    """The same as an expression."""
-    inside = ca.fmin(ca.fmax(y, 0.0), 1.0)
-    beyond = ca.fmax(y - 1.0, 0.0)
-    return inside**3 / 6.0 + beyond * (0.5 + 0.5 * beyond)
 
 
 def two_sided(value: Array, limit: Array, margin: float) -> Penalty:

@@ -200,7 +200,7 @@ class SoftCollisionOptions:
     pieces: AtLeastOne = 10
     weights: CostWeights = field(default_factory=CostWeights)
     solver: DescentSolver = field(default_factory=TrustRegion)
-    """On the banded structure; or `Ipopt`, with joint limits as hard bounds on the nodes."""
+    """On the banded structure; or another one, which may take joint limits as hard bounds on the nodes."""
     restarts: Count = 2
     """Further attempts, from randomly bent starts, while the result collides."""
     sampling: SamplingOptions | None = field(default_factory=SamplingOptions)

@@ -9,14 +9,9 @@ a variable, `[b]` that of the rows. Inputs are trusted: finite, lower <= upper, 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from functools import lru_cache
-from typing import Annotated, Any
+from typing import Annotated
 
-import numpy as np
-
-from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of
-from uvms_ocp.codegen.kernels import bind_kernels
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
 
 # Small systems of linear equations, as kernels: positive definite ones, and those of any rank by least residual and norm.
 
@@ -365,26 +360,3 @@ def _most_wrong(p: BoundedProblem) -> int:
 def room_for(n: int) -> int:
     """Variables n rounded up, so that problems of nearly one size share a compiled kernel."""
     return max(_ROOM, -(-n // _ROOM) * _ROOM)
-
-
-def bounded_least_squares(
-    A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray, weight: np.ndarray, *, compiled: bool = True
-) -> np.ndarray:
-    """Return x (n,) [x] for A (m, n) [b/x], b (m,) [b], lower, upper (n,) [x] and weight (n,) [1/x^2]; in C unless `compiled` is
-    false or there is no compiler."""
-    (m, n), sizes = A.shape, (A.shape[0], room_for(A.shape[1]))
-    problem, solve = _bound(*sizes, compiled)
-    p: Any = problem()
-    p.rows, p.columns, p.b[:] = m, n, b.tolist()
-    for i in range(m):
-        p.A[i][:n] = A[i].tolist()
-    for name, values in (("lower", lower), ("upper", upper), ("weight", weight)):
-        getattr(p, name)[:n] = values.tolist()
-    solve(p)
-    return np.array(p.x[:n])
-
-
-@lru_cache(maxsize=16)
-def _bound(m: int, n: int, compiled: bool) -> tuple[type[BoundedProblem], Callable[..., Any]]:
-    problem, inner = structure_of(BoundedProblem, m=m, n=n), structure_of(Rows, m=m, n=n)
-    return problem, bind_kernels((solve_bounded,), (inner, problem), compiled=compiled)[0]
