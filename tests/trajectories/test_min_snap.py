@@ -1,5 +1,9 @@
 """Laws of minimum-derivative trajectories."""
 
+from fractions import Fraction
+from itertools import pairwise
+from math import prod
+
 import numpy as np
 import pytest
 
@@ -184,3 +188,67 @@ def test_a_specification_that_does_not_exist_is_refused() -> None:
     for node in (3, -4):
         with pytest.raises(InvalidInput, match=f"the position of way point {node} is to be free; allowed are -3 to 2"):
             min_snap([0.0, 1.0, 0.0], [0.0, 1.0, 2.0], CurveSpecification(free_positions=(node,)))
+
+
+def _nearly_coincident(short: float) -> tuple[np.ndarray, np.ndarray]:
+    return np.array([0.0, 5.0, 5.0 + 0.05 * short**2, 10.0]), np.cumsum([0.0, 12.0, short, 12.0])
+
+
+@pytest.mark.parametrize("short", [1.0, 1e-1, 1e-2])
+def test_the_cost_is_that_of_rational_numbers(short: float) -> None:
+    waypoints, times = _nearly_coincident(short)
+    assert min_snap(waypoints, times).cost == pytest.approx(_rational_cost(waypoints, times), rel=1e-4)
+
+
+@pytest.mark.parametrize("short", [1e-4, 1e-5, 1e-6])
+def test_a_curve_that_rounding_decides_is_refused(short: float) -> None:
+    with pytest.raises(InvalidInput, match=r"rounding decides the curve|is not determined at way point"):
+        min_snap(*_nearly_coincident(short))
+
+
+def _rational_cost(waypoints: np.ndarray, times: np.ndarray) -> float:
+    """Least cost from rest to rest, by the equations of optimality of all pieces in rational numbers."""
+    k, n = 4, len(times) - 1
+    h = [Fraction(float(b)) - Fraction(float(a)) for a, b in pairwise(times)]
+
+    def falling(i: int, d: int) -> int:
+        return prod(range(i - d + 1, i + 1))
+
+    rows: list[list[Fraction]] = []
+
+    def row(value: float, *parts: tuple[int, int, Fraction, int]) -> None:
+        """Sum of sign times derivative d of piece p at its time t."""
+        rows.append([Fraction(0)] * (2 * k * n) + [Fraction(float(value))])
+        for p, d, t, sign in parts:
+            for i in range(d, 2 * k):
+                rows[-1][2 * k * p + i] += sign * falling(i, d) * t ** (i - d)
+
+    for p in range(n):
+        row(waypoints[p], (p, 0, Fraction(0), 1))
+        row(waypoints[p + 1], (p, 0, h[p], 1))
+        for d in range(1, 2 * k - 1) if p + 1 < n else ():
+            row(0.0, (p, d, h[p], 1), (p + 1, d, Fraction(0), -1))
+    for d in range(1, k):
+        row(0.0, (0, d, Fraction(0), 1))
+        row(0.0, (n - 1, d, h[-1], 1))
+    x = _solved_in_fractions(rows)
+    pieces = [x[2 * k * p :][: 2 * k] for p in range(n)]
+    return float(
+        sum(
+            falling(i, k) * falling(j, k) * c[i] * c[j] * t ** (i + j - 2 * k + 1) / (i + j - 2 * k + 1)
+            for c, t in zip(pieces, h, strict=True)
+            for i in range(k, 2 * k)
+            for j in range(k, 2 * k)
+        )
+    )
+
+
+def _solved_in_fractions(rows: list[list[Fraction]]) -> list[Fraction]:
+    for i in range(len(rows)):
+        pivot = next(r for r in range(i, len(rows)) if rows[r][i])
+        rows[i], rows[pivot] = rows[pivot], rows[i]
+        rows[i] = [value / rows[i][i] for value in rows[i]]
+        for r in range(len(rows)):
+            if r != i and rows[r][i]:
+                rows[r] = [a - rows[r][i] * b for a, b in zip(rows[r], rows[i], strict=True)]
+    return [row[-1] for row in rows]

@@ -246,12 +246,37 @@ def min_snap(waypoints: ArrayLike, times: ArrayLike, specification: CurveSpecifi
     """Minimise the integral of the squared derivative through way points, in time linear in their number.
 
     waypoints (n + 1, n_axes) [axis]: positions, (n + 1,) for one axis. times (n + 1,) [s]: increasing. specification: which
-    derivative, and what holds besides; by default snap, from rest to rest. Raises `InvalidInput` as `node_problem`, and
-    where too little is fixed to determine the curve.
+    derivative, and what holds besides; by default snap, from rest to rest. Raises `InvalidInput` as `node_problem`,
+    where too little is fixed to determine the curve, and where rounding decides it, as by pieces too short beside the others.
     """
+    found, problem, pieces = _least(waypoints, times, specification)
+    _require_accurate(found, problem, pieces)
+    return found
+
+
+def _least(
+    waypoints: ArrayLike, times: ArrayLike, specification: CurveSpecification
+) -> tuple[MinSnap, NodeProblem, Pieces]:
     problem = node_problem(waypoints, times, specification)
     pieces = pieces_of(np.diff(problem.times), problem.k)
-    return solution_of(problem.times, pieces, _solved(problem, pieces))
+    return solution_of(problem.times, pieces, _solved(problem, pieces)), problem, pieces
+
+
+_ACCURACY = 1e-4  # relative, of the cost
+
+
+def _require_accurate(found: MinSnap, problem: NodeProblem, pieces: Pieces) -> None:
+    """Where the slope by all that is free vanishes, the cost is half the sum of slope times value over what is fixed."""
+    values, durations = found.node_derivatives, np.diff(problem.times)
+    own = ((cost_slopes(pieces, values)[1] * values)[problem.fixed]).sum() / 2.0
+    # What an ordinary piece costs by itself stands in for the cost where that is next to nothing.
+    usual = np.median((np.diff(values[0], axis=0) ** 2).sum(axis=1) / durations ** (2 * problem.k - 1)) * durations.size
+    if not abs(found.cost - own) <= _ACCURACY * max(found.cost, usual):
+        short = int(np.argmin(durations))
+        raise InvalidInput(
+            f"way points {short} and {short + 1} are {durations[short]:.3g} s apart, of {durations.sum():.3g} s in all: rounding "
+            "decides the curve; merge way points that nearly coincide, or give them more time."
+        )
 
 
 def solution_of(times: Array, pieces: Pieces, values: Array) -> MinSnap:
@@ -494,12 +519,11 @@ def optimal_times(
         raise InvalidInput("times are empty; give one for each way point.")
     start = float(np.asarray(times, dtype=float).flat[0])
 
-    def solution(log_durations: Array) -> MinSnap:
-        knots = start + np.concatenate([[0.0], np.cumsum(np.exp(log_durations))])
-        return min_snap(waypoints, knots, specification)
+    def knots(log_durations: Array) -> Array:
+        return start + np.concatenate([[0.0], np.cumsum(np.exp(log_durations))])
 
     def objective(log_durations: Array) -> tuple[float, Array]:
-        found, h = solution(log_durations), np.exp(log_durations)
+        found, h = _least(waypoints, knots(log_durations), specification)[0], np.exp(log_durations)
         value = time_weight * h.sum() + found.cost
         return float(value), (time_weight + found.gradients().durations) * h
 
@@ -514,7 +538,7 @@ def optimal_times(
         method="L-BFGS-B",
         options={"maxiter": max_iterations, "ftol": 1e-15, "gtol": tolerance, "maxcor": 20},
     )
-    return solution(result.x)
+    return min_snap(waypoints, knots(result.x), specification)
 
 
 def _trapezoid(distance: Array, velocity: Array, acceleration: Array) -> Array:
