@@ -40,10 +40,11 @@ def finished(folder: Path) -> set[int]:
     return set(read_table(folder)["run"].tolist()) if part_paths(folder) else set()
 
 
-def killed(folder: Path, runs: int, draw: random.Random, *, a_worker: bool) -> Row:
+def killed(folder: Path, runs: int, draw: random.Random, *, workers: int, a_worker: bool) -> Row:
     """Start the client, wait for new rows and a random while, and kill; runs."""
     before = finished(folder)
-    client = subprocess.Popen([sys.executable, __file__, "--child", str(folder), "--runs", str(runs)])
+    words = ["--child", str(folder), "--runs", str(runs), "--workers", str(workers)]
+    client = subprocess.Popen([sys.executable, __file__, *words])
     while client.poll() is None and len(finished(folder)) <= len(before):
         time.sleep(0.2)
     time.sleep(draw.uniform(0.0, 3.0))
@@ -70,19 +71,20 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--runs", type=int, default=400, metavar="N")
     parser.add_argument("--kills", type=int, default=10, metavar="N")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
     given, run = begin(parser)
     if given.child:
-        campaign_of(given.runs).run(given.child)
+        campaign_of(given.runs).run(given.child, workers=given.workers)
         return
-    runs, kills = (6, 1) if run.quick else (given.runs, given.kills)
+    runs, kills, workers = (6, 1, 1) if run.quick else (given.runs, given.kills, given.workers)
     draw, rows = random.Random(0), []
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary, "killed")
         for kill in range(kills):
-            rows.append(killed(folder, runs, draw, a_worker=kill % 3 == 1))
-        table = campaign_of(runs).run(folder)
-        whole = campaign_of(runs).run(Path(temporary, "whole"))
+            rows.append(killed(folder, runs, draw, workers=workers, a_worker=kill % 3 == 1))
+        table = campaign_of(runs).run(folder, workers=workers)
+        whole = campaign_of(runs).run(Path(temporary, "whole"), workers=workers)
     equal = table.drop(columns=[*VARYING]).equals(whole.drop(columns=[*VARYING]))
     prose = PROSE.format(
         runs=runs,

@@ -55,8 +55,8 @@ COLUMNS = {
 }
 
 
-def rows_of(name: str, scenario: Scenario, folder: Path) -> Iterator[Row]:
-    """One for every build."""
+def rows_of(name: str, scenario: Scenario, folder: Path, level: Sequence[str]) -> Iterator[Row]:
+    """One for every build; level: of optimisation, in place of its own where one is given."""
     export_controller(scenario, folder)
     for target, (compiler, options, emulator) in TARGETS.items():
         row: Row = {"mission": name, "build": target}
@@ -65,7 +65,7 @@ def rows_of(name: str, scenario: Scenario, folder: Path) -> Iterator[Row]:
             yield {**row, "status": f"not installed: {', '.join(missing)}"}
             continue
         try:
-            built_s = built(folder, compiler, options)
+            built_s = built(folder, compiler, (*options, *level))
             yield {**row, "build_s": built_s, **replayed(folder, emulator), "status": "ok"}
         except subprocess.CalledProcessError as error:
             yield {
@@ -122,10 +122,11 @@ def main() -> None:
     parser.add_argument("--scenarios", nargs="*", default=list(MISSIONS), metavar="NAME", choices=list(MISSIONS))
     given, run = begin(parser)
     names, short = (["case1"], {"duration": 1.0, "plant": "kinematic"}) if run.quick else (given.scenarios, {})
+    level = ["-O0"] if run.quick else []
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as work:
         for k, name in enumerate(names):
-            rows += rows_of(name, MISSIONS[name](**short), Path(work) / str(k))
+            rows += rows_of(name, MISSIONS[name](**short), Path(work) / str(k), level)
     done = [row for row in rows if row["status"] == "ok"]
     largest = max((row["largest_difference"] for row in done), default=0.0)
     prose = PROSE.format(

@@ -22,7 +22,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"),
     pytest.mark.slow,
 ]
-RUNS, KILLS = 90, 2
+RUNS, KILLS = 40, 2
 MISSION = """
 import uvms_ocp as uo
 
