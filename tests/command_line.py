@@ -14,13 +14,13 @@ from unittest.mock import patch
 from uvms_ocp.cli.commands import main
 
 
-def called(*words: str | Path, cwd: Path) -> CompletedProcess[str]:
+def called(*words: str | Path, cwd: Path, **environment: str) -> CompletedProcess[str]:
     """Call a command in a folder; what it raises but to exit is raised here."""
     typed, out, err = ["uvms-ocp", *map(str, words)], StringIO(), StringIO()
     with (
         chdir(cwd),
         patch.object(sys, "argv", typed),
-        patch.dict(os.environ),
+        patch.dict(os.environ, environment),
         redirect_stdout(out),
         redirect_stderr(err),
         warnings.catch_warnings(),

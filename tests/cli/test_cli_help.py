@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import subprocess
 import sys
@@ -15,21 +14,6 @@ import typer.main
 from command_line import called
 
 from uvms_ocp.cli import commands as cli
-
-RUN = (sys.executable, "-c", "import sys; sys.argv[0] = 'uvms-ocp'; from uvms_ocp.cli.commands import main; main()")
-"""As the installed script does: a shell completes the command of that name."""
-
-
-def _asked(*arguments: str, **environment: str) -> str:
-    process = subprocess.run(
-        [*RUN, *arguments],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-        env={**os.environ, "COLUMNS": "80", **environment},
-    )
-    return process.stdout
 
 
 def test_help_has_examples_and_fits_80_columns(tmp_path: Path) -> None:
@@ -59,8 +43,8 @@ def test_every_example_is_of_commands_and_options_that_there_are(line: str) -> N
 )
 def test_a_shell_completes_names(words: str, expected: list[str]) -> None:
     line = f"uvms-ocp {words}"
-    told = _asked(_UVMS_OCP_COMPLETE="complete_bash", COMP_WORDS=line, COMP_CWORD=str(len(line.split()) - 1))
-    assert told.split() == expected
+    asked = {"_UVMS_OCP_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(line.split()) - 1)}
+    assert called(cwd=Path(), **asked).stdout.split() == expected
 
 
 def _all(commands: cli.Commands) -> Iterator[tuple[Any, str]]:
@@ -78,8 +62,9 @@ def test_help_lists_every_command_with_the_first_words_of_its_own_help() -> None
 
 @pytest.mark.parametrize("words", ["--help", "--version", "plan --help", "flies"])
 def test_what_names_no_command_imports_none(words: str) -> None:
-    code = f"{RUN[2].removesuffix('main()')}sys.argv[1:] = {words.split()}\ntry:\n    main()\nfinally:\n    print(*sys.modules)"
-    told = subprocess.run([*RUN[:2], code], capture_output=True, text=True, timeout=120, check=False)
+    code = f"import sys; from uvms_ocp.cli.commands import main; sys.argv[1:] = {words.split()}"
+    code += "\ntry:\n    main()\nfinally:\n    print(*sys.modules)"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
     loaded = told.stdout.split()
     assert "uvms_ocp.cli.commands" in loaded
     assert not {"numpy", "casadi", "pinocchio", "uvms_ocp.robot", "uvms_ocp.cli.run"} & set(loaded)
