@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -184,7 +185,10 @@ def test_a_way_point_a_little_below_the_minimum_altitude_is_a_warning() -> None:
 def test_a_current_beyond_the_thrusters_is_refused() -> None:
     assert case1(current=(0.5, 0.0, 0.0)).check().accepted
     report = case1(current=(2.5, 0.0, 0.0)).check()
-    assert "more than the thrusters give" in texts(report, Severity.ERROR)
+    (finding,) = (found for found in report.of_check("forces") if found.severity is Severity.ERROR)
+    axes = re.findall(r"(\d+) N(?: m)? of (surge|sway|heave|roll|pitch|yaw)", finding.text)
+    assert {"surge"} <= {axis for _, axis in axes}
+    assert np.hypot.reduce([float(short) for short, _ in axes]) == pytest.approx(finding.figures["missing_N"], abs=2.0)
 
 
 def test_a_current_on_the_plant_without_water_is_a_warning() -> None:

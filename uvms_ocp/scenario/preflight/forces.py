@@ -15,7 +15,7 @@ from uvms_ocp.errors import UvmsError
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.robot.assembly import static_residual, up_at_rest
 from uvms_ocp.robot.dynamics import Dynamics, cached_dynamics, robot_dynamics
-from uvms_ocp.robot.thrusters import unactuated_axes, undriven_axes
+from uvms_ocp.robot.thrusters import AXES, unactuated_axes, undriven_axes
 from uvms_ocp.scenario.preflight.reachability import ArmReach, goals_of
 from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Visit, threshold_of
 from uvms_ocp.sim.currents import water_at
@@ -32,7 +32,6 @@ _FULL = 0.8  # share of a limit above which holding still is called tight
 _TILTED = 0.1  # [rad] that is worth a word where no task asks for a level vehicle
 _SHORT = 1e-3  # [N, N m] of force missing that counts
 _UNDRIVEN = "axes without thrust"
-_AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 _HEAVE, _PITCH = 2, 4  # axes of the vehicle
 _ADRIFT = 0.5  # [N] out of trim: against a drag of 100 N/(m/s) 0.3 m in a minute
 
@@ -47,6 +46,8 @@ class DriveLoad:
     """Likewise."""
     missing: float
     """[N, N m] of the wrench."""
+    axes: str
+    """What of it is missing on each axis."""
 
 
 def check_forces(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
@@ -86,7 +87,7 @@ def _force_finding(visit: Visit, load: DriveLoad, purpose: str) -> Finding:
     figures = {"thrust_share": load.thrust, "torque_share": load.torque, "missing_N": load.missing}
     if load.missing > _SHORT or load.torque > 1.0:
         text = (
-            f"{purpose} in this current takes {load.missing:.0f} N (N m) more than the thrusters give and "
+            f"{purpose} in this current takes {load.axes or 'nothing'} more than the thrusters give and "
             f"{100 * load.torque:.0f} % of the joint torque; wait for less current or take a stronger robot"
         )
         severity = Severity.ERROR
@@ -127,12 +128,15 @@ def _load(setup: Setup, allocation: Allocation, tau: np.ndarray) -> DriveLoad:
     result = allocation.allocate(tau[robot.vehicle_v])
     actuated = [axis for axis in range(6) if axis not in unactuated_axes(robot)]
     missing = float(np.linalg.norm(result.unreachable[actuated])) if result.saturated else 0.0
+    axes = [f"{abs(result.unreachable[k]):.0f} N{' m' if k > 2 else ''} of {AXES[k]}" for k in actuated]
+    axes = [text for text in axes if not text.startswith("0 ")] if result.saturated else []
     limits = np.array([max(thruster.maximum, -thruster.minimum) for thruster in robot.description.thrusters])
     effort = robot.limits.effort
     return DriveLoad(
         thrust=float(np.max(np.abs(result.thrust) / limits)),
         torque=float(np.max(np.abs(tau[robot.joint_v]) / effort, initial=0.0)),
         missing=missing,
+        axes=", ".join(axes),
     )
 
 
@@ -169,7 +173,7 @@ def check_depth(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
 def check_undriven(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     """Tell once which axes no thruster drives, and which tasks ask for less for it; an error where a phase waits for nothing."""
     undriven = undriven_axes(setup.robot)
-    turns = ", ".join(_AXES[axis] for axis in undriven if axis >= 3)
+    turns = ", ".join(AXES[axis] for axis in undriven if axis >= 3)
     less: dict[str, None] = {}
     for visit in visits:
         for task in visit.tasks:
