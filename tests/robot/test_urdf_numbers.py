@@ -309,3 +309,24 @@ def test_a_mesh_whose_name_no_disk_takes_is_not_found(start: str, tmp_path: Path
     with pytest.raises(RobotDataError, match="not found") as refused:
         read_urdf(path, free_flyer=False)
     assert len(str(refused.value)) < 1000
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"kind": "continuous"}, "continuous <limit> lower and upper not kept of joint 'j'; make it revolute"),
+        (
+            {"more": "<safety_controller soft_lower_limit='-1' soft_upper_limit='1' k_position='1' k_velocity='1'/>"},
+            "<safety_controller> soft_lower_limit and soft_upper_limit not kept of joint 'j'; write those",
+        ),
+        ({"more": "<safety_controller soft_lower_limit='0' k_velocity='1'/>"}, ""),
+        ({}, ""),
+    ],
+)
+def test_limits_that_nothing_keeps_are_named(
+    changes: dict[str, str], named: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    read_urdf(written(tmp_path, **changes), free_flyer=False)
+    lines = [record.message for record in caplog.records if "not kept" in record.message]
+    assert len(lines) == bool(named)
+    assert named in "".join(lines)

@@ -148,8 +148,8 @@ def check_urdf(path: Path, root: Element, *, let_mimic: bool = False, locked: Co
     """Raise ``RobotDataError`` with all mistakes in links, joints and the tree they form; return what is left out.
 
     What only draws is taken out of `root` where it cannot be drawn, and so are twins, shapes without extent and limits below
-    0 of joints that turn without end: one line each. Joints that mimic another one are a mistake unless ``let_mimic`` lets
-    them through, or they are ``locked``.
+    0 of joints that turn without end: one line each. Limits that nothing keeps are named. Joints that mimic another one are a
+    mistake unless ``let_mimic`` lets them through, or they are ``locked``.
     """
     findings = Findings(path)
     if not root.get("name"):
@@ -159,6 +159,7 @@ def check_urdf(path: Path, root: Element, *, let_mimic: bool = False, locked: Co
     _check_repeats(findings, root)
     _check_links(findings, root)
     _check_joints(findings, root, let_mimic, locked)
+    _name_limits_not_kept(findings, root)
     findings.attempt(_check_tree, path, root)
     findings.refuse()
     return findings.notes
@@ -330,6 +331,27 @@ def _settle_limit(findings: Findings, joint: Element, where: str) -> None:
         if to_float(limit.get(key)) < 0.0:
             findings.notes.append(f"{where} limit {key}: given {limit.get(key)}; taken as no limit")
             limit.set(key, "0")
+
+
+_NOT_KEPT = (
+    ("continuous", "limit", ("lower", "upper"), "make it revolute to keep them"),
+    ("", "safety_controller", ("soft_lower_limit", "soft_upper_limit"), "write those that hold into <limit>"),
+)
+"""Type of the joints, tag and words of limits that nothing here keeps, and what to do; no type: all."""
+
+
+def _name_limits_not_kept(findings: Findings, root: Element) -> None:
+    for kind, tag, words, advice in _NOT_KEPT:
+        stated = [
+            quoted(joint.get("name", ""))
+            for joint in root.findall("joint")
+            for element in joint.findall(tag)
+            if kind in ("", joint.get("type")) and any(to_float(element.get(word, "0")) for word in words)
+        ]
+        if stated:
+            names, more = ", ".join(stated[:_SHOWN_NAMES]), len(stated) - _SHOWN_NAMES
+            names += f" and {more} more" if more > 0 else ""
+            findings.notes.append(f"{kind} <{tag}> {' and '.join(words)} not kept of joint {names}; {advice}".lstrip())
 
 
 def _check_independent(path: Path, joint: Element, where: str) -> None:
