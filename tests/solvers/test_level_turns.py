@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from uvms_ocp.solvers.nlp.level_solver import SqpOptions
-from uvms_ocp.solvers.nlp.lexicographic_sqp import (
+from uvms_ocp.solvers.nlp.program import LevelRows, RowBounds
+from uvms_ocp.solvers.nlp.real_time_sqp import (
     LevelMerit,
     LexicographicSqp,
     ProximalWeights,
@@ -14,7 +15,6 @@ from uvms_ocp.solvers.nlp.lexicographic_sqp import (
     TimeBudget,
     acceptance,
 )
-from uvms_ocp.solvers.nlp.program import LevelRows, RowBounds
 
 
 def level(relax: float | None = None) -> LevelRows:

@@ -15,8 +15,8 @@ from uvms_ocp.ocp.stagewise.memory import StageIndices, StageMemory, StageRanges
 from uvms_ocp.ocp.stagewise.sqp import SqpOutcome, StageLevelQp, StageSqp
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.level_solver import SPARSE_PLUGIN, STAGEWISE, Deadline, NlpOptions, NlpOutcome, NlpPoint
-from uvms_ocp.solvers.nlp.lexicographic_sqp import LevelMerit, SqpPoint
 from uvms_ocp.solvers.nlp.program import LexicographicProgram, NlpStatus, RowBounds, RowRanges
+from uvms_ocp.solvers.nlp.real_time_sqp import LevelMerit, SqpPoint
 from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQpOptions, WarmStart
 from uvms_ocp.types import Array
 
@@ -139,7 +139,7 @@ _REAL_TIME_QP_OPTIONS = StageQpOptions(tolerance=1e-4, cold_mu=10.0)
 
 
 class StagewiseLevelModel:
-    """A `uvms_ocp.solvers.nlp.lexicographic_sqp.LevelModel` on the memory of a horizon, whose points are those of all stages.
+    """A `uvms_ocp.solvers.nlp.real_time_sqp.LevelModel` on the memory of a horizon, whose points are those of all stages.
 
     Frozen rows are slabs: where limits bind there is often no motion that keeps them as they are. QPs of the first level start
     from the last one; of so many slabs as those below have it would be guessed in vain which of them bind.

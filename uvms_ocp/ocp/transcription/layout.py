@@ -7,7 +7,7 @@ dynamics      step by step: the next state, then the forces where they are varia
     terms         block by block, node by node
     costs         one row for each level
 
-`uvms_ocp.ocp.transcription.horizon` gives their values in this order.
+`uvms_ocp.ocp.transcription.transcription` gives their values in this order.
 """
 
 from __future__ import annotations

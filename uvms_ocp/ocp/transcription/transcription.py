@@ -7,7 +7,8 @@ ordered step by step, as structure-exploiting solvers want them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from threading import RLock
 
@@ -19,9 +20,17 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.trajectory import Trajectory
-from uvms_ocp.ocp.transcription.horizon import horizon
-from uvms_ocp.ocp.transcription.layout import VariableLayout, boundary, parameter_layout, row_layout
-from uvms_ocp.ocp.transcription.stage import StageModel
+from uvms_ocp.ocp.transcription.layout import (
+    Boundary,
+    NodeVariables,
+    ParameterLayout,
+    RowLayout,
+    VariableLayout,
+    boundary,
+    parameter_layout,
+    row_layout,
+)
+from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel
 from uvms_ocp.ocp.transcription.term_rows import (
     CONSTRAINT,
     ReusedProblem,
@@ -32,6 +41,297 @@ from uvms_ocp.ocp.transcription.term_rows import (
 )
 from uvms_ocp.robot.signals import State
 from uvms_ocp.solvers.nlp.program import LevelNlp, LevelRows, LexicographicProgram, RowRanges
+
+# Placing nonzeros into large sparse matrices, as CasADi MX.
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Entries:
+    """Nonzeros with their places. Entries in a negative row or column count for nothing."""
+
+    values: ca.MX
+    """(n,)"""
+    rows: np.ndarray
+    """(n,) """
+    columns: np.ndarray
+    """(n,) """
+
+    def selected(self, position: np.ndarray, none: int) -> Entries:
+        """The same with row i moved to entry i of position (n_rows,); those moved to `none` count for nothing."""
+        rows = position[self.rows]
+        return Entries(values=self.values, rows=rows, columns=np.where(rows == none, -1, self.columns))
+
+
+def assemble(entries: Sequence[Entries], shape: tuple[int, int]) -> ca.MX:
+    """The matrix of all entries; no two may share a place."""
+    rows = np.concatenate([item.rows for item in entries])
+    columns = np.concatenate([item.columns for item in entries])
+    kept = np.flatnonzero((rows >= 0) & (columns >= 0))
+    order = kept[np.lexsort((rows[kept], columns[kept]))]
+    starts = np.concatenate([[0], np.cumsum(np.bincount(columns[kept], minlength=shape[1]))])
+    sparsity = ca.Sparsity(*shape, starts.tolist(), rows[order].tolist())
+    return ca.MX(sparsity, ca.vertcat(*(item.values for item in entries))[order.tolist()])
+
+
+def summed(entries: Sequence[Entries], n: int, *, upper: bool) -> ca.MX:
+    """The square matrix (n, n) of all entries, which add up where they share a place; of `upper` its upper triangle."""
+    rows, columns = (np.concatenate([getattr(item, name) for item in entries]) for name in ("rows", "columns"))
+    kept = np.flatnonzero((rows >= 0) & (columns >= 0) & ((rows <= columns) | (not upper)))
+    places, target = np.unique(columns[kept].astype(np.int64) * n + rows[kept], return_inverse=True)
+    # One product instead of sums of large matrices, each of which would be gone through anew.
+    sums = ca.DM.triplet(target.tolist(), kept.tolist(), ca.DM.ones(len(kept)), len(places), len(rows))
+    sparsity = ca.Sparsity.triplet(n, n, (places % n).tolist(), (places // n).tolist())
+    return ca.MX(sparsity, ca.densify(sums @ ca.vertcat(*(ca.densify(item.values) for item in entries))))
+
+
+def scatter(values: ca.MX, places: np.ndarray, n: int) -> ca.MX:
+    """Dense vector (n,) with `values` (m,) at places (m,), no two the same; negative places count for nothing."""
+    entries = Entries(values=values, rows=places, columns=np.where(places >= 0, 0, -1))
+    return ca.densify(assemble([entries], (n, 1)))
+
+
+# Rows and costs of a whole horizon with their derivatives, made of the functions of its steps.
+
+_GRADIENTS = ["f", "g", "grad_gamma_x", "grad_gamma_p"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Block:
+    """Terms at their nodes: functions of one node, what they are called with at all of them, and where their rows are."""
+
+    functions: Derivatives
+    Z: ca.MX
+    """(n_z, n)"""
+    S: ca.MX
+    """(n_parameters, n)"""
+    columns: np.ndarray
+    """(n, n_z) see `VariableLayout.columns`"""
+    numbers: np.ndarray
+    """(n, m) raw rows of each node."""
+
+    def mapped(self, function: ca.Function, *more: ca.MX) -> ca.MX:
+        """Outputs (m, n) of a function at all nodes."""
+        n = len(self.columns)
+        wide = [item if item.shape[1] == n else ca.repmat(item, 1, n) for item in more]
+        return function.map(n)(self.Z, self.S, *wide)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Horizon:
+    """Values and derivatives of all raw rows; see `uvms_ocp.ocp.transcription.layout`."""
+
+    model: StageModel
+    layout: RowLayout
+    x: ca.MX
+    """(n_x,)"""
+    p: ca.MX
+    """(n_p,)"""
+    nodes: NodeVariables
+    columns: np.ndarray
+    """(N + 1, n_z) see `VariableLayout.columns`"""
+    water: ca.MX
+    """(3,) [m/s]"""
+    start: ca.MX
+    """(n_state,) q and v that are given."""
+    ends: Boundary
+    blocks: tuple[Block, ...]
+
+    @property
+    def N(self) -> int:
+        return len(self.layout.dynamics)
+
+    @property
+    def n_x(self) -> int:
+        return int(self.x.numel())
+
+    @property
+    def n_levels(self) -> int:
+        return len(self.layout.costs)
+
+    @cached_property
+    def rows(self) -> ca.MX:
+        """All raw rows."""
+        n = self.layout.n_state
+        values = self._mapped(self.model.dynamics.value)
+        parts = [
+            ca.vec(ca.vertcat(self.nodes.following[:n, :] - values[:n, :], values[n:, :])),
+            self.ends.functions.value(*self._states_of_ends),
+        ]
+        if len(self.layout.equal_steps):
+            h = self.nodes.steps[self.model.layout.h, :]
+            parts.append((h[1:] - h[:-1]).T)
+        if len(self.layout.total):
+            parts.append(ca.sum2(self.nodes.steps[self.model.layout.h, :]))
+        parts += [ca.vec(block.mapped(block.functions.value)) for block in self.blocks]
+        return ca.vertcat(*parts, self.costs)
+
+    @property
+    def _states_of_ends(self) -> tuple[ca.MX, ca.MX]:
+        """The first and the last state together, and the given one."""
+        n = self.layout.n_state
+        return ca.vertcat(self.nodes.steps[:n, 0], self.nodes.last[:n]), self.start
+
+    @property
+    def _columns_of_ends(self) -> np.ndarray:
+        """(1, 2 n_state)"""
+        n = self.layout.n_state
+        return np.concatenate([self.columns[0, :n], self.columns[-1, :n]])[None]
+
+    def _mapped(self, function: ca.Function, *more: ca.MX) -> ca.MX:
+        """Outputs (m, N) of a function of the dynamics at all steps."""
+        return function.map(self.N)(self.nodes.steps, ca.reshape(self.water, 3, self.N), *more)
+
+    @cached_property
+    def costs(self) -> ca.MX:
+        """(n_levels,)"""
+        return sum((ca.sum2(block.mapped(block.functions.costs)) for block in self.blocks), ca.MX.zeros(self.n_levels))
+
+    def _gradient(self, sigma: ca.MX) -> ca.MX:
+        """Gradient (n_x,) of ``sigma' costs``."""
+        total = ca.MX.zeros(self.n_x)
+        for block in self.blocks:
+            values = ca.vec(block.mapped(block.functions.gradient, sigma))
+            total += scatter(values, block.columns.ravel(), self.n_x)
+        return total
+
+    @cached_property
+    def _jacobian_entries(self) -> list[Entries]:
+        """Nonzeros of the raw rows, apart from those of the cost rows."""
+        dynamics, layout = self.model.dynamics, self.layout
+        rows = np.array(dynamics.jacobian_sparsity.get_triplet()[0])
+        sign = ca.DM(np.where(rows < layout.n_state, -1.0, 1.0))
+        nonzeros = self._mapped(dynamics.jacobian) * ca.repmat(sign, 1, self.N)
+        entries = [
+            _placed(nonzeros, dynamics.jacobian_sparsity, layout.dynamics, self.columns[:-1]),
+            self._linear_entries(),
+            _placed(
+                self.ends.functions.jacobian(*self._states_of_ends),
+                self.ends.functions.jacobian_sparsity,
+                layout.start[None],
+                self._columns_of_ends,
+            ),
+        ]
+        for block in self.blocks:
+            sparsity = block.functions.jacobian_sparsity
+            if sparsity.nnz():
+                nonzeros = block.mapped(block.functions.jacobian)
+                entries.append(_placed(nonzeros, sparsity, block.numbers, block.columns))
+        return entries
+
+    def _linear_entries(self) -> Entries:
+        """Ones and minus ones: the next state, equal steps, all steps."""
+        n, layout = self.layout.n_state, self.layout
+        h = self.columns[:-1, self.model.layout.h]
+        groups = [(layout.dynamics[:, :n].ravel(), self.columns[1:, :n].ravel(), 1.0)]
+        if len(layout.equal_steps):
+            groups += [(layout.equal_steps, h[1:], 1.0), (layout.equal_steps, h[:-1], -1.0)]
+        if len(layout.total):
+            groups.append((np.repeat(layout.total, self.N), h, 1.0))
+        rows, columns, _ = zip(*groups, strict=True)
+        values = np.concatenate([np.full(len(numbers), value) for numbers, _, value in groups])
+        return Entries(values=ca.MX(ca.DM(values)), rows=np.concatenate(rows), columns=np.concatenate(columns))
+
+    def _hessian(self, sigma: ca.MX, lam: ca.MX) -> list[Entries]:
+        """Entries of the second derivative of ``sigma' costs + lam' raw``, which add up."""
+        n, dynamics, entries = self.layout.n_state, self.model.dynamics, []
+        if dynamics.hessian_sparsity.nnz():
+            own = _multipliers(lam, self.layout.dynamics)
+            signed = ca.vertcat(-own[:n, :], own[n:, :])
+            values = self._mapped(dynamics.hessian, ca.MX(0, self.N), signed)
+            entries.append(_placed(values, dynamics.hessian_sparsity, self.columns[:-1], self.columns[:-1]))
+        ends = self.ends.functions
+        if ends.hessian_sparsity.nnz():
+            values = ends.hessian(*self._states_of_ends, ca.MX(0, 1), lam[self.layout.start.tolist()])
+            entries.append(_placed(values, ends.hessian_sparsity, self._columns_of_ends, self._columns_of_ends))
+        for block in self.blocks:
+            sparsity = block.functions.hessian_sparsity
+            if sparsity.nnz():
+                values = block.mapped(block.functions.hessian, sigma, _multipliers(lam, block.numbers))
+                entries.append(_placed(values, sparsity, block.columns, block.columns))
+        return entries
+
+    def derivative_functions(self, index: int, raw_rows: np.ndarray, *, plugin: str) -> dict[str, ca.Function]:
+        """Build the functions that NLP solvers need, of the cost of one level and of the rows numbered raw_rows (m,)."""
+        x, p, n = self.x, self.p, self.n_levels
+        f, g = self.costs[index], self.rows[raw_rows.tolist()]
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", len(raw_rows))
+        position = np.full(self.layout.n_rows, len(raw_rows))
+        position[raw_rows] = np.arange(len(raw_rows))
+        lam = ca.vertcat(lam_g, 0)[position.tolist()]
+        sigma = lam[self.layout.costs.tolist()] + lam_f * ca.DM(np.eye(n)[index])
+        J = assemble(self._rows_of(raw_rows, position), (len(raw_rows), self.n_x))
+        ipopt = plugin == "ipopt"
+        H = summed(self._hessian(sigma, lam), self.n_x, upper=ipopt)
+        gradient = self._gradient(ca.MX(ca.DM(np.eye(n)[index])))
+        inputs, dual = [x, p], ["x", "p", "lam_f", "lam_g"]
+        slope = [f, gradient] if ipopt else [gradient]
+        slope_of_all = self._gradient(sigma) + J.T @ lam_g
+        curvature = [H] if ipopt else [slope_of_all, H]
+        names = ["triu_hess_gamma_x_x"] if ipopt else ["grad_gamma_x", "hess_gamma_x_x"]
+        functions = (
+            ca.Function("nlp_f", inputs, [f], dual[:2], ["f"]),
+            ca.Function("nlp_g", inputs, [g], dual[:2], ["g"]),
+            ca.Function("nlp_grad_f", inputs, slope, dual[:2], ["f", "grad_f_x"][-len(slope) :]),
+            ca.Function("nlp_jac_g", inputs, [g, J], dual[:2], ["g", "jac_g_x"]),
+            ca.Function("nlp_hess_l", [x, p, lam_f, lam_g], curvature, dual, names),
+            # Asked for at construction, never called: multipliers of parameters are off.
+            ca.Function("nlp_grad", [x, p, lam_f, lam_g], [f, g, slope_of_all, ca.MX(p.shape[0], 1)], dual, _GRADIENTS),
+        )
+        return {function.name(): function for function in functions}
+
+    def _rows_of(self, raw_rows: np.ndarray, position: np.ndarray) -> list[Entries]:
+        """Entries of the chosen rows, renumbered; frozen costs add one dense row each."""
+        chosen = [entries.selected(position, len(raw_rows)) for entries in self._jacobian_entries]
+        for level, raw in enumerate(self.layout.costs):
+            if position[raw] < len(raw_rows):
+                one = ca.MX(ca.DM(np.eye(self.n_levels)[level]))
+                row = np.full(self.n_x, position[raw])
+                chosen.append(Entries(values=self._gradient(one), rows=row, columns=np.arange(self.n_x)))
+        return chosen
+
+
+def horizon(variables: VariableLayout, parameters: ParameterLayout, layout: RowLayout, ends: Boundary) -> Horizon:
+    """Symbols of the variables and parameters of a problem, and its rows in them."""
+    x, p = ca.MX.sym("x", variables.n_x), ca.MX.sym("p", parameters.n)
+    nodes = variables.nodes(x, p[parameters.steps])
+    columns = np.array([variables.columns(k) for k in range(variables.N + 1)])
+    every = ca.horzcat(nodes.steps, nodes.last)
+    blocks = tuple(
+        Block(
+            functions=block.rows.functions,
+            Z=every[:, int(block.nodes[0]) : int(block.nodes[-1]) + 1],
+            S=ca.reshape(p[own], block.rows.n_parameters, len(block.nodes)),
+            columns=columns[block.nodes],
+            numbers=numbers,
+        )
+        for block, own, numbers in zip(parameters.blocks, parameters.terms, layout.terms, strict=True)
+    )
+    return Horizon(
+        model=variables.model,
+        layout=layout,
+        x=x,
+        p=p,
+        nodes=nodes,
+        columns=columns,
+        water=p[parameters.water],
+        start=p[parameters.start],
+        ends=ends,
+        blocks=blocks,
+    )
+
+
+def _placed(nonzeros: ca.MX, sparsity: ca.Sparsity, numbers: np.ndarray, columns: np.ndarray) -> Entries:
+    """Nonzeros (nnz, n) of the same small matrix at n nodes, whose rows and columns are numbered (n, ...) in the whole."""
+    rows, places = (np.array(i, dtype=int) for i in sparsity.get_triplet())
+    return Entries(values=ca.vec(nonzeros), rows=numbers[:, rows].ravel(), columns=columns[:, places].ravel())
+
+
+def _multipliers(lam: ca.MX, numbers: np.ndarray) -> ca.MX:
+    """(m, n) of the raw rows `numbers` (n, m)."""
+    return ca.reshape(lam[numbers.ravel().tolist()], *numbers.T.shape)
+
+
+# Multiple shooting on the manifold: an optimal control problem becomes a sparse lexicographic NLP.
 
 _ROUNDING = 1e-9  # violation of a constraint at the start that is none
 

@@ -129,7 +129,7 @@ class SqpOptions:
     damping: Positive = 1e-6
     """[1/unit of x^2] Added to the diagonal of the Hessian, so that what no term determines does not move."""
     proximal: Positive = 1e-4
-    """[1/unit of x^2] Least weight of the distance from where the levels above left the point; see `proximal.py`."""
+    """[1/unit of x^2] Least weight of the distance from where the levels above left the point; see `ProximalWeights`."""
 
     def __post_init__(self) -> None:
         if self.plugin not in (None, *QP_PLUGINS, STAGEWISE):
