@@ -190,8 +190,6 @@ def _absolute(value: Any) -> Any:
 def _placed(words: str, folder: Path) -> str:
     """The words with the whole path of their file."""
     code = own_code(words)
-    return words if code is None or code.file is None else str((folder / code.file).resolve()) + _name(words)
-
-
-def _name(words: str) -> str:
-    return "" if words.endswith(".py") else ":" + words.rpartition(":")[2]
+    if code is None or code.file is None:
+        return words
+    return str((folder / code.file).resolve()) + ("" if words.endswith(".py") else ":" + words.rpartition(":")[2])

@@ -82,6 +82,7 @@ def header(library: CLibrary, names: ControllerNames, memory: str) -> str:
 
 def source(library: CLibrary, names: ControllerNames, kernel: str) -> str:
     """Controller.c, whose tick is the `kernel` of that name."""
+    quoted = '", "'
     return "\n".join(
         [
             '#include "controller.h"',
@@ -93,7 +94,7 @@ def source(library: CLibrary, names: ControllerNames, kernel: str) -> str:
             "  ControllerInputs inputs = *in;",
             f"  k_{kernel}(controller, &inputs, out);",
             "}",
-            *(f"const char *const {name}[] = {_texts(texts)};" for name, texts in names.texts().items()),
+            *(f'const char *const {name}[] = {{"{quoted.join(texts)}"}};' for name, texts in names.texts().items()),
             "const unsigned long CONTROLLER_SIZES[3] = {",
             "    sizeof(Controller), sizeof(ControllerInputs), sizeof(ControllerOutputs)};",
             "",
@@ -120,10 +121,6 @@ def table(names: Sequence[str]) -> str:
 def literal(name: str) -> str:
     """A name in Markdown, in a cell too, none of which is read as more than letters."""
     return f"`{re.sub('[`|]', '.', plain_line(name))}`"
-
-
-def _texts(texts: Sequence[str]) -> str:
-    return "{" + ", ".join(f'"{text}"' for text in texts) + "}"
 
 
 def _plain(name: str) -> str:

@@ -283,9 +283,11 @@ def calibrate(
     for one in prepared:
         one.stretches(settings.step, settings.stretch)  # or it is too short
         require_current(subject, one.recording)
-    doubtful = tuple(_doubtful(subject, settings, recordings))
-    for doubt in doubtful:
-        warn(doubt)
+    doubtful = []
+    for recording in recordings:
+        for doubt in (*check_data_quality(recording), *check_settings(subject, settings, recording)):
+            doubtful.append(f"{recording.name}: {doubt}")
+            warn(doubtful[-1])
     fitted = _fitted(subject, settings, prepared)
     left = fitted.residuals()
     inflation = uncertainty.variance_inflation(left, fitted.noise)
@@ -300,7 +302,7 @@ def calibrate(
         inflation=inflation,
         whiteness=uncertainty.whiteness(left, fitted.noise),
         comparisons=tuple(_comparison(fitted, balance, one) for one in prepared),
-        issues=doubtful,
+        issues=tuple(doubtful),
         profiles=tuple(profiles(fitted, identified, inflation, progress)) if profiled else (),
         left_out=tuple(left_out(fitted, progress=progress)) if leave_one_out else (),
     )
@@ -320,15 +322,6 @@ def with_thrust(robot: Robot, recording: Recording) -> Recording:
         )
     thrust = np.array([thrust_of_signals(robot, row) for row in signals.values])
     return replace(recording, channels={**recording.channels, "thrust": replace(signals, values=thrust)})
-
-
-def _doubtful(
-    subject: CalibratedRobot, settings: CalibrationSettings, recordings: Sequence[Recording]
-) -> Iterator[str]:
-    for one in recordings:
-        yield from (
-            f"{one.name}: {doubt}" for doubt in (*check_data_quality(one), *check_settings(subject, settings, one))
-        )
 
 
 def _require(recordings: Sequence[Recording], leave_one_out: bool) -> None:

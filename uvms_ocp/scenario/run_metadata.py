@@ -14,7 +14,6 @@ from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.mission import Condition, Mission
 from uvms_ocp.record import meta_values
 from uvms_ocp.record.run_meta import RunMeta, packages
-from uvms_ocp.robot.limits import Limits
 from uvms_ocp.robot.shapes.obstacles import describe_obstacles
 from uvms_ocp.robot.signals import IDEAL_SENSORS
 from uvms_ocp.scenario.preflight.checks import quantity_stds
@@ -65,7 +64,7 @@ def run_meta(
     """
     robot, tasks, state = setup.robot, setup.mission.hierarchy.tasks, controller.state
     alarms, problem = sorted([*monitor.alarms, *controller.watchdog.alarms]), controller.problem
-    rows = zip(problem.names, problem.sizes, strict=True)
+    rows, limited = zip(problem.names, problem.sizes, strict=True), meta_values.LimitsMeta.model_fields
     return RunMeta(
         scenario=name,
         robot=robot.name,
@@ -78,7 +77,7 @@ def run_meta(
         levels=tuple(meta_values.LevelMeta(name=level, rows=n) for level, n in rows),
         quantities=tuple(problem.quantity_names),
         thresholds=_thresholds(setup.mission),
-        limits=_limits(robot.limits),
+        limits=meta_values.LimitsMeta(**{k: tuple(getattr(robot.limits, k).tolist()) for k in limited}),
         surroundings=_surroundings(setup, markers, ending.q),
         packages=packages(),
         **parts,
@@ -132,11 +131,6 @@ def _thresholds(mission: Mission) -> tuple[meta_values.ThresholdMeta, ...]:
         for transition in phase.transitions
         for condition in transition.when
     )
-
-
-def _limits(limits: Limits) -> meta_values.LimitsMeta:
-    names = meta_values.LimitsMeta.model_fields
-    return meta_values.LimitsMeta(**{name: tuple(getattr(limits, name).tolist()) for name in names})
 
 
 def _surroundings(setup: Setup, markers: Markers, end: np.ndarray) -> meta_values.SurroundingsMeta:

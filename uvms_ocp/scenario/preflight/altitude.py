@@ -79,13 +79,10 @@ def check_goals(setup: Setup) -> Iterator[Finding]:
                 floors = [setup.floor_at(x, y) for x, y, _ in points]
                 depth, z, floor = max((floor - p[2], p[2], floor) for p, floor in zip(points, floors, strict=True))
                 if depth >= 0:
-                    yield _buried(task.name, phase.name, float(z), floor)
-
-
-def _buried(task: str, phase: str, z: float, floor: float) -> Finding:
-    text = f"the goal of {task}, z = {z:g} m, is {floor - z:.2f} m below the seafloor, z = {floor:g} m; raise it"
-    figures = {"below_floor_m": floor - z}
-    return Severity.ERROR.finding("goal", text, phase, **figures)
+                    text = f"the goal of {task.name}, z = {z:g} m, is {depth:.2f} m below the seafloor, z = {floor:g} m"
+                    yield Severity.ERROR.finding(
+                        "goal", f"{text}; raise it", phase.name, below_floor_m=floor - float(z)
+                    )
 
 
 def _start(setup: Setup, first: Visit) -> Iterator[Finding]:

@@ -14,7 +14,7 @@ from uvms_ocp.control.velocity.swing import N_PASSIVE
 from uvms_ocp.estimation.estimator import std_at_rest
 from uvms_ocp.mission import Below, Mission, Phase
 from uvms_ocp.record.meta_values import DONE
-from uvms_ocp.robot import IDEAL_SENSORS, Kinematics, Robot
+from uvms_ocp.robot import IDEAL_SENSORS, Kinematics
 from uvms_ocp.robot.assembly import without_trim
 from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.robot.loading import joints_without_inertia, unknowns
@@ -33,8 +33,13 @@ CHECK = "activations"
 
 def check_structure(mission: Mission) -> Iterator[Finding]:
     """Findings on phases that nothing leads to, that nothing ends, or in which nothing acts."""
-    yield from (_unreachable(name) for name in mission.unreachable_phases())
-    yield from (_trap(name) for name in mission.phases_without_exit())
+    for name in mission.unreachable_phases():
+        yield Severity.WARNING.finding(
+            "phases", f"no transition leads to phase {name!r}; add one or drop the phase", name
+        )
+    for name in mission.phases_without_exit():
+        text = f"the mission cannot end from phase {name!r}; add a transition towards {DONE!r}"
+        yield Severity.ERROR.finding("phases", text, name)
     for phase in mission.all_phases:
         yield from _idle(mission, phase)
         yield from _waiting_in_vain(mission, phase)
@@ -43,16 +48,6 @@ def check_structure(mission: Mission) -> Iterator[Finding]:
         if name not in used:
             text = f"task {name} is never switched on; use it or drop it"
             yield Severity.WARNING.finding(CHECK, text)
-
-
-def _unreachable(name: str) -> Finding:
-    text = f"no transition leads to phase {name!r}; add one or drop the phase"
-    return Severity.WARNING.finding("phases", text, name)
-
-
-def _trap(name: str) -> Finding:
-    text = f"the mission cannot end from phase {name!r}; add a transition towards {DONE!r}"
-    return Severity.ERROR.finding("phases", text, name)
 
 
 def _idle(mission: Mission, phase: Phase) -> Iterator[Finding]:
@@ -70,13 +65,10 @@ def _waiting_in_vain(mission: Mission, phase: Phase) -> Iterator[Finding]:
     for transition in phase.transitions:
         for condition in transition.when:
             task = condition.quantity.rpartition(".")[0]
-            if isinstance(condition, Below) and not phase.activations.get(task, 0.0) > 0 and not _alternatives(phase):
+            alone = isinstance(condition, Below) and len(phase.transitions) < 2
+            if alone and not phase.activations.get(task, 0.0) > 0:
                 text = f"phase {phase.name!r} waits for {condition.quantity}, but task {task} is off in it"
                 yield Severity.WARNING.finding(CHECK, text, phase.name)
-
-
-def _alternatives(phase: Phase) -> bool:
-    return len(phase.transitions) > 1
 
 
 # Check: the sensors can tell whether the thresholds of a mission are met.
@@ -94,7 +86,9 @@ def quantity_stds(setup: Setup, q: np.ndarray, std: np.ndarray | None = None) ->
     tasks = [task for task in setup.mission.hierarchy.tasks if isinstance(task, (PoseTask, ToolPosition))]
     if setup.sensors == IDEAL_SENSORS or not tasks:
         return {}
-    kinematics = Kinematics(_without_limits(setup.robot), q)
+    unlimited = np.full(setup.robot.n_joints, np.inf)
+    limits = replace(setup.robot.limits, position_lower=-unlimited, position_upper=unlimited)
+    kinematics = Kinematics(replace(setup.robot, limits=limits), q)
     variance = np.diag((std_at_rest(setup.robot, setup.sensors) if std is None else std) ** 2)
     if setup.robot.n_vehicle:  # Jacobians take the velocity of B in B
         R_WB = quaternion_to_matrix(q[3:7])
@@ -105,11 +99,6 @@ def quantity_stds(setup: Setup, q: np.ndarray, std: np.ndarray | None = None) ->
         for J in [kinematics.jacobian(task.frame)]
         for name, rows in _quantities(task).items()
     }
-
-
-def _without_limits(robot: Robot) -> Robot:
-    unlimited = np.full(robot.n_joints, np.inf)
-    return replace(robot, limits=replace(robot.limits, position_lower=-unlimited, position_upper=unlimited))
 
 
 def _quantities(task: Task) -> dict[str, slice]:
@@ -124,16 +113,12 @@ def check_accuracy(setup: Setup) -> Iterator[Finding]:
         for condition in sorted(conditions, key=lambda item: item.quantity):
             sigma = allowed.get(condition.quantity, 0.0)
             if isinstance(condition, Below) and condition.limit < sigma:
-                yield _below_the_noise(phase.name, condition, sigma)
-
-
-def _below_the_noise(phase: str, condition: Below, sigma: float) -> Finding:
-    text = (
-        f"{condition.quantity} < {condition.limit:g} is asked for, but the sensors tell it to {sigma:.2g} only (one "
-        "standard deviation): the phase may end early, or never; raise the limit or take better sensors"
-    )
-    figures = {"limit": condition.limit, "sensors_allow": sigma}
-    return Severity.WARNING.finding("accuracy", text, phase, **figures)
+                text = (
+                    f"{condition.quantity} < {condition.limit:g} is asked for, but the sensors tell it to {sigma:.2g} only "
+                    "(one standard deviation): the phase may end early, or never; raise the limit or take better sensors"
+                )
+                figures = {"limit": condition.limit, "sensors_allow": sigma}
+                yield Severity.WARNING.finding("accuracy", text, phase.name, **figures)
 
 
 # All checks of a mission before it begins.

@@ -21,13 +21,16 @@ from uvms_ocp.viz.series import estimate_suffix, fault_spans, intervals_of, phas
 
 _FAR = 12.0  # robot sizes; a longer mission opens with the camera on the vehicle
 _LONGEST_SHOW = 60.0  # [s] beyond it playback begins sped up
+_MOST_POINTS = 400  # about, that the camera is to see
 _SHORT_WAY = 0.2  # [m] a shorter horizontal way has no direction
 _SPEEDS = (0.25, 1, 2, 5, 10, 20, 50, 100)
 
 
 def page_details(record: Record, robot: Robot, frames: Frames, centre: np.ndarray) -> dict[str, Any]:
     """JSON values for the page; centre (3,) [m] in W is the origin of its frame."""
-    points, of_robot = _thinned(extent(record, frames)) - centre, robot_details(robot)
+    points, of_robot, duration = extent(record, frames), robot_details(robot), float(frames.t[-1])
+    points = points[:: max(1, len(points) // _MOST_POINTS)] - centre
+    fitting = (speed for speed in _SPEEDS if speed >= 1 and duration / speed <= _LONGEST_SHOW)
     far = np.linalg.norm(np.ptp(points, axis=0)) > _FAR * of_robot["size"]
     # Height [m] of the plane around a floor that is not flat, or of the flat floor, in the frame of the page.
     relief, plane = record.meta.surroundings.floor, record.meta.surroundings.floor_z
@@ -35,7 +38,9 @@ def page_details(record: Record, robot: Robot, frames: Frames, centre: np.ndarra
     return {
         "scenario": record.meta.scenario,
         "known": estimate_suffix(record).strip(),
-        **_playback(float(frames.t[-1])),
+        "duration": duration,
+        "speed": next(fitting, _SPEEDS[-1]),
+        "speeds": _SPEEDS,
         "floor": None if lowest is None else float(lowest - centre[2]),
         "relief": _relief(record, centre),
         "labels": labels(record, centre),
@@ -58,11 +63,6 @@ def robot_details(robot: Robot) -> dict[str, Any]:
     }
 
 
-def _playback(duration: float) -> dict[str, Any]:
-    fitting = (speed for speed in _SPEEDS if speed >= 1 and duration / speed <= _LONGEST_SHOW)
-    return {"duration": duration, "speed": next(fitting, _SPEEDS[-1]), "speeds": _SPEEDS}
-
-
 def _relief(record: Record, centre: np.ndarray) -> dict[str, Any] | None:
     """The floor that is not flat, in the frame of the page."""
     relief = record.meta.surroundings.floor
@@ -71,10 +71,6 @@ def _relief(record: Record, centre: np.ndarray) -> dict[str, Any] | None:
     axes = {"x": relief.x, "y": relief.y, "z": relief.z}
     moved = zip(axes, axes.values(), centre, strict=True)
     return {axis: (np.array(points) - middle).round(3).tolist() for axis, points, middle in moved}
-
-
-def _thinned(points: np.ndarray, limit: int = 400) -> np.ndarray:
-    return points[:: max(1, len(points) // limit)]
 
 
 def _robot_size(robot: Robot) -> float:

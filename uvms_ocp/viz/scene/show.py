@@ -183,9 +183,12 @@ def _page(record: Record, robot: Robot, others: Mapping[str, Record], fps: float
     root = log.visualizer()["scene"]
     root.set_transform(shifted(-centre))  # keeps 32-bit floats exact and the lights near
     trails, beam = _draw(log, root, record, robot, frames, ghosts, fps)
+    of_ghosts: list[dict[str, Any]] = []
+    for ghost in ghosts:
+        of_ghosts += draw_trails(root[ghost.node]["trails"], robot, ghost.frames, (ghost.rgb, ghost.rgb))
     details = page_details(record, robot, frames, centre) | time_line(record) | readouts(record, frames)
     details |= {
-        "trails": [*trails, *(trail for ghost in ghosts for trail in _ghost_trails(root, robot, ghost))],
+        "trails": trails + of_ghosts,
         "arrows": arrow_groups(record, robot, frames, details["size"]),
         "witness": witness_lines(record, robot, frames, centre),
         "legend": legend(record, trails, ghosts, beam=beam),
@@ -214,8 +217,3 @@ def _draw(
         clips[root["beam"].path] = beam_clip(frames, record["altimeter_range"][frames.row], fps)
     log.animate(clips)
     return draw_trails(root["trails"], robot, frames), beam
-
-
-def _ghost_trails(root: Visualizer, robot: Robot, ghost: Ghost) -> list[dict[str, Any]]:
-    """Those of a ghost, which stand below its node."""
-    return draw_trails(root[ghost.node]["trails"], robot, ghost.frames, (ghost.rgb, ghost.rgb))
