@@ -201,6 +201,13 @@ def test_a_run_is_drawn_alone_as_among_all_others(sampler: str) -> None:
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
+def test_no_two_runs_of_a_campaign_share_a_seed_or_a_draw(sampler: str) -> None:
+    design = Design(sampler=sampler, runs=256, parameters=2, seed=5)
+    assert len({design.seed_of(k) for k in range(256)}) == 256
+    assert len({tuple(design.row(k)) for k in range(256)}) == 256
+
+
+@pytest.mark.parametrize("sampler", SAMPLERS)
 def test_another_seed_gives_another_sample(sampler: str) -> None:
     one, other = (Design(sampler=sampler, runs=32, parameters=2, seed=seed) for seed in (0, 1))
     assert (one.row(3) != other.row(3)).any()

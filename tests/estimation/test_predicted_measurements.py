@@ -1,0 +1,76 @@
+"""What the filter expects of each sensor of the vehicle is what the state says, and its slopes are those of that."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import uvms_ocp as uo
+from uvms_ocp.codegen.kernel_layout import view
+from uvms_ocp.estimation.estimator import Estimator
+from uvms_ocp.estimation.filter_memory import MAIN, ChannelIndex, Part
+from uvms_ocp.estimation.vehicle_model import predict_measurement, turn_by
+from uvms_ocp.robot.signals import SensorSpecs
+
+CHANNELS = [c for c in ChannelIndex if c not in (ChannelIndex.JOINT_POSITIONS, ChannelIndex.JOINT_VELOCITIES)]
+ROWS = {ChannelIndex.DEPTH: 1, ChannelIndex.ALTIMETER_RANGE: 1}
+
+
+@pytest.fixture(scope="module")
+def memory() -> Any:
+    """Memory of a filter."""
+    return Estimator(uo.load_robot("bluerov2_alpha5"), SensorSpecs())._filter
+
+
+def _tilt(m: Any, seed: int) -> None:
+    """A tilted, moving vehicle, whose altimeter stands beside its origin and leans."""
+    rng = np.random.default_rng(seed)
+    turn = pin.rpy.rpyToMatrix(np.array([*rng.uniform(-0.6, 0.6, 2), rng.uniform(-3, 3)]))
+    view(m.turn)[:] = pin.Quaternion(turn).coeffs()
+    view(m.x)[:MAIN] = rng.normal(size=MAIN)
+    m.x[Part.PLACE + 2] += 5.0
+    view(m.beam_at)[:] = [0.4, -0.3, -0.1]
+    view(m.beam_up)[:] = pin.rpy.rpyToMatrix(0.2, -0.3, 0.0)[:, 2]
+
+
+def _expected(m: Any, c: ChannelIndex) -> np.ndarray:
+    predict_measurement(m, c, MAIN)
+    h = np.array(m.predicted.h)
+    return h[:1] / h[1] if c == ChannelIndex.ALTIMETER_RANGE else h[: ROWS.get(c, 3)]
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("channel", [c for c in CHANNELS if c != ChannelIndex.ATTITUDE], ids=lambda c: c.name)
+def test_slopes_are_those_of_what_is_expected(channel: ChannelIndex, seed: int, memory: Any) -> None:
+    step, m = 1e-6, memory
+    _tilt(m, seed)
+    _expected(m, channel)
+    n = ROWS.get(channel, 3)
+    slopes = np.array([list(row) for row in m.predicted.H])[:n, :MAIN]
+    if channel == ChannelIndex.ALTIMETER_RANGE:
+        slopes = slopes / m.predicted.h[1]
+    for i in range(MAIN):
+        found = []
+        for sign in (-1.0, 1.0):
+            _tilt(m, seed)
+            if i < Part.PLACE:
+                by = [0.0, 0.0, 0.0]
+                by[i] = sign * step
+                turn_by(m.turn, by)
+            else:
+                m.x[i] += sign * step
+            found.append(_expected(m, channel))
+        np.testing.assert_allclose(slopes[:, i], (found[1] - found[0]) / (2 * step), atol=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_range_is_along_the_beam_from_where_the_altimeter_is(seed: int, memory: Any) -> None:
+    m = memory
+    _tilt(m, seed)
+    X_WB = pin.SE3(pin.Quaternion(np.array(m.turn)), np.array(m.x)[Part.PLACE : Part.SPEED])
+    altimeter, up = X_WB.act(np.array(m.beam_at)), X_WB.rotation @ np.array(m.beam_up)
+    distance = _expected(m, ChannelIndex.ALTIMETER_RANGE)[0]
+    assert (altimeter - distance * up)[2] == pytest.approx(m.x[Part.FLOOR], abs=1e-12)
