@@ -191,6 +191,22 @@ def test_a_sphere_without_drag_accelerates_as_the_water_where_it_is() -> None:
     np.testing.assert_allclose(np.r_[plant.state.q[:3], plant.state.v[:3]], exact, atol=5e-4)
 
 
+@pytest.mark.parametrize("speed", [0.0, 0.2])
+def test_shear_along_and_across_the_flow_pushes_a_sphere_as_in_closed_form(speed: float) -> None:
+    """Water with u_x = s h and u_z = k h at height h: ``h'' = k^2 h`` along the flow, ``x'' = s k h`` across its gradient."""
+    s, k, dt, duration = 0.4, 0.3, 1e-3, 2.0
+    rising = ShearedCurrent(z=[-40.0, -30.0], velocities=[[0.0, 0.0, 0.0], [10.0 * s, 0.0, 10.0 * k]])
+    v = np.array([0.1, 0.0, speed, 0.0, 0.0, 0.0])
+    plant = sphere_plant(rising, v, max_step=dt)
+    for _ in range(round(duration / dt)):
+        plant.step(Command(v=v, thrust=np.zeros(8), torque=np.zeros(0)), dt)
+    grown, rest = np.sinh(k * duration), np.cosh(k * duration) - 1.0
+    v_z = k * grown + speed * (rest + 1.0)  # from 1 m above the floor
+    v_x = 0.1 + s * (grown + speed / k * rest)
+    np.testing.assert_allclose(plant.state.v[:3], [v_x, 0.0, v_z], atol=2e-4)
+    assert v_x - 0.1 > 0.2
+
+
 def girona_rotation(plant: DynamicPlant) -> np.ndarray:
     return np.asarray(quaternion_to_matrix(plant.state.q[3:7]))
 
