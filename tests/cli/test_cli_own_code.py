@@ -11,8 +11,10 @@ import pytest
 from refusals import told_of
 from typer.testing import CliRunner
 
+from uvms_ocp.campaign.code_source import CodeSource
 from uvms_ocp.cli.commands import app
 from uvms_ocp.cli.options import build_scenario
+from uvms_ocp.errors import InvalidInput
 
 COMMANDS = {
     "run": ("run", "{}"),
@@ -129,3 +131,12 @@ def test_stdout_is_json_whatever_a_mission_prints(place: Path) -> None:
     assert told["code"] == 3, told
     assert json.loads(told["out"])["completed"] is False
     assert {"made", "read", "0.0"} <= set(told["err"].split())
+
+
+@pytest.mark.parametrize("words", ["os:system", "subprocess:run", "os.path:exists", "builtins:exec"])
+def test_words_call_nothing_of_python_itself(words: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    called: list[object] = []
+    monkeypatch.setattr("os.system", called.append)
+    with pytest.raises(InvalidInput, match="is of Python itself"):
+        CodeSource(words=words, options={"command": "true"}).build()
+    assert not called

@@ -93,6 +93,8 @@ def siblings(folder: Path) -> list[Path]:
 
 
 def _imported(name: str) -> ModuleType:
+    if name.partition(".")[0] in sys.stdlib_module_names:  # in a folder that somebody sent, words such as os:system
+        raise InvalidInput(f"{name}: is of Python itself, and makes no scenario; give a module of your own")
     folder = str(Path.cwd())
     if folder not in sys.path:
         sys.path.insert(0, folder)
