@@ -55,6 +55,7 @@ ALONE = tuple(
         "campaign_case1",
         "campaign_overhead",
         "campaign_resume",
+        "drawn_files",
         "exported_controller",
         "faults",
         "gates",

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+import pinocchio as pin
 import pytest
 import yaml
 from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
 from uvms_ocp.robot.assembly import static_residual
+from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.loading import load_robot
 
 BODY = "<inertial>{at}<mass value='{m}'/><inertia ixx='{i}' ixy='0' ixz='0' iyy='{i}' iyz='0' izz='{i}'/></inertial>"
@@ -100,6 +103,37 @@ def test_every_proposal_is_marked_and_options_answer_questions(tmp_path: Path) -
     assert "tool: hook # as you said" in lines
     own = [line for line in lines if line and not line.startswith((" ", "#")) and not line.startswith("tool:")]
     assert all("# proposed" in line for line in own)
+
+
+def test_fingers_stay_together_and_what_has_no_range_stays_where_it_is(tmp_path: Path) -> None:
+    source, robot = tmp_path / "theirs.urdf", tmp_path / "mine"
+    fingers = link("finger_0", 0.05) + joint("left_fore", "finger_0", "revolute", "0.3 0 0")
+    other = link("finger_1", 0.05) + joint("left_fore", "finger_1", "revolute", "0.3 0 0")
+    other = other.replace("<limit", "<mimic joint='finger_0_joint' multiplier='-1' offset='0.2'/><limit")
+    held = link("transponder", 0.1) + joint("rov/hull", "transponder", "revolute", "0 0 0.3")
+    held = held.replace("lower='-1.5' upper='1.5'", "lower='0' upper='0'")
+    weightless = link("fan_9", 0) + joint("rov/hull", "fan_9", "continuous", "0 0 0.2", "0 0 1")
+    body = HULL + arm("left", 0.1) + fingers + other + held + AHEAD + weightless
+    source.write_text(f"<robot name='r'>{body}</robot>", encoding="utf-8")
+    said = told("new-robot", "--from", str(source), str(robot))
+    assert "moves on its own" not in said
+    content = yaml.safe_load((robot / "hydrodynamics.yaml").read_text(encoding="utf-8"))
+    assert content["loading"]["mimic"] == "fixed"
+    assert {"finger_0_joint", "transponder_joint", "fan_9_joint"} <= content["loading"]["lock"].keys()
+    assert content["tool"] == "left_nozzle"
+    made = load_robot(urdf=robot / "robot.urdf", hydrodynamics=robot / "hydrodynamics.yaml")
+    assert made.joint_names == ("left_upper_joint", "left_fore_joint")
+    assert "fan_9_joint" in made.thruster_names
+    here = Kinematics(made, made.configuration())
+    turned = here.pose("finger_0").actInv(here.pose("finger_1"))
+    np.testing.assert_allclose(pin.rpy.matrixToRpy(turned.rotation), [0.0, 0.2, 0.0], atol=1e-12)
+
+
+def test_what_is_physically_wrong_is_said_with_the_proposal(tmp_path: Path) -> None:
+    source = tmp_path / "theirs.urdf"
+    thin = HULL.replace("izz='0.3'", "izz='0.7'")
+    source.write_text(f"<robot name='r'>{thin}{AHEAD}</robot>", encoding="utf-8")
+    assert "inertias: link 'rov/hull'" in told("new-robot", "--from", str(source), str(tmp_path / "mine"))
 
 
 def test_options_of_reading_are_written_into_the_mission(tmp_path: Path) -> None:

@@ -12,10 +12,12 @@ from tiny_robots import TINY, robot_of, scenario_of
 
 from uvms_ocp.campaign.campaign import MissionJob
 from uvms_ocp.campaign.distributions import Design
-from uvms_ocp.cli import run
+from uvms_ocp.cli import plan, run
+from uvms_ocp.planning.request import PlanRequest, PostureGoal
 from uvms_ocp.record.record import Record
+from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario.scenario import Scenario
-from uvms_ocp.viz import run_figures
+from uvms_ocp.viz import plan_figures, run_figures
 
 
 def _tiny() -> Scenario:
@@ -45,6 +47,45 @@ def test_a_report_that_fails_leaves_the_record(tmp_path: Path, monkeypatch: pyte
     with pytest.raises(ValueError, match="no axes"):
         run.run_and_write(_tiny(), tmp_path, Console(quiet=True))
     assert len(Record.load(tmp_path / "record.npz")) > 1
+
+
+def test_a_figure_of_a_plan_that_fails_costs_that_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = {"joint_motion": plan_figures.PLAN_FIGURES["joint_motion"]}
+    monkeypatch.setattr(plan_figures, "PLAN_FIGURES", MappingProxyType({"clearance": _fails, **kept}))
+    robot, before = robot_of(TINY["fixed base, no thrusters"]), set[str]()
+    request = PlanRequest(robot=robot, start=robot.configuration(), goal=PostureGoal(joints={"turn0": 0.3}))
+    drawn = plan.draw_all
+
+    def draw_all(drawings: dict[str, run.Job]) -> list[str]:
+        before.update(path.name for path in (tmp_path / "out").iterdir())
+        return drawn(drawings)
+
+    monkeypatch.setattr(plan, "draw_all", draw_all)
+    plan.make_and_write_plan(lambda _: plan._by_curve(request), tmp_path / "out", False)
+    written = {path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*.*")}
+    saved = {"report.json", "plan.npz", "plan.csv", "record.npz"}
+    assert saved <= before
+    assert saved | {"scene.html", "figures/joint_motion.png"} <= written
+    assert "figures/clearance.png" not in written
+    assert Record.load(tmp_path / "out" / "record.npz").meta.kind == "plan"
+
+
+@pytest.mark.parametrize(
+    "failing", ["scenario.Scenario._true_measurement", "run_metadata.quantity_stds", "run_metadata.floor_relief"]
+)
+def test_what_fails_after_a_run_costs_itself(
+    failing: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail(*given: object) -> None:
+        raise ValueError("low has NaN")
+
+    whole = _tiny().run()
+    monkeypatch.setattr(f"uvms_ocp.scenario.{failing}", fail)
+    record = _tiny().run()
+    assert record["q"].tolist() == whole["q"].tolist()
+    assert "not in the record: " in caplog.text
+    assert "ValueError: low has NaN" in caplog.text
+    assert summarize(record)["phases"]
 
 
 @pytest.mark.parametrize("records", ["none", "all"])

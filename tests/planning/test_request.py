@@ -1,11 +1,13 @@
 """Laws of plan requests and of obstacles as data."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from tiny_robots import TINY, robot_of
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.planning.request import PlanRequest, PostureGoal, ToolGoal, plan_path
@@ -52,6 +54,21 @@ def test_the_clearance_of_each_obstacle_is_recorded(robot: Robot) -> None:
     record = motion_record(result, result.plan)
     assert record.meta.clearance_groups == ("ball", "its own links")
     assert record["clearance"].min() == pytest.approx(plan_report(result)["min_clearance_m"], abs=1e-3)
+
+
+def test_a_robot_without_shapes_is_planned_for_too(robot: Robot) -> None:
+    bare = replace(robot, collision_model=pin.GeometryModel())
+    goal = PostureGoal(position=(0.0, 0.5, 0.0))
+    result = plan_path(PlanRequest(robot=bare, start=bare.configuration(), goal=goal))
+    assert result.plan is not None
+    assert motion_record(result, result.plan)["q"][-1, 1] == pytest.approx(0.5)
+
+
+def test_axes_that_move_without_limits_are_named() -> None:
+    robot = robot_of(replace(TINY["no joints"], limited=False))
+    request = PlanRequest(robot=robot, start=robot.configuration(), goal=PostureGoal(position=(0.0, 0.5, -1.0)))
+    with pytest.raises(InvalidInput, match=r"^y, z: no limit of velocity or acceleration.*; give vehicle_limits"):
+        plan_path(request)
 
 
 def test_unknown_axes_and_obstacles_of_one_name_are_refused(robot: Robot) -> None:

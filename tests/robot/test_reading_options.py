@@ -76,6 +76,37 @@ def test_a_joint_that_follows_stays_where_its_leader_puts_it(tmp_path: Path) -> 
     assert_allclose(here.pose("b").translation, [0.3, 0.0, 0.0], atol=1e-15)
 
 
+@pytest.mark.parametrize(
+    ("leading", "home", "leader"),
+    [("'-1' upper='1'", "", 0.0), ("'0.2' upper='1'", "", 0.6), ("'-1' upper='1'", "0.3", 0.3)],
+)
+def test_a_joint_that_follows_is_where_the_home_of_its_leader_puts_it(
+    leading: str, home: str, leader: float, tmp_path: Path
+) -> None:
+    third = (
+        "<link name='c'/><joint name='third' type='prismatic'><parent link='hull'/><child link='c'/><axis xyz='1 0 0'/>"
+        "<limit lower='-9' upper='9' velocity='1' effort='1'/><mimic joint='follow' multiplier='3'/></joint></robot>"
+    )
+    text = FOLLOWING.replace("'-1' upper='1'", leading).replace("</robot>", third)
+    (tmp_path / "robot.urdf").write_text(text, encoding="utf-8")
+    (tmp_path / "water.yaml").write_text(f"joints: {{lead: {{{f'home: {home}' if home else ''}}}}}\n", encoding="utf-8")
+    robot = load_robot(urdf=tmp_path / "robot.urdf", hydrodynamics=tmp_path / "water.yaml", mimic="fixed")
+    here = Kinematics(robot, robot.configuration())
+    for name, x in (("a", leader), ("b", -2 * leader + 0.5), ("c", -6 * leader + 1.5)):
+        assert_allclose(here.pose(name).translation, [x, 0.0, 0.0], atol=1e-14)
+
+
+@pytest.mark.parametrize("leader", ["nobody", "follow"])
+def test_a_joint_that_follows_none_is_at_its_offset(
+    leader: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "mine.urdf"
+    path.write_text(FOLLOWING.replace("mimic joint='lead'", f"mimic joint='{leader}'"), encoding="utf-8")
+    robot = load_robot(urdf=path, mimic="fixed")
+    assert f"'follow' mimics '{leader}', which leads nowhere; that is taken as 0" in caplog.text
+    assert_allclose(Kinematics(robot, robot.configuration()).pose("b").translation, [0.5, 0.0, 0.0], atol=1e-15)
+
+
 def test_what_is_to_be_locked_or_dropped_must_be_there(tmp_path: Path) -> None:
     with pytest.raises(RobotDataError, match=r"drop: link 'x' is not.*; and lock: joint 'y' does not move"):
         load_robot(urdf=URDF, drop=["x"], lock={"y": 0.0})

@@ -35,6 +35,8 @@ TIP = link("nozzle", 0) + joint("fore", "nozzle", "fixed")
 FAN = link("fan", 0.1, "") + joint("hull", "fan", "continuous")
 EYE = link("pan_camera", 0.1) + joint("hull", "pan_camera")
 FINGERS = link("finger_l") + link("finger_r") + joint("fore", "finger_l") + joint("fore", "finger_r")
+HELD = link("transponder") + joint("hull", "transponder").replace("'-1' upper='1'", "'0' upper='0'")
+LIGHT_FAN = link("fan_2", 0) + joint("hull", "fan_2", "continuous")
 SECOND = link("left") + joint("hull", "left")
 
 
@@ -56,6 +58,10 @@ def loaded(folder: Path, *parts: str, water: str = "", **options: object) -> Rob
         ((ARM, TIP, link("force_sensor", 0) + joint("nozzle", "force_sensor", "fixed")), ["nozzle"]),
         ((ARM, TIP, link("tcp", 0) + joint("fore", "tcp", "fixed")), ["tcp"]),
         ((ARM, link("jaw_1", 0.1) + joint("fore", "jaw_1", "fixed")), ["fore"]),
+        ((ARM, link("jaws", 0.1) + joint("fore", "jaws", "fixed") + link("jaw_l") + joint("jaws", "jaw_l")), ["jaws"]),
+        ((ARM, link("jaws_tool", 0) + joint("fore", "jaws_tool", "fixed")), ["jaws_tool"]),
+        ((ARM, TIP, HELD), ["nozzle"]),
+        ((HELD,), []),
         ((FAN, EYE), []),
         ((), []),
     ],
@@ -86,8 +92,9 @@ def test_of_several_candidates_none_is_guessed_and_all_are_listed(parts: tuple[s
 
 
 def test_propellers_sensors_and_fingers_are_told_apart(tmp_path: Path) -> None:
-    roles = find_roles(loaded(tmp_path, ARM, FAN, EYE, FINGERS).model, free_flyer=True)
-    assert roles.propellers == ("hull_to_fan",)
+    roles = find_roles(loaded(tmp_path, ARM, FAN, LIGHT_FAN, EYE, FINGERS, HELD).model, free_flyer=True)
+    assert roles.propellers == ("hull_to_fan", "hull_to_fan_2")
+    assert roles.held == ("hull_to_transponder",)
     assert roles.sensors == ("hull_to_pan_camera",)
     assert sorted(roles.fingers) == ["fore_to_finger_l", "fore_to_finger_r"]
 

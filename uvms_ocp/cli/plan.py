@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,7 +14,7 @@ from rich.console import Console
 from uvms_ocp.cli import NOT_COMPLETED
 from uvms_ocp.cli import options as opt
 from uvms_ocp.cli.printing import console_of, print_json, print_paths, table_of
-from uvms_ocp.cli.run import draw_all
+from uvms_ocp.cli.run import draw_all, drawings_of
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.mission_plan.planner import OPTIONS, MissionPlan, plan_mission
 from uvms_ocp.ocp import OcpRequest, OcpStatus, solve_ocp
@@ -105,11 +104,14 @@ def _joint_goal(words: str) -> tuple[str, float]:
 
 # What a plan of any method writes and prints.
 
-_FIGURES = ("vehicle_motion", "joint_motion", "clearance", "efforts")
-_FILES = (  # of any plan; which of them there are depends on the method and on what came of it
-    *("report.json", "plan.npz", "plan.csv", "plan.json", "record.npz", "scene.html"),
-    *(f"figures/{name}.png" for name in _FIGURES),
-)
+_FILES = ("report.json", "plan.npz", "plan.csv", "plan.json", "record.npz", "scene.html")
+"""Of any plan, beside its figures; which of them there are depends on the method and on what came of it."""
+
+
+def _figures() -> Iterable[str]:
+    from uvms_ocp.viz.plan_figures import PLAN_FIGURES
+
+    return PLAN_FIGURES
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -126,24 +128,12 @@ class PlanOutput:
     """Writes what only this method has into a folder; called where there is a motion."""
 
     def write(self, folder: Path) -> list[str]:
-        """The report always, the rest where there is a motion; a colliding one is worth looking at.
-
-        Returns a line for each drawing that failed.
-        """
-        from uvms_ocp.viz.plan_figures import write_plan_figures
-        from uvms_ocp.viz.scene.show import write_scene
-
+        """The report always, the rest where there is a motion, but for drawings; returns names of what was written."""
         (folder / "report.json").write_text(json.dumps(self.report, indent=2) + "\n")
-        if self.record is None:
-            return []
-        self.save(folder)
-        self.record.save(folder / "record.npz")
-        return draw_all(
-            {
-                "scene.html": partial(write_scene, self.record, self.robot, folder / "scene.html"),
-                "figures": partial(write_plan_figures, self.record, folder / "figures"),
-            }
-        )
+        if self.record is not None:
+            self.save(folder)
+            self.record.save(folder / "record.npz")
+        return [path.name for path in folder.iterdir()]
 
 
 Progress = Callable[[str], None]
@@ -151,13 +141,19 @@ Progress = Callable[[str], None]
 
 
 def make_and_write_plan(make: Callable[[Progress], PlanOutput], out: Path, as_json: bool) -> None:
-    """Make the plan, write it to the folder `out` and print what came of it; exit where it is not good."""
-    console = console_of(stderr=as_json)
-    with claim_folder(out, _FILES) as claim:
+    """Make the plan, write it to the folder `out` and print what came of it; exit where it is not good.
+
+    The plan is safe before it is drawn; a colliding one is worth looking at.
+    """
+    console, missing = console_of(stderr=as_json), list[str]()
+    with claim_folder(out, (*_FILES, *(f"figures/{name}.png" for name in _figures()))) as claim:
         with console.status("planning") as status:
             made = make(lambda text: status.update(plain_line(f"planning: {text}")))
         with claim.staged() as staging:
-            missing = made.write(staging)
+            kept = made.write(staging)
+        if made.record is not None:
+            with claim.staged(keep=kept) as staging:
+                missing = draw_all(drawings_of(made.record, made.robot, staging, _figures()))
         written = claim.written()
     _print_plan(console, made, written)
     for line in missing:

@@ -23,7 +23,8 @@ from uvms_ocp.robot.proposal import find_urdf, propose
 from uvms_ocp.robot.urdf import with_own_meshes
 from uvms_ocp.scenario.cases import SCENARIOS
 from uvms_ocp.scenario.own_code import robot_of
-from uvms_ocp.scenario.preflight.robot_check import RobotReport, check_robot_files
+from uvms_ocp.scenario.preflight.robot_check import RobotReport, RobotVerdict, check_robot_files
+from uvms_ocp.scenario.preflight.robot_check import check_robot as check_loaded_robot
 from uvms_ocp.sim.own_parts import PLANTS
 
 # ``check-robot`` and ``schema``: robot files.
@@ -136,7 +137,8 @@ def new_robot(
     _write(
         {out / "robot.urdf": text, out / "hydrodynamics.yaml": found.text}, {out / to: at for to, at in meshes.items()}
     )
-    _say(found.questions)
+    wrong = (f for f in check_loaded_robot(found.robot).findings if f.verdict is RobotVerdict.ERROR)
+    _say([*found.questions, *(f"{finding.subject}: {finding.text}" for finding in wrong)])
 
 
 def new_mission(

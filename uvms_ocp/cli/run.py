@@ -7,7 +7,7 @@ import os
 import sys
 import warnings
 import webbrowser
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, redirect_stderr, redirect_stdout
 from functools import partial
 from multiprocessing import get_context
@@ -32,6 +32,7 @@ from uvms_ocp.mission_plan.planner import MissionPlan
 from uvms_ocp.record.output import claim_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import format_load, summarize
+from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import Command
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.faults import parse_faults
@@ -181,7 +182,8 @@ def run_and_write(
 
     Raises `InvalidInput` for what pre-flight refuses, unless forced.
     """
-    with claim_folder(out, _files()) as claim:
+    names = (_RECORD, "report.json", "scene.html", *(f"figures/{name}.png" for name in _figures()))
+    with claim_folder(out, names) as claim:
         preflight = scenario.check()
         printing.require_accepted(preflight, scenario.name, console, force=force)
         with _watched(scenario, console) if live else nullcontext() as observer:
@@ -192,7 +194,8 @@ def run_and_write(
         with claim.staged(keep=[_RECORD]) as staging:
             (staging / "report.json").write_text(json.dumps(report, indent=2) + "\n")
             (staging / "figures").mkdir()
-            drawings = _drawings(scenario, record, staging, plan)
+            ghost = None if plan is None else partial(plan.to_record, scenario)
+            drawings = drawings_of(record, scenario.robot, staging, _figures(), ghost)
             missing = draw_all(drawings, console.status("writing report, figures and scene"))
         written = claim.written()
     _print_summary(console, report, written)
@@ -253,24 +256,28 @@ def _bar(console: Console) -> Iterator[ProgressBar]:
 _RECORD = "record.npz"
 
 
-def _files() -> tuple[str, ...]:
-    """That a run may write."""
+def _figures() -> Iterable[str]:
     from uvms_ocp.viz.run_figures import FIGURES
 
-    return (_RECORD, "report.json", "scene.html", *(f"figures/{name}.png" for name in FIGURES))
+    return FIGURES
 
 
-def _drawings(scenario: Scenario, record: Record, folder: Path, plan: MissionPlan | None) -> dict[str, Job]:
-    """Return the function that writes each file, by its name, the slowest first."""
-    from uvms_ocp.viz.run_figures import FIGURES, write_figure
+def drawings_of(
+    record: Record,
+    robot: Robot,
+    folder: Path,
+    figures: Iterable[str],
+    plan: Callable[[], Record] | None = None,
+) -> dict[str, Job]:
+    """Return the function that writes each file, by its name, the slowest first. plan: drawn in the scene, too."""
+    from uvms_ocp.viz.run_figures import write_figure
     from uvms_ocp.viz.scene.show import write_scene
 
     def scene() -> None:
-        ghosts = {} if plan is None else {"plan": plan.to_record(scenario)}
-        write_scene(record, scenario.robot, folder / "scene.html", ghosts=ghosts)
+        write_scene(record, robot, folder / "scene.html", ghosts={"plan": plan()} if plan else {})
 
-    figures = {f"figures/{name}.png": partial(write_figure, record, name, folder / "figures") for name in FIGURES}
-    return {"scene.html": scene, **figures}
+    drawn = {f"figures/{name}.png": partial(write_figure, record, name, folder / "figures") for name in figures}
+    return {"scene.html": scene, **drawn}
 
 
 def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) -> None:

@@ -294,7 +294,7 @@ def plan_path(request: PlanRequest) -> PlanResult:
     """Find where to go, then how.
 
     Raises `NameNotFound` for unknown axes, joints or frames, `InvalidInput` for a start or goal in collision or outside limits,
-    a goal on axes that are not planned, a start that is the goal, and two obstacles of one name.
+    a goal on axes that are not planned or have no limits, a start that is the goal, and two obstacles of one name.
     """
     check_goal_distance(request.robot, request.start, request.goal)
     planned = _planned_axes(request)
@@ -302,16 +302,21 @@ def plan_path(request: PlanRequest) -> PlanResult:
     goal = request.goal.as_coordinates(CoalDistances(scene), seed=request.seed)
     if goal is None:
         return PlanResult(request=request, scene=scene, plan=None)
-    limits = request.robot.limits
-    plan = plan_soft_collision(
-        scene,
-        np.stack([planned.x(request.start), goal]),
-        limits=MotionLimits(
-            velocity=limits.velocity[planned.planned], acceleration=limits.acceleration[planned.planned]
-        ),
-        options=_options(request),
-    )
+    ends = np.stack([planned.x(request.start), goal])
+    plan = plan_soft_collision(scene, ends, limits=_limits(planned, ends), options=_options(request))
     return PlanResult(request=request, scene=scene, plan=plan)
+
+
+def _limits(planned: Coordinates, ends: Array) -> MotionLimits:
+    """Those of the robot. Raises `InvalidInput` for axes that differ between the ends (2, n_axes) and have none."""
+    limits = planned.robot.limits
+    velocity, acceleration = limits.velocity[planned.planned], limits.acceleration[planned.planned]
+    endless = (ends[0] != ends[1]) & np.isinf(velocity) & np.isinf(acceleration)
+    if endless.any():
+        moving = ", ".join(name for name, unlimited in zip(planned.names, endless, strict=True) if unlimited)
+        advice = "give vehicle_limits and joints in hydrodynamics.yaml, or velocity in <limit> of the URDF"
+        raise InvalidInput(f"{moving}: no limit of velocity or acceleration, which a curve is as fast as; {advice}")
+    return MotionLimits(velocity=velocity, acceleration=acceleration)
 
 
 def _options(request: PlanRequest) -> SoftCollisionOptions:

@@ -336,7 +336,7 @@ def _with_moving_pairs(
     coordinates: Coordinates, geometry: pin.GeometryModel, candidates: Sequence[Pair]
 ) -> CollisionScene:
     supports = _supports(coordinates)
-    reaches = np.stack([_reach(coordinates, shape) for shape in geometry.geometryObjects])
+    reaches = [_reach(coordinates, shape) for shape in geometry.geometryObjects]
     pairs = [pair for pair in candidates if (supports[pair.second_joint] != supports[pair.first_joint]).any()]
     shape = (len(pairs), coordinates.n_axes)
     moved = np.array([supports[p.second_joint] - supports[p.first_joint] for p in pairs]).reshape(shape)

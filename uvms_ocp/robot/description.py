@@ -24,11 +24,6 @@ from uvms_ocp.model_errors import one_line, problems_of
 from uvms_ocp.record.untrusted import BoundedLoader, read_yaml
 from uvms_ocp.robot.hydrodynamics import check_quadratic_drag
 
-# Schema of ``robots/<name>/hydrodynamics.yaml``: what a URDF cannot say about a robot under water.
-#
-# SI units throughout; angles in rad. Vectors are in the link's own frame, forward-left-up unless the file says
-# ``convention: NED``. ``RobotDescription.model_json_schema()`` is the same schema for editors and other tools.
-
 _log = logging.getLogger(__name__)
 
 NonNegative = Annotated[float, Field(ge=0.0)]
@@ -270,7 +265,7 @@ class LoadingDescription(_Section):
     meshes: Literal["yes", "no"] = Field(default="yes", description="no: shapes that are meshes are left out")
     mimic: Literal["free", "fixed"] | None = Field(
         default=None,
-        description="joints that mimic another one: joints of their own, or fixed where the leader's lock or 0 puts them",
+        description="joints that mimic another one: of their own, or fixed where their leader's lock, or its home, puts them",
     )
     lock: dict[str, float] = Field(default={}, description="joints that do not move, with their position [rad or m]")
     drop: tuple[str, ...] = Field(default=(), description="links that are left out, with all that hangs on them")

@@ -195,8 +195,9 @@ def load_robot(
     hydrodynamics file says, which is what they are by default: ``base`` is ``free_flyer`` or ``fixed``; ``package_dirs`` are
     searched for ``package://`` meshes, besides those of the file; ``meshes=False`` leaves out shapes that are meshes. Joints
     that ``<mimic>`` another one are refused; ``mimic="free"`` makes them joints of their own, with the limits the URDF gives
-    them, ``"fixed"`` keeps them where their leader's lock, or 0, puts them. ``lock`` fixes joints at a position [rad or m],
-    ``drop`` leaves out links with all that hangs on them. ``tool``, of several arms one each, and ``altimeter`` are frames.
+    them, ``"fixed"`` keeps them where their leader's lock, or its home, puts them. ``lock`` fixes joints at a position
+    [rad or m], ``drop`` leaves out links with all that hangs on them. ``tool``, of several arms one each, and
+    ``altimeter`` are frames.
 
     Raises ``InvalidInput`` for neither or both of name and URDF, another ``mimic``, or a variant without a name,
     ``NameNotFound`` for an unknown robot or variant, and ``RobotDataError``, with all that is wrong at once, for files that
@@ -230,7 +231,13 @@ def load_robot(
             urdf_path,
             free_flyer=description.base == "free_flyer",
             package_dirs=[*map(Path, package_dirs), *own],
-            reading=Reading(mimic=how.mimic, lock=how.lock, drop=how.drop, meshes=how.meshes == "yes"),
+            reading=Reading(
+                mimic=how.mimic,
+                lock=how.lock,
+                drop=how.drop,
+                meshes=how.meshes == "yes",
+                home={name: joint.home for name, joint in description.joints.items() if joint.home is not None},
+            ),
         )
     except RobotDataError as error:
         faults.append(error)

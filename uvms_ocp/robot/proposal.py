@@ -6,9 +6,9 @@ may be off: such a robot swims at once, and says what to measure first.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,15 +24,26 @@ from uvms_ocp.robot.description import Box, LinkDescription, Pose, RobotDescript
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 from uvms_ocp.robot.loading import assemble, link_masses
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.roles import CHOOSE, Roles, find_roles, is_altimeter_name, is_propeller_name
-from uvms_ocp.robot.urdf import Reading, UrdfModels, read_urdf, read_urdf_xml
+from uvms_ocp.robot.roles import (
+    CHOOSE,
+    Roles,
+    find_roles,
+    is_altimeter_name,
+    is_dvl_name,
+    is_propeller_name,
+    is_steering_name,
+)
+from uvms_ocp.robot.urdf import Reading, UrdfModels, models_and_notes, read_urdf, read_urdf_xml
 
 _WATER = 1025.0  # [kg/m3] the sea
 _WORLDS = ("world", "map", "odom", "ground")  # names of roots that do not move
 _VEHICLE = 0.5  # of the mass: a root with less carries an arm, and is no vehicle
 _LIFT = 0.03  # [m] of buoyancy above the mass
 _TOO_LARGE = 20.0  # times the mass of a link in water: its shapes are no hull, or in millimetres
-_THRUST = 12.0  # [N] per root of a kilogram of vehicle, as those of 10 to 200 kg have per thruster
+_THRUST = (
+    12.0,
+    0.95,
+)  # [N] per root of a kilogram of vehicle, as those of 10 to 160 kg have per thruster, or per kilogram
 _DOWN = 0.9  # cosine to straight down, of a range sensor's -z
 
 
@@ -87,16 +98,15 @@ def propose(
     models, reading = _read(urdf, reading, package_dirs)
     floats = base == "free_flyer" or (base is None and _floats(models.model))
     if not floats:
-        models = read_urdf(urdf, free_flyer=False, package_dirs=package_dirs, reading=reading)
+        models, _ = models_and_notes(urdf, free_flyer=False, package_dirs=package_dirs, reading=reading)
     roles = find_roles(models.model, free_flyer=floats)
     mimic: Any = given.get("mimic") or ("fixed" if followers else None)
-    still = (*roles.propellers, *roles.sensors, *roles.fingers, *roles.empty)
+    still = (*roles.propellers, *roles.sensors, *roles.fingers, *roles.empty, *roles.held)
     lock = {**{name: _nearest_to_zero(models.model, name) for name in still if name not in followers}, **lock}
     reading = replace(reading, mimic=mimic, lock=lock)
     thrusters = list(_thrusters(models, roles)) if floats else []
-    read_again = _quietly(urdf, floats, package_dirs, reading)
     return _Draft(
-        models=read_again,
+        models=read_urdf(urdf, free_flyer=floats, package_dirs=package_dirs, reading=reading),
         roles=roles,
         reading=reading,
         floats=floats,
@@ -108,24 +118,14 @@ def propose(
 
 def _read(urdf: Path, reading: Reading, package_dirs: Sequence[Path]) -> tuple[UrdfModels, Reading]:
     """With meshes, or without those where some that matter are not there."""
+    read = partial(models_and_notes, urdf, free_flyer=True, package_dirs=package_dirs)
     try:
-        return read_urdf(urdf, free_flyer=True, package_dirs=package_dirs, reading=reading), reading
+        return read(reading=reading)[0], reading
     except RobotDataError as error:
         if not reading.meshes or not all("mesh" in problem for problem in error.problems):
             raise
     reading = replace(reading, meshes=False)
-    return read_urdf(urdf, free_flyer=True, package_dirs=package_dirs, reading=reading), reading
-
-
-def _quietly(urdf: Path, floats: bool, package_dirs: Sequence[Path], reading: Reading) -> UrdfModels:
-    """Read again what has told its notes already."""
-    log = logging.getLogger(read_urdf.__module__)
-    before = log.level
-    log.setLevel(logging.ERROR)
-    try:
-        return read_urdf(urdf, free_flyer=floats, package_dirs=package_dirs, reading=reading)
-    finally:
-        log.setLevel(before)
+    return read(reading=reading)[0], reading
 
 
 def _floats(model: pin.Model) -> bool:
@@ -150,7 +150,7 @@ def _thrusters(models: UrdfModels, roles: Roles) -> Iterator[tuple[str, pin.SE3,
     model = models.model
     data = model.createData()
     pin.framesForwardKinematics(model, data, pin.neutral(model))
-    pushing = [name for name in roles.propellers if not _steers(name)]
+    pushing = [name for name in roles.propellers if not is_steering_name(name)]
     for name in pushing:
         joint = model.joints[model.getJointId(name)]
         own = joint.createData()
@@ -160,7 +160,9 @@ def _thrusters(models: UrdfModels, roles: Roles) -> Iterator[tuple[str, pin.SE3,
     if pushing:
         return
     for i, frame in enumerate(model.frames):
-        is_link = frame.type == pin.FrameType.BODY and is_propeller_name(frame.name) and not _steers(frame.name)
+        is_link = (
+            frame.type == pin.FrameType.BODY and is_propeller_name(frame.name) and not is_steering_name(frame.name)
+        )
         if is_link and frame.parentJoint <= 1 and not _has_propeller_above(model, i):
             round_ones = [
                 s for s in models.visual.geometryObjects if s.parentFrame == i and isinstance(s.geometry, coal.Cylinder)
@@ -169,10 +171,6 @@ def _thrusters(models: UrdfModels, roles: Roles) -> Iterator[tuple[str, pin.SE3,
                 yield frame.name, data.oMf[i], round_ones[0].placement.rotation[:, 2], "axis of its cylinder"
             else:
                 yield frame.name, data.oMf[i], data.oMf[i].rotation[:, 0], "x axis of the link"
-
-
-def _steers(name: str) -> bool:
-    return any(word in name.lower() for word in ("fin", "rudder", "flap", "wheel"))
 
 
 def _has_propeller_above(model: pin.Model, index: int) -> bool:
@@ -239,6 +237,8 @@ class _Draft:
             yield f"tool: any of {', '.join(self.roles.candidates)}; {CHOOSE}"
         if self.floats and not self.range_sensor:
             yield "altimeter: no link is called one and looks down along its -z; --altimeter LINK, or none: no altitude tasks"
+        if self.floats and not any(is_dvl_name(frame.name) for frame in self.models.model.frames):
+            yield "velocity: no link is called a DVL; `sensors: {linear_velocity: null}` is a vehicle without one"
         if self.floats and not self.pushers:
             yield "thrusters: no link or joint is called one; write them into the file, or fly with --plant kinematic"
 
@@ -268,7 +268,8 @@ class _Draft:
 
     def _pushing(self) -> list[dict[str, Any]]:
         model = self.models.model
-        limit = float(f"{_THRUST * np.sqrt(sum(i.mass for i in model.inertias)):.2g}")
+        mass = sum(inertia.mass for inertia in model.inertias)
+        limit = float(f"{max(_THRUST[0] * np.sqrt(mass), _THRUST[1] * mass):.2g}")
         X_FB = model.frames[model.getFrameId(self.roles.base)].placement.inverse()
         return [
             {

@@ -28,19 +28,24 @@ def _words(text: str) -> re.Pattern[str]:
     return re.compile(rf"(?<![a-z])({'|'.join(alone)})s?(?![a-z])|{'|'.join(anywhere)}")
 
 
-_PROPELLER = _words("prop propeller thruster rotor blade screw fan rudder fin flap wheel")
+_PUSHES, _STEERS = _words("prop propeller thruster rotor blade screw fan"), _words("rudder fin flap wheel")
 _SENSOR = _words(
     "cam camera sonar imu dvl gps usbl ins pressure depth altimeter sensor lidar laser echosounder mbes fls beacon antenna "
     "optical light lamp led hydrophone magnetometer acoustic modem ping inclinometer compass ctd gyro transducer pinger"
 )
 _FINGER = _words("finger jaw claw knuckle pincer thumb fingertip")
 _TIP = _words("tool tcp tip ee eef tool0 endeffector end_effector grasp effector")
-_RANGE = _words("altimeter echosounder dva")
+_RANGE, _DVL = _words("altimeter echosounder dva"), _words("dvl doppler")
 
 
 def is_propeller_name(name: str) -> bool:
     """Check for the name of what pushes or steers in water."""
-    return _PROPELLER.search(name.lower()) is not None
+    return is_steering_name(name) or _PUSHES.search(name.lower()) is not None
+
+
+def is_steering_name(name: str) -> bool:
+    """Check for the name of what turns the flow, and pushes nothing."""
+    return _STEERS.search(name.lower()) is not None
 
 
 def is_sensor_name(name: str) -> bool:
@@ -53,13 +58,18 @@ def is_finger_name(name: str) -> bool:
     return _FINGER.search(name.lower()) is not None
 
 
-def _is_no_tool(name: str) -> bool:
-    return is_sensor_name(name) or is_finger_name(name)
+def _is_tip_name(name: str) -> bool:
+    return _TIP.search(name.lower()) is not None
 
 
 def is_altimeter_name(name: str) -> bool:
     """Check for the name of a range sensor that may look down."""
     return _RANGE.search(name.lower()) is not None
+
+
+def is_dvl_name(name: str) -> bool:
+    """Check for the name of what measures velocity by its echo."""
+    return _DVL.search(name.lower()) is not None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -76,6 +86,8 @@ class Roles:
     """Joints that close grippers."""
     empty: tuple[str, ...]
     """Joints that move nothing with a mass."""
+    held: tuple[str, ...]
+    """Joints without range, as none above or below them has: sensors and brackets of some exporters, and no arm."""
     tools: tuple[tuple[str, ...], ...]
     """Candidates for the tool, by chain of joints; one where a chain leaves no doubt."""
 
@@ -96,7 +108,7 @@ def find_roles(model: pin.Model, *, free_flyer: bool) -> Roles:
     kinds = dict(_kinds(tree))
     named = {
         kind: tuple(model.names[j] for j in tree.moving if kinds.get(j) == kind)
-        for kind in ("turns", "looks", "grips", "empty")
+        for kind in ("turns", "looks", "grips", "empty", "held")
     }
     arm = [j for j in tree.moving if j not in kinds]
     ends = [j for j in arm if not any(child in arm for child in tree.children(j))]
@@ -106,6 +118,7 @@ def find_roles(model: pin.Model, *, free_flyer: bool) -> Roles:
         sensors=named["looks"],
         fingers=named["grips"],
         empty=named["empty"],
+        held=named["held"],
         tools=tuple(found for j in ends if (found := _tips(tree, j))),
     )
 
@@ -118,6 +131,7 @@ class _Tree:
         self.moving = range(self.carrier + 1, model.njoints)
         bodies = [(i, frame) for i, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY]
         self.bodies = {j: [i for i, frame in bodies if frame.parentJoint == j] for j in range(model.njoints)}
+        self.inner = {model.frames[frame.parentFrame].parentFrame for _, frame in bodies}
 
     def name(self, frame: int) -> str:
         return str(self.model.frames[frame].name)
@@ -129,9 +143,25 @@ class _Tree:
         """The joint and all that hang on it."""
         return [joint, *(j for child in self.children(joint) for j in self.below(child))]
 
+    def above(self, joint: int) -> list[int]:
+        """The joints between the vehicle and this one."""
+        parent = self.model.parents[joint]
+        return [] if parent <= self.carrier else [parent, *self.above(parent)]
+
+    def has_range(self, joint: int) -> bool:
+        """Whether a joint can move at all."""
+        own, model = self.model.joints[joint], self.model
+        q = slice(own.idx_q, own.idx_q + own.nq)
+        return bool(own.nq != own.nv or (model.lowerPositionLimit[q] < model.upperPositionLimit[q]).any())
+
+    def is_no_tool(self, frame: int) -> bool:
+        """Whether a link is a sensor or a finger; the palm that carries fingers is neither."""
+        name = self.name(frame)
+        return is_sensor_name(name) or (is_finger_name(name) and frame not in self.inner and not _is_tip_name(name))
+
     def is_end(self, frame: int) -> bool:
         """Whether no other link is fixed to the link further out, but sensors and fingers."""
-        others = [i for i in self.bodies[self.model.frames[frame].parentJoint] if not _is_no_tool(self.name(i))]
+        others = [i for i in self.bodies[self.model.frames[frame].parentJoint] if not self.is_no_tool(i)]
         return all(self.model.frames[self.model.frames[i].parentFrame].parentFrame != frame for i in others)
 
 
@@ -141,14 +171,18 @@ def _kinds(tree: _Tree) -> Iterator[tuple[int, str]]:
         names = [tree.name(i) for i in tree.bodies[j]]
         own = [str(tree.model.names[j]), *names[:1]]
         below = [tree.name(i) for k in tree.below(j) for i in tree.bodies[k]]
-        if not any(tree.model.inertias[k].mass for k in tree.below(j)):
+        if any(map(is_propeller_name, own)) and not tree.children(j):
+            yield j, "turns"
+        elif not any(tree.model.inertias[k].mass for k in tree.below(j)):
             yield j, "empty"
-        elif _whirls(tree, j) or (any(map(is_propeller_name, own)) and not tree.children(j)):
+        elif _whirls(tree, j):
             yield j, "turns"
         elif below and all(map(is_sensor_name, below)):
             yield j, "looks"
         elif any(map(is_finger_name, own)):
             yield from ((k, "grips") for k in tree.below(j))
+        elif not any(map(tree.has_range, (*tree.above(j), *tree.below(j)))):
+            yield j, "held"
 
 
 def _whirls(tree: _Tree, j: int) -> bool:
@@ -172,9 +206,8 @@ def _base(tree: _Tree) -> str:
 
 def _tips(tree: _Tree, joint: int) -> tuple[str, ...]:
     """Candidates for the tool at the last joint of a chain."""
-    links = [i for i in tree.bodies[joint] if not _is_no_tool(tree.name(i))]
-    ends = [tree.name(i) for i in links if tree.is_end(i)]
-    named = [name for name in ends if _TIP.search(name.lower())]
+    ends = [tree.name(i) for i in tree.bodies[joint] if not tree.is_no_tool(i) and tree.is_end(i)]
+    named = [name for name in ends if _is_tip_name(name)]
     return tuple(named if len(named) == 1 else ends)
 
 

@@ -27,13 +27,17 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.errors import InvalidInput, RobotDataError
 from uvms_ocp.record.untrusted import note_file_read, read_xml
-from uvms_ocp.robot.urdf_checks import Findings, check_urdf, quoted, read_number, read_sizes, read_vector, unread_words
+from uvms_ocp.robot.urdf_checks import (
+    Findings,
+    check_urdf,
+    quoted,
+    read_number,
+    read_sizes,
+    read_vector,
+    unread_words,
+)
 
 # Does the model that Pinocchio built hold the numbers of the XML?
-#
-# urdfdom and Pinocchio leave out what they cannot read, so everything that later results rest on is read a second time,
-# from the XML alone, and compared: the tree, inertias, axes, limits, friction and shapes. Fixed joints disappear in the
-# model: the links they join are compared as one body.
 
 Element = ElementTree.Element
 
@@ -236,9 +240,6 @@ def _refuse(path: Path, where: str, stated: object, built: object) -> NoReturn:
 
 
 # URDF text to Pinocchio models.
-#
-# The XML is checked before Pinocchio sees it, because its parser writes to stderr and its messages do not say
-# which element is wrong; and the models are checked against the XML, because it leaves out what it cannot read.
 
 _log = logging.getLogger(__name__)
 
@@ -258,7 +259,9 @@ class Reading:
     """What of a file becomes part of the robot."""
 
     mimic: Literal["free", "fixed"] | None = None
-    """Joints that mimic another one: of their own, or fixed where the leader's locked or zero position puts them."""
+    """Joints that mimic another one: of their own, or fixed where the leader's locked position, or its home, puts them."""
+    home: Mapping[str, float] = field(default_factory=dict)
+    """Stowed positions [rad or m] of joints; of others 0, or mid-range where 0 is not allowed."""
     lock: Mapping[str, float] = field(default_factory=dict)
     """Joints that are fixed at a position [rad or m]."""
     drop: tuple[str, ...] = ()
@@ -352,19 +355,36 @@ def _locked(findings: Findings, root: Element, reading: Reading) -> dict[str, fl
             findings.faults.append(f"lock: joint {name!r} does not move in the URDF; allowed: {', '.join(names)}")
     locked = dict(reading.lock)
     for joint in root.findall("joint[mimic]") if reading.mimic == "fixed" else ():
-        locked.setdefault(joint.get("name", ""), _following(findings, joint, reading.lock))
+        locked[joint.get("name", "")] = _position(findings, root, joint, {**reading.home, **reading.lock})
     return locked
 
 
-def _following(findings: Findings, joint: Element, positions: Mapping[str, float]) -> float:
-    """Where a joint is that mimics another one: ``multiplier * leader + offset``."""
-    mimic, where = joint.find("mimic"), f"joint {joint.get('name')!r} mimic"
-    read = partial(findings.attempt, read_number, findings.path, mimic)
-    factor, offset = (
-        read(key, f"{where} {key}", default) or 0.0 for key, default in (("multiplier", 1.0), ("offset", 0.0))
-    )
-    leader = "" if mimic is None else mimic.get("joint", "")
-    return factor * positions.get(leader, 0.0) + offset
+def _position(
+    findings: Findings, root: Element, joint: Element, given: Mapping[str, float], followers: tuple[str, ...] = ()
+) -> float:
+    """Where a joint is: as given, ``multiplier * leader + offset`` of one that mimics, or else 0, or mid-range.
+
+    followers: joints that lead here, of which none may lead on.
+    """
+    name, mimic, limit = joint.get("name", ""), joint.find("mimic"), joint.find("limit")
+
+    def read(element: Element | None, key: str, default: float) -> float:
+        found = findings.attempt(read_number, findings.path, element, key, f"joint {name!r} {key}", default)
+        return default if found is None else found
+
+    if name in given:
+        return given[name]
+    if mimic is None:
+        low, up = (read(limit, key, 0.0) for key in ("lower", "upper"))
+        bounded = joint.get("type") in ("revolute", "prismatic") and limit is not None
+        return 0.0 if low <= 0.0 <= up or not bounded else (low + up) / 2
+    leader = root.find(f"joint[@name={mimic.get('joint', '')!r}]")
+    at = 0.0
+    if leader is None or leader.get("name") in (name, *followers):
+        findings.notes.append(f"joint {name!r} mimics {mimic.get('joint')!r}, which leads nowhere; that is taken as 0")
+    else:
+        at = _position(findings, root, leader, given, (name, *followers))
+    return read(mimic, "multiplier", 1.0) * at + read(mimic, "offset", 0.0)
 
 
 def _lock(path: Path, joint: Element, position: float) -> None:
@@ -396,14 +416,22 @@ def read_urdf(
     ``package://name/...`` is searched as ``<dir>/name/...`` in ``package_dirs`` and in the folders above the
     file; other mesh paths are relative to the file.
     """
+    models, notes = models_and_notes(path, free_flyer=free_flyer, reading=reading, package_dirs=package_dirs)
+    for note in notes:
+        _log.warning("%s: %s", path, note)
+    return models
+
+
+def models_and_notes(
+    path: Path, *, free_flyer: bool, reading: Reading, package_dirs: Sequence[Path]
+) -> tuple[UrdfModels, list[str]]:
+    """As `read_urdf`, with what it warns of."""
     root = read_urdf_xml(path)
     notes = prepare(path, root, reading, free_flyer=free_flyer)
     findings = Findings(path)
     _resolve_meshes(findings, root, (*(folder.resolve() for folder in package_dirs), *path.resolve().parents))
     models = _build(findings, root, free_flyer)
-    for note in _shown([*notes, *findings.notes]):
-        _log.warning("%s: %s", path, note)
-    return models
+    return models, _shown([*notes, *findings.notes])
 
 
 def read_urdf_xml(path: Path) -> Element:

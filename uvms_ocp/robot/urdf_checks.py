@@ -29,10 +29,6 @@ from uvms_ocp.errors import RobotDataError, plain_line
 from uvms_ocp.record.meta_values import LARGEST
 
 # Numbers of a URDF, read as strictly as urdfdom reads them.
-#
-# urdfdom hands the whole text to a C++ stream in the classic locale: blanks may come before a number, nothing after it.
-# Where that fails Pinocchio leaves the inertia or the shape out without a word, so what urdfdom does not read is refused
-# here. Python's `float` takes more: blanks behind, ``1_0``, digits of other scripts, ``nan`` and ``inf``.
 
 Element = ElementTree.Element
 _T = TypeVar("_T")
@@ -101,8 +97,6 @@ def quoted(text: str) -> str:
 
 
 # Checks of a URDF's XML, each mistake one line that names the element.
-#
-# Pinocchio's parser writes to stderr, ignores what it does not understand and does not say which element is wrong.
 
 _JOINT_TYPES = ("revolute", "continuous", "prismatic", "planar", "floating", "fixed")
 _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -460,10 +454,6 @@ def _check_origin(path: Path, element: Element, where: str) -> None:
 
 
 # Elements and attributes of a URDF that nobody reads: urdfdom and Pinocchio skip a word that they do not know.
-#
-# A word that can only be a mistake is refused: one that is nearly a known word, or any unknown one where nothing but numbers
-# of the robot stands. Others, such as what a simulator adds to links, are told in one warning. The known words are those of
-# urdfdom's parsers and of Pinocchio's ``<collision_checking>``.
 
 _LIKENESS = 0.66  # of difflib: "dampning" to "damping" is 0.93, "xzy" to "xyz" 0.67
 _SHOWN_WORDS = 8  # words in a warning

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import logging
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.control.velocity.kinematic import KinematicController
+from uvms_ocp.errors import plain_line
 from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.mission import Condition, Mission
 from uvms_ocp.record import meta_values
@@ -26,6 +28,8 @@ from uvms_ocp.tasks.task import evaluate_pose
 Markers = Mapping[str, tuple[float, float, float]]
 """Points (3,) [m] in W to draw, by name."""
 
+_log = logging.getLogger(__name__)
+_T = TypeVar("_T")
 _FLOOR_AROUND = 12.0  # [m] of a floor with protuberances that a record keeps around the mission
 
 
@@ -43,6 +47,15 @@ class RunOutcome:
     """[s] that the simulation took."""
     std: np.ndarray | None = None
     """(n_v,) [m, rad] standard deviation of the estimated configuration, where the estimator tells."""
+
+
+def computed_or(instead: _T, name: str, compute: Callable[[], _T]) -> _T:
+    """A value that is computed after a run: where that fails it costs this value, told as a warning, and not the run."""
+    try:
+        return compute()
+    except Exception as error:
+        _log.warning("%s", plain_line(f"not in the record: {name}, {type(error).__name__}: {error}"))
+        return instead
 
 
 def run_meta(
@@ -91,8 +104,10 @@ def run_meta(
         channels=monitor.channels,
         faults=faults,
         true_quantities=_values(ending.quantities),
-        sensors_allow=_values(quantity_stds(setup, ending.q)),
-        spreads=_values({} if ending.std is None else quantity_stds(setup, ending.q, ending.std)),
+        sensors_allow=_values(computed_or({}, "what sensors allow", lambda: quantity_stds(setup, ending.q))),
+        spreads=_values(
+            computed_or({}, "spreads", lambda: {} if ending.std is None else quantity_stds(setup, ending.q, ending.std))
+        ),
         statuses=tuple(status.value for status in Status),
         seed=seed,
         noise=setup.sensors != IDEAL_SENSORS,
@@ -139,7 +154,7 @@ def _surroundings(setup: Setup, markers: Markers, end: np.ndarray) -> meta_value
         markers=tuple(meta_values.MarkerMeta(name=name, position=point) for name, point in markers.items()),
         obstacles=describe_obstacles(setup.environment.obstacles),
         floor_z=setup.floor_at(*_place(setup, setup.start)),
-        floor=_relief(setup, markers, end),
+        floor=computed_or(None, "the floor around it", lambda: _relief(setup, markers, end)),
     )
 
 

@@ -26,7 +26,7 @@ from uvms_ocp.robot import IDEAL_SENSORS, Command, Robot, SensorSpecs, State, St
 from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.scenario.preflight.checks import check_mission
 from uvms_ocp.scenario.preflight.setup import PreflightReport, Setup
-from uvms_ocp.scenario.run_metadata import RunOutcome, run_meta
+from uvms_ocp.scenario.run_metadata import RunOutcome, computed_or, run_meta
 from uvms_ocp.sim import own_parts
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.fault_effects import require_possible
@@ -293,16 +293,18 @@ class Scenario(FieldTable):
         parts: dict[str, Any] = {"plant": plant, "sensors": sensors, "estimator": estimator, "controller": controller}
         recorder = simulate(**parts, dt=self.dt, duration=self.duration, progress=progress, observer=observer)
         wall = perf_counter() - begin
-        truth = kinematic.evaluate(self._true_measurement(plant.state), recorder.last("t"))
-        # All quantities at the true state when each phase ended, of the goals that it had.
-        truths = []
-        for event, state in zip(kinematic.events, kinematic.left, strict=True):
+
+        def quantities(true: State, t: float, *goals: MissionState) -> dict[str, float]:
+            return computed_or({}, "true errors", lambda: kinematic.evaluate(self._true_measurement(true), t, *goals))
+
+        truth, ends = quantities(plant.state, recorder.last("t")), []
+        for event, goals in zip(
+            kinematic.events, kinematic.left, strict=True
+        ):  # those that the phase had when it ended
             row = round(event.t / self.dt)
-            then = State(q=recorder.at("q", row), v=recorder.at("v", row))
-            truths.append(kinematic.evaluate(self._true_measurement(then), event.t, state))
-        events = tuple(truths)
+            ends.append(quantities(State(q=recorder.at("q", row), v=recorder.at("v", row)), event.t, goals))
         std = recorder.last("q_std") if "q_std" in recorder else None
-        ending = RunOutcome(q=recorder.last("q"), quantities=truth, at_events=events, wall_s=wall, std=std)
+        ending = RunOutcome(q=recorder.last("q"), quantities=truth, at_events=tuple(ends), wall_s=wall, std=std)
         own = self.own_parts
         meta = run_meta(
             name=self.name,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -73,6 +74,17 @@ def _mark_least(axis: Axes, nearest: ClearanceMeta) -> None:
     style.note(axis, text, (when, least), offset, ha=side, va="top", fontsize=7)
 
 
+PLAN_FIGURES: Mapping[str, Callable[[Record], Figure | None]] = MappingProxyType(
+    {
+        "vehicle_motion": figure_vehicle_motion,
+        "joint_motion": figure_joint_motion,
+        "clearance": figure_clearance,
+        "efforts": figure_efforts,
+    }
+)
+"""What draws each figure of a plan, by name."""
+
+
 @checked
 def write_plan_figures(record: Record, folder: Path | str) -> tuple[Path, ...]:
     """Write every figure that the plan can fill as PNG; returns the paths. Raises `OutputError`."""
@@ -83,12 +95,7 @@ def write_plan_figures(record: Record, folder: Path | str) -> tuple[Path, ...]:
 
 def plan_figures(record: Record) -> dict[str, Figure]:
     """Return, by name, every figure that the plan can fill. Raises `InvalidInput` for a record of a run."""
-    figures = {
-        "vehicle_motion": figure_vehicle_motion(record),
-        "joint_motion": figure_joint_motion(record),
-        "clearance": figure_clearance(record),
-        "efforts": figure_efforts(record),
-    }
+    figures = {name: draw(record) for name, draw in PLAN_FIGURES.items()}
     return {name: figure for name, figure in figures.items() if figure is not None}
 
 

@@ -22,7 +22,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import joint_errors
 from uvms_ocp.viz import style, task_figures
 from uvms_ocp.viz.motion_figures import figure_efforts, figure_joints, figure_path, figure_tracking, figure_velocities
-from uvms_ocp.viz.plan_figures import plan_figures
+from uvms_ocp.viz.plan_figures import PLAN_FIGURES, plan_figures
 from uvms_ocp.viz.series import axis_label, axis_names, has_vehicle, intervals_of, phase_spans, require_rows
 
 # How well the estimator knew where the robot was, and how well it said so.
@@ -199,8 +199,8 @@ def write_figures(record: Record, folder: Path | str, format: Format = "png") ->
 
 
 def write_figure(record: Record, name: str, folder: Path | str, format: Format = "png") -> Path | None:
-    """Write one of `FIGURES`; `None` where the record cannot fill it. Raises as `write_figures`."""
-    figure = FIGURES[name](record)
+    """Write one of `FIGURES`, or of a plan's; `None` where the record cannot fill it. Raises as `write_figures`."""
+    figure = {**PLAN_FIGURES, **FIGURES}[name](record)
     return None if figure is None else style.save_figure(figure, Path(folder) / f"{name}.{format}")
 
 

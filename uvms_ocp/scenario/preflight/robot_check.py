@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -81,36 +81,14 @@ class RobotReport:
 
 
 @checked
-def check_robot_files(
-    path: Path | str,
-    hydrodynamics: Path | str | None = None,
-    *,
-    base: str | None = None,
-    package_dirs: Sequence[Path | str] = (),
-    meshes: bool | None = None,
-    mimic: Literal["free", "fixed"] | None = None,
-    lock: Mapping[str, float] | None = None,
-    drop: Sequence[str] = (),
-    tool: str | Sequence[str] | None = None,
-    altimeter: str | None = None,
-) -> RobotReport:
+def check_robot_files(path: Path | str, hydrodynamics: Path | str | None = None, **loading: Any) -> RobotReport:
     """Load a URDF, or a folder with ``robot.urdf`` and ``hydrodynamics.yaml``, and check the robot.
 
-    Options as in `load_robot`. Files that cannot be loaded give a report with all that is wrong with them; raises
-    ``InvalidInput`` for options that do not exist.
+    loading: further options of `load_robot`. Files that cannot be loaded give a report with all that is wrong with them;
+    raises ``InvalidInput`` for options that do not exist.
     """
     try:
-        robot = load_robot(
-            **files_of(Path(path), hydrodynamics),
-            base=base,
-            package_dirs=package_dirs,
-            meshes=meshes,
-            mimic=mimic,
-            lock=lock,
-            drop=drop,
-            tool=tool,
-            altimeter=altimeter,
-        )
+        robot = load_robot(**files_of(Path(path), hydrodynamics), **loading)
     except RobotDataError as error:
         return RobotReport(name=Path(path).name, findings=tuple(_error("files", text) for text in error.lines))
     return check_robot(robot)

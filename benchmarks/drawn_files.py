@@ -1,0 +1,78 @@
+"""Drawn robot files: ``python benchmarks/drawn_files.py [--files N] [--exports N] [--jobs N] [--work DIR --hours H]``.
+
+Sound robots, of each of which two things are taken away, renamed, doubled or emptied, go from the file through all commands:
+new-robot, check-robot, new-mission, check, a kinematic and a dynamic run, save, load, show, plan curve and, the first of them,
+export. Writes drawn_files.csv, one row per file of the study `drawn_files`, and its sums to drawn_files.md. With --work DIR it
+goes on where it was.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+from recording.kept_rows import kept_rows
+from recording.processes import hide_compiler
+from recording.report import Report, Row, Table, begin, parser_of
+from studies.drawn_files import REASONS, drawn_files, reason_of, totals
+
+PROSE = """
+Seeds {first} to {last}; one row each in `drawn_files.csv`. A file is through, or refused in one line by the first step that
+refuses it; anything else that is raised, mass that is lost, a tool that is none, or a record that is another one once saved
+and loaded, is a fault: {faults} of {files}. Runs last {seconds:g} s each, at {rate:.0f} Hz, and are made of what pre-flight
+refuses, too; without a compiler, but for the first {exports}, which go through `export` as well.
+
+Reasons, and how many files were refused for each: {reasons}. For none of these: {others}.
+"""
+
+
+def prose(rows: list[Row]) -> str:
+    """With the figures of the study."""
+    refused = Counter(reason_of(row["text"]) for row in rows if row["outcome"] == "refused")
+    return PROSE.format(
+        first=rows[0]["seed"],
+        last=rows[-1]["seed"],
+        files=len(rows),
+        faults=sum(row["outcome"] == "fault" for row in rows),
+        seconds=rows[0]["duration_s"],
+        rate=1 / rows[0]["dt"],
+        exports=sum(row["exports"] for row in rows),
+        reasons=", ".join(f"{reason} {refused[reason]}" for reason in REASONS if refused[reason]) or "none",
+        others=refused[""],
+    )
+
+
+def main() -> None:
+    """Run the study."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--files", type=int, default=500, metavar="N")
+    parser.add_argument("--exports", type=int, default=20, metavar="N", help="of them, through export, with a compiler")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
+    parser.add_argument("--work", type=Path, metavar="PATH", help="folder of rows that are kept")
+    parser.add_argument("--hours", type=float, default=24.0, metavar="H", help="time after which it ends [h]")
+    given, run = begin(parser)
+    exports, files = (0, 1) if run.quick else (given.exports, given.files)
+    rows: list[Row] = []
+    with tempfile.TemporaryDirectory() as cache:
+        os.environ |= {"UVMS_OCP_CACHE": cache, "UVMS_OCP_CFLAGS": "-O0"}  # what is compiled runs once
+        work = given.work or Path(cache)
+        if exports:
+            rows += kept_rows(drawn_files(n=exports, exports=True), work / "exports", given.jobs, given.hours)
+        hide_compiler()
+        rest = drawn_files(n=files - exports, seed=exports)
+        rows += kept_rows(rest, work / "files", 1 if run.quick else given.jobs, given.hours)
+    run.write(
+        Report(
+            name="drawn_files",
+            title="Drawn robot files",
+            prose=prose(rows),
+            tables=[Table(rows=totals(rows))],
+            data={"drawn_files": rows},
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()

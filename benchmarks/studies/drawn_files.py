@@ -1,0 +1,668 @@
+"""Drawn robot files: sound ones with two changes each, from the file to runs, a scene, a curve and C."""
+
+from __future__ import annotations
+
+import tempfile
+import xml.etree.ElementTree as ElementTree
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import yaml
+from typer.testing import CliRunner
+
+from studies.study import Study, seeds_from
+from uvms_ocp.campaign.jobs import Row
+from uvms_ocp.cli.commands import app
+from uvms_ocp.errors import UvmsError, plain_line
+from uvms_ocp.export.controller import export_controller
+from uvms_ocp.planning.request import PlanRequest, PostureGoal, plan_path
+from uvms_ocp.record.record import Record
+from uvms_ocp.report.planned_motion import motion_record
+from uvms_ocp.report.summary import summarize
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.scenario.own_code import load_scenario, robot_of
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.types import Count
+from uvms_ocp.viz.scene.show import write_scene
+
+# A sound robot: a hull with propellers and sensors, and none to two arms that end in a tip.
+
+Element = ElementTree.Element
+_LIMIT = {"lower": "-1.5", "upper": "1.5", "velocity": "0.7", "effort": "9"}
+_FANS = {
+    "ahead": ((-0.3, 0.2, 0.0), (-0.3, -0.2, 0.0), (1.0, 0.0, 0.0)),
+    "sideways": ((0.25, 0.0, 0.0), (-0.25, 0.0, 0.0), (0.0, 1.0, 0.0)),
+    "up": ((0.25, 0.0, 0.1), (-0.25, 0.2, 0.1), (-0.25, -0.2, 0.1), (0.0, 0.0, 1.0)),
+}
+
+
+@dataclass(kw_only=True, slots=True, eq=False)
+class Drawn:
+    """A robot's files on their way to be written."""
+
+    urdf: Element
+    tips: list[Element]
+    """The true ends of the arms."""
+    water: dict[str, Any] | None = None
+    """Content of hydrodynamics.yaml, once there is one."""
+
+    def link(self, name: str, mass: float = 0.0, shape: str = "", at: str = "0.15 0 0") -> Element:
+        """A new link; shape: size of a box."""
+        link = ElementTree.SubElement(self.urdf, "link", name=name)
+        if mass:
+            moment = repr(0.01 * mass)
+            inertial = ElementTree.SubElement(link, "inertial")
+            ElementTree.SubElement(inertial, "origin", xyz=at)
+            ElementTree.SubElement(inertial, "mass", value=repr(mass))
+            moments = dict.fromkeys(("ixx", "iyy", "izz"), moment) | dict.fromkeys(("ixy", "ixz", "iyz"), "0")
+            ElementTree.SubElement(inertial, "inertia", moments)
+        for kind in ("visual", "collision") if shape else ():
+            part = ElementTree.SubElement(link, kind)
+            ElementTree.SubElement(part, "origin", xyz=at)
+            ElementTree.SubElement(ElementTree.SubElement(part, "geometry"), "box", size=shape)
+        return link
+
+    def joint(self, parent: str, child: str, kind: str = "fixed", xyz: str = "0 0 0", axis: str = "0 1 0") -> Element:
+        """A new joint, named after its child; limited where it is revolute or prismatic."""
+        joint = ElementTree.SubElement(self.urdf, "joint", name=f"{child}_joint", type=kind)
+        ElementTree.SubElement(joint, "parent", link=parent)
+        ElementTree.SubElement(joint, "child", link=child)
+        ElementTree.SubElement(joint, "origin", xyz=xyz)
+        if kind != "fixed":
+            ElementTree.SubElement(joint, "axis", xyz=axis)
+        if kind in ("revolute", "prismatic"):
+            ElementTree.SubElement(joint, "limit", _LIMIT)
+        return joint
+
+    def arm(self, name: str, y: float) -> None:
+        """A chain of two links on the hull, with a tip."""
+        parent, at = "hull", f"0.4 {y} -0.1"
+        for part, mass in (("upper", 0.5), ("fore", 0.4)):
+            self.link(f"{name}_{part}", mass, "0.25 0.05 0.05")
+            self.joint(parent, f"{name}_{part}", "revolute", at)
+            parent, at = f"{name}_{part}", "0.3 0 0"
+        self.tips.append(self.link(f"{name}_tip"))
+        self.joint(parent, f"{name}_tip", xyz=at)
+
+    def fan(self, name: str, xyz: str, axis: str) -> None:
+        """A propeller on the hull."""
+        self.link(name, 0.05, at="0 0 0")
+        self.joint("hull", name, "continuous", xyz, axis)
+
+    @property
+    def joints(self) -> list[Element]:
+        """Joints of arms."""
+        return [j for j in self.urdf.findall("joint") if j.get("type") not in ("fixed", "continuous")]
+
+    @property
+    def mass(self) -> float:
+        """[kg] of all links."""
+        return sum(float(mass.get("value", "0")) for mass in self.urdf.iterfind("link/inertial/mass"))
+
+    def of(self, name: str) -> Element:
+        """The link of that name."""
+        return next(link for link in self.urdf.findall("link") if link.get("name") == name)
+
+
+def sound(arms: int) -> Drawn:
+    """A hull with propellers for all axes, an altimeter, a camera and none to two arms."""
+    drawn = Drawn(urdf=ElementTree.Element("robot", name="drawn"), tips=[])
+    drawn.link("hull", 30.0, "0.7 0.5 0.4", at="0 0 0")
+    for name, (*places, axis) in _FANS.items():
+        for k, place in enumerate(places):
+            drawn.fan(f"thruster_{name}_{k}", " ".join(map(str, place)), " ".join(map(str, axis)))
+    for name, xyz in (("altimeter", "0 0 -0.2"), ("camera", "0.35 0 0")):
+        drawn.link(name)
+        drawn.joint("hull", name, xyz=xyz)
+    for k in range(arms):
+        drawn.arm(("left", "right")[k], (0.15, -0.15)[k] if arms == 2 else 0.0)
+    return drawn
+
+
+# Changes of the URDF, and of the hydrodynamics.yaml that is proposed for it. What a change needs may be gone: then it is none.
+
+Change = Callable[[Drawn, np.random.Generator], object]
+URDF: dict[str, Change] = {}
+WATER: dict[str, Change] = {}
+
+
+def _change(changes: dict[str, Change], name: str) -> Callable[[Change], Change]:
+    def keep(change: Change) -> Change:
+        changes[name] = change
+        return change
+
+    return keep
+
+
+def _drop(drawn: Drawn, *names: str) -> None:
+    """Take out links with all that hangs on them."""
+    waiting = list(names)
+    while waiting:
+        name = waiting.pop()
+        for link in [link for link in drawn.urdf.findall("link") if link.get("name") == name]:
+            drawn.urdf.remove(link)
+        for joint in drawn.urdf.findall("joint"):
+            ends = [end.get("link") for end in (*joint.findall("parent"), *joint.findall("child"))]
+            if name in ends:
+                drawn.urdf.remove(joint)
+                waiting += [end or "" for end in ends[1:] if ends[0] == name]
+    kept = drawn.urdf.findall("link")
+    drawn.tips = [tip for tip in drawn.tips if tip in kept]
+
+
+def _end_of(drawn: Drawn, tip: Element) -> Element:
+    """The link that carries a tip."""
+    joint = next(j for j in drawn.urdf.findall("joint") if j.find(f"child[@link={tip.get('name')!r}]") is not None)
+    return drawn.of(next(joint.iter("parent")).get("link", ""))
+
+
+def _renamed(drawn: Drawn, new: Callable[[str], str]) -> None:
+    for element in drawn.urdf.iter():
+        for key in ("name", "link") if element.tag in ("link", "joint", "parent", "child") else ():
+            if key in element.attrib:
+                element.set(key, new(element.attrib[key]))
+
+
+def _one(rng: np.random.Generator, items: Sequence[Element]) -> list[Element]:
+    return [items[int(rng.integers(len(items)))]] if items else []
+
+
+@_change(URDF, "no joints")
+def _no_joints(drawn: Drawn, rng: np.random.Generator) -> None:
+    for joint in drawn.urdf.findall("joint"):
+        joint.set("type", "fixed")
+    drawn.tips = []
+
+
+@_change(URDF, "one link")
+def _one_link(drawn: Drawn, rng: np.random.Generator) -> None:
+    _drop(drawn, *[name for link in drawn.urdf.findall("link") if (name := link.get("name", "")) != "hull"])
+
+
+@_change(URDF, "no tip")
+def _no_tip(drawn: Drawn, rng: np.random.Generator) -> None:
+    ends = [_end_of(drawn, tip) for tip in drawn.tips]
+    _drop(drawn, *[tip.get("name", "") for tip in drawn.tips])
+    drawn.tips = ends
+
+
+@_change(URDF, "two ends")
+def _two_ends(drawn: Drawn, rng: np.random.Generator) -> None:
+    for tip in drawn.tips:
+        hook = f"{tip.get('name')}_hook"
+        drawn.link(hook)
+        drawn.joint(_end_of(drawn, tip).get("name", ""), hook, xyz="0.2 0 0.1")
+
+
+@_change(URDF, "camera on the wrist")
+def _camera(drawn: Drawn, rng: np.random.Generator) -> None:
+    for tip in drawn.tips:
+        eye = f"{tip.get('name')}_camera"
+        drawn.link(eye, 0.05)
+        drawn.joint(_end_of(drawn, tip).get("name", ""), eye, xyz="0.2 0 0.1")
+
+
+@_change(URDF, "fingers")
+def _fingers(drawn: Drawn, rng: np.random.Generator) -> None:
+    mimics = rng.random() < 0.5
+    for tip in drawn.tips:
+        wrist, first = _end_of(drawn, tip).get("name", ""), f"{tip.get('name')}_finger_0"
+        for k, y in enumerate((0.03, -0.03)):
+            drawn.link(f"{tip.get('name')}_finger_{k}", 0.02, at="0.02 0 0")
+            joint = drawn.joint(wrist, f"{tip.get('name')}_finger_{k}", "prismatic", f"0.3 {y} 0")
+            if k and mimics:
+                ElementTree.SubElement(joint, "mimic", joint=f"{first}_joint", multiplier="-1")
+
+
+@_change(URDF, "no altimeter")
+def _no_altimeter(drawn: Drawn, rng: np.random.Generator) -> None:
+    _drop(drawn, *[n for link in drawn.urdf.findall("link") if "altimeter" in (n := link.get("name", ""))])
+
+
+@_change(URDF, "other names")
+def _other_names(drawn: Drawn, rng: np.random.Generator) -> None:
+    names = list(dict.fromkeys(link.get("name", "") for link in drawn.urdf.findall("link")))
+    numbers = {name: f"part{k}" for k, name in enumerate(names) if "thruster" not in name}
+    _renamed(drawn, lambda name: numbers.get(name, name))
+
+
+@_change(URDF, "prefixes with /")
+def _prefixes(drawn: Drawn, rng: np.random.Generator) -> None:
+    _renamed(drawn, lambda name: f"rov/{name}")
+
+
+@_change(URDF, "unicode")
+def _unicode(drawn: Drawn, rng: np.random.Generator) -> None:
+    _renamed(drawn, lambda name: f"{name} größe_機")
+
+
+@_change(URDF, "continuous joints")
+def _continuous(drawn: Drawn, rng: np.random.Generator) -> None:
+    for joint in drawn.joints:
+        joint.set("type", "continuous")
+
+
+@_change(URDF, "a prismatic joint")
+def _prismatic(drawn: Drawn, rng: np.random.Generator) -> None:
+    for joint in _one(rng, drawn.joints):
+        joint.set("type", "prismatic")
+
+
+@_change(URDF, "a planar joint")
+def _planar(drawn: Drawn, rng: np.random.Generator) -> None:
+    for joint in _one(rng, drawn.joints):
+        joint.set("type", "planar")
+
+
+@_change(URDF, "zero range")
+def _zero_range(drawn: Drawn, rng: np.random.Generator) -> None:
+    for limit in drawn.urdf.findall("joint/limit"):
+        limit.set("lower", "0")
+        limit.set("upper", "0")
+
+
+@_change(URDF, "range without 0")
+def _away_from_zero(drawn: Drawn, rng: np.random.Generator) -> None:
+    for limit in drawn.urdf.findall("joint/limit"):
+        limit.set("lower", "0.3")
+
+
+@_change(URDF, "no limits")
+def _no_limits(drawn: Drawn, rng: np.random.Generator) -> None:
+    for joint in drawn.urdf.findall("joint"):
+        for limit in joint.findall("limit"):
+            joint.remove(limit)
+
+
+@_change(URDF, "limits of 0")
+def _limits_of_zero(drawn: Drawn, rng: np.random.Generator) -> None:
+    for limit in drawn.urdf.findall("joint/limit"):
+        limit.set("velocity", "0")
+        limit.set("effort", "0")
+
+
+@_change(URDF, "a fixed link without mass")
+def _massless(drawn: Drawn, rng: np.random.Generator) -> None:
+    drawn.link("bracket")
+    drawn.joint(drawn.urdf.findall("link")[0].get("name", ""), "bracket", xyz="0 0.1 0.2")
+
+
+@_change(URDF, "moving links without mass")
+def _weightless(drawn: Drawn, rng: np.random.Generator) -> None:
+    for link in drawn.urdf.findall("link"):
+        for inertial in link.findall("inertial"):
+            if float(next(inertial.iter("mass")).get("value", "0")) < 1.0:
+                link.remove(inertial)
+
+
+@_change(URDF, "a hull without inertia")
+def _no_hull_inertia(drawn: Drawn, rng: np.random.Generator) -> None:
+    for moment in drawn.urdf.findall("link/inertial/inertia")[:1]:
+        moment.attrib.update(dict.fromkeys(moment.attrib, "0"))
+
+
+@_change(URDF, "a thin hull")
+def _thin(drawn: Drawn, rng: np.random.Generator) -> None:
+    for moment in drawn.urdf.findall("link/inertial/inertia")[:1]:
+        moment.set("izz", "9")
+
+
+@_change(URDF, "mass below 0")
+def _negative(drawn: Drawn, rng: np.random.Generator) -> None:
+    for mass in drawn.urdf.findall("link/inertial/mass")[-1:]:
+        mass.set("value", "-1")
+
+
+@_change(URDF, "a joint that mimics")
+def _mimic(drawn: Drawn, rng: np.random.Generator) -> None:
+    for first, second in zip(drawn.joints[:1], drawn.joints[1:2], strict=False):
+        ElementTree.SubElement(second, "mimic", joint=first.get("name", ""), multiplier="0.5", offset="0.1")
+
+
+@_change(URDF, "no vertical thrust")
+def _no_lift(drawn: Drawn, rng: np.random.Generator) -> None:
+    _drop(drawn, *[n for link in drawn.urdf.findall("link") if "thruster_up" in (n := link.get("name", ""))])
+
+
+@_change(URDF, "no thrusters")
+def _no_thrusters(drawn: Drawn, rng: np.random.Generator) -> None:
+    _drop(drawn, *[n for link in drawn.urdf.findall("link") if "thruster" in (n := link.get("name", ""))])
+
+
+@_change(URDF, "fixed thrusters")
+def _fixed_thrusters(drawn: Drawn, rng: np.random.Generator) -> None:
+    for joint in drawn.urdf.findall("joint"):
+        if "thruster" in joint.get("name", ""):
+            joint.set("type", "fixed")
+
+
+@_change(URDF, "fins")
+def _fins(drawn: Drawn, rng: np.random.Generator) -> None:
+    for name, axis in (("fin_0", "0 1 0"), ("rudder", "0 0 1")):
+        drawn.link(name, 0.1, at="-0.05 0 0")
+        drawn.joint(drawn.urdf.findall("link")[0].get("name", ""), name, "revolute", "-0.4 0 0", axis)
+
+
+@_change(URDF, "pictures that are gone")
+def _no_pictures(drawn: Drawn, rng: np.random.Generator) -> None:
+    _mesh(drawn, "visual")
+
+
+@_change(URDF, "shapes that are gone")
+def _no_contacts(drawn: Drawn, rng: np.random.Generator) -> None:
+    _mesh(drawn, "collision")
+
+
+def _mesh(drawn: Drawn, kind: str) -> None:
+    for geometry in drawn.urdf.findall(f"link/{kind}/geometry"):
+        geometry[:] = [ElementTree.Element("mesh", filename="package://gone/part.dae")]
+
+
+@_change(URDF, "no shapes")
+def _no_shapes(drawn: Drawn, rng: np.random.Generator) -> None:
+    for link in drawn.urdf.findall("link"):
+        link[:] = [part for part in link if part.tag == "inertial"]
+
+
+@_change(URDF, "a world to float on")
+def _floating(drawn: Drawn, rng: np.random.Generator) -> None:
+    _on_world(drawn, "floating")
+
+
+@_change(URDF, "a world to stand on")
+def _standing(drawn: Drawn, rng: np.random.Generator) -> None:
+    _on_world(drawn, "fixed")
+
+
+def _on_world(drawn: Drawn, kind: str) -> None:
+    first = drawn.urdf.findall("link")[0].get("name", "")
+    children = [child.get("link") for child in drawn.urdf.findall("joint/child")]
+    if first not in children:
+        drawn.link("world")
+        drawn.joint("world", first, kind)
+
+
+@_change(URDF, "a root without mass")
+def _root(drawn: Drawn, rng: np.random.Generator) -> None:
+    first = drawn.urdf.findall("link")[0].get("name", "")
+    if first not in [child.get("link") for child in drawn.urdf.findall("joint/child")]:
+        drawn.link("base_footprint")
+        drawn.joint("base_footprint", first)
+
+
+@_change(URDF, "twins")
+def _twins(drawn: Drawn, rng: np.random.Generator) -> None:
+    for joint in drawn.urdf.findall("joint"):
+        for origin in joint.findall("origin"):
+            ElementTree.SubElement(joint, "origin", origin.attrib)
+
+
+@_change(URDF, "a name twice")
+def _name_twice(drawn: Drawn, rng: np.random.Generator) -> None:
+    ElementTree.SubElement(drawn.urdf, "link", name=drawn.urdf.findall("link")[-1].get("name", ""))
+
+
+@_change(URDF, "two roots")
+def _two_roots(drawn: Drawn, rng: np.random.Generator) -> None:
+    drawn.link("lost", 1.0)
+
+
+@_change(URDF, "empty elements")
+def _emptied(drawn: Drawn, rng: np.random.Generator) -> None:
+    for joint in drawn.urdf.findall("joint"):
+        for axis in joint.findall("axis"):
+            joint.remove(axis)
+
+
+@_change(URDF, "paint of no colour")
+def _paint(drawn: Drawn, rng: np.random.Generator) -> None:
+    for visual in drawn.urdf.findall("link/visual"):
+        ElementTree.SubElement(visual, "material", name=str(rng.choice(["", "Gazebo/Teal"])))
+
+
+def _without(*keys: str) -> Change:
+    def drop(drawn: Drawn, rng: np.random.Generator) -> None:
+        for key in keys:
+            (drawn.water or {}).pop(key, None)
+
+    return drop
+
+
+WATER |= {f"no {key} in the file": _without(key) for key in ("tool", "altimeter", "base_link", "loading", "thrusters")}
+WATER |= {"no limits in the file": _without("vehicle_limits", "joints"), "no links in the file": _without("links")}
+
+
+@_change(WATER, "no file beside it")
+def _no_water(drawn: Drawn, rng: np.random.Generator) -> None:
+    drawn.water = None
+
+
+@_change(WATER, "one wet link")
+def _one_wet(drawn: Drawn, rng: np.random.Generator) -> None:
+    if drawn.water:
+        links = dict(drawn.water.get("links", {}))
+        wet = [name for name, link in links.items() if link.get("coefficients")]
+        drawn.water["links"] = {name: links[name] for name in wet[:1]}
+
+
+@_change(WATER, "all links dry but one")
+def _dry(drawn: Drawn, rng: np.random.Generator) -> None:
+    links = (drawn.water or {}).get("links", {})
+    wet = [name for name, link in links.items() if link.get("coefficients")]
+    for name in wet[1:]:
+        links[name] = {"coefficients": {}}
+
+
+@_change(WATER, "a tool that is not there")
+def _wrong_tool(drawn: Drawn, rng: np.random.Generator) -> None:
+    if drawn.water:
+        drawn.water["tool"] = "nowhere"
+
+
+@_change(WATER, "one thruster")
+def _one_thruster(drawn: Drawn, rng: np.random.Generator) -> None:
+    if drawn.water:
+        drawn.water["thrusters"] = drawn.water.get("thrusters", [])[:1]
+
+
+@_change(WATER, "ballast")
+def _ballast(drawn: Drawn, rng: np.random.Generator) -> None:
+    if drawn.water:
+        link = next(iter(drawn.water.get("links", {"hull": None})))
+        body = {"name": "lead", "link": link, "position": [0, 0, -0.1], "mass": 2.0, "volume": 0.0}
+        drawn.water["trim"] = [body]
+
+
+_DURATION, _DT = 2.0, 0.02  # [s]
+
+# The way of one file. Each step may be refused in one line; anything else that is raised, or lost on the way, is a fault.
+
+
+class Fault(Exception):
+    """What must not be."""
+
+
+@dataclass(kw_only=True, slots=True)
+class _Way:
+    """How far a file has come."""
+
+    step: str = ""
+    refusals: list[str]
+    faults: list[str]
+
+    @contextmanager
+    def at(self, step: str) -> Iterator[None]:
+        """A step; what it raises is a refusal, or a fault of the package. Raises `_End` where nothing can follow."""
+        self.step = step
+        try:
+            yield
+        except UvmsError as error:
+            self.refusals.append(f"{step}: {plain_line(str(error))}")
+        except Exception as error:
+            self.faults.append(f"{step}: {plain_line(f'{type(error).__name__}: {error}', 300)}")
+
+
+def _command(*words: object) -> str:
+    """What a command says. Raises `UvmsError` where it refuses, and what it raises."""
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    if result.exit_code == 1 or "Traceback" in result.output:
+        raise Fault(f"exit code {result.exit_code}, {result.output}")
+    if result.exit_code:
+        raise UvmsError(plain_line(result.output[max(0, result.output.find("error")) :], 400))
+    return result.output
+
+
+def run_file(case: dict[str, Any]) -> Row:
+    """All steps of one drawn file."""
+    rng = np.random.default_rng(case["seed"])
+    names = [*URDF, *WATER]
+    chosen = [names[k] for k in rng.choice(len(names), size=2, replace=False)]
+    arms = int(rng.integers(3))
+    drawn = sound(arms)
+    way = _Way(refusals=[], faults=[])
+    for name in chosen:
+        if name in URDF:
+            URDF[name](drawn, rng)
+    with tempfile.TemporaryDirectory() as place:
+        changes = [WATER[name] for name in chosen if name in WATER]
+        _follow(way, drawn, Path(place), changes, rng, exports=case["exports"])
+    outcome = "fault" if way.faults else "refused" if way.refusals else "through"
+    said = way.faults or sorted(way.refusals, key=lambda text: bool(reason_of(text)))  # what has no reason first
+    return {
+        **case,
+        "arms": arms,
+        "first": chosen[0],
+        "second": chosen[1],
+        "outcome": outcome,
+        "completed": not way.faults,
+        "text": "".join(said[:1]).replace(place, "DIR"),
+    }
+
+
+def _follow(
+    way: _Way, drawn: Drawn, place: Path, changes: Sequence[Change], rng: np.random.Generator, *, exports: bool
+) -> None:
+    source, folder, mission = place / "theirs.urdf", place / "mine", place / "m.py"
+    source.write_text(ElementTree.tostring(drawn.urdf, encoding="unicode"), encoding="utf-8")
+    with way.at("new-robot"):
+        _command("new-robot", "--from", source, folder)
+    if not folder.exists():
+        return
+    file = folder / "hydrodynamics.yaml"
+    drawn.water = yaml.safe_load(file.read_text(encoding="utf-8"))
+    if changes:
+        for change in changes:
+            change(drawn, rng)
+        file.unlink()
+        if drawn.water is not None:
+            file.write_text(yaml.safe_dump(drawn.water, allow_unicode=True, sort_keys=False), encoding="utf-8")
+    robots: list[Robot] = []
+    with way.at("load"):
+        robots.append(robot_of(str(folder)))
+        _check_kept(drawn, robots[0])
+    with way.at("check-robot"):
+        _command("check-robot", folder)
+    with way.at("new-mission"):
+        _command("new-mission", mission, "--robot", folder)
+    if robots and mission.exists():
+        with way.at("check"):
+            _command("check", mission)
+        for plant in ("kinematic", "dynamic"):
+            with way.at(f"run, {plant}"):
+                _fly(mission, plant, place)
+        with way.at("plan curve"):
+            _plan(robots[0], place)
+        if exports:
+            with way.at("export"):
+                export_controller(_scenario(mission, "kinematic", 0.1), place / "c")
+
+
+def _check_kept(drawn: Drawn, robot: Robot) -> None:
+    """Nothing is lost, and no other tool is taken."""
+    mass = float(pin.computeTotalMass(robot.model)) - sum(body.mass for body in robot.description.trim)
+    if not np.isclose(mass, drawn.mass, rtol=1e-9):
+        raise Fault(f"{mass:g} kg of {drawn.mass:g} kg")
+    meant = {tip.get("name", "") for tip in drawn.tips}
+    for tool in robot.tools:
+        frame = robot.model.frames[robot.frame_id(tool)]
+        link = tool if tool in meant else robot.model.frames[frame.parentFrame].name
+        if link not in meant and f"{link}_hook" not in meant and not str(link).endswith("_hook"):
+            raise Fault(f"the tool is {link}; meant: {', '.join(sorted(meant)) or 'none'}")
+
+
+def _scenario(mission: Path, plant: str, duration: float) -> Scenario:
+    return load_scenario(str(mission), {"plant": plant, "duration": duration, "dt": _DT}, {})
+
+
+def _fly(mission: Path, plant: str, place: Path) -> None:
+    scenario = _scenario(mission, plant, _DURATION)
+    record = scenario.run()
+    record.save(place / "record.npz")
+    again = Record.load(place / "record.npz")
+    if repr(again.meta) != repr(record.meta) or any(
+        not np.array_equal(again[name], values, equal_nan=True) for name, values in record.series.items()
+    ):
+        raise Fault("the record is another one once saved and loaded")
+    if not all(np.isfinite(record[name]).all() for name in ("q", "v")):
+        raise Fault("the motion is not finite")
+    summarize(again)
+    write_scene(again, scenario.robot, place / "scene.html")
+
+
+def _plan(robot: Robot, place: Path) -> None:
+    vehicle = {"position": (0.0, 0.0, -5.0)} if robot.n_vehicle else {}
+    joints = {} if robot.n_vehicle else dict(zip(robot.joint_names, (robot.home + 0.1).tolist(), strict=True))
+    goal = PostureGoal(position=(1.0, 0.2, -5.2) if robot.n_vehicle else None, joints=joints)
+    found = plan_path(PlanRequest(robot=robot, start=robot.configuration(**vehicle), goal=goal))
+    if found.plan is not None:
+        motion_record(found, found.plan).save(place / "plan.npz")
+
+
+def drawn_files(*, n: int = 500, seed: Count = 0, exports: bool = False) -> Study:
+    """`n` files drawn with the seeds `seed`, `seed` + 1, ...; exports: to C too, which needs a compiler.
+
+    Raises `InvalidInput` for no files or a negative seed.
+    """
+    cases = [{"seed": drawn, "exports": exports, "duration_s": _DURATION, "dt": _DT} for drawn in seeds_from(seed, n)]
+    return Study(name="drawn_files", title=f"{n} drawn robot files", cases=cases, run_case=run_file, summarize=totals)
+
+
+def totals(rows: Sequence[Row]) -> list[Row]:
+    """How the files with each change fared."""
+    made = []
+    for name in (*URDF, *WATER):
+        having = [row for row in rows if name in (row["first"], row["second"])]
+        number = Counter(row["outcome"] for row in having)
+        made.append({"change": name, "files": len(having), **{key: number[key] for key in OUTCOMES}})
+    number = Counter(row["outcome"] for row in rows)
+    return [*made, {"change": "all", "files": len(rows), **{key: number[key] for key in OUTCOMES}}]
+
+
+OUTCOMES = ("through", "refused", "fault")
+REASONS = {
+    "no thrusters": "has no thrusters; give some",
+    "mass below 0": "allowed: >= 0 kg",
+    "no tree": "allowed: exactly one, joints must form a tree",
+    "a name twice": "names must be unique",
+    "a tool that is not there": "tool: 'nowhere' is not in the URDF",
+    "an axis that Pinocchio does not keep": "the model that Pinocchio builds has",
+    "inertia of no body": "principal moments",
+    "shapes that are gone": "nothing would be told of what the link touches",
+    "nothing that moves": "nothing of it moves",
+    "more than thrusters give": "to hold still in this current takes",
+    "no limits to plan by": "no limit of velocity or acceleration",
+}
+"""Why a file may be refused, and words of what is said then."""
+
+
+def reason_of(text: str) -> str:
+    """The one of `REASONS` that a refusal gives; "" for none."""
+    return next((reason for reason, words in REASONS.items() if words in text), "")
