@@ -105,9 +105,16 @@ class Drawn:
         """[kg] of all links."""
         return sum(float(mass.get("value", "0")) for mass in self.urdf.iterfind("link/inertial/mass"))
 
-    def of(self, name: str) -> Element:
-        """The link of that name."""
-        return next(link for link in self.urdf.findall("link") if link.get("name") == name)
+    @property
+    def first(self) -> str:
+        """Name of the first link."""
+        return self.urdf.findall("link")[0].get("name", "")
+
+    def carrier(self, tip: Element) -> Element:
+        """The link that carries a tip."""
+        links = {link.get("name"): link for link in self.urdf.findall("link")}
+        joint = next(j for j in self.urdf.findall("joint") if next(j.iter("child")).get("link") == tip.get("name"))
+        return links[next(joint.iter("parent")).get("link")]
 
 
 def sound(arms: int) -> Drawn:
@@ -128,172 +135,118 @@ def sound(arms: int) -> Drawn:
 # Changes of the URDF, and of the hydrodynamics.yaml that is proposed for it. What a change needs may be gone: then it is none.
 
 Change = Callable[[Drawn, np.random.Generator], object]
-URDF: dict[str, Change] = {}
-WATER: dict[str, Change] = {}
 
 
-def _change(changes: dict[str, Change], name: str) -> Callable[[Change], Change]:
-    def keep(change: Change) -> Change:
-        changes[name] = change
-        return change
+def _set(path: str, part: slice = slice(None), **values: str) -> Change:
+    """Other attributes of those elements, or of a part of them."""
 
-    return keep
+    def change(drawn: Drawn, rng: np.random.Generator) -> None:
+        for element in drawn.urdf.findall(path)[part]:
+            element.attrib.update(values)
+
+    return change
 
 
-def _drop(drawn: Drawn, *names: str) -> None:
-    """Take out links with all that hangs on them."""
-    waiting = list(names)
+def _joints(kind: str, *, one: bool = False) -> Change:
+    """Joints of arms, or one of them, of another type."""
+
+    def change(drawn: Drawn, rng: np.random.Generator) -> None:
+        joints = drawn.joints
+        for joint in [joints[int(rng.integers(len(joints)))]] if one and joints else joints:
+            joint.set("type", kind)
+
+    return change
+
+
+def _take_out(tag: str, within: str) -> Change:
+    """All elements of a tag."""
+
+    def change(drawn: Drawn, rng: np.random.Generator) -> None:
+        for element in drawn.urdf.findall(within):
+            element[:] = [part for part in element if part.tag != tag]
+
+    return change
+
+
+def _without(*words: str) -> Change:
+    """No links with these words in their names, and nothing that hangs on them."""
+    return lambda drawn, rng: _drop(drawn, lambda name: any(word in name for word in words))
+
+
+def _drop(drawn: Drawn, leaves: Callable[[str], bool]) -> None:
+    links = drawn.urdf.findall("link")
+    waiting = [name for link in links if leaves(name := link.get("name", ""))]
     while waiting:
         name = waiting.pop()
-        for link in [link for link in drawn.urdf.findall("link") if link.get("name") == name]:
-            drawn.urdf.remove(link)
-        for joint in drawn.urdf.findall("joint"):
-            ends = [end.get("link") for end in (*joint.findall("parent"), *joint.findall("child"))]
-            if name in ends:
-                drawn.urdf.remove(joint)
-                waiting += [end or "" for end in ends[1:] if ends[0] == name]
+        for part in drawn.urdf.findall("link") + drawn.urdf.findall("joint"):
+            ends = [end.get("link", "") for end in (*part.findall("parent"), *part.findall("child"))]
+            if name in (part.get("name") if part.tag == "link" else "", *ends):
+                drawn.urdf.remove(part)
+                waiting += [end for end in ends[1:] if ends[0] == name]
     kept = drawn.urdf.findall("link")
     drawn.tips = [tip for tip in drawn.tips if tip in kept]
 
 
-def _end_of(drawn: Drawn, tip: Element) -> Element:
-    """The link that carries a tip."""
-    joint = next(j for j in drawn.urdf.findall("joint") if j.find(f"child[@link={tip.get('name')!r}]") is not None)
-    return drawn.of(next(joint.iter("parent")).get("link", ""))
+def _renamed(new: Callable[[str], str]) -> Change:
+    def change(drawn: Drawn, rng: np.random.Generator) -> None:
+        for element in drawn.urdf.iter():
+            for key in ("name", "link") if element.tag in ("link", "joint", "parent", "child") else ():
+                if key in element.attrib:
+                    element.set(key, new(element.attrib[key]))
+
+    return change
 
 
-def _renamed(drawn: Drawn, new: Callable[[str], str]) -> None:
-    for element in drawn.urdf.iter():
-        for key in ("name", "link") if element.tag in ("link", "joint", "parent", "child") else ():
-            if key in element.attrib:
-                element.set(key, new(element.attrib[key]))
+def _numbered(drawn: Drawn, rng: np.random.Generator) -> None:
+    names = list(dict.fromkeys(link.get("name", "") for link in drawn.urdf.findall("link")))
+    numbers = {name: f"part{k}" for k, name in enumerate(names) if "thruster" not in name}
+    _renamed(lambda name: numbers.get(name, name))(drawn, rng)
 
 
-def _one(rng: np.random.Generator, items: Sequence[Element]) -> list[Element]:
-    return [items[int(rng.integers(len(items)))]] if items else []
-
-
-@_change(URDF, "no joints")
 def _no_joints(drawn: Drawn, rng: np.random.Generator) -> None:
-    for joint in drawn.urdf.findall("joint"):
-        joint.set("type", "fixed")
+    _set("joint", type="fixed")(drawn, rng)
     drawn.tips = []
 
 
-@_change(URDF, "one link")
-def _one_link(drawn: Drawn, rng: np.random.Generator) -> None:
-    _drop(drawn, *[name for link in drawn.urdf.findall("link") if (name := link.get("name", "")) != "hull"])
-
-
-@_change(URDF, "no tip")
 def _no_tip(drawn: Drawn, rng: np.random.Generator) -> None:
-    ends = [_end_of(drawn, tip) for tip in drawn.tips]
-    _drop(drawn, *[tip.get("name", "") for tip in drawn.tips])
+    ends, tips = [drawn.carrier(tip) for tip in drawn.tips], [tip.get("name") for tip in drawn.tips]
+    _drop(drawn, lambda name: name in tips)
     drawn.tips = ends
 
 
-@_change(URDF, "two ends")
-def _two_ends(drawn: Drawn, rng: np.random.Generator) -> None:
-    for tip in drawn.tips:
-        hook = f"{tip.get('name')}_hook"
-        drawn.link(hook)
-        drawn.joint(_end_of(drawn, tip).get("name", ""), hook, xyz="0.2 0 0.1")
+def _at_wrist(suffix: str, mass: float = 0.0) -> Change:
+    """One more link beside each tip."""
+
+    def change(drawn: Drawn, rng: np.random.Generator) -> None:
+        for tip in drawn.tips:
+            name = f"{tip.get('name')}_{suffix}"
+            drawn.link(name, mass)
+            drawn.joint(drawn.carrier(tip).get("name", ""), name, xyz="0.2 0 0.1")
+
+    return change
 
 
-@_change(URDF, "camera on the wrist")
-def _camera(drawn: Drawn, rng: np.random.Generator) -> None:
-    for tip in drawn.tips:
-        eye = f"{tip.get('name')}_camera"
-        drawn.link(eye, 0.05)
-        drawn.joint(_end_of(drawn, tip).get("name", ""), eye, xyz="0.2 0 0.1")
-
-
-@_change(URDF, "fingers")
 def _fingers(drawn: Drawn, rng: np.random.Generator) -> None:
     mimics = rng.random() < 0.5
     for tip in drawn.tips:
-        wrist, first = _end_of(drawn, tip).get("name", ""), f"{tip.get('name')}_finger_0"
-        for k, y in enumerate((0.03, -0.03)):
-            drawn.link(f"{tip.get('name')}_finger_{k}", 0.02, at="0.02 0 0")
-            joint = drawn.joint(wrist, f"{tip.get('name')}_finger_{k}", "prismatic", f"0.3 {y} 0")
-            if k and mimics:
-                ElementTree.SubElement(joint, "mimic", joint=f"{first}_joint", multiplier="-1")
+        names = [f"{tip.get('name')}_finger_{k}" for k in (0, 1)]
+        for name, y in zip(names, (0.03, -0.03), strict=True):
+            drawn.link(name, 0.02, at="0.02 0 0")
+            joint = drawn.joint(drawn.carrier(tip).get("name", ""), name, "prismatic", f"0.3 {y} 0")
+        if mimics:
+            ElementTree.SubElement(joint, "mimic", joint=f"{names[0]}_joint", multiplier="-1")
 
 
-@_change(URDF, "no altimeter")
-def _no_altimeter(drawn: Drawn, rng: np.random.Generator) -> None:
-    _drop(drawn, *[n for link in drawn.urdf.findall("link") if "altimeter" in (n := link.get("name", ""))])
+def _mimic(drawn: Drawn, rng: np.random.Generator) -> None:
+    for first, second in zip(drawn.joints[:1], drawn.joints[1:2], strict=False):
+        ElementTree.SubElement(second, "mimic", joint=first.get("name", ""), multiplier="0.5", offset="0.1")
 
 
-@_change(URDF, "other names")
-def _other_names(drawn: Drawn, rng: np.random.Generator) -> None:
-    names = list(dict.fromkeys(link.get("name", "") for link in drawn.urdf.findall("link")))
-    numbers = {name: f"part{k}" for k, name in enumerate(names) if "thruster" not in name}
-    _renamed(drawn, lambda name: numbers.get(name, name))
-
-
-@_change(URDF, "prefixes with /")
-def _prefixes(drawn: Drawn, rng: np.random.Generator) -> None:
-    _renamed(drawn, lambda name: f"rov/{name}")
-
-
-@_change(URDF, "unicode")
-def _unicode(drawn: Drawn, rng: np.random.Generator) -> None:
-    _renamed(drawn, lambda name: f"{name} größe_機")
-
-
-@_change(URDF, "continuous joints")
-def _continuous(drawn: Drawn, rng: np.random.Generator) -> None:
-    for joint in drawn.joints:
-        joint.set("type", "continuous")
-
-
-@_change(URDF, "a prismatic joint")
-def _prismatic(drawn: Drawn, rng: np.random.Generator) -> None:
-    for joint in _one(rng, drawn.joints):
-        joint.set("type", "prismatic")
-
-
-@_change(URDF, "a planar joint")
-def _planar(drawn: Drawn, rng: np.random.Generator) -> None:
-    for joint in _one(rng, drawn.joints):
-        joint.set("type", "planar")
-
-
-@_change(URDF, "zero range")
-def _zero_range(drawn: Drawn, rng: np.random.Generator) -> None:
-    for limit in drawn.urdf.findall("joint/limit"):
-        limit.set("lower", "0")
-        limit.set("upper", "0")
-
-
-@_change(URDF, "range without 0")
-def _away_from_zero(drawn: Drawn, rng: np.random.Generator) -> None:
-    for limit in drawn.urdf.findall("joint/limit"):
-        limit.set("lower", "0.3")
-
-
-@_change(URDF, "no limits")
-def _no_limits(drawn: Drawn, rng: np.random.Generator) -> None:
-    for joint in drawn.urdf.findall("joint"):
-        for limit in joint.findall("limit"):
-            joint.remove(limit)
-
-
-@_change(URDF, "limits of 0")
-def _limits_of_zero(drawn: Drawn, rng: np.random.Generator) -> None:
-    for limit in drawn.urdf.findall("joint/limit"):
-        limit.set("velocity", "0")
-        limit.set("effort", "0")
-
-
-@_change(URDF, "a fixed link without mass")
-def _massless(drawn: Drawn, rng: np.random.Generator) -> None:
+def _bracket(drawn: Drawn, rng: np.random.Generator) -> None:
     drawn.link("bracket")
-    drawn.joint(drawn.urdf.findall("link")[0].get("name", ""), "bracket", xyz="0 0.1 0.2")
+    drawn.joint(drawn.first, "bracket", xyz="0 0.1 0.2")
 
 
-@_change(URDF, "moving links without mass")
 def _weightless(drawn: Drawn, rng: np.random.Generator) -> None:
     for link in drawn.urdf.findall("link"):
         for inertial in link.findall("inertial"):
@@ -301,182 +254,155 @@ def _weightless(drawn: Drawn, rng: np.random.Generator) -> None:
                 link.remove(inertial)
 
 
-@_change(URDF, "a hull without inertia")
-def _no_hull_inertia(drawn: Drawn, rng: np.random.Generator) -> None:
-    for moment in drawn.urdf.findall("link/inertial/inertia")[:1]:
-        moment.attrib.update(dict.fromkeys(moment.attrib, "0"))
-
-
-@_change(URDF, "a thin hull")
-def _thin(drawn: Drawn, rng: np.random.Generator) -> None:
-    for moment in drawn.urdf.findall("link/inertial/inertia")[:1]:
-        moment.set("izz", "9")
-
-
-@_change(URDF, "mass below 0")
-def _negative(drawn: Drawn, rng: np.random.Generator) -> None:
-    for mass in drawn.urdf.findall("link/inertial/mass")[-1:]:
-        mass.set("value", "-1")
-
-
-@_change(URDF, "a joint that mimics")
-def _mimic(drawn: Drawn, rng: np.random.Generator) -> None:
-    for first, second in zip(drawn.joints[:1], drawn.joints[1:2], strict=False):
-        ElementTree.SubElement(second, "mimic", joint=first.get("name", ""), multiplier="0.5", offset="0.1")
-
-
-@_change(URDF, "no vertical thrust")
-def _no_lift(drawn: Drawn, rng: np.random.Generator) -> None:
-    _drop(drawn, *[n for link in drawn.urdf.findall("link") if "thruster_up" in (n := link.get("name", ""))])
-
-
-@_change(URDF, "no thrusters")
-def _no_thrusters(drawn: Drawn, rng: np.random.Generator) -> None:
-    _drop(drawn, *[n for link in drawn.urdf.findall("link") if "thruster" in (n := link.get("name", ""))])
-
-
-@_change(URDF, "fixed thrusters")
 def _fixed_thrusters(drawn: Drawn, rng: np.random.Generator) -> None:
     for joint in drawn.urdf.findall("joint"):
         if "thruster" in joint.get("name", ""):
             joint.set("type", "fixed")
 
 
-@_change(URDF, "fins")
 def _fins(drawn: Drawn, rng: np.random.Generator) -> None:
     for name, axis in (("fin_0", "0 1 0"), ("rudder", "0 0 1")):
         drawn.link(name, 0.1, at="-0.05 0 0")
-        drawn.joint(drawn.urdf.findall("link")[0].get("name", ""), name, "revolute", "-0.4 0 0", axis)
+        drawn.joint(drawn.first, name, "revolute", "-0.4 0 0", axis)
 
 
-@_change(URDF, "pictures that are gone")
-def _no_pictures(drawn: Drawn, rng: np.random.Generator) -> None:
-    _mesh(drawn, "visual")
+def _gone(kind: str) -> Change:
+    """Meshes that are nowhere."""
+
+    def change(drawn: Drawn, rng: np.random.Generator) -> None:
+        for geometry in drawn.urdf.findall(f"link/{kind}/geometry"):
+            geometry[:] = [ElementTree.Element("mesh", filename="package://gone/part.dae")]
+
+    return change
 
 
-@_change(URDF, "shapes that are gone")
-def _no_contacts(drawn: Drawn, rng: np.random.Generator) -> None:
-    _mesh(drawn, "collision")
-
-
-def _mesh(drawn: Drawn, kind: str) -> None:
-    for geometry in drawn.urdf.findall(f"link/{kind}/geometry"):
-        geometry[:] = [ElementTree.Element("mesh", filename="package://gone/part.dae")]
-
-
-@_change(URDF, "no shapes")
 def _no_shapes(drawn: Drawn, rng: np.random.Generator) -> None:
     for link in drawn.urdf.findall("link"):
         link[:] = [part for part in link if part.tag == "inertial"]
 
 
-@_change(URDF, "a world to float on")
-def _floating(drawn: Drawn, rng: np.random.Generator) -> None:
-    _on_world(drawn, "floating")
+def _below(name: str, kind: str) -> Change:
+    """Another root, unless there is one."""
+
+    def change(drawn: Drawn, rng: np.random.Generator) -> None:
+        first = drawn.first
+        if first not in [child.get("link") for child in drawn.urdf.findall("joint/child")]:
+            drawn.link(name)
+            drawn.joint(name, first, kind)
+
+    return change
 
 
-@_change(URDF, "a world to stand on")
-def _standing(drawn: Drawn, rng: np.random.Generator) -> None:
-    _on_world(drawn, "fixed")
-
-
-def _on_world(drawn: Drawn, kind: str) -> None:
-    first = drawn.urdf.findall("link")[0].get("name", "")
-    children = [child.get("link") for child in drawn.urdf.findall("joint/child")]
-    if first not in children:
-        drawn.link("world")
-        drawn.joint("world", first, kind)
-
-
-@_change(URDF, "a root without mass")
-def _root(drawn: Drawn, rng: np.random.Generator) -> None:
-    first = drawn.urdf.findall("link")[0].get("name", "")
-    if first not in [child.get("link") for child in drawn.urdf.findall("joint/child")]:
-        drawn.link("base_footprint")
-        drawn.joint("base_footprint", first)
-
-
-@_change(URDF, "twins")
 def _twins(drawn: Drawn, rng: np.random.Generator) -> None:
     for joint in drawn.urdf.findall("joint"):
         for origin in joint.findall("origin"):
             ElementTree.SubElement(joint, "origin", origin.attrib)
 
 
-@_change(URDF, "a name twice")
 def _name_twice(drawn: Drawn, rng: np.random.Generator) -> None:
     ElementTree.SubElement(drawn.urdf, "link", name=drawn.urdf.findall("link")[-1].get("name", ""))
 
 
-@_change(URDF, "two roots")
-def _two_roots(drawn: Drawn, rng: np.random.Generator) -> None:
-    drawn.link("lost", 1.0)
-
-
-@_change(URDF, "empty elements")
-def _emptied(drawn: Drawn, rng: np.random.Generator) -> None:
-    for joint in drawn.urdf.findall("joint"):
-        for axis in joint.findall("axis"):
-            joint.remove(axis)
-
-
-@_change(URDF, "paint of no colour")
 def _paint(drawn: Drawn, rng: np.random.Generator) -> None:
     for visual in drawn.urdf.findall("link/visual"):
         ElementTree.SubElement(visual, "material", name=str(rng.choice(["", "Gazebo/Teal"])))
 
 
-def _without(*keys: str) -> Change:
-    def drop(drawn: Drawn, rng: np.random.Generator) -> None:
+_HULL = slice(1)
+URDF: dict[str, Change] = {
+    "no joints": _no_joints,
+    "one link": lambda drawn, rng: _drop(drawn, lambda name: name != "hull"),
+    "no tip": _no_tip,
+    "two ends": _at_wrist("hook"),
+    "camera on the wrist": _at_wrist("camera", 0.05),
+    "fingers": _fingers,
+    "no altimeter": _without("altimeter"),
+    "other names": _numbered,
+    "prefixes with /": _renamed(lambda name: f"rov/{name}"),
+    "unicode": _renamed(lambda name: f"{name} größe_機"),
+    "continuous joints": _joints("continuous"),
+    "a prismatic joint": _joints("prismatic", one=True),
+    "a planar joint": _joints("planar", one=True),
+    "zero range": _set("joint/limit", lower="0", upper="0"),
+    "range without 0": _set("joint/limit", lower="0.3"),
+    "no limits": _take_out("limit", "joint"),
+    "limits of 0": _set("joint/limit", velocity="0", effort="0"),
+    "a fixed link without mass": _bracket,
+    "moving links without mass": _weightless,
+    "a hull without inertia": _set("link/inertial/inertia", _HULL, **dict.fromkeys(("ixx", "iyy", "izz"), "0")),
+    "a thin hull": _set("link/inertial/inertia", _HULL, izz="9"),
+    "mass below 0": _set("link/inertial/mass", slice(-1, None), value="-1"),
+    "a joint that mimics": _mimic,
+    "no vertical thrust": _without("thruster_up"),
+    "no thrusters": _without("thruster"),
+    "fixed thrusters": _fixed_thrusters,
+    "fins": _fins,
+    "pictures that are gone": _gone("visual"),
+    "shapes that are gone": _gone("collision"),
+    "no shapes": _no_shapes,
+    "a world to float on": _below("world", "floating"),
+    "a world to stand on": _below("world", "fixed"),
+    "a root without mass": _below("base_footprint", "fixed"),
+    "twins": _twins,
+    "a name twice": _name_twice,
+    "two roots": lambda drawn, rng: drawn.link("lost", 1.0),
+    "empty elements": _take_out("axis", "joint"),
+    "paint of no colour": _paint,
+}
+
+
+def _left_out(*keys: str) -> Change:
+    """Keys of the file."""
+
+    def change(drawn: Drawn, rng: np.random.Generator) -> None:
         for key in keys:
             (drawn.water or {}).pop(key, None)
 
-    return drop
+    return change
 
 
-WATER |= {f"no {key} in the file": _without(key) for key in ("tool", "altimeter", "base_link", "loading", "thrusters")}
-WATER |= {"no limits in the file": _without("vehicle_limits", "joints"), "no links in the file": _without("links")}
+def _given(make: Callable[[dict[str, Any]], dict[str, Any]]) -> Change:
+    """Other content of the file, where there is one."""
+
+    def change(drawn: Drawn, rng: np.random.Generator) -> None:
+        if drawn.water is not None:
+            drawn.water |= make(drawn.water)
+
+    return change
 
 
-@_change(WATER, "no file beside it")
-def _no_water(drawn: Drawn, rng: np.random.Generator) -> None:
+def _wet(water: dict[str, Any]) -> list[str]:
+    return [name for name, link in water.get("links", {}).items() if link.get("coefficients")]
+
+
+def _one_wet(water: dict[str, Any]) -> dict[str, Any]:
+    return {"links": {name: water["links"][name] for name in _wet(water)[:1]}}
+
+
+def _dry(water: dict[str, Any]) -> dict[str, Any]:
+    return {"links": water.get("links", {}) | {name: {"coefficients": {}} for name in _wet(water)[1:]}}
+
+
+def _ballast(water: dict[str, Any]) -> dict[str, Any]:
+    link = next(iter(water.get("links", {"hull": None})))
+    return {"trim": [{"name": "lead", "link": link, "position": [0, 0, -0.1], "mass": 2.0, "volume": 0.0}]}
+
+
+def _no_file(drawn: Drawn, rng: np.random.Generator) -> None:
     drawn.water = None
 
 
-@_change(WATER, "one wet link")
-def _one_wet(drawn: Drawn, rng: np.random.Generator) -> None:
-    if drawn.water:
-        links = dict(drawn.water.get("links", {}))
-        wet = [name for name, link in links.items() if link.get("coefficients")]
-        drawn.water["links"] = {name: links[name] for name in wet[:1]}
-
-
-@_change(WATER, "all links dry but one")
-def _dry(drawn: Drawn, rng: np.random.Generator) -> None:
-    links = (drawn.water or {}).get("links", {})
-    wet = [name for name, link in links.items() if link.get("coefficients")]
-    for name in wet[1:]:
-        links[name] = {"coefficients": {}}
-
-
-@_change(WATER, "a tool that is not there")
-def _wrong_tool(drawn: Drawn, rng: np.random.Generator) -> None:
-    if drawn.water:
-        drawn.water["tool"] = "nowhere"
-
-
-@_change(WATER, "one thruster")
-def _one_thruster(drawn: Drawn, rng: np.random.Generator) -> None:
-    if drawn.water:
-        drawn.water["thrusters"] = drawn.water.get("thrusters", [])[:1]
-
-
-@_change(WATER, "ballast")
-def _ballast(drawn: Drawn, rng: np.random.Generator) -> None:
-    if drawn.water:
-        link = next(iter(drawn.water.get("links", {"hull": None})))
-        body = {"name": "lead", "link": link, "position": [0, 0, -0.1], "mass": 2.0, "volume": 0.0}
-        drawn.water["trim"] = [body]
+WATER: dict[str, Change] = {
+    **{f"no {key} in the file": _left_out(key) for key in ("tool", "altimeter", "base_link", "loading", "thrusters")},
+    "no limits in the file": _left_out("vehicle_limits", "joints"),
+    "no links in the file": _left_out("links"),
+    "no file beside it": _no_file,
+    "one wet link": _given(_one_wet),
+    "all links dry but one": _given(_dry),
+    "a tool that is not there": _given(lambda water: {"tool": "nowhere"}),
+    "one thruster": _given(lambda water: {"thrusters": water.get("thrusters", [])[:1]}),
+    "ballast": _given(_ballast),
+}
 
 
 _DURATION, _DT = 2.0, 0.02  # [s]
@@ -658,6 +584,7 @@ REASONS = {
     "shapes that are gone": "nothing would be told of what the link touches",
     "nothing that moves": "nothing of it moves",
     "more than thrusters give": "to hold still in this current takes",
+    "less freedom than tasks need": "no freedom left",
     "no limits to plan by": "no limit of velocity or acceleration",
 }
 """Why a file may be refused, and words of what is said then."""

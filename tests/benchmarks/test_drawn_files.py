@@ -25,12 +25,20 @@ def check(rows: list[Row]) -> None:
         assert "\n" not in row["text"]
 
 
+@pytest.fixture
+def not_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What runs for two seconds is not worth compiling."""
+    monkeypatch.setattr("uvms_ocp.codegen.compile._compiler", lambda: None)
+
+
+@pytest.mark.usefixtures("not_compiled")
 @pytest.mark.parametrize("seed", [1, 17])
 def test_a_drawn_file_goes_through_or_has_a_reason(seed: int) -> None:
     check(rows_of(range(seed, seed + 1)))
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("not_compiled")
 @pytest.mark.parametrize("first", range(1000, 1036, 6))
 def test_drawn_files_go_through_or_have_a_reason(first: int) -> None:
     check(rows_of(range(first, first + 6)))
