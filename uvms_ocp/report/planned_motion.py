@@ -97,7 +97,6 @@ def plan_meta(
     breaks [s] are where the pieces of its trajectory meet; `nearest` is the smallest distance that the method met.
     """
     request, scene, X_WF = motion.request, motion.scene, motion.goal_pose()
-    met = ClearanceMeta(t=nearest.time, distance=nearest.distance, between=nearest.pair)
     return PlanMeta(
         scenario=scenario,
         robot=request.robot.name,
@@ -115,7 +114,9 @@ def plan_meta(
         breaks=breaks,
         clearance_wanted=request.clearance,
         clearance_groups=tuple(scene.groups()),
-        min_clearance=met if scene.n_pairs else None,
+        min_clearance=ClearanceMeta(t=nearest.time, distance=nearest.distance, between=nearest.pair)
+        if scene.n_pairs
+        else None,
     )
 
 

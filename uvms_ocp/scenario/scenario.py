@@ -20,6 +20,7 @@ from uvms_ocp.estimation.estimator import Estimator, PassThrough
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.mission.mission import Mission
+from uvms_ocp.mission.phase import MissionState
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot import IDEAL_SENSORS, Command, Robot, SensorSpecs, State, StateEstimate
