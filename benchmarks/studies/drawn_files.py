@@ -584,6 +584,7 @@ REASONS = {
     "shapes that are gone": "nothing would be told of what the link touches",
     "nothing that moves": "nothing of it moves",
     "more than thrusters give": "to hold still in this current takes",
+    "no thruster for what it weighs": "no thruster holds its depth",
     "less freedom than tasks need": "no freedom left",
     "no limits to plan by": "no limit of velocity or acceleration",
 }
