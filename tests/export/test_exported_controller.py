@@ -81,7 +81,7 @@ def built(folder: Path, program: str, main: Path, options: Sequence[str] = ("-O0
 )
 def test_fed_with_the_recorded_measurements_it_gives_the_recorded_commands(name: str) -> None:
     folder = exported(name)
-    level = ("-O2",) if name == "case1" else ("-O0",)  # one shows that bits do not depend on it
+    level = ("-O2",) if name == "bluerov_inspection" else ("-O0",)  # one shows that bits do not depend on it
     said = subprocess.run(
         [built(folder, "replay", folder / "replay.c", level), folder / "recorded.bin"],
         check=True,
