@@ -41,7 +41,7 @@ def test_the_tool_reaches_its_goal_within_all_limits(robot: Robot, planner_of_ea
     assert plan.peak_thrust <= 150 + 1e-4
     assert (trajectory.q[:, 7:] <= limits.position_upper + 1e-6).all()
     assert (trajectory.q[:, 7:] >= limits.position_lower - 1e-6).all()
-    np.testing.assert_allclose(np.linalg.norm(trajectory.q[:, 3:7], axis=1), 1.0, atol=1e-8)
+    np.testing.assert_allclose(np.linalg.norm(trajectory.q[:, 3:7], axis=1), 1.0, atol=1e-12)
 
 
 def test_a_warm_solve_of_the_same_problem_needs_no_iterations(planner_of_each: Planner) -> None:

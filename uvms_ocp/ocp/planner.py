@@ -474,7 +474,7 @@ class Planner:
         )
 
     def _plan(self, given: OcpProblem, verdict: SolveVerdict, t0: float, begin: float) -> Plan:
-        trajectory = self.transcription.unpack(verdict.result.x, given)
+        trajectory = self.transcription.unpack(verdict.result.x, given).normalized(given.robot.model)
         return Plan(
             robot=given.robot,
             trajectory=trajectory,

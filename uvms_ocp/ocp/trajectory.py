@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -75,6 +75,11 @@ class Trajectory:
         over = t >= self.t[-1]
         q[over], v[over] = self.q[-1], self.v[-1]
         return q, v, steps
+
+    def normalized(self, model: pin.Model) -> Trajectory:
+        """The same with unit quaternions, which an optimiser keeps to its tolerance; numbers that are not finite stay so."""
+        q = np.array([pin.normalize(model, row) if np.isfinite(row).all() else row for row in self.q])
+        return replace(self, q=q)
 
     def step_at(self, t: float) -> int:
         """The step that holds time t [s]."""
