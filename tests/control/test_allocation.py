@@ -7,7 +7,13 @@ import pytest
 from scipy.linalg import null_space
 from scipy.optimize import LinearConstraint, lsq_linear, minimize
 
-from uvms_ocp.control.force.allocation import Allocation, allocate_thrust, allocation_of, apply_effectiveness
+from uvms_ocp.control.force.allocation import (
+    Allocation,
+    ThrusterLag,
+    allocate_thrust,
+    allocation_of,
+    apply_effectiveness,
+)
 from uvms_ocp.control.force.minimum_power import majorizing_weight
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.loading import list_robots, load_robot
@@ -236,3 +242,24 @@ def test_a_wrench_is_shared_out_by_the_same_bits_in_c_and_in_python(powered: All
         result = dead.allocate(wrench)
         assert other.thrust[: len(result.thrust)] == result.thrust.tolist()
         assert bool(other.saturated) == result.saturated
+
+
+def test_the_lead_over_the_lag_asks_nothing_inside_a_dead_zone() -> None:
+    """And what is allocated is reached all the same."""
+    rng, n, dt, late = np.random.default_rng(0), 400, 0.02, 0.2
+    zone = rng.choice([0.0, 1.0, 3.0], n)
+    lag = ThrusterLag(
+        lower=np.full(n, -30.0),
+        upper=np.full(n, 40.0),
+        lead=np.full(n, 4.0),
+        decay=np.full(n, np.exp(-dt / late)),
+        dead_zone=zone,
+    )
+    thrust, wanted = rng.uniform(-30.0, 40.0, n), rng.uniform(-6.0, 6.0, n)
+    wanted = np.where(np.abs(wanted) < zone, rng.choice([-1.0, 0.0, 1.0], n) * zone, wanted)
+    for _ in range(300):
+        command = np.asarray(lag.command(thrust, wanted, 1.0))
+        assert ((command == 0.0) | (np.abs(command) >= zone)).all()
+        assert ((command >= lag.lower) & (command <= lag.upper)).all()
+        thrust = lag.after(thrust, command)
+    np.testing.assert_allclose(thrust, wanted, atol=1e-6)

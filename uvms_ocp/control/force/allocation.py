@@ -311,11 +311,17 @@ class ThrusterLag:
     """(n,) so many times faster than their lag they are driven."""
     decay: np.ndarray
     """(n,) share of the distance from its command that a thruster keeps over a tick."""
+    dead_zone: np.ndarray
+    """(n,) [N] smaller thrust cannot be commanded."""
 
     def command(self, thrust: Array, wanted: Array, hurry: Array) -> Array:
-        """Command (n,) [N] that brings thrust (n,) [N] to the wanted one (n,) [N]; hurry (): ahead of the lag."""
+        """Command (n,) [N] that brings thrust (n,) [N] to the wanted one (n,) [N]; hurry (): ahead of the lag.
+
+        What would lead into a dead zone is the wanted thrust itself, which is 0 or beyond it.
+        """
         lead = where(hurry, self.lead, 1.0)
-        return clipped(thrust + lead * (wanted - thrust), self.lower, self.upper)
+        ahead = clipped(thrust + lead * (wanted - thrust), self.lower, self.upper)
+        return where(ahead * ahead < self.dead_zone**2, wanted, ahead)
 
     def after(self, thrust: Array, command: Array) -> Array:
         """Propagate a thrust (n,) [N] by one tick under a command (n,) [N]."""
@@ -332,4 +338,5 @@ def thruster_lag(robot: Robot, *, lead: float, dt: float) -> ThrusterLag:
         # Faster than the control period would ring.
         lead=np.clip(lead, 1.0, np.maximum(time_constants / (2 * dt), 1.0)),
         decay=np.exp(-dt / np.maximum(time_constants, 1e-9)),
+        dead_zone=np.array([thruster.dead_zone for thruster in robot.description.thrusters]),
     )
