@@ -79,7 +79,8 @@ def cause_of_end(record: Record) -> dict[str, str]:
         return {"kind": "given up", "text": meta.events[-1].reason}
     cause = _unfinished(record)
     if swinging := metrics.swings(record):
-        cause = {"kind": "swinging", "text": f"{cause['text']}; {', '.join(map(str, swinging))}"}
+        kind = "swinging" if _explains(record, {swing.what for swing in swinging}) else cause["kind"]
+        cause = {"kind": kind, "text": f"{cause['text']}; {', '.join(map(str, swinging))}"}
     alarms = [f"; last alarm at {alarm.t:.1f} s: {alarm.text}" for alarm in meta.alarms[-1:]]
     return {**cause, "text": "".join([cause["text"], *alarms])}
 
@@ -117,6 +118,13 @@ def _unfinished(record: Record) -> dict[str, str]:
     if gained > _PROGRESS:
         return {"kind": "slow", "text": f"{what} was still improving, by {100 * gained:.0f} % in the last 5 s"}
     return {"kind": "stalled", "text": f"{what} has stopped improving; {_obstruction(record, item.quantity)}"}
+
+
+def _explains(record: Record, swinging: set[str]) -> bool:
+    """Judge whether swings keep a mission from its end: of the vehicle, or of every error that the last phase waits for."""
+    phase = record.run_meta.phases[int(record["phase"][-1])].name
+    waiting = {item.quantity for item in _conditions(record, phase) if not _fulfilled(record, item)}
+    return not swinging.isdisjoint({"roll", "pitch"}) or waiting <= swinging
 
 
 def _conditions(record: Record, phase: str) -> list[ThresholdMeta]:
