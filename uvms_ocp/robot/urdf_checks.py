@@ -187,14 +187,10 @@ def _settle_materials(findings: Findings, root: Element) -> None:
                 continue
             parent.remove(material)
             if _is_drawn(material) and not name:
-                parent.append(_named(material, root))
+                material.set("name", f"unnamed{sum(1 for _ in root.iter('material'))}")
+                parent.append(material)
             else:
                 findings.notes.append(f"material {name!r}: no colour of that name in the file; drawn grey")
-
-
-def _named(material: Element, root: Element) -> Element:
-    material.set("name", f"unnamed{sum(1 for _ in root.iter('material'))}")
-    return material
 
 
 def _is_drawn(material: Element) -> bool:
