@@ -581,6 +581,7 @@ REASONS = {
     "a tool that is not there": "tool: 'nowhere' is not in the URDF",
     "an axis that Pinocchio does not keep": "the model that Pinocchio builds has",
     "inertia of no body": "principal moments",
+    "no inertia": "no inertia about its axis",
     "shapes that are gone": "nothing would be told of what the link touches",
     "nothing that moves": "nothing of it moves",
     "more than thrusters give": "to hold still in this current takes",
