@@ -51,7 +51,7 @@ from uvms_ocp.planning.request import PlanRequest
         (["curve", "--to", "3", "0", "0", "--sphere", "1,0,0"], "give 4 numbers"),
         (["curve", "--to", "3", "0", "0", "--sphere", "1,0,0,-1"], "greater than 0"),
         (["curve", "--to", "3", "0", "0", "--box", "1,0,0,a,1,1"], "give 6 numbers"),
-        (["curve", "--to", "3", "0", "0", "--clearance", "0"], "clearance is 0.0"),
+        (["curve", "--to", "3", "0", "0", "--clearance", "0"], "clearance = 0.0; give a number > 0"),
         (["curve", "--to", "3", "0", "0", "--obstacles", "none.yaml"], "cannot be read"),
         (["curve", "--to", "3", "0", "0", "--obstacles", "bad.yaml"], "obstacles.0: a box has 3 sizes, not 2"),
         (["curve", "--to", "3", "0", "0", "--robot", "girona"], "unknown robot 'girona'"),

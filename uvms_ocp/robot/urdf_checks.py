@@ -339,8 +339,7 @@ def _name_limits_not_kept(findings: Findings, root: Element) -> None:
             if kind in ("", joint.get("type")) and any(to_float(element.get(word, "0")) for word in words)
         ]
         if stated:
-            names, more = ", ".join(stated[:_SHOWN_NAMES]), len(stated) - _SHOWN_NAMES
-            names += f" and {more} more" if more > 0 else ""
+            names = ", ".join(stated[:_SHOWN_NAMES]) + (", ..." if len(stated) > _SHOWN_NAMES else "")
             findings.notes.append(f"{kind} <{tag}> {' and '.join(words)} not kept of joint {names}; {advice}".lstrip())
 
 
