@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 from recording_solver import RecordingSolver
 
+from uvms_ocp.control.velocity.swing import N_PASSIVE
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.solvers.hierarchy.certificate import certificate
@@ -43,7 +44,7 @@ class Machine:
         self, q: np.ndarray, v: np.ndarray, gates: np.ndarray, goals: np.ndarray, change: np.ndarray | None = None
     ) -> TickResult:
         change = np.zeros(self.n_v) if change is None else change
-        return self.tick(q, v, v, change, [max(q[2] + 40.0, 0.01)], goals, gates)
+        return self.tick(q, v, np.zeros(N_PASSIVE), v, change, [max(q[2] + 40.0, 0.01)], goals, gates)
 
 
 @pytest.fixture(scope="module")
