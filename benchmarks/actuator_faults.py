@@ -32,9 +32,7 @@ def fault_of(kind: str, thruster: int, seed: int, limit: float) -> ThrusterFault
     return ThrusterFault(thruster=thruster, share=share, constant=constant, onset=onset)
 
 
-def faulty_runs(
-    robot: str, kind: str, seeds: int, duration: float, thrusters: int
-) -> Iterator[tuple[ThrusterFault, Outcome]]:
+def faulty_runs(robot: str, kind: str, seeds: int, duration: float, thrusters: int) -> Iterator[tuple[ThrusterFault, Outcome]]:
     """All of one kind."""
     for seed in range(seeds):
         for i in range(thrusters):
@@ -93,11 +91,7 @@ def main() -> None:
     parser.add_argument("--free", type=int, default=100, metavar="N", help="runs without a fault, per robot")
     given, bench = begin(parser)
     seeds, free, duration, thrusters = (1, 1, 2.0, 1) if bench.quick else (given.seeds, given.free, 30.0, 8)
-    rows = [
-        row_of(robot, kind, list(faulty_runs(robot, kind, seeds, duration, thrusters)))
-        for robot in ROBOTS
-        for kind in KINDS
-    ]
+    rows = [row_of(robot, kind, list(faulty_runs(robot, kind, seeds, duration, thrusters))) for robot in ROBOTS for kind in KINDS]
     sound = [free_row(robot, free, duration) for robot in ROBOTS]
     formats = {"median time [s]": ".1f"}
     bench.write(

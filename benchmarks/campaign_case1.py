@@ -87,9 +87,7 @@ def main() -> None:
         took = f"The runs took {times.sum():.0f} s of the workers' time, {workers} at a time."
         if not run.quick:
             one, two = (throughput(variations, min(100, runs), Path(temporary, f"workers{n}"), n) for n in (1, 2))
-            took += (
-                f" Two workers make {two / one:.2f} times as many runs in a second as one ({two:.2f} and {one:.2f})."
-            )
+            took += f" Two workers make {two / one:.2f} times as many runs in a second as one ({two:.2f} and {one:.2f})."
         report = campaign_report(folder / "campaign", parse_bounds([_USEFUL]))
         strict = campaign_report(folder / "campaign")
         table = read_table(folder / "campaign").drop(columns=["worker"])

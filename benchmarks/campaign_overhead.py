@@ -56,9 +56,7 @@ def main() -> None:
     given, run = begin(parser)
     workers = 1 if run.quick else os.cpu_count() or 1
     row = measured(300 if run.quick else given.runs, workers)
-    prose = PROSE.format(
-        runs=row["runs"], cost=row["per run [ms]"], workers=workers, allowed=_ALLOWED, memory=row["client [MB]"]
-    )
+    prose = PROSE.format(runs=row["runs"], cost=row["per run [ms]"], workers=workers, allowed=_ALLOWED, memory=row["client [MB]"])
     run.write(Report(name="campaign_overhead", title="Overhead of campaigns", prose=prose, tables=[Table(rows=[row])]))
 
 

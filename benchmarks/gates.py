@@ -69,8 +69,7 @@ def main() -> None:
 def _jerks(rows: Sequence[Mapping[str, Any]], mission: str) -> str:
     """The largest at any change, by solver."""
     largest = {
-        name: max(row["jerk"] for row in rows if row["run"] == f"{mission} {name}" and row["change"] != "all")
-        for name in SOLVERS
+        name: max(row["jerk"] for row in rows if row["run"] == f"{mission} {name}" and row["change"] != "all") for name in SOLVERS
     }
     return ", ".join(f"{name} {jerk:.0f}" for name, jerk in largest.items())
 

@@ -169,9 +169,7 @@ def _measurements(all_of_them: Sequence[Evaluation]) -> dict[str, str]:
     recordings = [one.recording for one in all_of_them]
     first = {one.name: spread_deg(one, OFFSET_TIME) for one in recordings}
     restless = max(first, key=lambda name: float(first[name].max()))
-    still = [
-        f"{one.name} {' and '.join(f'{x:.1f}' for x in spread_deg(one))} deg" for one in recordings if not one.moves
-    ]
+    still = [f"{one.name} {' and '.join(f'{x:.1f}' for x in spread_deg(one))} deg" for one in recordings if not one.moves]
     return {
         "restless": f"{restless} ({' and '.join(f'{x:.1f}' for x in first[restless])} deg)",
         "jumps": listed(f"{one.name} {jumps(one)}" for one in recordings),

@@ -110,30 +110,22 @@ def farthest(rows: Sequence[Row]) -> list[Row]:
 def alone(given: ExperimentTask, rollout: Rollout, rows: Sequence[Row], quick: bool) -> dict[str, float]:
     """Standard errors [%] of single numbers where nothing else matters."""
     names = [row["number"] for row in rows]
-    found = {
-        name: design_experiment(replace(given, matter=(name,)), rollout, LITTLE if quick else None) for name in names
-    }
+    found = {name: design_experiment(replace(given, matter=(name,)), rollout, LITTLE if quick else None) for name in names}
     return {name: _share(next(each for each in one.numbers if each.name == name)) for name, one in found.items()}
 
 
-def fitted(
-    given: ExperimentTask, rollout: Rollout, found: Mapping[str, Excitation], n: int, search: Search
-) -> dict[str, float]:
+def fitted(given: ExperimentTask, rollout: Rollout, found: Mapping[str, Excitation], n: int, search: Search) -> dict[str, float]:
     """Root mean square error after the design, over that by hand, of each number, as n drawn vehicles have it."""
     truths = drawn(given.vehicle, np.random.default_rng(0), n)
     squares = {
-        kind: np.mean(
-            [_errors(given, rollout, truth, one, seed, search) ** 2 for seed, truth in enumerate(truths)], axis=0
-        )
+        kind: np.mean([_errors(given, rollout, truth, one, seed, search) ** 2 for seed, truth in enumerate(truths)], axis=0)
         for kind, one in found.items()
     }
     less = np.sqrt(squares[DESIGNED] / next(part for kind, part in squares.items() if kind != DESIGNED))
     return dict(zip([each.name for each in found[DESIGNED].numbers], less.tolist(), strict=True))
 
 
-def _errors(
-    given: ExperimentTask, rollout: Rollout, truth: np.ndarray, one: Excitation, seed: int, search: Search
-) -> np.ndarray:
+def _errors(given: ExperimentTask, rollout: Rollout, truth: np.ndarray, one: Excitation, seed: int, search: Search) -> np.ndarray:
     """(m,) of all numbers, by their sizes."""
     recording = recorded(given.vehicle, rollout.stage, truth, np.random.default_rng(seed), one.commands)
     estimate = search_fit(given.vehicle, [PreparedRecording.of(recording, given.vehicle)], NOISE, rollout, search)

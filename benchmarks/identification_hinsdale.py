@@ -198,9 +198,7 @@ def main() -> None:
     given, run = begin(parser)
     imu, mocap = (session(given.folder, sensor, quick=run.quick) for sensor in (IMU, MOCAP))
     rows = [*imu.rows(), *mocap.rows(), *between(imu, mocap)]
-    free = [
-        each for one, found in zip(imu.prepared, imu.left_out, strict=True) for each in swings(one.recording, found)
-    ]
+    free = [each for one, found in zip(imu.prepared, imu.left_out, strict=True) for each in swings(one.recording, found)]
     name = "identification_hinsdale"
     run.write(
         Report(

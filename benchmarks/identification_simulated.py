@@ -110,18 +110,14 @@ def main() -> None:
     rollout = Rollout(stage_of(one))
     driven = design_experiment(given, rollout, DesignSettings(iterations=1, starts=1) if run.quick else None)
     truths = drawn(one, np.random.default_rng(0), robots)
-    rows = [
-        row for k, truth in enumerate(truths) for row in identified(one, rollout, truth, driven, k, recordings, search)
-    ]
+    rows = [row for k, truth in enumerate(truths) for row in identified(one, rollout, truth, driven, k, recordings, search)]
     states = [simulate_commands(given, rollout, driven.commands, truth) for truth in truths]
     inside = sum(not given.limits.beyond(each, margin=0.0)[0].any() for each in states)
     summary = by_unknown(rows)
     form = {"unknown": "", **dict.fromkeys([name for name in summary[0] if name != "unknown"], ".1f")}
     title, name = "Identification of simulated vehicles", "identification_simulated"
     prose = PROSE.format(**told(given, rows, summary), robots=robots, recordings=recordings, inside=inside)
-    run.write(
-        Report(name=name, title=title, prose=prose, tables=[Table(rows=summary, columns=form)], data={name: rows})
-    )
+    run.write(Report(name=name, title=title, prose=prose, tables=[Table(rows=summary, columns=form)], data={name: rows}))
 
 
 def told(given: ExperimentTask, rows: Sequence[Row], summary: Sequence[Row]) -> dict[str, object]:

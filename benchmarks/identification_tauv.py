@@ -134,9 +134,7 @@ def left_out(one: Bench, drifting: Bench, everything: Estimate, *, quick: bool) 
 
 
 def _by_horizon(held: PreparedRecording, predictor: Predictor, how: str) -> list[Row]:
-    return [
-        row(held.recording.name, f"{horizon:g} s{how}", predictor.over(held, STEP, horizon)) for horizon in HORIZONS
-    ]
+    return [row(held.recording.name, f"{horizon:g} s{how}", predictor.over(held, STEP, horizon)) for horizon in HORIZONS]
 
 
 def seen_soon(one: Bench, shared: np.ndarray) -> list[Row]:
@@ -160,8 +158,7 @@ def bounds(one: Bench) -> list[Row]:
     pairs = zip(names, filtered(one.prepared, STEP), strict=True)
     rows: list[Row] = [{"recording": name, "prediction": FILTER, **fits} for name, fits in pairs]
     return rows + [
-        {"recording": each.recording.name, "prediction": TWICE, **measured_twice(each.recording)}
-        for each in one.prepared
+        {"recording": each.recording.name, "prediction": TWICE, **measured_twice(each.recording)} for each in one.prepared
     ]
 
 
@@ -204,9 +201,7 @@ def _length(one: Bench) -> float:
 
 
 def _doubts(one: Bench) -> str:
-    told = [
-        f"- {each.recording.name}: {doubt}" for each in one.prepared for doubt in check_data_quality(each.recording)
-    ]
+    told = [f"- {each.recording.name}: {doubt}" for each in one.prepared for doubt in check_data_quality(each.recording)]
     return "\n".join(told) or "None."
 
 

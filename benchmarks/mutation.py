@@ -50,10 +50,7 @@ def judgements(path: Path = JUDGED) -> dict[tuple[str, str, str], Judgement]:
     """By file, line before and line after."""
     with path.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    return {
-        (row["file"], row["before"], row["after"]): Judgement(verdict=row["verdict"], reason=row["reason"])
-        for row in rows
-    }
+    return {(row["file"], row["before"], row["after"]): Judgement(verdict=row["verdict"], reason=row["reason"]) for row in rows}
 
 
 def row_of(mutant: Mutant, trial: Trial | None, judged: Judgement | None) -> Row:
@@ -78,9 +75,7 @@ def row_of(mutant: Mutant, trial: Trial | None, judged: Judgement | None) -> Row
 
 def score(rows: Sequence[Row], room: str) -> Row:
     """How many of the mutants of a room ended in which way."""
-    count = {
-        verdict: sum(row["verdict"] == verdict for row in rows) for verdict in (KILLED, SURVIVED, EQUIVALENT, NOT_RUN)
-    }
+    count = {verdict: sum(row["verdict"] == verdict for row in rows) for verdict in (KILLED, SURVIVED, EQUIVALENT, NOT_RUN)}
     judgeable = count[KILLED] + count[SURVIVED]
     share = 100.0 * count[KILLED] / judgeable if judgeable else None
     return {"room": room, "mutants": len(rows), **count, "noticed [%]": share}

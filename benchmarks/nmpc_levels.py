@@ -78,9 +78,7 @@ def main() -> None:
         sys.stderr.write(f"{row['conflict']}, {row['priorities']}, seed {row['seed']}\n")
     title = "Strict levels and weights in receding horizon"
     tables = [Table(rows=worst_of_seeds(table, "conflict", "priorities"))]
-    run.write(
-        Report(name="nmpc_levels", title=title, prose=prose(runs, table), tables=tables, data={"nmpc_levels": table})
-    )
+    run.write(Report(name="nmpc_levels", title=title, prose=prose(runs, table), tables=tables, data={"nmpc_levels": table}))
 
 
 if __name__ == "__main__":

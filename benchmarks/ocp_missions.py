@@ -124,9 +124,7 @@ class _Flown:
         """Mean speed [m/s] of the current around the vehicle."""
         current, rows = self.scenario.environment.current, slice(None, None, _EVERY)
         places, times = self.record["q"][rows, :3], self.record["t"][rows].tolist()
-        return float(
-            np.mean([np.linalg.norm(current.velocity(p[None], t)[0]) for p, t in zip(places, times, strict=True)])
-        )
+        return float(np.mean([np.linalg.norm(current.velocity(p[None], t)[0]) for p, t in zip(places, times, strict=True)]))
 
 
 def _used(record: Record, *, estimated: bool = False) -> float | None:
@@ -181,9 +179,7 @@ def main() -> None:
     if run.quick:
         hide_compiler()
         chosen = {"reach": lambda **more: scenarios.reach(duration=0.2)}
-    both = [
-        measured(name, make(noise=True), quick_plan if run.quick else plan_mission) for name, make in chosen.items()
-    ]
+    both = [measured(name, make(noise=True), quick_plan if run.quick else plan_mission) for name, make in chosen.items()]
     flights = Table(rows=[row for rows, _ in both for row in rows], columns=FORMATS)
     plans = Table(rows=[row for _, row in both], columns=PLANS)
     run.write(

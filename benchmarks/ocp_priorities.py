@@ -91,9 +91,7 @@ def _found_in(name: str, table: Sequence[Row]) -> str:
     if not done:
         return f"{text}; no weight converges."
     last = done[-1]
-    text += (
-        f", with {last['priorities']}, the largest that converges, by {_first_error_mm(last):.2g} mm at a condition of "
-    )
+    text += f", with {last['priorities']}, the largest that converges, by {_first_error_mm(last):.2g} mm at a condition of "
     text += f"{last['condition']:.0e}"
     beyond = sums[sums.index(last) + 1 :]
     return f"{text}; {beyond[0]['priorities']} ends as: {beyond[0]['status']}." if beyond else f"{text}."

@@ -70,9 +70,7 @@ def main() -> None:
     scenes = Scenes(problems[0])
     rows = [row_of(scenes.solved(item)) for item in problems]
     tables = [Table(rows=rows)]
-    run.write(
-        Report(name="ocp_scenes", title="Optimal control among obstacles", prose=prose(rows, scenes), tables=tables)
-    )
+    run.write(Report(name="ocp_scenes", title="Optimal control among obstacles", prose=prose(rows, scenes), tables=tables))
 
 
 if __name__ == "__main__":

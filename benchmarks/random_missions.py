@@ -85,9 +85,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
     given, run = begin(parser)
     # The mission of seed 1 is accepted; one that is refused runs until its time is over.
-    chosen = (
-        random_missions(n=1, seed=1, plant="kinematic") if run.quick else random_missions(n=given.missions, force=True)
-    )
+    chosen = random_missions(n=1, seed=1, plant="kinematic") if run.quick else random_missions(n=given.missions, force=True)
     result = chosen.run(workers=1 if run.quick else given.jobs, progress=show_runs)
     run.write(
         Report(

@@ -156,9 +156,7 @@ def exported_replay(setting: Setting, name: str) -> Values:
     folder = exported(setting, name)
     sources = sorted(path.name for path in folder.glob("*.c"))
     level = "-O0" if setting.quick else "-O1"
-    subprocess.run(
-        ["cc", "-std=c99", level, "-ffp-contract=off", *sources, "-lm", "-o", "replay"], cwd=folder, check=True
-    )
+    subprocess.run(["cc", "-std=c99", level, "-ffp-contract=off", *sources, "-lm", "-o", "replay"], cwd=folder, check=True)
     process = subprocess.run(["./replay", "recorded.bin", "ticks.txt"], cwd=folder, capture_output=True, text=True)
     counts = [float(number) for number in re.findall(r"\d+(?:\.\d*)?(?:e[-+]?\d+)?", process.stdout)]
     recorded = np.frombuffer((folder / "recorded.bin").read_bytes(), dtype="<f8")
@@ -191,9 +189,7 @@ def campaign(setting: Setting) -> Values:
     variation, uniform = find("Variation", "campaign"), find("Uniform", "campaign")
     variations = [variation(renamed(name), uniform(low, high)) for name, low, high in drawn]
     options = {"noise": True, "dt": 0.02, **setting.duration(0.2)}
-    asked = find("Campaign")(
-        scenario="case1", variations=variations, runs=2 if setting.quick else 4, seed=1, options=options
-    )
+    asked = find("Campaign")(scenario="case1", variations=variations, runs=2 if setting.quick else 4, seed=1, options=options)
     asked.run(setting.work / "campaign", workers=1)
     parts = [pd.read_parquet(path) for path in sorted((setting.work / "campaign").rglob("*.parquet"))]
     table = pd.concat(parts).sort_values("run")
@@ -264,9 +260,7 @@ def reach_problem(robot: Any, q: np.ndarray, n_steps: int, path: bool = False) -
 def ocp(setting: Setting, plugin: str) -> Values:
     """Plan a motion of the tool by one of the solvers of nonlinear programs."""
     robot = uo.load_robot("girona_maris7_full")
-    problem = reach_problem(
-        robot, robot.configuration(position=(0, 0, -5), rpy=(0, -0.06, 0.5)), 5 if setting.quick else 20
-    )
+    problem = reach_problem(robot, robot.configuration(position=(0, 0, -5), rpy=(0, -0.06, 0.5)), 5 if setting.quick else 20)
     plan = find("Planner", "ocp")(problem, find("NlpOptions", "nlp")(plugin=plugin, time_limit=PATIENCE)).plan()
     values = arrays_of(attribute(plan, "trajectory"))
     for level in plan.levels:

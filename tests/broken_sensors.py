@@ -43,6 +43,4 @@ class BrokenSensors:
 
     def _health(self, broken: tuple[str, ...]) -> tuple[ChannelHealth, ...]:
         bad = {"trust": self.trust, "why": "broken by a test", "since": self.start}
-        return tuple(
-            ChannelHealth(channel=name, **(bad if name in broken else {"trust": Trust.GOOD})) for name in CHANNELS
-        )
+        return tuple(ChannelHealth(channel=name, **(bad if name in broken else {"trust": Trust.GOOD})) for name in CHANNELS)

@@ -29,9 +29,7 @@ class RecordingSolver:
     ticks: list[RecordedTick] = field(default_factory=list)
 
     def bind(self, levels_function: ca.Function, sizes: tuple[int, ...]) -> Callable[..., TickResult]:
-        return partial(
-            _recorded, self.solver.bind(levels_function, sizes), self.ticks, {"gates": np.zeros(0), "left": 0}
-        )
+        return partial(_recorded, self.solver.bind(levels_function, sizes), self.ticks, {"gates": np.zeros(0), "left": 0})
 
 
 def _recorded(tick: Tick, ticks: list[RecordedTick], seen: dict, *inputs: np.ndarray) -> TickResult:

@@ -118,9 +118,7 @@ def scenario_of(robot: Robot, plant: str, duration: float = 0.1, depth: float = 
     arm = [Manipulability()] if robot.n_joints else []
     tasks = [JointLimits(), *vehicle, *arm, ToolPosition(goal=pose_at((1.0, 0.1, -5.0)))]
     tasks.append(JointTracking(joints=robot.joint_names, goal=robot.home))
-    reached = Transition(
-        to=DONE, when=(Below(quantity="PC.position_error" if vehicle else "TP.position_error", limit=0.01),)
-    )
+    reached = Transition(to=DONE, when=(Below(quantity="PC.position_error" if vehicle else "TP.position_error", limit=0.01),))
     phase = Phase(name="A", activations=activate(*(task.name for task in tasks)), transitions=(reached,))
     mission = mission_of(robot, tasks, (phase,))
     start = robot.configuration(position=(0.0, 0.0, -5.0)) if robot.n_vehicle else robot.configuration()

@@ -266,9 +266,7 @@ class _Table(Kind):
     def converted(self, value: Any, keep: bool) -> Any:
         if not keep:
             return value
-        return frozen_mapping(
-            {k: self.item.converted(item, keep) for k, item in value.items()} if self.item.converts else value
-        )
+        return frozen_mapping({k: self.item.converted(item, keep) for k, item in value.items()} if self.item.converts else value)
 
 
 @dataclass(frozen=True)

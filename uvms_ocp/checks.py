@@ -177,9 +177,7 @@ def _doubt(function: Callable[..., Any]) -> str:
         plain, extras = _plain(word, function.__globals__) if isinstance(word, str) and name != "return" else ("", ())
         if plain in _CHECKED_BY_CLASS:
             # The one class that is nearly always found is asked for by itself: that takes half the time.
-            doubts.append(
-                f"(type({name}) is not {_CHECKED_BY_CLASS[plain]} and type({name}) not in {_CHECKED_BY_CLASS[plain]}s)"
-            )
+            doubts.append(f"(type({name}) is not {_CHECKED_BY_CLASS[plain]} and type({name}) not in {_CHECKED_BY_CLASS[plain]}s)")
             kind = Shape if plain == "np.ndarray" else Range
             doubts += [extra.doubt(name) for extra in extras if isinstance(extra, kind)]
     return " or ".join(doubts) or "False"

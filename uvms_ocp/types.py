@@ -133,9 +133,7 @@ class FrozenDict(dict[Any, Any]):
     __slots__ = ()
 
     def _refuse(self, *_: object, **__: object) -> NoReturn:
-        raise TypeError(
-            "this mapping is part of a frozen value; make a new one, as by dict(...) or dataclasses.replace"
-        )
+        raise TypeError("this mapping is part of a frozen value; make a new one, as by dict(...) or dataclasses.replace")
 
     __setitem__ = __delitem__ = __ior__ = _refuse
     clear = pop = popitem = setdefault = update = _refuse

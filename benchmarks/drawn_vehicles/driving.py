@@ -84,9 +84,7 @@ def recorded(
     return _seen(states, commands, stage, p, rng, name)
 
 
-def _seen(
-    states: np.ndarray, thrust: Channel, stage: Stage, p: np.ndarray, rng: np.random.Generator, name: str
-) -> Recording:
+def _seen(states: np.ndarray, thrust: Channel, stage: Stage, p: np.ndarray, rng: np.random.Generator, name: str) -> Recording:
     t = FINE * EVERY * np.arange(len(states))
     y = np.asarray(stage.outputs.map(len(t))(states.T, np.tile(p[:, None], len(t)))[0]).T
     quaternions = states[:, 3:7] + VERTICAL / 2 * rng.normal(size=(len(t), 4))

@@ -88,9 +88,7 @@ def late(specs: SensorSpecs, delays: Mapping[str, float]) -> SensorSpecs:
     return replace(specs, **{name: replace(getattr(specs, name), delay=delay) for name, delay in delays.items()})
 
 
-def consistency(
-    robot: Robot, specs: SensorSpecs, *, seeds: int, duration: float, first: int = 0
-) -> list[dict[str, object]]:
+def consistency(robot: Robot, specs: SensorSpecs, *, seeds: int, duration: float, first: int = 0) -> list[dict[str, object]]:
     """One row per part and channel: its mean and what it may be, with a chance of `TOGETHER` for all rows together."""
     ledger = Ledger()
     for seed in range(first, first + seeds):
@@ -109,9 +107,7 @@ def _judged(ledger: Ledger) -> Iterator[dict[str, object]]:
         yield {"of": name, "mean": total.mean, "least": low, "most": high, "n": total.degrees, "inside": inside}
 
 
-def _watch(
-    run: Watched, ledger: Ledger, duration: float, *, skipped: tuple[str, ...] = (), only: tuple[str, ...] = ()
-) -> None:
+def _watch(run: Watched, ledger: Ledger, duration: float, *, skipped: tuple[str, ...] = (), only: tuple[str, ...] = ()) -> None:
     last: dict[str, float] = dict.fromkeys(CHANNELS, -np.inf)
     due: dict[str, float] = {}
     ticks = round(duration / run.truth.dt)

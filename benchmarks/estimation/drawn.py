@@ -113,9 +113,7 @@ def _carried(values: Array, dt: float) -> Array:
 class Watched:
     """A drawn truth, its sensors and one or several estimators that see the same or less late readings."""
 
-    def __init__(
-        self, robot: Robot, specs: SensorSpecs, tuning: EstimatorTuning, *, seed: int, dt: float = 0.01
-    ) -> None:
+    def __init__(self, robot: Robot, specs: SensorSpecs, tuning: EstimatorTuning, *, seed: int, dt: float = 0.01) -> None:
         streams = np.random.SeedSequence(seed).spawn(2)
         self.truth = Drawn(robot=robot, tuning=tuning, rng=np.random.default_rng(streams[0]), dt=dt)
         self.estimator = Estimator(robot, specs, tuning)

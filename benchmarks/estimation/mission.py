@@ -28,8 +28,7 @@ def mission_table(seeds: int, *, plant: str, duration: float) -> list[dict[str, 
         record = case1(noise=True, plant=plant, seed=seed, duration=duration).run()
         tool = record.run_meta.true_quantity("T.position_error")
         rows += [
-            {"seed": seed, "completed": record.run_meta.completed, "tool_error_m": tool, **row}
-            for row in estimate_table(record)
+            {"seed": seed, "completed": record.run_meta.completed, "tool_error_m": tool, **row} for row in estimate_table(record)
         ]
     return rows
 
@@ -39,9 +38,7 @@ def by_part(rows: list[dict[str, object]]) -> list[dict[str, object]]:
     table: list[dict[str, object]] = []
     for part in dict.fromkeys(str(row["of"]) for row in rows):
         found = [row for row in rows if row["of"] == part]
-        rms, spread = (
-            float(np.sqrt(np.mean([float(str(row[key])) ** 2 for row in found]))) for key in ("rms", "spread")
-        )
+        rms, spread = (float(np.sqrt(np.mean([float(str(row[key])) ** 2 for row in found]))) for key in ("rms", "spread"))
         table.append({"of": part, "rms": rms, "spread": spread, "ratio": (rms / spread) ** 2})
     return table
 
@@ -53,9 +50,7 @@ def time_table(robot: Robot, *, ticks: int) -> list[dict[str, object]]:
         whole, core = _tick_times(robot, specs, ticks)
         figures = {"p50": 50, "p99": 99}
         times = {
-            f"{of}_{p}_us": float(np.percentile(t, q))
-            for of, t in (("tick", whole), ("core", core))
-            for p, q in figures.items()
+            f"{of}_{p}_us": float(np.percentile(t, q)) for of, t in (("tick", whole), ("core", core)) for p, q in figures.items()
         }
         rows.append({"sensors": name, **times})
     return rows

@@ -130,9 +130,7 @@ class _DaqpTick:
         J = J.reshape(-1, self._n)
         v, status, residual = np.zeros(self._n), Status.INVALID_INPUT, np.zeros(len(lower))
         try:
-            levels = [
-                Level(jacobian=J[r], lower=lower[r], upper=upper[r], gate=gate[r]) for r in row_slices(self._sizes)
-            ]
+            levels = [Level(jacobian=J[r], lower=lower[r], upper=upper[r], gate=gate[r]) for r in row_slices(self._sizes)]
         except InvalidInput:
             levels = []
         if levels:

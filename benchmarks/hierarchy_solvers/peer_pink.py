@@ -97,9 +97,7 @@ def run(model: pin.Model, solver: str, ticks: int) -> tuple[np.ndarray, int]:
             start = time.perf_counter()
             configuration.update(q)
             try:
-                v = solve_ik(
-                    configuration, tasks, DT, solver=solver, limits=bounds, barriers=[barrier], safety_break=False
-                )
+                v = solve_ik(configuration, tasks, DT, solver=solver, limits=bounds, barriers=[barrier], safety_break=False)
             except NoSolutionFound:
                 v, failed = np.zeros(model.nv), failed + 1
             times.append(time.perf_counter() - start)

@@ -51,7 +51,6 @@ def pink_rows(python: Path, *, passes: int, ticks: int) -> tuple[list[Row], str]
             found = dict(file)
     names = [key.removesuffix("/time") for key in found if key.endswith("/time")]
     rows: list[Row] = [
-        timed_row("whole tick", f"pink ({name}), weights", found[f"{name}/time"], int(found[f"{name}/failed"]))
-        for name in names
+        timed_row("whole tick", f"pink ({name}), weights", found[f"{name}/time"], int(found[f"{name}/failed"])) for name in names
     ]
     return rows, str(found["version"])

@@ -88,9 +88,7 @@ def levels_of(problem: LevelsProblem, inputs: Inputs) -> list[Level]:
 def _gated(level: Level) -> Level:
     lower, upper = widen_bounds(level.jacobian, level.lower, level.upper, level.gate)
     rate, activation = level.rate, level.activation * level.gate
-    return Level(
-        jacobian=level.jacobian, lower=lower, upper=upper, rate=np.clip(rate, lower, upper), activation=activation
-    )
+    return Level(jacobian=level.jacobian, lower=lower, upper=upper, rate=np.clip(rate, lower, upper), activation=activation)
 
 
 def problems(problem: LevelsProblem, inputs: Sequence[Inputs], count: int) -> list[Problem]:

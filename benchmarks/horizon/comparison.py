@@ -143,9 +143,7 @@ def _quickest_peers(comparison: Comparison, numbers: Mapping[str, Any]) -> dict[
         return {}
     return {
         "peer_drake": comparison.run_peer("drake", "peer_drake", numbers),
-        "peer_pyroboplan": comparison.run_peer(
-            "drake", "peer_pyroboplan", numbers, *(["--quick"] if comparison.quick else [])
-        ),
+        "peer_pyroboplan": comparison.run_peer("drake", "peer_pyroboplan", numbers, *(["--quick"] if comparison.quick else [])),
     }
 
 
@@ -163,9 +161,7 @@ def _quickest_peer_rows(peers: Mapping[str, Any], reference: float | None, best:
             }
 
 
-def our_row(
-    problem: str, row: Mapping[str, Any], how: str, reference: float | None, result: tuple[float, float | None]
-) -> Row:
+def our_row(problem: str, row: Mapping[str, Any], how: str, reference: float | None, result: tuple[float, float | None]) -> Row:
     """A row of ours; result: what was found, and what it is compared with."""
     return {
         "problem": problem,

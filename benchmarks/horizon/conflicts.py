@@ -47,11 +47,7 @@ class Conflict:
     def as_sum(self, weight: float) -> OcpProblem:
         """One level: residuals of every goal `weight` times those of the next before they are squared, the costs once."""
         goals, costs = self.problem.levels[:-1], self.problem.levels[-1]
-        terms = [
-            replace(term, weight=weight ** (2 * (len(goals) - i)))
-            for i, level in enumerate(goals)
-            for term in level.terms
-        ]
+        terms = [replace(term, weight=weight ** (2 * (len(goals) - i))) for i, level in enumerate(goals) for term in level.terms]
         return replace(self.problem, levels=(OcpLevel(name="sum", terms=(*terms, *costs.terms)),))
 
 

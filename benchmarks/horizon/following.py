@@ -173,9 +173,7 @@ def controllers(
         yield f"hierarchy, tool gain {gain:g} /s", hierarchy(robot, dynamics, goal, gain)
 
 
-def run(
-    robot: Robot, plant: DynamicPlant, controller: Controller, goal: PoseReference, seconds: float
-) -> dict[str, Any]:
+def run(robot: Robot, plant: DynamicPlant, controller: Controller, goal: PoseReference, seconds: float) -> dict[str, Any]:
     """Follow the goal for so long [s]; errors [mm] of the tool, energy [J], thrust [N], processor time per call."""
     errors, times, peak = [], [], 0.0
     for i in range(round(seconds / DT)):

@@ -99,9 +99,7 @@ def judged(found: dict[str, Any], n_steps: int) -> dict[str, float]:
     x = transcription.pack(given)
     ours = transcription.unpack(x)
     units = transcription.model.actuators
-    forces = np.hstack(
-        [(ours.thrust - given.thrust) / units.thrust_unit, (ours.torque - given.torque) / units.torque_unit]
-    )
+    forces = np.hstack([(ours.thrust - given.thrust) / units.thrust_unit, (ours.torque - given.torque) / units.torque_unit])
     violations = [abs(value) for value in transcription.violations(x, transcription.parameters()).values()]
     return {"cost": cost(transcription, x), "violation": max(*violations, float(np.abs(forces).max()))}
 

@@ -26,9 +26,7 @@ def build(given: dict[str, Any]) -> tuple[Any, np.ndarray]:
     running, terminal = costs(given, state, x0)
     h = given["duration"] / given["n_steps"]
     steps = [
-        crocoddyl.IntegratedActionModelEuler(
-            crocoddyl.DifferentialActionModelFreeFwdDynamics(state, actuation, cost), step
-        )
+        crocoddyl.IntegratedActionModelEuler(crocoddyl.DifferentialActionModelFreeFwdDynamics(state, actuation, cost), step)
         for cost, step in ((running, h), (terminal, 0.0))
     ]
     problem = crocoddyl.ShootingProblem(x0, [steps[0]] * given["n_steps"], steps[1])

@@ -30,9 +30,7 @@ def solve(given: dict[str, Any], repeats: int, quick: bool) -> list[dict[str, An
 
 def _row(given: dict[str, Any], n_points: int, repeats: int) -> dict[str, Any]:
     v, a = np.array(given["velocity"]), np.array(given["acceleration"])
-    options = CubicTrajectoryOptimizationOptions(
-        num_waypoints=n_points, min_vel=-v, max_vel=v, min_accel=-a, max_accel=a
-    )
+    options = CubicTrajectoryOptimizationOptions(num_waypoints=n_points, min_vel=-v, max_vel=v, min_accel=-a, max_accel=a)
     model = pin.buildModelFromUrdf(given["urdf"])
     planner = CubicTrajectoryOptimization(model, pin.GeometryModel(), options)
     ends = [np.array(given["start"]), np.array(given["goal"])]

@@ -146,9 +146,7 @@ def ahead(robot: Robot) -> np.ndarray:
 def tool_level(goal: PoseReference, *more: Term) -> OcpLevel:
     """Along the way and at its end."""
     task = ToolPose(goal=goal)
-    return OcpLevel(
-        name="tool", terms=(TaskTerm(task=task, at=At.PATH, weight=100.0), TaskTerm(task=task, weight=9.0), *more)
-    )
+    return OcpLevel(name="tool", terms=(TaskTerm(task=task, at=At.PATH, weight=100.0), TaskTerm(task=task, weight=9.0), *more))
 
 
 def _problem(robot: Robot, levels: list[OcpLevel], q: np.ndarray | None = None) -> OcpProblem:
@@ -181,9 +179,7 @@ def vehicle_above(robot: Robot, *, stretched: bool = False) -> RecedingConflict:
     held = OcpLevel(name="vehicle", terms=(TaskTerm(task=vehicle, at=At.PATH, weight=100.0),))
     level = tool_level(goal, Posture(q=start_of(robot), weight=1.0))
     name = "vehicle above tool" + (", from a stretched arm" if stretched else "")
-    return RecedingConflict(
-        name=name, problem=_problem(robot, [held, level, CHEAP], q), goal=goal, returned=goal.motion.returned
-    )
+    return RecedingConflict(name=name, problem=_problem(robot, [held, level, CHEAP], q), goal=goal, returned=goal.motion.returned)
 
 
 def clearance_above(robot: Robot) -> RecedingConflict:
@@ -199,9 +195,7 @@ def clearance_above(robot: Robot) -> RecedingConflict:
     obstacle = ClosingIn(clearance=clearance, direction=side, motion=motion, weight=100.0)
     goal: Any = _Still(first)
     problem = _problem(robot, [OcpLevel(name="clearance", terms=(obstacle,)), tool_level(goal), CHEAP])
-    return RecedingConflict(
-        name="clearance above tool", problem=problem, goal=goal, returned=motion.returned, obstacle=obstacle
-    )
+    return RecedingConflict(name="clearance above tool", problem=problem, goal=goal, returned=motion.returned, obstacle=obstacle)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

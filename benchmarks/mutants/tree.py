@@ -77,9 +77,7 @@ class Tree:
         finally:
             _write(path, before)
 
-    def test(
-        self, tests: Sequence[str], *, timeout: float, compiles: bool = False, options: Sequence[str] = ()
-    ) -> Outcome:
+    def test(self, tests: Sequence[str], *, timeout: float, compiles: bool = False, options: Sequence[str] = ()) -> Outcome:
         """Run files or single tests in their order; [s] `timeout` of all together.
 
         compiles: whether code that is not in the cache yet may be compiled.
@@ -91,9 +89,7 @@ class Tree:
             if not result.exists():
                 return Outcome(code=None, failed=(), seconds={}, text=text)
             found = json.loads(result.read_text())
-            return Outcome(
-                code=found["code"], failed=tuple(found["failed"]), seconds=found["seconds"], text=_last(text)
-            )
+            return Outcome(code=found["code"], failed=tuple(found["failed"]), seconds=found["seconds"], text=_last(text))
 
     def _environment(self, compiles: bool) -> dict[str, str]:
         cache = self._work / "cache"

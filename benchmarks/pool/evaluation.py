@@ -49,10 +49,7 @@ class Evaluation:
 
 def evaluate(vehicle: PoolVehicle, recordings: Sequence[Recording]) -> list[Evaluation]:
     """All of them, each with the fit that has not seen it."""
-    return [
-        _evaluation(vehicle, one, [other for other in recordings if other.moves and other is not one])
-        for one in recordings
-    ]
+    return [_evaluation(vehicle, one, [other for other in recordings if other.moves and other is not one]) for one in recordings]
 
 
 def _evaluation(vehicle: PoolVehicle, recording: Recording, others: Sequence[Recording]) -> Evaluation:

@@ -40,9 +40,7 @@ class Learner:
     rollout: Rollout
     noise: Noise
 
-    def trained(
-        self, chosen: Sequence[PreparedRecording], shared: np.ndarray | None = None, iterations: int = 15
-    ) -> Estimate:
+    def trained(self, chosen: Sequence[PreparedRecording], shared: np.ndarray | None = None, iterations: int = 15) -> Estimate:
         """Identified on whole recordings."""
         stretches = [one.stretches(STEP)[0] for one in chosen]
         error = OutputErrorProblem(self.vehicle, stretches, self.noise, self.rollout)

@@ -473,9 +473,7 @@ def run_file(case: dict[str, Any]) -> Row:
     }
 
 
-def _follow(
-    way: _Way, drawn: Drawn, place: Path, changes: Sequence[Change], rng: np.random.Generator, *, exports: bool
-) -> None:
+def _follow(way: _Way, drawn: Drawn, place: Path, changes: Sequence[Change], rng: np.random.Generator, *, exports: bool) -> None:
     source, folder, mission = place / "theirs.urdf", place / "mine", place / "m.py"
     source.write_text(ElementTree.tostring(drawn.urdf, encoding="unicode"), encoding="utf-8")
     with way.at("new-robot"):

@@ -51,15 +51,8 @@ def faults(
             if name not in known:
                 raise NameNotFound(what, name, known)
     common = {"plant": plant, "dt": dt, "duration": duration}
-    struck = [
-        {"kind": kind, "phase": phase, "seed": seed + k, **common}
-        for kind in kinds
-        for phase in phases
-        for k in range(n)
-    ]
-    sound = [
-        {"kind": kind, "phase": "", "seed": seed + k, **common} for kind in (STILL, GUSTY) for k in range(fault_free)
-    ]
+    struck = [{"kind": kind, "phase": phase, "seed": seed + k, **common} for kind in kinds for phase in phases for k in range(n)]
+    sound = [{"kind": kind, "phase": "", "seed": seed + k, **common} for kind in (STILL, GUSTY) for k in range(fault_free)]
     title = f"Case 1 with {len(kinds)} kinds of faults"
     return Study(name="faults", title=title, cases=[*struck, *sound], run_case=run_faults, summarize=by_kind)
 

@@ -115,9 +115,7 @@ def limit_violations(scenario: Scenario, record: Record) -> dict[str, float]:
         if isinstance(task, MinimumAltitude):
             found[f"{task.name}_m"] = task.threshold - _altitudes(scenario, task, q).min() if known else np.nan
         elif isinstance(task, Clearance):
-            found[f"{task.name}_m"] = (
-                task.threshold - np.min([task.model.values(row) for row in q]) if known else np.nan
-            )
+            found[f"{task.name}_m"] = task.threshold - np.min([task.model.values(row) for row in q]) if known else np.nan
     return {name: np.inf if np.isnan(value) else max(float(value), 0.0) for name, value in found.items()}
 
 

@@ -34,9 +34,7 @@ _RUN_UP = 4.0  # [m] by which they start farther away, to leave room for the bou
 
 
 @checked
-def random_missions(
-    *, n: int = 200, seed: Count = 0, plant: str = "dynamic", dt: Period = 0.02, force: bool = False
-) -> Study:
+def random_missions(*, n: int = 200, seed: Count = 0, plant: str = "dynamic", dt: Period = 0.02, force: bool = False) -> Study:
     """`n` missions drawn with the seeds `seed`, `seed` + 1, ...: Case 1 with everything about the place drawn.
 
     dt [s]: control period. force: run those too that pre-flight refuses, which tells the refusals that were false.

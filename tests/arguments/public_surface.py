@@ -52,9 +52,7 @@ def _exported() -> Iterator[Any]:
                 yield from (getattr(package, alias.asname) for alias in names if alias.asname == alias.name)
     yield Watchdog
     for module in OTHERS:
-        yield from (
-            item for item in vars(module).values() if inspect.isclass(item) and item.__module__ == module.__name__
-        )
+        yield from (item for item in vars(module).values() if inspect.isclass(item) and item.__module__ == module.__name__)
 
 
 def _calls(thing: Any) -> Iterator[Call]:

@@ -66,9 +66,7 @@ def test_a_mistyped_name_is_told_by_a_pool_of_processes() -> None:
 
 def test_values_do_not_change_with_what_they_were_made_of() -> None:
     start, u, activations, t = q(), np.zeros(3), {"HA": 1.0}, np.arange(3.0)
-    options = {
-        name: getattr(scenario(), name) for name in ("name", "robot", "mission", "environment", "plant", "solver")
-    }
+    options = {name: getattr(scenario(), name) for name in ("name", "robot", "mission", "environment", "plant", "solver")}
     made = Scenario(start=start, **options)
     water = Water(velocity=u, acceleration=u)
     phase = Phase(name="A", activations=activations, transitions=(transition(),))

@@ -98,9 +98,7 @@ WRONG: tuple[Any, ...] = (
 
 ANY_NORM = {
     **dict.fromkeys(("State.q", "StateEstimate.q"), "as integrated or measured: whoever uses it looks"),
-    **dict.fromkeys(
-        ("PlanRequest.start", "OcpRequest.start", "Setup.start"), "looked at where it is planned or checked"
-    ),
+    **dict.fromkeys(("PlanRequest.start", "OcpRequest.start", "Setup.start"), "looked at where it is planned or checked"),
     **dict.fromkeys(("Robot.joint_values.q", "Robot.with_joint_values.q"), "of which joints alone are read"),
     **dict.fromkeys(("ToolGoal.as_tasks.start", "PostureGoal.as_tasks.start", "Term.references.q"), "not read here"),
 }

@@ -167,9 +167,7 @@ def plan() -> ocp.Plan:
 def ocp_result() -> ocp.OcpResult:
     goal = planning.PostureGoal(joints={arm().joints[0].name: 0.1})
     request = ocp.OcpRequest(robot=arm(), start=arm().configuration(), goal=goal, n_steps=2, duration=1.0)
-    return ocp.OcpResult(
-        request=request, scene=collision.collision_scene(collision.coordinates(arm()), []), plan=plan()
-    )
+    return ocp.OcpResult(request=request, scene=collision.collision_scene(collision.coordinates(arm()), []), plan=plan())
 
 
 @cache
@@ -245,9 +243,7 @@ def abort() -> mission.Abort:
 
 
 def climb() -> mission.Phase:
-    return dataclasses.replace(
-        phase(), activations={"PC": 1.0}, transitions=(mission.Transition(to="abort", when=(below(),)),)
-    )
+    return dataclasses.replace(phase(), activations={"PC": 1.0}, transitions=(mission.Transition(to="abort", when=(below(),)),))
 
 
 def below() -> mission.Below:

@@ -12,9 +12,7 @@ from studies.study import Study
 
 from uvms_ocp.campaign.jobs import Row
 
-pytestmark = pytest.mark.filterwarnings(
-    "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"
-)
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning")
 
 
 def tell(case: dict[str, Any]) -> Row:

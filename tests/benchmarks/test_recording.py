@@ -56,9 +56,7 @@ def test_both_files_begin_with_the_same_head(tmp_path: Path) -> None:
     report = Report(name="some", title="Some", prose="Words.", tables=[Table(rows=rows)])
     assert [path.name for path in report.write(tmp_path, head(3.0))] == ["some.md", "some.csv"]
     markdown, csv = ((tmp_path / f"some.{kind}").read_text().splitlines() for kind in ("md", "csv"))
-    assert (
-        [line.removeprefix("# ") for line in csv[:4]] == [line.strip() for line in markdown[2:6]] == head(3.0).lines()
-    )
+    assert [line.removeprefix("# ") for line in csv[:4]] == [line.strip() for line in markdown[2:6]] == head(3.0).lines()
     assert csv[4:] == ["a,b,c", "1,0.123456,", "2,,x|y"]
     assert markdown[-4:] == ["| a | b | c |", "|---|---|---|", "| 1 | 0.123 |  |", "| 2 |  | x\\|y |"]
 

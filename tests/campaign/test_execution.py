@@ -14,9 +14,7 @@ from uvms_ocp.campaign.jobs import OverTime, time_limit
 from uvms_ocp.campaign.store import read_table
 from uvms_ocp.errors import InvalidInput, OutputError
 
-pytestmark = pytest.mark.filterwarnings(
-    "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"
-)
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning")
 
 
 @pytest.mark.slow
@@ -98,9 +96,7 @@ def test_on_a_cluster_of_others_only_the_run_that_ends_processes_by_itself_is_bl
     assert read_table(out)["outcome"].tolist() == ["completed", "completed", "killed", "completed", "completed"]
 
 
-def test_an_address_where_nobody_answers_is_an_error_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_address_where_nobody_answers_is_an_error_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("uvms_ocp.campaign.cluster._PATIENCE", 1.0)
     work = TrivialRuns()
     with pytest.raises(OutputError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):

@@ -42,9 +42,7 @@ def test_more_successes_than_runs_are_refused() -> None:
 
 def test_causes_that_differ_in_numbers_are_one() -> None:
     causes = ["stall at 3.2 s", "stall at 41 s", "joint2 jammed", ""]
-    runs = table(
-        4, cause=causes, success=[False, False, False, True], outcome=["stalled", "stalled", "given up", "completed"]
-    )
+    runs = table(4, cause=causes, success=[False, False, False, True], outcome=["stalled", "stalled", "given up", "completed"])
     found = cause_table(runs)
     assert [(row["cause"], row["number"], row["run"]) for row in found] == [
         ("stall at 3.2 s", 2, 0),
@@ -66,9 +64,7 @@ def test_bounds_make_failures_of_what_finished_and_successes_of_what_the_mission
     assert found["outcome"].tolist() == ["completed", "not tool_position_error_m < 0.01", "aborted"]
 
 
-@pytest.mark.parametrize(
-    ("text", "error"), [("tool<", InvalidInput), ("speed<1", NameNotFound), ("energy_j<1e", InvalidInput)]
-)
+@pytest.mark.parametrize(("text", "error"), [("tool<", InvalidInput), ("speed<1", NameNotFound), ("energy_j<1e", InvalidInput)])
 def test_a_bound_that_is_none_is_refused(text: str, error: type[Exception]) -> None:
     with pytest.raises(error):
         parse_bounds([text])

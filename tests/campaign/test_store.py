@@ -53,9 +53,7 @@ def test_rows_that_have_waited_go_to_the_disk_by_themselves(tmp_path: Path, monk
         assert read_table(tmp_path)["run"].tolist() == [2]
 
 
-@pytest.mark.parametrize(
-    "change", [{"runs": 21}, {"seed": 1}, {"package": "0"}, {"parameters": {"a": "Uniform(0, 1)"}}]
-)
+@pytest.mark.parametrize("change", [{"runs": 21}, {"seed": 1}, {"package": "0"}, {"parameters": {"a": "Uniform(0, 1)"}}])
 def test_another_campaign_is_refused_and_what_differs_is_named(tmp_path: Path, change: dict[str, object]) -> None:
     made(tmp_path, [1])
     with (

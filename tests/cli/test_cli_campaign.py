@@ -40,9 +40,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ours("new-mission", str(folder / "mission.py"), "--robot", str(folder / "robot"))
     (folder / "vary.py").write_text(KINEMATIC)
     words = [sys.executable, "-m", "uvms_ocp", "campaign", "mission.py", "--vary", "vary.py", "--runs", "4", *QUICK]
-    told = subprocess.run(
-        [*words, "--out", "c", "--workers", "1"], cwd=folder, capture_output=True, text=True, check=False
-    )
+    told = subprocess.run([*words, "--out", "c", "--workers", "1"], cwd=folder, capture_output=True, text=True, check=False)
     assert told.returncode == 0, told.stdout + told.stderr
     return folder
 

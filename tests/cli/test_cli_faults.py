@@ -35,9 +35,7 @@ def test_faults_have_a_line_each_and_a_folder_of_their_own(tmp_path: Path) -> No
         (["--fault", "thruster3:weak=2"], "give share [-], 0 to less than 1"),
     ],
 )
-def test_a_fault_that_cannot_be_gets_one_line_and_exit_code_2(
-    arguments: list[str], message: str, tmp_path: Path
-) -> None:
+def test_a_fault_that_cannot_be_gets_one_line_and_exit_code_2(arguments: list[str], message: str, tmp_path: Path) -> None:
     process = called("run", "case1", *arguments, cwd=tmp_path)
     assert process.returncode == 2
     assert message in process.stderr

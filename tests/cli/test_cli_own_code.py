@@ -54,9 +54,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_command_builds_what_is_asked_for(
-    command: str, form: str, place: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_command_builds_what_is_asked_for(command: str, form: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def asked(words: str, options: Mapping[str, Any], *_: Any) -> None:
         raise Asked(words, options.get("robot"), options.get("hydrodynamics"))
 

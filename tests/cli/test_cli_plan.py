@@ -143,9 +143,7 @@ def test_a_plan_that_fails_leaves_nothing_of_an_earlier_one(name: str, replanned
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["infeasible"])
-def test_optimal_control_without_a_usable_plan_says_why_and_claims_no_motion(
-    name: str, replanned: dict[str, Run]
-) -> None:
+def test_optimal_control_without_a_usable_plan_says_why_and_claims_no_motion(name: str, replanned: dict[str, Run]) -> None:
     process, folder = replanned[name]
     report = json.loads((folder / "report.json").read_text())
     assert name in report["status"]

@@ -49,9 +49,7 @@ def test_no_warning_is_said_beside_an_error(error: BaseException, capsys: pytest
     assert capsys.readouterr().err == ""
 
 
-def test_on_a_terminal_all_of_it_is_said_at_once(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_on_a_terminal_all_of_it_is_said_at_once(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     with pytest.raises(OSError, match="full"), warned_behind_errors():
         _warn()

@@ -46,9 +46,7 @@ def fan(name: str, xyz: str, axis: str) -> str:
 
 AHEAD = "".join(fan(f"fan_{k}", f"-0.3 {y} 0", "1 0 0") for k, y in enumerate((-0.2, 0.2)))
 SIDEWAYS = fan("fan_2", "0.2 0 0", "0 1 0") + fan("fan_3", "-0.2 0 0", "0 1 0")
-UP = "".join(
-    fan(f"fan_{k + 4}", f"{x} {y} 0.1", "0 0 1") for k, (x, y) in enumerate(((0.2, 0), (-0.2, 0.2), (-0.2, -0.2)))
-)
+UP = "".join(fan(f"fan_{k + 4}", f"{x} {y} 0.1", "0 0 1") for k, (x, y) in enumerate(((0.2, 0), (-0.2, 0.2), (-0.2, -0.2))))
 EYE = link("altimeter", 0) + joint("rov/hull", "altimeter", "fixed", "0 0 -0.2")
 FIXED = "<robot name='r'><link name='world'/><joint name='w' type='fixed'><parent link='world'/><child link='rov/hull'/></joint>"
 STRANGERS = {
@@ -78,9 +76,7 @@ def test_a_urdf_becomes_a_mission_that_is_accepted(kind: str, tmp_path: Path) ->
     told("new-mission", str(mission), "--robot", str(robot))
     assert "accepted" in told("check", str(mission))
     text = mission.read_text(encoding="utf-8")
-    assert text.count(" ToolPosition(") == {"two arms, no altimeter": 2, "no arm": 0, "no vertical thrust": 0}.get(
-        kind, 1
-    )
+    assert text.count(" ToolPosition(") == {"two arms, no altimeter": 2, "no arm": 0, "no vertical thrust": 0}.get(kind, 1)
     assert (" MinimumAltitude(threshold" in text) == ("altimeter" in STRANGERS[kind])
     assert (" VehiclePose(" in text) == (kind != "fixed base")
     made = load_robot(urdf=robot / "robot.urdf", hydrodynamics=robot / "hydrodynamics.yaml")

@@ -89,9 +89,7 @@ def test_what_fails_after_a_run_costs_itself(
 
 
 @pytest.mark.parametrize("records", ["none", "all"])
-def test_metrics_that_fail_leave_the_record_of_a_run_of_a_campaign(
-    records: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_metrics_that_fail_leave_the_record_of_a_run_of_a_campaign(records: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("uvms_ocp.campaign.jobs.run_metrics", lambda scenario, record: _fails(record))
     design = Design(sampler="random", runs=1, parameters=0, seed=0)
     done = MissionJob(scenario=_tiny, variations=(), names=(), design=design, records=records).make(0)

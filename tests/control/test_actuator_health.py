@@ -292,9 +292,7 @@ def test_authority_is_that_of_linear_programs(seed: int) -> None:
         rng.choice([0.0, 1.0, 0.5, -1.0], n, p=[0.2, 0.6, 0.1, 0.1]),
         rng.choice([0.0, 20.0]) * rng.normal(size=6),
     )
-    effectiveness = ThrusterEffectiveness(
-        share=share, constant=np.where(share == 0.0, rng.choice([0.0, 0.3], n) * upper, 0.0)
-    )
+    effectiveness = ThrusterEffectiveness(share=share, constant=np.where(share == 0.0, rng.choice([0.0, 0.3], n) * upper, 0.0))
     left = authority_of(matrix, lower, upper, effectiveness, trim, righting)
     ends = np.sort([effectiveness.given(lower), effectiveness.given(upper)], axis=0)
     for found, limits, balance in ((left.reach, ends, trim), (left.sound, (lower, upper), np.zeros(6))):

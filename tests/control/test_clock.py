@@ -44,9 +44,7 @@ def mission_of_moving_goals(robot: uo.Robot) -> uo.Mission:
         uo.Phase(name="on", activations=on, transitions=(never,), goals={"table": ramp}),
     )
     climb = uo.Phase(name="climb", activations=on, transitions=(uo.Transition(to=ABORT, when=never.when),))
-    return uo.Mission(
-        hierarchy=uo.Hierarchy(tasks), phases=phases, abort=Abort(phase=climb, ascent_task="PC", stall_after=0.61)
-    )
+    return uo.Mission(hierarchy=uo.Hierarchy(tasks), phases=phases, abort=Abort(phase=climb, ascent_task="PC", stall_after=0.61))
 
 
 @pytest.fixture(scope="module")

@@ -118,9 +118,7 @@ def test_a_controller_has_all_its_memory_from_the_start(
     assert set(vars(control)) == before
 
 
-def test_what_a_tick_knows_is_finite_and_cannot_be_changed(
-    scenario: Scenario, measurements: list[StateEstimate]
-) -> None:
+def test_what_a_tick_knows_is_finite_and_cannot_be_changed(scenario: Scenario, measurements: list[StateEstimate]) -> None:
     control = kinematic(scenario)
     for k, measurement in enumerate(measurements[:100]):
         tick = control.observe(measurement, k * scenario.dt)
@@ -133,9 +131,7 @@ def test_what_a_tick_knows_is_finite_and_cannot_be_changed(
         tick.t = 0.0  # type: ignore[misc]
 
 
-def test_evaluating_a_measurement_leaves_the_commands_as_they_are(
-    scenario: Scenario, measurements: list[StateEstimate]
-) -> None:
+def test_evaluating_a_measurement_leaves_the_commands_as_they_are(scenario: Scenario, measurements: list[StateEstimate]) -> None:
     plain, asked = kinematic(scenario), kinematic(scenario)
     for k, measurement in enumerate(measurements[:60]):
         if np.isfinite(measurement.q).all():
@@ -175,9 +171,7 @@ def efforts_after(scenario: Scenario, dynamics: Dynamics, asking: Asking, error:
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("axis", [0, 5, 9])
-def test_an_axis_at_the_end_of_its_force_does_not_wind_up(
-    scenario: Scenario, dynamics: Dynamics, axis: int, sign: float
-) -> None:
+def test_an_axis_at_the_end_of_its_force_does_not_wind_up(scenario: Scenario, dynamics: Dynamics, axis: int, sign: float) -> None:
     still = Asking(v0=np.zeros(scenario.robot.n_v), a=np.zeros(scenario.robot.n_v))
     unit = sign * np.eye(scenario.robot.n_v)[axis]
     fresh, pushed, leaned = (efforts_after(scenario, dynamics, still, size * unit) for size in (0.0, 50.0, 1e-3))
@@ -187,9 +181,7 @@ def test_an_axis_at_the_end_of_its_force_does_not_wind_up(
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("axis", [0, 5])
-def test_an_axis_at_the_end_of_its_force_still_unwinds(
-    scenario: Scenario, dynamics: Dynamics, axis: int, sign: float
-) -> None:
+def test_an_axis_at_the_end_of_its_force_still_unwinds(scenario: Scenario, dynamics: Dynamics, axis: int, sign: float) -> None:
     unit = sign * np.eye(scenario.robot.n_v)[axis]
     hurried = Asking(v0=unit, a=20.0 * unit)  # too fast from the first tick on
     on_time, ahead = (efforts_after(scenario, dynamics, hurried, error * unit) for error in (0.0, -1e-2))

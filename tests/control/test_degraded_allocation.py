@@ -79,9 +79,7 @@ def test_fewer_thrusters_never_come_closer_nor_take_less_power_for_the_same_wren
     whole: Allocation, wrenches: np.ndarray
 ) -> None:
     n = len(whole.upper)
-    degraded = replace(
-        whole, effectiveness=ThrusterEffectiveness(share=np.r_[0.0, np.ones(n - 1)], constant=np.zeros(n))
-    )
+    degraded = replace(whole, effectiveness=ThrusterEffectiveness(share=np.r_[0.0, np.ones(n - 1)], constant=np.zeros(n)))
     for wrench in wrenches:
         few, all_of_them = degraded.allocate(wrench), whole.allocate(wrench)
         assert np.linalg.norm(few.unreachable) >= np.linalg.norm(all_of_them.unreachable) - 1e-9

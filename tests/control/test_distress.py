@@ -113,9 +113,7 @@ def test_a_stall_says_once_for_all_sensors_why_they_hold_it_back(still: Scenario
 
 
 @pytest.mark.parametrize(("error", "rate"), [(1.0, 0.05), (0.05, 0.0)])
-def test_a_mission_that_comes_nearer_or_waits_for_nothing_is_not_stalled(
-    still: Scenario, error: float, rate: float
-) -> None:
+def test_a_mission_that_comes_nearer_or_waits_for_nothing_is_not_stalled(still: Scenario, error: float, rate: float) -> None:
     assert not any(reasons(with_abort(still, stall_after=1.0), ActuationFeedback(), 4.0, error=error, rate=rate))
     assert any(reasons(with_abort(still, stall_after=1.0), ActuationFeedback(), 4.0, error=1.0, rate=0.001))
 
@@ -180,15 +178,11 @@ def test_thrusters_at_their_limits_for_too_long_end_the_mission() -> None:
 
 @long_without_compiler
 @pytest.mark.parametrize(("lost", "phase"), [("altimeter_range", 2), ("joint_positions", 3)])
-def test_in_water_a_lost_channel_leads_up_with_the_arm_held(
-    monkeypatch: pytest.MonkeyPatch, lost: str, phase: int
-) -> None:
+def test_in_water_a_lost_channel_leads_up_with_the_arm_held(monkeypatch: pytest.MonkeyPatch, lost: str, phase: int) -> None:
     """The mission begins with the phase in question: landing low above the floor, the tool on its way."""
     scenario = case1(dt=DT, start=pose_at((10.7, 37.25, -39.2), (0.0, 0.0, 0.15)))
     scenario = replace(scenario, mission=replace(scenario.mission, phases=scenario.mission.phases[phase:]))
-    monkeypatch.setattr(
-        Scenario, "estimator", lambda self: BrokenSensors(robot=self.robot, channels=(lost,), start=2.0)
-    )
+    monkeypatch.setattr(Scenario, "estimator", lambda self: BrokenSensors(robot=self.robot, channels=(lost,), start=2.0))
     record = scenario.run()
     cause, after = cause_of_end(record), record["t"] > 4.0
     assert cause["text"].startswith(f"{lost} lost: broken by a test since 2.0 s")

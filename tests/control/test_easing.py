@@ -57,13 +57,9 @@ def problem(robot: Robot) -> LevelsProblem:
     return build_levels(robot, Hierarchy([]), DT)
 
 
-def easing(
-    problem: LevelsProblem, robot: Robot, previous: np.ndarray, change: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def easing(problem: LevelsProblem, robot: Robot, previous: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of the level that eases."""
-    outputs = problem.function(
-        robot.configuration(), previous, np.zeros(4), previous, change, 5.0, np.zeros(0), np.zeros(0)
-    )
+    outputs = problem.function(robot.configuration(), previous, np.zeros(4), previous, change, 5.0, np.zeros(0), np.zeros(0))
     rows = list(row_slices(problem.sizes))[problem.names.index(JERK_LIMIT)]
     return np.array(outputs[1]).ravel()[rows], np.array(outputs[2]).ravel()[rows]
 

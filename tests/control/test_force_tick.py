@@ -106,9 +106,7 @@ def test_compiled_and_not_a_tick_gives_the_same(name: str) -> None:
         for _ in range(5):
             given = [rng.normal(size=function.size1_in(i)) for i in range(function.n_in())]
             expected = np.array(function(*given))
-            np.testing.assert_allclose(
-                np.array(compiled(*given)), expected, rtol=0, atol=1e-12 * np.abs(expected).max()
-            )
+            np.testing.assert_allclose(np.array(compiled(*given)), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
 def test_a_tick_tells_arrays_of_its_own() -> None:
@@ -255,9 +253,7 @@ def test_in_c_and_in_python_a_tick_gives_the_same(name: str) -> None:
     q, v = scene(name)
     for k in range(40):
         command = Command(v=(2.0 + np.sin(k)) * v, hold=k == 20, stop=k == 30)
-        for array, same in zip(
-            *(step(tick, q, np.cos(k) * v, command, 0.01 * k) for tick in (mine, other)), strict=True
-        ):
+        for array, same in zip(*(step(tick, q, np.cos(k) * v, command, 0.01 * k) for tick in (mine, other)), strict=True):
             np.testing.assert_allclose(array, same, rtol=1e-9, atol=1e-9)
 
 

@@ -56,9 +56,7 @@ def test_a_step_of_the_disturbance_is_found_as_fast_as_the_bandwidth_says(bandwi
 
 def test_what_a_disturbance_does_to_an_axis_is_kept_where_that_loses_its_inertia() -> None:
     masses, push, v = np.array([2.0, 180.0]), np.array([7.0, -40.0]), np.zeros(2)
-    observer = DisturbanceObserver(
-        ObserverLaw(bandwidth=np.full(2, 10.0), limit=np.full(2, 1e3), dt=DT), Scaled(masses), 1
-    )
+    observer = DisturbanceObserver(ObserverLaw(bandwidth=np.full(2, 10.0), limit=np.full(2, 1e3), dt=DT), Scaled(masses), 1)
     for _ in range(20_000):
         found = observer.update(np.ones(1), v, np.zeros(2))
         v = v + DT * push / masses

@@ -51,9 +51,7 @@ def ball(x: float, y: float, z: float, radius: float = 0.3) -> Obstacle:
 
 def mesh(x: float, y: float, z: float) -> Obstacle:
     corners, faces = np.vstack([np.zeros(3), 0.3 * np.eye(3)]), [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
-    return Obstacle(
-        name="rubble", shape=mesh_shape(corners, np.array(faces)), X_WO=pin.SE3(np.eye(3), np.array([x, y, z]))
-    )
+    return Obstacle(name="rubble", shape=mesh_shape(corners, np.array(faces)), X_WO=pin.SE3(np.eye(3), np.array([x, y, z])))
 
 
 def split(pairs: NearestPairs, values: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
@@ -169,9 +167,7 @@ def test_a_task_of_ones_own_on_distances_has_its_goal_and_what_is_measured(robot
 
 
 def test_a_task_of_ones_own_on_distances_is_carried_out(robot: Robot) -> None:
-    control = KinematicController(
-        robot=robot, mission=standing_off(robot, 0.4), solver=uo.LexicographicActiveSet(), dt=0.02
-    )
+    control = KinematicController(robot=robot, mission=standing_off(robot, 0.4), solver=uo.LexicographicActiveSet(), dt=0.02)
     q, v = robot.configuration(), np.zeros(robot.n_v)
     for k in range(1500):
         command = control(StateEstimate(q=q, v=v, altimeter_range=5.0), 0.02 * k)
@@ -252,9 +248,7 @@ def test_a_goal_that_moves_is_asked_at_every_tick_and_a_still_one_once_in_a_phas
     assert [task.is_constant for task in tasks] == [True, False]
     never = (uo.Transition(to=uo.DONE, when=(uo.Below(quantity="still.posture_error", limit=1e-9),)),)
     phases = [
-        uo.Phase(
-            name=name, activations={"still": 1.0, "moving": 1.0}, transitions=never, goals={"still": np.array([goal])}
-        )
+        uo.Phase(name=name, activations={"still": 1.0, "moving": 1.0}, transitions=never, goals={"still": np.array([goal])})
         for name, goal in (("one", 0.1), ("two", 0.2))
     ]
     mission = uo.Mission(hierarchy=Hierarchy(tasks), phases=tuple(phases))

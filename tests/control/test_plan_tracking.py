@@ -97,9 +97,7 @@ def test_a_measurement_that_is_no_number_still_gives_a_command(robot: Robot) -> 
 def test_the_same_measurements_give_the_same_commands(robot: Robot) -> None:
     plan, rng = push_off(robot), np.random.default_rng(2)
     noise = 1e-3 * rng.standard_normal((50, robot.n_v))
-    measurements = [
-        StateEstimate(q=pin.integrate(robot.model, plan.q[0], row), v=row, altimeter_range=35.0) for row in noise
-    ]
+    measurements = [StateEstimate(q=pin.integrate(robot.model, plan.q[0], row), v=row, altimeter_range=35.0) for row in noise]
     runs = [
         [control(measurement, k * DT) for k, measurement in enumerate(measurements)]
         for control in (tracker(robot, plan), tracker(robot, plan))

@@ -31,9 +31,7 @@ def robot() -> Robot:
 
 def outputs(robot: Robot, previous: np.ndarray, gate: float) -> dict[str, np.ndarray]:
     problem = build_levels(robot, Hierarchy([NullVelocity()]), DT)
-    values = problem.function(
-        robot.configuration(), np.zeros(13), np.zeros(4), previous, np.zeros(13), 5.0, np.zeros(0), gate
-    )
+    values = problem.function(robot.configuration(), np.zeros(13), np.zeros(4), previous, np.zeros(13), 5.0, np.zeros(0), gate)
     return {name: np.array(value).ravel() for name, value in zip(problem.function.name_out(), values, strict=True)}
 
 

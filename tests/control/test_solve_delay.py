@@ -37,9 +37,7 @@ def test_a_plan_begins_where_the_present_one_leaves_the_measured_state_by_then(d
     q, v, _ = first.trajectory.state_at(model, t)
     apart = 1e-3 * np.arange(problem.robot.n_v)
     measured = State(q=pin.integrate(model, q, apart), v=v + apart)
-    plan = replanner(
-        ReplanningRequest(state=measured, t=t, in_use=first.number, begin=first.begin, delay=delay)
-    ).planned
+    plan = replanner(ReplanningRequest(state=measured, t=t, in_use=first.number, begin=first.begin, delay=delay)).planned
     assert plan is not None
     assert plan.begin == pytest.approx(t + delay)
     q, v, _ = first.trajectory.state_at(model, t + delay)

@@ -52,9 +52,7 @@ def problem(robot: Robot) -> OcpProblem:
 
 def residuals(program: LexicographicProgram, x: np.ndarray, p: np.ndarray) -> np.ndarray:
     levels, rows = program.ranges.levels, program.values.call([x, p])
-    return np.array(
-        [np.linalg.norm(level.distance(np.array(y).ravel())) for level, y in zip(levels, rows, strict=True)]
-    )
+    return np.array([np.linalg.norm(level.distance(np.array(y).ravel())) for level, y in zip(levels, rows, strict=True)])
 
 
 @pytest.mark.slow

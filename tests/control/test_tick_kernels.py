@@ -69,9 +69,7 @@ def twins(build: Callable[[], KinematicController], monkeypatch: pytest.MonkeyPa
     return quick, slow
 
 
-def test_a_controller_whose_kernels_are_python_gives_the_same_bits(
-    scenario: Scenario, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_controller_whose_kernels_are_python_gives_the_same_bits(scenario: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
     quick, slow = twins(scenario.controller, monkeypatch)
     fed = babble(scenario, 260)
     for k, (measurement, feedback) in enumerate(fed):
@@ -132,13 +130,9 @@ def test_transitions_are_those_of_the_mission_alone_in_c_and_in_python(
     assert state.aborted.startswith("3 retries are used up: PC.position_error")
 
 
-def test_giving_up_is_that_of_the_mission_alone_in_c_and_in_python(
-    scenario: Scenario, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_giving_up_is_that_of_the_mission_alone_in_c_and_in_python(scenario: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
     assert scenario.mission.abort is not None
-    mission = replace(
-        scenario.mission, abort=replace(scenario.mission.abort, stall_after=0.3, time_limit=0.4, altitude=6.0)
-    )
+    mission = replace(scenario.mission, abort=replace(scenario.mission.abort, stall_after=0.3, time_limit=0.4, altitude=6.0))
     controls = twins(replace(scenario, mission=mission).controller, monkeypatch)
     for k in range(50):
         commands = [control(measured(scenario), k * DT) for control in controls]
@@ -151,9 +145,7 @@ def test_giving_up_is_that_of_the_mission_alone_in_c_and_in_python(
         began, event = mission.abandon(before, stalled.t, stalled.reason, goal)
         assert event == stalled
         assert (began.phase, began.since, began.abort_reason) == (climbing.phase, climbing.since, climbing.abort_reason)
-        np.testing.assert_array_equal(
-            mission.references(began, 1.0)[mission.hierarchy.index("PC")][:3], goal.translation
-        )
+        np.testing.assert_array_equal(mission.references(began, 1.0)[mission.hierarchy.index("PC")][:3], goal.translation)
         assert mission.abandon(climbing, late.t, late.reason, goal)[1] == late
         assert control.state.aborted == stalled.reason
         assert 1.0 < goal.translation[2] - scenario.start[2] < 3.0
@@ -172,9 +164,7 @@ def towards_a_ball(robot: Robot) -> KinematicController:
     return KinematicController(robot=robot, mission=mission, solver=LexicographicActiveSet(), dt=DT)
 
 
-def test_distances_and_their_limits_in_python_give_the_same_bits(
-    scenario: Scenario, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_distances_and_their_limits_in_python_give_the_same_bits(scenario: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
     robot = scenario.robot
     quick, slow = twins(lambda: towards_a_ball(robot), monkeypatch)
     q, v, moving = robot.configuration(), np.zeros(robot.n_v), 0

@@ -99,9 +99,7 @@ def test_the_first_ticks_of_every_phase_are_certified_optimal(machine: Machine) 
     for recorded in recording.ticks:
         J, lower, upper, _, _, gate = (np.array(x) for x in function(*recorded.inputs)[:6])
         rows = (lower.ravel(), upper.ravel(), gate.ravel())
-        levels = [
-            Level(jacobian=J[r], lower=rows[0][r], upper=rows[1][r], gate=rows[2][r]) for r in row_slices(machine.sizes)
-        ]
+        levels = [Level(jacobian=J[r], lower=rows[0][r], upper=rows[1][r], gate=rows[2][r]) for r in row_slices(machine.sizes)]
         assert certificate(levels, recorded.v) < 1e-9
 
 

@@ -165,9 +165,7 @@ def test_distances_that_kernels_measure_make_the_velocities_that_those_of_python
 
     limit = replace(clearance, values=values)
     task = SimpleNamespace(name="CL", position_limit=lambda robot: limit)
-    python.rule = Viability(
-        robot=robot, tasks=(python.altitude, task), quantity_names=("MAC.altitude", "CL.clearance"), dt=DT
-    )
+    python.rule = Viability(robot=robot, tasks=(python.altitude, task), quantity_names=("MAC.altitude", "CL.clearance"), dt=DT)
     limits, q, v, rng, slowed = robot.limits, robot.configuration(), np.zeros(robot.n_v), np.random.default_rng(3), 0
     for index in range(400):
         if index % 50 == 0:
@@ -319,9 +317,7 @@ def case1_among_obstacles() -> Scenario:
         for phase in mission.phases
     )
     environment = replace(scenario.environment, obstacles=tuple(obstacles))
-    return replace(
-        scenario, mission=replace(mission, hierarchy=Hierarchy(tasks), phases=phases), environment=environment
-    )
+    return replace(scenario, mission=replace(mission, hierarchy=Hierarchy(tasks), phases=phases), environment=environment)
 
 
 @pytest.mark.slow

@@ -16,9 +16,7 @@ def mission(robot: uo.Robot) -> uo.Scenario:
         name="go",
         robot=robot,
         mission=uo.Mission(hierarchy=hierarchy, phases=(phase,)),
-        environment=uo.Environment(
-            seafloor=uo.FlatSeafloor(z=-10.0), current=uo.UniformCurrent(np.array([0.1, 0.0, 0.0]))
-        ),
+        environment=uo.Environment(seafloor=uo.FlatSeafloor(z=-10.0), current=uo.UniformCurrent(np.array([0.1, 0.0, 0.0]))),
         start=robot.configuration(position=(0, 0, -5)),
         solver=uo.LexicographicActiveSet(),
     )

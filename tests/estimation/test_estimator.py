@@ -309,9 +309,7 @@ def test_the_pass_through_of_a_fixed_base_needs_joints_only():
     robot = load_robot("planar5")
     specs = SensorSpecs(joint_velocities=SensorSpec())
     state = State(q=robot.configuration(), v=np.ones(robot.n_v))
-    np.testing.assert_array_equal(
-        PassThrough(robot, specs)(SensorSuite(robot, FLOOR, specs).read(state, 0.0), 0.0).v, state.v
-    )
+    np.testing.assert_array_equal(PassThrough(robot, specs)(SensorSuite(robot, FLOOR, specs).read(state, 0.0), 0.0).v, state.v)
 
 
 def test_the_pass_through_says_what_it_lacks(robot):

@@ -125,9 +125,7 @@ def test_a_jump_is_refused_and_believed_only_where_it_lasts(channel: str) -> Non
 def test_a_floor_that_comes_nearer_is_believed_at_once() -> None:
     rest = AtRest()
     far = rest.run(3.0).altimeter_range
-    near = rest.run(
-        0.11, "altimeter_range", lambda reading: Reading(value=reading.value - 2.0, t=reading.t)
-    ).altimeter_range
+    near = rest.run(0.11, "altimeter_range", lambda reading: Reading(value=reading.value - 2.0, t=reading.t)).altimeter_range
     assert near == pytest.approx(far - 2.0, abs=0.1)
 
 
@@ -217,9 +215,7 @@ def test_no_number_leaves_an_estimate_that_is_not_finite(channel: str, size: flo
         assert twins.are_finite(told)
         # What is left of 1e6 m after a jump back is rounding.
         for part in ("q", "v", "std", "age", "altimeter_range") if size != 1e6 else ("age",):
-            np.testing.assert_allclose(
-                getattr(told[0], part), getattr(told[1], part), rtol=1e-9, atol=1e-9, err_msg=part
-            )
+            np.testing.assert_allclose(getattr(told[0], part), getattr(told[1], part), rtol=1e-9, atol=1e-9, err_msg=part)
 
 
 @pytest.mark.parametrize("value", [-1.0, np.inf, -np.inf, 1e200, -1e200])

@@ -176,9 +176,7 @@ def test_an_echo_is_carried_for_as_long_as_the_watchdog_waits_and_no_longer(robo
 
 
 @pytest.mark.parametrize("roll", [0.4, 1.5, 2.5])
-def test_a_carried_echo_stands_for_the_height_above_its_floor_however_the_robot_is_turned(
-    robot: Robot, roll: float
-) -> None:
+def test_a_carried_echo_stands_for_the_height_above_its_floor_however_the_robot_is_turned(robot: Robot, roll: float) -> None:
     memory = LastFloorRange(robot, "altimeter").memory
 
     def carried(measurement: StateEstimate, t: float) -> float:

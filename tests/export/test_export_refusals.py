@@ -42,9 +42,7 @@ class Fenced(VehiclePose):
     """A task of one's own with a limit on positions that Python tells."""
 
     def position_limit(self, robot: uo.Robot) -> PositionLimit:
-        return PositionLimit(
-            quantity="position_error", lower=-1.0, values=lambda q, rows: q[:1], reach=np.ones(robot.n_v)
-        )
+        return PositionLimit(quantity="position_error", lower=-1.0, values=lambda q, rows: q[:1], reach=np.ones(robot.n_v))
 
 
 def test_a_limit_that_python_tells_is_refused(tmp_path: Path) -> None:

@@ -99,9 +99,7 @@ def test_a_replay_that_differs_fails(tmp_path: Path) -> None:
     first = 1 + robot.n_q + robot.n_v + 3 + 2 * len(CHANNELS)  # what is told, behind what is given
     np.frombuffer(changed, dtype="<f8")[first] += 1e-3
     (tmp_path / "other.bin").write_bytes(bytes(changed))
-    process = subprocess.run(
-        [built(folder, "replay", folder / "replay.c"), tmp_path / "other.bin"], capture_output=True
-    )
+    process = subprocess.run([built(folder, "replay", folder / "replay.c"), tmp_path / "other.bin"], capture_output=True)
     assert process.returncode == 1
 
 

@@ -55,9 +55,7 @@ def in_front(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
     assert list(tmp_path.iterdir()) == []
 
 
-def called(
-    words: Sequence[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> tuple[int, str]:
+def called(words: Sequence[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
     """Exit code and what was said on stderr; 0 too where the work would begin."""
     monkeypatch.setattr(sys, "argv", ["uvms-ocp", *words])
     code: Any = 0
@@ -97,9 +95,7 @@ BOUNDED = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("words", "message"), BOUNDED, ids=lambda value: " ".join(value) if isinstance(value, tuple) else ""
-)
+@pytest.mark.parametrize(("words", "message"), BOUNDED, ids=lambda value: " ".join(value) if isinstance(value, tuple) else "")
 @pytest.mark.usefixtures("in_front")
 def test_what_has_no_end_is_refused_with_a_reason(
     words: tuple[str, ...], message: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -110,9 +106,7 @@ def test_what_has_no_end_is_refused_with_a_reason(
     assert len(said.strip().splitlines()) == 1
 
 
-@pytest.mark.parametrize(
-    "words", [OCP, CURVE, RUN, (*RUN, "--duration", "20000"), (*OCP, "--steps", "2000")], ids=" ".join
-)
+@pytest.mark.parametrize("words", [OCP, CURVE, RUN, (*RUN, "--duration", "20000"), (*OCP, "--steps", "2000")], ids=" ".join)
 @pytest.mark.usefixtures("in_front")
 def test_what_has_one_begins(words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "argv", ["uvms-ocp", *words])

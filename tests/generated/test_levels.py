@@ -85,9 +85,7 @@ def _levels(sizes: list[int], seed: int, dependent: bool) -> list[Level]:
         pytest.param(Icat(), Status.REGULARISED, id="Icat"),
     ],
 )
-def test_any_hierarchy_has_a_finite_velocity_and_a_status_that_its_residuals_bear_out(
-    solver: Any, usual: Status
-) -> None:
+def test_any_hierarchy_has_a_finite_velocity_and_a_status_that_its_residuals_bear_out(solver: Any, usual: Status) -> None:
     seen: set[Status] = set()
 
     @settings(max_examples=120)

@@ -30,12 +30,8 @@ def test_attributes_are_first_set_in_the_constructor() -> None:
     wrong = []
     for path in house.modules():
         for cls in (node for node in ast.walk(house.tree_of(path)) if isinstance(node, ast.ClassDef)):
-            known = set().union(
-                *(_assigned(m) for m in _methods(cls) if m.name in ("__init__", "__post_init__")), set()
-            )
-            declared = {
-                n.target.id for n in cls.body if isinstance(n, ast.AnnAssign) and isinstance(n.target, ast.Name)
-            }
+            known = set().union(*(_assigned(m) for m in _methods(cls) if m.name in ("__init__", "__post_init__")), set())
+            declared = {n.target.id for n in cls.body if isinstance(n, ast.AnnAssign) and isinstance(n.target, ast.Name)}
             for method in _methods(cls):
                 wrong += [f"{path.name}: {cls.name}.{a}" for a in _assigned(method) - known - declared]
     assert wrong == []

@@ -148,9 +148,7 @@ def fit_equation_error(
     return _solved(tuple(names), Y[:, :, columns], tau - Y[:, :, others] @ regressor.phi[others])
 
 
-def _rows(
-    vehicle: Vehicle, regressor: Regressor, one: PreparedRecording, window: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _rows(vehicle: Vehicle, regressor: Regressor, one: PreparedRecording, window: float) -> tuple[np.ndarray, np.ndarray]:
     """Regressors (m, 6, n) and wrenches (m, 6) where everything is known."""
     attitude = one.recording.channel("attitude")
     t, v, a = _motion(one, window)
@@ -171,9 +169,7 @@ def _motion(one: PreparedRecording, window: float) -> tuple[np.ndarray, np.ndarr
         found.append((t, values, smoothed(channel.undelayed_t, channel.values, window, derivative=1)[1]))
     times = found[0][0][::_EVERY]
     times = times[(times > begin + window) & (times < end - window) & (times < found[1][0][-1])]
-    v, a = (
-        np.column_stack([np.interp(times, part[0], column) for part in found for column in part[k].T]) for k in (1, 2)
-    )
+    v, a = (np.column_stack([np.interp(times, part[0], column) for part in found for column in part[k].T]) for k in (1, 2))
     return times, v, a
 
 

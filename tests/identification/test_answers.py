@@ -73,9 +73,7 @@ def test_what_is_seen_later_changes_no_prediction() -> None:
 
 
 @pytest.mark.parametrize(("own", "least", "most"), [(True, 90.0, 100.0), (False, -1e3, 60.0)])
-def test_a_force_of_one_recording_is_found_at_its_beginning_where_that_is_asked(
-    own: bool, least: float, most: float
-) -> None:
+def test_a_force_of_one_recording_is_found_at_its_beginning_where_that_is_asked(own: bool, least: float, most: float) -> None:
     one = vehicle_of(known().with_status(wrench_offset=Prior(sigma=10.0, only=("heave",))))
     rollout = Rollout(stage_of(one))
     drifting = drive(rollout.stage, np.array([8.0]), seed=0, t_end=20.0, size=(0.0,) * 6)

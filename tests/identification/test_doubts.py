@@ -35,8 +35,7 @@ def moved() -> Recording:
     rng, good = np.random.default_rng(3), recorded()
     t, attitude = good.channels["position"].t, good.channels["attitude"]
     noisy = {
-        name: replace(one, values=one.values + 0.002 * rng.normal(size=one.values.shape))
-        for name, one in good.channels.items()
+        name: replace(one, values=one.values + 0.002 * rng.normal(size=one.values.shape)) for name, one in good.channels.items()
     }
     felt = 9.81 * rotations(attitude, t)[:, 2] + 0.05 * rng.normal(size=(len(t), 3))
     f = np.array([0.4, 0.7, 1.1])

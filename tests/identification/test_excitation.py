@@ -104,9 +104,7 @@ def test_the_information_is_what_output_error_finds_in_a_recording() -> None:
     told = found().information
     late = given.vehicle.shared.names.index("velocity_delay")
     kept = np.delete(np.arange(len(told)), late)  # it interpolates between samples, which the design does not
-    np.testing.assert_allclose(
-        told[np.ix_(kept, kept)], wanted[np.ix_(kept, kept)], rtol=0.05, atol=0.02 * wanted.max()
-    )
+    np.testing.assert_allclose(told[np.ix_(kept, kept)], wanted[np.ix_(kept, kept)], rtol=0.05, atol=0.02 * wanted.max())
 
 
 def test_commands_are_late_as_channels_are() -> None:

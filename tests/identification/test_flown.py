@@ -41,9 +41,7 @@ def test_what_stays_open_is_as_declared_and_the_others_are_best_beside_it() -> N
     unknowns, left = fitted().vehicle.shared, fitted().estimate
     sigma = np.array([one.sigma for one in parameter_uncertainties(fitted().vehicle, left)])
     inflation = (1.1 * DETERMINED / sigma.max()) ** 2
-    still_open = np.array(
-        [one.sigma > DETERMINED for one in parameter_uncertainties(fitted().vehicle, left, inflation)]
-    )
+    still_open = np.array([one.sigma > DETERMINED for one in parameter_uncertainties(fitted().vehicle, left, inflation)])
     assert 0 < still_open.sum() < len(sigma)
     found = exported_estimate(fitted(), inflation)
     assert found.kept == tuple(np.array(unknowns.names)[still_open])

@@ -94,18 +94,14 @@ def test_columns_without_names_have_places(tmp_path: Path) -> None:
     with pytest.raises(NameNotFound, match="known: #1, #2, #3, #4"):
         recording_of(tmp_path / "dive.csv", {"position": POSITION})
     places = {"time": "#1", "columns": ["#2", "#3", "#4"]}
-    np.testing.assert_array_equal(
-        recording_of(tmp_path / "dive.csv", {"position": places}).channels["position"].values, XYZ
-    )
+    np.testing.assert_array_equal(recording_of(tmp_path / "dive.csv", {"position": places}).channels["position"].values, XYZ)
 
 
 def test_what_is_given_is_not_looked_for(tmp_path: Path) -> None:
     (tmp_path / "dive.txt").write_bytes(table(cell="|").encode("utf-16-le"))
     with pytest.raises(InvalidInput, match="binary"):
         text_layout(tmp_path / "dive.txt")
-    read = recording_of(
-        tmp_path / "dive.txt", {"position": POSITION}, table={"encoding": "utf-16-le", "delimiter": "|"}
-    )
+    read = recording_of(tmp_path / "dive.txt", {"position": POSITION}, table={"encoding": "utf-16-le", "delimiter": "|"})
     np.testing.assert_array_equal(read.channels["position"].values, XYZ)
     assert read.layout == ("dive.txt: utf-16-le, '|' between cells, decimals after '.', header in line 1",)
 
@@ -193,9 +189,7 @@ def test_lines_of_json_have_topics_by_their_type(tmp_path: Path) -> None:
 
 def written(tmp_path: Path, **columns: np.ndarray) -> Path:
     file = io.StringIO()
-    np.savetxt(
-        file, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="", fmt="%.17g"
-    )
+    np.savetxt(file, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="", fmt="%.17g")
     (tmp_path / "dive.csv").write_text(file.getvalue())
     return tmp_path / "dive.csv"
 
@@ -224,9 +218,7 @@ def test_rows_choose_one_of_two_sensors_in_a_table_and_without_them_it_is_said(t
 
 
 @pytest.mark.parametrize(("share", "value"), [(0.01, -9999.0), (0.09, -32.768), (0.2, 65535.0)])
-def test_values_that_stand_for_nothing_are_seen_and_left_out_on_demand(
-    share: float, value: float, tmp_path: Path
-) -> None:
+def test_values_that_stand_for_nothing_are_seen_and_left_out_on_demand(share: float, value: float, tmp_path: Path) -> None:
     lost = np.random.default_rng(1).uniform(size=len(T)) < share
     given = np.where(lost[:, None], value, XYZ)
     path = written(tmp_path, t=T, x=given[:, 0], y=given[:, 1], z=given[:, 2])
@@ -270,9 +262,7 @@ def test_degrees_are_known_by_the_header_or_doubted(tmp_path: Path) -> None:
     np.testing.assert_array_equal(recording_of(path, {"attitude": attitude}).channels["attitude"].values, right)
 
 
-@pytest.mark.parametrize(
-    ("low", "high", "word"), [(1300.0, 1700.0, "pulse widths"), (-0.9, 0.9, "shares of the largest")]
-)
+@pytest.mark.parametrize(("low", "high", "word"), [(1300.0, 1700.0, "pulse widths"), (-0.9, 0.9, "shares of the largest")])
 def test_commands_that_are_no_newtons_are_doubted(low: float, high: float, word: str, tmp_path: Path) -> None:
     command = (low + high) / 2 + (high - low) / 2 * np.sin(T)
     read = recording_of(written(tmp_path, t=T, m=command), {"thrust": {"time": "t", "columns": ["m"]}})
@@ -296,9 +286,7 @@ def test_commands_that_are_no_newtons_are_doubted(low: float, high: float, word:
         ("velocity", {}, "unknown channel 'velocity'.*Did you mean 'linear_velocity'"),
     ],
 )
-def test_a_key_that_means_nothing_is_refused(
-    channel: str, given: dict[str, object], message: str, tmp_path: Path
-) -> None:
+def test_a_key_that_means_nothing_is_refused(channel: str, given: dict[str, object], message: str, tmp_path: Path) -> None:
     path = written(tmp_path, t=T, x=XYZ[:, 0], y=XYZ[:, 1], z=XYZ[:, 2])
     with pytest.raises((InvalidInput, NameNotFound), match=message):
         recording_of(path, {channel: {**POSITION, **given}})

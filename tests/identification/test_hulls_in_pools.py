@@ -66,9 +66,7 @@ def test_the_slope_of_what_is_beyond_is_that_of_its_value() -> None:
 def test_a_design_keeps_the_whole_hull_inside_and_tells_where_it_sweeps() -> None:
     one = vehicle_of(known().with_status(added_mass=Free()))
     given = ExperimentTask(vehicle=one, limits=LIMITS, duration=5.0)
-    found = design_experiment(
-        given, Rollout(stage_of(one)), DesignSettings(step=0.1, knots=0.5, starts=1, iterations=15)
-    )
+    found = design_experiment(given, Rollout(stage_of(one)), DesignSettings(step=0.1, knots=0.5, starts=1, iterations=15))
     assert found.status is DesignStatus.INSIDE
     places = corners(found.states)
     assert (places >= LIMITS.pool[0]).all()

@@ -72,16 +72,12 @@ def found() -> tuple[HeldOutRecording, ...]:
 
 def lying(one: Recording) -> Recording:
     velocity = one.channels["linear_velocity"]
-    return replace(
-        one, channels={**one.channels, "linear_velocity": Channel(t=velocity.t, values=-3.0 * velocity.values)}
-    )
+    return replace(one, channels={**one.channels, "linear_velocity": Channel(t=velocity.t, values=-3.0 * velocity.values)})
 
 
 def test_what_is_judged_does_not_change_what_the_others_tell() -> None:
     honest = fitted()
-    other = replace(
-        honest, prepared=(*honest.prepared[:2], PreparedRecording.of(lying(recordings()[2]), honest.vehicle))
-    )
+    other = replace(honest, prepared=(*honest.prepared[:2], PreparedRecording.of(lying(recordings()[2]), honest.vehicle)))
     one, two = (without(each, each.prepared[2]) for each in (honest, other))
     np.testing.assert_array_equal(one.shared, two.shared)
     np.testing.assert_array_equal(one.information, two.information)

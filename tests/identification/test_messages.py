@@ -65,9 +65,7 @@ def ros_bag(folder: Path, storage: str) -> Path:
 def ros_messages(store: Any, k: int, stamp: int) -> dict[str, Any]:
     of = {name.rpartition("/")[2]: made for name, made in store.types.items()}
     header = of["Header"](stamp=of["Time"](sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id="map")
-    position, attitude, linear = (
-        GOOD.channels[name].values[k].tolist() for name in ("position", "attitude", "linear_velocity")
-    )
+    position, attitude, linear = (GOOD.channels[name].values[k].tolist() for name in ("position", "attitude", "linear_velocity"))
     zeros = np.zeros(36)
     pose = of["Pose"](position=of["Point"](*position), orientation=of["Quaternion"](*attitude))
     twist = of["Twist"](linear=of["Vector3"](*linear), angular=of["Vector3"](0.0, 0.0, 0.0))
@@ -161,9 +159,7 @@ def test_protobuf_of_transforms_becomes_channels_by_the_name_of_the_frame(tmp_pa
         for stamp, row in zip(STAMPS.tolist(), values.tolist(), strict=True):
             told = FrameTransforms()
             told.transforms.add(child_frame_id="camera")
-            one = FrameTransform(
-                timestamp=Timestamp(seconds=stamp // 10**9, nanos=stamp % 10**9), child_frame_id="base"
-            )
+            one = FrameTransform(timestamp=Timestamp(seconds=stamp // 10**9, nanos=stamp % 10**9), child_frame_id="base")
             one.translation.x, one.translation.y, one.translation.z = row[:3]
             one.rotation.x, one.rotation.y, one.rotation.z, one.rotation.w = row[3:]
             told.transforms.append(one)
@@ -320,15 +316,11 @@ def test_a_message_that_a_bag_does_not_define_is_read_by_its_definition(tmp_path
     require_good(mapped_recording(file, given))
     silent = {"linear_velocity": {**one, "topic": "/silent"}}
     with pytest.raises(InvalidInput, match="/silent has no messages; leave the channel out"):
-        mapped_recording(
-            file, RecordingMapping.model_validate({**mapping, "channels": silent, "messages": given.messages})
-        )
+        mapped_recording(file, RecordingMapping.model_validate({**mapping, "channels": silent, "messages": given.messages}))
 
 
 def test_a_log_of_mavlink_has_topics_by_the_type_of_its_messages(tmp_path: Path) -> None:
-    mavlink = pytest.importorskip(
-        "pymavlink.dialects.v20.ardupilotmega", reason='needs pip install "uvms-ocp[mavlink]"'
-    )
+    mavlink = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega", reason='needs pip install "uvms-ocp[mavlink]"')
     sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     with (tmp_path / "dive.tlog").open("wb") as file:
         for stamp, (x, y, z) in zip(STAMPS.tolist(), GOOD.channels["position"].values.tolist(), strict=True):

@@ -34,9 +34,7 @@ def told(way: np.ndarray) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("text", "way"), WAYS.items(), ids=lambda one: one or "as it is" if isinstance(one, str) else ""
-)
+@pytest.mark.parametrize(("text", "way"), WAYS.items(), ids=lambda one: one or "as it is" if isinstance(one, str) else "")
 def test_what_was_done_to_the_thrusters_is_named(text: str, way: np.ndarray) -> None:
     assert set(told(way).split(" and ")) == set(text.split(" and "))
 

@@ -102,9 +102,7 @@ def test_slopes_of_a_step_are_differences(n_joints: int) -> None:
                 moved = [value.copy() for value in given]
                 moved[which][k] += sign * step
                 ends.append(np.asarray(stage.step(*moved)).ravel())
-            np.testing.assert_allclose(
-                slope[:, k], (ends[0] - ends[1]) / (2 * step), atol=2e-7 * (1 + np.abs(slope).max())
-            )
+            np.testing.assert_allclose(slope[:, k], (ends[0] - ends[1]) / (2 * step), atol=2e-7 * (1 + np.abs(slope).max()))
 
 
 def test_a_short_step_has_the_acceleration_of_forward_dynamics() -> None:
@@ -135,9 +133,7 @@ def test_steps_converge_with_the_square_of_their_length() -> None:
 
 
 @pytest.mark.parametrize(("whole", "beyond"), [(False, 3.0), (True, 4.0)])
-def test_an_actuator_gives_nothing_well_inside_its_dead_zone_and_less_or_all_beyond_it(
-    whole: bool, beyond: float
-) -> None:
+def test_an_actuator_gives_nothing_well_inside_its_dead_zone_and_less_or_all_beyond_it(whole: bool, beyond: float) -> None:
     one, stage = built(actuators=ActuatorModel(dead_zone=1.0, lag=1e-3, whole_beyond=whole))
     p = np.concatenate([one.shared.start, one.own.start])
     still = np.array([0, 0, 0, 0, 0, 0, 1.0, *np.zeros(12)])

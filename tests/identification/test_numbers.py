@@ -71,9 +71,7 @@ def test_what_priors_say_alone_is_not_determined() -> None:
 
 
 def test_a_number_determined_to_a_tenth_of_its_size_is_called_so() -> None:
-    one = IdentifiedNumber(
-        quantity="lag", entry="", unit="s", value=0.1, sigma=0.004, size=0.05, informed=True, positive=True
-    )
+    one = IdentifiedNumber(quantity="lag", entry="", unit="s", value=0.1, sigma=0.004, size=0.05, informed=True, positive=True)
     assert one.determined
     assert not replace(one, sigma=0.006).determined
     assert not replace(one, informed=False).determined

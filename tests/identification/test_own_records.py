@@ -94,9 +94,7 @@ def test_the_lag_of_thrusters_is_learnt_from_a_run(noise: bool) -> None:
 def test_dead_zones_are_learnt_from_a_run_as_robot_files_have_them() -> None:
     record = driven_run(duration=20.0, size=3.0, held=0.25, dead_zone=2.0)
     learn = {"lag": {}, "dead_zone": {}, "dead_zone_reverse": {}}
-    settings = CalibrationSettings.model_validate(
-        subject()[1].model_dump() | {"learn": learn, "dead_zone": 3.0, "stretch": 10.0}
-    )
+    settings = CalibrationSettings.model_validate(subject()[1].model_dump() | {"learn": learn, "dead_zone": 3.0, "stretch": 10.0})
     found = calibrate(calibrated_robot(settings, Path()), settings, [run_recording(record, "run")]).numbers
     (lag,), zones = (one for one in found if one.quantity == "lag"), [one for one in found if one.quantity != "lag"]
     assert lag.value == pytest.approx(LAG, rel=0.03)

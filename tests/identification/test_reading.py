@@ -73,9 +73,7 @@ def test_messages_of_others_need_a_mapping_and_say_of_which_topics(tmp_path: Pat
     np.testing.assert_array_equal(read.channels["linear_velocity"].values[:, 2], [0.0, 1.0, 2.0])
 
 
-def test_a_mapping_is_for_files_of_others_and_ours_beside_them_are_read_as_they_are(
-    tmp_path: Path, run: Record
-) -> None:
+def test_a_mapping_is_for_files_of_others_and_ours_beside_them_are_read_as_they_are(tmp_path: Path, run: Record) -> None:
     run.save(tmp_path / "dive.npz")
     write_recording(GOOD, tmp_path / "good.csv")
     velocity = GOOD.channels["linear_velocity"]

@@ -77,9 +77,7 @@ def test_offsets_of_clocks_are_told_and_corrected_by_a_delay(late: float) -> Non
 def test_gaps_bursts_and_lost_samples_are_told() -> None:
     channel = GOOD.channels["linear_velocity"]
     kept = (channel.t < 10.0) | (channel.t > 12.0)
-    assert "1 gaps, the longest 2" in told(
-        changed(GOOD, "linear_velocity", t=channel.t[kept], values=channel.values[kept])
-    )
+    assert "1 gaps, the longest 2" in told(changed(GOOD, "linear_velocity", t=channel.t[kept], values=channel.values[kept]))
     lost = channel.values.copy()
     lost[100:103] = 0.0
     assert "3 of 800 samples are exactly zero" in told(changed(GOOD, "linear_velocity", values=lost))
@@ -134,9 +132,7 @@ def test_foreign_columns_in_degrees_and_ned_become_ours(tmp_path: Path) -> None:
     read = mapped_recording(tmp_path, read_mapping(tmp_path / "map.yaml"), "7")
     for name in ("position", "linear_velocity"):
         np.testing.assert_allclose(read.channels[name].values, GOOD.channels[name].values, atol=1e-9)
-    np.testing.assert_allclose(
-        rotations(read.channels["attitude"], t), rotations(GOOD.channels["attitude"], t), atol=1e-6
-    )
+    np.testing.assert_allclose(rotations(read.channels["attitude"], t), rotations(GOOD.channels["attitude"], t), atol=1e-6)
     assert read.channels["linear_velocity"].delay == 0.1
     assert read.channels["position"].t[0] == 0.0
 

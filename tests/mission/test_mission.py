@@ -176,9 +176,7 @@ def test_phases_of_one_name_or_called_like_an_end_are_refused(name: str) -> None
 
 def adrift(limit: float = 0.5, release: float | None = None, hold: float = 0.0, retries: int | None = None) -> Mission:
     """Phase B leads back to A where the tilt exceeds `limit`."""
-    back = Transition(
-        to="A", when=(Above(quantity="HA.tilt", limit=limit, release=release),), hold=hold, retries=retries
-    )
+    back = Transition(to="A", when=(Above(quantity="HA.tilt", limit=limit, release=release),), hold=hold, retries=retries)
     end = Transition(to=DONE, when=(Below(quantity="HA.tilt", limit=0.01),))
     return Mission(
         hierarchy=Hierarchy([HorizontalAttitude(), NullVelocity()]),

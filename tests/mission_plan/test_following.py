@@ -38,9 +38,7 @@ def test_a_sensor_that_fails_ends_the_plan(planned: MissionPlan) -> None:
     assert "altimeter_range" in text
 
 
-def test_a_phase_that_does_not_end_is_left_to_the_hierarchy_which_completes_it(
-    mission: Scenario, planned: MissionPlan
-) -> None:
+def test_a_phase_that_does_not_end_is_left_to_the_hierarchy_which_completes_it(mission: Scenario, planned: MissionPlan) -> None:
     blunt = replace(planned, trajectory=replace(planned.trajectory, q=stopped_short(planned)))
     record = blunt.fly(mission, tuning=FollowingTuning(late=0.5))
     assert "phase 'B' does not end" in left_at(record)[1]
@@ -95,9 +93,7 @@ def garbled(path: Path, **changed: object) -> Path:
 @pytest.mark.parametrize(
     "changed", [{"status": "splendid"}, {"phases": 3}, {"identity": None}, {"phases": [{"name": "A"}]}], ids=str
 )
-def test_a_garbled_file_is_refused_in_one_line(
-    planned: MissionPlan, tmp_path: Path, changed: dict[str, object]
-) -> None:
+def test_a_garbled_file_is_refused_in_one_line(planned: MissionPlan, tmp_path: Path, changed: dict[str, object]) -> None:
     path = garbled(planned.save(tmp_path / "plan.npz"), **changed)
     with pytest.raises(InvalidInput, match=r"plan\.npz") as caught:
         MissionPlan.load(path)

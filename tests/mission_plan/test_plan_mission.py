@@ -151,9 +151,7 @@ def test_no_back_step_is_triggered_on_the_way(mission: Scenario) -> None:
     back = Transition(to="A", when=(Above(quantity="PC.position_error", limit=0.5),))
     first, last = mission.mission.phases
     phases = (first, replace(last, transitions=(*last.transitions, back)))
-    posed = mission_problem(
-        replace(mission, mission=replace(mission.mission, phases=phases)), margins=Margins(), step=2.0
-    )
+    posed = mission_problem(replace(mission, mission=replace(mission.mission, phases=phases)), margins=Margins(), step=2.0)
     kept = [term for term in posed.terms.constraints if term.name == "PC"]
     assert {term.phase for term in kept} == {"B", "B held"}
     assert all(term.at is At.PATH for term in kept)

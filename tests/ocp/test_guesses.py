@@ -97,7 +97,5 @@ def test_every_guess_leads_to_the_same_optimum(way: str, planner: Planner, goal:
     again = planner.plan(guess=guess)
     assert plan.status is again.status is OcpStatus.SOLVED
     assert again.levels[0].residual < 1e-5
-    assert again.levels[1].residual ** 2 == pytest.approx(
-        plan.levels[1].residual ** 2, rel=SAME[planner.options.plugin]
-    )
+    assert again.levels[1].residual ** 2 == pytest.approx(plan.levels[1].residual ** 2, rel=SAME[planner.options.plugin])
     assert again.iterations <= (1 if way == "last solution" else 60)

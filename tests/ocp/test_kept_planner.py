@@ -85,9 +85,7 @@ TERMS: dict[str, Term] = {
     "duration": Duration(),
     "posture": Posture(q=np.zeros(5)),
     "balls": BallClearance(robot_balls=(ROBOT_BALL,), obstacles=(STONE,)),
-    "own": residual_term(
-        "own", lambda stage, goal: stage.tick.q[:3] - goal, lower=-1.0, upper=1.0, parameters=np.zeros(3)
-    ),
+    "own": residual_term("own", lambda stage, goal: stage.tick.q[:3] - goal, lower=-1.0, upper=1.0, parameters=np.zeros(3)),
     "shapes": ShapeClearance(scene=among(3.0, 0.2), margins=np.full(4, 0.05), n_rows=3, n_own_rows=1),
     "rows": BoundedRows(task=ToolPosition(goal=GOAL), rows=(0, 1), lower=-0.1, upper=0.1),
     "liked": TaskPreference(task=ToolPosition(goal=GOAL)),
@@ -261,8 +259,7 @@ def test_a_weight_is_a_factor_on_the_squares(name: str) -> None:
     transcription, heavier = kept(problem), with_term(problem, replace(TERMS[name], weight=3.0))
     x = 9.0 * np.random.default_rng(2).standard_normal(transcription.n_x)
     cost, three = (
-        float(transcription.program.nlps[0].functions["nlp_f"](x, transcription.parameters(one)))
-        for one in (problem, heavier)
+        float(transcription.program.nlps[0].functions["nlp_f"](x, transcription.parameters(one))) for one in (problem, heavier)
     )
     assert three == pytest.approx(3.0 * cost, rel=1e-12)
     assert cost > 0 or name in ("MAC", "HA", "balls", "shapes")  # ranges that these states are in
@@ -355,9 +352,7 @@ def test_a_kept_planner_finds_the_plan_of_a_new_one(options: dict[str, Any]) -> 
     require_same_words(found.reason, wanted.reason)
     residuals = [[level.residual for level in plan.levels] for plan in (found, wanted, before)]
     np.testing.assert_allclose(residuals[0], residuals[1], rtol=1e-5, atol=1e-6)
-    assert (
-        not np.allclose(residuals[0], residuals[2], rtol=1e-3) if residuals[0] else found.status is OcpStatus.OBSTRUCTED
-    )
+    assert not np.allclose(residuals[0], residuals[2], rtol=1e-3) if residuals[0] else found.status is OcpStatus.OBSTRUCTED
 
 
 @pytest.mark.parametrize(

@@ -74,9 +74,7 @@ def test_the_higher_level_wins_where_two_goals_exclude_each_other(robot: Robot, 
     q = problem.start.q
     stay = TaskTerm(task=VehiclePose(goal=pin.SE3(pin.Quaternion(q[3:7]).matrix(), q[:3])))
     far = TaskTerm(task=tool_goal(robot, q, (3.0, 0.0, 0.0)))
-    first = replace(
-        problem, levels=(OcpLevel(name="vehicle", terms=(stay,)), OcpLevel(name="tool", terms=(far,)), CHEAP)
-    )
+    first = replace(problem, levels=(OcpLevel(name="vehicle", terms=(stay,)), OcpLevel(name="tool", terms=(far,)), CHEAP))
     second = replace(first, levels=(first.levels[1], first.levels[0], CHEAP))
     options = NlpOptions(time_limit=PATIENCE, max_iterations=100, plugin=plugin)
     vehicle_first = Planner(first, options).plan(diagnose=False)

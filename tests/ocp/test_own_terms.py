@@ -220,9 +220,7 @@ def test_an_obstacle_that_moves_is_kept_clear_of_where_it_is(arm: Robot) -> None
         velocity = np.array([0.0, -0.5, 0.0])
         return tool + np.array([0.0, 1.0, 0.0]) + t * velocity, velocity
 
-    clear = BallClearance(
-        robot_balls=(Ball(frame="tool", radius=0.05),), obstacles=(Ball(centre=crossing, radius=0.2),)
-    )
+    clear = BallClearance(robot_balls=(Ball(frame="tool", radius=0.05),), obstacles=(Ball(centre=crossing, radius=0.2),))
     plan = Planner(on_arm(arm, clear, duration=3.0, n_steps=15)).plan()
     assert plan.status is OcpStatus.SOLVED, plan.reason
     way = [Kinematics(arm, q).pose("tool").translation for q in plan.trajectory.q]

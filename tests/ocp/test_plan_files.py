@@ -67,9 +67,7 @@ def test_a_plan_comes_back_exactly(plan: Plan, planner: Planner, suffix: str, tm
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("distance", [0.25, np.inf])
-def test_what_a_plan_is_proven_to_keep_clear_of_comes_back(
-    small: Plan, suffix: str, distance: float, tmp_path: Path
-) -> None:
+def test_what_a_plan_is_proven_to_keep_clear_of_comes_back(small: Plan, suffix: str, distance: float, tmp_path: Path) -> None:
     nearest = NearestPair(distance=distance, time=0.5, pair="link_1 - ball")
     report = ClearanceReport(collision_free=True, undecided=False, nearest=nearest, n_samples=9, unshaped=("arm",))
     plan = replace(small, clearance=report)
@@ -96,9 +94,7 @@ def test_a_plan_knows_what_is_around_it(robot: Robot, tmp_path: Path) -> None:
     plan = Planner(replace(problem, start=State(q=problem.start.q, v=fast))).plan()
     assert plan.status is OcpStatus.INFEASIBLE
     around = Plan.load(plan.save(tmp_path / "plan.npz")).surroundings
-    assert [(item.name, item.position, item.size) for item in around.obstacles] == [
-        ("obstacle 1", ball.centre, (ball.radius,))
-    ]
+    assert [(item.name, item.position, item.size) for item in around.obstacles] == [("obstacle 1", ball.centre, (ball.radius,))]
     assert [frame.name for frame in around.frames] == ["goal of T"]
     assert around.floor_z == -30.0
     assert plan.current == pytest.approx((0.1, 0.0, 0.0))

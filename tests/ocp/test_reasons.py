@@ -68,9 +68,7 @@ def goal_out_of_reach_of_a_fixed_base(robot: Robot) -> Case:
 def on_arm(arm: Robot, q: np.ndarray, goal: Term, duration: float) -> OcpProblem:
     levels = [level(goal), OcpLevel(name="effort", terms=(Effort(),))]
     start = State(q=q, v=np.zeros(arm.n_v))
-    return single_phase(
-        robot=arm, start=start, duration=duration, n_steps=N, levels=levels, constraints=(AtRest(),), water=False
-    )
+    return single_phase(robot=arm, start=start, duration=duration, n_steps=N, levels=levels, constraints=(AtRest(),), water=False)
 
 
 def tether_too_short(robot: Robot) -> Case:

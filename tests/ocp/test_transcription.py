@@ -60,9 +60,7 @@ def test_derivatives_equal_finite_differences(robot: Robot, plugin: str, options
 
 
 @pytest.mark.parametrize("last", [(0.2, -0.1, 0.0), (-0.2, 0.1, 0.1)], ids=["uniform", "turning"])
-def test_forces_are_those_of_the_motion_in_the_middle_of_every_step(
-    robot: Robot, last: tuple[float, float, float]
-) -> None:
+def test_forces_are_those_of_the_motion_in_the_middle_of_every_step(robot: Robot, last: tuple[float, float, float]) -> None:
     currents = np.linspace((0.2, -0.1, 0.0), last, 10)
     problem = reach(robot, n_steps=10, current=currents)
     trajectory = patient(problem).plan().trajectory
@@ -101,9 +99,7 @@ def test_a_semi_implicit_step_moves_with_the_new_velocity_under_the_forces_of_th
         a = pin.aba(weightless.model, data, trajectory.q[k], trajectory.v[k], given)
         v = trajectory.v[k] + h * a
         np.testing.assert_allclose(trajectory.v[k + 1], v, atol=1e-7)
-        np.testing.assert_allclose(
-            trajectory.q[k + 1], pin.integrate(weightless.model, trajectory.q[k], h * v), atol=1e-7
-        )
+        np.testing.assert_allclose(trajectory.q[k + 1], pin.integrate(weightless.model, trajectory.q[k], h * v), atol=1e-7)
 
 
 def test_both_solvers_find_the_same_cost(robot: Robot, planner: Planner) -> None:

@@ -129,14 +129,10 @@ def test_a_current_that_thrusters_cannot_hold_against_names_level_and_constraint
 
 @pytest.mark.slow
 @pytest.mark.parametrize("limit", [0.02, 0.6])
-def test_the_time_limit_holds_for_the_whole_plan_without_a_nan(
-    robot: Robot, planner_of_each: Planner, limit: float
-) -> None:
+def test_the_time_limit_holds_for_the_whole_plan_without_a_nan(robot: Robot, planner_of_each: Planner, limit: float) -> None:
     far = TaskTerm(task=tool_goal(robot, planner_of_each.problem.start.q, (100.0, 0.0, 0.0)))
     problem = reach(robot, levels=[OcpLevel(name="tool", terms=(far,)), CHEAP])
-    plan = Planner(
-        problem, NlpOptions(time_limit=limit, max_iterations=3000, plugin=planner_of_each.options.plugin)
-    ).plan()
+    plan = Planner(problem, NlpOptions(time_limit=limit, max_iterations=3000, plugin=planner_of_each.options.plugin)).plan()
     assert plan.status in (OcpStatus.UNFINISHED, OcpStatus.MISSED, OcpStatus.TOO_SHORT)
     assert plan.iterations < 3000
     assert np.isfinite(plan.trajectory.q).all()
@@ -150,9 +146,7 @@ def test_a_limit_of_iterations_is_no_proof_of_infeasibility(robot: Robot, plugin
 
 
 @pytest.mark.slow
-def test_a_missed_goal_is_not_called_unreachable_before_more_time_was_tried(
-    planner_of_each: Planner, robot: Robot
-) -> None:
+def test_a_missed_goal_is_not_called_unreachable_before_more_time_was_tried(planner_of_each: Planner, robot: Robot) -> None:
     assert planner_of_each.plan(reach(robot, duration=1.2), diagnose=False).status is OcpStatus.MISSED
 
 

@@ -49,9 +49,7 @@ def plan(command: str) -> dict[str, Any]:
 
 
 OUTLINES: dict[str, Callable[[], dict[str, Any]]] = {
-    **{
-        f"{plant} {name}": partial(mission, plant, name) for plant in PLANTS for name in ("active_set", "lexqp", "icat")
-    },
+    **{f"{plant} {name}": partial(mission, plant, name) for plant in PLANTS for name in ("active_set", "lexqp", "icat")},
     **{command: partial(plan, command) for command in PLANS},
 }
 

@@ -44,9 +44,7 @@ class Ipopt:
         found = solver(x0=problem.start[free], lbx=problem.lower[free], ubx=problem.upper[free])
         x = oracle.full(np.asarray(found["x"]).ravel())
         stats = solver.stats()
-        return Descent(
-            variables=x, model=problem.model(x), iterations=int(stats["iter_count"]), converged=bool(stats["success"])
-        )
+        return Descent(variables=x, model=problem.model(x), iterations=int(stats["iter_count"]), converged=bool(stats["success"]))
 
 
 @dataclass(slots=True, eq=False)

@@ -70,9 +70,7 @@ def test_a_robot_covered_by_capsules_is_nowhere_smaller(robot: Robot, planned: C
     x = random_x(planned, 50)
     exact = collision_scene(planned, [SPHERE, PIPE], self_collision=False)
     covered = collision_scene(coordinates(capsule_robot(robot)), [SPHERE, PIPE], self_collision=False)
-    assert (
-        CoalDistances(covered).distances(x).min(axis=1) <= CoalDistances(exact).distances(x).min(axis=1) + 1e-6
-    ).all()
+    assert (CoalDistances(covered).distances(x).min(axis=1) <= CoalDistances(exact).distances(x).min(axis=1) + 1e-6).all()
 
 
 def test_shapes_without_closed_form_are_refused(scene: CollisionScene) -> None:

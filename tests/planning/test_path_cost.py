@@ -89,9 +89,7 @@ def test_the_gradient_with_coal_matches_differences(scene: CollisionScene) -> No
     for _ in range(20):
         step = 1e-5 * rng.normal(size=y.shape)
         slope = cost.model(y + step).parts.total - cost.model(y - step).parts.total
-        assert slope == pytest.approx(
-            2.0 * np.sum(found.gradient * step), rel=1e-4, abs=1e-7 * np.abs(found.gradient).max()
-        )
+        assert slope == pytest.approx(2.0 * np.sum(found.gradient * step), rel=1e-4, abs=1e-7 * np.abs(found.gradient).max())
 
 
 def test_the_hessian_of_the_optimiser_is_positive_semi_definite(capsule_scene: CollisionScene) -> None:

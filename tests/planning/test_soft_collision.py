@@ -45,9 +45,7 @@ def blocked(planned: Coordinates) -> CollisionScene:
     return collision_scene(planned, [obstacle("ball", coal.Sphere(0.25), [0.9, 0.8, -0.5])])
 
 
-def test_a_straight_line_through_an_obstacle_is_bent_around_it(
-    robot: Robot, blocked: CollisionScene, ends: np.ndarray
-) -> None:
+def test_a_straight_line_through_an_obstacle_is_bent_around_it(robot: Robot, blocked: CollisionScene, ends: np.ndarray) -> None:
     exact, limits = CoalDistances(blocked), limits_of(robot)
     assert not check_clearance(exact, straight_guess(ends, limits)).collision_free
     plan = plan_soft_collision(blocked, ends, limits=limits)
@@ -92,9 +90,7 @@ def test_the_same_seed_gives_the_same_plan(robot: Robot, blocked: CollisionScene
 
 
 def test_a_plan_that_collides_says_so(robot: Robot, planned: Coordinates, ends: np.ndarray) -> None:
-    wall = collision_scene(
-        planned, [obstacle("wall", coal.Box(60.0, 0.1, 60.0), [0.0, 0.8, 0.0])], self_collision=False
-    )
+    wall = collision_scene(planned, [obstacle("wall", coal.Box(60.0, 0.1, 60.0), [0.0, 0.8, 0.0])], self_collision=False)
     options = SoftCollisionOptions(restarts=0, sampling=SamplingOptions(max_samples=3))
     plan = plan_soft_collision(wall, ends, limits=limits_of(robot), options=options)
     assert plan.status is PlanStatus.COLLIDING
@@ -103,9 +99,7 @@ def test_a_plan_that_collides_says_so(robot: Robot, planned: Coordinates, ends: 
     assert plan.clearance.nearest.pair.startswith("wall")
 
 
-def test_an_end_point_in_collision_or_out_of_limits_is_refused(
-    robot: Robot, planned: Coordinates, ends: np.ndarray
-) -> None:
+def test_an_end_point_in_collision_or_out_of_limits_is_refused(robot: Robot, planned: Coordinates, ends: np.ndarray) -> None:
     on_goal = collision_scene(planned, [obstacle("rock", coal.Sphere(0.2), ends[1, :3])])
     with pytest.raises(InvalidInput, match=r"way point 1 \(the goal\) is in collision: rock - base_link"):
         plan_soft_collision(on_goal, ends, limits=limits_of(robot))
@@ -122,9 +116,7 @@ def test_an_end_point_in_collision_or_out_of_limits_is_refused(
 
 
 def test_the_certificate_finds_a_thin_wall_between_samples(planned: Coordinates, ends: np.ndarray) -> None:
-    thin = collision_scene(
-        planned, [obstacle("sheet", coal.Box(60.0, 1e-4, 60.0), [0.0, 0.8, 0.0])], self_collision=False
-    )
+    thin = collision_scene(planned, [obstacle("sheet", coal.Box(60.0, 1e-4, 60.0), [0.0, 0.8, 0.0])], self_collision=False)
     line = straight_guess(ends, MotionLimits(velocity=1.0))
     report = check_clearance(CoalDistances(thin), line, per_piece=1)
     assert not report.collision_free
@@ -140,9 +132,7 @@ def test_sampled_legs_are_free_of_collision(blocked: CollisionScene, ends: np.nd
         assert exact.distances(a + np.linspace(0, 1, 200)[:, None] * (b - a)).min() > 0.0
 
 
-def test_a_tool_goal_puts_the_tool_there_clear_of_collision(
-    robot: Robot, blocked: CollisionScene, ends: np.ndarray
-) -> None:
+def test_a_tool_goal_puts_the_tool_there_clear_of_collision(robot: Robot, blocked: CollisionScene, ends: np.ndarray) -> None:
     exact, data = CoalDistances(blocked), robot.model.createData()
     X_WT = pin.SE3(pin.rpy.rpyToMatrix(np.pi, 0.0, 0.3), np.array([1.2, 1.5, -0.8]))
     x = tool_goal(exact, "tool", X_WT, ends[1])

@@ -107,9 +107,7 @@ def test_a_row_of_other_series_is_refused(other: dict[str, float]) -> None:
     assert list(recorder.series()["t"]) == [0.0]
 
 
-def test_a_record_of_a_robot_that_stands_still_is_dense_and_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_record_of_a_robot_that_stands_still_is_dense_and_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """All that changes are the time and two readings of a clock, as in any run, which keep it from looking like a bomb."""
     n, clock = 20_000, np.random.default_rng(0)
     still = Record(

@@ -39,9 +39,7 @@ def read(record: Record, path: Path) -> dict[str, list[Any]]:
     record.to_mcap(path)
     found: dict[str, list[Any]] = defaultdict(list)
     with path.open("rb") as file:
-        for schema, channel, message, decoded in make_reader(
-            file, decoder_factories=[DecoderFactory()]
-        ).iter_decoded_messages():
+        for schema, channel, message, decoded in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
             found[channel.topic].append((message.log_time, schema.name, decoded))
     return found
 

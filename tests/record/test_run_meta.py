@@ -144,9 +144,7 @@ def test_a_plan_of_0_1_says_what_it_said(name: str) -> None:
         assert list(getattr(meta, field)) == old[field]
     assert meta.min_clearance is not None
     assert list(meta.min_clearance.model_dump().values()) == old["min_clearance"]
-    assert meta.axis_limits.model_dump(exclude_none=True) == {
-        key: tuple(old["axis_limits"][key]) for key in old["axis_limits"]
-    }
+    assert meta.axis_limits.model_dump(exclude_none=True) == {key: tuple(old["axis_limits"][key]) for key in old["axis_limits"]}
 
 
 def test_a_plan_of_0_1_that_can_meet_nothing_has_no_smallest_distance() -> None:
@@ -257,8 +255,6 @@ def test_no_code_looks_up_metadata_by_a_string() -> None:
         for node in ast.walk(ast.parse(path.read_text())):
             inner = node.value if isinstance(node, ast.Subscript | ast.Attribute) else None
             name = inner.attr if isinstance(inner, ast.Attribute) else getattr(inner, "id", "")
-            if name.endswith("meta") and (
-                isinstance(node, ast.Subscript) or getattr(node, "attr", "") in ("get", "items")
-            ):
+            if name.endswith("meta") and (isinstance(node, ast.Subscript) or getattr(node, "attr", "") in ("get", "items")):
                 found.append(f"{path.name}:{node.lineno}")
     assert not found

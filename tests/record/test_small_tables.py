@@ -41,9 +41,7 @@ def record() -> uo.Record:
 
 
 def report() -> PreflightReport:
-    text = (
-        "the target is out of reach by so much that no posture of this long arm leads there, whatever the vehicle does"
-    )
+    text = "the target is out of reach by so much that no posture of this long arm leads there, whatever the vehicle does"
     return PreflightReport(findings=(Finding(severity=Severity.ERROR, check=EVIL, text=text),))
 
 

@@ -37,9 +37,7 @@ BEYOND = {
 
 @pytest.mark.parametrize("reader", READERS)
 @pytest.mark.parametrize("case", BEYOND)
-def test_what_is_beyond_the_bounds_is_said_in_one_line(
-    case: str, reader: Callable[[Path], object], tmp_path: Path
-) -> None:
+def test_what_is_beyond_the_bounds_is_said_in_one_line(case: str, reader: Callable[[Path], object], tmp_path: Path) -> None:
     text, message = BEYOND[case]
     path = tmp_path / "a.yaml"
     path.write_bytes(text.encode("utf-8", "surrogateescape"))
@@ -50,9 +48,7 @@ def test_what_is_beyond_the_bounds_is_said_in_one_line(
 
 
 @pytest.mark.parametrize("reader", READERS)
-def test_twenty_thousand_unknown_keys_are_told_by_the_first_few(
-    reader: Callable[[Path], object], tmp_path: Path
-) -> None:
+def test_twenty_thousand_unknown_keys_are_told_by_the_first_few(reader: Callable[[Path], object], tmp_path: Path) -> None:
     path = tmp_path / "a.yaml"
     path.write_text("obstacles: []\n" + "".join(f"k{i}: {i}\n" for i in range(20_000)))
     with pytest.raises(InvalidInput, match="k0") as caught:

@@ -51,9 +51,7 @@ def test_pages_that_are_written_by_hand_are_all_in_their_order() -> None:
 def test_tables_hold_every_series_every_field_and_every_command() -> None:
     pages = generated_pages()
     assert all(f"`{name}`" in pages["series"] for name in SERIES)
-    assert all(
-        f"## uvms-ocp {name}\n" in pages["commands"] for name in ("run", "show", "plan mission", "export controller")
-    )
+    assert all(f"## uvms-ocp {name}\n" in pages["commands"] for name in ("run", "show", "plan mission", "export controller"))
     assert all(f"| `{name}` |" in pages["channels"] for name in (*CHANNEL_KINDS, *ChannelMapping.model_fields))
     assert "`--ghost PATH`" in pages["commands"]
     assert "[Thruster](#thruster)" in pages["robot_files"]
@@ -68,8 +66,6 @@ def test_tables_hold_every_series_every_field_and_every_command() -> None:
 
 
 def test_links_that_lead_nowhere_are_found(tmp_path: Path) -> None:
-    (tmp_path / "a.html").write_text(
-        '<p id="here"></p><a href="#here"></a><a href="b.html#there"></a><a href="c.html"></a>'
-    )
+    (tmp_path / "a.html").write_text('<p id="here"></p><a href="#here"></a><a href="b.html#there"></a><a href="c.html"></a>')
     (tmp_path / "b.html").write_text('<a href="a.html#here"></a><a href="https://example.org"></a>')
     assert broken_links(tmp_path) == ("a.html: b.html#there", "a.html: c.html")

@@ -22,11 +22,7 @@ def undocumented_names(modules: Collection[str]) -> Iterator[str]:
 
 
 def _own_names(module: Any) -> list[str]:
-    return [
-        key
-        for key, thing in vars(module).items()
-        if key[0] != "_" and getattr(thing, "__module__", "") == module.__name__
-    ]
+    return [key for key, thing in vars(module).items() if key[0] != "_" and getattr(thing, "__module__", "") == module.__name__]
 
 
 def _silent(name: str, thing: Any) -> Iterator[str]:

@@ -69,8 +69,7 @@ def test_a_mission_whose_true_error_is_over_its_limit_has_ended_too_early(noisy:
     last = record.run_meta.events[-1]
     assert cause_of_end(record)["kind"] == "completed"
     truths = tuple(
-        item.model_copy(update={"value": 51.0}) if item.name == "T.position_error" else item
-        for item in last.true_quantities
+        item.model_copy(update={"value": 51.0}) if item.name == "T.position_error" else item for item in last.true_quantities
     )
     events = (*record.run_meta.events[:-1], last.model_copy(update={"true_quantities": truths}))
     worse = replace(record, meta=record.run_meta.model_copy(update={"events": events}))

@@ -30,9 +30,7 @@ def run(known: Callable[[str], bool], estimated: float = 0.1) -> Record:
         MetConditionMeta(quantity=name, limit=0.2, sign="<", estimated=estimated if known(name) else np.nan)
         for name in meta.quantities
     )
-    first = EventMeta(
-        t=float(stored["t"][0]), source="A", target="done", reason="", conditions=met, true_quantities=truth
-    )
+    first = EventMeta(t=float(stored["t"][0]), source="A", target="done", reason="", conditions=met, true_quantities=truth)
     told = meta.model_copy(update={"events": (first,), "true_quantities": truth})
     return Record(series={**stored.series, "quantities": values}, meta=told)
 

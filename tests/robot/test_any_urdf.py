@@ -13,9 +13,7 @@ from uvms_ocp.robot.loading import example_robot_data, load_robot
 from uvms_ocp.robot.urdf import Reading, read_urdf
 from uvms_ocp.scenario.preflight.robot_check import RobotVerdict, check_robot_files
 
-INERTIAL = (
-    "<inertial>{origin}<mass value='{m}'/><inertia ixx='{i}' ixy='0' ixz='0' iyy='{i}' iyz='0' izz='{i}'/></inertial>"
-)
+INERTIAL = "<inertial>{origin}<mass value='{m}'/><inertia ixx='{i}' ixy='0' ixz='0' iyy='{i}' iyz='0' izz='{i}'/></inertial>"
 BODY = INERTIAL.format(origin="", m=3, i=0.1)
 PROPELLER = (
     f"<link name='prop'>{INERTIAL.format(origin='', m=0.02, i=1e-5)}</link>"
@@ -59,9 +57,7 @@ HARMLESS = {
         "<origin> stands there twice",
     ),
     "a world to float on": (
-        robot(
-            "", "<link name='world'/><joint name='f' type='floating'><parent link='world'/><child link='hull'/></joint>"
-        ),
+        robot("", "<link name='world'/><joint name='f' type='floating'><parent link='world'/><child link='hull'/></joint>"),
         "free base of the vehicle",
     ),
 }
@@ -94,9 +90,7 @@ def test_what_only_draws_or_limits_nothing_is_told_and_loads(
 
 def test_a_mesh_that_matters_for_contact_is_refused_with_both_ways_out(folder: Path) -> None:
     path = written(folder, robot(mesh("collision", "pointer.stl")))
-    with pytest.raises(
-        RobotDataError, match=r"'hull' collision: mesh 'pointer.stl' is a pointer of Git LFS.*--no-meshes"
-    ):
+    with pytest.raises(RobotDataError, match=r"'hull' collision: mesh 'pointer.stl' is a pointer of Git LFS.*--no-meshes"):
         load_robot(urdf=path)
     assert not load_robot(urdf=path, meshes=False).collision_model.ngeoms
 
@@ -210,9 +204,7 @@ REASONS = ("no link has a mass", "principal moment", "limit is missing", "the fi
 """The last: of a planar joint Pinocchio keeps no limits."""
 
 
-def test_whatever_is_drawn_loads_as_pinocchio_loads_it_or_has_a_reason(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_whatever_is_drawn_loads_as_pinocchio_loads_it_or_has_a_reason(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     rng, loaded, refused = np.random.default_rng(40), 0, []
     for _ in range(150):
         path = written(tmp_path, drawn(rng))

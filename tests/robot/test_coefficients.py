@@ -28,9 +28,7 @@ def test_a_cylinder_carries_its_displaced_mass_sideways() -> None:
     volume = np.pi * 0.05**2 * 0.4
     side, end = 0.6 * RHO / 2 * 0.1 * 0.4, 0.6 * RHO / 2 * np.pi * 0.05**2
     tumbling = RHO * np.pi * 0.05**2 * 0.4**3 / 12
-    np.testing.assert_allclose(
-        np.diag(link.added_mass), [RHO * volume, RHO * volume, 0.1 * RHO * volume, tumbling, tumbling, 0]
-    )
+    np.testing.assert_allclose(np.diag(link.added_mass), [RHO * volume, RHO * volume, 0.1 * RHO * volume, tumbling, tumbling, 0])
     np.testing.assert_allclose(np.diag(link.linear_drag), [0.4, 0.4, 0.4, 0, 0, 0])
     np.testing.assert_allclose(np.diag(link.quadratic_drag)[:3], [side, side, end])
     assert link.volume == pytest.approx(volume)

@@ -138,9 +138,7 @@ def rigid_wrench(nu: np.ndarray, a: np.ndarray) -> np.ndarray:
     return np.r_[MASS * np.ones(3), INERTIA] * a + rigid_coriolis(nu) @ nu
 
 
-def water_wrench(
-    link: LinkHydrodynamics, nu: np.ndarray, a: np.ndarray, u_L: np.ndarray, w_L: np.ndarray
-) -> np.ndarray:
+def water_wrench(link: LinkHydrodynamics, nu: np.ndarray, a: np.ndarray, u_L: np.ndarray, w_L: np.ndarray) -> np.ndarray:
     nu_r = hydrodynamics.relative_velocity(nu, u_L)
     nu_r_dot = hydrodynamics.relative_acceleration(a, nu, u_L, w_L)
     return (

@@ -97,9 +97,7 @@ def test_a_joint_that_follows_is_where_the_home_of_its_leader_puts_it(
 
 
 @pytest.mark.parametrize("leader", ["nobody", "follow"])
-def test_a_joint_that_follows_none_is_at_its_offset(
-    leader: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_joint_that_follows_none_is_at_its_offset(leader: str, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = tmp_path / "mine.urdf"
     path.write_text(FOLLOWING.replace("mimic joint='lead'", f"mimic joint='{leader}'"), encoding="utf-8")
     robot = load_robot(urdf=path, mimic="fixed")

@@ -41,9 +41,7 @@ SECOND = link("left") + joint("hull", "left")
 
 
 def loaded(folder: Path, *parts: str, water: str = "", **options: object) -> Robot:
-    (folder / "robot.urdf").write_text(
-        f"<robot name='r'>{link('hull', 30, '')}{''.join(parts)}</robot>", encoding="utf-8"
-    )
+    (folder / "robot.urdf").write_text(f"<robot name='r'>{link('hull', 30, '')}{''.join(parts)}</robot>", encoding="utf-8")
     (folder / "hydrodynamics.yaml").write_text(water or "base: free_flyer\n", encoding="utf-8")
     return load_robot(urdf=folder / "robot.urdf", hydrodynamics=folder / "hydrodynamics.yaml", **options)
 
@@ -116,7 +114,5 @@ def test_a_role_that_is_stated_wins_over_a_link_of_its_name(tmp_path: Path) -> N
 
 
 def test_roles_of_links_that_are_not_there_are_refused_together(tmp_path: Path) -> None:
-    with pytest.raises(
-        RobotDataError, match=r"base_link: 'x' is not in the URDF; the root is hull; and tool: 'y'.*: nozzle"
-    ):
+    with pytest.raises(RobotDataError, match=r"base_link: 'x' is not in the URDF; the root is hull; and tool: 'y'.*: nozzle"):
         loaded(tmp_path, ARM, TIP, water="base_link: x\ntool: y\n")

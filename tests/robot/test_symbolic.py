@@ -28,9 +28,7 @@ def symbolic(model: pin.Model) -> SymbolicModel:
 def states(model: pin.Model) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     pin.seed(3)
     rng = np.random.default_rng(3)
-    return [
-        (random_configuration(model), rng.normal(size=model.nv), rng.normal(size=model.nv)) for _ in range(N_STATES)
-    ]
+    return [(random_configuration(model), rng.normal(size=model.nv), rng.normal(size=model.nv)) for _ in range(N_STATES)]
 
 
 def symmetric(upper: np.ndarray) -> np.ndarray:
@@ -68,9 +66,7 @@ def test_mass_matrices_equal_pinocchio(model: pin.Model, symbolic: SymbolicModel
 
 
 @pytest.mark.parametrize("step", [0.0, 1e-12, 1e-6, 0.05, 0.3, 1.0, 3.0, 10.0])
-def test_steps_on_the_configuration_space_equal_pinocchio(
-    model: pin.Model, symbolic: SymbolicModel, step: float
-) -> None:
+def test_steps_on_the_configuration_space_equal_pinocchio(model: pin.Model, symbolic: SymbolicModel, step: float) -> None:
     integrate = symbolic.integrate_function()
     for q, v, _ in states(model):
         np.testing.assert_allclose(flat(integrate(q, step * v)), pin.integrate(model, q, step * v), atol=EXACT)

@@ -57,9 +57,7 @@ def test_a_link_that_the_file_forgets_is_named(name: str, tmp_path: Path, caplog
         robot = load_robot(name, hydrodynamics=rewritten(name, tmp_path, links=rest))
         forgotten = (link,) if masses[link] > 0.0 else ()
         assert links_without_water(without_trim(robot).model, robot.description) == forgotten
-        assert [f"no water acts on link {link}:" in record.getMessage() for record in caplog.records] == [True] * len(
-            forgotten
-        )
+        assert [f"no water acts on link {link}:" in record.getMessage() for record in caplog.records] == [True] * len(forgotten)
         found = [f for f in check_robot(robot).findings if f.subject == "water"]
         assert [f.verdict for f in found] == [RobotVerdict.WARNING] * len(forgotten)
 
@@ -71,9 +69,7 @@ def test_a_link_that_is_said_to_be_dry_is_not_warned_about(tmp_path: Path, caplo
     assert not caplog.records
 
 
-def test_a_thruster_without_power_is_named_at_load_check_and_pre_flight(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_thruster_without_power_is_named_at_load_check_and_pre_flight(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     water = without_power("girona_maris7_full", tmp_path)
     robot = load_robot("girona_maris7_full", hydrodynamics=water)
     last = robot.description.thrusters[-1].name

@@ -112,9 +112,7 @@ def test_what_the_model_would_not_hold_is_refused(texts: dict[str, str], message
     assert len(str(caught.value)) < 300
 
 
-@pytest.mark.parametrize(
-    "scale", ["0 1 1", "1e-320 1 1", "1 1e-7 1", "1 -1e7 1", "nan 1 1", "1 1", "1 1 1e400", "1 1 1_0"]
-)
+@pytest.mark.parametrize("scale", ["0 1 1", "1e-320 1 1", "1 1e-7 1", "1 -1e7 1", "nan 1 1", "1 1", "1 1 1e400", "1 1 1_0"])
 def test_a_mesh_of_no_size_is_refused(scale: str, tmp_path: Path) -> None:
     mesh = f"<collision><geometry><mesh filename='y.stl' scale='{scale}'/></geometry></collision></link>"
     path = written(tmp_path)
@@ -271,10 +269,7 @@ def _lost(models: UrdfModels) -> None:
 
 
 TAMPERING: dict[str, Callable[[UrdfModels], None]] = {
-    **{
-        field: _scaled(field)
-        for field in ("upperVelocityLimit", "upperEffortLimit", "damping", "upperDryFrictionLimit")
-    },
+    **{field: _scaled(field) for field in ("upperVelocityLimit", "upperEffortLimit", "damping", "upperDryFrictionLimit")},
     **{field: _scaled(field) for field in ("lowerPositionLimit", "upperPositionLimit")},
     **{f.__name__: f for f in (_heavier, _shifted, _larger, _moved, _lost)},
 }

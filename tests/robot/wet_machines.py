@@ -45,22 +45,14 @@ def built_machine(*joint_types: str, branch_at: int | None = None) -> Dynamics:
 
 
 FLOATING: dict[str, Callable[[], Dynamics]] = {
-    **{
-        name: lambda name=name: robot_dynamics(load_robot(name)) for name in list_robots() if load_robot(name).n_vehicle
-    },
+    **{name: lambda name=name: robot_dynamics(load_robot(name)) for name in list_robots() if load_robot(name).n_vehicle},
     "chain": lambda: built_machine("free_flyer", "revolute_unaligned", "unbounded_y", "prismatic_unaligned"),
-    "two_arms": lambda: built_machine(
-        "free_flyer", "revolute_z", "revolute_y", "revolute_unaligned", "prismatic_x", branch_at=3
-    ),
+    "two_arms": lambda: built_machine("free_flyer", "revolute_z", "revolute_y", "revolute_unaligned", "prismatic_x", branch_at=3),
 }
 """Machines on a free-flyer, which a current can carry along."""
 
 FIXED: dict[str, Callable[[], Dynamics]] = {
-    **{
-        name: lambda name=name: robot_dynamics(load_robot(name))
-        for name in list_robots()
-        if not load_robot(name).n_vehicle
-    },
+    **{name: lambda name=name: robot_dynamics(load_robot(name)) for name in list_robots() if not load_robot(name).n_vehicle},
     "fixed_arm": lambda: built_machine("revolute_unaligned", "planar", "prismatic_z", "revolute_x"),
 }
 

@@ -74,9 +74,7 @@ def test_the_observer_is_on_unless_it_is_turned_off(name: str) -> None:
 
 def test_options_default_to_what_a_scenario_made_by_hand_has() -> None:
     def defaults(cls: type) -> dict[str, object]:
-        return {
-            item.name: item.default if item.default_factory is MISSING else item.default_factory for item in fields(cls)
-        }
+        return {item.name: item.default if item.default_factory is MISSING else item.default_factory for item in fields(cls)}
 
     by_hand, common = defaults(Scenario), defaults(RunOptions)
     shared = ("solver", "plant", "seed", "dt", "duration")

@@ -79,9 +79,7 @@ def test_what_is_wrong_is_told(
     assert "\n" not in str(told.value)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"), [("1 / 0", "mission.py:1: ZeroDivisionError"), ("x = (", "mission.py:1:")]
-)
+@pytest.mark.parametrize(("text", "message"), [("1 / 0", "mission.py:1: ZeroDivisionError"), ("x = (", "mission.py:1:")])
 def test_code_that_fails_is_told_with_its_line(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "mission.py").write_text(text)
     with pytest.raises(InvalidInput, match=message):

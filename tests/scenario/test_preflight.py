@@ -122,9 +122,7 @@ def independent_optimum(scenario: Scenario, X_WB: pin.SE3, target: np.ndarray) -
     return float(error(min(polished, key=cost))[0])
 
 
-@pytest.mark.parametrize(
-    ("start_x", "severity", "completes"), [(8.5, Severity.ERROR, False), (13.5, Severity.WARNING, True)]
-)
+@pytest.mark.parametrize(("start_x", "severity", "completes"), [(8.5, Severity.ERROR, False), (13.5, Severity.WARNING, True)])
 def test_the_side_from_which_the_vehicle_comes_decides(start_x: float, severity: Severity, completes: bool) -> None:
     """It stops where it enters the ball of its way point: near enough coming over the target, too far from behind."""
     options = {"way_point": pose_at((10.53, 37.47, -38.0)), "start": pose_at((start_x, 37.4, -37.0))}
@@ -197,9 +195,7 @@ def test_a_current_on_the_plant_without_water_is_a_warning() -> None:
     assert "ignores the current of 0.2 m/s" in texts(report, Severity.WARNING)
 
 
-@pytest.mark.parametrize(
-    ("x", "place"), [(0.3, "the start"), (11.2, "the place where the vehicle is likeliest to stop")]
-)
+@pytest.mark.parametrize(("x", "place"), [(0.3, "the start"), (11.2, "the place where the vehicle is likeliest to stop")])
 def test_an_obstacle_where_the_robot_stands_is_refused(x: float, place: str) -> None:
     around = (*FIELD, obstacle("rock", coal.Sphere(0.3), (x, 0.0, -37.0)))
     (finding,) = obstacle_field(plant="kinematic", obstacles=around).check().of_check("obstacles")

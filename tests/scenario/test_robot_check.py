@@ -89,9 +89,7 @@ def test_an_untrimmed_robot_is_told_which_float_would_trim_it() -> None:
 
 @pytest.mark.parametrize("place", [(0.0, 0.0), (0.2, -0.1), (-0.4, 0.3)])
 @pytest.mark.parametrize(("mass", "volume"), [(3.0, 0.0), (0.0, 2e-3), (1.0, 1e-3), (1.0, 1.001e-3)])
-def test_trim_that_is_advised_trims_and_lies_within_the_hull(
-    mass: float, volume: float, place: tuple[float, float]
-) -> None:
+def test_trim_that_is_advised_trims_and_lies_within_the_hull(mass: float, volume: float, place: tuple[float, float]) -> None:
     """The entries as they are printed, for a vehicle that carries something, heavy or light, or only out of place."""
     robot = load_robot("bluerov2_alpha5")
     robot = with_trim(robot, [TrimBody(name="pack", position=(*place, 0.0), mass=mass, volume=volume)])

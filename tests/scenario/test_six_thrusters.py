@@ -40,9 +40,7 @@ def swim(load: float, *, aligned: bool = True) -> Scenario:
     on = ("JL", "MAC", "HA", *(("AT",) if aligned else ()), "PC", "MP")
     arrived = uo.Below(quantity="PC.position_error", limit=0.1)
     there = (arrived, uo.Below(quantity="AT.misalignment", limit=0.1)) if aligned else (arrived,)
-    phase = uo.Phase(
-        name="A", activations=activate(*on), transitions=(uo.Transition(to=uo.DONE, when=there, hold=1.0),)
-    )
+    phase = uo.Phase(name="A", activations=activate(*on), transitions=(uo.Transition(to=uo.DONE, when=there, hold=1.0),))
     return run.scenario(
         name="swim",
         mission=mission_of(robot, tasks, (phase,), abort=abort_phase("JL", "MAC", "HA", "MP")),

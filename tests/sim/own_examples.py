@@ -196,16 +196,12 @@ class PidOfRun:
     def __call__(self, measurement: StateEstimate, t: float) -> Command:
         gains, q, v = self.gains, measurement.q, measurement.v
         error = pin.difference(self.robot.model, q, self.goal)
-        error[:3] *= min(
-            1.0, 0.5 / max(1e-9, float(np.linalg.norm(error[:3])))
-        )  # far goals are as near as half a metre
+        error[:3] *= min(1.0, 0.5 / max(1e-9, float(np.linalg.norm(error[:3]))))  # far goals are as near as half a metre
         self.sum += error * self.dt
         a = gains.stiffness * error - gains.damping * v + gains.integral * self.sum
         force = self.dynamics.inverse_dynamics(q, np.zeros_like(v), a)
         thrust = self.effect @ force[:6]
-        return Command(
-            v=np.zeros_like(v), thrust=thrust, torque=force[self.robot.joint_v], telemetry={"pull": error[:3]}
-        )
+        return Command(v=np.zeros_like(v), thrust=thrust, torque=force[self.robot.joint_v], telemetry={"pull": error[:3]})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -82,9 +82,7 @@ def test_a_period_is_its_steps_one_by_one(name: str) -> None:
     sequence, parts = StepSequence(step, n_steps), parts_of(step)
     for view in sequence.given.values():
         view[...] = 0.1 * rng.normal(size=view.shape)
-    sequence.given["q"][:] = q = (
-        robot.configuration(joints=0.2 + robot.home) if robot.n_vehicle else robot.configuration()
-    )
+    sequence.given["q"][:] = q = robot.configuration(joints=0.2 + robot.home) if robot.n_vehicle else robot.configuration()
     sequence.given["dt"][:] = DT
     sequence.given["decay"][:] = model.thrusters.decay(DT / n_steps).T
     given = {key: np.array(view.T) for key, view in sequence.given.items()}
@@ -115,8 +113,7 @@ def test_the_length_of_the_control_period_may_change_on_the_way(robot: Robot) ->
     environment = Environment(seafloor=FlatSeafloor(z=-100.0))
     start, command = robot.configuration(), command_at(robot, 3)
     plants = [
-        DynamicPlant(robot, start, dynamics=robot_dynamics(robot), environment=environment, max_step=1e-3)
-        for _ in range(2)
+        DynamicPlant(robot, start, dynamics=robot_dynamics(robot), environment=environment, max_step=1e-3) for _ in range(2)
     ]
     for dt in (0.004, 0.002, 0.006):
         plants[0].step(command, dt)

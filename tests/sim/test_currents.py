@@ -37,9 +37,7 @@ def test_rate_and_gradient_are_the_derivatives_of_the_velocity(current):
     for t in np.random.default_rng(1).uniform(0.01, 60.0, 50):
         difference = (current.velocity(POINTS, t + h) - current.velocity(POINTS, t - h)) / (2 * h)
         np.testing.assert_allclose(current.rate(POINTS, t), difference, atol=1e-6)
-        slopes = [
-            (current.velocity(POINTS + h * e, t) - current.velocity(POINTS - h * e, t)) / (2 * h) for e in np.eye(3)
-        ]
+        slopes = [(current.velocity(POINTS + h * e, t) - current.velocity(POINTS - h * e, t)) / (2 * h) for e in np.eye(3)]
         np.testing.assert_allclose(current.gradient(POINTS, t), np.stack(slopes, axis=2), atol=1e-6)
 
 

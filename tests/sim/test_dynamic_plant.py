@@ -47,9 +47,7 @@ def idle(robot: Robot, torque: np.ndarray | None = None) -> Command:
     )
 
 
-def plant_of(
-    robot: Robot, q: np.ndarray | None = None, max_step: float = 1e-3, env: Environment = DEEP
-) -> DynamicPlant:
+def plant_of(robot: Robot, q: np.ndarray | None = None, max_step: float = 1e-3, env: Environment = DEEP) -> DynamicPlant:
     start = robot.configuration() if q is None else q
     return DynamicPlant(robot, start, dynamics=robot_dynamics(robot), environment=env, max_step=max_step)
 
@@ -151,9 +149,7 @@ def sphere_plant(current: Current, v: np.ndarray, max_step: float) -> DynamicPla
     robot = without_arm(load_robot("bluerov2_alpha5"))
     model, mass, density = robot.model.copy(), 10.0, 1000.0
     model.inertias[1] = pin.Inertia(mass, np.zeros(3), 0.1 * np.eye(3))
-    link = LinkHydrodynamics(
-        frame="base_link", added_mass=mass / 2 * np.r_[np.ones(3), np.zeros(3)], volume=mass / density
-    )
+    link = LinkHydrodynamics(frame="base_link", added_mass=mass / 2 * np.r_[np.ones(3), np.zeros(3)], volume=mass / density)
     dynamics = Dynamics(SymbolicDynamics(model=model, links=(link,), density=density))
     q, environment = (
         robot.configuration(position=[0, 0, -39.0]),

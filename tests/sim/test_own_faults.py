@@ -57,13 +57,9 @@ def test_own_faults_stand_beside_those_of_the_toolkit_in_record_and_report() -> 
     assert [fault["text"] for fault in summarize(record)["faults"]] == ["depth:frozen@1", "LooseCable@1-2"]
 
 
-@pytest.mark.parametrize(
-    "times", [{"onset": 2.0, "end": 1.0}, {"onset": -1.0}, {"onset": float("nan")}, {"onset": "1"}]
-)
+@pytest.mark.parametrize("times", [{"onset": 2.0, "end": 1.0}, {"onset": -1.0}, {"onset": float("nan")}, {"onset": "1"}])
 def test_a_fault_that_ends_before_it_begins_is_refused(times: dict[str, Any]) -> None:
-    with pytest.raises(
-        InvalidInput, match=r"faults: LooseCable with onset = .*; give a Fault, or what makes one, with times"
-    ):
+    with pytest.raises(InvalidInput, match=r"faults: LooseCable with onset = .*; give a Fault, or what makes one, with times"):
         replace(flown(), faults=(LooseCable(**times),))
 
 

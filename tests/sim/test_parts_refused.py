@@ -177,9 +177,7 @@ def test_what_sensors_do_to_the_state_they_see_changes_nothing() -> None:
             return read
 
     ours = short()
-    np.testing.assert_array_equal(
-        replace(ours, sensors=Greedy(share=0.0, specs=IDEAL_SENSORS)).run()["q"], ours.run()["q"]
-    )
+    np.testing.assert_array_equal(replace(ours, sensors=Greedy(share=0.0, specs=IDEAL_SENSORS)).run()["q"], ours.run()["q"])
 
 
 @pytest.mark.parametrize(

@@ -30,9 +30,7 @@ def _robot():
 def state_of(robot, seed=0):
     rng = np.random.default_rng(seed)
     free = {"position": (1.0, 2.0, -36.0), "rpy": (0.1, -0.06, 0.5)} if robot.n_vehicle else {}
-    return State(
-        q=robot.configuration(**free), v=rng.uniform(-0.2, 0.2, robot.n_v), a=rng.uniform(-0.2, 0.2, robot.n_v)
-    )
+    return State(q=robot.configuration(**free), v=rng.uniform(-0.2, 0.2, robot.n_v), a=rng.uniform(-0.2, 0.2, robot.n_v))
 
 
 def one(name, spec, robot, seed=0):

@@ -25,9 +25,7 @@ from uvms_ocp.sim.thrusters import N_DECAYS, Thrusters, joint_power
 def robot_with(**changes: object) -> Robot:
     """girona_maris7 with every thruster changed."""
     robot = load_robot("girona_maris7")
-    thrusters = tuple(
-        Thruster.model_validate({**dict(thruster), **changes}) for thruster in robot.description.thrusters
-    )
+    thrusters = tuple(Thruster.model_validate({**dict(thruster), **changes}) for thruster in robot.description.thrusters)
     return replace(robot, description=robot.description.model_copy(update={"thrusters": thrusters}))
 
 

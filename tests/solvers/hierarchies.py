@@ -11,9 +11,7 @@ from uvms_ocp.solvers.hierarchy.level import Level
 Array = np.ndarray
 
 
-def random_hierarchy(
-    seed: int, n: int = 13, sizes: tuple[int, ...] = (13, 3, 6, 1, 1, 6, 4, 6, 3, 3, 13)
-) -> list[Level]:
+def random_hierarchy(seed: int, n: int = 13, sizes: tuple[int, ...] = (13, 3, 6, 1, 1, 6, 4, 6, 3, 3, 13)) -> list[Level]:
     """A box, then conflicting equalities and one- and two-sided inequalities, then least velocity."""
     rng = np.random.default_rng(seed)
     middle = [_random_level(rng, n, size) for size in sizes[1:-1]]

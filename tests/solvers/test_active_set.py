@@ -73,9 +73,7 @@ def test_rows_of_very_different_scale_end_with_a_truthful_status(solver: Lexicog
     exact = 0
     for seed in range(40 if solver.compiled else 8):
         rng = np.random.default_rng(seed)
-        sizes = [
-            10.0 ** rng.uniform(-decades, decades, level.n_rows) for level in random_hierarchy(seed, 8, (8, 2, 4, 2, 8))
-        ]
+        sizes = [10.0 ** rng.uniform(-decades, decades, level.n_rows) for level in random_hierarchy(seed, 8, (8, 2, 4, 2, 8))]
         levels = [
             Level(jacobian=level.jacobian * f[:, None], lower=level.lower * f, upper=level.upper * f)
             for level, f in zip(random_hierarchy(seed, 8, (8, 2, 4, 2, 8)), sizes, strict=True)

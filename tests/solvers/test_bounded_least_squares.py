@@ -92,7 +92,5 @@ def test_without_bounds_it_is_the_weighted_least_squares_of_least_norm(seed: int
 
 
 def test_rows_that_are_all_zero_leave_the_smallest_norm() -> None:
-    x = bounded_least_squares(
-        np.zeros((6, 3)), np.ones(6), np.array([-1.0, 0.5, -3.0]), np.array([1.0, 2.0, -1.0]), np.ones(3)
-    )
+    x = bounded_least_squares(np.zeros((6, 3)), np.ones(6), np.array([-1.0, 0.5, -3.0]), np.array([1.0, 2.0, -1.0]), np.ones(3))
     np.testing.assert_allclose(x, [0.0, 0.5, -1.0], atol=1e-12)

@@ -112,9 +112,7 @@ def test_with_fewer_levels_those_above_are_at_their_optimum() -> None:
 
 
 @pytest.mark.parametrize("fails", [1, 2])
-def test_in_numpy_level_by_level_takes_over_where_the_core_gives_up(
-    fails: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_in_numpy_level_by_level_takes_over_where_the_core_gives_up(fails: int, monkeypatch: pytest.MonkeyPatch) -> None:
     honest, calls = fallbacks.lexicographic_least_squares, []
 
     def lost(*arguments: object) -> tuple[np.ndarray, np.ndarray, int]:

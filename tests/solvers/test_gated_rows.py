@@ -111,9 +111,7 @@ def test_a_gate_of_one_keeps_the_bounds_and_a_gate_of_zero_leaves_none() -> None
 
 def test_bounds_widen_without_a_jump_as_the_gate_closes() -> None:
     J, bound = np.ones((1, N)), np.ones(1)
-    widths = [
-        float(np.diff(widen_bounds(J, bound, bound, np.array([gate])), axis=0)[0, 0]) for gate in (1.0, 0.999, 0.5, 0.1)
-    ]
+    widths = [float(np.diff(widen_bounds(J, bound, bound, np.array([gate])), axis=0)[0, 0]) for gate in (1.0, 0.999, 0.5, 0.1)]
     np.testing.assert_allclose(widths, [0.0, 2 * N * np.sqrt(0.001 / 0.999), 2 * N, 6 * N])
 
 

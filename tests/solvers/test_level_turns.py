@@ -73,9 +73,7 @@ def test_below_the_first_only_levels_that_lack_more_than_they_may_lose_have_thei
         (merit(np.nan, 1.0, 2.0), False),
     ],
 )
-def test_a_step_may_cost_no_level_above_and_no_constraint_more_than_the_tolerance(
-    found: LevelMerit, allowed: bool
-) -> None:
+def test_a_step_may_cost_no_level_above_and_no_constraint_more_than_the_tolerance(found: LevelMerit, allowed: bool) -> None:
     rule = acceptance([level(), level()], [1.0], merit(0.0, 1.05, 2.0), accuracy=0.01, tolerance=0.1)
     assert rule.allows(found) is allowed
 

@@ -16,9 +16,7 @@ from uvms_ocp.solvers.bounded_least_squares import LinearProgram, program_sizes,
 SIZES = ((1, 3), (3, 4), (4, 9), (6, 15))
 
 
-def solved(
-    A: np.ndarray, b: np.ndarray, c: np.ndarray, lower: np.ndarray, upper: np.ndarray, *, compiled: bool = True
-) -> Any:
+def solved(A: np.ndarray, b: np.ndarray, c: np.ndarray, lower: np.ndarray, upper: np.ndarray, *, compiled: bool = True) -> Any:
     """The program, or `None` without an answer."""
     m, n = A.shape
     structure = structure_of(LinearProgram, **program_sizes(m, n))

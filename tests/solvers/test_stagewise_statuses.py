@@ -108,9 +108,7 @@ def test_what_rows_are_missed_by_is_that_of_the_point(compiled: bool) -> None:
         for k, z in enumerate(found.z):
             y = qp.C[k] @ z
             missed = y - np.clip(y, qp.lower[k], qp.upper[k])
-            np.testing.assert_allclose(
-                found.excess[k], missed, rtol=1e-9, atol=1e-9 * (1.0 + np.abs(y).max(initial=0.0))
-            )
+            np.testing.assert_allclose(found.excess[k], missed, rtol=1e-9, atol=1e-9 * (1.0 + np.abs(y).max(initial=0.0)))
 
 
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)

@@ -73,9 +73,9 @@ def _view_angle(robot: Robot, q: np.ndarray) -> float:
 
 
 def _manipulability(robot: Robot, q: np.ndarray) -> float:
-    J = pin.computeFrameJacobian(
-        robot.model, robot.model.createData(), q, robot.frame_id("tool"), pin.ReferenceFrame.LOCAL
-    )[:, robot.joint_v]
+    J = pin.computeFrameJacobian(robot.model, robot.model.createData(), q, robot.frame_id("tool"), pin.ReferenceFrame.LOCAL)[
+        :, robot.joint_v
+    ]
     return float(np.sqrt(np.linalg.det(J @ J.T)))
 
 

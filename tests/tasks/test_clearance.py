@@ -67,9 +67,7 @@ def test_a_mesh_below_a_box_is_touched_at_zero() -> None:
     floor = mesh_shape(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     result = coal.DistanceResult()
     pose = coal.Transform3s(np.eye(3), np.array([0.0, 0.0, 0.25]))
-    distance = coal.distance(
-        coal.Box(0.5, 0.5, 0.5), pose, floor, coal.Transform3s.Identity(), coal.DistanceRequest(), result
-    )
+    distance = coal.distance(coal.Box(0.5, 0.5, 0.5), pose, floor, coal.Transform3s.Identity(), coal.DistanceRequest(), result)
     assert distance == pytest.approx(0.0, abs=1e-6)
 
 
@@ -94,9 +92,7 @@ def test_an_unknown_shape_is_named(robot: Robot) -> None:
 
 
 def test_a_model_without_pairs_is_refused(robot: Robot) -> None:
-    with pytest.raises(
-        InvalidInput, match="CL: a collision model without pairs; give obstacles or self_collision=True"
-    ):
+    with pytest.raises(InvalidInput, match="CL: a collision model without pairs; give obstacles or self_collision=True"):
         Clearance(model=CollisionModel(robot, self_collision=False))
 
 

@@ -29,17 +29,13 @@ def record_to_look_at(robot: Robot) -> Record:
     record = synthetic_record(robot, surroundings=SURROUNDINGS.model_copy(update={"obstacles": (_BOULDER,)}))
     n = len(record)
     pressing = np.outer(np.linspace(0.0, 40.0, n), [1.0, 0.8, 0.6, 0.4])
-    return Record(
-        series={**record.series, "current": np.tile([0.3, 0.1, 0.0], (n, 1)), "contact": pressing}, meta=record.meta
-    )
+    return Record(series={**record.series, "current": np.tile([0.3, 0.1, 0.0], (n, 1)), "contact": pressing}, meta=record.meta)
 
 
 def at(page: Any, t: float) -> np.ndarray:
     """The picture (height, width, 3) of an open page at t [s]."""
     page.evaluate("setPlaying(false)")
-    page.evaluate(
-        "(t) => new Promise((done) => { showTime(t); requestAnimationFrame(() => requestAnimationFrame(done)); })", t
-    )
+    page.evaluate("(t) => new Promise((done) => { showTime(t); requestAnimationFrame(() => requestAnimationFrame(done)); })", t)
     picture: np.ndarray = mpl_image.imread(BytesIO(page.screenshot()))[..., :3]
     return picture
 

@@ -75,9 +75,7 @@ def test_quantities_of_own_tasks_appear_by_themselves(robot: Robot) -> None:
 
 BALL = ObstacleMeta(name="ball", shape="sphere", size=(0.5,), position=(1.0, 2.0, -3.0))
 PILE = ObstacleMeta(name="pile", shape="cylinder", size=(0.2, 3.0), position=(0.0, 0.0, 0.0))
-CRATE = ObstacleMeta(
-    name="crate", shape="box", size=(2.0, 1.0, 0.5), position=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, np.pi / 2)
-)
+CRATE = ObstacleMeta(name="crate", shape="box", size=(2.0, 1.0, 0.5), position=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, np.pi / 2))
 PLATE = ObstacleMeta(
     name="plate",
     shape="mesh",

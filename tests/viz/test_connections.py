@@ -23,9 +23,7 @@ OPENS_SOCKETS = {
     "campaign/cluster.py",
     "campaign/dispatch.py",
 }  # the last on the client of the second
-NETWORKS = re.compile(
-    r"^ *(from|import) (asyncio|distributed|ftplib|http|socket|socketserver|tornado|xmlrpc|zmq)\b", re.M
-)
+NETWORKS = re.compile(r"^ *(from|import) (asyncio|distributed|ftplib|http|socket|socketserver|tornado|xmlrpc|zmq)\b", re.M)
 
 
 def _connected(address: str) -> socket.socket:
@@ -61,11 +59,7 @@ def test_who_connects_and_asks_nothing_keeps_nobody_out_for_long(monkeypatch: py
 
 def test_few_modules_open_sockets() -> None:
     package = Path(uvms_ocp.__file__).parent
-    found = {
-        path.relative_to(package).as_posix()
-        for path in package.rglob("*.py")
-        if NETWORKS.search(path.read_text("utf-8"))
-    }
+    found = {path.relative_to(package).as_posix() for path in package.rglob("*.py") if NETWORKS.search(path.read_text("utf-8"))}
     assert found <= OPENS_SOCKETS
     assert "viz/scene/page.py" in found
 

@@ -83,9 +83,7 @@ def test_frames_come_in_order_and_the_last_one_is_the_end_of_the_run(seen: tuple
 
 
 @long_without_compiler
-def test_a_frame_has_the_links_where_pinocchio_has_them_at_that_time(
-    seen: tuple[Record, Listener], scenario: Scenario
-) -> None:
+def test_a_frame_has_the_links_where_pinocchio_has_them_at_that_time(seen: tuple[Record, Listener], scenario: Scenario) -> None:
     record, listener = seen
     model = scenario.robot.model
     data = model.createData()

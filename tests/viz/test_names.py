@@ -110,9 +110,7 @@ def test_every_figure_draws_every_name_as_it_is(draw: Any, records: list[Record]
 def test_figures_of_two_runs_draw_every_name_as_it_is(records: list[Record]) -> None:
     paths = np.linspace(0.0, 1.0, 6).reshape(2, 3)
     figures = [figure_paths(dict.fromkeys(NAMES[k : k + 4], paths)) for k in range(0, len(NAMES), 4)]
-    figures += [
-        figure_joint_comparison({record.meta.robot: record}, record.meta.phases[1].name) for record in records[::3]
-    ]
+    figures += [figure_joint_comparison({record.meta.robot: record}, record.meta.phases[1].name) for record in records[::3]]
     for figure in figures:
         figure.set_dpi(30)
         figure.canvas.draw()

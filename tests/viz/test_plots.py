@@ -56,9 +56,7 @@ def test_labels_of_ticks_can_be_read(record: Record) -> None:
     for figure in drawn:
         figure.set_dpi(30)
         figure.canvas.draw()
-    labels = {
-        label.get_text() for figure in drawn for axis in figure.axes for label in axis.get_yticklabels(which="both")
-    }
+    labels = {label.get_text() for figure in drawn for axis in figure.axes for label in axis.get_yticklabels(which="both")}
     assert "10⁻²" in labels
     assert not [label for label in labels if set(label) & set("$\\{}^")]
 

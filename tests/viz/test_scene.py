@@ -102,9 +102,7 @@ def test_the_animation_covers_the_run(page: str, record: Record) -> None:
 
 
 def test_the_vehicle_is_animated_through_the_recorded_poses(page: str, record: Record) -> None:
-    (positions,) = [
-        keys for (path, name), keys in _tracks(page).items() if name == ".position" and "root_joint" in path
-    ]
+    (positions,) = [keys for (path, name), keys in _tracks(page).items() if name == ".position" and "root_joint" in path]
     np.testing.assert_allclose(positions[-1]["value"], record["q"][-1, :3], atol=1e-5)
     np.testing.assert_allclose(positions[0]["value"], record["q"][0, :3], atol=1e-5)
 
@@ -118,9 +116,7 @@ def test_a_long_run_keeps_the_page_below_ten_megabytes(robot: Robot) -> None:
 
 
 def test_every_visual_shape_is_drawn(page: str, robot: Robot) -> None:
-    drawn = {
-        c["path"].rsplit("/", 2)[0] for c in _commands(page) if c["type"] == "set_object" and "/robot/" in c["path"]
-    }
+    drawn = {c["path"].rsplit("/", 2)[0] for c in _commands(page) if c["type"] == "set_object" and "/robot/" in c["path"]}
     assert len(drawn) == len(robot.visual_model.geometryObjects)
 
 

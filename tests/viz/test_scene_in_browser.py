@@ -188,9 +188,7 @@ def test_hostile_names_are_text(chromium: Any, robot: Robot) -> None:
         assert sheet.wrong == []
 
 
-def test_on_a_phone_nothing_is_cut_off_and_nothing_lies_on_the_controls(
-    chromium: Any, run: Record, robot: Robot
-) -> None:
+def test_on_a_phone_nothing_is_cut_off_and_nothing_lies_on_the_controls(chromium: Any, run: Record, robot: Robot) -> None:
     for sheet in _open(chromium, show(run, robot), PHONE):
         at(sheet.page, 1.5)
         boxes = [item.bounding_box() for item in sheet.page.locator("#bar > *, #heading, #readouts, #side").all()]

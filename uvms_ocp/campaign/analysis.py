@@ -130,9 +130,7 @@ def sensitivity_table(table: Any, parameters: Sequence[str], *, indices: bool) -
     return rows
 
 
-def _of_figure(
-    name: str, X: np.ndarray, y: np.ndarray, parameters: Sequence[str], indices: bool
-) -> list[dict[str, Any]]:
+def _of_figure(name: str, X: np.ndarray, y: np.ndarray, parameters: Sequence[str], indices: bool) -> list[dict[str, Any]]:
     known = np.isfinite(y)
     ranks, pawn = _ranks(X[known], y[known]), _pawn(X[known], y[known])
     shares = _sobol(y, len(parameters)) if indices else {}

@@ -219,9 +219,7 @@ def kept_campaign(folder: Path) -> Campaign:
     variations: Any = known.variations
     if "words" not in known.scenario or variations.get("values", ()):
         scenario = "words" not in known.scenario
-        what = (
-            "scenario was a function in Python, which is" if scenario else "variations were values in Python, which are"
-        )
+        what = "scenario was a function in Python, which is" if scenario else "variations were values in Python, which are"
         raise InvalidInput(f"{folder}: its {what} not kept; use Campaign.scenario_of there")
     return Campaign(
         scenario=CodeSource.restored(known.scenario, folder / SOURCES / "scenario"),

@@ -99,9 +99,7 @@ def _client(address: str) -> Iterator[Any]:
         client = distributed.Client(address, timeout=_PATIENCE)
     except (OSError, ValueError, TimeoutError) as error:
         reason = " ".join(str(error).split())[:200]
-        raise OutputError(
-            f"no Dask scheduler answers at {address} ({reason}); give one such as tcp://host:8786"
-        ) from None
+        raise OutputError(f"no Dask scheduler answers at {address} ({reason}); give one such as tcp://host:8786") from None
     with client:
         yield client
 

@@ -156,9 +156,7 @@ def _contents(paths: set[Path]) -> dict[str, bytes]:
     """Read files by name: below the root, or, for the toolkit's own robots, below `_PACKED`."""
     root, packed = _common(paths), robots_folder().resolve()
     names = {
-        path: _PACKED + path.relative_to(packed).as_posix()
-        if path.is_relative_to(packed)
-        else path.relative_to(root).as_posix()
+        path: _PACKED + path.relative_to(packed).as_posix() if path.is_relative_to(packed) else path.relative_to(root).as_posix()
         for path in sorted(paths)
     }
     return {name: path.read_bytes() for path, name in names.items()}

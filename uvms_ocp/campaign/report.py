@@ -50,9 +50,7 @@ def _parse(text: str) -> MetricBound:
         name, sign, limit = found.groups() if found else ("", "", "")
         value = float(limit)
     except ValueError:
-        raise InvalidInput(
-            f"success {text!r}; give a figure, < or > and a number: tool_position_error_m<0.01"
-        ) from None
+        raise InvalidInput(f"success {text!r}; give a figure, < or > and a number: tool_position_error_m<0.01") from None
     if name not in METRICS:
         raise NameNotFound("figure of merit", name, METRICS)
     return MetricBound(merit=name, sign=sign, limit=value)
@@ -78,9 +76,7 @@ def _missed(bounds: Sequence[MetricBound], kept: np.ndarray) -> str:
 # The report of a campaign, finished or not.
 
 _WORST = 10
-WORST_FIRST = (
-    "failures before successes; among them runs without a tool position error first, then the largest, then the longest"
-)
+WORST_FIRST = "failures before successes; among them runs without a tool position error first, then the largest, then the longest"
 _FINISHED_WORSE = ("tool_position_error_m", "duration_s")  # by which runs are compared that end alike
 
 
@@ -141,10 +137,7 @@ def worst_runs(table: Any, folder: Path) -> list[dict[str, Any]]:
             "run": int(row["run"]),
             "outcome": row["outcome"],
             "cause": row["cause"] or "",
-            **{
-                name: None if np.isnan(metric) else float(metric)
-                for name, metric in zip(_FINISHED_WORSE, own, strict=True)
-            },
+            **{name: None if np.isnan(metric) else float(metric) for name, metric in zip(_FINISHED_WORSE, own, strict=True)},
             "repeat": f"uvms-ocp campaign {shlex.quote(str(folder))} --rerun {row['run']}",
         }
         for (_, row), own in zip(rows.iterrows(), merits, strict=True)

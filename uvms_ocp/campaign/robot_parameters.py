@@ -80,9 +80,7 @@ def _wet(robot: Robot, change: Callable[[LinkHydrodynamics], dict[str, np.ndarra
 
 
 def _described(link: LinkHydrodynamics, changes: dict[str, np.ndarray]) -> LinkDescription:
-    matrices = {
-        name: changes.get(name, getattr(link, name)) for name in ("added_mass", "linear_drag", "quadratic_drag")
-    }
+    matrices = {name: changes.get(name, getattr(link, name)) for name in ("added_mass", "linear_drag", "quadratic_drag")}
     rows: dict[str, Any] = {name: tuple(map(tuple, matrix.tolist())) for name, matrix in matrices.items()}
     position, rpy = link.X_FL.translation, pin.rpy.matrixToRpy(link.X_FL.rotation)
     coefficients = LinkCoefficients(

@@ -36,9 +36,7 @@ def flow_parameters(scenario: Scenario) -> Iterator[Parameter]:
             meaning = f"added to the velocity of the water along {name} of W"
             yield Parameter(f"current.{name}", "m/s", meaning, partial(_added, axis))
         yield Parameter("current.speed", "m/s", "horizontal speed of the water", _with_speed)
-        yield Parameter(
-            "current.heading", "rad", "heading of the horizontal flow, from x of W towards y", _with_heading
-        )
+        yield Parameter("current.heading", "rad", "heading of the horizontal flow, from x of W towards y", _with_heading)
     yield Parameter("current.gusts", "m/s", "standard deviation of gusts along each axis of W", _with_gusts)
 
 
@@ -100,9 +98,7 @@ def place_parameters(scenario: Scenario) -> Iterator[Parameter]:
     """Offsets from what the scenario says; controller and mission know nothing of those of floor and obstacles."""
     robot = scenario.robot
     for axis, name in _AXES if robot.n_vehicle else ():
-        yield Parameter(
-            f"start.{name}", "m", f"added to {name} of the vehicle at the start, in W", partial(_moved, axis)
-        )
+        yield Parameter(f"start.{name}", "m", f"added to {name} of the vehicle at the start, in W", partial(_moved, axis))
     for axis, name in _TURNS if robot.n_vehicle else ():
         meaning = f"turn of the vehicle at the start about its {'xyz'[axis]}"
         yield Parameter(f"start.{name}", "rad", meaning, partial(_turned, axis))
@@ -115,9 +111,7 @@ def place_parameters(scenario: Scenario) -> Iterator[Parameter]:
     for obstacle in scenario.environment.obstacles:
         for axis, name in _AXES:
             meaning = f"added to {name} of this obstacle, whose true place nobody knows"
-            yield Parameter(
-                f"obstacles.{obstacle.name}.{name}", "m", meaning, partial(_with_obstacle, obstacle.name, axis)
-            )
+            yield Parameter(f"obstacles.{obstacle.name}.{name}", "m", meaning, partial(_with_obstacle, obstacle.name, axis))
 
 
 def _moved(axis: int, scenario: Scenario, value: float) -> Scenario:
@@ -166,9 +160,7 @@ def objective_parameters(scenario: Scenario) -> Iterator[Parameter]:
             yield Parameter(f"{own}.yaw", "rad", meaning, partial(_with_goal, task.name, 3))
         for name in real_numbers(task):
             apply = partial(_with_number, task.name, name)
-            yield Parameter(
-                f"tasks.{task.name}.{name}", "as there", f"{name} of {task.name}, as its class has it", apply
-            )
+            yield Parameter(f"tasks.{task.name}.{name}", "as there", f"{name} of {task.name}, as its class has it", apply)
     for name in [item.name for item in fields(VelocityGains)] if scenario.takes_forces else []:
         yield Parameter(f"gains.{name}", "as there", f"{name} of VelocityGains", partial(_with, "gains", name))
 

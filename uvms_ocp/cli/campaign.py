@@ -56,16 +56,12 @@ def campaign(
     what: Annotated[str, typer.Argument(metavar="SCENARIO|DIR", help=_WHAT)],
     vary: Annotated[
         str | None,
-        typer.Option(
-            metavar="FILE.py", help="Defines `variations`, a list of Variation(NAME, DISTRIBUTION). It is run."
-        ),
+        typer.Option(metavar="FILE.py", help="Defines `variations`, a list of Variation(NAME, DISTRIBUTION). It is run."),
     ] = None,
     runs: Annotated[int | None, typer.Option(metavar="N", help="Number of runs; default: 100.")] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", parser=folder, help="Folder of the campaign.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of all that is drawn.")] = 0,
-    sampler: Annotated[
-        str, typer.Option(help=f"{', '.join(SAMPLERS)}; indices: the design of Sobol' indices.")
-    ] = "sobol",
+    sampler: Annotated[str, typer.Option(help=f"{', '.join(SAMPLERS)}; indices: the design of Sobol' indices.")] = "sobol",
     scheduler: Annotated[
         str | None,
         typer.Option(metavar="ADDRESS", help="Dask cluster, such as tcp://host:8786; default: this machine."),
@@ -86,15 +82,11 @@ def campaign(
     force: Annotated[bool, typer.Option("--force", help="Run even if pre-flight finds errors.")] = False,
     parameters: Annotated[bool, typer.Option("--parameters", help="List what can be varied, and do no more.")] = False,
     report: Annotated[bool, typer.Option("--report", help="Write report.html and report.json of a folder.")] = False,
-    rerun: Annotated[
-        int | None, typer.Option(metavar="K", help="Repeat run K of a folder, with record and scene.")
-    ] = None,
+    rerun: Annotated[int | None, typer.Option(metavar="K", help="Repeat run K of a folder, with record and scene.")] = None,
     against: Annotated[Path | None, typer.Option(metavar="DIR2", help="Compare a folder with that of another.")] = None,
     success: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="BOUND", help="In reports, what finished runs must keep: tool_position_error_m<0.01; repeatable."
-        ),
+        typer.Option(metavar="BOUND", help="In reports, what finished runs must keep: tool_position_error_m<0.01; repeatable."),
     ] = None,
     as_json: Json = False,
 ) -> None:

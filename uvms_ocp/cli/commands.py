@@ -140,9 +140,7 @@ _TRACEBACK = "--traceback"
 
 @app.callback()
 def common(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version.")
-    ] = False,
+    version: Annotated[bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version.")] = False,
     traceback: Annotated[
         bool, typer.Option(_TRACEBACK, help="Print where an error comes from, not its line alone; anywhere.")
     ] = False,

@@ -28,9 +28,7 @@ from uvms_ocp.robot.thrusters import curve_of_table, thrust_limits
 
 Recordings = Annotated[
     list[Path],
-    typer.Argument(
-        metavar="RECORDINGS...", help="CSV, Parquet, MCAP, rosbag2 folders or records of runs, one or more."
-    ),
+    typer.Argument(metavar="RECORDINGS...", help="CSV, Parquet, MCAP, rosbag2 folders or records of runs, one or more."),
 ]
 MappingFile = Annotated[
     Path | None,
@@ -171,9 +169,7 @@ def excite(
     subject, console = calibrated_robot(given, settings.parent), console_of()
     require_coefficients(subject)  # rather than after it was driven
     thrust = thrust_within(subject, given, share)
-    limits = ExperimentLimits(
-        thrust=thrust, pool=np.outer([-0.5, 0.5], pool), hull=subject.hull_in_body(given.hull), slew=slew
-    )
+    limits = ExperimentLimits(thrust=thrust, pool=np.outer([-0.5, 0.5], pool), hull=subject.hull_in_body(given.hull), slew=slew)
     wanted = _assignment(subject, given, limits, duration)
     with claim_folder(out, [COMMANDS, EXCITE_REPORT]) as claim:
         with console.status("designing") as status, show_compilation(status.update):
@@ -212,9 +208,7 @@ _NEWTONS = {"N": 1.0, "kgf": 9.80665, "gf": 9.80665e-3, "lbf": 4.448222}
 
 
 def thruster_curve(
-    table: Annotated[
-        Path, typer.Argument(metavar="TABLE", help="Table of a bench: text, .xlsx, Parquet, .mat or .npz.")
-    ],
+    table: Annotated[Path, typer.Argument(metavar="TABLE", help="Table of a bench: text, .xlsx, Parquet, .mat or .npz.")],
     pwm: Annotated[str, typer.Option(metavar="COLUMN", help="What was sent: pulse widths, or shares of the largest.")],
     thrust: Annotated[str, typer.Option(metavar="COLUMN", help="Thrust that was measured.")],
     unit: Annotated[str, typer.Option(help=f"Of the thrust: {', '.join(_NEWTONS)}.")] = "N",

@@ -67,9 +67,7 @@ class NewMission:
     @property
     def title(self) -> str:
         """Summarize the mission in a phrase."""
-        bring = (
-            "bring the tool to a target and hold it there" if len(self.tools) == 1 else "bring each tool to its target"
-        )
+        bring = "bring the tool to a target and hold it there" if len(self.tools) == 1 else "bring each tool to its target"
         swim = "swim to a way point"
         if not self.robot.n_vehicle:
             return bring if self.tools else "hold the posture"

@@ -143,27 +143,21 @@ class RobotFiles:
     base: Annotated[
         str | None, typer.Option(metavar="free_flyer|fixed", help="Whether it floats; default: what its file says.")
     ] = None
-    packages: Annotated[
-        list[str] | None, typer.Option(metavar="DIR", help="Where package:// meshes are; repeatable.")
-    ] = None
-    meshes: Annotated[
-        bool | None, typer.Option("--meshes/--no-meshes", help="Whether shapes that are meshes are read.")
-    ] = None
+    packages: Annotated[list[str] | None, typer.Option(metavar="DIR", help="Where package:// meshes are; repeatable.")] = None
+    meshes: Annotated[bool | None, typer.Option("--meshes/--no-meshes", help="Whether shapes that are meshes are read.")] = None
     mimic: Annotated[
         str | None,
         typer.Option(metavar="free|fixed", help="Joints that mimic another: of their own, or fixed to follow."),
     ] = None
-    lock: Annotated[
-        list[str] | None, typer.Option(metavar="JOINT[=Q]", help="Fix a joint, at 0 unless given; repeatable.")
-    ] = None
-    drop: Annotated[
-        list[str] | None, typer.Option(metavar="LINK", help="Leave out a link and what hangs on it; repeatable.")
-    ] = None
+    lock: Annotated[list[str] | None, typer.Option(metavar="JOINT[=Q]", help="Fix a joint, at 0 unless given; repeatable.")] = (
+        None
+    )
+    drop: Annotated[list[str] | None, typer.Option(metavar="LINK", help="Leave out a link and what hangs on it; repeatable.")] = (
+        None
+    )
     tool_link: Annotated[
         list[str] | None,
-        typer.Option(
-            "--tool", "--tool-link", metavar="LINK", help="Frame of the tool; several times for several arms."
-        ),
+        typer.Option("--tool", "--tool-link", metavar="LINK", help="Frame of the tool; several times for several arms."),
     ] = None
     altimeter: Annotated[
         str | None, typer.Option(metavar="LINK", help="Frame of the range sensor, which looks along its -z.")
@@ -216,9 +210,7 @@ CurrentVelocity = Annotated[
     tuple[float, float, float] | None,
     typer.Option(metavar="X Y Z", help="Uniform current in W [m/s]; default: the scenario's."),
 ]
-Seabed = Annotated[
-    float | None, typer.Option(metavar="Z", help="Height of the floor in W [m]; default: the scenario's.")
-]
+Seabed = Annotated[float | None, typer.Option(metavar="Z", help="Height of the floor in W [m]; default: the scenario's.")]
 Seed = Annotated[int | None, typer.Option(help="Seed of everything random.")]
 Noise = Annotated[bool | None, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")]
 Duration = Annotated[float | None, typer.Option(metavar="S", help="Time limit of the mission [s].")]
@@ -286,7 +278,5 @@ def _word(name: str, value: Any) -> str:
 def label(words: str) -> str:
     """A name for folders, of a name, a file or code of one's own."""
     place, _, attribute = words.partition(":")
-    plain = re.sub(
-        r"[^\w.]+", "_", "-".join(filter(None, (Path(place).stem if "." in place else Path(place).name, attribute)))
-    )
+    plain = re.sub(r"[^\w.]+", "_", "-".join(filter(None, (Path(place).stem if "." in place else Path(place).name, attribute))))
     return plain.strip("_") or "run"

@@ -78,9 +78,7 @@ class MotionOptions:
         """The one goal that was given."""
         has_posture = bool(self.joint or self.to or self.to_rpy)
         if (self.tool is None) != has_posture or (self.tool is None and self.tool_rpy is not None):
-            raise InvalidInput(
-                "give one goal: --tool, with or without --tool-rpy, or any of --to, --to-rpy and --joint"
-            )
+            raise InvalidInput("give one goal: --tool, with or without --tool-rpy, or any of --to, --to-rpy and --joint")
         if self.tool is not None:
             return ToolGoal(position=self.tool, rpy=self.tool_rpy)
         joints = dict(_joint_goal(word) for word in self.joint or ())
@@ -175,9 +173,7 @@ def _print_plan(console: Console, made: PlanOutput, paths: list[Path]) -> None:
         found = f"{report['duration_s']:.1f} s long{near}; found in {report['solve_time_s']:.2f} s"
         console.print(plain_line(found))
     if unshaped := report["links_without_shape"]:
-        text = (
-            f"{', '.join(unshaped)}: no collision shape in the robot's file, so that nothing is said of what they touch"
-        )
+        text = f"{', '.join(unshaped)}: no collision shape in the robot's file, so that nothing is said of what they touch"
         console.print(plain_line(text), style="yellow")
     if report.get("peak_thrust_n") is not None:
         energy = report["energy_j"]
@@ -217,9 +213,7 @@ def mission(
     options = opt.given(robot=robot, **files.options, plant=plant, current=current, seabed=seabed, noise=noise)
     scenario = opt.build_scenario(name, options)
     solver = _options(nlp, time_limit)
-    with claim_folder(
-        out or opt.default_folder(("plan", "mission", opt.label(name)), options), _MISSION_FILES
-    ) as claim:
+    with claim_folder(out or opt.default_folder(("plan", "mission", opt.label(name)), options), _MISSION_FILES) as claim:
         with console.status(f"planning {name}"):
             found = plan_mission(scenario, duration=within, step=step, options=solver)
         with claim.staged() as staging:
@@ -316,9 +310,7 @@ def ocp(
         plugin=nlp,
     )
     changed = _changed(_OCP | _MOTION, robot=motion.robot, current=current)
-    make_and_write_plan(
-        lambda progress: _by_ocp(request, progress), out or opt.default_folder(("plan", "ocp"), changed), as_json
-    )
+    make_and_write_plan(lambda progress: _by_ocp(request, progress), out or opt.default_folder(("plan", "ocp"), changed), as_json)
 
 
 def _changed(defaults: Mapping[str, Any], **options: Any) -> dict[str, Any]:
@@ -361,7 +353,5 @@ def _by_ocp(request: OcpRequest, progress: Progress) -> PlanOutput:
 
 def _words(moment: IterationReport) -> str:
     """Ctrl-C keeps the best plan so far."""
-    found = (
-        f"iteration {moment.iteration}, residual {moment.residual:.3g}, constraints broken by {moment.violation:.1e}"
-    )
+    found = f"iteration {moment.iteration}, residual {moment.residual:.3g}, constraints broken by {moment.violation:.1e}"
     return f"level {moment.level!r}, {found} (Ctrl-C stops)"

@@ -34,9 +34,7 @@ def print_paths(console: Console, paths: Iterable[Path]) -> None:
 
 def print_line(console: Console, text: str, style: str = "") -> None:
     """A text, whatever it holds, as one line, which goes on below between two words where the console is narrower."""
-    wrapper = textwrap.TextWrapper(
-        console.width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
-    )
+    wrapper = textwrap.TextWrapper(console.width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
     lines = wrapper.wrap(plain_line(text))
     console.print("\n".join(lines), style=style, highlight=False, soft_wrap=True)
 

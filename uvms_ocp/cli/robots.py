@@ -96,9 +96,7 @@ def list_all(
 
 
 def new_robot(
-    out: Annotated[
-        Path, typer.Argument(metavar="DIR", parser=opt.folder, help="Folder for robot.urdf and hydrodynamics.yaml.")
-    ],
+    out: Annotated[Path, typer.Argument(metavar="DIR", parser=opt.folder, help="Folder for robot.urdf and hydrodynamics.yaml.")],
     source: Annotated[
         Path | None,
         typer.Option("--from", metavar="URDF|DIR", help="A URDF, or a folder with one, of whatever maker."),
@@ -134,9 +132,7 @@ def new_robot(
         altimeter=files.altimeter,
     )
     text, meshes = with_own_meshes(urdf, folders)
-    _write(
-        {out / "robot.urdf": text, out / "hydrodynamics.yaml": found.text}, {out / to: at for to, at in meshes.items()}
-    )
+    _write({out / "robot.urdf": text, out / "hydrodynamics.yaml": found.text}, {out / to: at for to, at in meshes.items()})
     wrong = (f for f in check_loaded_robot(found.robot).findings if f.verdict is RobotVerdict.ERROR)
     _say([*found.questions, *(f"{finding.subject}: {finding.text}" for finding in wrong)])
 

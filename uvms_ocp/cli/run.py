@@ -133,9 +133,7 @@ def run(
     follow: Follow = None,
     out: opt.Out = None,
     force: Annotated[bool, typer.Option("--force", help="Run even if pre-flight finds errors.")] = False,
-    live: Annotated[
-        bool, typer.Option("--live", help="Show it in the browser meanwhile, no faster than the clock.")
-    ] = False,
+    live: Annotated[bool, typer.Option("--live", help="Show it in the browser meanwhile, no faster than the clock.")] = False,
     as_json: opt.Json = False,
 ) -> None:
     """Run a scenario; write its record, report, figures and 3-D scene.
@@ -158,9 +156,7 @@ def run(
         *(("followed",) if plan else ()),
     )
     others = {key: value for key, value in options.items() if key != "plant"}
-    report = run_and_write(
-        scenario, out or opt.default_folder(parts, others), console, force=force, plan=plan, live=live
-    )
+    report = run_and_write(scenario, out or opt.default_folder(parts, others), console, force=force, plan=plan, live=live)
     if as_json:
         printing.print_json(report)
     if not report["completed"]:
@@ -281,9 +277,7 @@ def drawings_of(
 
 
 def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) -> None:
-    table = Table(
-        title=plain_line(f"{report['scenario']}, {report['robot']}, {report['plant']} plant, {report['solver']}")
-    )
+    table = Table(title=plain_line(f"{report['scenario']}, {report['robot']}, {report['plant']} plant, {report['solver']}"))
     for column in ("phase", "start [s]", "end [s]", "J", "m"):
         table.add_column(column, no_wrap=True, justify="left" if column == "phase" else "right")
     for phase in report["phases"]:

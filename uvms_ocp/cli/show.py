@@ -134,16 +134,12 @@ def _percent(change: float | None) -> str | None:
 def show_scene(
     what: Annotated[
         str,
-        typer.Argument(
-            metavar="WHAT", help="Folder of a run, a plan or a robot, a file of a motion, or a robot's name."
-        ),
+        typer.Argument(metavar="WHAT", help="Folder of a run, a plan or a robot, a file of a motion, or a robot's name."),
     ],
     ghost: Annotated[
         list[Path] | None, typer.Option(metavar="PATH", help="Another run or plan, drawn translucent; several times.")
     ] = None,
-    robot: Annotated[
-        str | None, typer.Option(help="Robot of the record, by name, folder or URDF; default: as it says.")
-    ] = None,
+    robot: Annotated[str | None, typer.Option(help="Robot of the record, by name, folder or URDF; default: as it says.")] = None,
     files: RobotFiles = AS_WRITTEN,
     fps: Annotated[float, typer.Option(metavar="HZ", help="Frames per second.")] = 25.0,
     out: Annotated[Path | None, typer.Option(metavar="HTML", help="Write this file, and serve nothing.")] = None,
@@ -220,9 +216,7 @@ def _motion(path: Path) -> Record | Plan:
             wrong.append(str(error))
     with suppress(InvalidInput):
         MissionPlan.load(file)
-        wrong[0] = (
-            f"{file}: a plan of a mission, which is shown once flown; give the folder of `run NAME --follow PLAN`"
-        )
+        wrong[0] = f"{file}: a plan of a mission, which is shown once flown; give the folder of `run NAME --follow PLAN`"
     raise InvalidInput(wrong[0])
 
 

@@ -73,9 +73,7 @@ class BufferedFunction:
         for i, argument in enumerate(arguments):
             if argument.shape != self._arguments[i].shape or not argument.flags.f_contiguous:
                 name = f"{self.function.name()}: {self.function.name_in(i)}"
-                raise InvalidInput(
-                    f"{name} of shape {argument.shape} given; allowed: {self._arguments[i].shape}, column-major"
-                )
+                raise InvalidInput(f"{name} of shape {argument.shape} given; allowed: {self._arguments[i].shape}, column-major")
             self._arguments[i] = argument
             self._buffer.set_arg(i, argument.T.data)
 
@@ -113,9 +111,7 @@ class BoundFunction:
         sizes, given = argument_sizes(function), [*arguments, *results]
         if [a.size for a in given] != sizes or not all(a.flags.f_contiguous and a.dtype == np.float64 for a in given):
             shapes = ", ".join(str(a.shape) for a in given)
-            raise InvalidInput(
-                f"{function.name()}: memory of shapes {shapes}; give column-major numbers of sizes {sizes}"
-            )
+            raise InvalidInput(f"{function.name()}: memory of shapes {shapes}; give column-major numbers of sizes {sizes}")
         buffer, self.evaluate = function.buffer()
         for i, argument in enumerate(arguments):
             buffer.set_arg(i, argument.T.data)

@@ -180,9 +180,7 @@ _log = logging.getLogger(__name__)
 
 
 @checked
-def compile_library(
-    source: str, flags: Sequence[str] = (), name: str = "C code", others: Sequence[str] = ()
-) -> Path | None:
+def compile_library(source: str, flags: Sequence[str] = (), name: str = "C code", others: Sequence[str] = ()) -> Path | None:
     """Path of the library of ``source`` (C, linked with libm), which can be loaded; None where there is none (logged once).
 
     name: what it is called where the log tells, at level INFO, that it is being compiled. others: more sources of the same

@@ -105,9 +105,7 @@ _OF_NUMBERS = {
 _TESTS = {math.isfinite: "isfinite", math.isnan: "isnan", math.isinf: "isinf"}
 PREFIX = "k_"
 """Prefix of the names of kernels in C, which has names of its own."""
-_TAKEN = frozenset(
-    {"auto", "char", "const", "default", "do", "double", "enum", "extern", "goto", "inline", "long", "register"}
-)
+_TAKEN = frozenset({"auto", "char", "const", "default", "do", "double", "enum", "extern", "goto", "inline", "long", "register"})
 _TAKEN |= {
     "restrict",
     "short",
@@ -184,9 +182,7 @@ def literal(value: Any) -> CExpression | None:
     if isinstance(value, (bool, int, IntEnum)):
         return CExpression(str(int(value)), INT)
     if isinstance(value, float):
-        text = (
-            "NAN" if math.isnan(value) else f"{'-' if value < 0 else ''}INFINITY" if math.isinf(value) else repr(value)
-        )
+        text = "NAN" if math.isnan(value) else f"{'-' if value < 0 else ''}INFINITY" if math.isinf(value) else repr(value)
         return CExpression(f"({text})" if text.startswith("-") else text, DOUBLE)
     return None
 
@@ -264,9 +260,7 @@ def _logic(node: ast.BoolOp, scope: Scope) -> CExpression:
     parts = [number(value, scope) for value in node.values]
     if any(part.type != INT for part in parts):
         raise kernel_error(node, "is only for truth values")
-    return CExpression(
-        f"({(' && ' if isinstance(node.op, ast.And) else ' || ').join(part.text for part in parts)})", INT
-    )
+    return CExpression(f"({(' && ' if isinstance(node.op, ast.And) else ' || ').join(part.text for part in parts)})", INT)
 
 
 def _comparison(node: ast.Compare, scope: Scope) -> CExpression:

@@ -230,9 +230,7 @@ def _field(name: str, hint: Any, sizes: Mapping[str, Any]) -> Any:
         return function_structure(_required(name, name.rpartition(".")[2], sizes))
     item = _item(hint)
     if item is None:
-        raise InvalidInput(
-            f"{name} is {hint}; give float, int, bool, a Layout, or a sequence of one of them with its Sized"
-        )
+        raise InvalidInput(f"{name} is {hint}; give float, int, bool, a Layout, or a sequence of one of them with its Sized")
     kind = _field(name, item, sizes)
     for size in reversed(get_args(hint)[1].sizes):
         # C knows no empty array.

@@ -210,9 +210,7 @@ def _smooth_call(call: ast.Call, target: CExpression, scope: Scope) -> list[str]
     n, sizes = function.n_in(), argument_sizes(function)
     if len(call.args) != len(sizes):
         raise kernel_error(call, f"has to give {n} vectors to read and {len(sizes) - n} to fill")
-    given = [
-        _vector(argument, size, k < n, scope) for k, (argument, size) in enumerate(zip(call.args, sizes, strict=True))
-    ]
+    given = [_vector(argument, size, k < n, scope) for k, (argument, size) in enumerate(zip(call.args, sizes, strict=True))]
     places = [f"arg[{k}]" if k < n else f"res[{k - n}]" for k in range(len(sizes))]
     filled = [f"  f->{place} = {vector};" for place, vector in zip(places, given, strict=True)]
     head = f"  {target.type.name} *f = {target.text};"
@@ -295,9 +293,7 @@ def c_program(kernels: Sequence[Callable[..., Any]], structures: Iterable[type[A
         program.translate(program.waiting.pop(0))
     heads = {k: f"{'' if k in kernels else 'static '}{_head(signature)}" for k, signature in program.signatures.items()}
     wide = WIDE.intersection(heads)
-    bodies = [
-        f"{'WIDE ' if kernel in wide else ''}{head} {{\n{program.bodies[kernel]}}}\n" for kernel, head in heads.items()
-    ]
+    bodies = [f"{'WIDE ' if kernel in wide else ''}{head} {{\n{program.bodies[kernel]}}}\n" for kernel, head in heads.items()]
     code = "\n".join([_HEAD, *([_WIDE] if wide else []), *(f"{head};" for head in heads.values()), "", *bodies])
     return CProgram(types="\n".join(program.declared), code=code)
 
@@ -331,9 +327,7 @@ class _Program:
             raise InvalidInput(f"{name} is no function written in Python; call kernels and functions of math")
         if kernel not in self.signatures:
             self._names[name] += 1
-            self.signatures[kernel] = self._read(
-                name if self._names[name] == 1 else f"{name}_{self._names[name]}", kernel
-            )
+            self.signatures[kernel] = self._read(name if self._names[name] == 1 else f"{name}_{self._names[name]}", kernel)
             self.waiting.append(kernel)
         return self.signatures[kernel]
 
@@ -381,9 +375,7 @@ class _Program:
             self._structures[name] = structure
             n_arg, n_res, n_iw, n_w = work_sizes(structure.function)
             call = "int (*call)(const double **, double **, long long int *, double *, int);"
-            memory = (
-                f"const double *arg[{n_arg}];\n  double *res[{n_res}];\n  long long int iw[{n_iw}];\n  double w[{n_w}];"
-            )
+            memory = f"const double *arg[{n_arg}];\n  double *res[{n_res}];\n  long long int iw[{n_iw}];\n  double w[{n_w}];"
             self.declared.append(f"typedef struct {{\n  {call}\n  {memory}\n}} {structure.__name__};\n")
             return
         kinds = {field: of_ctypes(kind) for field, kind in structure._fields_}  # type: ignore[misc]

@@ -82,9 +82,7 @@ class Nmpc(TableDisplay):
         if problem.free_time:
             raise InvalidInput("receding-horizon control needs fixed durations; give every phase one number")
         if np.ndim(problem.current) != 1:
-            raise InvalidInput(
-                "receding-horizon control needs one current; give three numbers [m/s], not some per step"
-            )
+            raise InvalidInput("receding-horizon control needs one current; give three numbers [m/s], not some per step")
         self._robot, self.period = problem.robot, period
         self._problem = replace(problem, hessian=HessianKind.GAUSS_NEWTON)
         self._worker = solve_workers.start_worker(
@@ -165,9 +163,7 @@ class Nmpc(TableDisplay):
     def _followed(self, state: State, t: float) -> solve_workers.TimedPlan:
         """The plan for this tick."""
         if self._now is None:
-            self._now = solve_workers.TimedPlan(
-                number=solve_workers.HOLD, trajectory=hold_guess(self._problem, state), begin=t
-            )
+            self._now = solve_workers.TimedPlan(number=solve_workers.HOLD, trajectory=hold_guess(self._problem, state), begin=t)
             self._plan_ahead(state, t, t + self._worker.lead)
         self._collect(t)
         if self._coming is not None and t >= self._takes_over - _ROUNDING:
@@ -179,9 +175,7 @@ class Nmpc(TableDisplay):
         if self._now is None or self._asked is not None or t < self._next - _ROUNDING:
             return
         self._asked, delay = t, self._worker.delay
-        self._worker.ask(
-            solve_workers.ReplanningRequest(state=state, t=t, in_use=self._now.number, begin=begin, delay=delay)
-        )
+        self._worker.ask(solve_workers.ReplanningRequest(state=state, t=t, in_use=self._now.number, begin=begin, delay=delay))
         self._collect(t)
 
     def _collect(self, t: float) -> None:

@@ -236,9 +236,7 @@ def require_learnable(robot: Robot, *, observed: bool) -> None:
 
 # What a load at the tool, and a current, add to the generalized force that an observer takes for a disturbance.
 
-_LEAST_FLOW = (
-    0.1  # [m/s] of drag's slope: that of quadratic drag vanishes in still water, where no step would be the right one
-)
+_LEAST_FLOW = 0.1  # [m/s] of drag's slope: that of quadratic drag vanishes in still water, where no step would be the right one
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

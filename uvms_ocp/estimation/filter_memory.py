@@ -300,9 +300,7 @@ ALTITUDE_DRIFT = 0.005
 RESPONSE_TIME = 0.1
 """[s] with which velocities are taken to follow commands."""
 _ECHO_MEMORY = 1.0  # [s] for which the altitude is known without an echo
-_RESPONSE_UNCERTAINTY = (
-    0.5  # standard deviation of a velocity after a step of the commanded one, as a share of that step
-)
+_RESPONSE_UNCERTAINTY = 0.5  # standard deviation of a velocity after a step of the commanded one, as a share of that step
 _RECOVERY = 1.0  # [s] for which readings that contradict the estimate must agree with each other to be believed
 _SMALLEST_SIGMA = 1e-5  # stands in for the noise of an exact sensor, and keeps covariances regular
 _LIMITS = (3.0, 1e2, 30.0, 10.0, 3.0, 3.0, 1.0, 10.0, 10.0)  # of each `Part` but the floor

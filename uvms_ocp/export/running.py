@@ -56,9 +56,7 @@ def _library(folder: Path) -> ctypes.CDLL:
     try:
         header, *files = ((folder / name).read_text(encoding="utf-8") for name in _FILES)
     except OSError as error:
-        raise InvalidInput(
-            f"{folder} has no controller: {error.strerror}; `uvms-ocp export controller` writes one"
-        ) from None
+        raise InvalidInput(f"{folder} has no controller: {error.strerror}; `uvms-ocp export controller` writes one") from None
     source, *others = (text.replace(_INCLUDE, header) for text in files)
     path = compile_library(source, name="the exported controller", others=others)
     if path is None:

@@ -103,9 +103,7 @@ _SOON = 0.005  # [s] of a delay that is not
 _BEYOND = 1e-3  # of a limit
 
 
-def check_settings(
-    subject: CalibratedRobot, settings: CalibrationSettings, recording: Recording
-) -> Iterator[QualityIssue]:
+def check_settings(subject: CalibratedRobot, settings: CalibrationSettings, recording: Recording) -> Iterator[QualityIssue]:
     """One after the other."""
     known, channels = subject.vehicle.own.declaration.quantities, recording.channels
     if "current" in channels:
@@ -317,9 +315,7 @@ def with_thrust(robot: Robot, recording: Recording) -> Recording:
     signals = recording.channel("propeller_commands").of(robot.thruster_names, "propeller_commands")
     n = len(robot.thruster_names)
     if signals.values.shape[1] != n:
-        raise InvalidInput(
-            f"{recording.name}: propeller_commands of {signals.values.shape[1]} thrusters given; allowed: {n}"
-        )
+        raise InvalidInput(f"{recording.name}: propeller_commands of {signals.values.shape[1]} thrusters given; allowed: {n}")
     thrust = np.array([thrust_of_signals(robot, row) for row in signals.values])
     return replace(recording, channels={**recording.channels, "thrust": replace(signals, values=thrust)})
 
@@ -332,9 +328,7 @@ def _require(recordings: Sequence[Recording], leave_one_out: bool) -> None:
         raise InvalidInput(f"recordings {names} given; leave-one-out needs at least 2")
 
 
-def _fitted(
-    subject: CalibratedRobot, settings: CalibrationSettings, prepared: tuple[PreparedRecording, ...]
-) -> FitContext:
+def _fitted(subject: CalibratedRobot, settings: CalibrationSettings, prepared: tuple[PreparedRecording, ...]) -> FitContext:
     vehicle, noise = subject.vehicle, Noise(**settings.noise.model_dump())
     rollout = Rollout(stage_of(vehicle))
     search = Search(step=settings.step, stretch=settings.stretch)

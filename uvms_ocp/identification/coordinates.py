@@ -253,9 +253,7 @@ class QuadraticDrag:
         return d
 
     def _unit(self, i: int, j: int) -> float:
-        return float(
-            np.sqrt(self.scale[i] * self.speed[i] ** 2 * self.scale[j] * self.speed[j] ** 2) / self.speed[j] ** 2
-        )
+        return float(np.sqrt(self.scale[i] * self.speed[i] ** 2 * self.scale[j] * self.speed[j] ** 2) / self.speed[j] ** 2)
 
 
 def _size(x: ca.SX | float) -> ca.SX | float:
@@ -277,9 +275,7 @@ def second_moment(inertia: np.ndarray) -> np.ndarray:
     """
     S = np.trace(inertia) / 2 * np.eye(3) - inertia
     if not np.linalg.eigvalsh(S).min() > 0.0:
-        raise InvalidInput(
-            "inertia of no body given; allowed: each principal moment less than the sum of the other two"
-        )
+        raise InvalidInput("inertia of no body given; allowed: each principal moment less than the sum of the other two")
     return S
 
 

@@ -99,10 +99,7 @@ def _rate_issues(recording: Recording, name: str, reference: _Reference) -> Iter
 def _rate_axes(reference: _Reference, seen: np.ndarray, name: str) -> Iterator[tuple[str, str]]:
     """Other axes that explain more of the motion than the axes as they are."""
     own, partner = explained(seen, reference.body), _PARTNER[name]
-    ways = {
-        (name, f"its axes fit the rate of the {partner} as {named(Q)}"): explained(seen @ Q.T, reference.body)
-        for Q in WAYS
-    }
+    ways = {(name, f"its axes fit the rate of the {partner} as {named(Q)}"): explained(seen @ Q.T, reference.body) for Q in WAYS}
     ways |= _in_world(reference, seen, name)
     best = max(ways, key=lambda way: ways[way])
     if ways[best] > max(own + EXPLAINED, _HALF):
@@ -303,9 +300,7 @@ def _shares(motion: ExplainedMotion, seen: np.ndarray, signed: bool) -> np.ndarr
     size = np.maximum(np.linalg.norm(seen, axis=0), 1e-300)
     base, values, _ = np.linalg.svd(seen / size, full_matrices=False)
     base = base[:, values > 1e-6 * max(values[0], 1e-300)]
-    return np.asarray(
-        ((base.T @ motion.acceleration) ** 2).sum(axis=0) / np.maximum((motion.acceleration**2).sum(axis=0), 1e-9)
-    )
+    return np.asarray(((base.T @ motion.acceleration) ** 2).sum(axis=0) / np.maximum((motion.acceleration**2).sum(axis=0), 1e-9))
 
 
 def _correlations(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -326,7 +321,5 @@ def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
     sound = {name: one for name, one in recording.channels.items() if CHANNEL_KINDS[name].command or has_times(one)}
     others = replace(recording, channels=sound)
     found = [*recording.issues_in_file, *of_samples(recording)]
-    found += [
-        each for kind in (of_poses, of_rates, of_joints, of_gravity, of_stuck, of_commands) for each in kind(others)
-    ]
+    found += [each for kind in (of_poses, of_rates, of_joints, of_gravity, of_stuck, of_commands) for each in kind(others)]
     return tuple(QualityIssue(channel=name, problem=text) for name, text in found)

@@ -49,9 +49,7 @@ class ExperimentLimits:
         object.__setattr__(self, "pool", read_only(self.pool, np.float64))
         object.__setattr__(self, "hull", read_only(self.hull, np.float64))
         if self.thrust.ndim != 2 or self.thrust.shape[1] != 2 or self.pool.shape != (2, 3):
-            raise InvalidInput(
-                f"thrust {self.thrust.shape}, pool {self.pool.shape} given; allowed: (n_u, 2) and (2, 3)"
-            )
+            raise InvalidInput(f"thrust {self.thrust.shape}, pool {self.pool.shape} given; allowed: (n_u, 2) and (2, 3)")
         if not (_are_sizes(self.thrust * [-1, 1]) and _are_sizes(self.pool * [[-1], [1]])):
             raise InvalidInput("thrust or pool without 0 inside given; allowed: lowest below 0, highest above, finite")
         if not (self.slew > 0.0 and 0.0 < self.tilt < np.pi / 2 and 0.0 <= self.margin < 1.0):

@@ -10,9 +10,7 @@ from typing import Literal
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.untrusted import require_regular_file
 
-Kind = Literal[
-    "text", "workbook", "parquet", "npz", "mat", "hdf5", "mcap", "bag", "sqlite", "json", "dataflash", "tlog"
-]
+Kind = Literal["text", "workbook", "parquet", "npz", "mat", "hdf5", "mcap", "bag", "sqlite", "json", "dataflash", "tlog"]
 MESSAGES: tuple[Kind, ...] = ("mcap", "bag", "sqlite", "json", "dataflash", "tlog")
 """Kinds that hold messages of topics; all others are tables."""
 BAG_METADATA = "metadata.yaml"

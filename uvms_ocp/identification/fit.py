@@ -54,9 +54,7 @@ class Predicted:
         return Predicted(t=t, rows=rows, measured=measured)
 
 
-def rolled_out(
-    rollout: Rollout, stretch: Segment, start: SegmentStart, shared: np.ndarray, own: np.ndarray
-) -> Predicted:
+def rolled_out(rollout: Rollout, stretch: Segment, start: SegmentStart, shared: np.ndarray, own: np.ndarray) -> Predicted:
     """A stretch from where it begins, with unknowns shared (n,) and own (m,) [as `Unknowns.start`]."""
     (found,) = rollout.predict([stretch], [start], np.concatenate([shared, own])[None], slopes=False)
     return Predicted(t=stretch.t, rows=found.rows, measured=stretch.measured)

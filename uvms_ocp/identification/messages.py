@@ -115,9 +115,7 @@ def _decoder(channel: Any, schema: Any, definitions: Path | None) -> Callable[[b
     found: Callable[[bytes], Any] | None = DecoderFactory().decoder_for(channel.message_encoding, schema)
     if found is None:
         said = channel.message_encoding[:40]
-        raise InvalidInput(
-            f"{channel.topic[:80]} is encoded as {said!r}; json, protobuf and cdr with a schema are read"
-        )
+        raise InvalidInput(f"{channel.topic[:80]} is encoded as {said!r}; json, protobuf and cdr with a schema are read")
     return found
 
 
@@ -142,9 +140,7 @@ def ros_decoder(name: str, encoding: str, text: str, definitions: Path | None = 
     elif definitions is not None:
         store.register(_of_folder(typesys, definitions))
     if name not in store.fielddefs:
-        raise InvalidInput(
-            f"no definition of {name[:80]} in it; give a folder with its .msg file as `messages: FOLDER`"
-        )
+        raise InvalidInput(f"no definition of {name[:80]} in it; give a folder with its .msg file as `messages: FOLDER`")
     return lambda data: store.deserialize_cdr(data, name)
 
 
@@ -228,9 +224,7 @@ def _definitions(base: sqlite3.Connection) -> dict[str, tuple[str, str]]:
     if not base.execute("SELECT count(*) FROM sqlite_master WHERE name = 'message_definitions'").fetchone()[0]:
         return {}
     columns = "topic_type, encoding, encoded_message_definition"
-    return {
-        kind: (encoding, text) for kind, encoding, text in base.execute(f"SELECT {columns} FROM message_definitions")
-    }
+    return {kind: (encoding, text) for kind, encoding, text in base.execute(f"SELECT {columns} FROM message_definitions")}
 
 
 def _sqlite_topics(path: Path) -> Collection[str]:
@@ -313,9 +307,7 @@ _STAMPS = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "
 def steps_of(path: str) -> tuple[str, ...]:
     """Split a path into its steps. Raises InvalidInput for a malformed one."""
     if not _PATH.match(path):
-        raise InvalidInput(
-            f"field {path!r} given; allowed: names with dots between them, such as pose.position.x or a[3]"
-        )
+        raise InvalidInput(f"field {path!r} given; allowed: names with dots between them, such as pose.position.x or a[3]")
     return tuple(element or name for element, name in _STEP.findall(path))
 
 
@@ -409,9 +401,7 @@ class TopicColumns:
     """[s] of a time that is a plain number."""
 
 
-def message_rows(
-    path: Path, wanted: Mapping[str, TopicColumns], definitions: Path | None = None
-) -> dict[str, np.ndarray]:
+def message_rows(path: Path, wanted: Mapping[str, TopicColumns], definitions: Path | None = None) -> dict[str, np.ndarray]:
     """Times [s] and values [as they are] (n, 1 + k) of all that is wanted, by the same names.
 
     definitions: folder with ``.msg`` files that a bag of ROS 2 lacks. A message without such a field gives no row.
@@ -452,9 +442,7 @@ class _Rows:
             return
         self.width = self.width or len(row)
         if len(row) != self.width:
-            raise InvalidInput(
-                f"{self.wanted.topic}: {self.width - 1} numbers at first, then {len(row) - 1}; give elements"
-            )
+            raise InvalidInput(f"{self.wanted.topic}: {self.width - 1} numbers at first, then {len(row) - 1}; give elements")
         if len(self.numbers) >= self.width * MOST_ROWS:
             raise InvalidInput(f"{self.wanted.topic}: more than {MOST_ROWS} messages; give recordings one by one")
         self.numbers.extend(row)

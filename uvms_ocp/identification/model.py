@@ -110,9 +110,7 @@ def stage_of(vehicle: Vehicle) -> Stage:
     return Stage(
         step=ca.Function("step", given, [after], options),
         slope=ca.Function("slope", given, [ca.densify(ca.jacobian(after, one)) for one in (x, p, u)], options),
-        outputs=ca.Function(
-            "seen", [x, p], [ca.densify(outputs), *(ca.densify(ca.jacobian(outputs, one)) for one in (x, p))]
-        ),
+        outputs=ca.Function("seen", [x, p], [ca.densify(outputs), *(ca.densify(ca.jacobian(outputs, one)) for one in (x, p))]),
         begun=ca.Function("begun", [past, p], [begun, *(ca.densify(ca.jacobian(begun, one)) for one in (p, past))]),
         delays=ca.Function("delays", [p], [late, ca.densify(ca.jacobian(late, p))]),
         n_x=x.numel(),
@@ -158,9 +156,7 @@ def _whole_beyond(u: ca.SX, dead: ca.SX) -> ca.SX:
     return u * (1 + ca.tanh((u - dead) / (2 * _EDGE * dead))) / 2
 
 
-def _acceleration(
-    vehicle: Vehicle, values: dict[str, ca.SX], q: ca.SX, nu: ca.SX, given: ca.SX, joints: ca.SX
-) -> ca.SX:
+def _acceleration(vehicle: Vehicle, values: dict[str, ca.SX], q: ca.SX, nu: ca.SX, given: ca.SX, joints: ca.SX) -> ca.SX:
     dynamics = vehicle_dynamics(vehicle.dynamics, values, vehicle.link)
     n_j, n_links = joints.numel() // 3, len(dynamics.links)
     all_q, all_v = ca.vertcat(q, joints[:n_j]), ca.vertcat(nu, joints[n_j : 2 * n_j])

@@ -266,18 +266,14 @@ class OutputErrorProblem:
                 stiff, force = self._pull.normal(point.shared)
                 damped, g = damped + stiff, g + force
             change = -np.linalg.solve(damped, g)
-        shared = np.clip(
-            point.shared + np.clip(change, -1.0, 1.0), self._vehicle.shared.lower, self._vehicle.shared.upper
-        )
+        shared = np.clip(point.shared + np.clip(change, -1.0, 1.0), self._vehicle.shared.lower, self._vehicle.shared.upper)
         change = shared - point.shared
         own, starts = [], []
         for k, (block, inverse) in enumerate(zip(blocks, eliminated, strict=True)):
             local = -inverse(block.g_local + block.cross.T @ change)
             own.append(point.own[k] + local[: self._m])
             turns = local[self._m :].reshape(-1, N_START)
-            starts.append(
-                tuple(one.moved(np.clip(c, -0.5, 0.5)) for one, c in zip(point.starts[k], turns, strict=True))
-            )
+            starts.append(tuple(one.moved(np.clip(c, -0.5, 0.5)) for one, c in zip(point.starts[k], turns, strict=True)))
         return SearchPoint(shared=shared, own=tuple(own), starts=tuple(starts))
 
     def _reduced(

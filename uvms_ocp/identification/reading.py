@@ -107,15 +107,9 @@ class ChannelMapping(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    file: str = Field(
-        default="", description="in the folder of the recording, {name} for its name; empty: the file itself"
-    )
-    topic: str = Field(
-        default="", description="of the messages, in MCAP files, bags, logs of MAVLink; `type` of JSON lines"
-    )
-    time: str = Field(
-        default="", description="column or field of the times; of messages, empty for when they were logged"
-    )
+    file: str = Field(default="", description="in the folder of the recording, {name} for its name; empty: the file itself")
+    topic: str = Field(default="", description="of the messages, in MCAP files, bags, logs of MAVLink; `type` of JSON lines")
+    time: str = Field(default="", description="column or field of the times; of messages, empty for when they were logged")
     time_unit: Literal["s", "ms", "us", "ns"] | None = Field(
         default=None,
         description="of times that are plain numbers, default: as a header says, or s; stamps and ISO 8601 need none",
@@ -132,9 +126,7 @@ class ChannelMapping(BaseModel):
     format: Literal["rpy", "quaternion xyzw", "quaternion wxyz"] | None = Field(
         default=None, description="of an attitude; default: quaternion xyzw"
     )
-    unit: str | None = Field(
-        default=None, description="of the values; default: as a header says, or that of the channel"
-    )
+    unit: str | None = Field(default=None, description="of the values; default: as a header says, or that of the channel")
     offset: _Numbers = Field(default=0.0, description="added to the values, of all columns or of each [as they are]")
     scale: _Numbers = Field(default=1.0, description="factor of the values then, of all columns or of each [-]")
     frame: Literal["W", "B"] | None = Field(
@@ -191,9 +183,7 @@ def _require_meaning(key: str, one: ChannelMapping) -> None:
     if one.unit is not None:
         allowed = [unit for base in _bases(key, one) for unit in UNITS[base]]
         if one.unit not in allowed:
-            raise InvalidInput(
-                f"{key}: unit {one.unit!r} given; allowed: {', '.join(allowed) or 'none, it has no unit'}"
-            )
+            raise InvalidInput(f"{key}: unit {one.unit!r} given; allowed: {', '.join(allowed) or 'none, it has no unit'}")
     for name in ("offset", "scale"):
         given = getattr(one, name)
         if isinstance(given, tuple) and len(given) != len(one.columns):
@@ -224,8 +214,7 @@ def mapped_recording(source: Path, mapping: RecordingMapping, name: str = "") ->
     rows = _mapped_rows(source, mapping, name)
     read = {key: _samples(key, one, rows[key]) for key, one in mapping.channels.items()}
     found = {
-        key: replace(one, values=_in_body(key, read)) if mapping.channels[key].frame == "W" else one
-        for key, one in read.items()
+        key: replace(one, values=_in_body(key, read)) if mapping.channels[key].frame == "W" else one for key, one in read.items()
     }
     start = min(channel.t[0] for channel in found.values())
     return Recording(
@@ -287,9 +276,7 @@ def _chosen(key: str, one: ChannelMapping, table: TableColumns) -> TableColumns:
     if not len(values) and len(table.values):
         raise InvalidInput(f"{key}: no row has {one.rows}; leave rows out, or give values that there are")
     for missing in one.missing:
-        values = np.hstack(
-            [values[:, :1], np.where(np.isclose(values[:, 1:], missing, rtol=1e-12), np.nan, values[:, 1:])]
-        )
+        values = np.hstack([values[:, :1], np.where(np.isclose(values[:, 1:], missing, rtol=1e-12), np.nan, values[:, 1:])])
     factors, remarks = _factors(key, one, table.units[1 : values.shape[1]])
     numbers = values[:, 1:] * factors
     if len(one.fields) < len(one.columns) or any(str(name).startswith("-") for name in one.columns):
@@ -308,9 +295,7 @@ def _signed(one: ChannelMapping, measured: np.ndarray) -> np.ndarray:
     columns = iter(measured.T)
     return np.column_stack(
         [
-            np.full(len(measured), name)
-            if not isinstance(name, str)
-            else next(columns) * (-1 if name[:1] == "-" else 1)
+            np.full(len(measured), name) if not isinstance(name, str) else next(columns) * (-1 if name[:1] == "-" else 1)
             for name in one.columns
         ]
     )
@@ -327,9 +312,7 @@ def _factors(key: str, one: ChannelMapping, said: Sequence[str]) -> tuple[np.nda
     turned = sorted({unit for unit in units if known.get(unit, 1.0) != 1.0})
     remarks = [f"in {', '.join(turned)}, as the file says"] if turned else []
     if other and bases:
-        remarks.append(
-            f"in {', '.join(other)} as the file says, and taken for {' or '.join(bases)}: give its unit, or a scale"
-        )
+        remarks.append(f"in {', '.join(other)} as the file says, and taken for {' or '.join(bases)}: give its unit, or a scale")
     return np.array([known.get(unit, 1.0) for unit in units]), remarks
 
 
@@ -427,9 +410,7 @@ def _rotations(one: ChannelMapping, values: np.ndarray) -> list[np.ndarray]:
     if one.format == "rpy":
         if values.shape[1] != 3 or np.abs(values[:, :2]).max() > _LARGEST_ANGLE:
             largest = np.abs(values).max()
-            raise InvalidInput(
-                f"attitude: {values.shape[1]} angles up to {largest:.4g} rad given; in deg? give its unit"
-            )
+            raise InvalidInput(f"attitude: {values.shape[1]} angles up to {largest:.4g} rad given; in deg? give its unit")
         return [rpy_to_matrix(rpy) for rpy in values]
     if values.shape[1] != 4:
         raise InvalidInput(f"attitude: {values.shape[1]} columns given; allowed: 4, or format: rpy")

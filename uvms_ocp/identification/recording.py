@@ -73,9 +73,7 @@ class Channel:
         object.__setattr__(self, "t", read_only(self.t, np.float64))
         object.__setattr__(self, "values", read_only(self.values, np.float64))
         if self.t.ndim != 1 or self.values.ndim != 2 or len(self.t) != len(self.values) or len(self.t) < 2:
-            raise InvalidInput(
-                f"{self.t.shape} times, {self.values.shape} values given; allowed: (n,) and (n, k), n > 1"
-            )
+            raise InvalidInput(f"{self.t.shape} times, {self.values.shape} values given; allowed: (n,) and (n, k), n > 1")
         if not (np.isfinite(self.t).all() and np.isfinite(self.values).all() and np.isfinite(self.delay)):
             raise InvalidInput("NaN or infinity given; leave out samples that are not known")
         if not (np.diff(self.t) > 0.0).all():
@@ -218,9 +216,7 @@ def angular_rate(attitude: Channel, window: float) -> tuple[np.ndarray, np.ndarr
     x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
     a, b, c, d = rates.T
     # Twice the vector part of the conjugate times the rate.
-    omega = 2 * np.column_stack(
-        [w * a - x * d - y * c + z * b, w * b - y * d - z * a + x * c, w * c - z * d - x * b + y * a]
-    )
+    omega = 2 * np.column_stack([w * a - x * d - y * c + z * b, w * b - y * d - z * a + x * c, w * c - z * d - x * b + y * a])
     return t, omega
 
 
@@ -258,9 +254,7 @@ def _parts(one: Recording) -> tuple[Recording, ...]:
     longest = float(np.diff(silences).max())
     if not found:
         given = f"{one.name}: nothing is recorded for up to {longest:.3g} s, again and again"
-        raise InvalidInput(
-            f"{given}; allowed: {SHORTEST:g} s at least without {LONGEST_GAP:g} s of silence: look at its times"
-        )
+        raise InvalidInput(f"{given}; allowed: {SHORTEST:g} s at least without {LONGEST_GAP:g} s of silence: look at its times")
     silence = f"nothing is recorded for {longest:.3g} s at {silences[int(np.argmax(np.diff(silences))), 0]:.3g} s"
     issues = (*one.issues_in_file, ("times", f"{silence}: lost, or a clock that was set? It is cut where it is silent"))
     return tuple(

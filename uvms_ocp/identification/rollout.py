@@ -98,9 +98,7 @@ class PreparedRecording:
         n = max(1, round(total * step / duration)) if duration else 1
         if total < n:
             given = f"{self.recording.name}: {end - begin:.4g} s in stretches of {duration or np.inf:g} s"
-            raise InvalidInput(
-                f"{given}; a step takes {step:g} s: record more, or give longer stretches or shorter steps"
-            )
+            raise InvalidInput(f"{given}; a step takes {step:g} s: record more, or give longer stretches or shorter steps")
         size, whole = total // n, self._whole(begin + step * np.arange(total + 1))
         return tuple(self._stretch(whole, k * size, (k + 1) * size) for k in range(n))
 

@@ -31,9 +31,7 @@ class QualityIssue:
 EXPLAINED = 0.15
 """Of the motion, by which other axes must explain more."""
 WAYS = tuple(
-    np.diag(signs) @ np.eye(3)[list(order)]
-    for order in permutations(range(3))
-    for signs in product((1.0, -1.0), repeat=3)
+    np.diag(signs) @ np.eye(3)[list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)
 )
 """(3, 3) each: all ways to swap and turn axes."""
 _LATEST = 1.5  # [s] offsets of clocks that are looked for
@@ -90,9 +88,7 @@ def _of_unit(factor: float, one: float, unit: str) -> Iterator[str]:
 
 def describe_delay(late: float) -> str:
     """An offset late [s] in words; empty where it is none."""
-    return (
-        f"{abs(late):.2f} s {'late' if late > 0 else 'early'} against the rate of the {{}}" if abs(late) > _LATE else ""
-    )
+    return f"{abs(late):.2f} s {'late' if late > 0 else 'early'} against the rate of the {{}}" if abs(late) > _LATE else ""
 
 
 def offset(t: np.ndarray, wanted: np.ndarray, t_seen: np.ndarray, seen: np.ndarray) -> tuple[float, bool]:

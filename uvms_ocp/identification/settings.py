@@ -94,12 +94,8 @@ class CalibrationSettings(_SettingsSection):
 
     robot: str = Field(description="name, see `uvms-ocp list`, or a URDF or its folder beside this file")
     hydrodynamics: str | None = Field(default=None, description="YAML beside this file; default: the robot's own")
-    arm: Literal["as it is", "taken off"] = Field(
-        default="as it is", description="taken off: of a vehicle driven without it"
-    )
-    hull: tuple[_Corner, _Corner] = Field(
-        description="box that holds the hull, lowest and highest corner [m], in its link"
-    )
+    arm: Literal["as it is", "taken off"] = Field(default="as it is", description="taken off: of a vehicle driven without it")
+    hull: tuple[_Corner, _Corner] = Field(description="box that holds the hull, lowest and highest corner [m], in its link")
     commands: Literal["thrust", "wrench", "propeller_commands"] = Field(
         default="thrust", description="channel of what was commanded; propeller_commands by the robot's thrust curves"
     )
@@ -169,9 +165,7 @@ def calibrated_robot(settings: CalibrationSettings, folder: Path) -> CalibratedR
     return CalibratedRobot(robot=robot, vehicle=vehicle, start=start, file=file)
 
 
-def _unknowns(
-    settings: CalibrationSettings, start: NominalParameters, actuators: ActuatorModel
-) -> tuple[Unknowns, Unknowns]:
+def _unknowns(settings: CalibrationSettings, start: NominalParameters, actuators: ActuatorModel) -> tuple[Unknowns, Unknowns]:
     """Make the unknowns of all recordings, and those of each."""
     learnt = {name: one.status() for name, one in settings.learn.items()}
     known = vehicle_declaration(start, np.array(settings.hull), actuators).with_status(**learnt)
@@ -187,18 +181,14 @@ def _own_link(robot: Robot, dynamics: SymbolicDynamics) -> int:
     own = [link for link in range(len(dynamics.links)) if dynamics.joint_of(link) == _VEHICLE]
     if not own:
         wet = ", ".join(link.frame for link in dynamics.links)
-        raise InvalidInput(
-            f"robot {robot.name!r} has hydrodynamics of {wet} alone; give it some of the vehicle's own link"
-        )
+        raise InvalidInput(f"robot {robot.name!r} has hydrodynamics of {wet} alone; give it some of the vehicle's own link")
     return max(own, key=lambda link: dynamics.links[link].volume)
 
 
 def _files(settings: CalibrationSettings, folder: Path) -> tuple[Path, Path | None]:
     """URDF and hydrodynamics."""
     named = folder / settings.robot
-    urdf = (
-        named if named.suffix == ".urdf" else (named if named.is_dir() else robot_folder(settings.robot)) / "robot.urdf"
-    )
+    urdf = named if named.suffix == ".urdf" else (named if named.is_dir() else robot_folder(settings.robot)) / "robot.urdf"
     file = urdf.parent / "hydrodynamics.yaml" if settings.hydrodynamics is None else folder / settings.hydrodynamics
     return urdf, file if settings.hydrodynamics is not None or file.is_file() else None
 

@@ -200,9 +200,7 @@ def write_columns(path: Path, columns: Mapping[str, np.ndarray]) -> None:
     with gzip.open(path, "wt", newline="") if path.suffix == ".gz" else path.open("w", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(columns)
-        rows.writerows(
-            ["" if np.isnan(x) else repr(float(x)) for x in row] for row in zip(*columns.values(), strict=True)
-        )
+        rows.writerows(["" if np.isnan(x) else repr(float(x)) for x in row] for row in zip(*columns.values(), strict=True))
 
 
 def _to_parquet(path: Path, columns: Mapping[str, np.ndarray]) -> None:
@@ -226,9 +224,7 @@ def write_recording(recording: Recording, path: Path) -> None:
     columns = {_TIME: times}
     for name, channel in recording.channels.items():
         at = np.searchsorted(times, channel.t)
-        for label, values in zip(
-            _labels(name, channel), (*channel.values.T, np.full(len(at), channel.delay)), strict=True
-        ):
+        for label, values in zip(_labels(name, channel), (*channel.values.T, np.full(len(at), channel.delay)), strict=True):
             columns[label] = np.full(len(times), np.nan)
             columns[label][at] = values
     write_columns(path, columns)
@@ -256,9 +252,7 @@ def stored_recording(path: Path) -> Recording:
         raise InvalidInput(f"{path}: no recording of ours; give a mapping of its columns")
     return Recording(
         name=path.name.partition(".")[0],
-        channels={
-            name: _channel(f"{path}: {name}", read_columns(path, [_TIME, *columns])) for name, columns in found.items()
-        },
+        channels={name: _channel(f"{path}: {name}", read_columns(path, [_TIME, *columns])) for name, columns in found.items()},
     )
 
 

@@ -166,9 +166,7 @@ def place_of(path: Path, names: Sequence[str], wanted: str) -> int:
             return found[0]
         if found:
             places = ", ".join(f"#{k + 1}" for k in found)
-            raise InvalidInput(
-                f"{path.name}: {len(found)} columns are called {wanted!r}; give one by its place: {places}"
-            )
+            raise InvalidInput(f"{path.name}: {len(found)} columns are called {wanted!r}; give one by its place: {places}")
     if re.fullmatch(r"#\d+", wanted) and 0 < int(wanted[1:]) <= len(names):
         return int(wanted[1:]) - 1
     raise NameNotFound(f"column of {path.name}", wanted, [name.strip() for name in names])
@@ -223,9 +221,7 @@ def _delimiter(lines: Sequence[str]) -> str:
 def _split(line: str, delimiter: str) -> list[str]:
     if delimiter == "blank":
         return line.split()
-    return [
-        cell.strip() for cell in next(csv.reader([line], delimiter=_DELIMITERS[delimiter], skipinitialspace=True), [])
-    ]
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=_DELIMITERS[delimiter], skipinitialspace=True), [])]
 
 
 def _decimal(rows: Sequence[Sequence[str]], delimiter: str) -> str:
@@ -240,9 +236,7 @@ def _first_row(table: Sequence[tuple[int, Sequence[str]]], decimal: str) -> int:
     """Line of the first row of numbers: as the later rows have them, column by column."""
     later = [row for _, row in table[len(table) // 2 :]]
     numeric = [
-        k
-        for k in range(len(later[0]) if later else 0)
-        if 2 * sum(_is_number(row[k], decimal) for row in later) >= len(later)
+        k for k in range(len(later[0]) if later else 0) if 2 * sum(_is_number(row[k], decimal) for row in later) >= len(later)
     ]
     for line, row in table:
         cells = [row[k] for k in numeric]
@@ -313,9 +307,7 @@ def _unusual(cell: str, name: str, number: int) -> float:
         return float(cell.replace(",", ""))
     found = _TIME.fullmatch(cell)
     if not found:
-        raise InvalidInput(
-            f"row {number}, column {name!r}: {cell[:40]!r} is no number; numbers, times and empty cells are read"
-        )
+        raise InvalidInput(f"row {number}, column {name!r}: {cell[:40]!r} is no number; numbers, times and empty cells are read")
     day, hours, minutes, seconds, fraction, zone = found.groups()
     time = 3600.0 * int(hours) + 60.0 * int(minutes) + int(seconds) + float(fraction or 0.0)
     if day:

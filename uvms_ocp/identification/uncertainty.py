@@ -52,16 +52,12 @@ class UnidentifiableDirection:
     """Unknowns and what they change by along it, the largest first."""
 
 
-def parameter_uncertainties(
-    vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0
-) -> tuple[ParameterUncertainty, ...]:
+def parameter_uncertainties(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> tuple[ParameterUncertainty, ...]:
     """Compute standard errors of every shared unknown. inflation: samples that miss alike, as `variance_inflation` finds."""
     sigma = np.sqrt(np.diag(covariance(vehicle, estimate, inflation)))
     learnt = (sigma < DETERMINED) & (sigma < NARROWED * vehicle.shared.sigma)
     rows = zip(vehicle.shared.names, estimate.shared, sigma, learnt, strict=True)
-    return tuple(
-        ParameterUncertainty(name=n, value=float(v), sigma=float(s), determined=bool(d)) for n, v, s, d in rows
-    )
+    return tuple(ParameterUncertainty(name=n, value=float(v), sigma=float(s), determined=bool(d)) for n, v, s, d in rows)
 
 
 def covariance(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> np.ndarray:

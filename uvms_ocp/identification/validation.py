@@ -123,9 +123,7 @@ def _profile(best: _Best, one: IdentifiedNumber) -> Profile:
     return Profile(number=one, values=values, roots=roots, interval=(float(interval[0]), float(interval[1])))
 
 
-def _side(
-    best: _Best, middle: _HeldFit, number: Callable[[np.ndarray], tuple[float, np.ndarray]], step: float
-) -> list[_HeldFit]:
+def _side(best: _Best, middle: _HeldFit, number: Callable[[np.ndarray], tuple[float, np.ndarray]], step: float) -> list[_HeldFit]:
     """One and two standard errors away, and on until the interval closes."""
     found, last = [], middle
     for k in range(1, _FARTHEST + 1):
@@ -317,9 +315,7 @@ def without(fitted: FitContext, held: PreparedRecording) -> Estimate:
     return problem.solve(problem.start(fitted.estimate.shared), iterations=fitted.search.iterations)
 
 
-def _lengths(
-    one: PreparedRecording, step: float, known: float, asked: Sequence[float]
-) -> Iterator[tuple[float, float]]:
+def _lengths(one: PreparedRecording, step: float, known: float, asked: Sequence[float]) -> Iterator[tuple[float, float]]:
     """Horizons, and how long they are: the first that a recording is too short for is cut, longer ones are left out."""
     begin, end = one.recording.span
     longest = step * (int((end - begin) / step) - round(known / step))

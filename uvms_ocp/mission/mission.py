@@ -268,9 +268,7 @@ class Mission(TableDisplay):
         ]
 
     def _table(self) -> SmallTable:
-        rows = tuple(
-            tuple(f"{cell:g}" if isinstance(cell, float) else cell for cell in row.values()) for row in self.table()
-        )
+        rows = tuple(tuple(f"{cell:g}" if isinstance(cell, float) else cell for cell in row.values()) for row in self.table())
         return SmallTable(title="Mission, tasks by phases", head=("task", "type", *self.phase_names), rows=rows)
 
     def __str__(self) -> str:

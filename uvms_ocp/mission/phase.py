@@ -278,9 +278,7 @@ class Abort:
     def __post_init__(self) -> None:
         others = sorted({transition.to for transition in self.phase.transitions} - {ABORT})
         if others:
-            raise InvalidInput(
-                f"phase {self.phase.name!r} aborts a mission but leads to {others}; lead to {ABORT!r} alone"
-            )
+            raise InvalidInput(f"phase {self.phase.name!r} aborts a mission but leads to {others}; lead to {ABORT!r} alone")
         if not self.phase.activations.get(self.ascent_task, 0.0) > 0:
             raise InvalidInput(
                 f"abort: ascent_task = {self.ascent_task!r}, off in phase {self.phase.name!r}; name a task that is on in it"

@@ -253,11 +253,7 @@ def _after(phases: Sequence[Phase], state: MissionState, memory: MissionMemory, 
         return replace_unchecked(
             state, completed=bool(memory.completed), aborted=(state.abort_reason or reason) * bool(memory.aborted)
         )
-    counted = {
-        (k, i): memory.fired[memory.first[k] + i]
-        for k, phase in enumerate(phases)
-        for i in range(len(phase.transitions))
-    }
+    counted = {(k, i): memory.fired[memory.first[k] + i] for k, phase in enumerate(phases) for i in range(len(phase.transitions))}
     return MissionState(
         phase=memory.phase,
         since=memory.since,

@@ -231,9 +231,7 @@ class MissionPlan(TableDisplay):
         except InvalidInput as error:
             raise InvalidInput(f"{printable(path)}: {error}; give the plan.npz that `plan mission` wrote") from error
         except (KeyError, TypeError, ValueError) as error:
-            raise InvalidInput(
-                f"{printable(path)}: its summary lacks or garbles {error}; plan the mission anew"
-            ) from error
+            raise InvalidInput(f"{printable(path)}: its summary lacks or garbles {error}; plan the mission anew") from error
 
     def require_of(self, scenario: Scenario) -> None:
         """Raise `InvalidInput` unless this is a plan of that scenario, and can be flown."""
@@ -257,9 +255,7 @@ class MissionPlan(TableDisplay):
         """A fresh one for `Scenario.run`: the hierarchy's, led by `guide`."""
         return scenario.guided(self.guide(scenario, tuning))
 
-    def fly(
-        self, scenario: Scenario, progress: Progress | None = None, *, tuning: FollowingTuning | None = None
-    ) -> Record:
+    def fly(self, scenario: Scenario, progress: Progress | None = None, *, tuning: FollowingTuning | None = None) -> Record:
         """Run the scenario along the plan; where that is left, the hierarchy takes over, and an alarm says when and why."""
         return scenario.run(progress, self.controller(scenario, tuning))
 
@@ -520,9 +516,7 @@ class _Search:
             plan = found
         return plan
 
-    def _plan(
-        self, planner: Planner, posed: MissionProblem, weights: MissionWeights, way: Trajectory, limit: float
-    ) -> Plan:
+    def _plan(self, planner: Planner, posed: MissionProblem, weights: MissionWeights, way: Trajectory, limit: float) -> Plan:
         """Plan from a trajectory, in the water along it, then along the result, until it stays the same."""
         given, best = posed.at(weights, way, _SHARE * limit), None
         for _ in range(_ROUNDS):

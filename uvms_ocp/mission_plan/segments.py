@@ -230,9 +230,7 @@ def exit_transition(phases: Sequence[Phase], way: Sequence[int], k: int) -> Tran
     for transition in phase.transitions:
         if transition.to == to:
             return transition
-    raise InvalidInput(
-        f"no transition leads from phase {phase.name!r} to {to}; a plan needs a mission that can be completed"
-    )
+    raise InvalidInput(f"no transition leads from phase {phase.name!r} to {to}; a plan needs a mission that can be completed")
 
 
 def horizon_segments(mission: Mission, greedy: GreedyRollout, margins: Margins, *, step: float) -> list[HorizonSegment]:
@@ -249,9 +247,7 @@ def horizon_segments(mission: Mission, greedy: GreedyRollout, margins: Margins, 
         parts = _SegmentBuilder(
             index=index, phase=phase, hold=out.hold, moving=moving, step=min(step, _FOLLOWED) if moving else step
         )
-        broken = frozenset(
-            task.name for task in kept if len(greedy.rows(k)) and is_violated(task, greedy.at(greedy.rows(k)[0]))
-        )
+        broken = frozenset(task.name for task in kept if len(greedy.rows(k)) and is_violated(task, greedy.at(greedy.rows(k)[0])))
         found += parts.entering(marks, broken)
         found += parts.free(marks)
         found += parts.held(marks, margins)

@@ -214,10 +214,7 @@ class MissionWeights:
 def mission_levels(robot: Robot, terms: MissionTerms, weights: MissionWeights) -> tuple[OcpLevel, ...]:
     """Goals in the order of the classes of their tasks, then energy with a little smoothness, as far as it is known."""
     classes = sorted({kind for kind, _ in terms.goals})
-    asked = [
-        OcpLevel(name=kind.name.lower(), terms=tuple(term for own, term in terms.goals if own is kind))
-        for kind in classes
-    ]
+    asked = [OcpLevel(name=kind.name.lower(), terms=tuple(term for own, term in terms.goals if own is kind)) for kind in classes]
     powers = [thruster.power for thruster in robot.description.thrusters]
     known: tuple[Term, ...] = () if None in powers else (Energy(weight=weights.energy),)
     spent = (*known, Effort(weight=weights.effort), Smoothness(weight=_SMOOTH), Duration(weight=weights.price))

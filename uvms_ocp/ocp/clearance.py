@@ -86,9 +86,7 @@ class BallClearance(Term):
     def __post_init__(self) -> None:
         Term.__post_init__(self)
         if any(callable(ball.centre) for ball in self.robot_balls):
-            raise InvalidInput(
-                "a ball of the robot has a centre that moves; move its frame, only obstacles move on their own"
-            )
+            raise InvalidInput("a ball of the robot has a centre that moves; move its frame, only obstacles move on their own")
 
     @property
     def name(self) -> str:
@@ -249,8 +247,7 @@ class ShapeClearance(Term):
         scene = self.scene
         if np.shape(self.margins) != (scene.n_pairs,) or not np.isfinite(self.margins).all():
             raise InvalidInput(
-                f"{self.name}: margins {np.shape(self.margins)}; give one finite number [m] for each of "
-                f"{scene.n_pairs} pairs"
+                f"{self.name}: margins {np.shape(self.margins)}; give one finite number [m] for each of {scene.n_pairs} pairs"
             )
         if scene.coordinates.n_axes != scene.coordinates.robot.n_v:
             raise InvalidInput(f"{self.name}: the scene plans {scene.coordinates.names}; give one that plans all axes")
@@ -291,9 +288,7 @@ class ShapeClearance(Term):
         carried = np.array([(pair.first_joint, pair.second_joint) for pair in pairs], dtype=int).reshape(-1, 2)
         world, n = carried[:, 0] == 0, self.n_pair_rows
         groups = [(world, self.n_rows)]
-        groups += (
-            [(np.arange(len(pairs)) == k, n) for k in np.flatnonzero(~world)] if n else [(~world, self.n_own_rows)]
-        )
+        groups += [(np.arange(len(pairs)) == k, n) for k in np.flatnonzero(~world)] if n else [(~world, self.n_own_rows)]
         return tuple(_group(carried, chosen, rows) for chosen, rows in groups if chosen.any())
 
     # --- parameters -------------------------------------------------------------------------------

@@ -155,9 +155,7 @@ def is_held(point: NlpPoint) -> bool:
     return any(own is not None and bool(own.any()) for own in multipliers)
 
 
-def bindings(
-    transcription: Transcription, problem: OcpProblem, point: NlpPoint, level: int, cost: float
-) -> list[BindingGroup]:
+def bindings(transcription: Transcription, problem: OcpProblem, point: NlpPoint, level: int, cost: float) -> list[BindingGroup]:
     """Find the bounds that hold a level at its end, at `cost`, the strongest first; none where its end has no multipliers."""
     if point.x_multipliers is None or point.row_multipliers is None or cost == 0.0:
         return []
@@ -183,9 +181,7 @@ def _summed(grouped: GroupIndex, multipliers: np.ndarray) -> Iterator[BindingGro
 def _levels(transcription: Transcription, multipliers: np.ndarray, level: int) -> Iterator[BindingGroup]:
     rows = transcription.ranges().levels
     for above, price in zip(rows[:level], prices_of(rows, multipliers, level), strict=True):
-        yield BindingGroup(
-            group=BoundGroup(name=f"level {above.name!r}", measure=RelaxationUnit.LEVEL), strength=price, axes=()
-        )
+        yield BindingGroup(group=BoundGroup(name=f"level {above.name!r}", measure=RelaxationUnit.LEVEL), strength=price, axes=())
 
 
 def prices_of(rows: tuple[LevelRows, ...], multipliers: np.ndarray, level: int) -> tuple[float, ...]:
@@ -269,9 +265,7 @@ class _Elastic:
         return self.grouped.groups
 
 
-def phase_one(
-    transcription: Transcription, problem: OcpProblem, p: np.ndarray, x: np.ndarray, *, time_limit: float
-) -> PhaseOne:
+def phase_one(transcription: Transcription, problem: OcpProblem, p: np.ndarray, x: np.ndarray, *, time_limit: float) -> PhaseOne:
     """Search from x (n_x,) [unit of x], with parameters p (n_p,), for `time_limit` [s] at most."""
     elastic = _elastic(transcription, problem)
     solver = _solver(transcription, elastic, p, x, time_limit)
@@ -347,9 +341,7 @@ def _amounts(elastic: _Elastic, values: np.ndarray) -> np.ndarray:
     return np.asarray(np.where(Q > 0, broken[:, None] / units, 0.0).max(axis=0, initial=0.0) + 0.01)
 
 
-def _solver(
-    transcription: Transcription, elastic: _Elastic, p: np.ndarray, x: np.ndarray, time_limit: float
-) -> ca.Function:
+def _solver(transcription: Transcription, elastic: _Elastic, p: np.ndarray, x: np.ndarray, time_limit: float) -> ca.Function:
     """IPOPT with the derivatives of the transcription."""
     functions, n, k = transcription.constraint_functions(), len(x), len(elastic.groups)
     X, none, lam_f = ca.MX.sym("X", n + k), ca.MX.sym("p", 0), ca.MX.sym("lam_f")
@@ -368,13 +360,9 @@ def _solver(
         ca.Function("nlp_g", inputs, [rows], names, ["g"]),
         ca.Function("nlp_grad_f", inputs, [f, ca.vertcat(_STAY * away, ca.MX.ones(k))], names, ["f", "grad_f_x"]),
         ca.Function("nlp_jac_g", inputs, [rows, jacobian], names, ["g", "jac_g_x"]),
-        ca.Function(
-            "nlp_hess_l", [X, none, lam_f, lam], [ca.triu(hessian)], [*names, "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
-        ),
+        ca.Function("nlp_hess_l", [X, none, lam_f, lam], [ca.triu(hessian)], [*names, "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]),
         # Asked for at construction, never called.
-        ca.Function(
-            "nlp_grad", [X, none, lam_f, lam], [f, rows, jacobian.T @ lam, none], [*names, "lam_f", "lam_g"], _GRADIENTS
-        ),
+        ca.Function("nlp_grad", [X, none, lam_f, lam], [f, rows, jacobian.T @ lam, none], [*names, "lam_f", "lam_g"], _GRADIENTS),
     )
     options = {
         "cache": {function.name(): function for function in cache},
@@ -388,9 +376,7 @@ def _solver(
 
 # Judge what a result of the solver means, and why a goal is missed or no motion keeps the constraints.
 
-_MISSED = (
-    1e-3  # [unit of the row] residual of a goal level from which it counts as missed; weighted, where that is more
-)
+_MISSED = 1e-3  # [unit of the row] residual of a goal level from which it counts as missed; weighted, where that is more
 _LONGER = (2.0, 4.0)  # shares of the horizon that are tried to tell "too short" from "unreachable"
 _HELPS = 0.9  # share of the residual that more time must leave at most to count as a help
 
@@ -455,9 +441,7 @@ class Diagnosis:
         level = result.level_status.index(NlpStatus.NOT_A_NUMBER)
         text = f"level {self._name(level)}: {NlpStatus.NOT_A_NUMBER.value}"
         if names:
-            text += (
-                f": at the start {_listed(names)} or its slope is none; add a small number under roots and divisions"
-            )
+            text += f": at the start {_listed(names)} or its slope is none; add a small number under roots and divisions"
         return SolveVerdict(status=OcpStatus.UNFINISHED, reason=text, result=result)
 
     # --- no motion was found --------------------------------------------------------------------------
@@ -472,9 +456,7 @@ class Diagnosis:
         least = self._least(result)
         if least is not None and least.converged:
             if not least.feasible:
-                return SolveVerdict(
-                    status=OcpStatus.INFEASIBLE, reason=f"{text}; {_describe_relaxations(least)}", result=result
-                )
+                return SolveVerdict(status=OcpStatus.INFEASIBLE, reason=f"{text}; {_describe_relaxations(least)}", result=result)
             if again:
                 return self._again(least)
             text += "; a motion that keeps all constraints was found, but no optimum from there"

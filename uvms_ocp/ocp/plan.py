@@ -112,9 +112,7 @@ def axis_series(planned: Coordinates, x: Array, v: Array) -> dict[str, Array]:
     return {"x": x, "x_rate": np.asarray(np.linalg.solve(planned.velocity_map(x), v[..., None])[..., 0], dtype=float)}
 
 
-def plan_record(
-    robot: Robot, trajectory: Trajectory, powers: Powers, *, title: str, surroundings: SurroundingsMeta
-) -> Record:
+def plan_record(robot: Robot, trajectory: Trajectory, powers: Powers, *, title: str, surroundings: SurroundingsMeta) -> Record:
     """The record of a plan of any problem. Axes are left out of robots whose joints are no single axes."""
     t = sample_times(float(trajectory.t[-1]))
     q = np.array([pin.normalize(robot.model, trajectory.state_at(robot.model, float(moment))[0]) for moment in t])

@@ -194,9 +194,7 @@ def _first(scene: CollisionScene) -> int:
     return int(scene.coordinates.robot.collision_model.ngeoms)
 
 
-def _distance(
-    first: coal.CollisionGeometry, X_first: pin.SE3, second: coal.CollisionGeometry, X_second: pin.SE3
-) -> float:
+def _distance(first: coal.CollisionGeometry, X_first: pin.SE3, second: coal.CollisionGeometry, X_second: pin.SE3) -> float:
     places = [coal.Transform3s(X.rotation, X.translation) for X in (X_first, X_second)]
     result = coal.DistanceResult()
     return float(coal.distance(first, places[0], second, places[1], coal.DistanceRequest(), result))
@@ -209,9 +207,7 @@ def surroundings(problem: OcpProblem, t0: float) -> SurroundingsMeta:
     """Describe the surroundings at the end of the horizon, for goals and obstacles that move; t0 [s] is the time of the first
     node."""
     end = t0 + float(problem.nominal_times()[-1])
-    poses = [
-        term for term in problem.terms if isinstance(term, TaskTerm) and isinstance(term.task, (PoseTask, ToolPosition))
-    ]
+    poses = [term for term in problem.terms if isinstance(term, TaskTerm) and isinstance(term.task, (PoseTask, ToolPosition))]
     obstacles = [item for term in problem.terms for item in term.scenery(end)]
     return SurroundingsMeta(
         frames=tuple(_goal(term, end) for term in poses),

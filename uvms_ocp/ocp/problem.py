@@ -145,9 +145,7 @@ class OcpProblem:
         self._check_names()
         for level in self.levels[:-1]:
             if level.relax is None and any(term.minimises_time for term in level.terms):
-                raise InvalidInput(
-                    f"level {level.name!r} minimises time: give it `relax`, such as 0.01, or put it last"
-                )
+                raise InvalidInput(f"level {level.name!r} minimises time: give it `relax`, such as 0.01, or put it last")
         if np.shape(self.current) not in ((3,), (self.n_steps, 3)) or not np.isfinite(self.current).all():
             raise InvalidInput(f"current {self.current}; give three finite numbers [m/s], or three for each step")
         if self.robot.n_vehicle and self.actuation is Actuation.THRUSTERS and not self.robot.description.thrusters:
@@ -155,9 +153,7 @@ class OcpProblem:
         self._check_powers()
         self.robot.check_configuration(self.start.q)
         if np.shape(self.start.v) != (self.robot.n_v,) or not np.isfinite(self.start.v).all():
-            raise InvalidInput(
-                f"velocity at the start has shape {np.shape(self.start.v)}; give {self.robot.n_v} finite numbers"
-            )
+            raise InvalidInput(f"velocity at the start has shape {np.shape(self.start.v)}; give {self.robot.n_v} finite numbers")
         freedom, n = self.start_freedom, 2 * self.robot.n_v
         if freedom is not None and (np.shape(freedom) != (n,) or not (np.asarray(freedom) >= 0).all()):
             raise InvalidInput(f"start_freedom {freedom}; give {n} numbers >= 0, of all axes and of their velocities")
@@ -222,9 +218,7 @@ class OcpProblem:
             raise InvalidInput(f"{names[0]}: the power of a wrench is not known; use Actuation.THRUSTERS, or Effort")
         unknown = [thruster.name for thruster in self.robot.description.thrusters if thruster.power is None]
         if unknown:
-            raise InvalidInput(
-                f"{names[0]}: no power is given for thruster {', '.join(unknown)}; add it, or use Effort"
-            )
+            raise InvalidInput(f"{names[0]}: no power is given for thruster {', '.join(unknown)}; add it, or use Effort")
 
 
 @checked

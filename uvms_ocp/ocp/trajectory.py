@@ -62,9 +62,7 @@ class Trajectory:
         h = self.t[k + 1] - self.t[k]
         return np.asarray(pin.difference(model, self.q[k], self.q[k + 1]) / h - h / 2 * self.a[k])
 
-    def states_at(
-        self, model: pin.Model, t: Annotated[np.ndarray, Shape("n")]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def states_at(self, model: pin.Model, t: Annotated[np.ndarray, Shape("n")]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Q (n, n_q) and v (n, n_v) at times t (n,) [s], and the steps that hold them (n,); the end is held."""
         steps = intervals_of(self.t, t)
         s, v, a = (t - self.t[steps])[:, None], self.v[steps], self.a[steps]

@@ -123,9 +123,7 @@ _TOLERANCE = 1e-7
 
 
 @checked
-def clearance_along(
-    distances: PairDistances, trajectory: PiecewisePolynomial, n_samples: Count = 500
-) -> tuple[Array, Array]:
+def clearance_along(distances: PairDistances, trajectory: PiecewisePolynomial, n_samples: Count = 500) -> tuple[Array, Array]:
     """Times (n,) [s] and the distance of every pair at them (n, n_pairs) [m], for figures."""
     times = np.linspace(trajectory.start, trajectory.end, n_samples)
     return times, distances.distances(trajectory.evaluate(times))

@@ -156,9 +156,7 @@ class CoalDistances:
         for sample, chosen in _grouped(candidates):
             self._place(configurations[sample])
             self._collect(sample, chosen, limits, found)
-            jacobian: Array = pin.computeJointJacobians(
-                self.scene.coordinates.robot.model, self._data, configurations[sample]
-            )
+            jacobian: Array = pin.computeJointJacobians(self.scene.coordinates.robot.model, self._data, configurations[sample])
             jacobians[sample] = jacobian
         if not found:
             return no_near_pairs(x.shape[1])
@@ -166,9 +164,7 @@ class CoalDistances:
         screws = (jacobians @ self.scene.coordinates.velocity_map(x))[samples]
         wrench = np.concatenate([normals, np.cross(points, normals)], axis=1)
         gradient = (wrench[:, None, :] @ screws)[:, 0] * self.scene.moved[pairs]
-        return NearPairs(
-            sample=samples, pair=pairs, distance=distances, gradient=gradient, screws=screws, centre=centres
-        )
+        return NearPairs(sample=samples, pair=pairs, distance=distances, gradient=gradient, screws=screws, centre=centres)
 
     def _place(self, q: Array) -> None:
         model = self.scene.coordinates.robot.model

@@ -190,9 +190,7 @@ def link_speeds(scene: CollisionScene, near: NearPairs, rates: Array, floor: flo
     turn = screws[:, 3:]
     shift = screws[:, :3] + _cross(turn, near.centre[..., None])
     twist_slope = _twist_slopes(screws, rates, scene.follows)
-    linear_slope = (
-        twist_slope[:, :3] + _cross(twist_slope[:, 3:], near.centre[..., None]) + _cross(angular[..., None], shift)
-    )
+    linear_slope = twist_slope[:, :3] + _cross(twist_slope[:, 3:], near.centre[..., None]) + _cross(angular[..., None], shift)
     weighted = gyration * angular
     return LinkSpeeds(
         speed=speed,

@@ -83,9 +83,7 @@ def _checked_position(goal: ArrayLike) -> Array:
     return position
 
 
-def _reached(
-    planned: Coordinates, frame_id: int, goal: pin.SE3 | Array, start: Array, options: ToolGoalOptions
-) -> Array | None:
+def _reached(planned: Coordinates, frame_id: int, goal: pin.SE3 | Array, start: Array, options: ToolGoalOptions) -> Array | None:
     """Damped Gauss-Newton on the logarithm of the error, clipped to the limits at every step."""
     (lower, upper), x = planned.limits(), start
     for _ in range(options.iterations):
@@ -248,9 +246,7 @@ def check_goal_distance(robot: Robot, start: Array, goal: Goal) -> None:
 
 def _check_turn(rpy: Triple | None) -> None:
     if rpy is not None and np.isfinite(rpy).all() and np.abs(rpy).max() > _MOST_TURN:
-        raise InvalidInput(
-            f"roll, pitch and yaw of the goal are {rpy} rad; give angles within two turns, {_MOST_TURN:.4g} rad"
-        )
+        raise InvalidInput(f"roll, pitch and yaw of the goal are {rpy} rad; give angles within two turns, {_MOST_TURN:.4g} rad")
 
 
 # One plan from what an engineer asks for: a robot, where it starts, where it goes, and what stands in the way.

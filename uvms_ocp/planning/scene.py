@@ -267,9 +267,7 @@ class CollisionScene:
         return shape >= self.coordinates.robot.collision_model.ngeoms
 
     @checked_on_failure
-    def nearest(
-        self, t: Annotated[Array, Shape("n")], distances: Annotated[Array, Shape("n", "self.n_pairs")]
-    ) -> NearestPair:
+    def nearest(self, t: Annotated[Array, Shape("n")], distances: Annotated[Array, Shape("n", "self.n_pairs")]) -> NearestPair:
         """The smallest of the distances (n, n_pairs) [m] at times t (n,) [s]."""
         if not distances.size:
             return NearestPair(distance=np.inf, time=0.0, pair="")
@@ -280,9 +278,7 @@ class CollisionScene:
         """The same scene with these of its pairs alone. Raises `InvalidInput` for an index that no pair has."""
         chosen = np.array(indices, dtype=int)
         if not ((chosen >= 0) & (chosen < len(self.pairs))).all():
-            raise InvalidInput(
-                f"indices are {indices}; give some of 0 to {len(self.pairs) - 1}, the pairs of the scene"
-            )
+            raise InvalidInput(f"indices are {indices}; give some of 0 to {len(self.pairs) - 1}, the pairs of the scene")
         geometry = pin.GeometryModel(self.geometry)
         geometry.removeAllCollisionPairs()
         pairs = tuple(self.pairs[k] for k in indices)
@@ -310,9 +306,7 @@ class CollisionScene:
 
 
 @checked
-def collision_scene(
-    coordinates: Coordinates, obstacles: Sequence[Obstacle], *, self_collision: bool = True
-) -> CollisionScene:
+def collision_scene(coordinates: Coordinates, obstacles: Sequence[Obstacle], *, self_collision: bool = True) -> CollisionScene:
     """All pairs link - obstacle, and the pairs of links of `self_pairs`, except those that no planned axis moves.
 
     Raises `InvalidInput` for two obstacles of one name.
@@ -332,9 +326,7 @@ def collision_scene(
     return _with_moving_pairs(coordinates, geometry, pairs)
 
 
-def _with_moving_pairs(
-    coordinates: Coordinates, geometry: pin.GeometryModel, candidates: Sequence[Pair]
-) -> CollisionScene:
+def _with_moving_pairs(coordinates: Coordinates, geometry: pin.GeometryModel, candidates: Sequence[Pair]) -> CollisionScene:
     supports = _supports(coordinates)
     reaches = [_reach(coordinates, shape) for shape in geometry.geometryObjects]
     pairs = [pair for pair in candidates if (supports[pair.second_joint] != supports[pair.first_joint]).any()]

@@ -170,9 +170,7 @@ def _pruned(distances: PairDistances, path: Array, clearance: float) -> Array:
 def _sampled_box(distances: PairDistances, a: Array, b: Array, room: float) -> tuple[Array, Array]:
     lower, upper = distances.scene.coordinates.limits()
     low, high = np.minimum(a, b) - room, np.maximum(a, b) + room
-    return np.where(np.isinf(lower), low, np.maximum(lower, low)), np.where(
-        np.isinf(upper), high, np.minimum(upper, high)
-    )
+    return np.where(np.isinf(lower), low, np.maximum(lower, low)), np.where(np.isinf(upper), high, np.minimum(upper, high))
 
 
 # Plan trajectories around obstacles by a soft collision cost, [Gao2022] eqs (76)-(82), and verify them.

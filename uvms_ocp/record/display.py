@@ -29,9 +29,7 @@ class SmallTable:
         """Lines of at most 80 characters; what is longer is cut, and rows beyond the first are counted."""
         lines = [row for row in (self.head, *self._shown()) if row]
         widths = [max(len(row[k]) for row in lines if k < len(row)) for k in range(max(map(len, lines), default=0))]
-        text = [
-            _GAP.join(cell.ljust(width) for cell, width in zip(row, widths, strict=False)).rstrip() for row in lines
-        ]
+        text = [_GAP.join(cell.ljust(width) for cell, width in zip(row, widths, strict=False)).rstrip() for row in lines]
         return "\n".join(_cut(line) for line in (self.title, *(f"{_GAP}{line}" for line in text), *self._rest()))
 
     def html(self) -> str:

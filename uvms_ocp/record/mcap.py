@@ -73,9 +73,7 @@ def _require_size(path: Path, chunk: int, total: int, size: int) -> None:
     if chunk > LARGEST_CHUNK:
         raise InvalidInput(f"{path}: a chunk of {chunk >> 20} MB; at most {LARGEST_CHUNK >> 20} MB are read")
     if total > max(SMALL, DENSEST * size):
-        raise InvalidInput(
-            f"{path}: would unpack to more than {total >> 20} MB; at most {DENSEST} times a file are read"
-        )
+        raise InvalidInput(f"{path}: would unpack to more than {total >> 20} MB; at most {DENSEST} times a file are read")
 
 
 def _unpacked(path: Path, chunk: Any) -> bytes:

@@ -306,9 +306,7 @@ class Replacement:
         for name in after:
             place = self.target / name
             if (self.new / name).exists() and self._is_there(name) and not is_same(place, before.get(name)):
-                raise InvalidInput(
-                    f"{place}: in the way of a file that a command cut off is to put there; move it away"
-                )
+                raise InvalidInput(f"{place}: in the way of a file that a command cut off is to put there; move it away")
 
     def _remains(self) -> list[Path]:
         return [self.new, self._old, *self.store.glob("*.tmp")]

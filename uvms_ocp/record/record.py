@@ -76,9 +76,7 @@ def check_series(series: Series, meta: RunMeta | PlanMeta) -> None:
 def _check_times(t: np.ndarray) -> None:
     right = t.dtype == np.float64 and t.ndim == 1 and t.size and (np.abs(t) <= LARGEST).all()
     if not right or (np.diff(t) < MIN_TICK).any():
-        raise InvalidInput(
-            f"times t of shape {t.shape}; allowed: one or more [s], finite, each later than the one before"
-        )
+        raise InvalidInput(f"times t of shape {t.shape}; allowed: one or more [s], finite, each later than the one before")
 
 
 def _check_kind(name: str, array: np.ndarray, t: np.ndarray) -> None:
@@ -97,14 +95,10 @@ def _check_sizes(name: str, array: np.ndarray, t: np.ndarray) -> None:
     there = np.isfinite(array)
     allowed = np.isnan(array) if name in _UNKNOWN else ~there if name in _ENDLESS else np.zeros_like(there)
     if not (there | allowed).all():
-        raise InvalidInput(
-            f"series {name!r} has NaN or infinity at t = {_first_wrong(t, there | allowed):g} s; record it anew"
-        )
+        raise InvalidInput(f"series {name!r} has NaN or infinity at t = {_first_wrong(t, there | allowed):g} s; record it anew")
     small = ~there | (np.abs(array) <= LARGEST)
     if not small.all():
-        raise InvalidInput(
-            f"series {name!r} is larger than {LARGEST:g} at t = {_first_wrong(t, small):g} s; record it anew"
-        )
+        raise InvalidInput(f"series {name!r} is larger than {LARGEST:g} at t = {_first_wrong(t, small):g} s; record it anew")
 
 
 def _first_wrong(t: np.ndarray, right: np.ndarray) -> float:
@@ -149,9 +143,7 @@ def _check_counts(series: Series, meta: RunMeta | PlanMeta) -> None:
         if name in series:
             values = series[name]
             if values.dtype.kind not in "iu" or values.ndim != 1 or values.min() < 0 or values.max() >= n:
-                raise InvalidInput(
-                    f"series {name!r} counts what the metadata do not have; allowed: whole numbers below {n}"
-                )
+                raise InvalidInput(f"series {name!r} counts what the metadata do not have; allowed: whole numbers below {n}")
 
 
 def _check_health(series: Series, meta: RunMeta | PlanMeta) -> None:
@@ -202,9 +194,7 @@ class Record(TableDisplay):
         return SmallTable(
             title=f"Record of a {meta.kind}, {meta.scenario}, {meta.robot}: {len(t)} rows, {span}",
             head=("series", "shape", "unit", "meaning"),
-            rows=tuple(
-                (name, str(array.shape), unit_of(name), meaning_of(name)) for name, array in self.series.items()
-            ),
+            rows=tuple((name, str(array.shape), unit_of(name), meaning_of(name)) for name, array in self.series.items()),
         )
 
     @checked_on_failure
@@ -372,9 +362,7 @@ class Recorder:
 
     def series(self) -> dict[str, np.ndarray]:
         """The rows so far by name, (n, ...) each: copies."""
-        return {
-            name: np.concatenate([block[k] for block in self._blocks])[: self._n] for k, name in enumerate(self._names)
-        }
+        return {name: np.concatenate([block[k] for block in self._blocks])[: self._n] for k, name in enumerate(self._names)}
 
     def _begin(self, row: Mapping[str, Any]) -> None:
         names = tuple(row)

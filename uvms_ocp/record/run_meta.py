@@ -63,9 +63,7 @@ class RecordMeta(TableDisplay, meta_values.MetaValue):
 
     @model_validator(mode="after")
     def _has_names_of_one_meaning(self) -> RecordMeta:
-        meta_values.require_unique(
-            "phases", [meta_values.DONE, meta_values.ABORT, *(phase.name for phase in self.phases)]
-        )
+        meta_values.require_unique("phases", [meta_values.DONE, meta_values.ABORT, *(phase.name for phase in self.phases)])
         meta_values.require_unique("tasks", (task.name for task in self.tasks))
         meta_values.require_unique("quantities", self.quantities)
         return self
@@ -263,9 +261,7 @@ def read_meta(text: str) -> RunMeta | PlanMeta:
 
 def _model(values: dict[str, Any]) -> type[RunMeta] | type[PlanMeta]:
     if values["version"] != VERSION:
-        raise InvalidInput(
-            f"format {short(values['version'])}; this version reads {VERSION} and 0.1: install a newer one"
-        )
+        raise InvalidInput(f"format {short(values['version'])}; this version reads {VERSION} and 0.1: install a newer one")
     kind = str(values.get("kind"))
     if kind not in _KINDS:
         raise InvalidInput(f"a record of neither a run nor a plan, but {short(kind)}; give what `run` or `plan` wrote")

@@ -82,10 +82,7 @@ def _robot_files() -> str:
 def _settings() -> str:
     schema = CalibrationSettings.model_json_schema()
     parts = [f"## {name}\n\n{_fields(part)}" for name, part in sorted(schema["$defs"].items())]
-    units = (
-        (f"`{name}`", one.unit, ", ".join(filter(None, one.coordinates.names)) or "-")
-        for name, one in _learnable().items()
-    )
+    units = ((f"`{name}`", one.unit, ", ".join(filter(None, one.coordinates.names)) or "-") for name, one in _learnable().items())
     return (
         "# Settings of identification\n\nA YAML file that says what of which robot is to be learnt: `uvms-ocp excite` and "
         "`uvms-ocp identify` take it. The code that reads it: `uvms_ocp.identification.settings.CalibrationSettings`.\n\n"
@@ -192,9 +189,7 @@ CITED = re.compile(r"`(uvms_ocp(?:\.\w+)+)`")
 
 def exported_names(init: Path) -> tuple[str, ...]:
     """The names that a room passes on, by ``from x import Y as Y`` in its ``__init__.py``."""
-    imports = (
-        node for node in ast.walk(ast.parse(init.read_text(encoding="utf-8"))) if isinstance(node, ast.ImportFrom)
-    )
+    imports = (node for node in ast.walk(ast.parse(init.read_text(encoding="utf-8"))) if isinstance(node, ast.ImportFrom))
     return tuple(alias.name for node in imports for alias in node.names if alias.asname == alias.name)
 
 
@@ -434,8 +429,7 @@ def _asked_for(modules: tuple[str, ...]) -> Iterator[str]:
 
 def _write_pages(folder: Path, written: dict[str, dict[str, str]], modules: tuple[str, ...]) -> None:
     contents: Contents = {
-        heading: [(f"{name}.html", title_of(text)) for name, text in pages.items()]
-        for heading, pages in written.items()
+        heading: [(f"{name}.html", title_of(text)) for name, text in pages.items()] for heading, pages in written.items()
     }
     contents["Python"] = [(f"{name.replace('.', '/')}.html", name.removeprefix("uvms_ocp.")) for name in modules]
     for name, text in (item for pages in written.values() for item in pages.items()):

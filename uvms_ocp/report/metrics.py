@@ -73,13 +73,7 @@ class Swing:
     """Amplitude over that one period before."""
 
     def __str__(self) -> str:
-        how = (
-            "growing"
-            if self.growth > 1.02
-            else "dying away"
-            if self.growth < 0.98
-            else "neither growing nor dying away"
-        )
+        how = "growing" if self.growth > 1.02 else "dying away" if self.growth < 0.98 else "neither growing nor dying away"
         return f"{self.what} swings by +-{self.amplitude:.2g} every {self.period:.2g} s, {how}"
 
 

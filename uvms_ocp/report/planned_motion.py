@@ -114,9 +114,7 @@ def plan_meta(
         breaks=breaks,
         clearance_wanted=request.clearance,
         clearance_groups=tuple(scene.groups()),
-        min_clearance=ClearanceMeta(t=nearest.time, distance=nearest.distance, between=nearest.pair)
-        if scene.n_pairs
-        else None,
+        min_clearance=ClearanceMeta(t=nearest.time, distance=nearest.distance, between=nearest.pair) if scene.n_pairs else None,
     )
 
 

@@ -298,9 +298,7 @@ def trim_body(name: str, x: float, y: float, lift: float, robot: Robot) -> TrimB
     return TrimBody(name=name, position=position, mass=material * volume, volume=volume)
 
 
-def _retrimmed(
-    robot: Robot, *, removed: Iterable[TrimBody], added: Iterable[TrimBody], trim: tuple[TrimBody, ...]
-) -> Robot:
+def _retrimmed(robot: Robot, *, removed: Iterable[TrimBody], added: Iterable[TrimBody], trim: tuple[TrimBody, ...]) -> Robot:
     model = robot.model.copy()
     for body in removed:
         joint, inertia = trim_inertia(model, body)

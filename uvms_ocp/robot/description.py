@@ -187,9 +187,7 @@ class Thruster(_Section):
     name: str
     link: str = "base_link"
     position: Point = Field(description="in the link frame [m]")
-    direction: Vector3 = Field(
-        description="of positive thrust on the vehicle, in the link frame; any length from 1e-9 to 1e9"
-    )
+    direction: Vector3 = Field(description="of positive thrust on the vehicle, in the link frame; any length from 1e-9 to 1e9")
     minimum: float = Field(ge=-1e5, le=0.0, description="thrust limit [N]")
     maximum: float = Field(gt=0.0, le=1e5, description="thrust limit [N]")
     time_constant: float = Field(ge=0.0, le=10.0, description="first-order lag [s]; 0 is instantaneous")
@@ -275,9 +273,7 @@ class RobotDescription(_Section):
     """The whole file."""
 
     base: Literal["free_flyer", "fixed"] = "free_flyer"
-    base_link: str | None = Field(
-        default=None, description="link that stands for the vehicle; left out: base_link, or the root"
-    )
+    base_link: str | None = Field(default=None, description="link that stands for the vehicle; left out: base_link, or the root")
     tool: str | tuple[str, ...] | None = Field(
         default=None,
         description="frame of the tool, of several arms one each; left out: tool, or the only end of a chain",
@@ -289,9 +285,7 @@ class RobotDescription(_Section):
     vehicle_limits: VehicleLimits | None = None
     joints: dict[str, JointDescription] = Field(default={}, description="by joint name")
     joint_efficiency: float = Field(default=0.6, gt=0.0, le=1.0, description="mechanical / electrical power [-]")
-    links: dict[str, LinkDescription] = Field(
-        default={}, description="by link name; links left out are dry, with a warning"
-    )
+    links: dict[str, LinkDescription] = Field(default={}, description="by link name; links left out are dry, with a warning")
     trim: tuple[TrimBody, ...] = Field(default=(), description="floats and ballast")
     thrusters: tuple[Thruster, ...] = ()
     sensors: dict[Channel, SensorDescription | None] = Field(

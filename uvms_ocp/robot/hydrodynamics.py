@@ -79,9 +79,7 @@ _STEPS = 200  # of the search for weights, which gains a digit in 5 to 20 steps
 _ROUNDING = 1e-9
 _LEAST = 1e-27  # of the largest entry, for drag of an axis: the third root of it, 1e-9, is what couplings may then be
 _SIGNS = np.array(list(product((1.0, -1.0), repeat=6)))
-_PAIRS = np.array(
-    [a + t * b for a, b in permutations(np.eye(6), 2) for t in np.outer((1, -1), np.geomspace(1e-3, 1, 25)).flat]
-)
+_PAIRS = np.array([a + t * b for a, b in permutations(np.eye(6), 2) for t in np.outer((1, -1), np.geomspace(1e-3, 1, 25)).flat])
 
 
 def least_dissipation(linear_drag: np.ndarray) -> tuple[np.ndarray, float]:
@@ -132,9 +130,7 @@ def overload(quadratic_drag: np.ndarray) -> tuple[float, np.ndarray]:
     return float(shares.max()), np.where(shares > 1.0 + _ROUNDING, d, 0.0) / root
 
 
-def amplified_velocity(
-    linear_drag: np.ndarray, quadratic_drag: np.ndarray, d: np.ndarray
-) -> tuple[np.ndarray, float] | None:
+def amplified_velocity(linear_drag: np.ndarray, quadratic_drag: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, float] | None:
     """A velocity nu (6,) [m/s, rad/s] and the power [W] that drag feeds there, if one is found.
 
     linear_drag (6, 6) [N/(m/s), N m/(rad/s)]; quadratic_drag (6, 6) [N/(m/s)^2, N m/(rad/s)^2]; d (6,) [m/s, rad/s]:

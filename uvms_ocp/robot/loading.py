@@ -362,9 +362,7 @@ def _moving_thrusters(model: pin.Model, description: RobotDescription) -> list[s
 
 
 def _unknown(wanted: Sequence[tuple[str, str]], known: Sequence[str]) -> list[str]:
-    return [
-        f"{key}: {name!r} is not in the URDF; allowed: {', '.join(known)}" for key, name in wanted if name not in known
-    ]
+    return [f"{key}: {name!r} is not in the URDF; allowed: {', '.join(known)}" for key, name in wanted if name not in known]
 
 
 def _with_trim(model: pin.Model, trim: Sequence[TrimBody]) -> pin.Model:

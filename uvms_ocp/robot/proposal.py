@@ -67,9 +67,7 @@ def find_urdf(place: Path) -> Path:
     if len(found) == 1:
         return found[0]
     if not found:
-        raise InvalidInput(
-            f"{place}: holds no .urdf; of a .xacro file give what `xacro FILE.xacro > robot.urdf` writes"
-        )
+        raise InvalidInput(f"{place}: holds no .urdf; of a .xacro file give what `xacro FILE.xacro > robot.urdf` writes")
     raise InvalidInput(f"{place}: holds {len(found)} URDFs; give one of {', '.join(map(str, found[:30]))}")
 
 
@@ -88,9 +86,7 @@ def propose(
     """
     given, root = dict(loading or {}), read_urdf_xml(urdf)
     followers = [joint.get("name", "") for joint in root.findall("joint[mimic]")]
-    endless = [
-        j for j in root.findall("joint") if j.get("type") in ("revolute", "prismatic") and j.find("limit") is None
-    ]
+    endless = [j for j in root.findall("joint") if j.get("type") in ("revolute", "prismatic") and j.find("limit") is None]
     chosen = given.get("lock", {})
     lock = {**{joint.get("name", ""): 0.0 for joint in endless}, **chosen}
     drop, meshes = tuple(given.get("drop", ())), given.get("meshes") != "no"
@@ -160,9 +156,7 @@ def _thrusters(models: UrdfModels, roles: Roles) -> Iterator[tuple[str, pin.SE3,
     if pushing:
         return
     for i, frame in enumerate(model.frames):
-        is_link = (
-            frame.type == pin.FrameType.BODY and is_propeller_name(frame.name) and not is_steering_name(frame.name)
-        )
+        is_link = frame.type == pin.FrameType.BODY and is_propeller_name(frame.name) and not is_steering_name(frame.name)
         if is_link and frame.parentJoint <= 1 and not _has_propeller_above(model, i):
             round_ones = [
                 s for s in models.visual.geometryObjects if s.parentFrame == i and isinstance(s.geometry, coal.Cylinder)
@@ -198,9 +192,7 @@ class _Draft:
         if self.floats:
             content["links"] = self._trimmed(dry, content["links"])
         robot = assemble(self.models, RobotDescription.model_validate(content), urdf)
-        return RobotProposal(
-            text=_text(robot.description, sources, self), questions=tuple(self.questions()), robot=robot
-        )
+        return RobotProposal(text=_text(robot.description, sources, self), questions=tuple(self.questions()), robot=robot)
 
     @property
     def tools(self) -> tuple[str, ...]:
@@ -244,9 +236,7 @@ class _Draft:
 
     def _content(self, links: dict[str, Any]) -> dict[str, Any]:
         model = self.models.model
-        joints = {
-            name: {"acceleration": _acceleration(model, name)} for name in list(model.names)[2 if self.floats else 1 :]
-        }
+        joints = {name: {"acceleration": _acceleration(model, name)} for name in list(model.names)[2 if self.floats else 1 :]}
         content: dict[str, Any] = {"base": "free_flyer" if self.floats else "fixed", "water_density": _WATER}
         content |= {"base_link": self.roles.base} if self.floats and self.roles.base != "base_link" else {}
         content |= {"tool": self.tools if len(self.tools) > 1 else self.tools[0]} if self.tools else {}
@@ -305,9 +295,7 @@ class _Draft:
     @property
     def hull(self) -> str:
         """The link of the vehicle that has the coefficients: the heaviest; "" for none."""
-        on_vehicle = {
-            name: m for name, m in link_masses(self.models.model).items() if self._carrier(name) == 1 and m > 0.0
-        }
+        on_vehicle = {name: m for name, m in link_masses(self.models.model).items() if self._carrier(name) == 1 and m > 0.0}
         return max(on_vehicle, key=lambda name: on_vehicle[name]) if self.floats and on_vehicle else ""
 
     def _carrier(self, name: str) -> int:

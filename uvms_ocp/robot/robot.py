@@ -42,9 +42,7 @@ class ConfigurationSpace:
     def _n_vehicle(self) -> int:
         return int(self.model.nv) - len(self.home)
 
-    def vehicle_part(
-        self, position: ArrayLike | None, rpy: ArrayLike | None, quaternion: ArrayLike | None
-    ) -> np.ndarray:
+    def vehicle_part(self, position: ArrayLike | None, rpy: ArrayLike | None, quaternion: ArrayLike | None) -> np.ndarray:
         """[p_WB, quaternion] (7,), or (0,) for a fixed base.
 
         position (3,) [m]; rpy (3,) [rad] or quaternion (4,) xyzw. Raises `InvalidInput` for both of them, a wrong shape,
@@ -117,9 +115,7 @@ def require_normalized(model: pin.Model, q: ArrayLike) -> None:
     """Raise `InvalidInput` where q (..., n_q) [m, rad] has a quaternion or (cos, sin) whose norm is not 1, but for NaN."""
     for row in np.reshape(np.asarray(q, dtype=float), (-1, model.nq)):
         if not pin.isNormalized(model, row, _UNIT_TOLERANCE) and np.isfinite(row).all():
-            raise InvalidInput(
-                "q has a quaternion, or (cos, sin) of a joint, whose norm is not 1; divide it by its norm"
-            )
+            raise InvalidInput("q has a quaternion, or (cos, sin) of a joint, whose norm is not 1; divide it by its norm")
 
 
 def finite(what: str, values: ArrayLike, size: int) -> np.ndarray:
@@ -209,9 +205,7 @@ class Robot:
 
     def _repr_html_(self) -> str:
         limits = zip(self.limits.position_lower, self.limits.position_upper, strict=True)
-        rows = [
-            (joint.name, f"{low:.4g}", f"{high:.4g}") for joint, (low, high) in zip(self.joints, limits, strict=False)
-        ]
+        rows = [(joint.name, f"{low:.4g}", f"{high:.4g}") for joint, (low, high) in zip(self.joints, limits, strict=False)]
         return SmallTable(title=repr(self), head=("joint", "lower", "upper"), rows=tuple(rows)).html()
 
     @property
@@ -358,6 +352,4 @@ class Robot:
 
     @property
     def _space(self) -> ConfigurationSpace:
-        return ConfigurationSpace(
-            name=self.name, model=self.model, joints=self.joints, limits=self.limits, home=self.home
-        )
+        return ConfigurationSpace(name=self.name, model=self.model, joints=self.joints, limits=self.limits, home=self.home)

@@ -274,9 +274,7 @@ def rpy_rates(rpy: Array, omega_B: Array) -> Array:
     """
     (sr, sp, _), (cr, cp, _) = _sines_cosines(rpy)
     if not is_symbolic(cp) and abs(cp) < _GIMBAL_COSINE:
-        raise InvalidInput(
-            f"pitch {float(rpy[1]):.9g} rad: roll and yaw rates need |pitch| < pi/2; integrate a quaternion"
-        )
+        raise InvalidInput(f"pitch {float(rpy[1]):.9g} rad: roll and yaw rates need |pitch| < pi/2; integrate a quaternion")
     turn = (sr * omega_B[1] + cr * omega_B[2]) / cp
     return column(omega_B[0] + sp * turn, cr * omega_B[1] - sr * omega_B[2], turn)
 

@@ -125,9 +125,7 @@ def inertial_wrench(inertia: ca.DM, velocity: Twist, acceleration: Twist) -> Wre
     momentum, rate = _times(inertia, velocity), _times(inertia, acceleration)
     return Wrench(
         force=rate.force + spatial.cross(velocity.angular, momentum.force),
-        moment=rate.moment
-        + spatial.cross(velocity.angular, momentum.moment)
-        + spatial.cross(velocity.linear, momentum.force),
+        moment=rate.moment + spatial.cross(velocity.angular, momentum.moment) + spatial.cross(velocity.linear, momentum.force),
     )
 
 

@@ -155,9 +155,7 @@ class SymbolicDynamics(FieldTable):
         motions = self.symbolic.body_motions(local, v, a)
         wrenches = [
             inertial_wrench(inertia, velocity, acceleration)
-            for inertia, velocity, acceleration in zip(
-                self._rigid, motions.velocities, motions.accelerations, strict=True
-            )
+            for inertia, velocity, acceleration in zip(self._rigid, motions.velocities, motions.accelerations, strict=True)
         ]
         for index, link in enumerate(self._wet):
             wrenches[link.joint] += self._water_wrench(link, motions, u[:, index], Du_Dt[:, index])

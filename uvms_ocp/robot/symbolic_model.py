@@ -170,13 +170,9 @@ class SymbolicModel:
     def _check_bodies(self, **given: Sequence[object]) -> None:
         for name, values in given.items():
             if len(values) != self.model.njoints:
-                raise InvalidInput(
-                    f"{name}: {len(values)} given, {self.model.njoints} wanted: the universe and each joint"
-                )
+                raise InvalidInput(f"{name}: {len(values)} given, {self.model.njoints} wanted: the universe and each joint")
 
-    def body_motions(
-        self, local_poses: Sequence[Pose], v: ca.SX, a: ca.SX, gravity: Point | None = None
-    ) -> BodyMotions:
+    def body_motions(self, local_poses: Sequence[Pose], v: ca.SX, a: ca.SX, gravity: Point | None = None) -> BodyMotions:
         """Velocities and accelerations of all joint bodies: the outward pass.
 
         gravity: (3,) [m/s2] in W, default the model's. Raises InvalidInput for another size of v or a, or number of poses.

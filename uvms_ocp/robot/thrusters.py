@@ -104,9 +104,7 @@ def curve_of_table(
         raise InvalidInput(f"{len(each)} different signals given; allowed: two or more, of different thrust")
     fitted = isotonic_regression(mean.copy(), increasing=bool(mean[-1] > mean[0])).x
     if fitted[-1] < fitted[0]:
-        raise InvalidInput(
-            "thrust falls from the lowest to the highest signal; give the opposite of its column, or of its sign"
-        )
+        raise InvalidInput("thrust falls from the lowest to the highest signal; give the opposite of its column, or of its sign")
     return tuple(zip(each.tolist(), fitted.tolist(), strict=True)), float(np.abs(fitted - mean).max())
 
 

@@ -342,9 +342,7 @@ def _drop_floating_root(findings: Findings, root: Element) -> None:
         root.remove(tops[0])
         root.remove(below[0])
         world, joint = tops[0].get("name"), below[0].get("name")
-        findings.notes.append(
-            f"joint {joint!r} floats on the empty link {world!r}: both are the free base of the vehicle"
-        )
+        findings.notes.append(f"joint {joint!r} floats on the empty link {world!r}: both are the free base of the vehicle")
 
 
 def _locked(findings: Findings, root: Element, reading: Reading) -> dict[str, float]:
@@ -398,16 +396,12 @@ def _lock(path: Path, joint: Element, position: float) -> None:
         for element in joint.findall(tag):
             joint.remove(element)
     rpy = pin.rpy.matrixToRpy(X.rotation)
-    numbers = {
-        key: " ".join(map(repr, np.asarray(values).tolist())) for key, values in (("xyz", X.translation), ("rpy", rpy))
-    }
+    numbers = {key: " ".join(map(repr, np.asarray(values).tolist())) for key, values in (("xyz", X.translation), ("rpy", rpy))}
     joint.set("type", "fixed")
     ElementTree.SubElement(joint, "origin", numbers)
 
 
-def read_urdf(
-    path: Path, *, free_flyer: bool, reading: Reading = PLAIN, package_dirs: Sequence[Path] = ()
-) -> UrdfModels:
+def read_urdf(path: Path, *, free_flyer: bool, reading: Reading = PLAIN, package_dirs: Sequence[Path] = ()) -> UrdfModels:
     """Read a URDF file; all mistakes in it are one ``RobotDataError``, and so are numbers that get lost.
 
     What is left out without harm, such as a picture that is missing, is a warning each, and what the file holds beside a URDF
@@ -469,9 +463,7 @@ def _give_up(findings: Findings, link: Element, shape: Element, problem: str) ->
         link.remove(shape)
         findings.notes.append(f"{where}; {_NOT_DRAWN}")
     else:
-        findings.faults.append(
-            f"{where}, and nothing would be told of what the link touches; {_FIND}, or {_DO_WITHOUT}"
-        )
+        findings.faults.append(f"{where}, and nothing would be told of what the link touches; {_FIND}, or {_DO_WITHOUT}")
 
 
 _NOT_DRAWN = "not drawn"

@@ -257,9 +257,7 @@ def _is_flat(path: Path, shape: Element, where: str) -> bool:
 def _check_shape(path: Path, shapes: Sequence[Element], where: str) -> None:
     given = [f"<{element.tag}>" for element in shapes if element.tag in SHAPES]
     if len(given) > 1:
-        raise RobotDataError(
-            path, f"{where} geometry: given {', '.join(given)}; allowed: one shape, for the others get lost"
-        )
+        raise RobotDataError(path, f"{where} geometry: given {', '.join(given)}; allowed: one shape, for the others get lost")
     shape = shapes[0] if shapes else None
     if shape is None or shape.tag not in SHAPES:
         found = "nothing" if shape is None else f"<{shape.tag}>"
@@ -383,9 +381,7 @@ def _check_limit(path: Path, joint: Element, where: str) -> None:
     element, bounded = joint.find("limit"), joint.get("type") in ("revolute", "prismatic")
     if element is None:
         if bounded:
-            raise RobotDataError(
-                path, f"{where} is missing; give lower, upper, velocity and effort, or fix the joint: {_LOCK}"
-            )
+            raise RobotDataError(path, f"{where} is missing; give lower, upper, velocity and effort, or fix the joint: {_LOCK}")
         return
     lower, upper = (read_number(path, element, key, f"{where} {key}", default=0.0) for key in ("lower", "upper"))
     if bounded and lower > upper:
@@ -500,9 +496,7 @@ _PLACES = {
     "material": _place("color texture", "name"),
     "color": _place("", "rgba"),
     "texture": _place("", "filename"),
-    "joint": _place(
-        "origin parent child axis limit dynamics mimic safety_controller calibration", "name type", closed=False
-    ),
+    "joint": _place("origin parent child axis limit dynamics mimic safety_controller calibration", "name type", closed=False),
     "origin": _place("", "xyz rpy"),
     "parent": _place("", "link"),
     "child": _place("", "link"),

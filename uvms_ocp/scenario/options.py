@@ -109,9 +109,7 @@ class RunOptions:
         )
 
 
-def run_options(
-    given: Mapping[str, Any], *, robot: Robot | str = "girona_maris7_full", seabed: float = -40.0
-) -> RunOptions:
+def run_options(given: Mapping[str, Any], *, robot: Robot | str = "girona_maris7_full", seabed: float = -40.0) -> RunOptions:
     """The options that were given by keyword, `None` for the default; robot and seabed [m] are the scenario's own.
 
     Raises `NameNotFound` for an option or a robot that there is not, and `InvalidInput` for a current, a
@@ -184,9 +182,7 @@ def mission_of(
     first = [UnderActuation(axes=axes)] if axes else []
     names = tuple(task.name for task in first)
     listed = override([*first, *tasks], overrides) if overrides else [*first, *tasks]
-    mission = Mission(
-        hierarchy=Hierarchy(listed, None if order is None else (*names, *order)), phases=tuple(phases), abort=abort
-    )
+    mission = Mission(hierarchy=Hierarchy(listed, None if order is None else (*names, *order)), phases=tuple(phases), abort=abort)
     return with_activations(mission, activate(*names))
 
 
@@ -213,9 +209,7 @@ def activate(*names: str) -> dict[str, float]:
     return dict.fromkeys(names, 1.0)
 
 
-def phase_of(
-    name: str, title: str, on: Sequence[str], to: str, *when: Condition, hold: float = 0.0, **goals: Any
-) -> Phase:
+def phase_of(name: str, title: str, on: Sequence[str], to: str, *when: Condition, hold: float = 0.0, **goals: Any) -> Phase:
     """A phase with these tasks fully on and one way on: to a phase once conditions have held for `hold` [s].
 
     goals: by task, in place of their own.

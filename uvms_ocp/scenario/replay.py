@@ -64,9 +64,7 @@ def replay(plan: Plan, where: PlantOrEnvironment, *, feedback: bool = True, dt: 
     below = _below(plan, where) if isinstance(where, Environment) else ()
     record = _record(plan, recorder.series(), dt, "with feedback" if feedback else "blind", below)
     frame = TOOL if robot.has_frame(TOOL) else "base_link"
-    return ReplayResult(
-        record=record, mismatch=tracking_error(trajectory, record["t"], record["q"], robot=robot, frame=frame)
-    )
+    return ReplayResult(record=record, mismatch=tracking_error(trajectory, record["t"], record["q"], robot=robot, frame=frame))
 
 
 def _plant(plan: Plan, environment: Environment, dynamics: Dynamics) -> DynamicPlant:
@@ -86,9 +84,7 @@ def _below(plan: Plan, environment: Environment) -> tuple[AlarmMeta, ...]:
     return (AlarmMeta(t=float(path.t[found.row]), text=text),)
 
 
-def _record(
-    plan: Plan, series: dict[str, np.ndarray], dt: float, how: str, alarms: tuple[AlarmMeta, ...] = ()
-) -> Record:
+def _record(plan: Plan, series: dict[str, np.ndarray], dt: float, how: str, alarms: tuple[AlarmMeta, ...] = ()) -> Record:
     """One phase, without tasks: no mission is carried out, but a motion."""
     robot = plan.robot
     meta = RunMeta(

@@ -299,9 +299,7 @@ class Scenario(FieldTable):
             return computed_or({}, "true errors", lambda: kinematic.evaluate(self._true_measurement(true), t, *goals))
 
         truth, ends = quantities(plant.state, recorder.last("t")), []
-        for event, goals in zip(
-            kinematic.events, kinematic.left, strict=True
-        ):  # those that the phase had when it ended
+        for event, goals in zip(kinematic.events, kinematic.left, strict=True):  # those that the phase had when it ended
             row = round(event.t / self.dt)
             ends.append(quantities(State(q=recorder.at("q", row), v=recorder.at("v", row)), event.t, goals))
         std = recorder.last("q_std") if "q_std" in recorder else None

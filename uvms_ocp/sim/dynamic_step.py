@@ -235,9 +235,7 @@ def _stops(model: StepModel, q: ca.SX, v: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.S
     return force, slope
 
 
-def _contact(
-    model: StepModel, q: ca.SX, v: ca.SX, floor_z: ca.SX, normal: ca.SX, dt: ca.SX
-) -> tuple[ca.SX, ca.SX, ca.SX]:
+def _contact(model: StepModel, q: ca.SX, v: ca.SX, floor_z: ca.SX, normal: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Vertical force [N] per point, the generalized force (n_v,) [N, N m] of all, and what they add to G (n_v, n_v)."""
     n_v = model.robot.n_v
     total, slope = ca.SX.zeros(n_v), ca.SX(n_v, n_v)

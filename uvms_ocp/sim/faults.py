@@ -41,9 +41,7 @@ class ValueRange:
         return inside and not (self.above and value == self.lower) and not (self.below and value == self.upper)
 
     def __str__(self) -> str:
-        ends = (
-            f"{'more than ' if self.above else ''}{self.lower:g} to {'less than ' if self.below else ''}{self.upper:g}"
-        )
+        ends = f"{'more than ' if self.above else ''}{self.lower:g} to {'less than ' if self.below else ''}{self.upper:g}"
         return f"{self.what}, {ends}"
 
 

@@ -264,14 +264,10 @@ class WatchedPlant(Plant):
         """Theirs. Raises `InvalidInput` for what cannot be recorded, or not under that name."""
         telemetry = self._wrapped.telemetry()
         if not isinstance(telemetry, dict):
-            raise InvalidInput(
-                f"telemetry of plant {self._name} is {type(telemetry).__name__}; give a dict, empty for none"
-            )
+            raise InvalidInput(f"telemetry of plant {self._name} is {type(telemetry).__name__}; give a dict, empty for none")
         given = [name for name in EFFORTS if name in telemetry]
         if given and len(given) < len(EFFORTS):
-            raise InvalidInput(
-                f"telemetry of plant {self._name} has {given[0]!r}; give all of {', '.join(EFFORTS)}, or none"
-            )
+            raise InvalidInput(f"telemetry of plant {self._name} has {given[0]!r}; give all of {', '.join(EFFORTS)}, or none")
         return {name: self._recorded(name, value) for name, value in telemetry.items()}
 
     def _right(self, state: Any) -> State:
@@ -289,9 +285,7 @@ class WatchedPlant(Plant):
     def _recorded(self, name: str, value: Any) -> np.ndarray:
         whose, array = f"telemetry of plant {self._name}", np.asarray(value)
         if array.dtype.kind not in _REAL or array.ndim > 1:
-            raise InvalidInput(
-                f"{whose} has {name} of shape {array.shape} and type {array.dtype}; give numbers (n,), or one"
-            )
+            raise InvalidInput(f"{whose} has {name} of shape {array.shape} and type {array.dtype}; give numbers (n,), or one")
         if name not in self._shapes:
             if name in SERIES:
                 raise InvalidInput(f"{whose} has {name!r}, which means something else in records; rename it")
@@ -417,9 +411,7 @@ def require_fault(fault: Any) -> None:
     (onset, end), numbers = times, all(isinstance(t, int | float | np.floating) for t in times)
     if not (callable(fault) and numbers and 0.0 <= onset < end):
         given = f"faults: {part_name(fault)} with onset = {onset} s, end = {end} s"
-        raise InvalidInput(
-            f"{given}; give a Fault, or what makes one, with times from 0 on, the end last, inf for never"
-        )
+        raise InvalidInput(f"{given}; give a Fault, or what makes one, with times from 0 on, the end last, inf for never")
 
 
 def fault_meta(fault: Any) -> FaultMeta:

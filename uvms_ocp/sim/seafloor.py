@@ -120,9 +120,7 @@ def floor_mesh(
     if not (math.isfinite(extent) and math.isfinite(spacing) and 0 < spacing <= extent):
         raise InvalidInput(f"mesh of extent {extent} m and spacing {spacing} m; give 0 < spacing <= extent")
     if extent / spacing > _FINEST:
-        raise InvalidInput(
-            f"mesh of extent {extent:g} m and spacing {spacing:g} m; give at most {_FINEST} cells a side"
-        )
+        raise InvalidInput(f"mesh of extent {extent:g} m and spacing {spacing:g} m; give at most {_FINEST} cells a side")
     side = np.linspace(-extent / 2, extent / 2, 1 + math.ceil(extent / spacing))
     x, y = (values.ravel() for values in np.meshgrid(centre[0] + side, centre[1] + side))
     z = [seafloor.height(*point) for point in zip(x.tolist(), y.tolist(), strict=True)]
@@ -133,9 +131,7 @@ def floor_mesh(
 
 
 @checked
-def floor_obstacle(
-    seafloor: Seafloor, *, centre: tuple[float, float], extent: Positive, spacing: Positive = 0.25
-) -> Obstacle:
+def floor_obstacle(seafloor: Seafloor, *, centre: tuple[float, float], extent: Positive, spacing: Positive = 0.25) -> Obstacle:
     """A square of the floor as an obstacle named ``seafloor``: a slab if it is flat, else a mesh.
 
     centre, extent, spacing [m] as `floor_mesh` takes them; raises what it raises.
@@ -246,9 +242,7 @@ class HeightField(Seafloor):
         if not (math.isfinite(extent) and extent > 0):
             raise InvalidInput(f"extent of a height field = {extent} m; give a finite length > 0")
         if extent / relief.spacing > math.sqrt(_MOST_BUMPS):
-            raise InvalidInput(
-                f"extent of a height field = {extent} m; give less: more than {_MOST_BUMPS:,} protuberances"
-            )
+            raise InvalidInput(f"extent of a height field = {extent} m; give less: more than {_MOST_BUMPS:,} protuberances")
         rng = np.random.default_rng(seed)
         n = max(1, round((extent / relief.spacing) ** 2))
         return HeightField(
@@ -325,9 +319,7 @@ class HeightField(Seafloor):
         hit = int(np.argmax(below))
         return (float(distances[max(hit - 1, 0)]), float(distances[hit])) if below[hit] else None
 
-    def _refined(
-        self, bumps: np.ndarray, origin: np.ndarray, direction: np.ndarray, above: float, below: float
-    ) -> float:
+    def _refined(self, bumps: np.ndarray, origin: np.ndarray, direction: np.ndarray, above: float, below: float) -> float:
         from scipy.optimize import brentq  # half a second, which few need
 
         (x, y, z), (dx, dy, dz), near = origin.tolist(), direction.tolist(), bumps.T.tolist()

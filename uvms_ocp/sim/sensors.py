@@ -91,20 +91,14 @@ class SensorSuite:
         present = {name: spec for name in CHANNELS if (spec := getattr(specs, name)) is not None and name in sources}
         streams = dict(zip(CHANNELS, np.random.SeedSequence(seed).spawn(len(CHANNELS)), strict=True))
         struck = _by_channel(faults, list(present))
-        self._ideal = [
-            (name, sources[name][0]) for name, spec in present.items() if spec == _IDEAL and name not in struck
-        ]
+        self._ideal = [(name, sources[name][0]) for name, spec in present.items() if spec == _IDEAL and name not in struck]
         ideal = dict(self._ideal)
         self._channels = [
-            (name, _Channel(name, spec, *sources[name], streams[name]))
-            for name, spec in present.items()
-            if name not in ideal
+            (name, _Channel(name, spec, *sources[name], streams[name])) for name, spec in present.items() if name not in ideal
         ]
         for name, own in struck.items():
             stream = np.random.SeedSequence([seed, int.from_bytes(name.encode(), "big")])
-            dict(self._channels)[name].apply_faults(
-                ChannelFaults(_struck(robot, name, *sources[name][1:]), own, stream)
-            )
+            dict(self._channels)[name].apply_faults(ChannelFaults(_struck(robot, name, *sources[name][1:]), own, stream))
         self._seen = -math.inf
         """[s] time of the last readings of the ideal ones."""
         self._readings: dict[str, Reading[Any] | None] = {}
@@ -176,9 +170,7 @@ def _specific_force(gravity: np.ndarray) -> Truth:
 
     def force(state: State) -> np.ndarray:
         if state.a is None:
-            raise InvalidInput(
-                "specific_force needs the acceleration of the true state; give State(a=...), as plants do"
-            )
+            raise InvalidInput("specific_force needs the acceleration of the true state; give State(a=...), as plants do")
         of_axes = np.cross(state.v[3:6], state.v[:3])  # v is that of B in B, whose axes turn
         return np.asarray(state.a[:3] + of_axes - quaternion_to_matrix(state.q[3:7]).T @ gravity)
 

@@ -32,9 +32,7 @@ class SmoothActivation:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.start) and math.isfinite(self.end) and self.start < self.end):
-            raise InvalidInput(
-                f"SmoothActivation({self.start}, {self.end}): start and end must be finite and start < end"
-            )
+            raise InvalidInput(f"SmoothActivation({self.start}, {self.end}): start and end must be finite and start < end")
 
     def increasing(self, x: ca.SX | float) -> ca.SX:
         """0 where x [its unit] is below `start`, 1 where it is above `end`."""

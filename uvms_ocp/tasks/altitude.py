@@ -43,9 +43,7 @@ def altimeter_of(task: str, symbols: TickSymbols, frame: str | None) -> str:
     """The frame given, or the robot's altimeter; raises `InvalidInput` where there is none."""
     found = frame or symbols.robot.description.altimeter
     if found is None:
-        raise InvalidInput(
-            f"{task}: the robot has no altimeter; name its frame in the YAML (altimeter: FRAME) or as frame="
-        )
+        raise InvalidInput(f"{task}: the robot has no altimeter; name its frame in the YAML (altimeter: FRAME) or as frame=")
     return found
 
 
@@ -92,9 +90,7 @@ class MinimumAltitude(Task):
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """Altitude >= `threshold` [m]."""
-        return bounded_residual(
-            altitude_of(symbols, altimeter_of(self.name, symbols, self.frame)), lower=self.threshold
-        )
+        return bounded_residual(altitude_of(symbols, altimeter_of(self.name, symbols, self.frame)), lower=self.threshold)
 
     def position_limit(self, robot: Robot) -> PositionLimit:
         """The altimeter stays at `threshold`; the floor is taken as level around the robot."""

@@ -131,9 +131,7 @@ class NearestPairs:
         """Length of the vector that `parameters` returns."""
         return 1 + self.n_rows * (2 + self.model.n_v)
 
-    def parameters(
-        self, *, smallest: float, distance: np.ndarray, closing: np.ndarray, gradient: np.ndarray
-    ) -> np.ndarray:
+    def parameters(self, *, smallest: float, distance: np.ndarray, closing: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Return the measured quantities of `PairSymbols` as one vector (n_parameters,).
 
         smallest [m], distance (m,) [m], closing (m,) [m/s], gradient (m, n_v) [-, m].
@@ -143,9 +141,7 @@ class NearestPairs:
     def far_away(self) -> np.ndarray:
         """Parameters (n_parameters,) of pairs that are far away and do not move."""
         far = np.full(self.n_rows, FAR)
-        return self.parameters(
-            smallest=FAR, distance=far, closing=far, gradient=np.zeros((self.n_rows, self.model.n_v))
-        )
+        return self.parameters(smallest=FAR, distance=far, closing=far, gradient=np.zeros((self.n_rows, self.model.n_v)))
 
     def symbols(self, parameters: ca.SX) -> PairSymbols:
         """The same from the parameters of a task, which end with what is measured."""
@@ -321,9 +317,7 @@ class Task(ABC):
     def with_goal(self, goal: Any) -> Task:
         """This task with another goal; raises `InvalidInput` where the task has none."""
         if "goal" not in {item.name for item in fields(self)}:
-            raise InvalidInput(
-                f"{self.name}: {type(self).__name__} has no goal to replace; drop it from the phase's goals"
-            )
+            raise InvalidInput(f"{self.name}: {type(self).__name__} has no goal to replace; drop it from the phase's goals")
         return replace(self, goal=goal)  # type: ignore[call-arg]
 
     @property

@@ -261,9 +261,7 @@ def _factorised(band: Array, width: int) -> Array:
     factor, info = lapack.dpbtrf(stacked, lower=1, overwrite_ab=1)
     if info:
         node = (info - 1) // band.shape[1]
-        raise InvalidInput(
-            f"the curve is not determined at way point {node}; fix more derivatives at its ends or way points."
-        )
+        raise InvalidInput(f"the curve is not determined at way point {node}; fix more derivatives at its ends or way points.")
     return factor
 
 

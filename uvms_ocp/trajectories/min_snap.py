@@ -153,9 +153,7 @@ def checked_waypoints(waypoints: ArrayLike, *, dwell: bool = False) -> Array:
     equal = (points[1:] == points[:-1]).all(axis=1)
     if not dwell and equal.any():
         index = int(np.argmax(equal))
-        raise InvalidInput(
-            f"way points {index} and {index + 1} are equal; remove one, or give dwell=True to wait there."
-        )
+        raise InvalidInput(f"way points {index} and {index + 1} are equal; remove one, or give dwell=True to wait there.")
     return points
 
 
@@ -254,9 +252,7 @@ def min_snap(waypoints: ArrayLike, times: ArrayLike, specification: CurveSpecifi
     return found
 
 
-def _least(
-    waypoints: ArrayLike, times: ArrayLike, specification: CurveSpecification
-) -> tuple[MinSnap, NodeProblem, Pieces]:
+def _least(waypoints: ArrayLike, times: ArrayLike, specification: CurveSpecification) -> tuple[MinSnap, NodeProblem, Pieces]:
     problem = node_problem(waypoints, times, specification)
     pieces = pieces_of(np.diff(problem.times), problem.k)
     return solution_of(problem.times, pieces, _solved(problem, pieces)), problem, pieces
@@ -353,9 +349,7 @@ _QUIET: dict[str, dict[str, object]] = {
 class _Qp:
     """Matrices of one axis: unknowns are the unit-interval coefficients of all pieces, time in units of ``unit``."""
 
-    def __init__(
-        self, k: int, durations: Array, bounds: tuple[Bound, ...], plugin: str, options: dict[str, object]
-    ) -> None:
+    def __init__(self, k: int, durations: Array, bounds: tuple[Bound, ...], plugin: str, options: dict[str, object]) -> None:
         self.k, self.n = k, durations.size
         self.unit = float(np.exp(np.mean(np.log(durations))))
         self.tau = durations / self.unit

@@ -149,9 +149,7 @@ class PiecewisePolynomial(FieldTable):
             raise InvalidInput("indices = (); give at least one axis")
         return PiecewisePolynomial(breaks=self.breaks, coefficients=self.coefficients[:, :, list(indices)])
 
-    def table(
-        self, period: float, derivatives: Count = 4, names: Sequence[str] | None = None
-    ) -> tuple[tuple[str, ...], Array]:
+    def table(self, period: float, derivatives: Count = 4, names: Sequence[str] | None = None) -> tuple[tuple[str, ...], Array]:
         """Column names and rows ``t, d0_axis0, d0_axis1, ..., d1_axis0, ...`` every ``period`` [s].
 
         ``names`` (n_axes,) take the place of ``axis0, axis1, ...``. Raises `InvalidInput` for another number of them, and as
@@ -164,9 +162,7 @@ class PiecewisePolynomial(FieldTable):
         columns = [f"d{d}_{axis}" for d in range(derivatives + 1) for axis in axes]
         return ("t", *columns), np.column_stack([times, values.reshape(times.size, -1)])
 
-    def to_csv(
-        self, path: Path | str, period: float, derivatives: Count = 4, names: Sequence[str] | None = None
-    ) -> None:
+    def to_csv(self, path: Path | str, period: float, derivatives: Count = 4, names: Sequence[str] | None = None) -> None:
         """Write ``table``, with a row every ``period`` [s], as comma-separated text.
 
         Raises `OutputError` where the file cannot be written, `InvalidInput` as ``table``.
@@ -228,9 +224,7 @@ def _check_breaks(breaks: Array) -> None:
 
 def _check_coefficients(coefficients: Array, n_pieces: int) -> None:
     if coefficients.ndim != 3 or coefficients.shape[1] != n_pieces or 0 in coefficients.shape:
-        raise InvalidInput(
-            f"coefficients have shape {coefficients.shape}; allowed is (degree + 1, {n_pieces}, n_axes)."
-        )
+        raise InvalidInput(f"coefficients have shape {coefficients.shape}; allowed is (degree + 1, {n_pieces}, n_axes).")
     # The sum is finite in all but a few cases where each term is, and needs no memory.
     if not np.isfinite(coefficients.sum()) and not np.isfinite(coefficients).all():
         index = int(np.argmin(np.isfinite(coefficients).all(axis=(0, 2))))

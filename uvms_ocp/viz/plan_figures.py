@@ -88,9 +88,7 @@ PLAN_FIGURES: Mapping[str, Callable[[Record], Figure | None]] = MappingProxyType
 @checked
 def write_plan_figures(record: Record, folder: Path | str) -> tuple[Path, ...]:
     """Write every figure that the plan can fill as PNG; returns the paths. Raises `OutputError`."""
-    return tuple(
-        style.save_figure(figure, Path(folder) / f"{name}.png") for name, figure in plan_figures(record).items()
-    )
+    return tuple(style.save_figure(figure, Path(folder) / f"{name}.png") for name, figure in plan_figures(record).items())
 
 
 def plan_figures(record: Record) -> dict[str, Figure]:

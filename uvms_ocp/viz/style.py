@@ -113,9 +113,7 @@ class Figures(tuple[Figure, ...]):
 
     def _repr_html_(self) -> str:
         pictures = (b64encode(png_of(figure)).decode("ascii") for figure in self)
-        return "".join(
-            f'<img src="data:image/png;base64,{picture}" style="max-width:100%"><br>' for picture in pictures
-        )
+        return "".join(f'<img src="data:image/png;base64,{picture}" style="max-width:100%"><br>' for picture in pictures)
 
 
 def png_of(figure: Figure) -> bytes:

@@ -138,9 +138,7 @@ def figure_altitude(record: Record) -> Figure | None:
         for limit in thresholds(record, name):
             style.threshold(axis, limit, f"landed below {limit:g} m")
     lowest = int(np.nanargmin(altitude))
-    axes[1].plot(
-        t[lowest], altitude[lowest], "v", color=style.VERMILLION, ms=5, label=f"lowest: {altitude[lowest]:.3f} m"
-    )
+    axes[1].plot(t[lowest], altitude[lowest], "v", color=style.VERMILLION, ms=5, label=f"lowest: {altitude[lowest]:.3f} m")
     label = axis_label("altitude", name)
     axes[0].set(ylabel=label, ylim=(0, None))
     axes[1].set(ylabel=f"{label},\nnear the floor", ylim=(0, near))

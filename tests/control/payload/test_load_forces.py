@@ -42,9 +42,7 @@ def tool_acceleration(robot: Robot, q: np.ndarray, v: np.ndarray, a: np.ndarray)
 
 @pytest.mark.parametrize(("mass", "volume"), [(2.0, 0.0), (3.0, 1e-3), (1.0, 4e-3)])
 @pytest.mark.parametrize("name", ROBOTS)
-def test_a_load_changes_the_dynamics_by_its_weight_and_by_what_its_mass_resists(
-    name: str, mass: float, volume: float
-) -> None:
+def test_a_load_changes_the_dynamics_by_its_weight_and_by_what_its_mass_resists(name: str, mass: float, volume: float) -> None:
     robot, plain = load_robot(name), dynamics(name)
     body = TrimBody(name="load", link=LOAD_FRAME, position=(0.0, 0.0, 0.0), mass=mass, volume=volume)
     heavy = robot_dynamics(with_trim(robot, [body]))

@@ -52,9 +52,7 @@ def at(found: list[LoadEstimate], t: float) -> LoadEstimate:
 @pytest.mark.parametrize("rough", [False, True])
 @pytest.mark.parametrize("payload", TWO_KG)
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_after_30_s_the_net_weight_of_two_kilograms_is_known_within_a_tenth(
-    robot: str, payload: str, rough: bool
-) -> None:
+def test_after_30_s_the_net_weight_of_two_kilograms_is_known_within_a_tenth(robot: str, payload: str, rough: bool) -> None:
     load, true = at(learnt(robot, payload, rough=rough), 30.0), TWO_KG[payload]
     assert abs(load.weight - true) < 0.1 * true
     assert abs(load.weight - true) < 2.0 * load.weight_error
@@ -151,9 +149,7 @@ def refused(robot: Robot, scenario: Scenario) -> str:
     """By our controller of this robot, if it is, and with which words."""
     options: dict[str, Any] = {"gains": scenario.gains, "load": scenario.load}
     try:
-        DynamicController(
-            robot=robot, dynamics=robot_dynamics(robot), kinematic=scenario.kinematic_controller(), **options
-        )
+        DynamicController(robot=robot, dynamics=robot_dynamics(robot), kinematic=scenario.kinematic_controller(), **options)
     except UvmsError as error:
         return str(error)
     return ""

@@ -52,9 +52,7 @@ def _with(readings: Readings, value: float) -> Readings:
 
 @pytest.mark.parametrize("start", [2.0, 5.0])
 @pytest.mark.parametrize("defect", ["frozen", "stuck", "jump", "spikes", "noisy"])
-def test_an_altimeter_that_lies_never_shows_more_water_than_the_descent_leaves(
-    robot: Robot, defect: str, start: float
-) -> None:
+def test_an_altimeter_that_lies_never_shows_more_water_than_the_descent_leaves(robot: Robot, defect: str, start: float) -> None:
     spoil = noisy_stuck(100.0, start) if defect == "noisy" else between(NAME, defect, start, math.inf)
     run = HealthRun(robot, duration=12.0, spoil=spoil, motion=sinking(robot))
     true = run.q[:, 2] - run.q[0, 2] + run.range[run.t > 1.5][0]
@@ -104,9 +102,7 @@ def test_a_floor_that_rises_at_once_is_believed_at_once(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("climb", [0.15, -0.15])
-def test_a_floor_that_falls_at_once_is_believed_when_the_vehicle_has_moved_vertically(
-    robot: Robot, climb: float
-) -> None:
+def test_a_floor_that_falls_at_once_is_believed_when_the_vehicle_has_moved_vertically(robot: Robot, climb: float) -> None:
     run = HealthRun(robot, duration=12.0, floor=Cliff(-43.0, -38.0, 1.6), motion=cruising(robot, climb))
     before = run.range[(run.t > 2.0) & (run.t < 3.9)].max()
     unproven = (run.t > 4.0) & (run.t < 7.0) & np.isfinite(run.range)

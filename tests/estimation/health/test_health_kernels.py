@@ -63,9 +63,7 @@ CASES = dict(zip(STEPS, ["jump", "bias", "late", "nan", "bias", "frozen", "jump"
 @needs_compiler
 @pytest.mark.parametrize(("channel", "defect"), CASES.items(), ids=CASES)
 def test_c_and_python_tell_the_same(robot: Robot, channel: str, defect: str) -> None:
-    (in_c, told), (in_python, same) = (
-        _guarded(robot, channel, defect, compiled=compiled) for compiled in (True, False)
-    )
+    (in_c, told), (in_python, same) = (_guarded(robot, channel, defect, compiled=compiled) for compiled in (True, False))
     assert in_c.alarms == in_python.alarms
     assert in_c.alarms
     assert bytes(in_c.memory) == bytes(in_python.memory)

@@ -67,9 +67,7 @@ def test_sound_readings_pass_as_they_are(robot: Robot, moving: bool) -> None:
 
 @long_without_compiler
 @pytest.mark.parametrize("plant", ["kinematic", "dynamic"])
-def test_ideal_sensors_give_the_run_that_they_gave_without_a_monitor(
-    monkeypatch: pytest.MonkeyPatch, plant: str
-) -> None:
+def test_ideal_sensors_give_the_run_that_they_gave_without_a_monitor(monkeypatch: pytest.MonkeyPatch, plant: str) -> None:
     scenario = case1(plant=plant, duration=1.5, dt=0.02)
     watched = scenario.run()
     monkeypatch.setattr(GuardedEstimator, "__call__", lambda self, *args: self.estimator(*args))

@@ -140,9 +140,7 @@ def test_rows_far_from_anything_are_wide_of_their_bounds(robot: Robot) -> None:
 # --- plans ----------------------------------------------------------------------------------------
 
 
-def planar_problem(
-    things: list[Obstacle], *, margin: float = 0.05, n_steps: int = 16
-) -> tuple[OcpProblem, ShapeClearance]:
+def planar_problem(things: list[Obstacle], *, margin: float = 0.05, n_steps: int = 16) -> tuple[OcpProblem, ShapeClearance]:
     """The planar robot moves sideways past what stands there."""
     planar = load_robot("planar5")
     term = clearance(planar, things, margin)
@@ -204,9 +202,7 @@ def test_bounds_of_a_turning_vehicle_hold_for_every_point_of_it(robot: Robot) ->
     q = robot.configuration(rpy=(0.2, -0.3, 0.5))
     v, a = rng.normal(size=(2, robot.n_v)), rng.normal(size=(1, robot.n_v))
     end = pin.integrate(robot.model, q, 0.8 * v[0] + 0.32 * a[0])
-    path = Trajectory(
-        t=np.array([0.0, 0.8]), q=np.array([q, end]), v=v, a=a, thrust=np.zeros((1, 8)), torque=np.zeros((1, 7))
-    )
+    path = Trajectory(t=np.array([0.0, 0.8]), q=np.array([q, end]), v=v, a=a, thrust=np.zeros((1, 8)), torque=np.zeros((1, 7)))
     motion = SteppedMotion(term=term, trajectory=path)
     middle, half = np.linspace(0.1, 0.7, 13), np.full(13, 0.1)
     bound = motion.bounds(middle, half) @ term.scene.reach.T
@@ -256,9 +252,7 @@ def test_an_obstacle_that_moves_is_where_it_is_at_the_time_of_the_node() -> None
     problem, term = planar_problem([obstacle("ball", coal.Sphere(0.3), [2.0, 9.0, 0.0])])
     still = Planner(problem, NlpOptions(time_limit=600.0)).plan()
     meeting = Kinematics(problem.robot, still.trajectory.q[8]).pose("tool").translation + np.array([0.0, 0.25, 0.0])
-    coming = replace(
-        term, moving={"ball": lambda t: pin.SE3(np.eye(3), meeting + max(0.0, 3.0 - 0.5 * t) * np.eye(3)[1])}
-    )
+    coming = replace(term, moving={"ball": lambda t: pin.SE3(np.eye(3), meeting + max(0.0, 3.0 - 0.5 * t) * np.eye(3)[1])})
     plan = Planner(replace(problem, constraints=(AtRest(), coming)), NlpOptions(time_limit=600.0)).plan()
     assert plan.status is OcpStatus.SOLVED
     assert least(coming, still.trajectory) < 0.0

@@ -41,9 +41,7 @@ def test_solids_apart_are_as_far_as_coal_says(pair: SolidPair, one: str, other: 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("one", "other"), PAIRS)
-def test_solids_that_overlap_part_after_their_depth_and_along_no_direction_before(
-    pair: SolidPair, one: str, other: str
-) -> None:
+def test_solids_that_overlap_part_after_their_depth_and_along_no_direction_before(pair: SolidPair, one: str, other: str) -> None:
     """coal's own depth is that of some direction, not always of the shallowest, and at times none."""
     rng, overlapping = np.random.default_rng(2), 0
     while overlapping < 200:

@@ -59,9 +59,7 @@ def test_gradient_and_acceleration_are_those_of_the_velocity(text: str, floor: S
         places = places[np.ptp(nearby, axis=1).max(axis=1) < 1e-4]
         assert len(places) > 5
     for t in TIMES:
-        slopes = [
-            (current.velocity(places + h * e, t) - current.velocity(places - h * e, t)) / (2 * h) for e in np.eye(3)
-        ]
+        slopes = [(current.velocity(places + h * e, t) - current.velocity(places - h * e, t)) / (2 * h) for e in np.eye(3)]
         np.testing.assert_allclose(current.gradient(places, t), np.stack(slopes, axis=2), atol=1e-4)
         water = water_at(current, places, t)
         ahead, behind = (places + sign * h * water.velocity for sign in (1, -1))

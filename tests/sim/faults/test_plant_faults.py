@@ -117,9 +117,7 @@ def test_a_stuck_thruster_stays_at_its_thrust(robot: Robot) -> None:
 
 def test_a_stuck_thruster_goes_to_the_thrust_that_is_given_as_far_as_it_can(robot: Robot) -> None:
     assert thrusts(robot, "thruster3:stuck=-20", ticks=200)[-1, 2] == pytest.approx(-20.0, abs=1e-6)
-    assert thrusts(robot, "thruster3:stuck=9e4", ticks=200)[-1, 2] == pytest.approx(
-        robot.description.thrusters[2].maximum
-    )
+    assert thrusts(robot, "thruster3:stuck=9e4", ticks=200)[-1, 2] == pytest.approx(robot.description.thrusters[2].maximum)
 
 
 @pytest.mark.parametrize(("text", "share"), [("thruster3:weak=0.25", 0.25), ("thruster3:reversed", -1.0)])
@@ -138,9 +136,7 @@ def test_a_jammed_joint_stands_still_and_the_others_move(robot: Robot) -> None:
     plant, rows, rates = plant_of(robot, f"joint2:jam@{ONSET}"), [], []
     carry_on(plant, robot, range(20))
     here = plant.state.q[robot.joint_q][1]
-    carry_on(
-        plant, robot, range(20, 60), lambda k: (rows.append(plant.state.q[robot.joint_q]), rates.append(plant.state.v))
-    )
+    carry_on(plant, robot, range(20, 60), lambda k: (rows.append(plant.state.q[robot.joint_q]), rates.append(plant.state.v)))
     assert {row[1] for row in rows} == {here}
     assert {rate[7] for rate in rates} == {0.0}
     assert (np.ptp(np.delete(rows, 1, axis=1), axis=0) > 1e-4).all()
@@ -217,9 +213,7 @@ def test_momentum_in_the_world_is_that_of_robot_and_payload_together() -> None:
     v, q = np.linspace(-0.3, 0.4, girona.n_v), girona.configuration(joints=0.2 + girona.home)
     light, heavy = (pin.crba(m, m.createData(), q) for m in (girona.model, model))
     joined = joined_velocity(light, heavy, v)
-    momenta = [
-        pin.computeCentroidalMomentum(m, m.createData(), q, w).linear for m, w in ((girona.model, v), (model, joined))
-    ]
+    momenta = [pin.computeCentroidalMomentum(m, m.createData(), q, w).linear for m, w in ((girona.model, v), (model, joined))]
     np.testing.assert_allclose(momenta[0], momenta[1], rtol=1e-9)
 
 

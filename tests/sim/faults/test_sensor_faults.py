@@ -37,16 +37,12 @@ def channel_of(text: str) -> str:
     return parse_fault(text).location.channel
 
 
-def readings(
-    robot: Robot, texts: list[str], channel: str, *, duration: float = DURATION, specs: SensorSpecs = SPECS
-) -> Series:
+def readings(robot: Robot, texts: list[str], channel: str, *, duration: float = DURATION, specs: SensorSpecs = SPECS) -> Series:
     """Of one channel at every tick, while the robot moves."""
     suite = SensorSuite(robot, FlatSeafloor(z=-40.0), specs, seed=3, faults=parse_faults(texts))
     start = robot.configuration(position=(1.0, 2.0, -36.0), rpy=(0.1, -0.06, 0.5))
     v = np.linspace(0.01, 0.02, robot.n_v)
-    states = (
-        State(q=pin.integrate(robot.model, start, v * k * DT), v=v * k, a=v / DT) for k in range(round(duration / DT))
-    )
+    states = (State(q=pin.integrate(robot.model, start, v * k * DT), v=v * k, a=v / DT) for k in range(round(duration / DT)))
     return [getattr(suite.read(state, k * DT), channel) for k, state in enumerate(states)]
 
 
@@ -144,8 +140,7 @@ def test_bias_may_be_given_for_each_component(robot: Robot) -> None:
 def test_spikes_are_as_large_and_as_frequent_as_asked_for(channel: str, robot: Robot) -> None:
     share, size, specs = 0.3, 0.7, replace(SPECS, **{channel: SensorSpec(rate=100.0, sigma=0.01)})
     sound, faulty = (
-        fresh(readings(robot, texts, channel, duration=20.0, specs=specs))
-        for texts in ([], [f"{channel}:spikes={size},{share}"])
+        fresh(readings(robot, texts, channel, duration=20.0, specs=specs)) for texts in ([], [f"{channel}:spikes={size},{share}"])
     )
     errors = np.array([error_of(channel, robot, a.value, b.value) for a, b in zip(sound, faulty, strict=True)])
     norms = np.linalg.norm(errors, axis=1)

@@ -29,15 +29,11 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 
-_FORCE_SCALE = (
-    0.02  # change of the residual force that counts as one, share of what all thrusters together give on that axis
-)
+_FORCE_SCALE = 0.02  # change of the residual force that counts as one, share of what all thrusters together give on that axis
 _MOMENT_SCALE = 0.005  # of moments, of which water and loads make less for their force than thrusters do
 
 
-def detection_sizes(
-    robot: Robot, symbolic: SymbolicDynamics, tuning: ActuatorHealthTuning, period: float
-) -> dict[str, Any]:
+def detection_sizes(robot: Robot, symbolic: SymbolicDynamics, tuning: ActuatorHealthTuning, period: float) -> dict[str, Any]:
     """Return the sizes of a `FaultDetection` and its functions; period [s] of its samples."""
     return {
         "n_q": robot.n_q,
@@ -70,9 +66,7 @@ def write_detection(
     memory.dt, memory.n_vehicle, memory.thruster = dt, robot.n_vehicle, -1
     assign(memory.effectiveness, share=1.0)
     assign(memory.authority, matrix=matrix, lower=limits[0], upper=limits[1])
-    write_thruster_watch(
-        memory.thrusters, matrix, *limits, tuning=tuning, bandwidth=bandwidth, period=residual_filter.every * dt
-    )
+    write_thruster_watch(memory.thrusters, matrix, *limits, tuning=tuning, bandwidth=bandwidth, period=residual_filter.every * dt)
     write_joint_watch(memory.joints, robot.limits.effort)
 
 
@@ -111,9 +105,7 @@ def write_joint_watch(watch: JointFaultMemory, effort: np.ndarray) -> None:
     assign(watch, count=len(effort), effort=effort, since=math.inf)
 
 
-def thruster_verdicts(
-    watch: ThrusterFaultMemory, effectiveness: ThrusterEffectiveness, n: int
-) -> list[ThrusterVerdict]:
+def thruster_verdicts(watch: ThrusterFaultMemory, effectiveness: ThrusterEffectiveness, n: int) -> list[ThrusterVerdict]:
     """Return the verdict of a `ThrusterWatch` on each of n thrusters; effectiveness: in memory."""
     return [
         ThrusterVerdict(
@@ -132,9 +124,7 @@ def joint_verdicts(watch: JointFaultMemory) -> list[JointVerdict]:
     """Return the verdict of a `JointWatch` on each joint."""
     sound = JointVerdict()
     return [
-        JointVerdict(health=ActuatorHealth.FAULTY, kind=FaultKind.JAMMED, since=watch.since[j])
-        if watch.jammed[j]
-        else sound
+        JointVerdict(health=ActuatorHealth.FAULTY, kind=FaultKind.JAMMED, since=watch.since[j]) if watch.jammed[j] else sound
         for j in range(watch.count)
     ]
 

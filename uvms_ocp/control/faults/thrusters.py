@@ -314,9 +314,7 @@ class ThrusterFaultMemory(Layout):
     """(n_thrusters,) [s] likewise."""
 
 
-def detect_thruster_faults(
-    w: ThrusterFaultMemory, e: ThrusterEffectiveness, residual: Vector, asked: Vector, t: float
-) -> int:
+def detect_thruster_faults(w: ThrusterFaultMemory, e: ThrusterEffectiveness, residual: Vector, asked: Vector, t: float) -> int:
     """Take in the residual (6,) [N, N m] at time t [s], and the thrust asked (n_thrusters,) [N] that it tells of, of thrusters
     that all follow; the thruster that was found faulty now, and whose effect is changed, or -1."""
     if not w.started:

@@ -245,9 +245,7 @@ _SHAPES = {
 }
 
 
-def allocation_of(
-    robot: Robot, *, force_weight: float = 1.0, moment_weight: float = 1.0, compiled: bool = True
-) -> Allocation:
+def allocation_of(robot: Robot, *, force_weight: float = 1.0, moment_weight: float = 1.0, compiled: bool = True) -> Allocation:
     """Return the allocation of a robot's thrusters.
 
     force_weight [1/N] and moment_weight [1/(N m)] say what to give up first when the limits bind. compiled: as

@@ -90,17 +90,13 @@ class DynamicController(TableDisplay):
         without a tool.
         """
         if robot.n_vehicle and not robot.description.thrusters:
-            raise InvalidInput(
-                f"robot {robot.name!r} has no thrusters; give some in its YAML, or use the kinematic plant"
-            )
+            raise InvalidInput(f"robot {robot.name!r} has no thrusters; give some in its YAML, or use the kinematic plant")
         self.kinematic = kinematic
         gains = gains or VelocityGains()
         self._robot = robot
         laws = _laws(robot, dynamics, gains, health, kinematic.dt)
         late = DeadTimes() if sensors is None else dead_times(sensors)
-        self._tick = ForceTick(
-            laws, bandwidth_derating(late, vehicle=gains.vehicle, joints=gains.joints, dt=kinematic.dt)
-        )
+        self._tick = ForceTick(laws, bandwidth_derating(late, vehicle=gains.vehicle, joints=gains.joints, dt=kinematic.dt))
         self.memory = memory = self._tick.memory
         """Memory of the force layer, a `ForceMemory`."""
         # Parts of it are made anew whenever they are asked for.
@@ -128,9 +124,7 @@ class DynamicController(TableDisplay):
         values = {
             "bandwidth borne by the vehicle [-]": self.memory.bandwidth_share,
             "bandwidth borne by the joints [-]": self.memory.joint_bandwidth_share,
-            "faults of thrusters and joints": "not searched for"
-            if self.monitor is None
-            else self._fault_summary or "none found",
+            "faults of thrusters and joints": "not searched for" if self.monitor is None else self._fault_summary or "none found",
             "load of the tool": "not learnt" if self.learner is None else "learnt",
         }
         below = self.kinematic._table()
@@ -191,9 +185,7 @@ class DynamicController(TableDisplay):
 
 
 @lru_cache(maxsize=8)
-def _laws(
-    robot: Robot, dynamics: Dynamics, gains: VelocityGains, health: ActuatorHealthTuning | None, dt: float
-) -> ForceLaws:
+def _laws(robot: Robot, dynamics: Dynamics, gains: VelocityGains, health: ActuatorHealthTuning | None, dt: float) -> ForceLaws:
     """Return the laws of a robot, one object for many runs, so that what is derived from them is made once; dt [s]."""
     search = health if gains.observer_vehicle and robot.n_vehicle else None
     return ForceLaws(
@@ -207,9 +199,7 @@ def _laws(
         lag=thruster_lag(robot, lead=gains.lead, dt=dt),
         lift=float(largest_wrench(robot)[2]),
         observer=_observer_law(robot, gains, dt),
-        residual_filter=None
-        if search is None
-        else residual_filter_for(search, bandwidth=gains.observer_vehicle, dt=dt),
+        residual_filter=None if search is None else residual_filter_for(search, bandwidth=gains.observer_vehicle, dt=dt),
         search=search,
     )
 

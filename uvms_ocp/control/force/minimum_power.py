@@ -234,9 +234,7 @@ def _bounded(p: LimitedThrustMemory) -> None:
 
 def _touch(p: LimitedThrustMemory) -> None:
     for i in range(p.problem.columns):
-        p.problem.weight[i] = majorizing_weight(
-            p.powers.factor[i], p.powers.exponent[i], p.powers.largest[i], p.thrust[i]
-        )
+        p.problem.weight[i] = majorizing_weight(p.powers.factor[i], p.powers.exponent[i], p.powers.largest[i], p.thrust[i])
 
 
 def _solve(p: LimitedThrustMemory, started: bool) -> None:

@@ -255,9 +255,7 @@ class ForceTick:
         memory.detection.n_vehicle, memory.detection.joints.count = robot.n_vehicle, robot.n_joints
         if laws.search is not None and laws.residual_filter is not None and laws.observer is not None:
             memory.watched, bandwidth = True, float(laws.observer.bandwidth[0])
-            write_detection(
-                memory.detection, robot, laws.search, laws.residual_filter, bandwidth=bandwidth, dt=laws.velocity.dt
-            )
+            write_detection(memory.detection, robot, laws.search, laws.residual_filter, bandwidth=bandwidth, dt=laws.velocity.dt)
 
 
 @lru_cache(maxsize=8)

@@ -212,9 +212,7 @@ class ForceLaws:
 
 def observe_function(laws: ForceLaws) -> ca.Function:
     """Make ``inputs, effectiveness, state -> observed``: the state after the observer, before this tick's commands."""
-    x, (inputs, effectiveness, state) = _symbols(
-        laws, inputs=ForceInputs, effectiveness=ThrusterEffectiveness, state=ForceState
-    )
+    x, (inputs, effectiveness, state) = _symbols(laws, inputs=ForceInputs, effectiveness=ThrusterEffectiveness, state=ForceState)
     gain = min(1.0, laws.velocity.dt / _EASE)
     share = state.share + gain * (_by_part(laws, inputs.feedback, inputs.joint_feedback) - state.share)
     integral = _by_part(laws, ca.if_else(inputs.stop, 0.0, state.integral), state.integral)
@@ -232,10 +230,7 @@ def control_function(laws: ForceLaws) -> ca.Function:
     free = list(undriven_axes(laws.robot))
     if free:
         error[free], before[free] = 0, inputs.reference[free]
-    tau = (
-        laws.velocity.force(inputs.q, inputs.reference, before, error, observed.integral, observed.share)
-        - observed.estimate
-    )
+    tau = laws.velocity.force(inputs.q, inputs.reference, before, error, observed.integral, observed.share) - observed.estimate
     if free:  # they move as all other forces have it, and what that takes of the driven axes is fed forward
         M = laws.velocity.dynamics.mass_matrix(inputs.q)
         tau -= M[:, free] @ ca.solve(M[free, free], tau[free])
@@ -277,9 +272,7 @@ def command_function(laws: ForceLaws) -> ca.Function:
         unreachable=allocated.unreachable,
         push=ca.dot(_up(inputs.q), observed.estimate[:3]) / laws.lift if n and laws.lift > 0.0 else ca.SX(1, 1),
     )
-    return ca.Function(
-        "command", list(x.values()), [column_of(state), column_of(outputs)], list(x), ["state", "outputs"]
-    )
+    return ca.Function("command", list(x.values()), [column_of(state), column_of(outputs)], list(x), ["state", "outputs"])
 
 
 def _observed(
@@ -288,9 +281,7 @@ def _observed(
     """Update the observer; where the velocity is not trusted, keep the estimate, or zero it where the robot is stopped."""
     wrench = ca.mtimes(laws.matrix, effectiveness.given(observed.thrust))
     force = ca.vertcat(wrench[: laws.robot.n_vehicle], observed.torque)
-    before = ObserverState(
-        estimate=observed.estimate, lead=observed.lead, v_hat=observed.v_hat, follows=observed.follows
-    )
+    before = ObserverState(estimate=observed.estimate, lead=observed.lead, v_hat=observed.v_hat, follows=observed.follows)
     found = law.after(before, laws.velocity.dynamics, inputs.q, inputs.v, force, observed.share)
     held = partial(ca.if_else, inputs.hold)
     return replace(
@@ -302,9 +293,7 @@ def _observed(
     )
 
 
-def _taken_in(
-    laws: ForceLaws, residual_filter: ResidualFilter, inputs: ForceInputs, observed: ForceState
-) -> ForceState:
+def _taken_in(laws: ForceLaws, residual_filter: ResidualFilter, inputs: ForceInputs, observed: ForceState) -> ForceState:
     """Filter the commands for the monitor while everything is fed back with nearly the full bandwidth."""
     joints = inputs.joints if laws.robot.n_joints else 1.0
     watches = ca.logic_and(ca.logic_and(1.0 - inputs.hold, joints), observed.share[0] >= _FULL)

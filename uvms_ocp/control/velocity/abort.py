@@ -170,11 +170,7 @@ def abort_reason(
     if not d.aborts:
         return AbortReason.FAULT if d.fault else AbortReason.NOTHING
     if m.given_up:
-        return (
-            AbortReason.LATE
-            if t - m.since > d.time_limit
-            else (AbortReason.HOPELESS if hopeless else AbortReason.NOTHING)
-        )
+        return AbortReason.LATE if t - m.since > d.time_limit else (AbortReason.HOPELESS if hopeless else AbortReason.NOTHING)
     if hopeless or ended or d.fault:
         return AbortReason.HOPELESS if hopeless else (AbortReason.ENDED if ended else AbortReason.FAULT)
     d.contact_since = _since(d.pushed, d.contact_since, t)
@@ -258,16 +254,12 @@ class AbortMonitor:
         memory = self._memory
         memory.short, memory.push, memory.fault = feedback.short, feedback.push, bool(feedback.fault)
 
-    def describe(
-        self, why: AbortReason, tick: TickInputs, quantities: Mapping[str, float], feedback: ActuationFeedback
-    ) -> str:
+    def describe(self, why: AbortReason, tick: TickInputs, quantities: Mapping[str, float], feedback: ActuationFeedback) -> str:
         """Describe the reason that the kernel found at a tick, from the quantities [in their units]."""
         words = self._describe(why, tick, quantities, feedback)
         return f"{words}; {feedback.fault_summary}" if words and feedback.fault_summary not in words else words
 
-    def _describe(
-        self, why: AbortReason, tick: TickInputs, quantities: Mapping[str, float], feedback: ActuationFeedback
-    ) -> str:
+    def _describe(self, why: AbortReason, tick: TickInputs, quantities: Mapping[str, float], feedback: ActuationFeedback) -> str:
         abort = self._mission.abort
         if why is AbortReason.NOTHING or why is AbortReason.FAULT or abort is None:
             return feedback.fault if why is AbortReason.FAULT else ""
@@ -297,9 +289,7 @@ class AbortMonitor:
         high = [isinstance(task, MinimumAltitude) for task in self._mission.hierarchy.tasks]
         assign(memory, aborts=abort is not None, began=-math.inf, high=high)
         memory.contact_since = memory.thrust_since = memory.stall_since = memory.runaway_since = math.nan
-        for name in (
-            ("time_limit", "stall_after", "thrust_after", "runaway_after", "contact", "contact_after") if abort else ()
-        ):
+        for name in ("time_limit", "stall_after", "thrust_after", "runaway_after", "contact", "contact_after") if abort else ():
             setattr(memory, name, getattr(abort, name))
 
 

@@ -197,9 +197,7 @@ def asked_in_phases(mission: Mission, tracks: Sequence[Track]) -> list[tuple[_As
     return [_asked_in(mission, phase, tracked, places) for phase in range(len(mission.all_phases))]
 
 
-def _asked_in(
-    mission: Mission, phase: int, tracked: Collection[tuple[int, int]], places: Sequence[slice]
-) -> tuple[_Asked, ...]:
+def _asked_in(mission: Mission, phase: int, tracked: Collection[tuple[int, int]], places: Sequence[slice]) -> tuple[_Asked, ...]:
     found = []
     goals = zip(mission.tasks_of(phase), mission.references_of(phase), strict=True)
     for i, (task, (reference, own)) in enumerate(goals):
@@ -213,9 +211,7 @@ def _asked_in(
 def distance_tasks(mission: Mission) -> list[tuple[int, int, NearestPairs]]:
     """Tasks that ask for distances: index, where its parameters end among those of all, its pairs."""
     found = zip(mission.hierarchy.tasks, places_of(mission), strict=True)
-    return [
-        (i, place.stop, task.nearest_pairs) for i, (task, place) in enumerate(found) if task.nearest_pairs is not None
-    ]
+    return [(i, place.stop, task.nearest_pairs) for i, (task, place) in enumerate(found) if task.nearest_pairs is not None]
 
 
 def places_of(mission: Mission) -> list[slice]:
@@ -227,9 +223,7 @@ def places_of(mission: Mission) -> list[slice]:
 class DistanceProvider:
     """Distances in a `NearestMemory` for the tasks that ask, by `CollisionModel` where kernels cannot measure."""
 
-    def __init__(
-        self, memory: NearestMemory, asking: Sequence[tuple[int, int, NearestPairs]], robot: Robot | None
-    ) -> None:
+    def __init__(self, memory: NearestMemory, asking: Sequence[tuple[int, int, NearestPairs]], robot: Robot | None) -> None:
         """memory: of the `nearest_sizes`, which is set up. asking: index of each task, where its parameters end, its pairs.
 
         robot: whose pairs kernels measure, where they can.
@@ -302,9 +296,7 @@ def mission_parameters(
     return np.concatenate([goal if off else task_parameters(task, goal, q, motion) for task, goal, off in found])
 
 
-def task_parameters(
-    task: Task, reference: np.ndarray, q: np.ndarray, motion: StoppingMotion | None = None
-) -> np.ndarray:
+def task_parameters(task: Task, reference: np.ndarray, q: np.ndarray, motion: StoppingMotion | None = None) -> np.ndarray:
     """A task's reference (n_parameters,) [its units], at its end the distances that it asks for at q (n_q,) [m, rad]."""
     pairs = task.nearest_pairs
     if pairs is None:

@@ -222,9 +222,7 @@ class KinematicController(TableDisplay):
         self._before(memory)
         self._measuring.answer.check()
         measurement = self._sound.substitute(measurement)
-        restriction = (
-            self._restricted(bad) if bad or self._restriction is not degraded_modes.FREE else degraded_modes.FREE
-        )
+        restriction = self._restricted(bad) if bad or self._restriction is not degraded_modes.FREE else degraded_modes.FREE
         freshness = _FRESHNESS[memory.freshness]
         if freshness is not self.watchdog.verdict:
             lost = ", ".join(item.channel for item in self._restriction.lost)
@@ -297,16 +295,12 @@ class KinematicController(TableDisplay):
         """
         state = state or self.state
         (echo, known), gates, q = self._echo.at(measurement), self.mission.activations(state, t), measurement.q
-        moves = (
-            StoppingMotion(robot=self.robot, v=self._arrays.command.copy(), dt=self.dt) if self.memory.near else None
-        )
+        moves = StoppingMotion(robot=self.robot, v=self._arrays.command.copy(), dt=self.dt) if self.memory.near else None
         parameters = mission_parameters(self.mission, state, t, gates=gates, q=q, motion=moves)
         motion = self._arrays.passive, self._arrays.command / self.memory.pace, self._arrays.change
         outputs = self.problem.function(q, measurement.v, *motion, echo, parameters, gates)
         quantities = np.array(outputs[self.problem.function.index_out("quantities")]).ravel()
-        unknown = [
-            is_unknown(measurement.age, bool(of), known) for of in self.problem.rests_on[degraded_modes.ALTIMETER]
-        ]
+        unknown = [is_unknown(measurement.age, bool(of), known) for of in self.problem.rests_on[degraded_modes.ALTIMETER]]
         return self._named(np.where(unknown, np.nan, quantities))
 
     def _restricted(self, bad: list[ChannelHealth]) -> degraded_modes.Restriction:

@@ -106,9 +106,7 @@ def _falling(excess: ca.SX) -> ca.SX:
 # References that the acceleration limits can follow, so that tasks change smoothly in a strict hierarchy.
 
 
-def reachable_rows(
-    rows: Rows, *, equality: bool, eased: bool, symbols: TickSymbols, previous: ca.SX, gate: ca.SX
-) -> Rows:
+def reachable_rows(rows: Rows, *, equality: bool, eased: bool, symbols: TickSymbols, previous: ca.SX, gate: ca.SX) -> Rows:
     """The rows with bounds that can be followed from the previous velocity (n_v,) [m/s, rad/s], and with the gate in them.
 
     A row asks for no more change of its rate per tick than its least-norm motion gives within the acceleration

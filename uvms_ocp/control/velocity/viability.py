@@ -312,9 +312,7 @@ def position_guards(robot: Robot, tasks: Sequence[Task], quantity_names: Sequenc
     found.sort(key=lambda item: not isinstance(item[2].values, ca.Function))
     firsts = np.cumsum([0, *(limit.n for _, _, limit in found)])
     return tuple(
-        PositionGuard(
-            limit=limit, task=k, quantity=quantity_names.index(f"{task.name}.{limit.quantity}"), first=int(first)
-        )
+        PositionGuard(limit=limit, task=k, quantity=quantity_names.index(f"{task.name}.{limit.quantity}"), first=int(first))
         for (k, task, limit), first in zip(found, firsts, strict=False)
     )
 

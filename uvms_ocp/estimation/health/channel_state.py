@@ -215,9 +215,7 @@ def is_excluded(c: ChannelMemory, t: float) -> bool:
     return t <= c.excluded_until
 
 
-def update_gate_outcome(
-    m: HealthMemory, channel: int, squared: float, degrees: float, accepted: bool, t: float
-) -> None:
+def update_gate_outcome(m: HealthMemory, channel: int, squared: float, degrees: float, accepted: bool, t: float) -> None:
     """The outcome of the filter's own gate on a reading of a channel, at time t [s].
 
     squared: its innovation, normalised and squared, of `degrees` of freedom. The gate is narrow enough to refuse a
@@ -238,11 +236,7 @@ def update_trust(m: HealthMemory, c: ChannelMemory) -> bool:
         c.used_at = m.t
     quiet, period = m.t - c.used_at, max(c.period, m.dt)
     trust = _by_silence(c, quiet, period)
-    if (
-        c.gated
-        and c.refused_at >= m.t - _LEAST_TO_LOSE - period
-        and (_is_suspect(m, c.rival) or _is_suspect(m, c.other_rival))
-    ):
+    if c.gated and c.refused_at >= m.t - _LEAST_TO_LOSE - period and (_is_suspect(m, c.rival) or _is_suspect(m, c.other_rival)):
         trust = min(trust, int(Trust.SUSPECT))
     if trust != Trust.GOOD:
         _be_silent(c, quiet, m.t, trust != c.trust)
@@ -288,9 +282,7 @@ def _is_suspect(m: HealthMemory, channel: int) -> bool:
 
 _SIGMAS = 8.0  # of the channel's noise, which noise passes once in 1e15 readings
 # How wrong an estimate can be beyond noise, of a robot that manoeuvres in gusts.
-_POSITION_DRIFT = (
-    0.05  # [m/s] of a position that a DVL carries, or of a depth that anything does: its bias, and the attitude's
-)
+_POSITION_DRIFT = 0.05  # [m/s] of a position that a DVL carries, or of a depth that anything does: its bias, and the attitude's
 _ATTITUDE = 0.05  # [rad]
 _ATTITUDE_DRIFT = 0.02  # [rad/s] of an attitude that a gyro carries: ten times the noise of the gyro
 _VELOCITY = 0.25  # [m/s]: a vehicle that accelerates with 1 m/s2 between two readings of a DVL

@@ -162,12 +162,8 @@ POSITION = 0.1
 _SIGMAS = 8.0
 _MEMORY = 60.0  # [s] for which an echo tells of the floor where it was taken
 _SPACING = max(0.5, _MEMORY / (MAX_FLOOR_POINTS - 2))  # [s] between the echoes that are kept
-_STEP_TIME = (
-    2.0  # [s] for which echoes from a floor that is farther away agree before they are believed: twenty at 10 Hz
-)
-_STEP_TRAVEL = (
-    0.2  # [m] of vertical motion in that time, which a value that is stuck does not follow; ten times the noise
-)
+_STEP_TIME = 2.0  # [s] for which echoes from a floor that is farther away agree before they are believed: twenty at 10 Hz
+_STEP_TRAVEL = 0.2  # [m] of vertical motion in that time, which a value that is stuck does not follow; ten times the noise
 _STEP_WAY = 0.3  # [m] of horizontal motion after which there may be another floor
 _RETURN = 3  # echoes in a row from a floor known before that bring it back
 

@@ -96,15 +96,11 @@ class GuardedEstimator(TableDisplay):
         measured = self.estimator(screened, t, command)
         health = monitor.finish(measured, self._support, self._outcomes, t)
         self._started = True
-        return self._with_support(
-            measured.q, measured.v, measured.altimeter_range, health, measured.std, measured.altimeter_std
-        )
+        return self._with_support(measured.q, measured.v, measured.altimeter_range, health, measured.std, measured.altimeter_std)
 
     def _table(self) -> SmallTable:
         watched = {one.channel: one.trust.name.lower() for one in self.monitor.health}
-        return SmallTable(
-            title=type(self).__name__, rows=rows_of({"estimator": format_value(self.estimator), **watched})
-        )
+        return SmallTable(title=type(self).__name__, rows=rows_of({"estimator": format_value(self.estimator), **watched}))
 
     def _with_support(
         self,

@@ -107,9 +107,7 @@ def supporting_channels(robot: Robot, specs: SensorSpecs, *, rates: bool) -> tup
     return tuple(name for name in wanted if getattr(specs, name) is not None)
 
 
-def support_of(
-    needed: tuple[str, ...], fallback: Mapping[str, FallbackSensor], *, exact: bool, gating: bool
-) -> EstimateSupport:
+def support_of(needed: tuple[str, ...], fallback: Mapping[str, FallbackSensor], *, exact: bool, gating: bool) -> EstimateSupport:
     """Make the `EstimateSupport` of an estimator that takes readings for the truth (exact), or has gates (gating)."""
     made = structure_of(EstimateSupport)()
     made.exact, made.gating, made.n = exact, gating, len(needed)
@@ -247,9 +245,7 @@ def screen(m: HealthMemory, t: float, moving: bool) -> None:
         if c.behind:
             m.n_behind += 1
     # Whether neither fixes nor a DVL have observed the velocity for a while, since that was last so.
-    last = max(
-        _last_observed(m.channels[ChannelIndex.POSITION]), _last_observed(m.channels[ChannelIndex.LINEAR_VELOCITY])
-    )
+    last = max(_last_observed(m.channels[ChannelIndex.POSITION]), _last_observed(m.channels[ChannelIndex.LINEAR_VELOCITY]))
     m.velocity_unobserved = last > -math.inf and m.t - max(last, m.unobserved_at) > _LONGEST_UNOBSERVED
     m.unobserved_at = t if m.velocity_unobserved else m.unobserved_at
 
@@ -370,9 +366,7 @@ class HealthMonitor:
             (screen, judge, finish, screen_and_finish), structures, compiled=compiled
         )
         shapes, self._texts = sizes_of(robot), ReasonTexts(robot.joint_names)
-        self._buffers = {
-            name: ChannelBuffer(memory.channels[NUMBER[name]], shapes[name], self._texts) for name in present
-        }
+        self._buffers = {name: ChannelBuffer(memory.channels[NUMBER[name]], shapes[name], self._texts) for name in present}
         self._places = tuple(self._buffers.get(name) for name in CHANNELS)
         self._beam = AltimeterMount(robot, frame, memory.now) if "altimeter_range" in present and frame else None
         self._joint_q, self._joint_v = robot.joint_q, robot.joint_v

@@ -206,9 +206,7 @@ class PlausibilityGate(Layout):
     """[unit of the channel] norm that no value exceeds."""
 
 
-def is_off(
-    g: PlausibilityGate, value: Vector, estimate: PastEstimate, away: float, growth: float, why: Complaint
-) -> bool:
+def is_off(g: PlausibilityGate, value: Vector, estimate: PastEstimate, away: float, growth: float, why: Complaint) -> bool:
     """Return whether a value cannot be, against an estimate made `away` [s] from it; growth [unit of the channel] of the gate."""
     error = _error(g, value, estimate)
     allowed = g.base + growth + g.alone * away

@@ -48,9 +48,7 @@ def horizon_stages(problem: OcpProblem) -> tuple[Stage, ...]:
     for i in range(n):
         if i or problem.free_time:
             stages.append(Stage(node=starts[i], block=n + i - 1 if i else None, starts_phase=i))
-        stages += [
-            Stage(node=node, block=i, place=node - starts[i], step=True) for node in range(starts[i], starts[i + 1])
-        ]
+        stages += [Stage(node=node, block=i, place=node - starts[i], step=True) for node in range(starts[i], starts[i + 1])]
     return (*stages, Stage(node=starts[n], block=2 * n - 1))
 
 

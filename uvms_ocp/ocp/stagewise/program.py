@@ -106,9 +106,7 @@ class StageLevelSolver:
         warm = start.solution if isinstance(start, StagewisePoint) else None
         if warm is not None and not levels.level(self._index).fits(warm):
             warm = None
-        return self._outcome(
-            StageSqp(levels.level(self._index), ranges, self._options, self._deadline).run(warm), start
-        )
+        return self._outcome(StageSqp(levels.level(self._index), ranges, self._options, self._deadline).run(warm), start)
 
     def _outcome(self, end: SqpOutcome, start: NlpPoint) -> NlpOutcome:
         x = self._levels.variables()
@@ -265,10 +263,6 @@ def _relaxed(problem: OcpProblem) -> list[str]:
 def _check(problem: OcpProblem) -> None:
     relaxed = _relaxed(problem)
     if relaxed:
-        raise InvalidInput(
-            f"level {relaxed[0]!r} has relax; plugin 'stagewise' takes none: leave it out, or use 'ipopt'"
-        )
+        raise InvalidInput(f"level {relaxed[0]!r} has relax; plugin 'stagewise' takes none: leave it out, or use 'ipopt'")
     if not problem.fixed_start:
-        raise InvalidInput(
-            "start_freedom is given; plugin 'stagewise' starts at the start: leave it out, or use 'ipopt'"
-        )
+        raise InvalidInput("start_freedom is given; plugin 'stagewise' starts at the start: leave it out, or use 'ipopt'")

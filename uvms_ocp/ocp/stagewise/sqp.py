@@ -129,9 +129,7 @@ class StageLevelQp:
     def _curve(self) -> BoundCalls:
         """Function by function as well."""
         memory, own, calls = self.memory, self.multipliers, BoundCalls()
-        found = [
-            (i, function) for i, stage in enumerate(memory.stages) if (function := memory.function(stage)) is not None
-        ]
+        found = [(i, function) for i, stage in enumerate(memory.stages) if (function := memory.function(stage)) is not None]
         bends = [np.zeros(function.bend.numel_out(0)) for _, function in found]
         for (i, function), bend in zip(found, bends, strict=True):
             calls.add(function.bend, [*memory.arguments(i), own.rows[i], own.residuals[i]], [bend])

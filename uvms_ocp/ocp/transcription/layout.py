@@ -154,9 +154,7 @@ class VariableLayout:
         Raises `InvalidInput` for a trajectory of another number of steps.
         """
         if len(trajectory.a) != self.N:
-            raise InvalidInput(
-                f"the guess has {len(trajectory.a)} steps; give one of {self.N}, such as `through` makes"
-            )
+            raise InvalidInput(f"the guess has {len(trajectory.a)} steps; give one of {self.N}, such as `through` makes")
         actuators = self.model.actuators
         shares = (trajectory.thrust / actuators.thrust_unit, trajectory.torque / actuators.torque_unit)
         inputs = shares if self.model.has_force_variables else ()
@@ -449,9 +447,7 @@ def _equal_steps(problem: OcpProblem) -> _Group:
 def _total(problem: OcpProblem) -> _Group:
     n = int(problem.limits_total)
     level, stage = np.full(n, CONSTRAINT), np.full(n, problem.n_steps + _START)
-    return _Group(
-        level=level, stage=stage, lower=np.full(n, -np.inf), upper=np.full(n, problem.longest), names=(TOTAL,) * n
-    )
+    return _Group(level=level, stage=stage, lower=np.full(n, -np.inf), upper=np.full(n, problem.longest), names=(TOTAL,) * n)
 
 
 def _terms(block: TermBlock, *, fixed_start: bool) -> _Group:

@@ -363,9 +363,7 @@ def _same_expression(one: ca.SX, other: ca.SX, *symbols: ca.SX) -> bool:
 
 
 def _other(model: StageModel, member: term_rows.TermEntry, given: Term) -> InvalidInput:
-    place = (
-        "constraints" if member.level == term_rows.CONSTRAINT else f"level {model.problem.levels[member.level].name!r}"
-    )
+    place = "constraints" if member.level == term_rows.CONSTRAINT else f"level {model.problem.levels[member.level].name!r}"
     found = ", ".join(_differences(member.term, given))
     return InvalidInput(f"{place}: term {given.name!r} differs in {found} from the planner's: build a new Planner")
 

@@ -506,9 +506,7 @@ class Transcription:
         places = zip(given.problem.levels, layout.levels, ends[:-1], ends[1:], strict=True)
         return RowRanges(
             levels=tuple(
-                LevelRows(
-                    name=level.name, lower=lower[rows], upper=upper[rows], relax=level.relax, frozen=slice(first, stop)
-                )
+                LevelRows(name=level.name, lower=lower[rows], upper=upper[rows], relax=level.relax, frozen=slice(first, stop))
                 for level, rows, first, stop in places
             ),
             lower=lower[layout.constraints],

@@ -250,9 +250,7 @@ class CollisionModel:
             gradient[rows] = engine.gradients(q, places)
         return Distances(value, gradient)
 
-    def _shared(
-        self, pairs: Sequence[int] | np.ndarray | None
-    ) -> Iterator[tuple[_Engine, np.ndarray | slice, np.ndarray]]:
+    def _shared(self, pairs: Sequence[int] | np.ndarray | None) -> Iterator[tuple[_Engine, np.ndarray | slice, np.ndarray]]:
         """Find which model measures which of the `pairs`: rows here, indices there."""
         for engine, place in self._engines:
             if len(self._engines) == 1:
@@ -264,9 +262,7 @@ class CollisionModel:
                 yield engine, rows, asked[rows]
 
 
-def _engines(
-    model: pin.Model, geometry: pin.GeometryModel, pairs: Sequence[tuple[int, int]]
-) -> list[tuple[_Engine, np.ndarray]]:
+def _engines(model: pin.Model, geometry: pin.GeometryModel, pairs: Sequence[tuple[int, int]]) -> list[tuple[_Engine, np.ndarray]]:
     """Models that measure the pairs, and the index (n_pairs,) there of each, -1 of others."""
     shapes = geometry.geometryObjects
     clear = np.array([all(has_kernel(shapes[k].geometry) for k in pair) for pair in pairs], dtype=bool)

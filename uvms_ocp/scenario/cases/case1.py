@@ -86,9 +86,7 @@ def case1(
     listed, phases = case1_tasks(run.robot, goal, point, tool), case1_phases(limits)
     return run.scenario(
         name="case1",
-        mission=mission_of(
-            run.robot, listed, phases, order=order, overrides=tasks, abort=abort_phase("JL", "MAC", "HA", "MP")
-        ),
+        mission=mission_of(run.robot, listed, phases, order=order, overrides=tasks, abort=abort_phase("JL", "MAC", "HA", "MP")),
         start=run.start(origin, posture),
         markers={"target": tuple(point), "way point": tuple(goal.translation)},
     )
@@ -100,9 +98,7 @@ def case1_unreachable(**options: Any) -> Scenario:
 
     Pre-flight refuses it and suggests a way point that is near enough. Options as for `case1`.
     """
-    return replace(
-        case1(**{"way_point": pose_at((10.2, 37.5, -38.0), (0.0, -0.06, 0.5)), **options}), name="case1_unreachable"
-    )
+    return replace(case1(**{"way_point": pose_at((10.2, 37.5, -38.0), (0.0, -0.06, 0.5)), **options}), name="case1_unreachable")
 
 
 def case1_tasks(robot: Robot, way_point: pin.SE3, target: np.ndarray, tool_goal: pin.SE3 | PoseReference) -> list[Task]:

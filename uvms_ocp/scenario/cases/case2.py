@@ -29,9 +29,7 @@ _SHARE = 0.4  # of the joint limits that the plan uses: the rest is for the tool
 
 
 @checked
-def case2(
-    *, with_mp: bool = True, obstacles: Sequence[Obstacle] = (ROCK,), clearance: float = 0.05, **options: Any
-) -> Scenario:
+def case2(*, with_mp: bool = True, obstacles: Sequence[Obstacle] = (ROCK,), clearance: float = 0.05, **options: Any) -> Scenario:
     """Case 1 with an arm trajectory planned by minimum snap and soft collision cost ([Gao2022] Case 2).
 
     The trajectory of all joints leads from the stowed posture to the goal, past obstacles, floor and hull, for the place
@@ -65,9 +63,7 @@ def plan_arm(scenario: Scenario, clearance: float = 0.05) -> soft_collision.Coll
     start = planned.x(base)
     end = tool_goal(distances, goal.frame, goal.goal, start)
     if end is None:
-        raise InvalidInput(
-            f"no posture clear of collision reaches the goal of {goal.name} from where the vehicle lands"
-        )
+        raise InvalidInput(f"no posture clear of collision reaches the goal of {goal.name} from where the vehicle lands")
     limits = MotionLimits(
         velocity=_SHARE * robot.limits.velocity[robot.joint_v],
         acceleration=_SHARE * robot.limits.acceleration[robot.joint_v],

@@ -95,9 +95,7 @@ def obstacle_field(
     ]
     activations = activate("JL", "MAC", "HA", "PC", "MP", "SC", *(("CL",) if with_clearance else ()))
     arrived = Below(quantity="PC.position_error", limit=0.1)
-    phase = Phase(
-        name="A", title="transit", activations=activations, transitions=(Transition(to=DONE, when=(arrived,)),)
-    )
+    phase = Phase(name="A", title="transit", activations=activations, transitions=(Transition(to=DONE, when=(arrived,)),))
     return run.scenario(
         name="obstacle_field",
         mission=mission_of(robot, tasks, (phase,), abort=abort_phase(*(name for name in activations if name != "PC"))),

@@ -80,9 +80,7 @@ def check_goals(setup: Setup) -> Iterator[Finding]:
                 depth, z, floor = max((floor - p[2], p[2], floor) for p, floor in zip(points, floors, strict=True))
                 if depth >= 0:
                     text = f"the goal of {task.name}, z = {z:g} m, is {depth:.2f} m below the seafloor, z = {floor:g} m"
-                    yield Severity.ERROR.finding(
-                        "goal", f"{text}; raise it", phase.name, below_floor_m=floor - float(z)
-                    )
+                    yield Severity.ERROR.finding("goal", f"{text}; raise it", phase.name, below_floor_m=floor - float(z))
 
 
 def _start(setup: Setup, first: Visit) -> Iterator[Finding]:

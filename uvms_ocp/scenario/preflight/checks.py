@@ -34,9 +34,7 @@ CHECK = "activations"
 def check_structure(mission: Mission) -> Iterator[Finding]:
     """Findings on phases that nothing leads to, that nothing ends, or in which nothing acts."""
     for name in mission.unreachable_phases():
-        yield Severity.WARNING.finding(
-            "phases", f"no transition leads to phase {name!r}; add one or drop the phase", name
-        )
+        yield Severity.WARNING.finding("phases", f"no transition leads to phase {name!r}; add one or drop the phase", name)
     for name in mission.phases_without_exit():
         text = f"the mission cannot end from phase {name!r}; add a transition towards {DONE!r}"
         yield Severity.ERROR.finding("phases", text, name)
@@ -208,9 +206,7 @@ def check_freedom(setup: Setup, visits: Sequence[Visit], problem: LevelsProblem)
 
 def _without_freedom(visit: Visit, task: Task) -> Finding:
     awaited = any(
-        condition.quantity.startswith(f"{task.name}.")
-        for transition in visit.phase.transitions
-        for condition in transition.when
+        condition.quantity.startswith(f"{task.name}.") for transition in visit.phase.transitions for condition in transition.when
     )
     names = ", ".join(other.name for other in visit.tasks if other.equality and other is not task)
     return (Severity.ERROR if awaited else Severity.WARNING).finding(
@@ -227,9 +223,7 @@ def _rank(rows: np.ndarray) -> int:
 def _jacobians(setup: Setup, problem: LevelsProblem, q: np.ndarray) -> dict[str, np.ndarray]:
     """Jacobian of each level at q."""
     n_v, n_tasks = setup.robot.n_v, len(setup.mission.hierarchy.tasks)
-    parameters = np.concatenate(
-        [task_parameters(task, task.reference(0.0), q) for task in setup.mission.hierarchy.tasks]
-    )
+    parameters = np.concatenate([task_parameters(task, task.reference(0.0), q) for task in setup.mission.hierarchy.tasks])
     zeros = np.zeros(n_v)
     outputs = problem.function(q, zeros, np.zeros(N_PASSIVE), zeros, zeros, 10.0, parameters, np.ones(n_tasks))
     J = np.array(outputs[problem.function.index_out("J")])

@@ -92,9 +92,7 @@ def _force_finding(visit: Visit, load: DriveLoad, purpose: str) -> Finding:
         )
         severity = Severity.ERROR
     else:
-        text = (
-            f"{purpose} takes {100 * load.thrust:.0f} % of the thrust and {100 * load.torque:.0f} % of the joint torque"
-        )
+        text = f"{purpose} takes {100 * load.thrust:.0f} % of the thrust and {100 * load.torque:.0f} % of the joint torque"
         severity = Severity.WARNING if max(load.thrust, load.torque) > _FULL else Severity.NOTE
     return severity.finding(FORCES, text, visit.phase.name, **figures)
 
@@ -150,9 +148,7 @@ def check_depth(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
         return
     lift, _ = static_residual(setup.robot, setup.start)
     if abs(lift) > _ADRIFT:
-        text = (
-            f"the vehicle is {abs(lift):.2g} N too {'light' if lift > 0 else 'heavy'}, and no thruster holds its depth"
-        )
+        text = f"the vehicle is {abs(lift):.2g} N too {'light' if lift > 0 else 'heavy'}, and no thruster holds its depth"
         yield Severity.ERROR.finding(FORCES, f"{text}: trim it", lift_N=lift)
     z = float(setup.start[2])
     for visit in visits:
@@ -224,9 +220,7 @@ def _tilt(up: np.ndarray) -> float:
     return float(np.arccos(np.clip(up[2], -1.0, 1.0)))
 
 
-def _at_rest(
-    up: np.ndarray, severity: Severity, phase: Phase | None = None, task: HorizontalAttitude | None = None
-) -> Finding:
+def _at_rest(up: np.ndarray, severity: Severity, phase: Phase | None = None, task: HorizontalAttitude | None = None) -> Finding:
     roll, pitch = float(np.arctan2(up[1], up[2])), float(-np.arcsin(up[0]))
     text = f"where no thruster drives it the vehicle will rest at roll {_degrees(roll)}, pitch {_degrees(pitch)}"
     if task is not None:
@@ -276,9 +270,7 @@ def check_delays(setup: Setup, visits: Sequence[Visit] = ()) -> Iterator[Finding
         CONTROLLER_DEAD_TIME * setup.dt,
         [(phase, _stiffness(setup, q)) for phase, q in _postures(setup, visits)],
     )
-    found = [
-        (largest_dead_time(S[one.axes, one.axes], **one.loop), phase, one) for phase, S in stiffness for one in late
-    ]
+    found = [(largest_dead_time(S[one.axes, one.axes], **one.loop), phase, one) for phase, S in stiffness for one in late]
     borne, phase, worst = min(found, key=lambda entry: entry[0] / (entry[2].delay + own))
     if worst.delay + own > borne / _SPARE:
         yield _delay_finding(worst, phase, max(borne - own, 0.0), max(borne / _SPARE - own, 0.0))

@@ -48,9 +48,7 @@ class ArmReach:
     The error is that of a tool task: metres and radians count the same. rotation_weight: 0 leaves orientation free.
     """
 
-    def __init__(
-        self, robot: Robot, frame: str, *, n_starts: int = 12, seed: int = 0, rotation_weight: float = 1.0
-    ) -> None:
+    def __init__(self, robot: Robot, frame: str, *, n_starts: int = 12, seed: int = 0, rotation_weight: float = 1.0) -> None:
         self._robot, self._frame, self._weight = robot, robot.frame_id(frame), rotation_weight
         self._data = robot.model.createData()
         limits = robot.limits
@@ -59,9 +57,7 @@ class ArmReach:
         rng = np.random.default_rng(seed)
         self._starts = [self._lower + (self._upper - self._lower) * rng.random(robot.n_joints) for _ in range(n_starts)]
 
-    def solve(
-        self, X_WB: pin.SE3, goal: pin.SE3, near: Sequence[np.ndarray] = (), n_random: int | None = None
-    ) -> ReachResult:
+    def solve(self, X_WB: pin.SE3, goal: pin.SE3, near: Sequence[np.ndarray] = (), n_random: int | None = None) -> ReachResult:
         """The best posture for the vehicle at X_WB and the goal X_WF.
 
         `near` are further starts (n_joints,) [rad or m], tried first; `n_random` is how many of its own follow, default all.
@@ -179,9 +175,7 @@ def distances_missing(
             likely += found[-1:] if stance.likely else []
         if found[-1].position > stop_at:
             break
-    return ReachShortfall(
-        best=min(found, key=_cost), worst=max(found, key=_cost), likely=max(likely or found, key=_cost)
-    )
+    return ReachShortfall(best=min(found, key=_cost), worst=max(found, key=_cost), likely=max(likely or found, key=_cost))
 
 
 def _cost(reach: ReachResult) -> float:
@@ -190,9 +184,7 @@ def _cost(reach: ReachResult) -> float:
 
 def _awaited(visit: Visit, task: ToolPose | ToolPosition) -> bool:
     return any(
-        condition.quantity.startswith(f"{task.name}.")
-        for transition in visit.phase.transitions
-        for condition in transition.when
+        condition.quantity.startswith(f"{task.name}.") for transition in visit.phase.transitions for condition in transition.when
     )
 
 
@@ -226,9 +218,7 @@ def _text(name: str, distances: ReachShortfall, suggestion: np.ndarray | None) -
     )
 
 
-def _free_orientation(
-    setup: Setup, visit: Visit, task: ToolPose | ToolPosition, goals: Sequence[pin.SE3]
-) -> dict[str, float]:
+def _free_orientation(setup: Setup, visit: Visit, task: ToolPose | ToolPosition, goals: Sequence[pin.SE3]) -> dict[str, float]:
     """How much is missing where the tool may point anywhere."""
     distances = distances_missing(ArmReach(setup.robot, task.frame, rotation_weight=0.0), visit.stances, goals)
     return {

@@ -28,9 +28,7 @@ _WITHIN = 0.9  # of the hull, for trim
 _HAND = 0.1  # [m]
 _TRIANGLE_TOLERANCE = 1e-3  # relative; published inertias are rounded
 _LIMITING = "give vehicle_limits and joints in hydrodynamics.yaml, velocity and effort of joints in <limit> of the URDF"
-_ALONE = (
-    "the file has links alone: a variant belongs over a whole file; identify writes that beside it, hydrodynamics.yaml"
-)
+_ALONE = "the file has links alone: a variant belongs over a whole file; identify writes that beside it, hydrodynamics.yaml"
 
 
 class RobotVerdict(Enum):
@@ -161,9 +159,7 @@ def _mass_matrix(robot: Robot) -> RobotFinding:
         return _error("mass matrix", f"no inertia about its axis: {whose}; give an <inertial>, or {fixed}")
     smallest = float(np.linalg.eigvalsh(M).min())
     text = f"smallest eigenvalue of the mass matrix {smallest:.3g}"
-    return (
-        _good("mass matrix", text) if smallest > 0.0 else _error("mass matrix", f"{text}; give inertias to the links")
-    )
+    return _good("mass matrix", text) if smallest > 0.0 else _error("mass matrix", f"{text}; give inertias to the links")
 
 
 def _limits(robot: Robot) -> Iterator[RobotFinding]:
@@ -172,9 +168,7 @@ def _limits(robot: Robot) -> Iterator[RobotFinding]:
         "acceleration": robot.limits.acceleration,
         "effort": robot.limits.effort,
     }
-    unlimited = [
-        f"{np.isinf(values).sum()} of {len(values)} {name}" for name, values in named.items() if np.isinf(values).any()
-    ]
+    unlimited = [f"{np.isinf(values).sum()} of {len(values)} {name}" for name, values in named.items() if np.isinf(values).any()]
     if unlimited:
         yield _warning("limits", f"unlimited: {', '.join(unlimited)}; {_LIMITING}")
     else:

@@ -80,9 +80,7 @@ class _ActiveSet:
         self.A, self.lower, self.upper, self.rules = rows.J, rows.lower, rows.upper, rules
         self.levels, self.norm = list(row_slices(rows.sizes)), np.sqrt((rows.J * rows.J).sum(axis=1))
         bounds = np.abs([rows.lower, rows.upper])
-        self.tolerance = tolerances.FEASIBLE * (
-            self.norm + np.where(bounds < tolerances.ENDLESS, bounds, 0.0).max(axis=0)
-        )
+        self.tolerance = tolerances.FEASIBLE * (self.norm + np.where(bounds < tolerances.ENDLESS, bounds, 0.0).max(axis=0))
         """(M,) by how much a row may be violated."""
         self.state = np.sign(active_set)
         """(M,) `RowState` of each row."""
@@ -151,9 +149,7 @@ class _ActiveSet:
                 rows, Q[:, column:] = rows[order], Q[:, column:] @ turn
             T, end = self.A[rows] @ Q, column + rank
             T[:rank, end:] = 0.0
-            missed = (
-                np.where(self.state[rows] == LOWER, self.lower[rows], self.upper[rows]) - T[:, :column] @ y[:column]
-            )
+            missed = np.where(self.state[rows] == LOWER, self.lower[rows], self.upper[rows]) - T[:, :column] @ y[:column]
             if rank:
                 orthogonal, R = np.linalg.qr(T[:, column:end])
                 y[column:end] = np.linalg.solve(R, orthogonal.T @ missed)
@@ -203,9 +199,7 @@ class _ActiveSet:
         return -1
 
 
-def lexicographic_least_squares(
-    rows: NormalRows, active_set: Array, rules: PivotRules, left: int
-) -> tuple[Array, Array, int]:
+def lexicographic_least_squares(rows: NormalRows, active_set: Array, rules: PivotRules, left: int) -> tuple[Array, Array, int]:
     """W (n,) in normal units, active set (M,) and number of iterations, `left` at most, of one run, which does not judge its own
     result; active_set (M,): `RowState` of each row to start with."""
     run = _ActiveSet(rows, active_set, rules)
@@ -230,9 +224,7 @@ class SolvedRows:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows ends without a certificate
-def solve_levels(
-    J: Array, lower: Array, upper: Array, gate: Array, active_set: Array, sizes: Sequence[int]
-) -> SolvedRows:
+def solve_levels(J: Array, lower: Array, upper: Array, gate: Array, active_set: Array, sizes: Sequence[int]) -> SolvedRows:
     """Solve levels: J (M, n) [rate/velocity], lower and upper (M,) [rate], gate and active_set (M,).
 
     sizes: rows of each level.
@@ -275,9 +267,7 @@ class _Attempts:
         found = self._by_levels(ORDINARY) or self._by_levels(CAREFUL) or self._by_fewer_levels()
         return Status.CASCADED if found else Status.INEXACT
 
-    def _run(
-        self, rows: NormalRows, active_set: Array | None = None, rules: PivotRules = ORDINARY
-    ) -> tuple[Array, Array]:
+    def _run(self, rows: NormalRows, active_set: Array | None = None, rules: PivotRules = ORDINARY) -> tuple[Array, Array]:
         start = np.zeros(len(rows.J)) if active_set is None else active_set
         w, reached, iterations = lexicographic_least_squares(rows, start, rules, self.left)
         self.left -= iterations

@@ -110,9 +110,7 @@ def sanitised(J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX) -> tuple[ca.MX,
     return valid, J, low, up
 
 
-def outcome(
-    valid: ca.MX, v: ca.MX, inexact: ca.MX, J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX
-) -> tuple[ca.MX, ca.MX]:
+def outcome(valid: ca.MX, v: ca.MX, inexact: ca.MX, J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX) -> tuple[ca.MX, ca.MX]:
     """Status (0 solved, 1 inexact, 2 invalid input) and residual (M,)."""
     missed = ca.if_else(valid, residual(J, v, lower, upper, gate), ca.MX.zeros(gate.shape))
     return ca.if_else(valid, inexact, _INVALID), missed
@@ -238,9 +236,7 @@ def _conic(settings: QpSettings, name: str, symbols: _LevelSymbols) -> ca.Functi
     return ca.conic(f"{name}_qp", settings.plugin, {"h": H, "a": A}, options)
 
 
-def _attempt(
-    settings: QpSettings, name: str, solver: ca.Function, symbols: _LevelSymbols, otherwise: ca.Function
-) -> ca.Function:
+def _attempt(settings: QpSettings, name: str, solver: ca.Function, symbols: _LevelSymbols, otherwise: ca.Function) -> ca.Function:
     """One program; ``otherwise`` continues from its result if that is not verified to be optimal."""
     v, multipliers = _program(settings, solver, symbols)
     accepted = _is_acceptable(settings, symbols, v)
@@ -476,9 +472,7 @@ class LexicographicQp:
         # Some plugins print a banner through Python's stdout when they are created.
         with contextlib.redirect_stdout(io.StringIO()):
             settings, above = (self._settings(), np.cumsum([0, *sizes]))
-            steps = [
-                level_step(settings, J.shape[1], int(above[k]), size) if size else None for k, size in enumerate(sizes)
-            ]
+            steps = [level_step(settings, J.shape[1], int(above[k]), size) if size else None for k, size in enumerate(sizes)]
         valid, J_safe, low, up = sanitised(J, lower, upper, gate)
         v, inexact = cascade(steps, J_safe, low, up)
         status, residual = outcome(valid, v, inexact, J, lower, upper, gate)

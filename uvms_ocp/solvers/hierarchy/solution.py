@@ -173,9 +173,7 @@ def dense_outputs(function: ca.Function, symbols: Sequence[ca.MX]) -> list[ca.MX
 def dense(function: ca.Function) -> ca.Function:
     """``function`` with the same names and dense inputs and outputs."""
     inputs = dense_inputs(function)
-    return ca.Function(
-        function.name(), inputs, dense_outputs(function, inputs), function.name_in(), function.name_out()
-    )
+    return ca.Function(function.name(), inputs, dense_outputs(function, inputs), function.name_in(), function.name_out())
 
 
 # Levels given as numbers: what `solve` of every solver does with them.

@@ -327,9 +327,7 @@ class LevelSolver:
         multipliers[rows] = np.nan_to_num(solution["lam_g"])
         violation = bounds.violation(solution["x"], solution["g"], rows)
         return NlpOutcome(
-            point=NlpPoint(
-                x=solution["x"], x_multipliers=np.nan_to_num(solution["lam_x"]), row_multipliers=multipliers
-            ),
+            point=NlpPoint(x=solution["x"], x_multipliers=np.nan_to_num(solution["lam_x"]), row_multipliers=multipliers),
             usable=violation <= self._options.feasibility,
             status=status_of(stats),
             iterations=iterations,
@@ -387,9 +385,7 @@ class _Stop(ca.Callback):  # type: ignore[misc]  # CasADi has no types
             x, f, g = arguments[0].full().ravel(), float(arguments[1]), arguments[2].full().ravel()
             violation, residual = self.best.update(x, f, g), math.sqrt(max(2 * f, 0.0))
             iteration = self.best.iterations - 1
-            self._watch.report(
-                IterationReport(level=self._name, iteration=iteration, residual=residual, violation=violation)
-            )
+            self._watch.report(IterationReport(level=self._name, iteration=iteration, residual=residual, violation=violation))
         return [float(self._deadline.over or self._watch.should_stop)]
 
 

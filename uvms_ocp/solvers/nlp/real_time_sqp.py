@@ -295,9 +295,7 @@ class LevelQp:
         shape, plugin = {"h": H.sparsity(), "a": A.sparsity()}, options.plugin or SPARSE_PLUGIN
         self._qp = ca.conic(f"qp_{index}", plugin, shape, {"error_on_fail": False, **_OPTIONS[plugin]})
 
-    def step(
-        self, x: np.ndarray, p: np.ndarray, bounds: RowBounds, damping: float
-    ) -> tuple[np.ndarray, NlpStatus | None]:
+    def step(self, x: np.ndarray, p: np.ndarray, bounds: RowBounds, damping: float) -> tuple[np.ndarray, NlpStatus | None]:
         """Step (n,) from x (n,) [unit of x], and why there is none.
 
         p (n_p,) [unit of the parameter]. damping [1/unit of x^2]: weight of the square of the step.

@@ -122,9 +122,7 @@ class CompiledCore:
         _point(self._problem.now, self._now)
         _point(self._problem.other, self._other)
 
-    def run(
-        self, qp: StageQp, table: RowTable, z: Array, options: StageQpOptions, *, phase_one: bool
-    ) -> IterationResult:
+    def run(self, qp: StageQp, table: RowTable, z: Array, options: StageQpOptions, *, phase_one: bool) -> IterationResult:
         """Run from z (n,) [unit of z] with the rows of a table: without the cost in phase one, else with steps that are damped in
         directions without curvature."""
         self._load(qp, options)

@@ -337,9 +337,7 @@ def no_result(z: Array, n_x: int, m: int, status: StageQpStatus = StageQpStatus.
     """Return the result of a run that was not made, at z (n,) [unit of z]; n_x states, m rows."""
     endless = kkt_residual(stationarity=np.inf, primal=np.inf, complementarity=np.inf)
     none, value = np.zeros(n_x), np.full(m, np.nan)
-    return IterationResult(
-        status=status, z=z, costate=none, y=np.zeros(m), value=value, kkt=endless, worst=np.inf, iterations=0
-    )
+    return IterationResult(status=status, z=z, costate=none, y=np.zeros(m), value=value, kkt=endless, worst=np.inf, iterations=0)
 
 
 # Rows of constraints and bounds of variables in one list, with what each of them is.

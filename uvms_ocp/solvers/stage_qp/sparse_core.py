@@ -71,9 +71,7 @@ class SparseCore:
             return self._nothing(qp, table, StageQpStatus.NOT_A_NUMBER)
         return self.run(qp, table, z, options, phase_one=False)
 
-    def run(
-        self, qp: StageQp, table: RowTable, z: Array, options: StageQpOptions, *, phase_one: bool
-    ) -> IterationResult:
+    def run(self, qp: StageQp, table: RowTable, z: Array, options: StageQpOptions, *, phase_one: bool) -> IterationResult:
         """Run from z (n,) [unit of z] with the rows of a table, without the cost in phase one; PIQP damps all its steps."""
         Q, q = _cost(qp, costless=phase_one)
         if not self._is_convex(qp, table, Q):
@@ -93,9 +91,7 @@ class SparseCore:
             complementarity=max(_left(y_a, values, given.lba, given.uba), _left(y_x, x, given.lbx, given.ubx)),
         )
         curvature = max(np.abs(own).max(initial=0.0) for own in Q)
-        gradient = float(
-            max(np.abs(slope[:n]).max(), np.abs(y * table.norm).max(), tolerances.LEAST_SIZE * curvature, 1e-300)
-        )
+        gradient = float(max(np.abs(slope[:n]).max(), np.abs(y * table.norm).max(), tolerances.LEAST_SIZE * curvature, 1e-300))
         variable = 1.0 + float(np.abs(z).max())
         worst = max(kkt.stationarity / gradient, kkt.primal / variable, kkt.complementarity / (gradient * variable))
         # Where there is no point multipliers grow without end, and all else is small beside them.
@@ -119,14 +115,9 @@ class SparseCore:
     def _stages(self, z: Array) -> list[Array]:
         return [z[own] for own in slices(self._shape.n_z)]
 
-    def _assembled(
-        self, qp: StageQp, table: RowTable, Q: list[Array], q: Array, soft: Mask, rows: Indices
-    ) -> _SparseQp:
+    def _assembled(self, qp: StageQp, table: RowTable, Q: list[Array], q: Array, soft: Mask, rows: Indices) -> _SparseQp:
         n, m, k = len(q), len(qp.flat["lower"]), int(soft.sum())
-        steps = (
-            ca.horzcat(ca.diagcat(*map(ca.DM, qp.dynamics)), ca.DM(len(qp.flat["b"]), self._shape.n_z[-1]))
-            - self._after
-        )
+        steps = ca.horzcat(ca.diagcat(*map(ca.DM, qp.dynamics)), ca.DM(len(qp.flat["b"]), self._shape.n_z[-1])) - self._after
         own = ca.vertcat(ca.diagcat(*map(ca.DM, qp.C)), ca.DM.eye(n))[rows.tolist(), :]
         places = np.flatnonzero(soft[rows]).tolist()
         slack = ca.DM.triplet(places, list(range(k)), ca.DM.ones(k), len(rows), k)
@@ -206,9 +197,7 @@ class SparseCore:
         along = [J @ own for J, own in zip(qp.J, self._stages(z), strict=True)]
         changes = [np.abs(own @ J).max(initial=0.0) for J, own in zip(qp.J, along, strict=True)]
         whole = np.concatenate(along)
-        return ResidualProducts(
-            slope=float(qp.flat["r"] @ whole), square=float(whole @ whole), change=float(max(changes))
-        )
+        return ResidualProducts(slope=float(qp.flat["r"] @ whole), square=float(whole @ whole), change=float(max(changes)))
 
 
 def _cost(qp: StageQp, *, costless: bool = False) -> tuple[list[Array], Array]:

@@ -50,12 +50,8 @@ def live_page(record: Record, robot: Robot, height: int) -> ScenePage:
     draw_goals(root["goals"], record)
     draw_obstacles(root["obstacles"], record)
     log.animate({})
-    details = (
-        STATIC_DETAILS | page_details(record, robot, frames, centre) | _still(record) | {"live": _moved(record, robot)}
-    )
-    return build_page(
-        log, title=f"{record.meta.scenario}: {record.meta.robot}", details=details, height=height, live=True
-    )
+    details = STATIC_DETAILS | page_details(record, robot, frames, centre) | _still(record) | {"live": _moved(record, robot)}
+    return build_page(log, title=f"{record.meta.scenario}: {record.meta.robot}", details=details, height=height, live=True)
 
 
 def _still(record: Record) -> dict[str, Any]:
@@ -129,9 +125,7 @@ class LiveView:
     def __enter__(self) -> LiveView:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
 
     def __repr__(self) -> str:

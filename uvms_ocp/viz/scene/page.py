@@ -94,9 +94,7 @@ class ScenePage:
         return f'<iframe sandbox="allow-scripts" srcdoc="{html.escape(self.html)}" style="{style}"></iframe>'
 
 
-def build_page(
-    log: CommandLog, *, title: str, details: Mapping[str, Any], height: int = 520, live: bool = False
-) -> ScenePage:
+def build_page(log: CommandLog, *, title: str, details: Mapping[str, Any], height: int = 520, live: bool = False) -> ScenePage:
     """Fill the page template with meshcat's viewer, the commands and `details` (JSON values) for the page's script.
 
     The page's policy lets the viewer and the page's script run, by their hashes, and nothing else, and loads nothing; a live

@@ -163,9 +163,7 @@ def _group(kind: ArrowKind, arrows: list[Arrow], norms: np.ndarray, length: floa
 
 
 def _thrust(thrust: np.ndarray, robot: Robot, frames: Frames, size: float) -> Iterator[Arrow]:
-    for thruster, direction, values in zip(
-        robot.description.thrusters, thruster_matrix(robot)[:3].T, thrust.T, strict=False
-    ):
+    for thruster, direction, values in zip(robot.description.thrusters, thruster_matrix(robot)[:3].T, thrust.T, strict=False):
         X_BF = robot.model.frames[robot.model.getFrameId(thruster.link)].placement
         yield X_BF.act(np.array(thruster.position)), np.outer(values, direction)
 
