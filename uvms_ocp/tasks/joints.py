@@ -211,7 +211,8 @@ def _arm_gradient(symbols: TickSymbols, scalar: ca.SX) -> ca.SX:
     q, model = symbols.q, SymbolicModel(symbols.robot.model)
     v = ca.SX.sym("v", symbols.robot.n_v)
     steps = ca.substitute(ca.jacobian(model.integrate(q, v), v), v, ca.SX.zeros(symbols.robot.n_v))
-    row = ca.jacobian(scalar, q) @ steps
+    joints = symbols.robot.joint_q  # the rest of q may be an expression, as at a mean attitude
+    row = ca.jacobian(scalar, q[joints]) @ steps[joints, :]
     row[:, symbols.robot.vehicle_v] = 0
     return row
 
