@@ -39,7 +39,7 @@ def test_a_mission_of_a_robot_with_frames_of_other_names_can_be_made(tmp_path: P
 def test_the_body_that_check_robot_advises_trims_the_robot() -> None:
     robot = without_trim(load_robot("girona_maris7"))
     text = next(found.text for found in check_robot(robot).findings if found.subject == "trim")
-    entry = text.partition("in trim: - ")[2]
-    force, moment = static_residual(with_trim(robot, [TrimBody(**safe_load(entry))]), robot.configuration())
+    bodies = [TrimBody(**body) for body in safe_load(text.partition("; trim: ")[2])]
+    force, moment = static_residual(with_trim(robot, bodies), robot.configuration())
     assert abs(force) < 0.5
     assert abs(moment).max() < 1.0
