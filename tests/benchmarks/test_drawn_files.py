@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from compiler import needs_compiler
 from studies.drawn_files import REASONS, URDF, WATER, drawn_files, reason_of, run_file, sound, totals
 
 from uvms_ocp.campaign.jobs import Row
@@ -12,8 +11,8 @@ from uvms_ocp.campaign.jobs import Row
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 
 
-def rows_of(seeds: range, exports: bool = False) -> list[Row]:
-    return [run_file(case) for case in drawn_files(n=len(seeds), seed=seeds.start, exports=exports).cases]
+def rows_of(seeds: range) -> list[Row]:
+    return [run_file(case) for case in drawn_files(n=len(seeds), seed=seeds.start).cases]
 
 
 def check(rows: list[Row]) -> None:
@@ -42,13 +41,6 @@ def test_a_drawn_file_goes_through_or_has_a_reason(seed: int) -> None:
 @pytest.mark.parametrize("first", range(1000, 1036, 6))
 def test_drawn_files_go_through_or_have_a_reason(first: int) -> None:
     check(rows_of(range(first, first + 6)))
-
-
-@needs_compiler
-@pytest.mark.slow
-def test_drawn_files_go_through_export(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("UVMS_OCP_CFLAGS", "-O0")
-    check(rows_of(range(2, 4), exports=True))
 
 
 @pytest.mark.parametrize("arms", [0, 1, 2])
