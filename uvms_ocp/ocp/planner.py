@@ -24,7 +24,7 @@ from uvms_ocp.ocp.plan import LevelReport, OcpStatus, Plan
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.stagewise.program import program_for
 from uvms_ocp.ocp.terms import TaskTerm, Term
-from uvms_ocp.ocp.trajectory import Trajectory, hold_guess
+from uvms_ocp.ocp.trajectory import Trajectory, hold_guess, normalized
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.planning import CoalDistances, CollisionScene
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
@@ -305,7 +305,7 @@ class Refinement:
             q = np.tile(self.given.start.q, (self.given.n_steps + 1, 1))  # a guess that `solve` refuses
         best, gained = self._solved(guess, q, {}), np.inf
         for _ in range(_MOST_ROUNDS if self._terms else 0):
-            path = self.planner.transcription.unpack(best.result.x, self.given)
+            path = normalized(self.planner.transcription.unpack(best.result.x, self.given), self.given.robot.model)
             off = max(term.mismatch(self._times, best.near, path.q) for term in self._terms)
             settled = best.result.status.optimal and (off <= _AGREES or gained <= _GAIN)
             missing = self._missing(best, path) if settled or off <= _NEAR else {}
@@ -470,7 +470,7 @@ class Planner:
         )
 
     def _plan(self, given: OcpProblem, verdict: SolveVerdict, t0: float, begin: float) -> Plan:
-        trajectory = self.transcription.unpack(verdict.result.x, given).normalized(given.robot.model)
+        trajectory = normalized(self.transcription.unpack(verdict.result.x, given), given.robot.model)
         return Plan(
             robot=given.robot,
             trajectory=trajectory,

@@ -74,11 +74,6 @@ class Trajectory:
         q[over], v[over] = self.q[-1], self.v[-1]
         return q, v, steps
 
-    def normalized(self, model: pin.Model) -> Trajectory:
-        """The same with unit quaternions, which an optimiser keeps to its tolerance; numbers that are not finite stay so."""
-        q = np.array([pin.normalize(model, row) if np.isfinite(row).all() else row for row in self.q])
-        return replace(self, q=q)
-
     def step_at(self, t: float) -> int:
         """The step that holds time t [s]."""
         return int(intervals_of(self.t, t))
@@ -170,3 +165,9 @@ def has_thrusters(problem: OcpProblem) -> bool:
 
 def _n_thrust(problem: OcpProblem) -> int:
     return len(problem.robot.description.thrusters) if has_thrusters(problem) else problem.robot.n_vehicle
+
+
+def normalized(trajectory: Trajectory, model: pin.Model) -> Trajectory:
+    """The same with unit quaternions, which an optimiser keeps to its tolerance; numbers that are not finite stay so."""
+    q = np.array([pin.normalize(model, row) if np.isfinite(row).all() else row for row in trajectory.q])
+    return replace(trajectory, q=q)
