@@ -88,8 +88,9 @@ def test_a_robot_is_shown_by_its_folder_and_shows_its_runs(run: Path, tmp_path: 
         (("RUN", "--port", "-1", "--no-browser"), "give another"),
     ],
 )
-def test_what_cannot_be_shown_is_told_in_one_line(run: Path, arguments: tuple[str, ...], message: str) -> None:
-    process = show(*(str(run) if word == "RUN" else word for word in arguments))
+def test_what_cannot_be_shown_is_told_in_one_line(run: Path, arguments: tuple[str, ...], message: str, tmp_path: Path) -> None:
+    words = (str(run) if word == "RUN" else word for word in arguments)
+    process = called("show", *words, cwd=tmp_path)
     assert process.returncode == 2
     assert message in process.stderr
     assert process.stderr.count("\n") == 1
