@@ -211,8 +211,10 @@ def command(folder: Path, arguments: list[str]) -> Any:
         app([*arguments, *place], standalone_mode=False)
     new, moves = state(target), []
     known = {"old": old, "new": new}
-    if arguments[0] == "run":  # which is safe before anything is made of it
-        known["record"] = {name: new[name] for name in (*FOREIGN, "record.npz")}
+    if arguments[0] != "export":  # what is safe before anything is drawn of it
+        drawn = [name for name in new if name.startswith("figures/") or name == "scene.html"]
+        own = {"record.npz"} if arguments[0] == "run" else new.keys() - drawn
+        known["record"] = {name: new[name] for name in own.union(FOREIGN)}
 
     def kill(n: int, event: str) -> None:
         moves.extend([n] if event == "os.link" else [])

@@ -219,6 +219,9 @@ def thruster_curve(
 
     Measurements of the same signal are averaged, dead bands kept; what falls where the signal rises is levelled, and it is
     said by how much.
+
+    \f
+    Raises `NameNotFound` for a unit or a column that there is not, `InvalidInput` for a voltage without its column.
     """
     if unit not in _NEWTONS:
         raise NameNotFound("unit", unit, _NEWTONS)

@@ -158,7 +158,10 @@ class RecordingMapping(BaseModel):
 
 
 def read_mapping(path: Path) -> RecordingMapping:
-    """A mapping from its YAML file, beside which its folder of messages is. Raises InvalidInput in one line for what is none."""
+    """A mapping from its YAML file, beside which its folder of messages is.
+
+    Raises InvalidInput in one line for what is none, NameNotFound for a channel that there is not.
+    """
     found = read_yaml_as(path, RecordingMapping)
     for key, one in found.channels.items():
         _require_meaning(key, one)

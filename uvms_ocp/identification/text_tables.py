@@ -104,7 +104,7 @@ class TextLayout:
 
 
 def text_layout(path: Path, given: TextFormat | None = None) -> TextLayout:
-    """Find the layout of a table. Raises InvalidInput for what is none."""
+    """Find the layout of a table. Raises InvalidInput for what is none, NotInstalled for a workbook without its library."""
     given = given or TextFormat()
     encoding = given.encoding or _encoding(path)
     with _opened(path, encoding) as file:
@@ -146,7 +146,8 @@ def text_layout(path: Path, given: TextFormat | None = None) -> TextLayout:
 def text_columns(path: Path, wanted: Sequence[str], layout: TextLayout) -> tuple[np.ndarray, tuple[str, ...]]:
     """Wanted columns (n, k) [as they are] of a table, NaN where a cell says nothing, and remarks about what was left out.
 
-    Times of day and ISO 8601 times are in seconds. Raises NameNotFound for a column that there is not, and InvalidInput.
+    Times of day and ISO 8601 times are in seconds. Raises NameNotFound for a column that there is not, NotInstalled as
+    `text_layout` does, and InvalidInput.
     """
     places = [place_of(path, layout.names, name) for name in wanted]
     remarks: list[str] = []

@@ -419,7 +419,7 @@ def read_urdf(path: Path, *, free_flyer: bool, reading: Reading = PLAIN, package
 def models_and_notes(
     path: Path, *, free_flyer: bool, reading: Reading, package_dirs: Sequence[Path]
 ) -> tuple[UrdfModels, list[str]]:
-    """As `read_urdf`, with what it warns of."""
+    """As `read_urdf`, with what it warns of. Raises `RobotDataError`, as it does."""
     root = read_urdf_xml(path)
     notes = prepare(path, root, reading, free_flyer=free_flyer)
     findings = Findings(path)

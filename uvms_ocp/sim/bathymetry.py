@@ -143,11 +143,11 @@ def _of_lines(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         rows = rows[1:]
     table = np.array([[float(word) for word in row] for row in rows])
     if table.ndim != 2 or table.shape[1] != 3:
-        raise ValueError(f"{len(rows)} lines of numbers, not of three each")
+        raise InvalidInput(f"{len(rows)} lines of numbers, not of three each")
     x, i = np.unique(table[:, 0], return_inverse=True)
     y, j = np.unique(table[:, 1], return_inverse=True)
     if len(table) != len(x) * len(y) or len(np.unique(j * len(x) + i)) != len(table):
-        raise ValueError(f"{len(table)} points, and a grid of {len(x)} by {len(y)} lines")
+        raise InvalidInput(f"{len(table)} points, and a grid of {len(x)} by {len(y)} lines")
     z = np.zeros((len(y), len(x)))
     z[j, i] = table[:, 2]
     return x, y, z
