@@ -7,9 +7,8 @@ alone, with a lead that damps it. Where the arm leans out, the vehicle leans aft
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -82,7 +81,8 @@ def countered_rows(rows: Rows, mean: Rows, symbols: TickSymbols, passive: ca.SX,
     return replace(rows, jacobian=J, rate=mean.rate + met, lower=mean.lower + met, upper=mean.upper + met)
 
 
-class Lean(NamedTuple):
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Lean:
     """Where the free axes come to rest."""
 
     slope: ca.SX
