@@ -48,7 +48,7 @@ class Kind:
         return self.test(value)
 
     def parts(self, place: str, value: Any) -> Iterable[tuple[str, Kind, Any]]:
-        """What a value that fits is made of: where it is, its kind and itself."""
+        """List the parts of a value that fits: place, kind and value of each."""
         return ()
 
     def holds(self, value: Any) -> bool:

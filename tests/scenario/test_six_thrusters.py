@@ -8,7 +8,7 @@ from six_thrusters import six_thrusters
 
 import uvms_ocp as uo
 from uvms_ocp.robot.description import TrimBody
-from uvms_ocp.scenario.options import abort_phase, activate, mission_of, run_options
+from uvms_ocp.scenario.options import RunOptions, abort_phase, activate, mission_of, run_options
 from uvms_ocp.scenario.preflight import Severity
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.tasks import (
@@ -24,11 +24,16 @@ from uvms_ocp.tasks import (
 WAY_POINT, TARGET = (3.0, 0.0, -8.0), (4.1, 0.0, -8.6)
 
 
-def swim(load: float, *, aligned: bool = True) -> Scenario:
-    """To a way point 3.6 m away, in still water and without noise, with a load [kg] at the tool."""
-    robot = six_thrusters()
+def loaded(load: float) -> RunOptions:
+    """Options of a run of a minute in still water and without noise, with a load [kg] at the tool."""
     body = TrimBody(name="load", link="tool", position=(0.0, 0.0, 0.0), mass=load, volume=0.0)
-    run = run_options({"robot": robot, "payload": body if load else None, "duration": 60.0}, seabed=-12.0)
+    return run_options({"robot": six_thrusters(), "payload": body if load else None, "duration": 60.0}, seabed=-12.0)
+
+
+def swim(load: float, *, aligned: bool = True) -> Scenario:
+    """To a way point 3.6 m away with a load [kg] at the tool."""
+    run = loaded(load)
+    robot = run.robot
     tasks = [
         JointLimits(),
         MinimumAltitude(),
@@ -69,9 +74,8 @@ def test_the_way_point_is_reached_with_any_load_and_never_fled(load: float, alig
 @pytest.mark.parametrize("load", [0.0, 2.0, 4.0])
 def test_a_tool_reaches_its_target_on_a_swinging_vehicle_and_the_swing_dies_away(load: float) -> None:
     """From rest at the way point, where the load lets go: it pitches the vehicle by 20 deg and more, which no thruster holds."""
-    robot, target = six_thrusters(), (4.3, 0.0, -8.6)
-    body = TrimBody(name="load", link="tool", position=(0.0, 0.0, 0.0), mass=load, volume=0.0)
-    run = run_options({"robot": robot, "payload": body if load else None, "duration": 60.0}, seabed=-12.0)
+    run, target = loaded(load), (4.3, 0.0, -8.6)
+    robot = run.robot
     tasks = [
         JointLimits(),
         MinimumAltitude(),

@@ -24,7 +24,7 @@ from uvms_ocp.version import __version__
 # Groups of commands, each of which is imported when its turn comes: that takes longer than what many of them do.
 
 Place = str | typer.Typer
-"""Of a command: MODULE.FUNCTION of this package, or a group of further ones."""
+"""Where a command is defined, MODULE.FUNCTION of this package, or a group of commands."""
 
 
 class Commands(Mapping[str, Any]):

@@ -16,7 +16,7 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification import ExperimentLimits, Noise, Rollout, check_data_quality, stage_of, write_recording
 from uvms_ocp.identification.calibration import Calibration, calibrate
 from uvms_ocp.identification.experiment_design import DesignSettings, DesignStatus, ExperimentTask, design_experiment
-from uvms_ocp.identification.reading import read_mapping, read_recording
+from uvms_ocp.identification.reading import UNITS, read_mapping, read_recording
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, split_at_gaps
 from uvms_ocp.identification.results import excitation_text, report_text, require_coefficients, variant_text, whole_text
 from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, calibrated_robot, read_settings
@@ -204,7 +204,7 @@ def _assignment(
 
 # ``thruster-curve``: from a bench's table to the curve of a robot file.
 
-_NEWTONS = {"N": 1.0, "kgf": 9.80665, "gf": 9.80665e-3, "lbf": 4.448222}
+_NEWTONS = UNITS["N"]
 
 
 def thruster_curve(

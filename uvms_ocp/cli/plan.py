@@ -103,7 +103,7 @@ def _joint_goal(words: str) -> tuple[str, float]:
 # What a plan of any method writes and prints.
 
 _FILES = ("report.json", "plan.npz", "plan.csv", "plan.json", "record.npz", "scene.html")
-"""Of any plan, beside its figures; which of them there are depends on the method and on what came of it."""
+"""Files that a plan may write beside its figures; which of them depends on the method and the outcome."""
 
 
 def _figures() -> Iterable[str]:

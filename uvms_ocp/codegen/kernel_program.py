@@ -71,7 +71,7 @@ def _assign(node: ast.Assign | ast.AnnAssign, scope: Scope) -> list[str]:
 
 
 def _reads(value: ast.expr, target: ast.expr) -> bool:
-    """Whether a value may depend on a target, which other names may stand for too."""
+    """Check whether a value may depend on a target, which other names may stand for too."""
     parts, whole = list(ast.walk(value)), isinstance(target, ast.Subscript)
     while isinstance(target, ast.Subscript):
         target = target.value

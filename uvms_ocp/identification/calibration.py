@@ -316,8 +316,8 @@ def with_thrust(robot: Robot, recording: Recording) -> Recording:
     n = len(robot.thruster_names)
     if signals.values.shape[1] != n:
         raise InvalidInput(f"{recording.name}: propeller_commands of {signals.values.shape[1]} thrusters given; allowed: {n}")
-    thrust = np.array([thrust_of_signals(robot, row) for row in signals.values])
-    return replace(recording, channels={**recording.channels, "thrust": replace(signals, values=thrust)})
+    thrust = replace(signals, values=thrust_of_signals(robot, signals.values))
+    return replace(recording, channels={**recording.channels, "thrust": thrust})
 
 
 def _require(recordings: Sequence[Recording], leave_one_out: bool) -> None:

@@ -39,7 +39,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification.file_kinds import holds_messages, kind_of
 from uvms_ocp.identification.messages import TopicColumns, message_rows, topics_of
-from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, continuous_quaternions, rotations
+from uvms_ocp.identification.recording import CHANNEL_KINDS, SECONDS, Channel, Recording, continuous_quaternions, rotations
 from uvms_ocp.identification.tables import (
     TableColumns,
     column_names,
@@ -74,7 +74,6 @@ def even_send_times(arrived: np.ndarray, period: float) -> np.ndarray:
 # How the columns of foreign files become channels: a YAML file, or the same as a value.
 
 _DOWN = np.diag([1.0, -1.0, -1.0])  # from axes with z down to axes with z up, and back
-_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _DEGREE, _G = np.pi / 180.0, 9.80665
 UNITS: Mapping[str, Mapping[str, float]] = {
     "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
@@ -82,7 +81,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "m/s2": {"m/s2": 1.0, "g": _G, "mg": 1e-3 * _G},
     "rad": {"rad": 1.0, "deg": _DEGREE},
     "rad/s": {"rad/s": 1.0, "deg/s": _DEGREE, "deg": _DEGREE},
-    "N": {"N": 1.0, "kgf": _G, "lbf": 4.448222},
+    "N": {"N": 1.0, "kgf": _G, "gf": 1e-3 * _G, "lbf": 4.448222},
     "us": {"us": 1.0},
 }
 """By the unit of a channel: units that its values may be given in, and factors."""
@@ -99,7 +98,7 @@ _SPELLED |= {"seconds": "s", "m/s^2": "m/s2", "m/sÂ²": "m/s2", "knots": "kn", "Â
 _FOREIGN = 0.5  # of all rows, above which those without any cell are of other channels
 _LARGEST_ANGLE = 2.5 * np.pi  # [rad] of roll, pitch and yaw as files have them, unless yaw is unwound
 _AT_ONCE = 0.05  # of the usual interval, within which a message that says the same again is the same message
-_Numbers = Annotated[float, Field()] | tuple[float, ...]
+_Numbers = float | tuple[float, ...]
 
 
 class ChannelMapping(BaseModel):
@@ -127,7 +126,7 @@ class ChannelMapping(BaseModel):
         default=None, description="of an attitude; default: quaternion xyzw"
     )
     unit: str | None = Field(default=None, description="of the values; default: as a header says, or that of the channel")
-    offset: _Numbers = Field(default=0.0, description="added to the values, of all columns or of each [as they are]")
+    offset: _Numbers = Field(default=0.0, description="added to the values, of all columns or of each [unit of the channel]")
     scale: _Numbers = Field(default=1.0, description="factor of the values then, of all columns or of each [-]")
     frame: Literal["W", "B"] | None = Field(
         default=None, description="of a velocity or a force; W is turned by the attitude; default: B"
@@ -257,7 +256,7 @@ def _mapped_rows(source: Path, mapping: RecordingMapping, name: str) -> dict[str
 def _wanted(key: str, one: ChannelMapping, path: Path) -> TopicColumns:
     if not one.topic:
         raise InvalidInput(f"{path}: {key} has no topic; give one of {', '.join(topics_of(path))}")
-    unit = _SECONDS[one.time_unit or "s"]
+    unit = SECONDS[one.time_unit or "s"]
     return TopicColumns(topic=one.topic, columns=(*one.fields, *one.rows), time=one.time, unit=unit)
 
 
@@ -266,8 +265,8 @@ def _table_rows(key: str, one: ChannelMapping, path: Path, given: TextFormat | N
         raise InvalidInput(f"{path}: {key} is in a table; give its time, and no topic")
     table = read_table(path, [one.time, *one.fields, *one.rows], given)
     said = _SPELLED.get(table.units[0], table.units[0])
-    unit = one.time_unit or (said if said in _SECONDS else "s")
-    values = table.values * [_SECONDS[unit], *np.ones(len(table.units) - 1)]
+    unit = one.time_unit or (said if said in SECONDS else "s")
+    values = table.values * [SECONDS[unit], *np.ones(len(table.units) - 1)]
     return replace(table, values=values, layout=f"{path.name}: {table.layout}" if table.layout else "")
 
 

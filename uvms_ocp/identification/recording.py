@@ -47,6 +47,8 @@ CHANNEL_KINDS: Mapping[str, ChannelKind] = {
     "propeller_commands": ChannelKind(unit="-", command=True),
 }
 """Every channel that a recording may have, by its name."""
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""[s] of the units that times are given in."""
 _NORM = 1e-2  # by which quaternions may differ from 1: they are stored with few digits
 
 

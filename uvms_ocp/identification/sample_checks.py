@@ -9,7 +9,7 @@ from itertools import permutations, product
 import numpy as np
 
 from uvms_ocp.checks import checked
-from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, angular_rate, rotations, smoothed
+from uvms_ocp.identification.recording import CHANNEL_KINDS, SECONDS, Channel, Recording, angular_rate, rotations, smoothed
 
 # One doubt about a recording.
 
@@ -118,7 +118,7 @@ def _best(agreement: np.ndarray) -> int:
 
 
 def _differ(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether each agrees at an offset at which the other does not."""
+    """Check whether each agrees at an offset at which the other does not."""
     a, b = _best(one), _best(other)
     parted = min(one[a] - one[b], other[b] - other[a]) > _PARTED
     return bool(parted and abs(_SHIFTS[a] - _SHIFTS[b]) > _JUMP)
@@ -141,7 +141,6 @@ MOVES = {"linear_velocity": 0.01, "angular_velocity": 0.01}
 _GAP, _BURST = 8.0, 0.5  # of the usual interval; of the mean one
 _OFTEN = 0.02  # of all intervals, from which on gaps are what bursts leave
 _SHORTEST, _LONGEST = 1e-5, 5.0  # [s] between samples, of any sensor
-_TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _AT_ONCE = 0.05  # of the usual interval
 _FAR = 3.0  # widths of all others by which values are far off
 _FARTHEST = {
@@ -175,7 +174,7 @@ def of_samples(recording: Recording) -> Iterator[tuple[str, str]]:
 
 
 def has_times(channel: Channel) -> bool:
-    """Whether its times are such that rates can be taken."""
+    """Check whether its times are such that rates can be taken."""
     usual, span = float(np.median(np.diff(channel.t))), channel.t[-1] - channel.t[0]
     return bool(_SHORTEST < usual < _LONGEST and _SHORTEST_RECORDING < span < _SPARSEST * usual * len(channel.t))
 
@@ -202,7 +201,7 @@ def _times(name: str, channel: Channel) -> Iterator[str]:
     if (pairs := _pairs(channel)) > _OFTEN:
         yield f"{100 * pairs:.0f} % of its samples follow another at once and differ: two sensors? choose one by its rows"
     elif name not in _SELDOM and not _SHORTEST < usual < _LONGEST:
-        units = [unit for unit, factor in _TIME_UNITS.items() if _SHORTEST < usual * factor < _LONGEST / 2]
+        units = [unit for unit, factor in SECONDS.items() if _SHORTEST < usual * factor < _LONGEST / 2]
         yield f"{usual:.3g} s between samples: the unit of its times{f', {units[0]}' if units else ''}?"
     elif usual < _BURST * steps.mean() and gaps.mean() > _OFTEN:
         yield f"arrives in bursts, half of the intervals below {usual:.3g} s at a mean of {steps.mean():.3g} s: sent_every?"

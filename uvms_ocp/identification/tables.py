@@ -49,8 +49,9 @@ def read_table(path: Path, wanted: Sequence[str], given: TextFormat | None = Non
     kind = kind_of(path)
     if kind in ("text", "workbook"):
         layout = text_layout(path, given)
-        values, remarks = text_columns(path, wanted, layout)
-        units = tuple(layout.units[place_of(path, layout.names, name)] for name in wanted)
+        places = [place_of(path, layout.names, name) for name in wanted]
+        values, remarks = text_columns(path, places, layout)
+        units = tuple(layout.units[place] for place in places)
         return TableColumns(values=values, units=units, remarks=remarks, layout=str(layout))
     values = _from_parquet(path, wanted) if kind == "parquet" else _from_arrays(path, wanted)
     return TableColumns(values=values, units=("",) * len(wanted))

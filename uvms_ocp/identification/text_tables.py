@@ -143,17 +143,16 @@ def text_layout(path: Path, given: TextFormat | None = None) -> TextLayout:
         )
 
 
-def text_columns(path: Path, wanted: Sequence[str], layout: TextLayout) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Wanted columns (n, k) [as they are] of a table, NaN where a cell says nothing, and remarks about what was left out.
+def text_columns(path: Path, places: Sequence[int], layout: TextLayout) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Columns (n, k) [as they are] of a table, NaN where a cell says nothing, and remarks about what was left out.
 
-    Times of day and ISO 8601 times are in seconds. Raises NameNotFound for a column that there is not, NotInstalled as
-    `text_layout` does, and InvalidInput.
+    places: (k,) of `place_of`. Times of day and ISO 8601 times are in seconds. Raises InvalidInput, and NotInstalled as
+    `text_layout` does.
     """
-    places = [place_of(path, layout.names, name) for name in wanted]
     remarks: list[str] = []
     with _opened(path, layout.encoding) as file:
         numbers = np.fromiter(_numbers(file, layout, places, remarks), dtype=float)
-    return numbers.reshape(-1, len(wanted)), tuple(remarks)
+    return numbers.reshape(-1, len(places)), tuple(remarks)
 
 
 def place_of(path: Path, names: Sequence[str], wanted: str) -> int:

@@ -106,7 +106,7 @@ def _missed(row: dict[str, Any]) -> str:
 def _unfinished(record: Record) -> dict[str, str]:
     """Describe what the last phase waited for, and whether it was coming."""
     phase = record.meta.phases[int(record["phase"][-1])].name
-    waiting = [item for item in _conditions(record, phase) if not _fulfilled(record, item)]
+    waiting = _waiting(record, phase)
     if not waiting:
         return {"kind": "slow", "text": f"phase {phase}: its conditions hold, but not yet for long enough"}
     unknown = [item.quantity for item in waiting if np.isnan(_trend(record, item)[0])]
@@ -123,8 +123,13 @@ def _unfinished(record: Record) -> dict[str, str]:
 def _explains(record: Record, swinging: set[str]) -> bool:
     """Judge whether swings keep a mission from its end: of the vehicle, or of every error that the last phase waits for."""
     phase = record.run_meta.phases[int(record["phase"][-1])].name
-    waiting = {item.quantity for item in _conditions(record, phase) if not _fulfilled(record, item)}
+    waiting = {item.quantity for item in _waiting(record, phase)}
     return not swinging.isdisjoint({"roll", "pitch"}) or waiting <= swinging
+
+
+def _waiting(record: Record, phase: str) -> list[ThresholdMeta]:
+    """Conditions of a phase that the end of the record does not meet."""
+    return [item for item in _conditions(record, phase) if not _fulfilled(record, item)]
 
 
 def _conditions(record: Record, phase: str) -> list[ThresholdMeta]:

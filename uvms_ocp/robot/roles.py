@@ -149,18 +149,18 @@ class _Tree:
         return [] if parent <= self.carrier else [parent, *self.above(parent)]
 
     def has_range(self, joint: int) -> bool:
-        """Whether a joint can move at all."""
+        """Check whether a joint can move at all."""
         own, model = self.model.joints[joint], self.model
         q = slice(own.idx_q, own.idx_q + own.nq)
         return bool(own.nq != own.nv or (model.lowerPositionLimit[q] < model.upperPositionLimit[q]).any())
 
     def is_no_tool(self, frame: int) -> bool:
-        """Whether a link is a sensor or a finger; the palm that carries fingers is neither."""
+        """Check whether a link is a sensor or a finger; the palm that carries fingers is neither."""
         name = self.name(frame)
         return is_sensor_name(name) or (is_finger_name(name) and frame not in self.inner and not _is_tip_name(name))
 
     def is_end(self, frame: int) -> bool:
-        """Whether no other link is fixed to the link further out, but sensors and fingers."""
+        """Check that no other link is fixed to the link further out, but sensors and fingers."""
         others = [i for i in self.bodies[self.model.frames[frame].parentJoint] if not self.is_no_tool(i)]
         return all(self.model.frames[self.model.frames[i].parentFrame].parentFrame != frame for i in others)
 

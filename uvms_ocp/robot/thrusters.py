@@ -54,12 +54,12 @@ def largest_force(robot: Robot) -> np.ndarray:
 
 
 def thrust_of_signals(robot: Robot, signals: np.ndarray) -> np.ndarray:
-    """Return steady thrust (n_thrusters,) [N] for command signals (n_thrusters,), by each thruster's curve.
+    """Return steady thrust (..., n_thrusters) [N] for command signals (..., n_thrusters), by each thruster's curve.
 
     Without a curve: linear, -1 and 1 are the limits. Signals beyond the curve give its ends.
     """
-    pairs = zip(robot.description.thrusters, signals, strict=True)
-    return np.array([np.interp(signal, *np.transpose(_curve(thruster))) for thruster, signal in pairs])
+    pairs = zip(robot.description.thrusters, np.moveaxis(signals, -1, 0), strict=True)
+    return np.stack([np.interp(signal, *np.transpose(_curve(thruster))) for thruster, signal in pairs], axis=-1)
 
 
 def signals_of_thrust(robot: Robot, thrust: np.ndarray) -> np.ndarray:

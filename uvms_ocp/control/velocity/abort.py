@@ -147,9 +147,9 @@ class AbortMemory(Layout):
     runaway_since: float
     """[s] since when no error has shrunk, the next three of it; NaN: not asked yet."""
     ticks: int
-    """Since then."""
+    """Ticks since then."""
     short_ticks: int
-    """Of them, those with thrusters at their limits."""
+    """Ticks since then with thrusters at their limits."""
     held: Annotated[Vector, Sized("n_quantities")]
     """(n_quantities,) [unit of the quantity] then."""
     began: float

@@ -8,7 +8,7 @@ alone, with a lead that damps it. Where the arm leans out, the vehicle leans aft
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 
 import casadi as ca
 import numpy as np
@@ -38,6 +38,7 @@ def swinging_axes(robot: Robot) -> list[int]:
     return [axis for axis in undriven_axes(robot) if axis in (3, 4)] if robot.n_vehicle == _FREE else []
 
 
+@lru_cache(maxsize=8)
 def swing_frequency(robot: Robot) -> float:
     """Return the slowest [rad/s] of the free axes upright with the arm stowed, within what can be countered."""
     axes, q = swinging_axes(robot), robot.configuration()
@@ -130,6 +131,7 @@ def lean_rows(symbols: TickSymbols, lean: Lean) -> Rows:
     )
 
 
+@lru_cache(maxsize=8)
 def _balance(robot: Robot) -> ca.Function:
     """Make ``q (n_q,), weight [N] -> (n_swinging, n_v), (n_swinging,)``: slope of the moments about the free axes, and these."""
     model, axes = SymbolicModel(robot.model), swinging_axes(robot)
