@@ -26,6 +26,7 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.solvers.nlp.level_solver import NlpOptions
+from uvms_ocp.solvers.stage_qp import StageQp, StageQpOptions, StageQpSolver, StageQpStatus
 from uvms_ocp.tasks.pose import NullVelocity, UnderActuation, VehiclePose
 
 
@@ -49,6 +50,32 @@ def test_a_warm_solve_of_the_same_problem_needs_no_iterations(planner_of_each: P
     again = planner_of_each.plan(guess=first)
     assert again.iterations <= 1
     np.testing.assert_allclose(again.trajectory.q, first.trajectory.q, atol=1e-5)
+
+
+def test_no_rounding_decides_whether_a_qp_is_solved_without_a_compiler(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, solve = list[StageQp](), StageQpSolver.solve_flat
+
+    def kept(solver: StageQpSolver, qp: StageQp, *near: object, **options: object) -> object:
+        asked.append(copied(qp))
+        return solve(solver, qp, *near, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(StageQpSolver, "solve_flat", kept)
+    patient(reach(robot), "stagewise").plan()
+    monkeypatch.undo()
+    solver, rng = StageQpSolver(asked[0].shape, StageQpOptions(compiled=False)), np.random.default_rng(0)
+    for _ in range(10):
+        qp = copied(asked[0])
+        for name in ("dynamics", "J"):
+            qp.flat[name][:] *= 1.0 + np.finfo(float).eps * rng.standard_normal(len(qp.flat[name]))
+        found = solver.solve(qp)
+        assert (found.status, found.iterations) == (StageQpStatus.SOLVED, 1)
+
+
+def copied(qp: StageQp) -> StageQp:
+    other = StageQp(qp.shape)
+    for name, values in qp.flat.items():
+        other.flat[name][:] = values
+    return other
 
 
 def test_a_guess_through_configurations_leads_to_the_same_plan(robot: Robot, planner_of_each: Planner) -> None:

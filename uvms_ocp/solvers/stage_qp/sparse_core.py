@@ -36,6 +36,7 @@ from uvms_ocp.types import Array, Indices, Mask
 _PLUGIN = "piqp"
 _ACCURACIES = ("abs", "rel", "duality_gap_abs", "duality_gap_rel")
 _SHARPER = 1e3  # than the tolerance asks for: a bound that only just binds is missed by the root of what is left of it
+_REGULARIZATION = 1e-8  # of the KKT matrix: below the root of a double's accuracy its factors are noise
 
 
 class _SparseQp(NamedTuple):
@@ -78,7 +79,8 @@ class SparseCore:
             return self._nothing(qp, table, StageQpStatus.NOT_CONVEX)
         n, m, n_b = len(q), len(qp.flat["lower"]), len(qp.flat["b"])
         soft = table.elastic.any(axis=0) | (table.compliance > 0.0)
-        rows = np.flatnonzero(soft | ((table.side.any(axis=0) | table.equal) & (np.arange(m + n) < m)))
+        hard = np.concatenate([(table.side.any(axis=0) | table.equal)[:m], table.fixed])
+        rows = np.flatnonzero(soft | hard)
         given = self._assembled(qp, table, Q, q, soft, rows)
         (x, y_a, y_x), infeasible = self._solved(given, z, options)
         z, y = x[:n], np.zeros(m + n)
@@ -124,15 +126,17 @@ class SparseCore:
         bent = table.compliance[soft] > 0.0
         l2 = np.where(bent, 1.0 / np.where(bent, table.compliance[soft], 1.0), table.l2[soft])
         lower, upper = np.where(table.equal, table.target, np.where(table.side, table.bound, [[-np.inf], [np.inf]]))
-        low, up = np.where(soft[m:], [[-np.inf], [np.inf]], [lower[m:], upper[m:]])
+        # Between two bounds that are one there is no interior: what is fixed is a row.
+        low, up = np.where(soft[m:] | table.fixed, [[-np.inf], [np.inf]], [lower[m:], upper[m:]])
+        lower[m:][table.fixed] = upper[m:][table.fixed] = qp.flat["z_lower"][table.fixed]
         return _SparseQp(
             h=ca.diagcat(*map(ca.DM, Q), ca.diag(ca.DM([*l2, *l2]))),
             g=np.concatenate([q, table.l1[soft], table.l1[soft]]),
             a=ca.vertcat(ca.horzcat(steps, ca.DM(steps.shape[0], 2 * k)), ca.horzcat(own, -slack, slack)),
             lba=np.concatenate([-qp.flat["b"], lower[rows]]),
             uba=np.concatenate([-qp.flat["b"], upper[rows]]),
-            lbx=np.concatenate([np.where(table.fixed, qp.flat["z_lower"], low), np.zeros(2 * k)]),
-            ubx=np.concatenate([np.where(table.fixed, qp.flat["z_lower"], up), np.full(2 * k, np.inf)]),
+            lbx=np.concatenate([low, np.zeros(2 * k)]),
+            ubx=np.concatenate([up, np.full(2 * k, np.inf)]),
         )
 
     def _solved(self, given: _SparseQp, z: Array, options: StageQpOptions) -> tuple[list[Array], bool]:
@@ -141,7 +145,10 @@ class SparseCore:
         key = (H.nnz(), *A.row(), *A.colind(), options.tolerance, options.max_iterations)
         if key not in self._solvers:
             accuracy = dict.fromkeys((f"eps_{name}" for name in _ACCURACIES), options.tolerance / _SHARPER)
-            own = {_PLUGIN: {**accuracy, "max_iter": options.max_iterations}, "error_on_fail": False}
+            own = {
+                _PLUGIN: {**accuracy, "reg_lower_limit": _REGULARIZATION, "max_iter": options.max_iterations},
+                "error_on_fail": False,
+            }
             self._solvers[key] = ca.conic("stages", _PLUGIN, {"h": H, "a": A}, own)
         solver = self._solvers[key]
         found = solver(**given._asdict(), x0=np.concatenate([z, np.zeros(len(given.g) - len(z))]))
