@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import inspect
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from typing import Any
 
 import uvms_ocp
 from uvms_ocp.estimation.fallbacks import Watchdog
+from uvms_ocp.reference.build import exported_names
 from uvms_ocp.robot import dynamics, signals
 
 ROOT = Path(uvms_ocp.__file__).parent
@@ -47,9 +47,7 @@ def _exported() -> Iterator[Any]:
     for init in sorted(ROOT.rglob("__init__.py")):
         if not set(APART) & set(init.relative_to(ROOT).parts):
             package = import_module(".".join(("uvms_ocp", *init.parent.relative_to(ROOT).parts)))
-            for node in ast.walk(ast.parse(init.read_text(encoding="utf-8"))):
-                names = node.names if isinstance(node, ast.ImportFrom) else []
-                yield from (getattr(package, alias.asname) for alias in names if alias.asname == alias.name)
+            yield from (getattr(package, name) for name in exported_names(init))
     yield Watchdog
     for module in OTHERS:
         yield from (item for item in vars(module).values() if inspect.isclass(item) and item.__module__ == module.__name__)

@@ -188,8 +188,9 @@ CITED = re.compile(r"`(uvms_ocp(?:\.\w+)+)`")
 
 
 def exported_names(init: Path) -> tuple[str, ...]:
-    """The names that a room passes on, by ``from x import Y as Y`` in its ``__init__.py``."""
-    imports = (node for node in ast.walk(ast.parse(init.read_text(encoding="utf-8"))) if isinstance(node, ast.ImportFrom))
+    """The names that a room passes on, by ``from x import Y as Y`` in its ``__init__.py`` or the stub beside it."""
+    texts = [path.read_text(encoding="utf-8") for path in (init, init.with_suffix(".pyi")) if path.exists()]
+    imports = (node for text in texts for node in ast.walk(ast.parse(text)) if isinstance(node, ast.ImportFrom))
     return tuple(alias.name for node in imports for alias in node.names if alias.asname == alias.name)
 
 
@@ -204,7 +205,8 @@ def documented_modules(pages: str) -> tuple[str, ...]:
         names = exported_names(init)
         if names and not set(_APART) & set(parts):
             room = importlib.import_module(".".join(("uvms_ocp", *parts)))
-            vars(room)["__all__"] = [name for name in names if not inspect.ismodule(getattr(room, name))]
+            things = {name: getattr(room, name) for name in names}  # loaded now, where the room loads them when asked
+            vars(room).update(things, __all__=[name for name, thing in things.items() if not inspect.ismodule(thing)])
             found[room.__name__] = None
     waiting = [*_modules_of(pages), *(name for room in list(found) for name in _modules_of(_source_of(room)))]
     while waiting:
