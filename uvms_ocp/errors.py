@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 from enum import Enum
+from importlib import import_module
 from itertools import accumulate
 from pathlib import Path
 from typing import Any, TypeVar
@@ -100,6 +101,14 @@ class NotInstalled(UvmsError, ImportError):
 
     def __init__(self, what: str, package: str) -> None:
         super().__init__(f"{what} needs the package {package}, which is not installed; pip install {package}")
+
+
+def optional_module(name: str, what: str, package: str) -> Any:
+    """Import a module that only a few calls need. Raises `NotInstalled` without it, which says what needs which package."""
+    try:
+        return import_module(name)
+    except ImportError:
+        raise NotInstalled(what, package) from None
 
 
 def plain_line(text: str, longest: int | None = None) -> str:

@@ -349,7 +349,7 @@ def test_chunks_that_lie_are_refused_as_they_are_in_records(tmp_path: Path, monk
 def test_a_missing_extra_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bag = ros_bag(tmp_path / "dive", "SQLITE3")
     path = json_file(tmp_path / "a.mcap", [{"a": 1}] * 3)
-    monkeypatch.setitem(sys.modules, "rosbags", None)
+    monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
     with pytest.raises(NotInstalled, match=r"uvms-ocp\[rosbags\]"):
         mapped_recording(bag, ROS)
     monkeypatch.setitem(sys.modules, "mcap_protobuf", None)

@@ -13,7 +13,8 @@ import numpy as np
 from uvms_ocp.campaign.distributions import problem_of
 from uvms_ocp.campaign.jobs import METRICS, metric_values
 from uvms_ocp.checks import checked
-from uvms_ocp.errors import InvalidInput, NotInstalled, plain_line
+from uvms_ocp.errors import InvalidInput, optional_module, plain_line
+from uvms_ocp.record.tables import CAMPAIGN_EXTRA
 from uvms_ocp.types import AtLeastOne, Count
 
 # A share of runs with its interval.
@@ -158,7 +159,7 @@ def _ranks(X: np.ndarray, y: np.ndarray) -> list[tuple[float, float]]:
 
 def _pawn(X: np.ndarray, y: np.ndarray) -> list[float]:
     """PAWN sensitivity index of every column, and of one more that has no effect."""
-    pawn = _salib("pawn")
+    pawn = optional_module("SALib.analyze.pawn", "sensitivities", CAMPAIGN_EXTRA)
     dummy = np.random.default_rng(0).permutation(len(y))[:, None] / len(y)
     problem = problem_of([*(f"x{k}" for k in range(X.shape[1])), _DUMMY])
     with warnings.catch_warnings():
@@ -169,7 +170,7 @@ def _pawn(X: np.ndarray, y: np.ndarray) -> list[float]:
 
 def _sobol(y: np.ndarray, n: int) -> dict[str, np.ndarray]:
     """Sobol' indices from the complete blocks of the design; empty where they are too few."""
-    sobol = _salib("sobol")
+    sobol = optional_module("SALib.analyze.sobol", "sensitivities", CAMPAIGN_EXTRA)
     blocks = y[: len(y) // (n + 2) * (n + 2)].reshape(-1, n + 2)
     whole = blocks[np.isfinite(blocks).all(axis=1)]
     if len(whole) < _FEWEST:
@@ -179,12 +180,3 @@ def _sobol(y: np.ndarray, n: int) -> dict[str, np.ndarray]:
         warnings.simplefilter("ignore")
         found = sobol.analyze(problem, whole.ravel(), calc_second_order=False, seed=0)
     return {"s1": found["S1"], "s1_within": found["S1_conf"], "st": found["ST"], "st_within": found["ST_conf"]}
-
-
-def _salib(name: str) -> Any:
-    from importlib import import_module
-
-    try:
-        return import_module(f"SALib.analyze.{name}")
-    except ImportError:
-        raise NotInstalled("sensitivities", '"uvms-ocp[campaign]"') from None

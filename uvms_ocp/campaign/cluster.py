@@ -17,7 +17,8 @@ import numpy as np
 from uvms_ocp.campaign.jobs import CampaignJob
 from uvms_ocp.campaign.store import CampaignManifest, arrow, opened
 from uvms_ocp.codegen.compile import warn_if_slower
-from uvms_ocp.errors import InvalidInput, NotInstalled, OutputError
+from uvms_ocp.errors import InvalidInput, OutputError, optional_module
+from uvms_ocp.record.tables import CAMPAIGN_EXTRA
 from uvms_ocp.types import Range
 
 # Loaded by workers of this machine as they start: Ctrl-C is for the command, which then ends them itself.
@@ -45,11 +46,7 @@ _PATIENCE = 30.0  # [s] for a scheduler to answer
 
 def dask() -> Any:
     """The library distributed. Raises `NotInstalled` without it."""
-    try:
-        import distributed
-    except ImportError:
-        raise NotInstalled("a campaign", '"uvms-ocp[campaign]"') from None
-    return distributed
+    return optional_module("distributed", "a campaign", CAMPAIGN_EXTRA)
 
 
 @contextmanager

@@ -16,7 +16,8 @@ from typing import Annotated, Any, Protocol
 import numpy as np
 
 from uvms_ocp.checks import checked
-from uvms_ocp.errors import InvalidInput, NameNotFound, NotInstalled
+from uvms_ocp.errors import InvalidInput, NameNotFound, optional_module
+from uvms_ocp.record.tables import CAMPAIGN_EXTRA
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.types import Finite, Positive, Range
 
@@ -230,10 +231,7 @@ def _table(design: Design) -> Any:
     from scipy.stats import qmc
 
     if design.sampler == "indices":
-        try:
-            from SALib.sample import sobol
-        except ImportError:
-            raise NotInstalled("the sampler indices", '"uvms-ocp[campaign]"') from None
+        sobol = optional_module("SALib.sample.sobol", "the sampler indices", CAMPAIGN_EXTRA)
         problem = problem_of([f"x{k}" for k in range(design.parameters)])
         base = design.runs // (design.parameters + 2)
         return sobol.sample(problem, base, calc_second_order=False, seed=design.seed)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from time import monotonic
 from typing import Any, BinaryIO, Literal
@@ -14,9 +15,11 @@ from pydantic import BaseModel, ConfigDict
 
 from uvms_ocp.campaign.jobs import CampaignJob, RunResult, columns_of
 from uvms_ocp.checks import checked
-from uvms_ocp.errors import InvalidInput, NotInstalled
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.durable_files import discard, locked, replacing, sync_folders, write_durably
 from uvms_ocp.record.output import STORE, as_output_errors, read_as
+from uvms_ocp.record.tables import arrow as required_arrow
+from uvms_ocp.record.untrusted import as_input_errors
 
 # A file of a campaign, of rows, a record or a copy.
 
@@ -113,14 +116,7 @@ _MANY = 200  # parts, before they are joined
 _GROUP = 10_000  # rows of a group in a file
 
 
-def arrow() -> Any:
-    """The library pyarrow. Raises `NotInstalled` without it."""
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError:
-        raise NotInstalled("a campaign", '"uvms-ocp[campaign]"') from None
-    return pyarrow
+arrow = partial(required_arrow, "a campaign")
 
 
 class Parts:
@@ -187,11 +183,9 @@ def read_rows(folder: Path, columns: Mapping[str, type], wanted: Sequence[str] |
 
 def _read(path: Path, names: Sequence[str]) -> Any:
     pa = arrow()
-    try:
+    advice = "; move it away, its runs are made again"
+    with as_input_errors(path, OSError, pa.ArrowException, what="damaged", advice=advice):
         return pa.parquet.read_table(path, columns=list(names), partitioning=None)
-    except (OSError, pa.ArrowException) as error:
-        reason = " ".join(str(error).split())[:200]
-        raise InvalidInput(f"{path}: damaged ({reason}); move it away, its runs are made again") from None
 
 
 def schema_of(columns: Mapping[str, type]) -> Any:

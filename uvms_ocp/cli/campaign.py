@@ -19,25 +19,9 @@ from uvms_ocp.campaign.jobs import METRICS, metric_values
 from uvms_ocp.campaign.report import MetricBound, compare_campaigns, parse_bounds, report_of, table_with_success
 from uvms_ocp.campaign.store import FILE
 from uvms_ocp.campaign.variations import available_parameters
+from uvms_ocp.cli import options as opt
 from uvms_ocp.cli import printing
 from uvms_ocp.cli.compilation import show_compilation
-from uvms_ocp.cli.options import (
-    AS_WRITTEN,
-    CurrentVelocity,
-    Duration,
-    Faults,
-    Json,
-    Noise,
-    PlantName,
-    RobotFiles,
-    RobotName,
-    Seabed,
-    build_scenario,
-    default_folder,
-    folder,
-    given,
-    label,
-)
 from uvms_ocp.cli.run import run_and_write
 from uvms_ocp.errors import InvalidInput, OutputError, plain_line
 from uvms_ocp.record.durable_files import write_durably
@@ -59,7 +43,7 @@ def campaign(
         typer.Option(metavar="FILE.py", help="Defines `variations`, a list of Variation(NAME, DISTRIBUTION). It is run."),
     ] = None,
     runs: Annotated[int | None, typer.Option(metavar="N", help="Number of runs; default: 100.")] = None,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", parser=folder, help="Folder of the campaign.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", parser=opt.folder, help="Folder of the campaign.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of all that is drawn.")] = 0,
     sampler: Annotated[str, typer.Option(help=f"{', '.join(SAMPLERS)}; indices: the design of Sobol' indices.")] = "sobol",
     scheduler: Annotated[
@@ -71,14 +55,14 @@ def campaign(
         float, typer.Option(metavar="S", help="Of a run [s]: what takes longer is stopped, and a row that says so.")
     ] = 3600.0,
     records: Annotated[str, typer.Option(help="Whole records to keep: none, failures or all.")] = "none",
-    robot: RobotName = None,
-    files: RobotFiles = AS_WRITTEN,
-    plant: PlantName = None,
-    current: CurrentVelocity = None,
-    seabed: Seabed = None,
-    noise: Noise = None,
-    duration: Duration = None,
-    fault: Faults = None,
+    robot: opt.RobotName = None,
+    files: opt.RobotFiles = opt.AS_WRITTEN,
+    plant: opt.PlantName = None,
+    current: opt.CurrentVelocity = None,
+    seabed: opt.Seabed = None,
+    noise: opt.Noise = None,
+    duration: opt.Duration = None,
+    fault: opt.Faults = None,
     force: Annotated[bool, typer.Option("--force", help="Run even if pre-flight finds errors.")] = False,
     parameters: Annotated[bool, typer.Option("--parameters", help="List what can be varied, and do no more.")] = False,
     report: Annotated[bool, typer.Option("--report", help="Write report.html and report.json of a folder.")] = False,
@@ -88,7 +72,7 @@ def campaign(
         list[str] | None,
         typer.Option(metavar="BOUND", help="In reports, what finished runs must keep: tool_position_error_m<0.01; repeatable."),
     ] = None,
-    as_json: Json = False,
+    as_json: opt.Json = False,
 ) -> None:
     """Run a mission many times with everything uncertain, on all cores or a Dask cluster; stopped, it goes on where it was.
 
@@ -104,12 +88,12 @@ def campaign(
     if report or rerun is not None or against is not None:
         raise InvalidInput(f"{what}: no campaign is there; --report, --rerun and --against need the folder of one")
     cluster = {"workers": workers, "scheduler": scheduler, "time_limit": time_limit}
-    options = given(robot=robot, **files.options, plant=plant, current=current, seabed=seabed)
-    options |= given(noise=noise, duration=duration, faults=tuple(fault) if fault else None)
+    options = opt.given(robot=robot, **files.options, plant=plant, current=current, seabed=seabed)
+    options |= opt.given(noise=noise, duration=duration, faults=tuple(fault) if fault else None)
     if parameters:
         _list_parameters(what, options, console, as_json)
         return
-    target = out or default_folder(("campaign", label(what)), options)
+    target = out or opt.default_folder(("campaign", opt.label(what)), options)
     wanted = Campaign(
         scenario=what,
         variations=vary or (),
@@ -169,7 +153,7 @@ def _require_fit(wanted: Campaign, force: bool, console: Console) -> None:
 
 
 def _list_parameters(what: str, options: dict[str, Any], console: Console, as_json: bool) -> None:
-    known = available_parameters(build_scenario(what, options)).values()
+    known = available_parameters(opt.build_scenario(what, options)).values()
     rows = [{"parameter": p.name, "unit": p.unit, "meaning": p.meaning} for p in known]
     if as_json:
         printing.print_json(rows)

@@ -14,20 +14,8 @@ import typer
 from rich.console import Console
 
 from uvms_ocp.cli import BAD_INPUT
+from uvms_ocp.cli import options as opt
 from uvms_ocp.cli.compilation import show_compilation
-from uvms_ocp.cli.options import (
-    AS_WRITTEN,
-    SCENARIO_HELP,
-    CurrentVelocity,
-    Json,
-    Name,
-    PlantName,
-    RobotFiles,
-    RobotName,
-    Seabed,
-    build_scenario,
-    given,
-)
 from uvms_ocp.cli.printing import console_of, print_findings, print_json, print_paths, table_of
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.mission_plan.planner import MissionPlan
@@ -47,17 +35,17 @@ if TYPE_CHECKING:
 
 
 def check(
-    name: Name = "case1",
-    robot: RobotName = None,
-    files: RobotFiles = AS_WRITTEN,
-    plant: PlantName = None,
-    current: CurrentVelocity = None,
-    seabed: Seabed = None,
-    as_json: Json = False,
+    name: opt.Name = "case1",
+    robot: opt.RobotName = None,
+    files: opt.RobotFiles = opt.AS_WRITTEN,
+    plant: opt.PlantName = None,
+    current: opt.CurrentVelocity = None,
+    seabed: opt.Seabed = None,
+    as_json: opt.Json = False,
 ) -> None:
     """Check whether a mission can be completed, without running it; exit code 2 where it cannot."""
-    options = given(robot=robot, **files.options, plant=plant, current=current, seabed=seabed)
-    scenario = build_scenario(name, options)
+    options = opt.given(robot=robot, **files.options, plant=plant, current=current, seabed=seabed)
+    scenario = opt.build_scenario(name, options)
     preflight = scenario.check()
     print_findings(console_of(stderr=as_json), preflight, notes=True)
     if as_json:
@@ -67,13 +55,13 @@ def check(
 
 
 def mission(
-    name: Name = "case1",
-    robot: RobotName = None,
-    files: RobotFiles = AS_WRITTEN,
+    name: opt.Name = "case1",
+    robot: opt.RobotName = None,
+    files: opt.RobotFiles = opt.AS_WRITTEN,
     mermaid: Annotated[bool, typer.Option("--mermaid", help="Print a state diagram in Mermaid's notation.")] = False,
 ) -> None:
     """Print which tasks are on in which phase of a scenario, or its phases as a diagram."""
-    plan = build_scenario(name, given(robot=robot, **files.options)).mission
+    plan = opt.build_scenario(name, opt.given(robot=robot, **files.options)).mission
     sys.stdout.write(plan.mermaid() if mermaid else f"{plan}\n")
 
 
@@ -83,9 +71,9 @@ _WHAT = "Folder of a run or of a plan, its record.npz, or what is run first:"
 
 
 def compare_runs(
-    first: Annotated[str, typer.Argument(metavar="A", help=f"{_WHAT} {SCENARIO_HELP}")],
+    first: Annotated[str, typer.Argument(metavar="A", help=f"{_WHAT} {opt.SCENARIO_HELP}")],
     second: Annotated[str, typer.Argument(metavar="B", help="The other of the same kind.")],
-    as_json: Json = False,
+    as_json: opt.Json = False,
 ) -> None:
     """Compare the resources that two runs took, or two plans would take.
 
@@ -106,7 +94,7 @@ def _given(words: str) -> Record | Scenario:
     """A record of a folder or a file, or a scenario to be run."""
     if (Path(words).exists() and own_code(words) is None) or not (own_code(words) or words in SCENARIOS):
         return _load(Path(words))
-    return build_scenario(words, {})
+    return opt.build_scenario(words, {})
 
 
 def _record(words: str, given: Record | Scenario, console: Console) -> Record:
@@ -140,7 +128,7 @@ def show_scene(
         list[Path] | None, typer.Option(metavar="PATH", help="Another run or plan, drawn translucent; several times.")
     ] = None,
     robot: Annotated[str | None, typer.Option(help="Robot of the record, by name, folder or URDF; default: as it says.")] = None,
-    files: RobotFiles = AS_WRITTEN,
+    files: opt.RobotFiles = opt.AS_WRITTEN,
     fps: Annotated[float, typer.Option(metavar="HZ", help="Frames per second.")] = 25.0,
     out: Annotated[Path | None, typer.Option(metavar="HTML", help="Write this file, and serve nothing.")] = None,
     frames: Annotated[
@@ -188,13 +176,13 @@ def _film(console: Console, page: ScenePage, folder: Path, fps: float) -> None:
     console.print(f"{n} frames; for a video: ffmpeg -framerate {fps:g} -i {folder}/%05d.png -pix_fmt yuv420p video.mp4")
 
 
-def _page(what: str, ghosts: tuple[Path, ...], robot: str | None, files: RobotFiles, fps: float) -> ScenePage:
+def _page(what: str, ghosts: tuple[Path, ...], robot: str | None, files: opt.RobotFiles, fps: float) -> ScenePage:
     from uvms_ocp.viz.scene.show import show
 
     is_name = what in list_robots() and not Path(what).exists()
     if is_name or (Path(what) / "robot.urdf").is_file() or what.endswith(".urdf"):
         return show(robot_of(what, files.hydrodynamics, files.loading))
-    own = with_robot(given(robot=robot, **files.options)).get("robot")
+    own = with_robot(opt.given(robot=robot, **files.options)).get("robot")
     others = {_name_of(path): _motion(path) for path in ghosts}
     if len(others) < len(ghosts):
         raise InvalidInput("two ghosts of one name; their folders, or files, need different names")

@@ -11,39 +11,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from uvms_ocp.identification.recording import (
-    CHANNEL_KINDS,
-    GRID,
-    Channel,
-    Recording,
-    ZeroOrderHold,
-    angular_rate,
-    rotations,
-    smoothed,
-)
-from uvms_ocp.identification.sample_checks import (
-    DEAD,
-    EXPLAINED,
-    MOVES,
-    WAYS,
-    WINDOW,
-    correlation,
-    describe_delay,
-    describe_factor,
-    explained,
-    has_times,
-    named,
-    of_gravity,
-    of_poses,
-    of_samples,
-    of_stuck,
-    offset,
-)
+from uvms_ocp.identification import recording as recordings
+from uvms_ocp.identification import sample_checks
+from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, ZeroOrderHold, angular_rate, rotations, smoothed
+from uvms_ocp.identification.sample_checks import DEAD, EXPLAINED, MOVES, WAYS, WINDOW, correlation, explained, named
 from uvms_ocp.identification.sample_checks import QualityIssue as QualityIssue
 
 # Whether velocities are the rates of poses: axes, frames, units, clocks.
 
-_INSIDE = slice(round(WINDOW / GRID), -round(WINDOW / GRID))
+_INSIDE = slice(round(WINDOW / recordings.GRID), -round(WINDOW / recordings.GRID))
 """Smoothed samples whose window is whole."""
 _HALF = 0.5  # of the motion that a way to read axes must explain
 _PARTNER = {"linear_velocity": "position", "angular_velocity": "attitude"}
@@ -87,10 +63,10 @@ def _rate_issues(recording: Recording, name: str, reference: _Reference) -> Iter
     if np.ptp(measured.values, axis=0).max() < DEAD or reference.body.std(axis=0).max() < MOVES[name]:
         return
     t, values = smoothed(measured.undelayed_t, measured.values, WINDOW)
-    late, steady = offset(reference.t, reference.body, t, values)
+    late, steady = sample_checks.offset(reference.t, reference.body, t, values)
     seen = np.column_stack([np.interp(reference.t + late, t, column) for column in values.T])
     jump = "its clock and that of the {} differ at the end by another time than at the beginning: a jump?"
-    texts = [describe_delay(late) if steady else jump, describe_factor(reference.body, seen)]
+    texts = [sample_checks.describe_delay(late) if steady else jump, sample_checks.describe_factor(reference.body, seen)]
     yield from ((name, text.format(partner)) for text in texts if text)
     factor = float(np.linalg.norm(seen) / np.linalg.norm(reference.body))
     yield from _rate_axes(reference, seen / factor, name)
@@ -141,9 +117,9 @@ def of_joints(recording: Recording) -> Iterator[tuple[str, str]]:
     yield from _dead(rate, seen, np.ptp(positions.values, axis=0), np.ptp(velocities.values, axis=0))
     if rate.std(axis=0).max() < _MOVING_JOINT or seen.std(axis=0).max() < DEAD:
         return
-    late, _ = offset(t, rate, t_seen, seen)
+    late, _ = sample_checks.offset(t, rate, t_seen, seen)
     shifted = np.column_stack([np.interp(t + late, t_seen, column) for column in seen.T])
-    texts = [describe_delay(late), describe_factor(rate, shifted)]
+    texts = [sample_checks.describe_delay(late), sample_checks.describe_factor(rate, shifted)]
     yield from ((_NAMES[1], text.format("positions")) for text in texts if text)
     yield from _columns(rate, shifted)
 
@@ -168,7 +144,7 @@ def _columns(rate: np.ndarray, seen: np.ndarray) -> Iterator[tuple[str, str]]:
 
 # What accelerates a vehicle beside drag, weight and the turning of its frame, and what of a command stands beside these.
 
-SHIFTS = np.arange(-2.0, 3.0 + 1e-9, GRID)
+SHIFTS = np.arange(-2.0, 3.0 + 1e-9, recordings.GRID)
 """[s] by which motion comes after a command."""
 MAY = (SHIFTS > -0.15) & (SHIFTS < 1.2)
 """Plausible ones of these: thrusters lag, and messages take their time."""
@@ -318,8 +294,9 @@ def _correlations(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
     """Check a recording for inconsistent clocks, frames, units and thrusters; returns one issue for each."""
-    sound = {name: one for name, one in recording.channels.items() if CHANNEL_KINDS[name].command or has_times(one)}
+    sound = {name: one for name, one in recording.channels.items() if CHANNEL_KINDS[name].command or sample_checks.has_times(one)}
     others = replace(recording, channels=sound)
-    found = [*recording.issues_in_file, *of_samples(recording)]
-    found += [each for kind in (of_poses, of_rates, of_joints, of_gravity, of_stuck, of_commands) for each in kind(others)]
+    found = [*recording.issues_in_file, *sample_checks.of_samples(recording)]
+    kinds = (sample_checks.of_poses, of_rates, of_joints, sample_checks.of_gravity, sample_checks.of_stuck, of_commands)
+    found += [each for kind in kinds for each in kind(others)]
     return tuple(QualityIssue(channel=name, problem=text) for name, text in found)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.record.untrusted import require_regular_file
+from uvms_ocp.record.untrusted import as_input_errors, require_regular_file
 
 Kind = Literal["text", "workbook", "parquet", "npz", "mat", "hdf5", "mcap", "bag", "sqlite", "json", "dataflash", "tlog"]
 MESSAGES: tuple[Kind, ...] = ("mcap", "bag", "sqlite", "json", "dataflash", "tlog")
@@ -84,11 +84,8 @@ def _archive(path: Path) -> Kind:
 
 
 def _packed_text(path: Path) -> Kind:
-    try:
-        with gzip.open(path) as file:
-            head = file.read(64)
-    except (OSError, EOFError, zlib.error) as error:
-        raise InvalidInput(f"{path}: no table of numbers ({' '.join(str(error).split())[:200]})") from None
+    with as_input_errors(path, OSError, EOFError, zlib.error, what="no table of numbers"), gzip.open(path) as file:
+        head = file.read(64)
     if any(head.startswith(start) for start in (*_KINDS, *_NOT_READ)):
         raise InvalidInput(f"{path}: packed by gzip, in which tables of text alone are read; unpack it")
     return "text"

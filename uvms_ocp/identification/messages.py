@@ -12,7 +12,7 @@ import re
 import sqlite3
 from array import array
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import partial
@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.errors import InvalidInput, NameNotFound, NotInstalled, UvmsError
+from uvms_ocp.errors import InvalidInput, NameNotFound, optional_module
 from uvms_ocp.identification.file_kinds import BAG_METADATA, kind_of
 from uvms_ocp.identification.text_tables import LONGEST_LINE, MOST_ROWS
 from uvms_ocp.record.mcap import mcap_messages, mcap_topics, require_mcap
-from uvms_ocp.record.untrusted import read_yaml, require_regular_file
+from uvms_ocp.record.untrusted import as_input_errors, read_yaml, require_regular_file
 
 Message = tuple[str, int, Any]
 """Topic, when it was logged [ns], and what it says."""
@@ -39,13 +39,17 @@ def messages(path: Path, topics: Collection[str], definitions: Path | None = Non
     Raises NotInstalled, and InvalidInput for damaged or too large files.
     """
     for file in _files(path):
-        yield from _checked(file, partial(_READERS[kind_of(file)].messages, file, topics, definitions))
+        with as_input_errors(file):
+            yield from _READERS[kind_of(file)].messages(file, topics, definitions)
 
 
 def topics_of(path: Path) -> tuple[str, ...]:
     """Return all topics, sorted. Raises NotInstalled and InvalidInput, as `messages` does."""
-    found = (_checked(file, partial(_READERS[kind_of(file)].topics, file)) for file in _files(path))
-    return tuple(sorted({topic for topics in found for topic in topics}))
+    found: set[str] = set()
+    for file in _files(path):
+        with as_input_errors(file):
+            found.update(_READERS[kind_of(file)].topics(file))
+    return tuple(sorted(found))
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,31 +64,17 @@ def _files(path: Path) -> list[Path]:
     """The file itself, or those of a folder of ROS 2."""
     if not path.is_dir():
         return [path]
-    try:
+    with as_input_errors(path / BAG_METADATA):
         about: Any = read_yaml(path / BAG_METADATA)
         information = about["rosbag2_bagfile_information"]
         packed = str(information.get("compression_mode") or "none").lower()
         names = information["relative_file_paths"] if packed == "none" else []
-    except UvmsError:
-        raise
-    except Exception as error:  # whatever stands in its place
-        raise InvalidInput(f"{path}: cannot be read ({type(error).__name__}: {error} in {BAG_METADATA})") from None
     if packed != "none":
         raise InvalidInput(f"{path}: packed by {packed}; unpack it by `ros2 bag convert`")
     files = [path / PurePath(name).name for name in names]
     for file in files:
         require_regular_file(file)
     return files
-
-
-def _checked(path: Path, work: Callable[[], Iterable[Any]]) -> Iterator[Any]:
-    try:
-        yield from work()
-    except (UvmsError, NotInstalled):
-        raise
-    except Exception as error:  # whatever libraries say to bytes that nobody meant
-        said = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        raise InvalidInput(f"{path}: cannot be read ({said})") from None
 
 
 # MCAP: JSON, protobuf and messages of ROS 2.
@@ -163,11 +153,7 @@ def _of_folder(typesys: Any, folder: Path) -> dict[str, Any]:
 
 
 def _typesystem() -> Any:
-    try:
-        from rosbags import typesys
-    except ImportError:
-        raise NotInstalled("a recording of ROS", '"uvms-ocp[rosbags]"') from None
-    return typesys
+    return optional_module("rosbags.typesys", "a recording of ROS", '"uvms-ocp[rosbags]"')
 
 
 @contextmanager
@@ -260,10 +246,7 @@ def _json_topics(path: Path) -> Collection[str]:
 
 @contextmanager
 def _mavlink(path: Path) -> Iterator[Any]:
-    try:
-        from pymavlink import mavutil
-    except ImportError:
-        raise NotInstalled("a log of MAVLink", '"uvms-ocp[mavlink]"') from None
+    mavutil = optional_module("pymavlink.mavutil", "a log of MAVLink", '"uvms-ocp[mavlink]"')
     log = mavutil.mavlink_connection(str(path), dialect="ardupilotmega", robust_parsing=True)
     try:
         yield log

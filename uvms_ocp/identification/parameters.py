@@ -10,16 +10,8 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.identification.coordinates import (
-    Interval,
-    LinearDrag,
-    PositiveDefinite,
-    Positives,
-    QuadraticDrag,
-    QuantityCoordinates,
-    Reals,
-    second_moment,
-)
+from uvms_ocp.identification import coordinates
+from uvms_ocp.identification.coordinates import Interval, PositiveDefinite, Positives, QuantityCoordinates, Reals, second_moment
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.robot.thrusters import AXES as AXES
 
@@ -358,12 +350,12 @@ def _body(start: NominalParameters, hull: np.ndarray) -> dict[str, Quantity]:
 def _water(start: NominalParameters, coupled: AxisCouplings, speed: np.ndarray) -> dict[str, Quantity]:
     root = {name: np.sqrt(np.diag(getattr(start, name))) for name in ("added_mass", "linear_drag")}
     added = PositiveDefinite(axes=AXES, scale=root["added_mass"], couplings=coupled.added_mass)
-    linear = LinearDrag(symmetric=PositiveDefinite(axes=AXES, scale=root["linear_drag"], couplings=coupled.linear_drag))
+    linear = PositiveDefinite(axes=AXES, scale=root["linear_drag"], couplings=coupled.linear_drag)
     own = np.diag(start.quadratic_drag)
-    quadratic = QuadraticDrag(axes=AXES, scale=own, speed=speed, couplings=coupled.quadratic_drag)
+    quadratic = coordinates.QuadraticDrag(axes=AXES, scale=own, speed=speed, couplings=coupled.quadratic_drag)
     return {
         "added_mass": Quantity.fixed("kg, kg m, kg m2", added, start.added_mass),
-        "linear_drag": Quantity.fixed("N/(m/s), N m/(rad/s)", linear, start.linear_drag),
+        "linear_drag": Quantity.fixed("N/(m/s), N m/(rad/s)", coordinates.LinearDrag(symmetric=linear), start.linear_drag),
         "quadratic_drag": Quantity.fixed("N/(m/s)^2, N m/(rad/s)^2", quadratic, start.quadratic_drag),
     }
 

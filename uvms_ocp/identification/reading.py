@@ -37,17 +37,11 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.identification import tables
 from uvms_ocp.identification.file_kinds import holds_messages, kind_of
 from uvms_ocp.identification.messages import TopicColumns, message_rows, topics_of
 from uvms_ocp.identification.recording import CHANNEL_KINDS, SECONDS, Channel, Recording, continuous_quaternions, rotations
-from uvms_ocp.identification.tables import (
-    TableColumns,
-    column_names,
-    is_stored,
-    read_table,
-    require_there,
-    stored_recording,
-)
+from uvms_ocp.identification.tables import TableColumns
 from uvms_ocp.identification.text_tables import TextFormat
 from uvms_ocp.model_errors import one_line_errors
 from uvms_ocp.record.record import Record
@@ -263,7 +257,7 @@ def _wanted(key: str, one: ChannelMapping, path: Path) -> TopicColumns:
 def _table_rows(key: str, one: ChannelMapping, path: Path, given: TextFormat | None) -> TableColumns:
     if one.topic or not one.time:
         raise InvalidInput(f"{path}: {key} is in a table; give its time, and no topic")
-    table = read_table(path, [one.time, *one.fields, *one.rows], given)
+    table = tables.read_table(path, [one.time, *one.fields, *one.rows], given)
     said = _SPELLED.get(table.units[0], table.units[0])
     unit = one.time_unit or (said if said in SECONDS else "s")
     values = table.values * [SECONDS[unit], *np.ones(len(table.units) - 1)]
@@ -502,7 +496,7 @@ def read_recording(path: Path, mapping: RecordingMapping | None = None) -> Recor
 
     Raises InvalidInput for one that needs a mapping, NameNotFound and NotInstalled.
     """
-    require_there(path)
+    tables.require_there(path)
     if mapping is not None and path.is_dir():
         return mapped_recording(path, mapping)
     try:
@@ -527,7 +521,7 @@ def _own(path: Path) -> Recording:
         return _of_record(path)
     if holds_messages(path):
         raise _needs_mapping(path)
-    return stored_recording(path) if kind != "parquet" or is_stored(column_names(path)) else _of_record(path)
+    return tables.stored_recording(path) if kind != "parquet" or tables.is_stored(tables.column_names(path)) else _of_record(path)
 
 
 def _of_record(path: Path) -> Recording:

@@ -13,18 +13,13 @@ import numpy as np
 import yaml
 
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification import uncertainty
 from uvms_ocp.identification.calibration import Calibration, Comparison
 from uvms_ocp.identification.experiment_design import Excitation
 from uvms_ocp.identification.fit import Predicted, fit_percent
 from uvms_ocp.identification.parameters import AXES
 from uvms_ocp.identification.settings import CalibratedRobot, require_no_shape
-from uvms_ocp.identification.uncertainty import (
-    DETERMINED_BELOW,
-    LEAST_P,
-    LEVEL,
-    IdentifiedNumber,
-    UnidentifiableDirection,
-)
+from uvms_ocp.identification.uncertainty import DETERMINED_BELOW, LEAST_P, LEVEL, IdentifiedNumber
 from uvms_ocp.identification.validation import OTHERS, SCORED, HeldOutRecording, HorizonPrediction, errors
 from uvms_ocp.robot.description import LinkCoefficients, read_description
 
@@ -65,7 +60,7 @@ _EDGES = "command steps, and record faster than the lag: only how they begin tel
 _SPEEDS = "drive {axes} at two speeds that differ much, and keep each for some seconds"
 
 
-def advice(one: UnidentifiableDirection) -> str:
+def advice(one: uncertainty.UnidentifiableDirection) -> str:
     """Name the motion or knowledge that would determine a combination; as ``drive yaw fast``."""
     shares = [_parted(name) for name, _ in one.shares[:_SHARES]]
     special = _of_all(shares)

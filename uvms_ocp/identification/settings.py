@@ -26,20 +26,11 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field
 
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification import parameters
 from uvms_ocp.identification.fit import Search
 from uvms_ocp.identification.model import Vehicle
 from uvms_ocp.identification.output_error import Noise
-from uvms_ocp.identification.parameters import (
-    LONGEST_DELAY,
-    ActuatorModel,
-    Bounded,
-    Free,
-    NominalParameters,
-    ParameterStatus,
-    Prior,
-    Unknowns,
-    vehicle_declaration,
-)
+from uvms_ocp.identification.parameters import ActuatorModel, NominalParameters, ParameterStatus, Unknowns
 from uvms_ocp.model_errors import one_line_errors
 from uvms_ocp.record.untrusted import read_yaml_as
 from uvms_ocp.robot.assembly import without_arm
@@ -75,8 +66,8 @@ class QuantitySettings(_SettingsSection):
         if self.prior is not None and self.bounds is not None:
             raise InvalidInput("prior and bounds given; allowed: one of them")
         if self.bounds is not None:
-            return Bounded(lower=self.bounds[0], upper=self.bounds[1], only=self.free)
-        return Free(only=self.free) if self.prior is None else Prior(sigma=self.prior, only=self.free)
+            return parameters.Bounded(lower=self.bounds[0], upper=self.bounds[1], only=self.free)
+        return parameters.Free(only=self.free) if self.prior is None else parameters.Prior(sigma=self.prior, only=self.free)
 
 
 class NoiseSettings(_SettingsSection):
@@ -102,7 +93,7 @@ class CalibrationSettings(_SettingsSection):
     lag: _NonNegative | None = Field(
         default=None, description="of actuators, where the search begins [s]; default: of thrusters their mean, or 0.1"
     )
-    delay: Annotated[float, Field(ge=0.0, lt=LONGEST_DELAY)] = Field(
+    delay: Annotated[float, Field(ge=0.0, lt=parameters.LONGEST_DELAY)] = Field(
         default=0.05, description="of commands, where the search begins [s]; of runs of this toolkit 0"
     )
     dead_zone: _NonNegative | None = Field(
@@ -168,7 +159,7 @@ def calibrated_robot(settings: CalibrationSettings, folder: Path) -> CalibratedR
 def _unknowns(settings: CalibrationSettings, start: NominalParameters, actuators: ActuatorModel) -> tuple[Unknowns, Unknowns]:
     """Make the unknowns of all recordings, and those of each."""
     learnt = {name: one.status() for name, one in settings.learn.items()}
-    known = vehicle_declaration(start, np.array(settings.hull), actuators).with_status(**learnt)
+    known = parameters.vehicle_declaration(start, np.array(settings.hull), actuators).with_status(**learnt)
     shared, own = Unknowns(known), Unknowns(known, own=True)
     if not (shared.names or own.names):
         given = f"learn: {', '.join(learnt)} given, and nothing in it is free"

@@ -18,12 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.errors import InvalidInput, NotInstalled, UvmsError
+from uvms_ocp.errors import InvalidInput, optional_module
 from uvms_ocp.identification.file_kinds import kind_of
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording
 from uvms_ocp.identification.text_tables import MOST_ROWS, TextFormat, place_of, text_columns, text_layout
-from uvms_ocp.record.tables import require_numbers
-from uvms_ocp.record.untrusted import read_arrays
+from uvms_ocp.record.tables import arrow, require_numbers
+from uvms_ocp.record.untrusted import as_input_errors, read_arrays
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -96,13 +96,9 @@ def _from_arrays(path: Path, wanted: Sequence[str]) -> np.ndarray:
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
     """Columns (n,) by name."""
-    try:
+    with as_input_errors(path):
         read = {"npz": read_arrays, "mat": _mat_arrays, "hdf5": _hdf5_arrays}[kind_of(path)]
         arrays = {name: np.asarray(array) for name, array in read(path).items()}
-    except (UvmsError, NotInstalled):
-        raise
-    except Exception as error:  # whatever libraries say to bytes that nobody meant
-        raise InvalidInput(f"{path}: cannot be read ({' '.join(str(error).split())[:200]})") from None
     found: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
         numbers = array.astype("datetime64[ns]").astype(np.int64) * 1e-9 if array.dtype.kind == "M" else array
@@ -134,10 +130,7 @@ def _flat(prefix: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _hdf5_arrays(path: Path) -> Mapping[str, np.ndarray]:
-    try:
-        import h5py
-    except ImportError:
-        raise NotInstalled("reading HDF5", "h5py") from None
+    h5py = optional_module("h5py", "reading HDF5", "h5py")
     with h5py.File(path) as file:
         found: dict[str, Any] = {}
         file.visititems(lambda name, one: found.update({name: one}) if isinstance(one, h5py.Dataset) else None)
@@ -175,19 +168,12 @@ def _floats(column: Any) -> np.ndarray:
 
 @contextmanager
 def _parquet(path: Path) -> Iterator[Any]:
-    try:
-        from pyarrow import ArrowException, parquet
-    except ImportError:
-        raise NotInstalled("reading Parquet", "pyarrow") from None
-    try:
-        with parquet.ParquetFile(path) as file:
-            if file.metadata.num_rows > MOST_ROWS:
-                raise InvalidInput(f"{path}: more than {MOST_ROWS} rows; give recordings one by one")
-            yield file
-    except UvmsError:
-        raise
-    except (ArrowException, OSError, ValueError) as error:
-        raise InvalidInput(f"{path}: no Parquet file ({' '.join(str(error).split())[:200]})") from None
+    pa = arrow("reading Parquet", "pyarrow")
+    damage = (pa.ArrowException, OSError, ValueError)
+    with as_input_errors(path, *damage, what="no Parquet file"), pa.parquet.ParquetFile(path) as file:
+        if file.metadata.num_rows > MOST_ROWS:
+            raise InvalidInput(f"{path}: more than {MOST_ROWS} rows; give recordings one by one")
+        yield file
 
 
 def write_columns(path: Path, columns: Mapping[str, np.ndarray]) -> None:
@@ -196,21 +182,13 @@ def write_columns(path: Path, columns: Mapping[str, np.ndarray]) -> None:
     Raises NotInstalled where Parquet cannot be written.
     """
     if path.suffix == ".parquet":
-        _to_parquet(path, columns)
+        pa = arrow("writing Parquet", "pyarrow")
+        pa.parquet.write_table(pa.table(dict(columns)), path)
         return
     with gzip.open(path, "wt", newline="") if path.suffix == ".gz" else path.open("w", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(columns)
         rows.writerows(["" if np.isnan(x) else repr(float(x)) for x in row] for row in zip(*columns.values(), strict=True))
-
-
-def _to_parquet(path: Path, columns: Mapping[str, np.ndarray]) -> None:
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError:
-        raise NotInstalled("writing Parquet", "pyarrow") from None
-    parquet.write_table(pyarrow.table(dict(columns)), path)
 
 
 # A recording as one file, CSV or Parquet, by its ending: a row for every time, cells only for channels that have a sample.

@@ -14,7 +14,7 @@ import re
 import zlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from itertools import islice
@@ -25,9 +25,9 @@ from zipfile import ZipFile
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from uvms_ocp.errors import InvalidInput, NameNotFound, NotInstalled, UvmsError
+from uvms_ocp.errors import InvalidInput, NameNotFound, optional_module
 from uvms_ocp.model_errors import one_line_errors
-from uvms_ocp.record.untrusted import DENSEST, SMALL
+from uvms_ocp.record.untrusted import DENSEST, SMALL, as_input_errors
 
 MOST_ROWS = 5_000_000
 """of a file: 14 hours at 100 Hz."""
@@ -44,29 +44,7 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _GROUPED = re.compile(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?")
 _TIME = re.compile(r"(\d{4}-\d\d-\d\d[T ])?(\d\d?):(\d\d):(\d\d)(\.\d+)?(Z|[+-]\d\d:?\d\d)?")
 _UNIT = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
-_UNITS = frozenset(
-    {
-        "s",
-        "ms",
-        "us",
-        "µs",
-        "ns",
-        "sec",
-        "m",
-        "mm",
-        "cm",
-        "m/s",
-        "mm/s",
-        "cm/s",
-        "m/s2",
-        "m/s^2",
-        "rad",
-        "deg",
-        "°",
-        "rad/s",
-    }
-    | {"deg/s", "°/s", "n", "nm", "mbar", "bar", "pa", "hz"}
-)
+_UNITS = re.compile(r"s|ms|us|µs|ns|sec|m|mm|cm|m/s|mm/s|cm/s|m/s2|m/s\^2|rad|deg|°|rad/s|deg/s|°/s|n|nm|mbar|bar|pa|hz")
 
 
 @one_line_errors
@@ -124,7 +102,7 @@ def text_layout(path: Path, given: TextFormat | None = None) -> TextLayout:
         before = before or [(k, row) for k, row in comments if len(row) == width and not _is_row(row, decimal)][-1:]
         units = (
             before.pop()
-            if len(before) > 1 and all(cell.strip("[]()").lower() in _UNITS for cell in before[-1][1] if cell)
+            if len(before) > 1 and all(_UNITS.fullmatch(cell.strip("[]()").lower()) for cell in before[-1][1] if cell)
             else None
         )
         if given.header is not None:
@@ -335,35 +313,22 @@ def _opened(path: Path, encoding: str) -> Iterator[IO[str]]:
 
 def _sheet(path: Path) -> IO[str]:
     """First sheet of a workbook as text with commas between cells."""
-    try:
-        from openpyxl import load_workbook
-    except ImportError:
-        raise NotInstalled("reading a workbook", "openpyxl") from None
+    openpyxl = optional_module("openpyxl", "reading a workbook", "openpyxl")
     with ZipFile(path) as archive:
         size, unpacked = path.stat().st_size, sum(one.file_size for one in archive.infolist())
     if unpacked > max(SMALL, DENSEST * size):
         raise InvalidInput(f"would unpack to {unpacked >> 20} MB; at most {DENSEST} times a file are read")
     text = io.StringIO()
-    try:
-        rows = csv.writer(text)
-        with closing(load_workbook(path, read_only=True, data_only=True)) as book:
-            rows.writerows(book.worksheets[0].iter_rows(values_only=True))
-    except Exception as error:  # whatever the library says to bytes that nobody meant
-        raise InvalidInput(f"no workbook ({' '.join(str(error).split())[:200]})") from None
+    rows = csv.writer(text)
+    with as_input_errors(path, what="no workbook"), closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
+        rows.writerows(book.worksheets[0].iter_rows(values_only=True))
     text.seek(0)
     return text
 
 
-@contextmanager
-def _damage_in_a_line(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except (NameNotFound, NotInstalled):
-        raise
-    except UvmsError as error:
-        raise error if str(error).startswith(str(path)) else InvalidInput(f"{path}: {error}") from None
-    except (OSError, EOFError, zlib.error, csv.Error, ValueError, LookupError) as error:
-        raise InvalidInput(f"{path}: no table of numbers ({' '.join(str(error).split())[:200]})") from None
+def _damage_in_a_line(path: Path) -> AbstractContextManager[None]:
+    damage = (OSError, EOFError, zlib.error, csv.Error, ValueError, LookupError)
+    return as_input_errors(path, *damage, what="no table of numbers")
 
 
 def _lines(file: IO[str]) -> Iterator[str]:

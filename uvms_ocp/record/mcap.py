@@ -8,17 +8,16 @@ from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from importlib import import_module
 from itertools import count
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
-from uvms_ocp.errors import InvalidInput, NotInstalled
+from uvms_ocp.errors import InvalidInput, optional_module
 from uvms_ocp.record.run_meta import is_floating, joint_positions, read_meta, write_meta
 from uvms_ocp.record.tables import column_names, column_units, series_description, write_atomically
-from uvms_ocp.record.untrusted import DENSEST, SMALL, require_regular_file
+from uvms_ocp.record.untrusted import DENSEST, SMALL, as_input_errors, require_regular_file
 
 # Messages of an MCAP file in the order that they stand there, unpacked chunk by chunk within what each chunk declares.
 
@@ -106,10 +105,7 @@ def _first(chunk: Any, most: int) -> bytes:
 def require_mcap() -> None:
     """Raise `NotInstalled` where any of them is missing."""
     for name in ("foxglove_schemas_protobuf", "mcap", "mcap_protobuf"):
-        try:
-            import_module(name)
-        except ImportError:
-            raise NotInstalled("an MCAP file", '"uvms-ocp[mcap]"') from None
+        optional_module(name, "an MCAP file", '"uvms-ocp[mcap]"')
 
 
 # A message for every tick of a series, with a field for every column: what is written is read again to the last digit.
@@ -341,13 +337,9 @@ def from_mcap(path: Path) -> tuple[dict[str, np.ndarray], Any]:
     from zstandard import ZstdError
 
     damage = (McapError, DecodeError, ZstdError, OSError, ValueError, KeyError, TypeError, struct.error, MemoryError)
-    try:
+    with as_input_errors(path, *damage):
         require_regular_file(path)
         return _read(path)
-    except InvalidInput:
-        raise
-    except damage as error:
-        raise InvalidInput(f"{path}: cannot be read ({' '.join(str(error).split())[:200]})") from None
 
 
 def _read(path: Path) -> tuple[dict[str, np.ndarray], Any]:

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.errors import InvalidInput, NameNotFound, NotInstalled, OutputError
+from uvms_ocp.errors import InvalidInput, NameNotFound, OutputError, optional_module
 from uvms_ocp.record.run_meta import read_meta, write_meta
-from uvms_ocp.record.untrusted import DENSEST, SMALL, require_regular_file
+from uvms_ocp.record.untrusted import DENSEST, SMALL, as_input_errors, require_regular_file
 
 # The one table of series: what each is, its units and frame, and which columns it has; units in figures are from here.
 
@@ -243,7 +243,8 @@ def require_numbers(file: Any, path: Path, columns: Sequence[str]) -> None:
 VERSION = "1"
 """Of the files."""
 _KEY = b"uvms_ocp"
-_EXTRA = '"uvms-ocp[campaign]"'
+CAMPAIGN_EXTRA = '"uvms-ocp[campaign]"'
+"""Which brings pandas and pyarrow."""
 Series = Mapping[str, np.ndarray]
 
 
@@ -261,11 +262,7 @@ def columns(series: Series, meta: Any) -> dict[str, np.ndarray]:
 
 def to_dataframe(series: Series, meta: Any) -> Any:
     """A pandas.DataFrame with one row per tick. Raises `NotInstalled` without pandas."""
-    try:
-        import pandas
-    except ImportError:
-        raise NotInstalled("a table", _EXTRA) from None
-    return pandas.DataFrame(columns(series, meta))
+    return optional_module("pandas", "a table", CAMPAIGN_EXTRA).DataFrame(columns(series, meta))
 
 
 def to_csv(series: Series, meta: Any, path: Path) -> None:
@@ -278,7 +275,7 @@ def to_parquet(series: Series, meta: Any, path: Path) -> None:
 
     Raises `NotInstalled` without pyarrow, and `OutputError` where it cannot be written.
     """
-    pa = _arrow()
+    pa = arrow()
     fields, arrays = [], []
     for name, array in series.items():
         flat = array[:, None] if array.ndim == 1 else array.reshape(len(array), -1)
@@ -294,8 +291,8 @@ def to_parquet(series: Series, meta: Any, path: Path) -> None:
 
 def from_parquet(path: Path) -> tuple[dict[str, np.ndarray], Any]:
     """Series by name and metadata of a file of `to_parquet`. Raises `InvalidInput` for another file, `NotInstalled`."""
-    pa = _arrow()
-    try:
+    pa = arrow()
+    with as_input_errors(path, OSError, KeyError, ValueError, pa.ArrowException):
         require_regular_file(path)
         with pa.parquet.ParquetFile(path) as file:
             own = file.schema_arrow.metadata or {}
@@ -303,10 +300,6 @@ def from_parquet(path: Path) -> tuple[dict[str, np.ndarray], Any]:
                 raise InvalidInput(f"{path}: no record of version {VERSION}; give a file that Record.to_parquet wrote")
             require_numbers(file, path, file.schema_arrow.names)
             return _series(file.read()), read_meta(own[b"meta"].decode())
-    except (OSError, KeyError, ValueError, pa.ArrowException) as error:
-        if isinstance(error, InvalidInput):
-            raise
-        raise InvalidInput(f"{path}: cannot be read ({' '.join(str(error).split())[:200]})") from None
 
 
 def _series(table: Any) -> dict[str, np.ndarray]:
@@ -328,13 +321,10 @@ def series_description(name: str, array: np.ndarray) -> dict[str, str]:
     return {"series": name, "axes": str(array.ndim), **described}
 
 
-def _arrow() -> Any:
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError:
-        raise NotInstalled("a Parquet file", _EXTRA) from None
-    return pyarrow
+def arrow(what: str = "a Parquet file", package: str = CAMPAIGN_EXTRA) -> Any:
+    """The library pyarrow with its Parquet. Raises `NotInstalled` without it: what needs it, and which package brings it."""
+    optional_module("pyarrow.parquet", what, package)
+    return optional_module("pyarrow", what, package)
 
 
 def write_atomically(path: Path, write: Any) -> None:

@@ -24,8 +24,30 @@ from yaml.composer import ComposerError
 from yaml.events import AliasEvent
 from yaml.nodes import Node, ScalarNode
 
-from uvms_ocp.errors import InvalidInput
+from uvms_ocp.errors import InvalidInput, UvmsError
 from uvms_ocp.model_errors import one_line
+
+# What speaks against a file, in one line with its name.
+
+
+@contextmanager
+def as_input_errors(path: Path, *kinds: type[Exception], what: str = "cannot be read", advice: str = "") -> Iterator[None]:
+    """Raise what reading a file raises in the block as an `InvalidInput` with the file's name; other errors of ours pass.
+
+    kinds: of exceptions; by default all, for libraries that say anything to bytes that nobody meant. advice: at the end.
+    """
+    try:
+        yield
+    except UvmsError as error:
+        if type(error) is not InvalidInput or str(error).startswith(str(path)):
+            raise
+        raise InvalidInput(f"{path}: {error}") from None
+    except Exception as error:
+        if kinds and not isinstance(error, kinds):
+            raise
+        reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        raise InvalidInput(f"{path}: {what} ({reason}){advice}") from None
+
 
 # The bytes of a file that is one: no device without end, and no pipe that waits for its writer.
 

@@ -18,16 +18,8 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Command, Robot, State
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.sim import dynamic_step
+from uvms_ocp.sim import fault_effects as effects
 from uvms_ocp.sim.environment import Environment, EnvironmentSampler
-from uvms_ocp.sim.fault_effects import (
-    active_of,
-    condition_of,
-    jammed_axes,
-    joined_velocity,
-    loaded,
-    payloads,
-    with_steps,
-)
 from uvms_ocp.sim.faults import Fault
 from uvms_ocp.sim.thrusters import Thrusters
 from uvms_ocp.types import Period
@@ -73,7 +65,7 @@ class KinematicPlant(Plant):
     @checked_on_failure
     def step(self, command: Command, dt: Period) -> None:
         v = command.v
-        if self._faults and (jammed := jammed_axes(self._robot, active_of(self._faults, self._t))):
+        if self._faults and (jammed := effects.jammed_axes(self._robot, effects.active_of(self._faults, self._t))):
             v = v.copy()
             v[list(jammed)] = 0.0
         acceleration = (v - self.state.v) / dt
@@ -143,7 +135,7 @@ class DynamicPlant(Plant):
         if not (math.isfinite(max_step) and max_step > 0):
             raise InvalidInput(f"max_step = {max_step} s; give a finite time > 0")
         self._robot, self._unloaded, self._dynamics, self._max_step = robot, dynamics, dynamics, max_step
-        self._environment = with_steps(environment, faults)
+        self._environment = effects.with_steps(environment, faults)
         parts = contact or dynamic_step.ContactModel(), stops or dynamic_step.JointStops()
         self._model, self._step = _compiled_step(robot, dynamics, *parts, shared)
         self._surroundings = EnvironmentSampler(self._environment, dynamics.symbolic, self._model.points)
@@ -151,7 +143,7 @@ class DynamicPlant(Plant):
         self._active: tuple[Fault, ...] = ()
         self._t = 0.0
         self._shapes = (len(robot.description.thrusters),), (robot.n_joints,)
-        self._condition = condition_of((), np.zeros(self._shapes[0]))
+        self._condition = effects.condition_of((), np.zeros(self._shapes[0]))
         self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v), a=np.zeros(robot.n_v))
         self._parts = dynamic_step.parts_of(self._step)
         self._after = np.zeros(self._parts["a"].stop)
@@ -164,7 +156,7 @@ class DynamicPlant(Plant):
 
         Raises `InvalidInput` for a command without thrust or torque, or with some that are not finite or of another number.
         """
-        if self._faults and (active := active_of(self._faults, self._t)) != self._active:
+        if self._faults and (active := effects.active_of(self._faults, self._t)) != self._active:
             self._apply_faults(active)
         if dt != self._dt:
             self._begin(dt)
@@ -214,9 +206,9 @@ class DynamicPlant(Plant):
         """Go on with other faults than before."""
         self._after = self._after.copy()
         thrust = self._after[self._parts["thrust"]]
-        self._condition = condition_of(active, thrust)
+        self._condition = effects.condition_of(active, thrust)
         thrust[self._condition.dead] = 0.0
-        had, have, locked = payloads(self._active), payloads(active), jammed_axes(self._robot, active)
+        had, have, locked = effects.payloads(self._active), effects.payloads(active), effects.jammed_axes(self._robot, active)
         self._active = active
         if have != had:
             self._carry(had, have)
@@ -237,7 +229,7 @@ class DynamicPlant(Plant):
         if have != kept:
             q, v = self.state.q, self.state.v
             matrices = before.mass_matrix(q), self._dynamics.mass_matrix(q)
-            self.state = _plant_state(q=q, v=joined_velocity(*matrices, v, self._model.locked))
+            self.state = _plant_state(q=q, v=effects.joined_velocity(*matrices, v, self._model.locked))
 
     def _with_payloads(self, carried: tuple[Fault, ...]) -> Dynamics:
-        return robot_dynamics(loaded(self._robot, carried)) if carried else self._unloaded
+        return robot_dynamics(effects.loaded(self._robot, carried)) if carried else self._unloaded

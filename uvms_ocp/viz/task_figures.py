@@ -14,17 +14,9 @@ from uvms_ocp.errors import NameNotFound
 from uvms_ocp.record.meta_values import TaskMeta
 from uvms_ocp.record.record import Record, quantity
 from uvms_ocp.record.tables import column_names, column_units, unit_of
+from uvms_ocp.viz import series as recorded
 from uvms_ocp.viz import style
-from uvms_ocp.viz.series import (
-    axis_label,
-    axis_names,
-    estimate_suffix,
-    require_rows,
-    task_activity,
-    task_gate,
-    threshold_text,
-    thresholds,
-)
+from uvms_ocp.viz.series import axis_label, axis_names, estimate_suffix, require_rows, task_activity, task_gate
 
 # Figures of what the tasks measure: errors, misalignment, altitude ([Gao2022] figures 5-9).
 
@@ -87,8 +79,8 @@ def _panel(axis: Axes, record: Record, name: str, color: str) -> np.ndarray:
 
 
 def _mark_thresholds(axis: Axes, record: Record, name: str) -> None:
-    for limit in thresholds(record, name):
-        style.threshold(axis, limit, threshold_text(record, name, limit))
+    for limit in recorded.thresholds(record, name):
+        style.threshold(axis, limit, recorded.threshold_text(record, name, limit))
 
 
 def _logarithmic_panel(axis: Axes, record: Record, name: str, color: str) -> None:
@@ -100,7 +92,7 @@ def _logarithmic_panel(axis: Axes, record: Record, name: str, color: str) -> Non
     active = active[np.isfinite(active)]
     style.logarithmic(axis)
     if len(active):
-        lowest = min([*thresholds(record, name), float(np.percentile(active, 5)), float(active[-1])])
+        lowest = min([*recorded.thresholds(record, name), float(np.percentile(active, 5)), float(active[-1])])
         axis.set_ylim(bottom=max(lowest, _LOG_FLOOR) / 2)
 
 
@@ -132,10 +124,10 @@ def figure_altitude(record: Record) -> Figure | None:
     t, altitude = record["t"], _required(record, name)
     altitude = np.where(np.isfinite(altitude), altitude, np.nan)
     figure, axes = style.stacked(2, 1.75, "Altitude of the altimeter above the floor")
-    near = 2.5 * max([*thresholds(record, name), float(np.nanmin(altitude))])
+    near = 2.5 * max([*recorded.thresholds(record, name), float(np.nanmin(altitude))])
     for axis in axes:
         axis.plot(t, altitude, color=style.BLUE, label="altitude")
-        for limit in thresholds(record, name):
+        for limit in recorded.thresholds(record, name):
             style.threshold(axis, limit, f"landed below {limit:g} m")
     lowest = int(np.nanargmin(altitude))
     axes[1].plot(t[lowest], altitude[lowest], "v", color=style.VERMILLION, ms=5, label=f"lowest: {altitude[lowest]:.3f} m")

@@ -14,19 +14,8 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot import Robot, list_robots, load_robot
-from uvms_ocp.viz.scene.animation import (
-    NO_GHOSTS,
-    Frames,
-    Ghost,
-    beam_clip,
-    draw_beam,
-    draw_robot,
-    frames_of,
-    ghosts_of,
-    joint_clips,
-    joint_node,
-    require_fit,
-)
+from uvms_ocp.viz.scene import animation
+from uvms_ocp.viz.scene.animation import NO_GHOSTS, Frames, Ghost, draw_robot, joint_node, require_fit
 from uvms_ocp.viz.scene.details import legend, page_details, readouts, robot_details, time_line
 from uvms_ocp.viz.scene.page import CommandLog, ScenePage, Visualizer, build_page
 from uvms_ocp.viz.scene.shapes import shifted
@@ -177,7 +166,7 @@ def _record_of(what: Record | Plan) -> Record:
 
 def _page(record: Record, robot: Robot, others: Mapping[str, Record], fps: float, height: int) -> ScenePage:
     require_fit(record, robot)
-    frames, ghosts = frames_of(record, robot, fps), list(ghosts_of(others, robot, fps))
+    frames, ghosts = animation.frames_of(record, robot, fps), list(animation.ghosts_of(others, robot, fps))
     centre = middle(record, frames)
     log = CommandLog()
     root = log.visualizer()["scene"]
@@ -210,10 +199,10 @@ def _draw(
     draw_obstacles(root["obstacles"], record)
     clips: dict[Any, Any] = {}
     for node, moved in (("robot", frames), *((ghost.node, ghost.frames) for ghost in ghosts)):
-        clips |= {root[node][joint_node(robot.model, j)].path: clip for j, clip in joint_clips(robot, moved, fps)}
+        clips |= {root[node][joint_node(robot.model, j)].path: clip for j, clip in animation.joint_clips(robot, moved, fps)}
     beam = frames.altimeter is not None and "altimeter_range" in record.series
     if beam:
-        draw_beam(root["beam"])
-        clips[root["beam"].path] = beam_clip(frames, record["altimeter_range"][frames.row], fps)
+        animation.draw_beam(root["beam"])
+        clips[root["beam"].path] = animation.beam_clip(frames, record["altimeter_range"][frames.row], fps)
     log.animate(clips)
     return draw_trails(root["trails"], robot, frames), beam
