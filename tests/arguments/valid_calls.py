@@ -583,7 +583,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "Outcome": lambda: control.Outcome(t=1.0, squared=2.0, degrees=3, accepted=True),
     "Nmpc": nmpc,
     "Watchdog": Watchdog,
-    "BufferedFunction": lambda: BufferedFunction(dynamics().symbolic.mass_matrix_function()),
+    "BufferedFunction": lambda: BufferedFunction(dynamics().symbolic.function("mass_matrix")),
     "ca.Function": levels_function,
     "ca.SX": lambda: ca.SX.sym("a", robot().n_v),
     "Setup": lambda: scenario().setup(),
@@ -884,6 +884,6 @@ EXPENSIVE = {
         "plan_mission",
     ),
     *("DynamicPlant", "robot_dynamics", "Dynamics", "case2", "sampled_waypoints", "check_mission", "figure_joints"),
-    *("figure_tick_time", "compile_library", "compile_function", "SymbolicModel.jacobian_function"),
+    *("figure_tick_time", "compile_library", "compile_function"),
 }
 """Calls that take half a second or more when they are right, and so are tried with wrong arguments only."""

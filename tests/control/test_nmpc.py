@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.control.nmpc import Nmpc, NmpcStatistics
+from uvms_ocp.control.nmpc import Nmpc
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.estimation.estimator import PassThrough
 from uvms_ocp.ocp.problem import OcpLevel, OcpPhase, OcpProblem
@@ -147,12 +147,6 @@ def test_plans_that_break_constraints_are_not_used_and_mended_by_the_next_solve(
 def test_plans_are_made_20_times_a_second_and_tracked_200_times_as_the_benchmark_says() -> None:
     defaults = {name: given.default for name, given in signature(Nmpc).parameters.items()}
     assert (defaults["dt"], defaults["period"]) == (1 / 200, 1 / 20)
-
-
-@pytest.mark.parametrize(("missed", "solves", "share"), [(0, 0, 0.0), (0, 4, 0.0), (1, 4, 0.25), (4, 4, 1.0)])
-def test_the_share_of_late_plans_is_that_of_all_plans(missed: int, solves: int, share: float) -> None:
-    times = (0.01,) * solves
-    assert NmpcStatistics(solve_times=times, processor_times=times, missed=missed, rejected=0).missed_share == share
 
 
 def test_misuse_is_refused(robot: Robot) -> None:

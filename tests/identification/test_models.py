@@ -65,8 +65,8 @@ def test_the_regressor_tells_what_other_parameters_change_in_a_tree(seed: int) -
 def test_a_vehicle_that_is_known_has_the_dynamics_of_its_model() -> None:
     dynamics, given = vehicle(n_joints=1), motion(vehicle(n_joints=1), 7)
     same = vehicle_dynamics(dynamics, Unknowns(declaration()).values(ca.SX(0, 1)))
-    for term in ("inverse_dynamics_function", "potential_energy_function", "mass_matrix_function"):
-        ours, own = getattr(same, term)(), getattr(dynamics, term)()
+    for term in ("inverse_dynamics", "potential_energy", "mass_matrix"):
+        ours, own = same.function(term), dynamics.function(term)
         inputs = given[: own.n_in()]
         np.testing.assert_allclose(np.asarray(ours(*inputs)), np.asarray(own(*inputs)), rtol=1e-12, atol=1e-10)
 
@@ -113,7 +113,7 @@ def test_a_short_step_has_the_acceleration_of_forward_dynamics() -> None:
     dynamics = vehicle_dynamics(one.dynamics, values)
     wrench = x[13:] + np.asarray(ca.DM(values["bias"] + values["wrench_offset"])).ravel()
     still = np.asarray(ca.DM(values["current"])), np.zeros((3, 1))
-    a = np.asarray(dynamics.forward_dynamics_function()(x[:7], x[7:13], wrench, *still)).ravel()
+    a = np.asarray(dynamics.function("forward_dynamics")(x[:7], x[7:13], wrench, *still)).ravel()
     after = np.asarray(stage.step(x, u, joints, p, h)).ravel()
     np.testing.assert_allclose((after[7:13] - x[7:13]) / h, a, atol=1e-3 * np.abs(a).max())
 

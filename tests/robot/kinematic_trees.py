@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from importlib.metadata import distribution
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 
@@ -33,6 +34,13 @@ _ARMS = {
     "kinova": "kinova_description/robots/kinova.urdf",
     "ur5": "ur_description/urdf/ur5_robot.urdf",
 }
+
+
+def function_of(expression: Callable[..., ca.SX | tuple[ca.SX, ...]], *sizes: int) -> ca.Function:
+    """The expression as a function of columns of these sizes."""
+    columns = [ca.SX.sym(f"x{k}", size) for k, size in enumerate(sizes)]
+    values = expression(*columns)
+    return ca.Function("f", columns, [ca.densify(value) for value in (values if isinstance(values, tuple) else (values,))])
 
 
 def built_model(*joint_types: str, branch_at: int | None = None) -> pin.Model:

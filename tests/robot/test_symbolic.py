@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
-from kinematic_trees import MODELS, built_model, random_configuration
+from kinematic_trees import MODELS, built_model, function_of, random_configuration
 
 from uvms_ocp.errors import FrameNotFound, InvalidInput
 from uvms_ocp.robot.symbolic_model import SymbolicModel
@@ -42,7 +42,8 @@ def flat(value: ca.DM) -> np.ndarray:
 def test_poses_and_jacobians_equal_pinocchio(model: pin.Model, symbolic: SymbolicModel) -> None:
     data = model.createData()
     frame = model.frames[model.nframes - 1]
-    pose, jacobian = symbolic.pose_function(frame.name), symbolic.jacobian_function(frame.name)
+    pose = function_of(lambda q: symbolic.forward_kinematics(q).pose(frame.name), model.nq)
+    jacobian = function_of(lambda q: symbolic.forward_kinematics(q).jacobian(frame.name), model.nq)
     for q, _, _ in states(model):
         pin.framesForwardKinematics(model, data, q)
         R, p = pose(q)
@@ -54,26 +55,26 @@ def test_poses_and_jacobians_equal_pinocchio(model: pin.Model, symbolic: Symboli
 
 
 def test_inverse_dynamics_equal_pinocchio(model: pin.Model, symbolic: SymbolicModel) -> None:
-    data, rnea = model.createData(), symbolic.rnea_function()
+    data, rnea = model.createData(), function_of(symbolic.rnea, model.nq, model.nv, model.nv)
     for q, v, a in states(model):
         np.testing.assert_allclose(flat(rnea(q, v, a)), pin.rnea(model, data, q, v, a), atol=EXACT)
 
 
 def test_mass_matrices_equal_pinocchio(model: pin.Model, symbolic: SymbolicModel) -> None:
-    data, mass_matrix = model.createData(), symbolic.mass_matrix_function()
+    data, mass_matrix = model.createData(), function_of(symbolic.mass_matrix, model.nq)
     for q, _, _ in states(model):
         np.testing.assert_allclose(mass_matrix(q), symmetric(pin.crba(model, data, q)), atol=EXACT)
 
 
 @pytest.mark.parametrize("step", [0.0, 1e-12, 1e-6, 0.05, 0.3, 1.0, 3.0, 10.0])
 def test_steps_on_the_configuration_space_equal_pinocchio(model: pin.Model, symbolic: SymbolicModel, step: float) -> None:
-    integrate = symbolic.integrate_function()
+    integrate = function_of(symbolic.integrate, model.nq, model.nv)
     for q, v, _ in states(model):
         np.testing.assert_allclose(flat(integrate(q, step * v)), pin.integrate(model, q, step * v), atol=EXACT)
 
 
 def test_differences_equal_pinocchio(model: pin.Model, symbolic: SymbolicModel) -> None:
-    difference = symbolic.difference_function()
+    difference = function_of(symbolic.difference, model.nq, model.nq)
     configurations = [q for q, _, _ in states(model)]
     for q0, q1 in zip(configurations[1:], configurations[:-1], strict=True):
         np.testing.assert_allclose(flat(difference(q0, q1)), pin.difference(model, q0, q1), atol=EXACT)
@@ -81,7 +82,8 @@ def test_differences_equal_pinocchio(model: pin.Model, symbolic: SymbolicModel) 
 
 @pytest.mark.parametrize("step", [0.0, 1e-9, 1e-3, 0.5])
 def test_a_difference_undoes_a_step(model: pin.Model, symbolic: SymbolicModel, step: float) -> None:
-    integrate, difference = symbolic.integrate_function(), symbolic.difference_function()
+    integrate = function_of(symbolic.integrate, model.nq, model.nv)
+    difference = function_of(symbolic.difference, model.nq, model.nq)
     for q, v, _ in states(model):
         np.testing.assert_allclose(flat(difference(q, integrate(q, step * v))), step * v, atol=EXACT)
 
@@ -91,7 +93,7 @@ def test_jacobians_are_the_derivative_along_steps(model: pin.Model, symbolic: Sy
     q, v = ca.SX.sym("q", model.nq), ca.SX.sym("v", model.nv)
     _, p = symbolic.forward_kinematics(symbolic.integrate(q, v)).pose(frame)
     along = ca.Function("along", [q, v], [ca.jacobian(p, v)])
-    jacobian = symbolic.jacobian_function(frame)
+    jacobian = function_of(lambda q: symbolic.forward_kinematics(q).jacobian(frame), model.nq)
     for configuration, _, _ in states(model):
         derivative = along(configuration, np.zeros(model.nv))
         np.testing.assert_allclose(derivative, jacobian(configuration)[:3, :], atol=EXACT)
@@ -99,7 +101,7 @@ def test_jacobians_are_the_derivative_along_steps(model: pin.Model, symbolic: Sy
 
 def test_rounding_errors_of_steps_do_not_accumulate() -> None:
     model = built_model("free_flyer", "planar", "unbounded_z")
-    integrate, (q, v, _) = SymbolicModel(model).integrate_function(), states(model)[0]
+    integrate, (q, v, _) = function_of(SymbolicModel(model).integrate, model.nq, model.nv), states(model)[0]
     stretched = q.copy()
     for unit in (slice(3, 7), slice(9, 11), slice(11, 13)):
         stretched[unit] *= 1 + 1e-5
@@ -113,7 +115,8 @@ def test_either_sign_of_a_quaternion_is_the_same_configuration() -> None:
     symbolic, (q, v, a) = SymbolicModel(model), states(model)[0]
     flipped = q.copy()
     flipped[3:7] *= -1
-    difference, rnea = symbolic.difference_function(), symbolic.rnea_function()
+    difference = function_of(symbolic.difference, model.nq, model.nq)
+    rnea = function_of(symbolic.rnea, model.nq, model.nv, model.nv)
     np.testing.assert_allclose(flat(difference(q, flipped)), 0.0, atol=EXACT)
     np.testing.assert_allclose(flat(rnea(q, v, a)), flat(rnea(flipped, v, a)), atol=EXACT)
 
@@ -134,7 +137,7 @@ def test_added_inertia_on_every_body_enters_force_and_mass_matrix_alike() -> Non
 def test_an_unknown_frame_is_named_with_the_frames_there_are() -> None:
     symbolic = SymbolicModel(built_model("revolute_x"))
     with pytest.raises(FrameNotFound, match=r"unknown frame '0_revolute_x_tap'.* Did you mean '0_revolute_x_tip'"):
-        symbolic.pose_function("0_revolute_x_tap")
+        symbolic.forward_kinematics(ca.SX.sym("q")).pose("0_revolute_x_tap")
 
 
 def test_an_unsupported_joint_is_named_with_its_type() -> None:

@@ -37,10 +37,6 @@ class NmpcStatistics:
     rejected: int
     """Solves without a plan that keeps the constraints, so that the last plan went on."""
 
-    @property
-    def missed_share(self) -> float:
-        return self.missed / max(len(self.solve_times), 1)
-
 
 @checked
 class Nmpc(TableDisplay):

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import casadi as ca
 import numpy as np
@@ -228,7 +228,6 @@ class ShapeClearance(Term):
     axes are not all planned, and `NameNotFound` for the motion of an obstacle that there is not.
     """
 
-    follows_guess: ClassVar[bool] = True
     at: At = At.PATH
     scene: CollisionScene
     margins: Array

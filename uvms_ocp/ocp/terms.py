@@ -61,8 +61,6 @@ class Term(ABC):
     minimises_time: ClassVar[bool] = False
     needs_powers: ClassVar[bool] = False
     """Its rows are electrical powers."""
-    follows_guess: ClassVar[bool] = False
-    """Its references depend on the motion that a solve begins with, and are written anew at the motion that was found."""
     at: At = At.END
     weight: float = 1.0
     """[1/unit of the row^2] Factor on the squares of the rows, so that the rows are scaled by its root."""
@@ -94,8 +92,8 @@ class Term(ABC):
     def references(self, times: Sequence[float], q: np.ndarray, tightened: np.ndarray | None = None) -> np.ndarray:
         """`reference` (n, n_parameters) at the nodes of times (n,) [s], written at q (n, n_q) [m, rad].
 
-        tightened (n, ...) [unit of the row]: by how much more the rows of a term that `follows_guess` are to keep, as the term
-        counts them.
+        tightened (n, ...) [unit of the row]: by how much more the rows of a term whose references depend on that motion
+        are to keep, as the term counts them.
         """
         if type(self).reference is Term.reference:
             return np.zeros((len(times), 0))

@@ -91,7 +91,7 @@ class Dynamics(FieldTable):
 
     def _function(self, term: str) -> BufferedFunction:
         if term not in self._functions:
-            self._functions[term] = BufferedFunction(getattr(self.symbolic, f"{term}_function")())
+            self._functions[term] = BufferedFunction(self.symbolic.function(term))
         return self._functions[term]
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field, replace
+from inspect import signature
 from typing import TypeAlias
 
 import casadi as ca
@@ -265,45 +266,15 @@ class SymbolicDynamics(FieldTable):
 
     # --- ready-made functions ---------------------------------------------------------------------
 
+    def function(self, term: str) -> ca.Function:
+        """Function of one of the expressions above, such as ``"mass_matrix"``, with the names of its arguments."""
+        expression = getattr(self, term)
+        x = self._symbols(*signature(expression).parameters)
+        return function(term, x, {term: expression(*x.values())})
+
     def inverse_dynamics_function(self) -> ca.Function:
         """Function ``q, v, a, u, Du_Dt -> tau``."""
-        x = self._symbols("q", "v", "a", "u", "Du_Dt")
-        return function("inverse_dynamics", x, {"tau": self.inverse_dynamics(*x.values())})
-
-    def bias_force_function(self) -> ca.Function:
-        """Function ``q, v, u, Du_Dt -> h``."""
-        x = self._symbols("q", "v", "u", "Du_Dt")
-        return function("bias_force", x, {"h": self.bias_force(*x.values())})
-
-    def mass_matrix_function(self) -> ca.Function:
-        """Function ``q -> M``."""
-        x = self._symbols("q")
-        return function("mass_matrix", x, {"M": self.mass_matrix(*x.values())})
-
-    def damping_matrix_function(self) -> ca.Function:
-        """Function ``q, v, u -> D``."""
-        x = self._symbols("q", "v", "u")
-        return function("damping_matrix", x, {"D": self.damping_matrix(*x.values())})
-
-    def forward_dynamics_function(self) -> ca.Function:
-        """Function ``q, v, tau, u, Du_Dt -> a``."""
-        x = self._symbols("q", "v", "tau", "u", "Du_Dt")
-        return function("forward_dynamics", x, {"a": self.forward_dynamics(*x.values())})
-
-    def kinetic_energy_function(self) -> ca.Function:
-        """Function ``q, v -> T``."""
-        x = self._symbols("q", "v")
-        return function("kinetic_energy", x, {"T": self.kinetic_energy(*x.values())})
-
-    def potential_energy_function(self) -> ca.Function:
-        """Function ``q -> V``."""
-        x = self._symbols("q")
-        return function("potential_energy", x, {"V": self.potential_energy(*x.values())})
-
-    def link_positions_function(self) -> ca.Function:
-        """Function ``q -> p_WL (3, n_links)``."""
-        x = self._symbols("q")
-        return function("link_positions", x, {"p_WL": self.link_positions(*x.values())})
+        return self.function("inverse_dynamics")
 
     def _set(self, **values: object) -> None:
         for name, value in values.items():

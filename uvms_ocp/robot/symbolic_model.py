@@ -247,45 +247,6 @@ class SymbolicModel:
         if value.shape != (n_rows, 1):
             raise InvalidInput(f"{name}: shape {value.shape} given, a column of {n_rows} rows wanted")
 
-    # --- ready-made functions ---------------------------------------------------------------------
-
-    def pose_function(self, frame: str) -> ca.Function:
-        """Function ``q -> R (3, 3), p (3,)`` of a frame."""
-        q = self._q()
-        R, p = self.forward_kinematics(q).pose(frame)
-        return function("pose", {"q": q}, {"R": R, "p": p})
-
-    def jacobian_function(self, frame: str) -> ca.Function:
-        """Function ``q -> J (6, n_v)`` of a frame."""
-        q = self._q()
-        return function("jacobian", {"q": q}, {"J": self.forward_kinematics(q).jacobian(frame)})
-
-    def integrate_function(self) -> ca.Function:
-        """Function ``q, v -> q_next``."""
-        q, v = self._q(), self._v("v")
-        return function("integrate", {"q": q, "v": v}, {"q_next": self.integrate(q, v)})
-
-    def difference_function(self) -> ca.Function:
-        """Function ``q0, q1 -> v``."""
-        q0, q1 = self._q("q0"), self._q("q1")
-        return function("difference", {"q0": q0, "q1": q1}, {"v": self.difference(q0, q1)})
-
-    def rnea_function(self) -> ca.Function:
-        """Function ``q, v, a -> tau``."""
-        q, v, a = self._q(), self._v("v"), self._v("a")
-        return function("rnea", {"q": q, "v": v, "a": a}, {"tau": self.rnea(q, v, a)})
-
-    def mass_matrix_function(self) -> ca.Function:
-        """Function ``q -> M (n_v, n_v)``."""
-        q = self._q()
-        return function("mass_matrix", {"q": q}, {"M": self.mass_matrix(q)})
-
-    def _q(self, name: str = "q") -> ca.SX:
-        return ca.SX.sym(name, self.model.nq)
-
-    def _v(self, name: str) -> ca.SX:
-        return ca.SX.sym(name, self.model.nv)
-
 
 def find_frame(model: pin.Model, name: str) -> pin.Frame:
     """Frame of a model by name; a body is preferred to a joint of the same name. Raises FrameNotFound."""
