@@ -3,14 +3,6 @@
 `Mission` is a value without memory. Its memory is `MissionState`, another value: `Mission.step` maps one to the next.
 """
 
-from uvms_ocp.mission.mission import Mission as Mission
-from uvms_ocp.mission.phase import Abort as Abort
-from uvms_ocp.mission.phase import Above as Above
-from uvms_ocp.mission.phase import Below as Below
-from uvms_ocp.mission.phase import Condition as Condition
-from uvms_ocp.mission.phase import Event as Event
-from uvms_ocp.mission.phase import MissionState as MissionState
-from uvms_ocp.mission.phase import Phase as Phase
-from uvms_ocp.mission.phase import Transition as Transition
-from uvms_ocp.record.meta_values import ABORT as ABORT
-from uvms_ocp.record.meta_values import DONE as DONE
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,33 +1,7 @@
 """Optimal control with ordered levels over a horizon: problems, planners, and plans with a verdict."""
 
-from uvms_ocp.ocp.clearance import Ball as Ball
-from uvms_ocp.ocp.clearance import BallClearance as BallClearance
-from uvms_ocp.ocp.clearance import ShapeClearance as ShapeClearance
-from uvms_ocp.ocp.plan import OcpStatus as OcpStatus
-from uvms_ocp.ocp.plan import Plan as Plan
-from uvms_ocp.ocp.planner import Planner as Planner
+import lazy_loader
+
 from uvms_ocp.ocp.planner import plan as plan
-from uvms_ocp.ocp.problem import Actuation as Actuation
-from uvms_ocp.ocp.problem import HessianKind as HessianKind
-from uvms_ocp.ocp.problem import Integrator as Integrator
-from uvms_ocp.ocp.problem import OcpLevel as OcpLevel
-from uvms_ocp.ocp.problem import OcpPhase as OcpPhase
-from uvms_ocp.ocp.problem import OcpProblem as OcpProblem
-from uvms_ocp.ocp.problem import single_phase as single_phase
-from uvms_ocp.ocp.problem import tool_reach as tool_reach
-from uvms_ocp.ocp.request import OcpRequest as OcpRequest
-from uvms_ocp.ocp.request import OcpResult as OcpResult
-from uvms_ocp.ocp.request import solve_ocp as solve_ocp
-from uvms_ocp.ocp.terms import At as At
-from uvms_ocp.ocp.terms import AtRest as AtRest
-from uvms_ocp.ocp.terms import Duration as Duration
-from uvms_ocp.ocp.terms import Effort as Effort
-from uvms_ocp.ocp.terms import Energy as Energy
-from uvms_ocp.ocp.terms import Posture as Posture
-from uvms_ocp.ocp.terms import Smoothness as Smoothness
-from uvms_ocp.ocp.terms import TaskTerm as TaskTerm
-from uvms_ocp.ocp.terms import Term as Term
-from uvms_ocp.ocp.terms import residual_term as residual_term
-from uvms_ocp.ocp.trajectory import Trajectory as Trajectory
-from uvms_ocp.ocp.trajectory import guess_through as guess_through
-from uvms_ocp.ocp.trajectory import hold_guess as hold_guess
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

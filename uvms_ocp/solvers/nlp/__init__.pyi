@@ -1,0 +1,10 @@
+from .level_solver import NlpOptions as NlpOptions
+from .level_solver import SqpOptions as SqpOptions
+from .lexicographic_nlp import LexicographicNlp as LexicographicNlp
+from .lexicographic_nlp import LexicographicResult as LexicographicResult
+from .program import LexicographicProgram as LexicographicProgram
+from .program import NlpLevel as NlpLevel
+from .program import NlpStatus as NlpStatus
+from .program import lexicographic_program as lexicographic_program
+from .real_time_sqp import RealTimeSqp as RealTimeSqp
+from .real_time_sqp import SqpResult as SqpResult

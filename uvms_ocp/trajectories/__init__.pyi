@@ -1,0 +1,12 @@
+from .min_snap import Boundary as Boundary
+from .min_snap import Constraint as Constraint
+from .min_snap import CurveSpecification as CurveSpecification
+from .min_snap import MinSnap as MinSnap
+from .min_snap import MotionLimits as MotionLimits
+from .min_snap import min_snap as min_snap
+from .min_snap import min_snap_qp as min_snap_qp
+from .min_snap import optimal_times as optimal_times
+from .min_snap import scale_to_limits as scale_to_limits
+from .min_snap import trapezoidal_times as trapezoidal_times
+from .polynomial import PiecewisePolynomial as PiecewisePolynomial
+from .polynomial import concatenate as concatenate
