@@ -255,8 +255,8 @@ _OPTIONS: dict[str, dict[str, object]] = {
     # QPs of lower levels take up to 30. With its own 1e8 in the place of infinite bounds hpipm ends far from the solution.
     "hpipm": {"inf": 1e6, "hpipm": {"mu0": 1e-2, "iter_max": 60}},
     "proxqp": {"proxqp": {"eps_abs": 1e-7}},
-    # Below the root of a double's accuracy regularisation is lost in factors.
-    "piqp": {"piqp": {"reg_lower_limit": 1e-8}},
+    # With less regularisation factors of long horizons are noise.
+    "piqp": {"piqp": {"reg_lower_limit": 1e-7}},
 }
 
 

@@ -36,7 +36,7 @@ from uvms_ocp.types import Array, Indices, Mask
 _PLUGIN = "piqp"
 _ACCURACIES = ("abs", "rel", "duality_gap_abs", "duality_gap_rel")
 _SHARPER = 1e3  # than the tolerance asks for: a bound that only just binds is missed by the root of what is left of it
-_REGULARIZATION = 1e-8  # of the KKT matrix: below the root of a double's accuracy its factors are noise
+_REGULARIZATION = 1e-7  # of the KKT matrix: with less, its factors are noise where its rows are many and alike
 
 
 class _SparseQp(NamedTuple):
