@@ -14,7 +14,7 @@ from curves.segments import segment_distance, symbolic_segment_distance
 from uvms_ocp.planning.distances import NearPairs, no_near_pairs
 from uvms_ocp.planning.path_cost import CostWeights
 from uvms_ocp.planning.scene import CollisionScene
-from uvms_ocp.robot.symbolic_bodies import Pose
+from uvms_ocp.robot.symbolic_bodies import SymbolicPose
 from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.types import Array, Indices
 
@@ -126,7 +126,7 @@ def _capsules(scene: CollisionScene) -> list[Capsule]:
     return [capsule_of(item.geometry) for item in scene.geometry.geometryObjects]
 
 
-def _ends_at(scene: CollisionScene, poses: Sequence[Pose]) -> list[ca.SX]:
+def _ends_at(scene: CollisionScene, poses: Sequence[SymbolicPose]) -> list[ca.SX]:
     result = []
     for item, capsule in zip(scene.geometry.geometryObjects, _capsules(scene), strict=True):
         pose, X = poses[item.parentJoint], item.placement

@@ -9,7 +9,7 @@ from scipy.special import ndtri
 
 from uvms_ocp import load_robot, without_arm
 from uvms_ocp.identification.experiment import ExperimentLimits
-from uvms_ocp.identification.model import PAST, Stage, Vehicle
+from uvms_ocp.identification.model import PAST, StageFunctions, Vehicle
 from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.parameters import (
     ActuatorModel,
@@ -71,7 +71,7 @@ def drawn(one: Vehicle, rng: np.random.Generator, n: int) -> np.ndarray:
 
 
 def recorded(
-    one: Vehicle, stage: Stage, p: np.ndarray, rng: np.random.Generator, commands: Channel, name: str = "drawn"
+    one: Vehicle, stage: StageFunctions, p: np.ndarray, rng: np.random.Generator, commands: Channel, name: str = "drawn"
 ) -> Recording:
     """Of a vehicle with unknowns p (n,) [as `Unknowns.start`], from rest; commands (n, n_u) [N] are held for equal times."""
     n = round((commands.t[-1] + commands.t[1]) / FINE)
@@ -84,7 +84,9 @@ def recorded(
     return _seen(states, commands, stage, p, rng, name)
 
 
-def _seen(states: np.ndarray, thrust: Channel, stage: Stage, p: np.ndarray, rng: np.random.Generator, name: str) -> Recording:
+def _seen(
+    states: np.ndarray, thrust: Channel, stage: StageFunctions, p: np.ndarray, rng: np.random.Generator, name: str
+) -> Recording:
     t = FINE * EVERY * np.arange(len(states))
     y = np.asarray(stage.outputs.map(len(t))(states.T, np.tile(p[:, None], len(t)))[0]).T
     quaternions = states[:, 3:7] + VERTICAL / 2 * rng.normal(size=(len(t), 4))

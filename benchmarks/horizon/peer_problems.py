@@ -23,7 +23,7 @@ from uvms_ocp.ocp.problem import (
     single_phase,
 )
 from uvms_ocp.ocp.terms import At, AtRest, Duration, Effort, StageSymbols, TaskTerm, Term
-from uvms_ocp.ocp.transcription.stage import Actuators
+from uvms_ocp.ocp.transcription.stage import ActuationModel
 from uvms_ocp.robot.limits import Limits
 from uvms_ocp.robot.loading import load_robot, robot_folder
 from uvms_ocp.robot.robot import Robot
@@ -128,7 +128,7 @@ def control_units(problem: OcpProblem) -> np.ndarray:
     first = problem.levels[0].terms[0]
     if isinstance(first, Control):
         return first.units
-    actuators = Actuators(problem.robot, problem.actuation)
+    actuators = ActuationModel(problem.robot, problem.actuation)
     return np.concatenate([actuators.thrust_unit, actuators.torque_unit])
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from vehicles import HULL, vehicle
 
-from uvms_ocp.identification.model import PAST, Stage, Vehicle
+from uvms_ocp.identification.model import PAST, StageFunctions, Vehicle
 from uvms_ocp.identification.parameters import (
     ActuatorModel,
     Declaration,
@@ -41,7 +41,7 @@ SIZE = (12.0, 12.0, 10.0, 0.8, 0.8, 3.0)
 
 
 def drive(
-    stage: Stage, p: np.ndarray, *, seed: int, t_end: float = 30.0, noise: float = 0.0, size: Sequence[float] = SIZE
+    stage: StageFunctions, p: np.ndarray, *, seed: int, t_end: float = 30.0, noise: float = 0.0, size: Sequence[float] = SIZE
 ) -> Recording:
     """A recording at 10 Hz of random steps of all commands, every 2 s, with late commands and velocities as p has it."""
     rng, n = np.random.default_rng(seed), round(t_end / FINE)

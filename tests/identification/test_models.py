@@ -11,7 +11,7 @@ import pytest
 from equation_error import regressor_of
 from vehicles import declaration, vehicle
 
-from uvms_ocp.identification.model import Stage, Vehicle, stage_of, vehicle_dynamics
+from uvms_ocp.identification.model import StageFunctions, Vehicle, stage_of, vehicle_dynamics
 from uvms_ocp.identification.parameters import ActuatorModel, Free, Unknowns
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
@@ -72,7 +72,7 @@ def test_a_vehicle_that_is_known_has_the_dynamics_of_its_model() -> None:
 
 
 @cache
-def built(*, n_joints: int = 0, actuators: ActuatorModel | None = None) -> tuple[Vehicle, Stage]:
+def built(*, n_joints: int = 0, actuators: ActuatorModel | None = None) -> tuple[Vehicle, StageFunctions]:
     known = declaration(actuators=actuators).with_status(**dict.fromkeys((*LEARNT, *OTHERS), Free()))
     known = known.with_status(current=Free(), wrench_offset=Free(), attitude_offset=Free())
     own = Unknowns(known, own=True)
@@ -82,7 +82,7 @@ def built(*, n_joints: int = 0, actuators: ActuatorModel | None = None) -> tuple
     return one, stage_of(one)
 
 
-def point(one: Vehicle, stage: Stage, seed: int) -> list[np.ndarray]:
+def point(one: Vehicle, stage: StageFunctions, seed: int) -> list[np.ndarray]:
     """x, u, joints, p and h at random."""
     rng = np.random.default_rng(seed)
     x = np.concatenate([motion(one.dynamics, seed)[0][:7], 0.3 * rng.normal(size=6), 5.0 * rng.normal(size=stage.n_u)])

@@ -10,7 +10,7 @@ import pytest
 
 from uvms_ocp.errors import RobotDataError
 from uvms_ocp.robot.loading import example_robot_data, load_robot
-from uvms_ocp.robot.urdf import Reading, read_urdf
+from uvms_ocp.robot.urdf import UrdfReading, read_urdf
 from uvms_ocp.scenario.preflight.robot_check import RobotVerdict, check_robot_files
 
 INERTIAL = "<inertial>{origin}<mass value='{m}'/><inertia ixx='{i}' ixy='0' ixz='0' iyy='{i}' iyz='0' izz='{i}'/></inertial>"
@@ -227,7 +227,7 @@ def test_the_robots_that_others_publish_load_or_are_physically_impossible(capfd:
     refused = {}
     for path in files:
         try:
-            read_urdf(path, free_flyer=True, reading=Reading(mimic="fixed", meshes=False))
+            read_urdf(path, free_flyer=True, reading=UrdfReading(mimic="fixed", meshes=False))
         except RobotDataError as error:
             if opens(path):
                 refused[path.name] = error.problems

@@ -11,7 +11,7 @@ from scipy.optimize import lsq_linear, minimize
 
 from uvms_ocp.codegen.kernel_layout import structure_of
 from uvms_ocp.codegen.kernels import bind_kernels
-from uvms_ocp.solvers.bounded_least_squares import BoundedProblem, Rows, room_for, solve_bounded
+from uvms_ocp.solvers.bounded_least_squares import BoundedProblem, LeastSquaresRows, room_for, solve_bounded
 
 
 def bounded_least_squares(
@@ -33,7 +33,7 @@ def bounded_least_squares(
 
 @lru_cache(maxsize=16)
 def _bound(m: int, n: int, compiled: bool) -> tuple[type[BoundedProblem], Callable[..., Any]]:
-    problem, inner = structure_of(BoundedProblem, m=m, n=n), structure_of(Rows, m=m, n=n)
+    problem, inner = structure_of(BoundedProblem, m=m, n=n), structure_of(LeastSquaresRows, m=m, n=n)
     return problem, bind_kernels((solve_bounded,), (inner, problem), compiled=compiled)[0]
 
 

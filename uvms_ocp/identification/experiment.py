@@ -17,7 +17,7 @@ import numpy as np
 from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.codegen.compile import compile_function
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.identification.model import N_V, Stage
+from uvms_ocp.identification.model import N_V, StageFunctions
 from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.recording import Channel, ZeroOrderHold
 from uvms_ocp.identification.rollout import Rollout, chained
@@ -248,14 +248,14 @@ def _backward(A: np.ndarray, direct: np.ndarray) -> np.ndarray:
     return L
 
 
-def _bent_step(stage: Stage) -> ca.Function:
+def _bent_step(stage: StageFunctions) -> ca.Function:
     """``x, u, joints, p, h, weights of A, B, C -> slopes of the weighted sum with x and u``"""
     shapes = (stage.n_x, 1), (stage.n_u, 1), (3 * stage.n_j, 1), (stage.n_p, 1), (1, 1)
     given = [ca.SX.sym("given", *shape) for shape in shapes]
     return _weighted_gradient("bent", given, stage.slope(*given), given[:2])
 
 
-def _bent_seen(stage: Stage) -> ca.Function:
+def _bent_seen(stage: StageFunctions) -> ca.Function:
     """``x, p, weights of dy/dx, dy/dp -> slope of the weighted sum with x``"""
     given = [ca.SX.sym("given", stage.n_x), ca.SX.sym("given", stage.n_p)]
     return _weighted_gradient("bent_seen", given, stage.outputs(*given)[1:], given[:1])

@@ -74,7 +74,7 @@ class Vehicle:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Stage:
+class StageFunctions:
     """CasADi functions of ``x (n_x,), u (n_u,), joints (3 n_j,), p (n_p,), h``, and of ``x, p``.
 
     u: commands of actuators. joints: position, velocity and acceleration of the joints, one under the other, in the middle of
@@ -97,7 +97,7 @@ class Stage:
     n_p: int
 
 
-def stage_of(vehicle: Vehicle) -> Stage:
+def stage_of(vehicle: Vehicle) -> StageFunctions:
     """Build the functions."""
     n_u, n_j = len(vehicle.actuators.names), vehicle.dynamics.model.nv - N_V
     x, u, joints = ca.SX.sym("x", N_Q + N_V + n_u), ca.SX.sym("u", n_u), ca.SX.sym("joints", 3 * n_j)
@@ -107,7 +107,7 @@ def stage_of(vehicle: Vehicle) -> Stage:
     past = ca.SX.sym("past", n_u, PAST)
     begun, late = _begun(vehicle.actuators, values, past), ca.vertcat(values["delay"], values["velocity_delay"])
     given, options = [x, u, joints, p, h], {"cse": True}
-    return Stage(
+    return StageFunctions(
         step=ca.Function("step", given, [after], options),
         slope=ca.Function("slope", given, [ca.densify(ca.jacobian(after, one)) for one in (x, p, u)], options),
         outputs=ca.Function("seen", [x, p], [ca.densify(outputs), *(ca.densify(ca.jacobian(outputs, one)) for one in (x, p))]),

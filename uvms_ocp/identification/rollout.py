@@ -14,7 +14,7 @@ import numpy as np
 
 from uvms_ocp.codegen.compile import compile_function
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.identification.model import N_Q, N_V, PAST, PAST_STEP, Stage, Vehicle
+from uvms_ocp.identification.model import N_Q, N_V, PAST, PAST_STEP, StageFunctions, Vehicle
 from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold, angular_rate, rotations, smoothed
 from uvms_ocp.robot.spatial import quaternion_exp, quaternion_multiply
 
@@ -232,7 +232,7 @@ class PredictedOutputs:
 class Rollout:
     """Simulator of segments by one stage; functions are compiled where there is a compiler, once for each number of steps."""
 
-    def __init__(self, stage: Stage) -> None:
+    def __init__(self, stage: StageFunctions) -> None:
         self.stage = stage
         self.step, self.slope = compile_function(stage.step), compile_function(stage.slope)
         self._many: dict[tuple[str, int, int], ca.Function] = {}

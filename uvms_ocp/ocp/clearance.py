@@ -28,7 +28,7 @@ from uvms_ocp.record.meta_values import ObstacleMeta
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import links_without_shape
 from uvms_ocp.robot.shapes.obstacles import Obstacle, describe_obstacles
-from uvms_ocp.robot.symbolic_bodies import Pose
+from uvms_ocp.robot.symbolic_bodies import SymbolicPose
 from uvms_ocp.tasks.task import Residual, TickSymbols, VectorReference, bounded_residual, evaluate_vector
 from uvms_ocp.types import Array, AtLeastOne, Count, Finite, Indices, Mask, Shape
 
@@ -154,14 +154,14 @@ class PlaneRowGroup:
         bodies, n = self._bodies(symbols), self.size
         return [self._height(bodies, parameters[n * i : n * (i + 1)]) for i in range(self.n)]
 
-    def _height(self, bodies: Sequence[Pose], row: ca.SX) -> ca.SX:
+    def _height(self, bodies: Sequence[SymbolicPose], row: ca.SX) -> ca.SX:
         n = _n_shares(self.second)
         normal, centre, offset = ca.vertsplit(row[-_PLANE:], [0, 3, 6, 7])
         plane = _mixed(bodies, self.first, row[n : n + _n_shares(self.first)])
         point = _mixed(bodies, self.second, row[:n])
         return ca.dot(plane.R @ normal, point.p - plane.p + point.R @ centre) - offset
 
-    def _bodies(self, symbols: TickSymbols) -> Sequence[Pose]:
+    def _bodies(self, symbols: TickSymbols) -> Sequence[SymbolicPose]:
         """Poses of all joints, relative to the last one that carries all of the group."""
         tree = symbols.kinematics.model
         above = [set(tree.model.supports[joint]) for joint in (*self.first, *self.second)]
@@ -169,7 +169,7 @@ class PlaneRowGroup:
         if not shared:
             return symbols.kinematics.joint_poses
         local = tree.local_poses(symbols.q)
-        return tree.joint_poses([Pose.identity() if i in shared else pose for i, pose in enumerate(local)])
+        return tree.joint_poses([SymbolicPose.identity() if i in shared else pose for i, pose in enumerate(local)])
 
     def write(self, result: Array, found: Planes, offset: Array) -> None:
         """Into parameters of nothing near, those of planes.
@@ -199,13 +199,13 @@ def _n_shares(joints: Sequence[int]) -> int:
     return len(joints) if len(joints) > 1 else 0
 
 
-def _mixed(bodies: Sequence[Pose], joints: Sequence[int], shares: ca.SX) -> Pose:
+def _mixed(bodies: Sequence[SymbolicPose], joints: Sequence[int], shares: ca.SX) -> SymbolicPose:
     """The pose whose share is one."""
     if len(joints) == 1:
         return bodies[joints[0]]
     R = sum((shares[i] * bodies[joint].R for i, joint in enumerate(joints)), ca.SX(3, 3))
     p = sum((shares[i] * bodies[joint].p for i, joint in enumerate(joints)), ca.SX(3, 1))
-    return Pose(R=R, p=p)
+    return SymbolicPose(R=R, p=p)
 
 
 # Clearance of true shapes, as rows of an optimal control problem.

@@ -81,7 +81,7 @@ _SHORTCUTS = 60  # attempts at cutting corners of the path found
 _SHORTEST = 1e-3
 
 
-class _Tree:
+class _SearchTree:
     """Points, each with the index of the one it grew from."""
 
     def __init__(self, root: Array, capacity: int) -> None:
@@ -115,7 +115,7 @@ def _connected(
     rng: np.random.Generator,
     options: SamplingOptions,
 ) -> Array | None:
-    near, far = _Tree(a, 256), _Tree(b, 256)
+    near, far = _SearchTree(a, 256), _SearchTree(b, 256)
     for turn in range(options.max_samples):
         target = far.points[0].copy() if turn == 0 else rng.uniform(lower, upper)
         grown = _extended(distances, near, target, options, once=turn > 0)
@@ -127,7 +127,7 @@ def _connected(
     return None
 
 
-def _extended(distances: PairDistances, tree: _Tree, target: Array, options: SamplingOptions, *, once: bool) -> int:
+def _extended(distances: PairDistances, tree: _SearchTree, target: Array, options: SamplingOptions, *, once: bool) -> int:
     """Grow towards the target by one step, or until it is reached or blocked; index of the last point."""
     index = tree.nearest(target)
     while True:
@@ -282,9 +282,9 @@ def _attempts(
     options: SoftCollisionOptions,
     *,
     times_given: bool,
-) -> Iterator[tuple[_Problem, Array]]:
+) -> Iterator[tuple[_PathProblem, Array]]:
     """Problems and where to start them: as given, bent at random, through sampled way points."""
-    problem = _Problem.of(distances, start, limits, options, times_given=times_given)
+    problem = _PathProblem.of(distances, start, limits, options, times_given=times_given)
     yield problem, problem.start
     for bent in problem.bent_starts(options):
         yield problem, bent
@@ -292,12 +292,12 @@ def _attempts(
         ends = start.evaluate([start.start, start.end])
         found = sampled_waypoints(exact, ends[0], ends[1], options.sampling)
         if found is not None:
-            detour = _Problem.of(distances, straight_guess(found, limits), limits, options, times_given=False)
+            detour = _PathProblem.of(distances, straight_guess(found, limits), limits, options, times_given=False)
             yield detour, detour.start
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Problem:
+class _PathProblem:
     """The cost, the start and what is free."""
 
     cost: PathCost
@@ -317,7 +317,7 @@ class _Problem:
         options: SoftCollisionOptions,
         *,
         times_given: bool,
-    ) -> _Problem:
+    ) -> _PathProblem:
         breaks, is_waypoint = _refined(start.breaks, options.pieces)
         values = np.stack([start.evaluate(breaks, d) for d in range(4)])
         pieces = pieces_of(np.diff(breaks), 4)
@@ -326,7 +326,7 @@ class _Problem:
         free[:, [0, -1]] = False
         free[0, is_waypoint] = options.free_waypoints
         free[0, [0, -1]] = False
-        return _Problem(
+        return _PathProblem(
             cost=cost,
             breaks=breaks,
             start=cost.variables(values),
@@ -410,7 +410,7 @@ def _check_ends(scene: CollisionScene, distances: PairDistances, waypoints: Arra
         scene.check_no_overlap(d, f"way point {index} (the {name})")
 
 
-def _verified(problem: _Problem, descent: Descent, exact: CoalDistances) -> CollisionPlan:
+def _verified(problem: _PathProblem, descent: Descent, exact: CoalDistances) -> CollisionPlan:
     trajectory = problem.trajectory(descent.variables)
     report = check_clearance(exact, trajectory)
     return CollisionPlan(

@@ -32,7 +32,7 @@ from uvms_ocp.robot.limits import (
 )
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.roles import with_roles
-from uvms_ocp.robot.urdf import Reading, UrdfModels, read_urdf
+from uvms_ocp.robot.urdf import UrdfModels, UrdfReading, read_urdf
 
 # Where robots are found: ``robots/`` packed into the package, or the one of an editable checkout.
 
@@ -231,7 +231,7 @@ def load_robot(
             urdf_path,
             free_flyer=description.base == "free_flyer",
             package_dirs=[*map(Path, package_dirs), *own],
-            reading=Reading(
+            reading=UrdfReading(
                 mimic=how.mimic,
                 lock=how.lock,
                 drop=how.drop,

@@ -33,7 +33,7 @@ from uvms_ocp.robot.roles import (
     is_propeller_name,
     is_steering_name,
 )
-from uvms_ocp.robot.urdf import Reading, UrdfModels, models_and_notes, read_urdf, read_urdf_xml
+from uvms_ocp.robot.urdf import UrdfModels, UrdfReading, models_and_notes, read_urdf, read_urdf_xml
 
 _WATER = 1025.0  # [kg/m3] the sea
 _WORLDS = ("world", "map", "odom", "ground")  # names of roots that do not move
@@ -90,7 +90,7 @@ def propose(
     chosen = given.get("lock", {})
     lock = {**{joint.get("name", ""): 0.0 for joint in endless}, **chosen}
     drop, meshes = tuple(given.get("drop", ())), given.get("meshes") != "no"
-    reading = Reading(mimic="free", lock=lock, drop=drop, meshes=meshes)
+    reading = UrdfReading(mimic="free", lock=lock, drop=drop, meshes=meshes)
     models, reading = _read(urdf, reading, package_dirs)
     floats = base == "free_flyer" or (base is None and _floats(models.model))
     if not floats:
@@ -112,7 +112,7 @@ def propose(
     ).proposal(urdf)
 
 
-def _read(urdf: Path, reading: Reading, package_dirs: Sequence[Path]) -> tuple[UrdfModels, Reading]:
+def _read(urdf: Path, reading: UrdfReading, package_dirs: Sequence[Path]) -> tuple[UrdfModels, UrdfReading]:
     """With meshes, or without those where some that matter are not there."""
     read = partial(models_and_notes, urdf, free_flyer=True, package_dirs=package_dirs)
     try:
@@ -178,7 +178,7 @@ class _Draft:
 
     models: UrdfModels
     roles: Roles
-    reading: Reading
+    reading: UrdfReading
     floats: bool
     tool: tuple[str, ...]
     altimeter: str | None

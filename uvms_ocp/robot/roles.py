@@ -104,7 +104,7 @@ class Roles:
 
 def find_roles(model: pin.Model, *, free_flyer: bool) -> Roles:
     """The roles of the links of a model."""
-    tree = _Tree(model, free_flyer)
+    tree = _LinkTree(model, free_flyer)
     kinds = dict(_kinds(tree))
     named = {
         kind: tuple(model.names[j] for j in tree.moving if kinds.get(j) == kind)
@@ -123,7 +123,7 @@ def find_roles(model: pin.Model, *, free_flyer: bool) -> Roles:
     )
 
 
-class _Tree:
+class _LinkTree:
     """Links of a model by the joint that carries them."""
 
     def __init__(self, model: pin.Model, free_flyer: bool) -> None:
@@ -165,7 +165,7 @@ class _Tree:
         return all(self.model.frames[self.model.frames[i].parentFrame].parentFrame != frame for i in others)
 
 
-def _kinds(tree: _Tree) -> Iterator[tuple[int, str]]:
+def _kinds(tree: _LinkTree) -> Iterator[tuple[int, str]]:
     """Joints that are no part of an arm, with what hangs on them."""
     for j in tree.moving:
         names = [tree.name(i) for i in tree.bodies[j]]
@@ -185,7 +185,7 @@ def _kinds(tree: _Tree) -> Iterator[tuple[int, str]]:
             yield j, "held"
 
 
-def _whirls(tree: _Tree, j: int) -> bool:
+def _whirls(tree: _LinkTree, j: int) -> bool:
     """Whether a joint of the vehicle turns one balanced link without end, as a propeller does."""
     joint, inertia = tree.model.joints[j], tree.model.inertias[j]
     if tree.model.parents[j] != tree.carrier or tree.carrier == 0 or len(tree.below(j)) > 1 or len(tree.bodies[j]) > 1:
@@ -199,12 +199,12 @@ def _whirls(tree: _Tree, j: int) -> bool:
     return off <= _OFF_AXIS * max(float(np.linalg.norm(lever)), 0.1)
 
 
-def _base(tree: _Tree) -> str:
+def _base(tree: _LinkTree) -> str:
     links = [tree.name(i) for i in tree.bodies[tree.carrier]]
     return BASE if BASE in links else links[0] if links else ""
 
 
-def _tips(tree: _Tree, joint: int) -> tuple[str, ...]:
+def _tips(tree: _LinkTree, joint: int) -> tuple[str, ...]:
     """Candidates for the tool at the last joint of a chain."""
     ends = [tree.name(i) for i in tree.bodies[joint] if not tree.is_no_tool(i) and tree.is_end(i)]
     named = [name for name in ends if _is_tip_name(name)]

@@ -18,20 +18,20 @@ _EQUAL = 1e-15  # relative, of the diagonal of an isotropic matrix
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Pose:
+class SymbolicPose:
     """A pose as expressions: R (3, 3) and p (3,) [m]."""
 
     R: ca.SX
     p: ca.SX
 
     @staticmethod
-    def identity() -> Pose:
+    def identity() -> SymbolicPose:
         """The pose of a frame in itself."""
-        return Pose(R=ca.SX.eye(3), p=ca.SX(3, 1))
+        return SymbolicPose(R=ca.SX.eye(3), p=ca.SX(3, 1))
 
-    def then(self, R: ca.SX | ca.DM, p: ca.SX | ca.DM) -> Pose:
+    def then(self, R: ca.SX | ca.DM, p: ca.SX | ca.DM) -> SymbolicPose:
         """Product with the pose (R, p)."""
-        return Pose(R=self.R @ R, p=self.p + self.R @ p)
+        return SymbolicPose(R=self.R @ R, p=self.p + self.R @ p)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -55,7 +55,7 @@ class Twist:
             angular=spatial.cross(self.angular, other.angular),
         )
 
-    def into_child(self, local: Pose) -> Twist:
+    def into_child(self, local: SymbolicPose) -> Twist:
         """The twist in the frame of a child body whose pose in this frame is ``local``."""
         return Twist(
             linear=local.R.T @ (self.linear + spatial.cross(self.angular, local.p)),
@@ -73,7 +73,7 @@ class Wrench:
     def __add__(self, other: Wrench) -> Wrench:
         return Wrench(force=self.force + other.force, moment=self.moment + other.moment)
 
-    def onto_parent(self, local: Pose) -> Wrench:
+    def onto_parent(self, local: SymbolicPose) -> Wrench:
         """The wrench in the frame of the parent body, in which this body's pose is ``local``."""
         force = local.R @ self.force
         return Wrench(force=force, moment=local.R @ self.moment + spatial.skew(local.p) @ force)
@@ -100,7 +100,7 @@ class TwistToWrench:
         """Wrenches of twists, one per column."""
         return Wrench(force=self.A @ linear + self.B @ angular, moment=self.B.T @ linear + self.C @ angular)
 
-    def onto_parent(self, local: Pose) -> TwistToWrench:
+    def onto_parent(self, local: SymbolicPose) -> TwistToWrench:
         """The same map in the frame of the parent body, in which this body's pose is ``local``."""
         R, shift = local.R, spatial.skew(local.p)
         A = self.A if _is_isotropic(self.A) else _symmetric(R @ self.A @ R.T)

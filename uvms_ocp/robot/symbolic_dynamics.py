@@ -21,7 +21,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.robot import hydrodynamics as water
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
-from uvms_ocp.robot.symbolic_bodies import Pose, Wrench, inertial_wrench, sparse
+from uvms_ocp.robot.symbolic_bodies import SymbolicPose, Wrench, inertial_wrench, sparse
 from uvms_ocp.robot.symbolic_model import BodyMotions, SymbolicModel, find_frame, function
 
 # Links in water on the joint bodies that carry them, with numbers or expressions for coefficients.
@@ -59,7 +59,7 @@ class WetLink:
     """(6, 6) [-, m] twist of the joint body at J -> at L; transposed, wrench at L -> at J."""
     water: WaterCoefficients
 
-    def point(self, poses: tuple[Pose, ...], p_L: Coefficient) -> ca.SX:
+    def point(self, poses: tuple[SymbolicPose, ...], p_L: Coefficient) -> ca.SX:
         """Position (3,) [m] in W of p_L (3,) [m] in L, where the joint bodies are at `poses`."""
         pose = poses[self.joint]
         return pose.p + pose.R @ (self.p_JL + self.R_JL @ p_L)

@@ -18,8 +18,8 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import FrameNotFound, InvalidInput
 from uvms_ocp.robot import spatial
 from uvms_ocp.robot.symbolic_bodies import (
-    Pose,
     SymbolicJoint,
+    SymbolicPose,
     Twist,
     TwistToWrench,
     Wrench,
@@ -40,7 +40,7 @@ class BodyMotions:
     ``accelerations`` are spatial, the rates of the components of ``velocities``, relative to free fall.
     """
 
-    poses: tuple[Pose, ...]
+    poses: tuple[SymbolicPose, ...]
     velocities: tuple[Twist, ...]
     accelerations: tuple[Twist, ...]
 
@@ -50,7 +50,7 @@ class SymbolicKinematics:
     """Poses of all joints at one configuration; made by `SymbolicModel.forward_kinematics`."""
 
     model: SymbolicModel
-    joint_poses: tuple[Pose, ...]
+    joint_poses: tuple[SymbolicPose, ...]
 
     def pose(self, frame: str) -> tuple[ca.SX, ca.SX]:
         """Pose X_WF of a frame: R_WF (3, 3) and p_WF (3,) [m]. Raises FrameNotFound."""
@@ -108,13 +108,13 @@ class SymbolicModel:
         """Poses of all joints at q. Raises InvalidInput, as `local_poses`."""
         return SymbolicKinematics(model=self, joint_poses=self.joint_poses(self.local_poses(q)))
 
-    def local_poses(self, q: ca.SX) -> tuple[Pose, ...]:
+    def local_poses(self, q: ca.SX) -> tuple[SymbolicPose, ...]:
         """Pose of every joint body in its parent body; index 0 is the universe. Raises InvalidInput for a q of another size."""
         self._check_rows("q", q, self.model.nq)
         across = (joint.pose(q) for joint in self.joints)
-        return (Pose.identity(), *(Pose(R=R, p=p) for R, p in across))
+        return (SymbolicPose.identity(), *(SymbolicPose(R=R, p=p) for R, p in across))
 
-    def joint_poses(self, local_poses: Sequence[Pose]) -> tuple[Pose, ...]:
+    def joint_poses(self, local_poses: Sequence[SymbolicPose]) -> tuple[SymbolicPose, ...]:
         """Pose X_WJ of every joint body; index 0 is the universe. Raises InvalidInput for another number of poses."""
         self._check_bodies(local_poses=local_poses)
         poses = [local_poses[0]]
@@ -172,7 +172,7 @@ class SymbolicModel:
             if len(values) != self.model.njoints:
                 raise InvalidInput(f"{name}: {len(values)} given, {self.model.njoints} wanted: the universe and each joint")
 
-    def body_motions(self, local_poses: Sequence[Pose], v: ca.SX, a: ca.SX, gravity: Point | None = None) -> BodyMotions:
+    def body_motions(self, local_poses: Sequence[SymbolicPose], v: ca.SX, a: ca.SX, gravity: Point | None = None) -> BodyMotions:
         """Velocities and accelerations of all joint bodies: the outward pass.
 
         gravity: (3,) [m/s2] in W, default the model's. Raises InvalidInput for another size of v or a, or number of poses.
@@ -195,7 +195,7 @@ class SymbolicModel:
             accelerations=tuple(accelerations),
         )
 
-    def generalized_force(self, local_poses: Sequence[Pose], wrenches: Sequence[Wrench]) -> ca.SX:
+    def generalized_force(self, local_poses: Sequence[SymbolicPose], wrenches: Sequence[Wrench]) -> ca.SX:
         """Generalized force (n_v,) that balances a wrench on every joint body, else InvalidInput: the inward pass."""
         self._check_bodies(local_poses=local_poses, wrenches=wrenches)
         carried = list(wrenches)
@@ -216,7 +216,7 @@ class SymbolicModel:
         M = self.congruence(self.local_poses(q), bodies)
         return M + ca.diag(sparse(np.asarray(self.model.armature)))
 
-    def congruence(self, local_poses: Sequence[Pose], matrices: Sequence[ca.DM | ca.SX]) -> ca.SX:
+    def congruence(self, local_poses: Sequence[SymbolicPose], matrices: Sequence[ca.DM | ca.SX]) -> ca.SX:
         """``sum J_i.T X_i J_i`` (n_v, n_v) over the joint bodies, for symmetric X_i (6, 6) in their frames, else InvalidInput."""
         self._check_bodies(local_poses=local_poses, matrices=matrices)
         carried = [TwistToWrench.of(matrix) for matrix in matrices]
@@ -228,7 +228,7 @@ class SymbolicModel:
                 carried[parent] += carried[index].onto_parent(local_poses[index])
         return ca.triu2symm(ca.triu(total))
 
-    def _fill_columns(self, total: ca.SX, index: int, carried: TwistToWrench, local: Sequence[Pose]) -> None:
+    def _fill_columns(self, total: ca.SX, index: int, carried: TwistToWrench, local: Sequence[SymbolicPose]) -> None:
         joint = self.joints[index - 1]
         wrench, columns = carried.times(joint.S_linear, joint.S_angular), joint.v
         while index:

@@ -255,7 +255,7 @@ class UrdfModels:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Reading:
+class UrdfReading:
     """What of a file becomes part of the robot."""
 
     mimic: Literal["free", "fixed"] | None = None
@@ -270,11 +270,11 @@ class Reading:
     """Whether shapes that are meshes are read."""
 
 
-PLAIN = Reading()
+PLAIN = UrdfReading()
 """Everything, as it stands."""
 
 
-def prepare(path: Path, root: Element, reading: Reading, *, free_flyer: bool) -> list[str]:
+def prepare(path: Path, root: Element, reading: UrdfReading, *, free_flyer: bool) -> list[str]:
     """Make of the <robot> what is to be read; return what is to be told of it.
 
     Raises ``RobotDataError`` with all mistakes.
@@ -345,7 +345,7 @@ def _drop_floating_root(findings: Findings, root: Element) -> None:
         findings.notes.append(f"joint {joint!r} floats on the empty link {world!r}: both are the free base of the vehicle")
 
 
-def _locked(findings: Findings, root: Element, reading: Reading) -> dict[str, float]:
+def _locked(findings: Findings, root: Element, reading: UrdfReading) -> dict[str, float]:
     """Positions of the joints that do not move."""
     names = [joint.get("name", "") for joint in root.findall("joint") if joint.get("type") != "fixed"]
     for name in reading.lock:
@@ -401,7 +401,7 @@ def _lock(path: Path, joint: Element, position: float) -> None:
     ElementTree.SubElement(joint, "origin", numbers)
 
 
-def read_urdf(path: Path, *, free_flyer: bool, reading: Reading = PLAIN, package_dirs: Sequence[Path] = ()) -> UrdfModels:
+def read_urdf(path: Path, *, free_flyer: bool, reading: UrdfReading = PLAIN, package_dirs: Sequence[Path] = ()) -> UrdfModels:
     """Read a URDF file; all mistakes in it are one ``RobotDataError``, and so are numbers that get lost.
 
     What is left out without harm, such as a picture that is missing, is a warning each, and what the file holds beside a URDF
@@ -417,7 +417,7 @@ def read_urdf(path: Path, *, free_flyer: bool, reading: Reading = PLAIN, package
 
 
 def models_and_notes(
-    path: Path, *, free_flyer: bool, reading: Reading, package_dirs: Sequence[Path]
+    path: Path, *, free_flyer: bool, reading: UrdfReading, package_dirs: Sequence[Path]
 ) -> tuple[UrdfModels, list[str]]:
     """As `read_urdf`, with what it warns of. Raises `RobotDataError`, as it does."""
     root = read_urdf_xml(path)

@@ -18,7 +18,7 @@ from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
 _RANK = 1e-9  # of a row beside those before it, relative to the largest: less is none
 
 
-class Rows(Layout):
+class LeastSquaresRows(Layout):
     """Room for m rows and n variables."""
 
     K: Annotated[list[Vector], Sized("n", "n")]
@@ -39,7 +39,7 @@ class Rows(Layout):
     """The solution in the basis."""
 
 
-def solve_positive(s: Rows, n: int) -> None:
+def solve_positive(s: LeastSquaresRows, n: int) -> None:
     """``K y = y`` in place, for n variables, by Cholesky's factors."""
     for j in range(n):
         for i in range(j, n):
@@ -58,7 +58,7 @@ def solve_positive(s: Rows, n: int) -> None:
         s.y[i] /= s.K[i][i]
 
 
-def least_norm(s: Rows, m: int, n: int) -> None:
+def least_norm(s: LeastSquaresRows, m: int, n: int) -> None:
     """Y (n,) of least norm among those of least ``|W y - b|``.
 
     W = L Q with an orthonormal basis Q of its rows, taken in the order of what is left of them; then L z = b by least squares
@@ -83,7 +83,7 @@ def least_norm(s: Rows, m: int, n: int) -> None:
             s.y[j] += s.z[k] * s.basis[k][j]
 
 
-def row_space(s: Rows, m: int, n: int) -> int:
+def row_space(s: LeastSquaresRows, m: int, n: int) -> int:
     """Basis and L of the m rows (m, n) of W [any]; the rank."""
     largest = 0.0
     for k in range(min(m, n)):
@@ -104,7 +104,7 @@ def row_space(s: Rows, m: int, n: int) -> int:
     return min(m, n)
 
 
-def _longest(s: Rows, m: int, n: int) -> int:
+def _longest(s: LeastSquaresRows, m: int, n: int) -> int:
     longest = 0
     for i in range(1, m):
         if dot(s.W[i], s.W[i], n) > dot(s.W[longest], s.W[longest], n):
@@ -112,7 +112,7 @@ def _longest(s: Rows, m: int, n: int) -> int:
     return longest
 
 
-def _orthogonal_to_the_others(s: Rows, k: int, n: int) -> None:
+def _orthogonal_to_the_others(s: LeastSquaresRows, k: int, n: int) -> None:
     """Basis vector k, once more, to the last bit."""
     for earlier in range(k):
         along = dot(s.basis[k], s.basis[earlier], n)
@@ -123,7 +123,7 @@ def _orthogonal_to_the_others(s: Rows, k: int, n: int) -> None:
         s.basis[k][j] /= size
 
 
-def _orthonormal_column(s: Rows, m: int, k: int) -> None:
+def _orthonormal_column(s: LeastSquaresRows, m: int, k: int) -> None:
     """Column k of L, beside those before it, and column k of R."""
     for earlier in range(k):
         s.R[earlier][k] = 0.0
@@ -194,7 +194,7 @@ class BoundedProblem(Layout):
     """Optimum of the free variables."""
     blocking: int
     """The variable that stops a step; -1 for none."""
-    inner: Rows
+    inner: LeastSquaresRows
     """System solved for the free variables."""
 
 

@@ -13,7 +13,7 @@ from typing import Annotated
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
 from uvms_ocp.solvers.bounded_least_squares import (
     BoundedProblem,
-    Rows,
+    LeastSquaresRows,
     dot,
     least_norm,
     row_space,
@@ -55,7 +55,7 @@ class PowerMemory(Layout):
     n_spare: int
     stretch: float
     """Size of a step."""
-    inner: Rows
+    inner: LeastSquaresRows
 
 
 def prepare_minimum_power(p: PowerMemory) -> None:

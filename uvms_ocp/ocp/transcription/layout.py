@@ -250,7 +250,7 @@ START, PERIODIC = "start", "periodic"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Boundary:
+class BoundaryRows:
     """Rows of the first and the last state ``[q_0, v_0, q_N, v_N]``; the given state ``[q, v]`` is their parameter."""
 
     functions: Derivatives
@@ -273,7 +273,7 @@ class _Ends:
     given: ca.SX
 
 
-def boundary(model: StageModel) -> Boundary:
+def boundary(model: StageModel) -> BoundaryRows:
     """Build the boundary rows of the model's problem: `OcpProblem.start_freedom` and `OcpProblem.periodic`."""
     problem, n = model.problem, model.layout.h
     ends = _Ends(first=ca.SX.sym("first", n), last=ca.SX.sym("last", n), given=ca.SX.sym("given", n))
@@ -281,7 +281,7 @@ def boundary(model: StageModel) -> Boundary:
     rows = ca.vertcat(*(rows for _, rows, _ in parts))
     width = np.concatenate([width for _, _, width in parts])
     residuals = None if problem.hessian is HessianKind.EXACT else ()
-    return Boundary(
+    return BoundaryRows(
         functions=derivatives("boundary", ca.vertcat(ends.first, ends.last), ends.given, rows, residuals=residuals),
         lower=-width,
         upper=width,
@@ -373,7 +373,7 @@ class RowLayout:
         return lower, upper
 
 
-def row_layout(problem: OcpProblem, blocks: Sequence[TermBlock], ends: Boundary, *, n_forces: int) -> RowLayout:
+def row_layout(problem: OcpProblem, blocks: Sequence[TermBlock], ends: BoundaryRows, *, n_forces: int) -> RowLayout:
     """Number the rows of a problem whose terms are `blocks`; n_forces: rows of forces in the dynamics of each step."""
     N, n_state = problem.n_steps, problem.robot.n_q + problem.robot.n_v
     names = N * (*FIXED[:1] * n_state, *FIXED[1:2] * n_forces)
@@ -425,7 +425,7 @@ def _equalities(level: np.ndarray, stage: np.ndarray, names: tuple[str, ...]) ->
     return _Group(level=level, stage=stage, lower=zero, upper=zero, names=names)
 
 
-def _ends(problem: OcpProblem, ends: Boundary) -> _Group:
+def _ends(problem: OcpProblem, ends: BoundaryRows) -> _Group:
     """Rows that tie both ends come last."""
     closed = np.array([name == PERIODIC for name in ends.names], dtype=bool)
     return _Group(

@@ -37,7 +37,7 @@ _RANK = 1e-9  # of a singular value of the thruster matrix
 _VEHICLE_FORCE = 100.0  # [N, N m] unit of the wrench on a vehicle without thrusters
 
 
-class Actuators:
+class ActuationModel:
     """Matrix, units and limits of what moves the robot."""
 
     def __init__(self, robot: Robot, actuation: Actuation) -> None:
@@ -187,7 +187,7 @@ class StageModel:
         """like: another model, whose dynamics serve here too where they are the same."""
         robot = problem.robot
         self.problem, self.robot, self._like = problem, robot, like
-        self.actuators = Actuators(robot, problem.actuation)
+        self.actuators = ActuationModel(robot, problem.actuation)
         direct = not robot.n_vehicle or problem.actuation is Actuation.WRENCH
         self.has_force_variables = not eliminated and (problem.water or problem.limited or not direct)
         n_thrust, n_torque = (self.actuators.matrix.shape[1], robot.n_joints) if self.has_force_variables else (0, 0)

@@ -21,7 +21,7 @@ from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.ocp.transcription.layout import (
-    Boundary,
+    BoundaryRows,
     NodeVariables,
     ParameterLayout,
     RowLayout,
@@ -133,7 +133,7 @@ class Horizon:
     """(3,) [m/s]"""
     start: ca.MX
     """(n_state,) q and v that are given."""
-    ends: Boundary
+    ends: BoundaryRows
     blocks: tuple[Block, ...]
 
     @property
@@ -290,7 +290,7 @@ class Horizon:
         return chosen
 
 
-def horizon(variables: VariableLayout, parameters: ParameterLayout, layout: RowLayout, ends: Boundary) -> Horizon:
+def horizon(variables: VariableLayout, parameters: ParameterLayout, layout: RowLayout, ends: BoundaryRows) -> Horizon:
     """Symbols of the variables and parameters of a problem, and its rows in them."""
     x, p = ca.MX.sym("x", variables.n_x), ca.MX.sym("p", parameters.n)
     nodes = variables.nodes(x, p[parameters.steps])

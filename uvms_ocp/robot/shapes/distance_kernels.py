@@ -38,7 +38,7 @@ from uvms_ocp.robot.shapes.gjk import (
 )
 from uvms_ocp.robot.shapes.penetration import Hull, expand_polytope, try_axes, try_axis
 from uvms_ocp.robot.spatial import skew
-from uvms_ocp.robot.symbolic_bodies import Pose, SymbolicJoint
+from uvms_ocp.robot.symbolic_bodies import SymbolicJoint, SymbolicPose
 from uvms_ocp.robot.symbolic_model import SymbolicModel, function
 
 # The signed distance of two solids: apart, or overlapping.
@@ -109,7 +109,7 @@ _NOTHING = 1e-5
 """[-, m] rate of an axis that does not change a distance, but for what a search that ends leaves: a hierarchy would heed it."""
 
 
-class Pair(Layout):
+class SolidPair(Layout):
     """Two solids, and what was found of them last."""
 
     first: int
@@ -138,7 +138,7 @@ class DistanceMemory(Layout):
     moves: Annotated[list[list[int]], Sized("n_solids", "n_v")]
     """(n_solids, n_v) whether the axis moves the solid."""
     n_pairs: int
-    pairs: Annotated[list[Pair], Sized("n_pairs")]
+    pairs: Annotated[list[SolidPair], Sized("n_pairs")]
     """(n_pairs,)"""
     value: Annotated[Vector, Sized("n_pairs")]
     """(n_pairs,) [m] signed distances as measured last."""
@@ -315,7 +315,7 @@ def _places(model: pin.Model) -> ca.Function:
     return function("places", {"q": q}, found)
 
 
-def _twists(joint: SymbolicJoint, pose: Pose) -> ca.SX:
+def _twists(joint: SymbolicJoint, pose: SymbolicPose) -> ca.SX:
     """(6, n) of a joint's axes at unit speed."""
     angular = pose.R @ joint.S_angular
     return ca.vertcat(pose.R @ joint.S_linear + skew(pose.p) @ angular, angular)
