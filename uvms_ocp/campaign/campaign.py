@@ -15,7 +15,7 @@ from uvms_ocp.campaign import jobs
 from uvms_ocp.campaign.cluster import Progress, Workers, run_jobs
 from uvms_ocp.campaign.code_source import CodeSource
 from uvms_ocp.campaign.distributions import Design
-from uvms_ocp.campaign.store import SOURCES, CampaignManifest, read_manifest, read_table, types_of
+from uvms_ocp.campaign.store import MOST_RUNS, SOURCES, CampaignManifest, read_manifest, read_table, types_of
 from uvms_ocp.campaign.variations import Variation, quantiles, require_available, vary
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound
@@ -116,7 +116,6 @@ def _packed(record: Record) -> bytes:
 
 # A campaign as a value: a mission, what is uncertain about it, and how many runs of it.
 
-_MOST_RUNS = 10_000_000
 _NUMBERS = ("runs", "seed", "sampler", "records")  # fields of a campaign that its folder keeps as they are
 
 
@@ -145,8 +144,8 @@ class Campaign(FieldTable):
     """Job that is sent to workers."""
 
     def __post_init__(self) -> None:
-        if self.runs > _MOST_RUNS:
-            raise InvalidInput(f"{self.runs:,} runs; give at most {_MOST_RUNS:,}")
+        if self.runs > MOST_RUNS:
+            raise InvalidInput(f"{self.runs:,} runs; give at most {MOST_RUNS:,}")
         scenario = _gathered(self.scenario, self.options, "scenario")
         variations = _gathered(self.variations, {}, "variations")
         values: Any = built(variations)
@@ -221,11 +220,14 @@ def kept_campaign(folder: Path) -> Campaign:
         scenario = "words" not in known.scenario
         what = "scenario was a function in Python, which is" if scenario else "variations were values in Python, which are"
         raise InvalidInput(f"{folder}: its {what} not kept; use Campaign.scenario_of there")
-    return Campaign(
+    kept = Campaign(
         scenario=CodeSource.restored(known.scenario, folder / SOURCES / "scenario"),
         variations=CodeSource.restored(variations, folder / SOURCES / "variations") if "words" in variations else (),
         **{name: getattr(known, name) for name in _NUMBERS},
     )
+    if kept.identity().parameters != known.parameters:
+        raise InvalidInput(f"{folder}: its parameters are not those of its variations; put back what was")
+    return kept
 
 
 def require_run(run: int, runs: int) -> None:

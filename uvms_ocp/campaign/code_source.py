@@ -9,10 +9,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.model_errors import one_line
 from uvms_ocp.record.durable_files import discard
+from uvms_ocp.record.output import Name
 from uvms_ocp.record.untrusted import record_files_read
 from uvms_ocp.robot.loading import robots_folder
 from uvms_ocp.scenario.cases import SCENARIOS
@@ -20,6 +24,17 @@ from uvms_ocp.scenario.own_code import forget_user_code, load_scenario, own_code
 
 _PACKED = "uvms_ocp_robots/"  # names of files of our own robots
 _PLACES = ("robot", "hydrodynamics", "loading")  # options that may be files
+
+
+class _Identity(BaseModel):
+    """JSON values of `CodeSource.identity`."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
+
+    words: str
+    attribute: Literal["scenario", "variations"]
+    options: dict[str, Any]
+    files: dict[Name, str]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -97,8 +112,18 @@ class CodeSource:
 
     @staticmethod
     def restored(identity: Mapping[str, Any], copies: Path) -> CodeSource:
-        """Restore it from an `identity` and the copies of files in a folder. Raises `InvalidInput` for a changed copy."""
+        """Restore it from an `identity` and the copies of files in a folder.
+
+        Raises `InvalidInput` for a changed copy, an identity that is none, and words that name a file without a copy.
+        """
         root = str(copies.resolve())
+        try:
+            known = _Identity.model_validate(identity)
+        except ValidationError as error:
+            raise InvalidInput(f"{copies}: not what a campaign keeps of it ({one_line(error, _Identity)})") from None
+        code = own_code(known.words)
+        if code is not None and code.file is not None and code.file.as_posix().removeprefix("./") not in known.files:
+            raise InvalidInput(f"{copies}: {known.words[:80]!r} is not among its files; put back what was")
 
         def placed(value: Any) -> Any:
             return os.path.join(root, value[2:]) if isinstance(value, str) and value.startswith("./") else value

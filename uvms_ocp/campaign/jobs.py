@@ -18,7 +18,7 @@ import numpy as np
 
 from uvms_ocp.errors import plain_line
 from uvms_ocp.record.record import Record, quantity
-from uvms_ocp.report.metrics import figures_between, largest_or_none, none_if_nan
+from uvms_ocp.report.metrics import figures_between, largest_or_none
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.environment import closest_approach
 from uvms_ocp.version import __version__
@@ -205,10 +205,10 @@ def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
     meta, task, end = record.run_meta, record.run_meta.tool_task, float(record["t"][-1])
     spent, ranges = figures_between(record, 0.0, end), record["altimeter_range"]
     seen = ranges[np.isfinite(ranges)]
-    return {
+    figures = {
         "duration_s": end,
-        "tool_position_error_m": none_if_nan(meta.true_quantity(f"{task}.position_error")),
-        "tool_orientation_error_rad": none_if_nan(meta.true_quantity(f"{task}.orientation_error")),
+        "tool_position_error_m": meta.true_quantity(f"{task}.position_error"),
+        "tool_orientation_error_rad": meta.true_quantity(f"{task}.orientation_error"),
         **{name: spent[name] for name in _FROM_REPORT},
         "clearance_m": _clearance(scenario, record),
         "min_altimeter_m": float(seen.min()) if seen.size else None,
@@ -216,6 +216,7 @@ def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
         "alarms": float(len(meta.alarms)),
         "failed_ticks": _failed(record),
     }
+    return {name: None if figure is None or not np.isfinite(figure) else float(figure) for name, figure in figures.items()}
 
 
 def _clearance(scenario: Scenario, record: Record) -> float | None:

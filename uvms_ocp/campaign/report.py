@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.campaign.analysis import SILENT, Rate, cause_table, outcome_table, sensitivity_table
-from uvms_ocp.campaign.jobs import COMPLETED, METRICS, distribution_table, metric_values
+from uvms_ocp.campaign.jobs import COMPLETED, ERROR, KILLED, METRICS, TIME_LIMIT, distribution_table, metric_values
 from uvms_ocp.campaign.store import read_manifest, read_table
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.report.summary import ENDS
 
 # Which runs succeeded: those that the mission counts, or those that finished within limits of one's own.
 
@@ -123,6 +124,12 @@ def table_with_success(folder: Path, success: Sequence[MetricBound] = ()) -> Any
     table = read_table(folder)
     if not len(table):
         raise InvalidInput(f"{folder}: no run of its campaign is finished yet; start it, or wait a few seconds")
+    if missing := [name for name in ("seed", *METRICS, "finished") if name not in table]:
+        raise InvalidInput(f"{folder}: its rows have no {missing[0]!r}; give the folder of a campaign of missions")
+    if unknown := sorted({*table["outcome"]} - {*ENDS, ERROR, KILLED, TIME_LIMIT}):
+        raise InvalidInput(f"{folder}: a run with the outcome {unknown[0][:80]!r}, which no run has; put back what was")
+    if (table["success"] & ~table["finished"].fillna(False).astype(bool)).any():
+        raise InvalidInput(f"{folder}: a run that did not finish counts as success; put back what was")
     return judged(table, success)
 
 

@@ -8,14 +8,15 @@ from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from time import monotonic
-from typing import Any, BinaryIO, Literal
+from typing import Any, BinaryIO, Literal, TypeAlias
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from uvms_ocp.campaign.jobs import CampaignJob, RunResult, columns_of
+from uvms_ocp.campaign.distributions import Design
+from uvms_ocp.campaign.jobs import COMPLETED, FIRST, LAST, CampaignJob, RunResult, columns_of
 from uvms_ocp.checks import checked
-from uvms_ocp.errors import InvalidInput
+from uvms_ocp.errors import InvalidInput, UvmsError
 from uvms_ocp.record.durable_files import discard, locked, replacing, sync_folders, write_durably
 from uvms_ocp.record.output import STORE, as_output_errors, read_as
 from uvms_ocp.record.tables import arrow as required_arrow
@@ -34,33 +35,53 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
 # What a campaign is, written down beside its rows: another one, or a changed one, is refused.
 
 FILE, SOURCES = "campaign.json", "sources"
-_KINDS: Mapping[str, type] = {"int": int, "float": float, "str": str, "bool": bool}
+MOST_RUNS = 10_000_000
+"""Runs that a campaign may have."""
+Kind: TypeAlias = Literal["int", "float", "str", "bool"]
+_KINDS: Mapping[Kind, type] = {"int": int, "float": float, "str": str, "bool": bool}
 
 
 class CampaignManifest(BaseModel):
     """The file `campaign.json`."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
 
     version: Literal[1] = 1
     """Version of this file and of the table."""
     name: str
     package: str
     """Version of uvms_ocp."""
-    runs: int
-    seed: int
+    runs: int = Field(ge=1, le=MOST_RUNS)
+    seed: int = Field(ge=0)
     sampler: str
     """One of `uvms_ocp.campaign.distributions.SAMPLERS`."""
     parameters: dict[str, str]
     """Distributions by name."""
-    columns: dict[str, str]
+    columns: dict[str, Kind]
     """Types by name."""
     scenario: dict[str, Any]
     """Source of the scenario, with the hash of every file."""
     variations: dict[str, Any]
     """Source of the variations."""
-    records: str
+    records: Literal["none", "failures", "all"]
     """Runs that keep their whole record."""
+
+    @model_validator(mode="after")
+    def _columns_are_those_of_a_campaign(self) -> CampaignManifest:
+        needed = {**FIRST, **dict.fromkeys(self.parameters, float), **LAST}
+        for name, kind in needed.items():
+            if self.columns.get(name) != kind.__name__:
+                raise ValueError(f"columns have no {name!r} of kind {kind.__name__}; put back what was")
+        try:
+            _ = self.design
+        except UvmsError as error:
+            raise ValueError(str(error)) from None
+        return self
+
+    @property
+    def design(self) -> Design:
+        """Design of the samples."""
+        return Design(sampler=self.sampler, runs=self.runs, parameters=len(self.parameters), seed=self.seed)
 
     @property
     def types(self) -> dict[str, type]:
@@ -68,9 +89,10 @@ class CampaignManifest(BaseModel):
         return {name: _KINDS[kind] for name, kind in self.columns.items()}
 
 
-def types_of(work: CampaignJob) -> dict[str, str]:
+def types_of(work: CampaignJob) -> dict[str, Kind]:
     """Names of the types of a job's columns, as `CampaignManifest` has them."""
-    return {name: kind.__name__ for name, kind in columns_of(work).items()}
+    names: dict[type, Kind] = {kind: name for name, kind in _KINDS.items()}
+    return {name: names[kind] for name, kind in columns_of(work).items()}
 
 
 def read_manifest(folder: Path) -> CampaignManifest:
@@ -122,9 +144,9 @@ arrow = partial(required_arrow, "a campaign")
 class Parts:
     """Parquet parts of one campaign; for one process at a time."""
 
-    def __init__(self, folder: Path, columns: Mapping[str, type]) -> None:
-        """folder: of the campaign. columns: of its table, by name."""
-        self._folder, self._columns = folder / FOLDER, dict(columns)
+    def __init__(self, folder: Path, identity: CampaignManifest) -> None:
+        """folder: of the campaign."""
+        self._folder, self._identity = folder / FOLDER, identity
         self._folder.mkdir(parents=True, exist_ok=True)
         for left in self._folder.glob("*.tmp"):
             discard(left)
@@ -140,7 +162,7 @@ class Parts:
         """Write rows to the disk, so that they survive a loss of power. Raises `OutputError` where the disk refuses."""
         if rows:
             pa = arrow()
-            self._write(pa.Table.from_pylist([dict(row) for row in rows], schema=schema_of(self._columns)))
+            self._write(pa.Table.from_pylist([dict(row) for row in rows], schema=schema_of(self._identity.types)))
             if self._n >= _MANY:
                 self.join()
 
@@ -148,7 +170,7 @@ class Parts:
         """One file in place of many. Cut off, some rows are there twice, which readers know. Raises `OutputError`."""
         paths = self.paths()
         if len(paths) > 1:
-            self._write(read_rows(self._folder.parent, self._columns))
+            self._write(read_rows(self._folder.parent, self._identity))
             for path in paths:
                 path.unlink()
             self._n = 1
@@ -164,28 +186,68 @@ class Parts:
 
 def part_paths(folder: Path) -> list[Path]:
     """Files of the data set of a campaign, the oldest first."""
-    return sorted((folder / FOLDER).glob("part-*.parquet"))
+    return sorted(path for path in (folder / FOLDER).glob("part-*.parquet") if path.stem[len("part-") :].isdigit())
 
 
-def read_rows(folder: Path, columns: Mapping[str, type], wanted: Sequence[str] | None = None) -> Any:
-    """A pyarrow table of all finished runs, by run number, each once. wanted: columns, all by default.
+def read_rows(folder: Path, identity: CampaignManifest) -> Any:
+    """A pyarrow table of all finished runs, by run number, each once.
 
-    Raises `InvalidInput` for a file that is damaged.
+    Raises `InvalidInput` for a file that is damaged, and for rows that are not of this campaign.
     """
-    pa = arrow()
-    names = list(columns) if wanted is None else list(wanted)
-    tables = [_read(path, names) for path in part_paths(folder)]
+    pa, schema = arrow(), schema_of(identity.types)
+    tables = [_read(path, schema) for path in part_paths(folder)]
     if not tables:
-        return schema_of({name: columns[name] for name in names}).empty_table()
+        return schema.empty_table()
     table = pa.concat_tables(tables)
+    if wrong := _not_of(table, identity):
+        raise InvalidInput(f"{folder / FOLDER}: {wrong}; put back what was, or move it away, and its runs are made again")
     return table.take(np.unique(table["run"].to_numpy(), return_index=True)[1])
 
 
-def _read(path: Path, names: Sequence[str]) -> Any:
+def _read(path: Path, schema: Any) -> Any:
     pa = arrow()
     advice = "; move it away, its runs are made again"
     with as_input_errors(path, OSError, pa.ArrowException, what="damaged", advice=advice):
-        return pa.parquet.read_table(path, columns=list(names), partitioning=None)
+        found = pa.parquet.read_table(path, partitioning=None)
+    if sorted(map(str, found.schema)) != sorted(map(str, schema)):
+        text = f"{path}: its columns or their kinds are not those of {FILE}"
+        raise InvalidInput(f"{text}; put back what was, or move it away, and its runs are made again")
+    return found.select(schema.names)
+
+
+_LOOKS = 20_000  # rows whose seeds are drawn again
+_NEEDED = ("run", "outcome", "success", "version")
+
+
+def _not_of(table: Any, identity: CampaignManifest) -> str:
+    """Why these rows are not of the campaign; empty where they may be. What is not a number counts as none."""
+    rows = table.to_pandas()
+    if bare := [name for name in _NEEDED if table[name].null_count]:
+        return f"a run without {bare[0]}"
+    if (outside := ~rows["run"].between(0, identity.runs - 1)).any():
+        return f"run {rows['run'][outside].iloc[0]} of a campaign with {identity.runs} runs"
+    if (twice := rows.drop_duplicates()["run"].duplicated()).any():
+        return f"run {rows.drop_duplicates()['run'][twice].iloc[0]} is there twice, not alike"
+    named = rows.set_index("run")
+    drawn = {run: identity.design.seed_of(run) for run in named.index[:: 1 + len(rows) // _LOOKS].tolist()}
+    numbers = named[[name for name, kind in identity.types.items() if kind is float]]
+    failed = ~named["success"].astype(bool)
+    if "seed" in named:
+        known = named.index.isin(drawn) & ~(failed & named["seed"].isna())
+        seeds = known & (named["seed"].to_numpy() != named.index.map(drawn).to_numpy())
+    found = {
+        "success": failed == (named["outcome"] == COMPLETED),
+        "version": named["version"] != identity.package,
+        **({"seed": seeds} if "seed" in named else {}),
+        "wall_s": named["wall_s"] < 0.0,
+        **{name: np.isinf(numbers[name]) for name in numbers},
+        **{name: numbers[name].isna() & ~failed for name in identity.parameters},
+    }
+    for name, wrong in found.items():
+        if wrong.any():
+            run = named.index[np.flatnonzero(wrong)[0]]
+            return f"run {run} has {name} = {named[name].to_numpy()[np.flatnonzero(wrong)[0]]}, which no run of it has"
+    return ""
 
 
 def schema_of(columns: Mapping[str, type]) -> Any:
@@ -208,12 +270,12 @@ class CampaignFolder:
     def __init__(self, folder: Path, identity: CampaignManifest) -> None:
         """folder: it is there, and locked."""
         self.folder, self._identity = folder, identity
-        self._parts = Parts(folder, identity.types)
+        self._parts = Parts(folder, identity)
         self._waiting: list[Mapping[str, Any]] = []
         self._since = monotonic()
         self.finished = np.zeros(identity.runs, dtype=bool)
         self.failed = 0
-        table = read_rows(folder, identity.types, ("run", "success"))
+        table = read_rows(folder, identity)
         self.finished[table["run"].to_numpy()] = True
         self.failed = table.num_rows - int(np.sum(table["success"].to_numpy(zero_copy_only=False).astype(bool)))
 
@@ -287,4 +349,4 @@ def read_table(folder: Path) -> Any:
     Raises `InvalidInput` where there is none, and `NotInstalled` without the extra ``uvms-ocp[campaign]``.
     """
     identity = read_manifest(folder)
-    return read_rows(folder, identity.types).to_pandas()
+    return read_rows(folder, identity).to_pandas()

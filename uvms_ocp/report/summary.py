@@ -58,9 +58,13 @@ _WINDOW = 5.0  # [s] at the end of the run over which progress is judged
 _PROGRESS = 0.02  # share of what is missing that must have been gained in the window
 
 
+ENDS = ("completed", "ended too early", "aborted", "given up", "swinging", "slow", "stalled")
+"""Kinds of ends of a mission."""
+
+
 @checked
 def cause_of_end(record: Record) -> dict[str, str]:
-    """``kind``: completed, ended too early, aborted, given up, swinging, slow, stalled; ``text``: one sentence with the figures.
+    """``kind``: one of `ENDS`; ``text``: one sentence with the figures.
 
     A mission has ended too early where it is complete by the estimate and a true error is over its limit. One that is aborted
     names what sent it into its abort phase, or ended it; one that swings by how much, how fast, and whether it grows; one that
