@@ -12,7 +12,7 @@ import pytest
 from reaches import CHEAP, PATIENCE, reach, tool_goal
 
 from uvms_ocp.ocp.clearance import Ball, BallClearance
-from uvms_ocp.ocp.diagnosis import phase_one
+from uvms_ocp.ocp.diagnosis import bindings, phase_one
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
@@ -211,3 +211,37 @@ def test_the_price_of_a_level_is_the_slope_of_the_cost_below_it() -> None:
 
 def test_a_level_that_costs_nothing_has_no_price() -> None:
     assert priced(0.5).levels[1].prices[0] == pytest.approx(0.0, abs=1e-5)
+
+
+SHORT: tuple[tuple[float, float, str], ...] = (
+    (0.01, 0.3, "the acceleration limits"),
+    (0.3, 0.3, "the acceleration limits"),
+    (2.0, 2.0, "the velocity limits"),
+)
+"""Durations [s], ways of all joints [rad], and what has to be named."""
+
+
+@pytest.mark.parametrize(("duration", "way", "cause"), SHORT)
+def test_what_is_said_to_hold_back_is_what_gives_the_gain_where_it_is_loosened(duration: float, way: float, cause: str) -> None:
+    arm = load_robot("planar5")
+    q = arm.configuration()
+    goal = TaskTerm(task=JointTracking(joints=("theta1", "theta2"), goal=q[3:] + way))
+    planner = Planner(on_arm(arm, q, goal, duration), NlpOptions(time_limit=PATIENCE))
+    plan, transcription = planner.plan(), planner.transcription
+    assert plan.status is OcpStatus.TOO_SHORT, plan.reason
+    assert cause in plan.reason, plan.reason
+    assert plan.result is not None
+    found = bindings(transcription, planner.problem, transcription.parameters(), plan.result, 0, time_limit=PATIENCE)
+    assert found
+    left, share = found[0].left, {item.group.name: 1 + item.amount for item in found[0].relaxations}
+    limits = replace(
+        arm.limits,
+        velocity=arm.limits.velocity * share.pop("the velocity limits", 1.0),
+        acceleration=arm.limits.acceleration * share.pop("the acceleration limits", 1.0),
+    )
+    assert not share, plan.reason
+    loosened = Planner(on_arm(replace(arm, limits=limits), q, goal, duration), NlpOptions(time_limit=PATIENCE)).plan(
+        diagnose=False
+    )
+    missed = plan.levels[0].residual
+    assert loosened.levels[0].residual <= left * missed + 0.02 * (1 - left) * missed

@@ -11,13 +11,12 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.ocp.plan import OcpStatus
-from uvms_ocp.ocp.problem import OcpPhase, OcpProblem
+from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.transcription.layout import FIXED
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers import NlpStatus
-from uvms_ocp.solvers.nlp.level_solver import NlpPoint
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
-from uvms_ocp.solvers.nlp.program import LevelRows
+from uvms_ocp.types import DAY
 
 # What the bounds of variables and the rows of constraints stand for, in groups that are loosened together.
 
@@ -31,7 +30,6 @@ class RelaxationUnit(Enum):
     SHARE = "{name} would have to be {amount:.0%} higher"
     POSITION = "{name} would have to be {amount:.3g} rad (m) wider"
     ROW = "{name} would have to give way by {amount:.3g}"
-    LEVEL = "{name} would have to give up {amount:.3g} of its residual"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -124,86 +122,24 @@ def row_groups(transcription: Transcription, problem: OcpProblem) -> GroupIndex:
     )
 
 
-# What holds a level back at its optimum, by the multipliers of bounds, constraints and levels above.
-
-_WEAK = 0.1  # share of the strongest below which a group is not named
-_MOST_GROUPS = 3  # groups that are named
-_FARTHEST = 10.0  # times its scale: what would have to give way by more does not hold the level back
+# What a level above costs a level, by the multipliers of the rows that hold it.
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class BindingGroup:
-    """A group that holds a level back."""
-
-    group: BoundGroup
-    strength: float
-    """Decrease of the cost of the level for an amount of 1, to first order."""
-    axes: tuple[str, ...]
-    """Axes that hold most, where the group has several."""
-
-    def needed(self, cost: float) -> float:
-        """Amount by which the group alone would have to give way for the level to lose its cost.
-
-        The root of the cost is taken to go on falling as it does at first.
-        """
-        return 2 * cost / self.strength
-
-
-def is_held(point: NlpPoint) -> bool:
-    """Check whether anything holds the end of a level at all."""
-    multipliers = (point.x_multipliers, point.row_multipliers)
-    return any(own is not None and bool(own.any()) for own in multipliers)
-
-
-def bindings(transcription: Transcription, problem: OcpProblem, point: NlpPoint, level: int, cost: float) -> list[BindingGroup]:
-    """Find the bounds that hold a level at its end, at `cost`, the strongest first; none where its end has no multipliers."""
-    if point.x_multipliers is None or point.row_multipliers is None or cost == 0.0:
-        return []
-    rows = row_groups(transcription, problem)
-    found = [
-        *_summed(variable_groups(transcription), point.x_multipliers),
-        *_summed(rows, point.row_multipliers[: len(rows.number)]),
-        *_levels(transcription, point.row_multipliers, level),
-    ]
-    strong = [item for item in found if item.strength > 0 and item.needed(cost) <= _FARTHEST]
-    strong.sort(key=lambda item: -item.strength)
-    return [item for item in strong if item.strength >= _WEAK * strong[0].strength][:_MOST_GROUPS]
-
-
-def _summed(grouped: GroupIndex, multipliers: np.ndarray) -> Iterator[BindingGroup]:
-    """An amount of 1 loosens all bounds of a group at all nodes."""
-    strengths = np.abs(multipliers) * grouped.scale
-    for i, group in enumerate(grouped.groups):
-        strength = float(strengths[grouped.number == i].sum())
-        yield BindingGroup(group=group, strength=strength, axes=grouped.strongest(i, strengths))
-
-
-def _levels(transcription: Transcription, multipliers: np.ndarray, level: int) -> Iterator[BindingGroup]:
-    rows = transcription.ranges().levels
-    for above, price in zip(rows[:level], prices_of(rows, multipliers, level), strict=True):
-        yield BindingGroup(group=BoundGroup(name=f"level {above.name!r}", measure=RelaxationUnit.LEVEL), strength=price, axes=())
-
-
-def prices_of(rows: tuple[LevelRows, ...], multipliers: np.ndarray, level: int) -> tuple[float, ...]:
-    """Compute the price of every level above for a level whose end has these multipliers (n_rows,) [1/unit of the row].
+def level_prices(transcription: Transcription, result: LexicographicResult, level: int) -> tuple[float, ...]:
+    """See `uvms_ocp.ocp.plan.LevelReport.prices`; zeros where a level is met in full by anticipation, none if not known.
 
     Of all ways to let the residual of a level above grow by 1 as a norm, the best one lowers the cost by the norm of its
     multipliers.
     """
-    return tuple(float(np.linalg.norm(multipliers[above.frozen])) for above in rows[:level])
-
-
-def level_prices(transcription: Transcription, result: LexicographicResult, level: int) -> tuple[float, ...]:
-    """See `uvms_ocp.ocp.plan.LevelReport.prices`; zeros where a level is met in full by anticipation, none if not known."""
     last = level == len(result.points) - 1
     multipliers = result.points[level].row_multipliers
     if multipliers is None or (result.anticipated and not last):
         return (0.0,) * level
-    prices = prices_of(transcription.ranges().levels, multipliers, level)
+    prices = tuple(float(np.linalg.norm(multipliers[above.frozen])) for above in transcription.ranges().levels[:level])
     return () if np.isnan(prices).any() else prices
 
 
-# The least by which limits and constraints would have to give way for any motion to keep them.
+# The least by which limits and constraints would have to give way for any motion to keep them, or for a level to be met.
 #
 # An elastic program over the rows of the transcription, built on demand: each group of bounds and constraints gives way by
 # an amount of its own, alike at all nodes, and the sum of the amounts is least. Laws (motion, forces, start) do not give
@@ -214,6 +150,10 @@ _KEPT = 1e-4  # amount that is none
 _AGAINST = 0.05  # share of a group in what holds against the others, from which it is named
 _ITERATIONS = 500
 _GRADIENTS = ["f", "g", "grad_gamma_x", "grad_gamma_p"]
+_FARTHEST = 2.0  # amount by which a group gives way at most in the search for those that hold a level back
+_GAIN = 1e-5  # share of the residual of a level that is none
+_FULL = 1e-3  # share of the residual with which a level is met
+_BESIDE = 1e-3  # share of the residual that rows of a level that are met may lose
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -246,82 +186,210 @@ class PhaseOne:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Elastic:
-    """Rows ``P [g; x] + Q s`` within bounds, with amounts s >= 0 of the groups."""
+class _Rows:
+    """Constraints, the levels above that are held, and the level that is to be met; or the constraints alone."""
 
-    grouped: GroupIndex
-    """Groups of the constraints, then of the variables."""
-    P: ca.DM
-    """(m, n_g + n_x)"""
-    Q: ca.DM
-    """(m, n_groups)"""
+    raw: np.ndarray
+    """(m,) rows of the transcription."""
     lower: np.ndarray
-    """(m,)"""
+    """(m,) [unit of the row]"""
     upper: np.ndarray
-    """(m,)"""
+    """(m,) [unit of the row]"""
+    grouped: GroupIndex
 
-    @property
-    def groups(self) -> tuple[BoundGroup, ...]:
-        return self.grouped.groups
+
+def _constraint_rows(transcription: Transcription, problem: OcpProblem) -> _Rows:
+    ranges, layout = transcription.ranges(problem), transcription.row_layout
+    return _Rows(raw=layout.constraints, lower=ranges.lower, upper=ranges.upper, grouped=row_groups(transcription, problem))
+
+
+def _level_rows(transcription: Transcription, problem: OcpProblem, result: LexicographicResult, level: int) -> _Rows:
+    """The last group is the level itself: an amount of 1 leaves all its rows as they are."""
+    rows, ranges, layout = _constraint_rows(transcription, problem), transcription.ranges(problem), transcription.row_layout
+    residual = np.abs(result.residuals[level])
+    parts = []
+    for k, own in enumerate(ranges.levels[:level]):
+        bounds = own.frozen_bounds(result.values[k], 0.5 * float(result.residuals[k] @ result.residuals[k]), _KEPT)
+        parts.append((layout.held[k], *bounds, np.ones(len(bounds[0]))))
+    goal = ranges.levels[level]
+    parts.append((layout.levels[level], goal.lower, goal.upper, np.maximum(residual, _BESIDE * np.linalg.norm(residual))))
+    raw, lower, upper, scale = (np.concatenate(column) for column in zip(*parts, strict=True))
+    names, first = [f"level {own.name!r}" for own in ranges.levels[: level + 1]], len(rows.grouped.groups)
+    number = np.repeat(np.arange(first, first + len(parts)), [len(part[0]) for part in parts])
+    above = GroupIndex(
+        groups=tuple(BoundGroup(name=name, measure=RelaxationUnit.ROW) for name in names),
+        number=number - first,
+        scale=scale,
+        axes=("",) * len(raw),
+    )
+    return _Rows(
+        raw=np.concatenate([rows.raw, raw]),
+        lower=np.concatenate([rows.lower, lower]),
+        upper=np.concatenate([rows.upper, upper]),
+        grouped=_together(rows.grouped, above),
+    )
+
+
+class _Elastic:
+    """Rows ``P [g; x] + Q s`` within bounds, with amounts s >= 0 of the groups, and IPOPT for their weighted sum."""
+
+    def __init__(self, transcription: Transcription, problem: OcpProblem, rows: _Rows, p: np.ndarray) -> None:
+        """p: (n_p,) [unit of the parameter]."""
+        self.grouped = grouped = _together(rows.grouped, variable_groups(transcription))
+        self.groups, self.n_x = grouped.groups, transcription.n_x
+        number, (low, up) = grouped.number, transcription.bounds(problem)
+        lower, upper = np.concatenate([rows.lower, low]), np.concatenate([rows.upper, up])
+        hard, soft = number < 0, number >= 0
+        parts = (
+            (np.flatnonzero(hard & (np.isfinite(lower) | np.isfinite(upper))), 0.0),
+            (np.flatnonzero(soft & np.isfinite(upper)), -1.0),
+            (np.flatnonzero(soft & np.isfinite(lower)), 1.0),
+        )
+        chosen = np.concatenate([members for members, _ in parts])
+        sign = np.concatenate([np.full(len(members), value) for members, value in parts])
+        m = len(chosen)
+        Q = np.zeros((m, len(self.groups)))
+        Q[np.arange(m), np.maximum(number[chosen], 0)] = sign * grouped.scale[chosen]
+        self.P = ca.DM.triplet(list(range(m)), chosen.tolist(), ca.DM.ones(m), m, len(number))
+        self.Q = ca.sparsify(ca.DM(Q))
+        self.lower, self.upper = np.where(sign < 0, -np.inf, lower[chosen]), np.where(sign > 0, np.inf, upper[chosen])
+        self.functions, self.p = transcription.row_functions(rows.raw), p
+
+    def least(
+        self, x: np.ndarray, weights: np.ndarray, most: np.ndarray, *, time_limit: float, stay: float = _STAY
+    ) -> tuple[np.ndarray, np.ndarray, PhaseOne]:
+        """Minimise the sum of amounts with `weights` (n_groups,), `most` (n_groups,) at most, from x (n_x,); time_limit [s].
+
+        Returns the amounts (n_groups,), and what they mean.
+        """
+        n, count = self.n_x, len(self.groups)
+        g = np.array(self.functions["nlp_g"](x, self.p)).ravel()
+        infinite = np.full(n, np.inf)
+        solver = self._solver(x, time_limit)
+        solution = solver(
+            x0=np.concatenate([x, np.minimum(self._amounts(np.concatenate([g, x])), most)]),
+            p=np.concatenate([weights, [stay]]),
+            lbx=np.concatenate([-infinite, np.zeros(count)]),
+            ubx=np.concatenate([infinite, most]),
+            lbg=self.lower,
+            ubg=self.upper,
+        )
+        found, rows = np.array(solution["x"]).ravel(), np.abs(np.array(solution["lam_g"]).ravel())
+        # What each variable and row holds, by the multipliers of its own rows.
+        held = np.abs(np.array(self.P.T @ rows).ravel()) * self.grouped.scale
+        amounts, stats = found[n:], solver.stats()
+        given = [
+            Relaxation(group=self.groups[i], amount=float(amounts[i]), axes=self.grouped.strongest(i, held))
+            for i in np.flatnonzero((amounts > _KEPT) & (weights > 0)).tolist()
+        ]
+        kept = np.flatnonzero(amounts <= _KEPT).tolist()
+        meaning = PhaseOne(
+            x=found[:n],
+            converged=bool(stats["success"]) and bool(np.isfinite(found).all()),
+            relaxations=tuple(sorted(given, key=lambda item: -item.amount)),
+            opposing=tuple(self.groups[i] for i in kept if held[self.grouped.number == i].sum() > _AGAINST),
+            iterations=int(stats["iter_count"]),
+        )
+        return found[:n], amounts, meaning
+
+    def _amounts(self, values: np.ndarray) -> np.ndarray:
+        """Return relaxations of a start whose rows and variables have these values: enough to keep all, and a little more."""
+        w, Q = np.array(self.P @ values).ravel(), np.abs(self.Q.full())
+        broken = np.maximum(np.maximum(w - self.upper, self.lower - w), 0.0)
+        units = np.where(Q > 0, Q, 1.0)
+        return np.asarray(np.where(Q > 0, broken[:, None] / units, 0.0).max(axis=0, initial=0.0) + 0.01)
+
+    def _solver(self, x: np.ndarray, time_limit: float) -> ca.Function:
+        """IPOPT with the derivatives of the transcription; parameters are the weights, and that of staying."""
+        functions, n, k = self.functions, len(x), len(self.groups)
+        X, w, lam_f = ca.MX.sym("X", n + k), ca.MX.sym("w", k + 1), ca.MX.sym("lam_f")
+        lam, n_g = ca.MX.sym("lam_g", self.P.shape[0]), self.P.shape[1] - n
+        g, J = functions["nlp_jac_g"](X[:n], self.p)
+        away = X[:n] - x
+        f = ca.dot(w[:k], X[n:]) + w[k] / 2 * ca.sumsqr(away)
+        rows = self.P @ ca.vertcat(g, X[:n]) + self.Q @ X[n:]
+        jacobian = ca.horzcat(self.P @ ca.vertcat(J, ca.MX(ca.DM.eye(n))), ca.MX(self.Q))
+        H = functions["nlp_hess_l"](X[:n], self.p, 0.0, (self.P.T @ lam)[:n_g])
+        hessian = ca.diagcat(H + lam_f * w[k] * ca.DM.eye(n), ca.MX(k, k))
+        inputs, names = [X, w], ["x", "p"]
+        cache = (
+            ca.Function("nlp_f", inputs, [f], names, ["f"]),
+            ca.Function("nlp_g", inputs, [rows], names, ["g"]),
+            ca.Function("nlp_grad_f", inputs, [f, ca.vertcat(w[k] * away, w[:k])], names, ["f", "grad_f_x"]),
+            ca.Function("nlp_jac_g", inputs, [rows, jacobian], names, ["g", "jac_g_x"]),
+            ca.Function(
+                "nlp_hess_l", [X, w, lam_f, lam], [ca.triu(hessian)], [*names, "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
+            ),
+            # Asked for at construction, never called.
+            ca.Function("nlp_grad", [X, w, lam_f, lam], [f, rows, jacobian.T @ lam, w], [*names, "lam_f", "lam_g"], _GRADIENTS),
+        )
+        options = {
+            "cache": {function.name(): function for function in cache},
+            "error_on_fail": False,
+            "print_time": False,
+            "calc_lam_p": False,
+            "ipopt": {"print_level": 0, "sb": "yes", "max_iter": _ITERATIONS, "max_wall_time": max(time_limit, 0.1)},
+        }
+        return ca.nlpsol("elastic", "ipopt", {"x": X, "p": w, "f": f, "g": rows}, options)
 
 
 def phase_one(transcription: Transcription, problem: OcpProblem, p: np.ndarray, x: np.ndarray, *, time_limit: float) -> PhaseOne:
     """Search from x (n_x,) [unit of x], with parameters p (n_p,), for `time_limit` [s] at most."""
-    elastic = _elastic(transcription, problem)
-    solver = _solver(transcription, elastic, p, x, time_limit)
-    n = len(x)
-    g = np.array(transcription.constraint_functions()["nlp_g"](x, p)).ravel()
-    start = np.concatenate([x, _amounts(elastic, np.concatenate([g, x]))])
-    infinite = np.full(n, np.inf)
-    solution = solver(
-        x0=start,
-        lbx=np.concatenate([-infinite, np.zeros(len(elastic.groups))]),
-        ubx=np.inf,
-        lbg=elastic.lower,
-        ubg=elastic.upper,
-    )
-    found, rows = np.array(solution["x"]).ravel(), np.abs(np.array(solution["lam_g"]).ravel())
-    # What each variable and row holds, by the multipliers of its own rows.
-    held = np.abs(np.array(elastic.P.T @ rows).ravel()) * elastic.grouped.scale
-    amounts, groups = found[n:].tolist(), elastic.groups
-    given = [
-        Relaxation(group=group, amount=amount, axes=elastic.grouped.strongest(i, held))
-        for i, (group, amount) in enumerate(zip(groups, amounts, strict=True))
-        if amount > _KEPT
-    ]
-    kept = [i for i, amount in enumerate(amounts) if amount <= _KEPT]
-    stats = solver.stats()
-    return PhaseOne(
-        x=found[:n],
-        converged=bool(stats["success"]) and bool(np.isfinite(found).all()),
-        relaxations=tuple(sorted(given, key=lambda item: -item.amount)),
-        opposing=tuple(groups[i] for i in kept if held[elastic.grouped.number == i].sum() > _AGAINST),
-        iterations=int(stats["iter_count"]),
-    )
+    elastic = _Elastic(transcription, problem, _constraint_rows(transcription, problem), p)
+    every = np.ones(len(elastic.groups))
+    return elastic.least(x, every, np.inf * every, time_limit=time_limit)[2]
 
 
-def _elastic(transcription: Transcription, problem: OcpProblem) -> _Elastic:
-    grouped = _together(row_groups(transcription, problem), variable_groups(transcription))
-    number, ranges, (low, up) = grouped.number, transcription.ranges(problem), transcription.bounds(problem)
-    lower, upper = np.concatenate([ranges.lower, low]), np.concatenate([ranges.upper, up])
-    hard, soft = number < 0, number >= 0
-    parts = (
-        (np.flatnonzero(hard & (np.isfinite(lower) | np.isfinite(upper))), 0.0),
-        (np.flatnonzero(soft & np.isfinite(upper)), -1.0),
-        (np.flatnonzero(soft & np.isfinite(lower)), 1.0),
-    )
-    chosen = np.concatenate([members for members, _ in parts])
-    sign = np.concatenate([np.full(len(members), value) for members, value in parts])
-    m = len(chosen)
-    Q = np.zeros((m, len(grouped.groups)))
-    Q[np.arange(m), np.maximum(number[chosen], 0)] = sign * grouped.scale[chosen]
-    return _Elastic(
-        grouped=grouped,
-        P=ca.DM.triplet(list(range(m)), chosen.tolist(), ca.DM.ones(m), m, len(number)),
-        Q=ca.sparsify(ca.DM(Q)),
-        lower=np.where(sign < 0, -np.inf, lower[chosen]),
-        upper=np.where(sign > 0, np.inf, upper[chosen]),
-    )
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Binding:
+    """Groups that hold a level back, and what they would have to give."""
+
+    left: float
+    """[-] Share of the residual that is left then; 0 where the level is met."""
+    relaxations: tuple[Relaxation, ...]
+    """The largest amount first."""
+
+
+def bindings(
+    transcription: Transcription,
+    problem: OcpProblem,
+    p: np.ndarray,
+    result: LexicographicResult,
+    level: int,
+    *,
+    time_limit: float,
+) -> tuple[Binding, ...] | None:
+    """Find what holds a level back: limits of the robot, constraints and levels above, and all of them where neither does alone.
+
+    They give way as far as they can, for the least that can be left at all; then by the least sum with which no more is left than
+    half of the way there, or nothing where the level can be met. Empty where nothing gains; None where that is not found within
+    `time_limit` [s].
+    """
+    ends = perf_counter() + time_limit
+    rows = _level_rows(transcription, problem, result, level)
+    elastic = _Elastic(transcription, problem, rows, p)
+    goal = np.arange(len(elastic.groups)) == len(rows.grouped.groups) - 1
+    limits = np.array([group.measure is not RelaxationUnit.ROW for group in elastic.groups])
+    found: list[Binding] = []
+    known = True
+    for chosen in (limits, ~limits & ~goal, ~goal):
+        if found and (chosen == ~goal).all():
+            break
+        most = np.where(chosen, _FARTHEST, 1.0 * goal)
+        x, amounts, best = elastic.least(result.x, 1.0 * goal, most, time_limit=ends - perf_counter(), stay=1e-6 * _STAY)
+        gain = 1.0 - float(amounts[goal][0])
+        known &= best.converged
+        if not best.converged or gain < _GAIN:
+            continue
+        left = 0.0 if amounts[goal][0] < _FULL else 1.0 - gain / 2
+        most = np.where(chosen, np.inf, max(left, _FULL) * goal)
+        for start in (x, result.x):
+            least = elastic.least(start, 1.0 * chosen, most, time_limit=ends - perf_counter())[2]
+            if least.converged:
+                found.append(Binding(left=left, relaxations=least.relaxations))
+                break
+        known &= least.converged
+    return tuple(found) if found or known else None
 
 
 def _together(rows: GroupIndex, variables: GroupIndex) -> GroupIndex:
@@ -333,51 +401,11 @@ def _together(rows: GroupIndex, variables: GroupIndex) -> GroupIndex:
     )
 
 
-def _amounts(elastic: _Elastic, values: np.ndarray) -> np.ndarray:
-    """Return relaxations of a start whose rows and variables have these values: enough to keep all, and a little more."""
-    w, Q = np.array(elastic.P @ values).ravel(), np.abs(elastic.Q.full())
-    broken = np.maximum(np.maximum(w - elastic.upper, elastic.lower - w), 0.0)
-    units = np.where(Q > 0, Q, 1.0)
-    return np.asarray(np.where(Q > 0, broken[:, None] / units, 0.0).max(axis=0, initial=0.0) + 0.01)
-
-
-def _solver(transcription: Transcription, elastic: _Elastic, p: np.ndarray, x: np.ndarray, time_limit: float) -> ca.Function:
-    """IPOPT with the derivatives of the transcription."""
-    functions, n, k = transcription.constraint_functions(), len(x), len(elastic.groups)
-    X, none, lam_f = ca.MX.sym("X", n + k), ca.MX.sym("p", 0), ca.MX.sym("lam_f")
-    lam = ca.MX.sym("lam_g", elastic.P.shape[0])
-    n_g = elastic.P.shape[1] - n
-    g, J = functions["nlp_jac_g"](X[:n], p)
-    away = X[:n] - x
-    f = ca.sum1(X[n:]) + _STAY / 2 * ca.sumsqr(away)
-    rows = elastic.P @ ca.vertcat(g, X[:n]) + elastic.Q @ X[n:]
-    jacobian = ca.horzcat(elastic.P @ ca.vertcat(J, ca.MX(ca.DM.eye(n))), ca.MX(elastic.Q))
-    H = functions["nlp_hess_l"](X[:n], p, 0.0, (elastic.P.T @ lam)[:n_g])
-    hessian = ca.diagcat(H + lam_f * _STAY * ca.DM.eye(n), ca.MX(k, k))
-    inputs, names = [X, none], ["x", "p"]
-    cache = (
-        ca.Function("nlp_f", inputs, [f], names, ["f"]),
-        ca.Function("nlp_g", inputs, [rows], names, ["g"]),
-        ca.Function("nlp_grad_f", inputs, [f, ca.vertcat(_STAY * away, ca.MX.ones(k))], names, ["f", "grad_f_x"]),
-        ca.Function("nlp_jac_g", inputs, [rows, jacobian], names, ["g", "jac_g_x"]),
-        ca.Function("nlp_hess_l", [X, none, lam_f, lam], [ca.triu(hessian)], [*names, "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]),
-        # Asked for at construction, never called.
-        ca.Function("nlp_grad", [X, none, lam_f, lam], [f, rows, jacobian.T @ lam, none], [*names, "lam_f", "lam_g"], _GRADIENTS),
-    )
-    options = {
-        "cache": {function.name(): function for function in cache},
-        "error_on_fail": False,
-        "print_time": False,
-        "calc_lam_p": False,
-        "ipopt": {"print_level": 0, "sb": "yes", "max_iter": _ITERATIONS, "max_wall_time": max(time_limit, 0.1)},
-    }
-    return ca.nlpsol("phase_one", "ipopt", {"x": X, "p": none, "f": f, "g": rows}, options)
-
-
 # Judge what a result of the solver means, and why a goal is missed or no motion keeps the constraints.
 
 _MISSED = 1e-3  # [unit of the row] residual of a goal level from which it counts as missed; weighted, where that is more
 _LONGER = (2.0, 4.0)  # shares of the horizon that are tried to tell "too short" from "unreachable"
+_UNHELD = "; no limit, constraint or level above holds it back: the robot does not get nearer"
 _HELPS = 0.9  # share of the residual that more time must leave at most to count as a help
 
 Solve = Callable[[OcpProblem, np.ndarray | None, float], LexicographicResult]
@@ -467,17 +495,15 @@ class Diagnosis:
 
     def _least(self, result: LexicographicResult) -> PhaseOne | None:
         """`None` where there is no time for it, or nobody waits for it."""
-        left = 0.0 if self.deadline is None else self.deadline - perf_counter()
-        if left <= 0.0 or not np.isfinite(result.x).all():
+        if self._left <= 0.0 or not np.isfinite(result.x).all():
             return None
         try:
-            return phase_one(self.transcription, self.problem, self.p, result.x, time_limit=left)
+            return phase_one(self.transcription, self.problem, self.p, result.x, time_limit=self._left)
         except KeyboardInterrupt:
             return None
 
     def _again(self, least: PhaseOne) -> SolveVerdict:
-        assert self.deadline is not None
-        result = self.solve(self.problem, least.x, max(self.deadline - perf_counter(), 0.0))
+        result = self.solve(self.problem, least.x, self._left)
         return self.verdict(result, again=False)
 
     # --- a goal is missed -----------------------------------------------------------------------------
@@ -498,35 +524,56 @@ class Diagnosis:
         """No more than what longer horizons show until the deadline; without a deadline none is tried."""
         residual = float(result.level_residuals[missed])
         text = f"level {self._name(missed)} is missed by {residual:.4g}"
-        held = self._held(missed, result)
+        held, failed = self._held(missed, result), ""
         if self.problem.free_time:
             return OcpStatus.MISSED, f"{text} with the best of all durations allowed{held}"
         if self.deadline is None:
-            return OcpStatus.MISSED, text + held
-        for share in _LONGER:
-            longer = replace(self.problem, phases=tuple(_stretched(phase, share) for phase in self.problem.phases))
-            trial = self.solve(longer, None, max(self.deadline - perf_counter(), 0.0))
+            return OcpStatus.MISSED, text
+        for longer in self._longer(residual):
+            trial = self.solve(longer, None, self._left)
             if trial.violation > self.feasibility or not trial.level_status[missed].optimal:
-                return OcpStatus.MISSED, f"{text}; a horizon of {_seconds(longer)} was tried in vain{held}"
-            rest = float(trial.level_residuals[missed])
+                failed = f"; a horizon of {_seconds(longer)} was tried in vain"
+                continue
+            rest, rates = float(trial.level_residuals[missed]), "" if held == _UNHELD else held
             if not self._is_missed(missed, rest):
-                return OcpStatus.TOO_SHORT, f"{text}; {_seconds(longer)} would do{held}"
+                return OcpStatus.TOO_SHORT, f"{text}; {_seconds(longer)} would do{rates}"
             if rest < _HELPS * residual:
-                return OcpStatus.TOO_SHORT, f"{text}; with {_seconds(longer)} it would be {rest:.4g}{held}"
+                return OcpStatus.TOO_SHORT, f"{text}; with {_seconds(longer)} it would be {rest:.4g}{rates}"
+        if failed:
+            return OcpStatus.MISSED, f"{text}{failed}{held}"
         return OcpStatus.UNREACHABLE, f"{text}, and more time does not help{held}"
 
+    @property
+    def _left(self) -> float:
+        """[s] until the deadline."""
+        return 0.0 if self.deadline is None else max(self.deadline - perf_counter(), 0.0)
+
+    def _longer(self, residual: float) -> Iterator[OcpProblem]:
+        """The last leaves every axis the time to move by the residual, at its limits from rest to rest."""
+        limits = self.problem.robot.limits
+        needed = np.concatenate([residual / limits.velocity, 2 * (residual / limits.acceleration) ** 0.5]).max(initial=0.0)
+        enough = 2 * float(needed) / float(self.problem.nominal_times()[-1])
+        for share in (*_LONGER, *([enough] if np.isfinite(enough) and enough > _LONGER[-1] else [])):
+            phases = tuple(replace(phase, duration=min(phase.nominal * share, DAY)) for phase in self.problem.phases)
+            yield replace(self.problem, phases=phases)
+
     def _held(self, missed: int, result: LexicographicResult) -> str:
-        """Describe the bounds that hold the goal back, for the end of a sentence."""
-        point = result.points[missed]
-        if point.row_multipliers is None or np.isnan(point.row_multipliers).any():
-            return ""  # not known
-        cost = float(self.transcription.costs(point.x, self.p)[missed]) if is_held(point) else 0.0
-        found = bindings(self.transcription, self.problem, point, missed, cost)
+        """Describe what holds the goal back, for the end of a sentence; empty where that is not known."""
+        residual = float(result.level_residuals[missed])
+        if self._left <= 0.0:
+            return ""
+        found = bindings(self.transcription, self.problem, self.p, result, missed, time_limit=self._left / 2)
+        if found is None:
+            return ""
         if not found:
-            return "; no limit, constraint or level above holds it back: the robot does not get nearer"
-        strongest = found[0]
-        change = strongest.group.change(strongest.needed(cost), strongest.axes)
-        return f"; held back by {_listed([item.group.named(item.axes) for item in found])}; to first order {change}"
+            return _UNHELD
+        names = [item.group.named(item.axes) for binding in found for item in binding.relaxations]
+        return f"; held back by {_listed(names)}: {'; or '.join(_change(binding, residual) for binding in found)}"
+
+
+def _change(binding: Binding, residual: float) -> str:
+    aim = f"for {binding.left * residual:.4g}" if binding.left > 0 else "to meet it"
+    return f"{aim}, {_listed([item.group.change(item.amount, item.axes) for item in binding.relaxations])}"
 
 
 def _describe_relaxations(least: PhaseOne) -> str:
@@ -546,7 +593,3 @@ def _seconds(problem: OcpProblem) -> str:
 
 def _first_failure(result: LexicographicResult) -> int | None:
     return next((i for i, status in enumerate(result.level_status) if not status.optimal), None)
-
-
-def _stretched(phase: OcpPhase, share: float) -> OcpPhase:
-    return replace(phase, duration=phase.nominal * share)

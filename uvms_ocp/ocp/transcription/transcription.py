@@ -429,9 +429,9 @@ class Transcription:
         """(n_constraints,) of what each constraint of the program stands for."""
         return tuple(self.row_layout.names[row] for row in self.row_layout.constraints.tolist())
 
-    def constraint_functions(self) -> dict[str, ca.Function]:
-        """``nlp_g``, ``nlp_jac_g`` and ``nlp_hess_l`` of the constraints alone, as IPOPT asks for them."""
-        return self._horizon.derivative_functions(0, self.row_layout.constraints, plugin="ipopt")
+    def row_functions(self, raw_rows: np.ndarray) -> dict[str, ca.Function]:
+        """``nlp_g``, ``nlp_jac_g`` and ``nlp_hess_l`` of the rows numbered raw_rows (m,), as IPOPT asks for them."""
+        return self._horizon.derivative_functions(0, raw_rows, plugin="ipopt")
 
     @cached_property
     def _costs(self) -> ca.Function:
