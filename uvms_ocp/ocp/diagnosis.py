@@ -186,7 +186,7 @@ class PhaseOne:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Rows:
+class _ElasticRows:
     """Constraints, the levels above that are held, and the level that is to be met; or the constraints alone."""
 
     raw: np.ndarray
@@ -198,12 +198,14 @@ class _Rows:
     grouped: GroupIndex
 
 
-def _constraint_rows(transcription: Transcription, problem: OcpProblem) -> _Rows:
+def _constraint_rows(transcription: Transcription, problem: OcpProblem) -> _ElasticRows:
     ranges, layout = transcription.ranges(problem), transcription.row_layout
-    return _Rows(raw=layout.constraints, lower=ranges.lower, upper=ranges.upper, grouped=row_groups(transcription, problem))
+    return _ElasticRows(
+        raw=layout.constraints, lower=ranges.lower, upper=ranges.upper, grouped=row_groups(transcription, problem)
+    )
 
 
-def _level_rows(transcription: Transcription, problem: OcpProblem, result: LexicographicResult, level: int) -> _Rows:
+def _level_rows(transcription: Transcription, problem: OcpProblem, result: LexicographicResult, level: int) -> _ElasticRows:
     """The last group is the level itself: an amount of 1 leaves all its rows as they are."""
     rows, ranges, layout = _constraint_rows(transcription, problem), transcription.ranges(problem), transcription.row_layout
     residual = np.abs(result.residuals[level])
@@ -222,7 +224,7 @@ def _level_rows(transcription: Transcription, problem: OcpProblem, result: Lexic
         scale=scale,
         axes=("",) * len(raw),
     )
-    return _Rows(
+    return _ElasticRows(
         raw=np.concatenate([rows.raw, raw]),
         lower=np.concatenate([rows.lower, lower]),
         upper=np.concatenate([rows.upper, upper]),
@@ -233,7 +235,7 @@ def _level_rows(transcription: Transcription, problem: OcpProblem, result: Lexic
 class _Elastic:
     """Rows ``P [g; x] + Q s`` within bounds, with amounts s >= 0 of the groups, and IPOPT for their weighted sum."""
 
-    def __init__(self, transcription: Transcription, problem: OcpProblem, rows: _Rows, p: np.ndarray) -> None:
+    def __init__(self, transcription: Transcription, problem: OcpProblem, rows: _ElasticRows, p: np.ndarray) -> None:
         """p: (n_p,) [unit of the parameter]."""
         self.grouped = grouped = _together(rows.grouped, variable_groups(transcription))
         self.groups, self.n_x = grouped.groups, transcription.n_x
