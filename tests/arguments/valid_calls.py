@@ -16,6 +16,7 @@ import casadi as ca
 import coal
 import numpy as np
 import pinocchio as pin
+from compiler import MISSING
 from public_surface import Call
 
 from uvms_ocp import control, mission, ocp, planning, report, sim, solvers, tasks, trajectories, without_arm
@@ -622,7 +623,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "Value": lambda: 1.0,
     "str | None": lambda: None,
     "Markers": dict,
-    "Sequence[Pose]": poses,
+    "Sequence[SymbolicPose]": poses,
     "FiniteTriple": lambda: (12.3, 37.0, -38.5),
     "tuple[int, ...]": lambda: (1, 1),
     "tuple[float, float]": lambda: (0.0, 0.0),
@@ -867,8 +868,8 @@ def _campaign() -> Campaign:
     return Campaign(scenario=scenario, runs=1)
 
 
-REFUSES = {"Task.residual", "BufferedFunction.__call__"}
-"""Calls that are never right: the base class of tasks refuses, and a list of arguments has no names."""
+REFUSES = {"Task.residual", "BufferedFunction.__call__", *(["export_controller"] if MISSING else [])}
+"""Calls that are never right: the base class of tasks refuses, a list of arguments has no names, an export needs a compiler."""
 
 EXPENSIVE = {
     *("write_figures", "write_plan_figures", "write_scene", "show"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
 import sys
 import traceback
@@ -307,7 +308,7 @@ def told_of(words: str) -> dict[str, Any]:
     """Call a command here: exit code, what it says, and the call that would go on, be it to compile."""
     from uvms_ocp.cli.commands import main
 
-    sys.argv = ["uvms-ocp", *words.split()]
+    sys.argv = ["uvms-ocp", *shlex.split(words)]
     out, err, code, reached = StringIO(), StringIO(), 0, ""
     with redirect_stdout(out), redirect_stderr(err):
         try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -112,10 +113,10 @@ def test_a_failure_of_ones_own_code_is_one_line_and_more_if_asked_for(kind: str,
     path = place / f"failing{len(kind)}.py"
     path.write_text(text.format(**{"scenario": "pass", "tick": "pass", **lines}) if lines else text)
     for command in ("run", "check") if "tick" not in lines else ("run",):
-        told = told_of(f"{command} {path}")
+        told = told_of(f"{command} {shlex.quote(str(path))}")
         assert (told["code"], told["err"].count("\n"), told["out"], told["reached"]) == (2, 1, "", "")
         assert f"error: {path}{said}" in told["err"]
-        more = told_of(f"{command} {path} --traceback")
+        more = told_of(f"{command} {shlex.quote(str(path))} --traceback")
         assert more["code"] == 2
         assert more["err"].endswith(told["err"])
         assert "Traceback (most recent call last)" in more["err"]

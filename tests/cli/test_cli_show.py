@@ -58,7 +58,7 @@ def test_a_run_and_its_ghost_are_written_as_one_page(run: Path, tmp_path: Path) 
     page = tmp_path / ("a_path_that_is_wider_than_a_terminal_" * 3) / "scene.html"
     process = show(run, "--ghost", run / "record.npz", "--out", page)
     assert process.returncode == 0, process.stderr
-    assert process.stdout.split() == [str(page)]
+    assert process.stdout.splitlines() == [str(page)]
     assert "swing" in legend(page)
 
 

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from compiler import needs_compiler
 
 from uvms_ocp.cli.compilation import show_compilation, warned_behind_errors
 from uvms_ocp.codegen.compile import PROGRESS, compile_library
@@ -14,6 +15,7 @@ from uvms_ocp.codegen.compile import PROGRESS, compile_library
 LOGGER = logging.getLogger("uvms_ocp.codegen.compile")
 
 
+@needs_compiler
 def test_it_tells_what_is_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path / "cache"))
     told = list[str]()

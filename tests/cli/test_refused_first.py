@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from compiler import needs_compiler
 from refusals import REFUSED, furnish
 
 COMMAND = (sys.executable, "-m", "uvms_ocp")
@@ -80,6 +81,7 @@ def test_a_refusal_is_the_only_line_of_a_new_process(words: str, empty: Path, pl
     assert not empty.exists()
 
 
+@needs_compiler
 def test_an_error_that_comes_while_it_runs_is_the_only_line_too(empty: Path, place: Path) -> None:
     furnish(place)
     process = called(*FAILS, "--json", cwd=place)
@@ -98,6 +100,7 @@ def test_without_a_compiler_an_error_is_the_only_line_too(empty: Path, place: Pa
     assert line.startswith("error: state of plant")
 
 
+@needs_compiler
 def test_progress_is_not_said_where_stderr_is_no_terminal(empty: Path, place: Path) -> None:
     process = called(*SHORT, cwd=place)
     assert process.returncode == 3
@@ -119,7 +122,11 @@ def test_what_makes_it_slower_is_said_once_in_one_line(reason: str, empty: Path,
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals there")
-@pytest.mark.parametrize("words", [FAILS, ("run", "mission.py:swept"), ("plan", "mission", "transit")], ids=" ".join)
+@pytest.mark.parametrize(
+    "words",
+    [pytest.param(FAILS, marks=needs_compiler), ("run", "mission.py:swept"), ("plan", "mission", "transit")],
+    ids=" ".join,
+)
 def test_on_a_terminal_an_error_is_the_last_line(words: tuple[str, ...], empty: Path, place: Path) -> None:
     furnish(place)
     lines = _on_a_terminal(*words, cwd=place)

@@ -10,6 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from compiler import needs_compiler
 
 import uvms_ocp as uo
 from uvms_ocp.codegen.kernel_layout import doubles, structure_of
@@ -199,6 +200,7 @@ def test_nothing_is_measured_for_a_task_that_is_off(robot: Robot, monkeypatch: p
         KinematicController(robot=robot, mission=on, solver=uo.LexicographicActiveSet(), dt=DT).observe(at, 0.0)
 
 
+@needs_compiler
 def test_kernels_and_python_measure_the_same_of_shapes_that_have_a_form_in_c(robot: Robot) -> None:
     """In motion, where bounds stand in for what is far; Python, as `evaluate` asks it, takes the distances of all pairs."""
     rocks, rng = [ball(1.6, 0.4, -0.3), ball(-1.8, 0.0, 0.4)], np.random.default_rng(6)

@@ -9,6 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from compiler import needs_compiler
 
 from uvms_ocp.control.velocity.abort import ActuationFeedback, ascent_goal
 from uvms_ocp.control.velocity.kinematic import KinematicController
@@ -69,6 +70,7 @@ def twins(build: Callable[[], KinematicController], monkeypatch: pytest.MonkeyPa
     return quick, slow
 
 
+@needs_compiler
 def test_a_controller_whose_kernels_are_python_gives_the_same_bits(scenario: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
     quick, slow = twins(scenario.controller, monkeypatch)
     fed = babble(scenario, 260)
@@ -110,6 +112,7 @@ def going_to_and_fro(scenario: Scenario) -> Mission:
     return replace(scenario.mission, phases=phases, ramp=0.3)
 
 
+@needs_compiler
 def test_transitions_are_those_of_the_mission_alone_in_c_and_in_python(
     scenario: Scenario, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -130,6 +133,7 @@ def test_transitions_are_those_of_the_mission_alone_in_c_and_in_python(
     assert state.aborted.startswith("3 retries are used up: PC.position_error")
 
 
+@needs_compiler
 def test_giving_up_is_that_of_the_mission_alone_in_c_and_in_python(scenario: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
     assert scenario.mission.abort is not None
     mission = replace(scenario.mission, abort=replace(scenario.mission.abort, stall_after=0.3, time_limit=0.4, altitude=6.0))
@@ -164,6 +168,7 @@ def towards_a_ball(robot: Robot) -> KinematicController:
     return KinematicController(robot=robot, mission=mission, solver=LexicographicActiveSet(), dt=DT)
 
 
+@needs_compiler
 def test_distances_and_their_limits_in_python_give_the_same_bits(scenario: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
     robot = scenario.robot
     quick, slow = twins(lambda: towards_a_ball(robot), monkeypatch)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from compiler import needs_compiler
 from own_examples import Bursts, ComplementaryFilter, CopiedFilter, DoubleIntegrator, ExtraDrag, Pid
 
 from uvms_ocp import export_controller
@@ -246,6 +247,7 @@ def test_a_fault_that_an_own_part_does_not_have_is_refused(parts: dict[str, Any]
         replace(case1(faults=(fault,)), **parts)
 
 
+@needs_compiler
 def test_parts_that_are_not_exported_do_not_stand_in_the_way(tmp_path: Path) -> None:
     scenario = short(plant=DoubleIntegrator, estimator=CopiedFilter)
     export_controller(scenario, tmp_path / "c")

@@ -71,7 +71,7 @@ class ExperimentLimits:
         return np.asarray(np.diff(self.pool, axis=0)[0] / 2)
 
     def swept(self, x: np.ndarray) -> np.ndarray:
-        """(2, 3) [m] lowest and highest corner of a box in W that holds the hull at all states x (n, n_x) [as `Stage`]."""
+        """(2, 3) [m] lowest and highest corner of a box in W that holds the hull at all states x (n, n_x) [as `StageFunctions`]."""
         R = _turned(x[:, 3:7])
         middle, reach = x[:, :3] + R @ self.hull.mean(axis=0), np.abs(R) @ (np.diff(self.hull, axis=0)[0] / 2)
         return np.array([(middle - reach).min(axis=0), (middle + reach).max(axis=0)])
@@ -146,7 +146,7 @@ class ExperimentTrajectory:
     """Simulated trajectory from rest, in steps of one length, with its sensitivities."""
 
     x: np.ndarray
-    """(n + 1, n_x) [as `Stage`]"""
+    """(n + 1, n_x) [as `StageFunctions`]"""
     u: np.ndarray
     """(n, n_u) [N, N m] commands as they act, late."""
     late: np.ndarray
@@ -164,7 +164,7 @@ class ExperimentTrajectory:
 
 
 class TrajectorySimulator:
-    """Simulator of a vehicle with unknowns p (n_p,) [as `Unknowns.start`], in steps h [s], with joints (3 n_j,) [as `Stage`]."""
+    """Simulator of a vehicle with unknowns p (n_p,) [as `Unknowns.start`], in steps h [s], with joints (3 n_j,) [as `StageFunctions`]."""
 
     def __init__(self, rollout: Rollout, p: np.ndarray, h: float, joints: np.ndarray) -> None:
         self._rollout, self._stage, self._p, self.h = rollout, rollout.stage, p, h
@@ -173,7 +173,7 @@ class TrajectorySimulator:
         self.delay, self._late, self._seen_late = float(delays[0, 0]), slopes[0], slopes[1]
 
     def states(self, u: np.ndarray) -> np.ndarray:
-        """(n + 1, n_x) [as `Stage`] after commands u (n, n_u) [N, N m] as they act."""
+        """(n + 1, n_x) [as `StageFunctions`] after commands u (n, n_u) [N, N m] as they act."""
         x = np.concatenate([_AT_REST, np.zeros(N_V + self._stage.n_u)])
         whole = self._rollout.many("step", self._rollout.step, len(u), 1)
         (after,) = self._outputs(("step", len(u)), whole, x, *self._given(u))

@@ -62,7 +62,7 @@ class ExperimentTask:
 
     @property
     def still(self) -> np.ndarray:
-        """(3 n_j,) [as `Stage` has joints]"""
+        """(3 n_j,) [as `StageFunctions` has joints]"""
         n_j = self.vehicle.dynamics.model.nv - N_V
         return np.concatenate([self.joints or np.zeros(n_j), np.zeros(2 * n_j)])
 
@@ -116,7 +116,7 @@ class Excitation:
     commands: Channel
     """(n, n_u) [N, N m] held for a step each; they begin with 0."""
     states: np.ndarray
-    """(k, n_x) [as `Stage`] that they lead to, from rest, in the finer steps of the last simulation."""
+    """(k, n_x) [as `StageFunctions`] that they lead to, from rest, in the finer steps of the last simulation."""
     swept: np.ndarray
     """(2, 3) [m] lowest and highest corner of what the hull sweeps, in W, from where the vehicle's origin begins."""
     numbers: tuple[IdentifiedNumber, ...]
@@ -146,7 +146,7 @@ def excitation_of(given: ExperimentTask, rollout: Rollout, commands: Channel) ->
 
 
 def simulate_commands(given: ExperimentTask, rollout: Rollout, commands: Channel, p: np.ndarray) -> np.ndarray:
-    """States (k, n_x) [as `Stage`] to which commands lead a vehicle with unknowns p (n_p,) [as `Unknowns.start`]."""
+    """States (k, n_x) [as `StageFunctions`] to which commands lead a vehicle with unknowns p (n_p,) [as `Unknowns.start`]."""
     step = float(commands.t[1] - commands.t[0]) / FINER
     courses = experiment.TrajectorySimulator(rollout, p, step, given.still)
     edges = commands.t[0] + experiment.edges_of(FINER * len(commands.t), step, courses.delay)
@@ -266,7 +266,7 @@ class Objective:
     wanted: np.ndarray
     """(m,) [units of numbers] standard errors that those of the aim are compared with."""
     off: np.ndarray = field(default_factory=lambda: np.zeros(1))
-    """(n + 1, n_x) [as `Stage`], or none (1,), that states are truly beside the course."""
+    """(n + 1, n_x) [as `StageFunctions`], or none (1,), that states are truly beside the course."""
 
     def value(self, knots: np.ndarray, price: float) -> tuple[float, np.ndarray]:
         """At knots (n_knots, n_u) [N, N m], with its slope [1/N, 1/(N m)]; price of leaving the pool."""

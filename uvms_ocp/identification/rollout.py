@@ -37,7 +37,7 @@ class Segment:
     commands: ZeroOrderHold
     """Commands of the actuators."""
     joints: np.ndarray
-    """(3 n_j, n) [rad, rad/s, rad/s2] in the middle of each step, as `Stage` has them."""
+    """(3 n_j, n) [rad, rad/s, rad/s2] in the middle of each step, as `StageFunctions` has them."""
     t: tuple[np.ndarray, ...]
     """Three of (m,) [s]: of the samples of each sensor."""
     measured: tuple[np.ndarray, ...]

@@ -266,7 +266,9 @@ def _known(robot: Robot) -> Robot:
 
 def _joined(faults: Sequence[RobotDataError]) -> RobotDataError:
     first, *others = faults
-    return RobotDataError(first.path, *first.problems, *(f"{e.path}: {text}" for e in others for text in e.problems))
+    names = [e.path.name if e.path.parent == first.path.parent else e.path for e in others]
+    beside = (f"{name}: {text}" for name, e in zip(names, others, strict=True) for text in e.problems)
+    return RobotDataError(first.path, *first.problems, *beside)
 
 
 def files_of(path: Path, hydrodynamics: Path | str | None = None) -> dict[str, Any]:
