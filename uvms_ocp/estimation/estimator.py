@@ -31,26 +31,11 @@ from uvms_ocp.estimation.filter_memory import (
 )
 from uvms_ocp.estimation.joint_filters import fuse_joints, predict_joints
 from uvms_ocp.estimation.measurement_update import fuse
-from uvms_ocp.estimation.vehicle_model import (
-    inflate_velocity_variance,
-    predict,
-    predict_measurement,
-    rotate_back,
-    rotation,
-)
+from uvms_ocp.estimation.vehicle_model import inflate_velocity_variance, predict, predict_measurement, rotate_back, rotation
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.robot.kinematics import STEEP
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import (
-    CHANNELS,
-    IDEAL_SENSORS,
-    Command,
-    Reading,
-    Readings,
-    SensorSpec,
-    SensorSpecs,
-    StateEstimate,
-)
+from uvms_ocp.robot.signals import CHANNELS, IDEAL_SENSORS, Command, Reading, Readings, SensorSpec, SensorSpecs, StateEstimate
 from uvms_ocp.types import Array
 
 # One tick of the Kalman filter, as a kernel: from the inputs in its memory to the outputs there.

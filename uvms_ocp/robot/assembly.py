@@ -16,15 +16,7 @@ import pinocchio as pin
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.coefficients import links_in_water
-from uvms_ocp.robot.description import (
-    Cylinder,
-    LinkDescription,
-    Pose,
-    RobotDescription,
-    TrimBody,
-    Vector3,
-    checked_copy,
-)
+from uvms_ocp.robot.description import Cylinder, LinkDescription, Pose, RobotDescription, TrimBody, Vector3, checked_copy
 from uvms_ocp.robot.loading import robot_of, trim_inertia
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.roles import tools_of

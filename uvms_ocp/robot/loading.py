@@ -21,15 +21,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound, RobotDataError
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.description import RobotDescription, TrimBody, checked_copy, forward_left_up, read_description
-from uvms_ocp.robot.limits import (
-    ASSUMED_ACCELERATION,
-    ASSUMED_VELOCITY,
-    held_joints,
-    home_of,
-    joints_of,
-    limits_of,
-    open_joints,
-)
+from uvms_ocp.robot.limits import ASSUMED_ACCELERATION, ASSUMED_VELOCITY, held_joints, home_of, joints_of, limits_of, open_joints
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.roles import with_roles
 from uvms_ocp.robot.urdf import UrdfModels, UrdfReading, read_urdf

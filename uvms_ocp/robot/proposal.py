@@ -24,15 +24,7 @@ from uvms_ocp.robot.description import Box, LinkDescription, Pose, RobotDescript
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 from uvms_ocp.robot.loading import assemble, link_masses
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.roles import (
-    CHOOSE,
-    Roles,
-    find_roles,
-    is_altimeter_name,
-    is_dvl_name,
-    is_propeller_name,
-    is_steering_name,
-)
+from uvms_ocp.robot.roles import CHOOSE, Roles, find_roles, is_altimeter_name, is_dvl_name, is_propeller_name, is_steering_name
 from uvms_ocp.robot.urdf import UrdfModels, UrdfReading, models_and_notes, read_urdf, read_urdf_xml
 
 _WATER = 1025.0  # [kg/m3] the sea

@@ -27,15 +27,7 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.errors import InvalidInput, RobotDataError
 from uvms_ocp.record.untrusted import note_file_read, read_xml
-from uvms_ocp.robot.urdf_checks import (
-    Findings,
-    check_urdf,
-    quoted,
-    read_number,
-    read_sizes,
-    read_vector,
-    unread_words,
-)
+from uvms_ocp.robot import urdf_checks
 
 # Does the model that Pinocchio built hold the numbers of the XML?
 
@@ -58,7 +50,7 @@ def check_agreement(path: Path, root: Element, model: pin.Model, shapes: Sequenc
 
     shapes: the visual ones, then those for collision.
     """
-    findings = Findings(path)
+    findings = urdf_checks.Findings(path)
     with np.errstate(over="ignore", invalid="ignore"):  # what comes of it is no number, which agrees with nothing
         mounts = _mounts(path, root, model)
         findings.attempt(_check_inertias, path, root, model, mounts)
@@ -112,7 +104,7 @@ def _mount_below(path: Path, joint: Element, parent: _Mount, model: pin.Model) -
 def _origin(path: Path, element: Element) -> pin.SE3:
     origin = element.find("origin")
     vectors = (
-        read_vector(path, origin, key, "origin") if origin is not None and key in origin.attrib else (0.0, 0.0, 0.0)
+        urdf_checks.read_vector(path, origin, key, "origin") if origin is not None and key in origin.attrib else (0.0, 0.0, 0.0)
         for key in ("xyz", "rpy")
     )
     xyz, rpy = map(np.array, vectors)
@@ -139,8 +131,8 @@ def _check_inertias(path: Path, root: Element, model: pin.Model, mounts: dict[st
 
 def _inertia(path: Path, inertial: Element) -> np.ndarray:
     """(6, 6) [kg, kg m2] about the centre of mass, linear axes first."""
-    mass = read_number(path, inertial.find("mass"), "value", "mass")
-    values = [read_number(path, inertial.find("inertia"), key, key) for key in _INERTIA]
+    mass = urdf_checks.read_number(path, inertial.find("mass"), "value", "mass")
+    values = [urdf_checks.read_number(path, inertial.find("inertia"), key, key) for key in _INERTIA]
     matrix = np.diag([mass, mass, mass, 0.0, 0.0, 0.0])
     matrix[3:, 3:] = np.reshape(values, (3, 3))
     return matrix
@@ -155,7 +147,7 @@ def _check_joint(path: Path, joint: Element, model: pin.Model) -> None:
         _check_equal(path, f"{where} {what}", np.full(built.nv, value), values[v])
     if joint.get("type") in ("revolute", "prismatic"):
         for key, positions in (("lower", model.lowerPositionLimit), ("upper", model.upperPositionLimit)):
-            limit = read_number(path, joint.find("limit"), key, key, default=0.0)
+            limit = urdf_checks.read_number(path, joint.find("limit"), key, key, default=0.0)
             _check_equal(path, f"{where} limit {key}", limit, positions[built.idx_q])
 
 
@@ -163,16 +155,16 @@ def _velocity_numbers(path: Path, joint: Element, model: pin.Model) -> Iterator[
     """Limits of a joint per velocity: its name, the number of the XML, the numbers of the model."""
     limit, dynamics = joint.find("limit"), joint.find("dynamics")
     for key, values in (("velocity", model.upperVelocityLimit), ("effort", model.upperEffortLimit)):
-        yield f"limit {key}", read_number(path, limit, key, key, default=np.inf), values
+        yield f"limit {key}", urdf_checks.read_number(path, limit, key, key, default=np.inf), values
     for key, values in (("damping", model.damping), ("friction", model.upperDryFrictionLimit)):
-        yield f"dynamics {key}", read_number(path, dynamics, key, key, default=0.0), values
+        yield f"dynamics {key}", urdf_checks.read_number(path, dynamics, key, key, default=0.0), values
 
 
 def _check_axis(path: Path, joint: Element, where: str, model: pin.Model) -> None:
     kind, axis = joint.get("type"), joint.find("axis")
     if kind == "floating":
         return
-    vector = np.array((1.0, 0.0, 0.0) if axis is None else read_vector(path, axis, "xyz", where))
+    vector = np.array((1.0, 0.0, 0.0) if axis is None else urdf_checks.read_vector(path, axis, "xyz", where))
     built = model.joints[model.getJointId(joint.get("name", ""))]
     data = built.createData()
     built.calc(data, pin.neutral(model))
@@ -201,7 +193,7 @@ def _check_shape(path: Path, element: Element, mount: _Mount, built: pin.Geometr
     _check_close(path, f"{where} origin", X.homogeneous, built.placement.homogeneous)
     if shape is None:
         _refuse(path, where, "nothing", "a shape")
-    stated, sizes = read_sizes(path, shape, where), _sizes(shape.tag, built)
+    stated, sizes = urdf_checks.read_sizes(path, shape, where), _sizes(shape.tag, built)
     if sizes is None:
         _refuse(path, where, f"a {shape.tag}", type(built.geometry).__name__)
     _check_equal(path, f"{where} {'scale' if shape.tag == 'mesh' else 'size'}", stated, sizes)
@@ -234,7 +226,7 @@ def _check_close(path: Path, where: str, stated: np.ndarray, built: np.ndarray, 
 
 
 def _refuse(path: Path, where: str, stated: object, built: object) -> NoReturn:
-    file, model = (quoted(" ".join(str(value).split())) for value in (stated, built))
+    file, model = (urdf_checks.quoted(" ".join(str(value).split())) for value in (stated, built))
     problem = f"{where}: the file says {file}, the model that Pinocchio builds has {model}; write what both agree on"
     raise RobotDataError(path, problem)
 
@@ -279,15 +271,17 @@ def prepare(path: Path, root: Element, reading: UrdfReading, *, free_flyer: bool
 
     Raises ``RobotDataError`` with all mistakes.
     """
-    findings = Findings(path)
+    findings = urdf_checks.Findings(path)
     _drop(findings, root, reading.drop)
     if not reading.meshes:
         _drop_meshes(findings, root)
     if free_flyer:
         _drop_floating_root(findings, root)
-    unread = findings.attempt(unread_words, path, root)
+    unread = findings.attempt(urdf_checks.unread_words, path, root)
     locked = _locked(findings, root, reading)
-    notes = findings.attempt(partial(check_urdf, let_mimic=reading.mimic is not None, locked=locked), path, root) or []
+    notes = (
+        findings.attempt(partial(urdf_checks.check_urdf, let_mimic=reading.mimic is not None, locked=locked), path, root) or []
+    )
     findings.refuse()
     for joint in root.findall("joint"):
         if joint.get("name") in locked:
@@ -300,7 +294,7 @@ def prepare(path: Path, root: Element, reading: UrdfReading, *, free_flyer: bool
     return findings.notes
 
 
-def _drop(findings: Findings, root: Element, links: Iterable[str]) -> None:
+def _drop(findings: urdf_checks.Findings, root: Element, links: Iterable[str]) -> None:
     for name in links:
         if root.find(f"link[@name={name!r}]") is None:
             known = ", ".join(link.get("name", "") for link in root.findall("link"))
@@ -318,7 +312,7 @@ def _drop(findings: Findings, root: Element, links: Iterable[str]) -> None:
                 waiting.append(_end(joint, "child"))
 
 
-def _drop_meshes(findings: Findings, root: Element) -> None:
+def _drop_meshes(findings: urdf_checks.Findings, root: Element) -> None:
     dropped = dict.fromkeys(("visual", "collision"), 0)
     for link in root.findall("link"):
         for kind in dropped:
@@ -331,7 +325,7 @@ def _drop_meshes(findings: Findings, root: Element) -> None:
         findings.notes.append(f"without meshes: {counts} shapes are left out")
 
 
-def _drop_floating_root(findings: Findings, root: Element) -> None:
+def _drop_floating_root(findings: urdf_checks.Findings, root: Element) -> None:
     """A world on which the robot floats is the world that every free-flyer has."""
     children = {_end(joint, "child") for joint in root.findall("joint")}
     tops = [link for link in root.findall("link") if link.get("name") not in children]
@@ -345,7 +339,7 @@ def _drop_floating_root(findings: Findings, root: Element) -> None:
         findings.notes.append(f"joint {joint!r} floats on the empty link {world!r}: both are the free base of the vehicle")
 
 
-def _locked(findings: Findings, root: Element, reading: UrdfReading) -> dict[str, float]:
+def _locked(findings: urdf_checks.Findings, root: Element, reading: UrdfReading) -> dict[str, float]:
     """Positions of the joints that do not move."""
     names = [joint.get("name", "") for joint in root.findall("joint") if joint.get("type") != "fixed"]
     for name in reading.lock:
@@ -358,7 +352,7 @@ def _locked(findings: Findings, root: Element, reading: UrdfReading) -> dict[str
 
 
 def _position(
-    findings: Findings, root: Element, joint: Element, given: Mapping[str, float], followers: tuple[str, ...] = ()
+    findings: urdf_checks.Findings, root: Element, joint: Element, given: Mapping[str, float], followers: tuple[str, ...] = ()
 ) -> float:
     """Where a joint is: as given, ``multiplier * leader + offset`` of one that mimics, or else 0, or mid-range.
 
@@ -367,7 +361,7 @@ def _position(
     name, mimic, limit = joint.get("name", ""), joint.find("mimic"), joint.find("limit")
 
     def read(element: Element | None, key: str, default: float) -> float:
-        found = findings.attempt(read_number, findings.path, element, key, f"joint {name!r} {key}", default)
+        found = findings.attempt(urdf_checks.read_number, findings.path, element, key, f"joint {name!r} {key}", default)
         return default if found is None else found
 
     if name in given:
@@ -388,7 +382,7 @@ def _position(
 def _lock(path: Path, joint: Element, position: float) -> None:
     """Make a joint a fixed one, at a position [rad or m]."""
     axis = joint.find("axis")
-    vector = np.array((1.0, 0.0, 0.0) if axis is None else read_vector(path, axis, "xyz", "axis"))
+    vector = np.array((1.0, 0.0, 0.0) if axis is None else urdf_checks.read_vector(path, axis, "xyz", "axis"))
     along = position * vector / np.linalg.norm(vector)
     slides = joint.get("type") == "prismatic"
     X = _origin(path, joint) * (pin.SE3(np.eye(3), along) if slides else pin.SE3(pin.exp3(along), np.zeros(3)))
@@ -422,7 +416,7 @@ def models_and_notes(
     """As `read_urdf`, with what it warns of. Raises `RobotDataError`, as it does."""
     root = read_urdf_xml(path)
     notes = prepare(path, root, reading, free_flyer=free_flyer)
-    findings = Findings(path)
+    findings = urdf_checks.Findings(path)
     _resolve_meshes(findings, root, (*(folder.resolve() for folder in package_dirs), *path.resolve().parents))
     models = _build(findings, root, free_flyer)
     return models, _shown([*notes, *findings.notes])
@@ -441,7 +435,7 @@ def read_urdf_xml(path: Path) -> Element:
     return root
 
 
-def _resolve_meshes(findings: Findings, root: Element, search: Iterable[Path]) -> None:
+def _resolve_meshes(findings: urdf_checks.Findings, root: Element, search: Iterable[Path]) -> None:
     folders = tuple(search)
     for link in root.findall("link"):
         for kind in ("visual", "collision"):
@@ -450,13 +444,13 @@ def _resolve_meshes(findings: Findings, root: Element, search: Iterable[Path]) -
                     given = mesh.get("filename", "")
                     found = find_mesh(findings.path, given, folders)
                     if found is None:
-                        _give_up(findings, link, shape, f"mesh {quoted(given)} not found")
+                        _give_up(findings, link, shape, f"mesh {urdf_checks.quoted(given)} not found")
                     else:
                         mesh.set("filename", str(found))
     findings.refuse()
 
 
-def _give_up(findings: Findings, link: Element, shape: Element, problem: str) -> None:
+def _give_up(findings: urdf_checks.Findings, link: Element, shape: Element, problem: str) -> None:
     """What cannot be read is left out where it is only drawn; a fault of the file otherwise."""
     where = f"link {link.get('name')!r} {shape.tag}: {problem}"
     if shape.tag == "visual":
@@ -529,7 +523,7 @@ def _in_package(folder: Path, package: str, inside: str) -> list[Path]:
     return []
 
 
-def _build(findings: Findings, root: Element, free_flyer: bool) -> UrdfModels:
+def _build(findings: urdf_checks.Findings, root: Element, free_flyer: bool) -> UrdfModels:
     path = findings.path
     try:
         model = pin.buildModelFromXML(_text(root), *([pin.JointModelFreeFlyer()] if free_flyer else []))
@@ -554,7 +548,7 @@ def _shapes(model: pin.Model, root: Element) -> list[pin.GeometryModel]:
     return [pin.buildGeomFromUrdfString(model, _text(root), kind) for kind in kinds]
 
 
-def _drop_unreadable_meshes(findings: Findings, root: Element) -> None:
+def _drop_unreadable_meshes(findings: urdf_checks.Findings, root: Element) -> None:
     """Leave out meshes that coal cannot read, where they are only drawn. Raises ``RobotDataError`` for the others."""
     loader = coal.MeshLoader()
     for link in root.findall("link"):

@@ -18,12 +18,7 @@ from uvms_ocp.codegen.elementwise import Array, clipped, where
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, assign, structure_of
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness
-from uvms_ocp.control.force.minimum_power import (
-    LimitedThrustMemory,
-    limited_thrust,
-    minimum_power,
-    prepare_minimum_power,
-)
+from uvms_ocp.control.force.minimum_power import LimitedThrustMemory, limited_thrust, minimum_power, prepare_minimum_power
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.description import Power, Thruster
 from uvms_ocp.robot.robot import Robot

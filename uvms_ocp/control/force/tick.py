@@ -13,6 +13,7 @@ from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.control.faults.detection import FaultDetection, detect_faults, pause_detection
 from uvms_ocp.control.faults.monitor import detection_sizes, write_detection
 from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, ThrusterEffectiveness, effective_thrust
+from uvms_ocp.control.force import tick_functions
 from uvms_ocp.control.force.allocation import (
     LARGEST_WRENCH,
     AllocationMemory,
@@ -20,19 +21,6 @@ from uvms_ocp.control.force.allocation import (
     allocation_of,
     allocation_sizes,
     apply_effectiveness,
-)
-from uvms_ocp.control.force.tick_functions import (
-    AllocatedThrust,
-    DesiredForce,
-    ForceInputs,
-    ForceLaws,
-    ForceOutputs,
-    ForceState,
-    MonitorStep,
-    column_places,
-    command_function,
-    control_function,
-    observe_function,
 )
 from uvms_ocp.control.force.velocity_law import BandwidthDerating
 from uvms_ocp.errors import InvalidInput
@@ -59,7 +47,7 @@ class ForceMemory(Layout):
     # inputs of a tick; of `inputs` all but `joints`, which the tick finds
     t: float
     """[s] time of the tick."""
-    inputs: ForceInputs
+    inputs: tick_functions.ForceInputs
     brakes: bool
     """Joints are to be locked."""
     joint_age: float
@@ -69,15 +57,15 @@ class ForceMemory(Layout):
     # remembered
     effectiveness: ThrusterEffectiveness
     """Effectiveness of the thrusters that commands reckon with."""
-    state: ForceState
+    state: tick_functions.ForceState
     detection: FaultDetection
     allocation: AllocationMemory
     # found
-    observed: ForceState
+    observed: tick_functions.ForceState
     """State after the observer, before the commands of this tick."""
-    desired: DesiredForce
-    allocated: AllocatedThrust
-    outputs: ForceOutputs
+    desired: tick_functions.DesiredForce
+    allocated: tick_functions.AllocatedThrust
+    outputs: tick_functions.ForceOutputs
     locks: bool
     """Joints are to be locked; without joints, whether the vehicle holds."""
     gives_up: bool
@@ -139,9 +127,9 @@ def _leave_jammed(m: ForceMemory) -> None:
 
 def _detect_faults(m: ForceMemory) -> None:
     """Detect faults of thrusters and joints, and do without what is faulty from now on."""
-    if m.observed.watch[0] == MonitorStep.PAUSED:
+    if m.observed.watch[0] == tick_functions.MonitorStep.PAUSED:
         pause_detection(m.detection)
-    elif m.observed.watch[0] == MonitorStep.DUE and _write_observation(m):
+    elif m.observed.watch[0] == tick_functions.MonitorStep.DUE and _write_observation(m):
         if detect_faults(m.detection, m.t):
             apply_detected_effectiveness(m)
         m.gives_up = m.detection.judged and not m.detection.authority.can_go_on
@@ -188,7 +176,9 @@ class ForceTick:
     Holds its state: build one per run. Not for use from two threads at once.
     """
 
-    def __init__(self, laws: ForceLaws, derating: BandwidthDerating | None = None, *, compiled: bool = True) -> None:
+    def __init__(
+        self, laws: tick_functions.ForceLaws, derating: BandwidthDerating | None = None, *, compiled: bool = True
+    ) -> None:
         """derating: for the dead time of the sensors. compiled: in C where there is a compiler."""
         structure = structure_of(ForceMemory, **_sizes(laws))
         self.memory: ForceMemory
@@ -196,16 +186,16 @@ class ForceTick:
         self.memory, (begin, self._step, self._adapt) = make_memory(
             structure, (begin_force, force_step, apply_detected_effectiveness), compiled=compiled
         )
-        self.inputs: ForceInputs = arrays_of(self.memory.inputs)
+        self.inputs: tick_functions.ForceInputs = arrays_of(self.memory.inputs)
         """Inputs of the next tick."""
-        parts = {name: getattr(self.memory.inputs, name) for name in ForceInputs.__dataclass_fields__}
-        self._flags = ForceInputs(**parts)  # of ctypes, which take single numbers sooner than NumPy
-        self.observed: ForceState = arrays_of(self.memory.observed)
+        parts = {name: getattr(self.memory.inputs, name) for name in tick_functions.ForceInputs.__dataclass_fields__}
+        self._flags = tick_functions.ForceInputs(**parts)  # of ctypes, which take single numbers sooner than NumPy
+        self.observed: tick_functions.ForceState = arrays_of(self.memory.observed)
         """State of the last tick after its observer."""
-        self.state: ForceState = arrays_of(self.memory.state)
+        self.state: tick_functions.ForceState = arrays_of(self.memory.state)
         """State that the next tick starts from."""
         self._outputs = column_view(self.memory.outputs)
-        self._places = tuple(column_places(ForceOutputs, laws.sizes).values())
+        self._places = tuple(tick_functions.column_places(tick_functions.ForceOutputs, laws.sizes).values())
         self._write(laws, derating or BandwidthDerating())
         begin(self.memory)
 
@@ -247,7 +237,7 @@ class ForceTick:
         """Adopt the effectiveness in the memory of fault detection, as a tick does that has found a fault."""
         self._adapt(self.memory)
 
-    def _write(self, laws: ForceLaws, derating: BandwidthDerating) -> None:
+    def _write(self, laws: tick_functions.ForceLaws, derating: BandwidthDerating) -> None:
         memory, robot = self.memory, laws.robot
         memory.bandwidth_share, memory.joint_bandwidth_share = derating.vehicle, derating.joints
         memory.joints_late = derating.joints_late
@@ -259,7 +249,7 @@ class ForceTick:
 
 
 @lru_cache(maxsize=8)
-def _sizes(laws: ForceLaws) -> dict[str, Any]:
+def _sizes(laws: tick_functions.ForceLaws) -> dict[str, Any]:
     """Return the sizes and functions of a `ForceMemory`."""
     period = laws.velocity.dt * (laws.residual_filter.every if laws.residual_filter else 1)
     symbolic, search = laws.velocity.dynamics, laws.search or ActuatorHealthTuning()
@@ -267,7 +257,7 @@ def _sizes(laws: ForceLaws) -> dict[str, Any]:
         **detection_sizes(laws.robot, symbolic, search, period),
         **allocation_sizes(len(laws.robot.description.thrusters)),
         **laws.sizes,
-        "observe": observe_function(laws),
-        "control": control_function(laws),
-        "command": command_function(laws),
+        "observe": tick_functions.observe_function(laws),
+        "control": tick_functions.control_function(laws),
+        "command": tick_functions.command_function(laws),
     }

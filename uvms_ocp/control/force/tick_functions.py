@@ -17,12 +17,7 @@ import casadi as ca
 
 from uvms_ocp.codegen.elementwise import Array
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, declared_sizes
-from uvms_ocp.control.faults.verdicts import (
-    ActuatorHealthTuning,
-    FilteredCommands,
-    ResidualFilter,
-    ThrusterEffectiveness,
-)
+from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, FilteredCommands, ResidualFilter, ThrusterEffectiveness
 from uvms_ocp.control.force.allocation import ThrusterLag
 from uvms_ocp.control.force.observer import ObserverLaw, ObserverState, limited
 from uvms_ocp.control.force.velocity_law import VelocityLaw

@@ -11,13 +11,7 @@ from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import CallbackField, FunctionField, Layout, Sized, Vector
 from uvms_ocp.control.velocity.braking import time_to_rest
-from uvms_ocp.robot.shapes.distance_kernels import (
-    DistanceMemory,
-    distance_lower_bound,
-    distance_of,
-    pair_gradient,
-    place_solids,
-)
+from uvms_ocp.robot.shapes.distance_kernels import DistanceMemory, distance_lower_bound, distance_of, pair_gradient, place_solids
 from uvms_ocp.tasks.task import FAR
 
 N_PLACES = 4

@@ -14,6 +14,7 @@ import numpy as np
 from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked, unchecked_constructor
 from uvms_ocp.codegen.kernel_layout import arrays_of
 from uvms_ocp.codegen.kernels import bind_memory
+from uvms_ocp.control.velocity import viability
 from uvms_ocp.control.velocity.abort import AbortMonitor, AbortReason, ActuationFeedback, ascent_goal
 from uvms_ocp.control.velocity.goals import (
     DistanceProvider,
@@ -38,13 +39,6 @@ from uvms_ocp.control.velocity.tick import (
 )
 from uvms_ocp.control.velocity.tick_memory import altimeter_of, inputs_of, tick_memory
 from uvms_ocp.control.velocity.tick_state import TickInputs
-from uvms_ocp.control.velocity.viability import (
-    ViabilitySetup,
-    models_of,
-    position_guards,
-    viability_sizes,
-    without_c_form,
-)
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation import degraded_modes
 from uvms_ocp.estimation.fallbacks import Freshness, LastFloorRange, LastValidEstimate, Watchdog
@@ -151,11 +145,11 @@ class KinematicController(TableDisplay):
         """Where the mission was at each event, just before."""
         self.watchdog = watchdog or Watchdog()
         names, tasks = self.problem.quantity_names, mission.hierarchy.tasks
-        guards, tracks, asking = position_guards(robot, tasks, names), tracks_of(mission, dt), distance_tasks(mission)
+        guards, tracks, asking = viability.position_guards(robot, tasks, names), tracks_of(mission, dt), distance_tasks(mission)
         pairs = [pairs for _, _, pairs in asking]
         nearest = nearest_sizes(robot, pairs, robot.n_q, robot.n_v)
-        room = distance_layout_sizes([*models_of(guards), *(asked.model for asked in pairs)], robot)
-        sizes = {**viability_sizes(robot, guards, dt), **track_sizes(tracks), **nearest, **room}
+        room = distance_layout_sizes([*viability.models_of(guards), *(asked.model for asked in pairs)], robot)
+        sizes = {**viability.viability_sizes(robot, guards, dt), **track_sizes(tracks), **nearest, **room}
         memory = tick_memory(robot, mission, self.problem, self.watchdog, sizes)
         self._whole = velocity_controller(memory, self.problem, solver)
         self.memory = memory = memory if self._whole is None else self._whole.tick
@@ -165,7 +159,7 @@ class KinematicController(TableDisplay):
         self._measuring = DistanceProvider(memory.nearest, asking, robot)
         self._before, self._take = bind_memory(memory, (prepare_tick, commit_velocity))
         self._finish = finish_in_c(self._whole) if self._whole is not None else self._finish_by(solver)
-        self._guarding = ViabilitySetup(robot, guards, dt, memory.rule)
+        self._guarding = viability.ViabilitySetup(robot, guards, dt, memory.rule)
         self._sound = LastValidEstimate(robot, memory.sound)
         self._echo = LastFloorRange(robot, altimeter_of(robot, tasks), memory.beam)
         self._distress = AbortMonitor(mission, memory.distress)
@@ -194,7 +188,7 @@ class KinematicController(TableDisplay):
     @property
     def without_c_form(self) -> dict[str, str]:
         """Names of tasks that Python is asked about wherever kernels run, and for what."""
-        return without_c_form(self.robot, self.mission, self.dt, self.problem.quantity_names)
+        return viability.without_c_form(self.robot, self.mission, self.dt, self.problem.quantity_names)
 
     @property
     def kinematic(self) -> KinematicController:

@@ -16,16 +16,7 @@ from typing import Annotated, Any
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.kernel_layout import (
-    CallbackBinding,
-    CallbackField,
-    FunctionField,
-    Layout,
-    Sized,
-    Vector,
-    assign,
-    view,
-)
+from uvms_ocp.codegen.kernel_layout import CallbackBinding, CallbackField, FunctionField, Layout, Sized, Vector, assign, view
 from uvms_ocp.control.velocity.braking import (
     NONE,
     StopMemory,

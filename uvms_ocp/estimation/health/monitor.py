@@ -33,16 +33,7 @@ from uvms_ocp.estimation.health.plausibility import integrate_command, remember,
 from uvms_ocp.estimation.health.screening import compare, is_empty, is_persistent, screen_reading
 from uvms_ocp.estimation.health.tuning import HealthTuning, Reason, ReasonTexts
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import (
-    CHANNELS,
-    ChannelHealth,
-    Command,
-    Reading,
-    Readings,
-    SensorSpecs,
-    StateEstimate,
-    Trust,
-)
+from uvms_ocp.robot.signals import CHANNELS, ChannelHealth, Command, Reading, Readings, SensorSpecs, StateEstimate, Trust
 from uvms_ocp.types import Array
 
 # Which channel stands in for which, how long, and how old that makes a measurement.

@@ -6,14 +6,7 @@ import math
 
 from uvms_ocp.codegen.kernel_layout import Vector, zeros
 from uvms_ocp.estimation.filter_memory import ChannelIndex
-from uvms_ocp.estimation.health.channel_state import (
-    TOO_LATE,
-    ChannelMemory,
-    HealthMemory,
-    ScreeningResult,
-    exclude,
-    suspect,
-)
+from uvms_ocp.estimation.health.channel_state import TOO_LATE, ChannelMemory, HealthMemory, ScreeningResult, exclude, suspect
 from uvms_ocp.estimation.health.floor import FloorPoint, accept_echo
 from uvms_ocp.estimation.health.plausibility import (
     PastEstimate,

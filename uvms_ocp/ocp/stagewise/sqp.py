@@ -17,14 +17,7 @@ from uvms_ocp.ocp.problem import HessianKind
 from uvms_ocp.ocp.stagewise.memory import StageMemory, StageRanges
 from uvms_ocp.solvers import NlpOptions, NlpStatus
 from uvms_ocp.solvers.nlp.level_solver import Deadline
-from uvms_ocp.solvers.stage_qp.problem import (
-    FlatSolution,
-    StageQp,
-    StageQpOptions,
-    StageQpStatus,
-    StageShape,
-    WarmStart,
-)
+from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQp, StageQpOptions, StageQpStatus, StageShape, WarmStart
 from uvms_ocp.solvers.stage_qp.solver import StageQpSolver
 from uvms_ocp.types import Array
 

@@ -20,6 +20,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.trajectory import Trajectory
+from uvms_ocp.ocp.transcription import term_rows
 from uvms_ocp.ocp.transcription.layout import (
     BoundaryRows,
     NodeVariables,
@@ -31,14 +32,6 @@ from uvms_ocp.ocp.transcription.layout import (
     row_layout,
 )
 from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel
-from uvms_ocp.ocp.transcription.term_rows import (
-    CONSTRAINT,
-    ReusedProblem,
-    TermNodes,
-    TermNumbers,
-    fit_problem,
-    term_blocks,
-)
 from uvms_ocp.robot.signals import State
 from uvms_ocp.solvers.nlp.program import LevelNlp, LevelRows, LexicographicProgram, RowRanges
 
@@ -347,7 +340,7 @@ class Transcription:
         """like: of another problem, whose dynamics serve here too where they are the same."""
         self.problem, self._plugin = problem, plugin
         self.model: StageModel = StageModel(problem, like=None if like is None else like.model)
-        self.blocks = term_blocks(self.model)
+        self.blocks = term_rows.term_blocks(self.model)
         self.variables = VariableLayout(model=self.model)
         self.parameter_layout = parameter_layout(problem, self.blocks)
         ends = boundary(self.model)
@@ -356,7 +349,7 @@ class Transcription:
             raise InvalidInput(f"{plugin} goes from step to step, {what}: use plugin='ipopt'")
         self.row_layout = row_layout(problem, self.blocks, ends, n_forces=self.model.n_forces)
         self._horizon = horizon(self.variables, self.parameter_layout, self.row_layout, ends)
-        self._own = self._last = fit_problem(self.model, self.blocks, problem)
+        self._own = self._last = term_rows.fit_problem(self.model, self.blocks, problem)
         self.turn = RLock()
         """Lock of the thread that plans."""
         _ = self.model.inputs_function  # is compiled before any clock runs
@@ -366,12 +359,12 @@ class Transcription:
         """Number of variables."""
         return self.variables.n_x
 
-    def _fitted(self, problem: OcpProblem | None) -> ReusedProblem:
+    def _fitted(self, problem: OcpProblem | None) -> term_rows.ReusedProblem:
         """Every method of a plan asks for that of the same problem, and for that of the one that was built in."""
         if problem is None or problem is self.problem:
             return self._own
         if problem is not self._last.problem:
-            self._last = fit_problem(self.model, self.blocks, problem)
+            self._last = term_rows.fit_problem(self.model, self.blocks, problem)
         return self._last
 
     def parameters(
@@ -457,7 +450,7 @@ class Transcription:
 
     def obstruction(self, problem: OcpProblem) -> tuple[str, float] | None:
         """Constraint along the path that the start itself breaks, and by how much."""
-        of_state = (self.blocks[0].rows.level == CONSTRAINT) & self.blocks[0].rows.state_only
+        of_state = (self.blocks[0].rows.level == term_rows.CONSTRAINT) & self.blocks[0].rows.state_only
         if not (problem.fixed_start and of_state.any()):
             return None
         rows, numbers = self.blocks[0].rows, self._fitted(problem).numbers[0]  # the steps of the first phase
@@ -480,11 +473,11 @@ class Transcription:
             names |= dict.fromkeys(block.rows.names[row] for row in sorted(wrong))
         return list(names)
 
-    def _at_start(self, problem: OcpProblem, numbers: TermNumbers) -> tuple[np.ndarray, np.ndarray]:
+    def _at_start(self, problem: OcpProblem, numbers: term_rows.TermNumbers) -> tuple[np.ndarray, np.ndarray]:
         """Z (n_z,) of the start without inputs, and the parameters of terms with these numbers."""
         z = np.zeros(self.model.layout.n_z)
         z[self.model.layout.q], z[self.model.layout.v] = problem.start.q, problem.start.v
-        here = TermNodes(times=[0.0], active=[False], q=problem.start.q[None], tightened={})
+        here = term_rows.TermNodes(times=[0.0], active=[False], q=problem.start.q[None], tightened={})
         return z, numbers.parameters(here, 1.0)
 
     @cached_property
@@ -499,7 +492,7 @@ class Transcription:
             values=ca.Function("values", [x, p], y),
         )
 
-    def _ranges(self, given: ReusedProblem) -> RowRanges:
+    def _ranges(self, given: term_rows.ReusedProblem) -> RowRanges:
         layout = self.row_layout
         lower, upper = layout.bounds(given.numbers, given.problem.longest)
         ends = np.cumsum([len(layout.constraints), *(len(rows) for rows in layout.held)]).tolist()

@@ -16,14 +16,7 @@ from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.kinematics import shape_reach
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.distance_kernels import (
-    DistanceMemory,
-    chosen_distances,
-    chosen_gradients,
-    distance_sizes,
-    has_kernel,
-    write_distances,
-)
+from uvms_ocp.robot.shapes import distance_kernels
 from uvms_ocp.robot.shapes.obstacles import Obstacle
 
 # Links of which no clearance tells.
@@ -114,13 +107,14 @@ class CompiledPairs:
     def __init__(self, model: pin.Model, geometry: pin.GeometryModel, pairs: Sequence[tuple[int, int]]) -> None:
         """geometry: the shapes, of which those of the pairs (by index) are measured."""
         n_solids = len({k for pair in pairs for k in pair})
-        sizes = distance_sizes(model, n_solids=n_solids, n_pairs=len(pairs))
+        sizes = distance_kernels.distance_sizes(model, n_solids=n_solids, n_pairs=len(pairs))
         self._memory, (self._distances, self._gradients) = make_memory(
-            structure_of(DistanceMemory, **sizes), (chosen_distances, chosen_gradients)
+            structure_of(distance_kernels.DistanceMemory, **sizes),
+            (distance_kernels.chosen_distances, distance_kernels.chosen_gradients),
         )
-        self.compiled = self._distances is not chosen_distances
+        self.compiled = self._distances is not distance_kernels.chosen_distances
         """True where there is a compiler: without, this is slower than coal."""
-        write_distances(self._memory, model, geometry.geometryObjects, pairs)
+        distance_kernels.write_distances(self._memory, model, geometry.geometryObjects, pairs)
         self._q: Any = (ctypes.c_double * model.nq)()
         self._configuration, self._chosen = view(self._q), view(self._memory.chosen)
         self._value, self._gradient = view(self._memory.value), view(self._memory.gradient)
@@ -206,7 +200,7 @@ class CollisionModel:
     def without_c_form(self) -> tuple[str, ...]:
         """Names of the shapes that only coal measures, such as meshes."""
         shapes = self._geometry.geometryObjects
-        return tuple(shapes[k].name for k in _used(self._pairs) if not has_kernel(shapes[k].geometry))
+        return tuple(shapes[k].name for k in _used(self._pairs) if not distance_kernels.has_kernel(shapes[k].geometry))
 
     @property
     def n_solids(self) -> int:
@@ -219,15 +213,15 @@ class CollisionModel:
 
     def memory_sizes(self) -> dict[str, Any]:
         """Sizes for `structure_of` a layout with a `DistanceMemory` of these pairs."""
-        return distance_sizes(self._model, n_solids=self.n_solids, n_pairs=self.n_pairs)
+        return distance_kernels.distance_sizes(self._model, n_solids=self.n_solids, n_pairs=self.n_pairs)
 
-    def write(self, memory: DistanceMemory) -> None:
+    def write(self, memory: distance_kernels.DistanceMemory) -> None:
         """Into a `DistanceMemory` of those sizes, or larger: the pairs, in their order. Raises `InvalidInput` for a mesh."""
         if self.without_c_form:
             raise InvalidInput(
                 f"shapes {', '.join(self.without_c_form)} have no form in C; give spheres, capsules, cylinders and boxes"
             )
-        write_distances(memory, self._model, self._geometry.geometryObjects, self._pairs)
+        distance_kernels.write_distances(memory, self._model, self._geometry.geometryObjects, self._pairs)
 
     def values(self, q: np.ndarray, pairs: Sequence[int] | np.ndarray | None = None) -> np.ndarray:
         """Distance (n_pairs,) [m] at q (n_q,) [m, rad] of all pairs, or (n,) of some, by their indices `pairs` (n,).
@@ -265,7 +259,7 @@ class CollisionModel:
 def _engines(model: pin.Model, geometry: pin.GeometryModel, pairs: Sequence[tuple[int, int]]) -> list[tuple[_Engine, np.ndarray]]:
     """Models that measure the pairs, and the index (n_pairs,) there of each, -1 of others."""
     shapes = geometry.geometryObjects
-    clear = np.array([all(has_kernel(shapes[k].geometry) for k in pair) for pair in pairs], dtype=bool)
+    clear = np.array([all(distance_kernels.has_kernel(shapes[k].geometry) for k in pair) for pair in pairs], dtype=bool)
     engines: list[tuple[_Engine, np.ndarray]] = []
     if clear.any():
         compiled = CompiledPairs(model, geometry, [pair for pair, has in zip(pairs, clear, strict=True) if has])
@@ -346,7 +340,7 @@ def distance_layout_sizes(models: Iterable[CollisionModel], robot: Robot | None)
         n_v = max([model.n_v for model in known] if robot is None else [robot.n_v], default=0)
         # Room for all axes, also where none is looked at: compilers see what a kernel could read.
         return {"places": _nothing(), "n_placements": 12, "n_twists": 6 * n_v, "n_solids": 1, "n_pairs": n_pairs}
-    return distance_sizes(robot.model, n_solids=max(measured), n_pairs=n_pairs)
+    return distance_kernels.distance_sizes(robot.model, n_solids=max(measured), n_pairs=n_pairs)
 
 
 def without_c_form(model: CollisionModel, robot: Robot | None) -> str:

@@ -22,16 +22,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked, unchecked_constructor
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.solvers.nlp.level_solver import (
-    STAGEWISE,
-    Deadline,
-    LevelSolver,
-    NlpOutcome,
-    NlpPoint,
-    Progress,
-    SolveMonitor,
-)
-from uvms_ocp.solvers.nlp.level_solver import NlpOptions as NlpOptions
+from uvms_ocp.solvers.nlp import level_solver
 from uvms_ocp.solvers.nlp.program import (
     LevelRows,
     LexicographicProgram,
@@ -66,7 +57,7 @@ class LexicographicResult:
     """True if all levels above the last are met in full."""
     violation: float
     """Largest violation of constraints, bounds and frozen rows at x."""
-    points: tuple[NlpPoint, ...]
+    points: tuple[level_solver.NlpPoint, ...]
     """End point of each level; a warm start for the next solve."""
     solve_time: float
     """[s]"""
@@ -80,10 +71,10 @@ class LexicographicResult:
 class NlpSolver(Protocol):
     """The NLP of one level, solved by whoever can; as `LevelSolver`."""
 
-    def fits(self, point: NlpPoint) -> bool:
+    def fits(self, point: level_solver.NlpPoint) -> bool:
         """True for a start of this program."""
 
-    def __call__(self, start: NlpPoint, p: np.ndarray, bounds: RowBounds) -> NlpOutcome:
+    def __call__(self, start: level_solver.NlpPoint, p: np.ndarray, bounds: RowBounds) -> level_solver.NlpOutcome:
         """Solve from `start`, warm if it has multipliers, with parameters p (n_p,) [unit of the parameter]."""
 
 
@@ -103,7 +94,7 @@ class SelfSolving(Protocol):
     def n_p(self) -> int:
         """Parameters."""
 
-    def solvers(self, options: NlpOptions, deadline: Deadline) -> Sequence[NlpSolver]:
+    def solvers(self, options: level_solver.NlpOptions, deadline: level_solver.Deadline) -> Sequence[NlpSolver]:
         """One for each level."""
 
     def rows_at(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -117,18 +108,18 @@ class LexicographicNlp:
     Raises `InvalidInput` for plugin ``stagewise`` and a program that is not one of stages.
     """
 
-    def __init__(self, program: LexicographicProgram | SelfSolving, options: NlpOptions | None = None) -> None:
+    def __init__(self, program: LexicographicProgram | SelfSolving, options: level_solver.NlpOptions | None = None) -> None:
         self.program = program
-        self.options = options or NlpOptions()
-        self.deadline, self.watch = Deadline(), SolveMonitor()
+        self.options = options or level_solver.NlpOptions()
+        self.deadline, self.watch = level_solver.Deadline(), level_solver.SolveMonitor()
         self.levels = self._solvers(program)
 
     def _solvers(self, program: LexicographicProgram | SelfSolving) -> Sequence[NlpSolver]:
         if isinstance(program, LexicographicProgram):
-            if self.options.plugin == STAGEWISE:
+            if self.options.plugin == level_solver.STAGEWISE:
                 raise InvalidInput("plugin 'stagewise' solves problems over a horizon; give 'ipopt' or 'fatrop'")
             levels = range(len(program.nlps))
-            return [LevelSolver(program, i, self.options, self.deadline, self.watch) for i in levels]
+            return [level_solver.LevelSolver(program, i, self.options, self.deadline, self.watch) for i in levels]
         return program.solvers(self.options, self.deadline)
 
     def solve(
@@ -140,7 +131,7 @@ class LexicographicNlp:
         x_upper: Variables | float = np.inf,
         ranges: RowRanges | None = None,
         time_limit: Bound | None = None,
-        progress: Progress | None = None,
+        progress: level_solver.Progress | None = None,
     ) -> LexicographicResult:
         """Solve from a start that is a guess (n,) [unit of x], cold, or an earlier result, warm in primal and dual variables.
 
@@ -165,7 +156,7 @@ class LexicographicNlp:
             self.deadline.set(limit - (perf_counter() - begin))
             return met or run.in_order()
 
-    def _starts(self, start: np.ndarray | LexicographicResult) -> tuple[NlpPoint, ...]:
+    def _starts(self, start: np.ndarray | LexicographicResult) -> tuple[level_solver.NlpPoint, ...]:
         if isinstance(start, LexicographicResult):
             if not all(level.fits(point) for level, point in zip(self.levels, start.points, strict=False)):
                 raise InvalidInput("the earlier result is one of another program; give a guess instead")
@@ -173,7 +164,7 @@ class LexicographicNlp:
         x = np.asarray(start, dtype=float)
         if not np.isfinite(x).all():
             raise InvalidInput("the guess has NaN or infinite entries; give finite numbers")
-        return tuple(NlpPoint(x=x) for _ in self.levels)
+        return tuple(level_solver.NlpPoint(x=x) for _ in self.levels)
 
     def rows_at(self, x: Variables, p: Parameters) -> tuple[np.ndarray, ...]:
         """Rows y of every level at x (n,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
@@ -187,7 +178,7 @@ class _Run:
         self,
         nlp: LexicographicNlp,
         levels: tuple[LevelRows, ...],
-        points: tuple[NlpPoint, ...],
+        points: tuple[level_solver.NlpPoint, ...],
         p: np.ndarray,
         bounds: RowBounds,
         begin: float,
@@ -237,7 +228,7 @@ class _Run:
         iterations[0] += self._spent
         return self._result(best or self._nothing(), tuple(statuses), tuple(iterations), tuple(points), False)
 
-    def _stopped(self, outcome: NlpOutcome) -> LexicographicResult:
+    def _stopped(self, outcome: level_solver.NlpOutcome) -> LexicographicResult:
         """Return the result of a solve stopped by hand before the first level was solved: no level is held."""
         assert isinstance(self._nlp.program, LexicographicProgram)  # which alone is watched
         first = self._nlp.program.nlps[0]
@@ -246,29 +237,29 @@ class _Run:
         left = len(self._levels) - 1
         statuses = (NlpStatus.INTERRUPTED, *(NlpStatus.SKIPPED,) * left)
         reached = replace(outcome, violation=violation)
-        points = (NlpPoint(x=outcome.point.x),) * (left + 1)
+        points = (level_solver.NlpPoint(x=outcome.point.x),) * (left + 1)
         return self._result(reached, statuses, (outcome.iterations, *(0,) * left), points, False)
 
-    def _start(self, index: int, best: NlpOutcome | None) -> NlpPoint:
+    def _start(self, index: int, best: level_solver.NlpOutcome | None) -> level_solver.NlpPoint:
         """A warm start of this level if there is one; otherwise where the level above ended, cold."""
         if best is None or self._points[index].warm:
             return self._points[index]
-        return NlpPoint(x=best.point.x)
+        return level_solver.NlpPoint(x=best.point.x)
 
-    def _status(self, outcome: NlpOutcome) -> NlpStatus:
+    def _status(self, outcome: level_solver.NlpOutcome) -> NlpStatus:
         if outcome.status.optimal and not outcome.usable:
             return NlpStatus.STALLED
         return outcome.status
 
-    def _nothing(self) -> NlpOutcome:
-        return NlpOutcome(point=self._points[0], status=NlpStatus.SKIPPED, iterations=0, violation=np.inf)
+    def _nothing(self) -> level_solver.NlpOutcome:
+        return level_solver.NlpOutcome(point=self._points[0], status=NlpStatus.SKIPPED, iterations=0, violation=np.inf)
 
     def _result(
         self,
-        best: NlpOutcome,
+        best: level_solver.NlpOutcome,
         statuses: tuple[NlpStatus, ...],
         iterations: tuple[int, ...],
-        points: tuple[NlpPoint, ...],
+        points: tuple[level_solver.NlpPoint, ...],
         anticipated: bool,
     ) -> LexicographicResult:
         values = self._nlp.rows_at(best.point.x, self._p)
