@@ -56,7 +56,8 @@ class BufferedFunction:
     def __call__(self, *arguments: ArrayLike) -> tuple[Array, ...]:
         """Evaluate. Raises `InvalidInput` for a wrong number of arguments, or one of the wrong shape."""
         if len(arguments) != len(self._arguments):
-            raise InvalidInput(f"{self.function.name()}: {len(arguments)} arguments given; allowed: {self._names()}")
+            allowed = f"{len(self._arguments)}, {', '.join(self.function.name_in())}"
+            raise InvalidInput(f"{self.function.name()}: {len(arguments)} arguments given; allowed: {allowed}")
         for i, memory in enumerate(self._arguments):
             argument = arguments[i]
             if type(argument) is not np.ndarray or argument.shape != memory.shape:
@@ -90,9 +91,6 @@ class BufferedFunction:
             return array[:, None]
         name = f"{self.function.name()}: {self.function.name_in(i)}"
         raise InvalidInput(f"{name} of shape {array.shape} given; allowed: {shape}")
-
-    def _names(self) -> str:
-        return f"{len(self._arguments)}, {', '.join(self.function.name_in())}"
 
 
 class BoundFunction:

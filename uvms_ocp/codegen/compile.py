@@ -58,15 +58,11 @@ def _candidates() -> list[Path]:
     given = os.environ.get("UVMS_OCP_CACHE")
     if given:
         return [Path(given)]
-    bases = (os.environ.get("XDG_CACHE_HOME", ""), _below_home(".cache"))
+    home = os.environ.get("HOME", os.path.expanduser("~"))  # without an entry of the user it stays "~", which is no place
+    bases = (os.environ.get("XDG_CACHE_HOME", ""), os.path.join(home, ".cache"))
     base = next((base for base in bases if os.path.isabs(base)), None)
     user = os.getuid() if sys.platform != "win32" else "user"
     return [*([Path(base) / "uvms_ocp"] if base else []), Path(tempfile.gettempdir()) / f"uvms_ocp-{user}"]
-
-
-def _below_home(name: str) -> str:
-    # Without HOME and an entry of the user it stays "~", which is no place.
-    return os.path.join(os.environ.get("HOME", os.path.expanduser("~")), name)
 
 
 def _problem(folder: Path) -> str:

@@ -393,7 +393,8 @@ class LoadLearner:
         # What is no number would never be forgotten.
         follows = self._ticks > 0 and bool(np.isfinite(self._velocity - was).all())
         self._acceleration = (self._velocity - was) / self._dt if follows else np.zeros(3)
-        if follows and self._settings.feed_forward and self._is_certain():
+        is_certain = abs(float(self.filter.x[WEIGHT])) > _CERTAIN * self.filter.error(WEIGHT)
+        if follows and self._settings.feed_forward and is_certain:
             moved = np.where(self._free, self.filter.x[WEIGHT] * (self._weight - before), 0.0)
             estimate += moved
             self._estimate[:, 0] += moved
@@ -418,9 +419,6 @@ class LoadLearner:
         """For the record [N, N, kg, kg]."""
         load = self.load
         return {f"load_{name}": getattr(load, name) for name in load.__slots__}
-
-    def _is_certain(self) -> bool:
-        return abs(float(self.filter.x[WEIGHT])) > _CERTAIN * self.filter.error(WEIGHT)
 
     def _look(self, estimate: np.ndarray) -> LoadSample:
         turned, weight, mass, drag, *slopes = self._estimate.T

@@ -268,8 +268,5 @@ def read_restriction(memory: RestrictionMemory, bad: Sequence[ChannelHealth]) ->
 
 def describe_channels(channels: Iterable[ChannelHealth]) -> str:
     """Describe channels that are not good, in a few words each."""
-    return ", ".join(f"{_complaint(item)} since {item.since:.1f} s" for item in channels)
-
-
-def _complaint(item: ChannelHealth) -> str:
-    return f"{item.channel} {item.trust.name.lower()}{': ' if item.why else ''}{item.why}"
+    whys = ((item, f": {item.why}" if item.why else "") for item in channels)
+    return ", ".join(f"{item.channel} {item.trust.name.lower()}{why} since {item.since:.1f} s" for item, why in whys)

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
+from string import Template
 from typing import Any
 
 from uvms_ocp.checks import checked
@@ -33,7 +34,6 @@ from uvms_ocp.version import __version__
 
 # The files of a controller in C.
 
-_INITIAL = "CONTROLLER_INITIAL"
 TEMPLATES = ("replay.c", "CMakeLists.txt")
 
 
@@ -58,58 +58,25 @@ class ControllerNames:
 
 def header(library: CLibrary, names: ControllerNames, memory: str) -> str:
     """Controller.h; memory: the name of the type of all that is remembered."""
-    return "\n".join(
-        [
-            "#ifndef CONTROLLER_H",
-            "#define CONTROLLER_H",
-            "/* All that the controller remembers is a Controller; its parts are nobody else's business. */",
-            library.types,
-            f"typedef {memory} Controller;",
-            _documented(ControllerInputs),
-            _documented(ControllerOutputs),
-            "/* Begin the mission. */",
-            "void controller_reset(Controller *controller);",
-            "/* One tick. */",
-            "void controller_step(Controller *controller, const ControllerInputs *in, ControllerOutputs *out);",
-            *(f"extern const char *const {name}[{len(texts)}];" for name, texts in names.texts().items()),
-            "/* Bytes of a Controller, of its inputs and of its outputs. */",
-            "extern const unsigned long CONTROLLER_SIZES[3];",
-            "#endif",
-            "",
-        ]
+    return Template(template("controller.h")).substitute(
+        types=library.types,
+        memory=memory,
+        inputs=_documented(ControllerInputs),
+        outputs=_documented(ControllerOutputs),
+        names="\n".join(f"extern const char *const {name}[{len(texts)}];" for name, texts in names.texts().items()),
     )
 
 
 def source(library: CLibrary, names: ControllerNames, kernel: str) -> str:
     """Controller.c, whose tick is the `kernel` of that name."""
     quoted = '", "'
-    return "\n".join(
-        [
-            '#include "controller.h"',
-            library.declarations,
-            library.kernels,
-            f"extern const Controller {_INITIAL};",
-            f"void controller_reset(Controller *controller) {{ *controller = {_INITIAL}; }}",
-            "void controller_step(Controller *controller, const ControllerInputs *in, ControllerOutputs *out) {",
-            "  ControllerInputs inputs = *in;",
-            f"  k_{kernel}(controller, &inputs, out);",
-            "}",
-            *(f'const char *const {name}[] = {{"{quoted.join(texts)}"}};' for name, texts in names.texts().items()),
-            "const unsigned long CONTROLLER_SIZES[3] = {",
-            "    sizeof(Controller), sizeof(ControllerInputs), sizeof(ControllerOutputs)};",
-            "",
-        ]
-    )
-
-
-def initial(library: CLibrary) -> str:
-    """initial.c: a file of its own, as compilers that see megabytes of it look for what follows from them for minutes."""
-    value = f"const Controller {_INITIAL} = {library.initial};"
-    return "\n".join(["#include <math.h>", '#include "controller.h"', library.declarations, value, ""])
+    texts = (f'const char *const {name}[] = {{"{quoted.join(texts)}"}};' for name, texts in names.texts().items())
+    parts = {"declarations": library.declarations, "kernels": library.kernels, "names": "\n".join(texts)}
+    return Template(template("controller.c")).substitute(parts, kernel=kernel)
 
 
 def template(name: str) -> str:
-    """The text of a file that is the same for all controllers, or of README.md with what is to be filled in."""
+    """The text of a file that is the same for all controllers, or of one with what is to be filled in."""
     return files("uvms_ocp.export").joinpath("templates", name).read_text(encoding="utf-8")
 
 
@@ -196,16 +163,7 @@ def controller_library(memory: Any, sizes: dict[str, int]) -> CLibrary:
 
 # Export the controller of a scenario as files of C, and fly one of these in a scenario.
 
-FILES = (
-    "controller.h",
-    "controller.c",
-    "initial.c",
-    "functions.c",
-    "solver.c",
-    "recorded.bin",
-    "README.md",
-    *TEMPLATES,
-)
+FILES = ("controller.h", "controller.c", "initial.c", "functions.c", "solver.c", "recorded.bin", "README.md", *TEMPLATES)
 """Files that `export_controller` writes."""
 
 
@@ -269,7 +227,8 @@ def _texts_controller(scenario: Scenario) -> tuple[dict[str, str], bytes]:
     made = {
         "controller.h": header(library, names, type(memory).__name__),
         "controller.c": source(library, names, kernel_of(memory).__name__),
-        "initial.c": initial(library),
+        # A file of its own, as compilers that see megabytes of it look for what follows from them for minutes.
+        "initial.c": Template(template("initial.c")).substitute(declarations=library.declarations, value=library.initial),
         "functions.c": library.functions,
         "solver.c": solver_file(kinematic),
         "README.md": readme,

@@ -20,9 +20,53 @@ from uvms_ocp.types import Finite, Positive, Shape
 # What ends a phase: conditions on measured quantities, and transitions that wait for them.
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Threshold:
+    """A measured quantity on the desired side of a limit."""
+
+    sign: ClassVar[str]
+    """Between quantity and limit."""
+    quantity: str
+    """``task.quantity``"""
+    limit: float
+    """[unit of the quantity] more than 0."""
+    release: float | None = None
+    """[unit of the quantity] on the other side of the limit, or the limit."""
+
+    def __post_init__(self) -> None:
+        if not 0 < self.limit <= LARGEST:
+            raise InvalidInput(f"threshold of {self.quantity} = {self.limit}; give a finite value > 0, at most {LARGEST:g}")
+        if self.release is None or (math.isfinite(self.release) and not is_met(self.release, self.limit, self.is_below)):
+            return
+        least = "at least" if self.is_below else "at most"
+        raise InvalidInput(f"release of {self.quantity} = {self.release}; give {least} the limit {self.limit:g}")
+
+    @property
+    def is_below(self) -> bool:
+        """The quantity has to be below the limit, and not above."""
+        return self.sign == "<"
+
+    @checked_on_failure
+    def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
+        """Check that it is true of the quantities [in their units]; held: it was true before.
+
+        Raises `NameNotFound` where they lack its own.
+        """
+        limit = self.limit if self.release is None or not held else self.release
+        return is_met(measured(self.quantity, quantities), limit, self.is_below)
+
+    def describe(self, quantities: Mapping[str, float]) -> str:
+        """One clause with the value among the quantities [in their units], true or not."""
+        value = measured(self.quantity, quantities)
+        if math.isnan(value):
+            return f"{self.quantity} is not known, asked {self.sign} {self.limit:g}"
+        sign = self.sign if self.holds(quantities) else f"not {self.sign}"
+        return f"{self.quantity} = {value:.4g} {sign} {self.limit:g}"
+
+
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Below:
+class Below(_Threshold):
     """True once a measured quantity, named ``task.quantity``, is below `limit`, until it reaches `release` again.
 
     Without `release` there is no hysteresis: both are the same. Raises `InvalidInput` for a limit that is not > 0 and a
@@ -30,67 +74,17 @@ class Below:
     """
 
     sign: ClassVar[str] = "<"
-    """Between quantity and limit."""
-    quantity: str
-    """``task.quantity``"""
-    limit: float
-    """[unit of the quantity] more than 0."""
-    release: float | None = None
-    """[unit of the quantity] at least the limit."""
-
-    def __post_init__(self) -> None:
-        _check_threshold(self.quantity, self.limit)
-        if self.release is not None and not (math.isfinite(self.release) and self.release >= self.limit):
-            raise InvalidInput(f"release of {self.quantity} = {self.release}; give at least the limit {self.limit:g}")
-
-    @checked_on_failure
-    def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
-        """Check that it is true of the quantities [in their units]; held: it was true before.
-
-        Raises `NameNotFound` where they lack its own.
-        """
-        limit = self.limit if self.release is None or not held else self.release
-        return is_met(measured(self.quantity, quantities), limit, True)
-
-    def describe(self, quantities: Mapping[str, float]) -> str:
-        """One clause with the value among the quantities [in their units], true or not."""
-        return _described(self, quantities)
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Above:
+class Above(_Threshold):
     """True once a measured quantity exceeds `limit`, and until it falls to `release`; mirror of `Below`.
 
     Raises `InvalidInput` for a limit that is not > 0 and a release above it.
     """
 
     sign: ClassVar[str] = ">"
-    """Between quantity and limit."""
-    quantity: str
-    """``task.quantity``"""
-    limit: float
-    """[unit of the quantity] more than 0."""
-    release: float | None = None
-    """[unit of the quantity] at most the limit."""
-
-    def __post_init__(self) -> None:
-        _check_threshold(self.quantity, self.limit)
-        if self.release is not None and not (math.isfinite(self.release) and self.release <= self.limit):
-            raise InvalidInput(f"release of {self.quantity} = {self.release}; give at most the limit {self.limit:g}")
-
-    @checked_on_failure
-    def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
-        """Check that it is true of the quantities [in their units]; held: it was true before.
-
-        Raises `NameNotFound` where they lack its own.
-        """
-        limit = self.limit if self.release is None or not held else self.release
-        return is_met(measured(self.quantity, quantities), limit, False)
-
-    def describe(self, quantities: Mapping[str, float]) -> str:
-        """One clause with the value among the quantities [in their units], true or not."""
-        return _described(self, quantities)
 
 
 Condition: TypeAlias = Below | Above
@@ -146,19 +140,6 @@ def measured(quantity: str, quantities: Mapping[str, float]) -> float:
         return quantities[quantity]
     except KeyError:
         raise NameNotFound("quantity", quantity, quantities) from None
-
-
-def _described(condition: Condition, quantities: Mapping[str, float]) -> str:
-    value = measured(condition.quantity, quantities)
-    if math.isnan(value):
-        return f"{condition.quantity} is not known, asked {condition.sign} {condition.limit:g}"
-    sign = condition.sign if condition.holds(quantities) else f"not {condition.sign}"
-    return f"{condition.quantity} = {value:.4g} {sign} {condition.limit:g}"
-
-
-def _check_threshold(quantity: str, limit: float) -> None:
-    if not 0 < limit <= LARGEST:
-        raise InvalidInput(f"threshold of {quantity} = {limit}; give a finite value > 0, at most {LARGEST:g}")
 
 
 # One action of a mission, where a mission is, and why it went on.

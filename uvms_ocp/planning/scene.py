@@ -328,7 +328,7 @@ def collision_scene(coordinates: Coordinates, obstacles: Sequence[Obstacle], *, 
 
 def _with_moving_pairs(coordinates: Coordinates, geometry: pin.GeometryModel, candidates: Sequence[Pair]) -> CollisionScene:
     supports = _supports(coordinates)
-    reaches = [_reach(coordinates, shape) for shape in geometry.geometryObjects]
+    reaches = [shape_reach(coordinates.robot, shape)[coordinates.planned] for shape in geometry.geometryObjects]
     pairs = [pair for pair in candidates if (supports[pair.second_joint] != supports[pair.first_joint]).any()]
     shape = (len(pairs), coordinates.n_axes)
     moved = np.array([supports[p.second_joint] - supports[p.first_joint] for p in pairs]).reshape(shape)
@@ -370,8 +370,3 @@ def _supports(coordinates: Coordinates) -> Array:
             first = model.joints[carrier].idx_v
             supports[joint, first : first + model.joints[carrier].nv] = 1.0
     return supports[:, coordinates.planned]
-
-
-def _reach(coordinates: Coordinates, shape: pin.GeometryObject) -> Array:
-    """(n_axes,) the farthest that one unit of each planned axis can move any point of a shape [m]."""
-    return shape_reach(coordinates.robot, shape)[coordinates.planned]

@@ -419,56 +419,37 @@ _RobotFile.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapp
 _TURN = np.diag([1.0, -1.0, -1.0])
 _TURN6 = np.kron(np.eye(2), _TURN)
 
-_ShapeRule = TypeVar("_ShapeRule", Cylinder, Box, Sphere)
+_Part = TypeVar("_Part", TrimBody, Thruster)
 
 
 def forward_left_up(description: RobotDescription) -> RobotDescription:
     """Return the same robot with ``convention: FLU``."""
     if description.convention == "FLU":
         return description
-    return description.model_copy(
-        update={
-            "convention": "FLU",
-            "links": {name: _link(link) for name, link in description.links.items()},
-            "trim": tuple(_trim_body(body) for body in description.trim),
-            "thrusters": tuple(_thruster(thruster) for thruster in description.thrusters),
-        }
-    )
+    turned = {
+        "convention": "FLU",
+        "links": {name: _link(link) for name, link in description.links.items()},
+        "trim": tuple(_turned(body, "position") for body in description.trim),
+        "thrusters": tuple(_turned(thruster, "position", "direction") for thruster in description.thrusters),
+    }
+    return description.model_copy(update=turned)
+
+
+def _turned(part: _Part, *vectors: str) -> _Part:
+    return part.model_copy(update={name: _vector(getattr(part, name)) for name in vectors})
 
 
 def _link(link: LinkDescription) -> LinkDescription:
-    return LinkDescription(
-        coefficients=None if link.coefficients is None else _coefficients(link.coefficients),
-        cylinder=None if link.cylinder is None else _shape(link.cylinder),
-        box=None if link.box is None else _shape(link.box),
-        sphere=None if link.sphere is None else _shape(link.sphere),
-    )
+    (name, given), *_ = ((name, part) for name, part in link if part is not None)  # exactly one
+    turned = _coefficients(given) if name == "coefficients" else given.model_copy(update={"pose": _pose(given.pose)})
+    return link.model_copy(update={name: turned})
 
 
 def _coefficients(water: LinkCoefficients) -> LinkCoefficients:
     centre = water.centre_of_buoyancy
-    return water.model_copy(
-        update={
-            "pose": _pose(water.pose),
-            "added_mass": _matrix(water.added_mass),
-            "linear_drag": _matrix(water.linear_drag),
-            "quadratic_drag": _matrix(water.quadratic_drag),
-            "centre_of_buoyancy": None if centre is None else _vector(centre),
-        }
-    )
-
-
-def _shape(shape: _ShapeRule) -> _ShapeRule:
-    return shape.model_copy(update={"pose": _pose(shape.pose)})
-
-
-def _trim_body(body: TrimBody) -> TrimBody:
-    return body.model_copy(update={"position": _vector(body.position)})
-
-
-def _thruster(thruster: Thruster) -> Thruster:
-    turned = {"position": _vector(thruster.position), "direction": _vector(thruster.direction)}
-    return thruster.model_copy(update=turned)
+    turned: dict[str, object] = {name: _matrix(getattr(water, name)) for name in ("added_mass", "linear_drag", "quadratic_drag")}
+    turned |= {"pose": _pose(water.pose), "centre_of_buoyancy": None if centre is None else _vector(centre)}
+    return water.model_copy(update=turned)
 
 
 def _pose(pose: Pose) -> Pose:

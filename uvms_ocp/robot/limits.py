@@ -118,11 +118,8 @@ class PositionLimit:
 def joints_of(model: pin.Model, *, free_flyer: bool) -> tuple[Joint, ...]:
     """Return the arm joints of a free-flyer, all joints otherwise."""
     indices = range(2 if free_flyer else 1, model.njoints)
-    return tuple(_joint(model.names[i], model.joints[i]) for i in indices)
-
-
-def _joint(name: str, joint: pin.JointModel) -> Joint:
-    return Joint(name=name, idx_q=joint.idx_q, idx_v=joint.idx_v, n_q=joint.nq, n_v=joint.nv)
+    pairs = ((model.names[i], model.joints[i]) for i in indices)
+    return tuple(Joint(name=name, idx_q=own.idx_q, idx_v=own.idx_v, n_q=own.nq, n_v=own.nv) for name, own in pairs)
 
 
 def limits_of(model: pin.Model, description: RobotDescription, joints: tuple[Joint, ...]) -> Limits:
@@ -185,9 +182,8 @@ def _or_unlimited(limit: np.ndarray) -> np.ndarray:
 
 
 def _joint_accelerations(description: RobotDescription, joints: tuple[Joint, ...]) -> list[float]:
-    entries = [(description.joints.get(joint.name), joint.n_v) for joint in joints]
-    limits = [(None if entry is None else entry.acceleration, n_v) for entry, n_v in entries]
-    return [np.inf if limit is None else limit for limit, n_v in limits for _ in range(n_v)]
+    stated = {name: entry.acceleration for name, entry in description.joints.items() if entry.acceleration is not None}
+    return [stated.get(joint.name, np.inf) for joint in joints for _ in range(joint.n_v)]
 
 
 def _position_limit(limit: np.ndarray, joints: tuple[Joint, ...], unlimited: float) -> np.ndarray:

@@ -7,7 +7,7 @@ a frame for each of its roles, fixed to the link that hydrodynamics.yaml names, 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -252,16 +252,12 @@ def _placed(model: pin.Model, description: RobotDescription, role: str, name: st
     if model.existFrame(role):
         other = f"{role}_of_urdf"
         model.frames[model.getFrameId(role)].name = other
-        description = _renamed(description, {role: other})
+        links = {other if link == role else link: own for link, own in description.links.items()}
+        description = description.model_copy(update={"links": links})
     parent = model.getFrameId(name)
     carrier = model.frames[parent]
     model.addFrame(pin.Frame(role, carrier.parentJoint, parent, carrier.placement, pin.FrameType.OP_FRAME))
     return description
-
-
-def _renamed(description: RobotDescription, names: Mapping[str, str]) -> RobotDescription:
-    links = {names.get(name, name): link for name, link in description.links.items()}
-    return description.model_copy(update={"links": links})
 
 
 def role_notes(model: pin.Model, description: RobotDescription) -> Iterator[tuple[bool, str]]:
@@ -272,8 +268,8 @@ def role_notes(model: pin.Model, description: RobotDescription) -> Iterator[tupl
     if free_flyer:
         yield True, f"base_link: {description.base_link or roles.base}"
     if TOOL in known:
-        found = ", ".join(tools_of(description)) or (roles.only_tool or TOOL if _is_added(model) else TOOL)
-        yield True, f"tool: {found}"
+        is_added = model.frames[model.getFrameId(TOOL)].type == pin.FrameType.OP_FRAME
+        yield True, f"tool: {', '.join(tools_of(description)) or (is_added and roles.only_tool) or TOOL}"
     elif roles.candidates:
         yield False, f"tool: any of {', '.join(roles.candidates)}; {CHOOSE}"
     else:
@@ -284,7 +280,3 @@ def role_notes(model: pin.Model, description: RobotDescription) -> Iterator[tupl
         looks = [name for name in known if is_altimeter_name(name)]
         hint = f"`altimeter: {looks[0]}` takes that link" if looks else "`altimeter: LINK` names the link of one"
         yield False, f"altimeter: none, so that tasks of the altitude are left out; {hint}, if it looks along its -z"
-
-
-def _is_added(model: pin.Model) -> bool:
-    return bool(model.frames[model.getFrameId(TOOL)].type == pin.FrameType.OP_FRAME)

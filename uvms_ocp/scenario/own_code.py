@@ -52,7 +52,7 @@ class UserCode:
         """
         found = self._module()
         if not hasattr(found, self.attribute):
-            own = [name for name, value in vars(found).items() if not name.startswith("_") and not _is_module(value)]
+            own = [name for name, value in vars(found).items() if not name.startswith("_") and not isinstance(value, ModuleType)]
             raise NameNotFound(f"name in {self.file or self.module}", self.attribute, own)
         return getattr(found, self.attribute)
 
@@ -162,10 +162,6 @@ def _failed(what: str, error: BaseException) -> UvmsError:
     if isinstance(error, SyntaxError):
         return InvalidInput(f"{what}:{error.lineno}: {error.msg}")
     return InvalidInput(own_failure(error) or f"{what}: {_said(error)}")
-
-
-def _is_module(value: Any) -> bool:
-    return isinstance(value, ModuleType)
 
 
 def forget_user_code() -> None:

@@ -209,7 +209,8 @@ def concatenate(curves: Sequence[PiecewisePolynomial]) -> PiecewisePolynomial:
     degree = max(curve.degree for curve in curves)
     durations = np.concatenate([curve.durations for curve in curves])
     breaks = curves[0].start + np.concatenate([[0.0], np.cumsum(durations)])
-    padded = [_padded(curve.coefficients, degree) for curve in curves]
+    missing = [degree + 1 - curve.coefficients.shape[0] for curve in curves]
+    padded = [np.pad(curve.coefficients, ((0, n), (0, 0), (0, 0))) for curve, n in zip(curves, missing, strict=True)]
     return PiecewisePolynomial(breaks=breaks, coefficients=np.concatenate(padded, axis=1))
 
 
@@ -268,7 +269,3 @@ def _unit_peaks(coefficients: Array) -> Array:
         u = np.clip(u - np.clip(step, -1 / 64, 1 / 64), 0.0, 1.0)
         best = np.maximum(best, np.abs(_horner(coefficients, u)))
     return best
-
-
-def _padded(coefficients: Array, degree: int) -> Array:
-    return np.pad(coefficients, ((0, degree + 1 - coefficients.shape[0]), (0, 0), (0, 0)))

@@ -214,13 +214,10 @@ def two_targets(*, second: Point = (13.6, 36.2, -39.886), second_yaw: Finite = -
         "T": pose_at(tuple(target), (np.pi, 0.0, second_yaw)),
     }
     once = scenario.mission.phases
-    phases = (*_renamed(once, "1", after="A2"), *_renamed(_with_goals(once, goals), "2", after=None))
+    again = [replace(phase, goals=goals) for phase in once]
+    phases = (*_renamed(once, "1", after="A2"), *_renamed(again, "2", after=None))
     markers = {**scenario.markers, "second target": tuple(target.tolist())}
     return replace(scenario, name="two_targets", mission=replace(scenario.mission, phases=phases), markers=markers)
-
-
-def _with_goals(phases: Sequence[Phase], goals: dict[str, Any]) -> tuple[Phase, ...]:
-    return tuple(replace(phase, goals=goals) for phase in phases)
 
 
 def _renamed(phases: Sequence[Phase], suffix: str, after: str | None) -> tuple[Phase, ...]:

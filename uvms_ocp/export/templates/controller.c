@@ -1,0 +1,12 @@
+#include "controller.h"
+$declarations
+$kernels
+extern const Controller CONTROLLER_INITIAL;
+void controller_reset(Controller *controller) { *controller = CONTROLLER_INITIAL; }
+void controller_step(Controller *controller, const ControllerInputs *in, ControllerOutputs *out) {
+  ControllerInputs inputs = *in;
+  k_$kernel(controller, &inputs, out);
+}
+$names
+const unsigned long CONTROLLER_SIZES[3] = {
+    sizeof(Controller), sizeof(ControllerInputs), sizeof(ControllerOutputs)};
