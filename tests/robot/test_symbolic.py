@@ -9,10 +9,13 @@ import pytest
 from kinematic_trees import MODELS, built_model, function_of, random_configuration
 
 from uvms_ocp.errors import FrameNotFound, InvalidInput
+from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.robot.symbolic_model import SymbolicModel
 
 EXACT = 1e-10
 N_STATES = 20
+STILL = ca.SX(3, 0)
+"""No link is in water."""
 
 
 @pytest.fixture(params=MODELS, scope="module")
@@ -29,6 +32,12 @@ def states(model: pin.Model) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     pin.seed(3)
     rng = np.random.default_rng(3)
     return [(random_configuration(model), rng.normal(size=model.nv), rng.normal(size=model.nv)) for _ in range(N_STATES)]
+
+
+def force_of(dynamics: SymbolicDynamics) -> ca.Function:
+    """Inverse dynamics without water, of q, v and a."""
+    model = dynamics.model
+    return function_of(lambda q, v, a: dynamics.inverse_dynamics(q, v, a, STILL, STILL), model.nq, model.nv, model.nv)
 
 
 def symmetric(upper: np.ndarray) -> np.ndarray:
@@ -54,14 +63,14 @@ def test_poses_and_jacobians_equal_pinocchio(model: pin.Model, symbolic: Symboli
         np.testing.assert_allclose(jacobian(q), J.reshape(6, model.nv), atol=EXACT)
 
 
-def test_inverse_dynamics_equal_pinocchio(model: pin.Model, symbolic: SymbolicModel) -> None:
-    data, rnea = model.createData(), function_of(symbolic.rnea, model.nq, model.nv, model.nv)
+def test_inverse_dynamics_equal_pinocchio(model: pin.Model) -> None:
+    data, rnea = model.createData(), force_of(SymbolicDynamics(model=model))
     for q, v, a in states(model):
         np.testing.assert_allclose(flat(rnea(q, v, a)), pin.rnea(model, data, q, v, a), atol=EXACT)
 
 
-def test_mass_matrices_equal_pinocchio(model: pin.Model, symbolic: SymbolicModel) -> None:
-    data, mass_matrix = model.createData(), function_of(symbolic.mass_matrix, model.nq)
+def test_mass_matrices_equal_pinocchio(model: pin.Model) -> None:
+    data, mass_matrix = model.createData(), function_of(SymbolicDynamics(model=model).mass_matrix, model.nq)
     for q, _, _ in states(model):
         np.testing.assert_allclose(mass_matrix(q), symmetric(pin.crba(model, data, q)), atol=EXACT)
 
@@ -116,19 +125,20 @@ def test_either_sign_of_a_quaternion_is_the_same_configuration() -> None:
     flipped = q.copy()
     flipped[3:7] *= -1
     difference = function_of(symbolic.difference, model.nq, model.nq)
-    rnea = function_of(symbolic.rnea, model.nq, model.nv, model.nv)
+    rnea = force_of(SymbolicDynamics(model=model))
     np.testing.assert_allclose(flat(difference(q, flipped)), 0.0, atol=EXACT)
     np.testing.assert_allclose(flat(rnea(q, v, a)), flat(rnea(flipped, v, a)), atol=EXACT)
 
 
 def test_added_inertia_on_every_body_enters_force_and_mass_matrix_alike() -> None:
     model = built_model("free_flyer", "revolute_unaligned", "prismatic_unaligned", "unbounded_y")
-    symbolic, rng = SymbolicModel(model), np.random.default_rng(0)
+    model.gravity, rng = pin.Motion.Zero(), np.random.default_rng(0)
     roots = rng.normal(size=(model.njoints, 6, 6))
-    inertias = [Y.matrix() + root @ root.T for Y, root in zip(model.inertias, roots, strict=True)]
+    inertias = [ca.SX(Y.matrix() + root @ root.T) for Y, root in zip(model.inertias, roots, strict=True)]
+    dynamics = SymbolicDynamics(model=model).with_coefficients(rigid=dict(enumerate(inertias)))
     q, a = ca.SX.sym("q", model.nq), ca.SX.sym("a", model.nv)
-    at_rest = symbolic.rnea(q, ca.SX(model.nv, 1), a, inertias=inertias, gravity=(0, 0, 0))
-    both = ca.Function("both", [q, a], [at_rest, symbolic.mass_matrix(q, inertias) @ a])
+    at_rest = dynamics.inverse_dynamics(q, ca.SX(model.nv, 1), a, STILL, STILL)
+    both = ca.Function("both", [q, a], [at_rest, dynamics.mass_matrix(q) @ a])
     for configuration, _, acceleration in states(model):
         force, product = both(configuration, acceleration)
         np.testing.assert_allclose(flat(force), flat(product), atol=EXACT)
@@ -153,7 +163,7 @@ def test_a_vector_of_the_wrong_length_is_refused() -> None:
         symbolic.forward_kinematics(ca.SX.sym("q", 6))
 
 
-def test_inertias_are_wanted_for_every_joint() -> None:
+def test_matrices_are_wanted_for_every_joint() -> None:
     symbolic = SymbolicModel(built_model("free_flyer"))
-    with pytest.raises(InvalidInput, match="inertias: 1 given"):
-        symbolic.mass_matrix(ca.SX.sym("q", 7), [np.eye(6)])
+    with pytest.raises(InvalidInput, match="matrices: 1 given"):
+        symbolic.congruence(symbolic.local_poses(ca.SX.sym("q", 7)), [ca.DM.eye(6)])

@@ -8,13 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.checks import unchecked_constructor
+from uvms_ocp.checks import replace_unchecked
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.display import SmallTable, TableDisplay
 from uvms_ocp.robot.signals import Command, StateEstimate
-
-_command = unchecked_constructor(Command)
 
 
 class SupervisedController(TableDisplay):
@@ -53,16 +51,8 @@ class SupervisedController(TableDisplay):
         self._require(command, watched)
         self.kinematic.follow(command)
         times = {"solve_time": 0.0, "tick_time": spent, "controller_time": spent}
-        return _command(
-            v=command.v,
-            thrust=command.thrust,
-            torque=command.torque,
-            hold=command.hold,
-            stop=command.stop,
-            brakes=command.brakes,
-            finished=watched.finished or command.finished,
-            telemetry={**watched.telemetry, **times, **command.telemetry},
-        )
+        telemetry = {**watched.telemetry, **times, **command.telemetry}
+        return replace_unchecked(command, finished=watched.finished or command.finished, telemetry=telemetry)
 
     def _table(self) -> SmallTable:
         return SmallTable(title=f"{type(self).__name__} of {self.name}", rows=self.kinematic._table().rows)

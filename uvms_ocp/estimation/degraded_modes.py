@@ -252,15 +252,11 @@ def read_restriction(memory: RestrictionMemory, bad: Sequence[ChannelHealth]) ->
     if not bad:
         return FREE
     at_fault = [item for item in bad if item.channel in CHANNELS and memory.at_fault[CHANNELS.index(item.channel)]]
+    shares = {name: getattr(memory, name) for name in ("speed", "feedback", "joint_feedback")}
+    flags = ("no_descent", "joints_held", "hold", "blind", "can_ascend")
     return Restriction(
-        speed=memory.speed,
-        no_descent=bool(memory.no_descent),
-        joints_held=bool(memory.joints_held),
-        hold=bool(memory.hold),
-        blind=bool(memory.blind),
-        feedback=memory.feedback,
-        joint_feedback=memory.joint_feedback,
-        can_ascend=bool(memory.can_ascend),
+        **shares,
+        **{name: bool(getattr(memory, name)) for name in flags},
         abort=describe_channels(sorted(at_fault, key=lambda item: item.channel)),
         bad=tuple(bad),
     )

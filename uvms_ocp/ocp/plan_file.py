@@ -266,22 +266,12 @@ def _point(arrays: Arrays, i: int) -> NlpPoint:
 
 def clearance_values(report: ClearanceReport) -> ClearanceValues:
     """Return the result of the certificate as values."""
-    nearest = asdict(report.nearest)
-    return ClearanceValues(
-        collision_free=report.collision_free,
-        undecided=report.undecided,
-        n_samples=report.n_samples,
-        unshaped=report.unshaped,
-        **nearest,
-    )
+    values = asdict(report)
+    return ClearanceValues(**values.pop("nearest"), **values)
 
 
 def stored_clearance(values: ClearanceValues) -> ClearanceReport:
     """The report of `clearance_values`."""
-    return ClearanceReport(
-        collision_free=values.collision_free,
-        undecided=values.undecided,
-        n_samples=values.n_samples,
-        nearest=NearestPair(distance=values.distance, time=values.time, pair=values.pair),
-        unshaped=values.unshaped,
-    )
+    given = values.model_dump()
+    nearest = NearestPair(**{name: given.pop(name) for name in ("distance", "time", "pair")})
+    return ClearanceReport(nearest=nearest, **given)

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
-import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked
@@ -23,14 +22,9 @@ from uvms_ocp.robot.symbolic_bodies import (
     Twist,
     TwistToWrench,
     Wrench,
-    inertial_wrench,
     sparse,
     symbolic_joint,
 )
-from uvms_ocp.types import Point
-
-Inertias = Sequence[np.ndarray]
-"""One 6x6 spatial inertia per joint of the model, universe included, at the joint frame, linear first."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -143,46 +137,21 @@ class SymbolicModel:
 
     # --- dynamics ---------------------------------------------------------------------------------
 
-    def rnea(
-        self,
-        q: ca.SX,
-        v: ca.SX,
-        a: ca.SX,
-        inertias: Inertias | None = None,
-        gravity: Point | None = None,
-    ) -> ca.SX:
-        """Generalized force (n_v,) [N, N m] of the recursive Newton-Euler algorithm.
-
-        inertias: 6x6 spatial inertia of each joint body, default the model's; added mass may be part of it.
-        gravity: (3,) [m/s2] in W, default the model's.
-        Raises InvalidInput for a q, v or a of another size, or inertias of another number of bodies.
-        """
-        local = self.local_poses(q)
-        motions = self.body_motions(local, v, a, gravity)
-        wrenches = [
-            inertial_wrench(sparse(inertia), velocity, acceleration)
-            for inertia, velocity, acceleration in zip(
-                self._inertias(inertias), motions.velocities, motions.accelerations, strict=True
-            )
-        ]
-        return self.generalized_force(local, wrenches) + self.model.armature * a
-
     def _check_bodies(self, **given: Sequence[object]) -> None:
         for name, values in given.items():
             if len(values) != self.model.njoints:
                 raise InvalidInput(f"{name}: {len(values)} given, {self.model.njoints} wanted: the universe and each joint")
 
-    def body_motions(self, local_poses: Sequence[SymbolicPose], v: ca.SX, a: ca.SX, gravity: Point | None = None) -> BodyMotions:
+    def body_motions(self, local_poses: Sequence[SymbolicPose], v: ca.SX, a: ca.SX) -> BodyMotions:
         """Velocities and accelerations of all joint bodies: the outward pass.
 
-        gravity: (3,) [m/s2] in W, default the model's. Raises InvalidInput for another size of v or a, or number of poses.
+        Raises InvalidInput for another size of v or a, or number of poses.
         """
         self._check_bodies(local_poses=local_poses)
         self._check_rows("v", v, self.model.nv)
         self._check_rows("a", a, self.model.nv)
-        g = self.model.gravity.linear if gravity is None else np.asarray(gravity, dtype=float)
         velocities = [Twist(linear=ca.SX(3, 1), angular=ca.SX(3, 1))]
-        accelerations = [Twist(linear=ca.SX(sparse(-g)), angular=ca.SX(3, 1))]
+        accelerations = [Twist(linear=ca.SX(sparse(-self.model.gravity.linear)), angular=ca.SX(3, 1))]
         for joint, local in zip(self.joints, local_poses[1:], strict=True):
             relative = _across(joint, v)
             velocity = velocities[joint.parent].into_child(local) + relative
@@ -207,15 +176,6 @@ class SymbolicModel:
                 carried[joint.parent] += wrench.onto_parent(local_poses[index])
         return ca.vertcat(ca.SX(0, 1), *reversed(rows))
 
-    def mass_matrix(self, q: ca.SX, inertias: Inertias | None = None) -> ca.SX:
-        """Mass matrix (n_v, n_v) [kg, kg m, kg m2] of the composite-rigid-body algorithm, symmetric by construction.
-
-        inertias: as for `rnea`. Raises InvalidInput for a q of another size, or inertias of another number of bodies.
-        """
-        bodies = [sparse(inertia) for inertia in self._inertias(inertias)]
-        M = self.congruence(self.local_poses(q), bodies)
-        return M + ca.diag(sparse(np.asarray(self.model.armature)))
-
     def congruence(self, local_poses: Sequence[SymbolicPose], matrices: Sequence[ca.DM | ca.SX]) -> ca.SX:
         """``sum J_i.T X_i J_i`` (n_v, n_v) over the joint bodies, for symmetric X_i (6, 6) in their frames, else InvalidInput."""
         self._check_bodies(local_poses=local_poses, matrices=matrices)
@@ -236,12 +196,6 @@ class SymbolicModel:
             total[joint.v, columns] = joint.S_linear.T @ wrench.force + joint.S_angular.T @ wrench.moment
             wrench = wrench.onto_parent(local[index])
             index = joint.parent
-
-    def _inertias(self, inertias: Inertias | None) -> list[np.ndarray]:
-        if inertias is None:
-            return [np.zeros((6, 6)), *(Y.matrix() for Y in list(self.model.inertias)[1:])]
-        self._check_bodies(inertias=inertias)
-        return list(inertias)
 
     def _check_rows(self, name: str, value: ca.SX, n_rows: int) -> None:
         if value.shape != (n_rows, 1):

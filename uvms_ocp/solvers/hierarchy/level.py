@@ -122,13 +122,9 @@ def stack(levels: Sequence[Level]) -> Stack:
                 f"{_label(level.name, 'jacobian')} (number {index}) has {level.n_velocities} columns; "
                 f"the first level has {n}, give all levels the same"
             )
+    rows = ("jacobian", "lower", "upper", "rate", "activation", "gate")
     return Stack(
-        jacobian=np.concatenate([level.jacobian for level in levels]),
-        lower=np.concatenate([level.lower for level in levels]),
-        upper=np.concatenate([level.upper for level in levels]),
-        rate=np.concatenate([level.rate for level in levels]),
-        activation=np.concatenate([level.activation for level in levels]),
-        gate=np.concatenate([level.gate for level in levels]),
+        **{name: np.concatenate([getattr(level, name) for level in levels]) for name in rows},
         sizes=tuple(level.n_rows for level in levels),
     )
 
