@@ -30,6 +30,7 @@ from uvms_ocp.ocp.clearance import ShapeClearance, SteppedMotion, certificate, s
 from uvms_ocp.ocp.terms import At, Duration, Effort, Energy, Smoothness, StageSymbols, TaskRows, TaskTerm, Term
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.planning.scene import CollisionScene, collision_scene, coordinates
+from uvms_ocp.robot.assembly import box_corners
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.dynamic_step import skid_points
@@ -358,14 +359,7 @@ def _rims(shape: pin.GeometryObject) -> list[Rim]:
         ends = [X.act(np.array([0.0, 0.0, side * geometry.halfLength])) for side in (-1, 1)]
         size = {"rounding" if isinstance(geometry, coal.Capsule) else "radius": geometry.radius}
         return [Rim(joint=shape.parentJoint, centre=end, axis=X.rotation[:, 2], **size) for end in ends]
-    return [Rim(joint=shape.parentJoint, centre=X.act(corner), axis=np.zeros(3)) for corner in _corners(geometry)]
-
-
-def _corners(geometry: coal.CollisionGeometry) -> np.ndarray:
-    """(8, 3) [m] of the bounding box."""
-    geometry.computeLocalAABB()
-    extremes = np.array([geometry.aabb_local.min_, geometry.aabb_local.max_])
-    return extremes[np.indices((2, 2, 2)).reshape(3, -1).T, np.arange(3)]
+    return [Rim(joint=shape.parentJoint, centre=X.act(corner), axis=np.zeros(3)) for corner in box_corners(geometry)]
 
 
 # What surrounds a mission, as an optimal control problem takes it: one current, a level floor, obstacles.

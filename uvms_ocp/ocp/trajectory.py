@@ -94,12 +94,13 @@ def hold_guess(problem: OcpProblem, start: State | None = None) -> Trajectory:
     robot, t = problem.robot, problem.nominal_times()
     state = start or problem.start
     n = len(t)
+    n_thrust = len(robot.description.thrusters) if has_thrusters(problem) else robot.n_vehicle
     return Trajectory(
         t=t,
         q=np.tile(state.q, (n, 1)),
         v=np.zeros((n, robot.n_v)),
         a=np.zeros((n - 1, robot.n_v)),
-        thrust=np.zeros((n - 1, _n_thrust(problem))),
+        thrust=np.zeros((n - 1, n_thrust)),
         torque=np.zeros((n - 1, robot.n_joints)),
         of_wrench=not has_thrusters(problem),
     )
@@ -161,10 +162,6 @@ def _thrust(problem: OcpProblem, wrench: np.ndarray) -> np.ndarray:
 def has_thrusters(problem: OcpProblem) -> bool:
     """Check whether `thrust` is that of thrusters; else it is a wrench on the vehicle, or nothing on a fixed base."""
     return bool(problem.robot.n_vehicle) and problem.actuation is Actuation.THRUSTERS
-
-
-def _n_thrust(problem: OcpProblem) -> int:
-    return len(problem.robot.description.thrusters) if has_thrusters(problem) else problem.robot.n_vehicle
 
 
 def normalized(trajectory: Trajectory, model: pin.Model) -> Trajectory:

@@ -14,10 +14,6 @@ from uvms_ocp.types import Array, Mask
 # Trust-region descent on a block-tridiagonal Gauss-Newton matrix (Levenberg-Marquardt in a smooth metric).
 
 
-def _never(model: LocalModel) -> bool:
-    return False
-
-
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class DescentProblem:
     """A cost over the free variables of `PathCost`, and where to start."""
@@ -34,7 +30,7 @@ class DescentProblem:
     """(n_nodes, b) [m, rad] for solvers that can keep bounds."""
     upper: Array
     """(n_nodes, b) [m, rad]"""
-    enough: Callable[[LocalModel], bool] = _never
+    enough: Callable[[LocalModel], bool] = lambda model: False
     """A model that is good enough, for solvers that can stop early."""
 
 

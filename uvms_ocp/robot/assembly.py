@@ -10,6 +10,7 @@ from dataclasses import replace
 from itertools import product
 from typing import Annotated
 
+import coal
 import numpy as np
 import pinocchio as pin
 
@@ -52,15 +53,15 @@ def box_around(model: pin.Model, shapes: pin.GeometryModel, frame: str, *, joint
     index = model.getFrameId(frame)
     X_JF = model.frames[index].placement
     own = [s for s in shapes.geometryObjects if (s.parentFrame == index if joint is None else s.parentJoint == joint)]
-    corners = [X_JF.actInv(X) for s in own for X in _corners(s)]
+    corners = [X_JF.actInv(s.placement.act(corner)) for s in own for corner in box_corners(s.geometry)]
     return np.array([np.min(corners, axis=0), np.max(corners, axis=0)]) if corners else np.full((2, 3), np.nan)
 
 
-def _corners(shape: pin.GeometryObject) -> list[np.ndarray]:
-    """Corners of the box around a shape, in the frame of the joint that carries it."""
-    shape.geometry.computeLocalAABB()
-    box = shape.geometry.aabb_local
-    return [shape.placement.act(np.array(corner)) for corner in product(*zip(box.min_, box.max_, strict=True))]
+def box_corners(geometry: coal.CollisionGeometry) -> np.ndarray:
+    """Corners (8, 3) [m] of the box around a shape, in its own frame."""
+    geometry.computeLocalAABB()
+    box = geometry.aabb_local
+    return np.array(list(product(*zip(box.min_, box.max_, strict=True))))
 
 
 def cylinder_in(corners: np.ndarray) -> Cylinder | None:

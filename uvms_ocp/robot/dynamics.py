@@ -85,14 +85,11 @@ class Dynamics(FieldTable):
         return self._evaluate("link_positions", q)[0].reshape(3, -1).T
 
     def _evaluate(self, term: str, q: ArrayLike, *others: ArrayLike) -> tuple[np.ndarray, ...]:
-        outputs = self._function(term)(q, *others)  # says of which shape q has to be
-        require_normalized(self.symbolic.model, q)
-        return outputs
-
-    def _function(self, term: str) -> BufferedFunction:
         if term not in self._functions:
             self._functions[term] = BufferedFunction(self.symbolic.function(term))
-        return self._functions[term]
+        outputs = self._functions[term](q, *others)  # says of which shape q has to be
+        require_normalized(self.symbolic.model, q)
+        return outputs
 
 
 @checked

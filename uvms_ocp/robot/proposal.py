@@ -32,10 +32,8 @@ _WORLDS = ("world", "map", "odom", "ground")  # names of roots that do not move
 _VEHICLE = 0.5  # of the mass: a root with less carries an arm, and is no vehicle
 _LIFT = 0.03  # [m] of buoyancy above the mass
 _TOO_LARGE = 20.0  # times the mass of a link in water: its shapes are no hull, or in millimetres
-_THRUST = (
-    12.0,
-    0.95,
-)  # [N] per root of a kilogram of vehicle, as those of 10 to 160 kg have per thruster, or per kilogram
+# [N] per root of a kilogram of vehicle, as those of 10 to 160 kg have per thruster, or per kilogram
+_THRUST = (12.0, 0.95)
 _DOWN = 0.9  # cosine to straight down, of a range sensor's -z
 
 
@@ -184,7 +182,8 @@ class _Draft:
         if self.floats:
             content["links"] = self._trimmed(dry, content["links"])
         robot = assemble(self.models, RobotDescription.model_validate(content), urdf)
-        return RobotProposal(text=_text(robot.description, sources, self), questions=tuple(self.questions()), robot=robot)
+        text = "".join(f"{line}\n" for line in _lines(robot.description, sources, self))
+        return RobotProposal(text=text, questions=tuple(self.questions()), robot=robot)
 
     @property
     def tools(self) -> tuple[str, ...]:
@@ -377,11 +376,6 @@ def _acceleration(model: pin.Model, name: str) -> float:
     joint = model.joints[model.getJointId(name)]
     speed = float(model.upperVelocityLimit[joint.idx_v])
     return float(f"{2.0 * speed:.3g}") if 0.0 < speed < 10.0 else 1.0
-
-
-def _text(description: RobotDescription, sources: Mapping[str, str], draft: _Draft) -> str:
-    """The file, with a source for every line."""
-    return "\n".join(_lines(description, sources, draft)) + "\n"
 
 
 _HEAD = """# What the URDF does not say: water, thrusters, limits. SI units; vectors in the frame of their link, forward-left-up.

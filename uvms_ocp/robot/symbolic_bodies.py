@@ -302,17 +302,8 @@ PRISMATIC = JointKind(pose=_prismatic_pose, integrate=_vector_integrate, differe
 JOINT_KINDS: Mapping[str, JointKind] = {
     "JointModelFreeFlyer": FREE_FLYER,
     "JointModelPlanar": PLANAR,
-    "JointModelRX": REVOLUTE,
-    "JointModelRY": REVOLUTE,
-    "JointModelRZ": REVOLUTE,
-    "JointModelRevoluteUnaligned": REVOLUTE,
-    "JointModelRUBX": UNBOUNDED,
-    "JointModelRUBY": UNBOUNDED,
-    "JointModelRUBZ": UNBOUNDED,
-    "JointModelRevoluteUnboundedUnaligned": UNBOUNDED,
-    "JointModelPX": PRISMATIC,
-    "JointModelPY": PRISMATIC,
-    "JointModelPZ": PRISMATIC,
-    "JointModelPrismaticUnaligned": PRISMATIC,
+    **dict.fromkeys(("JointModelRX", "JointModelRY", "JointModelRZ", "JointModelRevoluteUnaligned"), REVOLUTE),
+    **dict.fromkeys(("JointModelRUBX", "JointModelRUBY", "JointModelRUBZ", "JointModelRevoluteUnboundedUnaligned"), UNBOUNDED),
+    **dict.fromkeys(("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismaticUnaligned"), PRISMATIC),
 }
 """Joint types of Pinocchio that have a symbolic form."""

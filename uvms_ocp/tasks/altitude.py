@@ -75,13 +75,7 @@ class MinimumAltitude(Task):
     """[m/s]"""
 
     def __post_init__(self) -> None:
-        require_positive(
-            self.name,
-            threshold=self.threshold,
-            margin=self.margin,
-            gain=self.gain,
-            saturation=self.saturation,
-        )
+        require_positive(self, "threshold", "margin", "gain", "saturation")
 
     @property
     def rest_altitude(self) -> float:
@@ -144,7 +138,7 @@ class LandingAltitude(Task):
     """[m/s]"""
 
     def __post_init__(self) -> None:
-        require_positive(self.name, safeguard=self.safeguard, gain=self.gain, saturation=self.saturation)
+        require_positive(self, "safeguard", "gain", "saturation")
 
     @property
     def rest_altitude(self) -> float:

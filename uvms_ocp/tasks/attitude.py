@@ -67,7 +67,7 @@ class AngleTask(Task):
     """[rad] angle at which the strict hierarchy's bound lets theta rest."""
 
     def __post_init__(self) -> None:
-        require_positive(self.name, gain=self.gain, saturation=self.saturation, aim=self.aim)
+        require_positive(self, "gain", "saturation", "aim")
 
     @property
     def watched_axis(self) -> tuple[float, float, float]:
@@ -233,14 +233,7 @@ class Alignment(AngleTask):
         rows = self._angle_rows(symbols, quantities["misalignment"], ca.if_else(overhead, 0, row), quantities)
         # A moving target turns the line of sight by itself: that part of d theta / dt is not ours to choose.
         drift = ca.if_else(overhead, 0, n.T @ turning @ parameters[3:])
-        return Rows(
-            jacobian=rows.jacobian,
-            rate=rows.rate - drift,
-            lower=rows.lower,
-            upper=rows.upper - drift,
-            activation=rows.activation,
-            quantities=quantities,
-        )
+        return replace(rows, rate=rows.rate - drift, upper=rows.upper - drift)
 
 
 @checked

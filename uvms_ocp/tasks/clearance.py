@@ -44,7 +44,7 @@ class Clearance(Task):
     """See `nearest_pairs`."""
 
     def __post_init__(self) -> None:
-        require_positive(self.name, threshold=self.threshold, margin=self.margin, gain=self.gain, saturation=self.saturation)
+        require_positive(self, "threshold", "margin", "gain", "saturation")
         pairs = NearestPairs(task=self.name, model=self.model, n=self.n_nearest, threshold=self.threshold)
         object.__setattr__(self, "_pairs", pairs)
 

@@ -55,7 +55,7 @@ class JointLimits(Task):
     """[rad/s or m/s]"""
 
     def __post_init__(self) -> None:
-        require_positive(self.name, margin=self.margin, gain=self.gain, saturation=self.saturation)
+        require_positive(self, "margin", "gain", "saturation")
         if not (self.guard >= 0 and self.guard + self.margin < 0.5):
             raise InvalidInput(
                 f"{self.name}: margin = {self.margin}, guard = {self.guard}; give shares of the range, together below 0.5"
@@ -132,7 +132,7 @@ class JointTracking(Task):
     """[rad/s or m/s]"""
 
     def __post_init__(self) -> None:
-        require_positive(self.name, gain=self.gain, saturation=self.saturation)
+        require_positive(self, "gain", "saturation")
         value, _ = evaluate_vector(self.name, self.goal, 0.0)
         if value.shape != (len(self.joints),):
             raise InvalidInput(f"{self.name}: goal of shape {value.shape} for {len(self.joints)} joints; give one each")
@@ -180,7 +180,7 @@ class Manipulability(Task):
     """[unit of mu] activation falls over this range."""
 
     def __post_init__(self) -> None:
-        require_positive(self.name, gain=self.gain, target=self.target)
+        require_positive(self, "gain", "target")
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """Manipulability above the end of the activation."""

@@ -57,13 +57,7 @@ class PoseTask(Task):
     """[rad/s]"""
 
     def __post_init__(self) -> None:
-        require_positive(
-            self.name,
-            gain_linear=self.gain_linear,
-            gain_angular=self.gain_angular,
-            saturation_linear=self.saturation_linear,
-            saturation_angular=self.saturation_angular,
-        )
+        require_positive(self, "gain_linear", "gain_angular", "saturation_linear", "saturation_angular")
         evaluate_pose(self.name, self.goal, 0.0)
 
     def n_parameters(self, robot: Robot) -> int:
@@ -145,7 +139,7 @@ class ToolPosition(Task):
     """[m/s]"""
 
     def __post_init__(self) -> None:
-        require_positive(self.name, gain=self.gain, saturation=self.saturation)
+        require_positive(self, "gain", "saturation")
         evaluate_pose(self.name, self.goal, 0.0)
 
     def n_parameters(self, robot: Robot) -> int:

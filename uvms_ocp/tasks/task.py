@@ -359,11 +359,12 @@ def bounded_residual(value: ca.SX, *, lower: float = -np.inf, upper: float = np.
     return Residual(value=value, lower=np.full(m, lower), upper=np.full(m, upper))
 
 
-def require_positive(task: str, **values: float) -> None:
-    """Raise `InvalidInput` unless every value is finite and positive."""
-    for name, value in values.items():
+def require_positive(task: Task, *names: str) -> None:
+    """Raise `InvalidInput` unless every field of these names is finite and positive."""
+    for name in names:
+        value = getattr(task, name)
         if not (np.isfinite(value) and value > 0):
-            raise InvalidInput(f"{task}: {name} = {value}; give a finite value > 0")
+            raise InvalidInput(f"{task.name}: {name} = {value}; give a finite value > 0")
 
 
 # Axes that nobody drives: what tasks ask for stays within what thrusters and joints can give.

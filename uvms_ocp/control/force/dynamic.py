@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
+from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked, unchecked_constructor
 from uvms_ocp.control.faults.monitor import ActuatorMonitor
 from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, residual_filter_for
 from uvms_ocp.control.force.allocation import thruster_lag
@@ -24,7 +24,7 @@ from uvms_ocp.robot import Command, Robot, SensorSpecs, StateEstimate
 from uvms_ocp.robot.dynamics import Dynamics
 from uvms_ocp.robot.thrusters import largest_force, largest_wrench
 
-_command, _feedback = unchecked_constructor(Command), unchecked_constructor(ActuationFeedback)
+_feedback = unchecked_constructor(ActuationFeedback)
 
 DEFAULT_FAULT_TUNING = ActuatorHealthTuning()
 """For faulty thrusters and joints, by default."""
@@ -101,7 +101,7 @@ class DynamicController(TableDisplay):
         """Memory of the force layer, a `ForceMemory`."""
         # Parts of it are made anew whenever they are asked for.
         self._detection, self._allocation = memory.detection, memory.allocation
-        self.monitor = self._monitor(laws)
+        self.monitor = None if laws.search is None else ActuatorMonitor(robot, self._detection, kinematic.watchdog.alarms)
         """Monitor of thrusters and joints; `None` where it is off, and without the observer, whose findings it reads."""
         self._fault, self._fault_summary, self._jammed = "", "", tuple[int, ...]()
         self.learner = None if load is None else _learner(laws, load)
@@ -155,16 +155,7 @@ class DynamicController(TableDisplay):
             **({} if self.monitor is None else self.monitor.telemetry()),
             **({} if self.learner is None else self.learner.telemetry()),
         }
-        return _command(
-            v=command.v,
-            thrust=thrust,
-            torque=torque,
-            hold=command.hold,
-            stop=command.stop,
-            brakes=bool(self.memory.locks),
-            finished=command.finished,
-            telemetry=telemetry,
-        )
+        return replace_unchecked(command, thrust=thrust, torque=torque, brakes=bool(self.memory.locks), telemetry=telemetry)
 
     def _update_monitor(self, monitor: ActuatorMonitor, t: float) -> None:
         """Report what fault detection found at time t [s], and leave jammed joints alone."""
@@ -177,11 +168,6 @@ class DynamicController(TableDisplay):
             if self.learner is not None:
                 self.learner.leave(self._jammed)
         self._fault = f"{self._fault_summary}: {monitor.authority}" if self.memory.gives_up else ""
-
-    def _monitor(self, laws: ForceLaws) -> ActuatorMonitor | None:
-        if laws.search is None:
-            return None
-        return ActuatorMonitor(self._robot, self._detection, self.kinematic.watchdog.alarms)
 
 
 @lru_cache(maxsize=8)

@@ -404,7 +404,8 @@ class StageSqp:
         changed = 1.0 if last is None else last.products.change / max(self._steepest, 1e-300)
         near, solution, rough = self._near(), None, min(_ROUGHLY * min(self._worst, changed), _ROUGHEST)
         for damping, curved, give in _MODELS[self._model :]:
-            if curved and give == np.inf and self._is_far:
+            # Curvature is hardly more convex than when it was last found not to be.
+            if curved and give == np.inf and self._worst > max(_NEARER * self._refused, self._options.feasibility):
                 continue
             self._level.set_curvature(last if curved else None)
             damping += self._least + self._damping
@@ -417,11 +418,6 @@ class StageSqp:
             self._model = min(self._model + (not curved), len(_MODELS) - 1)
         assert solution is not None
         return solution
-
-    @property
-    def _is_far(self) -> bool:
-        """Check whether curvature is hardly more convex than when it was last found not to be."""
-        return self._worst > max(_NEARER * self._refused, self._options.feasibility)
 
     def _near(self) -> WarmStart | None:
         """Return the start of QPs: the last one, if it has an optimum."""

@@ -318,11 +318,5 @@ def _commutator(v: ca.SX, a: ca.SX) -> ca.SX:
 
 def compile_derivatives(given: Derivatives) -> Derivatives:
     """The functions in machine code where a C compiler exists, as they are otherwise."""
-    return replace(
-        given,
-        value=compile_function(given.value),
-        jacobian=compile_function(given.jacobian),
-        hessian=compile_function(given.hessian),
-        costs=compile_function(given.costs) if given.costs.nnz_out() else given.costs,
-        gradient=compile_function(given.gradient) if given.costs.nnz_out() else given.gradient,
-    )
+    names = ["value", "jacobian", "hessian", *(("costs", "gradient") if given.costs.nnz_out() else ())]
+    return replace(given, **{name: compile_function(getattr(given, name)) for name in names})

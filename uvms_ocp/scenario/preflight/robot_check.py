@@ -99,7 +99,7 @@ def check_robot(robot: Robot) -> RobotReport:
         *_inertias(robot),
         _mass_matrix(robot),
         *_limits(robot),
-        *_frames(robot),
+        *((_good if good else _warning)("frames", text) for good, text in role_notes(robot.model, robot.description)),
         *_shapes(robot),
         *_water(robot),
         *(_warning(*gap) for gap in unknowns(without_trim(robot).model, robot.description)),
@@ -173,11 +173,6 @@ def _limits(robot: Robot) -> Iterator[RobotFinding]:
         yield _warning("limits", f"unlimited: {', '.join(unlimited)}; {_LIMITING}")
     else:
         yield _good("limits", "velocity, acceleration and effort are limited")
-
-
-def _frames(robot: Robot) -> Iterator[RobotFinding]:
-    for good, text in role_notes(robot.model, robot.description):
-        yield _good("frames", text) if good else _warning("frames", text)
 
 
 def _shapes(robot: Robot) -> Iterator[RobotFinding]:
