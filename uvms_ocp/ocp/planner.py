@@ -304,9 +304,10 @@ class Refinement:
         if len(q) != self.given.n_steps + 1:
             q = np.tile(self.given.start.q, (self.given.n_steps + 1, 1))  # a guess that `solve` refuses
         best, gained = self._solved(guess, q, {}), np.inf
+        times: list[float] = (self.t0 + self.given.nominal_times()).tolist()
         for _ in range(_MOST_ROUNDS if self._terms else 0):
             path = normalized(self.planner.transcription.unpack(best.result.x, self.given), self.given.robot.model)
-            off = max(term.mismatch(self._times, best.near, path.q) for term in self._terms)
+            off = max(term.mismatch(times, best.near, path.q) for term in self._terms)
             settled = best.result.status.optimal and (off <= _AGREES or gained <= _GAIN)
             missing = self._missing(best, path) if settled or off <= _NEAR else {}
             tightened = {**best.tightened, **missing}
@@ -326,11 +327,6 @@ class Refinement:
     @property
     def _terms(self) -> list[ShapeClearance]:
         return [term for term in self.given.terms if isinstance(term, ShapeClearance)]
-
-    @property
-    def _times(self) -> list[float]:
-        times: list[float] = (self.t0 + self.given.nominal_times()).tolist()
-        return times
 
     def _solved(self, guess: Guess, q: np.ndarray, tightened: Mapping[Term, np.ndarray]) -> RefinedResult:
         """Written at configurations q (n_nodes, n_q)."""

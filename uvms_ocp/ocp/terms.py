@@ -156,18 +156,24 @@ class AtRest(Term):
         return zero_residual(stage.tick.velocity / ca.DM(finite_or(stage.tick.robot.limits.velocity, 1.0)))
 
 
-@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Effort(Term):
-    """Thrust and torque, in shares of their limits: the integral of their squares."""
+class _PathCost(Term):
+    """A cost along the path, an integral over time that has the name of its class."""
 
-    state_only: ClassVar[bool] = False
     is_goal: ClassVar[bool] = False
     at: At = At.PATH
 
     @property
     def name(self) -> str:
-        return "effort"
+        return type(self).__name__.lower()
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Effort(_PathCost):
+    """Thrust and torque, in shares of their limits: the integral of their squares."""
+
+    state_only: ClassVar[bool] = False
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         return zero_residual(ca.vertcat(stage.thrust_share, stage.torque_share))
@@ -175,7 +181,7 @@ class Effort(Term):
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Energy(Term):
+class Energy(_PathCost):
     """Electrical energy: rows whose squares are the powers of thrusters and joints [kW], smooth at zero.
 
     Thruster ``k |T|^n`` and joint ``|tau q_dot| / efficiency``, as in the robot's description. For a vehicle it needs the
@@ -183,13 +189,7 @@ class Energy(Term):
     """
 
     state_only: ClassVar[bool] = False
-    is_goal: ClassVar[bool] = False
     needs_powers: ClassVar[bool] = True
-    at: At = At.PATH
-
-    @property
-    def name(self) -> str:
-        return "energy"
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         description = stage.tick.robot.description
@@ -207,16 +207,10 @@ class Energy(Term):
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Smoothness(Term):
+class Smoothness(_PathCost):
     """Accelerations, in shares of their limits: the integral of their squares."""
 
     state_only: ClassVar[bool] = False
-    is_goal: ClassVar[bool] = False
-    at: At = At.PATH
-
-    @property
-    def name(self) -> str:
-        return "smoothness"
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         return zero_residual(stage.acceleration / ca.DM(finite_or(stage.tick.robot.limits.acceleration, 1.0)))
@@ -224,17 +218,11 @@ class Smoothness(Term):
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Duration(Term):
+class Duration(_PathCost):
     """Time: a row of ones, whose integral is the duration. Of use where durations are free."""
 
     state_only: ClassVar[bool] = False
-    is_goal: ClassVar[bool] = False
     minimises_time: ClassVar[bool] = True
-    at: At = At.PATH
-
-    @property
-    def name(self) -> str:
-        return "duration"
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         return zero_residual(ca.SX(1))
@@ -242,17 +230,11 @@ class Duration(Term):
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Posture(Term):
+class Posture(_PathCost):
     """Joints away from a preferred posture, in shares of their range, of a turn where they are endless: the squares' integral."""
 
-    is_goal: ClassVar[bool] = False
-    at: At = At.PATH
     q: Annotated[np.ndarray, Range(open=True)]
     """(n_q,) [m, rad] configuration, of which joints with two limits and endless ones are used."""
-
-    @property
-    def name(self) -> str:
-        return "posture"
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         robot = stage.tick.robot

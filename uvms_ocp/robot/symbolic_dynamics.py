@@ -125,23 +125,17 @@ class SymbolicDynamics(FieldTable):
         )
 
     def with_coefficients(
-        self,
-        *,
-        rigid: Mapping[int, ca.SX] | None = None,
-        links: Mapping[int, WaterCoefficients] | None = None,
-        damping: ca.SX | None = None,
+        self, *, rigid: Mapping[int, ca.SX] | None = None, links: Mapping[int, WaterCoefficients] | None = None
     ) -> SymbolicDynamics:
         """The same equations with expressions in place of numbers.
 
         rigid: spatial inertias (6, 6) of joint bodies at their joints, by joint. links: what water does to links, by their
-        place in ``links``. damping: of the joints (n_v,). What is left out stays.
+        place in ``links``. What is left out stays.
         """
         other = copy(self)
         bodies, wet = dict(enumerate(self._rigid)) | dict(rigid or {}), dict(enumerate(self._wet))
         wet |= {index: replace(wet[index], water=own) for index, own in (links or {}).items()}
         other._set(_rigid=tuple(bodies.values()), _wet=tuple(wet.values()))
-        if damping is not None:
-            other._set(damping=damping)
         return other
 
     def joint_of(self, link: int) -> int:

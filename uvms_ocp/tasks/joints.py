@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -203,7 +204,7 @@ def manipulability(symbols: TickSymbols, frame: str) -> ca.SX:
     J = symbols.kinematics.jacobian(frame)[:, symbols.robot.joint_v]
     gram = J @ J.T if J.shape[1] >= 6 else J.T @ J
     pivots, _, _ = ca.ldl(gram + _SINGULAR * ca.SX.eye(gram.shape[0]), False)
-    return ca.sqrt(ca.fmax(_product(pivots), 0) + _SINGULAR**2)
+    return ca.sqrt(ca.fmax(math.prod(ca.vertsplit(pivots), start=ca.SX(1)), 0) + _SINGULAR**2)
 
 
 def _arm_gradient(symbols: TickSymbols, scalar: ca.SX) -> ca.SX:
@@ -215,10 +216,3 @@ def _arm_gradient(symbols: TickSymbols, scalar: ca.SX) -> ca.SX:
     row = ca.jacobian(scalar, q[joints]) @ steps[joints, :]
     row[:, symbols.robot.vehicle_v] = 0
     return row
-
-
-def _product(values: ca.SX) -> ca.SX:
-    result = ca.SX(1)
-    for i in range(values.numel()):
-        result = result * values[i]
-    return result

@@ -18,16 +18,9 @@ from uvms_ocp.scenario.cases.transit import transit as transit
 from uvms_ocp.scenario.options import RunOptions as RunOptions
 from uvms_ocp.scenario.scenario import Scenario
 
-SCENARIOS: dict[str, Callable[..., Scenario]] = {
-    "case1": case1,
-    "case1_unreachable": case1_unreachable,
-    "case2": case2,
-    "priority_swap": priority_swap,
-    "two_targets": two_targets,
-    "current_drift": current_drift,
-    "bluerov_inspection": bluerov_inspection,
-    "obstacle_field": obstacle_field,
-    "reach": reach,
-    "transit": transit,
-}
+_ALL = (
+    *(case1, case1_unreachable, case2, priority_swap, two_targets, current_drift),
+    *(bluerov_inspection, obstacle_field, reach, transit),
+)
+SCENARIOS: dict[str, Callable[..., Scenario]] = {scenario.__name__: scenario for scenario in _ALL}
 """Scenarios by the name that the command line knows."""

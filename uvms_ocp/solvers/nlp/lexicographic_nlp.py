@@ -213,7 +213,8 @@ class _Run:
         statuses, iterations, points = [], [], list(self._points)
         for index, level in enumerate(self._levels):
             outcome = self._nlp.levels[index](self._start(index, best), self._p, bounds)
-            statuses.append(self._status(outcome))
+            stalled = outcome.status.optimal and not outcome.usable
+            statuses.append(NlpStatus.STALLED if stalled else outcome.status)
             iterations.append(outcome.iterations)
             if outcome.usable or best is None:
                 best, points[index] = outcome, outcome.point
@@ -245,11 +246,6 @@ class _Run:
         if best is None or self._points[index].warm:
             return self._points[index]
         return level_solver.NlpPoint(x=best.point.x)
-
-    def _status(self, outcome: level_solver.NlpOutcome) -> NlpStatus:
-        if outcome.status.optimal and not outcome.usable:
-            return NlpStatus.STALLED
-        return outcome.status
 
     def _nothing(self) -> level_solver.NlpOutcome:
         return level_solver.NlpOutcome(point=self._points[0], status=NlpStatus.SKIPPED, iterations=0, violation=np.inf)
