@@ -9,9 +9,8 @@ and gradient at the configuration where coal found the plane.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import coal
 import numpy as np
@@ -99,16 +98,14 @@ def _tiled(points: Array, normals: Array) -> Array:
     return np.broadcast_to(points, (len(normals), *points.shape))
 
 
-_FORMS: MappingProxyType[type, Callable[..., Support]] = MappingProxyType(
-    {
-        coal.Sphere: _of_sphere,
-        coal.Capsule: _of_capsule,
-        coal.Box: _of_box,
-        coal.Cylinder: _of_cylinder,
-        coal.Cone: _of_cone,
-        coal.ConvexBase: _of_vertices,
-    }
-)
+_FORMS: Mapping[type, Callable[..., Support]] = {
+    coal.Sphere: _of_sphere,
+    coal.Capsule: _of_capsule,
+    coal.Box: _of_box,
+    coal.Cylinder: _of_cylinder,
+    coal.Cone: _of_cone,
+    coal.ConvexBase: _of_vertices,
+}
 
 
 # Planes that part shapes: where coal finds two of them nearest, and the points that have to stay beyond.

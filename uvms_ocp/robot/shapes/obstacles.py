@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Annotated, Any
 
 import coal
@@ -96,16 +95,14 @@ def mesh_shape(
 
 _MESH = "mesh"
 _EXAMPLE = "obstacles: [{name: ball, shape: sphere, size: [0.3], position: [1.0, 0.0, 0.0]}]"
-_SHAPES: Mapping[str, Callable[..., coal.ShapeBase]] = MappingProxyType(
-    {
-        "sphere": coal.Sphere,
-        "capsule": coal.Capsule,
-        "cylinder": coal.Cylinder,
-        "cone": coal.Cone,
-        "box": coal.Box,
-        "ellipsoid": coal.Ellipsoid,
-    }
-)
+_SHAPES: Mapping[str, Callable[..., coal.ShapeBase]] = {
+    "sphere": coal.Sphere,
+    "capsule": coal.Capsule,
+    "cylinder": coal.Cylinder,
+    "cone": coal.Cone,
+    "box": coal.Box,
+    "ellipsoid": coal.Ellipsoid,
+}
 
 
 class ObstacleFile(BaseModel):
