@@ -71,7 +71,7 @@ class ExperimentLimits:
         return np.asarray(np.diff(self.pool, axis=0)[0] / 2)
 
     def swept(self, x: np.ndarray) -> np.ndarray:
-        """(2, 3) [m] lowest and highest corner of a box in W that holds the hull at all states x (n, n_x) [as `StageFunctions`]."""
+        """(2, 3) [m] lowest and highest corner of a box in W around the hull at all states x (n, n_x) [as `StageFunctions`]."""
         R = _turned(x[:, 3:7])
         middle, reach = x[:, :3] + R @ self.hull.mean(axis=0), np.abs(R) @ (np.diff(self.hull, axis=0)[0] / 2)
         return np.array([(middle - reach).min(axis=0), (middle + reach).max(axis=0)])
@@ -164,7 +164,7 @@ class ExperimentTrajectory:
 
 
 class TrajectorySimulator:
-    """Simulator of a vehicle with unknowns p (n_p,) [as `Unknowns.start`], in steps h [s], with joints (3 n_j,) [as `StageFunctions`]."""
+    """Simulator of a vehicle with unknowns p (n_p,) [as `Unknowns.start`], steps h [s], joints (3 n_j,) [as `StageFunctions`]."""
 
     def __init__(self, rollout: Rollout, p: np.ndarray, h: float, joints: np.ndarray) -> None:
         self._rollout, self._stage, self._p, self.h = rollout, rollout.stage, p, h
