@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from zipfile import BadZipFile
+from typing import Annotated
 
 import numpy as np
 
 from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.model_errors import printable
+from uvms_ocp.record.untrusted import read_arrays
 from uvms_ocp.sim.seafloor import Points, Seafloor
-from uvms_ocp.types import Finite, Vector3
+from uvms_ocp.types import Array, Finite, Range, Shape, Vector3
 
 _LEVEL_RAY = 1e-9  # sine of the angle to the horizon below which a ray counts as level
 _FORMS = "give CSV with lines x,y,z [m] of a whole grid, or an .npz with arrays x (n,), y (m,) and z (m, n)"
@@ -27,24 +28,17 @@ class Bathymetry(Seafloor):
     Raises `InvalidInput` unless x and y ascend, with two values or more each, and every height is finite.
     """
 
-    x: np.ndarray
+    x: Annotated[Array, Shape("n"), Range(open=True)]
     """(n,) [m] in W."""
-    y: np.ndarray
+    y: Annotated[Array, Shape("m"), Range(open=True)]
     """(m,) [m] in W."""
-    z: np.ndarray
+    z: Annotated[Array, Shape("m", "n"), Range(open=True)]
     """(m, n) [m] in W, up."""
 
     def __post_init__(self) -> None:
-        for name in ("x", "y", "z"):
-            values = np.array(getattr(self, name), dtype=float)
-            values.setflags(write=False)
-            object.__setattr__(self, name, values)
         for name, axis in (("x", self.x), ("y", self.y)):
-            if axis.ndim != 1 or len(axis) < 2 or not (np.isfinite(axis).all() and (np.diff(axis) > 0).all()):
+            if len(axis) < 2 or not (np.diff(axis) > 0).all():
                 raise InvalidInput(f"{name} of a bathymetry, shape {axis.shape}; give two values or more that ascend")
-        if self.z.shape != (len(self.y), len(self.x)) or not np.isfinite(self.z).all():
-            shape = f"({len(self.y)}, {len(self.x)})"
-            raise InvalidInput(f"z of a bathymetry, shape {self.z.shape}; give finite heights of shape {shape}")
 
     @staticmethod
     def read(path: Path | str, *, origin: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)) -> Bathymetry:
@@ -56,7 +50,7 @@ class Bathymetry(Seafloor):
         shown = printable(path)
         try:
             x, y, z = _of_arrays(Path(path)) if Path(path).suffix == ".npz" else _of_lines(Path(path))
-        except (OSError, ValueError, KeyError, BadZipFile) as error:
+        except (OSError, ValueError, KeyError) as error:
             why = " ".join(str(error).split())
             raise InvalidInput(f"{shown}: no bathymetry ({why}); {_FORMS}") from None
         return Bathymetry(x=x - origin[0], y=y - origin[1], z=z - origin[2])
@@ -131,9 +125,9 @@ def _first_zero(start: np.ndarray, middle: np.ndarray, end: np.ndarray) -> np.nd
 
 
 def _of_arrays(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    with np.load(path, allow_pickle=False) as file:
-        x, y, z = (np.asarray(file[name], dtype=float) for name in ("x", "y", "z"))
-        return x, y, z
+    arrays = read_arrays(path)
+    x, y, z = (np.asarray(arrays[name], dtype=float) for name in ("x", "y", "z"))
+    return x, y, z
 
 
 def _of_lines(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

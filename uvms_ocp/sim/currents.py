@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.hydrodynamics import Water
-from uvms_ocp.types import DAY, Count, Shape
+from uvms_ocp.types import DAY, Count, Finite, Positive, Shape
 
 _FASTEST = 10.0  # [m/s] no sea is faster, Saltstraumen included: more is a slip of units
 _BLOCK = 256  # nodes of a gust that are drawn at a time
@@ -81,8 +81,27 @@ def water_at(current: Current, p_W: Points, t: float) -> Water:
 
 
 @checked_on_failure
+class UniformField(Current):
+    """A current that is the same at all points: its `uniform_flow` says all of it."""
+
+    __slots__ = ()
+
+    def uniform_flow(self, t: float) -> np.ndarray:
+        raise NotImplementedError
+
+    def velocity(self, p_W: Points, t: float) -> np.ndarray:
+        return np.tile(self.uniform_flow(t)[0], (len(p_W), 1))
+
+    def rate(self, p_W: Points, t: float) -> np.ndarray:
+        return np.tile(self.uniform_flow(t)[1], (len(p_W), 1))
+
+    def gradient(self, p_W: Points, t: float) -> np.ndarray:
+        return np.zeros((len(p_W), 3, 3))
+
+
+@checked_on_failure
 @dataclass(frozen=True, kw_only=True, slots=True)
-class StillWater(Current):
+class StillWater(UniformField):
     """No current."""
 
     @property
@@ -92,19 +111,10 @@ class StillWater(Current):
     def uniform_flow(self, t: float) -> np.ndarray:
         return np.zeros((2, 3))
 
-    def velocity(self, p_W: Points, t: float) -> np.ndarray:
-        return np.zeros((len(p_W), 3))
-
-    def rate(self, p_W: Points, t: float) -> np.ndarray:
-        return np.zeros((len(p_W), 3))
-
-    def gradient(self, p_W: Points, t: float) -> np.ndarray:
-        return np.zeros((len(p_W), 3, 3))
-
 
 @checked_on_failure
 @dataclass(frozen=True, slots=True, eq=False)
-class UniformCurrent(Current):
+class UniformCurrent(UniformField):
     """The same velocity (3,) [m/s] everywhere and always.
 
     Raises `InvalidInput` for a velocity that is not finite or faster than any sea.
@@ -122,15 +132,6 @@ class UniformCurrent(Current):
 
     def uniform_flow(self, t: float) -> np.ndarray:
         return np.array([self.value, np.zeros(3)])
-
-    def velocity(self, p_W: Points, t: float) -> np.ndarray:
-        return _rows(self.value, len(p_W))
-
-    def rate(self, p_W: Points, t: float) -> np.ndarray:
-        return np.zeros((len(p_W), 3))
-
-    def gradient(self, p_W: Points, t: float) -> np.ndarray:
-        return np.zeros((len(p_W), 3, 3))
 
 
 @checked_on_failure
@@ -155,14 +156,12 @@ class ShearedCurrent(Current):
         object.__setattr__(self, "velocities", _flow("velocities of a sheared current", self.velocities, shape))
 
     @staticmethod
-    def over_floor(velocity: ArrayLike, *, floor_z: float, thickness: float) -> ShearedCurrent:
+    def over_floor(velocity: ArrayLike, *, floor_z: float, thickness: Positive) -> ShearedCurrent:
         """Power law ``velocity (height / thickness)^(1/7)`` of a turbulent boundary layer, `velocity` (3,) [m/s] above it.
 
         floor_z [m] in W, thickness [m] of the layer. Raises `InvalidInput` for a thickness that is not > 0, and as the
         class does.
         """
-        if not (math.isfinite(thickness) and thickness > 0):
-            raise InvalidInput(f"thickness of a boundary layer = {thickness} m; give a finite length > 0")
         share = np.linspace(0.0, 1.0, 33) ** 3  # dense at the floor, where the profile is steep
         velocity = _flow("velocity of the current", velocity, (3,))
         return ShearedCurrent(z=floor_z + thickness * share, velocities=np.outer(share ** (1 / 7), velocity))
@@ -184,7 +183,7 @@ class ShearedCurrent(Current):
 
 @checked_on_failure
 @dataclass(frozen=True, slots=True, eq=False)
-class OnsetCurrent(Current):
+class OnsetCurrent(UniformField):
     """A uniform current that sets in: from rest to its velocity by a cosine step, as when the tide turns."""
 
     value: np.ndarray
@@ -194,28 +193,17 @@ class OnsetCurrent(Current):
     rise: float
     """[s] that the step takes."""
 
-    def __init__(self, velocity: ArrayLike, *, start: float, rise: float) -> None:
+    def __init__(self, velocity: ArrayLike, *, start: Finite, rise: Positive) -> None:
         """Velocity (3,) [m/s] once it has set in; start, rise [s] as the fields.
 
         Raises `InvalidInput` for a velocity that is not finite or faster than any sea, and a rise that is not > 0.
         """
         object.__setattr__(self, "value", _flow("velocity of the current", velocity, (3,)))
-        if not (math.isfinite(start) and math.isfinite(rise) and rise > 0):
-            raise InvalidInput(f"onset of a current: start = {start} s, rise = {rise} s; give finite times, rise > 0")
         object.__setattr__(self, "start", float(start))
         object.__setattr__(self, "rise", float(rise))
 
     def uniform_flow(self, t: float) -> np.ndarray:
         return np.multiply.outer(self.growth(t), self.value)
-
-    def velocity(self, p_W: Points, t: float) -> np.ndarray:
-        return _rows(self.value * self.growth(t)[0], len(p_W))
-
-    def rate(self, p_W: Points, t: float) -> np.ndarray:
-        return _rows(self.value * self.growth(t)[1], len(p_W))
-
-    def gradient(self, p_W: Points, t: float) -> np.ndarray:
-        return np.zeros((len(p_W), 3, 3))
 
     def growth(self, t: float) -> tuple[float, float]:
         """Share of the whole velocity that there is at time t [s], and its rate [1/s]."""
@@ -239,9 +227,9 @@ class GustyCurrent(Current):
     """The current that it comes on top of."""
     sigma: float | tuple[float, float, float] = 0.05
     """[m/s] standard deviation, per axis of W if three are given."""
-    correlation_time: float = 10.0
+    correlation_time: Positive = 10.0
     """[s]"""
-    step: float = 0.5
+    step: Positive = 0.5
     """[s] between nodes."""
     seed: Count = 0
     """Seed of the random numbers."""
@@ -252,10 +240,6 @@ class GustyCurrent(Current):
         sigma = np.array(self.sigma, dtype=float)
         if sigma.shape not in ((), (3,)) or not (np.isfinite(sigma).all() and (sigma >= 0).all()):
             raise InvalidInput(f"sigma of a gust = {self.sigma} m/s; give one or three finite numbers >= 0")
-        for name in ("correlation_time", "step"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise InvalidInput(f"{name} of a gust = {value} s; give a finite time > 0")
         decay = math.exp(-self.step / self.correlation_time)
         object.__setattr__(self, "_path", _Path(np.broadcast_to(sigma, (3,)), decay, self.seed))
 
@@ -308,12 +292,6 @@ class _Path:
                 previous = row
             self._nodes = np.vstack([self._nodes, block])
         return self._nodes[start:end]
-
-
-def _rows(row: np.ndarray, n: int) -> np.ndarray:
-    rows = np.empty((n, 3))
-    rows[:] = row
-    return rows
 
 
 def _flow(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:

@@ -12,7 +12,6 @@ for, and where it still moved, the first step is the impulse that stops it, whic
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -20,6 +19,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.checks import checked
 from uvms_ocp.codegen.buffered import BoundFunction
 from uvms_ocp.codegen.elementwise import clipped
 from uvms_ocp.errors import InvalidInput
@@ -29,12 +29,14 @@ from uvms_ocp.robot.spatial import skew
 from uvms_ocp.robot.symbolic_bodies import sparse
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.sim.thrusters import N_DECAYS, Thrusters, joint_power
+from uvms_ocp.types import Positive
 
 # Contact of the vehicle's hull with the seafloor: a spring and damper at each corner of its underside.
 #
 # The floor pushes and never pulls; friction is Coulomb's, regularised below a creeping speed.
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ContactModel:
     """Stiffness and damping per corner. Raises `InvalidInput` for a number that is not > 0.
@@ -42,19 +44,13 @@ class ContactModel:
     The values are assumed: no public measurement of a skid on sediment.
     """
 
-    stiffness: float = 2e4
+    stiffness: Positive = 2e4
     """[N/m]"""
-    damping: float = 2e3
+    damping: Positive = 2e3
     """[N s/m]"""
-    friction: float = 0.5
-    creep: float = 0.01
+    friction: Positive = 0.5
+    creep: Positive = 0.01
     """[m/s] speed below which friction is viscous."""
-
-    def __post_init__(self) -> None:
-        for name in ("stiffness", "damping", "friction", "creep"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise InvalidInput(f"contact {name} = {value}; give a finite value > 0")
 
     def force(self, depth: ca.SX, velocity_W: ca.SX, normal_W: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Force (3,) [N] in W on a point `depth` [m] below the floor that moves with velocity_W (3,) [m/s], and its slope.

@@ -22,7 +22,7 @@ from uvms_ocp.sim import fault_effects as effects
 from uvms_ocp.sim.environment import Environment, EnvironmentSampler
 from uvms_ocp.sim.faults import Fault
 from uvms_ocp.sim.thrusters import Thrusters
-from uvms_ocp.types import Period
+from uvms_ocp.types import Period, Positive
 
 # Plants: what a command does to the true state.
 
@@ -120,7 +120,7 @@ class DynamicPlant(Plant):
         *,
         dynamics: Dynamics,
         environment: Environment,
-        max_step: float = 1e-3,
+        max_step: Positive = 1e-3,
         contact: dynamic_step.ContactModel | None = None,
         stops: dynamic_step.JointStops | None = None,
         faults: tuple[Fault, ...] = (),
@@ -132,8 +132,6 @@ class DynamicPlant(Plant):
 
         Raises `InvalidInput` for a max_step that is not > 0, and as `Robot.check_configuration`.
         """
-        if not (math.isfinite(max_step) and max_step > 0):
-            raise InvalidInput(f"max_step = {max_step} s; give a finite time > 0")
         self._robot, self._unloaded, self._dynamics, self._max_step = robot, dynamics, dynamics, max_step
         self._environment = effects.with_steps(environment, faults)
         parts = contact or dynamic_step.ContactModel(), stops or dynamic_step.JointStops()

@@ -14,7 +14,7 @@ from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.meta_values import FloorRelief
 from uvms_ocp.robot.shapes.obstacles import Obstacle, mesh_shape
-from uvms_ocp.types import Count, Positive, Range, Shape, Vector3
+from uvms_ocp.types import Array, Count, Finite, Positive, Range, Shape, Vector3
 
 # What a sea floor is, the plane, and any floor as a table of heights, a mesh and an obstacle.
 
@@ -117,7 +117,7 @@ def floor_mesh(
     centre [m] is x, y of the square, extent [m] its side, spacing [m] the distance between vertices. Raises `InvalidInput`
     unless 0 < spacing <= extent, and for more than a few thousand cells a side.
     """
-    if not (math.isfinite(extent) and math.isfinite(spacing) and 0 < spacing <= extent):
+    if spacing > extent:
         raise InvalidInput(f"mesh of extent {extent} m and spacing {spacing} m; give 0 < spacing <= extent")
     if extent / spacing > _FINEST:
         raise InvalidInput(f"mesh of extent {extent:g} m and spacing {spacing:g} m; give at most {_FINEST} cells a side")
@@ -152,6 +152,7 @@ _MOST_BUMPS = 1_000_000
 _RANGE_TOLERANCE = 1e-10  # [m]
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Relief:
     """How rough a floor is: the ranges from which its protuberances are drawn.
@@ -159,20 +160,18 @@ class Relief:
     Raises `InvalidInput` unless 0 < lowest <= highest, and for a spacing that is not > 0.
     """
 
-    height: tuple[float, float]
+    height: tuple[Positive, Positive]
     """[m] lowest and highest."""
-    radius: tuple[float, float]
+    radius: tuple[Positive, Positive]
     """[m] smallest and largest."""
-    spacing: float
+    spacing: Positive
     """[m] mean distance between neighbours."""
 
     def __post_init__(self) -> None:
         for name in ("height", "radius"):
             low, high = getattr(self, name)
-            if not (math.isfinite(high) and 0 < low <= high):
+            if low > high:
                 raise InvalidInput(f"{name} of protuberances = {(low, high)} m; give 0 < lowest <= highest")
-        if not (math.isfinite(self.spacing) and self.spacing > 0):
-            raise InvalidInput(f"spacing of protuberances = {self.spacing} m; give a finite distance > 0")
 
 
 RELIEFS = {
@@ -192,13 +191,13 @@ class HeightField(Seafloor):
     arrays that do not fit together, and heights or radii that are not > 0.
     """
 
-    z: float
+    z: Finite
     """[m] of the plane."""
-    centres: np.ndarray
+    centres: Annotated[Array, Shape("n", 2), Range(open=True)]
     """(n, 2) [m] x, y in W."""
-    heights: np.ndarray
+    heights: Annotated[Array, Shape("n"), Range(0.0, open=True)]
     """(n,) [m] > 0."""
-    radii: np.ndarray
+    radii: Annotated[Array, Shape("n"), Range(0.0, open=True)]
     """(n,) [m] > 0."""
     _bumps: np.ndarray = field(init=False, repr=False)
     """(4, n): x, y, height, 1 / radius^2."""
@@ -208,13 +207,6 @@ class HeightField(Seafloor):
     """(3,) [m] its opposite corner."""
 
     def __post_init__(self) -> None:
-        n = len(self.heights)
-        for name, shape in (("centres", (n, 2)), ("heights", (n,)), ("radii", (n,))):
-            object.__setattr__(self, name, _checked(name, getattr(self, name), shape))
-        if not math.isfinite(self.z):
-            raise InvalidInput(f"seafloor at z = {self.z}; give a finite height [m]")
-        if n and not (self.heights.min() > 0 and self.radii.min() > 0):
-            raise InvalidInput("heights and radii of a height field must be > 0")
         bumps = np.vstack([self.centres.T, self.heights, self.radii**-2.0])
         low, high = _box(self.centres, self.radii)
         object.__setattr__(self, "_bumps", bumps)
@@ -227,7 +219,7 @@ class HeightField(Seafloor):
         *,
         z: float,
         centre: tuple[float, float] = (0.0, 0.0),
-        extent: float = 100.0,
+        extent: Positive = 100.0,
         seed: Count = 0,
     ) -> HeightField:
         """Protuberances drawn from `relief` (or its name in `RELIEFS`) over a square of side `extent` [m].
@@ -239,8 +231,6 @@ class HeightField(Seafloor):
             if relief not in RELIEFS:
                 raise NameNotFound("relief", relief, RELIEFS)
             relief = RELIEFS[relief]
-        if not (math.isfinite(extent) and extent > 0):
-            raise InvalidInput(f"extent of a height field = {extent} m; give a finite length > 0")
         if extent / relief.spacing > math.sqrt(_MOST_BUMPS):
             raise InvalidInput(f"extent of a height field = {extent} m; give less: more than {_MOST_BUMPS:,} protuberances")
         rng = np.random.default_rng(seed)
@@ -372,14 +362,6 @@ def _box(centres: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.ndarray
     if not len(radii):
         return np.full(2, math.inf), np.full(2, -math.inf)
     return (centres - radii[:, None]).min(axis=0), (centres + radii[:, None]).max(axis=0)
-
-
-def _checked(name: str, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    array = np.array(values, dtype=float)
-    if array.shape != shape or not np.isfinite(array).all():
-        raise InvalidInput(f"{name} of a height field: shape {array.shape}; give finite numbers of shape {shape}")
-    array.setflags(write=False)
-    return array
 
 
 def _highest(centres: np.ndarray, heights: np.ndarray, radii: np.ndarray) -> float:
