@@ -157,7 +157,7 @@ def test_a_channel_takes_readings_of_its_shapes_alone(channel: str) -> None:
 
 
 def test_what_runs_at_every_tick_looks_at_ranges_and_axes_of_what_it_does_not_read() -> None:
-    with pytest.raises(InvalidInput, match=r"^UniformCurrent.velocity: p_W has shape \(2,\); give an array \(n, 3\)"):
+    with pytest.raises(InvalidInput, match=r"^UniformField.velocity: p_W has shape \(2,\); give an array \(n, 3\)"):
         UniformCurrent([0.1, 0.0, 0.0]).velocity(np.zeros(2), 0.0)
     with pytest.raises(InvalidInput, match=r"^KinematicPlant.step: dt = -0.1; give a number between 0 and 86400$"):
         POOL["KinematicPlant"]().step(Command(v=np.zeros(robot().n_v)), -0.1)

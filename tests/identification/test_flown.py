@@ -14,7 +14,7 @@ from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.output_error import FitStatus, Noise
 from uvms_ocp.identification.parameters import Free
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout
-from uvms_ocp.identification.uncertainty import DETERMINED, parameter_uncertainties
+from uvms_ocp.identification.uncertainty import DETERMINED, standard_errors
 
 NOISE = Noise(velocity=0.02, rate=0.02, vertical=0.02)
 SEARCH = Search(step=0.05, stretch=10.0)
@@ -39,9 +39,9 @@ def test_where_all_is_determined_a_file_has_what_the_search_has_found() -> None:
 
 def test_what_stays_open_is_as_declared_and_the_others_are_best_beside_it() -> None:
     unknowns, left = fitted().vehicle.shared, fitted().estimate
-    sigma = np.array([one.sigma for one in parameter_uncertainties(fitted().vehicle, left)])
+    sigma = standard_errors(fitted().vehicle, left)
     inflation = (1.1 * DETERMINED / sigma.max()) ** 2
-    still_open = np.array([one.sigma > DETERMINED for one in parameter_uncertainties(fitted().vehicle, left, inflation)])
+    still_open = standard_errors(fitted().vehicle, left, inflation) > DETERMINED
     assert 0 < still_open.sum() < len(sigma)
     found = exported_estimate(fitted(), inflation)
     assert found.kept == tuple(np.array(unknowns.names)[still_open])

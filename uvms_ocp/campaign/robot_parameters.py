@@ -11,7 +11,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.campaign.distributions import Parameter
@@ -36,8 +35,10 @@ def machine_parameters(scenario: Scenario) -> Iterator[Parameter]:
     robot = scenario.plant_robot or scenario.robot
     yield _of_robot("water.density", "kg/m3", "density of the water", Robot.with_water_density)
     if robot.description.links:
-        yield _of_robot("water.drag", "-", "factor of all drag, linear and quadratic", _dragged)
-        yield _of_robot("water.added_mass", "-", "factor of the added mass of all links", _with_added_mass)
+        drag = partial(_scaled, "water.drag", ("linear_drag", "quadratic_drag"))
+        yield _of_robot("water.drag", "-", "factor of all drag, linear and quadratic", drag)
+        added = partial(_scaled, "water.added_mass", ("added_mass",))
+        yield _of_robot("water.added_mass", "-", "factor of the added mass of all links", added)
     yield _of_robot("robot.mass", "-", "factor of the mass and inertia of all links", _heavier)
     carrier = _HAND if robot.has_frame(_HAND) else "base_link"
     yield _of_robot("payload.mass", "kg", f"of a point mass fixed to {carrier}", partial(_carrying, carrier, "mass"))
@@ -58,29 +59,19 @@ def _of_robot(name: str, unit: str, meaning: str, change: Callable[[Robot, float
     return Parameter(name, unit, meaning, apply)
 
 
-def _dragged(robot: Robot, factor: float) -> Robot:
+def _scaled(parameter: str, names: tuple[str, ...], robot: Robot, factor: float) -> Robot:
+    """The robot with these coefficients of its links scaled; a shape becomes the coefficients that its rule gives."""
     if not factor >= 0.0:
-        raise InvalidInput(f"water.drag = {factor:g}; give a factor of 0 or more")
-    names = ("linear_drag", "quadratic_drag")
-    return _wet(robot, lambda link: {name: factor * getattr(link, name) for name in names})
-
-
-def _with_added_mass(robot: Robot, factor: float) -> Robot:
-    if not factor >= 0.0:
-        raise InvalidInput(f"water.added_mass = {factor:g}; give a factor of 0 or more")
-    return _wet(robot, lambda link: {"added_mass": factor * link.added_mass})
-
-
-def _wet(robot: Robot, change: Callable[[LinkHydrodynamics], dict[str, np.ndarray]]) -> Robot:
-    """The robot with other coefficients of its links; a shape becomes the coefficients that its rule gives."""
+        raise InvalidInput(f"{parameter} = {factor:g}; give a factor of 0 or more")
     bare = checked_copy(robot.description, trim=())
-    links = {link.frame: _described(link, change(link)) for link in links_in_water(bare)}
+    links = {link.frame: _described(link, dict.fromkeys(names, factor)) for link in links_in_water(bare)}
     description = checked_copy(robot.description, links=links)
     return replace(robot, description=description, hydrodynamics=links_in_water(description))
 
 
-def _described(link: LinkHydrodynamics, changes: dict[str, np.ndarray]) -> LinkDescription:
-    matrices = {name: changes.get(name, getattr(link, name)) for name in ("added_mass", "linear_drag", "quadratic_drag")}
+def _described(link: LinkHydrodynamics, factors: dict[str, float]) -> LinkDescription:
+    own = {name: getattr(link, name) for name in ("added_mass", "linear_drag", "quadratic_drag")}
+    matrices = {name: factors[name] * matrix if name in factors else matrix for name, matrix in own.items()}
     rows: dict[str, Any] = {name: tuple(map(tuple, matrix.tolist())) for name, matrix in matrices.items()}
     position, rpy = link.X_FL.translation, pin.rpy.matrixToRpy(link.X_FL.rotation)
     coefficients = LinkCoefficients(

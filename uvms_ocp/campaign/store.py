@@ -8,7 +8,7 @@ from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from time import monotonic
-from typing import Any, BinaryIO, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -17,20 +17,10 @@ from uvms_ocp.campaign.distributions import Design
 from uvms_ocp.campaign.jobs import COMPLETED, FIRST, LAST, CampaignJob, RunResult, columns_of
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, UvmsError
-from uvms_ocp.record.durable_files import discard, locked, replacing, sync_folders, write_durably
-from uvms_ocp.record.output import STORE, as_output_errors, read_as
+from uvms_ocp.record.durable_files import discard, locked, sync_folders, write_durably
+from uvms_ocp.record.output import STORE, as_output_errors, read_as, whole_file
 from uvms_ocp.record.tables import arrow as required_arrow
 from uvms_ocp.record.untrusted import as_input_errors
-
-# A file of a campaign, of rows, a record or a copy.
-
-
-@contextmanager
-def whole_file(path: Path) -> Iterator[BinaryIO]:
-    """Open a file as `replacing` does. Raises `OutputError` where the disk refuses."""
-    with as_output_errors(path, "free some space"), replacing(path) as file:
-        yield file
-
 
 # What a campaign is, written down beside its rows: another one, or a changed one, is refused.
 
@@ -179,7 +169,7 @@ class Parts:
     def _write(self, table: Any) -> None:
         pa = arrow()
         path = self._folder / f"part-{self._next:08d}.parquet"
-        with whole_file(path) as file:
+        with whole_file(path, "free some space") as file:
             pa.parquet.write_table(table, file, row_group_size=_GROUP)
         self._next, self._n = self._next + 1, self._n + 1
 
@@ -335,7 +325,7 @@ def opened(folder: Path, identity: CampaignManifest, sources: Mapping[str, bytes
 def _write_whole(path: Path, content: bytes) -> None:
     with as_output_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as file:
+    with whole_file(path, "free some space") as file:
         file.write(content)
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -23,11 +22,9 @@ from uvms_ocp.cli import options as opt
 from uvms_ocp.cli import printing
 from uvms_ocp.cli.compilation import show_compilation
 from uvms_ocp.cli.run import run_and_write
-from uvms_ocp.errors import InvalidInput, OutputError, plain_line
+from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.record.durable_files import write_durably
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from uvms_ocp.record.output import as_output_errors
 
 _WHAT = "A scenario as for `run` (your own file is run to load it: give only what you trust), or a campaign's folder."
 _DPI = 110
@@ -181,11 +178,9 @@ def _write_report(folder: Path, success: Sequence[MetricBound], console: Console
     with console.status("drawing"):
         page = report_page(report, _figures(table, report))
     paths = [folder / "report.json", folder / "report.html"]
-    try:
+    with as_output_errors(folder):
         for path, text in zip(paths, (json.dumps(report, indent=1) + "\n", page), strict=True):
             write_durably(path, text)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot write the report ({error.strerror})") from error
     _print_report(report, console)
     printing.print_paths(console, paths)
     return report
@@ -193,6 +188,7 @@ def _write_report(folder: Path, success: Sequence[MetricBound], console: Console
 
 def _figures(table: Any, report: dict[str, Any]) -> dict[str, bytes]:
     from uvms_ocp.viz import campaign_report as figures
+    from uvms_ocp.viz.style import png_of
 
     rate = report["success"]
     good = table["success"].to_numpy(dtype=bool)
@@ -204,13 +200,7 @@ def _figures(table: Any, report: dict[str, Any]) -> dict[str, bytes]:
     for name in ("success", "tool_position_error_m", "duration_s"):
         if any(row["figure"] == name for row in report["sensitivity"]):
             drawn[f"sensitivity of {name}"] = figures.figure_sensitivity(report["sensitivity"], name)
-    return {name: _png(figure) for name, figure in drawn.items()}
-
-
-def _png(figure: Figure) -> bytes:
-    buffer = BytesIO()
-    figure.savefig(buffer, format="png", dpi=_DPI)
-    return buffer.getvalue()
+    return {name: png_of(figure, _DPI) for name, figure in drawn.items()}
 
 
 def _print_report(report: dict[str, Any], console: Console) -> None:

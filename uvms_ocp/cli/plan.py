@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,7 +25,7 @@ from uvms_ocp.report.planned_motion import motion_record, ocp_record, ocp_report
 from uvms_ocp.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import Obstacle, parse_obstacle, read_obstacles
 from uvms_ocp.scenario.own_code import robot_of
-from uvms_ocp.solvers.nlp.level_solver import PLUGINS, IterationReport, NlpOptions
+from uvms_ocp.solvers.nlp.level_solver import PLUGINS, IterationReport
 
 # Options of every plan: where it starts, where it goes, and what stands in the way.
 
@@ -212,7 +212,7 @@ def mission(
     console = console_of(stderr=as_json)
     options = opt.given(robot=robot, **files.options, plant=plant, current=current, seabed=seabed, noise=noise)
     scenario = opt.build_scenario(name, options)
-    solver = _options(nlp, time_limit)
+    solver = replace(OPTIONS, plugin=nlp, time_limit=time_limit)
     with claim_folder(out or opt.default_folder(("plan", "mission", opt.label(name)), options), _MISSION_FILES) as claim:
         with console.status(f"planning {name}"):
             found = plan_mission(scenario, duration=within, step=step, options=solver)
@@ -224,16 +224,6 @@ def mission(
         print_json(found.summary())
     if not found.solved:
         raise typer.Exit(NOT_COMPLETED)
-
-
-def _options(plugin: str, time_limit: float) -> NlpOptions:
-    return NlpOptions(
-        plugin=plugin,
-        time_limit=time_limit,
-        max_iterations=OPTIONS.max_iterations,
-        convergence=OPTIONS.convergence,
-        barrier=OPTIONS.barrier,
-    )
 
 
 def _write(found: MissionPlan, folder: Path) -> None:

@@ -15,8 +15,9 @@ from uvms_ocp.cli import options as opt
 from uvms_ocp.cli.compilation import show_compilation
 from uvms_ocp.cli.new_mission import TEMPLATES, NewMission, loading_line, variations_text
 from uvms_ocp.cli.printing import cell, console_of, print_json, print_line, print_paths
-from uvms_ocp.errors import InvalidInput, OutputError, plain_line
+from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.export.controller import export_controller
+from uvms_ocp.record.output import as_output_errors
 from uvms_ocp.robot import list_robots, robot_folder
 from uvms_ocp.robot.description import RobotDescription
 from uvms_ocp.robot.proposal import find_urdf, propose
@@ -176,15 +177,13 @@ def _write(files: dict[Path, str], copies: Mapping[Path, Path] | None = None) ->
     for path in files:
         if path.exists():
             raise InvalidInput(f"{path}: is there already; choose another name, or move it away")
-    try:
+    with as_output_errors(next(iter(files)).parent, "choose another place"):
         for path, text in files.items():
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
         for path, original in (copies or {}).items():
             path.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(original, path)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot write there ({error.strerror}); choose another place") from error
     print_paths(console_of(), list(files))
 
 

@@ -183,8 +183,7 @@ def exported_estimate(fitted: FitContext, inflation: float) -> ExportedEstimate:
     inflation: samples that miss alike, as `variance_inflation` finds.
     """
     shared, estimate = fitted.vehicle.shared, fitted.estimate
-    known = uncertainty.parameter_uncertainties(fitted.vehicle, estimate, inflation)
-    is_open = np.array([one.sigma > uncertainty.DETERMINED for one in known], dtype=bool)
+    is_open = uncertainty.standard_errors(fitted.vehicle, estimate, inflation) > uncertainty.DETERMINED
     kept, best = np.zeros(len(is_open), dtype=bool), estimate
     if estimate.status is FitStatus.CONVERGED:
         for chosen in _chosen(shared, is_open):

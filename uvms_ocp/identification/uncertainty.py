@@ -30,19 +30,6 @@ _LEAST_SHARE = 0.3  # of the largest entry of a combination
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class ParameterUncertainty:
-    """Standard error of one unknown."""
-
-    name: str
-    value: float
-    """[as `Unknowns.start`]"""
-    sigma: float
-    """[as `Unknowns.start`] standard error."""
-    determined: bool
-    """True if the recordings determine it, not the prior."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
 class UnidentifiableDirection:
     """A combination of unknowns that the recordings do not determine."""
 
@@ -52,16 +39,13 @@ class UnidentifiableDirection:
     """Unknowns and what they change by along it, the largest first."""
 
 
-def parameter_uncertainties(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> tuple[ParameterUncertainty, ...]:
-    """Compute standard errors of every shared unknown. inflation: samples that miss alike, as `variance_inflation` finds."""
-    sigma = np.sqrt(np.diag(covariance(vehicle, estimate, inflation)))
-    learnt = (sigma < DETERMINED) & (sigma < NARROWED * vehicle.shared.sigma)
-    rows = zip(vehicle.shared.names, estimate.shared, sigma, learnt, strict=True)
-    return tuple(ParameterUncertainty(name=n, value=float(v), sigma=float(s), determined=bool(d)) for n, v, s, d in rows)
+def standard_errors(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> np.ndarray:
+    """(n,) [as `Unknowns.start`] of the shared unknowns. inflation: samples that miss alike, as `variance_inflation` finds."""
+    return np.sqrt(np.diag(covariance(vehicle, estimate, inflation)))
 
 
 def covariance(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> np.ndarray:
-    """(n, n) [unknowns^2] of the shared unknowns, by recordings and priors; together: as in `parameter_uncertainties`."""
+    """(n, n) [unknowns^2] of the shared unknowns, by recordings and priors; together: as in `standard_errors`."""
     prior = np.diag(1.0 / vehicle.shared.sigma**2 + _NOTHING)
     return np.asarray(np.linalg.inv(_data(vehicle, estimate, inflation) + prior))
 
@@ -74,7 +58,7 @@ def prior_covariance(vehicle: Vehicle) -> np.ndarray:
 def unidentifiable_directions(
     vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0
 ) -> tuple[UnidentifiableDirection, ...]:
-    """Combinations of which less is known than `DETERMINED`, the worst first; together: as in `parameter_uncertainties`."""
+    """Combinations of which less is known than `DETERMINED`, the worst first; together: as in `standard_errors`."""
     values, axes = np.linalg.eigh(_data(vehicle, estimate, inflation))
     found = []
     for value, axis in zip(values, axes.T, strict=True):
@@ -176,7 +160,7 @@ class _Entry:
 
 
 def numbers(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> tuple[IdentifiedNumber, ...]:
-    """Every number that depends on a shared unknown. inflation: samples that miss alike, as in `parameter_uncertainties`."""
+    """Every number that depends on a shared unknown. inflation: samples that miss alike, as in `standard_errors`."""
     found = numbers_at(vehicle, estimate.shared, covariance(vehicle, estimate, inflation))
     return tuple(replace(one, settled=estimate.status is FitStatus.CONVERGED) for one in found)
 

@@ -15,8 +15,9 @@ from typing import IO, Any
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput, optional_module
+from uvms_ocp.record.output import whole_file
 from uvms_ocp.record.run_meta import is_floating, joint_positions, read_meta, write_meta
-from uvms_ocp.record.tables import column_names, column_units, series_description, write_atomically
+from uvms_ocp.record.tables import column_names, column_units, series_description
 from uvms_ocp.record.untrusted import DENSEST, SMALL, as_input_errors, require_regular_file
 
 # Messages of an MCAP file in the order that they stand there, unpacked chunk by chunk within what each chunk declares.
@@ -283,14 +284,10 @@ class _Column:
 def to_mcap(series: Mapping[str, np.ndarray], meta: Any, path: Path) -> None:
     """Write what `from_mcap` reads as the same; series: (n, ...) each [unit of it]. Raises `NotInstalled` and `OutputError`."""
     require_mcap()
-    write_atomically(path, lambda fresh: _write(series, meta, fresh))
-
-
-def _write(series: Mapping[str, np.ndarray], meta: Any, path: Path) -> None:
     from mcap.writer import Writer
     from mcap_protobuf.schema import register_schema
 
-    with path.open("wb") as file:
+    with whole_file(path) as file:
         writer = Writer(file)
         writer.start(profile="", library=f"uvms_ocp {VERSION}")
         writer.add_metadata(_KEY, {"version": VERSION, "meta": write_meta(meta)})

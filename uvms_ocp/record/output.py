@@ -10,14 +10,14 @@ from collections.abc import Collection, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, BinaryIO, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, OutputError, UvmsError
 from uvms_ocp.model_errors import one_line
-from uvms_ocp.record.durable_files import discard, locked, remove_empty, sync_folders, sync_tree, write_durably
+from uvms_ocp.record.durable_files import discard, locked, remove_empty, replacing, sync_folders, sync_tree, write_durably
 
 # What a command of ours wrote into a folder, by which it is known again.
 
@@ -411,3 +411,10 @@ def as_output_errors(target: Path, advice: str = "choose another folder") -> Ite
     except OSError as error:
         reason = error.strerror or " ".join(str(error).split())
         raise OutputError(f"{target}: cannot write there ({reason}); {advice}") from error
+
+
+@contextmanager
+def whole_file(path: Path, advice: str = "choose another place") -> Iterator[BinaryIO]:
+    """An empty file that takes the place of `path` as `replacing` has it. Raises `OutputError` where the disk refuses."""
+    with as_output_errors(path, advice), replacing(path) as file:
+        yield file

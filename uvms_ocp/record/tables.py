@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.errors import InvalidInput, NameNotFound, OutputError, optional_module
+from uvms_ocp.errors import InvalidInput, NameNotFound, optional_module
+from uvms_ocp.record.output import whole_file
 from uvms_ocp.record.run_meta import read_meta, write_meta
 from uvms_ocp.record.untrusted import DENSEST, SMALL, as_input_errors, require_regular_file
 
@@ -267,7 +268,9 @@ def to_dataframe(series: Series, meta: Any) -> Any:
 
 def to_csv(series: Series, meta: Any, path: Path) -> None:
     """One line of names, then one per tick, every number in full. Raises `NotInstalled`, and `OutputError` where it cannot."""
-    write_atomically(path, lambda file: to_dataframe(series, meta).to_csv(file, index=False))
+    table = to_dataframe(series, meta)
+    with whole_file(path) as file:
+        table.to_csv(file, index=False)
 
 
 def to_parquet(series: Series, meta: Any, path: Path) -> None:
@@ -286,7 +289,8 @@ def to_parquet(series: Series, meta: Any, path: Path) -> None:
             fields.append(pa.field(column, arrays[-1].type, metadata={**series_description(name, array), "unit": unit}))
     own = {_KEY: VERSION.encode(), b"meta": write_meta(meta).encode()}
     table = pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=own))
-    write_atomically(path, lambda file: pa.parquet.write_table(table, file))
+    with whole_file(path) as file:
+        pa.parquet.write_table(table, file)
 
 
 def from_parquet(path: Path) -> tuple[dict[str, np.ndarray], Any]:
@@ -325,14 +329,3 @@ def arrow(what: str = "a Parquet file", package: str = CAMPAIGN_EXTRA) -> Any:
     """The library pyarrow with its Parquet. Raises `NotInstalled` without it: what needs it, and which package brings it."""
     optional_module("pyarrow.parquet", what, package)
     return optional_module("pyarrow", what, package)
-
-
-def write_atomically(path: Path, write: Any) -> None:
-    """Whole or not at all. Raises `OutputError` where it cannot be written."""
-    fresh = path.with_name(path.name + ".tmp")
-    try:
-        write(fresh)
-        fresh.replace(path)
-    except OSError as error:
-        fresh.unlink(missing_ok=True)
-        raise OutputError(f"{path}: cannot write there ({error.strerror or error}); choose another place") from error

@@ -11,10 +11,10 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.record import quantity as quantity
+from uvms_ocp.record.run_meta import is_floating
 from uvms_ocp.record.tables import unit_of
 
 _LONGEST = 60  # letters of what is written on a line
-_N_VEHICLE = 6  # velocity degrees of freedom of a free-flyer
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -124,12 +124,6 @@ def task_activity(record: Record, task: str) -> np.ndarray | None:
     return None
 
 
-def n_joints(record: Record) -> int:
-    """Velocity degrees of freedom of the joints."""
-    n_v = record["v"].shape[1]
-    return n_v - _N_VEHICLE if has_vehicle(record) else n_v
-
-
 def axis_names(record: Record, n: int) -> list[str]:
     """Names of n rows or axes: the joints where there is one for each, which a joint of several axes has not."""
     joints = record.meta.joints
@@ -138,9 +132,7 @@ def axis_names(record: Record, n: int) -> list[str]:
 
 def has_vehicle(record: Record) -> bool:
     """Tell whether the robot is a free-flyer (q then begins with p_WB and a quaternion)."""
-    if record.meta.kind == "run":
-        return record.meta.floating
-    return record["v"].shape[1] - len(record.meta.joints) == _N_VEHICLE
+    return is_floating(record.series, record.meta)
 
 
 def floor_heights(record: Record, points: np.ndarray) -> np.ndarray | None:

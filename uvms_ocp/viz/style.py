@@ -19,7 +19,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogFormatterSciNotation
 
-from uvms_ocp.errors import OutputError, plain_line
+from uvms_ocp.errors import plain_line
+from uvms_ocp.record.output import as_output_errors
 from uvms_ocp.record.record import Record
 from uvms_ocp.viz.series import PhaseSpan, axis_label, fault_spans, phase_spans
 
@@ -116,10 +117,10 @@ class Figures(tuple[Figure, ...]):
         return "".join(f'<img src="data:image/png;base64,{picture}" style="max-width:100%"><br>' for picture in pictures)
 
 
-def png_of(figure: Figure) -> bytes:
-    """The figure as a PNG file."""
+def png_of(figure: Figure, dpi: int = DPI) -> bytes:
+    """The figure as a PNG file, of so many dots per inch."""
     buffer = BytesIO()
-    figure.savefig(buffer, format="png", dpi=DPI)
+    figure.savefig(buffer, format="png", dpi=dpi)
     return buffer.getvalue()
 
 
@@ -167,12 +168,9 @@ def label_text(name: str, longest: int = 32) -> str:
 
 def save_figure(figure: Figure, path: Path) -> Path:
     """Write a PNG, PDF or SVG, as its name ends, and the folders that it needs; returns its path. Raises `OutputError`."""
-    try:
+    with as_output_errors(path), _laid_out(figure):
         path.parent.mkdir(parents=True, exist_ok=True)
-        with _laid_out(figure):
-            figure.savefig(path, dpi=DPI)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error}); choose another folder") from error
+        figure.savefig(path, dpi=DPI)
     return path
 
 

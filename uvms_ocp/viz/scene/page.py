@@ -25,6 +25,7 @@ import umsgpack  # type: ignore[import-untyped]
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, OutputError, plain_line
+from uvms_ocp.record.output import as_output_errors
 from uvms_ocp.types import AtLeastOne, Positive
 
 if TYPE_CHECKING:
@@ -82,11 +83,9 @@ class ScenePage:
     def write(self, path: Path | str) -> Path:
         """Raises `OutputError` where `path` cannot be written."""
         path = Path(path)
-        try:
+        with as_output_errors(path, "choose another place"):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(self.html, encoding="utf-8")
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be written ({error}); choose another place") from error
         return path
 
     def _repr_html_(self) -> str:
@@ -312,12 +311,10 @@ def write_frames(
         duration = float(sheet.evaluate("DETAILS.duration"))
         if duration * fps > _MOST_FRAMES:
             raise InvalidInput(f"fps = {fps:g} for {duration:g} s; give fewer than {_MOST_FRAMES} pictures")
-        try:
+        with as_output_errors(folder):
             folder.mkdir(parents=True, exist_ok=True)
             paths = [folder / f"{k:05d}.png" for k in range(int(duration * fps) + 1)]
             for k, path in enumerate(paths):
                 sheet.evaluate(_AT, k / fps)
                 sheet.screenshot(path=path)
             return tuple(paths)
-        except OSError as error:
-            raise OutputError(f"{folder}: cannot be written ({error}); choose another folder") from error
