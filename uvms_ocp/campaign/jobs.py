@@ -18,7 +18,7 @@ import numpy as np
 
 from uvms_ocp.errors import plain_line
 from uvms_ocp.record.record import Record, quantity
-from uvms_ocp.report.metrics import figures_between, largest_or_none
+from uvms_ocp.report import metrics
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.environment import closest_approach
 from uvms_ocp.version import __version__
@@ -203,18 +203,17 @@ _LOOKS = 200  # configurations at which the clearance is measured
 def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
     """Compute the metrics of a run by name, as in `METRICS`; `None` where a run has no such figure."""
     meta, task, end = record.run_meta, record.run_meta.tool_task, float(record["t"][-1])
-    spent, ranges = figures_between(record, 0.0, end), record["altimeter_range"]
-    seen = ranges[np.isfinite(ranges)]
+    spent = metrics.figures_between(record, 0.0, end)
     figures = {
         "duration_s": end,
         "tool_position_error_m": meta.true_quantity(f"{task}.position_error"),
         "tool_orientation_error_rad": meta.true_quantity(f"{task}.orientation_error"),
         **{name: spent[name] for name in _FROM_REPORT},
         "clearance_m": _clearance(scenario, record),
-        "min_altimeter_m": float(seen.min()) if seen.size else None,
-        "tilt_rad": largest_or_none(quantity(record, "HA.tilt")),
+        "min_altimeter_m": metrics.smallest_or_none(record["altimeter_range"]),
+        "tilt_rad": metrics.largest_or_none(quantity(record, "HA.tilt")),
         "alarms": float(len(meta.alarms)),
-        "failed_ticks": _failed(record),
+        "failed_ticks": float(sum(metrics.failed_ticks(record).values())),
     }
     return {name: None if figure is None or not np.isfinite(figure) else float(figure) for name, figure in figures.items()}
 
@@ -226,11 +225,6 @@ def _clearance(scenario: Scenario, record: Record) -> float | None:
     if not np.isfinite(q).all():
         return None
     return closest_approach(scenario.robot, scenario.environment, q, floor=False).distance
-
-
-def _failed(record: Record) -> float:
-    codes, counts = np.unique(record["status"], return_counts=True)
-    return float(sum(n for code, n in zip(codes, counts, strict=True) if record.run_meta.statuses[code] != "solved"))
 
 
 # Distributions of figures of merit.

@@ -101,15 +101,11 @@ def campaign(
         records=records,
     )
     _require_fit(wanted, force, console)
-    _make(wanted, target, cluster, console)
+    with _interruptible(target, console), _progress_bar(console) as advance:
+        wanted.run(target, progress=advance, **cluster)
     found = _write_report(target, bounds, console)
     if as_json:
         printing.print_json(found)
-
-
-def _make(wanted: Campaign, target: Path, cluster: dict[str, Any], console: Console) -> None:
-    with _interruptible(target, console), _progress_bar(console) as advance:
-        wanted.run(target, progress=advance, **cluster)
 
 
 def _look(

@@ -170,7 +170,8 @@ def excite(
     require_coefficients(subject)  # rather than after it was driven
     thrust = thrust_within(subject, given, share)
     limits = ExperimentLimits(thrust=thrust, pool=np.outer([-0.5, 0.5], pool), hull=subject.hull_in_body(given.hull), slew=slew)
-    wanted = _assignment(subject, given, limits, duration)
+    noise, joints = Noise(**given.noise.model_dump()), tuple(subject.robot.home.tolist())
+    wanted = ExperimentTask(vehicle=subject.vehicle, limits=limits, duration=duration, noise=noise, joints=joints)
     with claim_folder(out, [COMMANDS, EXCITE_REPORT]) as claim:
         with console.status("designing") as status, show_compilation(status.update):
             found = design_experiment(wanted, Rollout(stage_of(subject.vehicle)), DesignSettings(seed=seed))
@@ -193,13 +194,6 @@ def thrust_within(subject: CalibratedRobot, given: CalibrationSettings, share: f
     if not 0.0 < share <= 1.0:
         raise InvalidInput(f"--share {share} given; allowed: more than 0, at most 1")
     return share * np.transpose(thrust_limits(subject.robot))
-
-
-def _assignment(
-    subject: CalibratedRobot, given: CalibrationSettings, limits: ExperimentLimits, duration: float
-) -> ExperimentTask:
-    noise, joints = Noise(**given.noise.model_dump()), tuple(subject.robot.home.tolist())
-    return ExperimentTask(vehicle=subject.vehicle, limits=limits, duration=duration, noise=noise, joints=joints)
 
 
 # ``thruster-curve``: from a bench's table to the curve of a robot file.

@@ -8,10 +8,11 @@ import sys
 import warnings
 import webbrowser
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext, redirect_stderr, redirect_stdout
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from multiprocessing import get_context
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any
@@ -39,57 +40,49 @@ from uvms_ocp.sim.faults import parse_faults
 from uvms_ocp.sim.loop import TickObserver
 from uvms_ocp.sim.own_parts import plant_name
 
-# Jobs that write files, shared with a process beside this one: Matplotlib and meshcat keep one processor busy each.
+# Jobs that write files, shared by copies of this process: Matplotlib and meshcat keep one processor busy each.
 
 Job = Callable[[], object]
+_COPIES = 2
+_shared: list[Job] = []  # which copies know by their numbers
 
 
 def run_jobs(jobs: Sequence[Job], status: AbstractContextManager[object] | None = None) -> None:
-    """Do all jobs, at most 255, in any order, here and in a copy of this process where the system makes one.
+    """Do all jobs, in any order: in copies of this process where the system makes some and has processors for them, else here.
 
-    What counts is what they write; each must bear to be done twice. status: entered here alone, once there is a copy, as a
-    thread that prints would be missing in it. Raises what a job raises.
+    What counts is what they write; each must bear to be done twice. status: entered here alone, once there are copies, as a
+    thread that prints would be missing in them. Raises what a job raises.
     """
-    numbers, writing = os.pipe()
-    os.write(writing, bytes(range(len(jobs))))
-    os.close(writing)
-    copy = _start_copy(jobs, numbers)
-    try:
+    if sys.platform in ("win32", "darwin") or (os.cpu_count() or 1) < _COPIES:
         with status or nullcontext():
-            _work_off(jobs, numbers)
-    except BaseException:
-        if copy:
-            copy.kill()
-        raise
+            _do(jobs)
+        return
+    _shared[:] = jobs
+    pool = ProcessPoolExecutor(_COPIES, get_context("fork"), initializer=_be_silent)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # of threads of libraries, which wait for work
+            done = [pool.submit(_do_shared, k) for k in range(len(jobs))]
+        with status or nullcontext():
+            for one in done:
+                one.result()
+    except BrokenProcessPool:  # a copy was killed
+        _do(jobs)
     finally:
-        os.close(numbers)
-        if copy:
-            copy.join()
-    if copy and copy.exitcode:
-        for job in jobs:  # what went wrong there goes wrong here, and is raised
-            job()
+        pool.shutdown(cancel_futures=True)
 
 
-def _work_off(jobs: Sequence[Job], numbers: int) -> None:
-    """Do jobs by the numbers in a pipe, which whoever is free reads one by one."""
-    while number := os.read(numbers, 1):
-        jobs[number[0]]()
+def _do(jobs: Sequence[Job]) -> None:
+    for job in jobs:
+        job()
 
 
-def _start_copy(jobs: Sequence[Job], numbers: int) -> BaseProcess | None:
-    """Fork a process that does the jobs too, where that is safe and there is a processor for it."""
-    if sys.platform in ("win32", "darwin") or (os.cpu_count() or 1) < 2:
-        return None
+def _do_shared(number: int) -> None:
+    _shared[number]()
 
-    def work() -> None:
-        with open(os.devnull, "w") as silence, redirect_stdout(silence), redirect_stderr(silence):
-            _work_off(jobs, numbers)
 
-    copy = get_context("fork").Process(target=work)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # of threads of libraries, which wait for work
-        copy.start()
-    return copy
+def _be_silent() -> None:
+    sys.stdout = sys.stderr = open(os.devnull, "w")  # noqa: SIM115 - for as long as the copy lives
 
 
 def draw_all(drawings: Mapping[str, Job], status: AbstractContextManager[object] | None = None) -> list[str]:

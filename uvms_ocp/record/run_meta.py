@@ -136,7 +136,8 @@ class RunMeta(RecordMeta):
                 or here in (meta_values.DONE, meta_values.ABORT)
                 or event.target not in {*known, meta_values.DONE, meta_values.ABORT}
             ):
-                raise ValueError(f"an event at {event.t:g} s leads {_way(event)}; the mission was in {here[:60]!r}")
+                way = f"from {event.source[:60]!r} to {event.target[:60]!r}"
+                raise ValueError(f"an event at {event.t:g} s leads {way}; the mission was in {here[:60]!r}")
             if event.t <= t:
                 raise ValueError(f"an event at {event.t:g} s after one at {t:g} s; events stand in order of time")
             here, t = event.target, event.t
@@ -154,10 +155,6 @@ class RunMeta(RecordMeta):
     def true_quantity(self, name: str) -> float | None:
         """The value of ``task.quantity`` at the true state at the end, in its unit [m] or [rad]; `None` if not measured."""
         return next((item.value for item in self.true_quantities if item.name == name), None)
-
-
-def _way(event: meta_values.EventMeta) -> str:
-    return f"from {event.source[:60]!r} to {event.target[:60]!r}"
 
 
 class PlanMeta(RecordMeta):

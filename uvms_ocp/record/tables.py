@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -22,13 +24,6 @@ _VEHICLE_Q = (*_XYZ, "qx", "qy", "qz", "qw")
 _VEHICLE_V = ("surge", "sway", "heave", "roll_rate", "pitch_rate", "yaw_rate")
 _FIRST, _SECOND = ("position", "linear", "force"), ("attitude", "angular", "moment")
 """Names of the parts that a vehicle has."""
-
-_POSE = {"position": "m", "attitude": "-"}
-_PLACE = {**_POSE, "joints": "rad or m"}
-_SPREAD = {**_PLACE, "attitude": "rad"}
-_TWIST = {"linear": "m/s", "angular": "rad/s", "joints": "rad/s or m/s"}
-_WRENCH = {"force": "N", "moment": "N m"}
-_FORCE = {**_WRENCH, "joints": "N m or N"}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -49,66 +44,15 @@ class SeriesKind:
         return ", ".join(self.units.values())
 
 
-def _of(meaning: str, shape: str, unit: str | Mapping[str, str], frame: str = "-") -> SeriesKind:
-    units = {"": unit} if isinstance(unit, str) else dict(unit)
-    return SeriesKind(meaning=meaning, shape=shape, units=MappingProxyType(units), frame=frame)
+def _units(text: str) -> Mapping[str, str]:
+    """By part, of a text such as ``position: m; attitude: -``, or one unit for all."""
+    return MappingProxyType({part: unit for part, _, unit in (one.rpartition(": ") for one in text.split("; "))})
 
 
-def _axes(power: str) -> dict[str, str]:
-    """Units of coordinates of a plan, differentiated by time."""
-    over = f"/s{power}" if power != "0" else ""
-    return {"position": f"m{over}", "attitude": f"rad{over}", "joints": f"rad{over} or m{over}"}
-
-
+_TABLE = (files("uvms_ocp.record") / "series.csv").read_text(encoding="utf-8").splitlines()
 SERIES: Mapping[str, SeriesKind] = {
-    "t": _of("time of the tick", "()", "s"),
-    "q": _of("true configuration: position, quaternion xyzw, joints", "(n_q,)", _PLACE, "W"),
-    "v": _of("true velocity: linear, angular, joints", "(n_v,)", _TWIST, "B"),
-    "q_estimated": _of("configuration as estimated", "(n_q,)", _PLACE, "W"),
-    "v_estimated": _of("velocity as estimated", "(n_v,)", _TWIST, "B"),
-    "q_std": _of("standard deviations of the estimate of q", "(n_v,)", _SPREAD, "W, B"),
-    "altimeter_range": _of("range of the altimeter as estimated", "()", "m"),
-    "altimeter_std": _of("standard deviation of that range", "()", "m"),
-    "command": _of("velocity that is asked for", "(n_v,)", _TWIST, "B"),
-    "health": _of("trust in every channel: 0 good, 1 suspect, 2 lost", "(n_channels,)", "-"),
-    "controller_time": _of("time that the whole controller took", "()", "s"),
-    "phase": _of("number of the phase", "()", "-"),
-    "activations": _of("external activation of every task", "(n_tasks,)", "-"),
-    "guided": _of("whether the velocity is that of a plan which is followed", "()", "-"),
-    "activity": _of("activation of every row of all levels", "(n_rows,)", "-"),
-    "residual": _of("what every row of all levels misses", "(n_rows,)", "of the task's rate"),
-    "quantities": _of("what the tasks measure, by name", "(n_quantities,)", "of the task"),
-    "status": _of("outcome of the solver, as `meta.statuses`", "()", "-"),
-    "viable_share": _of("share of the step that viability allows", "()", "-"),
-    "solve_time": _of("time that the solver took", "()", "s"),
-    "tick_time": _of("time that the layer of velocities took", "()", "s"),
-    "freshness": _of("which measurements are fresh enough", "()", "-"),
-    "disturbance": _of("generalized force that is not explained", "(n_v,)", _FORCE, "B"),
-    "wrench": _of("generalized force asked of the thrusters, or planned", "(6,)", _WRENCH, "B"),
-    "unreachable": _of("part of it that they cannot give", "(6,)", _WRENCH, "B"),
-    "saturated": _of("whether any thruster is at its limit", "()", "-"),
-    "thruster_share": _of("share of its thrust that each is believed to give", "(n_thrusters,)", "-"),
-    "thruster_constant": _of("thrust that each is believed to add", "(n_thrusters,)", "N"),
-    "thruster_health": _of("verdict on every thruster", "(n_thrusters,)", "-"),
-    "joint_health": _of("verdict on every joint", "(n_joints,)", "-"),
-    "load_weight": _of("net weight in water of what the tool carries, as learnt", "()", "N"),
-    "load_weight_error": _of("standard error of that weight", "()", "N"),
-    "load_mass": _of("mass of what the tool carries, as learnt; NaN while undetermined", "()", "kg"),
-    "load_mass_error": _of("standard error of that mass", "()", "kg"),
-    "thrust": _of("thrust that every thruster gives, or is planned to", "(n_thrusters,)", "N"),
-    "asked_thrust": _of("thrust that is asked of every thruster from now on", "(n_thrusters,)", "N"),
-    "torque": _of("effort of every joint", "(n_joints,)", "N m or N"),
-    "contact": _of("force of the floor on every corner of the skid", "(n_points,)", "N", "W"),
-    "current": _of("velocity of the water at the vehicle", "(3,)", "m/s", "W"),
-    "thruster_energy": _of("electrical energy of every thruster so far", "(n_thrusters,)", "J"),
-    "joint_energy": _of("electrical energy of all joints so far", "()", "J"),
-    "x": _of("coordinates of a plan", "(n_axes,)", _axes("0"), "W"),
-    "x_rate": _of("their first derivative", "(n_axes,)", _axes(""), "W"),
-    "x_acceleration": _of("their second derivative", "(n_axes,)", _axes("²"), "W"),
-    "x_jerk": _of("their third derivative", "(n_axes,)", _axes("³"), "W"),
-    "x_snap": _of("their fourth derivative", "(n_axes,)", _axes("⁴"), "W"),
-    "clearance": _of("distance from each group of shapes", "(n_groups,)", "m"),
-    "tool": _of("pose of the tool", "(7,)", _POSE, "W"),
+    row["series"]: SeriesKind(meaning=row["meaning"], shape=row["shape"], units=_units(row["units"]), frame=row["frame"])
+    for row in csv.DictReader(_TABLE)
 }
 """By name. Controllers of one's own may record others."""
 
@@ -169,14 +113,6 @@ def _part(column: str, units: Mapping[str, str]) -> str:
     return next((part for part in units if part in family), [*units][-1])
 
 
-def _velocities(meta: Any) -> Sequence[str]:
-    return (*_VEHICLE_V, *meta.joints)
-
-
-def _configuration(meta: Any) -> Sequence[str]:
-    return (*_VEHICLE_Q, *_joint_entries(meta))
-
-
 def _joint_entries(meta: Any) -> list[str]:
     """What the entries of the joints in q are called: of an endless one there are two."""
     return [part for name in meta.joints for part in (_circle(name) if name in meta.endless else (name,))]
@@ -190,8 +126,8 @@ _OF_Q = ("q", "q_estimated")
 _LINEAR = {"x", "y", "z", "surge", "sway", "heave"}
 _TURNING = {"qx", "qy", "qz", "qw", "roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate"}
 _MAKERS: Mapping[str, Callable[[Any], Sequence[str]]] = {
-    **dict.fromkeys(_OF_Q, _configuration),
-    **dict.fromkeys(("v", "v_estimated", "command", "q_std", "disturbance"), _velocities),
+    **dict.fromkeys(_OF_Q, lambda meta: (*_VEHICLE_Q, *_joint_entries(meta))),
+    **dict.fromkeys(("v", "v_estimated", "command", "q_std", "disturbance"), lambda meta: (*_VEHICLE_V, *meta.joints)),
     **dict.fromkeys(("wrench", "unreachable"), lambda meta: _VEHICLE_V),
     **dict.fromkeys(("torque", "joint_health"), lambda meta: meta.joints),
     **dict.fromkeys(("x", "x_rate", "x_acceleration", "x_jerk", "x_snap"), lambda meta: getattr(meta, "axes", ())),

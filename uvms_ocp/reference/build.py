@@ -301,21 +301,7 @@ def _leads_somewhere(link: str, path: Path, pages: dict[Path, _Page]) -> bool:
 
 _DISPLAY = re.compile(r"\$\$(.+?)\$\$", re.DOTALL)
 _INLINE = re.compile(r"(?<![\\$\w])\$([^$\n]+?)\$(?!\w)")
-_PAGE = """{% extends "frame.html.jinja2" %}
-{% block title %}{{ title }}{% endblock %}
-{% block style %}{{ super() | safe }}<style>{{ css | safe }}</style>{% endblock %}
-{% block nav %}
-<h2>uvms_ocp</h2>
-{% for heading, entries in contents.items() %}<h3>{{ heading }}</h3>
-<ul>{% for address, text in entries %}<li><a href="{{ address }}">{{ text }}</a></li>{% endfor %}</ul>
-{% endfor %}
-{% endblock %}
-{% block content %}<main class="pdoc"><section class="module-info"><div class="docstring">{{ body | safe }}</div></section></main>
-{% endblock %}"""
-_CSS = """math[display=block] { margin: 1.2em 0; font-size: 1.15em; }
-math { font-family: "Latin Modern Math", "STIX Two Math", "Cambria Math", math; }
-.docstring table { display: block; overflow-x: auto; } .docstring td { vertical-align: top; }
-nav.pdoc ul { padding-left: 0; } .docstring { max-width: 62rem; }"""
+_ASSETS = files("uvms_ocp.reference") / "assets"
 Contents = dict[str, list[tuple[str, str]]]
 """By heading, addresses and titles of pages."""
 
@@ -344,8 +330,8 @@ def page_of(title: str, body: str, contents: Contents) -> str:
     """A whole page in the look of those that the generator makes."""
     from pdoc.render import env
 
-    values: dict[str, Any] = {"title": title, "body": body, "contents": contents, "css": _CSS}
-    return str(env.from_string(_PAGE).render(**values))
+    page, css = ((_ASSETS / name).read_text(encoding="utf-8") for name in ("page.html.jinja2", "page.css"))
+    return str(env.from_string(page).render(title=title, body=body, contents=contents, css=css))
 
 
 def title_of(text: str) -> str:

@@ -33,6 +33,19 @@ def largest_or_none(values: np.ndarray | None) -> float | None:
     return None if values is None or np.isnan(values).all() else float(np.nanmax(values))
 
 
+def smallest_or_none(values: np.ndarray) -> float | None:
+    """Return the smallest of the values (n,) [in their unit] that are finite; `None` where none is."""
+    known = values[np.isfinite(values)]
+    return float(known.min()) if known.size else None
+
+
+def failed_ticks(record: Record) -> dict[str, int]:
+    """Count the ticks that the solver did not solve, by its status."""
+    codes, counts = np.unique(record["status"], return_counts=True)
+    names = [record.run_meta.statuses[code] for code in codes]
+    return {name: int(count) for name, count in zip(names, counts, strict=True) if name != "solved"}
+
+
 def largest_tilt(record: Record) -> float | None:
     """Return the largest tilt [rad] while a task on it is on; `None` where none ever is."""
     meta = record.run_meta

@@ -133,12 +133,8 @@ def _explains(record: Record, swinging: set[str]) -> bool:
 
 def _waiting(record: Record, phase: str) -> list[ThresholdMeta]:
     """Conditions of a phase that the end of the record does not meet."""
-    return [item for item in _conditions(record, phase) if not _fulfilled(record, item)]
-
-
-def _conditions(record: Record, phase: str) -> list[ThresholdMeta]:
-    """Conditions of the forward transitions of a phase."""
-    return [item for item in record.meta.thresholds if item.phase == phase and item.sign == "<"]
+    forward = [item for item in record.meta.thresholds if item.phase == phase and item.sign == "<"]
+    return [item for item in forward if not _fulfilled(record, item)]
 
 
 def _fulfilled(record: Record, condition: ThresholdMeta) -> bool:
@@ -263,9 +259,9 @@ def summarize(record: Record) -> dict[str, Any]:
         "estimate": metrics.estimate_table(record),
         "vehicle_drift_in_last_phase_m": _drift_in_last_phase(record),
         "largest_tilt_rad": metrics.largest_tilt(record),
-        "min_altimeter_m": _smallest(record["altimeter_range"]),
+        "min_altimeter_m": metrics.smallest_or_none(record["altimeter_range"]),
         "max_velocity_step": metrics.max_velocity_step(record),
-        "failed_ticks": _failed_ticks(record),
+        "failed_ticks": metrics.failed_ticks(record),
         "tick_us": _percentiles_us(record["tick_time"]),
         "controller_us": _percentiles_us(record["controller_time"]) if "controller_time" in record.series else None,
         "wall_s": meta.wall_s,
@@ -318,17 +314,6 @@ def _drift_in_last_phase(record: Record) -> float | None:
         return None
     positions = record["q"][settled, :3]
     return float(np.linalg.norm(positions - positions[0], axis=1).max())
-
-
-def _failed_ticks(record: Record) -> dict[str, int]:
-    codes, counts = np.unique(record["status"], return_counts=True)
-    names = [record.run_meta.statuses[code] for code in codes]
-    return {name: int(count) for name, count in zip(names, counts, strict=True) if name != "solved"}
-
-
-def _smallest(values: np.ndarray) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(known.min()) if known.size else None
 
 
 def _percentiles_us(seconds: np.ndarray) -> dict[str, float]:

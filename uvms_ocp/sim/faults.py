@@ -7,6 +7,9 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib.resources import files
+
+import tomllib
 
 from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.errors import InvalidInput, NameNotFound, short
@@ -71,70 +74,17 @@ class FaultModel:
         return self.values[0] if self.for_each else self.values[index]
 
 
-def _unit(what: str) -> ValueRange:
-    return ValueRange(what=f"{what} [unit of the channel]")
+def _families() -> dict[str, dict[str, FaultModel]]:
+    """Kinds in the table ``faults.toml``; encoders have those of sensors that concern the values of a reading."""
+    table = tomllib.loads((files("uvms_ocp.sim") / "faults.toml").read_text(encoding="utf-8"))
+    for kind in (kind for kinds in table.values() for kind in kinds.values()):
+        kind["values"] = tuple(ValueRange(**one) for one in kind.get("values", ()))
+    found = {family: {name: FaultModel(**kind) for name, kind in kinds.items()} for family, kinds in table.items()}
+    encoder, messages = found.pop("values"), found.pop("messages")
+    return {"sensor": encoder | messages, "encoder": encoder, **found}
 
 
-_OF_VALUES: Mapping[str, FaultModel] = {
-    "frozen": FaultModel(effect="repeats its last value, with new time stamps"),
-    "nan": FaultModel(effect="reads what is no number"),
-    "spikes": FaultModel(
-        effect="a share of the readings is off in one component, drawn, by the size, either way",
-        values=(
-            ValueRange(what="size [unit of the channel]", lower=0.0, above=True),
-            ValueRange(what="share of the readings [-]", lower=0.0, upper=1.0, above=True),
-        ),
-    ),
-    "bias": FaultModel(effect="is off by a constant", values=(_unit("offset"),), for_each=True),
-    "stuck": FaultModel(effect="reads one value", values=(_unit("value"),), for_each=True),
-}
-_OF_MESSAGES: Mapping[str, FaultModel] = {
-    "lost": FaultModel(effect="delivers nothing new"),
-    "late": FaultModel(
-        effect="delivers later than it should",
-        values=(ValueRange(what="extra delay [s]", lower=0.0, upper=1e3, above=True),),
-    ),
-    "ahead": FaultModel(
-        effect="stamps readings with a time in the future",
-        values=(ValueRange(what="by how much [s]", lower=0.0, above=True),),
-    ),
-}
-_OF_THRUSTERS: Mapping[str, FaultModel] = {
-    "dead": FaultModel(effect="gives no thrust and takes no power"),
-    "stuck": FaultModel(
-        effect="stays at its thrust, or goes to the one given",
-        values=(ValueRange(what="thrust [N]", lower=-1e5, upper=1e5),),
-        fewest=0,
-    ),
-    "weak": FaultModel(
-        effect="gives a share of what it should",
-        values=(ValueRange(what="share [-]", lower=0.0, upper=1.0, below=True),),
-    ),
-    "reversed": FaultModel(effect="pushes the other way"),
-}
-_FLOW = ValueRange(what="velocity in W [m/s]", lower=-10.0, upper=10.0)
-
-FAMILIES: Mapping[str, Mapping[str, FaultModel]] = {
-    "sensor": {**_OF_VALUES, **_OF_MESSAGES},
-    "encoder": _OF_VALUES,
-    "thruster": _OF_THRUSTERS,
-    "joint": {"jam": FaultModel(effect="cannot move any more")},
-    "current": {
-        "step": FaultModel(
-            effect="adds a current that rises over 2 s; its vertical part falls to 0 at the floor", values=(_FLOW,) * 3
-        )
-    },
-    "payload": {
-        "mass": FaultModel(
-            effect="picks up with the tool what lies still",
-            values=(
-                ValueRange(what="mass [kg]", lower=0.0, upper=1e4, above=True),
-                ValueRange(what="displaced volume [m3]", lower=0.0, upper=10.0),
-            ),
-            fewest=1,
-        )
-    },
-}
+FAMILIES: Mapping[str, Mapping[str, FaultModel]] = _families()
 """Kinds by the family of their target: a channel, one joint's reading in it, a thruster, a joint, the water, the tool."""
 
 _ENCODERS = {"position": "joint_positions", "velocity": "joint_velocities"}

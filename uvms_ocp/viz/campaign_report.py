@@ -6,6 +6,7 @@ import base64
 import math
 from collections.abc import Mapping, Sequence
 from html import escape
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -109,14 +110,6 @@ def figure_sensitivity(rows: Sequence[Mapping[str, Any]], figure_name: str) -> F
 
 # The report of a campaign as one page of HTML, which needs no network.
 
-_STYLE = """
-body { font: 15px/1.45 system-ui, sans-serif; max-width: 1100px; margin: 2em auto; padding: 0 1em; color: #1a1a1a }
-h1 { font-size: 1.5em } h2 { font-size: 1.15em; margin-top: 2em }
-table { border-collapse: collapse; font-size: 13px; display: block; overflow-x: auto }
-td, th { padding: .25em .7em; border-bottom: 1px solid #ddd; text-align: left; vertical-align: top }
-td.n { text-align: right; font-variant-numeric: tabular-nums } img { max-width: 100%; margin: .5em 0 }
-.rate { font-size: 1.35em } code { background: #f3f3f3; padding: .1em .3em }
-"""
 _SAME = "Nothing but the seed of each run."
 
 
@@ -142,7 +135,8 @@ def report_page(report: Mapping[str, Any], figures: Mapping[str, bytes]) -> str:
         "<h2>What was varied</h2>"
         + _table([{"parameter": name, "distribution": text} for name, text in report["parameters"].items()], _SAME),
     ]
-    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{_STYLE}</style>'
+    style = Path(__file__).with_name("campaign.css").read_text(encoding="utf-8")
+    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{style}</style>'
     return f"<!doctype html><html><head>{head}</head><body>{''.join(parts)}</body></html>\n"
 
 

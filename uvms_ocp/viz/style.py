@@ -50,35 +50,7 @@ _AT_DRAWING = {
     "pdf.fonttype": 42,  # letters that can be searched and edited
     "svg.fonttype": "none",
 }
-_STYLE: dict[str, Any] = {
-    **_AT_DRAWING,
-    "font.family": "sans-serif",
-    "font.size": 8.5,
-    "mathtext.fontset": "dejavusans",
-    "axes.titlesize": 9,
-    "axes.labelsize": 8.5,
-    "axes.linewidth": 0.7,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.axisbelow": True,
-    "axes.grid": True,
-    "grid.color": "#C8CDD2",
-    "grid.linewidth": 0.4,
-    "grid.alpha": 0.8,
-    "lines.linewidth": 1.3,
-    "legend.fontsize": 7.5,
-    "legend.frameon": True,
-    "legend.framealpha": 0.85,
-    "legend.edgecolor": "none",
-    "legend.borderpad": 0.25,
-    "legend.handlelength": 1.6,
-    "xtick.labelsize": 7.5,
-    "ytick.labelsize": 7.5,
-    "xtick.direction": "out",
-    "ytick.direction": "out",
-    "savefig.facecolor": "white",
-    "figure.facecolor": "white",
-}
+_STYLE = {**_AT_DRAWING, **mpl.rc_params_from_file(Path(__file__).with_name("figures.mplstyle"), use_default_template=False)}
 
 
 class _PlainPowers(LogFormatterSciNotation):
