@@ -177,7 +177,8 @@ def _doubt(function: Callable[..., Any]) -> str:
         plain, extras = _plain(word, function.__globals__) if isinstance(word, str) and name != "return" else ("", ())
         if plain in _CHECKED_BY_CLASS:
             # The one class that is nearly always found is asked for by itself: that takes half the time.
-            doubts.append(f"(type({name}) is not {_CHECKED_BY_CLASS[plain]} and type({name}) not in {_CHECKED_BY_CLASS[plain]}s)")
+            usual, _ = _CHECKED_BY_CLASS[plain]
+            doubts.append(f"(type({name}) is not {usual} and type({name}) not in {usual}s)")
             kind = Shape if plain == "np.ndarray" else Range
             doubts += [extra.doubt(name) for extra in extras if isinstance(extra, kind)]
     return " or ".join(doubts) or "False"
@@ -193,21 +194,17 @@ def _plain(word: str, scope: dict[str, Any]) -> tuple[str, tuple[Any, ...]]:
     return "np.ndarray" if base is np.ndarray else getattr(base, "__name__", ""), tuple(extras)
 
 
-_CHECKED_BY_CLASS = {"bool": "_bool", "int": "_int", "float": "_float", "str": "_str", "np.ndarray": "_array"}
-"""Annotations that are checked by class, and what `_CLASSES` calls the class; with an s, all that will do."""
-_CLASSES: dict[str, Any] = {
-    "_inf": np.inf,
-    "_bool": bool,
-    "_bools": (bool, np.bool_),
-    "_int": int,
-    "_ints": (int, np.int64, np.int32),
-    "_float": float,
-    "_floats": (float, int, np.float64, np.int64),
-    "_str": str,
-    "_strs": (str,),
-    "_array": np.ndarray,
-    "_arrays": (np.ndarray,),
+_CHECKED_BY_CLASS: dict[str, tuple[str, tuple[type, ...]]] = {
+    "bool": ("_bool", (bool, np.bool_)),
+    "int": ("_int", (int, np.int64, np.int32)),
+    "float": ("_float", (float, int, np.float64, np.int64)),
+    "str": ("_str", (str,)),
+    "np.ndarray": ("_array", (np.ndarray,)),
 }
+"""Annotations that are checked by class: what sources call the usual class, and with an s all that will do."""
+_CLASSES: dict[str, Any] = {"_inf": np.inf}
+for _usual, _known in _CHECKED_BY_CLASS.values():
+    _CLASSES |= {_usual: _known[0], f"{_usual}s": _known}
 _AFTER = """
 def _call({declared}):
     if {doubt}:

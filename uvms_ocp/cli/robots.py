@@ -30,6 +30,8 @@ from uvms_ocp.sim.own_parts import PLANTS
 
 # ``check-robot`` and ``schema``: robot files.
 
+_Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
 
 def check_robot(
     robot: Annotated[
@@ -37,7 +39,7 @@ def check_robot(
         typer.Argument(help="URDF, a folder with robot.urdf and hydrodynamics.yaml, or a name, see `uvms-ocp list`."),
     ],
     files: opt.RobotFiles = opt.AS_WRITTEN,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: _Json = False,
 ) -> None:
     """Check a robot: inertias, trim, thruster rank, frames, meshes."""
     report = check_robot_files(_files(robot), files.hydrodynamics, **files.loading)
@@ -74,9 +76,7 @@ def _print_robot(report: RobotReport) -> None:
 # ``list``: every name that other commands take.
 
 
-def list_all(
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-) -> None:
+def list_all(as_json: _Json = False) -> None:
     """List scenarios, robots, plants and solvers."""
     known = {
         "scenarios": list(SCENARIOS),

@@ -93,7 +93,7 @@ def compare_runs(
 def _given(words: str) -> Record | Scenario:
     """A record of a folder or a file, or a scenario to be run."""
     if (Path(words).exists() and own_code(words) is None) or not (own_code(words) or words in SCENARIOS):
-        return _load(Path(words))
+        return Record.load(_file_at(Path(words), ("record.npz",), "the folder of a run, or of a plan of `plan`"))
     return opt.build_scenario(words, {})
 
 
@@ -102,14 +102,6 @@ def _record(words: str, given: Record | Scenario, console: Console) -> Record:
         return given
     with console.status(f"running {plain_line(words, 60)}") as status, show_compilation(status.update):
         return given.run()
-
-
-def _load(path: Path) -> Record:
-    folder, file = (path, path / "record.npz") if path.is_dir() else (path.parent, path)
-    recover_folder(folder)
-    if path.is_dir() and not file.is_file():
-        raise InvalidInput(f"{path}: holds no record.npz; give the folder of a run, or of a plan of `plan`")
-    return Record.load(file)
 
 
 def _percent(change: float | None) -> str | None:
@@ -192,9 +184,8 @@ def _page(what: str, ghosts: tuple[Path, ...], robot: str | None, files: opt.Rob
 
 def _motion(path: Path) -> Record | Plan:
     """The record of a folder or file, or else the plan."""
-    folder = path if path.is_dir() else path.parent
-    recover_folder(folder)
-    file = _kept(folder, ("record.npz", "plan.npz", "plan.json")) if path.is_dir() else path
+    advice = "the folder of a run, a plan or a robot, or a robot's name"
+    file = _file_at(path, ("record.npz", "plan.npz", "plan.json"), advice)
     readers: tuple[Callable[[Path], Record | Plan], ...] = (Record.load, Plan.load)
     wrong: list[str] = []
     for read in readers[1:] if file.suffix == ".json" else readers:
@@ -208,12 +199,12 @@ def _motion(path: Path) -> Record | Plan:
     raise InvalidInput(wrong[0])
 
 
-def _kept(folder: Path, names: tuple[str, ...]) -> Path:
-    found = [folder / name for name in names if (folder / name).is_file()]
+def _file_at(path: Path, names: tuple[str, ...], advice: str) -> Path:
+    """A file itself, or the first of these that a folder holds; what a command left unfinished there is ended before."""
+    recover_folder(path if path.is_dir() else path.parent)
+    found = [path / name for name in names if (path / name).is_file()] if path.is_dir() else [path]
     if not found:
-        raise InvalidInput(
-            f"{folder}: holds no {' or '.join(names)}; give the folder of a run, a plan or a robot, or a robot's name"
-        )
+        raise InvalidInput(f"{path}: holds no {' or '.join(names)}; give {advice}")
     return found[0]
 
 

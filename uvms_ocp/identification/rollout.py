@@ -7,7 +7,7 @@ equation of the discrete model, so that slopes are those of what is simulated.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
@@ -115,18 +115,13 @@ class PreparedRecording:
     def _whole(self, edges: np.ndarray) -> Segment:
         attitude, velocity = self.recording.channel("attitude"), self.recording.channel("linear_velocity")
         vertical = rotations(attitude, attitude.undelayed_t)[:, 2, :]
-        measured = (
-            (velocity.undelayed_t, velocity.values),
-            (self.rate.undelayed_t, self.rate.values),
-            (attitude.undelayed_t, vertical),
-        )
         return Segment(
             recording=self.recording.name,
             edges=edges,
             commands=self.commands,
             joints=_joints(self.joints, edges),
-            t=tuple(t for t, _ in measured),
-            measured=tuple(values for _, values in measured),
+            t=(velocity.undelayed_t, self.rate.undelayed_t, attitude.undelayed_t),
+            measured=(velocity.values, self.rate.values, vertical),
             q=np.zeros(7),
             v=np.zeros(6),
         )
@@ -143,10 +138,9 @@ class PreparedRecording:
 def _cut(whole: Segment, first: int, last: int, q: np.ndarray, v: np.ndarray) -> Segment:
     edges = whole.edges[first : last + 1]
     inside = [(t >= edges[0]) & (t <= edges[-1]) for t in whole.t]
-    return Segment(
-        recording=whole.recording,
+    return replace(
+        whole,
         edges=edges,
-        commands=whole.commands,
         joints=whole.joints[:, first:last],
         t=tuple(t[chosen] for t, chosen in zip(whole.t, inside, strict=True)),
         measured=tuple(values[chosen] for values, chosen in zip(whole.measured, inside, strict=True)),

@@ -50,27 +50,23 @@ class FaultyChannel:
     """Whose readings its parts are, one by one, if any."""
 
 
-SampleEffect = Callable[[Sample, bool], Sample | None]
-"""A sample and whether the fault is there, to what is left of it."""
-
-
 class ChannelFaults:
     """All faults of one channel, in their order. Holds what they remember: build one per run."""
 
     def __init__(self, channel: FaultyChannel, faults: Sequence[Fault], seed: np.random.SeedSequence) -> None:
         """Raises `InvalidInput` for values or joints that the channel does not have."""
         streams = seed.spawn(len(faults))
-        self._effects = [
-            (fault, _EFFECTS[fault.kind](fault, _part(channel, fault), np.random.default_rng(stream)))
+        self._struck = [
+            _Struck(fault=fault, part=_part(channel, fault), rng=np.random.default_rng(stream))
             for fault, stream in zip(faults, streams, strict=True)
         ]
 
     def __call__(self, value: Any, t: float) -> Sample | None:
         """Return the faulty value measured at time t [s]; `None` where it never arrives."""
         sample: Sample | None = Sample(value, t)
-        for fault, effect in self._effects:
+        for struck in self._struck:
             if sample is not None:
-                sample = effect(sample, fault.active(t))
+                sample = struck.changed(sample, t)
         return sample
 
 
@@ -116,84 +112,61 @@ def _part(channel: FaultyChannel, fault: Fault) -> _Part:
     return part
 
 
-Make = Callable[[Fault, _Part, np.random.Generator], SampleEffect]
+@dataclass(kw_only=True, slots=True, eq=False)
+class _Struck:
+    """A part of a channel with its fault in one run."""
 
-
-def _frozen(fault: Fault, part: _Part, rng: np.random.Generator) -> SampleEffect:
+    fault: Fault
+    part: _Part
+    rng: np.random.Generator
     held: Any = None
+    """Value of the last sample that the fault left alone, or of the first."""
 
-    def effect(sample: Sample, active: bool) -> Sample:
-        nonlocal held
-        if not active or held is None:
-            held = sample.value
-        return replace(sample, value=part.put(sample.value, held)) if active else sample
+    def changed(self, sample: Sample, t: float) -> Sample | None:
+        """What is left of a sample that is taken at time t [s]."""
+        active = self.fault.active(t)
+        if not active or self.held is None:
+            self.held = sample.value
+        return _EFFECTS[self.fault.kind](sample, self) if active else sample
 
-    return effect
-
-
-def _lost(fault: Fault, part: _Part, rng: np.random.Generator) -> SampleEffect:
-    return lambda sample, active: None if active else sample
-
-
-def _nan(fault: Fault, part: _Part, rng: np.random.Generator) -> SampleEffect:
-    return _while_active(lambda sample: replace(sample, value=part.put(sample.value, math.nan)))
+    def with_value(self, sample: Sample, value: Any) -> Sample:
+        """The sample with this value in the part that is struck."""
+        return replace(sample, value=self.part.put(sample.value, value))
 
 
-def _bias(fault: Fault, part: _Part, rng: np.random.Generator) -> SampleEffect:
-    error, disturb = part.error(np.array(fault.values)), part.channel.disturb
-    return _while_active(lambda sample: replace(sample, value=disturb(sample.value, error)))
+def _bias(sample: Sample, struck: _Struck) -> Sample:
+    error = struck.part.error(np.array(struck.fault.values))
+    return replace(sample, value=struck.part.channel.disturb(sample.value, error))
 
 
-def _stuck(fault: Fault, part: _Part, rng: np.random.Generator) -> SampleEffect:
-    error, channel = part.error(np.array(fault.values)), part.channel
-
-    def effect(sample: Sample) -> Sample:
-        zero = 0.0 if np.ndim(sample.value) == 0 else np.zeros_like(sample.value)
-        value = channel.disturb(zero if channel.origin is None else channel.origin, error)
-        return replace(sample, value=part.put(sample.value, value))
-
-    return _while_active(effect)
+def _stuck(sample: Sample, struck: _Struck) -> Sample:
+    error, channel = struck.part.error(np.array(struck.fault.values)), struck.part.channel
+    zero = 0.0 if np.ndim(sample.value) == 0 else np.zeros_like(sample.value)
+    return struck.with_value(sample, channel.disturb(zero if channel.origin is None else channel.origin, error))
 
 
-def _spikes(fault: Fault, part: _Part, rng: np.random.Generator) -> SampleEffect:
-    size, share = fault.values
-
-    def effect(sample: Sample) -> Sample:
-        # All three are drawn for every reading, so that another share leaves the others where they were.
-        strikes, sign, component = rng.random(), rng.choice((-1.0, 1.0)), rng.choice(part.errors)
-        if strikes >= share:
-            return sample
-        error = np.zeros(part.channel.n)
-        error[component] = sign * size
-        return replace(sample, value=part.channel.disturb(sample.value, error))
-
-    return _while_active(effect)
+def _spikes(sample: Sample, struck: _Struck) -> Sample:
+    (size, share), part, rng = struck.fault.values, struck.part, struck.rng
+    # All three are drawn for every reading, so that another share leaves the others where they were.
+    strikes, sign, component = rng.random(), rng.choice((-1.0, 1.0)), rng.choice(part.errors)
+    if strikes >= share:
+        return sample
+    error = np.zeros(part.channel.n)
+    error[component] = sign * size
+    return replace(sample, value=part.channel.disturb(sample.value, error))
 
 
-def _late(fault: Fault, part: _Part, rng: np.random.Generator) -> SampleEffect:
-    (delay,) = fault.values
-    return _while_active(lambda sample: replace(sample, extra_delay=sample.extra_delay + delay))
-
-
-def _ahead(fault: Fault, part: _Part, rng: np.random.Generator) -> SampleEffect:
-    (ahead,) = fault.values
-    return _while_active(lambda sample: replace(sample, stamp=sample.stamp + ahead))
-
-
-def _while_active(change: Callable[[Sample], Sample]) -> SampleEffect:
-    return lambda sample, active: change(sample) if active else sample
-
-
-_EFFECTS: Mapping[str, Make] = {
-    "frozen": _frozen,
-    "lost": _lost,
-    "nan": _nan,
+_EFFECTS: Mapping[str, Callable[[Sample, _Struck], Sample | None]] = {
+    "frozen": lambda sample, struck: struck.with_value(sample, struck.held),
+    "lost": lambda sample, struck: None,
+    "nan": lambda sample, struck: struck.with_value(sample, math.nan),
     "bias": _bias,
     "stuck": _stuck,
     "spikes": _spikes,
-    "late": _late,
-    "ahead": _ahead,
+    "late": lambda sample, struck: replace(sample, extra_delay=sample.extra_delay + struck.fault.values[0]),
+    "ahead": lambda sample, struck: replace(sample, stamp=sample.stamp + struck.fault.values[0]),
 }
+"""What an active fault leaves of a sample."""
 
 
 # In what condition thrusters are: which are dead, stuck, weak or reversed.
