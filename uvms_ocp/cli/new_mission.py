@@ -136,7 +136,7 @@ class NewMission:
             position, yaw = self._way_point()
             yield f"START = uo.pose_at({_START}, (0.0, 0.0, 0.0))  # position [m]; roll, pitch, yaw [rad]"
             yield f"WAY_POINT = uo.pose_at({position}, (0.0, 0.0, {yaw}))"
-        for name, target, tool in zip(self._target_names(), targets, self.tools, strict=True):
+        for name, target, tool in zip(self._numbered("TARGET"), targets, self.tools, strict=True):
             yield f"{name} = {target}  # [m] where {'the tool' if len(targets) == 1 else tool} goes"
 
     def _floor(self, goal: np.ndarray, targets: list[tuple[float, ...]]) -> float:
@@ -146,11 +146,9 @@ class NewMission:
         lowest = min(heights) - _OVER
         return min(_FLOOR, float(np.floor(lowest))) if self.robot.n_vehicle else float(np.floor(lowest - 1.0))
 
-    def _target_names(self) -> list[str]:
-        return ["TARGET"] if len(self.tools) == 1 else [f"TARGET_{k + 1}" for k in range(len(self.tools))]
-
-    def _tool_tasks(self) -> list[str]:
-        return ["TP"] if len(self.tools) == 1 else [f"TP{k + 1}" for k in range(len(self.tools))]
+    def _numbered(self, name: str, mark: str = "_") -> list[str]:
+        """Names of what there is one of for each tool: the name itself for a single tool."""
+        return [name] if len(self.tools) == 1 else [f"{name}{mark}{k}" for k in range(1, len(self.tools) + 1)]
 
     def _tasks(self) -> Iterator[tuple[str, str]]:
         """Lines, each with the name of its task, if it is one."""
@@ -164,7 +162,7 @@ class NewMission:
                 yield "# MinimumAltitude() needs `altimeter: LINK` in hydrodynamics.yaml", ""
             if not {3, 4} & set(self.missing):
                 yield "HorizontalAttitude(),", "HA"
-        for name, tool, target in zip(self._tool_tasks(), self.tools, self._target_names(), strict=True):
+        for name, tool, target in zip(self._numbered("TP", ""), self.tools, self._numbered("TARGET"), strict=True):
             which = "" if len(self.tools) == 1 else f'name="{name}", frame={_quoted(tool)}, '
             yield f"ToolPosition({which}goal=uo.pose_at({target})),", name
         if robot.n_vehicle:
@@ -177,26 +175,24 @@ class NewMission:
             # The axes that nothing drives drift as weight and buoyancy have it.
             error = "horizontal_error" if 2 in self.missing else "position_error"
             yield f'arrived = uo.Below(quantity="PC.{error}", limit={"0.1" if not self.missing else "0.3"})  # [m]'
-        for k, name in enumerate(self._tool_tasks(), 1):
-            end = "" if len(self.tools) == 1 else f"_{k}"
-            yield f'reached{end} = uo.Below(quantity="{name}.position_error", limit=0.02)  # [m]'
+        for reached, name in zip(self._numbered("reached"), self._numbered("TP", ""), strict=True):
+            yield f'{reached} = uo.Below(quantity="{name}.position_error", limit=0.02)  # [m]'
         if not self.robot.n_vehicle and not self.tools:
             yield 'still = uo.Below(quantity="MP.posture_error", limit=0.02)  # [rad or m]'
 
     def _phases(self, names: list[str]) -> Iterator[str]:
-        tools = set(self._tool_tasks()) if self.tools else set()
+        tools = set(self._numbered("TP", ""))
         if self.robot.n_vehicle:
             to = '"B"' if self.tools else "uo.DONE"
             on = [name for name in names if name not in tools]
             yield _phase("A", "way point", on, to, "arrived", "  # [s]: noise alone ends no phase")
         if self.tools:
-            ends = ["reached"] if len(self.tools) == 1 else [f"reached_{k + 1}" for k in range(len(self.tools))]
-            yield _phase("B", "reach", names, "uo.DONE", ", ".join(ends))
+            yield _phase("B", "reach", names, "uo.DONE", ", ".join(self._numbered("reached")))
         if not self.robot.n_vehicle and not self.tools:
             yield _phase("A", "posture", names, "uo.DONE", "still")
 
     def _markers(self) -> str:
-        named = dict(zip(["target"] if len(self.tools) == 1 else self.tools, self._target_names(), strict=True))
+        named = dict(zip(["target"] if len(self.tools) == 1 else self.tools, self._numbered("TARGET"), strict=True))
         items = [f"{_quoted(name)}: {value}" for name, value in named.items()]
         if self.robot.n_vehicle:
             items.append('"way point": tuple(np.asarray(WAY_POINT.translation).tolist())')
