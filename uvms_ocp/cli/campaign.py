@@ -84,7 +84,7 @@ def campaign(
         return
     if report or rerun is not None or against is not None:
         raise InvalidInput(f"{what}: no campaign is there; --report, --rerun and --against need the folder of one")
-    cluster = {"workers": workers, "scheduler": scheduler, "time_limit": time_limit}
+    cluster: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "time_limit": time_limit}
     options = opt.given(robot=robot, **files.options, plant=plant, current=current, seabed=seabed)
     options |= opt.given(noise=noise, duration=duration, faults=tuple(fault) if fault else None)
     if parameters:

@@ -12,7 +12,6 @@ from typing import Annotated, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.types import Mask, Shape
 from uvms_ocp.viz import style
@@ -27,7 +26,6 @@ _LARGEST = 1e300  # drawn: a spread of twice this is still finite
 _CONSTANT = 1e-9
 
 
-@checked
 @style.styled
 def figure_rate(success: Annotated[Mask, Shape("n")], interval: tuple[float, float]) -> Figure:
     """Draw the share of successes over the number of runs; success (n,) of all runs in their order, interval of the whole."""
@@ -65,7 +63,6 @@ def _bin_edges(values: np.ndarray) -> np.ndarray:
     return np.linspace(lower - half, upper + half, 31)
 
 
-@checked
 @style.styled
 def figure_spread(values: Mapping[str, np.ndarray], success: Annotated[Mask, Shape("n")]) -> Figure:
     """Draw histograms of figures of merit, values (n,) [unit in the name] by name, NaN where a run has none; success (n,).

@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import joint_positions
@@ -25,7 +24,6 @@ _SMOOTHNESS = {
 """Of a phase change: labels, and the least that is drawn on a logarithmic axis."""
 
 
-@checked
 @style.styled
 def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> Figure:
     """Positions of all joints during the last stay in a phase, for runs by name, over time since its start.
@@ -66,7 +64,6 @@ def _joints_of(records: Mapping[str, Record]) -> tuple[str, ...]:
     return named.pop()
 
 
-@checked
 @style.styled
 def figure_paths(paths: Mapping[str, np.ndarray]) -> Figure:
     """Draw from above and from the side `paths` (n, 3) [m] in W by name, such as a tool's planned and tracked one."""
@@ -87,7 +84,6 @@ def figure_paths(paths: Mapping[str, np.ndarray]) -> Figure:
     return figure
 
 
-@checked
 @style.styled
 def figure_transitions(runs: Mapping[str, Mapping[str, np.ndarray]]) -> Figure:
     """How smoothly runs change phase; thin lines: changes.

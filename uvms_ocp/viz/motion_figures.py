@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.spatial import ConvexHull
 
-from uvms_ocp.checks import checked
 from uvms_ocp.errors import plain_line
 from uvms_ocp.ocp.separating_planes import support_of
 from uvms_ocp.record.meta_values import ObstacleMeta
@@ -25,7 +24,6 @@ _PARTS = ("force", "moment")
 _TRACKED = {"velocity": "linear", "rate": "angular"}
 
 
-@checked
 @style.styled
 def figure_efforts(record: Record) -> Figure | None:
     """Thrust of every thruster, or the planned wrench, torque of every joint, and the energy taken so far."""
@@ -74,7 +72,6 @@ def _energy(record: Record, axis: Axes) -> None:
     axis.set_ylabel(axis_label("energy", "joint_energy"))
 
 
-@checked
 @style.styled
 def figure_tracking(record: Record) -> Figure | None:
     """How well the vehicle follows its reference velocity, and the force that the observer holds responsible."""
@@ -109,7 +106,6 @@ _SHORT = 10  # letters of a phase above a zoom
 _LEAST_SPAN = 0.02  # [m/s, rad/s] of a velocity panel
 
 
-@checked
 @style.styled
 def figure_velocities(record: Record) -> Figure | None:
     """Linear and angular velocity of the vehicle in B, whole run and a zoom on every change of phase."""
@@ -166,7 +162,6 @@ def _velocity_lines(axis: Axes, record: Record, part: slice, names: Sequence[str
         axis.plot(t[shown], values, color=color, ls=dashes, label=name, lw=1.2)
 
 
-@checked
 @style.styled
 def figure_joints(record: Record) -> Figure | None:
     """Joint positions and velocities, with limits where the record gives them; one small panel per joint."""
@@ -216,7 +211,6 @@ _MOST_ABREAST = 5  # entries of the legend
 _DIRECTIONS = 48  # that an outline is found in
 
 
-@checked
 @style.styled
 def figure_path(record: Record) -> Figure | None:
     """The vehicle's path from above and from the side, coloured by phase, with the markers and obstacles of the scenario."""

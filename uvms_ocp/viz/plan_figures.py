@@ -27,21 +27,18 @@ _FAR = 0.5  # [m] farther than this needs no look
 _VEHICLE = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
-@checked
 @style.styled
 def figure_vehicle_motion(record: Record) -> Figure | None:
     """Planned vehicle axes from position to snap; `None` where none is planned."""
     return _motion(record, _VEHICLE, "Planned motion of the vehicle")
 
 
-@checked
 @style.styled
 def figure_joint_motion(record: Record) -> Figure | None:
     """Planned joints from position to snap; `None` where none is planned."""
     return _motion(record, record.meta.joints, "Planned motion of the joints")
 
 
-@checked
 @style.styled
 def figure_clearance(record: Record) -> Figure | None:
     """Distance from each obstacle and between links along the path, and the clearance that was wanted."""

@@ -30,7 +30,6 @@ from uvms_ocp.viz.series import axis_label, axis_names, has_vehicle, intervals_o
 _SHOWN = 98.0  # [%] of the ticks whose bands fit; before the first readings they are endless
 
 
-@checked
 @style.styled
 def figure_estimate(record: Record) -> Figure | None:
     """Errors of position, attitude and joints, estimate less truth, within two standard deviations that the filter gives."""
@@ -96,7 +95,6 @@ _HEIGHT = 0.62  # of a bar, of the space of a channel
 _LINE = 0.17  # [in] of text
 
 
-@checked
 @style.styled
 def figure_health(record: Record) -> Figure | None:
     """One bar over time per channel, green where it was good, and below the bars what was said against channels."""
@@ -133,7 +131,6 @@ def _alarm_lines(record: Record) -> list[str]:
 # Figure of the computation time of the control ticks.
 
 
-@checked
 @style.styled
 def figure_tick_time(record: Record) -> Figure | None:
     """How long one control tick took, over time and as a distribution."""

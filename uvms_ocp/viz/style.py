@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogFormatterSciNotation
 
+from uvms_ocp.checks import checked
 from uvms_ocp.errors import plain_line
 from uvms_ocp.record.output import as_output_errors
 from uvms_ocp.record.record import Record
@@ -97,14 +98,14 @@ def png_of(figure: Figure, dpi: int = DPI) -> bytes:
 
 
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
-    """Run `draw` under this module's settings and restore the caller's."""
+    """Check the arguments of `draw`, and run it under this module's settings, after which the caller's are back."""
 
     @wraps(draw)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
         with mpl.rc_context(_STYLE):
             return draw(*args, **kwargs)
 
-    return wrapper
+    return checked(wrapper)
 
 
 def titled(height: float, title: str) -> RecordFigure:

@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from uvms_ocp.checks import checked
 from uvms_ocp.errors import NameNotFound
 from uvms_ocp.record.meta_values import TaskMeta
 from uvms_ocp.record.record import Record, quantity
@@ -30,14 +29,12 @@ _A_TABLE = 2  # axes of a series with columns
 _LOG_FLOOR = 1e-9  # [m, rad] below this an error is rounding
 
 
-@checked
 @style.styled
 def figure_errors(record: Record, task: str = "PC") -> Figure | None:
     """Position and orientation error of the vehicle to its way point; faded while the task is off."""
     return _pose_error_figure(record, task, "Vehicle: error to the way point")
 
 
-@checked
 @style.styled
 def figure_tool_error(record: Record, task: str | None = None) -> Figure | None:
     """Position and orientation error of the tool; faded while the task is off. `task` is the record's tool task."""
@@ -106,7 +103,6 @@ def _required(record: Record, name: str) -> np.ndarray:
     return np.full(len(record), np.nan) if values is None else values
 
 
-@checked
 @style.styled
 def figure_misalignment(record: Record) -> Figure | None:
     """Angle between the vehicle's x axis and the horizontal direction to the target (AT), and tilt (HA)."""
@@ -114,7 +110,6 @@ def figure_misalignment(record: Record) -> Figure | None:
     return _quantity_figure(record, rows, "Vehicle: alignment with the target, and tilt", _linear_panel)
 
 
-@checked
 @style.styled
 def figure_altitude(record: Record) -> Figure | None:
     """Altitude above the floor with the thresholds on it, and a closer view of its end; `None` without an echo."""
@@ -140,7 +135,6 @@ def figure_altitude(record: Record) -> Figure | None:
     return figure
 
 
-@checked
 @style.styled
 def figure_quantities(record: Record) -> Figure | None:
     """Draw what the tasks measure and no other figure shows, own tasks included; `None` where there is nothing."""
@@ -153,7 +147,6 @@ def figure_quantities(record: Record) -> Figure | None:
     return _quantity_figure(record, rows[:_MOST_PANELS], "Quantities of other tasks", _panel)
 
 
-@checked
 @style.styled
 def figure_of(record: Record, name: str, *names: str) -> Figure:
     """One panel for each of the names: a quantity such as ``T.position_error``, a series such as ``thrust``, or a column ``q.z``.
@@ -207,7 +200,6 @@ def _columns(record: Record, names: Sequence[str]) -> dict[str, tuple[str, int, 
 # Figures of which tasks are on, and how far ([Gao2022] figures 5-10).
 
 
-@checked
 @style.styled
 def figure_activations(record: Record) -> Figure | None:
     """One small panel per task: activation of its rows (internal bell x phase) under the phase's own activation."""
@@ -239,7 +231,6 @@ def _activation_panel(axis: Axes, record: Record, task: TaskMeta) -> None:
     )
 
 
-@checked
 @style.styled
 def figure_row_activations(record: Record, task: str = "JL") -> Figure | None:
     """Activation of every row of a task, such as each joint of JL; `None` where the task has no level."""
