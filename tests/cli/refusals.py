@@ -177,7 +177,7 @@ REFUSED: tuple[tuple[str, str], ...] = (
     ("show run.npz --ghost run.npz --ghost run.npz", "two ghosts"),
     ("show run.npz --ghost none.npz", "none.npz"),
     ("show run.npz --fps 0 --out page.html", "fps"),
-    ("show run.npz --out taken/page.html", "cannot be written"),
+    ("show run.npz --out taken/page.html", "cannot write there"),
     ("show garbage.npz", "garbage.npz"),
     # plans
     ("plan curve", "give one goal"),
