@@ -151,12 +151,8 @@ class IdentifiedNumber:
         return self.value - INTERVAL * self.sigma, self.value + INTERVAL * self.sigma
 
 
-@dataclass(frozen=True, slots=True)
-class _Entry:
-    quantity: str
-    entry: str
-    unit: str
-    positive: bool
+_Entry = tuple[str, str, str, bool]
+"""Quantity, entry, unit and whether it can only be positive, as `IdentifiedNumber` has them."""
 
 
 def numbers(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> tuple[IdentifiedNumber, ...]:
@@ -171,16 +167,16 @@ def numbers_at(vehicle: Vehicle, shared: np.ndarray, C: np.ndarray) -> tuple[Ide
     sigmas, believed = _deviations(slopes, C), _deviations(slopes, prior_covariance(vehicle))
     return tuple(
         IdentifiedNumber(
-            quantity=entry.quantity,
-            entry=entry.entry,
-            unit=entry.unit,
+            quantity=quantity,
+            entry=entry,
+            unit=unit,
             value=float(value),
             sigma=float(sigma),
-            size=SIZES.get(entry.unit, abs(float(value))),
+            size=SIZES.get(unit, abs(float(value))),
             informed=bool(sigma < NARROWED * prior),
-            positive=entry.positive,
+            positive=positive,
         )
-        for entry, value, sigma, prior in zip(entries, values, sigmas, believed, strict=True)
+        for (quantity, entry, unit, positive), value, sigma, prior in zip(entries, values, sigmas, believed, strict=True)
     )
 
 
@@ -190,14 +186,14 @@ def slopes_of(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[tuple[str, str
     At unknowns shared (n,) [as `Unknowns.start`].
     """
     entries, _, slopes = _entries(vehicle, shared)
-    return [(one.quantity, f"{one.quantity} {one.entry}".strip()) for one in entries], slopes
+    return [(quantity, f"{quantity} {entry}".strip()) for quantity, entry, _, _ in entries], slopes
 
 
 def number_of(vehicle: Vehicle, one: IdentifiedNumber) -> Callable[[np.ndarray], tuple[float, np.ndarray]]:
     """One of `numbers`, as it depends on the unknowns (n,): its value [unit], or logarithm where it is positive; its slope."""
     theta = ca.SX.sym("theta", len(vehicle.shared.start))
     pairs = _pairs(vehicle, theta)
-    (value,) = (each for entry, each in pairs if (entry.quantity, entry.entry) == (one.quantity, one.entry))
+    (value,) = (each for entry, each in pairs if entry[:2] == (one.quantity, one.entry))
     scaled = ca.log(value) if one.positive else value
     function = ca.Function("number", [theta], [scaled, ca.densify(ca.jacobian(scaled, theta))])
 
@@ -236,7 +232,7 @@ def _pairs(vehicle: Vehicle, theta: ca.SX) -> list[tuple[_Entry, ca.SX]]:
             found += _of_matrix(name, one.unit, value)
             continue
         positive = one.unit not in SIZES or name == "lag"
-        found += [(_Entry(name, entry, one.unit, positive), value[k]) for k, entry in enumerate(one.coordinates.names)]
+        found += [((name, entry, one.unit, positive), value[k]) for k, entry in enumerate(one.coordinates.names)]
     return [*found, *_totals(quantities)]
 
 
@@ -245,7 +241,7 @@ def _of_matrix(name: str, unit: str, value: ca.SX) -> Iterator[tuple[_Entry, ca.
     for i, row in enumerate(axes):
         for j, column in enumerate(axes):
             if i >= j or not symmetric:
-                yield _Entry(name, row if i == j else f"{row}-{column}", unit, i == j), value[i, j]
+                yield (name, row if i == j else f"{row}-{column}", unit, i == j), value[i, j]
 
 
 def _totals(quantities: dict[str, ca.SX]) -> Iterator[tuple[_Entry, ca.SX]]:
@@ -253,7 +249,7 @@ def _totals(quantities: dict[str, ca.SX]) -> Iterator[tuple[_Entry, ca.SX]]:
     inertia = spatial_inertia(*(quantities[name] for name in ("mass", "centre_of_mass", "second_moment")))
     for k, axis in enumerate(AXES):
         unit = "kg" if k < len(_XYZ) else "kg m2"
-        yield _Entry(TOTAL, axis, unit, True), inertia[k, k] + quantities["added_mass"][k, k]
+        yield (TOTAL, axis, unit, True), inertia[k, k] + quantities["added_mass"][k, k]
 
 
 # Whether what a search has left is white noise: then the model has nothing more to say, and samples count one by one.
