@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from compiler import MISSING
 
 from uvms_ocp.control.nmpc import Nmpc
 from uvms_ocp.errors import InvalidInput, NameNotFound
@@ -139,7 +140,8 @@ def test_while_a_plan_is_late_the_last_one_goes_on(robot: Robot) -> None:
 
 def test_plans_that_break_constraints_are_not_used_and_mended_by_the_next_solve(robot: Robot) -> None:
     goal = circle(robot)
-    nmpc = Nmpc(following(robot, goal), clock=lambda: 0.0, options=SqpOptions(max_steps=1, accuracy=1e-5))
+    accuracy = 1e-3 if MISSING else 1e-5  # hpipm, which is there without a compiler, is not as sharp
+    nmpc = Nmpc(following(robot, goal), clock=lambda: 0.0, options=SqpOptions(max_steps=1, accuracy=accuracy))
     assert largest_error(robot, nmpc, goal, 4.0) < 0.02
     assert 2 <= nmpc.statistics.rejected <= 40
 

@@ -8,6 +8,7 @@ PIQP does not tell how many it took.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import casadi as ca
@@ -36,7 +37,9 @@ from uvms_ocp.types import Array, Indices, Mask
 _PLUGIN = "piqp"
 _ACCURACIES = ("abs", "rel", "duality_gap_abs", "duality_gap_rel")
 _SHARPER = 1e3  # than the tolerance asks for: a bound that only just binds is missed by the root of what is left of it
-_REGULARIZATION = 1e-7  # of the KKT matrix: with less, its factors are noise where its rows are many and alike
+_REGULARIZATIONS = (1e-7, 1e-10)
+"""Of the KKT matrix, one after the other: with less its factors are noise over long horizons, with more rows that depend on each
+other keep steps short."""
 
 
 class _SparseQp(NamedTuple):
@@ -77,14 +80,28 @@ class SparseCore:
         Q, q = _cost(qp, costless=phase_one)
         if not self._is_convex(qp, table, Q):
             return self._nothing(qp, table, StageQpStatus.NOT_CONVEX)
-        n, m, n_b = len(q), len(qp.flat["lower"]), len(qp.flat["b"])
         soft = table.elastic.any(axis=0) | (table.compliance > 0.0)
-        hard = np.concatenate([(table.side.any(axis=0) | table.equal)[:m], table.fixed])
+        hard = np.concatenate([(table.side.any(axis=0) | table.equal)[: len(qp.flat["lower"])], table.fixed])
         rows = np.flatnonzero(soft | hard)
-        given = self._assembled(qp, table, Q, q, soft, rows)
-        (x, y_a, y_x), infeasible = self._solved(given, z, options)
-        z, y = x[:n], np.zeros(m + n)
-        y[m:], y[rows] = np.where(soft[m:], 0.0, y_x[:n]), y_a[n_b:]
+        given, ends = self._assembled(qp, table, Q, q, soft, rows), list[IterationResult]()
+        for regularization in _REGULARIZATIONS:
+            (x, y_a, y_x), infeasible = self._solved(given, z, options, regularization)
+            end = self._judged(qp, table, given, rows, (x, y_a, y_x))
+            worst = np.inf if infeasible else end.worst
+            solved = StageQpStatus.SOLVED if worst <= options.tolerance else StageQpStatus.ITERATION_LIMIT
+            ends.append(replace(end, status=solved, worst=worst))
+            if worst <= options.tolerance:
+                break
+        return min(ends, key=lambda end: end.worst)
+
+    def _judged(
+        self, qp: StageQp, table: RowTable, given: _SparseQp, rows: Indices, found: tuple[Array, Array, Array]
+    ) -> IterationResult:
+        """How far x and the multipliers of rows and of variables are from optimality."""
+        x, y_a, y_x = found
+        n, m, n_b = len(table.fixed), len(qp.flat["lower"]), len(qp.flat["b"])
+        z, y = x[:n], np.concatenate([np.zeros(m), y_x[:n]])
+        y[rows] = y_a[n_b:]
         value = np.concatenate([*(C @ own for C, own in zip(qp.C, self._stages(z), strict=True)), z])
         values, slope = (given.a @ x).full().ravel(), (given.h @ x).full().ravel() + given.g
         kkt = kkt_residual(
@@ -92,22 +109,20 @@ class SparseCore:
             primal=float(max(np.abs(values - given.lba)[:n_b].max(initial=0.0), table.violation(value))),
             complementarity=max(_left(y_a, values, given.lba, given.uba), _left(y_x, x, given.lbx, given.ubx)),
         )
-        curvature = max(np.abs(own).max(initial=0.0) for own in Q)
+        curvature = float(np.abs(given.h[:n, :n].nonzeros()).max(initial=0.0))
         gradient = float(max(np.abs(slope[:n]).max(), np.abs(y * table.norm).max(), tolerances.LEAST_SIZE * curvature, 1e-300))
         variable = 1.0 + float(np.abs(z).max())
         worst = max(kkt.stationarity / gradient, kkt.primal / variable, kkt.complementarity / (gradient * variable))
         # Where there is no point multipliers grow without end, and all else is small beside them.
         least = max(np.abs(given.g).max(), tolerances.LEAST_SIZE * curvature, 1e-300)
-        worst = np.inf if infeasible or gradient > tolerances.HOPELESS * least else worst
-        costate = np.concatenate([np.zeros(self._shape.n_x[0]), y_a[:n_b]])
         return IterationResult(
-            status=StageQpStatus.SOLVED if worst <= options.tolerance else StageQpStatus.ITERATION_LIMIT,
+            status=StageQpStatus.ITERATION_LIMIT,
             z=z,
-            costate=costate,
+            costate=np.concatenate([np.zeros(self._shape.n_x[0]), y_a[:n_b]]),
             y=y,
             value=value,
             kkt=kkt,
-            worst=worst,
+            worst=np.inf if gradient > tolerances.HOPELESS * least else worst,
             iterations=1,
         )
 
@@ -139,14 +154,14 @@ class SparseCore:
             ubx=np.concatenate([up, np.full(2 * k, np.inf)]),
         )
 
-    def _solved(self, given: _SparseQp, z: Array, options: StageQpOptions) -> tuple[list[Array], bool]:
+    def _solved(self, given: _SparseQp, z: Array, options: StageQpOptions, least: float) -> tuple[list[Array], bool]:
         """X, the multipliers of A x and of x, zeros where any of these is no number; whether PIQP finds the QP infeasible."""
         H, A = given.h.sparsity(), given.a.sparsity()
-        key = (H.nnz(), *A.row(), *A.colind(), options.tolerance, options.max_iterations)
+        key = (H.nnz(), *A.row(), *A.colind(), options.tolerance, options.max_iterations, least)
         if key not in self._solvers:
             accuracy = dict.fromkeys((f"eps_{name}" for name in _ACCURACIES), options.tolerance / _SHARPER)
             own = {
-                _PLUGIN: {**accuracy, "reg_lower_limit": _REGULARIZATION, "max_iter": options.max_iterations},
+                _PLUGIN: {**accuracy, "reg_lower_limit": least, "max_iter": options.max_iterations},
                 "error_on_fail": False,
             }
             self._solvers[key] = ca.conic("stages", _PLUGIN, {"h": H, "a": A}, own)
