@@ -388,7 +388,7 @@ def bindings(
         for start in (x, result.x):
             least = elastic.least(start, 1.0 * chosen, most, time_limit=ends - perf_counter())[2]
             if least.converged:
-                found.append(Binding(left=left, relaxations=least.relaxations))
+                found += [Binding(left=left, relaxations=least.relaxations)] if least.relaxations else []
                 break
         known &= least.converged
     return tuple(found) if found or known else None
