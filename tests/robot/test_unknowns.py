@@ -46,7 +46,7 @@ def test_the_robots_of_the_package_leave_nothing_open(name: str, caplog: pytest.
     assert not {f.subject for f in check_robot(robot).findings} & {"water", "energy"}
 
 
-@pytest.mark.parametrize("name", WET)
+@pytest.mark.parametrize("name", [name for name in WET if len(load_robot(name).description.links) > 1])
 def test_a_link_that_the_file_forgets_is_named(name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     whole = load_robot(name)
     masses, links = link_masses(without_trim(whole).model), dict(whole.description.links)

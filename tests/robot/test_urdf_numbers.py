@@ -275,7 +275,7 @@ TAMPERING: dict[str, Callable[[UrdfModels], None]] = {
 }
 
 
-@pytest.mark.parametrize("name", list_robots())
+@pytest.mark.parametrize("name", [name for name in list_robots() if load_robot(name).n_joints])
 @pytest.mark.parametrize("way", TAMPERING)
 def test_a_model_that_differs_from_its_file_is_refused(way: str, name: str) -> None:
     path = robot_folder(name) / "robot.urdf"

@@ -7,6 +7,7 @@ import pytest
 from six_thrusters import six_thrusters
 
 import uvms_ocp as uo
+from uvms_ocp.report.metrics import swings
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.scenario.options import RunOptions, abort_phase, activate, mission_of, run_options
 from uvms_ocp.scenario.preflight import Severity
@@ -98,3 +99,10 @@ def test_a_tool_reaches_its_target_on_a_swinging_vehicle_and_the_swing_dies_away
     later = len(energy) // 2
     assert energy[later:].max() <= 0.5 * energy[:later].max() + 1e-4
     assert energy[-200:].max() <= 0.05 * energy.max() + 1e-4
+
+
+@pytest.mark.parametrize("robot", ["bluerov2", "bluerov2_six_alpha5"])
+def test_the_shipped_vehicles_that_do_not_pitch_reach(robot: str) -> None:
+    record = uo.scenario.reach(robot=robot).run()
+    assert record.run_meta.completed
+    assert swings(record) == []
