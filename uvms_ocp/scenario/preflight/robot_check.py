@@ -230,7 +230,8 @@ def trim_bodies(robot: Robot, force: float, moment: np.ndarray) -> list[tuple[Tr
 
     def body(name: str, place: np.ndarray, lift: float) -> tuple[TrimBody, float]:
         kind = "float" if lift > 0.0 else "ballast"
-        return trim_body(f"{kind}{name}", float(place[0]), float(place[1]), lift, robot), lift
+        x, y = place + 0.0  # no zero with a sign
+        return trim_body(f"{kind}{name}", float(x), float(y), lift, robot), lift
 
     place = lever / lift if abs(lift) >= FORCE_TOLERANCE else np.full(2, np.inf)
     if ((low <= place) & (place <= high)).all():
