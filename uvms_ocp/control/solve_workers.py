@@ -260,6 +260,7 @@ class RunningWorker(ABC):
 
     lead: float
     """[s] from the request for the first plan to its beginning."""
+    _status: WorkerStatus
 
     @property
     @abstractmethod
@@ -267,9 +268,9 @@ class RunningWorker(ABC):
         """[s] from any other request to the beginning of the plan."""
 
     @property
-    @abstractmethod
     def status(self) -> WorkerStatus:
         """Now."""
+        return self._status
 
     @abstractmethod
     def ask(self, request: ReplanningRequest) -> None:
@@ -322,17 +323,12 @@ class _InLine(RunningWorker):
     def __init__(self, job: ReplanningJob) -> None:
         self._replanner = Replanner(job.problem, options=job.options, time_limit=job.period, clock=job.clock)
         self._answer: ReplanningResult | None = None
-        self.lead, self._delay = 0.0, job.period
-        self._status = WorkerStatus.WORKING
+        self.lead, self._delay, self._status = 0.0, job.period, WorkerStatus.WORKING
 
     @property
     def delay(self) -> float:
         # However long a solve takes: runs are the same on every machine.
         return self._delay
-
-    @property
-    def status(self) -> WorkerStatus:
-        return self._status
 
     def ask(self, request: ReplanningRequest) -> None:
         if self._status is WorkerStatus.WORKING:
@@ -371,10 +367,6 @@ class _Beside(RunningWorker):
             return
         self._end(WorkerStatus.CRASHED)
         raise UvmsError(f"the process of the solver: {error}")
-
-    @property
-    def status(self) -> WorkerStatus:
-        return self._status
 
     @property
     def delay(self) -> float:

@@ -234,7 +234,8 @@ def load_robot(
     except RobotDataError as error:
         faults.append(error)
     if faults:
-        raise faults[0] if len(faults) == 1 else _joined(faults)
+        also = (f"{error.path}: {text}" for error in faults[1:] for text in error.problems)
+        raise RobotDataError(faults[0].path, *faults[0].problems, *also)
     robot = assemble(models, description, yaml_path or urdf_path, name)
     for _, text in unknowns(models.model, description):
         _log.warning("%s: %s", yaml_path or urdf_path, text)
@@ -254,13 +255,6 @@ def _known(robot: Robot) -> Robot:
             return other
     _loaded.add(robot)
     return robot
-
-
-def _joined(faults: Sequence[RobotDataError]) -> RobotDataError:
-    first, *others = faults
-    names = [e.path.name if e.path.parent == first.path.parent else e.path for e in others]
-    beside = (f"{name}: {text}" for name, e in zip(names, others, strict=True) for text in e.problems)
-    return RobotDataError(first.path, *first.problems, *beside)
 
 
 def files_of(path: Path, hydrodynamics: Path | str | None = None) -> dict[str, Any]:

@@ -14,29 +14,11 @@ import numpy as np
 from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked, unchecked_constructor
 from uvms_ocp.codegen.kernel_layout import arrays_of
 from uvms_ocp.codegen.kernels import bind_memory
+from uvms_ocp.control.velocity import goals as task_goals
+from uvms_ocp.control.velocity import tick as velocity_tick
 from uvms_ocp.control.velocity import viability
 from uvms_ocp.control.velocity.abort import AbortMonitor, AbortReason, ActuationFeedback, ascent_goal
-from uvms_ocp.control.velocity.goals import (
-    DistanceProvider,
-    MissionParameters,
-    StoppingMotion,
-    distance_tasks,
-    mission_parameters,
-    nearest_sizes,
-    track_sizes,
-    tracks_of,
-)
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
-from uvms_ocp.control.velocity.tick import (
-    Solved,
-    commit_velocity,
-    finish_by,
-    finish_in_c,
-    finish_tick,
-    is_unknown,
-    prepare_tick,
-    velocity_controller,
-)
 from uvms_ocp.control.velocity.tick_memory import altimeter_of, inputs_of, tick_memory
 from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.errors import InvalidInput
@@ -145,20 +127,21 @@ class KinematicController(TableDisplay):
         """Where the mission was at each event, just before."""
         self.watchdog = watchdog or Watchdog()
         names, tasks = self.problem.quantity_names, mission.hierarchy.tasks
-        guards, tracks, asking = viability.position_guards(robot, tasks, names), tracks_of(mission, dt), distance_tasks(mission)
+        guards, tracks = viability.position_guards(robot, tasks, names), task_goals.tracks_of(mission, dt)
+        asking = task_goals.distance_tasks(mission)
         pairs = [pairs for _, _, pairs in asking]
-        nearest = nearest_sizes(robot, pairs, robot.n_q, robot.n_v)
+        nearest = task_goals.nearest_sizes(robot, pairs, robot.n_q, robot.n_v)
         room = distance_layout_sizes([*viability.models_of(guards), *(asked.model for asked in pairs)], robot)
-        sizes = {**viability.viability_sizes(robot, guards, dt), **track_sizes(tracks), **nearest, **room}
+        sizes = {**viability.viability_sizes(robot, guards, dt), **task_goals.track_sizes(tracks), **nearest, **room}
         memory = tick_memory(robot, mission, self.problem, self.watchdog, sizes)
-        self._whole = velocity_controller(memory, self.problem, solver)
+        self._whole = velocity_tick.velocity_controller(memory, self.problem, solver)
         self.memory = memory = memory if self._whole is None else self._whole.tick
         """All that a tick knows, a `TickMemory`."""
         self._arrays = arrays_of(memory)
-        self._parameters = MissionParameters(mission, memory.goals, tracks, dt)
-        self._measuring = DistanceProvider(memory.nearest, asking, robot)
-        self._before, self._take = bind_memory(memory, (prepare_tick, commit_velocity))
-        self._finish = finish_in_c(self._whole) if self._whole is not None else self._finish_by(solver)
+        self._parameters = task_goals.MissionParameters(mission, memory.goals, tracks, dt)
+        self._measuring = task_goals.DistanceProvider(memory.nearest, asking, robot)
+        self._before, self._take = bind_memory(memory, (velocity_tick.prepare_tick, velocity_tick.commit_velocity))
+        self._finish = velocity_tick.finish_in_c(self._whole) if self._whole is not None else self._finish_by(solver)
         self._guarding = viability.ViabilitySetup(robot, guards, dt, memory.rule)
         self._sound = LastValidEstimate(robot, memory.sound)
         self._echo = LastFloorRange(robot, altimeter_of(robot, tasks), memory.beam)
@@ -261,12 +244,12 @@ class KinematicController(TableDisplay):
         )
         return command if self.guide is None else apply_guide(self, self.guide, tick, self._feedback, command)
 
-    def _finish_by(self, solver: HierarchySolver) -> Callable[[], Solved]:
+    def _finish_by(self, solver: HierarchySolver) -> Callable[[], velocity_tick.Solved]:
         tick = solver.bind(self.problem.function, self.problem.sizes)
         inputs = inputs_of(self._arrays, arrays_of(self.memory.goals))
         solve = tick.adopt(*inputs) if isinstance(tick, InPlaceTick) else partial(tick, *inputs)
-        (finish,) = bind_memory(self.memory, (finish_tick,))
-        return finish_by(solve, partial(finish, self.memory), self._arrays, self.memory)
+        (finish,) = bind_memory(self.memory, (velocity_tick.finish_tick,))
+        return velocity_tick.finish_by(solve, partial(finish, self.memory), self._arrays, self.memory)
 
     @checked_on_failure
     def follow(self, command: Command) -> None:
@@ -289,12 +272,15 @@ class KinematicController(TableDisplay):
         """
         state = state or self.state
         (echo, known), gates, q = self._echo.at(measurement), self.mission.activations(state, t), measurement.q
-        moves = StoppingMotion(robot=self.robot, v=self._arrays.command.copy(), dt=self.dt) if self.memory.near else None
-        parameters = mission_parameters(self.mission, state, t, gates=gates, q=q, motion=moves)
+        moves = (
+            task_goals.StoppingMotion(robot=self.robot, v=self._arrays.command.copy(), dt=self.dt) if self.memory.near else None
+        )
+        parameters = task_goals.mission_parameters(self.mission, state, t, gates=gates, q=q, motion=moves)
         motion = self._arrays.passive, self._arrays.command / self.memory.pace, self._arrays.change
         outputs = self.problem.function(q, measurement.v, *motion, echo, parameters, gates)
         quantities = np.array(outputs[self.problem.function.index_out("quantities")]).ravel()
-        unknown = [is_unknown(measurement.age, bool(of), known) for of in self.problem.rests_on[degraded_modes.ALTIMETER]]
+        rests = self.problem.rests_on[degraded_modes.ALTIMETER]
+        unknown = [velocity_tick.is_unknown(measurement.age, bool(of), known) for of in rests]
         return self._named(np.where(unknown, np.nan, quantities))
 
     def _restricted(self, bad: list[ChannelHealth]) -> degraded_modes.Restriction:
@@ -331,7 +317,7 @@ class KinematicController(TableDisplay):
         return dict(zip(self.problem.quantity_names, quantities.tolist(), strict=True))
 
 
-def _telemetry(tick: TickInputs, solved: Solved, quantities: np.ndarray, share: float) -> dict[str, Any]:
+def _telemetry(tick: TickInputs, solved: velocity_tick.Solved, quantities: np.ndarray, share: float) -> dict[str, Any]:
     """For the record."""
     status, residual, activity, solve_time = solved
     return {
