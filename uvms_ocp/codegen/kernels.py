@@ -171,13 +171,12 @@ def c_library(kernels: Sequence[Callable[..., Any]], memory: Layout, others: Seq
         types=program.types,
         kernels=program.code,
         functions=_generated(list(functions)),
-        declarations="".join(f"{_head(function)};\n" for function in functions),
+        declarations="".join(_DECLARATION.format(function.name()) for function in functions),
         initial=initial_value(memory),
     )
 
 
-def _head(function: ca.Function) -> str:
-    return f"int {function.name()}(const double **arg, double **res, long long int *iw, double *w, int mem)"
+_DECLARATION = "int {}(const double **arg, double **res, long long int *iw, double *w, int mem);\n"
 
 
 def _generated(functions: Sequence[ca.Function]) -> str:

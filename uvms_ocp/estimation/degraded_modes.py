@@ -18,15 +18,9 @@ _SOFT = 0.25  # of Case 1 without DVL: at 1 it runs away, at 0.5 it swings by 0.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class DegradedMode:
-    """Degraded mode: limits on the controller while some channels are lost, or suspect."""
+class ModeLimits:
+    """Limits on the controller while some channels are lost, or suspect."""
 
-    without: frozenset[str]
-    """All of them, fields of `Readings`."""
-    trust: Trust = Trust.LOST
-    """Trust from which on it applies; what is lost is suspect too."""
-    substitute: str
-    """Source of their part of the state meanwhile."""
     speed: float = 1.0
     """More than 0; share of what the tasks and limits make it otherwise."""
     no_descent: bool = False
@@ -41,27 +35,28 @@ class DegradedMode:
     """More than 0; share of the usual bandwidth of the velocity loop: a late velocity allows less."""
     joint_feedback: float = 1.0
     """More than 0; the same of the joints."""
-    max_duration: float = math.inf
-    """[s] after which the mission is given up."""
     can_ascend: bool = True
     """The state allows the abort phase; otherwise the thrust is cut."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Restriction:
-    """All modes that apply at one tick, as one."""
+class DegradedMode(ModeLimits):
+    """Degraded mode: what holds without some channels."""
 
-    speed: float = 1.0
-    """Least of `DegradedMode.speed`."""
-    no_descent: bool = False
-    joints_held: bool = False
-    hold: bool = False
-    blind: bool = False
-    feedback: float = 1.0
-    """Least of `DegradedMode.feedback`."""
-    joint_feedback: float = 1.0
-    can_ascend: bool = True
-    """Like the others, of `DegradedMode`."""
+    without: frozenset[str]
+    """All of them, fields of `Readings`."""
+    trust: Trust = Trust.LOST
+    """Trust from which on it applies; what is lost is suspect too."""
+    substitute: str
+    """Source of their part of the state meanwhile."""
+    max_duration: float = math.inf
+    """[s] after which the mission is given up."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Restriction(ModeLimits):
+    """All modes that apply at one tick, as one: the least of their shares, and whatever one of them forbids."""
+
     abort: str = ""
     """Why the mission cannot go on, or nothing."""
     bad: tuple[ChannelHealth, ...] = ()

@@ -76,7 +76,8 @@ class GuardedEstimator(TableDisplay):
         self._needed = supporting_channels(robot, specs, rates=exact)
         others = fallback_sensors(gyro_from_attitude=gating)
         self._support = support_of(self._needed, others, exact=exact, gating=gating)
-        self._outcomes = _shared(np.zeros(_OUTCOMES) if self._gating is None else self._gating.outcomes.reshape(-1))
+        numbers = np.zeros(_OUTCOMES) if self._gating is None else self._gating.outcomes.reshape(-1)
+        self._outcomes = (ctypes.c_double * numbers.size).from_buffer(numbers.data)  # the same memory, as kernels take it
         self._nothing = _measurement(
             q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=math.nan, age=math.inf, joint_age=math.inf
         )
@@ -131,8 +132,3 @@ class GuardedEstimator(TableDisplay):
         asked = (*self._needed, *({"altimeter_range"} & set(self.monitor.channels)))
         self._has_all_channels = all(getattr(readings, name) is not None for name in asked)
         return self._has_all_channels
-
-
-def _shared(numbers: np.ndarray) -> ctypes.Array[ctypes.c_double]:
-    """Share the memory of an array, as kernels take it."""
-    return (ctypes.c_double * numbers.size).from_buffer(numbers.data)

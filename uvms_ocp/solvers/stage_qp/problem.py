@@ -252,11 +252,9 @@ class WarmStart:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class FlatSolution:
-    """A `StageQpSolution` in arrays with stage after stage, for who solves one QP after the other."""
+class FlatPoint:
+    """Point and multipliers in arrays with stage after stage, and how a solver came to it."""
 
-    shape: StageShape
-    """Shape of the QP."""
     status: StageQpStatus
     """Reliability of the rest."""
     z: Array
@@ -264,13 +262,21 @@ class FlatSolution:
     costate: Array
     """(n_x,) [1/unit of x]"""
     y: Array
-    """(M,) [1/unit of the row] of rows, then of bounds."""
-    excess: Array
-    """(m,) [unit of the row] by how much rows are missed."""
-    iterations: int
-    """Factorisations."""
+    """(M,) [1/unit of the row] multipliers of rows, then of bounds, positive at an upper one."""
     kkt: KktResidual
     """KKT residual of the point."""
+    iterations: int
+    """Factorisations."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class FlatSolution(FlatPoint):
+    """A `StageQpSolution` in arrays with stage after stage, for who solves one QP after the other."""
+
+    shape: StageShape
+    """Shape of the QP."""
+    excess: Array
+    """(m,) [unit of the row] by how much rows are missed."""
     products: ResidualProducts
     """Products of the residuals along z."""
 
@@ -312,25 +318,16 @@ class StartMode(IntEnum):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class IterationResult:
-    """Result of one run."""
+class IterationResult(FlatPoint):
+    """Result of one run, whose status is SOLVED, NOT_CONVEX, NOT_A_NUMBER, ITERATION_LIMIT, or UNBOUNDED where steps are.
 
-    status: StageQpStatus
-    """SOLVED, NOT_CONVEX, NOT_A_NUMBER, ITERATION_LIMIT, or UNBOUNDED where steps are, which proves nothing."""
-    z: Array
-    """(n,) [unit of z] the best."""
-    costate: Array
-    """(n_x,) [1/unit of x]"""
-    y: Array
-    """(M,) [1/unit of the row] multipliers of rows of constraints, then of variables, positive at an upper bound."""
+    The last proves nothing.
+    """
+
     value: Array
     """(M,) [unit of the row] of rows and variables."""
-    kkt: KktResidual
-    """There."""
     worst: float
-    """The same, relative to the terms of each condition."""
-    iterations: int
-    """Factors."""
+    """Of `kkt`, relative to the terms of each condition."""
 
 
 def no_result(z: Array, n_x: int, m: int, status: StageQpStatus = StageQpStatus.NOT_A_NUMBER) -> IterationResult:

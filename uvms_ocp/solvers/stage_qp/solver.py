@@ -10,7 +10,7 @@ which its cost falls without end.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.stage_qp import tolerances
 from uvms_ocp.solvers.stage_qp.compiled import compiled_core
 from uvms_ocp.solvers.stage_qp.problem import (
+    FlatPoint,
     FlatSolution,
     IterationResult,
     RowTable,
@@ -253,14 +254,9 @@ class StageQpSolver:
     def _found(self, qp: StageQp, end: IterationResult) -> FlatSolution:
         m, flat = len(qp.flat["lower"]), qp.flat
         return FlatSolution(
+            **{item.name: getattr(end, item.name) for item in fields(FlatPoint)},
             shape=self.shape,
-            status=end.status,
-            z=end.z,
-            costate=end.costate,
-            y=end.y,
             excess=interval_distance(end.value[:m], flat["lower"], flat["upper"]),
-            iterations=end.iterations,
-            kkt=end.kkt,
             products=self._core.products(qp, end.z),
         )
 
