@@ -440,7 +440,7 @@ def _turned(part: _Part, *vectors: str) -> _Part:
 
 
 def _link(link: LinkDescription) -> LinkDescription:
-    (name, given), *_ = ((name, part) for name, part in link if part is not None)  # exactly one
+    name, given = next((name, part) for name, part in link if part is not None)  # exactly one is
     turned = _coefficients(given) if name == "coefficients" else given.model_copy(update={"pose": _pose(given.pose)})
     return link.model_copy(update={name: turned})
 
