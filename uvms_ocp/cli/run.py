@@ -311,6 +311,9 @@ def _print_what_went_wrong(console: Console, report: dict[str, Any]) -> None:
         console.print(f"fault from {fault['t']:g} s{until}: {fault['text']}", style="yellow")
     for alarm in report["alarms"]:
         console.print(plain_line(f"alarm at {alarm['t']:.2f} s: {alarm['text']}"), style="yellow")
+    for row in report["passed_rates"]:
+        passed = f"joint {row['joint']} moved at {row['rate']:.3g} at {row['t']:.2f} s, {row['share']:.2f} times its limit"
+        console.print(plain_line(passed), style="yellow")
     for row in report["sensor_health"]:
         if row["first_s"] is not None:
             console.print(plain_line(_ill(row)), style="yellow")

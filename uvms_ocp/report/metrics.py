@@ -241,6 +241,39 @@ def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
     }
 
 
+_PASSED, _STRUCK = 1.02, 1.2  # shares of a joint's limit of velocity that are kept, and while a fault is new
+_NEW = 0.5  # [s] that a fault is
+
+
+def passed_rates(record: Record) -> list[dict[str, Any]]:
+    """One row per joint whose true velocity passed its limit by more than 2 %, 20 % where a fault is new: the largest.
+
+    joint, t [s], rate and limit [rad/s, m/s], and the share of the limit.
+    """
+    meta, limits = record.run_meta, record.meta.limits
+    if limits is None:
+        return []
+    first = _N_VEHICLE if meta.floating else 0
+    rates, bounds, t = np.abs(record["v"][:, first:]), np.array(limits.velocity[first:]), record["t"]
+    struck = np.zeros(len(t), dtype=bool)
+    for fault in meta.faults:
+        for moment in (fault.t, fault.end):
+            struck |= False if moment is None else (t >= moment) & (t <= moment + _NEW)
+    over = rates - bounds * np.where(struck, _STRUCK, _PASSED)[:, None]
+    worst, joints = over.argmax(axis=0), np.arange(len(bounds))
+    names = meta.joints if len(meta.joints) == len(bounds) else [f"axis {j + 1}" for j in joints]
+    return [
+        {
+            "joint": names[j],
+            "t": float(t[worst[j]]),
+            "rate": float(rates[worst[j], j]),
+            "limit": float(bounds[j]),
+            "share": float(rates[worst[j], j] / bounds[j]),
+        }
+        for j in np.flatnonzero((over[worst, joints] > 0.0) & (bounds > 0.0)).tolist()
+    ]
+
+
 def _gain(record: Record, name: str, rows: slice) -> float | None:
     """Increase of a running total; of thrusters only where the power of each is known."""
     if name not in record.series:

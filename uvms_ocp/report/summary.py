@@ -240,6 +240,7 @@ def summarize(record: Record) -> dict[str, Any]:
         "ended_too_early": sorted({row["phase"] for row in ended_prematurely(record)}) if meta.completed else [],
         "goals": goal_table(record),
         "swings": [asdict(swing) for swing in metrics.swings(record)],
+        "passed_rates": metrics.passed_rates(record),
         "phases": phase_table(record),
         "resources": metrics.resources(record),
         "seed": meta.seed,

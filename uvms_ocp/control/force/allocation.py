@@ -70,6 +70,8 @@ class AllocationMemory(Layout):
     """(n,) [N] as those of `AllocationResult`."""
     reached: Annotated[Vector, Sized("m")]
     """(6,) [N, N m]"""
+    within: Annotated[Vector, Sized("m")]
+    """(6,) [N, N m] that the limits allow, dead zones aside."""
     unreachable: Annotated[Vector, Sized("m")]
     """(6,) [N, N m]"""
     saturated: bool
@@ -131,10 +133,12 @@ def _to_all(a: AllocationMemory) -> None:
     for j in range(a.left.powers.count):
         a.thrust[a.place[j]] += a.left.thrust[j]
     for k in range(len(a.matrix)):
-        reached = 0.0
+        reached, within = 0.0, 0.0
         for j in range(a.left.powers.count):
             reached += a.left.powers.matrix[k][j] * a.left.thrust[j]
+            within += a.left.powers.matrix[k][j] * a.left.within[j]
         a.reached[k] = reached + a.stuck_wrench[k]
+        a.within[k] = within + a.stuck_wrench[k]
         a.unreachable[k] = a.left.wrench[k] - reached
 
 

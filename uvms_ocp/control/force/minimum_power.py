@@ -194,6 +194,8 @@ class LimitedThrustMemory(Layout):
     """(6,) [N, N m] asked for."""
     unbounded: Annotated[Vector, Sized("n")]
     """(n,) [N] thrust of least power for it, limits aside."""
+    within: Annotated[Vector, Sized("n")]
+    """(n,) [N] inside the limits, dead zones aside."""
     thrust: Annotated[Vector, Sized("n")]
     """(n,) [N] the answer."""
 
@@ -207,6 +209,8 @@ def limited_thrust(p: LimitedThrustMemory) -> bool:
     if not inside:
         _bounded(p)
     saturated = not inside and _loses(p)
+    for i in range(n):
+        p.within[i] = p.thrust[i]
     _leave_dead_zones(p)
     return saturated
 

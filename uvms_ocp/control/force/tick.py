@@ -165,7 +165,7 @@ def _act(m: ForceMemory) -> None:
     for i in range(m.allocation.count):
         m.allocated.thrust[i] = m.allocation.thrust[i]
     for k in range(6):
-        m.allocated.reached[k] = m.allocation.reached[k]
+        m.allocated.reached[k] = m.allocation.within[k]
         m.allocated.unreachable[k] = m.allocation.unreachable[k]
     m.command(m.inputs, m.effectiveness, m.observed, m.desired, m.allocated, m.state, m.outputs)
 

@@ -116,7 +116,7 @@ class AllocatedThrust(Layout):
     thrust: Annotated[Array, Sized("n_thrusters")]
     """(n_thrusters,) [N]"""
     reached: Annotated[Array, Sized(6)]
-    """(6,) [N, N m]"""
+    """(6,) [N, N m] as far as the limits allow: what a dead zone holds back winds up until it is passed."""
     unreachable: Annotated[Array, Sized(6)]
     """(6,) [N, N m]"""
 
