@@ -165,3 +165,13 @@ def test_rows_beyond_the_first_are_counted() -> None:
     table = SmallTable(title="numbers", rows=tuple((str(k),) for k in range(100)))
     assert table.text().splitlines()[-1].strip() == "and 60 more"
     assert "and 60 more" in table.html()
+
+
+def test_a_finding_of_pre_flight_is_printed_to_its_last_word() -> None:
+    finding = Finding(severity=Severity.ERROR, check="reach", phase="approach", text=report().findings[0].text)
+    lines = str(PreflightReport(findings=(finding, finding))).splitlines()
+    assert max(map(len, lines)) <= 80
+    words = [word for line in lines[2:] for word in line.split()]
+    assert [word for word in words if word not in ("error", "approach", "reach")] == [
+        word for word in finding.text.split() * 2 if word != "reach"
+    ]

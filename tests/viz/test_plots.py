@@ -109,6 +109,18 @@ def test_thresholds_of_the_mission_are_drawn_with_their_value(record: Record) ->
     assert "0.17 m" in _texts(figure)
 
 
+def test_a_view_near_the_floor_is_drawn_where_the_vehicle_comes_near(record: Record) -> None:
+    def panels(height: float) -> int:
+        quantities = record["quantities"].copy()
+        column = record.meta.quantities.index("LA.altitude")
+        quantities[:, column] = np.linspace(5.0 + height, 5.0, len(record))
+        figure = figure_altitude(replace(record, series={**record.series, "quantities": quantities}))
+        assert figure is not None
+        return len(figure.axes)
+
+    assert panels(100.0) == panels(1.0) + 1
+
+
 def test_one_panel_per_task_in_order_of_priority(record: Record) -> None:
     figure = figure_activations(record)
     assert figure is not None

@@ -12,7 +12,8 @@ import numpy as np
 
 # Small tables: what a public value says of itself, as text of 80 columns and in notebooks.
 
-_WIDTH = 80
+WIDTH = 80
+"""Characters of a line."""
 _MOST_ROWS = 40
 _GAP = "  "
 
@@ -58,7 +59,7 @@ def _cell(value: Any) -> str:
 
 def _cut(line: str) -> str:
     plain = "".join(letter if letter.isprintable() else " " for letter in line)
-    return plain if len(plain) <= _WIDTH else plain[: _WIDTH - 1] + "…"
+    return plain if len(plain) <= WIDTH else plain[: WIDTH - 1] + "…"
 
 
 def _row(cell: str, row: Sequence[str]) -> str:

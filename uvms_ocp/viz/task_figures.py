@@ -107,29 +107,31 @@ def _required(record: Record, name: str) -> np.ndarray:
 def figure_misalignment(record: Record) -> Figure | None:
     """Angle between the vehicle's x axis and the horizontal direction to the target (AT), and tilt (HA)."""
     rows = (("AT.misalignment", "misalignment", style.GREEN), ("HA.tilt", "tilt", style.ORANGE))
-    return _quantity_figure(record, rows, "Vehicle: alignment with the target, and tilt", _linear_panel)
+    title = "Vehicle: tilt" if quantity(record, "AT.misalignment") is None else "Vehicle: alignment with the target, and tilt"
+    return _quantity_figure(record, rows, title, _linear_panel)
 
 
 @style.styled
 def figure_altitude(record: Record) -> Figure | None:
-    """Altitude above the floor with the thresholds on it, and a closer view of its end; `None` without an echo."""
+    """Altitude above the floor with the thresholds on it, and a closer view where it comes near; `None` without an echo."""
     name = next((n for n in ("LA.altitude", "MAC.altitude") if np.isfinite(_required(record, n)).any()), None)
     if name is None:
         return None
     t, altitude = record["t"], _required(record, name)
     altitude = np.where(np.isfinite(altitude), altitude, np.nan)
-    figure, axes = style.stacked(2, 1.75, "Altitude of the altimeter above the floor")
     near = 2.5 * max([*recorded.thresholds(record, name), float(np.nanmin(altitude))])
+    figure, axes = style.stacked(2 if near < np.nanmax(altitude) else 1, 1.75, "Altitude of the altimeter above the floor")
     for axis in axes:
         axis.plot(t, altitude, color=style.BLUE, label="altitude")
         for limit in recorded.thresholds(record, name):
             style.threshold(axis, limit, f"landed below {limit:g} m")
     lowest = int(np.nanargmin(altitude))
-    axes[1].plot(t[lowest], altitude[lowest], "v", color=style.VERMILLION, ms=5, label=f"lowest: {altitude[lowest]:.3f} m")
+    axes[-1].plot(t[lowest], altitude[lowest], "v", color=style.VERMILLION, ms=5, label=f"lowest: {altitude[lowest]:.3f} m")
     label = axis_label("altitude", name)
     axes[0].set(ylabel=label, ylim=(0, None))
-    axes[1].set(ylabel=f"{label},\nnear the floor", ylim=(0, near))
-    curve, *_, mark = axes[1].get_lines()
+    if len(axes) > 1:
+        axes[1].set(ylabel=f"{label},\nnear the floor", ylim=(0, near))
+    curve, *_, mark = axes[-1].get_lines()
     style.heading_legend(figure, [curve, mark])
     style.mark_time(axes, record)
     return figure

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
+import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, TypeVar
@@ -14,7 +15,7 @@ import pinocchio as pin
 from uvms_ocp.checks import checked
 from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.mission import Below, Mission, Phase
-from uvms_ocp.record.display import SmallTable, TableDisplay
+from uvms_ocp.record.display import WIDTH, SmallTable, TableDisplay
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot import IDEAL_SENSORS, Robot, SensorSpecs
 from uvms_ocp.robot.robot import require_normalized
@@ -69,8 +70,12 @@ class PreflightReport(TableDisplay):
 
     def _table(self) -> SmallTable:
         verdict = "accepted" if self.accepted else "refused"
-        rows = tuple((item.severity.value, item.phase, item.check, item.text) for item in self.findings)
-        return SmallTable(title=f"Pre-flight: {verdict}", head=("severity", "phase", "check", "finding"), rows=rows)
+        before, head = [(item.severity.value, item.phase, item.check) for item in self.findings], ("severity", "phase", "check")
+        width = max(WIDTH - sum(2 + max(map(len, column)) for column in zip(head, *before, strict=True)) - 2, 30)
+        texts = [textwrap.wrap(item.text, width) or [""] for item in self.findings]
+        pairs = zip(before, texts, strict=True)
+        rows = tuple((*(cells if k == 0 else ("", "", "")), line) for cells, text in pairs for k, line in enumerate(text))
+        return SmallTable(title=f"Pre-flight: {verdict}", head=(*head, "finding"), rows=rows)
 
     @property
     def errors(self) -> tuple[Finding, ...]:
