@@ -60,6 +60,9 @@ class Shape:
         self._any_before = ... in sizes
         self._sizes = tuple(size for size in sizes if not isinstance(size, types.EllipsisType))
 
+    def __repr__(self) -> str:
+        return f"Shape({', '.join(map(str, ('...',) * self._any_before + self._sizes))})"
+
     def holds(self, value: Any) -> bool:
         """Return whether an array has such a shape."""
         shape, n = np.shape(value), len(self._sizes)

@@ -45,6 +45,12 @@ def test_formulas_are_drawn_by_the_browser_itself(reference: Path) -> None:
     assert "$" not in re.sub(r"<(script|style).*?</\1>", "", page, flags=re.DOTALL)
 
 
+def test_arguments_are_shown_by_what_they_allow(reference: Path) -> None:
+    inside = ("object at 0x", "PydanticUndefined")  # of the interpreter, and of what checks settings
+    pages = {page.name: page.read_text(encoding="utf-8") for page in reference.rglob("*.html")}
+    assert [name for name, text in pages.items() if any(word in text for word in inside)] == []
+
+
 def test_a_name_that_is_not_there_is_refused() -> None:
     with pytest.raises(NameNotFound, match=r"PoseTsk.*PoseTask"):
         body_of("`uvms_ocp.tasks.pose.PoseTsk`", ("uvms_ocp.tasks.pose",))

@@ -29,7 +29,10 @@ _SHORTEST, _LONGEST = 1.0, 1800.0  # [s]: maps from knots to commands grow with 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ExperimentTask:
-    """One. Raises InvalidInput for limits of other actuators, and too little time or too much."""
+    """Experiment to be designed: its vehicle, limits, sensors, and the numbers that are to be known well.
+
+    Raises InvalidInput for limits of other actuators, and too little time or too much.
+    """
 
     vehicle: Vehicle
     """Vehicle with its unknowns at their prior values."""
@@ -337,7 +340,10 @@ class DesignSettings:
 
 
 def design_experiment(given: ExperimentTask, rollout: Rollout, effort: DesignSettings | None = None) -> Excitation:
-    """Search. rollout: of the vehicle's stage. Raises NameNotFound for a number that there is not."""
+    """Search for commands that determine what matters best: `uvms_ocp.identification.experiment_design.Excitation`.
+
+    rollout: ``Rollout(stage_of(given.vehicle))``. Raises NameNotFound for a number that there is not.
+    """
     search = _DesignSearch.of(given, rollout, effort or DesignSettings())
     knots = search.begun()
     for price in _PRICES:

@@ -98,7 +98,7 @@ class StageFunctions:
 
 
 def stage_of(vehicle: Vehicle) -> StageFunctions:
-    """Build the functions."""
+    """Build the functions of one step of a vehicle: motion, what sensors show, and slopes."""
     n_u, n_j = len(vehicle.actuators.names), vehicle.dynamics.model.nv - N_V
     x, u, joints = ca.SX.sym("x", N_Q + N_V + n_u), ca.SX.sym("u", n_u), ca.SX.sym("joints", 3 * n_j)
     p, h = ca.SX.sym("p", vehicle.n_p), ca.SX.sym("h")

@@ -113,7 +113,7 @@ def require_coefficients(subject: CalibratedRobot) -> LinkCoefficients:
 
 
 def variant_text(one: Calibration, recordings: Sequence[str]) -> str:
-    """The file. Raises InvalidInput, as `require_coefficients`."""
+    """Write what was learnt as a variant of the robot's file, in YAML. Raises InvalidInput, as `require_coefficients`."""
     lines, learnt = [f"# Identified from: {', '.join(recordings)}."], list(_lines(one))
     if learnt:
         lines += ["links:", f"  {one.subject.frame}:", "    coefficients:", *(f"      {line}" for line in learnt)]
@@ -259,7 +259,7 @@ _DECADES = 1e3  # between the ends of an interval that is told of what is positi
 
 
 def report_text(one: Calibration) -> str:
-    """Markdown."""
+    """Write the report of a calibration as Markdown: numbers, intervals, what stays open, predictions, doubts."""
     parts = ["# Calibration", *_number_table(one), *_profiles(one), *_open(one), *_held(one), *_white(one)]
     parts += fits(one.comparisons)
     parts += [*left_out_tables(one.left_out), "", "## Doubts about the recordings", ""]
@@ -342,7 +342,7 @@ def _white(one: Calibration) -> Iterator[str]:
 
 
 def excitation_text(one: Excitation, actuators: Sequence[str]) -> str:
-    """Markdown."""
+    """Write the report of an excitation as Markdown. actuators: names, in the order of its commands."""
     return "\n".join(["# Excitation", "", *_course(one, actuators)]) + "\n"
 
 

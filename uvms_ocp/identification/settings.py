@@ -118,7 +118,7 @@ _LEAST = 1e-3  # [s], [N] of what is given as 0: logarithms are searched
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class CalibratedRobot:
-    """One."""
+    """Robot of the settings, and its vehicle with what is to be learnt as unknowns."""
 
     robot: Robot
     vehicle: Vehicle
@@ -140,7 +140,10 @@ class CalibratedRobot:
 
 
 def calibrated_robot(settings: CalibrationSettings, folder: Path) -> CalibratedRobot:
-    """Load it; files are looked for in the settings' folder. Raises InvalidInput, NameNotFound and RobotDataError."""
+    """Load the robot of the settings and declare its unknowns; files are looked for in the settings' folder.
+
+    Raises InvalidInput, NameNotFound and RobotDataError.
+    """
     urdf, file = _files(settings, folder)
     robot = load_robot(urdf=urdf, hydrodynamics=file)
     robot = without_arm(robot) if settings.arm == "taken off" else robot

@@ -198,7 +198,10 @@ _COLUMN = re.compile(r"(\w+)\.(\w+)$")
 
 
 def write_recording(recording: Recording, path: Path) -> None:
-    """Write it. Raises NotInstalled where Parquet cannot be written."""
+    """Write a recording as a table, `.csv`, `.csv.gz` or `.parquet`, that `read_recording` takes without a mapping.
+
+    Raises NotInstalled where Parquet cannot be written.
+    """
     times = np.unique(np.concatenate([channel.t for channel in recording.channels.values()]))
     columns = {_TIME: times}
     for name, channel in recording.channels.items():

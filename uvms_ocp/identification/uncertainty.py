@@ -110,7 +110,7 @@ _XYZ = ("x", "y", "z")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class IdentifiedNumber:
-    """One."""
+    """A number of the vehicle with its standard error and 95 % interval, such as the added mass in surge."""
 
     quantity: str
     """Quantity of the declaration, or `TOTAL`."""

@@ -397,7 +397,8 @@ def build_reference(folder: Path | str) -> Path:
             warnings.simplefilter("always")
             pdoc.pdoc(*_asked_for(modules), output_directory=folder)
         for path in folder.rglob("*.html"):  # classes name their private bases, which have no place to lead to
-            path.write_text(_PRIVATE.sub(r"\1", path.read_text(encoding="utf-8")), encoding="utf-8")
+            text = _PRIVATE.sub(r"\1", path.read_text(encoding="utf-8"))
+            path.write_text(text.replace("PydanticUndefined", "needed"), encoding="utf-8")
         _write_pages(folder, written, modules)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written ({error}); choose another folder") from error
