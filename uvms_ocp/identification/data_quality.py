@@ -64,7 +64,7 @@ def _rate_issues(recording: Recording, name: str, reference: _Reference) -> Iter
         return
     t, values = smoothed(measured.undelayed_t, measured.values, WINDOW)
     late, steady = sample_checks.offset(reference.t, reference.body, t, values)
-    seen = np.column_stack([np.interp(reference.t + late, t, column) for column in values.T])
+    seen = recordings.interpolated(reference.t + late, t, values)
     jump = "its clock and that of the {} differ at the end by another time than at the beginning: a jump?"
     texts = [sample_checks.describe_delay(late) if steady else jump, sample_checks.describe_factor(reference.body, seen)]
     yield from ((name, text.format(partner)) for text in texts if text)
@@ -118,7 +118,7 @@ def of_joints(recording: Recording) -> Iterator[tuple[str, str]]:
     if rate.std(axis=0).max() < _MOVING_JOINT or seen.std(axis=0).max() < DEAD:
         return
     late, _ = sample_checks.offset(t, rate, t_seen, seen)
-    shifted = np.column_stack([np.interp(t + late, t_seen, column) for column in seen.T])
+    shifted = recordings.interpolated(t + late, t_seen, seen)
     texts = [sample_checks.describe_delay(late), sample_checks.describe_factor(rate, shifted)]
     yield from ((_NAMES[1], text.format("positions")) for text in texts if text)
     yield from _columns(rate, shifted)
@@ -197,11 +197,7 @@ def _at(t: np.ndarray, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
     """Values and rates (m, k) at t (m,)."""
     grid, values = smoothed(channel.undelayed_t, channel.values, WINDOW)
     _, rates = smoothed(channel.undelayed_t, channel.values, WINDOW, derivative=1)
-    return _interpolated(t, grid, values), _interpolated(t, grid, rates)
-
-
-def _interpolated(t: np.ndarray, grid: np.ndarray, values: np.ndarray) -> np.ndarray:
-    return np.column_stack([np.interp(t, grid, column) for column in values.T])
+    return recordings.interpolated(t, grid, values), recordings.interpolated(t, grid, rates)
 
 
 def commanded(held: ZeroOrderHold, motion: ExplainedMotion, shift: float, *, turned: bool = False) -> np.ndarray:

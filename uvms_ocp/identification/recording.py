@@ -189,6 +189,11 @@ class ZeroOrderHold:
         return np.asarray(np.clip(index, 0, len(self.channel.t) - 1))
 
 
+def interpolated(at: np.ndarray, t: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (m, k) [any] at times at (m,) [s], linear between samples (n, k) [any] at t (n,) [s]."""
+    return np.column_stack([np.interp(at, t, column) for column in values.T])
+
+
 def smoothed(t: np.ndarray, values: np.ndarray, window: float, derivative: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Uniform times (m,) [s] and there, by local quadratics over `window` [s], values or their derivative (m, k) [any].
 
@@ -200,9 +205,8 @@ def smoothed(t: np.ndarray, values: np.ndarray, window: float, derivative: int =
     if not 2 * window < t[-1] - t[0] < GRID * _MOST:
         raise InvalidInput(f"times from {t[0]:g} to {t[-1]:g} s given; allowed: {2 * window:g} s to {GRID * _MOST:g} s")
     grid = np.arange(t[0], t[-1], GRID)
-    uniform = np.column_stack([np.interp(grid, t, column) for column in values.T])
     length = max(3, round(window / GRID) // 2 * 2 + 1)
-    return grid, savgol_filter(uniform, length, 2, deriv=derivative, delta=GRID, axis=0)
+    return grid, savgol_filter(interpolated(grid, t, values), length, 2, deriv=derivative, delta=GRID, axis=0)
 
 
 def continuous_quaternions(quaternions: np.ndarray) -> np.ndarray:
@@ -224,7 +228,7 @@ def angular_rate(attitude: Channel, window: float) -> tuple[np.ndarray, np.ndarr
 
 def rotations(attitude: Channel, t: np.ndarray) -> np.ndarray:
     """R_WB (m, 3, 3) at t (m,) [s], between samples interpolated."""
-    found = np.column_stack([np.interp(t, attitude.undelayed_t, column) for column in attitude.values.T])
+    found = interpolated(t, attitude.undelayed_t, attitude.values)
     found /= np.linalg.norm(found, axis=1, keepdims=True)
     return np.moveaxis(np.array(quaternion_to_matrix(found.T)), -1, 0)
 

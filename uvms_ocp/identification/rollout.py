@@ -15,7 +15,7 @@ import numpy as np
 from uvms_ocp.codegen.compile import compile_function
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.model import N_Q, N_V, PAST, PAST_STEP, StageFunctions, Vehicle
-from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold, angular_rate, rotations, smoothed
+from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold, angular_rate, interpolated, rotations, smoothed
 from uvms_ocp.robot.spatial import quaternion_exp, quaternion_multiply
 
 # A stretch of a recording as a simulation needs it: what was commanded step by step, and what was seen when.
@@ -84,7 +84,7 @@ class PreparedRecording:
         if rate is None:
             t, omega = angular_rate(attitude, window)
             at = attitude.undelayed_t[(attitude.undelayed_t >= t[0]) & (attitude.undelayed_t <= t[-1])]
-            rate = Channel(t=at, values=np.column_stack([np.interp(at, t, column) for column in omega.T]))
+            rate = Channel(t=at, values=interpolated(at, t, omega))
         commands = ZeroOrderHold(_actuator_commands(recording, vehicle))
         return PreparedRecording(recording=recording, rate=rate, commands=commands, joints=_moved(recording, vehicle))
 

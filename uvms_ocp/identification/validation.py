@@ -19,6 +19,7 @@ from uvms_ocp.identification.fit import FitContext, Predicted, Predictor
 from uvms_ocp.identification.model import N_Q, Vehicle, as_measured, vehicle_dynamics
 from uvms_ocp.identification.output_error import Estimate, Expansion, OutputErrorProblem, ProfilePenalty, SearchPoint
 from uvms_ocp.identification.parameters import AXES
+from uvms_ocp.identification.recording import interpolated
 from uvms_ocp.identification.rollout import PreparedRecording, Segment
 from uvms_ocp.identification.uncertainty import INTERVAL, IdentifiedNumber, number_of
 
@@ -217,8 +218,7 @@ class StaticBalance:
         """A vehicle that is where it is in balance and does not move, with unknowns shared (n,) [as `Unknowns.start`]."""
         middle = (stretch.edges[1:] + stretch.edges[:-1]) / 2
         vertical = self.vertical(stretch.joints[: stretch.joints.shape[0] // 3], shared)
-        rows = np.column_stack([np.interp(stretch.t[2], middle, column) for column in vertical])
-        return _resting(stretch, rows)
+        return _resting(stretch, interpolated(stretch.t[2], middle, vertical.T))
 
 
 def _resting(stretch: Segment, vertical: np.ndarray) -> Predicted:
