@@ -271,3 +271,45 @@ def test_misled_plugins_are_replaced_once(cured: int, status: Status, calls: int
 def test_a_setting_with_which_nothing_can_be_solved_is_refused_at_once(solver: type, name: str, number: float) -> None:
     with pytest.raises(InvalidInput, match=f"{name} = {number}; give a number > 0"):
         solver(**{name: number})
+
+
+OWN: list[AnySolver] = [Icat(), LexicographicQp(), LexicographicActiveSet(), LexicographicActiveSet(compiled=False)]
+"""DAQP loses its way where a row is there twice."""
+
+
+def _with_row(level: Level, row: np.ndarray, value: float) -> Level:
+    """The level with one more row, asked to be `value` in full."""
+    extra = Level(jacobian=row[None], lower=value, upper=value, rate=value, activation=1.0)
+    columns = (np.concatenate([getattr(level, name), getattr(extra, name)]) for name in ("jacobian", *_ROWS))
+    return Level(**dict(zip(("jacobian", *_ROWS), columns, strict=True)))
+
+
+_ROWS = ("lower", "upper", "rate", "activation", "gate")
+
+
+@pytest.mark.parametrize("solver", OWN)
+@pytest.mark.parametrize("value", [0.0, 0.7])
+def test_a_row_that_nothing_moves_changes_nothing(solver: AnySolver, value: float) -> None:
+    """Whatever it asks for: its own residual aside, the solution is that without it."""
+    for seed in range(3):
+        levels = _equalities(seed)
+        alone = solver.solve(levels)
+        among = solver.solve([_with_row(level, np.zeros(13), value) for level in levels])
+        np.testing.assert_allclose(among.v, alone.v, atol=1e-3 if isinstance(solver, Icat) else 1e-6)
+        for k, residual in enumerate(among.residuals):
+            np.testing.assert_allclose(abs(residual[-1]), value, atol=1e-9)
+            np.testing.assert_allclose(residual[:-1], alone.residuals[k], atol=1e-3 if isinstance(solver, Icat) else 1e-6)
+
+
+@pytest.mark.parametrize("solver", OWN)
+@pytest.mark.parametrize("times", [1.0, -1.0, 3.0])
+def test_a_row_that_is_there_twice_changes_nothing_where_it_can_be_met(solver: AnySolver, times: float) -> None:
+    """In its own level and in the one below, as it is and by a factor."""
+    for seed in range(3):
+        levels = _equalities(seed)
+        alone = solver.solve(levels).v
+        rows = [(level.jacobian[0] * times, float(level.lower[0]) * times) for level in levels]
+        same = [_with_row(level, *row) for level, row in zip(levels, rows, strict=True)]
+        below = [levels[0], *(_with_row(level, *row) for level, row in zip(levels[1:], rows[:-1], strict=True))]
+        for doubled in (same, below):
+            np.testing.assert_allclose(solver.solve(doubled).v, alone, atol=1e-2 if isinstance(solver, Icat) else 1e-5)
