@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import yaml
 from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
+from uvms_ocp.planning import CoalDistances, PostureGoal, collision_scene, coordinates
 from uvms_ocp.robot.assembly import static_residual
 from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.loading import load_robot
@@ -48,6 +50,8 @@ AHEAD = "".join(fan(f"fan_{k}", f"-0.3 {y} 0", "1 0 0") for k, y in enumerate((-
 SIDEWAYS = fan("fan_2", "0.2 0 0", "0 1 0") + fan("fan_3", "-0.2 0 0", "0 1 0")
 UP = "".join(fan(f"fan_{k + 4}", f"{x} {y} 0.1", "0 0 1") for k, (x, y) in enumerate(((0.2, 0), (-0.2, 0.2), (-0.2, -0.2))))
 EYE = link("altimeter", 0) + joint("rov/hull", "altimeter", "fixed", "0 0 -0.2")
+GIMBAL = link("gimbal", 0.2) + joint("rov/hull", "gimbal", "revolute", "-0.3 0 0", "0 0 1")
+OVER = joint("rov/hull", "base_link", "fixed", "0 0 0' rpy='3.14159265 0 0")
 FIXED = "<robot name='r'><link name='world'/><joint name='w' type='fixed'><parent link='world'/><child link='rov/hull'/></joint>"
 STRANGERS = {
     "one arm, all thrusters, an altimeter": HULL + arm("left", 0.1) + AHEAD + SIDEWAYS + UP + EYE,
@@ -55,6 +59,10 @@ STRANGERS = {
     "no arm": HULL + AHEAD + SIDEWAYS + UP + EYE,
     "no vertical thrust": HULL + AHEAD + EYE,
     "no thrusters": HULL + arm("left", 0.1),
+    "a planar joint": HULL + link("sled", 1) + joint("rov/hull", "sled", "planar", "0.3 0 0", "0 0 1") + AHEAD + SIDEWAYS + UP,
+    "a gimbal": HULL + AHEAD + SIDEWAYS + UP + GIMBAL + fan("fan_9", "-0.1 0 0", "1 0 0").replace("rov/hull", "gimbal"),
+    "base_link turned over": HULL + link("base_link", 0) + OVER + arm("left", 0.1) + AHEAD + SIDEWAYS + UP,
+    "joints called as axes and links": (HULL + arm("left", 0.1) + AHEAD).replace("left_upper_joint", "x").replace("e_joint", "e"),
     "fixed base": FIXED.removeprefix("<robot name='r'>") + HULL + arm("left", 0.1),
 }
 
@@ -76,11 +84,18 @@ def test_a_urdf_becomes_a_mission_that_is_accepted(kind: str, tmp_path: Path) ->
     told("new-mission", str(mission), "--robot", str(robot))
     assert "accepted" in told("check", str(mission))
     text = mission.read_text(encoding="utf-8")
-    assert text.count(" ToolPosition(") == {"two arms, no altimeter": 2, "no arm": 0, "no vertical thrust": 0}.get(kind, 1)
+    assert text.count(" ToolPosition(") == {"two arms, no altimeter": 2, "no arm": 0, "no vertical thrust": 0}.get(
+        kind, "gimbal" not in kind
+    )
     assert (" MinimumAltitude(threshold" in text) == ("altimeter" in STRANGERS[kind])
     assert (" VehiclePose(" in text) == (kind != "fixed base")
     made = load_robot(urdf=robot / "robot.urdf", hydrodynamics=robot / "hydrodynamics.yaml")
     assert len(made.description.thrusters) == STRANGERS[kind].count("continuous")
+    assert ("joint gimbal_joint: turns thrusters" in asked) == (kind == "a gimbal")
+    assert ("frame=" in text.partition("VehiclePose(")[2].partition("\n")[0]) == (kind == "base_link turned over")
+    varied = (tmp_path / "m_variations.py").read_text(encoding="utf-8")
+    known = told("campaign", str(mission), "--parameters", "--json")
+    assert all(f'"{name}"' in known for name in re.findall(r'Variation\("([^"]+)"', varied))
     if made.n_vehicle:
         force, moment = static_residual(made, made.configuration())
         assert abs(force) < 0.05
@@ -114,15 +129,30 @@ def test_fingers_stay_together_and_what_has_no_range_stays_where_it_is(tmp_path:
     said = told("new-robot", "--from", str(source), str(robot))
     assert "moves on its own" not in said
     content = yaml.safe_load((robot / "hydrodynamics.yaml").read_text(encoding="utf-8"))
-    assert content["loading"]["mimic"] == "fixed"
-    assert {"finger_0_joint", "transponder_joint", "fan_9_joint"} <= content["loading"]["lock"].keys()
+    assert "mimic" not in content["loading"]
+    assert {"transponder_joint", "fan_9_joint"} <= content["loading"]["lock"].keys()
     assert content["tool"] == "left_nozzle"
     made = load_robot(urdf=robot / "robot.urdf", hydrodynamics=robot / "hydrodynamics.yaml")
-    assert made.joint_names == ("left_upper_joint", "left_fore_joint")
+    assert made.joint_names == ("left_upper_joint", "left_fore_joint", "finger_0_joint")
+    assert made.leading_joints == ("finger_0_joint",)
     assert "fan_9_joint" in made.thruster_names
-    here = Kinematics(made, made.configuration())
+    here = Kinematics(made, made.configuration(joints={"finger_0_joint": 0.3}))
     turned = here.pose("finger_0").actInv(here.pose("finger_1"))
-    np.testing.assert_allclose(pin.rpy.matrixToRpy(turned.rotation), [0.0, 0.2, 0.0], atol=1e-12)
+    np.testing.assert_allclose(pin.rpy.matrixToRpy(turned.rotation), [0.0, 0.2 - 0.6, 0.0], atol=1e-12)
+
+
+def test_a_joint_called_as_an_axis_of_the_vehicle_is_another_axis(tmp_path: Path) -> None:
+    (tmp_path / "theirs.urdf").write_text(
+        f"<robot name='r'>{STRANGERS['joints called as axes and links']}</robot>", encoding="utf-8"
+    )
+    told("new-robot", "--from", str(tmp_path / "theirs.urdf"), str(tmp_path / "mine"))
+    robot = load_robot(urdf=tmp_path / "mine" / "robot.urdf", hydrodynamics=tmp_path / "mine" / "hydrodynamics.yaml")
+    goal = PostureGoal(position=(0.3, 0.0, 0.0), joints={"x": 0.2})
+    planned = coordinates(robot)
+    end = goal.as_coordinates(CoalDistances(collision_scene(planned, ())), seed=0)
+    axes = dict(zip(planned.names, end.tolist(), strict=True))
+    assert len(axes) == planned.n_axes
+    assert (axes["x"], axes["joint x"]) == (0.3, 0.2)
 
 
 def test_what_is_physically_wrong_is_said_with_the_proposal(tmp_path: Path) -> None:

@@ -310,7 +310,7 @@ def test_meshes_are_found_in_package_dirs_and_beside_the_file(tmp_path: Path) ->
 WRONG_NAMES = {
     "links: {ghost: {sphere: {radius: 1}}}": "links: 'ghost' is not in the URDF",
     "altimeter: ghost": "altimeter: 'ghost' is not in the URDF",
-    "joints: {ghost: {home: 0}}": "joints: 'ghost' is not in the URDF",
+    "joints: {ghost: {home: 0}}": "joints: 'ghost' is no joint of the URDF that moves",
     "trim: [{name: t, link: ghost, position: [0, 0, 0], mass: 1, volume: 0}]": "trim 't' link: 'ghost'",
     "joints: {j: {home: 2}}": "home: joint 'j': given 2; allowed: -1 to 1",
 }

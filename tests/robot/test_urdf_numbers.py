@@ -100,7 +100,6 @@ def test_a_number_that_urdfdom_does_not_read_is_refused_by_name(
         ({"kind": "planar", "axis": "0 1 0"}, "joint 'j' axis: the file says '[0. 1. 0.]', the model that"),
         ({"kind": "planar", "velocity": "1"}, "joint 'j' limit velocity: the file says '[1. 1. 1.]'"),
         ({"kind": "continuous", "effort": "1 "}, "joint 'j' limit effort: given '1 '"),
-        ({"more": "<mimic joint='k'/>"}, "joint 'j' mimics 'k', which is not modelled; give `mimic: fixed` in"),
         ({"more": "<calibration rising='1 '/>"}, "joint 'j' calibration rising: given '1 '"),
         ({"more": "<safety_controller/>"}, "joint 'j' safety_controller k_velocity: given nothing"),
     ],

@@ -18,6 +18,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.mission.mission import Mission
+from uvms_ocp.planning.scene import joint_axis
 from uvms_ocp.scenario.scenario import Scenario, maker_of
 from uvms_ocp.sim import Current, FlatSeafloor, GustyCurrent, HeightField, OnsetCurrent, StillWater, UniformCurrent
 from uvms_ocp.tasks import Hierarchy, JointTracking
@@ -105,7 +106,7 @@ def place_parameters(scenario: Scenario) -> Iterator[Parameter]:
     for joint in robot.joints:
         if joint.n_v == 1:
             bend = partial(_bent, joint.idx_v)
-            yield Parameter(f"start.{joint.name}", "rad or m", "added to this joint at the start", bend)
+            yield Parameter(f"start.{joint_axis(robot, joint.name)}", "rad or m", "added to this joint at the start", bend)
     if isinstance(scenario.environment.seafloor, FlatSeafloor | HeightField):
         yield Parameter("floor.z", "m", "added to the height of the floor", _with_floor)
     for obstacle in scenario.environment.obstacles:

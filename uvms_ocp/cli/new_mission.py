@@ -13,10 +13,10 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.robot.kinematics import Kinematics
-from uvms_ocp.robot.limits import bounded_joints
+from uvms_ocp.robot.limits import Joint, bounded_joints
 from uvms_ocp.robot.loading import files_of
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.roles import role_notes
+from uvms_ocp.robot.roles import BASE, role_notes
 from uvms_ocp.robot.thrusters import AXES, unactuated_axes
 
 TEMPLATES = Path(str(files("uvms_ocp.scenario"))) / "templates"
@@ -79,6 +79,17 @@ class NewMission:
         return self.robot.tools if self.robot.n_joints else ()
 
     @property
+    def held(self) -> Mapping[str, Joint]:
+        """Joints of one degree of freedom, which a posture is of."""
+        return {joint.name: joint for joint in self.robot.joints if joint.n_v == 1}
+
+    @property
+    def level_frame(self) -> str:
+        """Argument of tasks of the vehicle where ``base_link`` does not lie as the vehicle does: the root has a frame, too."""
+        R, root = Kinematics(self.robot, self.robot.configuration()).pose(BASE).rotation, self.robot.frame_names[1]
+        return "" if np.allclose(R, np.eye(3), atol=1e-6) else f"frame={_quoted(root)}"
+
+    @property
     def has_forces(self) -> bool:
         """Check that the dynamic plant can move it: by thrusters, or an arm that stands by its motors."""
         return bool(self.robot.description.thrusters) or not self.robot.n_vehicle
@@ -94,6 +105,8 @@ class NewMission:
         yield from (text for good, text in role_notes(self.robot.model, self.robot.description) if not good)
         if not self.has_forces:
             yield "thrusters: none, so that the mission flies on the kinematic plant; write them into hydrodynamics.yaml"
+        if loose := [joint.name for joint in self.robot.joints if joint.name not in self.held]:
+            yield f"joint {', '.join(loose)}: has several degrees of freedom, which no posture holds; --lock JOINT fixes it"
         if self.missing:
             lost = ", ".join(AXES[axis] for axis in self.missing)
             yield f"thrusters: none for {lost}; the way point lies where the others lead, and these axes are left free"
@@ -161,14 +174,17 @@ class NewMission:
             else:
                 yield "# MinimumAltitude() needs `altimeter: LINK` in hydrodynamics.yaml", ""
             if not {3, 4} & set(self.missing):
-                yield "HorizontalAttitude(),", "HA"
+                yield f"HorizontalAttitude({self.level_frame}),", "HA"
         for name, tool, target in zip(self._numbered("TP", ""), self.tools, self._numbered("TARGET"), strict=True):
             which = "" if len(self.tools) == 1 else f'name="{name}", frame={_quoted(tool)}, '
             yield f"ToolPosition({which}goal=uo.pose_at({target})),", name
         if robot.n_vehicle:
-            yield "VehiclePose(goal=WAY_POINT),", "PC"
-        if robot.n_joints:
+            yield f"VehiclePose(goal=WAY_POINT{', ' if self.level_frame else ''}{self.level_frame}),", "PC"
+        if len(self.held) == len(robot.joints) > 0:
             yield "JointTracking(joints=robot.joint_names, goal=robot.home),", "MP"
+        elif self.held:
+            names, places = ", ".join(map(_quoted, self.held)), [joint.idx_v - robot.n_vehicle for joint in self.held.values()]
+            yield f"JointTracking(joints=({names},), goal=robot.home[{places}]),", "MP"
 
     def _conditions(self) -> Iterator[str]:
         if self.robot.n_vehicle:
@@ -250,13 +266,14 @@ def loading_line(file: Path, robot: Path, hydrodynamics: str | None, loading: Ma
     return f"HERE / {_quoted(beside(urdf.parent))}", f"return uo.load_robot({', '.join(parts)})"
 
 
-def variations_text(robot: Robot) -> str:
-    """Write the variations of a robot's mission, without the lines about what the robot has not."""
-    text = (TEMPLATES / "variations.py.txt").read_text(encoding="utf-8")
+def variations_text(mission: NewMission) -> str:
+    """Write the variations of a robot's mission, without the lines about what the robot, or its plant, has not."""
+    robot, text = mission.robot, (TEMPLATES / "variations.py.txt").read_text(encoding="utf-8")
     lacks = [
-        ("payload.", bool(robot.tools and robot.n_joints)),
+        ("payload.", bool(mission.tools and mission.has_forces)),
         ("start.yaw", bool(robot.n_vehicle)),
-        ("water.", bool(robot.description.links)),
+        ("water.", bool(robot.description.links and mission.has_forces)),
+        ("current.", mission.has_forces),
     ]
     absent = [f'Variation("{word}' for word, there in lacks if not there]
     return "\n".join(line for line in text.split("\n") if not any(word in line for word in absent))

@@ -147,7 +147,7 @@ class RobotFiles:
     meshes: Annotated[bool | None, typer.Option("--meshes/--no-meshes", help="Whether shapes that are meshes are read.")] = None
     mimic: Annotated[
         str | None,
-        typer.Option(metavar="free|fixed", help="Joints that mimic another: of their own, or fixed to follow."),
+        typer.Option(metavar="coupled|free|fixed", help="Joints that mimic another: one with it, of their own, or fixed."),
     ] = None
     lock: Annotated[list[str] | None, typer.Option(metavar="JOINT[=Q]", help="Fix a joint, at 0 unless given; repeatable.")] = (
         None
@@ -162,6 +162,7 @@ class RobotFiles:
     altimeter: Annotated[
         str | None, typer.Option(metavar="LINK", help="Frame of the range sensor, which looks along its -z.")
     ] = None
+    dvl: Annotated[str | None, typer.Option(metavar="LINK", help="Frame of the Doppler velocity log.")] = None
 
     @property
     def loading(self) -> dict[str, Any]:
@@ -175,6 +176,7 @@ class RobotFiles:
             drop=self.drop or None,
             tool=self.tool_link or None,
             altimeter=self.altimeter,
+            dvl=self.dvl,
         )
 
     @property

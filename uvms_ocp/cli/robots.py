@@ -131,6 +131,7 @@ def new_robot(
         loading=loading,
         tool=files.tool_link or (),
         altimeter=files.altimeter,
+        dvl=files.dvl,
     )
     text, meshes = with_own_meshes(urdf, folders)
     _write({out / "robot.urdf": text, out / "hydrodynamics.yaml": found.text}, {out / to: at for to, at in meshes.items()})
@@ -162,7 +163,7 @@ def new_mission(
     elif files != opt.AS_WRITTEN:
         load = f"return uo.load_robot(ROBOT, {', '.join(f'{key}={value!r}' for key, value in files.loading.items())})"
     mission = NewMission(robot=robot_of(name, files.hydrodynamics, files.loading), place=place, load=load)
-    varied = variations_text(mission.robot)
+    varied = variations_text(mission)
     _write({file: mission.text(file, vary), vary: varied})
     _say(mission.notes())
 

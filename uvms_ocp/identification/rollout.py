@@ -16,6 +16,7 @@ from uvms_ocp.codegen.compile import compile_function
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.model import N_Q, N_V, PAST, PAST_STEP, StageFunctions, Vehicle
 from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold, angular_rate, interpolated, rotations, smoothed
+from uvms_ocp.robot.limits import joints_of
 from uvms_ocp.robot.spatial import quaternion_exp, quaternion_multiply
 
 # A stretch of a recording as a simulation needs it: what was commanded step by step, and what was seen when.
@@ -170,7 +171,7 @@ def _only_commands(recording: Recording) -> str:
 
 def _moved(recording: Recording, vehicle: Vehicle) -> Channel | None:
     """Positions of the vehicle's joints, in its order."""
-    names = tuple(vehicle.dynamics.model.names)[2:]  # after the universe and the vehicle
+    names = tuple(joint.name for joint in joints_of(vehicle.dynamics.model, free_flyer=True))
     if not names and "joint_positions" not in recording.channels:
         return None
     channel = recording.channel("joint_positions").of(names, f"{recording.name}: joint_positions")

@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.robot.kinematics import largest_change
 from uvms_ocp.robot.robot import require_normalized
@@ -97,13 +98,18 @@ class CoalDistances:
     _bounds: _Bounds = field(init=False, repr=False)
     _data: pin.Data = field(init=False, repr=False)
     _geometry_data: pin.GeometryData = field(init=False, repr=False)
+    _columns: Indices = field(init=False, repr=False)
+    """(n_v,) of Pinocchio's Jacobians, which have one for each joint that mimics another one, too."""
 
     def __post_init__(self) -> None:
         geometry_data = self.scene.geometry.createData()
         for request in geometry_data.distanceRequests:
             request.gjk_tolerance = _DISTANCE_TOLERANCE
             request.gjk_max_iterations = _MAX_ITERATIONS
-        object.__setattr__(self, "_data", self.scene.coordinates.robot.model.createData())
+        model = self.scene.coordinates.robot.model
+        columns = [joint.idx_v + i for joint in list(model.joints)[1:] for i in range(joint.nvExtended)]
+        object.__setattr__(self, "_columns", np.unique(np.array(columns, dtype=np.intp), return_index=True)[1])
+        object.__setattr__(self, "_data", model.createData())
         object.__setattr__(self, "_geometry_data", geometry_data)
         object.__setattr__(self, "_bounds", _Bounds(x=np.zeros((0, 0)), lower=np.zeros((0, 0))))
 
@@ -146,7 +152,12 @@ class CoalDistances:
 
         The derivative of a distance is ``n'(J_p2 - J_p1)`` with the normal n and the witness points p1, p2, which
         lie on one line along n: one wrench ``[n; p x n]`` at the origin serves both shapes, in penetration too.
+
+        Raises `InvalidInput` for a planned joint that others mimic, which moves both.
         """
+        if self.scene.coordinates.leading.any():
+            led = ", ".join(self.scene.coordinates.robot.leading_joints)
+            raise InvalidInput(f"joint {led} moves others along, for which no gradients are known; plan without it")
         found: list[_Contact] = []
         jacobians = np.zeros((x.shape[0], 6, self.scene.coordinates.robot.n_v))
         self._bounds.moved_to(x, self.scene)
@@ -157,7 +168,7 @@ class CoalDistances:
             self._place(configurations[sample])
             self._collect(sample, chosen, limits, found)
             jacobian: Array = pin.computeJointJacobians(self.scene.coordinates.robot.model, self._data, configurations[sample])
-            jacobians[sample] = jacobian
+            jacobians[sample] = jacobian[:, self._columns]
         if not found:
             return no_near_pairs(x.shape[1])
         samples, pairs, distances, normals, points, centres = map(np.array, zip(*found, strict=True))

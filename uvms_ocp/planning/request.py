@@ -18,7 +18,7 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.planning.conservative_advancement import PairDistances
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.path_cost import CostWeights
-from uvms_ocp.planning.scene import VEHICLE_AXES, CollisionScene, Coordinates, collision_scene, coordinates
+from uvms_ocp.planning.scene import VEHICLE_AXES, CollisionScene, Coordinates, collision_scene, coordinates, joint_axis
 from uvms_ocp.planning.soft_collision import CollisionPlan, SamplingOptions, SoftCollisionOptions, plan_soft_collision
 from uvms_ocp.robot import Kinematics, Obstacle, Robot
 from uvms_ocp.tasks import JointTracking, Task, ToolPose, ToolPosition, VehiclePose
@@ -186,7 +186,7 @@ class PostureGoal:
         planned = distances.scene.coordinates
         every = coordinates(planned.robot)
         goal = planned.reference.copy()
-        for name, value in self._axes().items():
+        for name, value in self._axes(planned.robot).items():
             if name not in every.names:
                 raise NameNotFound("axis", name, every.names)
             if not np.isfinite(value):
@@ -201,14 +201,14 @@ class PostureGoal:
                 )
         return np.asarray(goal[planned.planned])
 
-    def _axes(self) -> dict[str, float]:
+    def _axes(self, robot: Robot) -> dict[str, float]:
         """Values of the axes that the goal names; of an attitude those with a pitch within a quarter turn."""
         place = dict(zip(VEHICLE_AXES[:3], self.position or (), strict=False))
         rpy = self.rpy
         if rpy is not None and np.isfinite(rpy).all():
             rpy = pin.rpy.matrixToRpy(pin.rpy.rpyToMatrix(np.array(rpy))).tolist()
         attitude = dict(zip(VEHICLE_AXES[3:], rpy or (), strict=False))
-        return {**place, **attitude, **self.joints}
+        return {**place, **attitude, **{joint_axis(robot, name): value for name, value in self.joints.items()}}
 
     def as_tasks(self, robot: Robot, start: Array) -> tuple[Task, ...]:
         """Tasks of the vehicle and of the joints that the goal names; start (n_q,) [m, rad]: configuration.
@@ -327,4 +327,5 @@ def _planned_axes(request: PlanRequest) -> Coordinates:
     robot = request.robot
     vehicle = VEHICLE_AXES if robot.n_vehicle else ()
     kept = {"all": vehicle, "joints": (), "level": tuple(axis for axis in vehicle if axis not in ("roll", "pitch"))}
-    return coordinates(robot, reference=request.start, axes=(*kept[request.axes], *robot.joint_names))
+    joints = (joint_axis(robot, name) for name in robot.joint_names if name not in robot.leading_joints)
+    return coordinates(robot, reference=request.start, axes=(*kept[request.axes], *joints))

@@ -103,8 +103,14 @@ class Coordinates:
     @property
     def endless(self) -> Indices:
         """Indices among the planned axes of those that turn without end: roll, yaw and endless joints."""
-        turning = {"roll", "yaw", *(joint.name for joint in self.robot.joints if joint.endless)}
+        turning = {"roll", "yaw", *(joint_axis(self.robot, name) for name in self.robot.endless_joints)}
         return np.array([k for k, name in enumerate(self.names) if name in turning], dtype=np.intp)
+
+    @property
+    def leading(self) -> Array:
+        """(n_axes,) Whether other joints mimic the axis."""
+        led = [joint_axis(self.robot, name) for name in self.robot.leading_joints]
+        return np.array([name in led for name in self.names], dtype=bool)
 
     @checked_on_failure
     def shortest_turn(
@@ -147,7 +153,12 @@ def coordinates(robot: Robot, *, reference: ArrayLike | None = None, axes: Seque
 
 
 def _axis_names(robot: Robot) -> tuple[str, ...]:
-    return (*(VEHICLE_AXES if robot.n_vehicle else ()), *robot.joint_names)
+    return (*(VEHICLE_AXES if robot.n_vehicle else ()), *(joint_axis(robot, name) for name in robot.joint_names))
+
+
+def joint_axis(robot: Robot, joint: str) -> str:
+    """Name of the axis of a joint: its own, or another one where an axis of the vehicle is called so."""
+    return f"joint {joint}" if robot.n_vehicle and joint in VEHICLE_AXES else joint
 
 
 def _axis_values(robot: Robot, q: Array) -> Array:
@@ -245,7 +256,8 @@ class CollisionScene:
     geometry: pin.GeometryModel
     pairs: tuple[Pair, ...]
     moved: Array
-    """(n_pairs, n_axes) -1, 0 or 1: does the axis move the second shape minus does it move the first."""
+    """(n_pairs, n_axes) -1, 0 or 1: does the axis move the second shape minus does it move the first; of an axis that
+    several joints have, 1 where it moves either."""
     reach: Array
     """(n_pairs, n_axes) [m per unit of the axis] upper bound on |d distance / d axis| at any configuration."""
     carried: Array
@@ -327,12 +339,15 @@ def collision_scene(coordinates: Coordinates, obstacles: Sequence[Obstacle], *, 
 
 
 def _with_moving_pairs(coordinates: Coordinates, geometry: pin.GeometryModel, candidates: Sequence[Pair]) -> CollisionScene:
-    supports = _supports(coordinates)
+    supports, led = _supports(coordinates), coordinates.leading
     reaches = [shape_reach(coordinates.robot, shape)[coordinates.planned] for shape in geometry.geometryObjects]
-    pairs = [pair for pair in candidates if (supports[pair.second_joint] != supports[pair.first_joint]).any()]
+    ends = ((supports[pair.first_joint], supports[pair.second_joint]) for pair in candidates)
+    motions = [np.where(led, np.maximum(first, second), second - first) for first, second in ends]
+    pairs = [pair for pair, motion in zip(candidates, motions, strict=True) if motion.any()]
     shape = (len(pairs), coordinates.n_axes)
-    moved = np.array([supports[p.second_joint] - supports[p.first_joint] for p in pairs]).reshape(shape)
-    reach = np.array([np.maximum(reaches[p.first], reaches[p.second]) for p in pairs]).reshape(shape)
+    moved = np.array([motion for motion in motions if motion.any()]).reshape(shape)
+    both = [(reaches[p.first], reaches[p.second]) for p in pairs]
+    reach = np.array([np.where(led, a + b, np.maximum(a, b)) for a, b in both]).reshape(shape)
     carried = np.array([supports[p.second_joint] for p in pairs]).reshape(shape)
     radii = np.array([geometry.geometryObjects[p.second].geometry.aabb_radius for p in pairs])
     for pair in pairs:
@@ -368,5 +383,5 @@ def _supports(coordinates: Coordinates) -> Array:
     for joint in range(1, model.njoints):
         for carrier in list(model.supports[joint])[1:]:
             first = model.joints[carrier].idx_v
-            supports[joint, first : first + model.joints[carrier].nv] = 1.0
+            supports[joint, first : first + model.joints[carrier].nvExtended] = 1.0
     return supports[:, coordinates.planned]

@@ -120,8 +120,8 @@ def without_arm(robot: Robot) -> Robot:
     before = robot.description
     links = {name: link for name, link in before.links.items() if name in kept}
     trim = tuple(body for body in before.trim if body.link in kept)
-    altimeter = before.altimeter if before.altimeter in kept else None
-    alone = checked_copy(before, joints={}, links=links, trim=trim, tool=None, altimeter=altimeter)
+    sensors = {key: name if (name := getattr(before, key)) in kept else None for key in ("altimeter", "dvl")}
+    alone = checked_copy(before, joints={}, links=links, trim=trim, tool=None, **sensors)
     return robot_of(_base_only(robot), alone, robot.name)
 
 

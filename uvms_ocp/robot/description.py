@@ -261,9 +261,9 @@ class LoadingDescription(_Section):
 
     packages: tuple[str, ...] = Field(default=(), description="folders with the packages of meshes, from this file's")
     meshes: Literal["yes", "no"] = Field(default="yes", description="no: shapes that are meshes are left out")
-    mimic: Literal["free", "fixed"] | None = Field(
-        default=None,
-        description="joints that mimic another one: of their own, or fixed where their leader's lock, or its home, puts them",
+    mimic: Literal["coupled", "free", "fixed"] = Field(
+        default="coupled",
+        description="joints that mimic another one: one with it, of their own, or fixed where its lock, or home, puts them",
     )
     lock: dict[str, float] = Field(default={}, description="joints that do not move, with their position [rad or m]")
     drop: tuple[str, ...] = Field(default=(), description="links that are left out, with all that hangs on them")
@@ -282,6 +282,7 @@ class RobotDescription(_Section):
     convention: Literal["FLU", "NED"] = Field(default="FLU", description="axes of every vector and matrix in links")
     water_density: float = Field(default=998.0, ge=900.0, le=1300.0, description="[kg/m3], fresh 998, sea 1025")
     altimeter: str | None = Field(default=None, description="frame of the range sensor, which looks along its -z")
+    dvl: str | None = Field(default=None, description="frame of the Doppler velocity log; its readings are carried to base_link")
     vehicle_limits: VehicleLimits | None = None
     joints: dict[str, JointDescription] = Field(default={}, description="by joint name")
     joint_efficiency: float = Field(default=0.6, gt=0.0, le=1.0, description="mechanical / electrical power [-]")

@@ -54,8 +54,8 @@ def _reach_of_ball(robot: Robot, carrier: int, length: float) -> np.ndarray:
         turns = angular > 0.0
         own = linear.copy()
         own[turns] += angular[turns] * length
-        reach[joint.idx_v : joint.idx_v + joint.nv] = own
-        length += _travel(robot, joint.idx_v + np.flatnonzero(linear))
+        reach[joint.idx_v : joint.idx_v + joint.nvExtended] += own  # of what mimics, with that of its leader
+        length += _travel(robot, joint, linear)
         length += float(np.linalg.norm(robot.model.jointPlacements[carrier].translation))
         carrier = robot.model.parents[carrier]
     return reach
@@ -65,17 +65,19 @@ def _speeds(joint: pin.JointModel, q: np.ndarray) -> tuple[np.ndarray, np.ndarra
     """Linear and angular speed (nv,) per unit of each axis; the same at any configuration for the joints of a URDF."""
     data = joint.createData()
     joint.calc(data, q)
-    subspace = np.array(data.S).reshape(6, joint.nv)
+    subspace = np.array(data.S).reshape(6, joint.nvExtended)
     return np.linalg.norm(subspace[:3], axis=0), np.linalg.norm(subspace[3:], axis=0)
 
 
-def _travel(robot: Robot, axes: np.ndarray) -> float:
-    """[m] from zero to the farthest corner of the limits of the axes."""
-    own = axes - robot.n_vehicle
+def _travel(robot: Robot, joint: pin.JointModel, linear: np.ndarray) -> float:
+    """[m] from zero to the farthest corner of the limits of the axes that are `linear`, at that speed per unit."""
+    moved = np.flatnonzero(linear)
+    own = joint.idx_v - robot.n_vehicle + moved
     if (own < 0).any():
         return np.inf
-    limits = robot.limits
-    return float(np.linalg.norm(np.maximum(np.abs(limits.position_lower[own]), np.abs(limits.position_upper[own]))))
+    lower, upper = robot.limits.position_lower[own], robot.limits.position_upper[own]
+    offset = 0.0 if joint.nv or not len(moved) else abs(joint.extract().offset)
+    return float(np.linalg.norm(linear[moved] * np.maximum(np.abs(lower), np.abs(upper)))) + offset
 
 
 # Where the frames of a robot are, and how they move, at one configuration; and where its altimeter looks.

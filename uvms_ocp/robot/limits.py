@@ -118,7 +118,7 @@ class PositionLimit:
 def joints_of(model: pin.Model, *, free_flyer: bool) -> tuple[Joint, ...]:
     """Return the arm joints of a free-flyer, all joints otherwise."""
     indices = range(2 if free_flyer else 1, model.njoints)
-    pairs = ((model.names[i], model.joints[i]) for i in indices)
+    pairs = ((model.names[i], model.joints[i]) for i in indices if model.joints[i].nv)  # of its own
     return tuple(Joint(name=name, idx_q=own.idx_q, idx_v=own.idx_v, n_q=own.nq, n_v=own.nv) for name, own in pairs)
 
 
@@ -196,17 +196,14 @@ def _position_limit(limit: np.ndarray, joints: tuple[Joint, ...], unlimited: flo
 def home_of(model: pin.Model, description: RobotDescription, joints: tuple[Joint, ...], limits: Limits) -> np.ndarray:
     """Return the stowed posture (n_joints,) [rad or m], one number per degree of freedom."""
     first = model.nv - len(limits.position_lower)
-    values = _zero_or_middle(limits.position_lower, limits.position_upper)
+    lower, upper = limits.position_lower, limits.position_upper
+    inside = (lower <= 0.0) & (upper >= 0.0)
+    values = np.where(inside, 0.0, 0.5 * (np.where(inside, 0.0, lower) + np.where(inside, 0.0, upper)))
     for joint in joints:
         entry = description.joints.get(joint.name)
         if entry is not None and entry.home is not None:
             values[joint.idx_v - first : joint.idx_v - first + joint.n_v] = entry.home
     return read_only(values)
-
-
-def _zero_or_middle(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    inside = (lower <= 0.0) & (upper >= 0.0)
-    return np.where(inside, 0.0, 0.5 * (np.where(inside, 0.0, lower) + np.where(inside, 0.0, upper)))
 
 
 # The one place where numbers for people, one per degree of freedom of a joint, become entries of q and back: an endless

@@ -23,7 +23,7 @@ from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.description import RobotDescription, TrimBody, checked_copy, forward_left_up, read_description
 from uvms_ocp.robot.limits import ASSUMED_ACCELERATION, ASSUMED_VELOCITY, held_joints, home_of, joints_of, limits_of, open_joints
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.roles import with_roles
+from uvms_ocp.robot.roles import ALTIMETER, BASE, DVL, TOOL, tools_of, with_roles
 from uvms_ocp.robot.urdf import UrdfModels, UrdfReading, read_urdf
 
 # Where robots are found: ``robots/`` packed into the package, or the one of an editable checkout.
@@ -175,21 +175,22 @@ def load_robot(
     base: str | None = None,
     package_dirs: Sequence[Path | str] = (),
     meshes: bool | None = None,
-    mimic: Literal["free", "fixed"] | None = None,
+    mimic: Literal["coupled", "free", "fixed"] | None = None,
     lock: Mapping[str, float] | None = None,
     drop: Sequence[str] = (),
     tool: str | Sequence[str] | None = None,
     altimeter: str | None = None,
+    dvl: str | None = None,
 ) -> Robot:
     """Load a robot by name, or from a URDF file and, if there is one, its hydrodynamics file.
 
     ``variant`` is another published data set of a named robot, see ``list_variants``. The others take the place of what the
     hydrodynamics file says, which is what they are by default: ``base`` is ``free_flyer`` or ``fixed``; ``package_dirs`` are
     searched for ``package://`` meshes, besides those of the file; ``meshes=False`` leaves out shapes that are meshes. Joints
-    that ``<mimic>`` another one are refused; ``mimic="free"`` makes them joints of their own, with the limits the URDF gives
-    them, ``"fixed"`` keeps them where their leader's lock, or its home, puts them. ``lock`` fixes joints at a position
-    [rad or m], ``drop`` leaves out links with all that hangs on them. ``tool``, of several arms one each, and
-    ``altimeter`` are frames.
+    that ``<mimic>`` another one are ``"coupled"``, one joint with it; ``mimic="free"`` makes them joints of their own, with the
+    limits the URDF gives them, ``"fixed"`` keeps them where their leader's lock, or its home, puts them. ``lock`` fixes joints
+    at a position [rad or m], ``drop`` leaves out links with all that hangs on them; what the hydrodynamics file says of what
+    is left out counts for nothing. ``tool``, of several arms one each, ``altimeter`` and ``dvl`` are frames.
 
     Raises ``InvalidInput`` for neither or both of name and URDF, another ``mimic``, or a variant without a name,
     ``NameNotFound`` for an unknown robot or variant, and ``RobotDataError``, with all that is wrong at once, for files that
@@ -211,6 +212,7 @@ def load_robot(
         "base": base,
         "tool": tool if tool is None or isinstance(tool, str) else tuple(tool),
         "altimeter": altimeter,
+        "dvl": dvl,
     }
     changes: dict[str, Any] = {key: value for key, value in others.items() if value is not None}
     how = description.loading.model_copy(update={key: value for key, value in loading.items() if value is not None})
@@ -289,12 +291,28 @@ def assemble(models: UrdfModels, description: RobotDescription, path: Path, name
 
     Raises ``RobotDataError``, which blames the file ``path``, for names, thrusters and a home that do not fit.
     """
-    description = forward_left_up(description)
+    description = _of_what_is_there(forward_left_up(description), models)
     model, description = with_roles(models.model, description, path)
     _check_names(model, description, path)
     robot = robot_of(replace(models, model=_with_trim(model, description.trim)), description, name or models.name)
-    _check_home(robot, path)
+    try:
+        robot.configuration()
+    except InvalidInput as error:
+        raise RobotDataError(path, f"home: {error}") from None
     return robot
+
+
+def _of_what_is_there(description: RobotDescription, models: UrdfModels) -> RobotDescription:
+    """Without what is said of links and joints of the file that are left out."""
+    gone, tools = models.no_links, tools_of(description)
+    kept: dict[str, Any] = {
+        key: tuple(p for p in getattr(description, key) if p.link not in gone) for key in ("trim", "thrusters")
+    }
+    kept |= {key: None for key in (BASE, ALTIMETER, DVL) if getattr(description, key) in gone}
+    kept |= {TOOL: tuple(tool for tool in tools if tool not in gone) or None} if gone & set(tools) else {}
+    for key, out in (("links", gone), ("joints", models.no_joints)):
+        kept[key] = {name: entry for name, entry in getattr(description, key).items() if name not in out}
+    return description.model_copy(update={key: value for key, value in kept.items() if value != getattr(description, key)})
 
 
 def robot_of(models: UrdfModels, description: RobotDescription, name: str) -> Robot:
@@ -314,26 +332,20 @@ def robot_of(models: UrdfModels, description: RobotDescription, name: str) -> Ro
     )
 
 
-def _check_home(robot: Robot, path: Path) -> None:
-    try:
-        robot.configuration()
-    except InvalidInput as error:
-        raise RobotDataError(path, f"home: {error}") from None
-
-
 def _check_names(model: pin.Model, description: RobotDescription, path: Path) -> None:
     known_frames = tuple(frame.name for frame in model.frames[1:])
-    altimeter = [("altimeter", description.altimeter)] if description.altimeter else []
+    sensors = [(key, name) for key in (ALTIMETER, DVL) if (name := getattr(description, key))]
     wanted = [
         *(("links", link) for link in description.links),
         *((f"trim {body.name!r} link", body.link) for body in description.trim),
         *((f"thruster {thruster.name!r} link", thruster.link) for thruster in description.thrusters),
-        *altimeter,
+        *sensors,
     ]
-    faults = [
-        *_unknown(wanted, known_frames),
-        *_unknown([("joints", j) for j in description.joints], tuple(model.names)[1:]),
-    ]
+    moving = [joint.name for joint in joints_of(model, free_flyer=description.base == "free_flyer")]
+    known = f"is not in the URDF; allowed: {', '.join(known_frames)}"
+    faults = [f"{key}: {name!r} {known}" for key, name in wanted if name not in known_frames]
+    allowed = f"is no joint of the URDF that moves; allowed: {', '.join(moving) or 'none'}"
+    faults += [f"joints: {name!r} {allowed}" for name in description.joints if name not in moving]
     faults += _moving_thrusters(model, description)
     if faults:
         raise RobotDataError(path, *faults)
@@ -347,10 +359,6 @@ def _moving_thrusters(model: pin.Model, description: RobotDescription) -> list[s
         for thruster in description.thrusters
         if model.existFrame(thruster.link) and model.frames[model.getFrameId(thruster.link)].parentJoint != carrier
     ]
-
-
-def _unknown(wanted: Sequence[tuple[str, str]], known: Sequence[str]) -> list[str]:
-    return [f"{key}: {name!r} is not in the URDF; allowed: {', '.join(known)}" for key, name in wanted if name not in known]
 
 
 def _with_trim(model: pin.Model, trim: Sequence[TrimBody]) -> pin.Model:

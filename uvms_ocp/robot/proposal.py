@@ -22,9 +22,10 @@ from uvms_ocp.robot.assembly import box_around, cylinder_in, lifts
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.description import Box, LinkDescription, Pose, RobotDescription, checked_copy
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.robot.limits import Joint, joints_of
 from uvms_ocp.robot.loading import assemble, link_masses
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.roles import CHOOSE, Roles, find_roles, is_altimeter_name, is_dvl_name, is_propeller_name, is_steering_name
+from uvms_ocp.robot.roles import CHOOSE, Roles, find_roles, is_called
 from uvms_ocp.robot.urdf import UrdfModels, UrdfReading, models_and_notes, read_urdf, read_urdf_xml
 
 _WATER = 1025.0  # [kg/m3] the sea
@@ -69,6 +70,7 @@ def propose(
     loading: Mapping[str, Any] | None = None,
     tool: Sequence[str] = (),
     altimeter: str | None = None,
+    dvl: str | None = None,
 ) -> RobotProposal:
     """Read any URDF and propose what it does not say; what is given is taken as it is.
 
@@ -86,8 +88,10 @@ def propose(
     if not floats:
         models, _ = models_and_notes(urdf, free_flyer=False, package_dirs=package_dirs, reading=reading)
     roles = find_roles(models.model, free_flyer=floats)
-    mimic: Any = given.get("mimic") or ("fixed" if followers else None)
-    still = (*roles.propellers, *roles.sensors, *roles.fingers, *roles.empty, *roles.held)
+    mimic: Any = given.get("mimic", "coupled")
+    led = [mimic.get("joint", "") for mimic in root.findall("joint/mimic")]
+    fingers = [name for name in roles.fingers if name not in led or mimic != "coupled"]
+    still = (*roles.propellers, *roles.sensors, *fingers, *roles.empty, *roles.held, *roles.gimbals)
     lock = {**{name: _nearest_to_zero(models.model, name) for name in still if name not in followers}, **lock}
     reading = replace(reading, mimic=mimic, lock=lock)
     thrusters = list(_thrusters(models, roles)) if floats else []
@@ -98,6 +102,7 @@ def propose(
         floats=floats,
         tool=tuple(tool),
         altimeter=altimeter,
+        dvl=dvl,
         pushers=thrusters,
     ).proposal(urdf)
 
@@ -117,7 +122,7 @@ def _read(urdf: Path, reading: UrdfReading, package_dirs: Sequence[Path]) -> tup
 def _floats(model: pin.Model) -> bool:
     """Whether it is a vehicle, and not an arm that stands on something. model: on a free-flyer."""
     root = next(frame.name for frame in model.frames if frame.type == pin.FrameType.BODY)
-    if any(is_propeller_name(frame.name) for frame in model.frames):
+    if any(is_called("propeller", frame.name) for frame in model.frames):
         return True
     total = sum(inertia.mass for inertia in model.inertias)
     return root.rpartition("/")[2].lower() not in _WORLDS and model.inertias[1].mass > _VEHICLE * total
@@ -136,7 +141,7 @@ def _thrusters(models: UrdfModels, roles: Roles) -> Iterator[tuple[str, pin.SE3,
     model = models.model
     data = model.createData()
     pin.framesForwardKinematics(model, data, pin.neutral(model))
-    pushing = [name for name in roles.propellers if not is_steering_name(name)]
+    pushing = [name for name in roles.propellers if not is_called("fin", name)]
     for name in pushing:
         joint = model.joints[model.getJointId(name)]
         own = joint.createData()
@@ -146,7 +151,7 @@ def _thrusters(models: UrdfModels, roles: Roles) -> Iterator[tuple[str, pin.SE3,
     if pushing:
         return
     for i, frame in enumerate(model.frames):
-        is_link = frame.type == pin.FrameType.BODY and is_propeller_name(frame.name) and not is_steering_name(frame.name)
+        is_link = frame.type == pin.FrameType.BODY and is_called("propeller", frame.name) and not is_called("fin", frame.name)
         if is_link and frame.parentJoint <= 1 and not _has_propeller_above(model, i):
             round_ones = [
                 s for s in models.visual.geometryObjects if s.parentFrame == i and isinstance(s.geometry, coal.Cylinder)
@@ -159,7 +164,7 @@ def _thrusters(models: UrdfModels, roles: Roles) -> Iterator[tuple[str, pin.SE3,
 
 def _has_propeller_above(model: pin.Model, index: int) -> bool:
     above = model.frames[model.frames[index].parentFrame].parentFrame
-    return above > 0 and is_propeller_name(model.frames[above].name)
+    return above > 0 and is_called("propeller", model.frames[above].name)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -172,6 +177,7 @@ class _Draft:
     floats: bool
     tool: tuple[str, ...]
     altimeter: str | None
+    dvl: str | None
     pushers: list[tuple[str, pin.SE3, np.ndarray, str]]
 
     def proposal(self, urdf: Path) -> RobotProposal:
@@ -207,9 +213,17 @@ class _Draft:
         down = [
             frame.name
             for i, frame in enumerate(model.frames)
-            if frame.type == pin.FrameType.BODY and is_altimeter_name(frame.name) and data.oMf[i].rotation[2, 2] > _DOWN
+            if frame.type == pin.FrameType.BODY and is_called("altimeter", frame.name) and data.oMf[i].rotation[2, 2] > _DOWN
         ]
         return down[0] if len(down) == 1 else None
+
+    @property
+    def velocity_sensor(self) -> str | None:
+        """The only link that is called a DVL."""
+        found = [
+            frame.name for frame in self.models.model.frames if frame.type == pin.FrameType.BODY and is_called("dvl", frame.name)
+        ]
+        return self.dvl or (found[0] if self.floats and len(found) == 1 else None)
 
     def questions(self) -> Iterator[str]:
         """What is left open."""
@@ -220,20 +234,28 @@ class _Draft:
             yield f"tool: any of {', '.join(self.roles.candidates)}; {CHOOSE}"
         if self.floats and not self.range_sensor:
             yield "altimeter: no link is called one and looks down along its -z; --altimeter LINK, or none: no altitude tasks"
-        if self.floats and not any(is_dvl_name(frame.name) for frame in self.models.model.frames):
-            yield "velocity: no link is called a DVL; `sensors: {linear_velocity: null}` is a vehicle without one"
+        if self.floats and not self.velocity_sensor:
+            yield "dvl: no link, or several, are called one; --dvl LINK, or `sensors: {linear_velocity: null}` for none"
+        steers = [*self.roles.gimbals, *(name for name in self.roles.propellers if is_called("fin", name))]
+        if self.floats and steers:
+            yield f"joint {', '.join(steers)}: turns thrusters or the flow, which is not modelled; it is held still"
+        frames = (frame for frame in self.models.model.frames if frame.type == pin.FrameType.BODY and frame.parentJoint > 1)
+        moving = [frame.name for frame in frames if is_called("propeller", frame.name) and not is_called("fin", frame.name)]
+        if self.floats and moving:
+            yield f"link {', '.join(moving)}: a thruster on a link that moves is not modelled; it is left out"
         if self.floats and not self.pushers:
             yield "thrusters: no link or joint is called one; write them into the file, or fly with --plant kinematic"
 
     def _content(self, links: dict[str, Any]) -> dict[str, Any]:
         model = self.models.model
-        joints = {name: {"acceleration": _acceleration(model, name)} for name in list(model.names)[2 if self.floats else 1 :]}
+        joints = {joint.name: {"acceleration": _acceleration(model, joint)} for joint in joints_of(model, free_flyer=self.floats)}
         content: dict[str, Any] = {"base": "free_flyer" if self.floats else "fixed", "water_density": _WATER}
         content |= {"base_link": self.roles.base} if self.floats and self.roles.base != "base_link" else {}
         content |= {"tool": self.tools if len(self.tools) > 1 else self.tools[0]} if self.tools else {}
         content |= {"altimeter": self.range_sensor} if self.range_sensor else {}
+        content |= {"dvl": self.velocity_sensor} if self.velocity_sensor else {}
         loading = {
-            "mimic": self.reading.mimic,
+            "mimic": None if self.reading.mimic == "coupled" else self.reading.mimic,
             "lock": dict(self.reading.lock),
             "drop": self.reading.drop,
             "meshes": "yes" if self.reading.meshes else "no",
@@ -371,9 +393,8 @@ def _as_its_inertia(model: pin.Model, name: str, mass: float) -> np.ndarray:
     return np.array([inertia.lever - size / 2, inertia.lever + size / 2])
 
 
-def _acceleration(model: pin.Model, name: str) -> float:
+def _acceleration(model: pin.Model, joint: Joint) -> float:
     """[rad/s2, m/s2] half a second to full speed."""
-    joint = model.joints[model.getJointId(name)]
     speed = float(model.upperVelocityLimit[joint.idx_v])
     return float(f"{2.0 * speed:.3g}") if 0.0 < speed < 10.0 else 1.0
 
@@ -396,7 +417,10 @@ def _lines(description: RobotDescription, sources: Mapping[str, str], draft: _Dr
     for question in draft.questions():
         yield f"# {question}"
     if description.altimeter:
-        yield f"altimeter: {_flow(description.altimeter)} # proposed: by its name, as it looks down along its -z"
+        source = "as you said" if draft.altimeter else "proposed: by its name, as it looks down along its -z"
+        yield f"altimeter: {_flow(description.altimeter)} # {source}"
+    if description.dvl:
+        yield f"dvl: {_flow(description.dvl)} # {'as you said' if draft.dvl else 'proposed: by its name'}"
     yield from _loading_lines(values.get("loading", {}))
     if description.vehicle_limits:
         yield "vehicle_limits: # proposed: of a slow vehicle; surge, sway, heave, roll, pitch, yaw"
@@ -420,8 +444,8 @@ def _lines(description: RobotDescription, sources: Mapping[str, str], draft: _Dr
 
 def _loading_lines(loading: Mapping[str, Any]) -> Iterator[str]:
     source = {
-        "mimic": "joints that mimic another stay where it puts them",
-        "lock": "propellers, sensors, fingers, what has no mass or no <limit>: these do not move here",
+        "mimic": "as you said",
+        "lock": "propellers, sensors, fingers that mimic none, what has no mass or no <limit>: these do not move here",
         "meshes": "some that matter for contact cannot be read",
         "drop": "as you said",
     }

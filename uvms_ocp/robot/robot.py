@@ -26,74 +26,50 @@ _LIMIT_TOLERANCE = 1e-9
 _UNIT_TOLERANCE = 1e-6
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class ConfigurationSpace:
-    """Joints and limits that the configurations of one robot are made of."""
+def _vehicle_part(robot: Robot, position: ArrayLike | None, rpy: ArrayLike | None, quaternion: ArrayLike | None) -> np.ndarray:
+    """[p_WB, quaternion] (7,), or (0,) for a fixed base.
 
-    name: str
-    """Name of the robot, for messages."""
-    model: pin.Model
-    joints: tuple[Joint, ...]
-    limits: Limits
-    home: np.ndarray
-    """(n_joints,) [rad or m] stowed posture."""
+    position (3,) [m]; rpy (3,) [rad] or quaternion (4,) xyzw. Raises `InvalidInput` for both of them, a wrong shape,
+    or any of the three with a fixed base.
+    """
+    if not robot.n_vehicle:
+        if position is not None or rpy is not None or quaternion is not None:
+            raise InvalidInput(f"robot {robot.name!r} has a fixed base; give joints only")
+        return np.zeros(0)
+    p = np.zeros(3) if position is None else finite("position", position, 3)
+    return np.concatenate([p, _orientation(rpy, quaternion)])
 
-    @property
-    def _n_vehicle(self) -> int:
-        return int(self.model.nv) - len(self.home)
 
-    def vehicle_part(self, position: ArrayLike | None, rpy: ArrayLike | None, quaternion: ArrayLike | None) -> np.ndarray:
-        """[p_WB, quaternion] (7,), or (0,) for a fixed base.
+def _joint_part(robot: Robot, joints: ArrayLike | Mapping[str, float] | None) -> np.ndarray:
+    """The joint part of q from `joints`: one value per degree of freedom (n_joints,) [rad or m], or by name on ``home``.
 
-        position (3,) [m]; rpy (3,) [rad] or quaternion (4,) xyzw. Raises `InvalidInput` for both of them, a wrong shape,
-        or any of the three with a fixed base.
-        """
-        if not self._n_vehicle:
-            if position is not None or rpy is not None or quaternion is not None:
-                raise InvalidInput(f"robot {self.name!r} has a fixed base; give joints only")
-            return np.zeros(0)
-        p = np.zeros(3) if position is None else finite("position", position, 3)
-        return np.concatenate([p, _orientation(rpy, quaternion)])
-
-    def joint_part(self, joints: ArrayLike | Mapping[str, float] | None) -> np.ndarray:
-        """The joint part of q from `joints`: one value per degree of freedom (n_joints,) [rad or m], or by name on ``home``.
-
-        Raises `InvalidInput` for a wrong shape and `NameNotFound` for an unknown joint.
-        """
-        if joints is None:
-            values = self.home
-        elif isinstance(joints, Mapping):
-            values = self._by_name(joints)
-        else:
-            values = finite("joints", joints, len(self.home))
-        return from_joint_values(self.model, values)[7 if self._n_vehicle else 0 :]
-
-    def checked(self, q: ArrayLike) -> np.ndarray:
-        """Q (n_q,) [m, rad] read-only. Raises `InvalidInput` naming what is wrong with it."""
-        array = finite("q", q, self.model.nq)
-        if self._n_vehicle:
-            _check_unit("q: its quaternion", array[3:7])
-        for joint in self.joints:
-            self._check_joint(joint, array[joint.q])
-        return read_only(array)
-
-    def _by_name(self, joints: Mapping[str, float]) -> np.ndarray:
-        values = np.concatenate([np.zeros(self._n_vehicle), self.home])
-        own = {joint.name: joint for joint in self.joints}
+    Raises `InvalidInput` for a wrong shape and `NameNotFound` for an unknown joint.
+    """
+    values = robot.home.copy()
+    if isinstance(joints, Mapping):
         for name, value in joints.items():
-            if name not in own:
-                raise NameNotFound("joint", name, own)
-            values[own[name].v] = value
-        return values[self._n_vehicle :]
+            own = robot.joint(name)
+            values[own.idx_v - robot.n_vehicle : own.idx_v - robot.n_vehicle + own.n_v] = value
+    elif joints is not None:
+        values = finite("joints", joints, robot.n_joints)
+    return from_joint_values(robot.model, values)[robot.joint_q]
 
-    def _check_joint(self, joint: Joint, values: np.ndarray) -> None:
+
+def _checked(robot: Robot, q: ArrayLike) -> np.ndarray:
+    """Q (n_q,) [m, rad] read-only. Raises `InvalidInput` naming what is wrong with it."""
+    array = finite("q", q, robot.n_q)
+    if robot.n_vehicle:
+        _check_unit("q: its quaternion", array[3:7])
+    for joint in robot.joints:
+        values = array[joint.q]
         if joint.n_q != joint.n_v:
             _check_unit(f"(cos, sin) of joint {joint.name!r}", values[-2:])
-            return
-        for i, value in enumerate(values, start=joint.idx_v - self._n_vehicle):
-            low, high = self.limits.position_lower[i], self.limits.position_upper[i]
+            continue
+        for i, value in enumerate(values, start=joint.idx_v - robot.n_vehicle):
+            low, high = robot.limits.position_lower[i], robot.limits.position_upper[i]
             if not low - _LIMIT_TOLERANCE <= value <= high + _LIMIT_TOLERANCE:
                 raise InvalidInput(f"joint {joint.name!r}: given {value:.6g}; allowed: {low:.6g} to {high:.6g}")
+    return read_only(array)
 
 
 def _orientation(rpy: ArrayLike | None, quaternion: ArrayLike | None) -> np.ndarray:
@@ -239,6 +215,12 @@ class Robot:
         return tuple(joint.name for joint in self.joints if joint.endless)
 
     @property
+    def leading_joints(self) -> tuple[str, ...]:
+        """Names of the joints that others mimic: they move as one."""
+        led = {joint.idx_v for joint in list(self.model.joints)[1:] if not joint.nv}
+        return tuple(joint.name for joint in self.joints if joint.idx_v in led)
+
+    @property
     def thruster_names(self) -> tuple[str, ...]:
         """Names of the thrusters in the order of thrust."""
         return tuple(thruster.name for thruster in self.description.thrusters)
@@ -327,8 +309,7 @@ class Robot:
         (n_joints,) [rad or m], or values by name on top of ``home``. Raises ``InvalidInput`` for a wrong shape or what
         `check_configuration` refuses, and ``NameNotFound`` for an unknown joint.
         """
-        space = self._space
-        return space.checked(np.concatenate([space.vehicle_part(position, rpy, quaternion), space.joint_part(joints)]))
+        return _checked(self, np.concatenate([_vehicle_part(self, position, rpy, quaternion), _joint_part(self, joints)]))
 
     @checked_on_failure
     def joint_values(self, q: Annotated[np.ndarray, Shape("self.n_q")]) -> np.ndarray:
@@ -348,8 +329,4 @@ class Robot:
     @checked_on_failure
     def check_configuration(self, q: ArrayLike) -> np.ndarray:
         """Return q (n_q,) [m, rad] as a read-only array. Raises ``InvalidInput`` naming what is wrong."""
-        return self._space.checked(q)
-
-    @property
-    def _space(self) -> ConfigurationSpace:
-        return ConfigurationSpace(name=self.name, model=self.model, joints=self.joints, limits=self.limits, home=self.home)
+        return _checked(self, q)

@@ -1,13 +1,13 @@
-"""Find the roles of links, the vehicle's base, tools, altimeter, propellers and sensors: by structure first, then by name.
+"""Find the roles of links, the vehicle's base, tools, altimeter, DVL, propellers and sensors: by structure first, then by name.
 
-Tasks, payloads and figures name roles, ``base_link``, ``tool`` and ``altimeter``; files name links as they like. A robot has
-a frame for each of its roles, fixed to the link that hydrodynamics.yaml names, or to what is found here.
+Tasks, payloads and figures name roles, ``base_link``, ``tool``, ``altimeter`` and ``dvl``; files name links as they like. A
+robot has a frame for each of its roles, fixed to the link that hydrodynamics.yaml names, or to what is found here.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ import pinocchio as pin
 from uvms_ocp.errors import RobotDataError
 from uvms_ocp.robot.description import RobotDescription
 
-BASE, TOOL, ALTIMETER = "base_link", "tool", "altimeter"
+BASE, TOOL, ALTIMETER, DVL = "base_link", "tool", "altimeter", "dvl"
 CHOOSE = "choose by `tool:` in hydrodynamics.yaml, or --tool LINK"
 
 _OFF_AXIS = 0.1  # of the distance of a body's mass from its axis to what turns about it: propellers are balanced
@@ -28,48 +28,25 @@ def _words(text: str) -> re.Pattern[str]:
     return re.compile(rf"(?<![a-z])({'|'.join(alone)})s?(?![a-z])|{'|'.join(anywhere)}")
 
 
-_PUSHES, _STEERS = _words("prop propeller thruster rotor blade screw fan"), _words("rudder fin flap wheel")
-_SENSOR = _words(
+_STEERS = "rudder fin flap wheel"
+_SENSORS = (
     "cam camera sonar imu dvl gps usbl ins pressure depth altimeter sensor lidar laser echosounder mbes fls beacon antenna "
     "optical light lamp led hydrophone magnetometer acoustic modem ping inclinometer compass ctd gyro transducer pinger"
 )
-_FINGER = _words("finger jaw claw knuckle pincer thumb fingertip")
-_TIP = _words("tool tcp tip ee eef tool0 endeffector end_effector grasp effector")
-_RANGE, _DVL = _words("altimeter echosounder dva"), _words("dvl doppler")
+_NAMES: Mapping[str, re.Pattern[str]] = {
+    "propeller": _words(f"prop propeller thruster rotor blade screw fan {_STEERS}"),  # what pushes or steers
+    "fin": _words(_STEERS),
+    "sensor": _words(_SENSORS),
+    "finger": _words("finger jaw claw knuckle pincer thumb fingertip"),
+    "tip": _words("tool tcp tip ee eef tool0 endeffector end_effector grasp effector"),
+    "altimeter": _words("altimeter echosounder dva"),
+    "dvl": _words("dvl doppler"),
+}
 
 
-def is_propeller_name(name: str) -> bool:
-    """Check for the name of what pushes or steers in water."""
-    return is_steering_name(name) or _PUSHES.search(name.lower()) is not None
-
-
-def is_steering_name(name: str) -> bool:
-    """Check for the name of what turns the flow, and pushes nothing."""
-    return _STEERS.search(name.lower()) is not None
-
-
-def is_sensor_name(name: str) -> bool:
-    """Check for the name of what measures or lights."""
-    return _SENSOR.search(name.lower()) is not None
-
-
-def is_finger_name(name: str) -> bool:
-    """Check for the name of a part of a gripper that closes."""
-    return _FINGER.search(name.lower()) is not None
-
-
-def _is_tip_name(name: str) -> bool:
-    return _TIP.search(name.lower()) is not None
-
-
-def is_altimeter_name(name: str) -> bool:
-    """Check for the name of a range sensor that may look down."""
-    return _RANGE.search(name.lower()) is not None
-
-
-def is_dvl_name(name: str) -> bool:
-    """Check for the name of what measures velocity by its echo."""
-    return _DVL.search(name.lower()) is not None
+def is_called(kind: str, *names: str) -> bool:
+    """Check whether any of the names is one of a link or joint of this kind of `_NAMES`."""
+    return any(_NAMES[kind].search(name.lower()) for name in names)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -88,6 +65,8 @@ class Roles:
     """Joints that move nothing with a mass."""
     held: tuple[str, ...]
     """Joints without range, as none above or below them has: sensors and brackets of some exporters, and no arm."""
+    gimbals: tuple[str, ...]
+    """Joints that carry nothing but propellers."""
     tools: tuple[tuple[str, ...], ...]
     """Candidates for the tool, by chain of joints; one where a chain leaves no doubt."""
 
@@ -108,7 +87,7 @@ def find_roles(model: pin.Model, *, free_flyer: bool) -> Roles:
     kinds = dict(_kinds(tree))
     named = {
         kind: tuple(model.names[j] for j in tree.moving if kinds.get(j) == kind)
-        for kind in ("turns", "looks", "grips", "empty", "held")
+        for kind in ("turns", "looks", "grips", "empty", "held", "aims")
     }
     arm = [j for j in tree.moving if j not in kinds]
     ends = [j for j in arm if not any(child in arm for child in tree.children(j))]
@@ -119,6 +98,7 @@ def find_roles(model: pin.Model, *, free_flyer: bool) -> Roles:
         fingers=named["grips"],
         empty=named["empty"],
         held=named["held"],
+        gimbals=named["aims"],
         tools=tuple(found for j in ends if (found := _tips(tree, j))),
     )
 
@@ -136,6 +116,10 @@ class _LinkTree:
     def name(self, frame: int) -> str:
         return str(self.model.frames[frame].name)
 
+    def names(self, joint: int) -> list[str]:
+        """Of a joint and of the link that it moves."""
+        return [str(self.model.names[joint]), *(self.name(i) for i in self.bodies[joint][:1])]
+
     def children(self, joint: int) -> list[int]:
         return [j for j in self.moving if self.model.parents[j] == joint]
 
@@ -151,13 +135,13 @@ class _LinkTree:
     def has_range(self, joint: int) -> bool:
         """Check whether a joint can move at all."""
         own, model = self.model.joints[joint], self.model
-        q = slice(own.idx_q, own.idx_q + own.nq)
+        q = slice(own.idx_q, own.idx_q + max(own.nq, 1))  # of one that mimics, those of its leader
         return bool(own.nq != own.nv or (model.lowerPositionLimit[q] < model.upperPositionLimit[q]).any())
 
     def is_no_tool(self, frame: int) -> bool:
         """Check whether a link is a sensor or a finger; the palm that carries fingers is neither."""
         name = self.name(frame)
-        return is_sensor_name(name) or (is_finger_name(name) and frame not in self.inner and not _is_tip_name(name))
+        return is_called("sensor", name) or (is_called("finger", name) and frame not in self.inner and not is_called("tip", name))
 
     def is_end(self, frame: int) -> bool:
         """Check that no other link is fixed to the link further out, but sensors and fingers."""
@@ -168,18 +152,19 @@ class _LinkTree:
 def _kinds(tree: _LinkTree) -> Iterator[tuple[int, str]]:
     """Joints that are no part of an arm, with what hangs on them."""
     for j in tree.moving:
-        names = [tree.name(i) for i in tree.bodies[j]]
-        own = [str(tree.model.names[j]), *names[:1]]
+        own = tree.names(j)
         below = [tree.name(i) for k in tree.below(j) for i in tree.bodies[k]]
-        if any(map(is_propeller_name, own)) and not tree.children(j):
+        if is_called("propeller", *own) and not tree.children(j):
             yield j, "turns"
+        elif all(is_called("propeller", *tree.names(k)) for k in tree.below(j) if not tree.children(k)):
+            yield j, "aims"
         elif not any(tree.model.inertias[k].mass for k in tree.below(j)):
             yield j, "empty"
         elif _whirls(tree, j):
             yield j, "turns"
-        elif below and all(map(is_sensor_name, below)):
+        elif below and all(is_called("sensor", name) for name in below):
             yield j, "looks"
-        elif any(map(is_finger_name, own)):
+        elif is_called("finger", *own):
             yield from ((k, "grips") for k in tree.below(j))
         elif not any(map(tree.has_range, (*tree.above(j), *tree.below(j)))):
             yield j, "held"
@@ -207,7 +192,7 @@ def _base(tree: _LinkTree) -> str:
 def _tips(tree: _LinkTree, joint: int) -> tuple[str, ...]:
     """Candidates for the tool at the last joint of a chain."""
     ends = [tree.name(i) for i in tree.bodies[joint] if not tree.is_no_tool(i) and tree.is_end(i)]
-    named = [name for name in ends if _is_tip_name(name)]
+    named = [name for name in ends if is_called("tip", name)]
     return tuple(named if len(named) == 1 else ends)
 
 
@@ -222,6 +207,7 @@ def with_roles(model: pin.Model, description: RobotDescription, path: object) ->
         BASE: description.base_link,
         TOOL: next(iter(tools_of(description)), None),
         ALTIMETER: description.altimeter,
+        DVL: description.dvl,
     }
     faults = []
     for key, names in ((BASE, [description.base_link]), (TOOL, tools_of(description))):
@@ -277,6 +263,8 @@ def role_notes(model: pin.Model, description: RobotDescription) -> Iterator[tupl
     if free_flyer and description.altimeter:
         yield True, f"altimeter: {description.altimeter}"
     elif free_flyer:
-        looks = [name for name in known if is_altimeter_name(name)]
+        looks = [name for name in known if is_called("altimeter", name)]
         hint = f"`altimeter: {looks[0]}` takes that link" if looks else "`altimeter: LINK` names the link of one"
         yield False, f"altimeter: none, so that tasks of the altitude are left out; {hint}, if it looks along its -z"
+    if free_flyer and description.dvl:
+        yield True, f"dvl: {description.dvl}"

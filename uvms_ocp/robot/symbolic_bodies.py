@@ -185,18 +185,29 @@ def sparse(constant: np.ndarray) -> ca.DM:
 def symbolic_joint(model: pin.Model, index: int) -> SymbolicJoint:
     """Read one joint of a model. Raises InvalidInput for a joint type that is not supported."""
     joint, name, X_PJ = model.joints[index], model.names[index], model.jointPlacements[index]
-    S = np.asarray(joint.createData().S, dtype=float).reshape(6, joint.nv)
+    S = np.asarray(joint.createData().S, dtype=float).reshape(6, joint.nvExtended)
+    follows = joint.shortname() == "JointModelMimic"
     return SymbolicJoint(
         name=name,
-        kind=_kind(joint.shortname(), name),
+        kind=_following(joint.extract(), S) if follows else _kind(joint.shortname(), name),
         parent=model.parents[index],
-        q=slice(joint.idx_q, joint.idx_q + joint.nq),
-        v=slice(joint.idx_v, joint.idx_v + joint.nv),
+        q=slice(joint.idx_q, joint.idx_q + (joint.nq or 1)),
+        v=slice(joint.idx_v, joint.idx_v + joint.nvExtended),
         R_PJ=sparse(X_PJ.rotation),
         p_PJ=sparse(X_PJ.translation),
         S=S,
         S_linear=sparse(S[:3]),
         S_angular=sparse(S[3:]),
+    )
+
+
+def _following(joint: pin.JointModelMimic, S: np.ndarray) -> JointKind:
+    """A joint that mimics another one, of one coordinate as it is itself: it moves with that one's q and v, and has none."""
+    own, scaling, offset, nothing = REVOLUTE if S[3:].any() else PRISMATIC, joint.scaling, joint.offset, ca.SX(0, 1)
+    return JointKind(
+        pose=lambda S, q: own.pose(S / scaling, scaling * q + offset),
+        integrate=lambda q, v: nothing,
+        difference=lambda q0, q1: nothing,
     )
 
 

@@ -53,7 +53,7 @@ class SymbolicKinematics:
         _, p_WF = self.pose(frame)
         J = ca.SX(6, self.model.model.nv)
         while joint > 0:
-            J[:, self.model.joints[joint - 1].v] = self._columns(joint, p_WF)
+            J[:, self.model.joints[joint - 1].v] += self._columns(joint, p_WF)
             joint = self.model.joints[joint - 1].parent
         return J
 
@@ -159,14 +159,13 @@ class SymbolicModel:
     def generalized_force(self, local_poses: Sequence[SymbolicPose], wrenches: Sequence[Wrench]) -> ca.SX:
         """Generalized force (n_v,) that balances a wrench on every joint body, else InvalidInput: the inward pass."""
         self._check_bodies(local_poses=local_poses, wrenches=wrenches)
-        carried = list(wrenches)
-        rows = []
+        carried, total = list(wrenches), ca.SX(self.model.nv, 1)
         for index in range(len(self.joints), 0, -1):
             joint, wrench = self.joints[index - 1], carried[index]
-            rows.append(joint.S_linear.T @ wrench.force + joint.S_angular.T @ wrench.moment)
+            total[joint.v] += joint.S_linear.T @ wrench.force + joint.S_angular.T @ wrench.moment
             if joint.parent:
                 carried[joint.parent] += wrench.onto_parent(local_poses[index])
-        return ca.vertcat(ca.SX(0, 1), *reversed(rows))
+        return total
 
     def congruence(self, local_poses: Sequence[SymbolicPose], matrices: Sequence[ca.DM | ca.SX]) -> ca.SX:
         """``sum J_i.T X_i J_i`` (n_v, n_v) over the joint bodies, for symmetric X_i (6, 6) in their frames, else InvalidInput."""
@@ -183,11 +182,16 @@ class SymbolicModel:
     def _fill_columns(self, total: ca.SX, index: int, carried: TwistToWrench, local: Sequence[SymbolicPose]) -> None:
         joint = self.joints[index - 1]
         wrench, columns = carried.times(joint.S_linear, joint.S_angular), joint.v
-        while index:
-            joint = self.joints[index - 1]
-            total[joint.v, columns] = joint.S_linear.T @ wrench.force + joint.S_angular.T @ wrench.moment
-            wrench = wrench.onto_parent(local[index])
-            index = joint.parent
+        at = index
+        while at:
+            joint = self.joints[at - 1]
+            block = joint.S_linear.T @ wrench.force + joint.S_angular.T @ wrench.moment
+            if joint.v.start <= columns.start:  # the upper triangle alone; of joints that move as one both halves count
+                total[joint.v, columns] += block + block.T if at != index and joint.v == columns else block
+            else:
+                total[columns, joint.v] += block.T
+            wrench = wrench.onto_parent(local[at])
+            at = joint.parent
 
     def _check_rows(self, name: str, value: ca.SX, n_rows: int) -> None:
         if value.shape != (n_rows, 1):

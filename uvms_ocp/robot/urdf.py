@@ -14,7 +14,7 @@ import logging
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Literal, NoReturn
@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 from uvms_ocp.errors import InvalidInput, RobotDataError
 from uvms_ocp.record.untrusted import note_file_read, read_xml
 from uvms_ocp.robot import urdf_checks
+from uvms_ocp.robot.mimic import Groups, coupled, leader_of, position_of
 
 # Does the model that Pinocchio built hold the numbers of the XML?
 
@@ -244,14 +245,18 @@ class UrdfModels:
     model: pin.Model
     visual: pin.GeometryModel
     collision: pin.GeometryModel
+    no_links: frozenset[str] = frozenset()
+    """Links of the file that are left out."""
+    no_joints: frozenset[str] = frozenset()
+    """Moving joints of the file that are left out, or have no motion of their own here."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class UrdfReading:
     """What of a file becomes part of the robot."""
 
-    mimic: Literal["free", "fixed"] | None = None
-    """Joints that mimic another one: of their own, or fixed where the leader's locked position, or its home, puts them."""
+    mimic: Literal["coupled", "free", "fixed"] = "coupled"
+    """Joints that mimic another one: one with it, of their own, or fixed where the leader's lock, or its home, puts them."""
     home: Mapping[str, float] = field(default_factory=dict)
     """Stowed positions [rad or m] of joints; of others 0, or mid-range where 0 is not allowed."""
     lock: Mapping[str, float] = field(default_factory=dict)
@@ -266,8 +271,8 @@ PLAIN = UrdfReading()
 """Everything, as it stands."""
 
 
-def prepare(path: Path, root: Element, reading: UrdfReading, *, free_flyer: bool) -> list[str]:
-    """Make of the <robot> what is to be read; return what is to be told of it.
+def prepare(path: Path, root: Element, reading: UrdfReading, *, free_flyer: bool) -> tuple[list[str], Groups]:
+    """Make of the <robot> what is to be read; return what is to be told of it, and which joints move as one.
 
     Raises ``RobotDataError`` with all mistakes.
     """
@@ -278,10 +283,8 @@ def prepare(path: Path, root: Element, reading: UrdfReading, *, free_flyer: bool
     if free_flyer:
         _drop_floating_root(findings, root)
     unread = findings.attempt(urdf_checks.unread_words, path, root)
-    locked = _locked(findings, root, reading)
-    notes = (
-        findings.attempt(partial(urdf_checks.check_urdf, let_mimic=reading.mimic is not None, locked=locked), path, root) or []
-    )
+    locked, groups = _locked(findings, root, reading)
+    notes = findings.attempt(partial(urdf_checks.check_urdf, locked=locked), path, root) or []
     findings.refuse()
     for joint in root.findall("joint"):
         if joint.get("name") in locked:
@@ -289,9 +292,9 @@ def prepare(path: Path, root: Element, reading: UrdfReading, *, free_flyer: bool
     findings.notes += notes
     if unread:
         findings.notes.append(f"not read, since it is no part of URDF: {unread}")
-    for joint in root.findall("joint[mimic]"):
+    for joint in root.findall("joint[mimic]") if reading.mimic == "free" else ():
         findings.notes.append(f"joint {joint.get('name')!r} moves on its own, its <mimic> is not kept")
-    return findings.notes
+    return findings.notes, groups
 
 
 def _drop(findings: urdf_checks.Findings, root: Element, links: Iterable[str]) -> None:
@@ -339,44 +342,26 @@ def _drop_floating_root(findings: urdf_checks.Findings, root: Element) -> None:
         findings.notes.append(f"joint {joint!r} floats on the empty link {world!r}: both are the free base of the vehicle")
 
 
-def _locked(findings: urdf_checks.Findings, root: Element, reading: UrdfReading) -> dict[str, float]:
-    """Positions of the joints that do not move."""
+def _locked(findings: urdf_checks.Findings, root: Element, reading: UrdfReading) -> tuple[dict[str, float], Groups]:
+    """Positions of the joints that do not move, and joints that move as one."""
     names = [joint.get("name", "") for joint in root.findall("joint") if joint.get("type") != "fixed"]
     for name in reading.lock:
         if name not in names:
             findings.faults.append(f"lock: joint {name!r} does not move in the URDF; allowed: {', '.join(names)}")
-    locked = dict(reading.lock)
-    for joint in root.findall("joint[mimic]") if reading.mimic == "fixed" else ():
-        locked[joint.get("name", "")] = _position(findings, root, joint, {**reading.home, **reading.lock})
-    return locked
-
-
-def _position(
-    findings: urdf_checks.Findings, root: Element, joint: Element, given: Mapping[str, float], followers: tuple[str, ...] = ()
-) -> float:
-    """Where a joint is: as given, ``multiplier * leader + offset`` of one that mimics, or else 0, or mid-range.
-
-    followers: joints that lead here, of which none may lead on.
-    """
-    name, mimic, limit = joint.get("name", ""), joint.find("mimic"), joint.find("limit")
-
-    def read(element: Element | None, key: str, default: float) -> float:
-        found = findings.attempt(urdf_checks.read_number, findings.path, element, key, f"joint {name!r} {key}", default)
-        return default if found is None else found
-
-    if name in given:
-        return given[name]
-    if mimic is None:
-        low, up = (read(limit, key, 0.0) for key in ("lower", "upper"))
-        bounded = joint.get("type") in ("revolute", "prismatic") and limit is not None
-        return 0.0 if low <= 0.0 <= up or not bounded else (low + up) / 2
-    leader = root.find(f"joint[@name={mimic.get('joint', '')!r}]")
-    at = 0.0
-    if leader is None or leader.get("name") in (name, *followers):
-        findings.notes.append(f"joint {name!r} mimics {mimic.get('joint')!r}, which leads nowhere; that is taken as 0")
-    else:
-        at = _position(findings, root, leader, given, (name, *followers))
-    return read(mimic, "multiplier", 1.0) * at + read(mimic, "offset", 0.0)
+    locked, groups, given = dict(reading.lock), Groups(), {**reading.home, **reading.lock}
+    for joint in root.findall("joint[mimic]") if reading.mimic != "free" else ():
+        leader, scale, offset = leader_of(findings, root, joint, reading.lock if reading.mimic == "coupled" else given)
+        name, lead = joint.get("name", ""), "" if leader is None else leader.get("name", "")
+        if name in locked:
+            continue
+        kinds = {joint.get("type"), None if leader is None else leader.get("type")}
+        moves = reading.mimic == "coupled" and scale != 0.0 and kinds <= {"revolute", "prismatic"}
+        if moves and lead not in locked:
+            groups.setdefault(lead, {lead: (1.0, 0.0)})[name] = (scale, offset)
+        else:
+            at = 0.0 if leader is None else position_of(findings, leader, given)
+            locked[name] = given.get(name, scale * at + offset)
+    return locked, groups
 
 
 def _lock(path: Path, joint: Element, position: float) -> None:
@@ -415,10 +400,16 @@ def models_and_notes(
 ) -> tuple[UrdfModels, list[str]]:
     """As `read_urdf`, with what it warns of. Raises `RobotDataError`, as it does."""
     root = read_urdf_xml(path)
-    notes = prepare(path, root, reading, free_flyer=free_flyer)
+    links = {link.get("name", "") for link in root.findall("link")}
+    joints = {joint.get("name", "") for joint in _moving_joints(root)}
+    notes, groups = prepare(path, root, reading, free_flyer=free_flyer)
     findings = urdf_checks.Findings(path)
     _resolve_meshes(findings, root, (*(folder.resolve() for folder in package_dirs), *path.resolve().parents))
     models = _build(findings, root, free_flyer)
+    model = coupled(models.model, groups)
+    own = {name for name, joint in zip(model.names, model.joints, strict=True) if joint.nv}
+    gone = links - {link.get("name", "") for link in root.findall("link")}
+    models = replace(models, model=model, no_links=frozenset(gone), no_joints=frozenset(joints - own))
     return models, _shown([*notes, *findings.notes])
 
 
@@ -534,6 +525,10 @@ def _build(findings: urdf_checks.Findings, root: Element, free_flyer: bool) -> U
             raise RobotDataError(path, f"Pinocchio refuses it ({' '.join(str(error).split())})") from None
         shapes = _shapes(model, root)
     check_agreement(path, root, model, shapes)
+    links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
+    for frame in model.frames:
+        if frame.type != pin.FrameType.BODY and frame.name in links:
+            frame.name = f"joint {frame.name}"  # a name of a frame means one
     name = root.get("name", path.stem)
     model.name = name
     return UrdfModels(name=name, model=model, visual=shapes[0], collision=shapes[1])

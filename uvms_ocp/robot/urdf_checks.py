@@ -138,12 +138,11 @@ class Findings:
             raise RobotDataError(self.path, *dict.fromkeys(self.faults))
 
 
-def check_urdf(path: Path, root: Element, *, let_mimic: bool = False, locked: Collection[str] = ()) -> list[str]:
+def check_urdf(path: Path, root: Element, *, locked: Collection[str] = ()) -> list[str]:
     """Raise ``RobotDataError`` with all mistakes in links, joints and the tree they form; return what is left out.
 
     What only draws is taken out of `root` where it cannot be drawn, and so are twins, shapes without extent and limits below
-    0 of joints that turn without end: one line each. Limits that nothing keeps are named. Joints that mimic another one are a
-    mistake unless ``let_mimic`` lets them through, or they are ``locked``.
+    0 of joints that turn without end: one line each. Limits that nothing keeps are named; those that are ``locked`` need none.
     """
     findings = Findings(path)
     if not root.get("name"):
@@ -152,7 +151,7 @@ def check_urdf(path: Path, root: Element, *, let_mimic: bool = False, locked: Co
     _settle_materials(findings, root)
     _check_repeats(findings, root)
     _check_links(findings, root)
-    _check_joints(findings, root, let_mimic, locked)
+    _check_joints(findings, root, locked)
     _name_limits_not_kept(findings, root)
     findings.attempt(_check_tree, path, root)
     findings.refuse()
@@ -291,7 +290,7 @@ def _check_inertia(path: Path, element: Element | None, where: str, mass: float)
         raise RobotDataError(path, f"{where}: principal moment {moments[0]:.4g} kg m2; allowed: >= 0; mend <inertia>")
 
 
-def _check_joints(findings: Findings, root: Element, let_mimic: bool, locked: Collection[str]) -> None:
+def _check_joints(findings: Findings, root: Element, locked: Collection[str]) -> None:
     path = findings.path
     findings.attempt(_names, path, root, "joint")
     for joint in root.findall("joint"):
@@ -306,8 +305,6 @@ def _check_joints(findings: Findings, root: Element, let_mimic: bool, locked: Co
         if joint.get("name") not in locked:
             findings.attempt(_check_limit, path, joint, f"{where} limit")
         findings.attempt(_check_unused, path, joint, where)
-        if not let_mimic and joint.get("name") not in locked:
-            findings.attempt(_check_independent, path, joint, where)
 
 
 def _settle_limit(findings: Findings, joint: Element, where: str) -> None:
@@ -339,15 +336,6 @@ def _name_limits_not_kept(findings: Findings, root: Element) -> None:
         if stated:
             names = ", ".join(stated[:_SHOWN_NAMES]) + (", ..." if len(stated) > _SHOWN_NAMES else "")
             findings.notes.append(f"{kind} <{tag}> {' and '.join(words)} not kept of joint {names}; {advice}".lstrip())
-
-
-def _check_independent(path: Path, joint: Element, where: str) -> None:
-    leader = joint.find("mimic")
-    if leader is not None:
-        follows = f"{where} mimics {leader.get('joint')!r}, which is not modelled"
-        advice = "give `mimic: fixed` in loading of hydrodynamics.yaml, or --mimic fixed, to fix it; free: a joint of its own"
-        problem = f"{follows}; {advice}"
-        raise RobotDataError(path, problem)
 
 
 def _check_unused(path: Path, joint: Element, where: str) -> None:

@@ -309,10 +309,11 @@ def self_pairs(robot: Robot) -> list[tuple[int, int]]:
 
 
 def _pair_reach(robot: Robot, geometry: pin.GeometryModel, pairs: Sequence[tuple[int, int]]) -> np.ndarray:
-    """(n_v,) largest over all pairs; an axis that carries both shapes of a pair does not change its distance."""
+    """(n_v,) largest over all pairs; an axis that carries both shapes of a pair alike does not change its distance."""
     reaches = [shape_reach(robot, shape) for shape in geometry.geometryObjects]
     both = [(reaches[a], reaches[b]) for a, b in pairs]
-    moved = [np.where((a > 0) != (b > 0), np.maximum(a, b), 0.0) for a, b in both]
+    apart = np.isin(np.arange(robot.n_v), [robot.joint(name).idx_v for name in robot.leading_joints])
+    moved = [np.where(apart, a + b, np.where((a > 0) != (b > 0), np.maximum(a, b), 0.0)) for a, b in both]
     return np.asarray(np.max([np.zeros(robot.n_v), *moved], axis=0))
 
 
@@ -339,7 +340,7 @@ def distance_layout_sizes(models: Iterable[CollisionModel], robot: Robot | None)
     if robot is None or not measured:
         n_v = max([model.n_v for model in known] if robot is None else [robot.n_v], default=0)
         # Room for all axes, also where none is looked at: compilers see what a kernel could read.
-        return {"places": _nothing(), "n_placements": 12, "n_twists": 6 * n_v, "n_solids": 1, "n_pairs": n_pairs}
+        return {"places": _nothing(), "n_placements": 12, "n_twists": 6 * n_v, "n_axes": n_v, "n_solids": 1, "n_pairs": n_pairs}
     return distance_kernels.distance_sizes(robot.model, n_solids=max(measured), n_pairs=n_pairs)
 
 

@@ -131,12 +131,14 @@ class DistanceMemory(Layout):
     placements: Annotated[Vector, Sized("n_placements")]
     """(12 n_joints,) R_WJ, row after row, and p_WJ [m] of each joint."""
     twists: Annotated[Vector, Sized("n_twists")]
-    """(6 n_v,) of each axis, at the origin of W: linear [m, or 1], angular [1]."""
+    """(6 n_axes,) of each axis of a joint, at the origin of W: linear [m, or 1], angular [1]."""
+    axes: Annotated[list[int], Sized("n_axes")]
+    """(n_axes,) which velocity turns or shifts the axis: of joints that mimic others it is the same one."""
     n_solids: int
     solids: Annotated[list[Solid], Sized("n_solids")]
     """(n_solids,)"""
-    moves: Annotated[list[list[int]], Sized("n_solids", "n_v")]
-    """(n_solids, n_v) whether the axis moves the solid."""
+    moves: Annotated[list[list[int]], Sized("n_solids", "n_axes")]
+    """(n_solids, n_axes) whether the axis moves the solid."""
     n_pairs: int
     pairs: Annotated[list[SolidPair], Sized("n_pairs")]
     """(n_pairs,)"""
@@ -229,9 +231,11 @@ def pair_gradient(m: DistanceMemory, k: int, row: Vector) -> None:
     moment[2] = x[0] * n[1] - x[1] * n[0]
     for i in range(n_v):
         row[i] = 0.0
-        sign = m.moves[pair.second][i] - m.moves[pair.first][i]
+    for k_axis in range(len(m.axes)):
+        sign, i = m.moves[pair.second][k_axis] - m.moves[pair.first][k_axis], m.axes[k_axis]
         for c in range(3):
-            row[i] += sign * (n[c] * m.twists[6 * i + c] + moment[c] * m.twists[6 * i + 3 + c])
+            row[i] += sign * (n[c] * m.twists[6 * k_axis + c] + moment[c] * m.twists[6 * k_axis + 3 + c])
+    for i in range(n_v):
         if abs(row[i]) < _NOTHING:
             row[i] = 0.0
 
@@ -253,6 +257,7 @@ def distance_sizes(model: pin.Model, *, n_solids: int, n_pairs: int) -> dict[str
         "places": places,
         "n_placements": max(1, places.numel_out(0)),
         "n_twists": max(1, places.numel_out(1)),
+        "n_axes": max(1, places.numel_out(1) // 6),
         "n_v": model.nv,
         "n_solids": -(-n_solids // _STEP) * _STEP,
         "n_pairs": -(-n_pairs // _STEP) * _STEP,
@@ -266,9 +271,13 @@ def write_distances(
     used = sorted({k for pair in pairs for k in pair})
     places = {k: i for i, k in enumerate(used)}
     memory.n_solids, memory.n_pairs = len(used), len(pairs)
+    joints = list(enumerate(model.joints))[1:]
+    columns = [(joint, one.idx_v + k) for joint, one in joints for k in range(one.nvExtended)]  # of what mimics, its leader's
+    memory.axes[:] = [axis for _, axis in columns]
     for k, i in places.items():
         _write_solid(memory.solids[i], shapes[k])
-        memory.moves[i][:] = _movers(model, shapes[k].parentJoint)
+        carriers = list(model.supports[shapes[k].parentJoint])
+        memory.moves[i][:] = [int(joint in carriers) for joint, _ in columns]
     for pair, (first, second) in zip(memory.pairs, pairs, strict=False):
         pair.first, pair.second, pair.known = places[first], places[second], False
 
@@ -292,16 +301,6 @@ def _sums(shape: Any) -> tuple[list[float], float, float]:
     if isinstance(shape, coal.Capsule):
         return [0.0, 0.0, shape.halfLength], 0.0, shape.radius + swept
     return [0.0, 0.0, shape.halfLength], shape.radius, swept
-
-
-def _movers(model: pin.Model, joint: int) -> list[int]:
-    """(n_v,) 1 for axes that move a joint's body, 0 for others."""
-    found = [0] * model.nv
-    for index in model.supports[joint]:
-        if index:
-            first = model.joints[index].idx_v
-            found[first : first + model.joints[index].nv] = [1] * model.joints[index].nv
-    return found
 
 
 @lru_cache(maxsize=8)

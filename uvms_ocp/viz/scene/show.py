@@ -83,9 +83,13 @@ def _motion(robot: Robot, own: Any, data: Any, q: np.ndarray) -> dict[str, Any]:
         ranges = [(x - _AROUND, x + _AROUND) for x in place.tolist()] + [(-np.pi, np.pi)] * 3
         return {"kind": "free", "ranges": ranges, "values": [*place.tolist(), *turn.tolist()]}
     axis = np.asarray(data.S).reshape(6, -1)
+    kind, along = ("turn", axis[3:, 0]) if np.abs(axis[3:]).any() else ("slide", axis[:3, 0])
+    if not own.nv:  # it mimics another one
+        one, leader = own.extract(), next(joint for joint in robot.model.joints if joint.idx_v == own.idx_v and joint.nv == 1)
+        follows = [leader.id - 1, one.scaling, one.offset]
+        return {"kind": kind, "axis": (along / one.scaling).tolist(), "values": [0.0], "follows": follows}
     if own.nv != 1 or (np.abs(axis[:3]).any() and np.abs(axis[3:]).any()):
         return {"kind": "held", "pose": pin.SE3ToXYZQUAT(data.M).tolist(), "values": [0.0]}
-    kind, along = ("turn", axis[3:, 0]) if np.abs(axis[3:]).any() else ("slide", axis[:3, 0])
     value = q[own.idx_q] if own.nq == 1 else pin.log3(data.M.rotation) @ along  # an endless turn has two numbers
     return {"kind": kind, "axis": along.tolist(), "values": [float(value)], "ranges": [_range(robot, own, kind)]}
 

@@ -5,7 +5,8 @@ const matrixOf = ([x, y, z, ...turn]) => new THREE.Matrix4().compose(
 
 // By what a joint moves the next link, at its values.
 function motionOf(joint) {
-  const axis = new THREE.Vector3(...(joint.axis || [0, 0, 0])), [value] = joint.values;
+  const axis = new THREE.Vector3(...(joint.axis || [0, 0, 0])), [leader, scale, offset] = joint.follows || [];
+  const value = joint.follows ? scale * DETAILS.joints[leader].values[0] + offset : joint.values[0];
   if (joint.kind === "turn") return new THREE.Matrix4().makeRotationAxis(axis, value);
   if (joint.kind === "slide") return new THREE.Matrix4().makeTranslation(...axis.multiplyScalar(value).toArray());
   if (joint.kind === "held") return matrixOf(joint.pose);
@@ -31,7 +32,7 @@ function wordsOfPython() {
   const list = (values) => `(${values.map((x) => Number(x.toFixed(4))).join(", ")}${values.length === 1 ? "," : ""})`;
   const free = DETAILS.joints.find(({kind}) => kind === "free"), parts = [];
   if (free) parts.push(`position=${list(free.values.slice(0, 3))}`, `rpy=${list(free.values.slice(3))}`);
-  const own = DETAILS.joints.filter(({kind}) => kind === "turn" || kind === "slide");
+  const own = DETAILS.joints.filter(({kind, follows}) => !follows && (kind === "turn" || kind === "slide"));
   if (own.length) parts.push(`joints=${list(own.map(({values}) => values[0]))}`);
   return `q = robot.configuration(${parts.join(", ")})`;
 }
@@ -47,9 +48,9 @@ function addSlider(label, unit, [lower, upper], values, i) {
 
 function buildSliders() {
   if (!DETAILS.joints.length) return;
-  for (const {kind, name, ranges, values} of DETAILS.joints) {
+  for (const {kind, name, ranges, values, follows} of DETAILS.joints) {
     if (kind === "free") AXES.forEach((axis, i) => addSlider(axis, i < 3 ? "m" : "rad", ranges[i], values, i));
-    if (kind === "turn" || kind === "slide") addSlider(name, kind === "turn" ? "rad" : "m", ranges[0], values, 0);
+    if (!follows && (kind === "turn" || kind === "slide")) addSlider(name, kind === "turn" ? "rad" : "m", ranges[0], values, 0);
   }
   byId("posture").open = window.innerWidth > 760;
   poseJoints();

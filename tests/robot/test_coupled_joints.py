@@ -1,0 +1,188 @@
+"""Joints that mimic another one are one degree of freedom with it: all is that of free joints, held to ``q_f = G q + o``."""
+
+from __future__ import annotations
+
+from functools import partial
+from itertools import combinations
+from pathlib import Path
+
+import casadi as ca
+import coal
+import numpy as np
+import pytest
+from kinematic_trees import function_of
+from numpy.testing import assert_allclose
+
+from uvms_ocp.errors import InvalidInput, RobotDataError
+from uvms_ocp.planning import coordinates
+from uvms_ocp.planning.distances import CoalDistances
+from uvms_ocp.planning.request import PlanRequest, PostureGoal, plan_path
+from uvms_ocp.planning.scene import collision_scene
+from uvms_ocp.robot import Kinematics, Robot, load_robot
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.kinematics import point_reach
+from uvms_ocp.robot.limits import joints_of
+from uvms_ocp.robot.shapes.collision_model import CoalPairs, CompiledPairs, shapes_among
+from uvms_ocp.robot.shapes.obstacles import obstacle
+from uvms_ocp.robot.symbolic_model import SymbolicModel
+from uvms_ocp.viz.scene.show import _joint
+
+BODY = (
+    "<inertial><origin xyz='.3 .1 0'/><mass value='2'/><inertia ixx='1' ixy='.1' ixz='0' iyy='2' iyz='0' izz='2.5'/></inertial>"
+)
+SHAPE = "<collision><geometry><box size='.1 .2 .3'/></geometry></collision>"
+LINKS = ("base_link", "l1", "l2", "l3", "l4")
+WATER = f"links: {{{', '.join(f'{name}: {{box: {{size: [.1, .2, .3]}}}}' for name in LINKS)}}}\n"
+SCALES = {"lead": (1.0, 0.0), "slider": (-2.0, 0.1), "third": (-1.0, 0.05)}
+"""``multiplier`` and ``offset`` to the leader, of the third through the slider."""
+
+
+def machine(folder: Path, lead: str, **options: object) -> Robot:
+    """A chain lead, elbow, slider, and beside it a third joint; lead: its name, which tells where it is in Pinocchio's order."""
+
+    def joint(name: str, kind: str, parent: str, child: str, axis: str, mimic: str = "") -> str:
+        limit = f"<limit lower='-1' upper='{0.5 if name == lead else 9}' velocity='0.7' effort='6'/><dynamics damping='2'/>"
+        ends = f"<parent link='{parent}'/><child link='{child}'/><origin xyz='.5 .1 .2' rpy='.1 .2 .3'/><axis xyz='{axis}'/>"
+        return f"<joint name='{name}' type='{kind}'>{ends}{limit}{mimic}</joint>"
+
+    text = "".join(f"<link name='{name}'>{BODY}{SHAPE}</link>" for name in LINKS)
+    text += joint(lead, "revolute", "base_link", "l1", "0 1 0") + joint("elbow", "revolute", "l1", "l2", "1 1 0")
+    text += joint("slider", "prismatic", "l2", "l3", "0 1 1", f"<mimic joint='{lead}' multiplier='-2' offset='0.1'/>")
+    text += joint("third", "revolute", "base_link", "l4", "0 0 1", "<mimic joint='slider' multiplier='0.5'/>")
+    (folder / "robot.urdf").write_text(f"<robot name='r'>{text}</robot>", encoding="utf-8")
+    (folder / "water.yaml").write_text(WATER, encoding="utf-8")
+    return load_robot(urdf=folder / "robot.urdf", hydrodynamics=folder / "water.yaml", **options)  # type: ignore[arg-type]
+
+
+@pytest.fixture(params=["alpha", "zeta"])
+def pair(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Robot, Robot, np.ndarray, np.ndarray, np.ndarray]:
+    """Coupled and free, a configuration of each, and the map G (n_v of the free one, n_v)."""
+    one, free = machine(tmp_path, request.param), machine(tmp_path, request.param, mimic="free")
+    scales = {request.param if name == "lead" else name: entry for name, entry in SCALES.items()}
+    (leading,) = one.leading_joints
+    scale, offset = scales[leading]
+    values = {leading: scale * 0.3 + offset, "elbow": -0.4}
+    places = {name: own * 0.3 + shift for name, (own, shift) in scales.items()} | {"elbow": -0.4}
+    G = np.zeros((free.n_v, one.n_v))
+    G[:6, :6] = np.eye(6)
+    for row, name in enumerate(free.joint_names, start=6):
+        G[row, one.joint(name if name == "elbow" else leading).idx_v] = 1.0 if name == "elbow" else scales[name][0] / scale
+    rng = np.random.default_rng(1)
+    at, turn = rng.normal(size=3), rng.normal(size=3)
+    q, q_free = one.configuration(at, turn, joints=values), free.configuration(at, turn, joints=places)
+    return one, free, q, q_free, G
+
+
+Pair = tuple[Robot, Robot, np.ndarray, np.ndarray, np.ndarray]
+
+
+def test_dynamics_in_water_are_those_of_free_joints_along_the_coupling(pair: Pair) -> None:
+    one, free, q, q_free, G = pair
+    rng = np.random.default_rng(2)
+    v, a = rng.normal(size=(2, one.n_v))
+    here, there = robot_dynamics(one), robot_dynamics(free)
+    tau, tau_free = here.inverse_dynamics(q, v, a), there.inverse_dynamics(q_free, G @ v, G @ a)
+    assert_allclose(tau, G.T @ tau_free, atol=1e-9)
+    assert_allclose(here.inverse_dynamics(q, v, here.forward_dynamics(q, v, tau)), tau, atol=1e-9)
+    assert_allclose(here.mass_matrix(q), G.T @ there.mass_matrix(q_free) @ G, atol=1e-10)
+    assert_allclose(here.damping_matrix(q, v), G.T @ there.damping_matrix(q_free, G @ v) @ G, atol=1e-10)
+
+
+def test_kinematics_and_distances_are_those_of_free_joints_along_the_coupling(pair: Pair) -> None:
+    one, free, q, q_free, G = pair
+    for link in ("l3", "l4"):
+        here, there = Kinematics(one, q), Kinematics(free, q_free)
+        assert_allclose(here.pose(link).homogeneous, there.pose(link).homogeneous, atol=1e-12)
+        assert_allclose(here.jacobian(link), there.jacobian(link) @ G, atol=1e-12)
+        jacobian = function_of(partial(_jacobian, SymbolicModel(one.model), link), one.n_q)
+        assert_allclose(jacobian(q), there.jacobian(link) @ G, atol=1e-12)
+        assert (np.linalg.norm(here.jacobian(link)[:3], axis=0) <= point_reach(one, link) + 1e-12).all()
+
+
+def _jacobian(symbolic: SymbolicModel, link: str, q: ca.SX) -> ca.SX:
+    return symbolic.forward_kinematics(q).jacobian(link)
+
+
+@pytest.mark.parametrize("engine", [CompiledPairs, CoalPairs])
+def test_distances_change_as_those_of_free_joints_along_the_coupling(engine: type[CoalPairs], pair: Pair) -> None:
+    one, free, q, q_free, G = pair
+    ball = obstacle("ball", coal.Sphere(0.5), (3.0, 2.0, 1.0))
+    found = []
+    for robot, at in ((one, q), (free, q_free)):
+        geometry = shapes_among(robot, [ball])
+        pairs = list(combinations(range(geometry.ngeoms), 2))
+        measured, every = engine(robot.model, geometry, pairs), np.arange(len(pairs))
+        found.append((measured.values(at, every), measured.gradients(at, every)))
+    (here, row), (there, row_free) = found
+    apart = there > 0.0
+    assert_allclose(here[apart], there[apart], atol=1e-9)
+    assert_allclose(row[apart], row_free[apart] @ G, atol=1e-5)
+    assert apart.sum() > 6
+
+
+def test_the_first_joint_has_the_limits_of_the_leader_and_the_friction_of_all(pair: Pair) -> None:
+    one, free, _, _, G = pair
+    (leading,) = one.leading_joints
+    k, lead = one.joint(leading).idx_v, next(name for name in free.joint_names if name in ("alpha", "zeta"))
+    scale = 1.0 / G[free.joint(lead).idx_v, k]
+    bounds = sorted(scale * bound + (0.0 if leading == lead else SCALES[leading][1]) for bound in (-1.0, 0.5))
+    found = one.limits
+    assert_allclose([found.position_lower[k - 6], found.position_upper[k - 6]], bounds)
+    assert_allclose([found.velocity[k], found.effort[k - 6]], [0.7 * abs(scale), 6.0 / abs(scale)])
+    assert_allclose(one.model.damping[k], 2.0 * (G[6:, k] ** 2).sum())
+
+
+def test_curves_keep_coupled_joints_where_they_are(tmp_path: Path) -> None:
+    robot = machine(tmp_path, "alpha")
+    scene = collision_scene(coordinates(robot), [])
+    with pytest.raises(InvalidInput, match="alpha moves others along"):
+        CoalDistances(scene).near(np.zeros((1, 8)), np.ones(scene.n_pairs))
+    request = PlanRequest(robot=robot, start=robot.configuration(), goal=PostureGoal(joints={"alpha": 0.2}))
+    with pytest.raises(InvalidInput, match=r"the goal moves alpha from 0 to 0\.2, but the planned axes are"):
+        plan_path(request)
+
+
+def test_a_slider_of_the_page_moves_all_that_follow(tmp_path: Path) -> None:
+    robot = machine(tmp_path, "alpha")
+    q = robot.configuration(joints={"alpha": 0.2, "elbow": 0.0})
+    told = {entry["name"]: entry for entry in (_joint(robot, k, q) for k in range(1, robot.model.njoints))}
+    assert told["alpha"]["values"] == [0.2]
+    for name in ("slider", "third"):
+        leader, scale, offset = told[name]["follows"]
+        assert list(told)[leader] == "alpha"
+        assert (scale, offset) == pytest.approx(SCALES[name])
+
+
+@pytest.mark.parametrize(
+    ("change", "still"),
+    [
+        (("'third' type='revolute'", "'third' type='continuous'"), {"third"}),
+        (("multiplier='-2'", "multiplier='0'"), {"slider", "third"}),
+        (("mimic joint='alpha'", "mimic joint='nobody'"), {"slider", "third"}),
+    ],
+)
+def test_what_cannot_move_as_one_stays_where_it_is_put(change: tuple[str, str], still: set[str], tmp_path: Path) -> None:
+    machine(tmp_path, "alpha")
+    text = (tmp_path / "robot.urdf").read_text(encoding="utf-8")
+    assert change[0] in text
+    (tmp_path / "robot.urdf").write_text(text.replace(*change), encoding="utf-8")
+    robot = load_robot(urdf=tmp_path / "robot.urdf")
+    assert not still & {*robot.model.names}
+    assert robot.joint_names == tuple(joint.name for joint in joints_of(robot.model, free_flyer=True))
+
+
+def test_what_is_said_of_joints_and_links_that_are_left_out_counts_for_nothing(tmp_path: Path) -> None:
+    machine(tmp_path, "alpha")
+    more = "tool: l3\ndvl: l4\njoints: {elbow: {home: 0.1}, third: {home: 0.2}}\n"
+    more += "trim: [{name: lead, link: l4, position: [0, 0, 0], mass: 1, volume: 0}]\n"
+    (tmp_path / "water.yaml").write_text(WATER + more, encoding="utf-8")
+    files = {"urdf": tmp_path / "robot.urdf", "hydrodynamics": tmp_path / "water.yaml"}
+    assert {"tool", "dvl"} <= {*load_robot(**files).frame_names}
+    locked = load_robot(**files, lock={"elbow": 0.3})
+    assert locked.joint_names == ("alpha",)
+    dropped = load_robot(**files, drop=["l2", "l4"])
+    assert (dropped.joint_names, dropped.description.trim, dropped.description.dvl) == (("alpha",), (), None)
+    assert set(dropped.description.links) == {"base_link", "l1"}
+    with pytest.raises(RobotDataError, match="joints: 'elbo' is no joint of the URDF that moves; allowed: alpha, elbow"):
+        (tmp_path / "water.yaml").write_text("joints: {elbo: {home: 0.1}}\n", encoding="utf-8")
+        load_robot(**files)
