@@ -55,6 +55,24 @@ def test_the_tool_reaches_its_goal_around_an_obstacle(planar: Robot) -> None:
     assert around.plan.levels[-1].residual > free.plan.levels[-1].residual
 
 
+@pytest.mark.parametrize(
+    ("way", "at"),
+    [((1.3, 0.1, -0.2), (0.6, 0.1, -0.1)), ((1.2, 0.97, 0.03), (0.59, 0.46, 0.04)), ((-0.19, 1.02, 0.1), (-0.18, 0.52, 0.05))],
+)
+def test_a_vehicle_does_not_roll_over_on_its_way_around_a_rock(
+    way: tuple[float, float, float], at: tuple[float, float, float]
+) -> None:
+    robot = load_robot("bluerov2_alpha5")
+    q = robot.configuration(position=(0.0, 0.0, -5.0))
+    tool = Kinematics(robot, q).pose("tool").translation
+    rock = obstacle("rock", coal.Sphere(0.18), tool + np.array(at))
+    goal = ToolGoal(position=tuple(tool + np.array(way)))
+    result = solve_ocp(asked(robot, goal, start=q, obstacles=(rock,), duration=9.0))
+    assert result.plan.status is OcpStatus.SOLVED
+    x, y, _, _ = result.plan.trajectory.q[:, 3:7].T
+    assert (1.0 - 2.0 * (x**2 + y**2)).min() > np.cos(0.6)
+
+
 def test_a_posture_moves_what_was_asked_and_ends_at_rest(planar: Robot) -> None:
     result = solve_ocp(asked(planar, PostureGoal(joints={"x0": 0.8, "theta1": 1.0})))
     trajectory = result.plan.trajectory

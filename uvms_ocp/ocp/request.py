@@ -30,6 +30,7 @@ from uvms_ocp.types import Array, AtLeastOne, Bound, Magnitude, Positive, Range,
 # A curve around obstacles, of the shapes alone, as the guess of a plan in water.
 
 _SAMPLES = 200
+_BARRIER = 1e-4  # of IPOPT, which leaves the curve behind with more of it: plans roll over on their way
 
 
 @checked
@@ -141,10 +142,10 @@ def solve_ocp(request: OcpRequest, *, progress: Progress | None = None) -> OcpRe
 
 def _planned(request: OcpRequest, problem: OcpProblem, progress: Progress | None) -> Plan:
     """The first plan that is solved and proven free, or else the best, of the guesses and then of shorter steps."""
-    plans = []
+    plans, options = [], NlpOptions(barrier=_BARRIER) if request.obstacles else NlpOptions()
     for finer in (1, 2):
         given = replace(problem, phases=(replace(problem.phases[0], n_steps=finer * request.n_steps),))
-        planner = Planner(given, NlpOptions(plugin=request.plugin, time_limit=request.time_limit))
+        planner = Planner(given, replace(options, plugin=request.plugin, time_limit=request.time_limit))
         for guess in _guesses(request, given):
             plans.append(planner.plan(guess=guess, progress=progress))
             if _is_proven(plans[-1]):
