@@ -95,7 +95,7 @@ def test_a_mission_out_of_time_exits_with_3_and_says_why(tmp_path: Path) -> None
             ["run", "--solver", "lexpq"],
             "unknown solver 'lexpq'; known: active_set, lexqp, icat. Did you mean 'lexqp'?",
         ),
-        (["run", "--robot", "girona"], "unknown robot 'girona'; known: bluerov2_alpha5, girona_maris7"),
+        (["run", "--robot", "girona"], "unknown robot 'girona'; known: bluerov2, bluerov2_alpha5"),
         (["run", "--plant", "wet"], "unknown plant 'wet'; known: dynamic, kinematic"),
         (["run", "--duration", "-1"], "duration = -1.0 s; give a finite time > 0"),
         (["run", "--duration", "nan"], "duration = nan"),
@@ -105,7 +105,7 @@ def test_a_mission_out_of_time_exits_with_3_and_says_why(tmp_path: Path) -> None
         (["export", "controller", "case1", " "], "names no folder"),
         (["run", "--out", "a\nb"], r"'a\nb' has control characters; give a folder without"),
         (["run", "--current", "300", "0", "0", "--plant", "kinematic"], "300 m/s; give at most 10 m/s"),
-        (["check-robot", "girona"], "unknown robot 'girona'; known: bluerov2_alpha5"),
+        (["check-robot", "girona"], "unknown robot 'girona'; known: bluerov2, bluerov2_alpha5"),
     ],
 )
 def test_mistakes_get_one_line_and_exit_code_2(arguments: list[str], message: str, tmp_path: Path) -> None:
