@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
+
+import uvms_ocp
 
 EXTRAS = ("dask", "distributed", "pandas", "pyarrow", "SALib", "mcap", "foxglove_schemas_protobuf", "rosbags")
 RARE = ("scipy", "matplotlib", "meshcat", *EXTRAS)
@@ -44,6 +49,12 @@ def imported() -> set[str]:
 @pytest.mark.parametrize("library", RARE)
 def test_what_few_calls_need_is_not_imported_at_once(imported: set[str], library: str) -> None:
     assert library not in imported
+
+
+def test_packages_are_plain_modules_which_code_that_is_sent_to_workers_may_name() -> None:
+    """What loads names lazily guards those that are also modules by a class of its own, which no pickle takes."""
+    packages = [module.name for module in pkgutil.walk_packages(uvms_ocp.__path__, "uvms_ocp.") if module.ispkg]
+    assert {type(importlib.import_module(name)) for name in ("uvms_ocp", *packages)} == {ModuleType}
 
 
 def test_commands_import_without_the_extras_and_a_campaign_says_which_it_needs(tmp_path: Path) -> None:

@@ -149,6 +149,7 @@ _STAY = 1e-6  # weight of staying near the start, which makes the minimum one po
 _KEPT = 1e-4  # amount that is none
 _AGAINST = 0.05  # share of a group in what holds against the others, from which it is named
 _ITERATIONS = 500
+_SILENT = {"print_level": 0, "sb": "yes"}
 _GRADIENTS = ["f", "g", "grad_gamma_x", "grad_gamma_p"]
 _FARTHEST = 2.0  # amount by which a group gives way at most in the search for those that hold a level back
 _GAIN = 1e-5  # share of the residual of a level that is none
@@ -330,7 +331,8 @@ class _Elastic:
             "error_on_fail": False,
             "print_time": False,
             "calc_lam_p": False,
-            "ipopt": {"print_level": 0, "sb": "yes", "max_iter": _ITERATIONS, "max_wall_time": max(time_limit, 0.1)},
+            # Amounts that cost nothing are flat directions: a barrier that only falls stays on them for hundreds of iterations.
+            "ipopt": {"mu_strategy": "adaptive", "max_iter": _ITERATIONS, "max_wall_time": max(time_limit, 0.1), **_SILENT},
         }
         return ca.nlpsol("elastic", "ipopt", {"x": X, "p": w, "f": f, "g": rows}, options)
 
