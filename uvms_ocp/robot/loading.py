@@ -236,7 +236,9 @@ def load_robot(
     except RobotDataError as error:
         faults.append(error)
     if faults:
-        also = (f"{error.path}: {text}" for error in faults[1:] for text in error.problems)
+        folder = faults[0].path.parent  # whose files need no more than their names
+        named = ((error.path.name if error.path.parent == folder else error.path, error) for error in faults[1:])
+        also = (f"{name}: {text}" for name, error in named for text in error.problems)
         raise RobotDataError(faults[0].path, *faults[0].problems, *also)
     robot = assemble(models, description, yaml_path or urdf_path, name)
     for _, text in unknowns(models.model, description):
