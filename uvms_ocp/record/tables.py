@@ -45,7 +45,7 @@ class SeriesKind:
 
 
 def _units(text: str) -> Mapping[str, str]:
-    """By part, of a text such as ``position: m; attitude: -``, or one unit for all."""
+    """Parse units by part from a text such as ``position: m; attitude: -``, or one unit for all."""
     return MappingProxyType({part: unit for part, _, unit in (one.rpartition(": ") for one in text.split("; "))})
 
 

@@ -15,7 +15,7 @@ from uvms_ocp.robot.urdf_checks import Findings, read_number
 
 Element = ElementTree.Element
 Groups = dict[str, dict[str, tuple[float, float]]]
-"""By leader, ``multiplier`` and ``offset`` of all joints that move as one with it, itself too."""
+"""``multiplier`` and ``offset`` of all joints that move as one, by the name of their leader, which is one of them."""
 
 
 def leader_of(findings: Findings, root: Element, joint: Element, given: Collection[str]) -> tuple[Element | None, float, float]:

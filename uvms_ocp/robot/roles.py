@@ -117,7 +117,7 @@ class _LinkTree:
         return str(self.model.frames[frame].name)
 
     def names(self, joint: int) -> list[str]:
-        """Of a joint and of the link that it moves."""
+        """Return the names of a joint and of the link that it moves."""
         return [str(self.model.names[joint]), *(self.name(i) for i in self.bodies[joint][:1])]
 
     def children(self, joint: int) -> list[int]:

@@ -272,7 +272,7 @@ PLAIN = UrdfReading()
 
 
 def prepare(path: Path, root: Element, reading: UrdfReading, *, free_flyer: bool) -> tuple[list[str], Groups]:
-    """Make of the <robot> what is to be read; return what is to be told of it, and which joints move as one.
+    """Leave in the <robot> what is to be read; return notes for the user, and which joints move as one.
 
     Raises ``RobotDataError`` with all mistakes.
     """
@@ -398,7 +398,7 @@ def read_urdf(path: Path, *, free_flyer: bool, reading: UrdfReading = PLAIN, pac
 def models_and_notes(
     path: Path, *, free_flyer: bool, reading: UrdfReading, package_dirs: Sequence[Path]
 ) -> tuple[UrdfModels, list[str]]:
-    """As `read_urdf`, with what it warns of. Raises `RobotDataError`, as it does."""
+    """Read a URDF as `read_urdf` does, and return its warnings as well. Raises `RobotDataError`, as it does."""
     root = read_urdf_xml(path)
     links = {link.get("name", "") for link in root.findall("link")}
     joints = {joint.get("name", "") for joint in _moving_joints(root)}

@@ -123,7 +123,7 @@ class _Struck:
     """Value of the last sample that the fault left alone, or of the first."""
 
     def changed(self, sample: Sample, t: float) -> Sample | None:
-        """What is left of a sample that is taken at time t [s]."""
+        """Return a sample taken at time t [s] as the fault changes it, or None where it is lost."""
         active = self.fault.active(t)
         if not active or self.held is None:
             self.held = sample.value
@@ -166,7 +166,7 @@ _EFFECTS: Mapping[str, Callable[[Sample, _Struck], Sample | None]] = {
     "late": lambda sample, struck: replace(sample, extra_delay=sample.extra_delay + struck.fault.values[0]),
     "ahead": lambda sample, struck: replace(sample, stamp=sample.stamp + struck.fault.values[0]),
 }
-"""What an active fault leaves of a sample."""
+"""Effects of active faults on a sample, by kind."""
 
 
 # In what condition thrusters are: which are dead, stuck, weak or reversed.

@@ -327,7 +327,7 @@ class IterationResult(FlatPoint):
     value: Array
     """(M,) [unit of the row] of rows and variables."""
     worst: float
-    """Of `kkt`, relative to the terms of each condition."""
+    """Largest residual of `kkt`, relative to the terms of its condition."""
 
 
 def no_result(z: Array, n_x: int, m: int, status: StageQpStatus = StageQpStatus.NOT_A_NUMBER) -> IterationResult:
