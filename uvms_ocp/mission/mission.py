@@ -156,10 +156,9 @@ class Mission(TableDisplay):
     def check_quantities(self, known: Sequence[str]) -> None:
         """Raise `NameNotFound` where a transition reads a quantity that is not in `known`."""
         for phase in self.all_phases:
-            for transition in phase.transitions:
-                for condition in transition.when:
-                    if condition.quantity not in known:
-                        raise NameNotFound(f"quantity in phase {phase.name!r}", condition.quantity, known)
+            for condition in phase.conditions:
+                if condition.quantity not in known:
+                    raise NameNotFound(f"quantity in phase {phase.name!r}", condition.quantity, known)
 
     @checked_on_failure
     def start(self, t: Finite = 0.0) -> MissionState:
@@ -205,7 +204,7 @@ class Mission(TableDisplay):
         if state.over:
             return state, None
         names, phase = progress.quantities_read(self.all_phases), self.all_phases[state.phase]
-        read = {c.quantity: measured(c.quantity, quantities) for tr in phase.transitions for c in tr.when}
+        read = {c.quantity: measured(c.quantity, quantities) for c in phase.conditions}
         memory = self._memory(state)
         due = progress.transition_due(memory, t, [read.get(name, math.nan) for name in names])
         if due != progress.NONE:

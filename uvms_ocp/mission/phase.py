@@ -176,6 +176,20 @@ class Phase(FieldTable):
         if bad:
             raise InvalidInput(f"phase {self.name!r}: activations {bad}; give values from 0 to 1")
 
+    @property
+    def on(self) -> tuple[str, ...]:
+        """Names of the tasks that are on, even a little."""
+        return tuple(name for name, gate in self.activations.items() if gate > 0)
+
+    @property
+    def conditions(self) -> tuple[Condition, ...]:
+        """All that any of its transitions waits for."""
+        return tuple(condition for transition in self.transitions for condition in transition.when)
+
+    def waits_for(self, task: str) -> bool:
+        """Check that a condition reads a quantity of the task of that name."""
+        return any(condition.quantity.startswith(f"{task}.") for condition in self.conditions)
+
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -260,7 +274,7 @@ class Abort:
         others = sorted({transition.to for transition in self.phase.transitions} - {ABORT})
         if others:
             raise InvalidInput(f"phase {self.phase.name!r} aborts a mission but leads to {others}; lead to {ABORT!r} alone")
-        if not self.phase.activations.get(self.ascent_task, 0.0) > 0:
+        if self.ascent_task not in self.phase.on:
             raise InvalidInput(
                 f"abort: ascent_task = {self.ascent_task!r}, off in phase {self.phase.name!r}; name a task that is on in it"
             )

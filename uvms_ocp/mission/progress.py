@@ -163,14 +163,13 @@ def _enter(m: MissionMemory, phase: int, t: float) -> None:
 
 def sizes_of(phases: Sequence[Phase]) -> dict[str, int]:
     """Sizes of a `MissionMemory`, but for the number of tasks."""
-    transitions = [transition for phase in phases for transition in phase.transitions]
-    n_conditions = sum(len(transition.when) for transition in transitions)
-    return {"n_phases": len(phases), "n_transitions": len(transitions), "n_conditions": n_conditions}
+    n_transitions, n_conditions = (sum(len(getattr(phase, of)) for phase in phases) for of in ("transitions", "conditions"))
+    return {"n_phases": len(phases), "n_transitions": n_transitions, "n_conditions": n_conditions}
 
 
 def quantities_read(phases: Sequence[Phase]) -> tuple[str, ...]:
     """Names of all quantities in conditions."""
-    return tuple(dict.fromkeys(c.quantity for phase in phases for tr in phase.transitions for c in tr.when))
+    return tuple(dict.fromkeys(condition.quantity for phase in phases for condition in phase.conditions))
 
 
 def write_conditions(memory: MissionMemory, phases: Sequence[Phase], names: Sequence[str]) -> None:

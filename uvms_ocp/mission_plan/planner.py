@@ -81,7 +81,7 @@ def _of_mission(mission: Mission) -> Iterator[str]:
     for index, phase in enumerate(mission.phases):
         yield from (phase.name, repr(sorted(phase.activations.items())), repr(phase.transitions))
         for task in mission.tasks_of(index):
-            if phase.activations.get(task.name, 0.0) > 0:
+            if task.name in phase.on:
                 yield from _of_task(task)
 
 

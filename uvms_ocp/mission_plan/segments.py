@@ -57,7 +57,7 @@ _ANGLES = ("tilt", "misalignment", "angle")
 
 def active_tasks(phase: Phase, tasks: Collection[Task]) -> list[Task]:
     """Return the tasks that the phase has on."""
-    return [task for task in tasks if phase.activations.get(task.name, 0.0) > 0]
+    return [task for task in tasks if task.name in phase.on]
 
 
 def active_constraints(

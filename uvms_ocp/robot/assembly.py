@@ -18,7 +18,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.description import Cylinder, LinkDescription, Pose, RobotDescription, TrimBody, Vector3, checked_copy
-from uvms_ocp.robot.loading import robot_of, trim_inertia
+from uvms_ocp.robot.loading import robot_of, trim_inertia, with_bodies
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.roles import tools_of
 from uvms_ocp.robot.thrusters import unactuated_axes
@@ -242,7 +242,11 @@ def lifts(robot: Robot, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def without_trim(robot: Robot) -> Robot:
     """Return a copy without floats and ballast, to be trimmed anew."""
-    return _retrimmed(robot, removed=robot.description.trim, added=(), trim=())
+    model = robot.model.copy()
+    for body in robot.description.trim:
+        joint, inertia = trim_inertia(model, body)
+        model.inertias[joint] = model.inertias[joint] - inertia
+    return _retrimmed(robot, model, ())
 
 
 def with_trim(robot: Robot, bodies: Iterable[TrimBody]) -> Robot:
@@ -250,7 +254,7 @@ def with_trim(robot: Robot, bodies: Iterable[TrimBody]) -> Robot:
     added = tuple(bodies)
     for body in added:
         robot.frame_id(body.link)
-    return _retrimmed(robot, removed=(), added=added, trim=(*robot.description.trim, *added))
+    return _retrimmed(robot, with_bodies(robot.model, added), (*robot.description.trim, *added))
 
 
 _Station = Annotated[float, Range(-50.0, 50.0)]  # [m], as positions in robot files
@@ -291,14 +295,7 @@ def trim_body(name: str, x: float, y: float, lift: float, robot: Robot) -> TrimB
     return TrimBody(name=name, position=position, mass=material * volume, volume=volume)
 
 
-def _retrimmed(robot: Robot, *, removed: Iterable[TrimBody], added: Iterable[TrimBody], trim: tuple[TrimBody, ...]) -> Robot:
-    model = robot.model.copy()
-    for body in removed:
-        joint, inertia = trim_inertia(model, body)
-        model.inertias[joint] = model.inertias[joint] - inertia
-    for body in added:
-        joint, inertia = trim_inertia(model, body)
-        model.inertias[joint] = model.inertias[joint] + inertia
+def _retrimmed(robot: Robot, model: pin.Model, trim: tuple[TrimBody, ...]) -> Robot:
     description: RobotDescription = checked_copy(robot.description, trim=trim)
     return replace(robot, model=model, description=description, hydrodynamics=links_in_water(description))
 

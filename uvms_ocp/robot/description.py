@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from uvms_ocp.errors import InvalidInput, RobotDataError
 from uvms_ocp.model_errors import one_line, problems_of
 from uvms_ocp.record.untrusted import BoundedLoader, read_yaml
-from uvms_ocp.robot.hydrodynamics import check_quadratic_drag
+from uvms_ocp.robot.hydrodynamics import check_added_mass, check_linear_drag, check_quadratic_drag
 
 _log = logging.getLogger(__name__)
 
@@ -84,32 +84,19 @@ class LinkCoefficients(_Section):
     @classmethod
     def _added_mass_is_an_inertia(cls, value: Vector6 | Matrix6) -> Vector6 | Matrix6:
         value = symmetric_within_rounding(value)
-        matrix = as_matrix6(value)
-        scale = max(1.0, float(np.abs(matrix).max()))
-        if np.abs(matrix / 2 - matrix.T / 2).max() > 0.5e-9 * scale:
-            i, j = np.unravel_index(np.argmax(np.abs(matrix / 2 - matrix.T / 2)), (6, 6))
-            entries = f"entry {i + 1}, {j + 1} is {matrix[i, j]:g} and {j + 1}, {i + 1} is {matrix[j, i]:g}"
-            raise ValueError(f"added mass must be a symmetric matrix, but for a rounded last digit: {entries}")
-        if np.linalg.eigvalsh(matrix).min() < -1e-9 * scale:
-            raise ValueError("added mass must not be indefinite: all eigenvalues >= 0")
+        check_added_mass(as_matrix6(value))
         return value
 
     @field_validator("linear_drag")
     @classmethod
     def _linear_drag_dissipates(cls, value: Vector6 | Matrix6) -> Vector6 | Matrix6:
-        matrix = as_matrix6(value)
-        scale = max(1.0, float(np.abs(matrix).max()))
-        powers, axes = np.linalg.eigh(matrix / 2 + matrix.T / 2)  # halves first: their sum is finite
-        if powers[0] < -1e-9 * scale:
-            nu = ", ".join(f"{entry:.4g}" for entry in axes[:, 0])
-            raise ValueError(f"drag feeds {-powers[0]:.3g} W at nu = ({nu}); eigenvalues of its symmetric part >= 0")
+        check_linear_drag(as_matrix6(value))
         return value
 
     @field_validator("quadratic_drag")
     @classmethod
     def _quadratic_drag_dissipates(cls, value: NonNegative6 | Matrix6) -> NonNegative6 | Matrix6:
-        matrix = as_matrix6(value)
-        check_quadratic_drag(np.zeros((6, 6)), matrix)
+        check_quadratic_drag(np.zeros((6, 6)), as_matrix6(value))
         return value
 
     @model_validator(mode="after")

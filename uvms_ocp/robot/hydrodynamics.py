@@ -89,7 +89,7 @@ def least_dissipation(linear_drag: np.ndarray) -> tuple[np.ndarray, float]:
     the diagonal is 1, as Sylvester's law of inertia allows, so that an axis with little drag is not lost in the rounding of
     another; an axis without drag of its own bears no couplings at all.
     """
-    S = (linear_drag + linear_drag.T) / 2
+    S = linear_drag / 2 + linear_drag.T / 2  # halves first: their sum is finite
     own, couplings = np.diag(S), S - np.diag(np.diag(S))
     worst = int(np.argmin(own))
     if own[worst] < 0.0 or not couplings.any():
@@ -218,8 +218,9 @@ class LinkHydrodynamics:
         self._set("centre_of_buoyancy", _checked(self.frame, "centre_of_buoyancy", self.centre_of_buoyancy, (3,)))
         if not (np.isfinite(self.volume) and self.volume >= 0.0):
             raise InvalidInput(f"{self.frame}: volume {self.volume} m3 given; allowed: 0 or more")
-        _check_inertia(self.frame, self.added_mass)
-        _check_dissipates(self.frame, self.linear_drag, self.quadratic_drag)
+        check_added_mass(self.added_mass, f"{self.frame}: added_mass ")
+        check_linear_drag(self.linear_drag, f"{self.frame}: linear_drag ")
+        check_quadratic_drag(self.linear_drag, self.quadratic_drag, f"{self.frame}: quadratic_drag ")
 
     @property
     def p_LB(self) -> np.ndarray:
@@ -318,21 +319,24 @@ def _checked(frame: str, name: str, value: ArrayLike, shape: tuple[int, ...]) ->
     return array
 
 
-def _check_inertia(frame: str, matrix: np.ndarray) -> None:
+def check_added_mass(matrix: np.ndarray, where: str = "") -> None:
+    """Raise `InvalidInput` where an added mass (6, 6) [kg, kg m, kg m2] is not symmetric, or indefinite."""
     scale = max(1.0, float(np.abs(matrix).max()))
-    if np.abs(matrix - matrix.T).max() > _TOLERANCE * scale:
-        raise InvalidInput(f"{frame}: added_mass is not symmetric; give a symmetric matrix")
+    half = np.abs(matrix / 2 - matrix.T / 2)  # halves first: their difference is finite
+    if half.max() > _TOLERANCE / 2 * scale:
+        i, j = np.unravel_index(np.argmax(half), (6, 6))
+        entries = f"entry {i + 1}, {j + 1} is {matrix[i, j]:g} and {j + 1}, {i + 1} is {matrix[j, i]:g}"
+        raise InvalidInput(f"{where}is not symmetric, but for a rounded last digit: {entries}; give a symmetric matrix")
     smallest = float(np.linalg.eigvalsh(matrix).min())
     if smallest < -_TOLERANCE * scale:
-        raise InvalidInput(f"{frame}: added_mass has the eigenvalue {smallest:.6g}; allowed: 0 or more")
+        raise InvalidInput(f"{where}has the eigenvalue {smallest:.6g}; allowed: 0 or more, as an inertia is not indefinite")
 
 
-def _check_dissipates(frame: str, linear: np.ndarray, quadratic: np.ndarray) -> None:
-    axis, least = least_dissipation(linear)
+def check_linear_drag(matrix: np.ndarray, where: str = "") -> None:
+    """Raise `InvalidInput` where linear drag (6, 6) [N/(m/s), N m/(rad/s)] feeds energy."""
+    axis, least = least_dissipation(matrix)
     if least < 0.0:
-        found = _feeding((axis, -least))
-        raise InvalidInput(f"{frame}: linear_drag {found}; allowed: no eigenvalue below 0 in its symmetric part")
-    check_quadratic_drag(linear, quadratic, f"{frame}: quadratic_drag ")
+        raise InvalidInput(f"{where}{_feeding((axis, -least))}; allowed: no eigenvalue below 0 in its symmetric part")
 
 
 def check_quadratic_drag(linear: np.ndarray, quadratic: np.ndarray, where: str = "") -> None:

@@ -296,7 +296,7 @@ def assemble(models: UrdfModels, description: RobotDescription, path: Path, name
     description = _of_what_is_there(forward_left_up(description), models)
     model, description = with_roles(models.model, description, path)
     _check_names(model, description, path)
-    robot = robot_of(replace(models, model=_with_trim(model, description.trim)), description, name or models.name)
+    robot = robot_of(replace(models, model=with_bodies(model, description.trim)), description, name or models.name)
     try:
         robot.configuration()
     except InvalidInput as error:
@@ -363,9 +363,10 @@ def _moving_thrusters(model: pin.Model, description: RobotDescription) -> list[s
     ]
 
 
-def _with_trim(model: pin.Model, trim: Sequence[TrimBody]) -> pin.Model:
+def with_bodies(model: pin.Model, bodies: Sequence[TrimBody]) -> pin.Model:
+    """Return a copy of the model that carries these floats and weights too."""
     model = model.copy()
-    for body in trim:
+    for body in bodies:
         joint, inertia = trim_inertia(model, body)
         model.inertias[joint] += inertia
     return model

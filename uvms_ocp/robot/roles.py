@@ -85,22 +85,18 @@ def find_roles(model: pin.Model, *, free_flyer: bool) -> Roles:
     """The roles of the links of a model."""
     tree = _LinkTree(model, free_flyer)
     kinds = dict(_kinds(tree))
-    named = {
-        kind: tuple(model.names[j] for j in tree.moving if kinds.get(j) == kind)
-        for kind in ("turns", "looks", "grips", "empty", "held", "aims")
-    }
-    arm = [j for j in tree.moving if j not in kinds]
+    named = {kind: tuple(model.names[j] for j in tree.moving if kinds.get(j) == kind) for kind in _KINDS}
+    arm, links = [j for j in tree.moving if j not in kinds], [tree.name(i) for i in tree.bodies[tree.carrier]]
     ends = [j for j in arm if not any(child in arm for child in tree.children(j))]
     return Roles(
-        base=_base(tree),
-        propellers=named["turns"],
-        sensors=named["looks"],
-        fingers=named["grips"],
-        empty=named["empty"],
-        held=named["held"],
-        gimbals=named["aims"],
+        base=BASE if BASE in links else links[0] if links else "",
         tools=tuple(found for j in ends if (found := _tips(tree, j))),
+        **named,
     )
+
+
+_KINDS = ("propellers", "sensors", "fingers", "empty", "held", "gimbals")
+"""Fields of `Roles` that say of what kind joints are."""
 
 
 class _LinkTree:
@@ -155,17 +151,17 @@ def _kinds(tree: _LinkTree) -> Iterator[tuple[int, str]]:
         own = tree.names(j)
         below = [tree.name(i) for k in tree.below(j) for i in tree.bodies[k]]
         if is_called("propeller", *own) and not tree.children(j):
-            yield j, "turns"
+            yield j, "propellers"
         elif all(is_called("propeller", *tree.names(k)) for k in tree.below(j) if not tree.children(k)):
-            yield j, "aims"
+            yield j, "gimbals"
         elif not any(tree.model.inertias[k].mass for k in tree.below(j)):
             yield j, "empty"
         elif _whirls(tree, j):
-            yield j, "turns"
+            yield j, "propellers"
         elif below and all(is_called("sensor", name) for name in below):
-            yield j, "looks"
+            yield j, "sensors"
         elif is_called("finger", *own):
-            yield from ((k, "grips") for k in tree.below(j))
+            yield from ((k, "fingers") for k in tree.below(j))
         elif not any(map(tree.has_range, (*tree.above(j), *tree.below(j)))):
             yield j, "held"
 
@@ -182,11 +178,6 @@ def _whirls(tree: _LinkTree, j: int) -> bool:
     axis, lever = np.array(data.S).ravel()[3:], np.asarray(inertia.lever)
     off = float(np.linalg.norm(lever - axis * (axis @ lever)))
     return off <= _OFF_AXIS * max(float(np.linalg.norm(lever)), 0.1)
-
-
-def _base(tree: _LinkTree) -> str:
-    links = [tree.name(i) for i in tree.bodies[tree.carrier]]
-    return BASE if BASE in links else links[0] if links else ""
 
 
 def _tips(tree: _LinkTree, joint: int) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.description import RobotDescription, SensorDescription
-from uvms_ocp.types import Shape, Vector3
+from uvms_ocp.types import Finite, Magnitude, Range, Shape, Vector3
 
 # How far each sensor can be trusted, and why.
 
@@ -164,26 +164,18 @@ class SensorSpec:
 
     rate: float = math.inf
     """[Hz]; inf is once per tick."""
-    sigma: float = 0.0
+    sigma: Magnitude = 0.0
     """[unit of the channel] standard deviation of the noise of every component."""
-    bias: float | tuple[float, ...] = 0.0
+    bias: Finite | tuple[Finite, ...] = 0.0
     """[unit of the channel] constant error, of all components or of each."""
-    delay: float = 0.0
+    delay: Magnitude = 0.0
     """[s] between taking a reading and delivering it."""
-    dropout: float = 0.0
+    dropout: Annotated[float, Range(0.0, 1.0)] = 0.0
     """Probability that a reading is lost."""
 
     def __post_init__(self) -> None:
         if not self.rate > 0:
             raise InvalidInput(f"sensor rate = {self.rate} Hz; give a number > 0, or inf for once per tick")
-        for name in ("sigma", "delay"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0):
-                raise InvalidInput(f"sensor {name} = {value}; give a finite number >= 0")
-        if not 0 <= self.dropout <= 1:
-            raise InvalidInput(f"sensor dropout = {self.dropout}; give a probability from 0 to 1")
-        if not all(math.isfinite(value) for value in self.biases):
-            raise InvalidInput(f"sensor bias = {self.bias}; give finite numbers")
 
     @property
     def biases(self) -> tuple[float, ...]:

@@ -116,9 +116,7 @@ def run_meta(
 
 
 def _phases(mission: Mission) -> tuple[meta_values.PhaseMeta, ...]:
-    on = [tuple(name for name, gate in phase.activations.items() if gate) for phase in mission.all_phases]
-    phases = zip(mission.all_phases, on, strict=True)
-    return tuple(meta_values.PhaseMeta(name=one.name, title=one.title, tasks=tasks) for one, tasks in phases)
+    return tuple(meta_values.PhaseMeta(name=one.name, title=one.title, tasks=one.on) for one in mission.all_phases)
 
 
 def _events(controller: KinematicController, ending: RunOutcome) -> tuple[meta_values.EventMeta, ...]:
@@ -143,8 +141,7 @@ def _thresholds(mission: Mission) -> tuple[meta_values.ThresholdMeta, ...]:
     return tuple(
         meta_values.ThresholdMeta(**_condition_fields(condition), phase=phase.name)
         for phase in mission.all_phases
-        for transition in phase.transitions
-        for condition in transition.when
+        for condition in phase.conditions
     )
 
 

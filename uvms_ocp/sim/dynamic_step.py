@@ -14,16 +14,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 
 from uvms_ocp.checks import checked
 from uvms_ocp.codegen.buffered import BoundFunction
 from uvms_ocp.codegen.elementwise import clipped
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Robot, thruster_matrix
+from uvms_ocp.robot.assembly import box_corners
 from uvms_ocp.robot.limits import bounded_joints
 from uvms_ocp.robot.spatial import skew
 from uvms_ocp.robot.symbolic_bodies import sparse
@@ -85,20 +86,15 @@ def lowest_link(robot: Robot) -> str:
     return str(robot.model.frames[shape.parentFrame].name)
 
 
-def _hull(robot: Robot) -> list[Any]:
+def _hull(robot: Robot) -> list[pin.GeometryObject]:
     """Collision shapes fixed to the vehicle."""
     shapes = robot.collision_model.geometryObjects if robot.n_vehicle else ()
     return [shape for shape in shapes if shape.parentJoint == 1]
 
 
-def _box_corners(shape: object) -> np.ndarray:
+def _box_corners(shape: pin.GeometryObject) -> np.ndarray:
     """Corners (8, 3) [m] of a shape's own bounding box, in the frame of the vehicle."""
-    shape.geometry.computeLocalAABB()  # type: ignore[attr-defined]
-    box = shape.geometry.aabb_local  # type: ignore[attr-defined]
-    ends = np.array([box.min_, box.max_])
-    corners = np.array([[ends[i, 0], ends[j, 1], ends[k, 2]] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
-    placement = shape.placement  # type: ignore[attr-defined]
-    return corners @ placement.rotation.T + placement.translation
+    return np.asarray(box_corners(shape.geometry) @ shape.placement.rotation.T + shape.placement.translation)
 
 
 # One time step of a robot in water as a CasADi Function.

@@ -15,32 +15,18 @@ from uvms_ocp.codegen.kernel_layout import structure_of, view
 from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.kinematics import shape_reach
+from uvms_ocp.robot.loading import link_masses
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes import distance_kernels
 from uvms_ocp.robot.shapes.obstacles import Obstacle
 
 # Links of which no clearance tells.
 
-_NOTHING = 1e-9  # [kg] that rounding leaves
-
 
 def links_without_shape(robot: Robot) -> tuple[str, ...]:
     """Return the names of the links that have a mass and no collision shape, in the order of the robot's frames."""
-    shaped = {shape.parentFrame for shape in robot.collision_model.geometryObjects}
-    return tuple(
-        frame.name
-        for index, frame in enumerate(robot.model.frames)
-        if frame.type == pin.FrameType.BODY and index not in shaped and _mass(robot.model, frame) > _NOTHING
-    )
-
-
-def _mass(model: pin.Model, link: pin.Frame) -> float:
-    """[kg] of a link, whose joint holds it: a fixed one by itself, a moving one with all that is fixed to it."""
-    holder = model.frames[link.parentFrame]
-    if holder.type == pin.FrameType.FIXED_JOINT:
-        return float(holder.inertia.mass)
-    fixed = sum(frame.inertia.mass for frame in model.frames if frame.parentJoint == link.parentJoint)
-    return float(model.inertias[link.parentJoint].mass - fixed)
+    shaped = {robot.model.frames[shape.parentFrame].name for shape in robot.collision_model.geometryObjects}
+    return tuple(name for name, mass in link_masses(robot.model).items() if mass > 0.0 and name not in shaped)
 
 
 # Distances of pairs of shapes by coal: of any shapes, and the oracle of those in machine code.

@@ -43,9 +43,8 @@ def check_echo(setup: Setup) -> Iterator[Finding]:
     blind = setup.altimeter_frame is None or setup.sensors.altimeter_range is None
     for index in main_path(setup.mission.phases) if blind else [0]:
         phase = setup.mission.phases[index]
-        on = sorted(name for name in tasks if phase.activations.get(name, 0.0) > 0)
-        conditions = [condition for transition in phase.transitions for condition in transition.when]
-        awaited = {condition.quantity for condition in conditions if condition.quantity.rpartition(".")[0] in tasks}
+        on = sorted(tasks.intersection(phase.on))
+        awaited = {condition.quantity for condition in phase.conditions if condition.quantity.rpartition(".")[0] in tasks}
         if not (on or awaited):
             continue
         names = ", ".join([*on, *sorted(awaited)])
@@ -74,7 +73,7 @@ def check_goals(setup: Setup) -> Iterator[Finding]:
     """Findings on goals of vehicle or tool that lie below the floor, one for each phase and task."""
     for index, phase in enumerate(setup.mission.phases):
         for task in setup.mission.tasks_of(index):
-            if isinstance(task, (PoseTask, ToolPosition)) and phase.activations.get(task.name, 0.0) > 0:
+            if isinstance(task, (PoseTask, ToolPosition)) and task.name in phase.on:
                 points = [goal.translation for goal in goals_of(setup, task.name, task.goal)]
                 floors = [setup.floor_at(x, y) for x, y, _ in points]
                 depth, z, floor = max((floor - p[2], p[2], floor) for p, floor in zip(points, floors, strict=True))

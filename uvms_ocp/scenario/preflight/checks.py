@@ -41,7 +41,7 @@ def check_structure(mission: Mission) -> Iterator[Finding]:
     for phase in mission.all_phases:
         yield from _idle(mission, phase)
         yield from _waiting_in_vain(mission, phase)
-    used = {name for phase in mission.all_phases for name, gate in phase.activations.items() if gate > 0}
+    used = {name for phase in mission.all_phases for name in phase.on}
     for name in mission.hierarchy.names:
         if name not in used:
             text = f"task {name} is never switched on; use it or drop it"
@@ -51,22 +51,19 @@ def check_structure(mission: Mission) -> Iterator[Finding]:
 def _idle(mission: Mission, phase: Phase) -> Iterator[Finding]:
     """A phase needs a task that acts; constraints, safety and preferences that it does not wait for move nothing on purpose."""
     acting = (TaskClass.PREREQUISITE, TaskClass.ACTION)
-    awaited = {c.quantity.rpartition(".")[0] for transition in phase.transitions for c in transition.when}
-    active = [task for task in mission.hierarchy.tasks if phase.activations.get(task.name, 0.0) > 0]
-    if not any(task.task_class in acting or task.name in awaited for task in active):
+    active = [task for task in mission.hierarchy.tasks if task.name in phase.on]
+    if not any(task.task_class in acting or phase.waits_for(task.name) for task in active):
         text = f"phase {phase.name!r} has no acting task switched on; nothing would happen in it"
         yield Severity.ERROR.finding(CHECK, text, phase.name)
 
 
 def _waiting_in_vain(mission: Mission, phase: Phase) -> Iterator[Finding]:
     """A phase that waits for a quantity to fall must have the task on that makes it fall."""
-    for transition in phase.transitions:
-        for condition in transition.when:
-            task = condition.quantity.rpartition(".")[0]
-            alone = isinstance(condition, Below) and len(phase.transitions) < 2
-            if alone and not phase.activations.get(task, 0.0) > 0:
-                text = f"phase {phase.name!r} waits for {condition.quantity}, but task {task} is off in it"
-                yield Severity.WARNING.finding(CHECK, text, phase.name)
+    for condition in phase.conditions:
+        task = condition.quantity.rpartition(".")[0]
+        if isinstance(condition, Below) and len(phase.transitions) < 2 and task not in phase.on:
+            text = f"phase {phase.name!r} waits for {condition.quantity}, but task {task} is off in it"
+            yield Severity.WARNING.finding(CHECK, text, phase.name)
 
 
 # Check: the sensors can tell whether the thresholds of a mission are met.
@@ -107,8 +104,7 @@ def check_accuracy(setup: Setup) -> Iterator[Finding]:
     """A threshold below what the sensors allow, in the posture of the start."""
     allowed = quantity_stds(setup, setup.start)
     for phase in setup.mission.phases:
-        conditions = {condition for transition in phase.transitions for condition in transition.when}
-        for condition in sorted(conditions, key=lambda item: item.quantity):
+        for condition in sorted(set(phase.conditions), key=lambda item: item.quantity):
             sigma = allowed.get(condition.quantity, 0.0)
             if isinstance(condition, Below) and condition.limit < sigma:
                 text = (
@@ -205,11 +201,8 @@ def check_freedom(setup: Setup, visits: Sequence[Visit], problem: LevelsProblem)
 
 
 def _without_freedom(visit: Visit, task: Task) -> Finding:
-    awaited = any(
-        condition.quantity.startswith(f"{task.name}.") for transition in visit.phase.transitions for condition in transition.when
-    )
     names = ", ".join(other.name for other in visit.tasks if other.equality and other is not task)
-    return (Severity.ERROR if awaited else Severity.WARNING).finding(
+    return (Severity.ERROR if visit.phase.waits_for(task.name) else Severity.WARNING).finding(
         "contradiction",
         f"{task.name} is on but has no freedom left below the other equality tasks ({names}); switch one off",
         visit.phase.name,

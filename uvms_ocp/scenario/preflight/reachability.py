@@ -157,9 +157,8 @@ def check_tool(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     """
     for visit in visits:
         task = visit.active(ToolPose) or visit.active(ToolPosition)
-        if task is None or visit.active(NullVelocity) is None or not _awaited(visit, task):
-            continue
-        yield _finding(setup, visit, task)
+        if task is not None and visit.active(NullVelocity) is not None and visit.phase.waits_for(task.name):
+            yield _finding(setup, visit, task)
 
 
 def distances_missing(
@@ -180,12 +179,6 @@ def distances_missing(
 
 def _cost(reach: ReachResult) -> float:
     return reach.cost
-
-
-def _awaited(visit: Visit, task: ToolPose | ToolPosition) -> bool:
-    return any(
-        condition.quantity.startswith(f"{task.name}.") for transition in visit.phase.transitions for condition in transition.when
-    )
 
 
 def _finding(setup: Setup, visit: Visit, task: ToolPose | ToolPosition) -> Finding:

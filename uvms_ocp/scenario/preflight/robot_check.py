@@ -14,7 +14,7 @@ import pinocchio as pin
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import RobotDataError
 from uvms_ocp.robot import Robot, thruster_matrix
-from uvms_ocp.robot.assembly import static_residual, trim_body, without_trim
+from uvms_ocp.robot.assembly import box_corners, static_residual, trim_body, without_trim
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.loading import files_of, joints_without_inertia, load_robot, unknowns
 from uvms_ocp.robot.roles import role_notes
@@ -248,10 +248,7 @@ def _hull(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     model, points = robot.collision_model, [np.zeros(3)]
     for shape in model.geometryObjects:
         if shape.parentJoint == 1:
-            shape.geometry.computeLocalAABB()
-            box = shape.geometry.aabb_local
-            corners = np.array(np.meshgrid(*np.transpose([box.min_, box.max_]))).reshape(3, -1).T
-            points += [shape.placement.act(corner) for corner in corners]
+            points += [shape.placement.act(corner) for corner in box_corners(shape.geometry)]
     points += [np.array(thruster.position) for thruster in robot.description.thrusters]
     return _WITHIN * np.min(points, axis=0)[:2], _WITHIN * np.max(points, axis=0)[:2]
 

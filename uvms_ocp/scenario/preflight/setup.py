@@ -215,8 +215,7 @@ def forecast(setup: Setup) -> list[Visit]:
     visits = []
     for index in main_path(setup.mission.phases):
         phase = setup.mission.phases[index]
-        on = {name for name, gate in phase.activations.items() if gate > 0}
-        tasks = tuple(task for task in setup.mission.tasks_of(index) if task.name in on)
+        tasks = tuple(task for task in setup.mission.tasks_of(index) if task.name in phase.on)
         visit = Visit(index=index, phase=phase, tasks=tasks, stances=stances)
         stances = _stances_after(setup, visit)
         visits.append(replace(visit, stances=stances))
@@ -238,13 +237,8 @@ def main_path(phases: Sequence[Phase]) -> list[int]:
 
 def threshold_of(phase: Phase, quantity: str) -> float | None:
     """The threshold [m] or [rad] below which `quantity` must fall to leave the phase; `None` where it does not matter."""
-    limits = [
-        condition.limit
-        for transition in phase.transitions
-        for condition in transition.when
-        if isinstance(condition, Below) and condition.quantity == quantity
-    ]
-    return min(limits, default=None)
+    awaited = (condition for condition in phase.conditions if isinstance(condition, Below) and condition.quantity == quantity)
+    return min((condition.limit for condition in awaited), default=None)
 
 
 def points_on_ball(centre: np.ndarray, radius: float) -> Iterator[np.ndarray]:
