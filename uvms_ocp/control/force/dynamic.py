@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked, unchecked_constructor
+from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
 from uvms_ocp.control.faults.monitor import ActuatorMonitor
 from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, residual_filter_for
 from uvms_ocp.control.force.allocation import thruster_lag
@@ -24,7 +24,7 @@ from uvms_ocp.robot import Command, Robot, SensorSpecs, StateEstimate
 from uvms_ocp.robot.dynamics import Dynamics
 from uvms_ocp.robot.thrusters import largest_force, largest_wrench
 
-_feedback = unchecked_constructor(ActuationFeedback)
+_feedback, _command = unchecked_constructor(ActuationFeedback), unchecked_constructor(Command)
 
 DEFAULT_FAULT_TUNING = ActuatorHealthTuning()
 """For faulty thrusters and joints, by default."""
@@ -155,7 +155,16 @@ class DynamicController(TableDisplay):
             **({} if self.monitor is None else self.monitor.telemetry()),
             **({} if self.learner is None else self.learner.telemetry()),
         }
-        return replace_unchecked(command, thrust=thrust, torque=torque, brakes=bool(self.memory.locks), telemetry=telemetry)
+        return _command(
+            v=command.v,
+            thrust=thrust,
+            torque=torque,
+            hold=command.hold,
+            stop=command.stop,
+            brakes=bool(self.memory.locks),
+            finished=command.finished,
+            telemetry=telemetry,
+        )
 
     def _update_monitor(self, monitor: ActuatorMonitor, t: float) -> None:
         """Report what fault detection found at time t [s], and leave jammed joints alone."""

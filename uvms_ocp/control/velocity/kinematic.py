@@ -151,8 +151,9 @@ class KinematicController(TableDisplay):
         self._restriction = degraded_modes.FREE
         self._bad = degraded_modes.DegradedChannels()
         self._state = mission.start()
-        write_state(memory.mission, self._state)
-        memory.mission.started = False
+        self._progress = memory.mission  # made anew whenever it is asked for
+        write_state(self._progress, self._state)
+        self._progress.started = False
 
     def _table(self) -> SmallTable:
         values = {"robot": self.robot.name, **self.mission.describe(self._state), "period [s]": self.dt}
@@ -194,7 +195,7 @@ class KinematicController(TableDisplay):
         bad = self._bad.among(measurement.health)
         if bad or self._restriction is not degraded_modes.FREE:
             degraded_modes.write_channels(memory.restriction, bad)
-        if not memory.mission.started:
+        if not self._progress.started:
             self._state = self.mission.start(t)
         self._before(memory)
         self._measuring.answer.check()
