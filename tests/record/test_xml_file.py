@@ -16,6 +16,7 @@ BEYOND = {
     "many elements": ("<robot>" + "<a/>" * (MOST_ELEMENTS + 1), "more than 50000 elements"),
     "laughter": ("<!DOCTYPE a [<!ENTITY b 'c'><!ENTITY d '&b;&b;'>]><a>&d;</a>", "a <!DOCTYPE> is not read"),
     "no text": ("\udcff", "no text in UTF-8"),
+    "no text in its encoding": ("<?xml version='1.0' encoding='us-ascii'?><robot name='\udcff'/>", "no text in us-ascii"),
     "no end": ("<robot>", "the XML is broken"),
     "links": ("<robot name='a'>" + "".join(_LINK.format(i, i + 1) for i in range(3000)) + "</robot>", "3000 links; at"),
 }

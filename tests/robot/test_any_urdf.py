@@ -10,7 +10,7 @@ import pytest
 
 from uvms_ocp.errors import RobotDataError
 from uvms_ocp.robot.loading import example_robot_data, load_robot
-from uvms_ocp.robot.urdf import UrdfReading, read_urdf
+from uvms_ocp.robot.urdf import UrdfReading, read_urdf, with_own_meshes
 from uvms_ocp.scenario.preflight.robot_check import RobotVerdict, check_robot_files
 
 INERTIAL = "<inertial>{origin}<mass value='{m}'/><inertia ixx='{i}' ixy='0' ixz='0' iyy='{i}' iyz='0' izz='{i}'/></inertial>"
@@ -93,6 +93,21 @@ def test_a_mesh_that_matters_for_contact_is_refused_with_both_ways_out(folder: P
     with pytest.raises(RobotDataError, match=r"'hull' collision: mesh 'pointer.stl' is a pointer of Git LFS.*--no-meshes"):
         load_robot(urdf=path)
     assert not load_robot(urdf=path, meshes=False).collision_model.ngeoms
+
+
+ENCODINGS = ("utf-8", "utf-8-sig", "utf-16", "us-ascii", "ISO-8859-1", "iso-8859-15", "windows-1252", "shift_jis", "GB18030")
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_names_are_those_of_the_encoding_that_is_declared(encoding: str, folder: Path) -> None:
+    name = {"shift_jis": "機体", "GB18030": "机体", "us-ascii": "hull"}.get(encoding, "größe")
+    text = f"<?xml version='1.0' encoding='{encoding}'?>\n" if "utf" not in encoding else ""
+    path = folder / "mine.urdf"
+    path.write_bytes((text + robot(mesh("visual", "picture.glb")).replace("hull", name)).encode(encoding))
+    assert name in load_robot(urdf=path).frame_names
+    copy = folder / "copy.urdf"
+    copy.write_text(with_own_meshes(path)[0], encoding="utf-8")
+    assert name in load_robot(urdf=copy).frame_names
 
 
 def test_many_pictures_that_are_missing_are_few_lines(folder: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 import struct
 import warnings
 import zlib
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -83,16 +85,24 @@ def read_text(path: Path, largest: int) -> str:
 
     Raises `OSError`, and `InvalidInput` in one line for what is no file, larger, or no text in UTF-8.
     """
+    return _decoded(_content(path, largest), "UTF-8")
+
+
+def _content(path: Path, largest: int) -> bytes:
     require_regular_file(path)
     note_file_read(path)
     with path.open("rb") as file:
         content = file.read(largest + 1)
     if len(content) > largest:
         raise InvalidInput(f"larger than {largest >> 20} MB")
+    return content
+
+
+def _decoded(content: bytes, encoding: str) -> str:
     try:
-        return content.decode("utf-8")
+        return content.decode(encoding)
     except UnicodeDecodeError as error:
-        raise InvalidInput(f"no text in UTF-8: {error.reason} at byte {error.start}") from None
+        raise InvalidInput(f"no text in {encoding}: {error.reason} at byte {error.start}") from None
 
 
 # Arrays of an ``.npz`` file whose sizes are known before anything of them is read, and of which nothing is executed.
@@ -213,6 +223,23 @@ class _Bounded(ElementTree.TreeBuilder):
         raise InvalidInput("a <!DOCTYPE> is not read; remove it")
 
 
+_ENCODING = re.compile(
+    rb"""\s*<\?xml[^>]*\sencoding\s*=\s*["'](us-ascii|latin-?1|(?:iso-?8859|windows|cp)-?\d+|euc-\w+|shift_jis|big5|gb\w+)["']""",
+    re.IGNORECASE,
+)
+
+
+def read_xml_text(path: Path) -> str:
+    """The text of an XML file in the encoding that it declares, in UTF-8 or UTF-16 where it declares none.
+
+    Raises `OSError`, and `InvalidInput` in one line for what is no file, no text in that encoding or too large.
+    """
+    content = _content(path, LARGEST_XML)
+    declared = _ENCODING.match(content)
+    encoding = declared[1].decode() if declared else "UTF-16" if content[:2] in (BOM_UTF16_LE, BOM_UTF16_BE) else "UTF-8"
+    return _decoded(content, encoding)
+
+
 def read_xml(path: Path | str) -> ElementTree.Element:
     """The root element of a file.
 
@@ -220,7 +247,7 @@ def read_xml(path: Path | str) -> ElementTree.Element:
     """
     parser = ElementTree.XMLParser(target=_Bounded())
     try:
-        parser.feed(read_text(Path(path), LARGEST_XML))
+        parser.feed(read_xml_text(Path(path)))
         root: ElementTree.Element = parser.close()
     except ElementTree.ParseError as error:
         raise InvalidInput(f"the XML is broken ({error})") from None

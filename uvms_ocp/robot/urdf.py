@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -26,7 +27,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from uvms_ocp.errors import InvalidInput, RobotDataError
-from uvms_ocp.record.untrusted import note_file_read, read_xml
+from uvms_ocp.record.untrusted import note_file_read, read_xml, read_xml_text
 from uvms_ocp.robot import urdf_checks
 from uvms_ocp.robot.mimic import Groups, coupled, leader_of, position_of
 
@@ -468,11 +469,11 @@ def _shown(notes: Sequence[str]) -> list[str]:
 
 
 def with_own_meshes(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[str, dict[str, Path]]:
-    """The text of a URDF whose meshes stand in ``meshes`` beside it, and which files these are copies of.
+    """The text of a URDF, for UTF-8, whose meshes stand in ``meshes`` beside it, and which files these are copies of.
 
     What is not found is named as it was.
     """
-    text = path.read_text(encoding="utf-8", errors="replace")
+    text = re.sub(r"""(<\?xml[^>]*\sencoding\s*=\s*)["'][^"'>]*["']""", r'\1"utf-8"', read_xml_text(path), count=1)
     folders = (*(folder.resolve() for folder in package_dirs), *path.resolve().parents)
     copies: dict[str, Path] = {}
     for given in dict.fromkeys(mesh.get("filename", "") for mesh in read_urdf_xml(path).iter("mesh")):
