@@ -7,8 +7,8 @@ here. Python's `float` takes more: blanks behind, ``1_0``, digits of other scrip
 Pinocchio's parser writes to stderr, ignores what it does not understand and does not say which element is wrong.
 
 A word that can only be a mistake is refused: one that is nearly a known word, or any unknown one where nothing but numbers
-of the robot stands. Others, such as what a simulator adds to links, are told in one warning. The known words are those of
-urdfdom's parsers and of Pinocchio's ``<collision_checking>``.
+of the robot stands, unless it is one of another element whose numbers are all 0. Others, such as what a simulator adds to
+links, are told in one warning. The known words are those of urdfdom's parsers and of Pinocchio's ``<collision_checking>``.
 """
 
 from __future__ import annotations
@@ -495,6 +495,7 @@ _PLACES = {
     "safety_controller": _place("", "soft_lower_limit soft_upper_limit k_position k_velocity"),
     "calibration": _place("", "rising falling reference_position"),
 }
+_WORDS = frozenset().union(*(place.attributes for place in _PLACES.values()))
 
 
 def unread_words(path: Path, root: Element) -> str:
@@ -522,9 +523,10 @@ def _unread_below(findings: Findings, element: Element, where: str) -> Iterator[
 def _unread(findings: Findings, element: Element, where: str) -> Iterator[str]:
     """The words of one element, without those below, that nothing reads."""
     place = _PLACES[element.tag]
-    for word in element.attrib:
+    for word, value in element.attrib.items():
         if word not in place.attributes:
-            findings.attempt(_check_attribute, findings.path, word, place, element.attrib, where)
+            if word not in _WORDS or set(to_floats(value)) != {0.0}:  # a rpy of an axis, as of Gazebo, turns it by nothing
+                findings.attempt(_check_attribute, findings.path, word, place, element.attrib, where)
             yield f"attribute {_shown(word)} of <{element.tag}>"
     for child in element:
         if child.tag not in place.children | place.others:
