@@ -271,7 +271,7 @@ def test_a_ghost_of_another_robot_and_more_than_can_be_told_apart_are_refused(re
 def test_a_robot_of_the_library_need_not_be_given(record: Record, robot: Robot) -> None:
     assert len(show(record).html) == len(show(record, robot).html)
     stranger = replace(record, meta=record.meta.model_copy(update={"robot": "my_own"}))
-    with pytest.raises(InvalidInput, match="my_own does not hold its robot"):
+    with pytest.raises(InvalidInput, match="my_own, which does not hold its robot; give it"):
         show(stranger)
 
 

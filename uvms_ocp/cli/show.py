@@ -169,6 +169,7 @@ def _film(console: Console, page: ScenePage, folder: Path, fps: float) -> None:
 
 
 def _page(what: str, ghosts: tuple[Path, ...], robot: str | None, files: opt.RobotFiles, fps: float) -> ScenePage:
+    from uvms_ocp.viz.scene.show import robot_of as recorded
     from uvms_ocp.viz.scene.show import show
 
     is_name = what in list_robots() and not Path(what).exists()
@@ -179,7 +180,7 @@ def _page(what: str, ghosts: tuple[Path, ...], robot: str | None, files: opt.Rob
     if len(others) < len(ghosts):
         raise InvalidInput("two ghosts of one name; their folders, or files, need different names")
     shown = _motion(Path(what))
-    return show(shown, None if isinstance(shown, Plan) else own, ghosts=others, fps=fps)
+    return show(shown, None if isinstance(shown, Plan) else own or recorded(shown, Path(what)), ghosts=others, fps=fps)
 
 
 def _motion(path: Path) -> Record | Plan:

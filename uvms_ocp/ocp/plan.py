@@ -21,6 +21,7 @@ from uvms_ocp.record.meta_values import AxisLimitsMeta, PhaseMeta, SurroundingsM
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import PlanMeta, packages
 from uvms_ocp.robot import Robot, list_robots, load_robot
+from uvms_ocp.robot.loading import robot_meta
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
 from uvms_ocp.types import Array
 
@@ -125,9 +126,7 @@ def plan_record(robot: Robot, trajectory: Trajectory, powers: Powers, *, title: 
         series |= axis_series(planned, x, series["v"])
     meta = PlanMeta(
         scenario=title,
-        robot=robot.name,
-        joints=robot.joint_names,
-        endless=robot.endless_joints,
+        **robot_meta(robot),
         phases=(PhaseMeta(name="plan"),),
         surroundings=surroundings,
         packages=packages(),

@@ -73,6 +73,14 @@ class MetaValue(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, ser_json_inf_nan="constants")
 
 
+class RobotFilesMeta(MetaValue):
+    """Where the files of a robot of one's own were, and all that they say beside the URDF."""
+
+    urdf: str
+    description: str
+    """JSON of hydrodynamics.yaml, with what was given in its place."""
+
+
 class QuantityMeta(MetaValue):
     """One value of a measured quantity."""
 

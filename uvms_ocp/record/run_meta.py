@@ -39,6 +39,8 @@ class RecordMeta(TableDisplay, meta_values.MetaValue):
     scenario: str
     """Name of the scenario or request, in a few words."""
     robot: str
+    robot_files: meta_values.RobotFilesMeta | None = None
+    """Of a robot of one's own; not told by older records."""
     joints: tuple[str, ...]
     """Names in the order of q."""
     endless: tuple[str, ...] = ()

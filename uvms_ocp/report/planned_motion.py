@@ -17,6 +17,7 @@ from uvms_ocp.record.meta_values import AxisLimitsMeta, ClearanceMeta, FrameMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import PlanMeta, packages, versions
 from uvms_ocp.robot.kinematics import Kinematics
+from uvms_ocp.robot.loading import robot_meta
 from uvms_ocp.robot.shapes.collision_model import links_without_shape
 from uvms_ocp.robot.shapes.obstacles import describe_obstacles
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
@@ -99,9 +100,7 @@ def plan_meta(
     request, scene, X_WF = motion.request, motion.scene, motion.goal_pose()
     return PlanMeta(
         scenario=scenario,
-        robot=request.robot.name,
-        joints=request.robot.joint_names,
-        endless=request.robot.endless_joints,
+        **robot_meta(request.robot),
         phases=(PhaseMeta(name="plan"),),
         quantities=("plan.clearance",) if scene.n_pairs else (),
         surroundings=SurroundingsMeta(

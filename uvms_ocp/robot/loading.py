@@ -19,6 +19,7 @@ import pinocchio as pin
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound, RobotDataError
+from uvms_ocp.record.meta_values import RobotFilesMeta
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.description import RobotDescription, TrimBody, checked_copy, forward_left_up, read_description
 from uvms_ocp.robot.limits import ASSUMED_ACCELERATION, ASSUMED_VELOCITY, held_joints, home_of, joints_of, limits_of, open_joints
@@ -170,7 +171,7 @@ def load_robot(
     name: str | None = None,
     *,
     urdf: Path | str | None = None,
-    hydrodynamics: Path | str | None = None,
+    hydrodynamics: Path | str | RobotDescription | None = None,
     variant: str | None = None,
     base: str | None = None,
     package_dirs: Sequence[Path | str] = (),
@@ -182,7 +183,7 @@ def load_robot(
     altimeter: str | None = None,
     dvl: str | None = None,
 ) -> Robot:
-    """Load a robot by name, or from a URDF file and, if there is one, its hydrodynamics file.
+    """Load a robot by name, or from a URDF file and, if there is one, its hydrodynamics file, or what stands in it.
 
     ``variant`` is another published data set of a named robot, see ``list_variants``. The others take the place of what the
     hydrodynamics file says, which is what they are by default: ``base`` is ``free_flyer`` or ``fixed``; ``package_dirs`` are
@@ -199,15 +200,19 @@ def load_robot(
     What the files leave open, such as links without water and thrusters without power data, is a warning of this module's
     logger.
     """
-    urdf_path, yaml_path = _paths(name, urdf, hydrodynamics)
+    known, file = (hydrodynamics, None) if isinstance(hydrodynamics, RobotDescription) else (None, hydrodynamics)
+    urdf_path, yaml_path = _paths(name, urdf, file)
     faults: list[RobotDataError] = []
     try:
-        description = _description(name, yaml_path, variant)
+        description = known or _description(name, yaml_path, variant)
     except RobotDataError as error:
         faults.append(error)  # what is wrong with the URDF is told with it
         description = RobotDescription()
     loading: dict[str, Any] = {"mimic": mimic, "lock": lock, "drop": tuple(drop) or None}
     loading |= {} if meshes is None else {"meshes": "yes" if meshes else "no"}
+    if package_dirs or (yaml_path is not None and yaml_path.parent != urdf_path.parent):
+        own = ((yaml_path or urdf_path).parent / folder for folder in description.loading.packages)
+        loading["packages"] = tuple(str(Path(folder).absolute()) for folder in (*package_dirs, *own)) or None
     others = {
         "base": base,
         "tool": tool if tool is None or isinstance(tool, str) else tuple(tool),
@@ -219,12 +224,11 @@ def load_robot(
     if how != description.loading:
         changes["loading"] = how
     description = checked_copy(description, **changes) if changes else description
-    own = [(yaml_path or urdf_path).parent / folder for folder in how.packages]
     try:
         models = read_urdf(
             urdf_path,
             free_flyer=description.base == "free_flyer",
-            package_dirs=[*map(Path, package_dirs), *own],
+            package_dirs=[urdf_path.parent / folder for folder in how.packages],
             reading=UrdfReading(
                 mimic=how.mimic,
                 lock=how.lock,
@@ -243,7 +247,7 @@ def load_robot(
     robot = assemble(models, description, yaml_path or urdf_path, name)
     for _, text in unknowns(models.model, description):
         _log.warning("%s: %s", yaml_path or urdf_path, text)
-    return _known(robot)
+    return _known(robot if name else replace(robot, urdf=urdf_path.resolve()))
 
 
 _loaded = WeakSet[Robot]()
@@ -253,12 +257,33 @@ def _known(robot: Robot) -> Robot:
     """The same robot as before where files say the same: what was derived and compiled of it once is found again."""
     for shape in (*robot.visual_model.geometryObjects, *robot.collision_model.geometryObjects):
         shape.geometry.computeLocalAABB()  # else the first use does, and they differ
-    content = attrgetter("name", "model", "visual_model", "collision_model", "description")  # all else follows
+    content = attrgetter("name", "urdf", "model", "visual_model", "collision_model", "description")  # all else follows
     for other in tuple(_loaded):
         if content(other) == content(robot):
             return other
     _loaded.add(robot)
     return robot
+
+
+def robot_meta(robot: Robot) -> dict[str, Any]:
+    """Fields of a record's metadata that say whose it is; of a robot of one's own also how to load it again.
+
+    A path within the working directory is relative to it.
+    """
+    files, urdf, here = None, robot.urdf, Path.cwd()
+    if urdf is not None:
+        place = urdf.relative_to(here) if urdf.is_relative_to(here) else urdf
+        files = RobotFilesMeta(urdf=place.as_posix(), description=robot.description.model_dump_json(exclude_defaults=True))
+    return {"robot": robot.name, "robot_files": files, "joints": robot.joint_names, "endless": robot.endless_joints}
+
+
+def recorded_robot(files: RobotFilesMeta, folder: Path) -> Robot | None:
+    """The robot that a record keeps in `folder`, of the working directory or of folders above; `None` where it is not there."""
+    urdf = Path(files.urdf)
+    places = (near / tail for near in (Path.cwd(), *folder.absolute().parents) for tail in (urdf, Path(*urdf.parts[-2:])))
+    found = next((place for place in places if place.is_file()), None)
+    water = RobotDescription.model_validate_json(files.description)
+    return None if found is None else load_robot(urdf=found, hydrodynamics=water)
 
 
 def files_of(path: Path, hydrodynamics: Path | str | None = None) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -174,6 +175,8 @@ class Robot:
     """(n_joints,) [rad or m] stowed posture, one number per degree of freedom."""
     hydrodynamics: tuple[LinkHydrodynamics, ...]
     """Links in water; floats and ballast add their volume."""
+    urdf: Path | None = None
+    """The file that it was read from, for a robot of one's own."""
 
     def __repr__(self) -> str:
         base = "free-flyer" if self.n_vehicle else "fixed base"

@@ -18,6 +18,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import RunMeta, packages
 from uvms_ocp.robot import IDEAL_SENSORS, State, Water
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.robot.loading import robot_meta
 from uvms_ocp.sim import DynamicPlant, Environment, FlatSeafloor, Plant, SensorSuite, closest_approach, simulate
 from uvms_ocp.types import Period
 
@@ -89,9 +90,7 @@ def _record(plan: Plan, series: dict[str, np.ndarray], dt: float, how: str, alar
     robot = plan.robot
     meta = RunMeta(
         scenario=f"plan carried out {how}",
-        robot=robot.name,
-        joints=robot.joint_names,
-        endless=robot.endless_joints,
+        **robot_meta(robot),
         thrusters=robot.thruster_names,
         phases=(PhaseMeta(name="plan"),),
         surroundings=plan.surroundings,

@@ -16,6 +16,7 @@ from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.mission import Condition, Mission
 from uvms_ocp.record import meta_values
 from uvms_ocp.record.run_meta import RunMeta, packages
+from uvms_ocp.robot.loading import robot_meta
 from uvms_ocp.robot.shapes.obstacles import describe_obstacles
 from uvms_ocp.robot.signals import IDEAL_SENSORS
 from uvms_ocp.scenario.preflight.checks import quantity_stds
@@ -80,9 +81,7 @@ def run_meta(
     rows, limited = zip(problem.names, problem.sizes, strict=True), meta_values.LimitsMeta.model_fields
     return RunMeta(
         scenario=name,
-        robot=robot.name,
-        joints=robot.joint_names,
-        endless=robot.endless_joints,
+        **robot_meta(robot),
         thrusters=robot.thruster_names,
         phases=_phases(setup.mission),
         tasks=tuple(meta_values.TaskMeta(name=task.name, label=task.label) for task in tasks),

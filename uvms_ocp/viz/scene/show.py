@@ -14,6 +14,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot import Robot, list_robots, load_robot
+from uvms_ocp.robot.loading import recorded_robot
 from uvms_ocp.viz.scene import animation
 from uvms_ocp.viz.scene.animation import NO_GHOSTS, Frames, Ghost, draw_robot, joint_node, require_fit
 from uvms_ocp.viz.scene.details import legend, page_details, readouts, robot_details, time_line
@@ -130,7 +131,7 @@ def show(
 ) -> ScenePage:
     """A record or a plan as an animation, a robot with sliders for its joints: a page that notebooks display `height` [px] high.
 
-    robot_or_q: the robot of a record, unless it is one of `list_robots`, or the configuration q (n_q,) [m, rad] of a robot,
+    robot_or_q: the robot of a record, by default the one of its files or name, or the configuration q (n_q,) [m, rad] of a robot,
     at home by default; a plan knows its own robot. ghosts, by name: other motions of the same robot, drawn translucent at
     the same times, such as another run or the plan that was followed. fps [Hz]: frames per second. Raises `InvalidInput`
     where a record is not of this robot or has nothing to draw, and for an fps that is not positive.
@@ -156,12 +157,19 @@ def _configuration(robot: Robot, q: np.ndarray | None) -> np.ndarray:
         raise InvalidInput(f"robot_or_q: {error}") from error
 
 
-def robot_of(record: Record) -> Robot:
-    """The robot of that name in the library. Raises `InvalidInput` where there is none."""
-    name = record.meta.robot
-    if name not in list_robots():
-        raise InvalidInput(f"a record of {name} does not hold its robot; give it: --robot DIR, or show(record, robot)")
-    return load_robot(name)
+def robot_of(record: Record, folder: Path | None = None) -> Robot:
+    """The robot of one's own of a record in that folder, or the one of that name in the library.
+
+    Raises `InvalidInput` where there is none, or its files have been moved.
+    """
+    name, files = record.meta.robot, record.meta.robot_files
+    if files is None and name in list_robots():
+        return load_robot(name)
+    robot = None if files is None else recorded_robot(files, folder or Path.cwd())
+    if robot is None:
+        where = f"which is no longer at {files.urdf}" if files else "which does not hold its robot"
+        raise InvalidInput(f"a record of {name}, {where}; give it: --robot DIR, or show(record, robot)")
+    return robot
 
 
 def _record_of(what: Record | Plan) -> Record:

@@ -1,0 +1,96 @@
+"""A run or a plan of a robot of one's own is shown without a word about the robot, wherever both have gone together."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from uvms_ocp.cli.commands import app
+from uvms_ocp.errors import UvmsError
+from uvms_ocp.planning.request import PlanRequest, PostureGoal, plan_path
+from uvms_ocp.record.record import Record
+from uvms_ocp.report.planned_motion import motion_record
+from uvms_ocp.robot.loading import recorded_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.scenario.own_code import load_scenario, robot_of
+
+
+def told(*words: object) -> str:
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    if isinstance(result.exception, UvmsError):
+        return str(result.exception)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+@pytest.fixture
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working directory with a robot, and water of another place."""
+    place = tmp_path / "é project"
+    (place / "water").mkdir(parents=True)
+    monkeypatch.chdir(place)
+    told("new-robot", "mine")
+    told("new-mission", "m.py", "--robot", "mine")
+    shutil.copy(place / "mine" / "hydrodynamics.yaml", place / "water" / "other.yaml")
+    return place
+
+
+def ran(robot: Robot) -> Record:
+    """A record of a few rows."""
+    options = {"plant": "kinematic", "duration": 0.04, "dt": 0.02, "robot": robot}
+    return load_scenario("m.py", options, {}).run()
+
+
+def planned(robot: Robot) -> Record:
+    goal = PostureGoal(position=(0.5, 0.0, -5.0))
+    found = plan_path(PlanRequest(robot=robot, start=robot.configuration(position=(0.0, 0.0, -5.0)), goal=goal))
+    assert found.plan is not None
+    return motion_record(found, found.plan)
+
+
+READINGS: dict[str, dict[str, Any]] = {
+    "a folder": {},
+    "water of another place": {"hydrodynamics": "water/other.yaml"},
+    "a locked joint": {"loading": {"lock": {"wrist": 0.3}}},
+    "no meshes, another tool": {"loading": {"meshes": False, "tool": "base_link", "package_dirs": ["water"]}},
+}
+
+
+@pytest.mark.parametrize("kind", READINGS)
+def test_a_record_finds_the_robot_that_it_was_made_with(kind: str, project: Path, tmp_path: Path) -> None:
+    robot, folder = robot_of("mine", **READINGS[kind]), project / "runs" / "X"
+    folder.mkdir(parents=True)
+    planned(robot).save(folder / "record.npz")
+    there = project.rename(tmp_path / "elsewhere") / "runs" / "X"
+    files = Record.load(there / "record.npz").meta.robot_files
+    assert files is not None
+    found = recorded_robot(files, there)
+    assert found is not None
+    assert found.description == robot.description
+    assert found.model == robot.model
+
+
+@pytest.mark.parametrize("motion", [ran, planned])
+def test_a_motion_of_ones_own_robot_is_shown_until_its_folder_moves(motion: Any, project: Path) -> None:
+    motion(robot_of("mine")).save(project / "record.npz")
+    assert "scene.html" in told("show", "record.npz", "--out", "scene.html")
+    (project / "mine").rename(project / "other")
+    said = told("show", "record.npz", "--out", "second.html")
+    assert "which is no longer at mine/robot.urdf; give it: --robot DIR" in said
+    assert not (project / "second.html").exists()
+    assert "third.html" in told("show", "record.npz", "--robot", "other", "--out", "third.html")
+
+
+def test_what_is_outside_of_the_working_directory_is_found_where_it_is(
+    project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (project / "runs").mkdir()
+    monkeypatch.chdir(project / "runs")
+    record = planned(robot_of("../mine"))
+    monkeypatch.chdir(tmp_path)
+    record.save(tmp_path / "record.npz")
+    assert "scene.html" in told("show", "record.npz", "--out", "scene.html")
