@@ -17,7 +17,7 @@ VARIATIONS = (
     Variation("payload.mass", Uniform(0.0, 1.0)),
     Variation("thrusters.time_constant", LogNormal(1.0, 0.2)),
     Variation("sensors.noise", LogNormal(1.0, 0.3)),
-    Variation("sensors.untold_delay", Choice((0.0, 0.02))),  # none, or a tick that nobody told the estimator of
+    Variation("sensors.unmodelled_delay", Choice((0.0, 0.02))),  # none, or a tick that the estimator does not know of
     Variation("start.x", Normal(0.0, 0.3)),
     Variation("start.y", Normal(0.0, 0.3)),
     Variation("start.yaw", Normal(0.0, 0.2)),

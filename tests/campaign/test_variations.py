@@ -125,7 +125,7 @@ def test_speed_and_heading_make_a_current_whatever_their_order(scenario: Scenari
 
 
 def test_sensors_change_in_truth_and_not_for_the_estimator(scenario: Scenario) -> None:
-    values = {"sensors.noise": 3.0, "sensors.untold_delay": 0.05, "sensors.depth.sigma": 0.2}
+    values = {"sensors.noise": 3.0, "sensors.unmodelled_delay": 0.05, "sensors.depth.sigma": 0.2}
     run = vary(scenario, [Variation(name, Uniform(0, 9)) for name in values], values, 0)
     assert run.sensors == scenario.sensors
     assert run.real_sensors.position.sigma == 3.0 * scenario.sensors.position.sigma
@@ -134,7 +134,7 @@ def test_sensors_change_in_truth_and_not_for_the_estimator(scenario: Scenario) -
 
 
 def test_a_delay_is_told_to_the_estimator_and_what_nobody_knows_of_it_comes_on_top(scenario: Scenario) -> None:
-    values = {"sensors.delay": 0.05, "sensors.depth.delay": 0.2, "sensors.depth.untold_delay": 0.03}
+    values = {"sensors.delay": 0.05, "sensors.depth.delay": 0.2, "sensors.depth.unmodelled_delay": 0.03}
     run = vary(scenario, [Variation(name, Uniform(0, 9)) for name in values], values, 0)
     assert run.specs.position.delay == run.real_sensors.position.delay == scenario.specs.position.delay + 0.05
     assert run.specs.depth.delay == 0.2
@@ -158,7 +158,7 @@ def test_a_mission_bears_a_delay_that_is_told(scenario: Scenario, name: str, del
 @long_without_compiler
 @pytest.mark.parametrize("dt", [0.02, 0.005])
 def test_a_mission_bears_20_ms_of_delay_that_nobody_told_of(scenario: Scenario, dt: float) -> None:
-    late = vary(replace(scenario, dt=dt), [Variation("sensors.untold_delay", Uniform(0, 1))], {"sensors.untold_delay": 0.02}, 0)
+    late = vary(replace(scenario, dt=dt), [Variation("sensors.unmodelled_delay", Uniform(0, 1))], {"sensors.unmodelled_delay": 0.02}, 0)
     record = late.run()
     assert record.meta.completed
     assert not [alarm.text for alarm in record.meta.alarms if "suspect" in alarm.text]

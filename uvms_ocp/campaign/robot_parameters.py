@@ -115,12 +115,12 @@ def _driven(change: Callable[[Thruster, float], dict[str, object]]) -> Callable[
 
 # Parameters of the sensors, as they truly are: the estimator goes on with what the robot's file says of them.
 #
-# Of delays alone it is told, as somebody who fits the sensors measures them; those that nobody knows of have names of their own.
+# It is given delays, as somebody who fits the sensors measures them; those that it is not given are `unmodelled_delay`.
 
 _FIELDS = {
     "sigma": ("standard deviation of the noise", ""),
     "bias": ("constant error of all components", ""),
-    "untold_delay": ("added to its delay, and known to nobody", "s"),
+    "unmodelled_delay": ("added to its delay, unknown to estimator and controller", "s"),
     "dropout": ("probability that a reading is lost", "-"),
     "rate": ("readings per second", "Hz"),
 }
@@ -133,13 +133,13 @@ def sensor_parameters(scenario: Scenario) -> Iterator[Parameter]:
     noise = _each(lambda spec, factor: {"sigma": factor * spec.sigma})
     later = _each(lambda spec, value: {"delay": spec.delay + value})
     yield Parameter("sensors.noise", "-", "factor of the noise of all channels", noise)
-    if isinstance(scenario.sensors, SensorSpecs):  # estimator and controller are told the delays
+    if isinstance(scenario.sensors, SensorSpecs):  # estimator and controller are given the delays
         text = "added to the delay of all channels, as their file would say it"
         yield Parameter("sensors.delay", "s", text, _delayed)
         text = "time from taking a reading to delivering it, as its file would say it"
         for channel in channels:
             yield Parameter(f"sensors.{channel}.delay", "s", text, partial(_with_delay, channel))
-    yield Parameter("sensors.untold_delay", "s", "added to the delay of all channels, and known to nobody", later)
+    yield Parameter("sensors.unmodelled_delay", "s", "added to the delay of all channels, unknown to estimator and controller", later)
     for channel in channels:
         for name, (meaning, unit) in _FIELDS.items():
             apply = partial(_with, channel, name)
@@ -176,7 +176,7 @@ def _each(change: Callable[[SensorSpec, float], dict[str, float]]) -> Callable[[
 def _with(channel: str, name: str, scenario: Scenario, value: float) -> Scenario:
     specs = _true(scenario)
     spec: SensorSpec = getattr(specs, channel)
-    if name == "untold_delay":
+    if name == "unmodelled_delay":
         name, value = "delay", spec.delay + value
     return replace(scenario, real_sensors=replace(specs, **{channel: replace(spec, **{name: value})}))
 

@@ -227,8 +227,8 @@ _FAMILIES = (
 def available_parameters(scenario: Scenario) -> dict[str, Parameter]:
     """Return every parameter that can be varied: water, machine, sensors, start, floor, obstacles, goals, own parts.
 
-    What concerns the robot and its sensors is the truth that the plant has: the controller goes on with what it knows. Of delays
-    of sensors it is told, but for those that are called untold.
+    What concerns the robot and its sensors is the truth that the plant has: the controller goes on with its model. Delays
+    of sensors it knows, but for `unmodelled_delay`.
     """
     return {parameter.name: parameter for parameter in chain.from_iterable(family(scenario) for family in _FAMILIES)}
 
