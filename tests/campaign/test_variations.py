@@ -158,7 +158,9 @@ def test_a_mission_bears_a_delay_that_is_told(scenario: Scenario, name: str, del
 @long_without_compiler
 @pytest.mark.parametrize("dt", [0.02, 0.005])
 def test_a_mission_bears_20_ms_of_delay_that_nobody_told_of(scenario: Scenario, dt: float) -> None:
-    late = vary(replace(scenario, dt=dt), [Variation("sensors.unmodelled_delay", Uniform(0, 1))], {"sensors.unmodelled_delay": 0.02}, 0)
+    late = vary(
+        replace(scenario, dt=dt), [Variation("sensors.unmodelled_delay", Uniform(0, 1))], {"sensors.unmodelled_delay": 0.02}, 0
+    )
     record = late.run()
     assert record.meta.completed
     assert not [alarm.text for alarm in record.meta.alarms if "suspect" in alarm.text]

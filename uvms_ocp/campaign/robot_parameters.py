@@ -120,7 +120,7 @@ def _driven(change: Callable[[Thruster, float], dict[str, object]]) -> Callable[
 _FIELDS = {
     "sigma": ("standard deviation of the noise", ""),
     "bias": ("constant error of all components", ""),
-    "unmodelled_delay": ("added to its delay, unknown to estimator and controller", "s"),
+    "unmodelled_delay": ("added to its delay, unknown to the controller", "s"),
     "dropout": ("probability that a reading is lost", "-"),
     "rate": ("readings per second", "Hz"),
 }
@@ -139,7 +139,7 @@ def sensor_parameters(scenario: Scenario) -> Iterator[Parameter]:
         text = "time from taking a reading to delivering it, as its file would say it"
         for channel in channels:
             yield Parameter(f"sensors.{channel}.delay", "s", text, partial(_with_delay, channel))
-    yield Parameter("sensors.unmodelled_delay", "s", "added to the delay of all channels, unknown to estimator and controller", later)
+    yield Parameter("sensors.unmodelled_delay", "s", "added to the delay of all channels, unknown to the controller", later)
     for channel in channels:
         for name, (meaning, unit) in _FIELDS.items():
             apply = partial(_with, channel, name)
