@@ -12,7 +12,10 @@ import yaml
 from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.ocp import OcpRequest, solve_ocp
 from uvms_ocp.planning import CoalDistances, PostureGoal, collision_scene, coordinates
+from uvms_ocp.planning.request import PlanRequest, plan_path
 from uvms_ocp.robot.assembly import static_residual
 from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.loading import load_robot
@@ -141,6 +144,27 @@ def test_fingers_stay_together_and_what_has_no_range_stays_where_it_is(tmp_path:
     np.testing.assert_allclose(pin.rpy.matrixToRpy(turned.rotation), [0.0, 0.2 - 0.6, 0.0], atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("name", "mass", "said"), [("finger", 0.05, "fingers that mimic none"), ("drawn", 0, "moves nothing that has a mass")]
+)
+def test_joints_that_are_held_are_told_and_move_once_they_are_not(name: str, mass: float, said: str, tmp_path: Path) -> None:
+    source, robot = tmp_path / "theirs.urdf", tmp_path / "mine"
+    ends = "".join(
+        link(f"{name}_{k}", mass) + joint("left_fore", f"{name}_{k}", "revolute", f"0.3 {y} 0") for k, y in ((0, 0.1), (1, -0.1))
+    )
+    source.write_text(f"<robot name='r'>{HULL}{arm('left', 0.1)}{ends}{AHEAD}</robot>", encoding="utf-8")
+    asked = " ".join(told("new-robot", "--from", str(source), str(robot)).split())
+    assert f"joint {name}_0_joint, {name}_1_joint: {said}" in asked
+    file = robot / "hydrodynamics.yaml"
+    held = load_robot(urdf=robot / "robot.urdf", hydrodynamics=file)
+    assert held.joint_names == ("left_upper_joint", "left_fore_joint")
+    text = file.read_text(encoding="utf-8")
+    file.write_text(re.sub(rf"{name}_\d_joint: 0.0,? ?", "", text), encoding="utf-8")
+    if mass:
+        freed = load_robot(urdf=robot / "robot.urdf", hydrodynamics=file)
+        assert freed.joint_names == (*held.joint_names, f"{name}_0_joint", f"{name}_1_joint")
+
+
 def test_a_joint_called_as_an_axis_of_the_vehicle_is_another_axis(tmp_path: Path) -> None:
     (tmp_path / "theirs.urdf").write_text(
         f"<robot name='r'>{STRANGERS['joints called as axes and links']}</robot>", encoding="utf-8"
@@ -179,3 +203,14 @@ def test_options_of_reading_are_written_into_the_mission(tmp_path: Path) -> None
     )
     assert "lock={'fan_0_joint': 0.0, 'fan_1_joint': 0.0}, tool=['left_fore'])" in mission.read_text(encoding="utf-8")
     assert "accepted" in told("check", str(mission))
+
+
+def test_a_vehicle_without_thrusters_is_planned_by_the_way_that_plan_ocp_names(tmp_path: Path) -> None:
+    source, place = tmp_path / "theirs.urdf", tmp_path / "mine"
+    source.write_text(f"<robot name='r'>{HULL}</robot>", encoding="utf-8")
+    told("new-robot", "--from", str(source), str(place))
+    robot = load_robot(urdf=place / "robot.urdf", hydrodynamics=place / "hydrodynamics.yaml")
+    asked = {"robot": robot, "start": robot.configuration(), "goal": PostureGoal(position=(0.5, 0.0, 0.0))}
+    with pytest.raises(InvalidInput, match="give some in hydrodynamics.yaml, plan without forces by `plan curve`"):
+        solve_ocp(OcpRequest(**asked))
+    assert plan_path(PlanRequest(**asked)).plan is not None

@@ -149,7 +149,8 @@ class OcpProblem:
         if np.shape(self.current) not in ((3,), (self.n_steps, 3)) or not np.isfinite(self.current).all():
             raise InvalidInput(f"current {self.current}; give three finite numbers [m/s], or three for each step")
         if self.robot.n_vehicle and self.actuation is Actuation.THRUSTERS and not self.robot.description.thrusters:
-            raise InvalidInput(f"robot {self.robot.name!r} has no thrusters; give some, or use Actuation.WRENCH")
+            others = "plan without forces by `plan curve`, or in Python with Actuation.WRENCH"
+            raise InvalidInput(f"robot {self.robot.name!r} has no thrusters; give some in hydrodynamics.yaml, {others}")
         self._check_powers()
         self.robot.check_configuration(self.start.q)
         if np.shape(self.start.v) != (self.robot.n_v,) or not np.isfinite(self.start.v).all():

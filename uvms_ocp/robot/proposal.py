@@ -35,6 +35,8 @@ _LIFT = 0.03  # [m] of buoyancy above the mass
 _TOO_LARGE = 20.0  # times the mass of a link in water: its shapes are no hull, or in millimetres
 # [N] per root of a kilogram of vehicle, as those of 10 to 160 kg have per thruster, or per kilogram
 _THRUST = (12.0, 0.95)
+_FINGERS = "fingers that mimic none, held still; <mimic> in the URDF makes them one joint, without `lock` each is its own"
+_EMPTY = "moves nothing that has a mass, and is held still; give its links <inertial>, and take it out of `lock`"
 _DOWN = 0.9  # cosine to straight down, of a range sensor's -z
 
 
@@ -236,6 +238,9 @@ class _Draft:
             yield "altimeter: no link is called one and looks down along its -z; --altimeter LINK, or none: no altitude tasks"
         if self.floats and not self.velocity_sensor:
             yield "dvl: no link, or several, are called one; --dvl LINK, or `sensors: {linear_velocity: null}` for none"
+        for names, why in ((self.roles.fingers, _FINGERS), (self.roles.empty, _EMPTY)):
+            if still := [name for name in names if name in self.reading.lock]:
+                yield f"joint {', '.join(still)}: {why}"
         steers = [*self.roles.gimbals, *(name for name in self.roles.propellers if is_called("fin", name))]
         if self.floats and steers:
             yield f"joint {', '.join(steers)}: turns thrusters or the flow, which is not modelled; it is held still"
