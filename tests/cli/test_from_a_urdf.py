@@ -211,6 +211,6 @@ def test_a_vehicle_without_thrusters_is_planned_by_the_way_that_plan_ocp_names(t
     told("new-robot", "--from", str(source), str(place))
     robot = load_robot(urdf=place / "robot.urdf", hydrodynamics=place / "hydrodynamics.yaml")
     asked = {"robot": robot, "start": robot.configuration(), "goal": PostureGoal(position=(0.5, 0.0, 0.0))}
-    with pytest.raises(InvalidInput, match="give some in hydrodynamics.yaml, plan without forces by `plan curve`"):
+    with pytest.raises(InvalidInput, match=r"give some in hydrodynamics\.yaml, plan without forces by `plan curve`"):
         solve_ocp(OcpRequest(**asked))
     assert plan_path(PlanRequest(**asked)).plan is not None
