@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor, unchecked_method
+from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
 from uvms_ocp.codegen.buffered import BoundFunction, BufferedFunction
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Robot, SymbolicModel
@@ -52,6 +52,10 @@ class Altimeter:
     def measure(self, q: Annotated[np.ndarray, Shape("self.robot.n_q")]) -> float:
         """Range [m] at configuration q (n_q,) [m, rad]; nan without an echo."""
         require_normalized(self.robot.model, q)
+        return self._range(q)
+
+    def _range(self, q: np.ndarray) -> float:
+        """The same at a configuration of the simulation, which is known to fit."""
         self._q[:] = q
         self._look.evaluate()
         return self._seafloor.range_along(self._origin, self._direction)
@@ -140,7 +144,7 @@ def _sources(
         }
     frame = altimeter_frame or robot.description.altimeter
     if specs.altimeter_range is not None and frame is not None:
-        measure = unchecked_method(Altimeter(robot, seafloor, frame).measure)
+        measure = Altimeter(robot, seafloor, frame)._range
         sources["altimeter_range"] = (lambda state: measure(state.q), _add_scalar, 1)
     return sources
 
