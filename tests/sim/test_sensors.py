@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.errors import FrameNotFound, InvalidInput
+from uvms_ocp.errors import FrameNotFound, InvalidInput, RobotDataError
 from uvms_ocp.robot.kinematics import AltimeterBeam
-from uvms_ocp.robot.loading import list_robots, load_robot
+from uvms_ocp.robot.loading import list_robots, load_robot, robot_folder
 from uvms_ocp.robot.signals import CHANNELS, IDEAL_SENSORS, SensorSpec, SensorSpecs, State
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import Altimeter, SensorSuite
@@ -268,3 +268,38 @@ def test_a_bias_of_the_wrong_length_is_refused(robot):
 def test_an_unknown_altimeter_frame_is_refused(robot):
     with pytest.raises(FrameNotFound, match="altimeter"):
         SensorSuite(robot, FLOOR, altimeter_frame="altimeterr")
+
+
+@pytest.fixture(scope="module", name="mounted")
+def _mounted():
+    """A vehicle whose DVL is 0.6 m from the origin and turned."""
+    urdf = robot_folder("bluerov2") / "robot.urdf"
+    robot = load_robot(urdf=urdf, hydrodynamics=urdf.with_name("hydrodynamics.yaml"), dvl="altimeter")
+    return robot.with_frame_pose("altimeter", pin.SE3(pin.rpy.rpyToMatrix(0.4, -0.3, 2.0), np.array([0.5, -0.3, 0.2])))
+
+
+@pytest.mark.parametrize("bias", [0.0, 0.03])
+def test_a_dvl_errs_along_its_axes_and_by_what_the_gyroscope_says_of_its_place(mounted, bias):
+    state = state_of(mounted)
+    specs = replace(IDEAL_SENSORS, linear_velocity=SensorSpec(bias=(0.01, 0.02, -0.03)), angular_velocity=SensorSpec(bias=bias))
+    suite = SensorSuite(mounted, FLOOR, specs)
+    suite.read(state, 0.0)
+    reading = suite.read(state, 0.1)
+    data = mounted.model.createData()
+    pin.forwardKinematics(mounted.model, data, state.q, state.v)
+    frame = mounted.frame_id("dvl")
+    X = mounted.model.frames[frame].placement
+    at_sensor = pin.getFrameVelocity(mounted.model, data, frame, pin.LOCAL).linear + specs.linear_velocity.biases
+    carried = X.rotation @ at_sensor - np.cross(reading.angular_velocity.value, X.translation)
+    np.testing.assert_allclose(reading.linear_velocity.value, carried, atol=1e-14)
+
+
+def test_an_ideal_dvl_tells_of_the_vehicle_wherever_it_is(mounted):
+    state = state_of(mounted)
+    np.testing.assert_array_equal(SensorSuite(mounted, FLOOR, IDEAL_SENSORS).read(state, 0.0).linear_velocity.value, state.v[:3])
+
+
+def test_a_dvl_on_a_link_that_moves_is_refused():
+    urdf = robot_folder("bluerov2_alpha5") / "robot.urdf"
+    with pytest.raises(RobotDataError, match="dvl: given 'tool'; allowed: links fixed to the vehicle"):
+        load_robot(urdf=urdf, hydrodynamics=urdf.with_name("hydrodynamics.yaml"), dvl="tool")

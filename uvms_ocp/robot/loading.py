@@ -381,7 +381,9 @@ def _check_names(model: pin.Model, description: RobotDescription, path: Path) ->
 def _moving_thrusters(model: pin.Model, description: RobotDescription) -> list[str]:
     carrier = 1 if description.base == "free_flyer" else 0
     allowed = "allowed: links fixed to the vehicle, as gimballed thrusters are not modelled"
-    return [
+    dvl = description.dvl
+    moves = dvl is not None and model.existFrame(dvl) and model.frames[model.getFrameId(dvl)].parentJoint != carrier
+    return [f"{DVL}: given {dvl!r}; allowed: links fixed to the vehicle"] * moves + [
         f"thruster {thruster.name!r} link: given {thruster.link!r}; {allowed}"
         for thruster in description.thrusters
         if model.existFrame(thruster.link) and model.frames[model.getFrameId(thruster.link)].parentJoint != carrier

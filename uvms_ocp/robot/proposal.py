@@ -222,9 +222,8 @@ class _Draft:
     @property
     def velocity_sensor(self) -> str | None:
         """The only link that is called a DVL."""
-        found = [
-            frame.name for frame in self.models.model.frames if frame.type == pin.FrameType.BODY and is_called("dvl", frame.name)
-        ]
+        bodies = (f for f in self.models.model.frames if f.type == pin.FrameType.BODY and f.parentJoint <= 1)
+        found = [frame.name for frame in bodies if is_called("dvl", frame.name)]
         return self.dvl or (found[0] if self.floats and len(found) == 1 else None)
 
     def questions(self) -> Iterator[str]:

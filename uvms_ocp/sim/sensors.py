@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import insort
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from operator import itemgetter
 from typing import Annotated, Any
@@ -18,6 +18,7 @@ from uvms_ocp.codegen.buffered import BoundFunction, BufferedFunction
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Robot, SymbolicModel
 from uvms_ocp.robot.robot import require_normalized
+from uvms_ocp.robot.roles import DVL
 from uvms_ocp.robot.signals import CHANNELS, Reading, Readings, SensorSpec, SensorSpecs, State
 from uvms_ocp.robot.spatial import quaternion_exp, quaternion_multiply, quaternion_to_matrix
 from uvms_ocp.sim.fault_effects import ChannelFaults, FaultyChannel
@@ -91,7 +92,10 @@ class SensorSuite:
         of a sensor that there is not, and `FrameNotFound` for an unknown altimeter frame.
         """
         specs = specs or SensorSpecs()
+        self._readings: dict[str, Reading[Any] | None] = {}
         sources = _sources(robot, seafloor, specs, altimeter_frame)
+        if robot.description.dvl is not None and specs.linear_velocity != _IDEAL and "linear_velocity" in sources:
+            sources["linear_velocity"] = _carried_from(robot.model.frames[robot.frame_id(DVL)].placement, self._readings)
         present = {name: spec for name in CHANNELS if (spec := getattr(specs, name)) is not None and name in sources}
         streams = dict(zip(CHANNELS, np.random.SeedSequence(seed).spawn(len(CHANNELS)), strict=True))
         struck = _by_channel(faults, list(present))
@@ -105,7 +109,6 @@ class SensorSuite:
             dict(self._channels)[name].apply_faults(ChannelFaults(_struck(robot, name, *sources[name][1:]), own, stream))
         self._seen = -math.inf
         """[s] time of the last readings of the ideal ones."""
-        self._readings: dict[str, Reading[Any] | None] = {}
 
     @checked_on_failure
     def read(self, state: State, t: float) -> Readings:
@@ -147,6 +150,18 @@ def _sources(
         measure = Altimeter(robot, seafloor, frame)._range
         sources["altimeter_range"] = (lambda state: measure(state.q), _add_scalar, 1)
     return sources
+
+
+def _carried_from(X_BD: pin.SE3, readings: Mapping[str, Reading[Any] | None]) -> tuple[Truth, Disturb, int]:
+    """A Doppler log at X_BD [m]: errors are along its axes, and the gyroscope's reading carries it to the origin of B."""
+    p_BD, R_BD = X_BD.translation.copy(), X_BD.rotation.copy()
+
+    def truth(state: State) -> np.ndarray:
+        gyroscope = readings.get("angular_velocity")
+        turned = np.zeros(3) if gyroscope is None else state.v[3:6] - gyroscope.value
+        return np.asarray(state.v[:3] + np.cross(turned, p_BD))
+
+    return truth, lambda value, error: value + R_BD @ error, 3
 
 
 def _by_channel(faults: Sequence[Fault], channels: Sequence[str]) -> dict[str, list[Fault]]:
