@@ -49,7 +49,7 @@ class ClosedFormDistances:
         distance = witness.distance.reshape(len(x), -1) - self._radii.sum(axis=1)
         sample, pair = np.nonzero(distance < thresholds)
         if not sample.size:
-            return no_near_pairs(x.shape[1])
+            return no_near_pairs(self.scene.fold)
         row = sample * self.scene.n_pairs + pair
         normal = witness.normal[row]
         screws = self._screws(x, sample)

@@ -13,11 +13,13 @@ import pytest
 from kinematic_trees import function_of
 from numpy.testing import assert_allclose
 
-from uvms_ocp.errors import InvalidInput, RobotDataError
+from uvms_ocp.errors import RobotDataError
 from uvms_ocp.planning import coordinates
 from uvms_ocp.planning.distances import CoalDistances
+from uvms_ocp.planning.path_cost import link_speeds
 from uvms_ocp.planning.request import PlanRequest, PostureGoal, plan_path
 from uvms_ocp.planning.scene import collision_scene
+from uvms_ocp.report.planned_motion import motion_record
 from uvms_ocp.robot import Kinematics, Robot, load_robot
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.kinematics import point_reach
@@ -132,14 +134,36 @@ def test_the_first_joint_has_the_limits_of_the_leader_and_the_friction_of_all(pa
     assert_allclose(one.model.damping[k], 2.0 * (G[6:, k] ** 2).sum())
 
 
-def test_curves_keep_coupled_joints_where_they_are(tmp_path: Path) -> None:
+def test_costs_of_curves_are_those_of_free_joints_along_the_coupling(pair: Pair) -> None:
+    one, free, q, q_free, G = pair
+    ball = obstacle("ball", coal.Sphere(0.5), (1.5, 0.5, 0.5))
+    found = []
+    for robot, at, v in ((one, q, np.eye(one.n_v)), (free, q_free, G)):
+        scene = collision_scene(coordinates(robot, reference=at), [ball])
+        near = CoalDistances(scene).near(scene.coordinates.x(at)[None], np.full(scene.n_pairs, 20.0))
+        rates = np.tile(v @ np.linspace(0.2, -0.3, one.n_v), (near.pair.size, 1))
+        speeds = link_speeds(scene, near, rates, 0.02)
+        rows = (near.gradient @ v, speeds.speed[:, None], speeds.by_position @ v, speeds.by_rate @ v)
+        found.append({scene.pairs[k].name: np.concatenate([row[i] for row in rows]) for i, k in enumerate(near.pair)})
+    shared = found[0].keys() & found[1].keys()
+    assert len(shared) > 6
+    for name in shared:
+        assert_allclose(found[0][name], found[1][name], atol=1e-5)
+    fixed_together = found[1].keys() - shared
+    assert all(np.abs(found[1][name][: one.n_v]).max() < 1e-9 for name in fixed_together)
+
+
+def test_a_curve_moves_joints_that_are_one(tmp_path: Path) -> None:
     robot = machine(tmp_path, "alpha")
-    scene = collision_scene(coordinates(robot), [])
-    with pytest.raises(InvalidInput, match="alpha moves others along"):
-        CoalDistances(scene).near(np.zeros((1, 8)), np.ones(scene.n_pairs))
-    request = PlanRequest(robot=robot, start=robot.configuration(), goal=PostureGoal(joints={"alpha": 0.2}))
-    with pytest.raises(InvalidInput, match=r"the goal moves alpha from 0 to 0\.2, but the planned axes are"):
-        plan_path(request)
+    ball = obstacle("ball", coal.Sphere(0.2), (1.0, -1.5, 0.3))
+    goal = PostureGoal(joints={"alpha": 0.3, "elbow": -0.3})
+    found = plan_path(PlanRequest(robot=robot, start=robot.configuration(), goal=goal, obstacles=(ball,)))
+    assert found.collision_free
+    assert found.plan is not None
+    record = motion_record(found, found.plan)
+    ends = [robot.joint_values(row)[robot.joint_names.index("alpha")] for row in record["q"][[0, -1]]]
+    assert_allclose(ends, [0.0, 0.3], atol=1e-9)
+    assert (np.abs(record["v"][:, robot.joint("alpha").idx_v]) <= robot.limits.velocity[robot.joint("alpha").idx_v] + 1e-6).all()
 
 
 def test_a_slider_of_the_page_moves_all_that_follow(tmp_path: Path) -> None:
@@ -173,15 +197,15 @@ def test_what_cannot_move_as_one_stays_where_it_is_put(change: tuple[str, str], 
 
 def test_what_is_said_of_joints_and_links_that_are_left_out_counts_for_nothing(tmp_path: Path) -> None:
     machine(tmp_path, "alpha")
-    more = "tool: l3\ndvl: l4\njoints: {elbow: {home: 0.1}, third: {home: 0.2}}\n"
+    more = "tool: l3\naltimeter: l4\njoints: {elbow: {home: 0.1}, third: {home: 0.2}}\n"
     more += "trim: [{name: lead, link: l4, position: [0, 0, 0], mass: 1, volume: 0}]\n"
     (tmp_path / "water.yaml").write_text(WATER + more, encoding="utf-8")
     files = {"urdf": tmp_path / "robot.urdf", "hydrodynamics": tmp_path / "water.yaml"}
-    assert {"tool", "dvl"} <= {*load_robot(**files).frame_names}
+    assert {"tool", "altimeter"} <= {*load_robot(**files).frame_names}
     locked = load_robot(**files, lock={"elbow": 0.3})
     assert locked.joint_names == ("alpha",)
     dropped = load_robot(**files, drop=["l2", "l4"])
-    assert (dropped.joint_names, dropped.description.trim, dropped.description.dvl) == (("alpha",), (), None)
+    assert (dropped.joint_names, dropped.description.trim, dropped.description.altimeter) == (("alpha",), (), None)
     assert set(dropped.description.links) == {"base_link", "l1"}
     with pytest.raises(RobotDataError, match="joints: 'elbo' is no joint of the URDF that moves; allowed: alpha, elbow"):
         (tmp_path / "water.yaml").write_text("joints: {elbo: {home: 0.1}}\n", encoding="utf-8")

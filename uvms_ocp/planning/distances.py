@@ -11,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked, checked_on_failure
-from uvms_ocp.errors import InvalidInput
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.robot.kinematics import largest_change
 from uvms_ocp.robot.robot import require_normalized
@@ -31,7 +30,7 @@ class NearPairs:
     gradient: Array
     """(n, n_axes) [m per unit of the axis] derivative of the distance."""
     screws: Array
-    """(n, 6, n_axes) [m and rad per unit of the axis] twist of the whole robot at the world origin, linear rows first."""
+    """(n, 6, n_columns) [m and rad per unit of the axis] twist of the whole robot at the world origin, linear rows first."""
     centre: Array
     """(n, 3) [m] origin of the pair's second shape in W."""
 
@@ -98,8 +97,6 @@ class CoalDistances:
     _bounds: _Bounds = field(init=False, repr=False)
     _data: pin.Data = field(init=False, repr=False)
     _geometry_data: pin.GeometryData = field(init=False, repr=False)
-    _columns: Indices = field(init=False, repr=False)
-    """(n_v,) of Pinocchio's Jacobians, which have one for each joint that mimics another one, too."""
 
     def __post_init__(self) -> None:
         geometry_data = self.scene.geometry.createData()
@@ -107,8 +104,6 @@ class CoalDistances:
             request.gjk_tolerance = _DISTANCE_TOLERANCE
             request.gjk_max_iterations = _MAX_ITERATIONS
         model = self.scene.coordinates.robot.model
-        columns = [joint.idx_v + i for joint in list(model.joints)[1:] for i in range(joint.nvExtended)]
-        object.__setattr__(self, "_columns", np.unique(np.array(columns, dtype=np.intp), return_index=True)[1])
         object.__setattr__(self, "_data", model.createData())
         object.__setattr__(self, "_geometry_data", geometry_data)
         object.__setattr__(self, "_bounds", _Bounds(x=np.zeros((0, 0)), lower=np.zeros((0, 0))))
@@ -152,14 +147,9 @@ class CoalDistances:
 
         The derivative of a distance is ``n'(J_p2 - J_p1)`` with the normal n and the witness points p1, p2, which
         lie on one line along n: one wrench ``[n; p x n]`` at the origin serves both shapes, in penetration too.
-
-        Raises `InvalidInput` for a planned joint that others mimic, which moves both.
         """
-        if self.scene.coordinates.leading.any():
-            led = ", ".join(self.scene.coordinates.robot.leading_joints)
-            raise InvalidInput(f"joint {led} moves others along, for which no gradients are known; plan without it")
         found: list[_Contact] = []
-        jacobians = np.zeros((x.shape[0], 6, self.scene.coordinates.robot.n_v))
+        jacobians = np.zeros((x.shape[0], 6, self.scene.coordinates.robot.model.nvExtended))
         self._bounds.moved_to(x, self.scene)
         candidates = self._bounds.lower < thresholds
         configurations = self.scene.coordinates.configurations(x)
@@ -167,14 +157,13 @@ class CoalDistances:
         for sample, chosen in _grouped(candidates):
             self._place(configurations[sample])
             self._collect(sample, chosen, limits, found)
-            jacobian: Array = pin.computeJointJacobians(self.scene.coordinates.robot.model, self._data, configurations[sample])
-            jacobians[sample] = jacobian[:, self._columns]
+            jacobians[sample] = pin.computeJointJacobians(self.scene.coordinates.robot.model, self._data, configurations[sample])
         if not found:
-            return no_near_pairs(x.shape[1])
+            return no_near_pairs(self.scene.fold)
         samples, pairs, distances, normals, points, centres = map(np.array, zip(*found, strict=True))
-        screws = (jacobians @ self.scene.coordinates.velocity_map(x))[samples]
+        screws = (jacobians @ self.scene.coordinates.column_map(x))[samples]
         wrench = np.concatenate([normals, np.cross(points, normals)], axis=1)
-        gradient = (wrench[:, None, :] @ screws)[:, 0] * self.scene.moved[pairs]
+        gradient = ((wrench[:, None, :] @ screws)[:, 0] * self.scene.moved[pairs]) @ self.scene.fold
         return NearPairs(sample=samples, pair=pairs, distance=distances, gradient=gradient, screws=screws, centre=centres)
 
     def _place(self, q: Array) -> None:
@@ -206,14 +195,14 @@ def _grouped(candidates: Mask) -> Iterator[tuple[int, list[int]]]:
 _Contact = tuple[int, int, float, Array, Array, Array]
 
 
-def no_near_pairs(n_axes: int) -> NearPairs:
-    """No pair."""
+def no_near_pairs(fold: Array) -> NearPairs:
+    """No pair of a scene with that map (n_columns, n_axes), see `Coordinates.fold`."""
     none = np.zeros(0, dtype=np.intp)
     return NearPairs(
         sample=none,
         pair=none,
         distance=np.zeros(0),
-        gradient=np.zeros((0, n_axes)),
-        screws=np.zeros((0, 6, n_axes)),
+        gradient=np.zeros((0, fold.shape[1])),
+        screws=np.zeros((0, 6, len(fold))),
         centre=np.zeros((0, 3)),
     )

@@ -181,6 +181,7 @@ def link_speeds(scene: CollisionScene, near: NearPairs, rates: Array, floor: flo
 
     rates (n, n_axes) [m/s, rad/s]: of the axes at each near pair's sample; floor [m/s]: eps.
     """
+    rates = rates @ scene.fold.T
     screws = near.screws * scene.carried[near.pair][:, None, :]
     gyration = scene.gyration[near.pair, None] ** 2
     twist = (screws @ rates[..., None])[..., 0]
@@ -194,13 +195,13 @@ def link_speeds(scene: CollisionScene, near: NearPairs, rates: Array, floor: flo
     weighted = gyration * angular
     return LinkSpeeds(
         speed=speed,
-        by_position=(_dot(linear, linear_slope) + _dot(weighted, twist_slope[:, 3:])) / speed[:, None],
-        by_rate=(_dot(linear, shift) + _dot(weighted, turn)) / speed[:, None],
+        by_position=(_dot(linear, linear_slope) + _dot(weighted, twist_slope[:, 3:])) @ scene.fold / speed[:, None],
+        by_rate=(_dot(linear, shift) + _dot(weighted, turn)) @ scene.fold / speed[:, None],
     )
 
 
 def _twist_slopes(screws: Array, rates: Array, follows: Array) -> Array:
-    """(n, 6, n_axes) of the twist by the axes: axis j turns the screws of the axes it carries, d s_k = s_j x s_k."""
+    """(n, 6, n_columns) of the twist by the columns: column j turns the screws of those it carries, d s_k = s_j x s_k."""
     carried = screws @ (rates[:, None, :] * follows).transpose(0, 2, 1)
     return np.concatenate(
         [

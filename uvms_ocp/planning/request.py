@@ -327,5 +327,5 @@ def _planned_axes(request: PlanRequest) -> Coordinates:
     robot = request.robot
     vehicle = VEHICLE_AXES if robot.n_vehicle else ()
     kept = {"all": vehicle, "joints": (), "level": tuple(axis for axis in vehicle if axis not in ("roll", "pitch"))}
-    joints = (joint_axis(robot, name) for name in robot.joint_names if name not in robot.leading_joints)
+    joints = (joint_axis(robot, name) for name in robot.joint_names)
     return coordinates(robot, reference=request.start, axes=(*kept[request.axes], *joints))

@@ -72,11 +72,35 @@ class Coordinates:
     @checked_on_failure
     def velocity_map(self, x: Annotated[Array, Shape("n", "self.n_axes")]) -> Array:
         """(n, n_v, n_axes): generalized velocity v = map @ rate of x, at x (n, n_axes) [m, rad]."""
+        return self._map(x, self.robot.n_v)[:, :, self.planned]
+
+    @checked_on_failure
+    def column_map(self, x: Annotated[Array, Shape("n", "self.n_axes")]) -> Array:
+        """(n, n_jacobian, n_columns): of all columns of Pinocchio's Jacobian by `columns`, at x (n, n_axes) [m, rad]."""
+        return self._map(x, self.robot.model.nvExtended)[:, :, self.columns]
+
+    def _map(self, x: Array, size: int) -> Array:
         full = self.all_axes(x)
-        maps = np.broadcast_to(np.eye(full.shape[1]), (full.shape[0], full.shape[1], full.shape[1])).copy()
+        maps = np.broadcast_to(np.eye(size), (full.shape[0], size, size)).copy()
         if self.robot.n_vehicle:
             maps[:, :3, :3], maps[:, 3:6, 3:6] = _body_rate_maps(full[:, 3:6])
-        return maps[:, :, self.planned]
+        return maps
+
+    @property
+    def columns(self) -> Indices:
+        """(n_columns,) columns of Pinocchio's Jacobian, axis by axis: one each, and one for each joint that mimics it."""
+        return np.concatenate([np.zeros(0, dtype=np.intp), *(np.flatnonzero(self._axes == axis) for axis in self.planned)])
+
+    @property
+    def fold(self) -> Array:
+        """(n_columns, n_axes) 1 where the column is of the axis."""
+        return np.asarray(self._axes[self.columns, None] == self.planned, dtype=float)
+
+    @property
+    def _axes(self) -> Indices:
+        """The axis among all of every column of Pinocchio's Jacobian."""
+        joints = list(self.robot.model.joints)[1:]
+        return np.array([joint.idx_v + i for joint in joints for i in range(joint.nvExtended)], dtype=np.intp)
 
     def symbolic_configuration(self, x: ca.SX) -> ca.SX:
         """(n_q,) expression of the configuration at x (n_axes,)."""
@@ -88,29 +112,23 @@ class Coordinates:
 
     @checked_on_failure
     def follows(self) -> Array:
-        """(n_axes, n_axes) 1 where the column's axis is carried by the row's; the vehicle turns yaw, pitch, roll."""
+        """(n_columns, n_columns) 1 where the column's motion is carried by the row's; the vehicle turns yaw, pitch, roll."""
         model = self.robot.model
-        result = np.zeros((model.nv, model.nv))
+        result = np.zeros((model.nvExtended, model.nvExtended))
         for joint in range(1, model.njoints):
             for carrier in list(model.supports[joint])[1:-1]:
-                result[model.joints[carrier].idx_v, model.joints[joint].idx_v] = 1.0
+                result[model.joints[carrier].idx_vExtended, model.joints[joint].idx_vExtended] = 1.0
         if self.robot.n_vehicle:
             result[:6, 6:] = result[:3, 3:6] = 1.0
             for before, after in ((5, 4), (5, 3), (4, 3)):
                 result[before, after] = 1.0
-        return result[np.ix_(self.planned, self.planned)]
+        return result[np.ix_(self.columns, self.columns)]
 
     @property
     def endless(self) -> Indices:
         """Indices among the planned axes of those that turn without end: roll, yaw and endless joints."""
         turning = {"roll", "yaw", *(joint_axis(self.robot, name) for name in self.robot.endless_joints)}
         return np.array([k for k, name in enumerate(self.names) if name in turning], dtype=np.intp)
-
-    @property
-    def leading(self) -> Array:
-        """(n_axes,) Whether other joints mimic the axis."""
-        led = [joint_axis(self.robot, name) for name in self.robot.leading_joints]
-        return np.array([name in led for name in self.names], dtype=bool)
 
     @checked_on_failure
     def shortest_turn(
@@ -256,14 +274,15 @@ class CollisionScene:
     geometry: pin.GeometryModel
     pairs: tuple[Pair, ...]
     moved: Array
-    """(n_pairs, n_axes) -1, 0 or 1: does the axis move the second shape minus does it move the first; of an axis that
-    several joints have, 1 where it moves either."""
+    """(n_pairs, n_columns) -1, 0 or 1: does the column move the second shape minus does it move the first."""
     reach: Array
     """(n_pairs, n_axes) [m per unit of the axis] upper bound on |d distance / d axis| at any configuration."""
     carried: Array
-    """(n_pairs, n_axes) 1 where the axis moves the second shape."""
+    """(n_pairs, n_columns) 1 where the column moves the second shape."""
     follows: Array
-    """(n_axes, n_axes) see ``Coordinates.follows``."""
+    """(n_columns, n_columns) see ``Coordinates.follows``."""
+    fold: Array
+    """(n_columns, n_axes) see ``Coordinates.fold``."""
     gyration: Array
     """(n_pairs,) [m] radius of gyration of the ball around the second shape."""
     room: Array
@@ -339,15 +358,16 @@ def collision_scene(coordinates: Coordinates, obstacles: Sequence[Obstacle], *, 
 
 
 def _with_moving_pairs(coordinates: Coordinates, geometry: pin.GeometryModel, candidates: Sequence[Pair]) -> CollisionScene:
-    supports, led = _supports(coordinates), coordinates.leading
+    supports, fold = _supports(coordinates), coordinates.fold
     reaches = [shape_reach(coordinates.robot, shape)[coordinates.planned] for shape in geometry.geometryObjects]
     ends = ((supports[pair.first_joint], supports[pair.second_joint]) for pair in candidates)
-    motions = [np.where(led, np.maximum(first, second), second - first) for first, second in ends]
+    motions = [second - first for first, second in ends]
     pairs = [pair for pair, motion in zip(candidates, motions, strict=True) if motion.any()]
-    shape = (len(pairs), coordinates.n_axes)
+    shape = (len(pairs), len(fold))
     moved = np.array([motion for motion in motions if motion.any()]).reshape(shape)
     both = [(reaches[p.first], reaches[p.second]) for p in pairs]
-    reach = np.array([np.where(led, a + b, np.maximum(a, b)) for a, b in both]).reshape(shape)
+    led = fold.sum(axis=0) > 1.0
+    reach = np.array([np.where(led, a + b, np.maximum(a, b)) for a, b in both]).reshape(len(pairs), coordinates.n_axes)
     carried = np.array([supports[p.second_joint] for p in pairs]).reshape(shape)
     radii = np.array([geometry.geometryObjects[p.second].geometry.aabb_radius for p in pairs])
     for pair in pairs:
@@ -357,9 +377,10 @@ def _with_moving_pairs(coordinates: Coordinates, geometry: pin.GeometryModel, ca
         geometry=geometry,
         pairs=tuple(pairs),
         moved=moved,
-        reach=np.where(moved != 0.0, reach, 0.0),
+        reach=np.where(np.abs(moved) @ fold > 0.0, reach, 0.0),
         carried=carried,
         follows=coordinates.follows(),
+        fold=fold,
         gyration=radii * np.sqrt(0.4),
         room=_room(coordinates.robot, geometry, pairs),
     )
@@ -377,11 +398,11 @@ def _room(robot: Robot, geometry: pin.GeometryModel, pairs: Sequence[Pair]) -> A
 
 
 def _supports(coordinates: Coordinates) -> Array:
-    """(n_joints + 1, n_axes) 1 where the axis moves the joint."""
+    """(n_joints + 1, n_columns) 1 where the column moves the joint."""
     model = coordinates.robot.model
-    supports = np.zeros((model.njoints, model.nv))
+    supports = np.zeros((model.njoints, model.nvExtended))
     for joint in range(1, model.njoints):
         for carrier in list(model.supports[joint])[1:]:
-            first = model.joints[carrier].idx_v
+            first = model.joints[carrier].idx_vExtended
             supports[joint, first : first + model.joints[carrier].nvExtended] = 1.0
-    return supports[:, coordinates.planned]
+    return supports[:, coordinates.columns]
