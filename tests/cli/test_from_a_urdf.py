@@ -205,6 +205,26 @@ def test_options_of_reading_are_written_into_the_mission(tmp_path: Path) -> None
     assert "accepted" in told("check", str(mission))
 
 
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        ((), "dvl: no link of the vehicle is called one"),
+        (("dvl",), ""),
+        (("dvl_a", "dvl_b"), "dvl: any of dvl_a, dvl_b; --dvl LINK"),
+    ],
+)
+def test_a_velocity_log_is_found_where_there_is_one_and_listed_where_there_are_more(
+    names: tuple[str, ...], said: str, tmp_path: Path
+) -> None:
+    source = tmp_path / "theirs.urdf"
+    logs = "".join(link(name, 0) + joint("rov/hull", name, "fixed", f"0 {k} -0.2") for k, name in enumerate(names))
+    loose = link("dvl_wrist", 0) + joint("left_fore", "dvl_wrist", "fixed", "0.1 0 0")
+    source.write_text(f"<robot name='r'>{HULL}{arm('left', 0.1)}{loose}{AHEAD}{logs}</robot>", encoding="utf-8")
+    asked = " ".join(told("new-robot", "--from", str(source), str(tmp_path / "mine")).split())
+    assert said in asked
+    assert ("dvl:" in asked) == bool(said)
+
+
 def test_a_vehicle_without_thrusters_is_planned_by_the_way_that_plan_ocp_names(tmp_path: Path) -> None:
     source, place = tmp_path / "theirs.urdf", tmp_path / "mine"
     source.write_text(f"<robot name='r'>{HULL}</robot>", encoding="utf-8")

@@ -14,7 +14,7 @@ from uvms_ocp.errors import UvmsError
 from uvms_ocp.planning.request import PlanRequest, PostureGoal, plan_path
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.planned_motion import motion_record
-from uvms_ocp.robot.loading import recorded_robot
+from uvms_ocp.robot.loading import load_robot, recorded_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.own_code import load_scenario, robot_of
 
@@ -83,6 +83,13 @@ def test_a_motion_of_ones_own_robot_is_shown_until_its_folder_moves(motion: Any,
     assert "which is no longer at mine/robot.urdf; give it: --robot DIR" in said
     assert not (project / "second.html").exists()
     assert "third.html" in told("show", "record.npz", "--robot", "other", "--out", "third.html")
+
+
+def test_a_robot_of_the_library_that_is_read_in_another_way_is_shown_as_it_was_read(project: Path) -> None:
+    robot = load_robot("bluerov2_alpha5", lock={"joint1": 0.2})
+    planned(robot).save(project / "record.npz")
+    assert "scene.html" in told("show", "record.npz", "--out", "scene.html")
+    assert load_robot("bluerov2_alpha5").urdf is None
 
 
 def test_what_is_outside_of_the_working_directory_is_found_where_it_is(

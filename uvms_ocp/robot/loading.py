@@ -247,7 +247,7 @@ def load_robot(
     robot = assemble(models, description, yaml_path or urdf_path, name)
     for _, text in unknowns(models.model, description):
         _log.warning("%s: %s", yaml_path or urdf_path, text)
-    return _known(robot if name else replace(robot, urdf=urdf_path.resolve()))
+    return _known(robot if name and not changes else replace(robot, urdf=urdf_path.resolve()))
 
 
 _loaded = WeakSet[Robot]()

@@ -221,10 +221,14 @@ class _Draft:
 
     @property
     def velocity_sensor(self) -> str | None:
-        """The only link that is called a DVL."""
+        """The only link of the vehicle that is called a DVL."""
+        return self.dvl or (self.logs[0] if self.floats and len(self.logs) == 1 else None)
+
+    @property
+    def logs(self) -> list[str]:
+        """Links of the vehicle that are called a DVL."""
         bodies = (f for f in self.models.model.frames if f.type == pin.FrameType.BODY and f.parentJoint <= 1)
-        found = [frame.name for frame in bodies if is_called("dvl", frame.name)]
-        return self.dvl or (found[0] if self.floats and len(found) == 1 else None)
+        return [frame.name for frame in bodies if is_called("dvl", frame.name)]
 
     def questions(self) -> Iterator[str]:
         """What is left open."""
@@ -236,7 +240,8 @@ class _Draft:
         if self.floats and not self.range_sensor:
             yield "altimeter: no link is called one and looks down along its -z; --altimeter LINK, or none: no altitude tasks"
         if self.floats and not self.velocity_sensor:
-            yield "dvl: no link, or several, are called one; --dvl LINK, or `sensors: {linear_velocity: null}` for none"
+            which = f"any of {', '.join(self.logs)}" if self.logs else "no link of the vehicle is called one"
+            yield f"dvl: {which}; --dvl LINK, or `sensors: {{linear_velocity: null}}` for none"
         for names, why in ((self.roles.fingers, _FINGERS), (self.roles.empty, _EMPTY)):
             if still := [name for name in names if name in self.reading.lock]:
                 yield f"joint {', '.join(still)}: {why}"

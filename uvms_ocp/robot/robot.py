@@ -176,7 +176,7 @@ class Robot:
     hydrodynamics: tuple[LinkHydrodynamics, ...]
     """Links in water; floats and ballast add their volume."""
     urdf: Path | None = None
-    """The file that it was read from, for a robot of one's own."""
+    """The file that it was read from, for a robot of one's own or one that is read in another way than by default."""
 
     def __repr__(self) -> str:
         base = "free-flyer" if self.n_vehicle else "fixed base"
