@@ -105,21 +105,11 @@ _OF_NUMBERS = {
 _TESTS = {math.isfinite: "isfinite", math.isnan: "isnan", math.isinf: "isinf"}
 PREFIX = "k_"
 """Prefix of the names of kernels in C, which has names of its own."""
-_TAKEN = frozenset({"auto", "char", "const", "default", "do", "double", "enum", "extern", "goto", "inline", "long", "register"})
-_TAKEN |= {
-    "restrict",
-    "short",
-    "signed",
-    "sizeof",
-    "static",
-    "struct",
-    "switch",
-    "typedef",
-    "union",
-    "unsigned",
-    "void",
-}
-_TAKEN |= {"volatile", "case", "abs", "greater_of", "lesser_of"}
+_WORDS = """
+auto case char const default do double enum extern goto inline long register restrict short signed sizeof static struct switch
+typedef union unsigned void volatile abs greater_of lesser_of
+"""
+_TAKEN = frozenset(_WORDS.split())
 
 
 def c_name(name: str) -> str:
@@ -282,7 +272,7 @@ def _call(node: ast.Call, scope: Scope) -> CExpression:
     if node.keywords or function is None:
         raise kernel_error(node, "has to call a kernel with arguments by place")
     if function is len:
-        return CExpression(str(length(node, scope)), INT)
+        return CExpression(str(length(node, node.args[0], scope)), INT)
     if function in (min, max):
         return _extreme(node, "lesser_of" if function is min else "greater_of", scope)
     if function is abs:
@@ -308,9 +298,9 @@ def _converted(of: CExpression, to: type) -> CExpression:
 _BUILTINS: dict[str, Any] = {f.__name__: f for f in (len, min, max, abs, int, float, bool)}
 
 
-def length(node: ast.Call, scope: Scope) -> int:
-    """Return the ``len`` of an array. Raises `InvalidInput` where it is unknown."""
-    of = expression(node.args[0], scope).type
+def length(node: ast.expr, array: ast.expr, scope: Scope) -> int:
+    """Return the ``len`` of an array, which `node` asks for. Raises `InvalidInput` where it is unknown."""
+    of = expression(array, scope).type
     if not of.sizes or not of.sizes[0]:
         raise kernel_error(node, "is not known here; give the number to the kernel")
     return of.sizes[0]

@@ -90,8 +90,24 @@ _PURE = ("abs", "bool", "float", "int", "len", "max", "min", *(f"math.{name}" fo
 def _to_place(target: ast.expr, value: ast.expr, scope: Scope) -> list[str]:
     if isinstance(target, ast.Name):
         return _to_variable(target, value, scope)
+    if isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
+        return _copy(target, target.slice, value, scope)
     place, found = number(target, scope), number(value, scope)
     return [f"{place.text} = {_fitting(target, place.type, found)};"]
+
+
+def _copy(target: ast.Subscript, part: ast.Slice, value: ast.expr, scope: Scope) -> list[str]:
+    """The first n numbers, ``to[:n] = x[:n]``, or all numbers of an array in a layout, ``m.to[:] = x``."""
+    n, of = part.upper, value
+    if n is not None and isinstance(value, ast.Subscript) and ast.unparse(value.slice) == f":{ast.unparse(n)}":
+        of = value.value
+    to, source = expression(target.value, scope), expression(of, scope)
+    fits = to.type.name == source.type.name and len(to.type.sizes) == len(source.type.sizes) == 1
+    if part.lower or part.step or (n is not None) != (of is not value) or not fits:
+        raise kernel_error(target, "has to become the first numbers of another array, as many")
+    end = length(target, target.value, scope) if n is None else number(n, scope).text
+    k, last = f"at_{target.lineno}", f"end_{target.lineno}"
+    return [f"for (int {k} = 0, {last} = {end}; {k} < {last}; ++{k}) {to.text}[{k}] = {source.text}[{k}];"]
 
 
 def _to_variable(target: Any, value: ast.expr, scope: Scope) -> list[str]:
@@ -112,7 +128,7 @@ def _to_variable(target: Any, value: ast.expr, scope: Scope) -> list[str]:
 def _size(call: ast.Call, scope: Scope) -> int:
     (of,) = call.args
     if isinstance(of, ast.Call) and constant(of.func, scope) is None and ast.unparse(of.func) == "len":
-        return length(of, scope)
+        return length(of, of.args[0], scope)
     value = of.value if isinstance(of, ast.Constant) else constant(of, scope)
     if not isinstance(value, int) or value < 1:
         raise kernel_error(call, "needs a size that is known: a number > 0 or the len of an array in a layout")

@@ -3,10 +3,11 @@
 What branches, loops and remembers at every tick is written as a kernel; what is smooth is a CasADi expression. A kernel is a
 function at the top level of a module. Its parameters are annotated with ``float``, ``int``, ``bool``, `Vector` or a `Layout`; its
 body keeps to assignments, ``if``, ``for`` over ``range``, ``while``, ``return``, arithmetic, comparisons, ``min``, ``max``,
-``abs``, ``len`` of an array in a layout, `zeros`, functions of ``math`` and other kernels. Constants are numbers and members of
-integer enumerations of its module. A CasADi function is a field of a layout (`FunctionField`), called with vectors and layouts
-of them, and so is a callback to Python (`CallbackField`), for what has no other form. A local variable keeps the type that it
-has first. Layouts and vectors are changed in place. `wide` marks a kernel with long loops for the processor's wider registers.
+``abs``, ``len`` of an array in a layout, copies ``m.x[:] = y`` and ``x[:n] = y[:n]``, `zeros`, functions of ``math`` and other
+kernels. Constants are numbers and members of integer enumerations of its module. A CasADi function is a field of a layout
+(`FunctionField`), called with vectors and layouts of them, and so is a callback to Python (`CallbackField`), for what has no
+other form. A local variable keeps the type that it has first. Layouts and vectors are changed in place. `wide` marks a kernel
+with long loops for the processor's wider registers.
 
 Python and C give the same bits as long as nothing is divided by zero, taken the root of below zero or made an integer out of
 range: there Python raises, and C goes on. Kernels guard against it, and multiply where they would take a power.
@@ -167,21 +168,17 @@ def c_library(kernels: Sequence[Callable[..., Any]], memory: Layout, others: Seq
     """The `kernels`, which work on a `memory` such as this and on `others`. Raises `InvalidInput`, as `c_program`."""
     program = c_program(kernels, (type(memory), *others))
     functions = dict.fromkeys(part.function for part in functions_in(memory))
+    generator = ca.CodeGenerator("functions.c")
+    for function in functions:
+        if function.class_name() != "External":
+            generator.add(function)
     return CLibrary(
         types=program.types,
         kernels=program.code,
-        functions=_generated(list(functions)),
+        functions=MATH + str(generator.dump()),
         declarations="".join(_DECLARATION.format(function.name()) for function in functions),
         initial=initial_value(memory),
     )
 
 
 _DECLARATION = "int {}(const double **arg, double **res, long long int *iw, double *w, int mem);\n"
-
-
-def _generated(functions: Sequence[ca.Function]) -> str:
-    generator = ca.CodeGenerator("functions.c")
-    for function in functions:
-        if function.class_name() != "External":
-            generator.add(function)
-    return MATH + str(generator.dump())

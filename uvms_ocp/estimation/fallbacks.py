@@ -141,19 +141,15 @@ def hold_last_valid(m: LastValidMemory, t: float, q: Vector, v: Vector, age: flo
         _store(m, t, q, v)
         m.was[0], m.was[1], m.age, m.joint_age = age, joint_age, age, joint_age
         return
-    for i in range(len(m.q)):
-        q[i] = m.q[i]
-    for i in range(len(m.v)):
-        v[i] = m.v[i]
+    q[: len(m.q)] = m.q[: len(m.q)]
+    v[: len(m.v)] = m.v[: len(m.v)]
     m.age = max(age, m.was[0] + t - m.since)
     m.joint_age = max(joint_age, m.was[1] + t - m.since)
 
 
 def _store(m: LastValidMemory, t: float, q: Vector, v: Vector) -> None:
-    for i in range(len(m.q)):
-        m.q[i] = q[i]
-    for i in range(len(m.v)):
-        m.v[i] = v[i]
+    m.q[:] = q
+    m.v[:] = v
     m.since = t
 
 

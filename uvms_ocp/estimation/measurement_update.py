@@ -320,8 +320,7 @@ def _innovation(m: FilterMemory, c: int, delta: float, nu: Vector) -> None:
             nu[i] = value[i] * scale - s.h[i] - delta * s.rate[i]
         return
     by, back, error = zeros(3), zeros(4), zeros(4)
-    for i in range(4):
-        back[i] = s.h[i]
+    back[:4] = s.h[:4]
     for i in range(3):
         by[i] = delta * s.rate[i]
     turn_by(back, by)
@@ -347,8 +346,7 @@ def _noise(m: FilterMemory, c: int, delta: float) -> float:
 
 def _squared_innovation(m: FilterMemory, more: float, n: int, nu: Vector) -> float:
     x, total = zeros(3), 0.0
-    for i in range(n):
-        x[i] = nu[i]
+    x[:n] = nu[:n]
     factorise(m.predicted, more, n)
     divide(m.predicted, n, x)
     for i in range(n):
@@ -364,8 +362,7 @@ def _is_consistent(m: FilterMemory, c: int, more: float, nu: Vector) -> bool:
     agrees = math.isfinite(m.since[c]) and _squared_innovation(m, more, rows, change) <= m.gate[c]
     if not agrees:
         m.since[c] = m.stamp[c]
-    for i in range(rows):
-        refused[i] = nu[i]
+    refused[:rows] = nu[:rows]
     if c == ChannelIndex.ALTIMETER_RANGE and nu[0] < 0.0:
         return True
     return agrees and m.stamp[c] - m.since[c] >= m.recovery[c] - EARLY
@@ -498,10 +495,8 @@ def _clone(m: FilterMemory, c: int) -> None:
     predict_measurement(m, c, before)
     m.owner[slot], m.taken[slot] = c, m.now
     m.rate_variance[slot] = s.rate_variance
-    for i in range(4):
-        m.h[slot][i] = s.h[i]
-    for i in range(3):
-        m.rate[slot][i] = s.rate[i]
+    m.h[slot][:] = s.h
+    m.rate[slot][:] = s.rate
     n = active(m)
     for i in range(3):
         clear(m, at + i, n, 0.0)

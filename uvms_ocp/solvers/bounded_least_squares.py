@@ -250,8 +250,7 @@ def _start(p: BoundedProblem) -> None:
         p.x[j] *= p.scale[j]
     if not p.started:
         _ridge_optimum(p)
-        for j in range(p.columns):
-            p.x[j] = p.optimum[j]
+        p.x[: p.columns] = p.optimum[: p.columns]
     for j in range(p.columns):
         p.x[j] = min(max(p.x[j], p.low[j]), p.high[j])
         p.free[j] = p.low[j] < p.x[j] < p.high[j]
@@ -429,8 +428,7 @@ def _count_what_counts(p: LinearProgram) -> None:
     n = len(p.c)
     for i in range(len(p.b)):
         p.x[n + i] = p.upper[n + i] = p.cost[n + i] = 0.0
-    for j in range(n):
-        p.cost[j] = p.c[j]
+    p.cost[:n] = p.c[:n]
 
 
 def value_of(p: LinearProgram) -> float:

@@ -68,6 +68,21 @@ def of_a_size_that_changes(m: Small) -> None:
     m.x = x[0]
 
 
+def copying_from_within(m: Small) -> None:
+    """has to become the first numbers of another array, as many"""
+    m.values[1:3] = m.values[:3]
+
+
+def copying_as_many_as_there_may_be(m: Small, x: Vector) -> None:
+    """has to become the first numbers of another array, as many"""
+    m.values[: m.n] = x
+
+
+def copying_to_an_unknown_length(m: Small, x: Vector) -> None:
+    """line \\d+: x\\[:\\] is not known here; give the number to the kernel"""
+    x[:] = m.values
+
+
 def of_swapped_names(m: Small) -> float:
     """has to give values that depend on nothing that it changes"""
     a, b = m.x, 2.0
@@ -149,6 +164,9 @@ ALL = (
     over_a_list,
     of_unknown_length,
     of_a_size_that_changes,
+    copying_from_within,
+    copying_as_many_as_there_may_be,
+    copying_to_an_unknown_length,
     of_swapped_names,
     of_swapped_fields,
     of_swapped_entries,

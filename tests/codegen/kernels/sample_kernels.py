@@ -73,6 +73,7 @@ class Memory(Layout):
     windows: Annotated[list[Window], Sized("n")]
     double: Annotated[list[Vector], Sized("n", 3)]
     out: Annotated[Vector, Sized(4)]
+    before: Annotated[Vector, Sized(4)]
 
 
 def push(window: Window, x: float) -> bool:
@@ -111,6 +112,7 @@ def tick(m: Memory, x: float, quiet: bool) -> float:
     """All of it."""
     total, s = 0.0, 0.0
     medians = zeros(4)
+    m.before[:] = m.out
     for i in range(len(m.windows)):
         window = m.windows[i]
         if quiet and i == 1:
@@ -119,6 +121,7 @@ def tick(m: Memory, x: float, quiet: bool) -> float:
             total += window.count / (i + 2)
         row = m.double[i]
         row[2] = max(x, 0.3, min(m.now, x - i)) * math.copysign(1.0, x)
+        m.double[0][: i // 2] = row[: i // 2]
         medians[i] = median(window.values, len(window.values))
         s -= math.atan2(row[2], medians[i]) + math.sqrt(abs(x))
     for i in range(1, len(m.out)):

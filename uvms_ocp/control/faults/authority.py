@@ -42,11 +42,11 @@ class AuthorityMemory(Layout):
 
 def judge_authority(a: AuthorityMemory, e: ThrusterEffectiveness) -> None:
     """Compute the control authority left with this effectiveness: twenty-four linear programs."""
-    for i in range(len(a.lower)):
-        a.program.lower[i] = a.lower[i]
-        a.program.upper[i] = a.upper[i]
+    n = len(a.lower)
+    a.program.lower[:n] = a.lower[:n]
+    a.program.upper[:n] = a.upper[:n]
     _reach_out(a, False)
-    for i in range(len(a.lower)):
+    for i in range(n):
         a.program.lower[i] = min(effective_thrust(e, i, a.lower[i]), effective_thrust(e, i, a.upper[i]))
         a.program.upper[i] = max(effective_thrust(e, i, a.lower[i]), effective_thrust(e, i, a.upper[i]))
     _reach_out(a, True)

@@ -230,8 +230,7 @@ def _go_on(m: FaultDetection) -> None:
         m.gone[j] += m.step[j]
         m.asked_way[j] = m.way[m.n_vehicle + j] * m.dt
         m.resistance[j] = m.residual[m.n_vehicle + j]
-    for k in range(len(m.q)):
-        m.before[k] = m.q[k]
+    m.before[:] = m.q
 
 
 def _judge(m: FaultDetection, t: float) -> bool:
@@ -252,8 +251,7 @@ def _judge(m: FaultDetection, t: float) -> bool:
 
 def _find_trim(m: FaultDetection) -> None:
     """The wrench that holds the robot still, and moments of weight and buoyancy within the allowed tilt from level."""
-    for k in range(len(m.q)):
-        m.tilted[k] = m.q[k]
+    m.tilted[: len(m.q)] = m.q[: len(m.q)]
     _tilt(m, 0, 0.0)
     m.weight(m.tilted, m.upright)
     for axis in range(6):

@@ -107,8 +107,7 @@ def _invert(p: PowerMemory, k: int) -> None:
 def _find_spare(p: PowerMemory) -> None:
     """Choose thrusters one by one, always that of which most is neither in the rows of the matrix nor spare yet."""
     for row in range(len(p.matrix)):
-        for i in range(p.count):
-            p.inner.W[row][i] = p.matrix[row][i]
+        p.inner.W[row][: p.count] = p.matrix[row][: p.count]
     rank = row_space(p.inner, len(p.matrix), p.count)
     p.n_spare = 0
     while p.n_spare < p.count - rank:
@@ -209,8 +208,7 @@ def limited_thrust(p: LimitedThrustMemory) -> bool:
     if not inside:
         _bounded(p)
     saturated = not inside and _loses(p)
-    for i in range(n):
-        p.within[i] = p.thrust[i]
+    p.within[:n] = p.thrust[:n]
     _leave_dead_zones(p)
     return saturated
 
@@ -218,14 +216,12 @@ def limited_thrust(p: LimitedThrustMemory) -> bool:
 def _bounded(p: LimitedThrustMemory) -> None:
     """Inside the limits: of least quadratic power, then step by step of least power."""
     n, before = p.problem.columns, zeros(len(p.thrust))
-    for i in range(n):
-        p.problem.weight[i] = p.powers.quadratic[i]
-        p.problem.lower[i] = p.lower[i]
-        p.problem.upper[i] = p.upper[i]
+    p.problem.weight[:n] = p.powers.quadratic[:n]
+    p.problem.lower[:n] = p.lower[:n]
+    p.problem.upper[:n] = p.upper[:n]
     _solve(p, False)
     for _ in range(_REWEIGHTINGS if p.powers.n_spare > 0 else 0):
-        for i in range(n):
-            before[i] = p.thrust[i]
+        before[:n] = p.thrust[:n]
         _touch(p)
         _solve(p, True)
         moved, most = 0.0, 0.0
@@ -243,16 +239,15 @@ def _touch(p: LimitedThrustMemory) -> None:
 
 def _solve(p: LimitedThrustMemory, started: bool) -> None:
     """The thrust for the weights and limits in the problem; started: from the thrust that there is."""
+    n = p.problem.columns
     for k in range(p.problem.rows):
         p.problem.b[k] = p.powers.wrench_weight[k] * p.wrench[k]
-        for i in range(p.problem.columns):
+        for i in range(n):
             p.problem.A[k][i] = p.powers.wrench_weight[k] * p.powers.matrix[k][i]
-    for i in range(p.problem.columns):
-        p.problem.x[i] = p.thrust[i]
+    p.problem.x[:n] = p.thrust[:n]
     p.problem.started = started
     solve_bounded(p.problem)
-    for i in range(p.problem.columns):
-        p.thrust[i] = p.problem.x[i]
+    p.thrust[:n] = p.problem.x[:n]
 
 
 def _loses(p: LimitedThrustMemory) -> bool:
@@ -272,9 +267,9 @@ def _loses(p: LimitedThrustMemory) -> bool:
 
 def _leave_dead_zones(p: LimitedThrustMemory) -> None:
     """Round what lies inside a dead zone, and let the other thrusters make up for it."""
-    for i in range(p.problem.columns):
-        p.problem.lower[i] = p.lower[i]
-        p.problem.upper[i] = p.upper[i]
+    n = p.problem.columns
+    p.problem.lower[:n] = p.lower[:n]
+    p.problem.upper[:n] = p.upper[:n]
     while _fix_inside_dead_zones(p):
         _touch(p)
         _solve(p, False)

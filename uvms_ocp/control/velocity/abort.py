@@ -217,8 +217,7 @@ def _runs_away(d: AbortMemory, m: MissionMemory, t: float, quantities: Vector) -
         d.runaway_since = t
         d.ticks = 0
         d.short_ticks = 0
-        for i in range(len(d.held)):
-            d.held[i] = quantities[i]
+        d.held[:] = quantities
     return False
 
 

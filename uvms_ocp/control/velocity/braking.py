@@ -76,10 +76,8 @@ def slow_down(m: StopMemory, q: Vector, v: Vector, slower: Vector) -> None:
 
 def begin_stop(m: StopMemory, q: Vector, v: Vector) -> None:
     """Begin at q [m, rad] with v [m/s, rad/s]. A kernel."""
-    for i in range(len(m.q)):
-        m.q[i] = q[i]
-    for i in range(len(m.v)):
-        m.v[i] = v[i]
+    m.q[:] = q
+    m.v[:] = v
     m.time = time_to_rest(m.acceleration, m.v, len(m.v))
     m.done = False
 
@@ -87,11 +85,9 @@ def begin_stop(m: StopMemory, q: Vector, v: Vector) -> None:
 def step_stop(m: StopMemory) -> None:
     """One tick nearer to rest. A kernel."""
     m.step(m.q, m.v, m.time, m.next_q, m.next_v)
-    for i in range(len(m.q)):
-        m.q[i] = m.next_q[i]
-    for i in range(len(m.v)):
-        m.velocity[i] = m.v[i]
-        m.v[i] = m.next_v[i]
+    m.q[:] = m.next_q
+    m.velocity[:] = m.v
+    m.v[:] = m.next_v
     m.time = time_to_rest(m.acceleration, m.v, len(m.v))
     m.done = not m.time >= _AT_REST  # also where v is not a number
 

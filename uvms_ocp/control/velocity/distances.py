@@ -92,10 +92,8 @@ def place_along_stop(m: NearestMemory, q: Vector, v: Vector, acceleration: Vecto
     """
     length, place = 0.5 * time_to_rest(acceleration, v, len(m.velocity)), m.place[0]
     m.moves = length >= dt
-    for i in range(len(place)):
-        place[i] = q[i]
-    for i in range(len(m.velocity)):
-        m.velocity[i] = v[i]
+    place[:] = q
+    m.velocity[:] = v
     for k in range(len(m.duration)):
         m.duration[k] = length * k / N_PLACES
         if m.moves and k > 0:
@@ -125,8 +123,7 @@ def _look_around(m: NearestMemory, p: PairsMemory) -> None:
         p.worst[i] = 0
         p.bounded[i] = p.in_c
     _look_at(m, p, 0, -math.inf)
-    for i in range(p.n_pairs):
-        p.lowest[i] = p.value[i]
+    p.lowest[: p.n_pairs] = p.value[: p.n_pairs]
 
 
 def _look_at(m: NearestMemory, p: PairsMemory, place: int, limit: float) -> None:

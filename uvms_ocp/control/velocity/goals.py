@@ -144,8 +144,7 @@ class GoalsMemory(Layout):
 def load_goals(g: GoalsMemory, m: MissionMemory, ascent: AscentMemory, t: float) -> None:
     """Load the goals of the phase at t [s]; the abort phase ascends to where its beginning aimed. A kernel."""
     goals = g.of_phase[m.phase]
-    for i in range(len(g.values)):
-        g.values[i] = goals[i]
+    g.values[:] = goals
     follow_tracks(g.tracks, m.phase, t - m.since, t - m.began, g.values)
     if m.phase == m.abort_phase:
         for i in range(len(ascent.goal)):

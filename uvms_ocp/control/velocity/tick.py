@@ -189,8 +189,7 @@ def _come_to_rest(m: TickMemory) -> None:
     way = m.rule.stop
     begin_stop(way, m.place, m.command)
     step_stop(way)
-    for i in range(len(m.place)):
-        m.place[i] = way.q[i]
+    m.place[:] = way.q
     for i in range(len(m.command)):
         m.change[i] = (way.v[i] - m.command[i]) / m.pace
         m.command[i] = way.v[i]
@@ -199,8 +198,7 @@ def _come_to_rest(m: TickMemory) -> None:
 
 def _choose(m: TickMemory) -> None:
     """The velocity that is wanted, as far as the limits on positions let it be taken."""
-    for i in range(len(m.place)):
-        m.place[i] = m.q[i]
+    m.place[:] = m.q
     _wanted_velocity(m)
     m.near = may_reach_limit(m.rule, m.wanted, m.gates, m.quantities)
     m.share = enforce_viability(m.rule, m.q, m.command, m.wanted, m.gates, m.quantities) if m.near else 1.0
@@ -271,37 +269,13 @@ class VelocityController(Layout):
 
 def solve(c: VelocityController) -> int:
     """Solve the hierarchy and finish the tick; return the code of the `Status`. A kernel."""
-    m, J, low, up, gate, goals, phase_quantities = (
-        c.tick,
-        c.jacobian,
-        c.lower,
-        c.upper,
-        c.gate,
-        c.tick.goals.values,
-        c.tick.quantities,
-    )
-    v, gates = m.v, m.gates
+    m, J, low, up, gate = c.tick, c.jacobian, c.lower, c.upper, c.gate
+    goals = m.goals.values
     c.levels(
-        m.q,
-        v,
-        m.passive,
-        m.previous,
-        m.change,
-        m.echo,
-        goals,
-        gates,
-        J,
-        low,
-        up,
-        None,
-        None,
-        gate,
-        phase_quantities,
-        c.activity,
+        m.q, m.v, m.passive, m.previous, m.change, m.echo, goals, m.gates, J, low, up, None, None, gate, m.quantities, c.activity
     )
     c.solver(J, low, up, gate, c.active_set, m.solved, c.found_set, c.report, c.residual)
-    for i in range(len(c.active_set)):
-        c.active_set[i] = c.found_set[i]
+    c.active_set[:] = c.found_set
     status = int(c.report[0])
     m.usable = c.usable[status] != 0
     return status

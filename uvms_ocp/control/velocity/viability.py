@@ -139,8 +139,8 @@ def enforce_viability(
     _lower_floors(m, q)
     share = _largest_share(m, q, wanted)
     _interpolate(m, wanted, share)
-    for i in range(len(m.mixed)):
-        wanted[i] = m.mixed[i]
+    n = len(m.mixed)
+    wanted[:n] = m.mixed[:n]
     return share
 
 
@@ -175,8 +175,7 @@ def _look_at(m: ViabilityMemory, k: int, q: Vector) -> None:
         m.smooth(q, m.position)
         return
     m.asked = k
-    for i in range(len(m.place)):
-        m.place[i] = q[i]
+    m.place[:] = q
     m.ask()
 
 

@@ -289,8 +289,7 @@ def _screen_newest(m: HealthMemory, c: ChannelMemory) -> None:
         _screen_new(m, c)
     c.misshapen = 0
     if not c.behind:
-        for i in range(c.size):
-            c.used_value[i] = c.value[i]
+        c.used_value[: c.size] = c.value[: c.size]
 
 
 def _screen_new(m: HealthMemory, c: ChannelMemory) -> None:
