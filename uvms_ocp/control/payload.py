@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -110,7 +110,9 @@ class LoadFilter:
         Raises `InvalidInput` for a limit that is none, or nothing.
         """
         n = require_limits(limit)
-        self._settings, self._last = settings, deque[np.ndarray](maxlen=_looks_apart(settings, bandwidth))
+        # Looks whose noise has little in common lie as far apart.
+        apart = max(1, round(_COLOUR / (float(bandwidth.min()) * settings.period)))
+        self._settings, self._last = settings, deque[np.ndarray](maxlen=apart)
         lasting = (LASTING_FORCE * limit) ** 2
         prior = [settings.weight**2, settings.mass**2, *3 * [settings.current**2]]
         self._prior = np.concatenate([prior, lasting])
@@ -130,7 +132,9 @@ class LoadFilter:
     def update(self, look: LoadSample) -> None:
         """One look, a period after the last."""
         self._forget()
-        H, missed = self._rows(look)
+        mass = look.mass if self._accelerates(look) else np.zeros_like(look.mass)
+        H = np.column_stack([look.weight, mass, look.slopes, np.eye(len(mass))])
+        missed = look.disturbance - H @ self.x - look.drag
         self._listen(missed, look.usable)
         if self._is_another(H, missed, look.usable):
             self._begin_anew()
@@ -139,12 +143,6 @@ class LoadFilter:
             return
         noise = (1.0 + self._cooled()) * self._colour * self._variance_of(look) + self._unseen(look)
         self._correct(H[look.usable], missed[look.usable], noise[look.usable])
-
-    def _rows(self, look: LoadSample) -> tuple[np.ndarray, np.ndarray]:
-        """Slopes (n_v, 5 + n_v) of the disturbance, and what of it is not expected (n_v,) [N, N m]."""
-        mass = look.mass if self._accelerates(look) else np.zeros_like(look.mass)
-        H = np.column_stack([look.weight, mass, look.slopes, np.eye(len(mass))])
-        return H, look.disturbance - H @ self.x - look.drag
 
     def _accelerates(self, look: LoadSample) -> bool:
         """Return whether the tool does, by so much that it shows."""
@@ -215,11 +213,6 @@ def require_limits(limit: np.ndarray) -> int:
     return len(limit)
 
 
-def _looks_apart(settings: LoadLearning, bandwidth: np.ndarray) -> int:
-    """Looks between two whose noise has little in common."""
-    return max(1, round(_COLOUR / (float(bandwidth.min()) * settings.period)))
-
-
 # Whether a load can be learnt at all: the controller refuses by it, and pre-flight says so before.
 
 
@@ -249,11 +242,8 @@ class ForceResponse:
     """(n_v, k) [m/s, rad/s] of its innovation."""
 
 
-class ObserverResponseLaw(Protocol):
-    """Observer's law, as far as it is used here."""
-
-    def response(self, before: ForceResponse, M: ca.SX, force: ca.SX, share: ca.SX) -> ForceResponse:
-        """A tick later, under forces (n_v, k) [N, N m], with the mass matrix M and a share (n_v,) of the bandwidth."""
+ObserverResponse = Callable[[ForceResponse, ca.SX, ca.SX, ca.SX], ForceResponse]
+"""`ObserverLaw.response`: a tick later, by the mass matrix, forces (n_v, k) [N, N m], and a share (n_v,) of the bandwidth."""
 
 
 def load_force(body: SymbolicDynamics, q: ca.SX, acceleration: ca.SX) -> ca.SX:
@@ -288,7 +278,7 @@ def tool_function(body: SymbolicDynamics) -> ca.Function:
     return ca.Function("tool", [q, v], [ca.densify(weight), velocity], ["q", "v"], ["weight", "velocity"])
 
 
-def response_function(body: SymbolicDynamics, law: ObserverResponseLaw) -> ca.Function:
+def response_function(body: SymbolicDynamics, response: ObserverResponse) -> ca.Function:
     """Function ``q, v, acceleration, current, share, estimate, innovation -> estimate, innovation``.
 
     The response of the observer to what is put into its estimate and bears no force, to `load_force` and to `current_force`.
@@ -299,7 +289,7 @@ def response_function(body: SymbolicDynamics, law: ObserverResponseLaw) -> ca.Fu
     before = ForceResponse(estimate=symbol("estimate", n, COLUMNS), innovation=symbol("innovation", n, COLUMNS))
     drag = current_force(body, x["q"], x["v"], x["current"])
     force = ca.horzcat(ca.SX(n, 1), load_force(body, x["q"], x["acceleration"]), drag)
-    after = law.response(before, body.mass_matrix(x["q"]), force, x["share"])
+    after = response(before, body.mass_matrix(x["q"]), force, x["share"])
     outputs = ca.cse([ca.densify(after.estimate), ca.densify(after.innovation)])
     return ca.Function("response", [*x.values(), before.estimate, before.innovation], outputs)
 
@@ -329,19 +319,10 @@ class LoadEstimate:
     """[kg] its standard error."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LoadFunctions:
-    """Functions of a learner, for one robot and observer; see `load_functions`."""
-
-    tool: ca.Function
-    """Function of `tool_function`."""
-    response: ca.Function
-    """Function of `response_function`."""
-
-
-def load_functions(body: SymbolicDynamics, law: ObserverResponseLaw) -> LoadFunctions:
-    """Compiled where there is a compiler."""
-    return LoadFunctions(compile_function(tool_function(body)), compile_function(response_function(body, law)))
+@lru_cache(maxsize=8)
+def load_functions(body: SymbolicDynamics, response: ObserverResponse) -> tuple[ca.Function, ca.Function]:
+    """`tool_function` and `response_function` for a learner, made once; compiled where there is a compiler."""
+    return compile_function(tool_function(body)), compile_function(response_function(body, response))
 
 
 class LoadLearner:
@@ -351,13 +332,19 @@ class LoadLearner:
     """
 
     def __init__(
-        self, functions: LoadFunctions, settings: LoadLearning, *, limit: np.ndarray, bandwidth: np.ndarray, dt: float
+        self,
+        body: SymbolicDynamics,
+        response: ObserverResponse,
+        settings: LoadLearning,
+        *,
+        limit: np.ndarray,
+        bandwidth: np.ndarray,
+        dt: float,
     ) -> None:
-        """Limit (n_v,) [N, N m] and bandwidth (n_v,) [rad/s] of the observer, dt [s] its period."""
-        self._tool, self._response = BufferedFunction(functions.tool), BufferedFunction(functions.response)
+        """Limit (n_v,) [N, N m] and bandwidth (n_v,) [rad/s] of the observer of the `body`, dt [s] its period."""
+        self._tool, self._response = map(BufferedFunction, load_functions(body, response))
         self._every, self._settling = max(1, round(settings.period / dt)), round(settings.settling / dt)
-        self._settings, self._dt, n = settings, dt, len(limit)
-        self._limit = limit
+        self._settings, self._dt, self._limit, n = settings, dt, limit, len(limit)
         # Looks are whole ticks apart.
         self.filter = LoadFilter(replace(settings, period=self._every * dt), limit, bandwidth)
         """Filter of the load."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -52,7 +52,8 @@ def tightened_limit(limit: float, margin: float) -> float:
 
 # What the tasks of a phase keep all along it, as strictly as a plan keeps it.
 
-_ANGLES = ("tilt", "misalignment", "angle")
+ANGLES = ("tilt", "misalignment", "angle")
+"""Quantities of tasks that bound an angle."""
 
 
 def active_tasks(phase: Phase, tasks: Collection[Task]) -> list[Task]:
@@ -90,7 +91,7 @@ def is_violated(task: Task, quantities: Mapping[str, float]) -> bool:
     if isinstance(task, MinimumAltitude):
         return quantities[f"{task.name}.altitude"] < task.threshold
     if isinstance(task, AngleTask):
-        return any(quantities.get(f"{task.name}.{angle}", 0.0) > task.aim for angle in _ANGLES)
+        return any(quantities.get(f"{task.name}.{angle}", 0.0) > task.aim for angle in ANGLES)
     return False
 
 
@@ -242,68 +243,28 @@ def horizon_segments(mission: Mission, greedy: GreedyRollout, margins: Margins, 
         on = active_tasks(phase, mission.tasks_of(index))
         kept = active_constraints(phase, on, out, before, margins)
         before = {task.name for task in on if is_prerequisite(task)}
-        moving = goals_end_time(phase, on)
-        marks = _PhaseTimes(begin=greedy.begins[k], entered=_entered(greedy, k, kept), end=greedy.begins[k + 1])
-        parts = _SegmentBuilder(
-            index=index, phase=phase, hold=out.hold, moving=moving, step=min(step, _FOLLOWED) if moving else step
-        )
+        moving, hold = goals_end_time(phase, on), out.hold
+        every = min(step, _FOLLOWED) if moving else step
+        begin, entered, end = greedy.begins[k], _entered(greedy, k, kept), greedy.begins[k + 1]
+        middle = max(entered, end - hold)
         broken = frozenset(task.name for task in kept if len(greedy.rows(k)) and is_violated(task, greedy.at(greedy.rows(k)[0])))
-        found += parts.entering(marks, broken)
-        found += parts.free(marks)
-        found += parts.held(marks, margins)
+        if broken:
+            ocp = _free_phase(f"{phase.name} entered", entered - begin, moving, every)
+            found.append(HorizonSegment(phase=index, ocp=ocp, greedy=(begin, entered), waits_for=broken))
+        # A goal that rests while conditions have to hold is followed from the beginning of that: nothing is free then.
+        if not 0 < moving <= hold:
+            ocp = _free_phase(phase.name, middle - entered, moving, every)
+            found.append(HorizonSegment(phase=index, ocp=ocp, greedy=(entered, middle), ends=not hold))
+        if hold:
+            ocp = OcpPhase(name=f"{phase.name} held", n_steps=max(2, math.ceil(hold / every)), duration=hold + margins.hold)
+            found.append(HorizonSegment(phase=index, ocp=ocp, greedy=(middle, end), ends=True, holds=True))
     return found
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _PhaseTimes:
-    """[s] of a phase on the greedy way."""
-
-    begin: float
-    entered: float
-    """When all that is kept holds."""
-    end: float
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _SegmentBuilder:
-    """Makes those of one phase."""
-
-    index: int
-    phase: Phase
-    hold: float
-    """[s] of its way out."""
-    moving: float
-    """[s] as `goals_end_time`."""
-    step: float
-    """[s]"""
-
-    def entering(self, marks: _PhaseTimes, broken: frozenset[str]) -> Iterator[HorizonSegment]:
-        """Until what is broken at the beginning holds."""
-        if broken:
-            ocp = self._free_phase(f"{self.phase.name} entered", marks.entered - marks.begin)
-            yield self._stretch(ocp, (marks.begin, marks.entered), waits_for=broken)
-
-    def free(self, marks: _PhaseTimes) -> Iterator[HorizonSegment]:
-        """A goal that rests while conditions have to hold is followed from the beginning of that: nothing is free then."""
-        if not 0 < self.moving <= self.hold:
-            middle = max(marks.entered, marks.end - self.hold)
-            ocp = self._free_phase(self.phase.name, middle - marks.entered)
-            yield self._stretch(ocp, (marks.entered, middle), ends=not self.hold)
-
-    def held(self, marks: _PhaseTimes, margins: Margins) -> Iterator[HorizonSegment]:
-        """Yield the segments in which the conditions of the way out hold."""
-        if self.hold:
-            n, duration = max(2, math.ceil(self.hold / self.step)), self.hold + margins.hold
-            ocp = OcpPhase(name=f"{self.phase.name} held", n_steps=n, duration=duration)
-            yield self._stretch(ocp, (max(marks.entered, marks.end - self.hold), marks.end), ends=True, holds=True)
-
-    def _stretch(self, ocp: OcpPhase, greedy: tuple[float, float], **more: Any) -> HorizonSegment:
-        return HorizonSegment(phase=self.index, ocp=ocp, greedy=greedy, **more)
-
-    def _free_phase(self, name: str, greedy: float) -> OcpPhase:
-        longest = max(_LONGEST * greedy, self.moving) + _LEEWAY
-        shortest = max(_SHORTEST * greedy, self.moving, 0.2 * _LEEWAY)
-        return OcpPhase(name=name, n_steps=max(_FEWEST, math.ceil(greedy / self.step)), duration=(shortest, longest))
+def _free_phase(name: str, greedy: float, moving: float, step: float) -> OcpPhase:
+    """Phase of a free duration, about as long as the greedy mission takes [s], and no shorter than its goals are moving [s]."""
+    longest, shortest = max(_LONGEST * greedy, moving) + _LEEWAY, max(_SHORTEST * greedy, moving, 0.2 * _LEEWAY)
+    return OcpPhase(name=name, n_steps=max(_FEWEST, math.ceil(greedy / step)), duration=(shortest, longest))
 
 
 def _entered(greedy: GreedyRollout, k: int, kept: Sequence[Task]) -> float:

@@ -15,6 +15,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission import Below, Condition, Mission, Phase
 from uvms_ocp.mission_plan.segments import (
+    ANGLES,
     GreedyRollout,
     HorizonSegment,
     Margins,
@@ -94,7 +95,6 @@ _ROWS: dict[tuple[type[Task], str], tuple[int, ...]] = {
     (ToolPosition, "position_error"): (0, 1, 2),
 }
 """Rows of residuals whose norm is the quantity."""
-_ANGLES = ("tilt", "misalignment", "angle")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -122,7 +122,7 @@ def condition_term(
     name, _, quantity = condition.quantity.rpartition(".")
     task = next(task for task in tasks if task.name == name)
     limit, below = condition.limit, isinstance(condition, Below) is met
-    if isinstance(task, AngleTask) and quantity in _ANGLES and below:
+    if isinstance(task, AngleTask) and quantity in ANGLES and below:
         return TaskTerm(task=replace(task, aim=tightened_limit(limit, margins.angle)), at=place.at, phase=place.segment)
     if isinstance(task, (LandingAltitude, MinimumAltitude)) and quantity == "altitude":
         lower, upper = _heights(task, limit, margins.altitude, below)

@@ -444,7 +444,10 @@ class Diagnosis:
     def verdict(self, result: LexicographicResult, *, again: bool = True) -> SolveVerdict:
         """again: one more solve is made where the search for what gives way finds a point that keeps all constraints."""
         if NlpStatus.INTERRUPTED in result.level_status:
-            return self._interrupted(result)
+            level = result.level_status.index(NlpStatus.INTERRUPTED)
+            residual = result.level_residuals[level]
+            text = f"level {self._name(level)}: stopped by hand at a residual of {residual:.4g}, with constraints broken by"
+            return SolveVerdict(status=OcpStatus.INTERRUPTED, reason=f"{text} {result.violation:.2g}", result=result)
         if NlpStatus.NOT_A_NUMBER in result.level_status:
             return self._undefined(result)
         if result.violation > self.feasibility:
@@ -461,12 +464,6 @@ class Diagnosis:
 
     def _name(self, level: int) -> str:
         return repr(self.problem.levels[level].name)
-
-    def _interrupted(self, result: LexicographicResult) -> SolveVerdict:
-        level = result.level_status.index(NlpStatus.INTERRUPTED)
-        residual = result.level_residuals[level]
-        text = f"level {self._name(level)}: stopped by hand at a residual of {residual:.4g}, with constraints broken by"
-        return SolveVerdict(status=OcpStatus.INTERRUPTED, reason=f"{text} {result.violation:.2g}", result=result)
 
     def _undefined(self, result: LexicographicResult) -> SolveVerdict:
         names = self.transcription.undefined(self.problem)
@@ -490,7 +487,8 @@ class Diagnosis:
             if not least.feasible:
                 return SolveVerdict(status=OcpStatus.INFEASIBLE, reason=f"{text}; {_describe_relaxations(least)}", result=result)
             if again:
-                return self._again(least)
+                result = self.solve(self.problem, least.x, self._left)
+                return self.verdict(result, again=False)
             text += "; a motion that keeps all constraints was found, but no optimum from there"
         if status is NlpStatus.INFEASIBLE and least is None:
             text = f"{text}, and no small change helps"
@@ -505,10 +503,6 @@ class Diagnosis:
             return phase_one(self.transcription, self.problem, self.p, result.x, time_limit=self._left)
         except KeyboardInterrupt:
             return None
-
-    def _again(self, least: PhaseOne) -> SolveVerdict:
-        result = self.solve(self.problem, least.x, self._left)
-        return self.verdict(result, again=False)
 
     # --- a goal is missed -----------------------------------------------------------------------------
 

@@ -47,8 +47,8 @@ class LevelValues(MetaValue):
 class SolverValues(MetaValue):
     """Values of the solver's result beside its arrays; see `uvms_ocp.solvers.nlp.lexicographic_nlp.LexicographicResult`."""
 
-    status: str
-    level_status: tuple[str, ...]
+    status: NlpStatus
+    level_status: tuple[NlpStatus, ...]
     iterations: tuple[int, ...]
     anticipated: bool
     violation: float
@@ -213,14 +213,7 @@ def result_arrays(result: LexicographicResult) -> dict[str, np.ndarray]:
 
 def solver_values(result: LexicographicResult) -> SolverValues:
     """Its values beside the arrays."""
-    return SolverValues(
-        status=result.status.value,
-        level_status=tuple(status.value for status in result.level_status),
-        iterations=result.iterations,
-        anticipated=result.anticipated,
-        violation=result.violation,
-        solve_time=result.solve_time,
-    )
+    return SolverValues(**{name: getattr(result, name) for name in SolverValues.model_fields})
 
 
 def stored_result(values: SolverValues, arrays: Arrays) -> LexicographicResult:
@@ -235,23 +228,13 @@ def stored_result(values: SolverValues, arrays: Arrays) -> LexicographicResult:
             raise InvalidInput("arrays of the solver's result do not fit each other")
         return LexicographicResult(
             x=arrays["x"],
-            status=_status(values.status),
-            level_status=tuple(_status(status) for status in values.level_status),
             values=tuple(arrays[f"values_{i}"] for i in levels),
             residuals=tuple(arrays[f"residuals_{i}"] for i in levels),
-            iterations=values.iterations,
-            anticipated=values.anticipated,
-            violation=values.violation,
             points=points,
-            solve_time=values.solve_time,
+            **dict(values),
         )
     except (KeyError, ValueError) as error:
         raise InvalidInput(f"the solver's result lacks {str(error)[:100]}") from error
-
-
-def _status(value: str) -> NlpStatus:
-    """Raises `ValueError` for a word that is no status."""
-    return NlpStatus(value)  # type: ignore[call-arg]  # looked up by its value alone
 
 
 def _point(arrays: Arrays, i: int) -> NlpPoint:

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 import coal
 import numpy as np
@@ -29,7 +29,7 @@ from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.planning import CoalDistances, CollisionScene
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.planning.request import Goal, PostureGoal, ToolGoal
-from uvms_ocp.record.meta_values import FrameMeta, ObstacleMeta, SurroundingsMeta
+from uvms_ocp.record.meta_values import FrameMeta, SurroundingsMeta
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.solvers import LexicographicNlp, LexicographicResult, NlpOptions, NlpStatus
 from uvms_ocp.solvers.nlp.level_solver import Progress
@@ -209,9 +209,15 @@ def surroundings(problem: OcpProblem, t0: float) -> SurroundingsMeta:
     end = t0 + float(problem.nominal_times()[-1])
     poses = [term for term in problem.terms if isinstance(term, TaskTerm) and isinstance(term.task, (PoseTask, ToolPosition))]
     obstacles = [item for term in problem.terms for item in term.scenery(end)]
+    seen: Counter[str] = Counter()
+    named = []
+    for item in obstacles:
+        seen[item.name] += 1
+        again = f" ({seen[item.name]})" if seen[item.name] > 1 else ""
+        named.append(item.model_copy(update={"name": item.name + again}))
     return SurroundingsMeta(
         frames=tuple(_goal(term, end) for term in poses),
-        obstacles=tuple(_renamed(obstacles)),
+        obstacles=tuple(named),
         floor_z=float(problem.floor) if np.isfinite(problem.floor) else None,
     )
 
@@ -220,17 +226,6 @@ def _goal(term: TaskTerm, t: float) -> FrameMeta:
     assert isinstance(term.task, (PoseTask, ToolPosition))
     pose = evaluate_pose(term.name, term.task.goal, t)[0]
     return FrameMeta(name=f"goal of {term.name}", pose=tuple(pin.SE3ToXYZQUAT(pose).tolist()))
-
-
-def _renamed(obstacles: list[ObstacleMeta]) -> list[ObstacleMeta]:
-    """With names that differ: several terms may number theirs alike."""
-    seen: Counter[str] = Counter()
-    named = []
-    for item in obstacles:
-        seen[item.name] += 1
-        again = f" ({seen[item.name]})" if seen[item.name] > 1 else ""
-        named.append(item.model_copy(update={"name": item.name + again}))
-    return named
 
 
 # Terms that follow the guess are written anew at the motion that was found, until it is the one they were written at.
@@ -247,24 +242,6 @@ _MORE = 1.2  # share of what is missing between nodes by which these are tighten
 
 
 Guess: TypeAlias = Trajectory | Plan | LexicographicResult
-
-
-class ProblemSolver(Protocol):
-    """A `Planner`, as far as it is needed here."""
-
-    transcription: Transcription
-
-    def solve(
-        self,
-        p: np.ndarray,
-        guess: Guess,
-        *,
-        problem: OcpProblem,
-        time_limit: float | None = None,
-        progress: Progress | None = None,
-    ) -> LexicographicResult:
-        """See `Planner.solve`, for p (n_p,) [unit of the parameter] and time_limit [s]."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -289,7 +266,7 @@ class RefinedResult:
 class Refinement:
     """One problem, solved until its terms are written where its motion is, or the deadline [s] is over."""
 
-    planner: ProblemSolver
+    planner: Planner
     given: OcpProblem
     t0: float
     """[s] of the first node."""

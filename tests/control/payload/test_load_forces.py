@@ -71,7 +71,7 @@ def test_an_observer_answers_forces_as_its_response_says() -> None:
     robot, model = load_robot("bluerov2_alpha5"), dynamics("bluerov2_alpha5")
     bandwidth = np.repeat([3.0, 4.0], [robot.n_vehicle, robot.n_joints])
     law = ObserverLaw(bandwidth=bandwidth, limit=np.full(robot.n_v, 1e3), dt=DT)
-    observe, response = observer_function(law, model, robot), response_function(model.symbolic, law)
+    observe, response = observer_function(law, model, robot), response_function(model.symbolic, law.response)
     tool = ca.Function("tool", [x := ca.SX.sym("q", robot.n_q)], [load_force(model.symbolic, x, ca.SX(3, 1))[:, 0]])
     (q, v, _), ones, zeros = scene(robot, 5), np.ones(robot.n_v), np.zeros(3)
     known, answer = [np.zeros(robot.n_v), v, 1.0], 2 * [np.zeros((robot.n_v, COLUMNS))]

@@ -15,7 +15,7 @@ from uvms_ocp.control.force.observer import DisturbanceObserver, ObserverLaw
 from uvms_ocp.control.force.tick import ForceTick
 from uvms_ocp.control.force.tick_functions import ForceLaws
 from uvms_ocp.control.force.velocity_law import DeadTimes, VelocityLaw, bandwidth_derating, dead_times
-from uvms_ocp.control.payload import LoadFunctions, LoadLearner, LoadLearning, load_functions, require_learnable
+from uvms_ocp.control.payload import LoadLearner, LoadLearning, require_learnable
 from uvms_ocp.control.velocity.abort import ActuationFeedback
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.errors import InvalidInput
@@ -204,13 +204,7 @@ def _learner(laws: ForceLaws, settings: LoadLearning) -> LoadLearner:
     require_learnable(laws.robot, observed=observer is not None)
     assert observer is not None
     limit, bandwidth, dt = observer.limit, observer.bandwidth, observer.dt
-    return LoadLearner(_load_functions(laws, observer), settings, limit=limit, bandwidth=bandwidth, dt=dt)
-
-
-@lru_cache(maxsize=8)
-def _load_functions(laws: ForceLaws, observer: ObserverLaw) -> LoadFunctions:
-    """Made once, as `_laws`."""
-    return load_functions(laws.velocity.dynamics, observer)
+    return LoadLearner(laws.velocity.dynamics, observer.response, settings, limit=limit, bandwidth=bandwidth, dt=dt)
 
 
 def _per_axis(robot: Robot, vehicle: float, joints: float) -> np.ndarray:

@@ -57,33 +57,6 @@ class Guide(Protocol):
         """waiting: describes what the mission waits for; feedback: of the force layer."""
 
 
-class GuidedController(Protocol):
-    """Controller that follows a guide's velocities: a `KinematicController`."""
-
-    watchdog: Watchdog
-
-    def pending(self) -> str:
-        """Describe what the mission waits for."""
-
-    def follow(self, command: Command) -> None:
-        """Take over a command in place of its own."""
-
-
-def apply_guide(
-    layer: GuidedController, guide: Guide, tick: TickInputs, feedback: ActuationFeedback, command: Command
-) -> Command:
-    """Replace the command of a layer by that of its guide; where the guide gives up, log an alarm."""
-    guided = guide(tick, feedback, layer.pending)
-    if guided.why:
-        layer.watchdog.alarms.append((tick.t, guided.why))
-    telemetry = {**command.telemetry, "guided": guided.v is not None}
-    if guided.v is None:
-        return replace_unchecked(command, telemetry=telemetry)
-    new = replace_unchecked(command, v=guided.v, telemetry=telemetry)
-    layer.follow(new)
-    return new
-
-
 # Kinematic control layer: measurements in, reference velocities out ([Gao2022] figure 4).
 
 _command, _tick_state = unchecked_constructor(Command), unchecked_constructor(TickInputs)
@@ -243,7 +216,19 @@ class KinematicController(TableDisplay):
             finished=self._state.over,
             telemetry=_telemetry(tick, solved, arrays.reported.copy(), memory.share),
         )
-        return command if self.guide is None else apply_guide(self, self.guide, tick, self._feedback, command)
+        return command if self.guide is None else self._guided(self.guide, tick, command)
+
+    def _guided(self, guide: Guide, tick: TickInputs, command: Command) -> Command:
+        """Replace the command by that of the guide; where the guide gives up, log an alarm."""
+        guided = guide(tick, self._feedback, self.pending)
+        if guided.why:
+            self.watchdog.alarms.append((tick.t, guided.why))
+        telemetry = {**command.telemetry, "guided": guided.v is not None}
+        if guided.v is None:
+            return replace_unchecked(command, telemetry=telemetry)
+        new = replace_unchecked(command, v=guided.v, telemetry=telemetry)
+        self.follow(new)
+        return new
 
     def _finish_by(self, solver: HierarchySolver) -> Callable[[], velocity_tick.Solved]:
         tick = solver.bind(self.problem.function, self.problem.sizes)

@@ -79,7 +79,10 @@ class StageMemory:
         """Rows that may be held, stage after stage: limits of forces, constraints, then those of all levels."""
         self._residuals = [self._level_rows(i) for i in range(self.n_levels)]
         self.motion, self.motion_linear = functions.motion_functions(self.tangent)
-        self.evaluate, self.move, self.find_inputs = self._evaluation(), self._moves(), self._inputs()
+        calls, function = BoundCalls(), functions.moved_function(self.tangent)
+        for i in range(len(self.stages)):
+            calls.add(function, [self.z_from[i], self.x_step[i], self.u_step[i], self.share], [self.z[i]])
+        self.evaluate, self.move, self.find_inputs = self._evaluation(), calls, self._inputs()
 
     @property
     def n_levels(self) -> int:
@@ -150,12 +153,6 @@ class StageMemory:
         """Results of the functions of rows at stage i: residuals, then rows that may be held."""
         return [*(self.residual_parts(level)[i] for level in range(self.n_levels)), *self.held_parts[i]]
 
-    def _moves(self) -> BoundCalls:
-        calls, function = BoundCalls(), functions.moved_function(self.tangent)
-        for i in range(len(self.stages)):
-            calls.add(function, [self.z_from[i], self.x_step[i], self.u_step[i], self.share], [self.z[i]])
-        return calls
-
     def _inputs(self) -> BoundCalls:
         calls, model = BoundCalls(), self.tangent.model
         function = functions.compile_dense("inputs", [model.z, model.water], self.tangent.expanded(model.inputs))
@@ -199,10 +196,6 @@ class StageVariables:
         memory.z[memory.steps, layout.a] = steps[:, column[source.a]]
         if source.n_thrust:
             memory.z[memory.steps, layout.null] = steps[:, column[source.thrust]] @ memory.tangent.model.actuators.null
-        self._set_start(p)
-
-    def _set_start(self, p: Array) -> None:
-        memory, layout = self._memory, self._memory.tangent.model.layout
         memory.z[self._nodes == 0, : layout.h] = p[memory.whole.parameter_layout.start]
 
     def write(self) -> Array:

@@ -212,7 +212,11 @@ class StagewiseProgram:
 
     def __init__(self, whole: Transcription) -> None:
         """Raises `InvalidInput` for what couples all stages: a level above others with `relax`; and for a start that is free."""
-        _check(whole.problem)
+        relaxed = _relaxed(whole.problem)
+        if relaxed:
+            raise InvalidInput(f"level {relaxed[0]!r} has relax; plugin 'stagewise' takes none: leave it out, or use 'ipopt'")
+        if not whole.problem.fixed_start:
+            raise InvalidInput("start_freedom is given; plugin 'stagewise' starts at the start: leave it out, or use 'ipopt'")
         self._whole, self.levels = whole, StagewiseLevels(StageMemory(whole))
         if whole.problem.hessian is HessianKind.EXACT:
             self.levels.memory.compile_curvature()
@@ -258,11 +262,3 @@ def quickest(problem: OcpProblem) -> str:
 
 def _relaxed(problem: OcpProblem) -> list[str]:
     return [level.name for level in problem.levels[:-1] if level.relax is not None]
-
-
-def _check(problem: OcpProblem) -> None:
-    relaxed = _relaxed(problem)
-    if relaxed:
-        raise InvalidInput(f"level {relaxed[0]!r} has relax; plugin 'stagewise' takes none: leave it out, or use 'ipopt'")
-    if not problem.fixed_start:
-        raise InvalidInput("start_freedom is given; plugin 'stagewise' starts at the start: leave it out, or use 'ipopt'")

@@ -264,25 +264,19 @@ class BoundaryRows:
     """The rows tie the last state to the first."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Ends:
-    """Symbols of one state each."""
-
-    first: ca.SX
-    last: ca.SX
-    given: ca.SX
-
-
 def boundary(model: StageModel) -> BoundaryRows:
     """Build the boundary rows of the model's problem: `OcpProblem.start_freedom` and `OcpProblem.periodic`."""
     problem, n = model.problem, model.layout.h
-    ends = _Ends(first=ca.SX.sym("first", n), last=ca.SX.sym("last", n), given=ca.SX.sym("given", n))
-    parts = [(START, *_given(model, ends))] + ([(PERIODIC, *_closed(model, ends))] if problem.periodic else [])
+    first, last, given = (ca.SX.sym(name, n) for name in ("first", "last", "given"))
+    parts = [(START, *_given(model, first, given))]
+    if problem.periodic:  # by axes: the integration keeps the norm of a quaternion, which needs no row
+        closed = _difference(model, first, last)
+        parts.append((PERIODIC, closed, np.zeros(closed.numel())))
     rows = ca.vertcat(*(rows for _, rows, _ in parts))
     width = np.concatenate([width for _, _, width in parts])
     residuals = None if problem.hessian is HessianKind.EXACT else ()
     return BoundaryRows(
-        functions=derivatives("boundary", ca.vertcat(ends.first, ends.last), ends.given, rows, residuals=residuals),
+        functions=derivatives("boundary", ca.vertcat(first, last), given, rows, residuals=residuals),
         lower=-width,
         upper=width,
         names=tuple(name for name, part, _ in parts for _ in range(part.numel())),
@@ -290,23 +284,17 @@ def boundary(model: StageModel) -> BoundaryRows:
     )
 
 
-def _given(model: StageModel, ends: _Ends) -> tuple[ca.SX, np.ndarray]:
+def _given(model: StageModel, first: ca.SX, given: ca.SX) -> tuple[ca.SX, np.ndarray]:
     """Rows of the first state, and by how much each may differ from 0."""
     freedom = model.problem.start_freedom
     if freedom is None:
-        rows = ends.first - ends.given
+        rows = first - given
         return rows, np.zeros(rows.numel())
     parts = [slice(3, 7)] if model.robot.n_vehicle else []
     parts += [slice(joint.q.stop - 2, joint.q.stop) for joint in model.robot.joints if joint.n_q > joint.n_v]
-    norms = ca.vertcat(ca.SX(0, 1), *(ca.sumsqr(ends.first[part]) - 1 for part in parts))
-    rows = ca.vertcat(_difference(model, ends.given, ends.first), norms)
+    norms = ca.vertcat(ca.SX(0, 1), *(ca.sumsqr(first[part]) - 1 for part in parts))
+    rows = ca.vertcat(_difference(model, given, first), norms)
     return rows, np.concatenate([freedom, np.zeros(norms.numel())])
-
-
-def _closed(model: StageModel, ends: _Ends) -> tuple[ca.SX, np.ndarray]:
-    """Return the rows that close a period, by axes: the integration keeps the norm of a quaternion, which needs no row."""
-    rows = _difference(model, ends.first, ends.last)
-    return rows, np.zeros(rows.numel())
 
 
 def _difference(model: StageModel, one: ca.SX, other: ca.SX) -> ca.SX:
@@ -450,6 +438,11 @@ def _total(problem: OcpProblem) -> _Group:
     return _Group(level=level, stage=stage, lower=np.full(n, -np.inf), upper=np.full(n, problem.longest), names=(TOTAL,) * n)
 
 
+def _costs(problem: OcpProblem) -> _Group:
+    names = tuple(f"cost of {level.name}" for level in problem.levels)
+    return _equalities(np.full(len(names), _DROPPED), np.full(len(names), problem.n_steps + 1), names)
+
+
 def _terms(block: TermBlock, *, fixed_start: bool) -> _Group:
     """A state that is given is not asked for anything."""
     rows, n = block.rows, len(block.nodes)
@@ -463,8 +456,3 @@ def _terms(block: TermBlock, *, fixed_start: bool) -> _Group:
         upper=np.tile(rows.own.upper, n),
         names=n * rows.names,
     )
-
-
-def _costs(problem: OcpProblem) -> _Group:
-    names = tuple(f"cost of {level.name}" for level in problem.levels)
-    return _equalities(np.full(len(names), _DROPPED), np.full(len(names), problem.n_steps + 1), names)

@@ -18,7 +18,6 @@ import numpy as np
 from uvms_ocp.errors import InvalidInput, UvmsError
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpPhase, OcpProblem, counts_at_end, counts_on_path
 from uvms_ocp.ocp.terms import Term
-from uvms_ocp.ocp.transcription import term_rows
 from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel, compile_derivatives, derivatives
 from uvms_ocp.solvers.nlp.program import RowKinds, half_square, row_kinds, signed_excess
 from uvms_ocp.tasks.task import Residual
@@ -201,35 +200,17 @@ def residual_of(model: StageModel, term: Term, goals: ca.SX) -> Residual:
         ) from error
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Symbols:
-    """Parameters that all members share."""
-
-    common: ca.SX
-    """(2,) active, 1 / time"""
-    roots: ca.SX
-    """(n_terms,)"""
-    lower: ca.SX
-    """(m,)"""
-    upper: ca.SX
-    """(m,)"""
-
-
 def _term_rows(model: StageModel, members: Sequence[TermEntry], name: str, *, on_path: bool) -> TermRows:
     """Costs on the path are integrals, as shares of the nominal time of the horizon."""
     own = term_numbers([member.term for member in members], [member.residual for member in members])
     kinds, m = row_kinds(own.lower, own.upper), len(own.lower)
-    shared = _Symbols(
-        common=ca.SX.sym("common", _N_COMMON),
-        roots=ca.SX.sym("root", len(members)),
-        lower=ca.SX.sym("lower", m),
-        upper=ca.SX.sym("upper", m),
-    )
-    s = ca.vertcat(shared.common, shared.roots, shared.lower, shared.upper, *(member.goals for member in members))
-    weighted = [shared.roots[i] * member.residual.value for i, member in enumerate(members)]
+    common, roots = ca.SX.sym("common", _N_COMMON), ca.SX.sym("root", len(members))
+    lower, upper = ca.SX.sym("lower", m), ca.SX.sym("upper", m)
+    s = ca.vertcat(common, roots, lower, upper, *(member.goals for member in members))
+    weighted = [roots[i] * member.residual.value for i, member in enumerate(members)]
     rows = ca.vertcat(ca.SX(0, 1), *weighted)
-    share = model.z[model.layout.h] * shared.common[1] if on_path else ca.SX(1)
-    costs, errors = _costs(len(model.problem.levels), members, rows, shared, kinds, share)
+    share = model.z[model.layout.h] * common[1] if on_path else ca.SX(1)
+    costs, errors = _costs(len(model.problem.levels), members, (rows, lower, upper, kinds), share, common[0])
     each_row = [member for member in members for _ in range(member.residual.n_rows)]
     return TermRows(
         name=name,
@@ -248,18 +229,18 @@ def _term_rows(model: StageModel, members: Sequence[TermEntry], name: str, *, on
 
 
 def _costs(
-    n_levels: int, members: Sequence[TermEntry], rows: ca.SX, shared: _Symbols, kinds: RowKinds, share: ca.SX
+    n_levels: int, members: Sequence[TermEntry], parts: tuple[ca.SX, ca.SX, ca.SX, RowKinds], share: ca.SX, active: ca.SX
 ) -> tuple[ca.SX, list[ca.SX]]:
-    """Cost of every level (n_levels,), and the vectors whose half squares they are."""
+    """Cost of every level (n_levels,), and the vectors whose half squares they are. parts: rows, lower, upper, kinds."""
     costs = [ca.SX(0) for _ in range(n_levels)]
     errors = [ca.SX(0, 1) for _ in range(n_levels)]
     ends = np.cumsum([0, *(member.residual.n_rows for member in members)]).tolist()
     for member, first, stop in zip(members, ends[:-1], ends[1:], strict=True):
         if member.level != CONSTRAINT:
-            scale = share * (shared.common[0] if member.term.state_only else 1)
-            parts = (rows[first:stop], shared.lower[first:stop], shared.upper[first:stop], kinds[first:stop])
-            costs[member.level] += scale * half_square(*parts)
-            errors[member.level] = ca.vertcat(errors[member.level], ca.sqrt(scale) * signed_excess(*parts))
+            scale = share * (active if member.term.state_only else 1)
+            rows, lower, upper, kinds = (part[first:stop] for part in parts)
+            costs[member.level] += scale * half_square(rows, lower, upper, kinds)
+            errors[member.level] = ca.vertcat(errors[member.level], ca.sqrt(scale) * signed_excess(rows, lower, upper, kinds))
     return ca.vertcat(*costs), errors
 
 
@@ -278,11 +259,11 @@ class ReusedProblem:
     """A problem, and what a kept program takes from its terms."""
 
     problem: OcpProblem
-    numbers: tuple[term_rows.TermNumbers, ...]
+    numbers: tuple[TermNumbers, ...]
     """Numbers of each block."""
 
 
-def fit_problem(model: StageModel, blocks: Sequence[term_rows.TermBlock], given: OcpProblem) -> ReusedProblem:
+def fit_problem(model: StageModel, blocks: Sequence[TermBlock], given: OcpProblem) -> ReusedProblem:
     """The numbers of a problem for the program of `blocks`; raises `InvalidInput` for a problem of another shape."""
     built = model.problem
     if given is built:
@@ -328,22 +309,22 @@ def _require_as_many(place: str, name: str, built: Sequence[object], given: Sequ
         raise InvalidInput(f"{place} has {now} {name}, the planner was built for {was}: build a new Planner")
 
 
-def _numbers(model: StageModel, rows: term_rows.TermRows, given: OcpProblem) -> term_rows.TermNumbers:
+def _numbers(model: StageModel, rows: TermRows, given: OcpProblem) -> TermNumbers:
     terms = [given.terms[member.place] for member in rows.members]
     if all(term is member.term for member, term in zip(rows.members, terms, strict=True)):
         return rows.own
     residuals = [_residual(model, member, term) for member, term in zip(rows.members, terms, strict=True)]
-    return term_rows.term_numbers(terms, residuals)
+    return term_numbers(terms, residuals)
 
 
-def _residual(model: StageModel, member: term_rows.TermEntry, term: Term) -> Residual:
+def _residual(model: StageModel, member: TermEntry, term: Term) -> Residual:
     """Return the residual of a term in the place of another one."""
     built = member.residual
     if term is member.term or not any(_differences(member.term, term)):
         return built
     if _role(model, member.term) != _role(model, term):
         raise _other(model, member, term)
-    given = term_rows.residual_of(model, term, member.goals)
+    given = residual_of(model, term, member.goals)
     same_kinds = row_kinds(built.lower, built.upper).same(row_kinds(given.lower, given.upper))
     if not (same_kinds and _same_expression(built.value, given.value, model.z, model.water, member.goals)):
         raise _other(model, member, term)
@@ -362,8 +343,8 @@ def _same_expression(one: ca.SX, other: ca.SX, *symbols: ca.SX) -> bool:
     return bool(texts[0] == texts[1])
 
 
-def _other(model: StageModel, member: term_rows.TermEntry, given: Term) -> InvalidInput:
-    place = "constraints" if member.level == term_rows.CONSTRAINT else f"level {model.problem.levels[member.level].name!r}"
+def _other(model: StageModel, member: TermEntry, given: Term) -> InvalidInput:
+    place = "constraints" if member.level == CONSTRAINT else f"level {model.problem.levels[member.level].name!r}"
     found = ", ".join(_differences(member.term, given))
     return InvalidInput(f"{place}: term {given.name!r} differs in {found} from the planner's: build a new Planner")
 

@@ -83,28 +83,16 @@ def _codes(codes: Mapping[str, int]) -> str:
 _result = unchecked_constructor(TickResult)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class ActiveSetFunctions:
-    """CasADi functions evaluated at every tick."""
-
-    tick: ca.Function | None
-    """(inputs, active set) -> v, active set, report, residual, *extras; None without C."""
-    levels: ca.Function
-    """Inputs -> J, lower, upper, rate, activation, gate, *extras; dense"""
-    sizes: tuple[int, ...]
-    """Rows of each level."""
-
-
 class ActiveSetTick:
     """Warm-started from the active set of the tick before."""
 
-    __slots__ = ("_active_set", "_functions", "_levels", "_tick")
+    __slots__ = ("_active_set", "_levels", "_sizes", "_tick", "_width")
 
-    def __init__(self, functions: ActiveSetFunctions) -> None:
-        self._functions = functions
-        self._tick = None if functions.tick is None else BufferedFunction(functions.tick)
-        self._levels = BufferedFunction(functions.levels)
-        self._active_set = np.zeros(sum(functions.sizes))
+    def __init__(self, tick: ca.Function | None, levels: ca.Function, sizes: Sequence[int]) -> None:
+        r"""tick: of `LexicographicActiveSet.function`. levels: inputs -> J, lower, upper, rate, activation, gate, \*extras."""
+        self._tick = None if tick is None else BufferedFunction(tick)
+        self._levels, self._sizes, self._width = BufferedFunction(levels), tuple(sizes), levels.size2_out(0)
+        self._active_set = np.zeros(sum(sizes))
 
     def reset(self) -> None:
         """Forget the active set: the next tick starts cold."""
@@ -143,8 +131,7 @@ class ActiveSetTick:
 
     def _in_numpy(self, inputs: Sequence[ArrayLike], start: float) -> TickResult:
         J, lower, upper, _, _, gate, *extras = self._levels(*inputs)
-        J = J.reshape(-1, self._functions.levels.size2_out(0))
-        found = solve_levels(J, lower, upper, gate, self._active_set, self._functions.sizes)
+        found = solve_levels(J.reshape(-1, self._width), lower, upper, gate, self._active_set, self._sizes)
         self._active_set[:] = found.active_set
         return _result(
             v=found.v,
@@ -182,8 +169,7 @@ class LexicographicActiveSet:
         check_levels_function(levels_function, sizes)
         if self.compiled:
             levels_function = compile_function(levels_function)
-        function = self.function(levels_function, sizes)
-        return ActiveSetTick(ActiveSetFunctions(tick=function, levels=dense(levels_function), sizes=tuple(sizes)))
+        return ActiveSetTick(self.function(levels_function, sizes), dense(levels_function), sizes)
 
     def core(self, n: int, sizes: Sequence[int]) -> ca.Function | None:
         """(J, lower, upper, gate, active set) -> v, active set, report, residual, in machine code; None where that cannot be.

@@ -52,20 +52,6 @@ _NOTHING, _SATISFIED_CASE = 0, 1
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class QpSettings:
-    """Settings of `LexicographicQp` that shape the graph, described there."""
-
-    plugin: str
-    """Name of the conic plugin."""
-    options: Mapping[str, object]
-    """All options of the plugin."""
-    proximal: float
-    tolerance: float
-    attempts: int
-    """Programs per level at most."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Held:
     """Rows of all levels above, with bounds widened to what was reached."""
 
@@ -128,14 +114,12 @@ class LevelStep:
     """Its memory holds the active set of the last call."""
 
 
-def cascade(steps: Sequence[LevelStep | None], J: ca.MX, lower: ca.MX, upper: ca.MX) -> tuple[ca.MX, ca.MX]:
-    """V (n,) and 1 if any level is inexact, from one ``level_function`` per level (None: no rows)."""
+def cascade(steps: Sequence[LevelStep], J: ca.MX, lower: ca.MX, upper: ca.MX) -> tuple[ca.MX, ca.MX]:
+    """V (n,) and 1 if any level is inexact, from one step per level that has rows."""
     n = J.shape[1]
     v, P, inexact = ca.MX.zeros(n), ca.MX.eye(n), ca.MX.zeros(1)
     held = _Held(J=ca.MX(0, n), lower=ca.MX(0, 1), upper=ca.MX(0, 1), fixed=ca.MX(0, 1))
     for step in steps:
-        if step is None:
-            continue
         rows = slice(held.J.shape[0], held.J.shape[0] + step.solve.size1_in(4))
         own = _LevelSymbols(held=held, J=J[rows, :], lower=lower[rows], upper=upper[rows], v=v, P=ca.densify(P))
         v, P, failed = step.solve.call(own.inputs())
@@ -143,7 +127,7 @@ def cascade(steps: Sequence[LevelStep | None], J: ca.MX, lower: ca.MX, upper: ca
     return v, inexact
 
 
-def level_step(settings: QpSettings, n: int, held: int, size: int) -> LevelStep:
+def level_step(settings: LexicographicQp, n: int, held: int, size: int) -> LevelStep:
     """Level of ``size`` rows below ``held`` rows; it does as little as is needed."""
     name, symbols = f"level_{held}", _level_symbols(n, held, size)
     inputs, zero = symbols.inputs(), ca.MX.zeros(1)
@@ -216,7 +200,7 @@ def _projector(own: _LevelSymbols, v: ca.MX) -> ca.MX:
     return P
 
 
-def _programs(settings: QpSettings, name: str, solver: ca.Function, symbols: _LevelSymbols) -> ca.Function:
+def _programs(settings: LexicographicQp, name: str, solver: ca.Function, symbols: _LevelSymbols) -> ca.Function:
     inputs = symbols.inputs()
     step = ca.Function(f"{name}_given_up", inputs, [symbols.v, ca.MX.ones(1)])
     for _ in range(settings.attempts):
@@ -225,31 +209,33 @@ def _programs(settings: QpSettings, name: str, solver: ca.Function, symbols: _Le
     return ca.Function(f"{name}_programs", inputs, [v, _projector(symbols, v), failed])
 
 
-def _conic(settings: QpSettings, name: str, symbols: _LevelSymbols) -> ca.Function:
+def _conic(settings: LexicographicQp, name: str, symbols: _LevelSymbols) -> ca.Function:
     size, n = symbols.J.shape
     H = ca.diagcat(ca.Sparsity.dense(n, n), ca.Sparsity.diag(size))
     A = ca.Sparsity.dense(symbols.held.J.shape[0] + size, n + size)
-    options = dict(settings.options)
+    options = {"error_on_fail": False, **_DEFAULTS.get(settings.plugin, {}), **settings.options}
     if settings.plugin == "qpoases":
         # Warm starts that need more working-set changes than this hardly ever recover.
         options.setdefault("nWSR", 40 + sum(A.shape))
     return ca.conic(f"{name}_qp", settings.plugin, {"h": H, "a": A}, options)
 
 
-def _attempt(settings: QpSettings, name: str, solver: ca.Function, symbols: _LevelSymbols, otherwise: ca.Function) -> ca.Function:
+def _attempt(
+    settings: LexicographicQp, name: str, solver: ca.Function, symbols: _LevelSymbols, otherwise: ca.Function
+) -> ca.Function:
     """One program; ``otherwise`` continues from its result if that is not verified to be optimal."""
     v, multipliers = _program(settings, solver, symbols)
     accepted = _is_acceptable(settings, symbols, v)
     v = ca.if_else(accepted, v, symbols.v)
     # Where rounding alone made the program look worse, its multipliers verify the former v.
-    verified = _is_optimal(settings, symbols, v, multipliers)
+    verified = _is_optimal(symbols, v, multipliers)
     inputs = symbols.inputs()
     done = ca.Function(f"{name}_done", inputs, [symbols.v, ca.MX.zeros(1)])
     choice = ca.Function.if_else(f"{name}_again", done, otherwise)
     return ca.Function(f"{name}_try", inputs, choice.call([verified, *symbols.inputs(v)]))
 
 
-def _program(settings: QpSettings, solver: ca.Function, symbols: _LevelSymbols) -> tuple[ca.MX, ca.MX]:
+def _program(settings: LexicographicQp, solver: ca.Function, symbols: _LevelSymbols) -> tuple[ca.MX, ca.MX]:
     """V, and the multipliers of the rows of the levels above."""
     size, n = symbols.J.shape
     JP, y = symbols.J @ symbols.P, symbols.J @ symbols.v
@@ -282,7 +268,7 @@ def _held_rows(symbols: _LevelSymbols) -> tuple[ca.MX, ca.MX, ca.MX]:
     return JP, low, where(dropped, ca.inf, ca.fmax(held.upper - y, 0))
 
 
-def _is_acceptable(settings: QpSettings, symbols: _LevelSymbols, v: ca.MX) -> ca.MX:
+def _is_acceptable(settings: LexicographicQp, symbols: _LevelSymbols, v: ca.MX) -> ca.MX:
     """True if v is finite, keeps all levels above, and is no worse than before at this one."""
     before = ca.sumsqr(interval_distance(symbols.J @ symbols.v, symbols.lower, symbols.upper))
     after = ca.sumsqr(interval_distance(symbols.J @ v, symbols.lower, symbols.upper))
@@ -295,7 +281,7 @@ def _is_acceptable(settings: QpSettings, symbols: _LevelSymbols, v: ca.MX) -> ca
     return ca.logic_and(better, ca.norm_inf(worse) <= settings.tolerance)
 
 
-def _is_optimal(settings: QpSettings, symbols: _LevelSymbols, v: ca.MX, multipliers: ca.MX) -> ca.MX:
+def _is_optimal(symbols: _LevelSymbols, v: ca.MX, multipliers: ca.MX) -> ca.MX:
     """Karush-Kuhn-Tucker conditions of the level without the proximal term."""
     slack = interval_distance(symbols.J @ v, symbols.lower, symbols.upper)
     scale = _STATIONARY * (1 + ca.norm_fro(symbols.J) * ca.norm_2(slack))
@@ -318,22 +304,6 @@ _STATUS = (Status.SOLVED, Status.INEXACT, Status.INVALID_INPUT)
 _INEXACT = 1
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class QpFunctions:
-    """CasADi functions evaluated at every tick."""
-
-    tick: ca.Function
-    """Inputs -> v, status, residual, *extras"""
-    levels: ca.Function
-    """Inputs -> J, lower, upper (gated), J, lower, upper, gate (as given), *extras"""
-    steps: Sequence[LevelStep | None]
-    """One per level, None for a level without rows."""
-    sizes: tuple[int, ...]
-    """Rows of each level."""
-    certified: bool
-    """`LexicographicQp.certified`."""
-
-
 class QpTick:
     """The whole cascade in one Function; level by level where a plugin reports an error.
 
@@ -343,12 +313,18 @@ class QpTick:
     whose warm start no longer leads to the optimum, as after a jump to another problem.
     """
 
-    __slots__ = ("_fresh", "_functions", "_levels", "_tick")
+    __slots__ = ("_certified", "_fresh", "_levels", "_sizes", "_steps", "_tick", "_width")
 
-    def __init__(self, functions: QpFunctions) -> None:
-        self._functions = functions
-        self._tick, self._levels = BufferedFunction(functions.tick), BufferedFunction(functions.levels)
-        self._fresh = False
+    def __init__(
+        self, tick: ca.Function, levels: ca.Function, steps: Sequence[LevelStep], sizes: Sequence[int], *, certified: bool
+    ) -> None:
+        r"""tick: inputs -> v, status, residual, \*extras. sizes: rows of each level; steps: of those that have rows.
+
+        levels: inputs -> J, lower, upper (gated), J, lower, upper, gate (as given), \*extras.
+        """
+        self._tick, self._levels = BufferedFunction(tick), BufferedFunction(levels)
+        self._steps, self._sizes, self._width = steps, tuple(sizes), levels.size2_out(0)
+        self._certified, self._fresh = certified, False
         with contextlib.redirect_stdout(io.StringIO()):
             self._set_up()
 
@@ -359,7 +335,12 @@ class QpTick:
         with contextlib.redirect_stdout(io.StringIO()):
             outputs = self._tick(*inputs)
             if self._tick.failed or (outputs[1][0] == _INEXACT and not self._fresh):
-                outputs = self._solve_by_level(inputs)
+                # On fresh plugins first, then level by level, where a level that still fails keeps v.
+                for step in self._steps:
+                    step.conic.checkout()
+                self._set_up()
+                outputs = self._tick(*inputs)
+                outputs = self._stepwise(inputs) if self._tick.failed else outputs
         # Where fresh plugins do not help either, they would not at the next tick.
         self._fresh = bool(outputs[1][0] == _INEXACT)
         v, status, missed, *extras = outputs
@@ -375,37 +356,24 @@ class QpTick:
         """Exact only if that is certified, whatever the programs say of themselves."""
         if _STATUS[said] is Status.INVALID_INPUT:
             return Status.INVALID_INPUT
-        if not self._functions.certified:
+        if not self._certified:
             return Status.INEXACT
         J, low, up = self._levels(*inputs)[:3]
-        rows = normal_rows(J.reshape(-1, len(v)), low, up, self._functions.sizes)
+        rows = normal_rows(J.reshape(-1, len(v)), low, up, self._sizes)
         exact = normal_certificate(rows, v / rows.velocity) <= tolerances.CERTIFIED
         return Status.SOLVED if exact else Status.INEXACT
 
-    def _solve_by_level(self, inputs: Sequence[ArrayLike]) -> tuple[Array, ...]:
-        """On fresh plugins first, then level by level, where a level that still fails keeps v."""
-        for conic in self._conics():
-            conic.checkout()
-        self._set_up()
-        outputs = self._tick(*inputs)
-        return self._stepwise(inputs) if self._tick.failed else outputs
-
     def _set_up(self) -> None:
-        for conic in self._conics():
-            conic.release(conic.checkout())
-
-    def _conics(self) -> list[ca.Function]:
-        return [step.conic for step in self._functions.steps if step is not None]
+        for step in self._steps:
+            step.conic.release(step.conic.checkout())
 
     def _stepwise(self, inputs: Sequence[ArrayLike]) -> tuple[Array, ...]:
         J, low, up, J_given, lower, upper, gate, *extras = self._levels(*inputs)
-        n = self._functions.levels.size2_out(0)
+        n = self._width
         J, J_given = J.reshape(-1, n), J_given.reshape(-1, n)
         v, P, inexact, held = np.zeros(n), np.eye(n), 0.0, 0
         bounds, fixed = (low.copy(), up.copy()), np.zeros(len(low))
-        for step in self._functions.steps:
-            if step is None:
-                continue
+        for step in self._steps:
             rows = slice(held, held + step.solve.size1_in(4))
             above = (J[:held], bounds[0][:held], bounds[1][:held], fixed[:held])
             v, P, failed = _level(step, [*above, J[rows], low[rows], up[rows], v, P])
@@ -471,25 +439,15 @@ class LexicographicQp:
         J, lower, upper, _, _, gate, *extras = dense_outputs(levels_function, inputs)
         # Some plugins print a banner through Python's stdout when they are created.
         with contextlib.redirect_stdout(io.StringIO()):
-            settings, above = (self._settings(), np.cumsum([0, *sizes]))
-            steps = [level_step(settings, J.shape[1], int(above[k]), size) if size else None for k, size in enumerate(sizes)]
+            above = np.cumsum([0, *sizes])
+            steps = [level_step(self, J.shape[1], int(above[k]), size) for k, size in enumerate(sizes) if size]
         valid, J_safe, low, up = sanitised(J, lower, upper, gate)
         v, inexact = cascade(steps, J_safe, low, up)
         status, residual = outcome(valid, v, inexact, J, lower, upper, gate)
         outputs, raw = [v, status, residual, *extras], [J_safe, low, up, J, lower, upper, gate, *extras]
         tick = ca.Function("tick", inputs, outputs, names, [f"out_{i}" for i in range(len(outputs))])
         levels = ca.Function("levels", inputs, raw, names, [f"out_{i}" for i in range(len(raw))])
-        return QpTick(QpFunctions(tick=tick, levels=levels, steps=steps, sizes=tuple(sizes), certified=self.certified))
-
-    def _settings(self) -> QpSettings:
-        options = {"error_on_fail": False, **_DEFAULTS.get(self.plugin, {}), **self.options}
-        return QpSettings(
-            plugin=self.plugin,
-            options=options,
-            proximal=self.proximal,
-            tolerance=self.tolerance,
-            attempts=self.attempts,
-        )
+        return QpTick(tick, levels, steps, sizes, certified=self.certified)
 
 
 def conic_plugins() -> tuple[str, ...]:

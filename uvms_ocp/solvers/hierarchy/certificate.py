@@ -225,7 +225,11 @@ def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | No
         region = replace(region, endless=np.isinf(normal.box.lower) | np.isinf(normal.box.upper))
         excesses = _excesses(normal, w, region, first=_beyond_box(region))
     else:
-        region = _given_region(radius, v, normal.velocity)
+        given = np.asarray(radius, dtype=np.float64)
+        if given.shape not in ((), v.shape) or not ((given > 0.0) & (given < np.inf)).all():
+            raise InvalidInput(f"radius = {given}; give one finite velocity > 0 for all entries of v, or {len(v)} of them")
+        reach = np.broadcast_to(given, v.shape) / normal.velocity
+        region = _Region(down=reach, up=reach, endless=np.zeros(len(v), dtype=bool))
         excesses = _excesses(normal, w, region, first=region)
     return excesses * normal.level * normal.velocity
 
@@ -269,14 +273,6 @@ def _default_region(rows: NormalRows, w: Array) -> _Region:
 def _beyond_box(region: _Region) -> _Region:
     reach = tolerances.REACH
     return replace(region, down=np.maximum(region.down, reach), up=np.maximum(region.up, reach))
-
-
-def _given_region(radius: ArrayLike, v: Array, velocity: float) -> _Region:
-    given = np.asarray(radius, dtype=np.float64)
-    if given.shape not in ((), v.shape) or not ((given > 0.0) & (given < np.inf)).all():
-        raise InvalidInput(f"radius = {given}; give one finite velocity > 0 for all entries of v, or {len(v)} of them")
-    reach = np.broadcast_to(given, v.shape) / velocity
-    return _Region(down=reach, up=reach, endless=np.zeros(len(v), dtype=bool))
 
 
 def _excesses(rows: NormalRows, w: Array, region: _Region, *, first: _Region) -> Array:

@@ -61,7 +61,11 @@ class Level(FieldTable):
 
         Raises `InvalidInput` naming the level and the field that is wrong.
         """
-        J = _jacobian(name, jacobian)
+        J = _numbers(name, "jacobian", jacobian)
+        if J.ndim != 2 or J.shape[1] == 0:
+            raise InvalidInput(f"{_label(name, 'jacobian')} has shape {J.shape}; give (m, n) with n >= 1")
+        if not np.isfinite(J).all():
+            raise InvalidInput(f"{_label(name, 'jacobian')} contains an infinite value; give finite numbers")
         m = len(J)
         low, up = _rows(name, "lower", lower, m), _rows(name, "upper", upper, m)
         _check_order(name, low, up)
@@ -148,15 +152,6 @@ def _numbers(name: str, field: str, value: ArrayLike) -> Array:
         raise InvalidInput(f"{_label(name, field)} is not numeric; give an array of numbers") from None
     if np.isnan(array).any():
         raise InvalidInput(f"{_label(name, field)} contains NaN; give numbers")
-    return array
-
-
-def _jacobian(name: str, value: ArrayLike) -> Array:
-    array = _numbers(name, "jacobian", value)
-    if array.ndim != 2 or array.shape[1] == 0:
-        raise InvalidInput(f"{_label(name, 'jacobian')} has shape {array.shape}; give (m, n) with n >= 1")
-    if not np.isfinite(array).all():
-        raise InvalidInput(f"{_label(name, 'jacobian')} contains an infinite value; give finite numbers")
     return array
 
 

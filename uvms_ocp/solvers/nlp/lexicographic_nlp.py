@@ -227,7 +227,8 @@ class _Run:
         statuses += [NlpStatus.TIME_LIMIT if self._nlp.deadline.over else NlpStatus.SKIPPED] * left
         iterations += [0] * left
         iterations[0] += self._spent
-        return self._result(best or self._nothing(), tuple(statuses), tuple(iterations), tuple(points), False)
+        assert best is not None  # as there is one level at least
+        return self._result(best, tuple(statuses), tuple(iterations), tuple(points), False)
 
     def _stopped(self, outcome: level_solver.NlpOutcome) -> LexicographicResult:
         """Return the result of a solve stopped by hand before the first level was solved: no level is held."""
@@ -246,9 +247,6 @@ class _Run:
         if best is None or self._points[index].warm:
             return self._points[index]
         return level_solver.NlpPoint(x=best.point.x)
-
-    def _nothing(self) -> level_solver.NlpOutcome:
-        return level_solver.NlpOutcome(point=self._points[0], status=NlpStatus.SKIPPED, iterations=0, violation=np.inf)
 
     def _result(
         self,

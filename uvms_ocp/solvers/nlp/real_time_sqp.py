@@ -24,6 +24,7 @@ import numpy as np
 from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.nlp.level_solver import SPARSE_PLUGIN, STAGEWISE, SqpOptions
+from uvms_ocp.solvers.nlp.lexicographic_nlp import SelfSolving
 from uvms_ocp.solvers.nlp.program import (
     LevelNlp,
     LevelRows,
@@ -31,7 +32,6 @@ from uvms_ocp.solvers.nlp.program import (
     NlpStatus,
     Parameters,
     RowBounds,
-    RowRanges,
     Variables,
     row_bounds,
 )
@@ -260,24 +260,6 @@ _OPTIONS: dict[str, dict[str, object]] = {
 }
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Linear:
-    """Rows, and derivatives of rows and cost, at one point."""
-
-    gradient: np.ndarray
-    """(n,) [1/unit of x] of the cost."""
-    H: ca.DM
-    """(n, n) Gauss-Newton Hessian, damped."""
-    g: np.ndarray
-    """(m,) [unit of the row] rows."""
-    A: ca.DM
-    """(m, n) their Jacobian."""
-
-    @property
-    def finite(self) -> bool:
-        return bool(np.isfinite(self.g).all() and np.isfinite(self.gradient).all())
-
-
 class LevelQp:
     """Built once; raises `InvalidInput` for a level without derivative functions."""
 
@@ -301,26 +283,23 @@ class LevelQp:
 
         p (n_p,) [unit of the parameter]. damping [1/unit of x^2]: weight of the square of the step.
         """
-        gradient, H, g, A = self._linearize.call([x, p, damping])
-        linear = _Linear(gradient=np.array(gradient).ravel(), H=H, g=np.array(g).ravel(), A=A)
-        if not linear.finite:
+        slope, H, g, A = self._linearize.call([x, p, damping])
+        gradient, rows = np.array(slope).ravel(), np.array(g).ravel()
+        if not (np.isfinite(rows).all() and np.isfinite(gradient).all()):
             return np.zeros_like(x), NlpStatus.NOT_A_NUMBER
-        step = self._solved(linear, x, bounds)
-        if not (self._qp.stats()["success"] and np.isfinite(step).all()):
-            return np.zeros_like(x), NlpStatus.STALLED
-        return step, None
-
-    def _solved(self, linear: _Linear, x: np.ndarray, bounds: RowBounds) -> np.ndarray:
         solution = self._qp(
-            h=linear.H,
-            g=linear.gradient,
-            a=linear.A,
-            lba=bounds.lower[self._rows] - linear.g,
-            uba=bounds.upper[self._rows] - linear.g,
+            h=H,
+            g=gradient,
+            a=A,
+            lba=bounds.lower[self._rows] - rows,
+            uba=bounds.upper[self._rows] - rows,
             lbx=bounds.x_lower - x,
             ubx=bounds.x_upper - x,
         )
-        return np.array(solution["x"]).ravel()
+        step = np.array(solution["x"]).ravel()
+        if not (self._qp.stats()["success"] and np.isfinite(step).all()):
+            return np.zeros_like(x), NlpStatus.STALLED
+        return step, None
 
 
 # The levels of a program in sparse matrices, by the QP solvers of CasADi.
@@ -394,15 +373,9 @@ class SqpResult:
 
 
 @runtime_checkable
-class StagedProgram(Protocol):
+class StagedProgram(SelfSolving, Protocol):
     """A program whose levels are solved stage by stage."""
 
-    @property
-    def ranges(self) -> RowRanges: ...
-    @property
-    def n_x(self) -> int: ...
-    @property
-    def n_p(self) -> int: ...
     def level_model(self, slack: float) -> LevelModel:
         """Slack [unit of the row]: half the width of what frozen rows keep."""
 

@@ -385,7 +385,7 @@ def row_table(qp: StageQp, *, phase_one: bool = False) -> RowTable:
     ones are none."""
     flat = qp.flat
     lower, upper, l1, l2 = (np.concatenate([flat[name], flat[f"z_{name}"]]) for name in ("lower", "upper", "l1", "l2"))
-    n_rows, norm = len(flat["lower"]), _norms(qp)
+    n_rows, norm = len(flat["lower"]), np.concatenate([*map(norms, qp.C), np.ones(sum(qp.shape.n_z))])
     fixed = undetermined_variables(qp.shape) & (flat["z_lower"] == flat["z_upper"]) & (flat["z_l1"] == np.inf)
     counts = np.concatenate([np.ones(n_rows, dtype=bool), ~fixed])
     hard = l1 == np.inf
@@ -411,10 +411,9 @@ def row_table(qp: StageQp, *, phase_one: bool = False) -> RowTable:
     )
 
 
-def _norms(qp: StageQp) -> Array:
-    """(M,)"""
-    rows = [np.abs(C).max(axis=1, initial=0.0) for C in qp.C]
-    norm = np.concatenate([*rows, np.ones(sum(qp.shape.n_z))])
+def norms(rows: Array) -> Array:
+    """(m,) Largest entry of each of the rows (m, n) [any], 1 where all are 0."""
+    norm = np.abs(rows).max(axis=1, initial=0.0)
     return np.where(norm > 0.0, norm, 1.0)
 
 

@@ -30,6 +30,7 @@ from uvms_ocp.solvers.stage_qp.problem import (
     StageQpStatus,
     StageShape,
     WarmStart,
+    norms,
     offsets,
     row_table,
     slices,
@@ -73,12 +74,6 @@ def with_rows(qp: StageQp, rows: Sequence[Array]) -> StageQp:
         other.C[k][n:] = own / norms(own)[:, None]
         other.lower[k][n:] = other.upper[k][n:] = 0.0
     return other
-
-
-def norms(rows: Array) -> Array:
-    """(m,) Largest entry of each of the rows (m, n) [any], 1 where all are 0."""
-    norm = np.abs(rows).max(axis=1, initial=0.0)
-    return np.where(norm > 0.0, norm, 1.0)
 
 
 # Ways along which the cost of a QP falls without end: no curvature, no bound and no row ends them.
