@@ -167,7 +167,10 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
         own = m.sigma[c] * m.sigma[c] + delta * delta * max(variance, 0.0) + abs(delta) * walk
         nu = m.joint_value[k][j] - h - delta * rate
         S = m.joint_P[j][state][state] + own
-        granted = _allowance(m, c, h if k != 0 else rate)
+        # Beside what accelerations can do, a joint with a rate may stop.
+        stop = abs(h if k != 0 else rate) * (time_since_accepted(m, c) if c == _FIRST else 1.0)
+        root = math.sqrt(gate_allowance(m, c)) + stop / 5.0
+        granted = root * root
         believed = nu * nu <= m.gate[c] * (S + granted)
         total += nu * nu / S
         degrees += 1
@@ -182,13 +185,6 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
             _correct(m, j, state, nu, own, n)
         accepted = accepted and believed
     record_outcome(m, c, total, degrees, accepted)
-
-
-def _allowance(m: FilterMemory, c: int, rate: float) -> float:
-    """Variance that the gate grants: beside what accelerations can do, a joint with a rate may stop."""
-    stop = abs(rate) * (time_since_accepted(m, c) if c == _FIRST else 1.0)
-    granted = math.sqrt(gate_allowance(m, c)) + stop / 5.0
-    return granted * granted
 
 
 def _is_consistent(m: FilterMemory, c: int, j: int, nu: float, S: float) -> bool:
@@ -258,8 +254,7 @@ def _clone(m: FilterMemory, c: int) -> None:
         m.joint_h[j][slot] = _predicted(m, j, k, -1)
         m.joint_rate[j][slot] = _rate(m, j, k, -1)
         m.joint_rate_variance[j][slot] = _rate_variance(m, j, k, -1)
-        for a in range(JOINT_STATES):
-            m.joint_P[j][at][a] = m.joint_P[j][k][a]
+        m.joint_P[j][at][:] = m.joint_P[j][k]
         for a in range(JOINT_STATES):
             m.joint_P[j][a][at] = m.joint_P[j][a][k]
         m.joint_P[j][at][at] = m.joint_P[j][k][k]

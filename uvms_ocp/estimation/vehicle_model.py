@@ -72,6 +72,13 @@ def norm(q: Vector) -> float:
     return math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
 
 
+def normalize(q: Vector) -> None:
+    """Give q (4,) norm 1."""
+    size = norm(q)
+    for i in range(4):
+        q[i] /= size
+
+
 def turn_by(q: Vector, by: Vector) -> None:
     """Turn the quaternion q (4,) by a rotation vector (3,) [rad] in its own frame, and give it norm 1."""
     squared = by[0] * by[0] + by[1] * by[1] + by[2] * by[2]
@@ -81,9 +88,7 @@ def turn_by(q: Vector, by: Vector) -> None:
         e[i] = share * by[i]
     e[3] = math.cos(angle / 2.0)
     multiply(q, e, q)
-    size = norm(q)
-    for i in range(4):
-        q[i] /= size
+    normalize(q)
 
 
 def turn_maps(angle: Vector, E: Vector, J: Vector) -> None:
@@ -441,10 +446,8 @@ def recall_measurement(m: FilterMemory, c: int, slot: int, n: int) -> None:
         predict_measurement(m, c, n)
         return
     s, at = m.predicted, MAIN + 3 * slot
-    for i in range(4):
-        s.h[i] = m.h[slot][i]
-    for i in range(3):
-        s.rate[i] = m.rate[slot][i]
+    s.h[:] = m.h[slot]
+    s.rate[:] = m.rate[slot]
     s.rate_variance = m.rate_variance[slot]
     for i in range(rows_of(c)):
         for j in range(at + i):

@@ -275,7 +275,11 @@ def calibrate(
     if settings.commands == "propeller_commands":
         recordings = [with_thrust(subject.robot, one) for one in recordings]
     recordings = split_at_gaps(recordings)
-    _require(recordings, leave_one_out)
+    names = [one.name for one in recordings]
+    if not names or len(set(names)) < len(names):
+        raise InvalidInput(f"recordings {names} given; allowed: one at least, each with a name of its own")
+    if leave_one_out and len(names) < 2:
+        raise InvalidInput(f"recordings {names} given; leave-one-out needs at least 2")
     prepared = tuple(PreparedRecording.of(one, subject.vehicle) for one in recordings)
     for one in prepared:
         one.stretches(settings.step, settings.stretch)  # or it is too short
@@ -285,7 +289,11 @@ def calibrate(
         for doubt in (*check_data_quality(recording), *check_settings(subject, settings, recording)):
             doubtful.append(f"{recording.name}: {doubt}")
             warn(doubtful[-1])
-    fitted = _fitted(subject, settings, prepared)
+    vehicle, noise = subject.vehicle, Noise(**settings.noise.model_dump())
+    rollout = Rollout(stage_of(vehicle))
+    search = Search(step=settings.step, stretch=settings.stretch)
+    known: dict[str, Any] = {"vehicle": vehicle, "prepared": prepared, "noise": noise, "rollout": rollout}
+    fitted = FitContext(**known, search=search, estimate=search_fit(vehicle, prepared, noise, rollout, search))
     left = fitted.residuals()
     inflation = uncertainty.variance_inflation(left, fitted.noise)
     identified = uncertainty.numbers(subject.vehicle, fitted.estimate, inflation)
@@ -317,22 +325,6 @@ def with_thrust(robot: Robot, recording: Recording) -> Recording:
         raise InvalidInput(f"{recording.name}: propeller_commands of {signals.values.shape[1]} thrusters given; allowed: {n}")
     thrust = replace(signals, values=thrust_of_signals(robot, signals.values))
     return replace(recording, channels={**recording.channels, "thrust": thrust})
-
-
-def _require(recordings: Sequence[Recording], leave_one_out: bool) -> None:
-    names = [one.name for one in recordings]
-    if not names or len(set(names)) < len(names):
-        raise InvalidInput(f"recordings {names} given; allowed: one at least, each with a name of its own")
-    if leave_one_out and len(names) < 2:
-        raise InvalidInput(f"recordings {names} given; leave-one-out needs at least 2")
-
-
-def _fitted(subject: CalibratedRobot, settings: CalibrationSettings, prepared: tuple[PreparedRecording, ...]) -> FitContext:
-    vehicle, noise = subject.vehicle, Noise(**settings.noise.model_dump())
-    rollout = Rollout(stage_of(vehicle))
-    search = Search(step=settings.step, stretch=settings.stretch)
-    known: dict[str, Any] = {"vehicle": vehicle, "prepared": prepared, "noise": noise, "rollout": rollout}
-    return FitContext(**known, search=search, estimate=search_fit(vehicle, prepared, noise, rollout, search))
 
 
 def _comparison(fitted: FitContext, balance: StaticBalance, one: PreparedRecording) -> Comparison:

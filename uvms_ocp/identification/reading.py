@@ -236,7 +236,10 @@ def _mapped_rows(source: Path, mapping: RecordingMapping, name: str) -> dict[str
     for key, one in mapping.channels.items():
         path = source / one.file.replace("{name}", name) if one.file else source
         if holds_messages(path):
-            by_path[path][key] = _wanted(key, one, path)
+            if not one.topic:
+                raise InvalidInput(f"{path}: {key} has no topic; give one of {', '.join(topics_of(path))}")
+            unit = SECONDS[one.time_unit or "s"]
+            by_path[path][key] = TopicColumns(topic=one.topic, columns=(*one.fields, *one.rows), time=one.time, unit=unit)
         else:
             found[key] = _chosen(key, one, _table_rows(key, one, path, mapping.table))
     for path, wanted in by_path.items():
@@ -245,13 +248,6 @@ def _mapped_rows(source: Path, mapping: RecordingMapping, name: str) -> dict[str
             rows = TableColumns(values=values, units=("",) * values.shape[1])
             found[key] = _chosen(key, mapping.channels[key], rows)
     return found
-
-
-def _wanted(key: str, one: ChannelMapping, path: Path) -> TopicColumns:
-    if not one.topic:
-        raise InvalidInput(f"{path}: {key} has no topic; give one of {', '.join(topics_of(path))}")
-    unit = SECONDS[one.time_unit or "s"]
-    return TopicColumns(topic=one.topic, columns=(*one.fields, *one.rows), time=one.time, unit=unit)
 
 
 def _table_rows(key: str, one: ChannelMapping, path: Path, given: TextFormat | None) -> TableColumns:
@@ -391,15 +387,11 @@ def _without_echoes(rows: np.ndarray) -> np.ndarray:
 
 def _converted(key: str, one: ChannelMapping, values: np.ndarray) -> np.ndarray:
     if key == "attitude":
-        return _quaternions(one, values)
+        world, body = (_DOWN if z_down else np.eye(3) for z_down in (one.world == "NED", one.body == "FRD"))
+        return continuous_quaternions(np.array([matrix_to_quaternion(world @ R @ body) for R in _rotations(one, values)]))
     frame = one.frame or CHANNEL_KINDS[key].frame
     turned = {"W": one.world == "NED", "B": one.body == "FRD"}.get(frame, False)
     return values * np.tile(np.diag(_DOWN), values.shape[1] // 3) if turned else values
-
-
-def _quaternions(one: ChannelMapping, values: np.ndarray) -> np.ndarray:
-    world, body = (_DOWN if z_down else np.eye(3) for z_down in (one.world == "NED", one.body == "FRD"))
-    return continuous_quaternions(np.array([matrix_to_quaternion(world @ R @ body) for R in _rotations(one, values)]))
 
 
 def _rotations(one: ChannelMapping, values: np.ndarray) -> list[np.ndarray]:

@@ -154,20 +154,14 @@ def calibrated_robot(settings: CalibrationSettings, folder: Path) -> CalibratedR
         raise InvalidInput(f"robot {robot.name!r} has no hydrodynamics of a link in water; give it a file that has")
     link = _own_link(robot, dynamics)
     start = NominalParameters.of(dynamics, link)
-    shared, own = _unknowns(settings, start, actuators)
-    vehicle = Vehicle(dynamics=dynamics, shared=shared, own=own, actuators=actuators, link=link)
-    return CalibratedRobot(robot=robot, vehicle=vehicle, start=start, file=file)
-
-
-def _unknowns(settings: CalibrationSettings, start: NominalParameters, actuators: ActuatorModel) -> tuple[Unknowns, Unknowns]:
-    """Make the unknowns of all recordings, and those of each."""
     learnt = {name: one.status() for name, one in settings.learn.items()}
     known = parameters.vehicle_declaration(start, np.array(settings.hull), actuators).with_status(**learnt)
     shared, own = Unknowns(known), Unknowns(known, own=True)
     if not (shared.names or own.names):
         given = f"learn: {', '.join(learnt)} given, and nothing in it is free"
         raise InvalidInput(f"{given}; free some of their coordinates")
-    return shared, own
+    vehicle = Vehicle(dynamics=dynamics, shared=shared, own=own, actuators=actuators, link=link)
+    return CalibratedRobot(robot=robot, vehicle=vehicle, start=start, file=file)
 
 
 def _own_link(robot: Robot, dynamics: SymbolicDynamics) -> int:

@@ -90,7 +90,10 @@ def profiles(
     chosen = list(_distinct(wide, [one for one in numbers if one.determined]))
     if not chosen:
         return
-    best = _best(wide, fitted.estimate)
+    # The optimum itself: searches end a little beside it, which deviances would show.
+    problem, estimate = wide.problem(), fitted.estimate
+    found = problem.solve(problem.resumed(estimate), tolerance=_EXACT / max(estimate.cost, 1.0), damping=_DAMPING)
+    best = _Best(wide, found.cost, problem.expansion(problem.resumed(found)))
     for k, one in enumerate(chosen, start=1):
         progress(f"profile {k} of {len(chosen)}: {one.name}")
         yield _profile(best, one)
@@ -103,13 +106,6 @@ def _distinct(wide: FitContext, numbers: Sequence[IdentifiedNumber]) -> Iterator
         if len(unknowns) > 1 or unknowns[0] not in alone:
             yield one
         alone.update(unknowns[:1] if len(unknowns) == 1 else ())
-
-
-def _best(wide: FitContext, estimate: Estimate) -> _Best:
-    """The optimum itself: searches end a little beside it, which deviances would show."""
-    problem = wide.problem()
-    found = problem.solve(problem.resumed(estimate), tolerance=_EXACT / max(estimate.cost, 1.0), damping=_DAMPING)
-    return _Best(wide, found.cost, problem.expansion(problem.resumed(found)))
 
 
 def _profile(best: _Best, one: IdentifiedNumber) -> Profile:

@@ -30,13 +30,13 @@ from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.estimation.health.plausibility import (
     EstimateHistory,
     angle_between,
-    product,
     remember,
     slot_at,
     small_rotation,
 )
 from uvms_ocp.estimation.health.plausibility import rotate as turn
 from uvms_ocp.estimation.health.redundancy import SampleRing, append_value, mean_time, median_of, value_at
+from uvms_ocp.estimation.vehicle_model import multiply
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import SensorSpecs
@@ -111,11 +111,11 @@ def test_a_trail_has_the_medians_means_and_values_of_numpy() -> None:
 
 
 def test_turns_are_those_of_rotation_matrices() -> None:
-    multiply, turn_by, rotate, angle = bind_kernels((product, small_rotation, turn, angle_between), ())
+    product, turn_by, rotate, angle = bind_kernels((multiply, small_rotation, turn, angle_between), ())
     by, more, out, vector = (_array(np.zeros(n)) for n in (4, 4, 4, 3))
     turn_by(_array(np.array([0.01, 0.0, 0.0])), 1.0, by)
     turn_by(_array(np.array([0.01, 0.0, 0.0])), -2.0, more)
-    multiply(by, more, out)
+    product(by, more, out)
     assert angle(by, out) == pytest.approx(0.02, rel=1e-4)
     quarter = _array(np.array([0.0, 0.0, 0.0, 0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)]))
     rotate(quarter, _array(np.array([1.0, 2.0, 3.0])), vector)

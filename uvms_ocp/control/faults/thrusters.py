@@ -360,7 +360,10 @@ def _conclude_fault(w: ThrusterFaultMemory, e: ThrusterEffectiveness, t: float) 
     e.share[i] = e.share[i] * w.fault_fit.share
     e.constant[i] = 0.0 if e.share[i] != 0.0 else _constant(w, i)
     w.health[i] = ActuatorHealth.FAULTY
-    w.kind[i] = _kind(e.share[i], e.constant[i])
+    kind = FaultKind.STUCK if e.constant[i] != 0.0 else FaultKind.DEAD
+    if e.share[i] != 0.0:
+        kind = FaultKind.REVERSED if e.share[i] < 0.0 else FaultKind.WEAK
+    w.kind[i] = kind
     w.confidence[i] = w.window.lead
     w.since[i] = w.fault_fit.onset
     _restart(w, t)
@@ -387,10 +390,3 @@ def _constant(w: ThrusterFaultMemory, i: int) -> float:
     possible = _BEYOND * lower <= constant <= _BEYOND * upper
     clear = abs(constant) > max(_STUCK_SIGMAS * w.fault_fit.sigma, _STUCK_SHARE * upper)
     return min(max(constant, lower), upper) if possible and clear else 0.0
-
-
-def _kind(share: float, constant: float) -> int:
-    kind = FaultKind.STUCK if constant != 0.0 else FaultKind.DEAD
-    if share != 0.0:
-        kind = FaultKind.REVERSED if share < 0.0 else FaultKind.WEAK
-    return kind

@@ -87,16 +87,12 @@ def apply_effectiveness(a: AllocationMemory) -> None:
     a.left.powers.count = n
     a.left.problem.rows = len(a.matrix)
     a.left.problem.columns = n
-    _find_stuck_wrench(a)
-    prepare_minimum_power(a.left.powers)
-
-
-def _find_stuck_wrench(a: AllocationMemory) -> None:
     for k in range(len(a.matrix)):
         a.left.powers.wrench_weight[k] = a.wrench_weight[k]
         a.stuck_wrench[k] = 0.0
         for i in range(a.count):
             a.stuck_wrench[k] += a.matrix[k][i] * a.constant[i]
+    prepare_minimum_power(a.left.powers)
 
 
 def allocate_thrust(a: AllocationMemory) -> bool:
@@ -128,8 +124,7 @@ def _keep(a: AllocationMemory, i: int, to: int) -> None:
 
 def _to_all(a: AllocationMemory) -> None:
     """Copy the solution to all thrusters."""
-    for i in range(a.count):
-        a.thrust[i] = a.constant[i]
+    a.thrust[: a.count] = a.constant[: a.count]
     for j in range(a.left.powers.count):
         a.thrust[a.place[j]] += a.left.thrust[j]
     for k in range(len(a.matrix)):
@@ -209,7 +204,10 @@ class Allocation:
 
         Raises `InvalidInput` unless it is finite, and below `LARGEST_WRENCH`.
         """
-        w, memory = _six(wrench), self.memory
+        w = np.asarray(wrench, dtype=float)
+        if w.shape != (6,):
+            raise InvalidInput(f"wrench of shape {w.shape} given; allowed: (6,) [N, N m]")
+        memory = self.memory
         memory.wrench[:] = w.tolist()
         if not self._allocate(memory):
             raise InvalidInput(f"wrench {w} given; allowed: six finite numbers below {LARGEST_WRENCH:g} [N, N m]")
@@ -220,7 +218,11 @@ class Allocation:
         n = np.shape(self.matrix)[-1] if np.ndim(self.matrix) == 2 else 0
         for name, shape in _SHAPES.items():
             rows = tuple(n if size == -1 else size for size in shape)
-            object.__setattr__(self, name, _checked(name, getattr(self, name), rows))
+            array = np.array(getattr(self, name), dtype=float)
+            if array.shape != rows or not np.isfinite(array).all():
+                raise InvalidInput(f"{name} of shape {array.shape} given; allowed: {rows}, finite numbers")
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
         _require((self.lower <= 0.0).all() and (self.upper >= 0.0).all(), "limits", "lower <= 0 <= upper")
         _require((self.power_factor > 0.0).all(), "power_factor", "more than 0")
         _require(((self.power_exponent >= 1.0) & (self.power_exponent <= 3.0)).all(), "power_exponent", "1 to 3")
@@ -271,21 +273,6 @@ def _powers(thrusters: tuple[Thruster, ...]) -> list[Power]:
         return powers
     # Without data for all, full thrust costs the same for each.
     return [Power(thrust=max(thruster.maximum, -thruster.minimum), watts=1.0) for thruster in thrusters]
-
-
-def _six(wrench: ArrayLike) -> np.ndarray:
-    w = np.asarray(wrench, dtype=float)
-    if w.shape != (6,):
-        raise InvalidInput(f"wrench of shape {w.shape} given; allowed: (6,) [N, N m]")
-    return w
-
-
-def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
-    array = np.array(value, dtype=float)
-    if array.shape != shape or not np.isfinite(array).all():
-        raise InvalidInput(f"{name} of shape {array.shape} given; allowed: {shape}, finite numbers")
-    array.flags.writeable = False
-    return array
 
 
 def _require(condition: object, name: str, allowed: str) -> None:

@@ -98,7 +98,11 @@ def force_step(m: ForceMemory) -> bool:
     m.control(m.inputs, m.observed, m.desired)
     possible = _is_possible(m) and allocate_thrust(m.allocation)
     if possible:
-        _act(m)
+        n = m.allocation.count
+        m.allocated.thrust[:n] = m.allocation.thrust[:n]
+        m.allocated.reached[:] = m.allocation.within
+        m.allocated.unreachable[:] = m.allocation.unreachable
+        m.command(m.inputs, m.effectiveness, m.observed, m.desired, m.allocated, m.state, m.outputs)
     return possible
 
 
@@ -114,11 +118,7 @@ def apply_detected_effectiveness(m: ForceMemory) -> None:
         m.allocation.share[i] = m.effectiveness.share[i]
         m.allocation.constant[i] = m.effectiveness.constant[i]
     apply_effectiveness(m.allocation)
-    _leave_jammed(m)
-
-
-def _leave_jammed(m: ForceMemory) -> None:
-    """Leave jammed joints to their brakes: nothing is compensated on axes that do not move."""
+    # Jammed joints are left to their brakes: nothing is compensated on axes that do not move.
     for j in range(m.detection.joints.count):
         if m.detection.joints.jammed[j]:
             m.observed.estimate[m.detection.n_vehicle + j] = 0.0
@@ -147,8 +147,8 @@ def _write_observation(m: ForceMemory) -> bool:
         m.detection.disturbance[k] = m.observed.estimate[k]
         m.detection.way[k] = m.observed.way[k]
         finite = finite and math.isfinite(m.detection.residual[k]) and math.isfinite(m.detection.way[k])
-    for i in range(m.allocation.count):
-        m.detection.asked[i] = m.observed.asked[i]
+    n = m.allocation.count
+    m.detection.asked[:n] = m.observed.asked[:n]
     return finite
 
 
@@ -156,18 +156,8 @@ def _is_possible(m: ForceMemory) -> bool:
     possible = True
     for k in range(len(m.desired.force)):
         possible = possible and abs(m.desired.force[k]) < LARGEST_WRENCH
-    for k in range(6):
-        m.allocation.wrench[k] = m.desired.wrench[k]
+    m.allocation.wrench[:] = m.desired.wrench
     return possible
-
-
-def _act(m: ForceMemory) -> None:
-    for i in range(m.allocation.count):
-        m.allocated.thrust[i] = m.allocation.thrust[i]
-    for k in range(6):
-        m.allocated.reached[k] = m.allocation.within[k]
-        m.allocated.unreachable[k] = m.allocation.unreachable[k]
-    m.command(m.inputs, m.effectiveness, m.observed, m.desired, m.allocated, m.state, m.outputs)
 
 
 class ForceTick:

@@ -331,7 +331,10 @@ def health_memory(robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthT
     fastest = np.minimum(robot.limits.velocity[robot.joint_v], _FASTEST)
     made.encoders.allowed[: robot.n_joints] = (_ENCODER_TRAVEL + delay * fastest).tolist()
     made.encoders.n = robot.n_joints if _is_plain(robot) and robot.n_joints == len(robot.joint_names) else 0
-    _set_comparisons(made, specs, tuning)
+    compared = {name: specs.get(name) for name in ("position", "attitude", "depth")}
+    noise = {name: spec.sigma + max(map(abs, spec.biases)) if spec else 0.0 for name, spec in compared.items()}
+    init_comparisons(made.velocity, made.rate, made.depth, noise)
+    init_floor(made.floor, specs["altimeter_range"].sigma if "altimeter_range" in specs else 0.0, tuning)
     return made
 
 
@@ -455,12 +458,3 @@ def _joint_gates(robot: Robot) -> dict[str, _Allowed]:
 
 def _finite(limits: Array) -> Array:
     return np.minimum(limits, _ANY)
-
-
-def _set_comparisons(memory: HealthMemory, specs: Mapping[str, SensorSpec], tuning: HealthTuning) -> None:
-    noise = {
-        name: spec.sigma + max(map(abs, spec.biases)) if (spec := specs.get(name)) else 0.0
-        for name in ("position", "attitude", "depth")
-    }
-    init_comparisons(memory.velocity, memory.rate, memory.depth, noise)
-    init_floor(memory.floor, specs["altimeter_range"].sigma if "altimeter_range" in specs else 0.0, tuning)

@@ -8,29 +8,15 @@ from typing import Annotated
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
 from uvms_ocp.estimation.filter_memory import ChannelIndex
 from uvms_ocp.estimation.health.tuning import Complaint, Reason, set_complaint
+from uvms_ocp.estimation.vehicle_model import multiply, normalize
 
 # Quaternions xyzw for kernels.
-
-
-def product(a: Vector, b: Vector, out: Vector) -> None:
-    """Out (4,) becomes a times b, all other arrays than `out`."""
-    out[0] = a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1]
-    out[1] = a[3] * b[1] + a[1] * b[3] + a[2] * b[0] - a[0] * b[2]
-    out[2] = a[3] * b[2] + a[2] * b[3] + a[0] * b[1] - a[1] * b[0]
-    out[3] = a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2]
 
 
 def conjugate(a: Vector) -> None:
     """Turn it (4,) round in place."""
     for i in range(3):
         a[i] = -a[i]
-
-
-def normalize(a: Vector) -> None:
-    """Give a (4,) the length 1."""
-    size = math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2] + a[3] * a[3])
-    for i in range(4):
-        a[i] = a[i] / size
 
 
 def small_rotation(by: Vector, share: float, out: Vector) -> None:
@@ -55,10 +41,9 @@ def rotate(q: Vector, by: Vector, out: Vector) -> None:
 def angle_between(a: Vector, b: Vector) -> float:
     """[rad] by which the rotations a (4,) and b (4,) differ."""
     back, between = zeros(4), zeros(4)
-    for i in range(4):
-        back[i] = b[i]
+    back[:4] = b[:4]
     conjugate(back)
-    product(a, back, between)
+    multiply(a, back, between)
     size = math.sqrt(between[0] * between[0] + between[1] * between[1] + between[2] * between[2])
     return 2.0 * math.atan2(size, abs(between[3]))
 
@@ -133,13 +118,10 @@ def _drop(h: EstimateHistory) -> None:
 
 def _copy_estimate(to: PastEstimate, now: PastEstimate) -> None:
     to.t = now.t
-    for i in range(len(to.q)):
-        to.q[i] = now.q[i]
-    for i in range(len(to.v)):
-        to.v[i] = now.v[i]
-    for i in range(3):
-        to.beam_at[i] = now.beam_at[i]
-        to.beam_up[i] = now.beam_up[i]
+    to.q[:] = now.q
+    to.v[:] = now.v
+    to.beam_at[:] = now.beam_at
+    to.beam_up[:] = now.beam_up
 
 
 # What no reading of a working sensor can be: not a number, of another size, from the future.

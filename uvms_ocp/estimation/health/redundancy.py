@@ -6,7 +6,8 @@ import math
 from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
-from uvms_ocp.estimation.health.plausibility import angle_between, conjugate, normalize, product, small_rotation
+from uvms_ocp.estimation.health.plausibility import angle_between, conjugate, small_rotation
+from uvms_ocp.estimation.vehicle_model import multiply, normalize
 
 # Values of the last seconds with their times, in a ring.
 
@@ -40,8 +41,7 @@ def append_value(s: SampleRing, t: float, value: Vector, n: int) -> None:
         drop_oldest(s)
     slot = ring_slot(s, s.count)
     s.t[slot] = t
-    for i in range(n):
-        s.value[slot][i] = value[i]
+    s.value[slot][:n] = value[:n]
     s.count += 1
 
 
@@ -238,7 +238,7 @@ def rotation_drift(d: RateAgainstAttitude, quaternion: Vector, t: float) -> floa
     turned, offset = zeros(4), zeros(4)
     _turn_on(d, d.rate, t - d.t, turned)
     conjugate(turned)
-    product(quaternion, turned, offset)
+    multiply(quaternion, turned, offset)
     append_value(found, t, offset, 4)
     while span_of(found) > _TURN_SPAN + _SPACING:
         drop_oldest(found)
@@ -251,11 +251,9 @@ def rotation_drift(d: RateAgainstAttitude, quaternion: Vector, t: float) -> floa
 
 def _turn_on(d: RateAgainstAttitude, rate: Vector, dt: float, out: Vector) -> None:
     """Out (4,) becomes the turn after dt [s] more of a rate (3,) [rad/s]."""
-    by, turned = zeros(4), zeros(4)
+    by = zeros(4)
     small_rotation(rate, dt, by)
-    product(d.turn, by, turned)
-    for i in range(4):
-        out[i] = turned[i]
+    multiply(d.turn, by, out)
 
 
 def update_depth(d: DepthAgainstPosition, z: float, t: float) -> None:
