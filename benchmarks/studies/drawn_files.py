@@ -29,7 +29,7 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.own_code import load_scenario, robot_of
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.types import Count
-from uvms_ocp.viz.scene.show import write_scene
+from uvms_ocp.viz.scene.show import show
 
 # A sound robot: a hull with propellers and sensors, and none to two arms that end in a tip.
 
@@ -538,7 +538,7 @@ def _fly(mission: Path, plant: str, place: Path) -> None:
     if not all(np.isfinite(record[name]).all() for name in ("q", "v")):
         raise Fault("the motion is not finite")
     summarize(again)
-    write_scene(again, scenario.robot, place / "scene.html")
+    show(again).write(place / "scene.html")  # which finds the robot by itself
 
 
 def _plan(robot: Robot, place: Path) -> None:
