@@ -46,6 +46,16 @@ class VelocityLaw:
         damping = self.dynamics.damping_matrix(q, v, still)
         return self.dynamics.inverse_dynamics(q, v, a, still, still) + ca.mtimes(damping, lasting)
 
+    def bumpless(self, q: ca.SX, v: ca.SX, integral: ca.SX, share: ca.SX, before: ca.SX) -> ca.SX:
+        """Bumpless transfer: the integral (n_v,) [m, rad] that each axis keeps its lasting force with at another share.
+
+        q, v and share as in `force`; before (n_v,): the share so far.
+        """
+        damping = self.dynamics.damping_matrix(q, v, ca.SX(3, len(self.dynamics.links)))
+        drag = ca.diag(damping) / ca.diag(self.dynamics.mass_matrix(q))
+        stiffness, stiffness_before = (part * (part * self.K_p + drag) + _NOTHING for part in (share, before))
+        return integral * stiffness_before / stiffness
+
     def integrated(self, integral: ca.SX, error: ca.SX, wanted: ca.SX, reached: ca.SX) -> ca.SX:
         """The integral (n_v,) [m, rad] a tick later; error (n_v,) [m/s, rad/s], forces (n_v,) [N, N m].
 
