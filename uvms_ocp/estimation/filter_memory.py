@@ -99,8 +99,8 @@ LONGEST_LAG = 3.0
 """[s] of readings that are older no state is remembered."""
 GATE_RELAXATION = 4.0
 """Gate relaxation: variance, in squared innovations, added to the states that rejected readings contradict."""
-EXPOSED = 1.0
-"""[m/s, m/s2] by which the motion may be wrong where its source proves wrong: more than vehicles make."""
+EXPOSED, EXPOSED_FOR = 1.0, 3.0
+"""[m/s, m/s2], [s] by which the motion may be wrong where its source proves wrong: more than vehicles make."""
 LARGEST = 1e9
 """[unit of the channel] no sensor reads more: a larger number is none."""
 UNKNOWN = 0.25

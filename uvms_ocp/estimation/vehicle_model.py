@@ -13,6 +13,7 @@ import numpy as np
 from uvms_ocp.codegen.kernel_layout import Vector, wide, zeros
 from uvms_ocp.estimation.filter_memory import (
     EXPOSED,
+    EXPOSED_FOR,
     LONGEST_STEP,
     MAIN,
     SLOTS,
@@ -324,16 +325,18 @@ def _forget_unknown(m: FilterMemory, n: int) -> None:
 
 
 def inflate_velocity_variance(memory: Any, *, rests: bool) -> None:
-    """Linear velocity and acceleration may be anything that vehicles do; memory: `arrays_of` a `FilterMemory`.
+    """Linear velocity may have been anything that vehicles do for `EXPOSED_FOR`; memory: `arrays_of` a `FilterMemory`.
 
-    rests: they are taken for zero from here on, as what was carried on without readings leads ever farther astray.
+    The position that it was carried on with is wrong along with it: were it right, the next fix would be explained by
+    a velocity of the last tick alone. rests: velocity and acceleration are taken for zero from here on, as what was carried on
+    without readings leads ever farther astray.
     """
     memory.owner[:] = -1.0
-    for first in (Part.SPEED, Part.ACCELERATION):
-        axes = np.arange(first, first + 3)
-        memory.P[axes, axes] += EXPOSED**2
-        if rests:
-            memory.x[axes] = 0.0
+    place, speed = np.arange(Part.PLACE, Part.PLACE + 3), np.arange(Part.SPEED, Part.SPEED + 3)
+    for power, (row, column) in enumerate(((speed, speed), (place, speed), (place, place))):
+        memory.P[row, column] += EXPOSED**2 * EXPOSED_FOR**power
+    if rests:
+        memory.x[Part.SPEED : Part.SPIN] = 0.0
 
 
 # What each channel of the vehicle sees of the estimate.
