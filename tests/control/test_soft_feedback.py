@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from functools import cache
+from math import inf
+from typing import Any
 
 import numpy as np
 import pytest
 from compiler import long_without_compiler
 from scipy.spatial import cKDTree
 
+from uvms_ocp.robot.signals import Command, Reading, Readings
 from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim import parse_fault
 
 ONSET, END = 20.0, 40.0  # [s]
@@ -49,3 +54,48 @@ def test_encoders_that_are_late_shake_neither_arm_nor_vehicle() -> None:
     late = case1(**usual, faults=(parse_fault("joint_positions:late=0.05@28.6"),)).run()
     assert cKDTree(way).query(late["q"][:, :3])[0].max() < 1.0
     assert np.abs(late["v"][:, 6:]).max() < 0.6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drift:
+    """A DVL that is off along x by ever more, by `rate` [m/s2] from `onset` [s] on."""
+
+    rate: float
+    onset: float
+    end: float = inf
+    kind: str = "drift"
+
+    def __call__(self, scenario: Scenario) -> Any:
+        return DriftOfRun(self)
+
+
+class DriftOfRun:
+    def __init__(self, fault: Drift) -> None:
+        self.fault, self.seen, self.told = fault, None, None
+
+    def readings(self, readings: Readings, t: float) -> Readings:
+        reading = readings.linear_velocity
+        if reading is None or reading.t < self.fault.onset:
+            return readings
+        if reading is not self.seen:
+            off = np.array([self.fault.rate * (reading.t - self.fault.onset), 0.0, 0.0])
+            self.seen, self.told = reading, Reading(value=reading.value + off, t=reading.t)
+        return replace(readings, linear_velocity=self.told)
+
+    def command(self, command: Command, t: float) -> Command:
+        return command
+
+
+@pytest.mark.slow
+@long_without_compiler
+def test_a_dvl_that_is_doubted_while_the_arm_works_at_the_floor_kicks_no_joint() -> None:
+    """The correction of the velocity went to the joints: true rates of 1.5 times their limit, encoders blamed."""
+    scenario = case1(noise=True, dt=1 / 50, duration=43.0)
+    record = replace(scenario, faults=(Drift(rate=0.02, onset=34.0),)).run()
+    doubted = [alarm.t for alarm in record.run_meta.alarms if alarm.text.startswith("linear_velocity suspect")]
+    assert doubted
+    assert not [alarm.text for alarm in record.run_meta.alarms if "joint" in alarm.text]
+    after = record["t"] >= doubted[0]
+    rates = np.abs(record["v"][after, 6:]) / scenario.robot.limits.velocity[6:]
+    assert rates.max() <= 1.02
+    assert np.abs(np.diff(record["v_estimated"][after, :3], axis=0)).max() < 0.2
