@@ -12,6 +12,9 @@ import uvms_ocp as uo
 from uvms_ocp.codegen.kernel_layout import view
 from uvms_ocp.estimation.estimator import Estimator
 from uvms_ocp.estimation.filter_memory import MAIN, ChannelIndex, Part
+from uvms_ocp.estimation.health import screening
+from uvms_ocp.estimation.health.monitor import HealthMonitor
+from uvms_ocp.estimation.measurement_update import _set_floor
 from uvms_ocp.estimation.vehicle_model import predict_measurement, turn_by
 from uvms_ocp.robot.signals import SensorSpecs
 
@@ -74,3 +77,28 @@ def test_the_range_is_along_the_beam_from_where_the_altimeter_is(seed: int, memo
     altimeter, up = X_WB.act(np.array(m.beam_at)), X_WB.rotation @ np.array(m.beam_up)
     distance = _expected(m, ChannelIndex.ALTIMETER_RANGE)[0]
     assert (altimeter - distance * up)[2] == pytest.approx(m.x[Part.FLOOR], abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_first_echo_puts_the_floor_where_it_came_from(seed: int, memory: Any) -> None:
+    m, c = memory, ChannelIndex.ALTIMETER_RANGE
+    _tilt(m, seed)
+    predict_measurement(m, c, MAIN)
+    m.value[c][0] = 4.0
+    _set_floor(m, 0.0, MAIN)
+    assert _expected(m, c)[0] == pytest.approx(4.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_monitor_places_an_echo_on_the_beam_of_a_tilted_vehicle(seed: int, memory: Any) -> None:
+    _tilt(memory, seed)
+    m = HealthMonitor(uo.load_robot("bluerov2_alpha5"), SensorSpecs(), compiled=False).memory
+    view(m.now.q)[:7] = [*view(memory.x)[Part.PLACE : Part.SPEED], *view(memory.turn)]
+    view(m.now.beam_at)[:], view(m.now.beam_up)[:] = memory.beam_at, memory.beam_up
+    channel, here = m.channels[ChannelIndex.ALTIMETER_RANGE], m.floor.here
+    channel.value[0] = 4.0
+    screening._is_floor(m, channel, m.now, m.belief.why)
+    X_WB = pin.XYZQUATToSE3(np.array(m.now.q[:7]))
+    sensor, up = X_WB.act(np.array(m.now.beam_at)), X_WB.rotation @ np.array(m.now.beam_up)
+    np.testing.assert_allclose([here.sensor_x, here.sensor_y, here.sensor_z], sensor, atol=1e-12)
+    np.testing.assert_allclose([here.x, here.y, here.z], sensor - 4.0 * up, atol=1e-12)
