@@ -6,16 +6,21 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import UvmsError
+from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.problem import OcpLevel, single_phase
+from uvms_ocp.ocp.terms import Effort
 from uvms_ocp.planning.request import PlanRequest, PostureGoal, plan_path
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.planned_motion import motion_record
-from uvms_ocp.robot.loading import load_robot, recorded_robot
+from uvms_ocp.robot.loading import load_robot, recorded_robot, robot_folder
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import State
 from uvms_ocp.scenario.own_code import load_scenario, robot_of
 
 
@@ -90,6 +95,21 @@ def test_a_robot_of_the_library_that_is_read_in_another_way_is_shown_as_it_was_r
     planned(robot).save(project / "record.npz")
     assert "scene.html" in told("show", "record.npz", "--out", "scene.html")
     assert load_robot("bluerov2_alpha5").urdf is None
+
+
+def test_a_plan_alone_is_shown_with_its_robot(project: Path) -> None:
+    own = project / "arm" / "robot.urdf"
+    own.parent.mkdir()
+    files = robot_folder("planar5")
+    own.write_text((files / "robot.urdf").read_text(encoding="utf-8").replace('name="planar5"', 'name="own"'), encoding="utf-8")
+    shutil.copy(files / "hydrodynamics.yaml", own.parent)
+    arm = robot_of("arm")
+    start = State(q=arm.configuration(), v=np.zeros(arm.n_v))
+    levels = [OcpLevel(name="effort", terms=(Effort(),))]
+    problem = single_phase(robot=arm, start=start, duration=1.0, n_steps=2, levels=levels, water=False)
+    Planner(problem).plan().save(project / "plan.npz")
+    assert "give the record.npz beside it" in told("show", "plan.npz", "--out", "scene.html")
+    assert "scene.html" in told("show", "plan.npz", "--robot", "arm", "--out", "scene.html")
 
 
 def test_what_is_outside_of_the_working_directory_is_found_where_it_is(

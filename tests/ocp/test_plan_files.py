@@ -106,7 +106,7 @@ def test_a_plan_of_another_robot_or_of_nobody_is_refused(small: Plan, robot: Rob
         Plan.load(path, robot)
     own = replace(small, robot=replace(small.robot, name="mine"))
     path = own.save(tmp_path / "own.npz")
-    with pytest.raises(InvalidInput, match=r"'mine' is not in the library; give it: Plan\.load\(path, robot\)"):
+    with pytest.raises(InvalidInput, match=r"'mine' is not in the library; give it: --robot DIR, or Plan\.load\(path, robot\)"):
         Plan.load(path)
     assert Plan.load(path, own.robot).robot is own.robot
 

@@ -7,6 +7,7 @@ import time
 import webbrowser
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,7 +24,7 @@ from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record.output import recover_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.comparison import compare
-from uvms_ocp.robot import list_robots
+from uvms_ocp.robot import Robot, list_robots
 from uvms_ocp.scenario.cases import SCENARIOS
 from uvms_ocp.scenario.own_code import own_code, robot_of, with_robot
 from uvms_ocp.scenario.scenario import Scenario
@@ -176,18 +177,18 @@ def _page(what: str, ghosts: tuple[Path, ...], robot: str | None, files: opt.Rob
     if is_name or (Path(what) / "robot.urdf").is_file() or what.endswith(".urdf"):
         return show(robot_of(what, files.hydrodynamics, files.loading))
     own = with_robot(opt.given(robot=robot, **files.options)).get("robot")
-    others = {_name_of(path): _motion(path) for path in ghosts}
+    others = {_name_of(path): _motion(path, own) for path in ghosts}
     if len(others) < len(ghosts):
         raise InvalidInput("two ghosts of one name; their folders, or files, need different names")
-    shown = _motion(Path(what))
+    shown = _motion(Path(what), own)
     return show(shown, None if isinstance(shown, Plan) else own or recorded(shown, Path(what)), ghosts=others, fps=fps)
 
 
-def _motion(path: Path) -> Record | Plan:
-    """The record of a folder or file, or else the plan."""
+def _motion(path: Path, robot: Robot | None) -> Record | Plan:
+    """The record of a folder or file, or else the plan, of that robot unless it is one of the library."""
     advice = "the folder of a run, a plan or a robot, or a robot's name"
     file = _file_at(path, ("record.npz", "plan.npz", "plan.json"), advice)
-    readers: tuple[Callable[[Path], Record | Plan], ...] = (Record.load, Plan.load)
+    readers: tuple[Callable[[Path], Record | Plan], ...] = (Record.load, partial(Plan.load, robot=robot))
     wrong: list[str] = []
     for read in readers[1:] if file.suffix == ".json" else readers:
         try:

@@ -335,7 +335,7 @@ class Plan(TableDisplay):
 
 def _robot_of(values: plan_file.PlanValues) -> Robot:
     if values.robot not in list_robots():
-        raise InvalidInput(f"robot {values.robot[:60]!r} is not in the library; give it: Plan.load(path, robot)")
+        raise InvalidInput(f"robot {values.robot[:60]!r} is not in the library; give it: --robot DIR, or Plan.load(path, robot)")
     return load_robot(values.robot)
 
 
