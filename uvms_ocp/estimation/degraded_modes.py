@@ -111,22 +111,6 @@ def degraded_channels(health: Sequence[ChannelHealth]) -> list[ChannelHealth]:
     return [item for item in health if item.trust is not _GOOD]
 
 
-class DegradedChannels:
-    """Cache of the degraded channels, searched only where the verdicts are new."""
-
-    __slots__ = ("_bad", "_health")
-
-    def __init__(self) -> None:
-        self._health: Sequence[ChannelHealth] = ()
-        self._bad: list[ChannelHealth] = []
-
-    def among(self, health: tuple[ChannelHealth, ...]) -> list[ChannelHealth]:
-        """Return `degraded_channels` of these verdicts."""
-        if health is not self._health:
-            self._health, self._bad = health, degraded_channels(health)
-        return self._bad
-
-
 class RestrictionMemory(Layout):
     """`DEGRADED_MODES`, how far each of `CHANNELS` can be trusted, and what applies."""
 

@@ -122,7 +122,9 @@ class KinematicController(TableDisplay):
         self._feedback = self._applied_feedback = ActuationFeedback()
         self._jammed = self._applied_feedback.jammed
         self._restriction = degraded_modes.FREE
-        self._bad = degraded_modes.DegradedChannels()
+        self._health: tuple[ChannelHealth, ...] = ()
+        self._bad: list[ChannelHealth] = []
+        """Channels of the last verdicts that are not good, searched only where these are new."""
         self._state = mission.start()
         self._progress = memory.mission  # made anew whenever it is asked for
         write_state(self._progress, self._state)
@@ -165,7 +167,9 @@ class KinematicController(TableDisplay):
         arrays.q[:], arrays.v[:] = measurement.q, measurement.v
         memory.t, memory.altimeter_range = t, measurement.altimeter_range
         memory.age, memory.joint_age = measurement.age, measurement.joint_age
-        bad = self._bad.among(measurement.health)
+        if measurement.health is not self._health:
+            self._health, self._bad = measurement.health, degraded_modes.degraded_channels(measurement.health)
+        bad = self._bad
         if bad or self._restriction is not degraded_modes.FREE:
             degraded_modes.write_channels(memory.restriction, bad)
         if not self._progress.started:
