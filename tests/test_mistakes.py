@@ -27,7 +27,7 @@ from uvms_ocp.scenario.scenario import pose_at
         ({"order": ("T",)}, InvalidInput, "must name each of"),
         ({"seabed": float("nan")}, InvalidInput, "seabed = nan"),
         ({"dt": 0.0}, InvalidInput, "dt = 0.0 s"),
-        ({"current": (0.1, 0.2)}, InvalidInput, r"velocity of the current = \[0.1, 0.2\]; give finite numbers"),
+        ({"current": (0.1, 0.2)}, InvalidInput, r"velocity of the current has shape \(2,\); allowed: \(3,\)"),
         ({"target": (np.nan, 0, 0)}, InvalidInput, "target has NaN"),
     ],
 )

@@ -10,10 +10,32 @@ from types import MethodType
 from typing import Annotated, Any, ParamSpec, TypeVar, get_args, get_origin
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from uvms_ocp.argument_kinds import Kind, kinds_of
-from uvms_ocp.errors import ArgumentNotFound, InvalidInput, UvmsError
+from uvms_ocp.errors import ArgumentNotFound, InvalidInput, UvmsError, short
 from uvms_ocp.types import Range, Shape
+
+# Numbers that are given, as arrays.
+
+
+def finite_array(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
+    """Return numbers of a shape [any] as an array that nobody can write to; `what` names them.
+
+    Raises `InvalidInput` for another shape, NaN or infinity.
+    """
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{what}: given {short(values)}; allowed: finite numbers of shape {shape}") from None
+    if array.shape != shape:
+        raise InvalidInput(f"{what} has shape {array.shape}; allowed: {shape}, finite numbers")
+    if not np.isfinite(array).all():
+        where = np.flatnonzero(~np.isfinite(array)).tolist()
+        raise InvalidInput(f"{what} has NaN or infinite entries at {where}; allowed: finite numbers")
+    array.flags.writeable = False
+    return array
+
 
 # Decorators that name a wrong argument at the call that took it.
 

@@ -27,9 +27,9 @@ def coupled(above: float, below: float) -> np.ndarray:
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        ("added_mass", np.zeros(3), r"fin: added_mass of shape \(3,\) given; allowed: \(6, 6\)"),
-        ("linear_drag", np.full(6, np.nan), r"fin: linear_drag of shape \(6, 6\) given; .* finite numbers"),
-        ("centre_of_buoyancy", np.zeros(2), r"fin: centre_of_buoyancy of shape \(2,\) given"),
+        ("added_mass", np.zeros(3), r"fin: added_mass has shape \(3,\); allowed: \(6, 6\)"),
+        ("linear_drag", np.full(6, np.nan), "fin: linear_drag has NaN .*; allowed: finite numbers"),
+        ("centre_of_buoyancy", np.zeros(2), r"fin: centre_of_buoyancy has shape \(2,\); allowed: \(3,\)"),
         ("added_mass", np.triu(np.ones((6, 6))), "fin: added_mass is not symmetric"),
         ("added_mass", -np.ones(6), r"fin: added_mass has the eigenvalue -1; allowed: 0 or more"),
         (

@@ -93,5 +93,5 @@ def test_a_robot_may_be_given_by_name_and_none_is_the_default() -> None:
     assert run_options({"robot": robot}).robot is robot
     assert run_options({"robot": "bluerov2_alpha5"}).robot.name == robot.name
     assert run_options({"robot": None}).robot.name == "girona_maris7_full"
-    with pytest.raises(InvalidInput, match="give finite numbers"):
+    with pytest.raises(InvalidInput, match="finite numbers"):
         run_options({"current": (0.1, 0.2)})

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, finite_array
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.planning.conservative_advancement import PairDistances
 from uvms_ocp.planning.distances import CoalDistances
@@ -62,10 +62,8 @@ def tool_goal(
     where the robot has no such frame, `InvalidInput` for a guess or goal of the wrong shape or not finite.
     """
     settings, planned = options or ToolGoalOptions(), distances.scene.coordinates
-    frame_id, first = planned.robot.frame_id(frame), np.array(guess, dtype=float)
-    if first.shape != (planned.n_axes,) or not np.isfinite(first).all():
-        raise InvalidInput(f"guess has shape {first.shape}; allowed is ({planned.n_axes},), finite.")
-    target = goal if isinstance(goal, pin.SE3) else _checked_position(goal)
+    frame_id, first = planned.robot.frame_id(frame), finite_array("guess", guess, (planned.n_axes,))
+    target = goal if isinstance(goal, pin.SE3) else finite_array("goal, a pose (pin.SE3) or a position", goal, (3,))
     rng = np.random.default_rng(settings.seed)
     for attempt in range(settings.attempts):
         spread = settings.spread * (1.0 + 4.0 * attempt / settings.attempts) if attempt else 0.0
@@ -74,13 +72,6 @@ def tool_goal(
         if x is not None and distances.distances(x[None]).min(initial=np.inf) > settings.clearance:
             return x
     return None
-
-
-def _checked_position(goal: ArrayLike) -> Array:
-    position = np.array(goal, dtype=float)
-    if position.shape != (3,) or not np.isfinite(position).all():
-        raise InvalidInput(f"goal is {position}; allowed is a pose (pin.SE3) or a finite position (3,) [m].")
-    return position
 
 
 def _reached(planned: Coordinates, frame_id: int, goal: pin.SE3 | Array, start: Array, options: ToolGoalOptions) -> Array | None:

@@ -48,9 +48,8 @@ from itertools import permutations, product
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.checks import checked, checked_on_failure, finite_array
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.spatial import Array, column, cross, diagonal
 from uvms_ocp.types import read_only
@@ -214,8 +213,11 @@ class LinkHydrodynamics:
 
     def __post_init__(self) -> None:
         for name in ("added_mass", "linear_drag", "quadratic_drag"):
-            self._set(name, _matrix6(self.frame, name, getattr(self, name)))
-        self._set("centre_of_buoyancy", _checked(self.frame, "centre_of_buoyancy", self.centre_of_buoyancy, (3,)))
+            value = getattr(self, name)
+            matrix = np.diag(value) if np.shape(value) == (6,) else value
+            object.__setattr__(self, name, finite_array(f"{self.frame}: {name}", matrix, (6, 6)))
+        centre = finite_array(f"{self.frame}: centre_of_buoyancy", self.centre_of_buoyancy, (3,))
+        object.__setattr__(self, "centre_of_buoyancy", centre)
         if not (np.isfinite(self.volume) and self.volume >= 0.0):
             raise InvalidInput(f"{self.frame}: volume {self.volume} m3 given; allowed: 0 or more")
         check_added_mass(self.added_mass, f"{self.frame}: added_mass ")
@@ -226,9 +228,6 @@ class LinkHydrodynamics:
     def p_LB(self) -> np.ndarray:
         """Centre of buoyancy (3,) [m] in L."""
         return np.asarray(self.X_FL.actInv(self.centre_of_buoyancy))
-
-    def _set(self, name: str, value: np.ndarray) -> None:
-        object.__setattr__(self, name, value)
 
 
 @checked_on_failure
@@ -304,19 +303,6 @@ def pressure_wrench(displaced_mass: Array, p_LB: Array, w_L: Array) -> Array:
     """
     force = displaced_mass * w_L
     return column(force, cross(p_LB, force))
-
-
-def _matrix6(frame: str, name: str, value: ArrayLike) -> np.ndarray:
-    array = np.array(value, dtype=float)
-    return _checked(frame, name, np.diag(array) if array.shape == (6,) else array, (6, 6))
-
-
-def _checked(frame: str, name: str, value: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
-    array = np.array(value, dtype=float)
-    if array.shape != shape or not np.isfinite(array).all():
-        raise InvalidInput(f"{frame}: {name} of shape {array.shape} given; allowed: {shape}, finite numbers")
-    array.flags.writeable = False
-    return array
 
 
 def check_added_mass(matrix: np.ndarray, where: str = "") -> None:

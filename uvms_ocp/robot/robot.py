@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.checks import checked, checked_on_failure, finite_array
 from uvms_ocp.errors import FrameNotFound, InvalidInput, NameNotFound
 from uvms_ocp.record.display import SmallTable
 from uvms_ocp.robot.coefficients import links_in_water
@@ -19,7 +19,7 @@ from uvms_ocp.robot.description import RobotDescription, checked_copy
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 from uvms_ocp.robot.limits import Joint, Limits, from_joint_values, to_joint_values
 from uvms_ocp.robot.roles import TOOL, tools_of
-from uvms_ocp.types import Range, Shape, read_only
+from uvms_ocp.types import Range, Shape
 
 # Building and checking the configuration q of a robot.
 
@@ -37,7 +37,7 @@ def _vehicle_part(robot: Robot, position: ArrayLike | None, rpy: ArrayLike | Non
         if position is not None or rpy is not None or quaternion is not None:
             raise InvalidInput(f"robot {robot.name!r} has a fixed base; give joints only")
         return np.zeros(0)
-    p = np.zeros(3) if position is None else finite("position", position, 3)
+    p = np.zeros(3) if position is None else finite_array("position", position, (3,))
     return np.concatenate([p, _orientation(rpy, quaternion)])
 
 
@@ -52,13 +52,13 @@ def _joint_part(robot: Robot, joints: ArrayLike | Mapping[str, float] | None) ->
             own = robot.joint(name)
             values[own.idx_v - robot.n_vehicle : own.idx_v - robot.n_vehicle + own.n_v] = value
     elif joints is not None:
-        values = finite("joints", joints, robot.n_joints)
+        values = finite_array("joints", joints, (robot.n_joints,))
     return from_joint_values(robot.model, values)[robot.joint_q]
 
 
 def _checked(robot: Robot, q: ArrayLike) -> np.ndarray:
     """Q (n_q,) [m, rad] read-only. Raises `InvalidInput` naming what is wrong with it."""
-    array = finite("q", q, robot.n_q)
+    array = finite_array("q", q, (robot.n_q,))
     if robot.n_vehicle:
         _check_unit("q: its quaternion", array[3:7])
     for joint in robot.joints:
@@ -70,15 +70,15 @@ def _checked(robot: Robot, q: ArrayLike) -> np.ndarray:
             low, high = robot.limits.position_lower[i], robot.limits.position_upper[i]
             if not low - _LIMIT_TOLERANCE <= value <= high + _LIMIT_TOLERANCE:
                 raise InvalidInput(f"joint {joint.name!r}: given {value:.6g}; allowed: {low:.6g} to {high:.6g}")
-    return read_only(array)
+    return array
 
 
 def _orientation(rpy: ArrayLike | None, quaternion: ArrayLike | None) -> np.ndarray:
     if rpy is not None and quaternion is not None:
         raise InvalidInput("give either rpy or quaternion, not both")
     if quaternion is not None:
-        return finite("quaternion", quaternion, 4)
-    angles = np.zeros(3) if rpy is None else finite("rpy", rpy, 3)
+        return finite_array("quaternion", quaternion, (4,))
+    angles = np.zeros(3) if rpy is None else finite_array("rpy", rpy, (3,))
     return np.asarray(pin.Quaternion(pin.rpy.rpyToMatrix(angles)).coeffs())
 
 
@@ -93,20 +93,6 @@ def require_normalized(model: pin.Model, q: ArrayLike) -> None:
     for row in np.reshape(np.asarray(q, dtype=float), (-1, model.nq)):
         if not pin.isNormalized(model, row, _UNIT_TOLERANCE) and np.isfinite(row).all():
             raise InvalidInput("q has a quaternion, or (cos, sin) of a joint, whose norm is not 1; divide it by its norm")
-
-
-def finite(what: str, values: ArrayLike, size: int) -> np.ndarray:
-    """``values`` (size,) [any] as numbers; `what` names them. Raises `InvalidInput` for another shape, NaN or infinity."""
-    try:
-        array = np.array(values, dtype=float)
-    except (TypeError, ValueError):
-        raise InvalidInput(f"{what}: given {values!r}; allowed: {size} numbers") from None
-    if array.shape != (size,):
-        raise InvalidInput(f"{what} has shape {array.shape}; allowed: ({size},)")
-    if not np.isfinite(array).all():
-        where = np.flatnonzero(~np.isfinite(array)).tolist()
-        raise InvalidInput(f"{what} has NaN or infinite entries at {where}; allowed: finite numbers")
-    return array
 
 
 # Moving fixed frames (sensors, tools) of a Pinocchio model without touching the original.

@@ -58,7 +58,7 @@ def check_agreement(path: Path, root: Element, model: pin.Model, shapes: Sequenc
         findings.attempt(_check_inertias, path, root, model, mounts)
         for joint in _moving_joints(root):
             findings.attempt(_check_joint, path, joint, model)
-        for kind, geometry in zip(("visual", "collision"), shapes, strict=True):
+        for kind, geometry in zip(_DRAWN, shapes, strict=True):
             findings.attempt(_check_shapes, path, root, kind, geometry, mounts)
     findings.refuse()
 
@@ -316,14 +316,22 @@ def _drop(findings: urdf_checks.Findings, root: Element, links: Iterable[str]) -
                 waiting.append(_end(joint, "child"))
 
 
-def _drop_meshes(findings: urdf_checks.Findings, root: Element) -> None:
-    dropped = dict.fromkeys(("visual", "collision"), 0)
+_DRAWN = ("visual", "collision")
+"""Elements of a link that have a shape."""
+
+
+def _shapes_of(root: Element) -> Iterator[tuple[Element, Element]]:
+    """Yield each link with each of its elements that have a shape, which may be removed from it."""
     for link in root.findall("link"):
-        for kind in dropped:
-            for shape in link.findall(kind):
-                if shape.find("geometry/mesh") is not None:
-                    link.remove(shape)
-                    dropped[kind] += 1
+        yield from ((link, shape) for kind in _DRAWN for shape in link.findall(kind))
+
+
+def _drop_meshes(findings: urdf_checks.Findings, root: Element) -> None:
+    dropped = dict.fromkeys(_DRAWN, 0)
+    for link, shape in _shapes_of(root):
+        if shape.find("geometry/mesh") is not None:
+            link.remove(shape)
+            dropped[shape.tag] += 1
     if any(dropped.values()):
         counts = " and ".join(f"{n} {kind}" for kind, n in dropped.items())
         findings.notes.append(f"without meshes: {counts} shapes are left out")
@@ -429,16 +437,14 @@ def read_urdf_xml(path: Path) -> Element:
 
 def _resolve_meshes(findings: urdf_checks.Findings, root: Element, search: Iterable[Path]) -> None:
     folders = tuple(search)
-    for link in root.findall("link"):
-        for kind in ("visual", "collision"):
-            for shape in link.findall(kind):
-                for mesh in shape.iter("mesh"):
-                    given = mesh.get("filename", "")
-                    found = find_mesh(findings.path, given, folders)
-                    if found is None:
-                        _give_up(findings, link, shape, f"mesh {urdf_checks.quoted(given)} not found")
-                    else:
-                        mesh.set("filename", str(found))
+    for link, shape in _shapes_of(root):
+        for mesh in shape.iter("mesh"):
+            given = mesh.get("filename", "")
+            found = find_mesh(findings.path, given, folders)
+            if found is None:
+                _give_up(findings, link, shape, f"mesh {urdf_checks.quoted(given)} not found")
+            else:
+                mesh.set("filename", str(found))
     findings.refuse()
 
 
@@ -547,13 +553,10 @@ def _shapes(model: pin.Model, root: Element) -> list[pin.GeometryModel]:
 def _drop_unreadable_meshes(findings: urdf_checks.Findings, root: Element) -> None:
     """Leave out meshes that coal cannot read, where they are only drawn. Raises ``RobotDataError`` for the others."""
     loader = coal.MeshLoader()
-    for link in root.findall("link"):
-        for kind in ("visual", "collision"):
-            for shape in link.findall(kind):
-                for mesh in shape.iter("mesh"):
-                    problem = _unreadable(Path(mesh.get("filename", "")), loader)
-                    if problem:
-                        _give_up(findings, link, shape, problem)
+    for link, shape in _shapes_of(root):
+        for mesh in shape.iter("mesh"):
+            if problem := _unreadable(Path(mesh.get("filename", "")), loader):
+                _give_up(findings, link, shape, problem)
     findings.refuse()
 
 

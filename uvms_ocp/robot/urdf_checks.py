@@ -13,12 +13,14 @@ links, are told in one warning. The known words are those of urdfdom's parsers a
 
 from __future__ import annotations
 
+import csv
 import math
 import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeVar
 from xml.etree import ElementTree
@@ -452,49 +454,17 @@ class _Place:
     """True where nobody adds attributes of their own."""
 
 
-def _place(children: str = "", attributes: str = "", others: str = "", closed: bool = True) -> _Place:
-    words = [frozenset(text.split()) for text in (children, attributes, others)]
-    return _Place(children=words[0], attributes=words[1], others=words[2], closed=closed)
+def _places() -> dict[str, _Place]:
+    """What each element may hold, by its name: the table ``urdf_words.csv``."""
+    rows = csv.DictReader((files("uvms_ocp.robot") / "urdf_words.csv").read_text(encoding="utf-8").splitlines())
+    words = ("children", "attributes", "others")
+    return {
+        row["element"]: _Place(**{key: frozenset(row[key].split()) for key in words}, closed=row["closed"] == "yes")
+        for row in rows
+    }
 
 
-_SHAPES = "box sphere cylinder mesh"
-_PLACES = {
-    "robot": _place(
-        "link joint material", "name version", "gazebo transmission ros2_control sensor plugin verbose", closed=False
-    ),
-    "link": _place(
-        "inertial visual collision collision_checking",
-        "name",
-        "verbose contact contact_coefficients self_collision_checking sensor material",
-        closed=False,
-    ),
-    "collision_checking": _place("capsule convex"),
-    "capsule": _place("", "name"),
-    "convex": _place("", "name"),
-    "inertial": _place("origin mass inertia"),
-    "mass": _place("", "value"),
-    "inertia": _place("", "ixx ixy ixz iyy iyz izz"),
-    "visual": _place("origin geometry material", "name", closed=False),
-    "collision": _place("origin geometry", "name", "material verbose contact_coefficients", closed=False),
-    "geometry": _place(_SHAPES, "name", closed=False),
-    "box": _place("", "size"),
-    "sphere": _place("", "radius"),
-    "cylinder": _place("", "radius length"),
-    "mesh": _place("", "filename scale"),
-    "material": _place("color texture", "name"),
-    "color": _place("", "rgba"),
-    "texture": _place("", "filename"),
-    "joint": _place("origin parent child axis limit dynamics mimic safety_controller calibration", "name type", closed=False),
-    "origin": _place("", "xyz rpy"),
-    "parent": _place("", "link"),
-    "child": _place("", "link"),
-    "axis": _place("", "xyz"),
-    "limit": _place("", "lower upper velocity effort", closed=False),
-    "dynamics": _place("", "damping friction", closed=False),
-    "mimic": _place("", "joint multiplier offset"),
-    "safety_controller": _place("", "soft_lower_limit soft_upper_limit k_position k_velocity"),
-    "calibration": _place("", "rising falling reference_position"),
-}
+_PLACES = _places()
 _WORDS = frozenset().union(*(place.attributes for place in _PLACES.values()))
 
 

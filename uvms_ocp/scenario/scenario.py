@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked
+from uvms_ocp.checks import checked, finite_array
 from uvms_ocp.control import DynamicController, LoadLearning, VelocityGains
 from uvms_ocp.control.external import SupervisedController
 from uvms_ocp.control.velocity.kinematic import Guide, HierarchySolver, KinematicController
@@ -351,15 +351,5 @@ class Scenario(FieldTable):
 @checked
 def pose_at(position: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)) -> pin.SE3:
     """Pose from a position (3,) [m] and rpy (3,) [rad], R = Rz Ry Rx. Raises `InvalidInput` for anything else."""
-    p, angles = _three("position", position), _three("rpy", rpy)
+    p, angles = finite_array("position", position, (3,)), finite_array("rpy", rpy, (3,))
     return pin.SE3(pin.rpy.rpyToMatrix(angles), p)
-
-
-def _three(what: str, values: ArrayLike) -> np.ndarray:
-    try:
-        array = np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise InvalidInput(f"{what} = {values!r}; give three numbers") from None
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise InvalidInput(f"{what} = {array.tolist()}; give three finite numbers")
-    return array

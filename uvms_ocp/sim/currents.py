@@ -9,7 +9,7 @@ from typing import Annotated, Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked, checked_on_failure
+from uvms_ocp.checks import checked, checked_on_failure, finite_array
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.hydrodynamics import Water
 from uvms_ocp.types import DAY, Count, Finite, Positive, Shape
@@ -149,7 +149,7 @@ class ShearedCurrent(Current):
 
     def __post_init__(self) -> None:
         n_heights = max(np.size(self.z), 1)
-        object.__setattr__(self, "z", _finite("z of a sheared current", self.z, (n_heights,)))
+        object.__setattr__(self, "z", finite_array("z of a sheared current", self.z, (n_heights,)))
         if (np.diff(self.z) <= 0).any():
             raise InvalidInput(f"z of a sheared current = {self.z.tolist()} m; give increasing heights")
         shape = (len(self.z), 3)
@@ -207,8 +207,18 @@ class OnsetCurrent(UniformField):
 
     def growth(self, t: float) -> tuple[float, float]:
         """Share of the whole velocity that there is at time t [s], and its rate [1/s]."""
-        angle = math.pi * min(max((t - self.start) / self.rise, 0.0), 1.0)
-        return 0.5 - 0.5 * math.cos(angle), 0.5 * math.pi / self.rise * math.sin(angle)
+        share = (t - self.start) / self.rise
+        return cosine_step(share), cosine_slope(share) / self.rise
+
+
+def cosine_step(share: float) -> float:
+    """Step from 0 at 0 to 1 at 1, level beyond both."""
+    return 0.5 - 0.5 * math.cos(math.pi * min(max(share, 0.0), 1.0))
+
+
+def cosine_slope(share: float) -> float:
+    """Evaluate the derivative of `cosine_step`."""
+    return 0.5 * math.pi * math.sin(math.pi * share) if 0.0 < share < 1.0 else 0.0
 
 
 @checked
@@ -296,20 +306,9 @@ class _Path:
 
 def _flow(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
     """Velocities (..., 3) [m/s] that water may have."""
-    array = _finite(what, values, shape)
+    array = finite_array(what, values, shape)
     scale = max(1.0, float(np.abs(array).max(initial=0.0)))  # so that squares are numbers
     speed = scale * float(np.linalg.norm(array / scale, axis=-1).max(initial=0.0))
     if speed > _FASTEST:
         raise InvalidInput(f"{what} reaches {speed:g} m/s; give at most {_FASTEST:g} m/s")
-    return array
-
-
-def _finite(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
-    try:
-        array = np.array(values, dtype=float)
-    except (TypeError, ValueError):
-        raise InvalidInput(f"{what} = {values!r}; give finite numbers of shape {shape}") from None
-    if array.shape != shape or not np.isfinite(array).all():
-        raise InvalidInput(f"{what} = {array.tolist()}; give finite numbers of shape {shape}")
-    array.setflags(write=False)
     return array

@@ -14,7 +14,7 @@ from uvms_ocp.robot.assembly import with_trim
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.limits import Joint
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.sim.currents import Current
+from uvms_ocp.sim.currents import Current, cosine_slope, cosine_step
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.faults import Fault
 from uvms_ocp.sim.seafloor import Seafloor, ground_at
@@ -288,9 +288,7 @@ class SteppedCurrent(Current):
         return base + self._shape(p_W, step) if step.any() else base
 
     def rate(self, p_W: np.ndarray, t: float) -> np.ndarray:
-        # (3,) [m/s2] of `_step` over time.
-        parts = [(_rising(t - fault.onset) - _rising(t - fault.end)) * np.array(fault.values) for fault in self.faults]
-        base, slope = self.base.rate(p_W, t), np.sum(parts, axis=0)
+        base, slope = self.base.rate(p_W, t), self._sum(t, lambda elapsed: cosine_slope(elapsed / RISE) / RISE)
         return base + self._shape(p_W, slope) if slope.any() else base
 
     def gradient(self, p_W: np.ndarray, t: float) -> np.ndarray:
@@ -300,21 +298,25 @@ class SteppedCurrent(Current):
         added = np.zeros((len(p_W), 3, 3))
         # (n, 3) [1/m] gradient of the share of the vertical part that is left at points p_W (n, 3).
         floor, normals = ground_at(self.seafloor, p_W[:, :2])
-        slopes = [_smooth_slope(height / LAYER) / LAYER for height in (p_W[:, 2] - floor).tolist()]
+        slopes = [cosine_slope(height / LAYER) / LAYER for height in (p_W[:, 2] - floor).tolist()]
         added[:, 2] = vertical * (np.array(slopes)[:, None] * normals / normals[:, 2:])
         return base + added
 
     def _step(self, t: float) -> np.ndarray:
         """(3,) [m/s] of all steps together, far above the floor."""
-        parts = [(_risen(t - fault.onset) - _risen(t - fault.end)) * np.array(fault.values) for fault in self.faults]
-        return np.sum(parts, axis=0)
+        return self._sum(t, lambda elapsed: cosine_step(elapsed / RISE))
+
+    def _sum(self, t: float, growth: Callable[[float], float]) -> np.ndarray:
+        """(3,) over all steps, by how each has grown since its onset, and since its end."""
+        parts = [(growth(t - fault.onset) - growth(t - fault.end)) * np.array(fault.values) for fault in self.faults]
+        return np.asarray(np.sum(parts, axis=0))
 
     def _shape(self, p_W: np.ndarray, step: np.ndarray) -> np.ndarray:
         """(n, 3): a step at points p_W (n, 3), less its vertical part near the floor."""
         field = np.tile(step, (len(p_W), 1))
         if step[2]:
             heights = p_W[:, 2] - ground_at(self.seafloor, p_W[:, :2])[0]
-            field[:, 2] *= [_smooth(height / LAYER) for height in heights.tolist()]
+            field[:, 2] *= [cosine_step(height / LAYER) for height in heights.tolist()]
         return field
 
 
@@ -325,20 +327,3 @@ def with_steps(environment: Environment, faults: Sequence[Fault]) -> Environment
         return environment
     current = SteppedCurrent(base=environment.current, seafloor=environment.seafloor, faults=own)
     return replace(environment, current=current)
-
-
-def _risen(elapsed: float) -> float:
-    return _smooth(elapsed / RISE)
-
-
-def _rising(elapsed: float) -> float:
-    return _smooth_slope(elapsed / RISE) / RISE
-
-
-def _smooth(share: float) -> float:
-    """Cosine step from 0 at 0 to 1 at 1, level beyond both."""
-    return 0.5 - 0.5 * math.cos(math.pi * min(max(share, 0.0), 1.0))
-
-
-def _smooth_slope(share: float) -> float:
-    return 0.5 * math.pi * math.sin(math.pi * share) if 0.0 < share < 1.0 else 0.0

@@ -199,12 +199,7 @@ class WatchedEstimator:
         estimate = self._wrapped(readings, t, command)
         if not isinstance(estimate, StateEstimate):
             raise InvalidInput(f"estimator {self._name} returned {type(estimate).__name__}; return a StateEstimate")
-        robot = self._robot
-        require_numbers(self._whose, "q", estimate.q, (robot.n_q,))
-        require_numbers(self._whose, "v", estimate.v, (robot.n_v,))
-        if estimate.std is not None:
-            require_numbers(self._whose, "std", estimate.std, (robot.n_v,))
-        require_normalized(self._whose, robot, estimate.q)
+        require_state(self._whose, self._robot, q=estimate.q, v=estimate.v, std=estimate.std)
         return estimate
 
 
@@ -226,8 +221,11 @@ class WatchedGates(WatchedEstimator):
         self._wrapped.inflate_velocity_variance(rests=rests)
 
 
-def require_normalized(whose: str, robot: Robot, q: np.ndarray) -> None:
-    """Raise `InvalidInput` for q (n_q,) [m, rad] whose quaternion, or pair of cos and sin, is not of norm 1."""
+def require_state(whose: str, robot: Robot, *, q: np.ndarray, v: np.ndarray, **others: np.ndarray | None) -> None:
+    """Raise `InvalidInput` unless q (n_q,) [m, rad] is normalized, and v (n_v,) [m/s, rad/s] and others there are finite."""
+    require_numbers(whose, "q", q, (robot.n_q,))
+    for name, value in {"v": v, **{name: value for name, value in others.items() if value is not None}}.items():
+        require_numbers(whose, name, value, (robot.n_v,))
     if not pin.isNormalized(robot.model, q, UNIT_NORM_TOLERANCE):
         raise InvalidInput(f"{whose} has q with an attitude or a turning joint not of norm 1; normalize it")
 
@@ -271,15 +269,9 @@ class WatchedPlant(Plant):
         return {name: self._recorded(name, value) for name, value in telemetry.items()}
 
     def _right(self, state: Any) -> State:
-        name, robot = self._name, self._robot
         if not isinstance(state, State):
-            raise InvalidInput(f"state of plant {name} is {type(state).__name__}; give a State")
-        whose = f"the state of plant {name}"
-        require_numbers(whose, "q", state.q, (robot.n_q,))
-        require_numbers(whose, "v", state.v, (robot.n_v,))
-        if state.a is not None:
-            require_numbers(whose, "a", state.a, (robot.n_v,))
-        require_normalized(whose, robot, state.q)
+            raise InvalidInput(f"state of plant {self._name} is {type(state).__name__}; give a State")
+        require_state(f"the state of plant {self._name}", self._robot, q=state.q, v=state.v, a=state.a)
         return state
 
     def _recorded(self, name: str, value: Any) -> np.ndarray:

@@ -13,13 +13,14 @@ from uvms_ocp.robot.kinematics import point_reach
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_model import SymbolicModel
-from uvms_ocp.tasks.activation import SmoothActivation, approach_speed, row_acceleration, saturate
+from uvms_ocp.tasks.activation import SmoothActivation, saturate
 from uvms_ocp.tasks.task import (
     Residual,
     Rows,
     Task,
     TaskClass,
     TickSymbols,
+    approach,
     bounded_residual,
     equality_rows,
     require_positive,
@@ -100,13 +101,7 @@ class MinimumAltitude(Task):
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         frame = altimeter_of(self.name, symbols, self.frame)
         h, row = self.residual(symbols, parameters).value, altitude_row(symbols, frame)
-        sinking = approach_speed(
-            h - self.threshold,
-            gain=self.gain,
-            deceleration=row_acceleration(row, symbols.robot.limits.acceleration),
-            dt=symbols.dt,
-            saturation=self.saturation,
-        )
+        sinking = approach(self, symbols, h - self.threshold, row)
         bell = SmoothActivation(self.threshold, self.threshold + self.margin)
         return Rows(
             jacobian=row,

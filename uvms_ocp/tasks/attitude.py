@@ -17,7 +17,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.spatial import skew
 from uvms_ocp.robot.thrusters import undriven_axes
-from uvms_ocp.tasks.activation import SmoothActivation, approach_speed, row_acceleration, saturate
+from uvms_ocp.tasks.activation import SmoothActivation, saturate
 from uvms_ocp.tasks.task import (
     Residual,
     Rows,
@@ -25,6 +25,7 @@ from uvms_ocp.tasks.task import (
     TaskClass,
     TickSymbols,
     VectorGoal,
+    approach,
     bounded_residual,
     driven_turns,
     evaluate_vector,
@@ -124,13 +125,7 @@ class AngleTask(Task):
             given = row[:, others] @ symbols.velocity[others]
             row = ca.SX(row)
             row[:, others] = 0
-        rising = approach_speed(
-            self.aim - theta,
-            gain=self.gain,
-            deceleration=row_acceleration(row, symbols.robot.limits.acceleration),
-            dt=symbols.dt,
-            saturation=self.saturation,
-        )
+        rising = approach(self, symbols, self.aim - theta, row)
         return Rows(
             jacobian=row,
             rate=saturate(-self.gain * theta, self.saturation) - given,
@@ -180,26 +175,11 @@ class HorizontalAttitude(AngleTask):
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Alignment(AngleTask):
-    """AT: the body x axis points along the horizontal direction to a target ([Gao2022] eqs 36-58).
+class TargetTask(AngleTask):
+    """Shared part of tasks that turn an axis towards a point. Raises `InvalidInput` for a goal that is no position."""
 
-    theta takes a = body x axis to b = d / |d|, d the horizontal part of target minus vehicle position, and
-    ``d theta / dt = -n . (omega_W + [d x] diag(1,1,0) v_W / |d|^2)``. A target straight above or below has no
-    direction: the row is zero then and the quantity ``overhead`` is 1. Raises `InvalidInput` for a goal that is no position.
-    """
-
-    name: str = "AT"
-    task_class: TaskClass = TaskClass.PREREQUISITE
     goal: VectorGoal
     """(3,) [m] target position in W."""
-    gain: float = 0.6
-    """[1/s]"""
-    saturation: float = 0.2
-    """[rad/s]"""
-    activation: SmoothActivation = SmoothActivation(0.0, 0.07)
-    """[rad]"""
-    aim: float = 0.035
-    """[rad]"""
 
     def __post_init__(self) -> None:
         AngleTask.__post_init__(self)
@@ -213,6 +193,28 @@ class Alignment(AngleTask):
     @checked_on_failure
     def reference(self, t: float) -> np.ndarray:
         return np.concatenate(evaluate_vector(self.name, self.goal, t))
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Alignment(TargetTask):
+    """AT: the body x axis points along the horizontal direction to a target ([Gao2022] eqs 36-58).
+
+    theta takes a = body x axis to b = d / |d|, d the horizontal part of target minus vehicle position, and
+    ``d theta / dt = -n . (omega_W + [d x] diag(1,1,0) v_W / |d|^2)``. A target straight above or below has no
+    direction: the row is zero then and the quantity ``overhead`` is 1. Raises `InvalidInput` for a goal that is no position.
+    """
+
+    name: str = "AT"
+    task_class: TaskClass = TaskClass.PREREQUISITE
+    gain: float = 0.6
+    """[1/s]"""
+    saturation: float = 0.2
+    """[rad/s]"""
+    activation: SmoothActivation = SmoothActivation(0.0, 0.07)
+    """[rad]"""
+    aim: float = 0.035
+    """[rad]"""
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """Angle to the target's horizontal direction <= `aim` [rad]; free below or above the target."""
@@ -238,7 +240,7 @@ class Alignment(AngleTask):
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class FieldOfView(AngleTask):
+class FieldOfView(TargetTask):
     """FV: a point stays inside the cone that a camera sees.
 
     theta takes the optical axis to the direction d / |d| of the point, and
@@ -249,8 +251,6 @@ class FieldOfView(AngleTask):
 
     name: str = "FV"
     task_class: TaskClass = TaskClass.PREREQUISITE
-    goal: VectorGoal
-    """(3,) [m] point in W."""
     axis: tuple[float, float, float] = (1.0, 0.0, 0.0)
     """(3,) optical axis in `frame`, of length 1."""
     gain: float = 0.6
@@ -263,21 +263,13 @@ class FieldOfView(AngleTask):
     """[rad]"""
 
     def __post_init__(self) -> None:
-        AngleTask.__post_init__(self)
-        value, _ = evaluate_vector(self.name, self.goal, 0.0)
-        if value.shape != (3,) or not np.isclose(np.linalg.norm(self.axis), 1.0):
-            raise InvalidInput(f"{self.name}: goal {value}, axis {self.axis}; give a position (3,) and a unit vector")
+        TargetTask.__post_init__(self)
+        if not np.isclose(np.linalg.norm(self.axis), 1.0):
+            raise InvalidInput(f"{self.name}: axis {self.axis}; give a unit vector")
 
     @property
     def watched_axis(self) -> tuple[float, float, float]:
         return self.axis
-
-    def n_parameters(self, robot: Robot) -> int:
-        return 6
-
-    @checked_on_failure
-    def reference(self, t: float) -> np.ndarray:
-        return np.concatenate(evaluate_vector(self.name, self.goal, t))
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """Angle to the point <= `aim` [rad]; free at the camera itself."""

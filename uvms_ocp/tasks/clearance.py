@@ -12,8 +12,8 @@ from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
-from uvms_ocp.tasks.activation import SmoothActivation, approach_speed, row_acceleration, saturate
-from uvms_ocp.tasks.task import NearestPairs, Rows, Task, TaskClass, TickSymbols, require_positive
+from uvms_ocp.tasks.activation import SmoothActivation, saturate
+from uvms_ocp.tasks.task import NearestPairs, Rows, Task, TaskClass, TickSymbols, approach, require_positive
 
 
 @checked
@@ -72,13 +72,7 @@ class Clearance(Task):
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         pairs, n = self._pairs.symbols(parameters), self._pairs.n_rows
-        closing = approach_speed(
-            pairs.distance - self.threshold,
-            gain=self.gain,
-            deceleration=row_acceleration(pairs.jacobian, symbols.robot.limits.acceleration),
-            dt=symbols.dt,
-            saturation=self.saturation,
-        )
+        closing = approach(self, symbols, pairs.distance - self.threshold, pairs.jacobian)
         bell = SmoothActivation(self.threshold, self.threshold + self.margin)
         rates = [saturate(self.gain * (bell.end - pairs.distance[k]), self.saturation) for k in range(n)]
         return Rows(

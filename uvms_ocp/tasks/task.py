@@ -26,6 +26,7 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.robot.symbolic_model import SymbolicKinematics
 from uvms_ocp.robot.thrusters import undriven_axes
+from uvms_ocp.tasks.activation import approach_speed, row_acceleration
 
 # Goals: constants or functions of time.
 #
@@ -357,6 +358,12 @@ def bounded_residual(value: ca.SX, *, lower: float = -np.inf, upper: float = np.
     """A residual that asks for ``lower <= value <= upper`` [unit of the task], row by row."""
     m = value.shape[0]
     return Residual(value=value, lower=np.full(m, lower), upper=np.full(m, upper))
+
+
+def approach(task: Any, symbols: TickSymbols, distance: ca.SX, row: ca.SX) -> ca.SX:
+    """Evaluate `approach_speed` of a task towards a limit whose distance [m or rad] changes by `row` (m, n_v)."""
+    deceleration = row_acceleration(row, symbols.robot.limits.acceleration)
+    return approach_speed(distance, gain=task.gain, deceleration=deceleration, dt=symbols.dt, saturation=task.saturation)
 
 
 def require_positive(task: Task, *names: str) -> None:
