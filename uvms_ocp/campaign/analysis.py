@@ -75,7 +75,8 @@ def cause_table(table: Any) -> list[dict[str, Any]]:
     """One row per outcome and kind of cause of the runs that failed, the most frequent first, each as its first run has it."""
     failed = table[~table["success"].astype(bool)]
     shortened = failed["cause"].fillna("").map(_shortened)
-    groups = failed.assign(shortened=shortened, kind=shortened.map(_kind)).groupby(["outcome", "kind"], sort=False)
+    kind = shortened.str.replace(_NUMBER, "#", regex=True)  # so that causes that differ in their numbers alone are equal
+    groups = failed.assign(shortened=shortened, kind=kind).groupby(["outcome", "kind"], sort=False)
     rows = [
         {
             "outcome": outcome,
@@ -97,11 +98,6 @@ def outcome_table(table: Any) -> list[dict[str, Any]]:
 def _shortened(text: str) -> str:
     """Keep the first two statements of a cause."""
     return plain_line("; ".join(text.partition("; last alarm")[0].split("; ")[:2]), _LONGEST)
-
-
-def _kind(text: str) -> str:
-    """Replace the numbers of a cause, so that like causes are equal."""
-    return _NUMBER.sub("#", text)
 
 
 # Which parameters matter: rank correlation as a first look, PAWN from any sample, Sobol' indices from their own design.

@@ -155,6 +155,7 @@ def worst_runs(table: Any, folder: Path) -> list[dict[str, Any]]:
 
 _RESAMPLED = 2000
 _MOST = 20  # runs that are named
+_DRAWN = ("runs", "seed", "sampler", "parameters")  # of campaigns that draw the same
 
 
 @checked
@@ -167,22 +168,18 @@ def compare_campaigns(first: Path, second: Path, success: Sequence[MetricBound] 
     """
     folders, tables = (first, second), [table_with_success(folder, success) for folder in (first, second)]
     rates = [Rate(number=int(table["success"].sum()), runs=len(table)) for table in tables]
+    one, other = map(read_manifest, folders)
     comparison: dict[str, Any] = {
         "campaigns": [str(folder) for folder in folders],
         "success": [rate.to_dict() for rate in rates],
         "success_text": [str(rate) for rate in rates],
-        "paired": _same_draws(*folders),
+        "paired": all(getattr(one, name) == getattr(other, name) for name in _DRAWN),
     }
     if comparison["paired"]:
         a, b = (table.set_index("run") for table in tables)
         common = a.index.intersection(b.index)
         comparison |= _pairs(a.loc[common].reset_index(), b.loc[common].reset_index())
     return comparison
-
-
-def _same_draws(first: Path, second: Path) -> bool:
-    a, b = (read_manifest(folder) for folder in (first, second))
-    return all(getattr(a, name) == getattr(b, name) for name in ("runs", "seed", "sampler", "parameters"))
 
 
 def _pairs(a: Any, b: Any) -> dict[str, Any]:

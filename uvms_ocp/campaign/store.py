@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from uvms_ocp.campaign.distributions import Design
 from uvms_ocp.campaign.jobs import COMPLETED, FIRST, LAST, CampaignJob, RunResult, columns_of
 from uvms_ocp.checks import checked
-from uvms_ocp.errors import InvalidInput, UvmsError
+from uvms_ocp.errors import InvalidInput, UvmsError, plain_line
 from uvms_ocp.record.durable_files import discard, locked, sync_folders, write_durably
 from uvms_ocp.record.output import STORE, as_output_errors, read_as, whole_file
 from uvms_ocp.record.tables import arrow as required_arrow
@@ -113,12 +113,8 @@ def _differences(place: str, known: Any, wanted: Any) -> Any:
         for name in [*known, *(name for name in wanted if name not in known)]:
             yield from _differences(f"{place}{' ' if place else ''}{name}", known.get(name), wanted.get(name))
     elif known != wanted:
-        yield f"{place} ({_short(known)}, now {_short(wanted)})"
-
-
-def _short(value: Any) -> str:
-    text = "none" if value is None else str(value)
-    return text if len(text) <= 40 else text[:39] + "…"
+        was, now = (plain_line("none" if value is None else str(value), 40) for value in (known, wanted))
+        yield f"{place} ({was}, now {now})"
 
 
 # A Parquet data set in parts: each is written once, whole or not at all, and a run is finished when its part is there.
@@ -129,49 +125,6 @@ _GROUP = 10_000  # rows of a group in a file
 
 
 arrow = partial(required_arrow, "a campaign")
-
-
-class Parts:
-    """Parquet parts of one campaign; for one process at a time."""
-
-    def __init__(self, folder: Path, identity: CampaignManifest) -> None:
-        """folder: of the campaign."""
-        self._folder, self._identity = folder / FOLDER, identity
-        self._folder.mkdir(parents=True, exist_ok=True)
-        for left in self._folder.glob("*.tmp"):
-            discard(left)
-        names = self.paths()
-        self._next = 1 + max((int(path.stem.rpartition("-")[2]) for path in names), default=-1)
-        self._n = len(names)
-
-    def paths(self) -> list[Path]:
-        """Return all files, the oldest first."""
-        return part_paths(self._folder.parent)
-
-    def append(self, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Write rows to the disk, so that they survive a loss of power. Raises `OutputError` where the disk refuses."""
-        if rows:
-            pa = arrow()
-            self._write(pa.Table.from_pylist([dict(row) for row in rows], schema=schema_of(self._identity.types)))
-            if self._n >= _MANY:
-                self.join()
-
-    def join(self) -> None:
-        """One file in place of many. Cut off, some rows are there twice, which readers know. Raises `OutputError`."""
-        paths = self.paths()
-        if len(paths) > 1:
-            self._write(read_rows(self._folder.parent, self._identity))
-            for path in paths:
-                path.unlink()
-            self._n = 1
-            sync_folders([self._folder])
-
-    def _write(self, table: Any) -> None:
-        pa = arrow()
-        path = self._folder / f"part-{self._next:08d}.parquet"
-        with whole_file(path, "free some space") as file:
-            pa.parquet.write_table(table, file, row_group_size=_GROUP)
-        self._next, self._n = self._next + 1, self._n + 1
 
 
 def part_paths(folder: Path) -> list[Path]:
@@ -260,7 +213,11 @@ class CampaignFolder:
     def __init__(self, folder: Path, identity: CampaignManifest) -> None:
         """folder: it is there, and locked."""
         self.folder, self._identity = folder, identity
-        self._parts = Parts(folder, identity)
+        (folder / FOLDER).mkdir(parents=True, exist_ok=True)
+        for left in (folder / FOLDER).glob("*.tmp"):
+            discard(left)
+        names = part_paths(folder)
+        self._next, self._n = 1 + max((int(path.stem.rpartition("-")[2]) for path in names), default=-1), len(names)
         self._waiting: list[Mapping[str, Any]] = []
         self._since = monotonic()
         self.finished = np.zeros(identity.runs, dtype=bool)
@@ -290,14 +247,34 @@ class CampaignFolder:
     def flush(self, *, now: bool = False) -> None:
         """Bring rows to the disk that have waited for long enough; now: all of them."""
         if self._waiting and (now or len(self._waiting) >= _BATCH or monotonic() - self._since > _BATCH_AGE):
-            self._parts.append(self._waiting)
+            pa = arrow()
+            self._write(pa.Table.from_pylist([dict(row) for row in self._waiting], schema=schema_of(self._identity.types)))
             self._waiting = []
+            if self._n >= _MANY:
+                self._join()
 
     def close(self) -> None:
         """Bring all rows to the disk, in one file once the campaign is complete."""
         self.flush(now=True)
         if self.finished.all():
-            self._parts.join()
+            self._join()
+
+    def _join(self) -> None:
+        """One file in place of many. Cut off, some rows are there twice, which readers know. Raises `OutputError`."""
+        paths = part_paths(self.folder)
+        if len(paths) > 1:
+            self._write(read_rows(self.folder, self._identity))
+            for path in paths:
+                path.unlink()
+            self._n = 1
+            sync_folders([self.folder / FOLDER])
+
+    def _write(self, table: Any) -> None:
+        pa = arrow()
+        path = self.folder / FOLDER / f"part-{self._next:08d}.parquet"
+        with whole_file(path, "free some space") as file:
+            pa.parquet.write_table(table, file, row_group_size=_GROUP)
+        self._next, self._n = self._next + 1, self._n + 1
 
 
 @contextmanager

@@ -52,11 +52,7 @@ def campaign(
         float, typer.Option(metavar="S", help="Of a run [s]: what takes longer is stopped, and a row that says so.")
     ] = 3600.0,
     records: Annotated[str, typer.Option(help="Whole records to keep: none, failures or all.")] = "none",
-    robot: opt.RobotName = None,
-    files: opt.RobotFiles = opt.AS_WRITTEN,
-    plant: opt.PlantName = None,
-    current: opt.CurrentVelocity = None,
-    seabed: opt.Seabed = None,
+    changes: opt.ScenarioOptions = opt.AS_IT_IS,
     noise: opt.Noise = None,
     duration: opt.Duration = None,
     fault: opt.Faults = None,
@@ -85,8 +81,7 @@ def campaign(
     if report or rerun is not None or against is not None:
         raise InvalidInput(f"{what}: no campaign is there; --report, --rerun and --against need the folder of one")
     cluster: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "time_limit": time_limit}
-    options = opt.given(robot=robot, **files.options, plant=plant, current=current, seabed=seabed)
-    options |= opt.given(noise=noise, duration=duration, faults=tuple(fault) if fault else None)
+    options = changes.chosen | opt.given(noise=noise, duration=duration, faults=tuple(fault) if fault else None)
     if parameters:
         _list_parameters(what, options, console, as_json)
         return

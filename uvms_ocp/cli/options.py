@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from copy import copy
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
@@ -28,8 +27,7 @@ from uvms_ocp.solvers import Icat, LexicographicActiveSet, LexicographicQp
 def expand_options(command: Callable[..., None]) -> Callable[..., None]:
     """A command some of whose parameters are dataclasses, as one that has the fields of them as options of its own.
 
-    typer reads the options of a command from its signature. Of two options with the same flag the later one has its others
-    alone.
+    typer reads the options of a command from its signature.
     """
     own = signature(command, eval_str=True).parameters.values()
     groups: dict[str, Any] = {p.name: p.annotation for p in own if is_dataclass(p.annotation)}
@@ -44,7 +42,6 @@ def expand_options(command: Callable[..., None]) -> Callable[..., None]:
         command(**made, **options)
 
     parameters = [q for p in own for q in shared.get(p.name, [p.replace(kind=Parameter.KEYWORD_ONLY)])]
-    parameters = _without_clashes(parameters)
     spread.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     spread.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
     return spread
@@ -56,28 +53,6 @@ def _fields_as_parameters(group: Any) -> list[Parameter]:
         Parameter(field.name, Parameter.KEYWORD_ONLY, default=field.default, annotation=hints[field.name])
         for field in fields(group)
     ]
-
-
-def _without_clashes(parameters: Sequence[Parameter]) -> list[Parameter]:
-    taken: set[str] = set()
-    kept = []
-    for parameter in parameters:
-        kind, option, *_ = (*get_args(parameter.annotation), None, None)
-        flags = _flags(option) or (f"--{parameter.name.replace('_', '-')}",)
-        free = tuple(flag for flag in flags if flag not in taken)
-        if free != flags and option is not None:
-            option = copy(option)
-            option.default, option.param_decls = ..., free
-            parameter = parameter.replace(annotation=Annotated[kind, option])
-        taken.update(free)
-        kept.append(parameter)
-    return kept
-
-
-def _flags(option: Any) -> tuple[str, ...]:
-    """Flags that an option states; typer takes the first for a default, until it reads the annotation."""
-    first = getattr(option, "default", None)
-    return (*((first,) if isinstance(first, str) else ()), *(getattr(option, "param_decls", None) or ()))
 
 
 def defaults_of(kind: type[Any]) -> dict[str, Any]:
@@ -132,6 +107,9 @@ RobotName = Annotated[
 ]
 
 
+_TOOL = "Frame of the tool; several times for several arms."
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RobotFiles:
     """How the files of a robot are read; what is left out is as its hydrodynamics.yaml says, under the same names."""
@@ -157,7 +135,7 @@ class RobotFiles:
     )
     tool_link: Annotated[
         list[str] | None,
-        typer.Option("--tool", "--tool-link", metavar="LINK", help="Frame of the tool; several times for several arms."),
+        typer.Option("--tool", "--tool-link", metavar="LINK", help=_TOOL),
     ] = None
     altimeter: Annotated[
         str | None, typer.Option(metavar="LINK", help="Frame of the range sensor, which looks along its -z.")
@@ -183,6 +161,13 @@ class RobotFiles:
     def options(self) -> dict[str, Any]:
         """Options of a scenario, those that were given."""
         return given(hydrodynamics=self.hydrodynamics, loading=self.loading or None)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PlannedRobotFiles(RobotFiles):
+    """The same for plans, of which ``--tool`` is the goal."""
+
+    tool_link: Annotated[list[str] | None, typer.Option(metavar="LINK", help=_TOOL)] = None
 
 
 AS_WRITTEN = RobotFiles()
@@ -213,6 +198,25 @@ CurrentVelocity = Annotated[
     typer.Option(metavar="X Y Z", help="Uniform current in W [m/s]; default: the scenario's."),
 ]
 Seabed = Annotated[float | None, typer.Option(metavar="Z", help="Height of the floor in W [m]; default: the scenario's.")]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ScenarioOptions(RobotFiles):
+    """Robot, plant and water in place of the scenario's."""
+
+    robot: RobotName = None
+    plant: PlantName = None
+    current: CurrentVelocity = None
+    seabed: Seabed = None
+
+    @property
+    def chosen(self) -> dict[str, Any]:
+        """Options of a scenario, those that were given."""
+        return given(robot=self.robot, **self.options, plant=self.plant, current=self.current, seabed=self.seabed)
+
+
+AS_IT_IS = ScenarioOptions()
+"""No option given: all is as the scenario has it."""
 Seed = Annotated[int | None, typer.Option(help="Seed of everything random.")]
 Noise = Annotated[bool | None, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")]
 Duration = Annotated[float | None, typer.Option(metavar="S", help="Time limit of the mission [s].")]

@@ -190,11 +190,7 @@ _COLUMNS = ("name", "begin_s", "end_s")
 
 def mission(
     name: opt.Name,
-    robot: opt.RobotName = None,
-    files: opt.RobotFiles = opt.AS_WRITTEN,
-    plant: opt.PlantName = None,
-    current: opt.CurrentVelocity = None,
-    seabed: opt.Seabed = None,
+    changes: opt.ScenarioOptions = opt.AS_IT_IS,
     noise: opt.Noise = None,
     within: Annotated[
         float | None, typer.Option(metavar="S", help="Longest duration [s]; default: that of the greedy mission.")
@@ -210,7 +206,7 @@ def mission(
     Current, obstacles, floor and all limits included; `run SCENARIO --follow DIR/plan.npz` flies it, with the same options.
     """
     console = console_of(stderr=as_json)
-    options = opt.given(robot=robot, **files.options, plant=plant, current=current, seabed=seabed, noise=noise)
+    options = changes.chosen | opt.given(noise=noise)
     scenario = opt.build_scenario(name, options)
     solver = replace(OPTIONS, plugin=nlp, time_limit=time_limit)
     with claim_folder(out or opt.default_folder(("plan", "mission", opt.label(name)), options), _MISSION_FILES) as claim:
@@ -251,13 +247,13 @@ def _print(console: Console, found: MissionPlan, paths: list[Path]) -> None:
 
 _PERIOD = 0.02  # [s] between rows of plan.csv
 _CURVE, _OCP = opt.defaults_of(PlanRequest), opt.defaults_of(OcpRequest)
-_MOTION = opt.defaults_of(MotionOptions)
+_MOTION, _AS_WRITTEN = opt.defaults_of(MotionOptions), opt.PlannedRobotFiles()
 _Axes = Annotated[str, typer.Option(help=f"Planned axes, of {', '.join(AXES)}; level: no roll, no pitch.")]
 
 
 def curve(
     motion: MotionOptions,
-    files: opt.RobotFiles = opt.AS_WRITTEN,
+    files: opt.PlannedRobotFiles = _AS_WRITTEN,
     axes: _Axes = _CURVE["axes"],
     seed: Annotated[int, typer.Option(help="Seed of restarts and sampling.")] = _CURVE["seed"],
     out: opt.Out = None,
@@ -275,7 +271,7 @@ def curve(
 
 def ocp(
     motion: MotionOptions,
-    files: opt.RobotFiles = opt.AS_WRITTEN,
+    files: opt.PlannedRobotFiles = _AS_WRITTEN,
     duration: Annotated[float, typer.Option(metavar="S", help="Length [s].")] = _OCP["duration"],
     steps: Annotated[int, typer.Option(metavar="N", help="Steps of the horizon.")] = _OCP["n_steps"],
     current: Annotated[Triple, typer.Option(metavar="X Y Z", help="Current in W [m/s].")] = _OCP["current"],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from rich.table import Table
 
 from uvms_ocp.cli.json_output import print_json as print_json
 from uvms_ocp.errors import InvalidInput, plain_line
+from uvms_ocp.record.display import cell as cell
 from uvms_ocp.scenario.preflight.setup import PreflightReport, Severity
 
 _TYPED = ("figure", "parameter", "channel")  # columns of names that are typed again: never broken
@@ -90,13 +90,6 @@ def _parts(needs: Sequence[int], width: int) -> list[list[int]]:
         parts[-1].append(k)
         left -= need + _BESIDE
     return parts
-
-
-def cell(value: Any) -> str:
-    """A value as a table shows it."""
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return "-"
-    return f"{value:.4g}" if isinstance(value, float) else plain_line(str(value))
 
 
 def require_accepted(preflight: PreflightReport, what: str, console: Console, *, force: bool) -> None:

@@ -113,12 +113,8 @@ _PROGRESS_EVERY = 40  # ticks between two updates of the progress bar
 
 def run(
     name: opt.Name = "case1",
-    robot: opt.RobotName = None,
-    files: opt.RobotFiles = opt.AS_WRITTEN,
-    plant: opt.PlantName = None,
+    changes: opt.ScenarioOptions = opt.AS_IT_IS,
     solver: opt.SolverName = None,
-    current: opt.CurrentVelocity = None,
-    seabed: opt.Seabed = None,
     seed: opt.Seed = None,
     noise: opt.Noise = None,
     duration: opt.Duration = None,
@@ -137,8 +133,7 @@ def run(
     Raises `InvalidInput` for what pre-flight refuses, unless forced, and for --follow with another mission's plan.
     """
     console = printing.console_of(stderr=as_json)
-    options = opt.given(robot=robot, **files.options, plant=plant, current=current, seabed=seabed)
-    options |= opt.given(noise=noise, seed=seed, duration=duration)
+    options = changes.chosen | opt.given(noise=noise, seed=seed, duration=duration)
     options |= {"faults": parse_faults(fault)} if fault else {}
     scenario = opt.build_scenario(name, options, solver)
     plan = None if follow is None else _plan_of(scenario, follow)
@@ -278,8 +273,10 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
         energy = printing.cell(phase["energy_j"])
         table.add_row(_title(phase["name"], phase["title"]), *times, energy, f"{phase['path_length_m']:.2f}")
     console.print(table)
-    for phase in report["phases"]:
-        _print_end(console, phase)
+    for phase in report["phases"]:  # why it ended and, indented below, the errors at its end
+        console.print(Text(plain_line(f"{phase['name']} ended: {phase['reason']}")))
+        if errors := "; ".join(_active_errors(phase)):
+            console.print(Padding(Text(plain_line(errors), style="dim"), (0, 0, 0, 4)))
     _print_what_went_wrong(console, report)
     if carried := format_load(report["load"]):
         console.print(carried)
@@ -297,13 +294,6 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     printing.print_paths(console, paths)
 
 
-def _print_end(console: Console, phase: dict[str, Any]) -> None:
-    """Why a phase ended and, indented below, the errors at its end."""
-    console.print(Text(plain_line(f"{phase['name']} ended: {phase['reason']}")))
-    if errors := "; ".join(_active_errors(phase)):
-        console.print(Padding(Text(plain_line(errors), style="dim"), (0, 0, 0, 4)))
-
-
 def _print_what_went_wrong(console: Console, report: dict[str, Any]) -> None:
     """Faults that were asked for, and what the robot said; a line each."""
     for fault in report["faults"]:
@@ -315,14 +305,9 @@ def _print_what_went_wrong(console: Console, report: dict[str, Any]) -> None:
         passed = f"joint {row['joint']} moved at {row['rate']:.3g} at {row['t']:.2f} s, {row['share']:.2f} times its limit"
         console.print(plain_line(passed), style="yellow")
     for row in report["sensor_health"]:
-        if row["first_s"] is not None:
-            console.print(plain_line(_ill(row)), style="yellow")
-
-
-def _ill(row: dict[str, Any]) -> str:
-    """How a channel fared that was not always good."""
-    spans = f"suspect for {row['suspect_s']:.2f} s, lost for {row['lost_s']:.2f} s"
-    return f"{row['channel']} {spans}, first at {row['first_s']:.2f} s: {row['why']}"
+        if row["first_s"] is not None:  # a channel that was not always good
+            spans = f"suspect for {row['suspect_s']:.2f} s, lost for {row['lost_s']:.2f} s"
+            console.print(plain_line(f"{row['channel']} {spans}, first at {row['first_s']:.2f} s: {row['why']}"), style="yellow")
 
 
 def _title(name: str, title: str) -> str:

@@ -37,17 +37,11 @@ if TYPE_CHECKING:
 
 def check(
     name: opt.Name = "case1",
-    robot: opt.RobotName = None,
-    files: opt.RobotFiles = opt.AS_WRITTEN,
-    plant: opt.PlantName = None,
-    current: opt.CurrentVelocity = None,
-    seabed: opt.Seabed = None,
+    changes: opt.ScenarioOptions = opt.AS_IT_IS,
     as_json: opt.Json = False,
 ) -> None:
     """Check whether a mission can be completed, without running it; exit code 2 where it cannot."""
-    options = opt.given(robot=robot, **files.options, plant=plant, current=current, seabed=seabed)
-    scenario = opt.build_scenario(name, options)
-    preflight = scenario.check()
+    preflight = opt.build_scenario(name, changes.chosen).check()
     print_findings(console_of(stderr=as_json), preflight, notes=True)
     if as_json:
         print_json(preflight.to_dict())

@@ -290,7 +290,9 @@ def plan_path(request: PlanRequest) -> PlanResult:
     if goal is None:
         return PlanResult(request=request, scene=scene, plan=None)
     ends = np.stack([planned.x(request.start), goal])
-    plan = plan_soft_collision(scene, ends, limits=_limits(planned, ends), options=_options(request))
+    weights, sampling = CostWeights(clearance=request.clearance), SamplingOptions(seed=request.seed)
+    options = SoftCollisionOptions(weights=weights, sampling=sampling, seed=request.seed)
+    plan = plan_soft_collision(scene, ends, limits=_limits(planned, ends), options=options)
     return PlanResult(request=request, scene=scene, plan=plan)
 
 
@@ -304,12 +306,6 @@ def _limits(planned: Coordinates, ends: Array) -> MotionLimits:
         advice = "give vehicle_limits and joints in hydrodynamics.yaml, or velocity in <limit> of the URDF"
         raise InvalidInput(f"{moving}: no limit of velocity or acceleration, which a curve is as fast as; {advice}")
     return MotionLimits(velocity=velocity, acceleration=acceleration)
-
-
-def _options(request: PlanRequest) -> SoftCollisionOptions:
-    return SoftCollisionOptions(
-        weights=CostWeights(clearance=request.clearance), sampling=SamplingOptions(seed=request.seed), seed=request.seed
-    )
 
 
 def _planned_axes(request: PlanRequest) -> Coordinates:

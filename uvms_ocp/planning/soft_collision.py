@@ -16,7 +16,7 @@ from uvms_ocp.errors import AdvisedStatus, InvalidInput
 from uvms_ocp.planning.conservative_advancement import ClearanceReport, PairDistances, check_clearance
 from uvms_ocp.planning.descent import Descent, DescentProblem, DescentSolver, TrustRegion
 from uvms_ocp.planning.distances import CoalDistances
-from uvms_ocp.planning.path_cost import CostParts, CostWeights, DistanceSource, LocalModel, PathCost
+from uvms_ocp.planning.path_cost import CostParts, CostWeights, DistanceSource, PathCost
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.robot.kinematics import largest_change
 from uvms_ocp.trajectories import MotionLimits, PiecewisePolynomial, scale_to_limits, trapezoidal_times
@@ -347,7 +347,9 @@ class _PathProblem:
 
     def solve(self, start: Array, options: SoftCollisionOptions) -> Descent:
         """Out of collision first, then the whole cost."""
-        lower, upper = self._bounds()
+        low, high = self.cost.distances.scene.coordinates.limits()
+        lower, upper = np.full(self.start.shape, -np.inf), np.full(self.start.shape, np.inf)
+        lower[:, : low.size], upper[:, : high.size] = low, high  # positions are the first of the variables of a node
         whole = DescentProblem(
             model=self.cost.model,
             start=start,
@@ -356,17 +358,15 @@ class _PathProblem:
             lower=lower,
             upper=upper,
         )
-        out = replace(whole, model=lambda y: self.cost.model(y, collision_only=True), enough=_touches_nothing)
-        first = options.solver.minimise(out)
+        first = options.solver.minimise(
+            replace(
+                whole,
+                model=lambda y: self.cost.model(y, collision_only=True),
+                enough=lambda model: model.parts.collision <= _TOUCHES_NOTHING,
+            )
+        )
         second = options.solver.minimise(replace(whole, start=first.variables))
         return replace(second, iterations=first.iterations + second.iterations)
-
-    def _bounds(self) -> tuple[Array, Array]:
-        """Position limits on the nodes."""
-        lower, upper = self.cost.distances.scene.coordinates.limits()
-        low, high = np.full(self.start.shape, -np.inf), np.full(self.start.shape, np.inf)
-        low[:, : lower.size], high[:, : upper.size] = lower, upper
-        return low, high
 
     def trajectory(self, variables: Array) -> PiecewisePolynomial:
         """At the given times unless they break the limits; as fast as the limits allow where none were given."""
@@ -381,8 +381,7 @@ class _PathProblem:
         return np.where(self.free, self.cost.variables(values), self.start)
 
 
-def _touches_nothing(model: LocalModel) -> bool:
-    return model.parts.collision <= 1e-3
+_TOUCHES_NOTHING = 1e-3  # part of the cost for collision below which the rest counts, too
 
 
 def _refined(breaks: Array, pieces: int) -> tuple[Array, Indices]:
@@ -413,18 +412,13 @@ def _check_ends(scene: CollisionScene, distances: PairDistances, waypoints: Arra
 def _verified(problem: _PathProblem, descent: Descent, exact: CoalDistances) -> CollisionPlan:
     trajectory = problem.trajectory(descent.variables)
     report = check_clearance(exact, trajectory)
+    unproven = PlanStatus.UNDECIDED if report.undecided else PlanStatus.COLLIDING
     return CollisionPlan(
         trajectory=trajectory,
-        status=_status(report),
+        status=PlanStatus.FREE if report.collision_free else unproven,
         clearance=report,
         cost=descent.model.parts,
         iterations=descent.iterations,
         attempts=1,
         solve_time=0.0,
     )
-
-
-def _status(report: ClearanceReport) -> PlanStatus:
-    if report.collision_free:
-        return PlanStatus.FREE
-    return PlanStatus.UNDECIDED if report.undecided else PlanStatus.COLLIDING

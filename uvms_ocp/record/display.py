@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
@@ -9,6 +10,8 @@ from html import escape
 from typing import Any
 
 import numpy as np
+
+from uvms_ocp.errors import plain_line
 
 # Small tables: what a public value says of itself, as text of 80 columns and in notebooks.
 
@@ -50,11 +53,14 @@ class SmallTable:
 
 def rows_of(values: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
     """A row for each value, numbers in four digits."""
-    return tuple((name.replace("_", " "), _cell(value)) for name, value in values.items())
+    return tuple((name.replace("_", " "), cell(value)) for name, value in values.items())
 
 
-def _cell(value: Any) -> str:
-    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+def cell(value: Any) -> str:
+    """A value as a table shows it: a number in four digits, a dash for none."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "-"
+    return f"{value:.4g}" if isinstance(value, float) else plain_line(str(value))
 
 
 def _cut(line: str) -> str:

@@ -13,7 +13,7 @@ import math
 from collections import Counter
 from decimal import Decimal
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
@@ -404,55 +404,30 @@ _RobotFile.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapp
 # North-east-down data to forward-left-up, once, when a file is read; nothing after it knows of the other axes.
 
 # A half turn about x: a rotation, so twists and wrenches turn like any other vectors.
-_TURN = np.diag([1.0, -1.0, -1.0])
-_TURN6 = np.kron(np.eye(2), _TURN)
-
-_Part = TypeVar("_Part", TrimBody, Thruster)
+_TURN6 = np.kron(np.eye(2), np.diag([1.0, -1.0, -1.0]))
 
 
 def forward_left_up(description: RobotDescription) -> RobotDescription:
     """Return the same robot with ``convention: FLU``."""
     if description.convention == "FLU":
         return description
-    turned = {
-        "convention": "FLU",
-        "links": {name: _link(link) for name, link in description.links.items()},
-        "trim": tuple(_turned(body, "position") for body in description.trim),
-        "thrusters": tuple(_turned(thruster, "position", "direction") for thruster in description.thrusters),
-    }
-    return description.model_copy(update=turned)
+    parts = ("links", "trim", "thrusters")
+    return description.model_copy(update={"convention": "FLU"} | {name: _turned(getattr(description, name)) for name in parts})
 
 
-def _turned(part: _Part, *vectors: str) -> _Part:
-    return part.model_copy(update={name: _vector(getattr(part, name)) for name in vectors})
+_VECTORS = ("position", "rpy", "direction", "centre_of_buoyancy")
+_MATRICES = ("added_mass", "linear_drag", "quadratic_drag")
 
 
-def _link(link: LinkDescription) -> LinkDescription:
-    name, given = next((name, part) for name, part in link if part is not None)  # exactly one is
-    turned = _coefficients(given) if name == "coefficients" else given.model_copy(update={"pose": _pose(given.pose)})
-    return link.model_copy(update={name: turned})
-
-
-def _coefficients(water: LinkCoefficients) -> LinkCoefficients:
-    centre = water.centre_of_buoyancy
-    turned: dict[str, object] = {name: _matrix(getattr(water, name)) for name in ("added_mass", "linear_drag", "quadratic_drag")}
-    turned |= {"pose": _pose(water.pose), "centre_of_buoyancy": None if centre is None else _vector(centre)}
-    return water.model_copy(update=turned)
-
-
-def _pose(pose: Pose) -> Pose:
-    roll, pitch, yaw = pose.rpy
-    return Pose(position=_vector(pose.position), rpy=(roll, -pitch, -yaw))
-
-
-def _vector(vector: Vector3) -> Vector3:
-    x, y, z = vector
-    return (x, -y, -z)
-
-
-def _matrix(value: Vector6 | Matrix6) -> Vector6 | Matrix6:
-    array = np.array(value)
-    if array.ndim == 1:
-        return value
-    turned = _TURN6 @ array @ _TURN6
-    return tuple(tuple(row) for row in turned.tolist())  # type: ignore[return-value]
+def _turned(value: Any, name: str = "") -> Any:
+    """The value of a key of that name in forward-left-up axes: vectors, matrices, and sections and entries that have some."""
+    if isinstance(value, _Section):
+        return value.model_copy(update={key: _turned(part, key) for key, part in value})
+    if isinstance(value, dict):
+        return {key: _turned(part) for key, part in value.items()}
+    if name in _VECTORS and value is not None:
+        x, y, z = value
+        return (x, -y, -z)
+    if name in _MATRICES and np.ndim(value) == 2:
+        return tuple(tuple(row) for row in (_TURN6 @ np.array(value) @ _TURN6).tolist())
+    return tuple(map(_turned, value)) if isinstance(value, tuple) and name not in _MATRICES else value

@@ -212,11 +212,7 @@ class _Draft:
         model = self.models.model
         data = model.createData()
         pin.framesForwardKinematics(model, data, pin.neutral(model))
-        down = [
-            frame.name
-            for i, frame in enumerate(model.frames)
-            if frame.type == pin.FrameType.BODY and is_called("altimeter", frame.name) and data.oMf[i].rotation[2, 2] > _DOWN
-        ]
+        down = [link.name for i, link in self._links_called("altimeter") if data.oMf[i].rotation[2, 2] > _DOWN]
         return down[0] if len(down) == 1 else None
 
     @property
@@ -227,8 +223,12 @@ class _Draft:
     @property
     def logs(self) -> list[str]:
         """Links of the vehicle that are called a DVL."""
-        bodies = (f for f in self.models.model.frames if f.type == pin.FrameType.BODY and f.parentJoint <= 1)
-        return [frame.name for frame in bodies if is_called("dvl", frame.name)]
+        return [link.name for _, link in self._links_called("dvl") if link.parentJoint <= 1]
+
+    def _links_called(self, kind: str) -> list[tuple[int, pin.Frame]]:
+        """Links whose name is of a kind, with their indices."""
+        frames = enumerate(self.models.model.frames)
+        return [(i, frame) for i, frame in frames if frame.type == pin.FrameType.BODY and is_called(kind, frame.name)]
 
     def questions(self) -> Iterator[str]:
         """What is left open."""
@@ -248,8 +248,8 @@ class _Draft:
         steers = [*self.roles.gimbals, *(name for name in self.roles.propellers if is_called("fin", name))]
         if self.floats and steers:
             yield f"joint {', '.join(steers)}: turns thrusters or the flow, which is not modelled; it is held still"
-        frames = (frame for frame in self.models.model.frames if frame.type == pin.FrameType.BODY and frame.parentJoint > 1)
-        moving = [frame.name for frame in frames if is_called("propeller", frame.name) and not is_called("fin", frame.name)]
+        propellers = (link for _, link in self._links_called("propeller") if not is_called("fin", link.name))
+        moving = [link.name for link in propellers if link.parentJoint > 1]
         if self.floats and moving:
             yield f"link {', '.join(moving)}: a thruster on a link that moves is not modelled; it is left out"
         if self.floats and not self.pushers:

@@ -56,12 +56,18 @@ class MissionController(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class ControllerFactory:
-    """Maker of the controllers of one scenario."""
+class PartFactory:
+    """Maker of a part of the runs of one scenario."""
 
     maker: Callable[..., Any]
     """Constructor for any scenario."""
     scenario: Any = field(repr=False)
+
+
+class ControllerFactory(PartFactory):
+    """Maker of the controllers of one scenario."""
+
+    __slots__ = ()
 
     def __call__(self) -> MissionController:
         """A fresh one. Raises `InvalidInput` where the maker makes no callable."""
@@ -75,13 +81,10 @@ class ControllerFactory:
         return SupervisedController(controller=made, kinematic=kinematic, n_thrusters=n, name=part_name(self.maker))
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class EstimatorFactory:
+class EstimatorFactory(PartFactory):
     """Maker of the estimators of one scenario."""
 
-    maker: Callable[..., Any]
-    """Constructor for any scenario."""
-    scenario: Any = field(repr=False)
+    __slots__ = ()
 
     def __call__(self) -> GuardedEstimator:
         """A fresh one, ``(Readings, t, Command | None) -> StateEstimate``; a monitor keeps from it what cannot be true.
@@ -99,7 +102,7 @@ class EstimatorFactory:
 
 def maker_of(what: str, given: Any) -> Callable[..., Any]:
     """Return the argument given for a part, also to the scenario that a changed one is made of. Raises `InvalidInput`."""
-    if isinstance(given, ControllerFactory | EstimatorFactory):
+    if isinstance(given, PartFactory):
         return given.maker
     if not callable(given):
         raise InvalidInput(f"{what} = {given!r}; give a callable that takes the scenario and makes one")

@@ -13,10 +13,9 @@ from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.model_errors import printable
 from uvms_ocp.record.untrusted import read_arrays
-from uvms_ocp.sim.seafloor import Points, Seafloor
+from uvms_ocp.sim.seafloor import LEVEL_RAY, Points, Seafloor
 from uvms_ocp.types import Array, Finite, Range, Shape, Vector3
 
-_LEVEL_RAY = 1e-9  # sine of the angle to the horizon below which a ray counts as level
 _FORMS = "give CSV with lines x,y,z [m] of a whole grid, or an .npz with arrays x (n,), y (m,) and z (m, n)"
 
 
@@ -75,15 +74,15 @@ class Bathymetry(Seafloor):
         # Along a ray the clearance is a parabola between two lines of the grid.
         descent, above = -float(direction[2]), float(origin[2]) - self.height(float(origin[0]), float(origin[1]))
         if above <= 0:
-            return above / descent if descent > _LEVEL_RAY else math.nan
+            return above / descent if descent > LEVEL_RAY else math.nan
         knots = [np.zeros(1)]
         for axis, lines in enumerate((self.x, self.y)):
-            if abs(direction[axis]) > _LEVEL_RAY:
+            if abs(direction[axis]) > LEVEL_RAY:
                 knots.append((lines - origin[axis]) / direction[axis])
-        if descent > _LEVEL_RAY:
+        if descent > LEVEL_RAY:
             knots.append(np.array([(origin[2] - self.z.min()) / descent + 1.0]))
         s = np.unique(np.concatenate(knots))
-        s = s[(s >= 0.0) & (s <= (knots[-1][-1] if descent > _LEVEL_RAY else math.inf))]
+        s = s[(s >= 0.0) & (s <= (knots[-1][-1] if descent > LEVEL_RAY else math.inf))]
         ends, middles = self._clearance(origin, direction, s), self._clearance(origin, direction, (s[1:] + s[:-1]) / 2)
         u = _first_zero(ends[:-1], middles, ends[1:])
         hits = np.flatnonzero(np.isfinite(u))

@@ -55,11 +55,8 @@ class ChannelFaults:
 
     def __init__(self, channel: FaultyChannel, faults: Sequence[Fault], seed: np.random.SeedSequence) -> None:
         """Raises `InvalidInput` for values or joints that the channel does not have."""
-        streams = seed.spawn(len(faults))
-        self._struck = [
-            _Struck(fault=fault, part=_part(channel, fault), rng=np.random.default_rng(stream))
-            for fault, stream in zip(faults, streams, strict=True)
-        ]
+        streams = map(np.random.default_rng, seed.spawn(len(faults)))
+        self._struck = [_struck(channel, fault, rng) for fault, rng in zip(faults, streams, strict=True)]
 
     def __call__(self, value: Any, t: float) -> Sample | None:
         """Return the faulty value measured at time t [s]; `None` where it never arrives."""
@@ -70,55 +67,17 @@ class ChannelFaults:
         return sample
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Part:
-    """The part of a channel that a fault strikes: all, or the reading of one joint."""
+@dataclass(kw_only=True, slots=True, eq=False)
+class _Struck:
+    """A part of a channel, all of it or the reading of one joint, with its fault in one run."""
 
     channel: FaultyChannel
+    fault: Fault
+    rng: np.random.Generator
     values: slice
     """Entries of the value."""
     errors: range
     """Components of an error."""
-
-    def error(self, entries: float | np.ndarray) -> np.ndarray:
-        error = np.zeros(self.channel.n)
-        error[self.errors.start : self.errors.stop] = entries
-        return error
-
-    def put(self, value: Any, part: Any) -> Any:
-        """A value whose part is that of another."""
-        if np.ndim(value) == 0:
-            return part
-        mixed = np.array(value)
-        mixed[self.values] = np.broadcast_to(part, mixed.shape)[self.values]
-        return mixed
-
-
-def _part(channel: FaultyChannel, fault: Fault) -> _Part:
-    number = fault.location.number
-    if number > len(channel.joints):
-        raise InvalidInput(f"{fault}: the robot has {len(channel.joints)} joints; give one of them, from 1")
-    if not number:
-        part = _Part(channel=channel, values=slice(None), errors=range(channel.n))
-    else:
-        first, joint = channel.joints[0], channel.joints[number - 1]
-        errors = range(joint.idx_v - first.idx_v, joint.idx_v - first.idx_v + joint.n_v)
-        begin = joint.idx_q - first.idx_q
-        turned = slice(begin, begin + joint.n_q)
-        values = turned if channel.name == "joint_positions" else slice(errors.start, errors.stop)
-        part = _Part(channel=channel, values=values, errors=errors)
-    if fault.kind in ("bias", "stuck") and len(fault.values) not in (1, len(part.errors)):
-        raise InvalidInput(f"{fault}: {len(fault.values)} values; give 1 or {len(part.errors)}")
-    return part
-
-
-@dataclass(kw_only=True, slots=True, eq=False)
-class _Struck:
-    """A part of a channel with its fault in one run."""
-
-    fault: Fault
-    part: _Part
-    rng: np.random.Generator
     held: Any = None
     """Value of the last sample that the fault left alone, or of the first."""
 
@@ -131,29 +90,54 @@ class _Struck:
 
     def with_value(self, sample: Sample, value: Any) -> Sample:
         """The sample with this value in the part that is struck."""
-        return replace(sample, value=self.part.put(sample.value, value))
+        if np.ndim(sample.value) == 0:
+            return replace(sample, value=value)
+        mixed = np.array(sample.value)
+        mixed[self.values] = np.broadcast_to(value, mixed.shape)[self.values]
+        return replace(sample, value=mixed)
+
+    def error(self) -> np.ndarray:
+        """The values of the fault as an error of the channel."""
+        error = np.zeros(self.channel.n)
+        error[self.errors.start : self.errors.stop] = self.fault.values
+        return error
+
+
+def _struck(channel: FaultyChannel, fault: Fault, rng: np.random.Generator) -> _Struck:
+    number = fault.location.number
+    if number > len(channel.joints):
+        raise InvalidInput(f"{fault}: the robot has {len(channel.joints)} joints; give one of them, from 1")
+    values, errors = slice(None), range(channel.n)
+    if number:
+        first, joint = channel.joints[0], channel.joints[number - 1]
+        errors = range(joint.idx_v - first.idx_v, joint.idx_v - first.idx_v + joint.n_v)
+        begin = joint.idx_q - first.idx_q
+        turned = slice(begin, begin + joint.n_q)
+        values = turned if channel.name == "joint_positions" else slice(errors.start, errors.stop)
+    if fault.kind in ("bias", "stuck") and len(fault.values) not in (1, len(errors)):
+        raise InvalidInput(f"{fault}: {len(fault.values)} values; give 1 or {len(errors)}")
+    return _Struck(channel=channel, fault=fault, rng=rng, values=values, errors=errors)
 
 
 def _bias(sample: Sample, struck: _Struck) -> Sample:
-    error = struck.part.error(np.array(struck.fault.values))
-    return replace(sample, value=struck.part.channel.disturb(sample.value, error))
+    return replace(sample, value=struck.channel.disturb(sample.value, struck.error()))
 
 
 def _stuck(sample: Sample, struck: _Struck) -> Sample:
-    error, channel = struck.part.error(np.array(struck.fault.values)), struck.part.channel
     zero = 0.0 if np.ndim(sample.value) == 0 else np.zeros_like(sample.value)
-    return struck.with_value(sample, channel.disturb(zero if channel.origin is None else channel.origin, error))
+    origin = zero if struck.channel.origin is None else struck.channel.origin
+    return struck.with_value(sample, struck.channel.disturb(origin, struck.error()))
 
 
 def _spikes(sample: Sample, struck: _Struck) -> Sample:
-    (size, share), part, rng = struck.fault.values, struck.part, struck.rng
+    (size, share), rng = struck.fault.values, struck.rng
     # All three are drawn for every reading, so that another share leaves the others where they were.
-    strikes, sign, component = rng.random(), rng.choice((-1.0, 1.0)), rng.choice(part.errors)
+    strikes, sign, component = rng.random(), rng.choice((-1.0, 1.0)), rng.choice(struck.errors)
     if strikes >= share:
         return sample
-    error = np.zeros(part.channel.n)
+    error = np.zeros(struck.channel.n)
     error[component] = sign * size
-    return replace(sample, value=part.channel.disturb(sample.value, error))
+    return replace(sample, value=struck.channel.disturb(sample.value, error))
 
 
 _EFFECTS: Mapping[str, Callable[[Sample, _Struck], Sample | None]] = {

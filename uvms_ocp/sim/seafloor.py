@@ -18,7 +18,7 @@ from uvms_ocp.types import Array, Count, Finite, Positive, Range, Shape, Vector3
 
 # What a sea floor is, the plane, and any floor as a table of heights, a mesh and an obstacle.
 
-_LEVEL = 1e-9  # sine of the angle to the horizon below which a ray counts as level
+LEVEL_RAY = 1e-9  # sine of the angle to the horizon below which a ray counts as level
 _DEEPEST = 1e5  # [m]
 _RELIEF_POINTS = 81  # along each side
 _SLAB = 2.0  # [m] thickness of a flat floor as an obstacle
@@ -79,7 +79,7 @@ class FlatSeafloor(Seafloor):
     @checked_on_failure
     def range_along(self, origin: Vector3, direction: Vector3) -> float:
         descent = -direction.item(2)
-        return (origin.item(2) - self.z) / descent if descent > _LEVEL else math.nan
+        return (origin.item(2) - self.z) / descent if descent > LEVEL_RAY else math.nan
 
 
 @checked_on_failure
@@ -145,7 +145,6 @@ def floor_obstacle(seafloor: Seafloor, *, centre: tuple[float, float], extent: P
 
 # Sea floors with smooth protuberances.
 
-_LEVEL_RAY = 1e-9  # sine of the angle to the horizon below which a ray counts as level
 _SAMPLES_PER_RADIUS = 12  # of the smallest protuberance, when a ray looks for the floor
 _MAX_SAMPLES = 20_000
 _MOST_BUMPS = 1_000_000
@@ -275,16 +274,16 @@ class HeightField(Seafloor):
         descent = -float(direction[2])
         above = float(origin[2]) - self.height(float(origin[0]), float(origin[1]))
         if above <= 0:
-            return above / descent if descent > _LEVEL_RAY else math.nan
+            return above / descent if descent > LEVEL_RAY else math.nan
         crossing = self._crossing(origin, direction)
         if crossing is not None:
             return crossing
-        return (float(origin[2]) - self.z) / descent if descent > _LEVEL_RAY else math.nan
+        return (float(origin[2]) - self.z) / descent if descent > LEVEL_RAY else math.nan
 
     def _crossing(self, origin: np.ndarray, direction: np.ndarray) -> float | None:
         """Distance [m] at which the ray meets a bump."""
         # Part of the ray inside the box that holds all bumps, by the slab method; `None` where it misses the box.
-        slope = np.where(np.abs(direction) < _LEVEL_RAY, _LEVEL_RAY, direction)
+        slope = np.where(np.abs(direction) < LEVEL_RAY, LEVEL_RAY, direction)
         to_low, to_high = (self._low - origin) / slope, (self._high - origin) / slope
         start = max(0.0, float(np.minimum(to_low, to_high).max()))
         end = float(np.maximum(to_low, to_high).min())
@@ -351,7 +350,7 @@ def _normals(slopes: np.ndarray) -> np.ndarray:
 def _near_ray(bumps: np.ndarray, origin: np.ndarray, direction: np.ndarray, start: float, end: float) -> np.ndarray:
     """Mask (n,) of the bumps above which the ray passes between two distances."""
     dx, dy = bumps[0] - origin[0], bumps[1] - origin[1]
-    sideways = max(direction[0] ** 2 + direction[1] ** 2, _LEVEL_RAY**2)
+    sideways = max(direction[0] ** 2 + direction[1] ** 2, LEVEL_RAY**2)
     nearest = np.clip((dx * direction[0] + dy * direction[1]) / sideways, start, end)
     dx, dy = dx - nearest * direction[0], dy - nearest * direction[1]
     return (dx * dx + dy * dy) * bumps[3] < 1.0
