@@ -45,17 +45,14 @@ class MissionJob(jobs.CampaignJob):
     design: Design
     records: str = "none"
     """One of `KEPT`."""
-    _columns: dict[str, type] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.records not in KEPT:
             raise NameNotFound("choice of records", self.records, KEPT)
-        own = {"seed": int, **dict.fromkeys(self.names, float), **dict.fromkeys(jobs.METRICS, float), "finished": bool}
-        object.__setattr__(self, "_columns", own)
 
     @property
     def columns(self) -> Mapping[str, type]:
-        return self._columns
+        return {"seed": int, **dict.fromkeys((*self.names, *jobs.METRICS), float), "finished": bool}
 
     def head(self, run: int) -> jobs.Row:
         """Seed and values of the parameters of a run."""

@@ -50,16 +50,6 @@ class BlockTridiagonal:
         diagonal[:, rows, rows] += ~free
         return BlockTridiagonal(diagonal=diagonal, below=self.below * (free[1:, :, None] & free[:-1, None, :]))
 
-    def dense(self) -> Array:
-        """The whole matrix (n b, n b) [A]."""
-        n, b = self.diagonal.shape[:2]
-        matrix = np.zeros((n, b, n, b))
-        nodes = np.arange(n)
-        matrix[nodes, :, nodes] = self.diagonal
-        matrix[nodes[1:], :, nodes[:-1]] = self.below
-        matrix[nodes[:-1], :, nodes[1:]] = self.below.transpose(0, 2, 1)
-        return matrix.reshape(n * b, n * b)
-
     def cholesky(self) -> BlockCholesky | None:
         """The factor, or None where the matrix is not positive definite."""
         from scipy.linalg import lapack  # a tenth of a second, which only those pay who plan
@@ -291,22 +281,15 @@ class LocalModel:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _SampleSlopes:
-    """Derivatives of the cost at every sample, (samples, pieces, n_axes) if not said; for axes that turn read rad for m."""
+    """A cost, and its derivatives at every sample, (samples, pieces, n_axes) if not said; for axes that turn read rad for m."""
 
     value: float
-    """Value of the cost."""
-    position: Array
-    """[1/m]"""
-    rate: Array
-    """[s/m]"""
-    acceleration: Array
-    """[s2/m]"""
-    position_hessian: Array
-    """[1/m2], or (samples, pieces, n_axes, n_axes) where axes are coupled."""
-    rate_hessian: Array
-    """[s2/m2]"""
-    acceleration_hessian: Array
-    """[s4/m2]"""
+    position: Penalty
+    """Slope [1/m] and curvature [1/m2], that (samples, pieces, n_axes, n_axes) where axes are coupled."""
+    rate: Penalty
+    """[s/m], [s2/m2]"""
+    acceleration: Penalty
+    """[s2/m], [s4/m2]"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -409,15 +392,15 @@ class PathCost:
         weight = self.weights.collision * (self._h[:, 0] / n_samples)[near.sample % n_pieces]
         toward = -(weight * c.slope * speeds.speed / width)[:, None] * near.gradient
         bend = near.gradient * np.sqrt(weight * c.curvature * speeds.speed / width**2)[:, None]
-        zero = np.zeros_like(x)
+        zero, value = np.zeros_like(x), weight * c.value
+        by_position = _summed(near.sample, toward + value[:, None] * speeds.by_position, x.shape)
+        by_rate = _summed(near.sample, value[:, None] * speeds.by_rate, x.shape)
+        coupled = _summed(near.sample, bend[:, :, None] * bend[:, None, :], (*x.shape, n))
         return _SampleSlopes(
-            value=float(np.sum(weight * c.value * speeds.speed)),
-            position=_summed(near.sample, toward + (weight * c.value)[:, None] * speeds.by_position, x.shape),
-            rate=_summed(near.sample, (weight * c.value)[:, None] * speeds.by_rate, x.shape),
-            acceleration=zero,
-            position_hessian=_summed(near.sample, bend[:, :, None] * bend[:, None, :], (*x.shape, n)),
-            rate_hessian=zero,
-            acceleration_hessian=zero,
+            value=float(np.sum(value * speeds.speed)),
+            position=Penalty(value=zero, slope=by_position, curvature=coupled),
+            rate=Penalty(value=zero, slope=by_rate, curvature=zero),
+            acceleration=Penalty(value=zero, slope=zero, curvature=zero),
         )
 
     def _limits(self, x: Array, v: Array, a: Array, weight: float) -> _SampleSlopes:
@@ -429,32 +412,29 @@ class PathCost:
         acceleration = _weighted(two_sided(a, rows[1], self.weights.margin), dt)
         return _SampleSlopes(
             value=float(position.value.sum() + rate.value.sum() + acceleration.value.sum()),
-            position=position.slope,
-            rate=rate.slope,
-            acceleration=acceleration.slope,
-            position_hessian=position.curvature,
-            rate_hessian=rate.curvature,
-            acceleration_hessian=acceleration.curvature,
+            position=position,
+            rate=rate,
+            acceleration=acceleration,
         )
 
     def _gradient(self, slopes: _SampleSlopes) -> Array:
-        parts = (slopes.position, slopes.rate / self._h, slopes.acceleration / self._h**2)
+        parts = (slopes.position.slope, slopes.rate.slope / self._h, slopes.acceleration.slope / self._h**2)
         by_end = sum(P.T @ part.reshape(len(part), -1) for P, part in zip(self._bases, parts, strict=True))
-        ends = np.reshape(by_end, (2 * self.pieces.k, *slopes.position.shape[1:])) * self.pieces.scale
+        ends = np.reshape(by_end, (2 * self.pieces.k, *slopes.position.slope.shape[1:])) * self.pieces.scale
         nodes = np.zeros((self.pieces.k, ends.shape[1] + 1, ends.shape[2]))
         nodes[:, :-1] += ends[: self.pieces.k]
         nodes[:, 1:] += ends[self.pieces.k :]
         return nodes.transpose(1, 0, 2).reshape(nodes.shape[1], -1)
 
     def _hessian(self, collision: _SampleSlopes, limits: _SampleSlopes) -> BlockTridiagonal:
-        k2, (n_samples, n_pieces, n) = 2 * self.pieces.k, collision.position.shape
+        k2, (n_samples, n_pieces, n) = 2 * self.pieces.k, collision.position.slope.shape
         outer, h = self._outer, self._h
-        full = outer[0] @ collision.position_hessian.reshape(n_samples, -1)
+        full = outer[0] @ collision.position.curvature.reshape(n_samples, -1)
         blocks = full.reshape(k2, k2, n_pieces, n, n).transpose(2, 0, 1, 3, 4)
         diagonal = (
-            outer[0] @ limits.position_hessian.reshape(n_samples, -1)
-            + outer[1] @ (limits.rate_hessian / h**2).reshape(n_samples, -1)
-            + outer[2] @ (limits.acceleration_hessian / h**4).reshape(n_samples, -1)
+            outer[0] @ limits.position.curvature.reshape(n_samples, -1)
+            + outer[1] @ (limits.rate.curvature / h**2).reshape(n_samples, -1)
+            + outer[2] @ (limits.acceleration.curvature / h**4).reshape(n_samples, -1)
         ).reshape(k2, k2, n_pieces, n)
         axes = np.arange(n)
         blocks[..., axes, axes] += diagonal.transpose(2, 0, 1, 3)

@@ -44,12 +44,7 @@ def sync_tree(root: Path) -> None:
     """Bring every file and folder below `root`, and itself, to the disk. Raises `OSError` where a file does not get there."""
     for folder, _, names in os.walk(root):
         for name in names:
-            # For writing, as Windows flushes no other descriptors.
-            descriptor = os.open(os.path.join(folder, name), os.O_RDWR)
-            try:
-                os.fsync(descriptor)
-            finally:
-                os.close(descriptor)
+            _sync(os.path.join(folder, name), os.O_RDWR)  # for writing, as Windows flushes no other descriptors
         sync_folders([Path(folder)])
 
 
@@ -57,11 +52,15 @@ def sync_folders(folders: Iterable[Path]) -> None:
     """Bring names to the disk, where the system can open a folder and the file system can flush it."""
     for folder in folders:
         with suppress(OSError):
-            descriptor = os.open(folder, os.O_RDONLY)
-            try:
-                os.fsync(descriptor)
-            finally:
-                os.close(descriptor)
+            _sync(folder, os.O_RDONLY)
+
+
+def _sync(place: str | Path, mode: int) -> None:
+    descriptor = os.open(place, mode)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def discard(path: Path) -> None:

@@ -95,11 +95,8 @@ def fingerprint(path: Path) -> Fingerprint:
 
 def is_same(path: Path, known: Fingerprint | None) -> bool:
     """Return whether a regular file with those contents is there. Raises `OSError` where it cannot be read."""
-    try:
-        status = os.lstat(path)
-    except (FileNotFoundError, NotADirectoryError):
-        return False
-    if known is None or not stat.S_ISREG(status.st_mode) or status.st_size != known.size:
+    status = _status(path)
+    if status is None or known is None or not stat.S_ISREG(status.st_mode) or status.st_size != known.size:
         return False
     return fingerprint(path) == known
 

@@ -74,6 +74,17 @@ class PlannedMotion:
         return {"clearance": np.stack(smallest, axis=1), "quantities": d.min(axis=1)[:, None]}
 
 
+def _request_entries(request: PlanRequest | OcpRequest) -> dict[str, Any]:
+    """Robot, surroundings and versions in a report."""
+    return {
+        "robot": request.robot.name,
+        "links_without_shape": list(links_without_shape(request.robot)),
+        "obstacles": [item.model_dump(mode="json") for item in describe_obstacles(request.obstacles)],
+        "clearance_wanted_m": request.clearance,
+        "versions": versions(packages()),
+    }
+
+
 def nearest_entries(nearest: NearestPair | None) -> dict[str, Any]:
     """The smallest distance in a report; `None` where there is no motion to measure, or nothing can meet."""
     if nearest is None:
@@ -131,17 +142,13 @@ def plan_report(result: PlanResult) -> dict[str, Any]:
     """The content of ``report.json``: lengths in m, angles in rad, times in s."""
     request, scene = result.request, result.scene
     report = {
-        "robot": request.robot.name,
+        **_request_entries(request),
         "collision_free": result.collision_free,
-        "links_without_shape": list(links_without_shape(request.robot)),
         "status": _UNREACHED if result.plan is None else result.plan.status.value,
         "advice": _UNREACHED_ADVICE if result.plan is None else result.plan.status.advice,
         "axes": list(scene.coordinates.names),
-        "obstacles": [item.model_dump(mode="json") for item in describe_obstacles(request.obstacles)],
         "n_pairs": scene.n_pairs,
-        "clearance_wanted_m": request.clearance,
         "seed": request.seed,
-        "versions": versions(packages()),
     }
     return report if result.plan is None else report | _of_plan(result, result.plan)
 
@@ -233,13 +240,12 @@ def ocp_report(result: OcpResult) -> dict[str, Any]:
     usable = plan.status.usable
     free = usable and result.collision_free
     return {
+        **_request_entries(request),
         "method": "ocp",
-        "robot": summary["robot"],
         "status": summary["status"],
         "reason": summary["reason"],
         "advice": _TOUCHING if usable and not free else _ADVICE.get(plan.status, summary["advice"]),
         "collision_free": free,
-        "links_without_shape": list(links_without_shape(request.robot)),
         "duration_s": summary["duration"],
         "n_steps": request.n_steps,
         "energy_j": summary["energy"] if usable else None,
@@ -247,13 +253,10 @@ def ocp_report(result: OcpResult) -> dict[str, Any]:
         "levels": levels,
         **nearest_entries(result.nearest if usable else None),
         "tool_error": _ocp_motion(result).tool_error() if usable else None,
-        "clearance_wanted_m": request.clearance,
         "current_m_s": list(request.current),
-        "obstacles": [item.model_dump(mode="json") for item in describe_obstacles(request.obstacles)],
         "solver": request.plugin,
         "iterations": summary["iterations"],
         "solve_time_s": summary["solve_time"],
-        "versions": versions(packages()),
     }
 
 

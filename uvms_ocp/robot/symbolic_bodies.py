@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -290,14 +290,6 @@ def _prismatic_pose(S: np.ndarray, q: ca.SX) -> tuple[ca.SX, ca.SX]:
     return ca.SX.eye(3), sparse(S[:3, 0]) * q
 
 
-def _vector_integrate(q: ca.SX, v: ca.SX) -> ca.SX:
-    return q + v
-
-
-def _vector_difference(q0: ca.SX, q1: ca.SX) -> ca.SX:
-    return q1 - q0
-
-
 def _rotation_about(axis: np.ndarray, c: ca.SX, s: ca.SX) -> ca.SX:
     """Rodrigues' formula with a constant axis; zeros of an aligned axis stay structural."""
     outer = np.outer(axis, axis)
@@ -307,8 +299,8 @@ def _rotation_about(axis: np.ndarray, c: ca.SX, s: ca.SX) -> ca.SX:
 FREE_FLYER = JointKind(pose=_free_flyer_pose, integrate=_free_flyer_integrate, difference=_free_flyer_difference)
 PLANAR = JointKind(pose=_planar_pose, integrate=_planar_integrate, difference=_planar_difference)
 UNBOUNDED = JointKind(pose=_circle_pose, integrate=_circle_integrate, difference=_circle_difference)
-REVOLUTE = JointKind(pose=_revolute_pose, integrate=_vector_integrate, difference=_vector_difference)
-PRISMATIC = JointKind(pose=_prismatic_pose, integrate=_vector_integrate, difference=_vector_difference)
+REVOLUTE = JointKind(pose=_revolute_pose, integrate=lambda q, v: q + v, difference=lambda q0, q1: q1 - q0)
+PRISMATIC = replace(REVOLUTE, pose=_prismatic_pose)
 
 JOINT_KINDS: Mapping[str, JointKind] = {
     "JointModelFreeFlyer": FREE_FLYER,

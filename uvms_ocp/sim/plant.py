@@ -79,8 +79,6 @@ class KinematicPlant(Plant):
 
 # The physical plant: thrusters and motors push a robot through moving water, above a floor that pushes back.
 
-_plant_state = unchecked_constructor(State)
-
 
 @lru_cache(maxsize=8)
 def _compiled_step(
@@ -166,7 +164,7 @@ class DynamicPlant(Plant):
         advance.carried[:] = after[: len(advance.carried)]
         self._t += dt
         parts = self._parts
-        self.state = _plant_state(q=after[parts["q"]], v=after[parts["v"]], a=after[parts["a"]])
+        self.state = _state(q=after[parts["q"]], v=after[parts["v"]], a=after[parts["a"]])
 
     def telemetry(self) -> dict[str, Any]:
         after, parts = self._after, self._parts
@@ -227,7 +225,7 @@ class DynamicPlant(Plant):
         if have != kept:
             q, v = self.state.q, self.state.v
             matrices = before.mass_matrix(q), self._dynamics.mass_matrix(q)
-            self.state = _plant_state(q=q, v=effects.joined_velocity(*matrices, v, self._model.locked))
+            self.state = _state(q=q, v=effects.joined_velocity(*matrices, v, self._model.locked))
 
     def _with_payloads(self, carried: tuple[Fault, ...]) -> Dynamics:
         return robot_dynamics(effects.loaded(self._robot, carried)) if carried else self._unloaded

@@ -194,6 +194,24 @@ class TargetTask(AngleTask):
     def reference(self, t: float) -> np.ndarray:
         return np.concatenate(evaluate_vector(self.name, self.goal, t))
 
+    def _target_rows(
+        self, symbols: TickSymbols, d: ca.SX, across: ca.SX, fallback: ca.SX, speed: ca.SX, others: dict[str, ca.SX], name: str
+    ) -> Rows:
+        """Rows for the way d (3,) [m] to the target, which translation turns by ``across @ v / |d|^2``, across (3, 3) [m].
+
+        speed (3,) [m/s]: of the target. others: quantities beside the angle, which is called `name`. At d = 0 nothing is asked.
+        """
+        J = symbols.kinematics.jacobian(self.frame)
+        near = ca.norm_2(d) < _OVERHEAD
+        distance = ca.fmax(ca.norm_2(d), _OVERHEAD)
+        theta, n = self._turn(symbols, d / distance, fallback)
+        turning = across / distance**2
+        row, angle = -n.T @ (J[3:, :] + turning @ J[:3, :]), ca.if_else(near, 0, theta)
+        rows = self._angle_rows(symbols, angle, ca.if_else(near, 0, row), {name: angle, **others})
+        # A moving target turns the line of sight by itself: that part of d theta / dt is not ours to choose.
+        drift = ca.if_else(near, 0, n.T @ turning @ speed)
+        return replace(rows, rate=rows.rate - drift, upper=rows.upper - drift)
+
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -223,19 +241,9 @@ class Alignment(TargetTask):
         return self._angle_residual(R_WB[:, 0], d / ca.sqrt(ca.sumsqr(d) + _OVERHEAD**2))
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        _, p_WB = symbols.kinematics.pose(self.frame)
-        J = symbols.kinematics.jacobian(self.frame)
-        d = ca.vertcat(parameters[:2] - p_WB[:2], 0)
-        overhead = ca.norm_2(d) < _OVERHEAD
-        distance = ca.fmax(ca.norm_2(d), _OVERHEAD)
-        theta, n = self._turn(symbols, d / distance, ca.SX([0, 0, 1]))
-        turning = skew(d) @ ca.diag(ca.SX([1, 1, 0])) / distance**2
-        row = -n.T @ (J[3:, :] + turning @ J[:3, :])
-        quantities = {"misalignment": ca.if_else(overhead, 0, theta), "overhead": overhead}
-        rows = self._angle_rows(symbols, quantities["misalignment"], ca.if_else(overhead, 0, row), quantities)
-        # A moving target turns the line of sight by itself: that part of d theta / dt is not ours to choose.
-        drift = ca.if_else(overhead, 0, n.T @ turning @ parameters[3:])
-        return replace(rows, rate=rows.rate - drift, upper=rows.upper - drift)
+        d = ca.vertcat(parameters[:2] - symbols.kinematics.pose(self.frame)[1][:2], 0)
+        across, others = skew(d) @ ca.diag(ca.SX([1, 1, 0])), {"overhead": ca.norm_2(d) < _OVERHEAD}
+        return self._target_rows(symbols, d, across, ca.SX([0, 0, 1]), parameters[3:], others, "misalignment")
 
 
 @checked
@@ -279,17 +287,8 @@ class FieldOfView(TargetTask):
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         R_WC, p_WC = symbols.kinematics.pose(self.frame)
-        J = symbols.kinematics.jacobian(self.frame)
-        d = parameters[:3] - p_WC
-        near = ca.norm_2(d) < _OVERHEAD
-        distance = ca.fmax(ca.norm_2(d), _OVERHEAD)
-        theta, n = self._turn(symbols, d / distance, _perpendicular(R_WC, self.axis))
-        turning = skew(d) / distance**2
-        row = ca.if_else(near, 0, -n.T @ (J[3:, :] + turning @ J[:3, :]))
-        angle = ca.if_else(near, 0, theta)
-        rows = self._angle_rows(symbols, angle, row, {"angle": angle, "distance": ca.norm_2(d)})
-        drift = ca.if_else(near, 0, n.T @ turning @ parameters[3:])
-        return replace(rows, rate=rows.rate - drift, upper=rows.upper - drift)
+        d, fallback = parameters[:3] - p_WC, _perpendicular(R_WC, self.axis)
+        return self._target_rows(symbols, d, skew(d), fallback, parameters[3:], {"distance": ca.norm_2(d)}, "angle")
 
 
 def _in_vehicle(robot: Robot, frame: str, axis: tuple[float, float, float]) -> np.ndarray:

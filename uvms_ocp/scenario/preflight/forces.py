@@ -196,24 +196,14 @@ def check_rest(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     if not (setup.with_forces and setup.robot.description.thrusters):
         return
     up = up_at_rest(setup.robot, setup.start)
-    missed = [(visit.phase, task) for visit in visits if (task := _missed(visit, up)) is not None]
-    waiting = [pair for pair in missed if _waits(*pair, up)]
+    on = [(visit.phase, task) for visit in visits if (task := visit.active(HorizontalAttitude)) is not None]
+    missed = [(phase, task) for phase, task in on if _tilt(up) > task.activation.end]  # in which it lets the vehicle be
+    waiting = [(phase, task) for phase, task in missed if (threshold_of(phase, f"{task.name}.tilt") or np.inf) < _tilt(up)]
     severity = Severity.ERROR if waiting else Severity.WARNING
     for phase, task in (waiting or missed)[:1]:
         yield _at_rest(up, severity, phase, task)
     if not missed and _tilt(up) > _TILTED:
         yield _at_rest(up, severity)
-
-
-def _missed(visit: Visit, up: np.ndarray) -> HorizontalAttitude | None:
-    """The task that is on and cannot bring the tilt into the range in which it lets the vehicle be."""
-    task = visit.active(HorizontalAttitude)
-    return task if task is not None and _tilt(up) > task.activation.end else None
-
-
-def _waits(phase: Phase, task: HorizontalAttitude, up: np.ndarray) -> bool:
-    limit = threshold_of(phase, f"{task.name}.tilt")
-    return limit is not None and limit < _tilt(up)
 
 
 def _tilt(up: np.ndarray) -> float:
@@ -222,7 +212,8 @@ def _tilt(up: np.ndarray) -> float:
 
 def _at_rest(up: np.ndarray, severity: Severity, phase: Phase | None = None, task: HorizontalAttitude | None = None) -> Finding:
     roll, pitch = float(np.arctan2(up[1], up[2])), float(-np.arcsin(up[0]))
-    text = f"where no thruster drives it the vehicle will rest at roll {_degrees(roll)}, pitch {_degrees(pitch)}"
+    rest = f"roll {np.rad2deg(roll):.0f} deg, pitch {np.rad2deg(pitch):.0f} deg"
+    text = f"where no thruster drives it the vehicle will rest at {rest}"
     if task is not None:
         text += f": {task.name} is on, and its goal, a tilt of {task.aim:.2g} rad, is missed"
     return severity.finding(
@@ -233,10 +224,6 @@ def _at_rest(up: np.ndarray, severity: Severity, phase: Phase | None = None, tas
         pitch_rad=pitch,
         tilt_rad=_tilt(up),
     )
-
-
-def _degrees(angle: float) -> str:
-    return f"{np.rad2deg(angle):.0f} deg"
 
 
 # Check: the loops bear what the sensors are late by, with the weight and buoyancy that they carry.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from uvms_ocp.tasks.task import PoseGoal, evaluate_pose
 
 REACHED = 1e-3  # [m, rad] what counts as reached: the thresholds at which a tool task ends
 _MARGIN = 1e-3  # share of the range by which starts keep away from the limits
-_ITERATIONS, _DAMPING, _CONVERGED = 60, 1e-3, 1e-9
+_STARTS, _ITERATIONS, _DAMPING, _CONVERGED = 12, 60, 1e-3, 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -48,14 +49,14 @@ class ArmReach:
     The error is that of a tool task: metres and radians count the same. rotation_weight: 0 leaves orientation free.
     """
 
-    def __init__(self, robot: Robot, frame: str, *, n_starts: int = 12, seed: int = 0, rotation_weight: float = 1.0) -> None:
+    def __init__(self, robot: Robot, frame: str, *, seed: int = 0, rotation_weight: float = 1.0) -> None:
         self._robot, self._frame, self._weight = robot, robot.frame_id(frame), rotation_weight
         self._data = robot.model.createData()
         limits = robot.limits
         self._lower = np.where(np.isfinite(limits.position_lower), limits.position_lower, -np.pi)
         self._upper = np.where(np.isfinite(limits.position_upper), limits.position_upper, np.pi)
         rng = np.random.default_rng(seed)
-        self._starts = [self._lower + (self._upper - self._lower) * rng.random(robot.n_joints) for _ in range(n_starts)]
+        self._starts = [self._lower + (self._upper - self._lower) * rng.random(robot.n_joints) for _ in range(_STARTS)]
 
     def solve(self, X_WB: pin.SE3, goal: pin.SE3, near: Sequence[np.ndarray] = (), n_random: int | None = None) -> ReachResult:
         """The best posture for the vehicle at X_WB and the goal X_WF.
@@ -177,8 +178,7 @@ def distances_missing(
     return ReachShortfall(best=min(found, key=_cost), worst=max(found, key=_cost), likely=max(likely or found, key=_cost))
 
 
-def _cost(reach: ReachResult) -> float:
-    return reach.cost
+_cost = attrgetter("cost")
 
 
 def _finding(setup: Setup, visit: Visit, task: ToolPose | ToolPosition) -> Finding:
