@@ -250,7 +250,7 @@ def test_a_mission_prints_as_a_table_and_as_a_diagram() -> None:
         (lambda: Above(quantity="x", limit=0.5, release=0.6), "release of x = 0.6; give at most the limit 0.5"),
         (lambda: Below(quantity="x", limit=0.5, release=0.4), "release of x = 0.4; give at least the limit 0.5"),
         (lambda: Above(quantity="x", limit=float("nan")), "threshold of x = nan"),
-        (lambda: adrift(retries=-1), "retries = -1; give 0 or more"),
+        (lambda: adrift(retries=-1), "retries = -1; give a whole number >= 0"),
     ],
 )
 def test_impossible_back_steps_are_refused(build: object, message: str) -> None:

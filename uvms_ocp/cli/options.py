@@ -16,7 +16,7 @@ from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.errors import InvalidInput, NameNotFound, OutputError
 from uvms_ocp.robot.loading import list_robots
 from uvms_ocp.scenario.cases import SCENARIOS
-from uvms_ocp.scenario.own_code import load_scenario, own_code
+from uvms_ocp.scenario.own_code import load_scenario
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.own_parts import PLANTS
 from uvms_ocp.solvers import Icat, LexicographicActiveSet, LexicographicQp
@@ -240,8 +240,6 @@ def build_scenario(name: str, options: Mapping[str, Any], solver: str | None = N
 
     Raises `NameNotFound` for an unknown scenario or solver, and `UvmsError` where an option is wrong.
     """
-    if own_code(name) is None and name not in SCENARIOS:
-        raise NameNotFound("scenario", name, SCENARIOS)
     return load_scenario(name, with_solver(options, solver), SCENARIOS)
 
 

@@ -19,7 +19,7 @@ from uvms_ocp.record.display import SmallTable, TableDisplay
 from uvms_ocp.record.meta_values import ABORT, DONE
 from uvms_ocp.tasks.pose import PoseTask
 from uvms_ocp.tasks.task import Hierarchy, Task
-from uvms_ocp.types import Finite, Shape
+from uvms_ocp.types import Finite, Magnitude, Shape
 
 # A mission as a graph, as a table and as a diagram.
 
@@ -106,7 +106,7 @@ class Mission(TableDisplay):
     """Hierarchy of all tasks that any phase uses."""
     phases: tuple[Phase, ...]
     """The first is where it begins."""
-    ramp: float = 0.2
+    ramp: Magnitude = 0.2
     """[s] duration of the cosine step of external activations."""
     abort: Abort | None = None
     """How it is given up; without, a robot that cannot go on holds or stops where it is."""
@@ -122,8 +122,6 @@ class Mission(TableDisplay):
     def __post_init__(self) -> None:
         if not self.phases:
             raise InvalidInput("mission without phases; give at least one")
-        if not (math.isfinite(self.ramp) and self.ramp >= 0):
-            raise InvalidInput(f"mission: ramp = {self.ramp} s; give a finite time >= 0")
         last = () if self.abort is None else (self.abort.phase,)
         object.__setattr__(self, "all_phases", (*self.phases, *last))
         for name in self.phase_names:

@@ -15,7 +15,7 @@ from uvms_ocp.record.display import FieldTable
 from uvms_ocp.record.meta_values import ABORT as ABORT
 from uvms_ocp.record.meta_values import DONE as DONE
 from uvms_ocp.record.meta_values import LARGEST
-from uvms_ocp.types import Finite, Positive, Shape
+from uvms_ocp.types import Count, Finite, Magnitude, Positive, Range, Shape
 
 # What ends a phase: conditions on measured quantities, and transitions that wait for them.
 
@@ -104,20 +104,14 @@ class Transition:
     """Name of a phase, `DONE` or `ABORT`."""
     when: tuple[Condition, ...]
     """All of them, at once."""
-    hold: float = 0.0
+    hold: Magnitude = 0.0
     """[s]"""
-    retries: int | None = None
+    retries: Count | None = None
     """None: as often as it likes."""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.when, tuple):
-            raise InvalidInput(f"transition to {self.to!r}: when = {self.when!r}; give a tuple of conditions")
         if not self.when:
             raise InvalidInput(f"transition to {self.to!r} has no conditions; give at least one")
-        if not (math.isfinite(self.hold) and self.hold >= 0):
-            raise InvalidInput(f"transition to {self.to!r}: hold = {self.hold} s; give a finite time >= 0")
-        if self.retries is not None and self.retries < 0:
-            raise InvalidInput(f"transition to {self.to!r}: retries = {self.retries}; give 0 or more")
 
     @checked_on_failure
     def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
@@ -161,20 +155,13 @@ class Phase(FieldTable):
     """Unique in a mission."""
     title: str = ""
     """A few words, to print beside the name."""
-    activations: Mapping[str, float]
+    activations: Mapping[str, Annotated[float, Range(0.0, 1.0)]]
     """External activation in [0, 1] by the name of a task; tasks that are not named are off. Between 0 and 1 a task has a
     tolerance with strict solvers (`uvms_ocp.solvers.hierarchy.level`), and less weight with `Icat`."""
     transitions: tuple[Transition, ...]
     """The first that fires is taken."""
     goals: Mapping[str, Any] = field(default_factory=dict)
     """Goals by the name of a task, each of which replaces its own in this phase; one that moves starts with the phase."""
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.transitions, tuple):
-            raise InvalidInput(f"phase {self.name!r}: transitions = {self.transitions!r}; give a tuple of transitions")
-        bad = {name: gate for name, gate in self.activations.items() if not 0 <= gate <= 1}
-        if bad:
-            raise InvalidInput(f"phase {self.name!r}: activations {bad}; give values from 0 to 1")
 
     @property
     def on(self) -> tuple[str, ...]:

@@ -181,11 +181,11 @@ def load_scenario(words: str, options: Mapping[str, Any], makers: Mapping[str, C
     hydrodynamics may be names or files. Raises `NameNotFound` for an unknown name, `InvalidInput` for an option that the
     scenario does not take.
     """
-    given = with_robot(options)
     code = own_code(words)
+    if code is None and words not in makers:
+        raise NameNotFound("scenario", words, makers)
+    given = with_robot(options)
     if code is None:
-        if words not in makers:
-            raise NameNotFound("scenario", words, makers)
         return makers[words](**given)
     found = code.load()
     if isinstance(found, Scenario):

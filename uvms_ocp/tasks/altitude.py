@@ -23,10 +23,9 @@ from uvms_ocp.tasks.task import (
     approach,
     bounded_residual,
     equality_rows,
-    require_positive,
     zero_residual,
 )
-from uvms_ocp.types import Finite
+from uvms_ocp.types import Finite, Positive
 
 
 def altitude_of(symbols: TickSymbols, frame: str) -> ca.SX:
@@ -66,17 +65,14 @@ class MinimumAltitude(Task):
     task_class: TaskClass = TaskClass.SAFETY
     frame: str | None = None
     """Frame of the range sensor; by default the altimeter of the robot's file."""
-    threshold: float = 1.0
+    threshold: Positive = 1.0
     """[m] h_min"""
-    margin: float = 0.5
+    margin: Positive = 0.5
     """[m] Delta"""
-    gain: float = 0.4
+    gain: Positive = 0.4
     """[1/s]"""
-    saturation: float = 0.5
+    saturation: Positive = 0.5
     """[m/s]"""
-
-    def __post_init__(self) -> None:
-        require_positive(self, "threshold", "margin", "gain", "saturation")
 
     @property
     def rest_altitude(self) -> float:
@@ -125,15 +121,12 @@ class LandingAltitude(Task):
     """Frame of the range sensor; by default the altimeter of the robot's file."""
     landing_distance: Finite = -0.02
     """[m] d_landing; below 0 so that the safeguard's height is crossed."""
-    safeguard: float = 0.17
+    safeguard: Positive = 0.17
     """[m] Delta_safeguard"""
-    gain: float = 0.4
+    gain: Positive = 0.4
     """[1/s]"""
-    saturation: float = 0.2
+    saturation: Positive = 0.2
     """[m/s]"""
-
-    def __post_init__(self) -> None:
-        require_positive(self, "safeguard", "gain", "saturation")
 
     @property
     def rest_altitude(self) -> float:

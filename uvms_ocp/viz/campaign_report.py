@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
+from string import Template
 from typing import Annotated, Any
 
 import numpy as np
@@ -107,34 +108,27 @@ def figure_sensitivity(rows: Sequence[Mapping[str, Any]], figure_name: str) -> F
 
 # The report of a campaign as one page of HTML, which needs no network.
 
-_SAME = "Nothing but the seed of each run."
+_TEXTS = ("campaign", "success_text", "finished", "runs", "sampler", "seed", "package", "worst_first")
+"""What stands in the page as the report has it."""
 
 
 def report_page(report: Mapping[str, Any], figures: Mapping[str, bytes]) -> str:
     """A page of a report, with PNG figures by their titles."""
-    title = f"Campaign {report['campaign']}"
-    state = f"{report['finished']} of {report['runs']} runs are finished"
-    drawn = f"sampler {report['sampler']}, seed {report['seed']}, uvms_ocp {report['package']}"
-    parts = [
-        f"<h1>{escape(title)}</h1>",
-        f'<p class="rate">Success: {escape(report["success_text"])}</p>',
-        f"<p>Counted as success: {escape('; '.join(report['criterion']))}. {escape(state)}; {escape(drawn)}.</p>",
-        *(_figure(name, png) for name, png in figures.items()),
-        "<h2>Outcomes</h2>" + _table(report["outcomes"]),
-        "<h2>Causes of failure</h2><p>Causes that differ in their numbers alone are one; the numbers are those of the run that "
-        "is named.</p>" + _table(report["causes"], "No run failed."),
-        "<h2>Distributions</h2>" + _table(report["distributions"], "No run has a figure of merit."),
-        "<h2>Sensitivity</h2><p>Spearman's rank correlation is a first look; a PAWN index that is not clearly above its "
-        "floor says nothing; s1 and st are Sobol' indices, of their own design only.</p>"
-        + _table(report["sensitivity"], report["sensitivity_silent"]),
-        f"<h2>The {len(report['worst'])} worst runs</h2><p>Worst first: {escape(report['worst_first'])}.</p>"
-        + _table(report["worst"], code=("repeat",)),
-        "<h2>What was varied</h2>"
-        + _table([{"parameter": name, "distribution": text} for name, text in report["parameters"].items()], _SAME),
-    ]
-    style = Path(__file__).with_name("campaign.css").read_text(encoding="utf-8")
-    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{style}</style>'
-    return f"<!doctype html><html><head>{head}</head><body>{''.join(parts)}</body></html>\n"
+    parameters = [{"parameter": name, "distribution": text} for name, text in report["parameters"].items()]
+    folder = Path(__file__).parent
+    return Template((folder / "campaign.html").read_text(encoding="utf-8")).substitute(
+        {name: escape(str(report[name])) for name in _TEXTS},
+        style=(folder / "campaign.css").read_text(encoding="utf-8"),
+        counted=escape("; ".join(report["criterion"])),
+        figures="".join(_figure(name, png) for name, png in figures.items()),
+        outcomes=_table(report["outcomes"]),
+        causes=_table(report["causes"], "No run failed."),
+        distributions=_table(report["distributions"], "No run has a figure of merit."),
+        sensitivity=_table(report["sensitivity"], report["sensitivity_silent"]),
+        n_worst=len(report["worst"]),
+        worst=_table(report["worst"], code=("repeat",)),
+        parameters=_table(parameters, "Nothing but the seed of each run."),
+    )
 
 
 def _figure(name: str, png: bytes) -> str:

@@ -43,8 +43,6 @@ class Obstacle:
     def __post_init__(self) -> None:
         if not self.name:
             raise InvalidInput("an obstacle needs a name; give one that is not empty")
-        if not np.isfinite(self.X_WO.homogeneous).all():
-            raise InvalidInput(f"pose of obstacle {self.name!r} has NaN or infinite entries; give finite numbers")
 
 
 @checked
