@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
-from planned_scenes import dense
 
 from uvms_ocp.planning.descent import Descent, DescentProblem
 from uvms_ocp.planning.path_cost import BlockTridiagonal, LocalModel
@@ -70,7 +69,7 @@ class _Oracle:
     def __post_init__(self) -> None:
         n, b = self.free.shape
         coupled = np.ones((n, b, b))
-        block = dense(BlockTridiagonal(diagonal=coupled, below=coupled[1:]))
+        block = BlockTridiagonal(diagonal=coupled, below=coupled[1:]).dense()
         keep = np.flatnonzero(self.free.ravel())
         upper = np.triu(block[np.ix_(keep, keep)])
         self.pattern = ca.sparsify(ca.DM(upper)).sparsity()
@@ -92,7 +91,7 @@ class _Oracle:
         return self._here
 
     def hessian(self, y: Array) -> ca.DM:
-        return ca.DM(self.pattern, dense(self.at(y).hessian).ravel()[self.entries])
+        return ca.DM(self.pattern, self.at(y).hessian.dense().ravel()[self.entries])
 
 
 class _Callback(ca.Callback):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import coal
 import numpy as np
 
-from uvms_ocp.planning.path_cost import BlockTridiagonal
 from uvms_ocp.planning.scene import Coordinates
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import obstacle
@@ -30,14 +29,3 @@ def differences(function, x: np.ndarray, h: float) -> np.ndarray:  # type: ignor
     """(size of x, ...) central differences."""
     steps = h * np.eye(x.size).reshape(x.size, *x.shape)
     return np.array([(function(x + s) - function(x - s)) / (2 * h) for s in steps])
-
-
-def dense(matrix: BlockTridiagonal) -> np.ndarray:
-    """The whole of a block-tridiagonal matrix (n b, n b)."""
-    n, b = matrix.diagonal.shape[:2]
-    whole = np.zeros((n, b, n, b))
-    nodes = np.arange(n)
-    whole[nodes, :, nodes] = matrix.diagonal
-    whole[nodes[1:], :, nodes[:-1]] = matrix.below
-    whole[nodes[:-1], :, nodes[1:]] = matrix.below.transpose(0, 2, 1)
-    return whole.reshape(n * b, n * b)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from curves.closed_forms import ClosedFormDistances, collision_density, density_hessian
-from planned_scenes import N, dense, differences, random_x
+from planned_scenes import N, differences, random_x
 
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.path_cost import (
@@ -94,7 +94,7 @@ def test_the_gradient_with_coal_matches_differences(scene: CollisionScene) -> No
 
 def test_the_hessian_of_the_optimiser_is_positive_semi_definite(capsule_scene: CollisionScene) -> None:
     cost, y = cost_of(ClosedFormDistances(capsule_scene), CostWeights(clearance=0.3))
-    eigenvalues = np.linalg.eigvalsh(dense(cost.model(y).hessian))
+    eigenvalues = np.linalg.eigvalsh(cost.model(y).hessian.dense())
     assert eigenvalues[0] > -1e-10 * eigenvalues[-1]
 
 
@@ -128,7 +128,7 @@ def test_a_block_tridiagonal_solve_is_the_dense_one() -> None:
     matrix = BlockTridiagonal(diagonal=A @ A.transpose(0, 2, 1) + 20 * np.eye(4), below=rng.normal(size=(5, 4, 4)))
     right, factor = rng.normal(size=(6, 4)), matrix.cholesky()
     assert factor is not None
-    np.testing.assert_allclose(factor.solve(right).ravel(), np.linalg.solve(dense(matrix), right.ravel()), rtol=1e-10)
-    np.testing.assert_allclose(matrix.times(right).ravel(), dense(matrix) @ right.ravel(), rtol=1e-12)
+    np.testing.assert_allclose(factor.solve(right).ravel(), np.linalg.solve(matrix.dense(), right.ravel()), rtol=1e-10)
+    np.testing.assert_allclose(matrix.times(right).ravel(), matrix.dense() @ right.ravel(), rtol=1e-12)
     indefinite = BlockTridiagonal(diagonal=-np.ones((2, 1, 1)), below=np.zeros((1, 1, 1)))
     assert indefinite.cholesky() is None

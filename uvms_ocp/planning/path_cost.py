@@ -50,6 +50,16 @@ class BlockTridiagonal:
         diagonal[:, rows, rows] += ~free
         return BlockTridiagonal(diagonal=diagonal, below=self.below * (free[1:, :, None] & free[:-1, None, :]))
 
+    def dense(self) -> Array:
+        """The whole matrix (n b, n b) [A]."""
+        n, b = self.diagonal.shape[:2]
+        matrix = np.zeros((n, b, n, b))
+        nodes = np.arange(n)
+        matrix[nodes, :, nodes] = self.diagonal
+        matrix[nodes[1:], :, nodes[:-1]] = self.below
+        matrix[nodes[:-1], :, nodes[1:]] = self.below.transpose(0, 2, 1)
+        return matrix.reshape(n * b, n * b)
+
     def cholesky(self) -> BlockCholesky | None:
         """The factor, or None where the matrix is not positive definite."""
         from scipy.linalg import lapack  # a tenth of a second, which only those pay who plan
