@@ -15,7 +15,7 @@ from uvms_ocp.record.display import FieldTable
 from uvms_ocp.record.meta_values import ABORT as ABORT
 from uvms_ocp.record.meta_values import DONE as DONE
 from uvms_ocp.record.meta_values import LARGEST
-from uvms_ocp.types import Count, Finite, Magnitude, Positive, Range, Shape
+from uvms_ocp.types import Count, Finite, Magnitude, Positive, Shape
 
 # What ends a phase: conditions on measured quantities, and transitions that wait for them.
 
@@ -155,13 +155,18 @@ class Phase(FieldTable):
     """Unique in a mission."""
     title: str = ""
     """A few words, to print beside the name."""
-    activations: Mapping[str, Annotated[float, Range(0.0, 1.0)]]
+    activations: Mapping[str, float]
     """External activation in [0, 1] by the name of a task; tasks that are not named are off. Between 0 and 1 a task has a
     tolerance with strict solvers (`uvms_ocp.solvers.hierarchy.level`), and less weight with `Icat`."""
     transitions: tuple[Transition, ...]
     """The first that fires is taken."""
     goals: Mapping[str, Any] = field(default_factory=dict)
     """Goals by the name of a task, each of which replaces its own in this phase; one that moves starts with the phase."""
+
+    def __post_init__(self) -> None:
+        bad = {name: gate for name, gate in self.activations.items() if not 0 <= gate <= 1}
+        if bad:
+            raise InvalidInput(f"phase {self.name!r}: activations {bad}; give values from 0 to 1")
 
     @property
     def on(self) -> tuple[str, ...]:

@@ -23,9 +23,10 @@ from uvms_ocp.tasks.task import (
     approach,
     bounded_residual,
     equality_rows,
+    require_positive,
     zero_residual,
 )
-from uvms_ocp.types import Finite, Positive
+from uvms_ocp.types import Finite
 
 
 def altitude_of(symbols: TickSymbols, frame: str) -> ca.SX:
@@ -65,14 +66,17 @@ class MinimumAltitude(Task):
     task_class: TaskClass = TaskClass.SAFETY
     frame: str | None = None
     """Frame of the range sensor; by default the altimeter of the robot's file."""
-    threshold: Positive = 1.0
+    threshold: float = 1.0
     """[m] h_min"""
-    margin: Positive = 0.5
+    margin: float = 0.5
     """[m] Delta"""
-    gain: Positive = 0.4
+    gain: float = 0.4
     """[1/s]"""
-    saturation: Positive = 0.5
+    saturation: float = 0.5
     """[m/s]"""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "threshold", "margin", "gain", "saturation")
 
     @property
     def rest_altitude(self) -> float:
@@ -121,12 +125,15 @@ class LandingAltitude(Task):
     """Frame of the range sensor; by default the altimeter of the robot's file."""
     landing_distance: Finite = -0.02
     """[m] d_landing; below 0 so that the safeguard's height is crossed."""
-    safeguard: Positive = 0.17
+    safeguard: float = 0.17
     """[m] Delta_safeguard"""
-    gain: Positive = 0.4
+    gain: float = 0.4
     """[1/s]"""
-    saturation: Positive = 0.2
+    saturation: float = 0.2
     """[m/s]"""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "safeguard", "gain", "saturation")
 
     @property
     def rest_altitude(self) -> float:

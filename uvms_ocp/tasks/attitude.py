@@ -29,8 +29,8 @@ from uvms_ocp.tasks.task import (
     bounded_residual,
     driven_turns,
     evaluate_vector,
+    require_positive,
 )
-from uvms_ocp.types import Positive
 
 _SINE_FLOOR = 1e-9  # below this sine of the angle the rotation axis comes from the fallback
 _ROUNDING = 1e-3  # [rad] below which the smooth angle of a residual flattens out
@@ -58,14 +58,17 @@ class AngleTask(Task):
     equality: ClassVar[bool] = False
     frame: str = "base_link"
     """Whose angle it is."""
-    gain: Positive
+    gain: float
     """[1/s]"""
-    saturation: Positive
+    saturation: float
     """[rad/s]"""
     activation: SmoothActivation
     """[rad] activation rises over this range."""
-    aim: Positive
+    aim: float
     """[rad] angle at which the strict hierarchy's bound lets theta rest."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "gain", "saturation", "aim")
 
     @property
     def watched_axis(self) -> tuple[float, float, float]:
@@ -143,13 +146,13 @@ class HorizontalAttitude(AngleTask):
 
     name: str = "HA"
     task_class: TaskClass = TaskClass.SAFETY
-    gain: Positive = 0.2
+    gain: float = 0.2
     """[1/s]"""
-    saturation: Positive = 0.5
+    saturation: float = 0.5
     """[rad/s]"""
     activation: SmoothActivation = SmoothActivation(0.025, 0.1)
     """[rad]"""
-    aim: Positive = 0.025
+    aim: float = 0.025
     """[rad]"""
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
@@ -179,6 +182,7 @@ class TargetTask(AngleTask):
     """(3,) [m] target position in W."""
 
     def __post_init__(self) -> None:
+        AngleTask.__post_init__(self)
         value, _ = evaluate_vector(self.name, self.goal, 0.0)
         if value.shape != (3,):
             raise InvalidInput(f"{self.name}: goal of shape {value.shape}; give a position (3,) in W")
@@ -221,13 +225,13 @@ class Alignment(TargetTask):
 
     name: str = "AT"
     task_class: TaskClass = TaskClass.PREREQUISITE
-    gain: Positive = 0.6
+    gain: float = 0.6
     """[1/s]"""
-    saturation: Positive = 0.2
+    saturation: float = 0.2
     """[rad/s]"""
     activation: SmoothActivation = SmoothActivation(0.0, 0.07)
     """[rad]"""
-    aim: Positive = 0.035
+    aim: float = 0.035
     """[rad]"""
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
@@ -257,13 +261,13 @@ class FieldOfView(TargetTask):
     task_class: TaskClass = TaskClass.PREREQUISITE
     axis: tuple[float, float, float] = (1.0, 0.0, 0.0)
     """(3,) optical axis in `frame`, of length 1."""
-    gain: Positive = 0.6
+    gain: float = 0.6
     """[1/s]"""
-    saturation: Positive = 0.3
+    saturation: float = 0.3
     """[rad/s]"""
     activation: SmoothActivation = SmoothActivation(0.3, 0.5)
     """[rad]"""
-    aim: Positive = 0.4
+    aim: float = 0.4
     """[rad]"""
 
     def __post_init__(self) -> None:

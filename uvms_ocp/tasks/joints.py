@@ -26,9 +26,9 @@ from uvms_ocp.tasks.task import (
     column_of,
     equality_rows,
     evaluate_vector,
+    require_positive,
     zero_residual,
 )
-from uvms_ocp.types import Positive
 
 _SINGULAR = 1e-12  # keeps the square root of the manipulability differentiable at singular postures
 
@@ -46,16 +46,17 @@ class JointLimits(Task):
     equality: ClassVar[bool] = False
     name: str = "JL"
     task_class: TaskClass = TaskClass.SAFETY
-    margin: Positive = 0.1
+    margin: float = 0.1
     """Share of the robot's range on each side, inside of `guard`."""
     guard: float = 0.0
     """Share of the robot's range on each side that is never used."""
-    gain: Positive = 0.2
+    gain: float = 0.2
     """[1/s]"""
-    saturation: Positive = 0.5
+    saturation: float = 0.5
     """[rad/s or m/s]"""
 
     def __post_init__(self) -> None:
+        require_positive(self, "margin", "gain", "saturation")
         if not (self.guard >= 0 and self.guard + self.margin < 0.5):
             raise InvalidInput(
                 f"{self.name}: margin = {self.margin}, guard = {self.guard}; give shares of the range, together below 0.5"
@@ -126,12 +127,13 @@ class JointTracking(Task):
     """Names."""
     goal: VectorGoal
     """(len(joints),) [rad or m]"""
-    gain: Positive = 0.5
+    gain: float = 0.5
     """[1/s]"""
-    saturation: Positive = 0.5
+    saturation: float = 0.5
     """[rad/s or m/s]"""
 
     def __post_init__(self) -> None:
+        require_positive(self, "gain", "saturation")
         value, _ = evaluate_vector(self.name, self.goal, 0.0)
         if value.shape != (len(self.joints),):
             raise InvalidInput(f"{self.name}: goal of shape {value.shape} for {len(self.joints)} joints; give one each")
@@ -171,12 +173,15 @@ class Manipulability(Task):
     task_class: TaskClass = TaskClass.PREREQUISITE
     frame: str = "tool"
     """Whose Jacobian counts."""
-    gain: Positive = 0.1
+    gain: float = 0.1
     """[1/s]"""
-    target: Positive = 0.12
+    target: float = 0.12
     """[unit of mu] that the rate leads to."""
     activation: SmoothActivation = SmoothActivation(0.02, 0.05)
     """[unit of mu] activation falls over this range."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "gain", "target")
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """Manipulability above the end of the activation."""

@@ -24,9 +24,9 @@ from uvms_ocp.tasks.task import (
     driven_turns,
     equality_rows,
     evaluate_pose,
+    require_positive,
     zero_residual,
 )
-from uvms_ocp.types import Positive
 
 # Pose tasks: vehicle pose (PC), tool pose (T), tool position.
 
@@ -47,16 +47,17 @@ class PoseTask(Task):
     """F."""
     goal: PoseGoal
     """X_WF [m]."""
-    gain_linear: Positive
+    gain_linear: float
     """[1/s]"""
-    gain_angular: Positive
+    gain_angular: float
     """[1/s]"""
-    saturation_linear: Positive = 0.5
+    saturation_linear: float = 0.5
     """[m/s]"""
-    saturation_angular: Positive = 0.5
+    saturation_angular: float = 0.5
     """[rad/s]"""
 
     def __post_init__(self) -> None:
+        require_positive(self, "gain_linear", "gain_angular", "saturation_linear", "saturation_angular")
         evaluate_pose(self.name, self.goal, 0.0)
 
     def n_parameters(self, robot: Robot) -> int:
@@ -101,9 +102,9 @@ class VehiclePose(PoseTask):
     name: str = "PC"
     task_class: TaskClass = TaskClass.ACTION
     frame: str = "base_link"
-    gain_linear: Positive = 0.2
+    gain_linear: float = 0.2
     """[1/s]"""
-    gain_angular: Positive = 0.5
+    gain_angular: float = 0.5
     """[1/s]"""
 
 
@@ -115,9 +116,9 @@ class ToolPose(PoseTask):
     name: str = "T"
     task_class: TaskClass = TaskClass.ACTION
     frame: str = "tool"
-    gain_linear: Positive = 0.6
+    gain_linear: float = 0.6
     """[1/s]"""
-    gain_angular: Positive = 0.6
+    gain_angular: float = 0.6
     """[1/s]"""
 
 
@@ -132,12 +133,13 @@ class ToolPosition(Task):
     """F."""
     goal: PoseGoal
     """X_WF [m], of which the translation is used."""
-    gain: Positive = 0.6
+    gain: float = 0.6
     """[1/s]"""
-    saturation: Positive = 0.5
+    saturation: float = 0.5
     """[m/s]"""
 
     def __post_init__(self) -> None:
+        require_positive(self, "gain", "saturation")
         evaluate_pose(self.name, self.goal, 0.0)
 
     def n_parameters(self, robot: Robot) -> int:

@@ -366,6 +366,14 @@ def approach(task: Any, symbols: TickSymbols, distance: ca.SX, row: ca.SX) -> ca
     return approach_speed(distance, gain=task.gain, deceleration=deceleration, dt=symbols.dt, saturation=task.saturation)
 
 
+def require_positive(task: Task, *names: str) -> None:
+    """Raise `InvalidInput` unless every field of these names is finite and positive."""
+    for name in names:
+        value = getattr(task, name)
+        if not (np.isfinite(value) and value > 0):
+            raise InvalidInput(f"{task.name}: {name} = {value}; give a finite value > 0")
+
+
 # Axes that nobody drives: what tasks ask for stays within what thrusters and joints can give.
 
 
