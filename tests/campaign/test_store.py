@@ -109,7 +109,7 @@ def test_parts_are_joined_and_cut_off_meanwhile_each_row_still_counts_once(
     before = read_table(tmp_path)
     monkeypatch.setattr(Path, "unlink", lambda self, **_: None)  # killed before the old ones are gone
     with opened(tmp_path, identity_of(WORK, 20), {}) as campaign:
-        campaign._parts.join()
+        campaign._join()
     monkeypatch.undo()
     assert len(list((tmp_path / "rows").iterdir())) == 5
     assert read_table(tmp_path).equals(before)

@@ -140,7 +140,7 @@ def test_a_shape_without_an_end_has_no_data() -> None:
             "indices from 0 below",
         ),
         ("", "holds no obstacles; give a mapping"),
-        ("obstacles: [", "not valid YAML"),
+        ("obstacles: [", "cannot be read as YAML"),
     ],
 )
 def test_broken_files_are_refused_by_entry(text: str, message: str, tmp_path: Path) -> None:

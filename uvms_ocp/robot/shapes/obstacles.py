@@ -18,13 +18,13 @@ import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.model_errors import one_line
+from uvms_ocp.model_errors import printable
 from uvms_ocp.record.meta_values import N_SIZES, ObstacleMeta
-from uvms_ocp.record.untrusted import read_yaml_as
+from uvms_ocp.record.untrusted import read_yaml
 from uvms_ocp.types import Finite, Range, Shape
 
 # Obstacles: solid shapes that stand in the water.
@@ -110,18 +110,21 @@ class ObstacleFile(BaseModel):
 
     obstacles: tuple[ObstacleMeta, ...]
 
-    @model_validator(mode="before")
-    @classmethod
-    def _has_obstacles(cls, content: object) -> object:
-        if not isinstance(content, dict) or "obstacles" not in content:
-            raise ValueError(f"holds no obstacles; give a mapping such as {_EXAMPLE}")
-        return content
-
 
 @checked
 def read_obstacles(path: Path | str) -> tuple[Obstacle, ...]:
     """Read a file of obstacles. Raises ``InvalidInput`` naming the file and the entry that is wrong."""
-    return tuple(map(build_obstacle, read_yaml_as(Path(path), ObstacleFile).obstacles))
+    try:
+        content = read_yaml(path)
+        if not isinstance(content, dict) or "obstacles" not in content:
+            raise InvalidInput(f"{printable(path)}: holds no obstacles; give a mapping such as {_EXAMPLE}")
+        return tuple(map(build_obstacle, ObstacleFile.model_validate(content).obstacles))
+    except InvalidInput:
+        raise
+    except ValidationError as error:
+        raise InvalidInput(f"{printable(path)}: {_first(error)}") from error
+    except (OSError, ValueError) as error:
+        raise InvalidInput(f"{printable(path)}: cannot be read as YAML ({' '.join(str(error).split())})") from error
 
 
 @checked
@@ -145,7 +148,7 @@ def parse_obstacle(shape: str, words: str, name: str) -> Obstacle:
         data = {"name": name, "shape": shape, "size": numbers[3:], "position": numbers[:3]}
         return build_obstacle(ObstacleMeta.model_validate(data))
     except ValidationError as error:
-        raise InvalidInput(f"{shape} {words!r}: {one_line(error, ObstacleMeta)}") from error
+        raise InvalidInput(f"{shape} {words!r}: {_first(error)}") from error
 
 
 @checked
@@ -207,3 +210,10 @@ def _size(shape: Any) -> list[float]:
     if isinstance(shape, coal.Ellipsoid):
         return [float(radius) for radius in shape.radii]
     return [shape.radius] if isinstance(shape, coal.Sphere) else [shape.radius, 2 * shape.halfLength]
+
+
+def _first(error: ValidationError) -> str:
+    first = error.errors()[0]
+    place = ".".join(str(part) for part in first["loc"])
+    text = first["msg"].removeprefix("Value error, ")
+    return f"{place}: {text}" if place else text
