@@ -131,6 +131,20 @@ def test_what_stays_open_is_told_as_it_was_before() -> None:
     assert row.endswith("| as before |")
 
 
+def test_a_fit_with_a_wrong_delay_says_what_it_does_not_explain() -> None:
+    """It converged, with small standard errors, at numbers that were wrong."""
+    settings, recording, right = case()
+    wrong = settings.model_copy(update={"delay": 0.05})
+    found = calibrate(calibrated_robot(wrong, Path()), wrong, [recording])
+    assert found.estimate.status is right.estimate.status
+    missed = [each.channel for each in found.whiteness if each.unexplained]
+    assert "surge" in missed
+    assert f"does not explain {', '.join(missed)}**" in report_text(found)
+    assert "does not explain" not in report_text(right)
+    sure = {one.name: one for one in right.numbers}
+    assert all(one.sigma > 2.0 * sure[one.name].sigma for one in found.numbers if one.informed and sure[one.name].informed)
+
+
 @pytest.mark.slow
 def test_profiles_and_leave_one_out_come_when_they_are_asked_for(tmp_path: Path) -> None:
     settings, parts = tmp_path / "my.yaml", [tmp_path / f"part{k}.csv" for k in range(2)]

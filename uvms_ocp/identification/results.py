@@ -273,6 +273,10 @@ def _number_table(one: Calibration) -> Iterator[str]:
     yield f"determined below {size} (lengths: of 5 cm), beyond what priors said, and none where the"
     yield "search has not converged; intervals of many decades are called open. What stays open is in the file as it was"
     yield "before, where the recordings allow it, and the others as they were fitted anew beside it."
+    if missed := [each.channel for each in one.whiteness if each.unexplained]:
+        yield f"\n**The model does not explain {', '.join(missed)}**: more than noise is left. Where what the fit took for"
+        yield "known is wrong, such as delays, lags and terms that were not learnt, numbers lie beyond their intervals,"
+        yield "determined or not."
     yield "\n| number | value | unit | standard error | 95 % interval | determined | in the file |"
     yield "|---|---:|---|---:|---|---|---|"
     for each in one.numbers:

@@ -286,6 +286,11 @@ class Whiteness:
         """True if the test does not reject whiteness."""
         return self.p >= LEVEL
 
+    @property
+    def unexplained(self) -> bool:
+        """True if residuals are coloured and so large that standard errors of the channel alone would be twice as large."""
+        return not self.white and self.size**2 * self.inflation > 4.0
+
 
 def whiteness(left: Predicted, noise: Noise) -> tuple[Whiteness, ...]:
     """Test the whiteness of every channel in `CHANNELS` that has residuals."""
