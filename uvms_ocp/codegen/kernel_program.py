@@ -97,13 +97,14 @@ def _to_place(target: ast.expr, value: ast.expr, scope: Scope) -> list[str]:
 
 
 def _copy(target: ast.Subscript, part: ast.Slice, value: ast.expr, scope: Scope) -> list[str]:
-    """The first n numbers, ``to[:n] = x[:n]``, or all numbers of an array in a layout, ``m.to[:] = x``."""
+    """The first n numbers, ``to[:n] = x[:n]``, or all numbers of an array in a layout, ``m.to[:] = x``, as many."""
     n, of = part.upper, value
     if n is not None and isinstance(value, ast.Subscript) and ast.unparse(value.slice) == f":{ast.unparse(n)}":
         of = value.value
     to, source = expression(target.value, scope), expression(of, scope)
     fits = to.type.name == source.type.name and len(to.type.sizes) == len(source.type.sizes) == 1
-    if part.lower or part.step or (n is not None) != (of is not value) or not fits:
+    equal = n is not None or len({to.type.sizes, source.type.sizes} - {(0,)}) < 2  # as far as they are known
+    if part.lower or part.step or (n is not None) != (of is not value) or not (fits and equal):
         raise kernel_error(target, "has to become the first numbers of another array, as many")
     end = length(target, target.value, scope) if n is None else number(n, scope).text
     k, last = f"at_{target.lineno}", f"end_{target.lineno}"

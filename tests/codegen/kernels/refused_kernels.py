@@ -14,6 +14,7 @@ class Small(Layout):
     n: int
     x: float
     values: Annotated[Vector, Sized(3)]
+    pair: Annotated[Vector, Sized(2)]
     root: FunctionField
 
 
@@ -33,7 +34,7 @@ def of_a_text(m: Small) -> None:
 
 
 def of_a_field_that_is_not_there(m: Small) -> float:
-    """Small has no field 'y'; it has n, x, values, root"""
+    """Small has no field 'y'; it has n, x, values, pair, root"""
     return m.y  # type: ignore[attr-defined, no-any-return]
 
 
@@ -76,6 +77,11 @@ def copying_from_within(m: Small) -> None:
 def copying_as_many_as_there_may_be(m: Small, x: Vector) -> None:
     """has to become the first numbers of another array, as many"""
     m.values[: m.n] = x
+
+
+def copying_more_than_there_are(m: Small) -> None:
+    """m.values\\[:\\] has to become the first numbers of another array, as many"""
+    m.values[:] = m.pair
 
 
 def copying_to_an_unknown_length(m: Small, x: Vector) -> None:
@@ -166,6 +172,7 @@ ALL = (
     of_a_size_that_changes,
     copying_from_within,
     copying_as_many_as_there_may_be,
+    copying_more_than_there_are,
     copying_to_an_unknown_length,
     of_swapped_names,
     of_swapped_fields,
