@@ -51,6 +51,10 @@ def test_causes_that_differ_in_numbers_are_one() -> None:
     assert sum(row["number"] for row in outcome_table(runs)) == 4
 
 
+def test_a_table_in_which_nothing_has_a_cause_gives_none() -> None:
+    assert cause_table(table(3, cause=np.nan)) == []
+
+
 def test_bounds_make_failures_of_what_finished_and_successes_of_what_the_mission_was_strict_about() -> None:
     runs = table(
         3,

@@ -74,7 +74,7 @@ _MOST, _LONGEST = 20, 300  # causes, letters of one
 def cause_table(table: Any) -> list[dict[str, Any]]:
     """One row per outcome and kind of cause of the runs that failed, the most frequent first, each as its first run has it."""
     failed = table[~table["success"].astype(bool)]
-    shortened = failed["cause"].fillna("").map(_shortened)
+    shortened = failed["cause"].fillna("").map(_shortened).astype(str)  # no runs keep the type of the column
     kind = shortened.str.replace(_NUMBER, "#", regex=True)  # so that causes that differ in their numbers alone are equal
     groups = failed.assign(shortened=shortened, kind=kind).groupby(["outcome", "kind"], sort=False)
     rows = [
