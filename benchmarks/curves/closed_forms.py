@@ -58,7 +58,7 @@ class ClosedFormDistances:
             sample=sample,
             pair=pair,
             distance=distance[sample, pair],
-            gradient=(wrench[:, None, :] @ screws)[:, 0] * self.scene.moved[pair],
+            gradient=((wrench[:, None, :] @ screws)[:, 0] * self.scene.moved[pair]) @ self.scene.fold,
             screws=screws,
             centre=0.5 * (ends[2][row] + ends[3][row]),
         )
@@ -74,7 +74,7 @@ class ClosedFormDistances:
         model, wanted = self.scene.coordinates.robot.model, np.unique(sample)
         q = self.scene.coordinates.configurations(x[wanted])
         jacobians = np.array([pin.computeJointJacobians(model, self._data, row).copy() for row in q])
-        screws: Array = jacobians @ self.scene.coordinates.velocity_map(x[wanted])
+        screws: Array = jacobians @ self.scene.coordinates.column_map(x[wanted])
         return screws[np.searchsorted(wanted, sample)]
 
 

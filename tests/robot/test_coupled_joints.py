@@ -10,6 +10,8 @@ import casadi as ca
 import coal
 import numpy as np
 import pytest
+from curves.capsules import capsule_robot
+from curves.closed_forms import ClosedFormDistances
 from kinematic_trees import function_of
 from numpy.testing import assert_allclose
 
@@ -151,6 +153,17 @@ def test_costs_of_curves_are_those_of_free_joints_along_the_coupling(pair: Pair)
         assert_allclose(found[0][name], found[1][name], atol=1e-5)
     fixed_together = found[1].keys() - shared
     assert all(np.abs(found[1][name][: one.n_v]).max() < 1e-9 for name in fixed_together)
+
+
+def test_distances_in_closed_form_are_those_of_coal(pair: Pair) -> None:
+    one, _, q, _, _ = pair
+    ball = obstacle("ball", coal.Sphere(0.5), (1.5, 0.5, 0.5))
+    scene = collision_scene(coordinates(capsule_robot(one), reference=q), [ball])
+    x, far = scene.coordinates.x(q)[None], np.full(scene.n_pairs, 20.0)
+    closed, exact = ClosedFormDistances(scene).near(x, far), CoalDistances(scene).near(x, far)
+    assert closed.pair.size == scene.n_pairs > 6
+    assert_allclose(closed.gradient, exact.gradient, atol=1e-6)
+    assert_allclose(closed.screws, exact.screws, atol=1e-9)
 
 
 def test_a_curve_moves_joints_that_are_one(tmp_path: Path) -> None:
