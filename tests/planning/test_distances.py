@@ -29,6 +29,11 @@ def test_axes_that_are_not_planned_keep_their_reference(robot: Robot) -> None:
         coordinates(robot, axes=["joint01"])
 
 
+def test_columns_are_looked_for_once(planned: Coordinates) -> None:
+    assert planned.columns is planned.columns
+    assert planned.fold is planned.fold
+
+
 def test_gradients_of_coal_distances_match_differences(scene: CollisionScene) -> None:
     distances, x = CoalDistances(scene), random_x(scene.coordinates, 10)
     near = distances.near(x, np.full(scene.n_pairs, 0.3))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Annotated, Any
 
 import casadi as ca
@@ -30,7 +31,7 @@ VEHICLE_AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 @checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Coordinates:
     """Planned axes of a robot, and the places of the others; see ``coordinates``."""
 
@@ -86,12 +87,12 @@ class Coordinates:
             maps[:, :3, :3], maps[:, 3:6, 3:6] = _body_rate_maps(full[:, 3:6])
         return maps
 
-    @property
+    @cached_property
     def columns(self) -> Indices:
         """(n_columns,) columns of Pinocchio's Jacobian, axis by axis: one each, and one for each joint that mimics it."""
         return np.concatenate([np.zeros(0, dtype=np.intp), *(np.flatnonzero(self._axes == axis) for axis in self.planned)])
 
-    @property
+    @cached_property
     def fold(self) -> Array:
         """(n_columns, n_axes) 1 where the column is of the axis."""
         return np.asarray(self._axes[self.columns, None] == self.planned, dtype=float)
