@@ -24,6 +24,7 @@ from uvms_ocp.control.force.tick_functions import (
     MonitorStep,
     control_function,
     observe_function,
+    transfer_function,
 )
 from uvms_ocp.control.force.velocity_law import VelocityLaw
 from uvms_ocp.errors import InvalidInput
@@ -101,7 +102,7 @@ def test_a_push_that_the_model_does_not_know_is_found_and_worked_against(name: s
 @pytest.mark.parametrize("name", ROBOTS)
 def test_compiled_and_not_a_tick_gives_the_same(name: str) -> None:
     rng = np.random.default_rng(2)
-    for function in (observe_function(laws(name)), control_function(laws(name))):
+    for function in (transfer_function(laws(name)), observe_function(laws(name)), control_function(laws(name))):
         compiled = compile_function(function)
         for _ in range(5):
             given = [rng.normal(size=function.size1_in(i)) for i in range(function.n_in())]

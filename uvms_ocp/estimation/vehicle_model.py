@@ -325,18 +325,21 @@ def _forget_unknown(m: FilterMemory, n: int) -> None:
 
 
 def inflate_velocity_variance(memory: Any, *, rests: bool) -> None:
-    """Linear velocity may have been anything that vehicles do for `EXPOSED_FOR`; memory: `arrays_of` a `FilterMemory`.
+    """Linear velocity may be anything that vehicles do; memory: `arrays_of` a `FilterMemory`.
 
-    The position that it was carried on with is wrong along with it: were it right, the next fix would be explained by
-    a velocity of the last tick alone. rests: velocity and acceleration are taken for zero from here on, as what was carried on
-    without readings leads ever farther astray.
+    It has been so for `EXPOSED_FOR`, and the position that it was carried on with is wrong along with it: were that right, the
+    next fix would be explained by a velocity of the last tick alone. rests: it was right until its readings ended; from here
+    on it and the acceleration are taken for zero, as what is carried on without readings leads ever farther astray.
     """
     memory.owner[:] = -1.0
-    place, speed = np.arange(Part.PLACE, Part.PLACE + 3), np.arange(Part.SPEED, Part.SPEED + 3)
-    for power, (row, column) in enumerate(((speed, speed), (place, speed), (place, place))):
-        memory.P[row, column] += EXPOSED**2 * EXPOSED_FOR**power
+    place, speed, acceleration = (np.arange(first, first + 3) for first in (Part.PLACE, Part.SPEED, Part.ACCELERATION))
+    memory.P[speed, speed] += EXPOSED**2
     if rests:
-        memory.x[Part.SPEED : Part.SPIN] = 0.0
+        memory.P[acceleration, acceleration] += EXPOSED**2
+        memory.x[speed] = memory.x[acceleration] = 0.0
+    else:
+        memory.P[place, speed] += EXPOSED_FOR * EXPOSED**2
+        memory.P[place, place] += (EXPOSED_FOR * EXPOSED) ** 2
 
 
 # What each channel of the vehicle sees of the estimate.

@@ -54,10 +54,11 @@ class HealthRun:
             v = motion(t)
             a = (motion(t + _H) - motion(t - _H)) / (2 * _H)
             m = self.guard(spoil(suite.read(State(q=q, v=v, a=a), t), t), t, command)
-            rows.append((q, m.q, v, m.v, m.altimeter_range, m.age, m.joint_age, [h.trust for h in m.health]))
+            rows.append((q, m.q, v, m.v, m.std, m.altimeter_range, m.age, m.joint_age, [h.trust for h in m.health]))
             command, q = Command(v=(asked or motion)(t + dt)), pin.integrate(robot.model, q, motion(t + dt / 2) * dt)
         columns = [np.array(column) for column in zip(*rows, strict=True)]
-        self.q, self.q_estimated, self.v, self.v_estimated, self.range, self.age, self.joint_age, self.trust = columns
+        self.q, self.q_estimated, self.v, self.v_estimated, self.std = columns[:5]
+        self.range, self.age, self.joint_age, self.trust = columns[5:]
 
     def of(self, channel: str) -> np.ndarray:
         """The verdicts on a channel."""

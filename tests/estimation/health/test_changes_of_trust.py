@@ -7,8 +7,9 @@ from math import sqrt
 import numpy as np
 import pytest
 from corruptors import with_defect
-from health_run import HealthRun
+from health_run import HealthRun, between
 
+from uvms_ocp.estimation.filter_memory import EXPOSED
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import Reading, Readings, SensorSpecs, Trust
 
@@ -45,3 +46,14 @@ def test_no_velocity_is_corrected_by_more_than_its_error_and_the_noise_of_two_re
     noise = sqrt(2.0) * spec.sigma * min(spec.rate, 1 / dt)
     change = np.abs(np.diff(error, axis=0)).max(axis=1)[run.t[1:] > ONSET]
     assert (change <= wrong[:-1][run.t[1:] > ONSET] + noise).all()
+
+
+def test_a_velocity_whose_readings_end_leaves_the_position_as_sure_as_it_was() -> None:
+    """It was right until then: with as much doubt as of a velocity that proves wrong, a depth that is read was unknown by 3 m."""
+    ends = [between(channel, "lost", 2.0, 9.0) for channel in ("linear_velocity", "position")]
+    run = HealthRun(
+        load_robot("girona_maris7"), duration=4.0, spoil=lambda readings, t: ends[0](ends[1](readings, t), t), dt=0.02
+    )
+    std = run.std[:, :3]
+    assert np.diff(std, axis=0).max() < (EXPOSED + EXPOSED * 1.0) * 0.02  # a tick with velocity and a second of acceleration
+    assert std[:, 2].max() < 0.1

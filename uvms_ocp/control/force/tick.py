@@ -32,8 +32,9 @@ _ENCODER_SILENCE = 0.1  # [s] after which joints are no longer fed back; a joint
 class ForceMemory(Layout):
     """Memory of a tick: functions, inputs, state and outputs."""
 
+    transfer: FunctionField
+    """Function of `transfer_function`; the next three as `observe_function`, `control_function` and `command_function` do."""
     observe: FunctionField
-    """Function of `observe_function`; the next two as `control_function` and `command_function` do."""
     control: FunctionField
     command: FunctionField
     watched: bool
@@ -61,6 +62,8 @@ class ForceMemory(Layout):
     detection: FaultDetection
     allocation: AllocationMemory
     # found
+    transferred: tick_functions.ForceState
+    """State at another share of the bandwidth, in a tick that changes it."""
     observed: tick_functions.ForceState
     """State after the observer, before the commands of this tick."""
     desired: tick_functions.DesiredForce
@@ -91,7 +94,11 @@ def force_step(m: ForceMemory) -> bool:
     m.inputs.joint_feedback[0] = min(m.inputs.joint_feedback[0], m.joint_bandwidth_share)
     m.inputs.joints[0] = 0.0 if m.brakes or m.joint_age > _ENCODER_SILENCE + m.joints_late else 1.0
     m.locks = m.inputs.joints[0] == 0.0 if m.detection.joints.count > 0 else m.inputs.hold[0] != 0.0
-    m.observe(m.inputs, m.effectiveness, m.state, m.observed)
+    if _share_changes(m):
+        m.transfer(m.inputs, m.state, m.transferred)
+        m.observe(m.inputs, m.effectiveness, m.transferred, m.observed)
+    else:
+        m.observe(m.inputs, m.effectiveness, m.state, m.observed)
     m.detection.changed = False
     if m.watched:
         _detect_faults(m)
@@ -123,6 +130,14 @@ def apply_detected_effectiveness(m: ForceMemory) -> None:
         if m.detection.joints.jammed[j]:
             m.observed.estimate[m.detection.n_vehicle + j] = 0.0
             m.observed.integral[m.detection.n_vehicle + j] = 0.0
+
+
+def _share_changes(m: ForceMemory) -> bool:
+    changes = False
+    for i in range(len(m.state.share)):
+        asked = m.inputs.feedback[0] if i < m.detection.n_vehicle else m.inputs.joint_feedback[0]
+        changes = changes or m.state.share[i] != asked
+    return changes
 
 
 def _detect_faults(m: ForceMemory) -> None:
@@ -247,6 +262,7 @@ def _sizes(laws: tick_functions.ForceLaws) -> dict[str, Any]:
         **detection_sizes(laws.robot, symbolic, search, period),
         **allocation_sizes(len(laws.robot.description.thrusters)),
         **laws.sizes,
+        "transfer": tick_functions.transfer_function(laws),
         "observe": tick_functions.observe_function(laws),
         "control": tick_functions.control_function(laws),
         "command": tick_functions.command_function(laws),

@@ -1,8 +1,8 @@
-"""Smooth parts of a tick of the force layer: three CasADi functions on columns of numbers.
+"""Smooth parts of a tick of the force layer: four CasADi functions on columns of numbers.
 
-`observe_function` finds the disturbance, `control_function` the force for the reference, and `command_function` the commands of
-thrusters and motors, with the allocation of thrust before it. The state of a tick goes in and comes out; nothing else is
-remembered.
+`transfer_function` changes the bandwidth, `observe_function` finds the disturbance, `control_function` the force for the
+reference, and `command_function` the commands of thrusters and motors, with the allocation of thrust before it. The state of a
+tick goes in and comes out; nothing else is remembered.
 """
 
 from __future__ import annotations
@@ -205,14 +205,21 @@ class ForceLaws:
         return sparse(thruster_matrix(self.robot))
 
 
-def observe_function(laws: ForceLaws) -> ca.Function:
-    """Make ``inputs, effectiveness, state -> observed``: the state after the observer, before this tick's commands."""
-    x, (inputs, effectiveness, state) = _symbols(laws, inputs=ForceInputs, effectiveness=ThrusterEffectiveness, state=ForceState)
+def transfer_function(laws: ForceLaws) -> ca.Function:
+    """Make ``inputs, state -> transferred``: shares of the bandwidth a tick nearer to what is asked, without a bump."""
+    x, (inputs, state) = _symbols(laws, inputs=ForceInputs, state=ForceState)
     gain = min(1.0, laws.velocity.dt / _EASE)
     share = state.share + gain * (_by_part(laws, inputs.feedback, inputs.joint_feedback) - state.share)
     integral = laws.velocity.bumpless(inputs.q, inputs.reference, state.integral, share, state.share)
-    integral = _by_part(laws, ca.if_else(inputs.stop, 0.0, integral), integral)
-    observed = replace(state, share=share, integral=integral)
+    transferred = column_of(replace(state, share=share, integral=integral))
+    return ca.Function("transfer", list(x.values()), [ca.cse(transferred)], list(x), ["transferred"])
+
+
+def observe_function(laws: ForceLaws) -> ca.Function:
+    """Make ``inputs, effectiveness, state -> observed``: the state after the observer, before this tick's commands."""
+    x, (inputs, effectiveness, state) = _symbols(laws, inputs=ForceInputs, effectiveness=ThrusterEffectiveness, state=ForceState)
+    integral = _by_part(laws, ca.if_else(inputs.stop, 0.0, state.integral), state.integral)
+    observed = replace(state, integral=integral)
     observed = observed if laws.observer is None else _observed(laws, laws.observer, inputs, effectiveness, observed)
     observed = observed if laws.residual_filter is None else _taken_in(laws, laws.residual_filter, inputs, observed)
     return ca.Function("observe", list(x.values()), [ca.cse(column_of(observed))], list(x), ["observed"])

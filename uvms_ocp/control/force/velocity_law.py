@@ -54,7 +54,7 @@ class VelocityLaw:
         damping = self.dynamics.damping_matrix(q, v, ca.SX(3, len(self.dynamics.links)))
         drag = ca.diag(damping) / ca.diag(self.dynamics.mass_matrix(q))
         stiffness, stiffness_before = (part * (part * self.K_p + drag) + _NOTHING for part in (share, before))
-        return integral * (stiffness_before / stiffness)  # to the bit what it was where the share is
+        return integral * stiffness_before / stiffness
 
     def integrated(self, integral: ca.SX, error: ca.SX, wanted: ca.SX, reached: ca.SX) -> ca.SX:
         """The integral (n_v,) [m, rad] a tick later; error (n_v,) [m/s, rad/s], forces (n_v,) [N, N m].
