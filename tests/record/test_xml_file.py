@@ -17,6 +17,10 @@ BEYOND = {
     "laughter": ("<!DOCTYPE a [<!ENTITY b 'c'><!ENTITY d '&b;&b;'>]><a>&d;</a>", "a <!DOCTYPE> is not read"),
     "no text": ("\udcff", "no text in UTF-8"),
     "no text in its encoding": ("<?xml version='1.0' encoding='us-ascii'?><robot name='\udcff'/>", "no text in us-ascii"),
+    **{
+        f"encoding {name}": (f"<?xml version='1.0' encoding='{name}'?><robot name='a'/>", f"'{name}', which is not known; save")
+        for name in ("windows1252", "cp99999", "iso-8859-99", "euc-tw", "gb99")
+    },
     "no end": ("<robot>", "the XML is broken"),
     "links": ("<robot name='a'>" + "".join(_LINK.format(i, i + 1) for i in range(3000)) + "</robot>", "3000 links; at"),
 }

@@ -103,6 +103,8 @@ def _decoded(content: bytes, encoding: str) -> str:
         return content.decode(encoding)
     except UnicodeDecodeError as error:
         raise InvalidInput(f"no text in {encoding}: {error.reason} at byte {error.start}") from None
+    except LookupError:
+        raise InvalidInput(f"encoding {encoding!r}, which is not known; save the file as UTF-8") from None
 
 
 # Arrays of an ``.npz`` file whose sizes are known before anything of them is read, and of which nothing is executed.

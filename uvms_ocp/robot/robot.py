@@ -262,8 +262,9 @@ class Robot:
     def with_frame_pose(self, frame: str, X_parent: pin.SE3) -> Robot:
         """Return a copy whose fixed frame sits at ``X_parent`` in the moving link that carries it.
 
-        Frames, shapes and joints on that frame move along; masses fixed to the moving link stay. Raises
-        ``InvalidInput`` for a frame that is itself a moving link, and ``FrameNotFound``.
+        Frames, shapes and joints on that frame move along; masses fixed to the moving link stay. No file says where they
+        are, so that ``urdf`` is ``None``. Raises ``InvalidInput`` for a frame that is itself a moving link, and
+        ``FrameNotFound``.
         """
         index = self.frame_id(frame)
         check_movable(self.model, index)
@@ -274,6 +275,7 @@ class Robot:
             model=shifted_frames(self.model, moved, shift),
             visual_model=shifted_shapes(self.visual_model, moved, shift),
             collision_model=shifted_shapes(self.collision_model, moved, shift),
+            urdf=None,
         )
 
     def with_water_density(self, density: float) -> Robot:
