@@ -8,17 +8,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
-from uvms_ocp.errors import UvmsError
+from uvms_ocp.errors import InvalidInput, UvmsError
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, single_phase
 from uvms_ocp.ocp.terms import Effort
 from uvms_ocp.planning.request import PlanRequest, PostureGoal, plan_path
+from uvms_ocp.record.meta_values import RobotFilesMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.planned_motion import motion_record
-from uvms_ocp.robot.loading import load_robot, recorded_robot, robot_folder
+from uvms_ocp.robot import loading
+from uvms_ocp.robot.loading import list_variants, load_robot, recorded_robot, robot_folder, robot_meta
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
 from uvms_ocp.scenario.own_code import load_scenario, robot_of
@@ -73,7 +76,7 @@ def test_a_record_finds_the_robot_that_it_was_made_with(kind: str, project: Path
     there = project.rename(tmp_path / "elsewhere") / "runs" / "X"
     files = Record.load(there / "record.npz").meta.robot_files
     assert files is not None
-    found = recorded_robot(files, there)
+    found = recorded_robot(robot.name, files, there)
     assert found is not None
     assert found.description == robot.description
     assert found.model == robot.model
@@ -90,20 +93,85 @@ def test_a_motion_of_ones_own_robot_is_shown_until_its_folder_moves(motion: Any,
     assert "third.html" in told("show", "record.npz", "--robot", "other", "--out", "third.html")
 
 
+ARM = "bluerov2_alpha5"
+LIBRARY: dict[str, dict[str, Any]] = {
+    "a locked joint": {"lock": {"joint1": 0.2}},
+    "water of one's own": {"hydrodynamics": "own.yaml"},
+    "a description": {"hydrodynamics": load_robot(ARM).description},
+    "another data set": {"variant": list_variants(ARM)[0]},
+}
+
+
+@pytest.mark.parametrize("kind", LIBRARY)
+def test_a_robot_of_the_library_that_is_read_in_another_way_is_known_to_any_machine(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    there = shutil.copytree(robot_folder(ARM), tmp_path / "another machine" / ARM)
+    shutil.copy(there / "hydrodynamics.yaml", tmp_path / "own.yaml")
+    monkeypatch.chdir(tmp_path)
+    robot = load_robot(ARM, **LIBRARY[kind])
+    files = robot_meta(robot)["robot_files"]
+    assert files.urdf is None
+    assert load_robot(ARM).urdf is None
+    monkeypatch.setattr(loading, "robots_folder", lambda: there.parent)
+    found = recorded_robot(ARM, files, tmp_path)
+    assert found is not None
+    assert found.description == robot.description
+    assert found.model == robot.model
+    assert found.urdf == (there / "robot.urdf").resolve()
+
+
 def test_a_robot_of_the_library_that_is_read_in_another_way_is_shown_as_it_was_read(project: Path) -> None:
-    robot = load_robot("bluerov2_alpha5", lock={"joint1": 0.2})
-    planned(robot).save(project / "record.npz")
+    planned(load_robot(ARM, lock={"joint1": 0.2})).save(project / "record.npz")
     assert "scene.html" in told("show", "record.npz", "--out", "scene.html")
-    assert load_robot("bluerov2_alpha5").urdf is None
+
+
+def renamed(name: str, folder: Path) -> Path:
+    """A folder with planar5 under that name."""
+    shutil.copytree(robot_folder("planar5"), folder)
+    urdf = folder / "robot.urdf"
+    urdf.write_text(urdf.read_text(encoding="utf-8").replace('name="planar5"', f'name="{name}"'), encoding="utf-8")
+    return folder
+
+
+def test_a_record_is_drawn_with_the_robot_of_its_own_project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for place in "ab":
+        renamed("own", tmp_path / place / "arm")
+    files = RobotFilesMeta(urdf="arm/robot.urdf", description="{}")
+    monkeypatch.chdir(tmp_path / "b")
+    found = recorded_robot("own", files, Path("../a/runs/X"))
+    assert found is not None
+    assert found.urdf == (tmp_path / "a" / "arm" / "robot.urdf").resolve()
+    with pytest.raises(InvalidInput, match=r"a record of mine, but .* is own; give it: --robot DIR"):
+        recorded_robot("mine", files, tmp_path)
+
+
+def test_a_record_whose_robot_is_not_read_says_so_in_one_line(tmp_path: Path) -> None:
+    renamed("own", tmp_path / "arm")
+    for broken in ('{"of_later": 1}', "{"):
+        with pytest.raises(InvalidInput, match=r"description of own is not read .* give it: --robot DIR") as caught:
+            recorded_robot("own", RobotFilesMeta(urdf="arm/robot.urdf", description=broken), tmp_path)
+        assert "\n" not in str(caught.value)
+        assert recorded_robot("own", RobotFilesMeta(urdf="gone/robot.urdf", description=broken), tmp_path) is None
+    assert recorded_robot("own", RobotFilesMeta(urdf="a" * 4096, description="{}"), tmp_path) is None
+    with pytest.raises(ValidationError, match="at most 4096"):
+        RobotFilesMeta(urdf="a" * 4097, description="{}")
+
+
+def test_no_record_names_the_home_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    home, outside = tmp_path / "somebody", tmp_path / "elsewhere"
+    robot = robot_of(str(renamed("own", home / "robots" / "arm")))
+    monkeypatch.setenv("HOME", str(home))
+    for here, place in ((home / "missions", "../robots/arm/robot.urdf"), (outside, "arm/robot.urdf")):
+        here.mkdir()
+        monkeypatch.chdir(here)
+        assert robot_meta(robot)["robot_files"].urdf == place
+    monkeypatch.setenv("HOME", str(robot.urdf.parent))  # type: ignore[union-attr]
+    assert robot_meta(robot)["robot_files"].urdf == "robot.urdf"
 
 
 def test_a_plan_alone_is_shown_with_its_robot(project: Path) -> None:
-    own = project / "arm" / "robot.urdf"
-    own.parent.mkdir()
-    files = robot_folder("planar5")
-    own.write_text((files / "robot.urdf").read_text(encoding="utf-8").replace('name="planar5"', 'name="own"'), encoding="utf-8")
-    shutil.copy(files / "hydrodynamics.yaml", own.parent)
-    arm = robot_of("arm")
+    arm = robot_of(str(renamed("own", project / "arm").name))
     start = State(q=arm.configuration(), v=np.zeros(arm.n_v))
     levels = [OcpLevel(name="effort", terms=(Effort(),))]
     problem = single_phase(robot=arm, start=start, duration=1.0, n_steps=2, levels=levels, water=False)
@@ -112,12 +180,14 @@ def test_a_plan_alone_is_shown_with_its_robot(project: Path) -> None:
     assert "scene.html" in told("show", "plan.npz", "--robot", "arm", "--out", "scene.html")
 
 
-def test_what_is_outside_of_the_working_directory_is_found_where_it_is(
+def test_what_is_outside_of_the_working_directory_is_found_from_there_and_from_the_record(
     project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (project / "runs").mkdir()
     monkeypatch.chdir(project / "runs")
     record = planned(robot_of("../mine"))
-    monkeypatch.chdir(tmp_path)
     record.save(tmp_path / "record.npz")
-    assert "scene.html" in told("show", "record.npz", "--out", "scene.html")
+    record.save(project / "runs" / "record.npz")
+    assert "scene.html" in told("show", tmp_path / "record.npz", "--out", "scene.html")
+    monkeypatch.chdir(tmp_path)
+    assert "scene.html" in told("show", project / "runs" / "record.npz", "--out", "scene.html")

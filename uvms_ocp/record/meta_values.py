@@ -76,7 +76,8 @@ class MetaValue(BaseModel):
 class RobotFilesMeta(MetaValue):
     """Where the files of a robot of one's own were, and all that they say beside the URDF."""
 
-    urdf: str
+    urdf: Annotated[str, Field(max_length=4096)] | None
+    """Relative to where the record was made, or folder and name alone; `None`: that of the library's robot of this name."""
     description: str
     """JSON of hydrodynamics.yaml, with what was given in its place."""
 

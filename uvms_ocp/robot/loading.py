@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import logging
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from operator import attrgetter
@@ -16,9 +17,11 @@ from weakref import WeakSet
 
 import numpy as np
 import pinocchio as pin
+from pydantic import ValidationError
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound, RobotDataError
+from uvms_ocp.model_errors import one_line
 from uvms_ocp.record.meta_values import RobotFilesMeta
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.description import RobotDescription, TrimBody, checked_copy, forward_left_up, read_description
@@ -247,7 +250,8 @@ def load_robot(
     robot = assemble(models, description, yaml_path or urdf_path, name)
     for _, text in unknowns(models.model, description):
         _log.warning("%s: %s", yaml_path or urdf_path, text)
-    return _known(robot if name and not changes else replace(robot, urdf=urdf_path.resolve()))
+    by_default = name and not changes and hydrodynamics is None and variant is None
+    return _known(robot if by_default else replace(robot, urdf=urdf_path.resolve()))
 
 
 _loaded = WeakSet[Robot]()
@@ -268,22 +272,40 @@ def _known(robot: Robot) -> Robot:
 def robot_meta(robot: Robot) -> dict[str, Any]:
     """Fields of a record's metadata that say whose it is; of a robot of one's own also how to load it again.
 
-    A path within the working directory is relative to it.
+    A path is relative to the working directory, or folder and name alone where that would lead into the home folder.
     """
     files, urdf, here = None, robot.urdf, Path.cwd()
     if urdf is not None:
-        place = urdf.relative_to(here) if urdf.is_relative_to(here) else urdf
-        files = RobotFilesMeta(urdf=place.as_posix(), description=robot.description.model_dump_json(exclude_defaults=True))
+        home, place = Path(os.path.expanduser("~")).resolve(), Path(os.path.relpath(urdf, here))
+        if urdf.is_relative_to(home) and not here.is_relative_to(home):
+            place = Path(*urdf.relative_to(home).parts[-2:])
+        library = urdf == (robots_folder() / robot.name / "robot.urdf").resolve()
+        description = robot.description.model_dump_json(exclude_defaults=True)
+        files = RobotFilesMeta(urdf=None if library else place.as_posix(), description=description)
     return {"robot": robot.name, "robot_files": files, "joints": robot.joint_names, "endless": robot.endless_joints}
 
 
-def recorded_robot(files: RobotFilesMeta, folder: Path) -> Robot | None:
-    """The robot that a record keeps in `folder`, of the working directory or of folders above; `None` where it is not there."""
-    urdf = Path(files.urdf)
-    places = (near / tail for near in (Path.cwd(), *folder.absolute().parents) for tail in (urdf, Path(*urdf.parts[-2:])))
-    found = next((place for place in places if place.is_file()), None)
-    water = RobotDescription.model_validate_json(files.description)
-    return None if found is None else load_robot(urdf=found, hydrodynamics=water)
+def recorded_robot(name: str, files: RobotFilesMeta, folder: Path) -> Robot | None:
+    """The robot that a record in `folder` keeps, of folders above it or the working directory; `None` where it is not there.
+
+    Raises `InvalidInput` in one line for a description that is none of this version, and where another robot is there.
+    """
+    found, above = None, Path(os.path.abspath(folder))
+    if files.urdf is not None:
+        urdf, nears = Path(files.urdf), (above, *above.parents, Path.cwd())
+        places = (near / tail for near in nears for tail in (urdf, Path(*urdf.parts[-2:])))
+        found = next((place for place in places if os.path.isfile(place)), None)  # also where a path is too long
+        if found is None:
+            return None
+    try:
+        water = RobotDescription.model_validate_json(files.description)
+    except ValidationError as error:
+        wrong = one_line(error, RobotDescription)
+        raise InvalidInput(f"a record whose description of {name} is not read ({wrong}); give it: --robot DIR") from None
+    robot = load_robot(name if found is None else None, urdf=found, hydrodynamics=water)
+    if robot.name != name:
+        raise InvalidInput(f"a record of {name}, but {found} is {robot.name}; give it: --robot DIR, or show(record, robot)")
+    return robot
 
 
 def files_of(path: Path, hydrodynamics: Path | str | None = None) -> dict[str, Any]:

@@ -165,7 +165,7 @@ def robot_of(record: Record, folder: Path | None = None) -> Robot:
     name, files = record.meta.robot, record.meta.robot_files
     if files is None and name in list_robots():
         return load_robot(name)
-    robot = None if files is None else recorded_robot(files, folder or Path.cwd())
+    robot = None if files is None else recorded_robot(name, files, folder or Path.cwd())
     if robot is None:
         where = f"which is no longer at {files.urdf}" if files else "which does not hold its robot"
         raise InvalidInput(f"a record of {name}, {where}; give it: --robot DIR, or show(record, robot)")
