@@ -12,6 +12,7 @@ from uvms_ocp.errors import FrameNotFound, InvalidInput, RobotDataError
 from uvms_ocp.robot.kinematics import AltimeterBeam
 from uvms_ocp.robot.loading import list_robots, load_robot, robot_folder
 from uvms_ocp.robot.signals import CHANNELS, IDEAL_SENSORS, SensorSpec, SensorSpecs, State
+from uvms_ocp.sim.faults import parse_faults
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import Altimeter, SensorSuite
 
@@ -294,9 +295,13 @@ def test_a_dvl_errs_along_its_axes_and_by_what_the_gyroscope_says_of_its_place(m
     np.testing.assert_allclose(reading.linear_velocity.value, carried, atol=1e-14)
 
 
-def test_an_ideal_dvl_tells_of_the_vehicle_wherever_it_is(mounted):
+def test_an_ideal_dvl_tells_of_the_vehicle_wherever_it_is_and_a_fault_errs_along_its_axes(mounted):
     state = state_of(mounted)
-    np.testing.assert_array_equal(SensorSuite(mounted, FLOOR, IDEAL_SENSORS).read(state, 0.0).linear_velocity.value, state.v[:3])
+    faults = parse_faults(["linear_velocity:bias=0.01,0.02,-0.03"])
+    sound, faulty = (SensorSuite(mounted, FLOOR, IDEAL_SENSORS, faults=own).read(state, 0.0) for own in ((), faults))
+    np.testing.assert_array_equal(sound.linear_velocity.value, state.v[:3])
+    error = mounted.model.frames[mounted.frame_id("dvl")].placement.rotation @ [0.01, 0.02, -0.03]
+    np.testing.assert_allclose(faulty.linear_velocity.value, state.v[:3] + error, atol=1e-14)
 
 
 def test_a_dvl_on_a_link_that_moves_is_refused():

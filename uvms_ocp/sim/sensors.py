@@ -94,8 +94,9 @@ class SensorSuite:
         specs = specs or SensorSpecs()
         self._readings: dict[str, Reading[Any] | None] = {}
         sources = _sources(robot, seafloor, specs, altimeter_frame)
-        if robot.description.dvl is not None and specs.linear_velocity != _IDEAL and "linear_velocity" in sources:
-            sources["linear_velocity"] = _carried_from(robot.model.frames[robot.frame_id(DVL)].placement, self._readings)
+        if robot.description.dvl is not None and "linear_velocity" in sources:
+            carried_by = {} if specs.linear_velocity == _IDEAL else self._readings
+            sources["linear_velocity"] = _carried_from(robot.model.frames[robot.frame_id(DVL)].placement, carried_by)
         present = {name: spec for name in CHANNELS if (spec := getattr(specs, name)) is not None and name in sources}
         streams = dict(zip(CHANNELS, np.random.SeedSequence(seed).spawn(len(CHANNELS)), strict=True))
         struck = _by_channel(faults, list(present))
@@ -153,13 +154,12 @@ def _sources(
 
 
 def _carried_from(X_BD: pin.SE3, readings: Mapping[str, Reading[Any] | None]) -> tuple[Truth, Disturb, int]:
-    """A Doppler log at X_BD [m]: errors are along its axes, and the gyroscope's reading carries it to the origin of B."""
-    p_BD, R_BD = X_BD.translation.copy(), X_BD.rotation.copy()
+    """A Doppler log at X_BD [m]: errors are along its axes, and a gyroscope's reading, if any, carries it to the origin of B."""
+    S_BD, R_BD = pin.skew(X_BD.translation), X_BD.rotation.copy()
 
     def truth(state: State) -> np.ndarray:
         gyroscope = readings.get("angular_velocity")
-        turned = np.zeros(3) if gyroscope is None else state.v[3:6] - gyroscope.value
-        return np.asarray(state.v[:3] + np.cross(turned, p_BD))
+        return state.v[:3] if gyroscope is None else state.v[:3] - S_BD @ (state.v[3:6] - gyroscope.value)
 
     return truth, lambda value, error: value + R_BD @ error, 3
 
