@@ -41,14 +41,17 @@ def finite_array(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.nda
 
 _T = TypeVar("_T", bound=Callable[..., Any])
 _LATE = "_arguments_late"
+_NAMING = (("name", ""), ("to", "to "))
+"""Arguments of constructors that name the value, and the word before each."""
 
 
 def checked(thing: _T) -> _T:
     """A function or class whose arguments are looked at before every call: of a class, constructor and public methods.
 
     A frozen dataclass keeps copies of arrays and mappings that can no longer be written to. A function gets an array where
-    its annotation asks for one. Wrong arguments raise `InvalidInput`, in one line that names the argument, and a name that
-    no argument has `ArgumentNotFound`, with the nearest.
+    its annotation asks for one. Wrong arguments raise `InvalidInput`, in one line that names the argument, and of a
+    constructor the value, by its argument `name` or `to`; a name that no argument has raises `ArgumentNotFound`, with the
+    nearest.
     """
     return _checked_class(thing, late_all=False) if isinstance(thing, type) else _before(thing, None)
 
@@ -134,9 +137,14 @@ class _Arguments:
             kind = self._kinds.get(name)
             if kind is not None and not kind.holds(value) and value is not self._parameters[name].default:
                 place, found, allowed = kind.wrong(name, value)
-                raise InvalidInput(f"{self.title}: {' '.join(f'{place} {found}; give {allowed}'.split())}")
+                raise InvalidInput(f"{self._called(given)}: {' '.join(f'{place} {found}; give {allowed}'.split())}")
         if self._shaped:
             self._check_shapes(given)
+
+    def _called(self, given: Mapping[str, Any]) -> str:
+        """The title, of a constructor with the name that it was given: ``Phase 'A'``, ``Transition to 'B'``."""
+        names = [f" {word}{short(given[key])}" for key, word in _NAMING if isinstance(given.get(key), str)]
+        return "".join([self.title, *names[:1]] if self._class else [self.title])
 
     def _check_shapes(self, given: Mapping[str, Any]) -> None:
         lengths, givers = dict(given), dict[str, str]()
@@ -147,7 +155,7 @@ class _Arguments:
                 if not exact.holds(value):
                     others = dict.fromkeys(givers[length] for length in shape.names if length in givers)
                     fits = f" to go with {' and '.join(others)}" if others else ""
-                    raise InvalidInput(f"{self.title}: {name} has shape {np.shape(value)}; give {exact}{fits}")
+                    raise InvalidInput(f"{self._called(given)}: {name} has shape {np.shape(value)}; give {exact}{fits}")
                 lengths |= exact.named(value)
                 givers |= dict.fromkeys(exact.named(value), name)
 

@@ -144,7 +144,8 @@ def test_a_task_is_idle_once_it_is_off_for_good_in_its_phase() -> None:
         (lambda: Below(quantity="x", limit=-0.1), "threshold of x = -0.1"),
         (lambda: Transition(to="B", when=()), "has no conditions"),
         (lambda: phase("A", "B", {"HA": 1.5}), "activations {'HA': 1.5}"),
-        (lambda: mission(hold=float("nan")), "hold = nan"),
+        (lambda: mission(hold=float("nan")), "^Transition to '[A-Z]': hold = nan"),
+        (lambda: phase("A", "B", {"HA": "on"}), "^Phase 'A': activations"),
     ],
 )
 def test_impossible_numbers_are_refused(build: object, message: str) -> None:
