@@ -133,14 +133,14 @@ def test_sensors_change_in_truth_and_not_for_the_estimator(scenario: Scenario) -
     assert run.real_sensors.depth.sigma == 0.2
 
 
-def test_a_delay_is_told_to_the_estimator_and_what_nobody_knows_of_it_comes_on_top(scenario: Scenario) -> None:
+def test_a_delay_is_known_to_the_estimator_and_an_unmodelled_one_comes_on_top(scenario: Scenario) -> None:
     values = {"sensors.delay": 0.05, "sensors.depth.delay": 0.2, "sensors.depth.unmodelled_delay": 0.03}
     run = vary(scenario, [Variation(name, Uniform(0, 9)) for name in values], values, 0)
     assert run.specs.position.delay == run.real_sensors.position.delay == scenario.specs.position.delay + 0.05
     assert run.specs.depth.delay == 0.2
     assert run.real_sensors.depth.delay == pytest.approx(0.23)
-    told = {"sensors.delay": 0.05}
-    assert vary(scenario, [Variation("sensors.delay", Uniform(0, 1))], told, 0).real_sensors is None
+    known = {"sensors.delay": 0.05}
+    assert vary(scenario, [Variation("sensors.delay", Uniform(0, 1))], known, 0).real_sensors is None
 
 
 @pytest.mark.slow
@@ -148,7 +148,7 @@ def test_a_delay_is_told_to_the_estimator_and_what_nobody_knows_of_it_comes_on_t
 @pytest.mark.parametrize(
     ("name", "delay"), [("sensors.delay", 0.05), ("sensors.delay", 0.15), ("sensors.joint_positions.delay", 0.2)]
 )
-def test_a_mission_bears_a_delay_that_is_told(scenario: Scenario, name: str, delay: float) -> None:
+def test_a_mission_bears_a_delay_that_is_known(scenario: Scenario, name: str, delay: float) -> None:
     record = vary(scenario, [Variation(name, Uniform(0, 1))], {name: delay}, 0).run()
     assert record.meta.completed
     assert not [alarm.text for alarm in record.meta.alarms if "suspect" in alarm.text]
@@ -157,7 +157,7 @@ def test_a_mission_bears_a_delay_that_is_told(scenario: Scenario, name: str, del
 @pytest.mark.slow
 @long_without_compiler
 @pytest.mark.parametrize("dt", [0.02, 0.005])
-def test_a_mission_bears_20_ms_of_delay_that_nobody_told_of(scenario: Scenario, dt: float) -> None:
+def test_a_mission_bears_20_ms_of_unmodelled_delay(scenario: Scenario, dt: float) -> None:
     late = vary(
         replace(scenario, dt=dt), [Variation("sensors.unmodelled_delay", Uniform(0, 1))], {"sensors.unmodelled_delay": 0.02}, 0
     )
