@@ -76,6 +76,7 @@ def test_a_record_finds_the_robot_that_it_was_made_with(kind: str, project: Path
     there = project.rename(tmp_path / "elsewhere") / "runs" / "X"
     files = Record.load(there / "record.npz").meta.robot_files
     assert files is not None
+    assert str(tmp_path) not in files.model_dump_json()
     found = recorded_robot(robot.name, files, there)
     assert found is not None
     assert found.description == robot.description
@@ -156,6 +157,17 @@ def test_a_record_whose_robot_is_not_read_says_so_in_one_line(tmp_path: Path) ->
     assert recorded_robot("own", RobotFilesMeta(urdf="a" * 4096, description="{}"), tmp_path) is None
     with pytest.raises(ValidationError, match="at most 4096"):
         RobotFilesMeta(urdf="a" * 4097, description="{}")
+
+
+def test_packages_are_seen_from_the_urdf_that_a_record_names(tmp_path: Path) -> None:
+    real, linked, meshes = renamed("own", tmp_path / "a" / "real"), tmp_path / "linked", tmp_path / "meshes"
+    linked.mkdir()
+    meshes.mkdir()
+    (linked / "robot.urdf").symlink_to(real / "robot.urdf")
+    robot = load_robot(urdf=linked / "robot.urdf", package_dirs=[meshes])
+    assert robot.urdf is not None
+    assert (robot.urdf.parent / robot.description.loading.packages[0]).resolve() == meshes.resolve()
+    assert robot.description.loading.packages == ("../meshes",)
 
 
 def test_no_record_names_the_home_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

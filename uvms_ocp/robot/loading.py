@@ -205,6 +205,7 @@ def load_robot(
     """
     known, file = (hydrodynamics, None) if isinstance(hydrodynamics, RobotDescription) else (None, hydrodynamics)
     urdf_path, yaml_path = _paths(name, urdf, file)
+    place = urdf_path.parent.resolve() / urdf_path.name  # which packages are seen from, a link too
     faults: list[RobotDataError] = []
     try:
         description = known or _description(name, yaml_path, variant)
@@ -215,7 +216,8 @@ def load_robot(
     loading |= {} if meshes is None else {"meshes": "yes" if meshes else "no"}
     if package_dirs or (yaml_path is not None and yaml_path.parent != urdf_path.parent):
         own = ((yaml_path or urdf_path).parent / folder for folder in description.loading.packages)
-        loading["packages"] = tuple(str(Path(folder).absolute()) for folder in (*package_dirs, *own)) or None
+        folders = (Path(folder).resolve() for folder in (*package_dirs, *own))
+        loading["packages"] = tuple(os.path.relpath(folder, place.parent) for folder in folders) or None
     others = {
         "base": base,
         "tool": tool if tool is None or isinstance(tool, str) else tuple(tool),
@@ -251,7 +253,7 @@ def load_robot(
     for _, text in unknowns(models.model, description):
         _log.warning("%s: %s", yaml_path or urdf_path, text)
     by_default = name and not changes and hydrodynamics is None and variant is None
-    return _known(robot if by_default else replace(robot, urdf=urdf_path.resolve()))
+    return _known(robot if by_default else replace(robot, urdf=place))
 
 
 _loaded = WeakSet[Robot]()
@@ -279,7 +281,7 @@ def robot_meta(robot: Robot) -> dict[str, Any]:
         home, place = Path(os.path.expanduser("~")).resolve(), Path(os.path.relpath(urdf, here))
         if urdf.is_relative_to(home) and not here.is_relative_to(home):
             place = Path(*urdf.relative_to(home).parts[-2:])
-        library = urdf == (robots_folder() / robot.name / "robot.urdf").resolve()
+        library = urdf == (robots_folder() / robot.name).resolve() / "robot.urdf"
         description = robot.description.model_dump_json(exclude_defaults=True)
         files = RobotFilesMeta(urdf=None if library else place.as_posix(), description=description)
     return {"robot": robot.name, "robot_files": files, "joints": robot.joint_names, "endless": robot.endless_joints}
