@@ -18,7 +18,7 @@ from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import Command
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.fault_effects import joined_velocity, loaded, require_possible
+from uvms_ocp.sim.fault_effects import condition_of, joined_velocity, loaded, require_possible
 from uvms_ocp.sim.faults import parse_faults
 from uvms_ocp.sim.plant import DynamicPlant, KinematicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
@@ -124,6 +124,12 @@ def test_a_stuck_thruster_goes_to_the_thrust_that_is_given_as_far_as_it_can(robo
 def test_a_weak_or_reversed_thruster_gives_its_share(text: str, share: float, robot: Robot) -> None:
     sound, faulty = thrusts(robot), thrusts(robot, text)
     np.testing.assert_allclose(faulty[:, 2], share * sound[:, 2], atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["dead", "weak=0.25", "reversed", "stuck"])
+def test_only_a_stuck_thruster_goes_on_with_what_it_gave(kind: str) -> None:
+    condition = condition_of(parse_faults([f"thruster3:{kind}"]), np.full(8, 5.0))
+    assert condition.offset.nonzero()[0].tolist() == ([2] if kind == "stuck" else [])
 
 
 def test_several_faults_of_a_thruster_add_up(robot: Robot) -> None:
