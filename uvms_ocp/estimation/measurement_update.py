@@ -404,7 +404,7 @@ def _inflate_own(m: FilterMemory, c: int, variance: float) -> None:
     """An error of that variance of what the channel alone can put right, now and in its clones."""
     rows, n, first, R, s = rows_of(c), active(m), _corrected_by(c), zeros(9), m.predicted
     if c == ChannelIndex.ANGULAR_VELOCITY and m.used[ChannelIndex.ATTITUDE] - m.used[c] > m.recovery[c] / 2.0:
-        first = int(Part.GYRO_BIAS)  # attitudes alone have told for long enough how fast the vehicle turns
+        first = int(Part.GYRO_BIAS)  # the angular velocity follows from attitudes by now
     in_body = c == ChannelIndex.LINEAR_VELOCITY or c == ChannelIndex.SPECIFIC_FORCE
     rotation(m.turn, R)
     for i in range(3):

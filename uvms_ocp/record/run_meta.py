@@ -40,11 +40,11 @@ class RecordMeta(TableDisplay, meta_values.MetaValue):
     """Name of the scenario or request, in a few words."""
     robot: str
     robot_files: meta_values.RobotFilesMeta | None = None
-    """Of a robot of one's own; not told by older records."""
+    """Files of a robot of one's own; older records lack them."""
     joints: tuple[str, ...]
     """Names in the order of q."""
     endless: tuple[str, ...] = ()
-    """Joints that turn without end, each (cos, sin) in q; not told by older records. See `joint_positions`."""
+    """Joints that turn without end, each (cos, sin) in q; older records lack them. See `joint_positions`."""
     thrusters: tuple[str, ...] = ()
     """Names in the order of the series ``thrust``; empty in older records."""
     phases: Annotated[tuple[meta_values.PhaseMeta, ...], Field(min_length=1)]

@@ -8,7 +8,7 @@ Pinocchio's parser writes to stderr, ignores what it does not understand and doe
 
 A word that can only be a mistake is refused: one that is nearly a known word, or any unknown one where nothing but numbers
 of the robot stands, unless it is one of another element whose numbers are all 0. Others, such as what a simulator adds to
-links, are told in one warning. The known words are those of urdfdom's parsers and of Pinocchio's ``<collision_checking>``.
+links, are named in one warning. The known words are those of urdfdom's parsers and of Pinocchio's ``<collision_checking>``.
 """
 
 from __future__ import annotations
@@ -455,7 +455,7 @@ class _Place:
 
 
 def _places() -> dict[str, _Place]:
-    """What each element may hold, by its name: the table ``urdf_words.csv``."""
+    """Read the table ``urdf_words.csv``: attributes and children that each element may have, by its name."""
     rows = csv.DictReader((files("uvms_ocp.robot") / "urdf_words.csv").read_text(encoding="utf-8").splitlines())
     words = ("children", "attributes", "others")
     return {

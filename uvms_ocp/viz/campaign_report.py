@@ -109,7 +109,7 @@ def figure_sensitivity(rows: Sequence[Mapping[str, Any]], figure_name: str) -> F
 # The report of a campaign as one page of HTML, which needs no network.
 
 _TEXTS = ("campaign", "success_text", "finished", "runs", "sampler", "seed", "package", "worst_first")
-"""What stands in the page as the report has it."""
+"""Keys of the report that the template shows unchanged."""
 
 
 def report_page(report: Mapping[str, Any], figures: Mapping[str, bytes]) -> str:
