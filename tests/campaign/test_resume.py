@@ -8,6 +8,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -23,6 +25,7 @@ pytestmark = [
     pytest.mark.slow,
 ]
 RUNS, KILLS = 40, 2
+PARTS = 2  # that are written before a kill; then runs wait, so that no campaign ends before it is killed
 MISSION = """
 import uvms_ocp as uo
 
@@ -30,34 +33,68 @@ def scenario(**options):
     return uo.scenario.reach(**{"plant": "kinematic", "duration": 0.3, "dt": 0.02, **options})
 """
 VARIATIONS = """
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
 from uvms_ocp.campaign import Normal, Uniform, Variation
 
-variations = [Variation("start.x", Normal(0.0, 0.1)), Variation("goals.TP.x", Uniform(-0.05, 0.05))]
+FOLDER = Path(__file__).parent
+
+def limit():
+    try:
+        return int((FOLDER / "limit").read_text())
+    except FileNotFoundError:
+        return None
+
+@dataclass(frozen=True)
+class Held(Normal):
+    def quantile(self, u):
+        if limit() is not None:
+            time.sleep(0.2)
+        while (parts := limit()) is not None and len(list((FOLDER / "killed" / "rows").glob("part-*"))) >= parts:
+            time.sleep(0.05)
+        return super().quantile(u)
+
+variations = [Variation("start.x", Held(0.0, 0.1)), Variation("goals.TP.x", Uniform(-0.05, 0.05))]
 """
 
 
-def client(folder: Path, *cluster: str, **options: bool) -> subprocess.Popen[str]:
+@contextmanager
+def client(folder: Path, *cluster: str, **options: bool) -> Iterator[subprocess.Popen[str]]:
+    """The command in a process of its own, which ends with the block."""
     words = ["campaign", "mission.py", "--vary", "variations.py", "--runs", str(RUNS), "--force"]
     command = [sys.executable, "-m", "uvms_ocp", *words, "--out", "killed", *cluster]
     told = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    return subprocess.Popen(command, cwd=folder, **told, **options)
+    with subprocess.Popen(command, cwd=folder, **told, **options) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def finished(folder: Path) -> set[int]:
     return set(read_table(folder)["run"]) if part_paths(folder) else set()
 
 
+def write_files(folder: Path) -> None:
+    (folder / "mission.py").write_text(MISSION)
+    (folder / "variations.py").write_text(VARIATIONS)
+
+
 @long_without_compiler
 def test_a_campaign_killed_again_and_again_equals_one_that_was_not(tmp_path: Path) -> None:
-    (tmp_path / "mission.py").write_text(MISSION)
-    (tmp_path / "variations.py").write_text(VARIATIONS)
+    write_files(tmp_path)
     draw, known = random.Random(16), set[int]()
     with cluster(tmp_path) as processes:
         for kill in range(KILLS):
-            process = client(tmp_path, "--scheduler", processes.address)
-            known = _killed(process, processes, tmp_path / "killed", known, draw, worker=kill == 1)
-        last = client(tmp_path, "--scheduler", processes.address)
-        told, _ = last.communicate(timeout=300)
+            (tmp_path / "next").write_text(str(len(part_paths(tmp_path / "killed")) + PARTS))
+            (tmp_path / "next").replace(tmp_path / "limit")  # whole whenever it is read
+            with client(tmp_path, "--scheduler", processes.address) as process:
+                known = _killed(process, processes, tmp_path / "killed", known, draw, worker=kill == 1)
+        (tmp_path / "limit").unlink()
+        with client(tmp_path, "--scheduler", processes.address) as last:
+            told, _ = last.communicate(timeout=300)
         assert last.returncode == 0, told
     whole = Campaign(scenario=str(tmp_path / "mission.py"), variations=str(tmp_path / "variations.py"), runs=RUNS).run(
         tmp_path / "whole", workers=1
@@ -85,7 +122,7 @@ def _killed(
         processes.add_worker()
     time.sleep(draw.uniform(0.0, 0.3))
     assert process.poll() is None, "the campaign was over before it could be killed"
-    process.send_signal(signal.SIGKILL)
+    process.kill()
     process.communicate()
     after = finished(folder)
     assert known < after
@@ -93,13 +130,12 @@ def _killed(
 
 
 def test_an_interrupt_of_the_whole_terminal_ends_the_command_cleanly_and_says_how_to_go_on(tmp_path: Path) -> None:
-    (tmp_path / "mission.py").write_text(MISSION)
-    (tmp_path / "variations.py").write_text(VARIATIONS)
-    process = client(tmp_path, "--workers", "1", "--runs", "3000", start_new_session=True)  # far from its end
-    while process.poll() is None and not finished(tmp_path / "killed"):
-        time.sleep(0.2)
-    os.killpg(process.pid, signal.SIGINT)
-    told, _ = process.communicate(timeout=300)
+    write_files(tmp_path)
+    with client(tmp_path, "--workers", "1", "--runs", "3000", start_new_session=True) as process:  # far from its end
+        while process.poll() is None and not finished(tmp_path / "killed"):
+            time.sleep(0.2)
+        os.killpg(process.pid, signal.SIGINT)
+        told, _ = process.communicate(timeout=300)
     assert process.returncode == 130, told
     assert "the same command goes on" in told.replace("\n", " ")
     assert "Traceback" not in told
