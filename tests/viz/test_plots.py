@@ -11,6 +11,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.style import context
 from synthetic_record import QUANTITIES, synthetic_record, without
 
 from uvms_ocp.errors import InvalidInput, OutputError
@@ -23,7 +24,7 @@ from uvms_ocp.viz.comparison_figures import figure_joint_comparison
 from uvms_ocp.viz.motion_figures import figure_efforts, figure_joints, figure_velocities
 from uvms_ocp.viz.run_figures import FIGURES, write_figures
 from uvms_ocp.viz.series import phase_spans, task_activity
-from uvms_ocp.viz.style import DPI, save_figure
+from uvms_ocp.viz.style import DPI, png_of, save_figure
 from uvms_ocp.viz.task_figures import figure_activations, figure_altitude, figure_errors
 
 _PNG = b"\x89PNG"
@@ -158,6 +159,22 @@ def test_drawing_leaves_the_settings_of_matplotlib_alone(record: Record) -> None
     before = dict(mpl.rcParams)
     figure_velocities(record)
     assert dict(mpl.rcParams) == before
+
+
+@pytest.mark.parametrize(
+    "own", ["dark_background", "seaborn-v0_8-darkgrid", {"font.size": 20, "axes.labelcolor": "white", "savefig.dpi": 9}]
+)
+def test_no_style_of_the_caller_changes_a_figure(record: Record, own: str | dict[str, object]) -> None:
+    """White words on white paper were the end of figures in notebooks with a dark style."""
+
+    def pictures() -> list[bytes]:
+        drawn = [FIGURES[name](record) for name in ("joints", "velocities")]
+        return [png_of(figure, 60) for figure in drawn if figure is not None]
+
+    as_ever = pictures()
+    with context(own):
+        assert pictures() == as_ever
+    assert len(as_ever) == 2
 
 
 def test_pyplot_is_never_imported() -> None:

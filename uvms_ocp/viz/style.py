@@ -11,12 +11,12 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.style import context
 from matplotlib.ticker import LogFormatterSciNotation
 
 from uvms_ocp.checks import checked
@@ -46,12 +46,16 @@ _BANDS = ("#E8F1FA", "#FDF0E1", "#E6F4EC", "#F6EAF2", "#EFEFEF")
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
-_AT_DRAWING = {
-    "text.parse_math": False,  # names are no formulas
-    "pdf.fonttype": 42,  # letters that can be searched and edited
-    "svg.fonttype": "none",
-}
-_STYLE = {**_AT_DRAWING, **mpl.rc_params_from_file(Path(__file__).with_name("figures.mplstyle"), use_default_template=False)}
+# All of Matplotlib's settings: those of the caller's style would make some of ours unreadable.
+_STYLE: list[Any] = [
+    "default",
+    Path(__file__).with_name("figures.mplstyle"),
+    {
+        "text.parse_math": False,  # names are no formulas
+        "pdf.fonttype": 42,  # letters that can be searched and edited
+        "svg.fonttype": "none",
+    },
+]
 
 
 class _PlainPowers(LogFormatterSciNotation):
@@ -66,7 +70,7 @@ class _PlainPowers(LogFormatterSciNotation):
 
 
 class RecordFigure(Figure):
-    """A Matplotlib figure that no pyplot window manager knows; notebooks show it as PNG."""
+    """A Matplotlib figure that no pyplot window manager knows, in this style alone; notebooks show it as PNG."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(dpi=DPI, layout="constrained", **options)
@@ -74,9 +78,14 @@ class RecordFigure(Figure):
 
     def draw(self, renderer: RendererBase) -> None:
         """Ticks get their labels only now; letters that the font has not are drawn as boxes."""
-        with mpl.rc_context(_AT_DRAWING), warnings.catch_warnings():
+        with context(_STYLE), warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="Glyph .* missing from font")
             super().draw(renderer)
+
+    def savefig(self, *args: Any, **options: Any) -> None:
+        """Write a file as `matplotlib.figure.Figure.savefig` does, whatever the caller's style says of files."""
+        with context(_STYLE):
+            super().savefig(*args, **options)
 
     def _repr_png_(self) -> bytes:
         return png_of(self)
@@ -102,7 +111,7 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(draw)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
-        with mpl.rc_context(_STYLE):
+        with context(_STYLE):
             return draw(*args, **kwargs)
 
     return checked(wrapper)
@@ -152,7 +161,7 @@ def _laid_out(figure: Figure) -> Iterator[None]:
     """With every artist in its place: left to find them itself, Matplotlib draws all of it once more."""
     engine = figure.get_layout_engine()
     if engine is not None:
-        with mpl.rc_context(_AT_DRAWING):
+        with context(_STYLE):
             engine.execute(figure)
     figure.set_layout_engine(None)
     try:
