@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from pydantic import ValidationError
 from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
-from uvms_ocp.errors import InvalidInput, UvmsError
+from uvms_ocp.errors import InvalidInput, RobotDataError, UvmsError
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, single_phase
 from uvms_ocp.ocp.terms import Effort
@@ -25,6 +26,7 @@ from uvms_ocp.robot.loading import list_variants, load_robot, recorded_robot, ro
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
 from uvms_ocp.scenario.own_code import load_scenario, robot_of
+from uvms_ocp.viz.scene.show import robot_of as shown_robot
 
 
 def told(*words: object) -> str:
@@ -127,6 +129,29 @@ def test_a_robot_of_the_library_that_is_read_in_another_way_is_shown_as_it_was_r
     assert "scene.html" in told("show", "record.npz", "--out", "scene.html")
 
 
+@pytest.mark.parametrize("name", ["mine", ARM])
+def test_frames_that_were_moved_in_python_are_where_they_were(name: str, project: Path) -> None:
+    robot, nudge = robot_of(name), pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 0.1), np.array([0.05, 0.02, -0.03]))
+    for frame in ("tool", "altimeter", "tool"):
+        robot = robot.with_frame_pose(frame, nudge * robot.model.frames[robot.frame_id(frame)].placement)
+    planned(robot).save(project / "record.npz")
+    found = shown_robot(Record.load(project / "record.npz"), project)
+    assert found.description == robot.description
+    for one, other in zip(found.model.frames, robot.model.frames, strict=True):
+        assert one.placement.isApprox(other.placement, 1e-12), one.name
+
+
+def test_a_frame_of_a_file_that_cannot_be_moved_is_refused_by_name(project: Path) -> None:
+    yaml = project / "mine" / "hydrodynamics.yaml"
+    for frame, wrong in (("base_link", "is a moving link"), ("sonar", "unknown frame")):
+        (project / "mine" / "moved.yaml").write_text(
+            yaml.read_text(encoding="utf-8") + f"\nloading: {{frames: [{{frame: {frame}, position: [0, 0, 1]}}]}}\n",
+            encoding="utf-8",
+        )
+        with pytest.raises(RobotDataError, match=f"loading.frames: .*{frame}.*{wrong}|loading.frames: {wrong}.*{frame}"):
+            robot_of("mine", "mine/moved.yaml")
+
+
 def renamed(name: str, folder: Path) -> Path:
     """A folder with planar5 under that name."""
     shutil.copytree(robot_folder("planar5"), folder)
@@ -180,6 +205,24 @@ def test_no_record_names_the_home_folder(tmp_path: Path, monkeypatch: pytest.Mon
         assert robot_meta(robot)["robot_files"].urdf == place
     monkeypatch.setenv("HOME", str(robot.urdf.parent))  # type: ignore[union-attr]
     assert robot_meta(robot)["robot_files"].urdf == "robot.urdf"
+
+
+@pytest.mark.parametrize("way", ["absolute", "relative", "given"])
+def test_no_record_names_the_home_folder_by_packages(way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    home, arm = tmp_path / "somebody", renamed("own", tmp_path / "arm")
+    meshes = home / "ws" / "src"
+    meshes.mkdir(parents=True)
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.chdir(tmp_path)
+    folder = {"absolute": str(meshes), "relative": "../somebody/ws/src", "given": None}[way]
+    if folder:
+        (arm / "own.yaml").write_text(f"base: fixed\nloading: {{packages: ['{folder}']}}\n", encoding="utf-8")
+    robot = load_robot(
+        urdf=arm / "robot.urdf", hydrodynamics=arm / "own.yaml" if folder else None, package_dirs=() if folder else [meshes]
+    )
+    files = robot_meta(robot)["robot_files"].model_dump_json()
+    assert "somebody" not in files
+    assert "ws/src" in files
 
 
 def test_a_plan_alone_is_shown_with_its_robot(project: Path) -> None:

@@ -133,11 +133,6 @@ def test_the_shapes_and_frames_on_a_moved_frame_follow_it(girona: Robot) -> None
     assert shape.placement.translation == pytest.approx([0.0, 0.0, 0.03])
 
 
-def test_a_robot_with_a_moved_frame_claims_no_file_that_says_otherwise(girona: Robot) -> None:
-    own = dataclasses.replace(girona, urdf=Path("girona.urdf"))
-    assert own.with_frame_pose("altimeter", pin.SE3.Identity()).urdf is None
-
-
 @pytest.mark.parametrize("frame", ["base_link", "link3", "joint3", "root_joint"])
 def test_a_moving_link_cannot_be_placed(girona: Robot, frame: str) -> None:
     with pytest.raises(InvalidInput, match=f"frame '{frame}' is a moving link"):

@@ -46,7 +46,7 @@ def _link(name: str, link: data.LinkDescription, rho: float) -> LinkHydrodynamic
 def _from_coefficients(name: str, given: data.LinkCoefficients) -> LinkHydrodynamics:
     return LinkHydrodynamics(
         frame=name,
-        X_FL=_se3(given.pose),
+        X_FL=placement_of(given.pose),
         added_mass=data.as_matrix6(given.added_mass),
         linear_drag=data.as_matrix6(given.linear_drag),
         quadratic_drag=data.as_matrix6(given.quadratic_drag),
@@ -111,7 +111,7 @@ def _shaped(
 ) -> LinkHydrodynamics:
     return LinkHydrodynamics(
         frame=name,
-        X_FL=_se3(shape.pose),
+        X_FL=placement_of(shape.pose),
         added_mass=np.array(tuple(added_mass)),
         linear_drag=np.array([shape.skin_drag] * 3 + [0.0] * 3),
         quadratic_drag=shape.drag_coefficient * areas,
@@ -129,5 +129,6 @@ def _with_volume(link: LinkHydrodynamics, volume: float, centre: np.ndarray) -> 
     return replace(link, volume=total, centre_of_buoyancy=moment / total)
 
 
-def _se3(pose: data.Pose) -> pin.SE3:
+def placement_of(pose: data.Pose) -> pin.SE3:
+    """The pose as a transform."""
     return pin.SE3(pin.rpy.rpyToMatrix(np.array(pose.rpy)), np.array(pose.position))

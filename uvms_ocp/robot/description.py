@@ -243,6 +243,12 @@ class SensorDescription(_Section):
     dropout: float | None = Field(default=None, ge=0.0, le=1.0, description="probability that a reading is lost [-]")
 
 
+class FramePlacement(Pose):
+    """Another place of a frame that is fixed to a link."""
+
+    frame: str
+
+
 class LoadingDescription(_Section):
     """How the URDF is read; options of commands of the same names take the place of these."""
 
@@ -254,6 +260,9 @@ class LoadingDescription(_Section):
     )
     lock: dict[str, float] = Field(default={}, description="joints that do not move, with their position [rad or m]")
     drop: tuple[str, ...] = Field(default=(), description="links that are left out, with all that hangs on them")
+    frames: tuple[FramePlacement, ...] = Field(
+        default=(), description="fixed frames moved, one after the other, to a pose in the moving link that carries them"
+    )
 
 
 class RobotDescription(_Section):

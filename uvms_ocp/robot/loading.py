@@ -20,13 +20,13 @@ import pinocchio as pin
 from pydantic import ValidationError
 
 from uvms_ocp.checks import checked
-from uvms_ocp.errors import InvalidInput, NameNotFound, RobotDataError
+from uvms_ocp.errors import InvalidInput, NameNotFound, RobotDataError, UvmsError
 from uvms_ocp.model_errors import one_line
 from uvms_ocp.record.meta_values import RobotFilesMeta
-from uvms_ocp.robot.coefficients import links_in_water
+from uvms_ocp.robot.coefficients import links_in_water, placement_of
 from uvms_ocp.robot.description import RobotDescription, TrimBody, checked_copy, forward_left_up, read_description
 from uvms_ocp.robot.limits import ASSUMED_ACCELERATION, ASSUMED_VELOCITY, held_joints, home_of, joints_of, limits_of, open_joints
-from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.robot import Robot, with_moved_frame
 from uvms_ocp.robot.roles import ALTIMETER, BASE, DVL, TOOL, tools_of, with_roles
 from uvms_ocp.robot.urdf import UrdfModels, UrdfReading, read_urdf
 
@@ -250,6 +250,11 @@ def load_robot(
         also = (f"{name}: {text}" for name, error in named for text in error.problems)
         raise RobotDataError(faults[0].path, *faults[0].problems, *also)
     robot = assemble(models, description, yaml_path or urdf_path, name)
+    for moved in how.frames:
+        try:
+            robot = with_moved_frame(robot, moved.frame, placement_of(moved))
+        except UvmsError as error:
+            raise RobotDataError(yaml_path or urdf_path, f"loading.frames: {error}") from None
     for _, text in unknowns(models.model, description):
         _log.warning("%s: %s", yaml_path or urdf_path, text)
     by_default = name and not changes and hydrodynamics is None and variant is None
@@ -274,17 +279,25 @@ def _known(robot: Robot) -> Robot:
 def robot_meta(robot: Robot) -> dict[str, Any]:
     """Fields of a record's metadata that say whose it is; of a robot of one's own also how to load it again.
 
-    A path is relative to the working directory, or folder and name alone where that would lead into the home folder.
+    The path of the URDF is relative to the working directory, those of packages to the URDF; none leads into the home folder.
     """
-    files, urdf, here = None, robot.urdf, Path.cwd()
-    if urdf is not None:
-        home, place = Path(os.path.expanduser("~")).resolve(), Path(os.path.relpath(urdf, here))
-        if urdf.is_relative_to(home) and not here.is_relative_to(home):
-            place = Path(*urdf.relative_to(home).parts[-2:])
-        library = urdf == (robots_folder() / robot.name).resolve() / "robot.urdf"
-        description = robot.description.model_dump_json(exclude_defaults=True)
-        files = RobotFilesMeta(urdf=None if library else place.as_posix(), description=description)
+    files, urdf, loading = None, robot.urdf, robot.description.loading
+    if urdf is not None or (loading.frames and robot.name in list_robots()):
+        library = (robots_folder() / robot.name).resolve() / "robot.urdf"
+        seen = (urdf or library).parent
+        packages = [_shared((seen / folder).resolve(), seen) for folder in loading.packages]
+        known = checked_copy(robot.description, loading=loading.model_dump() | {"packages": packages})
+        place = None if urdf is None or urdf == library else _shared(urdf, Path.cwd())
+        files = RobotFilesMeta(urdf=place, description=known.model_dump_json(exclude_defaults=True))
     return {"robot": robot.name, "robot_files": files, "joints": robot.joint_names, "endless": robot.endless_joints}
+
+
+def _shared(path: Path, here: Path) -> str:
+    """The path as seen from a folder, or its last two names where the way there would name the home folder."""
+    home = Path(os.path.expanduser("~")).resolve()
+    if path.is_relative_to(home) and not here.is_relative_to(home):
+        return Path(*path.relative_to(home).parts[-2:]).as_posix()
+    return Path(os.path.relpath(path, here)).as_posix()
 
 
 def recorded_robot(name: str, files: RobotFilesMeta, folder: Path) -> Robot | None:

@@ -262,21 +262,15 @@ class Robot:
     def with_frame_pose(self, frame: str, X_parent: pin.SE3) -> Robot:
         """Return a copy whose fixed frame sits at ``X_parent`` in the moving link that carries it.
 
-        Frames, shapes and joints on that frame move along; masses fixed to the moving link stay. No file says where they
-        are, so that ``urdf`` is ``None``. Raises ``InvalidInput`` for a frame that is itself a moving link, and
+        Frames, shapes and joints on that frame move along; masses fixed to the moving link stay. The description says so in
+        ``loading.frames``, as may a file. Raises ``InvalidInput`` for a frame that is itself a moving link, and
         ``FrameNotFound``.
         """
-        index = self.frame_id(frame)
-        check_movable(self.model, index)
-        moved = frames_fixed_to(self.model, index)
-        shift = X_parent * self.model.frames[index].placement.inverse()
-        return replace(
-            self,
-            model=shifted_frames(self.model, moved, shift),
-            visual_model=shifted_shapes(self.visual_model, moved, shift),
-            collision_model=shifted_shapes(self.collision_model, moved, shift),
-            urdf=None,
-        )
+        moved = with_moved_frame(self, frame, X_parent)
+        place = {"position": X_parent.translation.tolist(), "rpy": pin.rpy.matrixToRpy(X_parent.rotation).tolist()}
+        before = self.description.loading.model_dump()
+        loading = before | {"frames": (*before["frames"], {"frame": frame, **place})}
+        return replace(moved, description=checked_copy(self.description, loading=loading))
 
     def with_water_density(self, density: float) -> Robot:
         """Return a copy in water of another density [kg/m3].
@@ -321,3 +315,17 @@ class Robot:
     def check_configuration(self, q: ArrayLike) -> np.ndarray:
         """Return q (n_q,) [m, rad] as a read-only array. Raises ``InvalidInput`` naming what is wrong."""
         return _checked(self, q)
+
+
+def with_moved_frame(robot: Robot, frame: str, X_parent: pin.SE3) -> Robot:
+    """`Robot.with_frame_pose` of a robot whose description says so already."""
+    index = robot.frame_id(frame)
+    check_movable(robot.model, index)
+    moved = frames_fixed_to(robot.model, index)
+    shift = X_parent * robot.model.frames[index].placement.inverse()
+    return replace(
+        robot,
+        model=shifted_frames(robot.model, moved, shift),
+        visual_model=shifted_shapes(robot.visual_model, moved, shift),
+        collision_model=shifted_shapes(robot.collision_model, moved, shift),
+    )
