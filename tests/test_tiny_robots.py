@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tiny_robots import RIGID, TINY, robot_of, scenario_of
+from tiny_robots import RIGID, TINY, WEIGHTLESS, robot_of, scenario_of
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.record import Record
@@ -44,6 +44,13 @@ def test_a_run_on_the_kinematic_plant_is_the_same_once_saved_and_loaded(name: st
 def test_a_robot_of_which_nothing_moves_is_refused() -> None:
     with pytest.raises(InvalidInput, match="'tiny' has a fixed base and no joints: nothing of it moves"):
         scenario_of(robot_of(RIGID), "kinematic")
+
+
+def test_a_run_that_diverges_keeps_what_came_before(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    record = scenario_of(robot_of(WEIGHTLESS), "dynamic").run()
+    assert "the run ends at t = 0 s: after it the plant's velocity is no finite number" in caplog.text
+    record.save(tmp_path / "record.npz")
+    assert Record.load(tmp_path / "record.npz")["q"].shape == (1, record.series["q"].shape[1])
 
 
 @pytest.mark.slow

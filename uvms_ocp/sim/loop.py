@@ -5,6 +5,8 @@ The parts know nothing of each other: what they exchange is `uvms_ocp.robot.sign
 
 from __future__ import annotations
 
+import logging
+import math
 from collections.abc import Callable, Mapping
 from time import perf_counter
 from typing import Any
@@ -17,6 +19,8 @@ from uvms_ocp.record.record import Recorder
 from uvms_ocp.robot.signals import ChannelHealth, Command, Readings, State, StateEstimate
 from uvms_ocp.sim.plant import Plant
 from uvms_ocp.types import Positive
+
+_log = logging.getLogger(__name__)
 
 Sensors = Callable[[State, float], Readings]
 """True state and time [s] to readings."""
@@ -48,7 +52,8 @@ def simulate(
     """Run until the command says finished or `duration` [s] is over; one row per tick, before its step.
 
     dt [s] is the control period. `progress` is called after every tick with the time and the command, `observer` with the true
-    state too. Raises `InvalidInput` for more ticks than ordinary memory holds.
+    state too. Where the plant's velocity is no finite number any more, the rows before it are what there is. Raises
+    `InvalidInput` for more ticks than ordinary memory holds.
     """
     require_few_ticks(duration, dt)
     recorder, trusts = Recorder(), _HealthCodes()
@@ -72,6 +77,9 @@ def simulate(
         if command.finished:
             break
         plant.step(command, dt)
+        if not math.isfinite(plant.state.v.dot(plant.state.v)):
+            _log.warning("the run ends at t = %g s: after it the plant's velocity is no finite number", t)
+            break
     return recorder
 
 
