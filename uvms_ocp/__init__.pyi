@@ -19,6 +19,7 @@ from . import viz as viz
 from .control.velocity.kinematic import KinematicController as KinematicController
 from .errors import UvmsError as UvmsError
 from .export.controller import export_controller as export_controller
+from .interrupts import Interrupted as Interrupted
 from .mission.mission import Mission as Mission
 from .mission.phase import Above as Above
 from .mission.phase import Below as Below

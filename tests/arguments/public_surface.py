@@ -56,7 +56,7 @@ def _exported() -> Iterator[Any]:
 def _calls(thing: Any) -> Iterator[Call]:
     if inspect.isfunction(thing):
         yield from _call(thing.__name__, thing, None)
-    if not inspect.isclass(thing) or issubclass(thing, (Exception, Enum)) or getattr(thing, "_is_protocol", False):
+    if not inspect.isclass(thing) or issubclass(thing, (BaseException, Enum)) or getattr(thing, "_is_protocol", False):
         return
     if not inspect.isabstract(thing):
         yield from _call(thing.__name__, thing, None)

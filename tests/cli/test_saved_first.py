@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import signal
 from io import StringIO
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import pytest
 from rich.console import Console
 from tiny_robots import TINY, robot_of, scenario_of
+from typer.testing import CliRunner
 
 from uvms_ocp.campaign.campaign import MissionJob
 from uvms_ocp.campaign.distributions import Design
 from uvms_ocp.cli import plan, run
+from uvms_ocp.cli.commands import app
 from uvms_ocp.planning.request import PlanRequest, PostureGoal
-from uvms_ocp.record.record import Record
+from uvms_ocp.record.record import Record, Recorder
 from uvms_ocp.report.summary import summarize
+from uvms_ocp.robot.signals import Command, State
 from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.sim.loop import simulate
 from uvms_ocp.viz import plan_figures, run_figures
 
 
@@ -47,6 +53,29 @@ def test_a_report_that_fails_leaves_the_record(tmp_path: Path, monkeypatch: pyte
     with pytest.raises(ValueError, match="no axes"):
         run.run_and_write(_tiny(), tmp_path, Console(quiet=True))
     assert len(Record.load(tmp_path / "record.npz")) > 1
+
+
+def test_what_was_flown_before_ctrl_c_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def press(t: float, state: State, command: Command) -> None:
+        if t >= 0.1:
+            signal.raise_signal(signal.SIGINT)
+
+    def pressed(**parts: Any) -> Recorder:
+        return simulate(**{**parts, "observer": press})
+
+    monkeypatch.setattr("uvms_ocp.scenario.scenario.simulate", pressed)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        words = ["run", "reach", "--plant", "kinematic", "--out", str(tmp_path / "out"), "--json"]
+        done = CliRunner().invoke(app, words)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert done.exit_code == 130, done.output
+    record = Record.load(tmp_path / "out" / "record.npz")
+    assert record["t"][-1] == pytest.approx(0.1)
+    assert record.run_meta.stopped
+    assert (tmp_path / "out" / "report.json").exists()
+    assert "by hand; phase" in done.output
 
 
 def test_a_figure_of_a_plan_that_fails_costs_that_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from reaches import reach, tool_goal
 
+from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.terms import TaskTerm
@@ -77,7 +78,9 @@ def test_the_signal_of_ctrl_c_does_the_same_and_its_handler_is_put_back(planner:
 
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        assert planner.plan(progress=press).status is OcpStatus.INTERRUPTED
+        with pytest.raises(Interrupted, match="stopped by hand") as stop:
+            planner.plan(progress=press)
+        assert stop.value.result.status is OcpStatus.INTERRUPTED
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     finally:
         signal.signal(signal.SIGINT, before)

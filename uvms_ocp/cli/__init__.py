@@ -2,7 +2,7 @@
 `new-mission`, `excite`, `check-recording`, `identify`, `export`.
 
 Exit codes: 0 done, 1 internal error, 2 bad input or refused by pre-flight, 3 mission not completed or no plan free of
-collision.
+collision, 130 stopped by hand.
 """
 
-BAD_INPUT, NOT_COMPLETED = 2, 3
+BAD_INPUT, NOT_COMPLETED, INTERRUPTED = 2, 3, 130

@@ -18,8 +18,8 @@ from uvms_ocp.campaign.jobs import METRICS, metric_values
 from uvms_ocp.campaign.report import MetricBound, compare_campaigns, parse_bounds, report_of, table_with_success
 from uvms_ocp.campaign.store import FILE
 from uvms_ocp.campaign.variations import available_parameters
+from uvms_ocp.cli import INTERRUPTED, printing
 from uvms_ocp.cli import options as opt
-from uvms_ocp.cli import printing
 from uvms_ocp.cli.compilation import show_compilation
 from uvms_ocp.cli.run import run_and_write
 from uvms_ocp.errors import InvalidInput, plain_line
@@ -30,7 +30,6 @@ _WHAT = "A scenario as for `run` (your own file is run to load it: give only wha
 _DPI = 110
 _SHOWN = 8  # rows of a table on a terminal
 _SENSITIVITY = ("figure", "parameter", "rank_correlation", "pawn", "pawn_floor")
-_INTERRUPTED = 130  # exit code
 
 
 def campaign(
@@ -157,7 +156,7 @@ def _interruptible(folder: Path, console: Console) -> Iterator[None]:
     except KeyboardInterrupt:
         text = f"stopped; what is finished is in {folder}, and the same command goes on with the rest"
         printing.print_line(console, text, "yellow")
-        raise typer.Exit(_INTERRUPTED) from None
+        raise typer.Exit(INTERRUPTED) from None
 
 
 def _write_report(folder: Path, success: Sequence[MetricBound], console: Console) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from uvms_ocp.cli import options as opt
 from uvms_ocp.cli.printing import console_of, print_json, print_paths, table_of
 from uvms_ocp.cli.run import draw_all, drawings_of
 from uvms_ocp.errors import InvalidInput, plain_line
+from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.mission_plan.planner import OPTIONS, MissionPlan, plan_mission
 from uvms_ocp.ocp import OcpRequest, OcpStatus, solve_ocp
 from uvms_ocp.planning.request import AXES, Goal, PlanRequest, PostureGoal, ToolGoal, Triple, plan_path
@@ -322,7 +323,10 @@ def _by_curve(request: PlanRequest) -> PlanOutput:
 
 
 def _by_ocp(request: OcpRequest, progress: Progress) -> PlanOutput:
-    result = solve_ocp(request, progress=lambda moment: progress(_words(moment)))
+    try:
+        result = solve_ocp(request, progress=lambda moment: progress(_words(moment)))
+    except Interrupted as stop:
+        result = stop.result
 
     def save(folder: Path) -> None:
         for name in ("plan.npz", "plan.json"):

@@ -15,7 +15,7 @@ from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import typer
 from rich.console import Console
@@ -25,10 +25,11 @@ from rich.progress import Progress as ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from uvms_ocp.cli import NOT_COMPLETED, printing
+from uvms_ocp.cli import INTERRUPTED, NOT_COMPLETED, printing
 from uvms_ocp.cli import options as opt
 from uvms_ocp.cli.compilation import show_compilation
 from uvms_ocp.errors import OutputError, plain_line
+from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.mission_plan.planner import MissionPlan
 from uvms_ocp.record.output import claim_folder
 from uvms_ocp.record.record import Record
@@ -148,7 +149,7 @@ def run(
     if as_json:
         printing.print_json(report)
     if not report["completed"]:
-        raise typer.Exit(NOT_COMPLETED)
+        raise typer.Exit(INTERRUPTED if report["cause"]["kind"] == "stopped" else NOT_COMPLETED)
 
 
 def run_and_write(
@@ -162,7 +163,8 @@ def run_and_write(
 ) -> dict[str, Any]:
     """Run a scenario, by a plan if given, write all that comes of it into a folder, print a summary; returns its report.
 
-    The record is safe before anything is made of it. live: show it in the browser meanwhile.
+    The record is safe before anything is made of it; Ctrl-C ends the simulation, and what was flown is written. live: show it
+    in the browser meanwhile.
 
     Raises `InvalidInput` for what pre-flight refuses, unless forced.
     """
@@ -222,7 +224,10 @@ def _simulate(scenario: Scenario, plan: MissionPlan | None, console: Console, ob
                     done = scenario.duration if command.finished else t
                     bar.update(task, completed=done, description=_title(phase.name, phase.title), waiting=waiting)
 
-            return scenario.run(show, controller, observer)
+            try:
+                return scenario.run(show, controller, observer)
+            except Interrupted as stop:
+                return cast(Record, stop.result)
 
 
 @contextmanager

@@ -18,6 +18,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.interrupts import Interrupted, on_interrupt
 from uvms_ocp.ocp.clearance import ShapeClearance, certificate, shortfall
 from uvms_ocp.ocp.diagnosis import Diagnosis, SolveVerdict, level_prices
 from uvms_ocp.ocp.plan import LevelReport, OcpStatus, Plan
@@ -373,11 +374,22 @@ class Planner:
         differ; anything else raises `InvalidInput`, which says what. guess: a trajectory, or an earlier plan to start
         from, warm; by default the robot holds its start. t0 [s]: time of the first node, for goals that move. diagnose:
         where a goal is missed, try longer horizons to say why, and where constraints are, look for what would have to give
-        way, within the time limit of the options. progress: told every iteration of IPOPT; Ctrl-C, or a
-        `KeyboardInterrupt` from it, ends the search with the best plan so far, whose status says so.
+        way, within the time limit of the options. progress: told every iteration of IPOPT; a `KeyboardInterrupt` from it
+        ends the search with the best plan so far, whose status says so. Ctrl-C does too, and raises `Interrupted`, whose
+        `result` is that plan.
         """
+        presses: list[object] = []
+        with on_interrupt(presses.append):
+            plan = self._planned(problem or self.problem, guess, t0, diagnose, progress)
+        if presses:
+            raise Interrupted(plan.reason, plan)
+        return plan
+
+    def _planned(
+        self, given: OcpProblem, guess: Trajectory | Plan | None, t0: float, diagnose: bool, progress: Progress | None
+    ) -> Plan:
         with self.transcription.turn:
-            begin, given = perf_counter(), problem or self.problem
+            begin = perf_counter()
             obstruction = self.transcription.obstruction(given)
             if obstruction is not None:
                 name, depth = obstruction

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated
@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.ocp.clearance import ShapeClearance
 from uvms_ocp.ocp.plan import OcpStatus, Plan, sample_times
 from uvms_ocp.ocp.planner import Planner, check_goal, goal_distances, start_distances
@@ -125,7 +126,7 @@ class OcpResult:
 def solve_ocp(request: OcpRequest, *, progress: Progress | None = None) -> OcpResult:
     """Plan by lexicographic optimal control, from a guess around the obstacles where there are some.
 
-    progress is told every iteration of the solver.
+    progress is told every iteration of the solver. Ctrl-C raises `Interrupted`, whose `result` is the best so far.
 
     Raises `NameNotFound` for an unknown joint, frame or NLP solver, `InvalidInput` for a goal outside limits, a start or
     goal in collision, two obstacles of one name, and numbers out of their range.
@@ -137,7 +138,12 @@ def solve_ocp(request: OcpRequest, *, progress: Progress | None = None) -> OcpRe
     problem = _problem(request, scene)
     scene.check_no_overlap(start_distances(scene, request.start), "the start")
     check_goal(scene, request.goal, request.start)
-    return OcpResult(request=request, scene=scene, plan=_planned(request, problem, progress))
+    try:
+        plan = _planned(request, problem, progress)
+    except Interrupted as stop:
+        stop.result = OcpResult(request=request, scene=scene, plan=stop.result)
+        raise
+    return OcpResult(request=request, scene=scene, plan=plan)
 
 
 def _planned(request: OcpRequest, problem: OcpProblem, progress: Progress | None) -> Plan:
@@ -147,11 +153,19 @@ def _planned(request: OcpRequest, problem: OcpProblem, progress: Progress | None
         given = replace(problem, phases=(replace(problem.phases[0], n_steps=finer * request.n_steps),))
         planner = Planner(given, replace(options, plugin=request.plugin, time_limit=request.time_limit))
         for guess in _guesses(request, given):
-            plans.append(planner.plan(guess=guess, progress=progress))
+            try:
+                plans.append(planner.plan(guess=guess, progress=progress))
+            except Interrupted as stop:
+                stop.result = _best([*plans, stop.result])
+                raise
             if _is_proven(plans[-1]):
                 return plans[-1]
         if not any(plan.status.usable and not _free(plan) for plan in plans):
             break  # shorter steps mend nothing but what touches between them
+    return _best(plans)
+
+
+def _best(plans: Sequence[Plan]) -> Plan:
     return max(plans, key=lambda plan: (plan.status.usable and _free(plan), plan.status.usable, _is_proven(plan)))
 
 

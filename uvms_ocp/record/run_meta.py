@@ -101,6 +101,8 @@ class RunMeta(RecordMeta):
     """[s] control period."""
     completed: bool
     """True where every phase came to its end."""
+    stopped: bool = False
+    """True where it was stopped by hand."""
     pending: str = ""
     """Conditions that an incomplete mission still waited for."""
     abort_phase: str = ""

@@ -58,7 +58,7 @@ _WINDOW = 5.0  # [s] at the end of the run over which progress is judged
 _PROGRESS = 0.02  # share of what is missing that must have been gained in the window
 
 
-ENDS = ("completed", "ended too early", "aborted", "given up", "swinging", "slow", "stalled")
+ENDS = ("completed", "ended too early", "aborted", "given up", "swinging", "slow", "stalled", "stopped")
 """Kinds of ends of a mission."""
 
 
@@ -82,6 +82,8 @@ def cause_of_end(record: Record) -> dict[str, str]:
     if meta.events and meta.events[-1].target == ABORT:
         return {"kind": "given up", "text": meta.events[-1].reason}
     cause = _unfinished(record)
+    if meta.stopped:
+        cause = {"kind": "stopped", "text": f"by hand; {cause['text']}"}
     if swinging := metrics.swings(record):
         kind = "swinging" if _explains(record, {swing.what for swing in swinging}) else cause["kind"]
         cause = {"kind": kind, "text": f"{cause['text']}; {', '.join(map(str, swinging))}"}

@@ -48,6 +48,8 @@ class RunOutcome:
     """[s] that the simulation took."""
     std: np.ndarray | None = None
     """(n_v,) [m, rad] standard deviation of the estimated configuration, where the estimator tells."""
+    stopped: bool = False
+    """True where it was stopped by hand."""
 
 
 def computed_or(instead: _T, name: str, compute: Callable[[], _T]) -> _T:
@@ -96,6 +98,7 @@ def run_meta(
         floating=bool(robot.n_vehicle),
         dt=setup.dt,
         completed=state.completed,
+        stopped=ending.stopped,
         pending="" if state.completed else controller.pending(),
         abort_phase="" if setup.mission.abort is None else setup.mission.abort.phase.name,
         events=_events(controller, ending),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any, Protocol
@@ -19,6 +19,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.estimation.health.monitor import HealthMonitor
+from uvms_ocp.interrupts import Interrupted, on_interrupt, raised_outside_casadi
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import MissionState
 from uvms_ocp.record.display import FieldTable
@@ -261,7 +262,8 @@ class Scenario(FieldTable):
 
     def check(self) -> PreflightReport:
         """Pre-flight: whether this mission can be completed, and what has to change if not."""
-        return check_mission(self.setup())
+        with raised_outside_casadi():
+            return check_mission(self.setup())
 
     def setup(self) -> Setup:
         """Inputs of the pre-flight checks."""
@@ -288,14 +290,29 @@ class Scenario(FieldTable):
     ) -> Record:
         """Simulate until the mission is complete or `duration` is over.
 
-        controller: by default a fresh one. observer: called at every tick, see `uvms_ocp.viz.scene.live.live`.
+        controller: by default a fresh one. observer: called at every tick, see `uvms_ocp.viz.scene.live.live`. Ctrl-C, or the
+        stop of a notebook's cell, raises `Interrupted`, whose `result` is the record so far.
         """
-        controller = controller or self.controller()
-        kinematic, estimator = controller.kinematic, self.estimator()
-        plant, sensors = own_parts.inject_faults(self, self._plant(), self._sensors())
-        begin = perf_counter()
+        with raised_outside_casadi():
+            controller = controller or self.controller()
+            estimator = self.estimator()
+            plant, sensors = own_parts.inject_faults(self, self._plant(), self._sensors())
         parts: dict[str, Any] = {"plant": plant, "sensors": sensors, "estimator": estimator, "controller": controller}
-        recorder = simulate(**parts, dt=self.dt, duration=self.duration, progress=progress, observer=observer)
+        presses: list[object] = []
+        with on_interrupt(presses.append):
+            record = self._recorded(parts | {"progress": progress, "observer": observer}, presses)
+        if presses:
+            raise Interrupted(f"stopped by hand at t = {record['t'][-1]:g} s", record)
+        return record
+
+    def _recorded(self, parts: Mapping[str, Any], presses: Sequence[object]) -> Record:
+        """Simulate with these parts, and sum up; presses: one for each Ctrl-C."""
+        begin, plant, controller, estimator = perf_counter(), parts["plant"], parts["controller"], parts["estimator"]
+        kinematic = controller.kinematic
+        try:
+            recorder = simulate(**parts, dt=self.dt, duration=self.duration)
+        except Interrupted as stop:
+            recorder = stop.result
         wall = perf_counter() - begin
 
         def quantities(true: State, t: float, *goals: MissionState) -> dict[str, float]:
@@ -306,7 +323,9 @@ class Scenario(FieldTable):
             row = round(event.t / self.dt)
             ends.append(quantities(State(q=recorder.at("q", row), v=recorder.at("v", row)), event.t, goals))
         std = recorder.last("q_std") if "q_std" in recorder else None
-        ending = RunOutcome(q=recorder.last("q"), quantities=truth, at_events=tuple(ends), wall_s=wall, std=std)
+        ending = RunOutcome(
+            q=recorder.last("q"), quantities=truth, at_events=tuple(ends), wall_s=wall, std=std, stopped=bool(presses)
+        )
         own = self.own_parts
         meta = run_meta(
             name=self.name,

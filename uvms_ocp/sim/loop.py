@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from time import perf_counter
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.interrupts import Interrupted, on_interrupt
 from uvms_ocp.record.record import Recorder
 from uvms_ocp.robot.signals import ChannelHealth, Command, Readings, State, StateEstimate
 from uvms_ocp.sim.plant import Plant
@@ -53,33 +55,39 @@ def simulate(
 
     dt [s] is the control period. `progress` is called after every tick with the time and the command, `observer` with the true
     state too. Where the plant's velocity is no finite number any more, the rows before it are what there is. Raises
-    `InvalidInput` for more ticks than ordinary memory holds.
+    `InvalidInput` for more ticks than ordinary memory holds, and `Interrupted`, whose result is the recorder, after the tick in
+    which Ctrl-C is pressed.
     """
     require_few_ticks(duration, dt)
-    recorder, trusts = Recorder(), _HealthCodes()
+    recorder, trusts, stops = Recorder(), _HealthCodes(), list[object]()
     command: Command | None = None
-    for k in range(round(duration / dt) + 1):
-        t = k * dt
-        measurement = estimator(sensors(plant.state, t), t, command)
-        begin = perf_counter()
-        command = controller(measurement, t)
-        spent = perf_counter() - begin
-        telemetry = plant.telemetry()
-        asked = _asked(command, telemetry, recorder)
-        row = _row(t, plant.state, measurement, command, trusts(measurement.health), asked)
-        row.setdefault("controller_time", spent)  # one that measures itself knows better
-        row.update(telemetry)
-        recorder.append(row)
-        if progress is not None:
-            progress(t, command)
-        if observer is not None:
-            observer(t, plant.state, command)
-        if command.finished:
-            break
-        plant.step(command, dt)
-        if not math.isfinite(plant.state.v.dot(plant.state.v)):
-            _log.warning("the run ends at t = %g s: after it the plant's velocity is no finite number", t)
-            break
+    with on_interrupt(stops.append), suppress(Interrupted):  # which a planner within a tick passes on
+        for k in range(round(duration / dt) + 1):
+            t = k * dt
+            measurement = estimator(sensors(plant.state, t), t, command)
+            begin = perf_counter()
+            command = controller(measurement, t)
+            spent = perf_counter() - begin
+            telemetry = plant.telemetry()
+            asked = _asked(command, telemetry, recorder)
+            row = _row(t, plant.state, measurement, command, trusts(measurement.health), asked)
+            row.setdefault("controller_time", spent)  # one that measures itself knows better
+            row.update(telemetry)
+            recorder.append(row)
+            if progress is not None:
+                progress(t, command)
+            if observer is not None:
+                observer(t, plant.state, command)
+            if command.finished or stops:
+                break
+            plant.step(command, dt)
+            if not math.isfinite(plant.state.v.dot(plant.state.v)):
+                _log.warning("the run ends at t = %g s: after it the plant's velocity is no finite number", t)
+                break
+    if stops and "t" not in recorder:
+        raise KeyboardInterrupt
+    if stops:
+        raise Interrupted(f"stopped by hand at t = {recorder.last('t'):g} s", recorder)
     return recorder
 
 

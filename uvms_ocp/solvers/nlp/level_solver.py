@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import signal
-import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -17,6 +15,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.interrupts import on_interrupt
 from uvms_ocp.solvers.nlp.program import LevelNlp, LexicographicProgram, NlpStatus, RowBounds, RowRanges, status_of
 from uvms_ocp.types import DAY, AtLeastOne, Positive
 
@@ -172,7 +171,7 @@ class SolveMonitor:
     def running(self, progress: Progress | None) -> Iterator[None]:
         """Guard one solve: Ctrl-C stops it, a second one breaks it off. Raises what `progress` raised, once the solver is out."""
         self.stopped, self._error, self._progress = False, None, progress
-        with self._interrupts():
+        with on_interrupt(self._stop):
             yield
         if self._error is not None:
             raise self._error
@@ -192,22 +191,9 @@ class SolveMonitor:
         except BaseException as error:
             self._error = error
 
-    @contextmanager
-    def _interrupts(self) -> Iterator[None]:
+    def _stop(self, _: FrameType | None) -> None:
         """Python's own answer to Ctrl-C comes in the midst of the solver's callback, where nobody catches it."""
-        here = threading.current_thread() is threading.main_thread()
-        if not here or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-            yield
-            return
-        signal.signal(signal.SIGINT, self._stop)
-        try:
-            yield
-        finally:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
-
-    def _stop(self, number: int, frame: FrameType | None) -> None:
         self.stopped = True
-        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 class BestIterate:

@@ -1,0 +1,80 @@
+"""Answer Ctrl-C where Python's own answer would be lost, as within CasADi, or leave things half done."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C, or the stop of a notebook's cell, with the `result` so far: the `Record` of a run, the `Plan` of a planner."""
+
+    def __init__(self, text: str, result: Any = None) -> None:
+        super().__init__(text)
+        self.result = result
+
+    def _render_traceback_(self) -> list[str]:
+        """What IPython prints: one line."""
+        return [f"{self}; sys.last_value.result has what there is so far"]
+
+
+@contextmanager
+def on_interrupt(answer: Callable[[FrameType | None], object]) -> Iterator[None]:
+    """Answer the first Ctrl-C within the block, and pass it on to the block around that does so too, if any.
+
+    answer: gets the frame that was interrupted. A second Ctrl-C ends the block as Python does. Nothing changes in other
+    threads, and where another program answers Ctrl-C.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    ours = before is signal.default_int_handler or isinstance(before, _Handler)
+    if threading.current_thread() is not threading.main_thread() or not ours:
+        yield
+        return
+    signal.signal(signal.SIGINT, _Handler(answer, before))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+class _Handler:
+    def __init__(self, answer: Callable[[FrameType | None], object], before: Any) -> None:
+        self._answer, self._before = answer, before
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        signal.signal(signal.SIGINT, self._before)
+        self._answer(frame)
+        if isinstance(self._before, _Handler):
+            self._before(number, frame)
+
+
+@contextmanager
+def raised_outside_casadi() -> Iterator[None]:
+    """Raise the `KeyboardInterrupt` of Ctrl-C once CasADi has returned: what is raised within it is lost."""
+    before = sys.getprofile()
+
+    def once_outside(frame: FrameType | None, *event: object) -> None:
+        if _within_casadi(frame):
+            sys.setprofile(once_outside)
+        else:
+            sys.setprofile(before)
+            raise KeyboardInterrupt
+
+    try:
+        with on_interrupt(once_outside):
+            yield
+    finally:
+        sys.setprofile(before)
+
+
+def _within_casadi(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if frame.f_globals.get("__name__", "").partition(".")[0] == "casadi":
+            return True
+        frame = frame.f_back
+    return False
