@@ -11,7 +11,7 @@ import pytest
 from equation_error import regressor_of
 from vehicles import declaration, vehicle
 
-from uvms_ocp.identification.model import StageFunctions, Vehicle, stage_of, vehicle_dynamics
+from uvms_ocp.identification.model import PAST, StageFunctions, Vehicle, stage_of, vehicle_dynamics
 from uvms_ocp.identification.parameters import ActuatorModel, Free, Unknowns
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
@@ -72,8 +72,10 @@ def test_a_vehicle_that_is_known_has_the_dynamics_of_its_model() -> None:
 
 
 @cache
-def built(*, n_joints: int = 0, actuators: ActuatorModel | None = None) -> tuple[Vehicle, StageFunctions]:
-    known = declaration(actuators=actuators).with_status(**dict.fromkeys((*LEARNT, *OTHERS), Free()))
+def built(
+    *, n_joints: int = 0, actuators: ActuatorModel | None = None, learnt: tuple[str, ...] = (*LEARNT, *OTHERS)
+) -> tuple[Vehicle, StageFunctions]:
+    known = declaration(actuators=actuators).with_status(**dict.fromkeys(learnt, Free()))
     known = known.with_status(current=Free(), wrench_offset=Free(), attitude_offset=Free())
     own = Unknowns(known, own=True)
     one = Vehicle(
@@ -139,6 +141,14 @@ def test_an_actuator_gives_nothing_well_inside_its_dead_zone_and_less_or_all_bey
     still = np.array([0, 0, 0, 0, 0, 0, 1.0, *np.zeros(12)])
     given = np.asarray(stage.step(still, [0.2, 4.0, -4.0, 0, 0, 0], np.zeros(0), p, 0.1)).ravel()[13:]
     np.testing.assert_allclose(given, [0.0, beyond, -beyond, 0, 0, 0], atol=0.01)
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_the_edge_of_a_dead_zone_that_is_known_is_where_it_is(whole: bool) -> None:
+    one, stage = built(actuators=ActuatorModel(dead_zone=1.0, lag=1e-3, whole_beyond=whole), learnt=("mass",))
+    u = np.array([0.9, 1.1, -0.9, -1.1, 0.0, 2.0])
+    given = np.asarray(stage.begun(np.outer(u, np.ones(PAST)), np.concatenate([one.shared.start, one.own.start]))[0]).ravel()
+    np.testing.assert_allclose(given, np.where(np.abs(u) > 1.0, u - (not whole) * np.sign(u), 0.0), atol=1e-3)
 
 
 def test_the_point_at_which_velocity_is_measured_moves_with_the_vehicle() -> None:

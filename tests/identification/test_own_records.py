@@ -21,8 +21,8 @@ from uvms_ocp.identification.recording import Recording
 from uvms_ocp.identification.results import variant_text, whole_text
 from uvms_ocp.identification.rollout import PreparedRecording
 from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, calibrated_robot
-from uvms_ocp.identification.uncertainty import IdentifiedNumber
-from uvms_ocp.record.record import Record
+from uvms_ocp.identification.uncertainty import IdentifiedNumber, values_of
+from uvms_ocp.record.record import MEASURED, Record
 from uvms_ocp.robot.description import read_description
 from uvms_ocp.robot.signals import robot_sensors
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
@@ -136,6 +136,42 @@ FAULTS = {
 @pytest.mark.parametrize(("fault", "text"), FAULTS.items(), ids=FAULTS)
 def test_a_fault_of_a_run_is_told(fault: str, text: str) -> None:
     assert text in told(driven_run(duration=6.0, faults=(parse_fault(fault),)))
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.1])
+def test_a_run_is_recorded_as_its_sensors_saw_it_when_they_did(delay: float) -> None:
+    specs = robot_sensors(slow().description)
+    late = replace(specs, linear_velocity=replace(specs.linear_velocity, delay=delay))
+    record = driven_run(duration=6.0, sensors=late)
+    channels = run_recording(record, "run").channels
+    for name, series, part in (
+        ("position", "q", slice(3)),
+        ("linear_velocity", "v", slice(3)),
+        ("angular_velocity", "v", slice(3, 6)),
+    ):
+        one, spec = channels[name], getattr(late, name)
+        at = np.searchsorted(record["t"], one.t - 1e-6)
+        np.testing.assert_allclose(one.values, record[series][at, part], atol=5.5 * spec.sigma)
+        assert one.rate == pytest.approx(min(spec.rate, 1.0 / record.run_meta.dt), rel=0.02)
+    assert channels["attitude"].t[-1] == record["t"][-1]
+
+
+def test_where_sensors_are_ideal_the_estimate_is_what_was_measured() -> None:
+    assert not MEASURED.keys() & run().series.keys()
+
+
+@pytest.mark.slow
+def test_numbers_from_default_sensors_lie_within_their_intervals() -> None:
+    record = driven_run(duration=40.0, held=1.0, seed=1, sensors=robot_sensors(slow().description))
+    learn = {"added_mass": {"free": ["surge", "sway", "heave"]}, "quadratic_drag": {"free": ["surge", "sway", "heave"]}}
+    noise = {"velocity": 0.002, "rate": 0.005, "vertical": 0.002}
+    given = subject()[1].model_dump() | {"learn": learn, "noise": noise, "lag": LAG, "dead_zone": DEAD_ZONE}
+    one = calibrated_robot(settings := CalibrationSettings.model_validate(given), Path())
+    found = calibrate(one, settings, [run_recording(record, "run")])
+    truth = values_of(one.vehicle, one.vehicle.shared.start)
+    off = [(each.value - true) / each.sigma for each, true in zip(found.numbers, truth, strict=True)]
+    assert np.abs(off).max() < 3.0
+    assert all(one.determined for one in found.numbers)
 
 
 def test_a_fault_that_never_came_is_not_told() -> None:

@@ -46,7 +46,7 @@ def vehicle_dynamics(dynamics: SymbolicDynamics, values: Mapping[str, ca.SX], li
 N_Q, N_V = 7, 6
 PAST, PAST_STEP = 12, 0.05
 """, [s] of commands before a start: what actuators give there has a past."""
-_EDGE = 0.2  # of the dead zone, in which its edge is rounded
+_EDGE, _SHARP = 0.2, 0.01  # of the dead zone, in which its edge is rounded where it is learnt, and where it is known
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -105,7 +105,7 @@ def stage_of(vehicle: Vehicle) -> StageFunctions:
     values = vehicle.values(p)
     after, outputs = _after(vehicle, values, x, u, joints, h), _outputs(values, x)
     past = ca.SX.sym("past", n_u, PAST)
-    begun, late = _begun(vehicle.actuators, values, past), ca.vertcat(values["delay"], values["velocity_delay"])
+    begun, late = _begun(vehicle, values, past), ca.vertcat(values["delay"], values["velocity_delay"])
     given, options = [x, u, joints, p, h], {"cse": True}
     return StageFunctions(
         step=ca.Function("step", given, [after], options),
@@ -123,7 +123,7 @@ def stage_of(vehicle: Vehicle) -> StageFunctions:
 def _after(vehicle: Vehicle, values: dict[str, ca.SX], x: ca.SX, u: ca.SX, joints: ca.SX, h: ca.SX) -> ca.SX:
     moved = vehicle.dynamics.symbolic.joints[0].kind.integrate
     q, nu, given = x[:N_Q], x[N_Q : N_Q + N_V], x[N_Q + N_V :]
-    target, left = _target(vehicle.actuators, values, u), ca.exp(-h / values["lag"])
+    target, left = _target(vehicle, values, u), ca.exp(-h / values["lag"])
     mean = target + (given - target) * (1 - left) * values["lag"] / h
     middle = moved(q, nu * h / 2)
     slope = _acceleration(vehicle, values, middle, nu, mean, joints)
@@ -131,29 +131,31 @@ def _after(vehicle: Vehicle, values: dict[str, ca.SX], x: ca.SX, u: ca.SX, joint
     return ca.vertcat(moved(middle, faster * h / 2), faster, target + (given - target) * left)
 
 
-def _target(actuators: ActuatorModel, values: dict[str, ca.SX], u: ca.SX) -> ca.SX:
+def _target(vehicle: Vehicle, values: dict[str, ca.SX], u: ca.SX) -> ca.SX:
     """Compute the steady thrust for commands u: next to nothing in the dead zone; beyond it all, or less by the zone's size."""
-    beyond = _whole_beyond if actuators.whole_beyond else _less_beyond
-    ahead, back = beyond(u, values["dead_zone"]), beyond(-u, values["dead_zone_reverse"])
+    beyond = _whole_beyond if vehicle.actuators.whole_beyond else _less_beyond
+    zones = ("dead_zone", "dead_zone_reverse")
+    learnt = any(vehicle.shared.declaration.quantities[name].free.any() for name in zones)
+    ahead, back = (beyond(way * u, values[name], _EDGE if learnt else _SHARP) for way, name in zip((1, -1), zones, strict=True))
     return values["gain"] * (ahead - values["reverse"] * back)
 
 
-def _begun(actuators: ActuatorModel, values: dict[str, ca.SX], past: ca.SX) -> ca.SX:
+def _begun(vehicle: Vehicle, values: dict[str, ca.SX], past: ca.SX) -> ca.SX:
     """After the first command has been held for long, and the others for a step each."""
-    given = _target(actuators, values, past[:, 0])
+    given = _target(vehicle, values, past[:, 0])
     for k in range(1, PAST):
-        target = _target(actuators, values, past[:, k])
+        target = _target(vehicle, values, past[:, k])
         given = target + (given - target) * ca.exp(-PAST_STEP / values["lag"])
     return given
 
 
-def _less_beyond(u: ca.SX, dead: ca.SX) -> ca.SX:
-    width = _EDGE * dead
+def _less_beyond(u: ca.SX, dead: ca.SX, edge: float) -> ca.SX:
+    width = edge * dead
     return width * ca.log1p(ca.exp(-ca.fabs(u - dead) / width)) + ca.fmax(u - dead, 0)
 
 
-def _whole_beyond(u: ca.SX, dead: ca.SX) -> ca.SX:
-    return u * (1 + ca.tanh((u - dead) / (2 * _EDGE * dead))) / 2
+def _whole_beyond(u: ca.SX, dead: ca.SX, edge: float) -> ca.SX:
+    return u * (1 + ca.tanh((u - dead) / (2 * edge * dead))) / 2
 
 
 def _acceleration(vehicle: Vehicle, values: dict[str, ca.SX], q: ca.SX, nu: ca.SX, given: ca.SX, joints: ca.SX) -> ca.SX:

@@ -44,7 +44,7 @@ from uvms_ocp.identification.recording import CHANNEL_KINDS, SECONDS, Channel, R
 from uvms_ocp.identification.tables import TableColumns
 from uvms_ocp.identification.text_tables import TextFormat
 from uvms_ocp.model_errors import one_line_errors
-from uvms_ocp.record.record import Record
+from uvms_ocp.record.record import MEASURED, Record
 from uvms_ocp.record.run_meta import is_floating
 from uvms_ocp.record.untrusted import read_yaml_as
 from uvms_ocp.robot.spatial import matrix_to_quaternion, quaternion_to_matrix, rpy_to_matrix
@@ -419,7 +419,7 @@ def run_recording(record: Record, name: str) -> Recording:
     meta = record.run_meta
     rows = dict(_estimated_rows(record, is_floating(record.series, meta)))
     rows |= {channel: record[series] for channel, series in _TRUTH.items() if series in record.series}
-    channels = {key: _channel(record["t"], values) for key, values in rows.items() if values.size}
+    channels = {key: _channel(record["t"], values) for key, values in rows.items() if values.size} | dict(_measured(record))
     for key, values in _asked(record):
         channels[key] = _from_nothing(_channel(record["t"], values), meta.dt)
     named = {"joint_positions": meta.joints, "joint_velocities": meta.joints, "thrust": meta.thrusters}
@@ -436,6 +436,16 @@ def _estimated_rows(record: Record, floating: bool) -> Iterator[tuple[str, np.nd
         yield "angular_velocity", v[:, 3:_TWIST]
     yield "joint_positions", q[:, _POSE if floating else 0 :]
     yield "joint_velocities", v[:, _TWIST if floating else 0 :]
+
+
+def _measured(record: Record) -> Iterator[tuple[str, Channel]]:
+    """Yield what sensors read: an estimate between slow readings is late, and a fit would take that for less added mass."""
+    for name in [name for name in MEASURED if name in record.series]:
+        channel, (values, t) = name.removeprefix("measured_"), np.split(record[name], [-1], axis=1)
+        known = np.isfinite(record[name]).all(axis=1)
+        if known.sum() > 1:
+            right = continuous_quaternions(values[known]) if channel == "attitude" else values[known]
+            yield channel, Channel(t=t[known, 0], values=right)
 
 
 def _with_names(channel: Channel, names: tuple[str, ...]) -> Channel:

@@ -31,8 +31,13 @@ _COLUMNS = ("altimeter_range", "altimeter_std", "joint_energy", "tick_time", "co
 """(n,) real numbers."""
 _TABLES = ("q", "v", "command", "activations", "activity", "residual", "quantities", "disturbance", "q_std")
 _PLANT_TABLES = ("thrust", "asked_thrust", "torque", "thruster_energy", "clearance", "current")
-_REAL = (*_COLUMNS, *_TABLES, *_PLANT_TABLES, *_AXES)
-_UNKNOWN = ("thruster_energy", "load_mass")
+MEASURED: Mapping[str, int] = {
+    f"measured_{channel}": width
+    for channel, width in {"position": 4, "attitude": 5, "linear_velocity": 4, "angular_velocity": 4}.items()
+}
+"""Series of readings, each with when it was taken, and how many columns they have; NaN at ticks without a new one."""
+_REAL = (*_COLUMNS, *_TABLES, *_PLANT_TABLES, *_AXES, *MEASURED)
+_UNKNOWN = ("thruster_energy", "load_mass", *MEASURED)
 """Where NaN means that it is not known."""
 _ENDLESS = ("altimeter_range", "altimeter_std", "activity", "residual", "quantities")
 """Where infinity too may stand, such as for a range without an echo, and at ticks whose input the solver refused."""
@@ -109,7 +114,7 @@ def _widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[float, 
     """The fewest and the most columns of each series that has some."""
     rows = sum(level.rows for level in meta.levels)
     exact = {"activations": len(meta.tasks), "activity": rows, "residual": rows, "quantities": len(meta.quantities)}
-    exact["current"] = 3
+    exact |= {"current": 3, **MEASURED}
     if isinstance(meta, PlanMeta):
         exact |= {name: len(meta.axes) for name in _AXES} | {"clearance": len(meta.clearance_groups)}
     if meta.limits is not None:

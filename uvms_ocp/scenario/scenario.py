@@ -309,8 +309,9 @@ class Scenario(FieldTable):
         """Simulate with these parts, and sum up; presses: one for each Ctrl-C."""
         begin, plant, controller, estimator = perf_counter(), parts["plant"], parts["controller"], parts["estimator"]
         kinematic = controller.kinematic
+        kept = self.robot.n_vehicle > 0 and not isinstance(estimator.estimator, PassThrough)  # which repeats its readings
         try:
-            recorder = simulate(**parts, dt=self.dt, duration=self.duration)
+            recorder = simulate(**parts, dt=self.dt, duration=self.duration, keep_readings=kept)
         except Interrupted as stop:
             recorder = stop.result
         wall = perf_counter() - begin

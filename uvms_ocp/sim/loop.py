@@ -17,7 +17,7 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.interrupts import Interrupted, on_interrupt
-from uvms_ocp.record.record import Recorder
+from uvms_ocp.record.record import MEASURED, Recorder
 from uvms_ocp.robot.signals import ChannelHealth, Command, Readings, State, StateEstimate
 from uvms_ocp.sim.plant import Plant
 from uvms_ocp.types import Positive
@@ -50,27 +50,30 @@ def simulate(
     duration: Positive,
     progress: Progress | None = None,
     observer: TickObserver | None = None,
+    keep_readings: bool = False,
 ) -> Recorder:
     """Run until the command says finished or `duration` [s] is over; one row per tick, before its step.
 
-    dt [s] is the control period. `progress` is called after every tick with the time and the command, `observer` with the true
-    state too. Where the plant's velocity is no finite number any more, the rows before it are what there is. Raises
-    `InvalidInput` for more ticks than ordinary memory holds, and `Interrupted`, whose result is the recorder, after the tick in
-    which Ctrl-C is pressed.
+    dt [s] is the control period. keep_readings: record what sensors of a vehicle read beside what is estimated of it. `progress`
+    is called after every tick with the time and the command, `observer` with the true state too. Where the plant's velocity is
+    no finite number any more, the rows before it are what there is. Raises `InvalidInput` for more ticks than ordinary memory
+    holds, and `Interrupted`, whose result is the recorder, after the tick in which Ctrl-C is pressed.
     """
     require_few_ticks(duration, dt)
-    recorder, trusts, stops = Recorder(), _HealthCodes(), list[object]()
+    recorder, trusts, new, stops = Recorder(), _HealthCodes(), _NewReadings(), list[object]()
     command: Command | None = None
     with on_interrupt(stops.append), suppress(Interrupted):  # which a planner within a tick passes on
         for k in range(round(duration / dt) + 1):
             t = k * dt
-            measurement = estimator(sensors(plant.state, t), t, command)
+            readings = sensors(plant.state, t)
+            measurement = estimator(readings, t, command)
             begin = perf_counter()
             command = controller(measurement, t)
             spent = perf_counter() - begin
             telemetry = plant.telemetry()
             asked = _asked(command, telemetry, recorder)
-            row = _row(t, plant.state, measurement, command, trusts(measurement.health), asked)
+            measured = new(readings) if keep_readings else {}
+            row = _row(t, plant.state, measurement, command, trusts(measurement.health), asked, measured)
             row.setdefault("controller_time", spent)  # one that measures itself knows better
             row.update(telemetry)
             recorder.append(row)
@@ -117,6 +120,25 @@ class _HealthCodes:
         return self._row
 
 
+class _NewReadings:
+    """Readings of a vehicle that are new at a tick, each with when it was taken; NaN where none is."""
+
+    __slots__ = ("_none", "_taken")
+
+    def __init__(self) -> None:
+        self._taken = dict.fromkeys(MEASURED, -np.inf)
+        self._none = {name: np.full(width, np.nan) for name, width in MEASURED.items()}
+
+    def __call__(self, readings: Readings) -> dict[str, np.ndarray]:
+        found = dict(self._none)
+        for name in MEASURED:
+            one = getattr(readings, name.removeprefix("measured_"))
+            if one is not None and one.t > self._taken[name]:
+                self._taken[name] = one.t
+                found[name] = np.append(one.value, one.t)
+        return found
+
+
 def _asked(command: Command, telemetry: Mapping[str, Any], recorder: Recorder) -> np.ndarray | None:
     """Thrust (n_thrusters,) [N] that a plant with thrusters is asked for; `None` where there is none to ask for."""
     if command.thrust is None and "asked_thrust" in recorder:  # such as with the last command of a run
@@ -131,8 +153,10 @@ def _row(
     command: Command,
     trusts: np.ndarray | None,
     asked: np.ndarray | None,
+    measured: Mapping[str, np.ndarray],
 ) -> dict[str, Any]:
     row = {
+        **measured,
         "t": t,
         "q": state.q,
         "v": state.v,
