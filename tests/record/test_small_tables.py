@@ -69,6 +69,7 @@ VALUES: dict[str, Callable[[], Any]] = {
     "level": level,
     "solution": lambda: uo.LexicographicActiveSet().solve([level()]),
     "campaign": lambda: Campaign(scenario="case1", runs=3),
+    "summary": lambda: uo.summarize(uo.scenario.reach(plant="kinematic", duration=1.0, dt=0.02).run()),
     "run_meta": lambda: record().meta,
     "kinematic controller": lambda: uo.scenario.case1(plant="kinematic").controller(),
     "dynamic controller": lambda: uo.scenario.case1(learn_load=True).controller(),

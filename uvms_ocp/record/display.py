@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
 from html import escape
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,8 @@ class SmallTable:
     """A title and rows of texts, the first of which are the names of the columns if there are any."""
 
     title: str
+    words: str = ""
+    """What there is to say before the rows, whole, whatever its length."""
     head: tuple[str, ...] = ()
     rows: tuple[tuple[str, ...], ...]
 
@@ -34,14 +37,16 @@ class SmallTable:
         lines = [row for row in (self.head, *self._shown()) if row]
         widths = [max(len(row[k]) for row in lines if k < len(row)) for k in range(max(map(len, lines), default=0))]
         text = [_GAP.join(cell.ljust(width) for cell, width in zip(row, widths, strict=False)).rstrip() for row in lines]
-        return "\n".join(_cut(line) for line in (self.title, *(f"{_GAP}{line}" for line in text), *self._rest()))
+        words = wrap(plain_line(self.words), WIDTH - len(_GAP))
+        return "\n".join(_cut(line) for line in (self.title, *(f"{_GAP}{line}" for line in (*words, *text)), *self._rest()))
 
     def html(self) -> str:
         """The same as a table; names are text, whatever they hold."""
         head = f"<thead>{_row('th', self.head)}</thead>" if self.head else ""
         rows = "".join(_row("td", row) for row in self._shown())
         rest = "".join(f"<p>{escape(line)}</p>" for line in self._rest())
-        return f"<b>{escape(self.title)}</b><table>{head}<tbody>{rows}</tbody></table>{rest}"
+        words = f"<p>{escape(plain_line(self.words))}</p>" if self.words else ""
+        return f"<b>{escape(self.title)}</b>{words}<table>{head}<tbody>{rows}</tbody></table>{rest}"
 
     def _shown(self) -> Sequence[tuple[str, ...]]:
         return self.rows[:_MOST_ROWS]

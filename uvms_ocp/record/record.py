@@ -196,8 +196,9 @@ class Record(TableDisplay):
     def _table(self) -> SmallTable:
         t, meta = self.series["t"], self.meta
         span = f"{t[0]:g} to {t[-1]:g} s" if len(t) else "no time"
+        ending = "" if meta.kind != "run" else ", completed" if meta.completed else ", not completed"
         return SmallTable(
-            title=f"Record of a {meta.kind}, {meta.scenario}, {meta.robot}: {len(t)} rows, {span}",
+            title=f"Record of a {meta.kind}, {meta.scenario}, {meta.robot}: {len(t)} rows, {span}{ending}",
             head=("series", "shape", "unit", "meaning"),
             rows=tuple((name, str(array.shape), unit_of(name), meaning_of(name)) for name, array in self.series.items()),
         )
@@ -213,6 +214,9 @@ class Record(TableDisplay):
         if name in self.meta.quantities and "quantities" in self.series:
             return self.series["quantities"][:, self.meta.quantities.index(name)]
         raise NameNotFound("series", name, [*sorted(self.series), *self.meta.quantities])
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return [*self.series, *self.meta.quantities]
 
     @property
     def run_meta(self) -> RunMeta:

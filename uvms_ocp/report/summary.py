@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.checks import checked
+from uvms_ocp.record.display import SmallTable, TableDisplay, cell
 from uvms_ocp.record.meta_values import ABORT, DONE, EventMeta, ThresholdMeta
 from uvms_ocp.record.record import Record, quantity
 from uvms_ocp.record.run_meta import RunMeta, versions
@@ -224,8 +225,22 @@ def sensor_health(record: Record) -> list[dict[str, Any]]:
 _SETTLING = 0.5  # [s] after the start of a phase, before its drift counts
 
 
+class RunSummary(TableDisplay, dict[str, Any]):
+    """Figures of a run by name, as in ``report.json``; shown as one page: how it ended, its phases, errors and alarms."""
+
+    __slots__ = ()
+
+    def _table(self) -> SmallTable:
+        columns = ("name", "start_s", "end_s", "energy_j", "path_length_m", "reason")
+        rows = [tuple(cell(phase[name]) for name in columns) for phase in self["phases"]]
+        rows += [(name, cell(self[name])) for name in self if name.startswith(("tool_", "largest_", "min_")) and self[name]]
+        rows += [("alarm", cell(alarm["t"]), alarm["text"]) for alarm in self["alarms"]]
+        title = f"{self['scenario']}, {self['robot']}: {self['cause']['kind']}"
+        return SmallTable(title=title, words=self["cause"]["text"], head=("phase", *columns[1:]), rows=tuple(rows))
+
+
 @checked
-def summarize(record: Record) -> dict[str, Any]:
+def summarize(record: Record) -> RunSummary:
     """The content of ``report.json``; `None` where a figure does not apply to the run or is not known. Tool errors are
     true ones, with what the mission went by beside them.
 
@@ -233,7 +248,7 @@ def summarize(record: Record) -> dict[str, Any]:
     """
     meta, task = record.run_meta, record.run_meta.tool_task
     estimated = _none_if_nan(metrics.quantities_at(record, float(record["t"][-1])))
-    return {
+    figures = {
         **{name: getattr(meta, name) for name in ("scenario", "robot", "plant", "solver")},
         **{part: getattr(meta, part) or None for part in ("controller", "estimator", "sensors")},
         "completed": meta.completed,
@@ -271,6 +286,7 @@ def summarize(record: Record) -> dict[str, Any]:
         "simulated_s": float(record["t"][-1]),
         "versions": versions(meta.packages),
     }
+    return RunSummary(figures)
 
 
 @checked
