@@ -6,10 +6,12 @@ import os
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 from trivial_runs import TrivialRuns, identity_of
 
 from uvms_ocp.campaign import store as parts_module
+from uvms_ocp.campaign.distributions import GROWING, Design
 from uvms_ocp.campaign.jobs import attempt_job
 from uvms_ocp.campaign.store import opened, read_manifest, read_table
 from uvms_ocp.errors import InvalidInput, OutputError
@@ -53,7 +55,34 @@ def test_rows_that_have_waited_go_to_the_disk_by_themselves(tmp_path: Path, monk
         assert read_table(tmp_path)["run"].tolist() == [2]
 
 
-@pytest.mark.parametrize("change", [{"runs": 21}, {"seed": 1}, {"package": "0"}, {"parameters": {"a": "Uniform(0, 1)"}}])
+def test_a_campaign_grows_in_its_folder_and_no_run_is_made_twice(tmp_path: Path) -> None:
+    made(tmp_path, list(range(20)))
+    with opened(tmp_path, identity_of(WORK, 30, sampler="random"), {}) as campaign:
+        assert campaign.left.tolist() == list(range(20, 30))
+        campaign.add(attempt_job(WORK, 25, "here"))
+    assert read_manifest(tmp_path).runs == 30
+    assert read_table(tmp_path)["run"].tolist() == [*range(20), 25]
+
+
+@pytest.mark.parametrize("sampler", GROWING)
+def test_more_runs_of_a_campaign_begin_with_the_same(sampler: str) -> None:
+    few, many = (Design(sampler=sampler, runs=runs, parameters=3, seed=7) for runs in (13, 100))
+    for run in range(13):
+        np.testing.assert_array_equal(few.row(run), many.row(run))
+        assert few.seed_of(run) == many.seed_of(run)
+
+
+def test_a_hypercube_cannot_grow(tmp_path: Path) -> None:
+    with opened(tmp_path, identity_of(WORK, 20, sampler="latin"), {}):
+        pass
+    with (
+        pytest.raises(InvalidInput, match=r"not the same: runs \(20, now 21\)"),
+        opened(tmp_path, identity_of(WORK, 21, sampler="latin"), {}),
+    ):
+        pass
+
+
+@pytest.mark.parametrize("change", [{"runs": 19}, {"seed": 1}, {"package": "0"}, {"parameters": {"a": "Uniform(0, 1)"}}])
 def test_another_campaign_is_refused_and_what_differs_is_named(tmp_path: Path, change: dict[str, object]) -> None:
     made(tmp_path, [1])
     with (

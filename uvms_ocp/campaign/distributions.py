@@ -182,6 +182,8 @@ def _standard_normal(u: float) -> float:
 
 SAMPLERS = ("random", "latin", "sobol", "indices")
 """Independent draws; a Latin hypercube; a scrambled Sobol' sequence; the design that Sobol' indices need."""
+GROWING = ("random", "sobol")
+"""Those of which more runs begin with the same."""
 _DRAWN, _SEED = 0, 1  # streams of a run
 
 

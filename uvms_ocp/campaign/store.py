@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from uvms_ocp.campaign.distributions import Design
+from uvms_ocp.campaign.distributions import GROWING, Design
 from uvms_ocp.campaign.jobs import COMPLETED, FIRST, LAST, CampaignJob, RunResult, columns_of
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, UvmsError, plain_line
@@ -94,18 +94,21 @@ def read_manifest(folder: Path) -> CampaignManifest:
 
 
 def claim_manifest(folder: Path, wanted: CampaignManifest) -> None:
-    """Write down what a new campaign is.
+    """Write down what a new campaign is, or of how many more runs one is now that can grow.
 
     Raises `InvalidInput`, naming what differs, for another campaign, and for a folder of something else.
     """
-    known = read_as(CampaignManifest, folder / FILE)
+    known, values = read_as(CampaignManifest, folder / FILE), json.loads(wanted.model_dump_json())
     if known is None:
         if others := [path.name for path in folder.iterdir() if path.name != STORE]:
             raise InvalidInput(f"{folder}: holds {others[0]} and no campaign; give a folder that is empty or new")
-        write_durably(folder / FILE, json.dumps(wanted.model_dump(), indent=1) + "\n")
-    elif differs := list(_differences("", known.model_dump(), json.loads(wanted.model_dump_json()))):
-        advice = "take the folder of a new campaign, or put back what was"
-        raise InvalidInput(f"{folder}: another campaign is there; not the same: {differs[0]}; {advice}")
+    else:
+        grows = known.sampler in GROWING and wanted.runs > known.runs
+        if differs := list(_differences("", known.model_dump() | ({"runs": wanted.runs} if grows else {}), values)):
+            advice = "take the folder of a new campaign, or put back what was"
+            raise InvalidInput(f"{folder}: another campaign is there; not the same: {differs[0]}; {advice}")
+    if known is None or known.runs != wanted.runs:
+        write_durably(folder / FILE, json.dumps(values, indent=1) + "\n")
 
 
 def _differences(place: str, known: Any, wanted: Any) -> Any:
