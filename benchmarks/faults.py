@@ -1,4 +1,4 @@
-"""Faults: ``python benchmarks/faults.py --work FOLDER [--hours H] [--seeds N] [--jobs N] [--kinds WORD ...]``.
+"""Faults: ``python benchmarks/faults.py --work FOLDER [--hours H] [--seeds N] [--pairs N] [--jobs N] [--kinds WORD ...]``.
 
 Runs the study `faults`, or a share of it: what is in FOLDER already is not run again, and after H hours no case is begun.
 Writes faults.csv, one row per run, and their sums by kind to faults.md.
@@ -15,23 +15,25 @@ import numpy as np
 from recording.kept_rows import kept_rows
 from recording.report import Report, Row, Table, begin, parser_of
 from studies.fault_study import by_kind, faults
-from studies.fault_table import ASTRAY, GUSTS, GUSTY, JOINTS, KINDS, STILL
+from studies.fault_table import ASTRAY, FLOOR, GUSTS, GUSTY, JOINTS, KINDS, PAIR, STILL
 from studies.study import Study
 
 from uvms_ocp.report.metrics import CHANCE
 
 PROSE = """
 Case 1 with noisy sensors; {runs} of {cases} runs: {kinds} kinds of faults, each setting in in the middle of each of the
-phases by the times of a run without faults ({onsets}), and {free} runs without faults, in still water and in gusts of {gusts:g}
-m/s. One row each in `faults.csv`, by the truth: `contact_s` and `contact_m` are contact with the floor that the
-mission did not take for its landing, `arm_m` is the least height of arm and tool above the floor, `joints_rad` the largest
-excess of a joint limit, `astray_m` the farthest from the way of a run without faults, `tool_m` the tool's true error at the
-end of what completed.
+phases by the times of a run without faults ({onsets}), {pairs} runs with two of them, drawn with their phases, and {free} runs
+without faults, in still water and in gusts of {gusts:g} m/s. One row each in `faults.csv`, by the truth: `contact_s` and
+`contact_m` are contact with the floor that the mission did not take for its landing, `arm_m` is the least height of arm and
+tool above the floor, `joints_rad` the largest excess of a joint limit, `rate_share` the largest true velocity of a joint as a
+share of its limit, `astray_m` the farthest from the way of a run without faults, `tool_m` the tool's true error at the end of
+what completed.
 
-A run has passed that does not end in contact, passes no joint limit by more than {joints:g} mrad and strays no farther than
-{astray:g} m, and completes or names what is wrong; limits are widened by a bias that no other channel can show.
-Passed: {passed} of {struck} runs with faults. False alarms: {false} in {free} runs without. In still water the tool's true
-error at the end was within its reported bound of {chance:.0%} in {within} of {still} runs; the bound is {bound:.1f} mm on
+A run has passed that does not end in contact, has arm and tool no deeper than {floor:g} m in the floor, passes no joint limit
+by more than {joints:g} mrad and strays no farther than {astray:g} m, and completes or names what is wrong, of two faults one;
+limits are widened by a bias or a drift that no other channel can show. Passed: {passed} of {struck} runs with faults,
+{passed_pairs} of {pairs} with two. False alarms: {false} in {free} runs without. In still water the tool's true error
+at the end was within its reported bound of {chance:.0%} in {within} of {still} runs; the bound is {bound:.1f} mm on
 average, {ratio:.2f} times what {chance:.0%} of these errors do not exceed.
 """
 TABLE = {
@@ -45,7 +47,9 @@ TABLE = {
     "median_to_detect_s": ".2f",
     "end_in_contact": "",
     "largest_contact_m": ".3f",
+    "least_arm_m": ".3f",
     "largest_joints_rad": ".4f",
+    "largest_rate_share": ".2f",
     "largest_astray_m": ".2f",
     "largest_tool_m": ".4f",
     "passed": "",
@@ -68,13 +72,14 @@ def sizes() -> list[Row]:
 
 def onsets(rows: Sequence[Row]) -> str:
     """Of each phase."""
-    found = {row["phase"]: row["onset_s"] for row in rows}
+    found = {row["phase"]: row["onset_s"] for row in rows if row["kind"] != PAIR}
     return ", ".join(f"{phase} at {found[phase]:g} s" for phase in sorted(found))
 
 
 def report(rows: Sequence[Row], study: Study) -> Report:
     """Of all rows that there are."""
     struck = [row for row in rows if row["kind"] not in (STILL, GUSTY)]
+    pairs = [row for row in struck if row["kind"] == PAIR]
     free = [row for row in rows if row["kind"] in (STILL, GUSTY)]
     ended = [row for row in free if row["kind"] == STILL and row["end"] == "completed"]
     errors, bounds = (np.array([row[name] for row in ended]) for name in ("tool_m", "tool_bound_m"))
@@ -84,7 +89,10 @@ def report(rows: Sequence[Row], study: Study) -> Report:
         prose=PROSE.format(
             runs=len(rows),
             cases=len(study.cases),
-            kinds=len({row["kind"] for row in struck}),
+            kinds=len({row["kind"] for row in struck} - {PAIR}),
+            pairs=len(pairs),
+            passed_pairs=sum(bool(row["passed"]) for row in pairs),
+            floor=FLOOR,
             onsets=onsets(struck),
             free=len(free),
             gusts=GUSTS,
@@ -116,15 +124,16 @@ def main() -> None:
     parser.add_argument(
         "--free", type=int, default=100, metavar="N", help="runs without faults in still water, and as many in gusts"
     )
+    parser.add_argument("--pairs", type=int, default=200, metavar="N", help="runs with two faults")
     parser.add_argument("--kinds", nargs="*", default=[], metavar="WORD", help="of the names of kinds to run alone")
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes")
     parser.add_argument("--hours", type=float, default=8.0, metavar="H", help="after which no run is begun")
     parser.add_argument("--work", type=Path, metavar="FOLDER", help="where rows are kept")
     given, run = begin(parser)
-    study = faults(n=given.seeds, fault_free=given.free, kinds=chosen_kinds(given.kinds))
+    study = faults(n=given.seeds, fault_free=given.free, pairs=given.pairs, kinds=chosen_kinds(given.kinds))
     if run.quick:
         kinds = ["altimeter_range frozen", "joint 2 jammed"]
-        study = faults(n=1, fault_free=1, kinds=kinds, phases=("A",), plant="kinematic", dt=0.05, duration=12.0)
+        study = faults(n=1, fault_free=1, pairs=1, kinds=kinds, phases=("A",), plant="kinematic", dt=0.05, duration=12.0)
     with tempfile.TemporaryDirectory() as own:
         rows = kept_rows(study, (given.work or Path(own)) / "study", given.jobs, given.hours)
     run.write(report(rows, study))

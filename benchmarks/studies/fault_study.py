@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from studies import fault_truth as truth
-from studies.fault_table import ASTRAY, GUSTS, GUSTY, JOINTS, KINDS, PHASES, STILL, FaultKind
+from studies.fault_table import ASTRAY, FLOOR, GUSTS, GUSTY, JOINTS, KINDS, PAIR, PHASES, STILL, FaultKind
 from studies.study import Study
 from uvms_ocp.campaign.jobs import Row
 from uvms_ocp.checks import checked
@@ -34,6 +34,7 @@ def faults(
     n: AtLeastOne = 5,
     seed: Count = 0,
     fault_free: Count = 100,
+    pairs: Count = 200,
     kinds: Sequence[str] = tuple(KINDS),
     phases: Sequence[str] = PHASES,
     plant: str = "dynamic",
@@ -42,7 +43,8 @@ def faults(
 ) -> Study:
     """All `kinds` of `KINDS` that set in in each of the `phases`, with the n seeds `seed`, `seed` + 1, ...
 
-    fault_free: runs without faults in still water, and as many in gusts. Sensors are noisy. dt [s]: control period;
+    fault_free: runs without faults in still water, and as many in gusts. pairs: runs with two faults, whose kinds and phases
+    are drawn. Sensors are noisy. dt [s]: control period;
     duration [s] of a run at most.
     Raises `NameNotFound` for an unknown kind or phase.
     """
@@ -53,8 +55,12 @@ def faults(
     common = {"plant": plant, "dt": dt, "duration": duration}
     struck = [{"kind": kind, "phase": phase, "seed": seed + k, **common} for kind in kinds for phase in phases for k in range(n)]
     sound = [{"kind": kind, "phase": "", "seed": seed + k, **common} for kind in (STILL, GUSTY) for k in range(fault_free)]
+    rng, two = np.random.default_rng(seed), list[dict[str, Any]]()
+    for k in range(pairs if len(kinds) > 1 else 0):
+        drawn, when = rng.choice(list(kinds), 2, replace=False).tolist(), rng.choice(list(phases), 2).tolist()
+        two.append({"kind": PAIR, "phase": " ".join(when), "pair": drawn, "seed": seed + k, **common})
     title = f"Case 1 with {len(kinds)} kinds of faults"
-    return Study(name="faults", title=title, cases=[*struck, *sound], run_case=run_faults, summarize=by_kind)
+    return Study(name="faults", title=title, cases=[*struck, *two, *sound], run_case=run_faults, summarize=by_kind)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -82,9 +88,12 @@ _EVERY = 10  # rows between two points of the way
 def run_faults(case: dict[str, Any]) -> Row:
     """One run, and what truly became of it; one that raises is a row too."""
     usual = nominal(case["plant"], case["dt"])
-    kind = KINDS.get(case["kind"], FaultKind(name=case["kind"], texts=()))
-    onset = usual.middles.get(case["phase"], 0.0)
-    struck = kind.faults(onset)
+    names = case.get("pair", [case["kind"]])
+    parts = [KINDS[name] for name in names if name in KINDS]
+    onsets = [usual.middles[phase] for phase in case["phase"].split()]
+    struck = tuple(fault for part, onset in zip(parts, onsets, strict=True) for fault in part.faults(onset))
+    joints, floor = (sum(getattr(part, name) for part in parts) for name in ("joints", "floor"))
+    kind = FaultKind(name=case["kind"], texts=(), joints=joints, floor=floor)
     scenario = case1(
         noise=True,
         seed=case["seed"],
@@ -95,7 +104,7 @@ def run_faults(case: dict[str, Any]) -> Row:
         current=GustyCurrent(sigma=GUSTS, seed=case["seed"]) if case["kind"] == GUSTY else None,
     )
     head = {name: case[name] for name in ("kind", "phase", "seed")}
-    head |= {"faults": " ".join(map(str, struck)), "onset_s": onset if struck else None}
+    head |= {"faults": " ".join(map(str, struck)), "onset_s": min(onsets, default=None)}
     try:
         record = scenario.run()
     except Exception as error:  # whatever it is: the study has to tell
@@ -118,6 +127,7 @@ _COLUMNS = (
     "ends_in_contact",
     "arm_m",
     "joints_rad",
+    "rate_share",
     "astray_m",
     "tool_m",
     "tool_bound_m",
@@ -127,10 +137,11 @@ _COLUMNS = (
 
 def _judged(scenario: Scenario, record: Record, kind: FaultKind, usual: Nominal) -> Row:
     cause, contact = cause_of_end(record), truth.contact_outside_landing(scenario, record, kind.floor)
-    told = _told(scenario.toolkit_faults, scenario, record, cause["text"])
+    told = _told(scenario.toolkit_faults, scenario, record, cause["text"], kind.name == PAIR)
     joints, way = truth.joint_excess(scenario.robot, record["q"]), truth.astray(usual.way, record["q"])
     completed = record.run_meta.completed
-    harmless = not contact.at_the_end and joints <= JOINTS + kind.joints and way <= ASTRAY
+    rates, arm = truth.rate_share(scenario.robot, record["v"]), truth.arm_height(scenario, record["q"])
+    harmless = not contact.at_the_end and joints <= JOINTS + kind.joints and way <= ASTRAY and arm >= -FLOOR - kind.floor
     values = {
         "end": _COMPLETED if completed else cause["kind"],
         "end_s": float(record["t"][-1]),
@@ -139,8 +150,9 @@ def _judged(scenario: Scenario, record: Record, kind: FaultKind, usual: Nominal)
         "contact_s": contact.seconds,
         "contact_m": contact.depth,
         "ends_in_contact": contact.at_the_end,
-        "arm_m": truth.arm_height(scenario, record["q"]),
+        "arm_m": arm,
         "joints_rad": joints,
+        "rate_share": rates,
         "astray_m": way,
         "tool_m": record.run_meta.true_quantity("T.position_error") if completed else None,
         "tool_bound_m": error_bound(record, "T.position_error") if completed else None,
@@ -149,16 +161,18 @@ def _judged(scenario: Scenario, record: Record, kind: FaultKind, usual: Nominal)
     return {name: values[name] for name in _COLUMNS}
 
 
-def _told(struck: Sequence[Fault], scenario: Scenario, record: Record, cause: str) -> Row:
-    """What the robot said, and when: alarms before the onset are false ones."""
+def _told(struck: Sequence[Fault], scenario: Scenario, record: Record, cause: str, pair: bool) -> Row:
+    """What the robot said, and when: alarms before the onset are false ones. Of a pair, one ends what would show the other."""
     alarms, onset = record.run_meta.alarms, min((fault.onset for fault in struck), default=np.inf)
     after = [alarm for alarm in alarms if alarm.t >= onset]
+    begun = [fault for fault in struck if fault.onset <= record["t"][-1]]
+    texts, named = [cause, *(alarm.text for alarm in alarms)], any if pair else all
     return {
         "alarms_before": len(alarms) - len(after),
         "alarm_s": after[0].t if after else None,
         "alarm": after[0].text if after else (alarms[0].text if alarms else ""),
         "to_detect_s": after[0].t - onset if after else None,
-        "named": truth.is_named(struck, scenario.robot, [cause, *(alarm.text for alarm in alarms)]) if struck else None,
+        "named": named(truth.is_named([fault], scenario.robot, texts) for fault in begun) if struck else None,
     }
 
 
@@ -182,7 +196,8 @@ def _sum(kind: str, rows: Sequence[Row]) -> Row:
         "noticed": len(noticed),
         "median_to_detect_s": float(np.median(noticed)) if noticed else None,
         "end_in_contact": sum(bool(row["ends_in_contact"]) for row in rows),
-        **{f"largest_{name}": _largest(rows, name) for name in ("contact_m", "joints_rad", "astray_m", "tool_m")},
+        **{f"largest_{name}": _largest(rows, name) for name in ("contact_m", "joints_rad", "rate_share", "astray_m", "tool_m")},
+        "least_arm_m": min((row["arm_m"] for row in rows if row["arm_m"] is not None), default=None),
         "passed": sum(bool(row["passed"]) for row in rows),
     }
 

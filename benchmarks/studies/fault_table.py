@@ -17,10 +17,12 @@ PHASES = ("A", "B", "C", "D")
 """Of Case 1; faults set in in the middle of each, by the times of a run without faults."""
 STILL, GUSTY = "none, in still water", "none, in gusts"
 """Kinds of the runs without faults."""
+PAIR = "two faults"
+"""Kind of the runs with two, drawn each with its phase."""
 GUSTS = 0.05
 """[m/s] standard deviation of the gusts in those."""
-JOINTS, ASTRAY = 2e-3, 5.0
-"""[rad] beyond a joint limit and [m] from the way of a run without faults: what is too much for any kind."""
+JOINTS, ASTRAY, FLOOR = 2e-3, 5.0, 0.02
+"""[rad] beyond a joint limit, [m] from the way of a run without faults, [m] of arm and tool below the floor: too much for any."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -33,6 +35,8 @@ class Sizes:
     """[unit of the channel] of each component, or of all."""
     late: float
     """[s]"""
+    drift: tuple[float, ...]
+    """[unit of the channel per s] of each component, or of all."""
     joints: float = 0.0
     """[rad] by which joint limits are widened under the bias, which no other channel can show."""
     floor: float = 0.0
@@ -40,13 +44,13 @@ class Sizes:
 
 
 SIZES: Mapping[str, Sizes] = {
-    "position": Sizes(spikes=50.0, bias=(5.0, 0.0, 0.0), late=1.5),
-    "depth": Sizes(spikes=50.0, bias=(2.0,), late=0.5),
-    "attitude": Sizes(spikes=1.0, bias=(0.0, 0.0, 0.2), late=0.2),
-    "angular_velocity": Sizes(spikes=2.0, bias=(0.0, 0.0, 0.1), late=0.05),
-    "linear_velocity": Sizes(spikes=5.0, bias=(0.3, 0.0, 0.0), late=0.3),
-    "joint_positions": Sizes(spikes=1.0, bias=(0.05,), late=0.05, joints=0.05),
-    "altimeter_range": Sizes(spikes=20.0, bias=(0.5,), late=0.2, floor=0.5),
+    "position": Sizes(spikes=50.0, bias=(5.0, 0.0, 0.0), late=1.5, drift=(0.05, 0.0, 0.0)),
+    "depth": Sizes(spikes=50.0, bias=(2.0,), late=0.5, drift=(0.03,)),
+    "attitude": Sizes(spikes=1.0, bias=(0.0, 0.0, 0.2), late=0.2, drift=(0.0, 0.0, 0.01)),
+    "angular_velocity": Sizes(spikes=2.0, bias=(0.0, 0.0, 0.1), late=0.05, drift=(0.0, 0.0, 0.002)),
+    "linear_velocity": Sizes(spikes=5.0, bias=(0.3, 0.0, 0.0), late=0.3, drift=(0.006, 0.0, 0.0)),
+    "joint_positions": Sizes(spikes=1.0, bias=(0.05,), late=0.05, drift=(0.004,), joints=0.05),
+    "altimeter_range": Sizes(spikes=20.0, bias=(0.5,), late=0.2, drift=(0.02,), floor=0.5),
 }
 """By channel."""
 CLOCKS = ("attitude", "linear_velocity", "joint_positions")
@@ -92,7 +96,7 @@ class FaultKind:
 
 
 def _of_channel(channel: str, sizes: Sizes) -> tuple[FaultKind, ...]:
-    bias = ",".join(f"{value:g}" for value in sizes.bias)
+    bias, drift = (",".join(f"{value:g}" for value in values) for values in (sizes.bias, sizes.drift))
     endless = {
         "frozen": "frozen",
         "lost": "lost",
@@ -103,6 +107,7 @@ def _of_channel(channel: str, sizes: Sizes) -> tuple[FaultKind, ...]:
         *(FaultKind(name=f"{channel} {word}", texts=(f"{channel}:{text}",)) for word, text in endless.items()),
         FaultKind(name=f"{channel} nan", texts=(f"{channel}:nan",), lasts=BURST),
         FaultKind(name=f"{channel} bias", texts=(f"{channel}:bias={bias}",), joints=sizes.joints, floor=sizes.floor),
+        FaultKind(name=f"{channel} drift", texts=(f"{channel}:drift={drift}",), joints=8.0 * sizes.joints, floor=sizes.floor),
     )
 
 

@@ -10,9 +10,9 @@ import pinocchio as pin
 
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.hull import skid_points
 from uvms_ocp.robot.spatial import quaternion_to_matrix
 from uvms_ocp.scenario.scenario import Scenario
-from uvms_ocp.sim.dynamic_step import skid_points
 from uvms_ocp.sim.faults import Fault
 
 LANDED = "D"
@@ -67,6 +67,12 @@ def joint_excess(robot: Robot, q: np.ndarray) -> float:
     joints, limits = q[:, robot.joint_q], robot.limits
     beyond = np.maximum(limits.position_lower - joints, joints - limits.position_upper).max()
     return max(float(beyond), 0.0) if np.isfinite(beyond) else np.inf
+
+
+def rate_share(robot: Robot, v: np.ndarray) -> float:
+    """The largest true velocity of a joint at v (n, n_v) [m/s, rad/s], as a share of its limit; infinite where no number."""
+    shares = np.abs(v[:, robot.joint_v]) / robot.limits.velocity[robot.joint_v]
+    return float(shares.max(initial=0.0)) if np.isfinite(shares).all() else np.inf
 
 
 def arm_height(scenario: Scenario, q: np.ndarray) -> float:

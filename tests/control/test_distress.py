@@ -28,6 +28,7 @@ from uvms_ocp.mission.phase import Abort
 from uvms_ocp.mission.progress import MissionMemory, quantities_read, sizes_of, write_state
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import cause_of_end, summarize
+from uvms_ocp.robot.shapes.hull import lowest_point, skid_points
 from uvms_ocp.robot.signals import ChannelHealth, Command, Readings, StateEstimate, Trust
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.scenario import Scenario, pose_at
@@ -54,6 +55,7 @@ def reasons(
     error: float = 1.0,
     rate: float = 0.0,
     health: tuple[ChannelHealth, ...] = (),
+    clearance: float = np.nan,
 ) -> list[str]:
     """At every tick of phase A, where every quantity is `error`, which falls with `rate` [1/s]."""
     control, mission = scenario.kinematic_controller(), scenario.mission
@@ -70,7 +72,7 @@ def reasons(
         tick = control.observe(measured, k * DT)
         write_state(phases, tick.mission)
         values, ended = [now[name] for name in names], bool(tick.restriction.abort)
-        why = abort_reason(memory, phases, tick.t, tick.gates.tolist(), values, False, ended)
+        why = abort_reason(memory, phases, tick.t, tick.gates.tolist(), values, False, ended, clearance)
         found.append(distress.describe(AbortReason(why), tick, now, feedback))
     return found
 
@@ -91,6 +93,27 @@ def test_each_reason_needs_its_time_and_says_what_it_was(still: Scenario) -> Non
     stalled = reasons(given, ActuationFeedback(), 2.2)
     assert first(stalled) == pytest.approx(2.0, abs=3 * DT)
     assert stalled[-1] == "stall: PC.position_error = 1 not < 0.1, no nearer for 2 s"
+
+
+def test_hull_or_arm_in_the_floor_that_is_seen_ends_the_mission(still: Scenario) -> None:
+    """Before, only a force told, and only while a minimum altitude was asked for."""
+    sunk = reasons(still, ActuationFeedback(), 0.7, clearance=-0.031)
+    assert first(sunk) == pytest.approx(0.5, abs=3 * DT)
+    assert sunk[-1] == "hull or arm 0.03 m in the floor that the altimeter shows, or deeper"
+    for clearance in (-0.029, np.nan):
+        assert not any(reasons(still, ActuationFeedback(), 0.7, clearance=clearance))
+
+
+def test_the_lowest_point_is_that_of_hull_joints_and_tool(still: Scenario) -> None:
+    robot, rng = still.robot, np.random.default_rng(4)
+    data, found = robot.model.createData(), lowest_point(robot)
+    for _ in range(20):
+        q = robot.configuration(position=(1.0, 2.0, -9.0), rpy=tuple(rng.uniform(-2.0, 2.0, 3))).copy()
+        q[robot.joint_q] = rng.uniform(robot.limits.position_lower, robot.limits.position_upper)
+        pin.framesForwardKinematics(robot.model, data, q)
+        points = [data.oMi[k].translation for k in range(2, robot.model.njoints)]
+        points += [data.oMf[robot.frame_id("tool")].translation, *(data.oMi[1].act(point) for point in skid_points(robot))]
+        assert float(found(q)) == pytest.approx(min(point[2] for point in points), abs=1e-9)
 
 
 def test_an_error_that_grows_at_the_thrusters_limits_ends_the_mission_at_once(still: Scenario) -> None:

@@ -14,8 +14,8 @@ from uvms_ocp.ocp.terms import Effort
 from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.hull import skid_points
 from uvms_ocp.robot.signals import State
-from uvms_ocp.sim.dynamic_step import skid_points
 
 
 @pytest.mark.parametrize("seed", range(4))

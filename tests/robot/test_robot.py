@@ -13,7 +13,7 @@ import pytest
 from uvms_ocp.errors import FrameNotFound, InvalidInput, NameNotFound, RobotDataError
 from uvms_ocp.robot.loading import example_robot_data, list_robots, load_robot, robot_folder
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.sim.dynamic_step import skid_points
+from uvms_ocp.robot.shapes.hull import skid_points
 
 EXAMPLE_ARMS = {
     "panda": ("panda_description/urdf/panda.urdf", 9, 9),

@@ -13,6 +13,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.hull import skid_points
 from uvms_ocp.robot.signals import Command
 from uvms_ocp.sim import plant as dynamic_plant
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
@@ -23,7 +24,6 @@ from uvms_ocp.sim.dynamic_step import (
     StepModel,
     StepSequence,
     parts_of,
-    skid_points,
     step_function,
 )
 from uvms_ocp.sim.environment import Environment

@@ -10,6 +10,7 @@ import pytest
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.shapes.hull import skid_points
 from uvms_ocp.robot.spatial import quaternion_to_matrix
 from uvms_ocp.sim.currents import (
     Current,
@@ -20,7 +21,6 @@ from uvms_ocp.sim.currents import (
     UniformCurrent,
     water_at,
 )
-from uvms_ocp.sim.dynamic_step import skid_points
 from uvms_ocp.sim.environment import Environment, EnvironmentSampler
 from uvms_ocp.sim.seafloor import FlatSeafloor, HeightField, Seafloor, ground_at
 

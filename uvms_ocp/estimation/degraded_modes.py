@@ -96,6 +96,10 @@ DEGRADED_MODES = (
     _mode(ENCODERS, trust=Trust.SUSPECT, substitute="commands, integrated", speed=_SLOW, joint_feedback=_SOFT),
     _mode(ENCODERS, substitute="where the brakes hold the arm", joints_held=True, max_duration=10.0),
     *(
+        _mode(*pair, trust=Trust.SUSPECT, substitute="either", max_duration=20.0)
+        for pair in (("position", "linear_velocity"), ("position", "depth"), ("attitude", "angular_velocity"))
+    ),
+    *(
         _mode(*pair, substitute="too little", hold=True, blind=True, max_duration=3.0, can_ascend=False)
         for pair in combinations(_VEHICLE, 2)
     ),

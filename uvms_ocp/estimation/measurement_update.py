@@ -135,8 +135,12 @@ def free_slot(owner: Vector, slots: int) -> int:
 
 
 def time_since_accepted(m: FilterMemory, c: int) -> float:
-    """Time [s] in which the robot can have done something else since the last reading of channel c that was believed."""
-    return min(LONGEST_LAG, m.stamp[c] - m.used[c]) + _SURPRISE
+    """Time [s] in which the robot can have done something else since the last reading of channel c that was believed.
+
+    Of depths, since the last of a fix, too: both tell the height.
+    """
+    used = max(m.used[c], m.used[ChannelIndex.POSITION]) if c == ChannelIndex.DEPTH else m.used[c]
+    return min(LONGEST_LAG, max(m.stamp[c] - used, 0.0)) + _SURPRISE
 
 
 def gate_allowance(m: FilterMemory, c: int) -> float:
@@ -300,7 +304,7 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
         if squared > m.gate[c]:
             _inflate_surprised(m, c, size)
             recall_measurement(m, c, slot, active(m))
-    elif math.isfinite(squared) and math.isfinite(size) and _is_consistent(m, c, 2.0 * own + granted, nu):
+    elif _may_be_right(m, c) and math.isfinite(squared) and math.isfinite(size) and _is_consistent(m, c, 2.0 * own + granted, nu):
         believed = True
         _relax(m, c, size)
         recall_measurement(m, c, slot, active(m))
@@ -352,6 +356,11 @@ def _squared_innovation(m: FilterMemory, more: float, n: int, nu: Vector) -> flo
     for i in range(n):
         total += x[i] * x[i]
     return total
+
+
+def _may_be_right(m: FilterMemory, c: int) -> bool:
+    """Return whether the estimate may be wrong where channel c contradicts it: not the height, which fixes tell too."""
+    return c != ChannelIndex.DEPTH or m.stamp[c] - m.used[ChannelIndex.POSITION] > m.recovery[c]
 
 
 def _is_consistent(m: FilterMemory, c: int, more: float, nu: Vector) -> bool:

@@ -261,6 +261,8 @@ class Abort:
     """Upward force that the model does not know, as a share of the thrusters' largest, that counts as contact."""
     contact_after: Positive = 2.0
     """[s] for which it lasts while a minimum altitude is asked for."""
+    sunk: Positive = 0.03
+    """[m] below the floor that the altimeter shows, taken as level, of the lowest corner of the hull, joint or tool."""
 
     def __post_init__(self) -> None:
         others = sorted({transition.to for transition in self.phase.transitions} - {ABORT})

@@ -33,8 +33,8 @@ from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.planning.scene import CollisionScene, collision_scene, coordinates
 from uvms_ocp.robot.assembly import box_corners
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.hull import skid_points
 from uvms_ocp.scenario.scenario import Scenario
-from uvms_ocp.sim.dynamic_step import skid_points
 from uvms_ocp.tasks import Clearance, JointTracking, LandingAltitude, MinimumAltitude
 from uvms_ocp.tasks.attitude import AngleTask
 from uvms_ocp.tasks.pose import NullVelocity, PoseTask, ToolPosition

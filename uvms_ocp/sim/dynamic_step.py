@@ -17,14 +17,12 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-import pinocchio as pin
 
 from uvms_ocp.checks import checked
 from uvms_ocp.codegen.buffered import BoundFunction
 from uvms_ocp.codegen.elementwise import clipped
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Robot, thruster_matrix
-from uvms_ocp.robot.assembly import box_corners
 from uvms_ocp.robot.limits import bounded_joints
 from uvms_ocp.robot.spatial import skew
 from uvms_ocp.robot.symbolic_bodies import sparse
@@ -65,36 +63,6 @@ class ContactModel:
         across = ca.SX.eye(3) - normal_W @ normal_W.T
         slope = ca.if_else(pressing > 0, damping, 0) * (normal_W @ normal_W.T) + grip * across
         return pressing * normal_W - grip * sliding, slope
-
-
-def skid_points(robot: Robot) -> np.ndarray:
-    """Lower corners (4, 3) [m] of the box around the vehicle's collision shapes, in the frame of the vehicle.
-
-    (0, 3) for a robot with a fixed base or without collision shapes on its vehicle.
-    """
-    hull = _hull(robot)
-    if not hull:
-        return np.zeros((0, 3))
-    corners = np.concatenate([_box_corners(shape) for shape in hull])
-    (x0, y0, z0), (x1, y1, _) = corners.min(axis=0), corners.max(axis=0)
-    return np.array([[x0, y0, z0], [x0, y1, z0], [x1, y0, z0], [x1, y1, z0]])
-
-
-def lowest_link(robot: Robot) -> str:
-    """Name of the link of the vehicle whose collision shape reaches lowest in its frame; it has one."""
-    shape = min(_hull(robot), key=lambda shape: float(_box_corners(shape)[:, 2].min()))
-    return str(robot.model.frames[shape.parentFrame].name)
-
-
-def _hull(robot: Robot) -> list[pin.GeometryObject]:
-    """Collision shapes fixed to the vehicle."""
-    shapes = robot.collision_model.geometryObjects if robot.n_vehicle else ()
-    return [shape for shape in shapes if shape.parentJoint == 1]
-
-
-def _box_corners(shape: pin.GeometryObject) -> np.ndarray:
-    """Corners (8, 3) [m] of a shape's own bounding box, in the frame of the vehicle."""
-    return np.asarray(box_corners(shape.geometry) @ shape.placement.rotation.T + shape.placement.translation)
 
 
 # One time step of a robot in water as a CasADi Function.

@@ -114,13 +114,18 @@ def _struck(channel: FaultyChannel, fault: Fault, rng: np.random.Generator) -> _
         begin = joint.idx_q - first.idx_q
         turned = slice(begin, begin + joint.n_q)
         values = turned if channel.name == "joint_positions" else slice(errors.start, errors.stop)
-    if fault.kind in ("bias", "stuck") and len(fault.values) not in (1, len(errors)):
+    if fault.kind in ("bias", "drift", "stuck") and len(fault.values) not in (1, len(errors)):
         raise InvalidInput(f"{fault}: {len(fault.values)} values; give 1 or {len(errors)}")
     return _Struck(channel=channel, fault=fault, rng=rng, values=values, errors=errors)
 
 
 def _bias(sample: Sample, struck: _Struck) -> Sample:
     return replace(sample, value=struck.channel.disturb(sample.value, struck.error()))
+
+
+def _drift(sample: Sample, struck: _Struck) -> Sample:
+    grown = struck.error() * (sample.stamp - struck.fault.onset)
+    return replace(sample, value=struck.channel.disturb(sample.value, grown))
 
 
 def _stuck(sample: Sample, struck: _Struck) -> Sample:
@@ -145,6 +150,7 @@ _EFFECTS: Mapping[str, Callable[[Sample, _Struck], Sample | None]] = {
     "lost": lambda sample, struck: None,
     "nan": lambda sample, struck: struck.with_value(sample, math.nan),
     "bias": _bias,
+    "drift": _drift,
     "stuck": _stuck,
     "spikes": _spikes,
     "late": lambda sample, struck: replace(sample, extra_delay=sample.extra_delay + struck.fault.values[0]),

@@ -29,8 +29,8 @@ from uvms_ocp.estimation.health.guarded_estimator import GatedEstimator
 from uvms_ocp.record.meta_values import UNIT_NORM_TOLERANCE, FaultMeta
 from uvms_ocp.record.tables import SERIES
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.hull import skid_points
 from uvms_ocp.robot.signals import CHANNELS, Command, Reading, Readings, SensorSpecs, State, StateEstimate
-from uvms_ocp.sim.dynamic_step import skid_points
 from uvms_ocp.sim.faults import Fault, is_active, plain
 from uvms_ocp.sim.loop import Controller, Sensors, StateEstimator
 from uvms_ocp.sim.plant import EFFORTS, Plant

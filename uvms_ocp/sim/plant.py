@@ -17,6 +17,7 @@ from uvms_ocp.codegen.compile import compile_function, compile_lifted
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Command, Robot, State
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.robot.shapes.hull import skid_points
 from uvms_ocp.sim import dynamic_step
 from uvms_ocp.sim import fault_effects as effects
 from uvms_ocp.sim.environment import Environment, EnvironmentSampler
@@ -47,7 +48,7 @@ class Plant(Protocol):
 
         Reports and figures know ``thrust`` (n_thrusters,) [N], ``torque`` (n_joints,) [N m], and what was taken so far,
         ``thruster_energy`` (n_thrusters,) [J], nan where not known, and ``joint_energy`` [J]; a plant tells all four or none.
-        The scene draws ``contact`` (n_points,) [N], of the floor on each of `uvms_ocp.sim.dynamic_step.skid_points`, and
+        The scene draws ``contact`` (n_points,) [N], of the floor on each of `uvms_ocp.robot.shapes.hull.skid_points`, and
         ``current`` (3,) [m/s] in W, of the water at the vehicle. Other names of `uvms_ocp.record.tables.SERIES` are taken.
         """
 
@@ -88,7 +89,7 @@ def _compiled_step(
     model = dynamic_step.StepModel(
         robot=robot,
         dynamics=dynamics.symbolic,
-        points=dynamic_step.skid_points(robot),
+        points=skid_points(robot),
         contact=contact,
         stops=stops,
         thrusters=Thrusters.of(robot),

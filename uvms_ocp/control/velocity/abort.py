@@ -18,6 +18,7 @@ from uvms_ocp.estimation.degraded_modes import describe_channels
 from uvms_ocp.mission import Abort, Mission
 from uvms_ocp.mission.progress import MissionMemory
 from uvms_ocp.robot import Robot, SymbolicModel
+from uvms_ocp.robot.shapes.hull import lowest_point
 from uvms_ocp.robot.signals import ChannelHealth
 from uvms_ocp.tasks.altitude import MinimumAltitude
 
@@ -61,13 +62,13 @@ def aim_ascent(m: AscentMemory, q: Vector, floor: float) -> None:
 
 
 def ascent_sizes(robot: Robot, mission: Mission) -> dict[str, ca.Function]:
-    """Return the sizes of an `AscentMemory`; nothing ascends without an abort phase."""
+    """Return the sizes of an `AscentMemory`, and what tells how low the robot is; nothing ascends without an abort phase."""
     q = ca.SX.sym("q", robot.n_q)
     R_WF, p_WF = ca.SX.eye(3), ca.SX.zeros(3)
     if mission.abort is not None:
         R_WF, p_WF = SymbolicModel(robot.model).forward_kinematics(q).pose(mission.ascent_frame)
     outputs = [ca.densify(p_WF), ca.densify(ca.vec(R_WF))]
-    return {"pose": ca.Function("climb_frame", [q], outputs, {"cse": True})}
+    return {"pose": ca.Function("climb_frame", [q], outputs, {"cse": True}), "lowest": lowest_point(robot)}
 
 
 def ascent_goal(memory: AscentMemory) -> pin.SE3:
@@ -79,6 +80,7 @@ def ascent_goal(memory: AscentMemory) -> pin.SE3:
 # What sends a mission into its abort phase: lost sensors, contact, too little thrust, no progress.
 
 _PROGRESS = 0.02  # share of what is missing to a limit that counts as progress
+_SUNK_AFTER = 0.5  # [s] of arm or hull in the floor that is believed
 _GROWTH = 0.1  # share of an error by which it grows where the robot runs away
 
 
@@ -110,6 +112,7 @@ class AbortReason(IntEnum):
     THRUST = 6
     STALL = 7
     RUNAWAY = 8
+    FLOOR = 9
 
 
 class AbortMemory(Layout):
@@ -128,6 +131,10 @@ class AbortMemory(Layout):
     contact: float
     contact_after: float
     """[s]"""
+    sunk: float
+    """[m] as that of `Abort`."""
+    sunk_since: float
+    """[s] since when it has been deeper than that in the floor; NaN: not asked yet."""
     high: Annotated[list[int], Sized("n_tasks")]
     """(n_tasks,) which tasks keep the robot well above the floor."""
     short: bool
@@ -159,9 +166,9 @@ class AbortMemory(Layout):
 
 
 def abort_reason(
-    d: AbortMemory, m: MissionMemory, t: float, gates: Vector, quantities: Vector, hopeless: bool, ended: bool
+    d: AbortMemory, m: MissionMemory, t: float, gates: Vector, quantities: Vector, hopeless: bool, ended: bool, clearance: float
 ) -> int:
-    """Why the mission is to be given up at t [s], a `Why`. A kernel.
+    """Why the mission is to be given up at t [s], a `Why`. A kernel. clearance [m]: above the floor, NaN for unknown.
 
     gates, quantities [in their units], NaN where not known. hopeless: the thrust is cut, and somebody has judged why.
     ended: by what the sensors told.
@@ -173,6 +180,9 @@ def abort_reason(
         return AbortReason.LATE if t - m.since > d.time_limit else (AbortReason.HOPELESS if hopeless else AbortReason.NOTHING)
     if hopeless or ended or d.fault:
         return AbortReason.HOPELESS if hopeless else (AbortReason.ENDED if ended else AbortReason.FAULT)
+    d.sunk_since = _since(clearance < -d.sunk, d.sunk_since, t)
+    if t - d.sunk_since > _SUNK_AFTER:
+        return AbortReason.FLOOR
     d.contact_since = _since(d.pushed, d.contact_since, t)
     if t - d.contact_since > d.contact_after:
         return AbortReason.CONTACT
@@ -266,6 +276,7 @@ class AbortMonitor:
             lift = f"{100 * feedback.push:.0f} % of the thrusters' lift"
             return f"contact or rising water: pushed up by {lift} for {abort.contact_after:g} s"
         texts = {
+            AbortReason.FLOOR: f"hull or arm {abort.sunk:g} m in the floor that the altimeter shows, or deeper",
             AbortReason.LATE: f"{abort.time_limit:g} s were not enough for it",
             AbortReason.HOPELESS: self._hopeless(tick),
             AbortReason.ENDED: tick.restriction.abort,
@@ -287,8 +298,10 @@ class AbortMonitor:
         abort = self._mission.abort
         high = [isinstance(task, MinimumAltitude) for task in self._mission.hierarchy.tasks]
         assign(memory, aborts=abort is not None, began=-math.inf, high=high)
-        memory.contact_since = memory.thrust_since = memory.stall_since = memory.runaway_since = math.nan
-        for name in ("time_limit", "stall_after", "thrust_after", "runaway_after", "contact", "contact_after") if abort else ():
+        memory.sunk_since = memory.contact_since = memory.thrust_since = memory.stall_since = memory.runaway_since = math.nan
+        for name in (
+            ("time_limit", "stall_after", "thrust_after", "runaway_after", "contact", "contact_after", "sunk") if abort else ()
+        ):
             setattr(memory, name, getattr(abort, name))
 
 

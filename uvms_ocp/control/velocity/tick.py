@@ -120,7 +120,9 @@ def _check_mission(m: TickMemory) -> None:
     """Go on with the mission, or give it up."""
     less, stopped = m.restriction, is_stopped(m)
     hopeless = stopped and (less.ended or less.any_lost)
-    m.why = abort_reason(m.distress, m.mission, m.t, m.gates, m.phase_quantities, hopeless, less.ended)
+    m.lowest(m.q, m.height)
+    clearance = m.height[0] - m.beam.floor
+    m.why = abort_reason(m.distress, m.mission, m.t, m.gates, m.phase_quantities, hopeless, less.ended, clearance)
     if m.why != AbortReason.NOTHING:
         m.eventful = True
         if not m.mission.given_up:

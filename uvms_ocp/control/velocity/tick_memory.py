@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, assign, structure_of
+from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, assign, structure_of
 from uvms_ocp.control.velocity.abort import AbortMemory, AscentMemory, ascent_sizes
 from uvms_ocp.control.velocity.braking import SpeedLimitMemory
 from uvms_ocp.control.velocity.distances import NearestMemory
@@ -44,6 +44,10 @@ class TickMemory(Layout):
     """Replacement of an estimate that is not sound."""
     beam: AltimeterMemory
     """Where the altimeter looks."""
+    lowest: FunctionField
+    """Q to `height`."""
+    height: Annotated[Vector, Sized(1)]
+    """(1,) [m] z in W of the lowest of hull, joints and tools."""
     ascent: AscentMemory
     """Where the abort phase leads to."""
     goals: GoalsMemory

@@ -331,9 +331,9 @@ def health_memory(robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthT
     fastest = np.minimum(robot.limits.velocity[robot.joint_v], _FASTEST)
     made.encoders.allowed[: robot.n_joints] = (_ENCODER_TRAVEL + delay * fastest).tolist()
     made.encoders.n = robot.n_joints if _is_plain(robot) and robot.n_joints == len(robot.joint_names) else 0
-    compared = {name: specs.get(name) for name in ("position", "attitude", "depth")}
-    noise = {name: spec.sigma + max(map(abs, spec.biases)) if spec else 0.0 for name, spec in compared.items()}
-    init_comparisons(made.velocity, made.rate, made.depth, noise)
+    bias = dict.fromkeys(sizes_of(robot), 0.0) | {name: max(map(abs, spec.biases)) for name, spec in specs.items()}
+    noise = {name: bias[name] + (specs[name].sigma if name in specs else 0.0) for name in bias}
+    init_comparisons(made.velocity, made.rate, made.depth, noise, bias)
     init_floor(made.floor, specs["altimeter_range"].sigma if "altimeter_range" in specs else 0.0, tuning)
     return made
 

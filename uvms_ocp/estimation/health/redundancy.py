@@ -94,26 +94,51 @@ _GAP = 2.0  # [s] of silence after which a comparison begins anew
 _SIGMAS = 8.0
 _SPACING = 0.1  # [s] between readings that are compared: more tell no more
 _DRIFT_SPAN, _DRIFT = 3.0, 0.04  # [s], [m/s]: a bias that a vehicle may have
+_LONG_SPAN, _LONG_LEAST, _LONG_SPACING = 20.0, 6.0, 0.4  # [s] in which slow drifts are looked for
+_MEDIAN = 1.25  # times the standard deviation of a mean: that of a median
+_SLOW_DRIFT, _OBLIQUE = 0.01, 0.03  # [m/s] a bias that a DVL may have, and share of the way by which its axes and scale err
+_SLOW_TURN = 0.005  # [rad/s]: a bias that a gyro may have
 _BLIND = 1.2  # [s] without a velocity, in which a vehicle may have gone anywhere
 _TURN_SPAN, _TURN = 1.0, 0.03  # [s], [rad/s]
 _FIRST, _LAST, _DEPTH = 10, 5, 0.05  # fixes, fixes, [m]
 
 
-class VelocityAgainstPosition(Layout):
-    """The way between two position fixes against the velocity of the DVL, integrated over the same time."""
+class DriftWindow(Layout):
+    """Differences of a channel from another one that is integrated, over a span of time."""
 
+    span: float
+    """[s] of what is remembered."""
+    least: float
+    """[s] from which on it tells something."""
+    spacing: float
+    """[s]"""
     tolerance: float
-    """[m/s]"""
+    """[m/s] of a drift."""
+    share: float
+    """Of the way by which the integrated one may err on top."""
+    noise: float
+    """[m] standard deviation of a difference."""
+    samples: SampleRing
+    """(3,) [m] differences in W, and the length of the way [m]."""
+
+
+class VelocityAgainstPosition(Layout):
+    """The way between two position fixes, or depths, against the velocity of the DVL, integrated over the same time."""
+
     t: float
     """[s] of the last velocity."""
-    way: Annotated[Vector, Sized(3)]
-    """(3,) [m] in W."""
+    way: Annotated[Vector, Sized(4)]
+    """(4,) [m] in W, and its length."""
     velocity: Annotated[Vector, Sized(3)]
     """(3,) [m/s] in W."""
     ways: SampleRing
     """`way` at the last readings of the DVL, which late fixes may be compared with."""
-    offsets: SampleRing
-    """Difference of fixes from the integrated velocity."""
+    quick: DriftWindow
+    """Of fixes."""
+    slow: DriftWindow
+    """Of fixes, too."""
+    depth: DriftWindow
+    """Of depths, in z."""
 
 
 class RateAgainstAttitude(Layout):
@@ -127,8 +152,16 @@ class RateAgainstAttitude(Layout):
     """(4,) """
     rate: Annotated[Vector, Sized(3)]
     """(3,) [rad/s]"""
+    slow_tolerance: float
+    """[rad/s]"""
     offsets: SampleRing
     """Difference of attitudes from the integrated rate: constant in B where both turn alike."""
+    slow_offsets: SampleRing
+    """The same over a longer time."""
+    quick_rate: float
+    """[rad/s] at which they turned apart, by the last attitude, over a short time; 0 where they agree."""
+    slow_rate: float
+    """[rad/s] the same over a longer one."""
 
 
 class DepthAgainstPosition(Layout):
@@ -149,12 +182,22 @@ class DepthAgainstPosition(Layout):
 
 
 def init_comparisons(
-    velocity: VelocityAgainstPosition, rate: RateAgainstAttitude, depth: DepthAgainstPosition, noise: dict[str, float]
+    velocity: VelocityAgainstPosition,
+    rate: RateAgainstAttitude,
+    depth: DepthAgainstPosition,
+    noise: dict[str, float],
+    bias: dict[str, float],
 ) -> None:
-    """Prepare all three; noise [unit of the channel] of position, attitude and depth."""
-    fix = noise["position"]
-    velocity.tolerance = _DRIFT + _SIGMAS * math.sqrt(2.0) * fix / _DRIFT_SPAN
-    rate.tolerance = _TURN + _SIGMAS * math.sqrt(2.0) * noise["attitude"] / _TURN_SPAN
+    """Prepare all three; noise and bias [unit of the channel] of each channel."""
+    fix, turn = noise["position"], math.sqrt(2.0) * noise["attitude"]
+    quick, slow = velocity.quick, velocity.slow
+    quick.span, quick.least, quick.spacing = _DRIFT_SPAN + 0.5, _DRIFT_SPAN, _SPACING
+    quick.tolerance = _DRIFT + _SIGMAS * math.sqrt(2.0) * fix / _DRIFT_SPAN
+    for window, sigma in ((slow, fix), (velocity.depth, noise["depth"])):
+        window.span, window.least, window.spacing = _LONG_SPAN, _LONG_LEAST, _LONG_SPACING
+        window.tolerance, window.share, window.noise = _SLOW_DRIFT + bias["linear_velocity"], _OBLIQUE, sigma
+    rate.tolerance = _TURN + _SIGMAS * turn / _TURN_SPAN
+    rate.slow_tolerance = _SLOW_TURN + bias["angular_velocity"] + _SIGMAS * turn / _LONG_SPAN
     depth.tolerance = _DEPTH + _SIGMAS * math.hypot(fix, noise["depth"]) * math.sqrt(1.0 / _FIRST + 1.0 / _LAST)
     velocity.t = rate.t = depth.t = -math.inf
     rate.turn[3] = 1.0
@@ -165,46 +208,70 @@ def update_velocity(d: VelocityAgainstPosition, v_W: Vector, t: float) -> None:
     dt = t - d.t
     known = 0.0 <= dt <= _BLIND
     if not known:
-        d.offsets.count = d.ways.count = 0
+        d.quick.samples.count = d.slow.samples.count = d.depth.samples.count = d.ways.count = 0
+    squared = 0.0
     for i in range(3):
-        if known:
-            d.way[i] += 0.5 * dt * (v_W[i] + d.velocity[i])
+        step = 0.5 * dt * (v_W[i] + d.velocity[i]) if known else 0.0
+        d.way[i] += step
+        squared += step * step
         d.velocity[i] = v_W[i]
+    d.way[3] += math.sqrt(squared)
     d.t = t
-    append_value(d.ways, t, d.way, 3)
+    append_value(d.ways, t, d.way, 4)
 
 
-def drift_rate(d: VelocityAgainstPosition, p: Vector, t: float) -> float:
-    """How fast [m/s] the two drift apart, by a fix p (3,) [m] in W at time t [s]; 0 where they agree.
+def fix_drifts(d: VelocityAgainstPosition, p: Vector, t: float) -> bool:
+    """A fix p (3,) [m] in W at time t [s] is compared, in `quick` and `slow`; whether it could be."""
+    offset = zeros(4)
+    known = _is_comparable(d, t)
+    for i in range(3):
+        offset[i] = p[i] - _way_at(d, i, t) if known else 0.0
+    offset[3] = d.way[3]
+    _append_offset(d.quick, offset, t, known)
+    _append_offset(d.slow, offset, t, known)
+    return known
+
+
+def depth_drifts(d: VelocityAgainstPosition, z: float, t: float) -> bool:
+    """A depth z [m] at time t [s] is compared, in `depth`; whether it could be."""
+    offset = zeros(4)
+    known = _is_comparable(d, t)
+    offset[2] = z - _way_at(d, 2, t) if known else 0.0
+    offset[3] = d.way[3]
+    _append_offset(d.depth, offset, t, known)
+    return known
+
+
+def _is_comparable(d: VelocityAgainstPosition, t: float) -> bool:
+    return abs(t - d.t) <= _GAP and d.ways.count > 0 and t >= time_at(d.ways, 0)
+
+
+def _append_offset(w: DriftWindow, offset: Vector, t: float, known: bool) -> None:
+    found = w.samples
+    if not known:
+        found.count = 0
+    elif found.count == 0 or t - time_at(found, found.count - 1) >= w.spacing:
+        append_value(found, t, offset, 4)
+        while span_of(found) > w.span:
+            drop_oldest(found)
+
+
+def drift_rate(w: DriftWindow, first: int) -> float:
+    """How fast [m/s] the two of a window drift apart along axes `first` to 2; 0 where they agree, or too little is known.
 
     Thirds of the span are compared by their medians, which fixes that are far off now and then do not move.
     """
-    found = d.offsets
-    if not (abs(t - d.t) <= _GAP and d.ways.count > 0 and t >= time_at(d.ways, 0)):
-        found.count = 0
-        return 0.0
-    if found.count > 0 and t - time_at(found, found.count - 1) < _SPACING:
-        return 0.0
-    offset = zeros(3)
-    for i in range(3):
-        offset[i] = p[i] - _way_at(d, i, t)
-    append_value(found, t, offset, 3)
-    while span_of(found) > _DRIFT_SPAN + 0.5:
-        drop_oldest(found)
-    if span_of(found) < _DRIFT_SPAN or found.count < 3:
-        return 0.0
+    found = w.samples
     n = found.count // 3
-    rate = _change(found) / (mean_time(found, found.count - n, n) - mean_time(found, 0, n))
-    return rate if rate > d.tolerance else 0.0
-
-
-def _change(found: SampleRing) -> float:
-    """[m] from the first third to the last."""
-    n, squared = found.count // 3, 0.0
-    for i in range(3):
+    if n == 0 or span_of(found) < w.least:
+        return 0.0
+    time, squared = mean_time(found, found.count - n, n) - mean_time(found, 0, n), 0.0
+    for i in range(first, 3):
         change = median_of(found, i, found.count - n, n) - median_of(found, i, 0, n)
         squared += change * change
-    return math.sqrt(squared)
+    way = found.value[ring_slot(found, found.count - 1)][3] - found.value[found.first][3]
+    allowed = w.tolerance * time + w.share * way + _SIGMAS * _MEDIAN * math.sqrt(2.0 / n) * w.noise
+    return math.sqrt(squared) / time if squared > allowed * allowed else 0.0
 
 
 def _way_at(d: VelocityAgainstPosition, i: int, t: float) -> float:
@@ -224,29 +291,35 @@ def update_rate(d: RateAgainstAttitude, omega: Vector, t: float) -> None:
         _turn_on(d, mean, 0.5 * dt, d.turn)
         normalize(d.turn)
     else:
-        d.offsets.count = 0
+        d.offsets.count = d.slow_offsets.count = 0
 
 
-def rotation_drift(d: RateAgainstAttitude, quaternion: Vector, t: float) -> float:
-    """How fast [rad/s] the two turn apart, by the attitude quaternion (4,), xyzw, at time t [s]; 0 where they agree."""
-    found = d.offsets
+def compare_turns(d: RateAgainstAttitude, quaternion: Vector, t: float) -> None:
+    """Find the rates at which the two turn apart, by the attitude quaternion (4,), xyzw, at time t [s]."""
+    d.quick_rate = d.slow_rate = 0.0
     if not abs(t - d.t) <= _GAP:
-        found.count = 0
-        return 0.0
-    if found.count > 0 and t - time_at(found, found.count - 1) < _SPACING:
-        return 0.0
+        d.offsets.count = d.slow_offsets.count = 0
+        return
     turned, offset = zeros(4), zeros(4)
     _turn_on(d, d.rate, t - d.t, turned)
     conjugate(turned)
     multiply(quaternion, turned, offset)
+    d.quick_rate = _turn_in(d.offsets, offset, t, _TURN_SPAN, _SPACING, d.tolerance)
+    d.slow_rate = _turn_in(d.slow_offsets, offset, t, _LONG_SPAN, _LONG_SPACING, d.slow_tolerance)
+
+
+def _turn_in(found: SampleRing, offset: Vector, t: float, least: float, spacing: float, tolerance: float) -> float:
+    """[rad/s] over `least` [s]; 0 before, and where it is within the tolerance [rad/s]."""
+    if found.count > 0 and t - time_at(found, found.count - 1) < spacing:
+        return 0.0
     append_value(found, t, offset, 4)
-    while span_of(found) > _TURN_SPAN + _SPACING:
+    while span_of(found) > least + spacing:
         drop_oldest(found)
     span = span_of(found)
-    if span < _TURN_SPAN - 1e-6:
+    if span < least - 1e-6:
         return 0.0
     rate = angle_between(found.value[found.first], found.value[ring_slot(found, found.count - 1)]) / span
-    return rate if rate > d.tolerance else 0.0
+    return rate if rate > tolerance else 0.0
 
 
 def _turn_on(d: RateAgainstAttitude, rate: Vector, dt: float, out: Vector) -> None:

@@ -19,9 +19,11 @@ from uvms_ocp.estimation.health.plausibility import (
     stands_still,
 )
 from uvms_ocp.estimation.health.redundancy import (
+    compare_turns,
     depth_difference,
+    depth_drifts,
     drift_rate,
-    rotation_drift,
+    fix_drifts,
     update_depth,
     update_rate,
     update_velocity,
@@ -146,7 +148,7 @@ _RECENT = 10.0  # [s] for which a refused reading speaks against its channel whe
 
 def compare(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate) -> None:
     """The newest reading of a channel with what others tell of the same; the estimate is that of when it was taken."""
-    why, rate = m.belief.why, 0.0
+    why = m.belief.why
     if c.number == ChannelIndex.POSITION:
         _compare_fix(m, c, estimate, why)
     elif c.number == ChannelIndex.LINEAR_VELOCITY:
@@ -155,30 +157,66 @@ def compare(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate) -> None:
         update_velocity(m.velocity, v_W, c.stamp)
     elif c.number == ChannelIndex.DEPTH:
         update_depth(m.depth, c.value[0], c.stamp)
+        _compare_depth(m, c, why)
     elif c.number == ChannelIndex.ANGULAR_VELOCITY:
         update_rate(m.rate, c.value, c.stamp)
     elif c.number == ChannelIndex.ATTITUDE:
-        rate = rotation_drift(m.rate, c.value, c.stamp)
-    if rate > 0.0:
-        set_complaint(why, Reason.TURN, rate, 0.0)
-        _suspect_likelier(m, ChannelIndex.ANGULAR_VELOCITY, ChannelIndex.ATTITUDE, ChannelIndex.ANGULAR_VELOCITY)
+        _compare_attitude(m, c, why)
+
+
+def _compare_attitude(m: HealthMemory, c: ChannelMemory, why: Complaint) -> None:
+    compare_turns(m.rate, c.value, c.stamp)
+    quick, slow = m.rate.quick_rate, m.rate.slow_rate
+    if quick > 0.0 or slow > 0.0:
+        set_complaint(why, Reason.TURN, max(quick, slow), 0.0)
+        likely = int(ChannelIndex.ANGULAR_VELOCITY) if quick > 0.0 else -1
+        _suspect_likelier(m, ChannelIndex.ATTITUDE, ChannelIndex.ANGULAR_VELOCITY, likely)
 
 
 def _compare_fix(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, why: Complaint) -> None:
+    velocity, depth = m.channels[ChannelIndex.LINEAR_VELOCITY], m.channels[ChannelIndex.DEPTH]
     v_W = zeros(3)
-    rate = drift_rate(m.velocity, c.value, c.stamp)
+    known = fix_drifts(m.velocity, c.value, c.stamp)
+    quick, slow = drift_rate(m.velocity.quick, 0), drift_rate(m.velocity.slow, 0)
     rotate(estimate.q, estimate.v, v_W)
     by = depth_difference(m.depth, c.value[2], v_W[2], c.stamp)
-    if rate > 0.0:
-        set_complaint(why, Reason.DRIFT, rate, 0.0)
+    if known and quick > 0.0:
+        set_complaint(why, Reason.DRIFT, quick, 0.0)
         # The DVL is not used until it agrees again, as the filter cannot find out by itself; unless fixes jumped.
-        velocity, position = m.channels[ChannelIndex.LINEAR_VELOCITY], m.channels[ChannelIndex.POSITION]
-        lies = velocity.present and (_is_guilty(m, velocity) or not _is_guilty(m, position))
-        if lies and exclude(velocity, why, m.t, m.clean):
+        guilty, other = _is_guilty(m, c), _is_guilty(m, velocity)
+        if velocity.present and (other or not guilty) and exclude(velocity, why, m.t, m.clean):
             m.exposed = True
+        if guilty == other and slow > 0.0:
+            suspect(c, why, m.t)
+    elif known and slow > 0.0:
+        # Nothing tells which of the two drifts, but for depths where it is along z.
+        set_complaint(why, Reason.DRIFT, slow, 0.0)
+        if drift_rate(m.velocity.slow, 2) > 0.0 and _agrees_with_velocity(m, depth):
+            exclude(c, why, m.t, m.clean)
+        else:
+            suspect(c, why, m.t)
+            suspect(velocity, why, m.t)
     if by > 0.0:
         set_complaint(why, Reason.DEPTH, by, 0.0)
-        _suspect_likelier(m, ChannelIndex.DEPTH, ChannelIndex.POSITION, -1)
+        if not _agrees_with_velocity(m, depth) and drift_rate(m.velocity.slow, 2) == 0.0 and known:
+            exclude(depth, why, m.t, m.clean)
+        else:
+            _suspect_likelier(m, ChannelIndex.DEPTH, ChannelIndex.POSITION, -1)
+
+
+def _compare_depth(m: HealthMemory, c: ChannelMemory, why: Complaint) -> None:
+    """Where depths drift from what the DVL tells, and fixes do not, they are not used."""
+    rate = drift_rate(m.velocity.depth, 2) if depth_drifts(m.velocity, c.value[0], c.stamp) else 0.0
+    if rate > 0.0:
+        set_complaint(why, Reason.DEPTH_DRIFT, rate, 0.0)
+        if m.channels[ChannelIndex.POSITION].present and drift_rate(m.velocity.slow, 2) == 0.0:
+            exclude(c, why, m.t, m.clean)
+        else:
+            suspect(c, why, m.t)
+
+
+def _agrees_with_velocity(m: HealthMemory, depth: ChannelMemory) -> bool:
+    return depth.present and drift_rate(m.velocity.depth, 2) == 0.0
 
 
 def _suspect_likelier(m: HealthMemory, first: int, second: int, likely: int) -> None:

@@ -65,6 +65,7 @@ class Reason(IntEnum):
     SILENT = 20
     NO_ECHO = 21
     REFUSED = 22
+    DEPTH_DRIFT = 23
 
 
 class Complaint(Layout):
@@ -105,6 +106,7 @@ _TEXTS: dict[int, Callable[[float, float], str]] = {
     Reason.DRIFT: lambda a, b: f"position fixes and DVL disagree by {a:.2g} m/s",
     Reason.TURN: lambda a, b: f"gyro and attitude disagree by {a:.2g} rad/s",
     Reason.DEPTH: lambda a, b: f"depth and position disagree by {a:.2g} m",
+    Reason.DEPTH_DRIFT: lambda a, b: f"depth and DVL disagree by {a:.2g} m/s",
     Reason.SILENT: lambda a, b: f"silent for {a:.2f} s",
     Reason.NO_ECHO: lambda a, b: f"no echo for {a:.2f} s",
     Reason.REFUSED: lambda a, b: f"{a:.3g} times the innovation expected",

@@ -9,9 +9,9 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.robot.kinematics import STEEP, AltimeterBeam
+from uvms_ocp.robot.shapes.hull import lowest_link, skid_points
 from uvms_ocp.scenario.preflight.reachability import goals_of
 from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Visit, main_path, points_on_ball, threshold_of
-from uvms_ocp.sim.dynamic_step import lowest_link, skid_points
 from uvms_ocp.sim.environment import closest_approach
 from uvms_ocp.tasks import HorizontalAttitude, LandingAltitude, MinimumAltitude
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition, VehiclePose

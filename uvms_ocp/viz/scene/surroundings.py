@@ -13,8 +13,8 @@ import pinocchio as pin
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot import Robot, thruster_matrix
 from uvms_ocp.robot.shapes.collision_model import CoalPairs, shapes_among
+from uvms_ocp.robot.shapes.hull import skid_points
 from uvms_ocp.robot.shapes.obstacles import build_obstacle
-from uvms_ocp.sim.dynamic_step import skid_points
 from uvms_ocp.viz.scene.animation import Frames, rounded
 from uvms_ocp.viz.scene.page import Visualizer
 from uvms_ocp.viz.scene.page import geometry as mg

@@ -1,0 +1,66 @@
+"""Drifts that no single reading shows are found by what another channel integrates to, and blamed on the right one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from health_run import HealthRun
+
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import Reading, Readings, Trust
+
+ONSET, END = 3.0, 28.0  # [s]
+
+
+def drifting(channel: str, rate: np.ndarray | float):
+    def spoil(readings: Readings, t: float) -> Readings:
+        reading = getattr(readings, channel)
+        if reading is None or reading.t < ONSET:
+            return readings
+        off = np.asarray(rate) * (reading.t - ONSET)
+        turned = channel == "attitude"
+        value = (pin.Quaternion(reading.value) * pin.Quaternion(pin.exp3(off))).coeffs() if turned else reading.value + off
+        fields = {name: getattr(readings, name) for name in Readings.__dataclass_fields__}
+        return Readings(**fields | {channel: Reading(value=value if np.ndim(value) else float(value), t=reading.t)})
+
+    return spoil
+
+
+@pytest.fixture(scope="module", name="robot")
+def _robot() -> Robot:
+    return load_robot("girona_maris7")
+
+
+@pytest.mark.parametrize(
+    ("channel", "rate", "within", "others"),
+    [
+        ("position", (0.05, 0.0, 0.0), 12.0, {"depth", "attitude", "angular_velocity"}),
+        ("position", (0.0, 0.0, 0.05), 12.0, {"attitude", "angular_velocity"}),
+        ("depth", 0.03, 6.0, {"position", "linear_velocity", "attitude", "angular_velocity"}),
+        ("linear_velocity", (0.006, 0.0, 0.0), 18.0, {"depth", "attitude", "angular_velocity"}),
+        ("attitude", (0.0, 0.0, 0.01), 20.0, {"depth"}),
+    ],
+)
+def test_a_slow_drift_is_found(channel: str, rate: np.ndarray | float, within: float, others: set[str], robot: Robot) -> None:
+    """Before, only what drifts by more than a decimetre per second, or jumps, was."""
+    still = np.zeros(robot.n_v)
+    run = HealthRun(robot, duration=END, spoil=drifting(channel, np.asarray(rate)), motion=lambda t: still, dt=0.02)
+    assert run.first_bad(channel, ONSET) < within
+    assert all((run.of(name) == Trust.GOOD).all() for name in others)
+    assert run.last_bad(channel) > END - 0.1
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_sound_sensors_of_a_robot_that_sways_are_believed(seed: int, robot: Robot) -> None:
+    run = HealthRun(robot, duration=END, dt=0.02, seed=seed)
+    assert (run.trust == Trust.GOOD).all()
+
+
+def test_fixes_carry_the_height_while_depths_drift(robot: Robot) -> None:
+    """Depths that the filter had refused for a while were taken for a surprise of the vehicle, and moved velocity and height."""
+    still = np.zeros(robot.n_v)
+    run = HealthRun(robot, duration=END, spoil=drifting("depth", 0.03), motion=lambda t: still, dt=0.02)
+    assert np.abs(run.q_estimated[:, 2] - run.q[:, 2]).max() < 0.15
+    assert np.abs(run.v_estimated[run.t > 1.0, :3]).max() < 0.1

@@ -1,0 +1,54 @@
+"""Hull of a vehicle: the box around its collision shapes, and the height of the lowest point of a robot."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.robot.assembly import box_corners
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.symbolic_model import SymbolicModel
+
+
+def skid_points(robot: Robot) -> np.ndarray:
+    """Lower corners (4, 3) [m] of the box around the vehicle's collision shapes, in the frame of the vehicle.
+
+    (0, 3) for a robot with a fixed base or without collision shapes on its vehicle.
+    """
+    hull = _hull(robot)
+    if not hull:
+        return np.zeros((0, 3))
+    corners = np.concatenate([_box_corners(shape) for shape in hull])
+    (x0, y0, z0), (x1, y1, _) = corners.min(axis=0), corners.max(axis=0)
+    return np.array([[x0, y0, z0], [x0, y1, z0], [x1, y0, z0], [x1, y1, z0]])
+
+
+def lowest_link(robot: Robot) -> str:
+    """Name of the link of the vehicle whose collision shape reaches lowest in its frame; it has one."""
+    shape = min(_hull(robot), key=lambda shape: float(_box_corners(shape)[:, 2].min()))
+    return str(robot.model.frames[shape.parentFrame].name)
+
+
+def _hull(robot: Robot) -> list[pin.GeometryObject]:
+    """Collision shapes fixed to the vehicle."""
+    shapes = robot.collision_model.geometryObjects if robot.n_vehicle else ()
+    return [shape for shape in shapes if shape.parentJoint == 1]
+
+
+def _box_corners(shape: pin.GeometryObject) -> np.ndarray:
+    """Corners (8, 3) [m] of a shape's own bounding box, in the frame of the vehicle."""
+    return np.asarray(box_corners(shape.geometry) @ shape.placement.rotation.T + shape.placement.translation)
+
+
+def lowest_point(robot: Robot) -> ca.Function:
+    """Q to the z [m] in W of the lowest of the hull's corners, the joints of the arm and the tools."""
+    q = ca.SX.sym("q", robot.n_q)
+    kinematics = SymbolicModel(robot.model).forward_kinematics(q)
+    points = [pose.p for pose in kinematics.joint_poses[2 if robot.n_vehicle else 1 :]]
+    points += [kinematics.pose(frame)[1] for frame in robot.tools]
+    if robot.n_vehicle:
+        vehicle = kinematics.joint_poses[1]
+        points += [vehicle.p + vehicle.R @ ca.DM(point) for point in skid_points(robot)]
+    heights = ca.vertcat(ca.inf, *(point[2] for point in points))
+    return ca.Function("lowest_point", [q], [ca.densify(ca.mmin(heights))], {"cse": True})
