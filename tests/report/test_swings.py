@@ -9,7 +9,8 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.record.record import Record
-from uvms_ocp.report.metrics import swing_of, swings
+from uvms_ocp.record.swings import SwingWatch, swing_of
+from uvms_ocp.report.metrics import swings
 from uvms_ocp.report.summary import cause_of_end, summarize
 
 STORED = Path(__file__).parents[1] / "records" / "run_v0_1.npz"
@@ -39,7 +40,28 @@ def test_what_does_not_oscillate_is_no_swing(kind: str) -> None:
         "step": (T > 7.0) * 1.0,
         "unknown": np.full(len(T), np.nan),
     }[kind]
-    assert swing_of("error", values, DT) is None
+    found = swing_of("error", values, DT)
+    assert found is None or not found.regular
+
+
+def watched(amplitude: float, period: float, *, phases: int = 1) -> list[tuple[float, str]]:
+    """When [s] which swing is told of while a pitch swings by this [rad] for 30 s in each of some phases."""
+    watch, told = SwingWatch(DT, floating=True), []
+    for k in range(round(30.0 * phases / DT)):
+        pitch = amplitude * np.sin(2 * np.pi * k * DT / period)
+        q = np.array([0.0, 0.0, 0.0, *pin.Quaternion(pin.rpy.rpyToMatrix(0.0, pitch, 0.4)).coeffs()])
+        errors = np.array([0.2 + pitch, np.nan])
+        told += [(k * DT, swing.what) for swing in watch.after(k * DT // 30.0, q, errors, {0: ("PC.position_error", 0.1)})]
+    return told
+
+
+@pytest.mark.parametrize("period", [1.5, 3.0])
+def test_a_swing_is_told_of_once_a_phase_within_four_of_its_periods(period: float) -> None:
+    told = watched(0.1, period, phases=2)
+    assert [what for _, what in told].count("pitch") == 2
+    assert [what for _, what in told].count("PC.position_error") == 2
+    assert told[0][0] <= 4 * period
+    assert watched(0.01, period) == []
 
 
 def swung(amplitude: float) -> Record:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from uvms_ocp.record.meta_values import ABORT, DONE
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.record import quantity as quantity
 from uvms_ocp.record.run_meta import joint_errors, joint_positions
+from uvms_ocp.record.swings import WINDOW, Swing, swings_among, tilts_of
 
 # Series and scalars that several reports need.
 
@@ -63,70 +63,19 @@ def quantities_at(record: Record, t: float) -> dict[str, float]:
     return dict(zip(record.meta.quantities, row.tolist(), strict=True))
 
 
-# Swings: of an error, or of a vehicle that no thruster holds.
-
-_SWING_WINDOW = 20.0  # [s] at the end of the run
-_SWING_TILT = 0.035  # [rad] half a swing of roll or pitch that counts
-_REGULAR = 0.3  # spread of the half periods, as a share of their mean, from which on it is no swing
-_HALVES = 4  # half periods at least
-
-
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Swing:
-    """A regular oscillation at the end of a run."""
-
-    what: str
-    """Quantity, or roll or pitch of the vehicle."""
-    period: float
-    """[s]"""
-    amplitude: float
-    """[unit of the quantity, or rad] half of what it covers, at the end."""
-    growth: float
-    """Amplitude over that one period before."""
-
-    def __str__(self) -> str:
-        how = "growing" if self.growth > 1.02 else "dying away" if self.growth < 0.98 else "neither growing nor dying away"
-        return f"{self.what} swings by +-{self.amplitude:.2g} every {self.period:.2g} s, {how}"
-
-
-def swing_of(what: str, values: np.ndarray, dt: float) -> Swing | None:
-    """Return the oscillation of values (n,) about their trend at the period dt [s]; `None` for none, or one that is irregular."""
-    n = len(values)
-    if n < 2 * _HALVES or not np.isfinite(values).all():
-        return None
-    t = np.arange(n)
-    rest = values - np.polyval(np.polyfit(t, values, 2), t)
-    beyond = np.flatnonzero(np.abs(rest) > 0.5 * rest.std())
-    turns = beyond[1:][np.diff(np.sign(rest[beyond])) != 0]
-    halves = np.diff(turns)
-    if len(halves) < _HALVES or halves.std() > _REGULAR * halves.mean():
-        return None
-    peaks = np.array([np.ptp(rest[a : b + 1]) / 2 for a, b in zip(turns[:-2], turns[2:], strict=True)])
-    growth = float(np.exp(np.polyfit(np.arange(len(peaks)) / 2, np.log(np.maximum(peaks, 1e-12)), 1)[0]))
-    return Swing(what=what, period=float(2 * dt * halves.mean()), amplitude=float(peaks[-1]), growth=growth)
-
-
 @checked
 def swings(record: Record) -> list[Swing]:
-    """Return what swings at the end of a run: errors that the last phase waits for, roll and pitch by more than 2 deg.
+    """Return what swings at the end of a run, as `swings_among`: errors that the last phase waits for, roll and pitch.
 
-    An error counts where half a swing is more than half of what it must fall below. Raises `InvalidInput` for a plan's record.
+    Raises `InvalidInput` for a plan's record.
     """
-    meta, n = record.run_meta, round(_SWING_WINDOW / record.run_meta.dt)
-    since = max(len(record) - n, int(np.argmax(record["phase"] == record["phase"][-1])))
-    phase, found = meta.phases[int(record["phase"][-1])].name, list[tuple[Swing | None, float]]()
-    for item in meta.thresholds:
-        if item.phase == phase and item.sign == "<" and (series := quantity(record, item.quantity)) is not None:
-            found.append((swing_of(item.quantity, series[since:], meta.dt), item.limit / 2))
-    if meta.floating:
-        x, y, z, w = record["q"][since:, 3:7].T
-        roll, pitch = (
-            np.arctan2(2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-            np.arcsin(np.clip(2 * (w * y - x * z), -1, 1)),
-        )
-        found += [(swing_of(what, tilt, meta.dt), _SWING_TILT) for what, tilt in (("roll", roll), ("pitch", pitch))]
-    return [swing for swing, least in found if swing is not None and swing.amplitude > least]
+    meta = record.run_meta
+    window = max(0, len(record) - round(WINDOW / meta.dt))
+    since = max(window, int(np.argmax(record["phase"] == record["phase"][-1])))
+    phase = meta.phases[int(record["phase"][-1])].name
+    waited = [(item, quantity(record, item.quantity)) for item in meta.thresholds if item.phase == phase and item.sign == "<"]
+    errors = {item.quantity: (series[since:], item.limit) for item, series in waited if series is not None}
+    return list(swings_among(errors, tilts_of(record["q"][window:]) if meta.floating else {}, meta.dt))
 
 
 # What the estimator got wrong, beside what it said of itself.

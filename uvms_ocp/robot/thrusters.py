@@ -12,7 +12,8 @@ from uvms_ocp.robot.robot import Robot
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 """The vehicle's, in the order of v."""
-_RANK_TOLERANCE = 1e-6  # relative; layouts are known to about a millimetre
+_ROUNDING = 1e-6  # relative
+_WEAK = 0.1  # of the best driven direction: what rights itself and is driven by less is left to itself
 
 
 @checked
@@ -45,7 +46,7 @@ def _range(thruster: Thruster) -> tuple[float, float]:
 def largest_wrench(robot: Robot) -> np.ndarray:
     """Return (6,) [N, N m], what all thrusters can give at most axis by axis, ahead and up; 0 where that is rounding."""
     most = np.abs(thruster_matrix(robot)) @ np.array([t.maximum for t in robot.description.thrusters])
-    return np.asarray(np.where(most > _RANK_TOLERANCE * most.max(initial=0.0), most, 0.0))
+    return np.asarray(np.where(most > _ROUNDING * most.max(initial=0.0), most, 0.0))
 
 
 def largest_force(robot: Robot) -> np.ndarray:
@@ -123,8 +124,9 @@ def _curve(thruster: Thruster) -> tuple[tuple[float, float], ...]:
 def unactuated_axes(robot: Robot) -> tuple[int, ...]:
     """Return the vehicle axes 0-5 (surge, sway, heave, roll, pitch, yaw) that thrust cannot drive on their own.
 
-    As many axes as the thruster matrix lacks in rank, those that weigh most in its left null space: where sway
-    brings a little roll along, roll is the one out of reach. Empty for a fixed base.
+    As many axes as the thruster matrix lacks in rank, those that weigh most in its left null space: where sway brings a
+    little roll along, roll is the one out of reach. Roll and pitch right themselves: they count where they are hardly driven,
+    as by lift thrusters a centimetre from where they are meant to be. Empty for a fixed base.
     """
     return unreachable_axes(thruster_matrix(robot)) if robot.n_vehicle else ()
 
@@ -136,7 +138,11 @@ def undriven_axes(robot: Robot) -> tuple[int, ...]:
 
 def unreachable_axes(B: np.ndarray) -> tuple[int, ...]:
     """`unactuated_axes` of a thruster matrix B (6, n_thrusters) [-, m]."""
-    null_space = left_null_space(B)
+    return _heaviest_axes(left_null_space(B))
+
+
+def _heaviest_axes(null_space: np.ndarray) -> tuple[int, ...]:
+    """As many axes as there are columns, those that weigh most in them."""
     if not null_space.shape[1]:  # of which older SciPy finds no factors
         return ()
     import scipy.linalg  # a tenth of a second
@@ -146,12 +152,36 @@ def unreachable_axes(B: np.ndarray) -> tuple[int, ...]:
 
 
 def left_null_space(B: np.ndarray) -> np.ndarray:
-    """Return an orthonormal basis (6, 6 - rank) of the wrenches no thrust contributes to, of B (6, n_thrusters) [-, m].
+    """Return an orthonormal basis (6, n) of the wrenches no thrust contributes to, of B (6, n_thrusters) [-, m].
 
-    Moments are divided by the typical lever arm of the layout, so that newtons and newton metres compare.
+    Of moments of roll and pitch those, too, that thrust hardly contributes to, see `unactuated_axes`. Moments are divided by
+    the typical lever arm of the layout, so that newtons and newton metres compare.
     """
-    lever = np.linalg.norm(B[3:]) / max(float(np.linalg.norm(B[:3])), np.finfo(float).tiny)
-    scaled = B / np.repeat([1.0, lever or 1.0], 3)[:, None]
-    U, s, _ = np.linalg.svd(scaled)
-    rank = int((s > _RANK_TOLERANCE * s.max(initial=1e-300)).sum())
-    return U[:, rank:]
+    U, s, _ = np.linalg.svd(B / _units(B)[:, None])
+    share = np.append(s, np.zeros(len(U) - len(s))) / s.max(initial=1e-300)
+    least, weak = (U[:, share <= most] for most in (_ROUNDING, _WEAK))
+    return weak if {*_heaviest_axes(weak)} <= {*_heaviest_axes(least), 3, 4} else least
+
+
+def _units(B: np.ndarray) -> np.ndarray:
+    lever = float(np.linalg.norm(B[3:])) / max(float(np.linalg.norm(B[:3])), np.finfo(float).tiny)
+    return np.repeat([1.0, lever or 1.0], 3)
+
+
+def free_motions(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Return the motions (n_v, n) that no thruster works on, and the rows (n, n_v) that measure how much of each there is.
+
+    One for each of `undriven_axes`, with 1 of it and what it takes along: pitch turns about the line on which thrusters push
+    ahead. Thrust cannot feed such a motion, whatever it does, as it feeds an axis that it cannot drive on its own.
+    """
+    axes, n = list(undriven_axes(robot)), robot.n_v
+    motions, measured = np.zeros((n, len(axes))), np.zeros((len(axes), n))
+    if axes:
+        B = thruster_matrix(robot)
+        units = _units(B)
+        found = left_null_space(B) / units[:, None]
+        found = found @ np.linalg.inv(found[axes])
+        found[np.abs(found) < _ROUNDING] = 0.0
+        weighted = found.T * units**2
+        motions[:6], measured[:, :6] = found, np.linalg.solve(weighted @ found, weighted)
+    return motions, measured

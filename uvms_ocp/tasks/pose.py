@@ -13,6 +13,8 @@ from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.spatial import log3
+from uvms_ocp.robot.symbolic_bodies import sparse
+from uvms_ocp.robot.thrusters import free_motions, undriven_axes
 from uvms_ocp.tasks.activation import saturate
 from uvms_ocp.tasks.task import (
     PoseGoal,
@@ -206,11 +208,17 @@ class NullVelocity(VehicleVelocity):
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class UnderActuation(VehicleVelocity):
-    """Axes without thrust keep their measured velocity, so that the other rows reckon with it."""
+    """Axes without thrust keep their measured velocity, so that the other rows reckon with it.
+
+    Of all that no thruster drives these are the motions that no thruster works on, see `uvms_ocp.robot.thrusters.free_motions`.
+    """
 
     name: str = "UA"
     axes: tuple[int, ...]
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         axes = list(self.axes)
-        return equality_rows(symbols.velocity_rows(axes), symbols.velocity[axes])
+        rows = symbols.velocity_rows(axes)
+        if self.axes == undriven_axes(symbols.robot):
+            rows = ca.SX(sparse(free_motions(symbols.robot)[1]))
+        return equality_rows(rows, rows @ symbols.velocity)

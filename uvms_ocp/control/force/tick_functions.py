@@ -23,7 +23,7 @@ from uvms_ocp.control.force.observer import ObserverLaw, ObserverState, limited
 from uvms_ocp.control.force.velocity_law import VelocityLaw
 from uvms_ocp.robot import Robot, thruster_matrix
 from uvms_ocp.robot.symbolic_bodies import sparse
-from uvms_ocp.robot.thrusters import undriven_axes
+from uvms_ocp.robot.thrusters import free_motions
 
 # Inputs, state, desired force and outputs of a tick: named parts of columns of numbers.
 
@@ -230,13 +230,12 @@ def control_function(laws: ForceLaws) -> ca.Function:
     x, (inputs, observed) = _symbols(laws, inputs=ForceInputs, observed=ForceState)
     trusted = _by_part(laws, 1.0 - inputs.hold, inputs.joints)
     error, before = ca.if_else(trusted, inputs.reference - inputs.v, 0.0), observed.before
-    free = list(undriven_axes(laws.robot))
-    if free:
-        error[free], before[free] = 0, inputs.reference[free]
+    motions, measured = map(sparse, free_motions(laws.robot))
+    error, before = error - motions @ (measured @ error), before + motions @ (measured @ (inputs.reference - before))
     tau = laws.velocity.force(inputs.q, inputs.reference, before, error, observed.integral, observed.share) - observed.estimate
-    if free:  # they move as all other forces have it, and what that takes of the driven axes is fed forward
-        M = laws.velocity.dynamics.mass_matrix(inputs.q)
-        tau -= M[:, free] @ ca.solve(M[free, free], tau[free])
+    if motions.shape[1]:  # they are as all other forces have it, and what that takes of driven axes is fed forward
+        moved = laws.velocity.dynamics.mass_matrix(inputs.q) @ motions
+        tau -= moved @ ca.solve(motions.T @ moved, motions.T @ tau)
     force = _by_part(laws, ca.if_else(inputs.stop, 0.0, tau), tau)
     n = laws.robot.n_vehicle
     desired = DesiredForce(

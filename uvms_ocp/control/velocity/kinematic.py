@@ -24,9 +24,10 @@ from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation import degraded_modes
 from uvms_ocp.estimation.fallbacks import Freshness, LastFloorRange, LastValidEstimate, Watchdog
-from uvms_ocp.mission import Event, Mission, MissionState
+from uvms_ocp.mission import Below, Event, Mission, MissionState
 from uvms_ocp.mission.progress import is_over, state_after_abort, state_after_transition, write_state
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
+from uvms_ocp.record.swings import SwingWatch
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import distance_layout_sizes
 from uvms_ocp.robot.signals import ChannelHealth, Command, StateEstimate
@@ -125,6 +126,11 @@ class KinematicController(TableDisplay):
         self._health: tuple[ChannelHealth, ...] = ()
         self._bad: list[ChannelHealth] = []
         """Channels of the last verdicts that are not good, searched only where these are new."""
+        self._waited = [
+            {names.index(item.quantity): (item.quantity, item.limit) for item in phase.conditions if isinstance(item, Below)}
+            for phase in mission.all_phases
+        ]
+        self._swings = SwingWatch(dt, floating=bool(robot.n_vehicle))
         self._state = mission.start()
         self._progress = memory.mission  # made anew whenever it is asked for
         write_state(self._progress, self._state)
@@ -210,6 +216,8 @@ class KinematicController(TableDisplay):
             self._feel()
         solved = self._finish()
         self._guarding.answer.check()
+        for swing in self._swings.after(tick.mission.phase, arrays.q, arrays.phase_quantities, self._waited[tick.mission.phase]):
+            self.watchdog.alarms.append((tick.t, str(swing)))
         if memory.eventful:
             self._advance(tick)
         command = _command(

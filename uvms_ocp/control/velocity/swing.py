@@ -15,7 +15,8 @@ import numpy as np
 
 from uvms_ocp.robot import Robot, SymbolicModel
 from uvms_ocp.robot.dynamics import cached_dynamics
-from uvms_ocp.robot.thrusters import undriven_axes
+from uvms_ocp.robot.symbolic_bodies import sparse
+from uvms_ocp.robot.thrusters import free_motions, undriven_axes
 from uvms_ocp.tasks.activation import ENDLESS, approach_speed, row_acceleration
 from uvms_ocp.tasks.task import Rows, TickSymbols
 
@@ -38,6 +39,13 @@ def swinging_axes(robot: Robot) -> list[int]:
     return [axis for axis in undriven_axes(robot) if axis in (3, 4)] if robot.n_vehicle == _FREE else []
 
 
+def _swinging_motions(robot: Robot) -> tuple[ca.DM, ca.DM]:
+    """Return the `free_motions` about the swinging axes (n_v, n), and the rows (n, n_v) that measure them."""
+    motions, measured = free_motions(robot)
+    swinging = [undriven_axes(robot).index(axis) for axis in swinging_axes(robot)]
+    return sparse(motions[:, swinging]), sparse(measured[swinging])
+
+
 @lru_cache(maxsize=8)
 def swing_frequency(robot: Robot) -> float:
     """Return the slowest [rad/s] of the free axes upright with the arm stowed, within what can be countered."""
@@ -53,11 +61,12 @@ def memory_time(robot: Robot) -> float:
 
 
 def mean_attitude(symbols: TickSymbols, passive: ca.SX) -> TickSymbols:
-    """Return the symbols at rest about the axes that swing, at their mean; passive (4,): see `N_PASSIVE`."""
-    robot, velocity = symbols.robot, ca.SX(symbols.velocity)
-    velocity[swinging_axes(robot)] = 0
-    model = SymbolicModel(robot.model)
-    q = model.integrate(symbols.q, ca.vertcat(ca.SX.zeros(3), -passive[:3], ca.SX.zeros(robot.n_joints)))
+    """Return the symbols at rest in the motions that swing, at their mean; passive (4,): see `N_PASSIVE`."""
+    robot, axes = symbols.robot, swinging_axes(symbols.robot)
+    motions, measured = _swinging_motions(robot)
+    velocity, model = symbols.velocity - motions @ (measured @ symbols.velocity), SymbolicModel(robot.model)
+    q = model.integrate(symbols.q, -motions @ passive[[axis - 3 for axis in axes]])
+    q[robot.joint_q] = symbols.q[robot.joint_q]  # as symbols, which tasks differentiate by, of endless joints too
     return replace(symbols, kinematics=model.forward_kinematics(q), q=q, velocity=velocity)
 
 
@@ -68,13 +77,14 @@ def countered_rows(rows: Rows, mean: Rows, symbols: TickSymbols, passive: ca.SX,
     `N_PASSIVE`; lean: of `lean_of`.
     """
     robot, axes = symbols.robot, swinging_axes(symbols.robot)
-    J, free = ca.SX(rows.jacobian), rows.jacobian[:, axes]
-    J[:, axes] = 0
+    motions, measured = _swinging_motions(robot)
+    free = rows.jacobian @ motions
+    J = rows.jacobian - free @ measured
     if robot.n_joints:
         J[:, robot.n_vehicle :] += free @ lean.slope
     limit = ca.diag(ca.DM(np.minimum(robot.limits.velocity[robot.joint_v], ENDLESS)))
     arm = rows.jacobian[:, robot.n_vehicle :] @ limit
-    ahead = symbols.velocity[axes] - _LEAD * swing_frequency(robot) * passive[[axis - 3 for axis in axes]]
+    ahead = measured @ symbols.velocity - _LEAD * swing_frequency(robot) * passive[[axis - 3 for axis in axes]]
     least = (_SINGULAR * ca.norm_fro(arm)) ** 2 + _NOTHING
     share = -arm.T @ ca.solve(arm @ arm.T + least * ca.SX.eye(rows.n_rows), free @ ahead)
     most = ca.fmax(_JOINT_SHARE, ca.mmax(ca.fabs(share))) if robot.n_joints else 1

@@ -32,7 +32,8 @@ _FULL = 0.8  # share of a limit above which holding still is called tight
 _TILTED = 0.1  # [rad] that is worth a word where no task asks for a level vehicle
 _SHORT = 1e-3  # [N, N m] of force missing that counts
 _UNDRIVEN = "axes without thrust"
-_HEAVE, _PITCH = 2, 4  # axes of the vehicle
+_HEAVE, _LINEAR = 2, 3  # axes of the vehicle: up, and how many are lengths
+_WHERE = ("ahead of or behind", "beside", "above or below")
 _ADRIFT = 0.5  # [N] out of trim: against a drag of 100 N/(m/s) 0.3 m in a minute
 
 
@@ -126,8 +127,9 @@ def _load(setup: Setup, allocation: Allocation, tau: np.ndarray) -> DriveLoad:
     result = allocation.allocate(tau[robot.vehicle_v])
     actuated = [axis for axis in range(6) if axis not in unactuated_axes(robot)]
     missing = float(np.linalg.norm(result.unreachable[actuated])) if result.saturated else 0.0
-    axes = [f"{abs(result.unreachable[k]):.0f} N{' m' if k > 2 else ''} of {AXES[k]}" for k in actuated]
-    axes = [text for text in axes if not text.startswith("0 ")] if result.saturated else []
+    shares = [(abs(result.unreachable[k]), k) for k in actuated] if result.saturated else []
+    short = [(f"{force:.0f}" if force >= 1.0 else f"{force:.1g}", k) for force, k in shares if force > _SHORT]
+    axes = [f"{force} N{' m' if k >= _LINEAR else ''} of {AXES[k]}" for force, k in short]
     limits = np.array([max(thruster.maximum, -thruster.minimum) for thruster in robot.description.thrusters])
     effort = robot.limits.effort
     return DriveLoad(
@@ -139,31 +141,28 @@ def _load(setup: Setup, allocation: Allocation, tau: np.ndarray) -> DriveLoad:
 
 
 def check_depth(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
-    """Errors where nothing moves the vehicle up and down: it keeps its depth, or, out of trim, does not.
-
-    A vehicle that turns its nose up and down dives by its way ahead.
-    """
-    still = unactuated_axes(setup.robot)
-    if not (setup.with_forces and setup.robot.description.thrusters and {_HEAVE, _PITCH} <= {*still}):
+    """Errors where nothing moves the vehicle along an axis: it keeps its place there, or, out of trim, does not."""
+    still = [axis for axis in unactuated_axes(setup.robot) if axis < _LINEAR]
+    if not (setup.with_forces and setup.robot.description.thrusters and still):
         return
     lift, _ = static_residual(setup.robot, setup.start)
-    if abs(lift) > _ADRIFT:
+    if _HEAVE in still and abs(lift) > _ADRIFT:
         text = f"the vehicle is {abs(lift):.2g} N too {'light' if lift > 0 else 'heavy'}, and no thruster holds its depth"
         yield Severity.ERROR.finding(FORCES, f"{text}: trim it", lift_N=lift)
-    z = float(setup.start[2])
     for visit in visits:
         task = visit.active(VehiclePose)
         limit = None if task is None else threshold_of(visit.phase, f"{task.name}.position_error")
         if task is None or limit is None:
             continue
-        way = abs(float(goals_of(setup, task.name, task.goal)[-1].translation[2]) - z)
-        if way > limit:
+        goal = goals_of(setup, task.name, task.goal)[-1]
+        ways = np.abs(goal.rotation.T @ (goal.translation - setup.start[:_LINEAR]))
+        axis = max(still, key=lambda axis: ways[axis])
+        if ways[axis] > limit:
             text = (
-                f"{task.name} waits for a goal {way:.2f} m above or below, and no thruster drives heave or pitch: the vehicle "
-                f"stays at z = {z:g} m; give it thrust up and down, or goals at its depth"
+                f"{task.name} waits for a goal {ways[axis]:.2f} m {_WHERE[axis]} the vehicle's start, and no thruster drives "
+                f"{AXES[axis]}; give it thrust there, or goals where the other axes lead"
             )
-            figures = {"way_m": way}
-            yield Severity.ERROR.finding(FORCES, text, visit.phase.name, **figures)
+            yield Severity.ERROR.finding(FORCES, text, visit.phase.name, way_m=float(ways[axis]))
 
 
 def check_undriven(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:

@@ -1,0 +1,116 @@
+"""Find swings: of an error, or of a vehicle that no thruster holds, while they happen and at the end of a run."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from uvms_ocp.checks import checked
+
+WINDOW = 20.0
+"""[s] in which a swing is looked for."""
+_TILT, _TUMBLE = 0.035, 0.15  # [rad] half a swing of roll or pitch that counts, and one that does without being regular
+_REGULAR = 0.3  # spread of the half periods, as a share of their mean, from which on it is no regular swing
+_HALVES = 4  # half periods at least
+_EVERY, _ASKED = 0.1, 1.0  # [s] between values, and between searches, while a run lasts
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Swing:
+    """An oscillation at the end of a run, or of the time so far."""
+
+    what: str
+    """Quantity, or roll or pitch of the vehicle."""
+    period: float
+    """[s]"""
+    amplitude: float
+    """[unit of the quantity, or rad] half of what it covers, at the end."""
+    growth: float
+    """Amplitude over that one period before."""
+    regular: bool = True
+    """Its periods are alike."""
+
+    def __str__(self) -> str:
+        how = "growing" if self.growth > 1.02 else "dying away" if self.growth < 0.98 else "neither growing nor dying away"
+        every = f"every {self.period:.2g} s" if self.regular else f"irregularly, every {self.period:.2g} s or so"
+        return f"{self.what} swings by +-{self.amplitude:.2g} {every}, {how}"
+
+
+def swing_of(what: str, values: np.ndarray, dt: float) -> Swing | None:
+    """Return the oscillation of values (n,) about their trend at the period dt [s]; `None` for none."""
+    n = len(values)
+    if n < 2 * _HALVES or not np.isfinite(values).all():
+        return None
+    t = np.arange(n)
+    rest = values - np.polyval(np.polyfit(t, values, 2), t)
+    beyond = np.flatnonzero(np.abs(rest) > 0.5 * rest.std())
+    turns = beyond[1:][np.diff(np.sign(rest[beyond])) != 0]
+    halves = np.diff(turns)
+    if len(halves) < _HALVES:
+        return None
+    peaks = np.array([np.ptp(rest[a : b + 1]) / 2 for a, b in zip(turns[:-2], turns[2:], strict=True)])
+    growth = float(np.exp(np.polyfit(np.arange(len(peaks)) / 2, np.log(np.maximum(peaks, 1e-12)), 1)[0]))
+    regular = bool(halves.std() <= _REGULAR * halves.mean())
+    period = float(2 * dt * halves.mean())
+    return Swing(what=what, period=period, amplitude=float(peaks[-1]), growth=growth, regular=regular)
+
+
+def tilts_of(q: np.ndarray) -> dict[str, np.ndarray]:
+    """Return roll and pitch (n,) [rad] of configurations q (n, n_q) [m, rad] of a free-flyer, by name."""
+    x, y, z, w = q[:, 3:7].T
+    roll = np.arctan2(2 * (y * z + w * x), 1 - 2 * (x * x + y * y))
+    return {"roll": roll, "pitch": np.arcsin(np.clip(2 * (w * y - x * z), -1, 1))}
+
+
+def swings_among(errors: Mapping[str, tuple[np.ndarray, float]], tilts: Mapping[str, np.ndarray], dt: float) -> Iterator[Swing]:
+    """Yield what swings among errors (n,) with the limit that each must fall below, and roll and pitch (n,) [rad].
+
+    dt [s]: between values. An error counts where half a regular swing is more than half of its limit, a tilt by more than 2
+    deg, or by more than 9 deg with whatever periods.
+    """
+    for what, (values, limit) in errors.items():
+        swing = swing_of(what, values, dt)
+        if swing is not None and swing.regular and swing.amplitude > limit / 2:
+            yield swing
+    for what, values in tilts.items():
+        swing = swing_of(what, values, dt)
+        if swing is not None and swing.amplitude > (_TILT if swing.regular else _TUMBLE):
+            yield swing
+
+
+class SwingWatch:
+    """Tells of each swing of a phase once, while it happens. Remembers the last seconds: build one per run."""
+
+    def __init__(self, dt: float, *, floating: bool) -> None:
+        """dt [s]: control period; floating: the vehicle has roll and pitch."""
+        self._ticks, self._floating = max(1, round(_EVERY / dt)), floating
+        self._dt = self._ticks * dt
+        self._q, self._errors = (deque[np.ndarray](maxlen=round(WINDOW / self._dt)) for _ in range(2))
+        self._count, self._phase = 0, -1
+        self._known: set[str] = set()
+
+    def after(self, phase: int, q: np.ndarray, errors: np.ndarray, limits: Mapping[int, tuple[str, float]]) -> list[Swing]:
+        """What is seen to swing for the first time in a phase at q (n_q,) [m, rad] with errors (n,) [in their units].
+
+        limits: of the errors that the phase waits for, by index, with their names.
+        """
+        if phase != self._phase:
+            self._phase, self._known = phase, set()
+            self._errors.clear()
+        self._count += 1
+        if self._count % self._ticks:
+            return []
+        self._q.append(q.copy())
+        self._errors.append(errors.copy())
+        if self._count % (self._ticks * round(_ASKED / _EVERY)):
+            return []
+        known = np.array(self._errors)
+        waiting = {name: (known[:, k], limit) for k, (name, limit) in limits.items()}
+        tilts = tilts_of(np.array(self._q)) if self._floating else {}
+        new = [swing for swing in swings_among(waiting, tilts, self._dt) if swing.what not in self._known]
+        self._known |= {swing.what for swing in new}
+        return new
