@@ -214,7 +214,8 @@ def logarithmic(axis: Axes) -> None:
 def threshold(axis: Axes, value: float, text: str) -> None:
     """A dashed line at `value` [unit of the axis], with its meaning written on it."""
     axis.axhline(value, color=THRESHOLD, lw=0.9, ls=(0, (5, 3)), zorder=1.5)
-    look = {"ha": "left", "va": "bottom", "fontsize": 7, "color": THRESHOLD}
+    paper = {"facecolor": "white", "alpha": 0.8, "lw": 0, "pad": 0.6}  # over curves that run through the text
+    look = {"ha": "left", "va": "bottom", "fontsize": 7, "color": THRESHOLD, "bbox": paper}
     note(axis, text, (0.0, value), (4, 2), xycoords=("axes fraction", "data"), **look)
 
 
