@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -19,16 +18,16 @@ from driven_auv.vehicle import vehicle
 from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.identification.data_quality import check_data_quality
-from uvms_ocp.identification.fit import FitContext, Predicted, Predictor, Search, fit_percent, rolled_out
+from uvms_ocp.identification.fit import Predicted, Predictor, fit_percent, rolled_out
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import Estimate, Noise, OutputErrorProblem
 from uvms_ocp.identification.parameters import Prior
 from uvms_ocp.identification.rollout import RATE_WINDOW, PreparedRecording, Rollout
-from uvms_ocp.identification.validation import static_baseline, without
+from uvms_ocp.identification.validation import static_baseline
 
 STEP, HORIZONS = 0.1, (5.0, 20.0)
 NOISE = Noise(velocity=0.03, rate=0.06, vertical=0.1)
-STAGES = ((15.0, 8), (None, 12))
+STAGES = ((15.0, 8), (None, 30))
 DRIFT = {"wrench_offset": Prior(sigma=1.0, only=("heave",))}
 """What a recording has for itself while the others are identified."""
 ALL, OWN, ALONE, PRIOR, STILL = "all of it", "all of it, seen", "all of it, seen alone", "prior", "nothing moves"
@@ -39,9 +38,10 @@ WANTED_SOON = 75.0
 """[%] asked for over the shortest horizon."""
 PROSE = """
 {n} recordings of {length:.0f} s of an AUV that is driven by its thrusters. Each is predicted by one vehicle, identified on all
-others: from the commanded wrench alone, its start fitted on the first {known:g} s. The fit is `100 (1 - |error| / |y - mean|)` in
-percent, of a channel where its standard deviation exceeds {least:g} m/s ({turning:g} rad/s in yaw). Yaw rate is that of the
-attitude, smoothed by local quadratics over {window:g} s. The table has medians over the recordings.
+others by a search that begins at the prior and knows nothing of the one that is left out: from the commanded wrench alone, its
+start fitted on the first {known:g} s. The fit is `100 (1 - |error| / |y - mean|)` in percent, of a channel where its standard
+deviation exceeds {least:g} m/s ({turning:g} rad/s in yaw). Yaw rate is that of the attitude, smoothed by local quadratics over
+{window:g} s. The table has medians over the recordings.
 
 Asked for over whole recordings: {wanted}. Over {short:g} s: {asked:g} in each.
 
@@ -88,17 +88,6 @@ class Bench:
         """With unknowns shared (n,) [as they are], and with what a recording has for itself."""
         return Predictor(vehicle=self.vehicle, rollout=self.rollout, shared=shared, noise=NOISE, own=True)
 
-    def fitted(self, estimate: Estimate, iterations: int) -> FitContext:
-        """An estimate from whole recordings, and how others are found beside it."""
-        return FitContext(
-            vehicle=self.vehicle,
-            rollout=self.rollout,
-            prepared=self.prepared,
-            noise=NOISE,
-            search=Search(step=STEP, stretch=inf, iterations=iterations),
-            estimate=estimate,
-        )
-
 
 def bench(folder: Path, *, quick: bool, **learnt: Prior) -> Bench:
     """Of a folder of recordings."""
@@ -121,11 +110,11 @@ def _fit(channel: str, seen: np.ndarray, predicted: np.ndarray) -> float | None:
     return fit_percent(seen, predicted) if seen.std() > MOVING[channel] else None
 
 
-def left_out(one: Bench, drifting: Bench, everything: Estimate, *, quick: bool) -> list[Row]:
-    """Every recording, predicted by what the others tell; the search begins where all of them together end."""
-    rows, fitted = [], drifting.fitted(everything, 1 if quick else 8)
+def left_out(one: Bench, drifting: Bench, stages: Sequence[tuple[float | None, int]]) -> list[Row]:
+    """Every recording, predicted by what the others tell, in a search that begins at the prior."""
+    rows = []
     for held in drifting.prepared:
-        found = without(fitted, held).shared
+        found = drifting.trained([other for other in drifting.prepared if other is not held], None, stages).shared
         name, (whole,) = held.recording.name, held.stretches(STEP)
         rows.append(row(name, ALL, one.predictor(found).of(whole)))
         rows += _by_horizon(held, one.predictor(found), "")
@@ -240,7 +229,7 @@ def main() -> None:
     stages = tuple((duration, 1 if run.quick else iterations) for duration, iterations in STAGES)
     one, drifting = bench(given.folder, quick=run.quick), bench(given.folder, quick=run.quick, **DRIFT)
     everything = drifting.trained(drifting.prepared, None, stages)
-    rows = left_out(one, drifting, everything, quick=run.quick) + in_sample(drifting, everything, OWN)
+    rows = left_out(one, drifting, stages) + in_sample(drifting, everything, OWN)
     rows += seen_soon(drifting, everything.shared) + alone(drifting, everything.shared, quick=run.quick)
     rows += bounds(one) + nulls(one)
     table = Table(rows=medians(rows), columns={"prediction": "", **dict.fromkeys(CHANNELS, ".0f")})

@@ -8,16 +8,16 @@ standard errors.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import casadi as ca
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.identification.fit import FitContext, Predicted, Predictor
+from uvms_ocp.identification.fit import FitContext, Predicted, Predictor, search_fit
 from uvms_ocp.identification.model import N_Q, Vehicle, as_measured, vehicle_dynamics
-from uvms_ocp.identification.output_error import Estimate, Expansion, OutputErrorProblem, ProfilePenalty, SearchPoint
+from uvms_ocp.identification.output_error import Estimate, Expansion, ProfilePenalty, SearchPoint
 from uvms_ocp.identification.parameters import AXES
 from uvms_ocp.identification.recording import interpolated
 from uvms_ocp.identification.rollout import PreparedRecording, Segment
@@ -283,9 +283,8 @@ def leave_one_out(
 ) -> Iterator[HeldOutRecording]:
     """Hold out and predict each recording; horizons [s]; progress gets a line for each.
 
+    The search on the others begins where the vehicle is declared: nothing of the recording that is left out is known to it.
     Raises `InvalidInput` where there is one recording alone.
-
-    The search on the others begins where all of them together end, which only its last digits can show.
     """
     if len(fitted.prepared) < 2:
         raise InvalidInput("one recording given; leave-one-out needs at least 2")
@@ -305,10 +304,9 @@ def leave_one_out(
 
 
 def without(fitted: FitContext, held: PreparedRecording) -> Estimate:
-    """Identified on the other recordings, from where the estimate is."""
-    others = replace(fitted, prepared=tuple(one for one in fitted.prepared if one is not held))
-    problem: OutputErrorProblem = others.problem()
-    return problem.solve(problem.start(fitted.estimate.shared), iterations=fitted.search.iterations)
+    """Identified on the other recordings alone, from where the vehicle is declared."""
+    others = [one for one in fitted.prepared if one is not held]
+    return search_fit(fitted.vehicle, others, fitted.noise, fitted.rollout, fitted.search)
 
 
 def _lengths(one: PreparedRecording, step: float, known: float, asked: Sequence[float]) -> Iterator[tuple[float, float]]:
