@@ -33,6 +33,10 @@ from uvms_ocp.robot.signals import Trust
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.solution import Status, TickResult, dense
 
+_SPARE = 1.3  # times the error of the velocity, which still grows as it is seen
+_FASTER = 0.2  # share of its velocity limit that a joint leaves at most
+_NOTICED, _FORGOTTEN = 0.04, 5.0  # [s] in which it is learnt that a joint goes faster than commanded, and that it does no more
+
 # One tick of the kinematic layer but for the hierarchy: what is known, `before` it, and what comes of it, `after`.
 #
 # Between the two the hierarchy is solved.
@@ -223,10 +227,18 @@ def _wanted_velocity(m: TickMemory) -> None:
 
 
 def _shorten(m: TickMemory) -> None:
-    """The solver's velocity, shortened to the velocity limits with its direction kept."""
-    excess = 1.0
+    """The solver's velocity, shortened to the velocity limits with its direction kept.
+
+    Joints leave what they have lately been faster by than commanded, so that they keep their limits themselves.
+    """
+    excess, dt = 1.0, m.rule.stop.dt
     for i in range(len(m.solved)):
-        excess = max(excess, abs(m.solved[i]) / m.velocity_limit[i])
+        if m.is_joint[i] != 0:
+            faster = _SPARE * math.copysign(1.0, m.command[i]) * (m.v[i] - m.command[i])
+            faster = min(max(faster, 0.0), _FASTER * m.velocity_limit[i])
+            gain = min(1.0, dt / (_NOTICED if faster > m.faster[i] else _FORGOTTEN))
+            m.faster[i] += gain * (faster - m.faster[i])
+        excess = max(excess, abs(m.solved[i]) / (m.velocity_limit[i] - m.faster[i]))
     for i in range(len(m.solved)):
         m.wanted[i] = m.solved[i] / excess
 

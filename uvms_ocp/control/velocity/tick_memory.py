@@ -112,6 +112,10 @@ class TickMemory(Layout):
     """[N] of all thrusters at most."""
     passive: Annotated[Vector, Sized(N_PASSIVE)]
     """(4,) [rad, N] as that of `LevelsProblem`."""
+    is_joint: Annotated[list[int], Sized("n_v")]
+    """(n_v,) which axes are of joints."""
+    faster: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] by which joints have lately been faster than commanded."""
     previous: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] commanded in the last tick, at full pace."""
     change: Annotated[Vector, Sized("n_v")]
@@ -191,6 +195,7 @@ def tick_memory(
         place=robot.configuration(),
         last_phase_quantities=math.nan,
         velocity_limit=robot.limits.velocity,
+        is_joint=is_joint,
         altimeter=[*problem.rests_on].index(ALTIMETER),
         channel=[CHANNELS.index(channel) for channel in problem.rests_on],
         rests_on=[*problem.rests_on.values()],
