@@ -20,8 +20,9 @@ from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.parameters import NominalParameters
 from uvms_ocp.identification.recording import Recording
 from uvms_ocp.identification.results import report_text, variant_text, whole_text
-from uvms_ocp.identification.settings import CalibrationSettings, calibrated_robot, read_settings
+from uvms_ocp.identification.settings import DELAYS, CalibrationSettings, calibrated_robot, read_settings, with_delays
 from uvms_ocp.identification.tables import write_recording
+from uvms_ocp.identification.uncertainty import numbers
 from uvms_ocp.identification.validation import errors
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import robot_folder
@@ -33,6 +34,7 @@ hull: [[-0.25, -0.2, -0.15], [0.25, 0.2, 0.15]]
 commands: wrench
 lag: 0.15
 delay: 0.2
+velocity_delay: 0
 dead_zone: 0.3
 learn:
   added_mass: {free: [surge, sway]}
@@ -141,8 +143,23 @@ def test_a_fit_with_a_wrong_delay_says_what_it_does_not_explain() -> None:
     assert "surge" in missed
     assert f"does not explain {', '.join(missed)}**" in report_text(found)
     assert "does not explain" not in report_text(right)
-    sure = {one.name: one for one in right.numbers}
-    assert all(one.sigma > 2.0 * sure[one.name].sigma for one in found.numbers if one.informed and sure[one.name].informed)
+    assert found.inflation > 4.0 * right.inflation
+
+
+def test_constants_are_given_of_the_file_or_assumed_and_what_is_assumed_widens_intervals() -> None:
+    found = case()[2]
+    known = {one.quantity: one.known for one in found.constants}
+    assert known == {**dict.fromkeys(("gain", "reverse", "velocity_point", "attitude_turn"), "assumed"),
+                     **dict.fromkeys(("lag", "delay", "velocity_delay"), "given")}  # fmt: skip
+    alone = numbers(found.subject.vehicle, replace(found.estimate, assumed=0.0), found.inflation)
+    assert all(one.sigma > before.sigma for one, before in zip(found.numbers, alone, strict=True))
+    assert "| gain | 1 | - | assumed | 0.03 | " in report_text(found)
+    silent = CalibrationSettings.model_validate(_yaml() | {"delay": None, "velocity_delay": None})  # type: ignore[operator]
+    for at_once in (False, True):
+        one = with_delays(calibrated_robot(silent, Path()), silent, at_once=at_once).vehicle
+        assert {"delay", "velocity_delay"} <= set(one.shared.names) or at_once
+        none = [one.shared.declaration.quantities[name].value.item() < 1e-5 for name in DELAYS]
+        assert none == [at_once] * 2
 
 
 @pytest.mark.slow

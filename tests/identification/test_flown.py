@@ -6,10 +6,10 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from driven import drive, known, vehicle_of
+from driven import ACTUATORS, drive, known, vehicle_of
 
 from uvms_ocp.identification.calibration import exported_estimate
-from uvms_ocp.identification.fit import FitContext, Search, search_fit
+from uvms_ocp.identification.fit import FitContext, Search, constant_slopes, search_fit
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.output_error import FitStatus, Noise
 from uvms_ocp.identification.parameters import Free
@@ -26,7 +26,7 @@ def fitted() -> FitContext:
     rollout = Rollout(stage_of(one))
     recording = drive(rollout.stage, one.shared.start + np.array([0.1, 0.3, -0.2]), seed=0, noise=0.02, t_end=12.0)
     prepared = (PreparedRecording.of(recording, one),)
-    estimate = search_fit(one, prepared, NOISE, rollout, SEARCH)
+    estimate = replace(search_fit(one, prepared, NOISE, rollout, SEARCH), assumed=0.0)  # what recordings tell alone
     return FitContext(vehicle=one, rollout=rollout, prepared=prepared, noise=NOISE, search=SEARCH, estimate=estimate)
 
 
@@ -54,3 +54,24 @@ def test_what_stays_open_is_as_declared_and_the_others_are_best_beside_it() -> N
 def test_of_a_search_that_has_not_converged_no_file_is_made() -> None:
     one = fitted()
     assert not exported_estimate(replace(one, estimate=replace(one.estimate, status=FitStatus.STALLED)), 1e6).usable
+
+
+def test_what_a_constant_would_change_is_what_a_fit_with_another_one_changes() -> None:
+    one, longer = fitted(), 0.02
+    names, slopes = constant_slopes(one, ["lag", "gain"])
+    known = one.vehicle.shared.declaration.with_start(lag=np.array([ACTUATORS.lag * np.exp(longer)]))
+    rollout = Rollout(stage_of(other := vehicle_of(known), sharp=True))
+    found = search_fit(other, one.prepared, NOISE, rollout, SEARCH)
+    sharp = search_fit(one.vehicle, one.prepared, NOISE, Rollout(stage_of(one.vehicle, sharp=True)), SEARCH)
+    expected = slopes[:, names.index("lag")] * longer
+    np.testing.assert_allclose(found.shared - sharp.shared, expected, atol=0.15 * np.abs(expected).max())
+
+
+def test_what_a_long_step_does_to_numbers_is_in_their_standard_errors() -> None:
+    one, truth = fitted(), fitted().vehicle.shared.start + np.array([0.1, 0.3, -0.2])
+    exact = (PreparedRecording.of(drive(one.rollout.stage, truth, seed=0, noise=1e-4, t_end=12.0), one.vehicle),)
+    fine = Noise(velocity=2e-4, rate=2e-4, vertical=2e-4, process=1e-3, start=1e-3)
+    found = search_fit(one.vehicle, exact, fine, one.rollout, Search(step=0.2, stretch=6.0))
+    off = np.abs(found.shared - truth)
+    assert (off / standard_errors(one.vehicle, replace(found, assumed=0.0))).max() > 10.0
+    assert (off / standard_errors(one.vehicle, found)).max() < 3.0

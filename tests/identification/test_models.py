@@ -145,7 +145,8 @@ def test_an_actuator_gives_nothing_well_inside_its_dead_zone_and_less_or_all_bey
 
 @pytest.mark.parametrize("whole", [False, True])
 def test_the_edge_of_a_dead_zone_that_is_known_is_where_it_is(whole: bool) -> None:
-    one, stage = built(actuators=ActuatorModel(dead_zone=1.0, lag=1e-3, whole_beyond=whole), learnt=("mass",))
+    one, _ = built(actuators=ActuatorModel(dead_zone=1.0, lag=1e-3, whole_beyond=whole), learnt=("mass",))
+    stage = stage_of(one, sharp=True)
     u = np.array([0.9, 1.1, -0.9, -1.1, 0.0, 2.0])
     given = np.asarray(stage.begun(np.outer(u, np.ones(PAST)), np.concatenate([one.shared.start, one.own.start]))[0]).ravel()
     np.testing.assert_allclose(given, np.where(np.abs(u) > 1.0, u - (not whole) * np.sign(u), 0.0), atol=1e-3)

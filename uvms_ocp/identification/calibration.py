@@ -14,16 +14,16 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.identification import uncertainty
+from uvms_ocp.identification import parameters, uncertainty
 from uvms_ocp.identification.data_quality import MAY, SHIFTS, ExplainedMotion, check_data_quality, commanded, motion_of
-from uvms_ocp.identification.fit import FitContext, Predicted, Search, search_fit
+from uvms_ocp.identification.fit import FitContext, Predicted, Search, constant_slopes, search_fit
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise
 from uvms_ocp.identification.parameters import Quantity, Unknowns
 from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold, split_at_gaps
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 from uvms_ocp.identification.sample_checks import QualityIssue
-from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings
+from uvms_ocp.identification.settings import DELAYS, CalibratedRobot, CalibrationSettings, with_delays
 from uvms_ocp.identification.validation import HeldOutRecording, Profile, StaticBalance, profiles, static_baseline
 from uvms_ocp.identification.validation import leave_one_out as left_out
 from uvms_ocp.robot.robot import Robot
@@ -138,7 +138,7 @@ def _of_current(current: Channel, *, learnt: bool) -> Iterator[QualityIssue]:
 
 
 def _of_delay(settings: CalibrationSettings, delay: Quantity) -> Iterator[QualityIssue]:
-    if settings.delay > _SOON and not delay.free.any():
+    if (settings.delay or 0.0) > _SOON and not delay.free.any():
         held = f"and a fit holds their delay at {settings.delay:g} s: give less, or learn it"
         yield QualityIssue(channel=settings.commands, problem=f"commands of a run of this toolkit act at once, {held}")
 
@@ -212,6 +212,53 @@ def _held(fitted: FitContext, which: np.ndarray) -> Estimate | None:
     return exact if found.status is FitStatus.CONVERGED else None
 
 
+# What a fit takes for known: what numbers would be if it were otherwise. What is assumed widens intervals by it.
+
+_SPREADS = {"gain": 0.03, "reverse": 0.03, "lag": 0.1, "delay": 0.01, "velocity_delay": 0.01}
+_SPREADS |= {"velocity_point": 0.02, "attitude_turn": 0.01}
+"""By which constants may well be off: shares of gains and lags, [s], [m], [rad]."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class HeldConstant:
+    """A quantity that a fit held, and what it does to numbers."""
+
+    quantity: str
+    known: str
+    """``given`` by the settings, of the ``robot's file``, or ``assumed``."""
+    spread: float
+    """By which it may well be off: a share, [s], [m] or [rad]."""
+    most: str
+    """Number that it moves farthest by that."""
+    change: float
+    """[standard errors] of that number."""
+
+
+def held_constants(
+    fitted: FitContext, settings: CalibrationSettings, inflation: float
+) -> tuple[Estimate, tuple[HeldConstant, ...]]:
+    """The estimate of recordings of others, less certain by what was assumed, and all constants that could be off."""
+    quantities = fitted.vehicle.shared.declaration.quantities
+    held = [name for name in _SPREADS if not quantities[name].free.any()]
+    names, slopes = constant_slopes(fitted, held)
+    owners = np.array([name.partition(" ")[0] for name in names])
+    units = [max(quantities[name].value.item(), parameters.AT_ONCE) if name in DELAYS else 1.0 for name in owners]
+    moved = slopes * [_SPREADS[name] / unit for name, unit in zip(owners, units, strict=True)]
+    numbered, with_unknowns = uncertainty.slopes_of(fitted.vehicle, fitted.estimate.shared)
+    C = uncertainty.covariance(fitted.vehicle, fitted.estimate, inflation)
+    errors = np.sqrt(np.einsum("ij,jk,ik->i", with_unknowns, C, with_unknowns))
+    found, guessed = [], np.zeros(len(owners), dtype=bool)
+    for name in held:
+        given, of_file = getattr(settings, name, None) is not None, name == "lag" and settings.commands != "wrench"
+        known, own = "given" if given else "robot's file" if of_file else "assumed", owners == name
+        change = np.linalg.norm(with_unknowns @ moved[:, own], axis=1) / errors
+        k, guessed = int(np.argmax(change)), guessed | (own & (known == "assumed"))
+        most, by = numbered[k][1], float(change[k])
+        found.append(HeldConstant(quantity=name, known=known, spread=_SPREADS[name], most=most, change=by))
+    C_assumed = moved[:, guessed] @ moved[:, guessed].T
+    return replace(fitted.estimate, assumed=fitted.estimate.assumed + C_assumed), tuple(found)
+
+
 # Recordings in, all that is known of a robot after them out.
 
 
@@ -250,6 +297,8 @@ class Calibration:
     """Whiteness of the residuals of all recordings."""
     comparisons: tuple[Comparison, ...]
     issues: tuple[str, ...]
+    constants: tuple[HeldConstant, ...] = ()
+    """What the fit took for known, and could be otherwise; none of runs of this toolkit, of which all is known."""
     profiles: tuple[Profile, ...] = ()
     """Profiles of the determined numbers, if asked for."""
     left_out: tuple[HeldOutRecording, ...] = ()
@@ -280,6 +329,8 @@ def calibrate(
         raise InvalidInput(f"recordings {names} given; allowed: one at least, each with a name of its own")
     if leave_one_out and len(names) < 2:
         raise InvalidInput(f"recordings {names} given; leave-one-out needs at least 2")
+    at_once = all(one.at_once for one in recordings)
+    subject = with_delays(subject, settings, at_once=at_once)
     prepared = tuple(PreparedRecording.of(one, subject.vehicle) for one in recordings)
     for one in prepared:
         one.stretches(settings.step, settings.stretch)  # or it is too short
@@ -290,12 +341,16 @@ def calibrate(
             doubtful.append(f"{recording.name}: {doubt}")
             warn(doubtful[-1])
     vehicle, noise = subject.vehicle, Noise(**settings.noise.model_dump())
-    rollout = Rollout(stage_of(vehicle))
+    rollout = Rollout(stage_of(vehicle, sharp=True))
     search = Search(step=settings.step, stretch=settings.stretch)
     known: dict[str, Any] = {"vehicle": vehicle, "prepared": prepared, "noise": noise, "rollout": rollout}
     fitted = FitContext(**known, search=search, estimate=search_fit(vehicle, prepared, noise, rollout, search))
     left = fitted.residuals()
-    inflation = uncertainty.variance_inflation(left, fitted.noise)
+    inflation, constants = uncertainty.variance_inflation(left, fitted.noise), tuple[HeldConstant, ...]()
+    if not at_once and fitted.estimate.status is FitStatus.CONVERGED and len(fitted.estimate.shared):
+        progress("what constants would change")
+        estimate, constants = held_constants(fitted, settings, inflation)
+        fitted = replace(fitted, estimate=estimate)
     identified = uncertainty.numbers(subject.vehicle, fitted.estimate, inflation)
     balance = StaticBalance.of(subject.vehicle)
     return Calibration(
@@ -308,6 +363,7 @@ def calibrate(
         whiteness=uncertainty.whiteness(left, fitted.noise),
         comparisons=tuple(_comparison(fitted, balance, one) for one in prepared),
         issues=tuple(doubtful),
+        constants=constants,
         profiles=tuple(profiles(fitted, identified, inflation, progress)) if profiled else (),
         left_out=tuple(left_out(fitted, progress=progress)) if leave_one_out else (),
     )

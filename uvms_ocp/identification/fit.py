@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from uvms_ocp.identification.model import Vehicle
+from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise, OutputErrorProblem, ProfilePenalty
+from uvms_ocp.identification.parameters import Declaration, Unknowns
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout, Segment, SegmentStart
 
 # What a vehicle predicts of a recording from its commands alone, once it is known how the vehicle moved at the beginning.
@@ -100,8 +101,10 @@ def fit_percent(measured: np.ndarray, predicted: np.ndarray) -> float:
 
 _COARSER = 10.0  # noise of the first search, which is to find the way and not the place
 _COARSE = 4.0  # times the steps with which most of the way is gone: few of the fine ones, which take long, are left
+_COARSER_STEP = 1.5  # times the step, at least, with which another search tells what the step does
 _ROUGH_STEP, _ROUGH_STRETCH = 0.05, 1.0  # [s]
 _ROUGH_ITERATIONS, _ROUGH_TOLERANCE = 20, 1e-3
+_NOTHING = 1e-9  # of information
 _ROUNDS = 10  # of iterations, the first among them, while each of them still lowers the cost
 
 
@@ -110,7 +113,7 @@ class Search:
     """Settings of the second part of the search."""
 
     step: float = 0.02
-    """[s] of the simulation: lags are biased where it is not well below them."""
+    """[s] of the simulation: what a step that is too long does to numbers is in their intervals."""
     stretch: float = 20.0
     """[s]"""
     iterations: int = 15
@@ -128,10 +131,14 @@ def search_fit(
     chosen = search or Search()
     rough = _error(vehicle, recordings, _rough(noise), rollout, _ROUGH_STEP, _ROUGH_STRETCH)
     near = rough.solve(rough.start(), iterations=_ROUGH_ITERATIONS, tolerance=_ROUGH_TOLERANCE)
-    for step in (min(_COARSE * chosen.step, _ROUGH_STEP), chosen.step):
+    coarse, found = max(_COARSER_STEP * chosen.step, min(_COARSE * chosen.step, _ROUGH_STEP)), list[np.ndarray]()
+    for step in (coarse, chosen.step):
         error = _error(vehicle, recordings, noise, rollout, step, chosen.stretch)
-        near = error.solve(error.start(near.shared), iterations=chosen.iterations)
-    return resumed_search(error, near, chosen.iterations)
+        near = resumed_search(error, error.solve(error.start(near.shared), iterations=chosen.iterations), chosen.iterations)
+        found.append(near.shared)
+    # Errors of the simulation grow with the square of its step (Richardson's extrapolation).
+    off = (found[1] - found[0]) / ((coarse / chosen.step) ** 2 - 1.0)
+    return replace(near, assumed=np.outer(off, off))
 
 
 def resumed_search(error: OutputErrorProblem, found: Estimate, iterations: int) -> Estimate:
@@ -220,3 +227,18 @@ class FitContext:
         )
         noise = replace(self.noise, **wider, outliers=self.noise.outliers / root)
         return replace(self, vehicle=vehicle, noise=noise)
+
+
+def constant_slopes(fitted: FitContext, held: Sequence[str]) -> tuple[tuple[str, ...], np.ndarray]:
+    """Coordinates of the quantities that a fit held, and slopes (n, m) of its n unknowns with m of these."""
+    known = fitted.vehicle.shared
+    freed = {name: replace(one, free=one.free | (name in held)) for name, one in known.declaration.quantities.items()}
+    wider = Unknowns(Declaration(quantities=freed))
+    learnt = np.isin(wider.names, known.names)
+    point = wider.start
+    point[learnt] = fitted.estimate.shared
+    vehicle = replace(fitted.vehicle, shared=wider)
+    problem = replace(fitted, vehicle=vehicle, rollout=Rollout(stage_of(vehicle, sharp=True))).problem()
+    H = problem.solve(problem.resumed(replace(fitted.estimate, shared=point)), iterations=0).information
+    stiff = H[np.ix_(learnt, learnt)] + _NOTHING * np.eye(int(learnt.sum()))
+    return tuple(np.array(wider.names)[~learnt].tolist()), -np.linalg.solve(stiff, H[np.ix_(learnt, ~learnt)])

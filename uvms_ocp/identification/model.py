@@ -97,15 +97,20 @@ class StageFunctions:
     n_p: int
 
 
-def stage_of(vehicle: Vehicle) -> StageFunctions:
-    """Build the functions of one step of a vehicle: motion, what sensors show, and slopes."""
+def stage_of(vehicle: Vehicle, *, sharp: bool = False) -> StageFunctions:
+    """Build the functions of one step of a vehicle: motion, what sensors show, and slopes.
+
+    sharp: dead zones that are known have sharp edges, which commands that are searched cannot have.
+    """
     n_u, n_j = len(vehicle.actuators.names), vehicle.dynamics.model.nv - N_V
     x, u, joints = ca.SX.sym("x", N_Q + N_V + n_u), ca.SX.sym("u", n_u), ca.SX.sym("joints", 3 * n_j)
     p, h = ca.SX.sym("p", vehicle.n_p), ca.SX.sym("h")
     values = vehicle.values(p)
-    after, outputs = _after(vehicle, values, x, u, joints, h), _outputs(values, x)
+    zones = (vehicle.shared.declaration.quantities[name] for name in ("dead_zone", "dead_zone_reverse"))
+    edge = _SHARP if sharp and not any(one.free.any() for one in zones) else _EDGE
+    after, outputs = _after(vehicle, values, x, u, joints, h, edge), _outputs(values, x)
     past = ca.SX.sym("past", n_u, PAST)
-    begun, late = _begun(vehicle, values, past), ca.vertcat(values["delay"], values["velocity_delay"])
+    begun, late = _begun(vehicle, values, past, edge), ca.vertcat(values["delay"], values["velocity_delay"])
     given, options = [x, u, joints, p, h], {"cse": True}
     return StageFunctions(
         step=ca.Function("step", given, [after], options),
@@ -120,10 +125,10 @@ def stage_of(vehicle: Vehicle) -> StageFunctions:
     )
 
 
-def _after(vehicle: Vehicle, values: dict[str, ca.SX], x: ca.SX, u: ca.SX, joints: ca.SX, h: ca.SX) -> ca.SX:
+def _after(vehicle: Vehicle, values: dict[str, ca.SX], x: ca.SX, u: ca.SX, joints: ca.SX, h: ca.SX, edge: float) -> ca.SX:
     moved = vehicle.dynamics.symbolic.joints[0].kind.integrate
     q, nu, given = x[:N_Q], x[N_Q : N_Q + N_V], x[N_Q + N_V :]
-    target, left = _target(vehicle, values, u), ca.exp(-h / values["lag"])
+    target, left = _target(vehicle, values, u, edge), ca.exp(-h / values["lag"])
     mean = target + (given - target) * (1 - left) * values["lag"] / h
     middle = moved(q, nu * h / 2)
     slope = _acceleration(vehicle, values, middle, nu, mean, joints)
@@ -131,20 +136,18 @@ def _after(vehicle: Vehicle, values: dict[str, ca.SX], x: ca.SX, u: ca.SX, joint
     return ca.vertcat(moved(middle, faster * h / 2), faster, target + (given - target) * left)
 
 
-def _target(vehicle: Vehicle, values: dict[str, ca.SX], u: ca.SX) -> ca.SX:
+def _target(vehicle: Vehicle, values: dict[str, ca.SX], u: ca.SX, edge: float) -> ca.SX:
     """Compute the steady thrust for commands u: next to nothing in the dead zone; beyond it all, or less by the zone's size."""
     beyond = _whole_beyond if vehicle.actuators.whole_beyond else _less_beyond
-    zones = ("dead_zone", "dead_zone_reverse")
-    learnt = any(vehicle.shared.declaration.quantities[name].free.any() for name in zones)
-    ahead, back = (beyond(way * u, values[name], _EDGE if learnt else _SHARP) for way, name in zip((1, -1), zones, strict=True))
+    ahead, back = beyond(u, values["dead_zone"], edge), beyond(-u, values["dead_zone_reverse"], edge)
     return values["gain"] * (ahead - values["reverse"] * back)
 
 
-def _begun(vehicle: Vehicle, values: dict[str, ca.SX], past: ca.SX) -> ca.SX:
+def _begun(vehicle: Vehicle, values: dict[str, ca.SX], past: ca.SX, edge: float) -> ca.SX:
     """After the first command has been held for long, and the others for a step each."""
-    given = _target(vehicle, values, past[:, 0])
+    given = _target(vehicle, values, past[:, 0], edge)
     for k in range(1, PAST):
-        target = _target(vehicle, values, past[:, k])
+        target = _target(vehicle, values, past[:, k], edge)
         given = target + (given - target) * ca.exp(-PAST_STEP / values["lag"])
     return given
 

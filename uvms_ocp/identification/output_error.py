@@ -166,6 +166,8 @@ class Estimate:
     """(n, n) [1 / unknowns^2] of the shared unknowns, the others eliminated, priors included."""
     status: FitStatus
     iterations: int
+    assumed: np.ndarray | float = 0.0
+    """(n, n) [unknowns^2] covariance from what the recordings do not tell: the step of the simulation, assumed constants."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -92,6 +92,11 @@ class Quantity:
     begin: np.ndarray | None = None
     """(n,) [as x] where a search begins, in place of x: from the edge of an interval none leads away."""
 
+    @property
+    def value(self) -> np.ndarray:
+        """(...) [unit of the quantity] where it is, or a search begins."""
+        return np.array(ca.evalf(self.coordinates.decode(ca.SX(ca.DM(self.x)))))
+
     @staticmethod
     def fixed(unit: str, coordinates: QuantityCoordinates, value: np.ndarray, *, own: bool = False) -> Quantity:
         """Known to be value (...) [unit of the quantity]. Raises InvalidInput for a value that coordinates do not reach."""
@@ -238,7 +243,8 @@ Pairs = tuple[tuple[int, int], ...]
 _XYZ = ("x", "y", "z")
 LONGEST_DELAY = 1.0
 """[s] of commands and of measurements."""
-_AT_ONCE = 1e-6  # [s] of a delay that there is not
+AT_ONCE = 1e-6
+"""[s] of a delay that there is not."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -316,11 +322,13 @@ def vehicle_declaration(
     actuators: ActuatorModel | None = None,
     couplings: AxisCouplings | None = None,
     speed: np.ndarray | None = None,
+    velocity_delay: float = 0.0,
 ) -> Declaration:
     """Declare every quantity of a vehicle as fixed; `Declaration.with_status` frees some.
 
     hull: (2, 3) [m] lowest and highest corner of a box that holds the hull, in the frame of the coefficients. speed: (6,)
-    [m/s, rad/s] of the size that velocities have, default 0.3. Raises InvalidInput for numbers that no vehicle has.
+    [m/s, rad/s] of the size that velocities have, default 0.3. velocity_delay: [s] of measured velocity. Raises InvalidInput for
+    numbers that no vehicle has.
     """
     driven, coupled = actuators or ActuatorModel(), couplings or AxisCouplings()
     return Declaration(
@@ -328,7 +336,7 @@ def vehicle_declaration(
             **_body(start, hull),
             **_water(start, coupled, np.full(6, 0.3) if speed is None else np.asarray(speed, dtype=float)),
             **_actuation(driven),
-            **_sensing(),
+            **_sensing(velocity_delay),
             **_of_recordings(),
         }
     )
@@ -373,11 +381,11 @@ def _actuation(driven: ActuatorModel) -> dict[str, Quantity]:
     }
 
 
-def _sensing() -> dict[str, Quantity]:
+def _sensing(late: float) -> dict[str, Quantity]:
     """The sensor of attitude and its rate sits in B turned by a rotation vector, to which each recording adds its own."""
     return {
         "velocity_point": Quantity.fixed("m", Reals(names=_XYZ), np.zeros(3)),
-        "velocity_delay": _delay(_AT_ONCE, begin=0.01),
+        "velocity_delay": _delay(late, begin=max(late, 0.01)),
         "attitude_turn": Quantity.fixed("rad", Reals(names=_XYZ), np.zeros(3)),
     }
 
@@ -394,5 +402,5 @@ def _of_recordings() -> dict[str, Quantity]:
 def _delay(known: float, begin: float) -> Quantity:
     """A delay [s] that is known, and from where a search of it would begin."""
     inside = Interval(names=("",), lower=np.zeros(1), upper=np.full(1, LONGEST_DELAY))
-    known_one = Quantity.fixed("s", inside, np.array([max(known, _AT_ONCE)]))
+    known_one = Quantity.fixed("s", inside, np.array([max(known, AT_ONCE)]))
     return replace(known_one, begin=inside.encode(np.array([begin])))

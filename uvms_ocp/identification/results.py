@@ -94,6 +94,7 @@ def _motion(text: str, entry: str) -> str:
 #
 # A file holds coefficients of water. Mass and inertia are the URDF's, gains and delays the driver's: the report tells them.
 
+_OF_FILE = ("mass", "centre_of_mass", "second_moment", "dead_zone", "dead_zone_reverse")
 IN_FILE = ("added_mass", "linear_drag", "quadratic_drag", "volume", "centre_of_buoyancy")
 """Quantities that a robot file holds."""
 
@@ -321,14 +322,18 @@ def _open(one: Calibration) -> Iterator[str]:
 
 def _held(one: Calibration) -> Iterator[str]:
     yield "\n## Numbers that the fit took for known\n"
-    yield "None of them was learnt: where one is wrong, those above take its part, beyond their intervals.\n"
-    yield "| number | value | unit |"
-    yield "|---|---|---|"
+    yield "None of them was learnt: where one is wrong, those above take its part. How well each is known, and what it would"
+    yield "change most if it were off by as much as it may well be, in standard errors; what is assumed is in the intervals.\n"
+    yield "| number | value | unit | known | if off by | changes most |"
+    yield "|---|---|---|---|---:|---|"
+    effects = {each.quantity: each for each in one.constants}
     for name, each in one.subject.vehicle.shared.declaration.quantities.items():
         if name not in IN_FILE and not each.free.any():
-            values = np.round(np.array(ca.evalf(each.coordinates.decode(ca.SX(ca.DM(each.x))))).ravel(), 5)
+            values = np.round(each.value.ravel(), 5)
             shown = f"{values.min():.4g}" if np.ptp(values) == 0.0 else f"{values.min():.4g} to {values.max():.4g}"
-            yield f"| {name} | {shown} | {each.unit} |"
+            of, other = effects.get(name), "robot's file" if name in _OF_FILE or not one.constants else "assumed"
+            effect = f"{of.known} | {of.spread:g} | {of.most} by {of.change:.2g}" if of else f"{other} | - | -"
+            yield f"| {name} | {shown} | {each.unit} | {effect} |"
 
 
 def _white(one: Calibration) -> Iterator[str]:

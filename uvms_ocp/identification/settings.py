@@ -46,6 +46,7 @@ from uvms_ocp.robot.thrusters import thruster_matrix
 
 _Positive = Annotated[float, Field(gt=0.0)]
 _NonNegative = Annotated[float, Field(ge=0.0)]
+_Delay = Annotated[float, Field(ge=0.0, lt=parameters.LONGEST_DELAY)]
 _Corner = tuple[float, float, float]
 _NOISE, _SEARCH, _ACTUATORS = Noise(), Search(), ActuatorModel()  # whose defaults are those of the file
 
@@ -93,8 +94,11 @@ class CalibrationSettings(_SettingsSection):
     lag: _NonNegative | None = Field(
         default=None, description="of actuators, where the search begins [s]; default: of thrusters their mean, or 0.1"
     )
-    delay: Annotated[float, Field(ge=0.0, lt=parameters.LONGEST_DELAY)] = Field(
-        default=0.05, description="of commands, where the search begins [s]; of runs of this toolkit 0"
+    delay: _Delay | None = Field(
+        default=None, description="of commands [s]; default: 0 in runs of this toolkit, else learnt, from 0.05 on"
+    )
+    velocity_delay: _Delay | None = Field(
+        default=None, description="of measured velocity [s]; default: 0 in runs of this toolkit, else learnt, from 0.01 on"
     )
     dead_zone: _NonNegative | None = Field(
         default=None, description="of actuators [N, N m]; default: of thrusters their mean, or 0.001"
@@ -113,6 +117,10 @@ def read_settings(path: Path) -> CalibrationSettings:
 # The robot that is calibrated, as settings have it: with its file's numbers, and as a vehicle with unknowns.
 
 _VEHICLE = 1  # joint of Pinocchio's, after the universe
+DELAYS = ("delay", "velocity_delay")
+"""Quantities that are learnt from recordings of others where nothing is said of them."""
+_DELAY = 0.05  # [s] of commands, where a search of it begins
+_DELAY_SPREAD = 2.0  # of the logarithm of a delay
 _LEAST = 1e-3  # [s], [N] of what is given as 0: logarithms are searched
 
 
@@ -155,13 +163,28 @@ def calibrated_robot(settings: CalibrationSettings, folder: Path) -> CalibratedR
     link = _own_link(robot, dynamics)
     start = NominalParameters.of(dynamics, link)
     learnt = {name: one.status() for name, one in settings.learn.items()}
-    known = parameters.vehicle_declaration(start, np.array(settings.hull), actuators).with_status(**learnt)
+    known = parameters.vehicle_declaration(
+        start, np.array(settings.hull), actuators, velocity_delay=settings.velocity_delay or 0.0
+    )
+    known = known.with_status(**learnt)
     shared, own = Unknowns(known), Unknowns(known, own=True)
     if not (shared.names or own.names):
         given = f"learn: {', '.join(learnt)} given, and nothing in it is free"
         raise InvalidInput(f"{given}; free some of their coordinates")
     vehicle = Vehicle(dynamics=dynamics, shared=shared, own=own, actuators=actuators, link=link)
     return CalibratedRobot(robot=robot, vehicle=vehicle, start=start, file=file)
+
+
+def with_delays(subject: CalibratedRobot, settings: CalibrationSettings, *, at_once: bool) -> CalibratedRobot:
+    """The same with delays that settings say nothing of: none where commands act at once, else unknown and learnt."""
+    vehicle, open_ones = subject.vehicle, [n for n in DELAYS if getattr(settings, n) is None and n not in settings.learn]
+    known = vehicle.shared.declaration
+    if at_once:
+        known = known.with_start(**dict.fromkeys(open_ones, np.array([parameters.AT_ONCE])))
+    else:
+        known = known.with_status(**dict.fromkeys(open_ones, parameters.Prior(sigma=_DELAY_SPREAD)))
+    vehicle = replace(vehicle, shared=Unknowns(known), own=Unknowns(known, own=True))
+    return replace(subject, vehicle=vehicle)
 
 
 def _own_link(robot: Robot, dynamics: SymbolicDynamics) -> int:
@@ -185,7 +208,7 @@ def _actuators(settings: CalibrationSettings, robot: Robot) -> ActuatorModel:
     asked = {name: getattr(settings, name) for name in ("lag", "dead_zone")}
     given: dict[str, Any] = {name: value or _LEAST for name, value in asked.items() if value is not None}
     channel = "wrench" if settings.commands == "wrench" else "thrust"
-    known = ActuatorModel(delay=settings.delay, commands=channel)
+    known = ActuatorModel(delay=_DELAY if settings.delay is None else settings.delay, commands=channel)
     if settings.commands == "wrench":
         return replace(known, **given)
     names, thrusters = robot.thruster_names, robot.description.thrusters

@@ -47,7 +47,7 @@ def standard_errors(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0
 def covariance(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> np.ndarray:
     """(n, n) [unknowns^2] of the shared unknowns, by recordings and priors; together: as in `standard_errors`."""
     prior = np.diag(1.0 / vehicle.shared.sigma**2 + _NOTHING)
-    return np.asarray(np.linalg.inv(_data(vehicle, estimate, inflation) + prior))
+    return np.asarray(np.linalg.inv(_data(vehicle, estimate, inflation) + prior) + estimate.assumed)
 
 
 def prior_covariance(vehicle: Vehicle) -> np.ndarray:
