@@ -239,24 +239,22 @@ def held_constants(
 ) -> tuple[Estimate, tuple[HeldConstant, ...]]:
     """The estimate of recordings of others, less certain by what was assumed, and all constants that could be off."""
     quantities = fitted.vehicle.shared.declaration.quantities
-    held = [name for name in _SPREADS if not quantities[name].free.any()]
-    names, slopes = constant_slopes(fitted, held)
+    names, slopes = constant_slopes(fitted, [name for name in _SPREADS if not quantities[name].free.any()])
     owners = np.array([name.partition(" ")[0] for name in names])
     units = [max(quantities[name].value.item(), parameters.AT_ONCE) if name in DELAYS else 1.0 for name in owners]
     moved = slopes * [_SPREADS[name] / unit for name, unit in zip(owners, units, strict=True)]
     numbered, with_unknowns = uncertainty.slopes_of(fitted.vehicle, fitted.estimate.shared)
     C = uncertainty.covariance(fitted.vehicle, fitted.estimate, inflation)
-    errors = np.sqrt(np.einsum("ij,jk,ik->i", with_unknowns, C, with_unknowns))
-    found, guessed = [], np.zeros(len(owners), dtype=bool)
-    for name in held:
-        given, of_file = getattr(settings, name, None) is not None, name == "lag" and settings.commands != "wrench"
-        known, own = "given" if given else "robot's file" if of_file else "assumed", owners == name
-        change = np.linalg.norm(with_unknowns @ moved[:, own], axis=1) / errors
-        k, guessed = int(np.argmax(change)), guessed | (own & (known == "assumed"))
-        most, by = numbered[k][1], float(change[k])
+    errors, found, assumed = np.sqrt(np.einsum("ij,jk,ik->i", with_unknowns, C, with_unknowns)), [], fitted.estimate.assumed
+    for name in dict.fromkeys(owners.tolist()):
+        of_file = name == "lag" and settings.commands != "wrench"
+        known = "given" if getattr(settings, name, None) is not None else "robot's file" if of_file else "assumed"
+        own = moved[:, owners == name]
+        assumed = assumed + own @ own.T * (known == "assumed")
+        change = np.linalg.norm(with_unknowns @ own, axis=1) / errors
+        most, by = numbered[int(np.argmax(change))][1], float(change.max())
         found.append(HeldConstant(quantity=name, known=known, spread=_SPREADS[name], most=most, change=by))
-    C_assumed = moved[:, guessed] @ moved[:, guessed].T
-    return replace(fitted.estimate, assumed=fitted.estimate.assumed + C_assumed), tuple(found)
+    return replace(fitted.estimate, assumed=assumed), tuple(found)
 
 
 # Recordings in, all that is known of a robot after them out.

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from time import perf_counter
 from typing import Any
@@ -60,7 +60,7 @@ def simulate(
     holds, and `Interrupted`, whose result is the recorder, after the tick in which Ctrl-C is pressed.
     """
     require_few_ticks(duration, dt)
-    recorder, trusts, new, stops = Recorder(), _HealthCodes(), _NewReadings(), list[object]()
+    recorder, trusts, taken, stops = Recorder(), _HealthCodes(), dict[str, float](), list[object]()
     command: Command | None = None
     with on_interrupt(stops.append), suppress(Interrupted):  # which a planner within a tick passes on
         for k in range(round(duration / dt) + 1):
@@ -72,7 +72,7 @@ def simulate(
             spent = perf_counter() - begin
             telemetry = plant.telemetry()
             asked = _asked(command, telemetry, recorder)
-            measured = new(readings) if keep_readings else {}
+            measured = dict(_new_readings(readings, taken)) if keep_readings else {}
             row = _row(t, plant.state, measurement, command, trusts(measurement.health), asked, measured)
             row.setdefault("controller_time", spent)  # one that measures itself knows better
             row.update(telemetry)
@@ -120,23 +120,13 @@ class _HealthCodes:
         return self._row
 
 
-class _NewReadings:
-    """Readings of a vehicle that are new at a tick, each with when it was taken; NaN where none is."""
-
-    __slots__ = ("_none", "_taken")
-
-    def __init__(self) -> None:
-        self._taken = dict.fromkeys(MEASURED, -np.inf)
-        self._none = {name: np.full(width, np.nan) for name, width in MEASURED.items()}
-
-    def __call__(self, readings: Readings) -> dict[str, np.ndarray]:
-        found = dict(self._none)
-        for name in MEASURED:
-            one = getattr(readings, name.removeprefix("measured_"))
-            if one is not None and one.t > self._taken[name]:
-                self._taken[name] = one.t
-                found[name] = np.append(one.value, one.t)
-        return found
+def _new_readings(readings: Readings, taken: dict[str, float]) -> Iterator[tuple[str, np.ndarray]]:
+    """Readings of a vehicle that are new, each with when it was taken; NaN where none is. taken: [s] of those before."""
+    for name, width in MEASURED.items():
+        one = getattr(readings, name.removeprefix("measured_"))
+        new = one is not None and one.t > taken.get(name, -np.inf)
+        taken |= {name: one.t} if new else {}
+        yield name, np.append(one.value, one.t) if new else np.full(width, np.nan)
 
 
 def _asked(command: Command, telemetry: Mapping[str, Any], recorder: Recorder) -> np.ndarray | None:
