@@ -19,7 +19,7 @@ from uvms_ocp.identification.data_quality import MAY, SHIFTS, ExplainedMotion, c
 from uvms_ocp.identification.fit import FitContext, Predicted, Search, constant_slopes, search_fit
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise
-from uvms_ocp.identification.parameters import Quantity, Unknowns
+from uvms_ocp.identification.parameters import Unknowns
 from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold, split_at_gaps
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 from uvms_ocp.identification.sample_checks import QualityIssue
@@ -108,11 +108,13 @@ def check_settings(subject: CalibratedRobot, settings: CalibrationSettings, reco
     known, channels = subject.vehicle.own.declaration.quantities, recording.channels
     if "current" in channels:
         yield from _of_current(channels["current"], learnt=bool(known["current"].free.all()))
-    if recording.at_once:
-        yield from _of_delay(settings, known["delay"])
-        if settings.commands == "wrench" and "thrust" in channels:
-            text = "thrusters were driven ahead of their lag to give it, and a lag by it is not theirs: give commands: thrust"
-            yield QualityIssue(channel="wrench", problem=text)
+    delayed = settings.delay is not None and settings.delay > _SOON and not known["delay"].free.any()
+    if recording.at_once and delayed:
+        text = f"commands of a run of this toolkit act at once, and a fit holds their delay at {settings.delay:g} s: leave it out"
+        yield QualityIssue(channel=settings.commands, problem=text)
+    if recording.at_once and settings.commands == "wrench" and "thrust" in channels:
+        text = "thrusters were driven ahead of their lag to give it, and a lag by it is not theirs: give commands: thrust"
+        yield QualityIssue(channel="wrench", problem=text)
     if "thrust" in channels and settings.commands != "wrench":
         yield from _of_thrust(recording, channels["thrust"].of(subject.robot.thruster_names, "thrust"), subject)
 
@@ -135,12 +137,6 @@ def _of_current(current: Channel, *, learnt: bool) -> Iterator[QualityIssue]:
     if size > _FLOWS:
         taken = ("that a fit takes for still water: learn it", "about its mean, and a fit takes it for steady")[learnt]
         yield QualityIssue(channel="current", problem=f"up to {size:.2g} m/s {taken}")
-
-
-def _of_delay(settings: CalibrationSettings, delay: Quantity) -> Iterator[QualityIssue]:
-    if (settings.delay or 0.0) > _SOON and not delay.free.any():
-        held = f"and a fit holds their delay at {settings.delay:g} s: give less, or learn it"
-        yield QualityIssue(channel=settings.commands, problem=f"commands of a run of this toolkit act at once, {held}")
 
 
 def _of_thrust(recording: Recording, thrust: Channel, subject: CalibratedRobot) -> Iterator[QualityIssue]:

@@ -141,20 +141,20 @@ class Declaration:
 
     def with_status(self, **status: ParameterStatus) -> Declaration:
         """A copy in which these quantities are known so. Raises NameNotFound for one that there is not, and InvalidInput."""
-        for name in status:
-            if name not in self.quantities:
-                raise NameNotFound("quantity", name, self.quantities)
-        changed = {name: self.quantities[name].with_status(one) for name, one in status.items()}
-        return Declaration(quantities={**self.quantities, **changed})
+        return self._with({name: self._found(name).with_status(one) for name, one in status.items()})
 
     def with_start(self, **values: np.ndarray) -> Declaration:
         """A copy whose quantities start at other values (...) [unit of the quantity]. Raises NameNotFound, InvalidInput."""
-        for name in values:
-            if name not in self.quantities:
-                raise NameNotFound("quantity", name, self.quantities)
-        found = {name: self.quantities[name] for name in values}
-        moved = {name: replace(one, x=one.coordinates.encode(values[name])) for name, one in found.items()}
-        return Declaration(quantities={**self.quantities, **moved})
+        found = {name: self._found(name) for name in values}
+        return self._with({name: replace(one, x=one.coordinates.encode(values[name])) for name, one in found.items()})
+
+    def _found(self, name: str) -> Quantity:
+        if name not in self.quantities:
+            raise NameNotFound("quantity", name, self.quantities)
+        return self.quantities[name]
+
+    def _with(self, changed: Mapping[str, Quantity]) -> Declaration:
+        return Declaration(quantities={**self.quantities, **changed})
 
 
 # The unknowns of a declaration in a row, and the way from them to values.
