@@ -97,6 +97,13 @@ def test_columns_without_names_have_places(tmp_path: Path) -> None:
     np.testing.assert_array_equal(recording_of(tmp_path / "dive.csv", {"position": places}).channels["position"].values, XYZ)
 
 
+@pytest.mark.parametrize(("head", "time"), [("%t,x,y,z", "%t"), ("# t,x,y,z", "# t"), ("#t,x,y,z", "t"), ("t,x,y,z", "%t")])
+def test_a_name_is_found_with_and_without_the_sign_of_a_comment(head: str, time: str, tmp_path: Path) -> None:
+    (tmp_path / "dive.csv").write_text(table(names=None, before=f"{head}\n"))
+    read = recording_of(tmp_path / "dive.csv", {"position": POSITION | {"time": time}}).channels["position"]
+    np.testing.assert_allclose(read.t, T, atol=1e-6)
+
+
 def test_what_is_given_is_not_looked_for(tmp_path: Path) -> None:
     (tmp_path / "dive.txt").write_bytes(table(cell="|").encode("utf-16-le"))
     with pytest.raises(InvalidInput, match="binary"):

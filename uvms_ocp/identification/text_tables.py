@@ -134,7 +134,7 @@ def text_columns(path: Path, places: Sequence[int], layout: TextLayout) -> tuple
 
 
 def place_of(path: Path, names: Sequence[str], wanted: str) -> int:
-    """Place of a column by its name, by its name without case and unit where that is unambiguous, or by ``#k``.
+    """Place of a column by its name, by its name without case, unit and sign of a comment where that is unambiguous, or ``#k``.
 
     Raises NameNotFound, and InvalidInput for a name that stands more than once.
     """
@@ -151,7 +151,7 @@ def place_of(path: Path, names: Sequence[str], wanted: str) -> int:
 
 
 def _plain(name: str) -> str:
-    return _UNIT.sub("", name).strip().lower()
+    return re.sub(r"^[#%]\s*(?=\D)", "", _UNIT.sub("", name).strip().lower())
 
 
 def _unit_in(name: str) -> str:
