@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from studies import fault_truth as truth
-from studies.fault_table import ASTRAY, FLOOR, GUSTS, GUSTY, JOINTS, KINDS, PAIR, PHASES, STILL, FaultKind
+from studies.fault_table import ASTRAY, FLOOR, GUSTS, GUSTY, JOINTS, KINDS, PAIR, PHASES, REACH, STILL, FaultKind
 from studies.study import Study
 from uvms_ocp.campaign.jobs import Row
 from uvms_ocp.checks import checked
@@ -141,7 +141,12 @@ def _judged(scenario: Scenario, record: Record, kind: FaultKind, usual: Nominal)
     joints, way = truth.joint_excess(scenario.robot, record["q"]), truth.astray(usual.way, record["q"])
     completed = record.run_meta.completed
     rates, arm = truth.rate_share(scenario.robot, record["v"]), truth.arm_height(scenario, record["q"])
-    harmless = not contact.at_the_end and joints <= JOINTS + kind.joints and way <= ASTRAY and arm >= -FLOOR - kind.floor
+    harmless = (
+        not contact.at_the_end
+        and joints <= JOINTS + kind.joints
+        and way <= ASTRAY
+        and arm >= -FLOOR - kind.floor - REACH * kind.joints
+    )
     values = {
         "end": _COMPLETED if completed else cause["kind"],
         "end_s": float(record["t"][-1]),

@@ -11,6 +11,8 @@ BURST = 1.0
 """[s] that readings are no numbers."""
 SPIKED = 0.1
 """Share of the readings that are spikes."""
+REACH = 1.0
+"""[m] of the arm, by which wrong encoders bring it lower."""
 AHEAD = 5.0
 """[s] by which clocks are ahead."""
 PHASES = ("A", "B", "C", "D")
@@ -21,7 +23,7 @@ PAIR = "two faults"
 """Kind of the runs with two, drawn each with its phase."""
 GUSTS = 0.05
 """[m/s] standard deviation of the gusts in those."""
-JOINTS, ASTRAY, FLOOR = 2e-3, 5.0, 0.02
+JOINTS, ASTRAY, FLOOR = 2e-3, 5.0, 0.05
 """[rad] beyond a joint limit, [m] from the way of a run without faults, [m] of arm and tool below the floor: too much for any."""
 
 

@@ -125,7 +125,7 @@ def _check_mission(m: TickMemory) -> None:
     less, stopped = m.restriction, is_stopped(m)
     hopeless = stopped and (less.ended or less.any_lost)
     m.lowest(m.q, m.height)
-    clearance = m.height[0] - m.beam.floor
+    clearance = math.nan if m.holds else m.height[0] - m.beam.floor
     m.why = abort_reason(m.distress, m.mission, m.t, m.gates, m.phase_quantities, hopeless, less.ended, clearance)
     if m.why != AbortReason.NOTHING:
         m.eventful = True

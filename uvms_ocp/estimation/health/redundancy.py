@@ -220,30 +220,21 @@ def update_velocity(d: VelocityAgainstPosition, v_W: Vector, t: float) -> None:
     append_value(d.ways, t, d.way, 4)
 
 
-def fix_drifts(d: VelocityAgainstPosition, p: Vector, t: float) -> bool:
-    """A fix p (3,) [m] in W at time t [s] is compared, in `quick` and `slow`; whether it could be."""
-    offset = zeros(4)
-    known = _is_comparable(d, t)
-    for i in range(3):
-        offset[i] = p[i] - _way_at(d, i, t) if known else 0.0
+def compare_place(d: VelocityAgainstPosition, value: Vector, t: float, first: int) -> bool:
+    """A fix (3,) [m] in W at time t [s] is compared, in `quick` and `slow`, or a depth (1,) [m], in `depth`; whether it could be.
+
+    first: the axis that the value begins with, 0 of a fix and 2 of a depth.
+    """
+    offset, known = zeros(4), abs(t - d.t) <= _GAP and d.ways.count > 0 and t >= time_at(d.ways, 0)
+    for i in range(first, 3):
+        offset[i] = value[i - first] - _way_at(d, i, t) if known else 0.0
     offset[3] = d.way[3]
-    _append_offset(d.quick, offset, t, known)
-    _append_offset(d.slow, offset, t, known)
+    if first == 0:
+        _append_offset(d.quick, offset, t, known)
+        _append_offset(d.slow, offset, t, known)
+    else:
+        _append_offset(d.depth, offset, t, known)
     return known
-
-
-def depth_drifts(d: VelocityAgainstPosition, z: float, t: float) -> bool:
-    """A depth z [m] at time t [s] is compared, in `depth`; whether it could be."""
-    offset = zeros(4)
-    known = _is_comparable(d, t)
-    offset[2] = z - _way_at(d, 2, t) if known else 0.0
-    offset[3] = d.way[3]
-    _append_offset(d.depth, offset, t, known)
-    return known
-
-
-def _is_comparable(d: VelocityAgainstPosition, t: float) -> bool:
-    return abs(t - d.t) <= _GAP and d.ways.count > 0 and t >= time_at(d.ways, 0)
 
 
 def _append_offset(w: DriftWindow, offset: Vector, t: float, known: bool) -> None:

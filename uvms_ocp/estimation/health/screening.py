@@ -19,11 +19,10 @@ from uvms_ocp.estimation.health.plausibility import (
     stands_still,
 )
 from uvms_ocp.estimation.health.redundancy import (
+    compare_place,
     compare_turns,
     depth_difference,
-    depth_drifts,
     drift_rate,
-    fix_drifts,
     update_depth,
     update_rate,
     update_velocity,
@@ -176,7 +175,7 @@ def _compare_attitude(m: HealthMemory, c: ChannelMemory, why: Complaint) -> None
 def _compare_fix(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, why: Complaint) -> None:
     velocity, depth = m.channels[ChannelIndex.LINEAR_VELOCITY], m.channels[ChannelIndex.DEPTH]
     v_W = zeros(3)
-    known = fix_drifts(m.velocity, c.value, c.stamp)
+    known = compare_place(m.velocity, c.value, c.stamp, 0)
     quick, slow = drift_rate(m.velocity.quick, 0), drift_rate(m.velocity.slow, 0)
     rotate(estimate.q, estimate.v, v_W)
     by = depth_difference(m.depth, c.value[2], v_W[2], c.stamp)
@@ -206,7 +205,7 @@ def _compare_fix(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, why:
 
 def _compare_depth(m: HealthMemory, c: ChannelMemory, why: Complaint) -> None:
     """Where depths drift from what the DVL tells, and fixes do not, they are not used."""
-    rate = drift_rate(m.velocity.depth, 2) if depth_drifts(m.velocity, c.value[0], c.stamp) else 0.0
+    rate = drift_rate(m.velocity.depth, 2) if compare_place(m.velocity, c.value, c.stamp, 2) else 0.0
     if rate > 0.0:
         set_complaint(why, Reason.DEPTH_DRIFT, rate, 0.0)
         if m.channels[ChannelIndex.POSITION].present and drift_rate(m.velocity.slow, 2) == 0.0:
