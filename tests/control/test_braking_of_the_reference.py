@@ -1,0 +1,40 @@
+"""No change of trust, in any channel, changes the reference by more than the acceleration limits allow, at any rate of ticks."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from uvms_ocp.estimation.degraded_modes import DEGRADED_MODES
+from uvms_ocp.robot.signals import CHANNELS, ChannelHealth, StateEstimate, Trust
+from uvms_ocp.scenario.cases.case1 import case1
+
+EVERY = 0.6  # [s] between two changes
+FAILURES = [frozenset({channel}) for channel in CHANNELS] + [mode.without for mode in DEGRADED_MODES if len(mode.without) > 1]
+
+
+@pytest.mark.parametrize("dt", [1 / 20, 1 / 50, 1 / 200])
+def test_the_reference_brakes_and_goes_on_within_its_acceleration_limits(dt: float) -> None:
+    scenario = case1(plant="kinematic", dt=dt)
+    control, robot = scenario.kinematic_controller(), scenario.robot
+    limits, q, commands, moved = robot.limits.acceleration * dt, scenario.start.copy(), [np.zeros(robot.n_v)], 0
+    levels = [(lost, trust) for lost in FAILURES for trust in (Trust.SUSPECT, Trust.LOST, Trust.GOOD)]
+    begun = [0.0]
+    for k in range(round(EVERY * len(levels) / dt)):
+        t = k * dt
+        lost, trust = levels[min(int(t / EVERY + 1e-9), len(levels) - 1)]
+        begun += [t] if t - begun[-1] >= EVERY - 1e-9 else []
+        bad = {channel: trust if channel in lost else Trust.GOOD for channel in CHANNELS}
+        health = tuple(ChannelHealth(channel=channel, trust=level, since=begun[-1]) for channel, level in bad.items())
+        echo = math.nan if bad["altimeter_range"] is Trust.LOST else q[2] + 40.0
+        command = control(StateEstimate(q=q, v=commands[-1], altimeter_range=echo, health=health), t)
+        commands.append(command.v.copy())
+        q = pin.integrate(robot.model, q, command.v * dt)
+        moved += np.abs(command.v).max() > 0.01
+    assert moved > 0.3 * len(commands)
+    for before, after in pairwise(commands):
+        assert (np.abs(after - before) <= limits * (1 + 1e-6) + 1e-9).all()
