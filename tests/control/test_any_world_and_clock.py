@@ -1,0 +1,78 @@
+"""Robots and solvers of the registries command the same in any world and by any clock: laws over their products."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import uvms_ocp as uo
+from uvms_ocp.cli.options import SOLVERS
+from uvms_ocp.control.velocity.kinematic import KinematicController
+from uvms_ocp.robot.loading import list_robots
+from uvms_ocp.robot.signals import StateEstimate
+from uvms_ocp.solvers.hierarchy.solution import Status
+from uvms_ocp.tasks import HorizontalAttitude, JointLimits, MinimumAltitude, ToolPosition, VehiclePose
+from uvms_ocp.tasks.task import Task
+
+DT, TICKS, STATUSES = 0.02, 25, tuple(Status)
+CASES = {  # X_NW of the new world N, and by how much [s] its clock is ahead
+    "moved by 1 km": (pin.SE3(np.eye(3), np.array([800.0, -600.0, 0.0])), 0.0),
+    "half turned": (pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, np.pi), np.zeros(3)), 0.0),
+    "turned once around": (pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, 2 * np.pi), np.zeros(3)), 0.0),
+    "a clock of 1e3 s": (pin.SE3.Identity(), 1e3),
+    "Unix time": (pin.SE3.Identity(), 1.76e9),
+}
+START, GOAL = uo.pose_at((0.0, 0.0, -5.0), (0.0, 0.1, 0.7)), uo.pose_at((0.4, -0.3, -5.2), (0.0, 0.0, -2.9))
+
+
+def mission(robot: uo.Robot, X_NW: pin.SE3, tool: np.ndarray) -> uo.Mission:
+    tasks: list[Task] = [JointLimits()]
+    if robot.n_vehicle:
+        tasks += [MinimumAltitude()] if robot.description.altimeter else []
+        tasks += [HorizontalAttitude(), VehiclePose(goal=X_NW * GOAL)]
+    if robot.n_joints and robot.tools:
+        tasks.append(ToolPosition(goal=pin.SE3(np.eye(3), X_NW.act(tool))))
+    tasks = tasks if robot.n_joints else tasks[1:]
+    last = tasks[-1].name
+    end = uo.Transition(to=uo.DONE, when=(uo.Below(quantity=f"{last}.position_error", limit=1e-9),))
+    phase = uo.Phase(name="go", activations={task.name: 1.0 for task in tasks}, transitions=(end,))
+    return uo.Mission(hierarchy=uo.Hierarchy(tasks), phases=(phase,))
+
+
+def commands(robot: uo.Robot, solver: str, X_NW: pin.SE3, ahead: float) -> np.ndarray:
+    """(n, n_v) [m/s, rad/s] on the way, until the solver calls one inexact; a fixed base is its own world."""
+    here = X_NW if robot.n_vehicle else pin.SE3.Identity()
+    q = robot.configuration(position=(0.0, 0.0, 0.0)).copy() if robot.n_vehicle else robot.configuration().copy()
+    q[:7] = pin.SE3ToXYZQUAT(here * START) if robot.n_vehicle else q[:7]
+    tool = np.zeros(3)
+    if robot.tools:
+        data, there = robot.model.createData(), robot.configuration().copy()
+        there[:7] = pin.SE3ToXYZQUAT(START) if robot.n_vehicle else there[:7]
+        pin.framesForwardKinematics(robot.model, data, there)
+        tool = data.oMf[robot.frame_id(robot.tools[0])].translation + np.array([0.2, 0.1, -0.05])
+    control = KinematicController(robot=robot, mission=mission(robot, here, tool), solver=SOLVERS[solver](), dt=DT)
+    v, rows = np.zeros(robot.n_v), []
+    for k in range(TICKS):
+        echo = q[2] + 20.0 if robot.n_vehicle else np.nan
+        command = control(StateEstimate(q=q, v=v, altimeter_range=echo), ahead + k * DT)
+        if STATUSES[command.telemetry["status"]] is Status.INEXACT:
+            break
+        v = command.v.copy()
+        rows.append(v)
+        q = pin.integrate(robot.model, q, v * DT)
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("name", list_robots())
+def test_the_same_is_commanded_in_any_world_and_by_any_clock(name: str, solver: str) -> None:
+    robot = uo.load_robot(name)
+    usual = commands(robot, solver, pin.SE3.Identity(), 0.0)
+    assert np.abs(usual).max() > 0.01
+    for case, (X_NW, ahead) in CASES.items():
+        found = commands(robot, solver, X_NW, ahead)
+        n = min(len(found), len(usual))
+        assert n == TICKS if solver != "lexqp" else n >= 5
+        allowed = 1e-6 + 50.0 * np.spacing(ahead)  # velocities change by 1 m/s2 and more within the resolution of a clock
+        assert np.abs(found[:n] - usual[:n]).max() <= allowed, case
