@@ -61,6 +61,7 @@ ALONE = tuple(
         "gates",
         "hierarchy",
         "identification_excitation",
+        "identification_sensors",
         "identification_simulated",
         "nmpc_levels",
         "notebooks",

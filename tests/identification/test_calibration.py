@@ -17,10 +17,10 @@ from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.calibration import Calibration, calibrate
 from uvms_ocp.identification.model import stage_of
-from uvms_ocp.identification.parameters import NominalParameters
+from uvms_ocp.identification.parameters import DELAYS, NominalParameters
 from uvms_ocp.identification.recording import Recording
 from uvms_ocp.identification.results import report_text, variant_text, whole_text
-from uvms_ocp.identification.settings import DELAYS, CalibrationSettings, calibrated_robot, read_settings, with_delays
+from uvms_ocp.identification.settings import CalibrationSettings, calibrated_robot, read_settings, with_delays
 from uvms_ocp.identification.tables import write_recording
 from uvms_ocp.identification.uncertainty import numbers
 from uvms_ocp.identification.validation import errors

@@ -12,9 +12,9 @@ from uvms_ocp.identification.calibration import exported_estimate
 from uvms_ocp.identification.fit import FitContext, Search, constant_slopes, search_fit
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.output_error import FitStatus, Noise
-from uvms_ocp.identification.parameters import Free
+from uvms_ocp.identification.parameters import Free, Prior
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout
-from uvms_ocp.identification.uncertainty import DETERMINED, standard_errors
+from uvms_ocp.identification.uncertainty import DETERMINED, numbers, standard_errors
 
 NOISE = Noise(velocity=0.02, rate=0.02, vertical=0.02)
 SEARCH = Search(step=0.05, stretch=10.0)
@@ -54,6 +54,13 @@ def test_what_stays_open_is_as_declared_and_the_others_are_best_beside_it() -> N
 def test_of_a_search_that_has_not_converged_no_file_is_made() -> None:
     one = fitted()
     assert not exported_estimate(replace(one, estimate=replace(one.estimate, status=FitStatus.STALLED)), 1e6).usable
+
+
+def test_what_is_believed_of_a_delay_is_as_wide_in_seconds_wherever_it_is_found() -> None:
+    one = vehicle_of(known().with_status(velocity_delay=Prior(sigma=2.0)))
+    nothing = replace(fitted().estimate, information=np.diag(1.0 / one.shared.sigma**2), shared=one.shared.start)
+    found = [numbers(one, replace(nothing, shared=one.shared.start + by))[0].sigma for by in (0.0, -1.0, -4.0)]
+    np.testing.assert_allclose(found, found[0], rtol=0.03)
 
 
 def test_what_a_constant_would_change_is_what_a_fit_with_another_one_changes() -> None:

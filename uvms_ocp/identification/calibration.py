@@ -23,7 +23,7 @@ from uvms_ocp.identification.parameters import Unknowns
 from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold, split_at_gaps
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 from uvms_ocp.identification.sample_checks import QualityIssue
-from uvms_ocp.identification.settings import DELAYS, CalibratedRobot, CalibrationSettings, with_delays
+from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, with_delays
 from uvms_ocp.identification.validation import HeldOutRecording, Profile, StaticBalance, profiles, static_baseline
 from uvms_ocp.identification.validation import leave_one_out as left_out
 from uvms_ocp.robot.robot import Robot
@@ -237,7 +237,7 @@ def held_constants(
     quantities = fitted.vehicle.shared.declaration.quantities
     names, slopes = constant_slopes(fitted, [name for name in _SPREADS if not quantities[name].free.any()])
     owners = np.array([name.partition(" ")[0] for name in names])
-    units = [max(quantities[name].value.item(), parameters.AT_ONCE) if name in DELAYS else 1.0 for name in owners]
+    units = [max(quantities[name].value.item(), parameters.AT_ONCE) if name in parameters.DELAYS else 1.0 for name in owners]
     moved = slopes * [_SPREADS[name] / unit for name, unit in zip(owners, units, strict=True)]
     numbered, with_unknowns = uncertainty.slopes_of(fitted.vehicle, fitted.estimate.shared)
     C = uncertainty.covariance(fitted.vehicle, fitted.estimate, inflation)

@@ -241,6 +241,8 @@ class Unknowns:
 
 Pairs = tuple[tuple[int, int], ...]
 _XYZ = ("x", "y", "z")
+DELAYS = ("delay", "velocity_delay")
+"""Quantities of time, from 0 to the longest."""
 LONGEST_DELAY = 1.0
 """[s] of commands and of measurements."""
 AT_ONCE = 1e-6

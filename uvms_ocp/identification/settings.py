@@ -117,8 +117,6 @@ def read_settings(path: Path) -> CalibrationSettings:
 # The robot that is calibrated, as settings have it: with its file's numbers, and as a vehicle with unknowns.
 
 _VEHICLE = 1  # joint of Pinocchio's, after the universe
-DELAYS = ("delay", "velocity_delay")
-"""Quantities that are learnt from recordings of others where nothing is said of them."""
 _DELAY = 0.05  # [s] of commands, where a search of it begins
 _DELAY_SPREAD = 2.0  # of the logarithm of a delay
 _LEAST = 1e-3  # [s], [N] of what is given as 0: logarithms are searched
@@ -177,7 +175,10 @@ def calibrated_robot(settings: CalibrationSettings, folder: Path) -> CalibratedR
 
 def with_delays(subject: CalibratedRobot, settings: CalibrationSettings, *, at_once: bool) -> CalibratedRobot:
     """The same with delays that settings say nothing of: none where commands act at once, else unknown and learnt."""
-    vehicle, open_ones = subject.vehicle, [n for n in DELAYS if getattr(settings, n) is None and n not in settings.learn]
+    vehicle, open_ones = (
+        subject.vehicle,
+        [n for n in parameters.DELAYS if getattr(settings, n) is None and n not in settings.learn],
+    )
     known = vehicle.shared.declaration
     if at_once:
         known = known.with_start(**dict.fromkeys(open_ones, np.array([parameters.AT_ONCE])))

@@ -17,7 +17,7 @@ from uvms_ocp.identification.coordinates import spatial_inertia
 from uvms_ocp.identification.fit import Predicted
 from uvms_ocp.identification.model import Vehicle
 from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise
-from uvms_ocp.identification.parameters import AXES
+from uvms_ocp.identification.parameters import AXES, DELAYS
 
 # How sure the unknowns are, and which combinations of them the recordings leave open.
 
@@ -45,8 +45,13 @@ def standard_errors(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0
 
 
 def covariance(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> np.ndarray:
-    """(n, n) [unknowns^2] of the shared unknowns, by recordings and priors; together: as in `standard_errors`."""
-    prior = np.diag(1.0 / vehicle.shared.sigma**2 + _NOTHING)
+    """(n, n) [unknowns^2] of the shared unknowns, by recordings and priors; together: as in `standard_errors`.
+
+    Priors of delays are as wide in seconds as where the search began: next to 0 a coordinate says nothing of the other side.
+    """
+    shared = vehicle.shared
+    wider = np.where([name in DELAYS for name in shared.names], np.cosh(estimate.shared) / np.cosh(shared.start), 1.0)
+    prior = np.diag(1.0 / (shared.sigma * np.maximum(wider, 1.0) ** 2) ** 2 + _NOTHING)
     return np.asarray(np.linalg.inv(_data(vehicle, estimate, inflation) + prior) + estimate.assumed)
 
 

@@ -1,0 +1,158 @@
+"""Identification with sensors of which little is known: ``python benchmarks/identification_sensors.py``.
+
+Vehicles with drawn numbers are seen by sensors with drawn delays, places, mounting and biases, and identified by settings that
+say nothing of these, as a recording of others is. Writes identification_sensors.csv and identification_sensors.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from time import process_time
+
+import casadi as ca
+import numpy as np
+from drawn_vehicles.driving import NOISE, RATE, VELOCITY, VERTICAL, drawn, recorded, vehicle
+from recording.report import Report, Row, Table, begin, parser_of
+
+from uvms_ocp.identification.calibration import held_constants
+from uvms_ocp.identification.fit import FitContext, Search, search_fit
+from uvms_ocp.identification.model import StageFunctions, Vehicle, stage_of
+from uvms_ocp.identification.parameters import Free, ParameterStatus, Prior
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.rollout import PreparedRecording, Rollout
+from uvms_ocp.identification.settings import CalibrationSettings, calibrated_robot, with_delays
+from uvms_ocp.identification.uncertainty import numbers, numbers_at, variance_inflation
+from uvms_ocp.robot.spatial import quaternion_exp, quaternion_multiply
+
+ROBOTS, DURATION, SENT, HELD, THRUST, GYRO_BIAS = 40, 60.0, 0.1, 2.0, 8.0, 0.002
+"""Vehicles, [s] of the recording of each, [s] between commands and between other ones, [N], [rad/s]."""
+LONG_STEP = 0.1
+"""[s] of a simulation, which is too long for these vehicles."""
+DRAWN: dict[str, ParameterStatus] = {
+    **dict.fromkeys(("added_mass", "linear_drag", "quadratic_drag"), Free()),
+    **{name: Prior(sigma=0.03) for name in ("gain", "reverse")},
+    "lag": Prior(sigma=0.1),
+    **{name: Prior(sigma=0.35) for name in ("delay", "velocity_delay")},
+    "velocity_point": Prior(sigma=0.02),
+    "attitude_turn": Prior(sigma=0.01),
+}
+"""What is drawn, and how far from what is believed: as relative deviations, logarithms of delays, [m] and [rad]."""
+SETTINGS = {
+    "robot": "bluerov2_alpha5",
+    "arm": "taken off",
+    "hull": [[-0.25, -0.2, -0.15], [0.25, 0.2, 0.15]],
+    "dead_zone": 0.3,
+    "learn": {"added_mass": {}, "linear_drag": {}, "quadratic_drag": {}, "lag": {"prior": 0.1}},
+    "noise": {"velocity": VELOCITY, "rate": RATE, "vertical": VERTICAL, "process": 0.02},
+}
+"""Settings that say nothing of thrusters' gains, delays and places of sensors."""
+PROSE = """
+{robots} vehicles like a BlueROV2 without its arm, a recording of {duration:g} s of each. Drawn are added mass and drag (a third),
+gains of thrusters ahead and astern (3 %), their lag (10 %), delays of commands (about 50 ms) and of velocity (10 ms) by a factor
+of two, where velocity is measured (2 cm), how the sensor of attitude sits (0.6 degrees), and biases of the gyroscope ({bias:g}
+rad/s); noise is {velocity:g} m/s, {rate:g} rad/s and {vertical:g} in the vertical, ten times a second. Settings name what is to
+be learnt and the noise alone. Steps of {step:g} s: {inside:.1f} % of {n} true numbers lie within their 95 % intervals,
+{narrow:.1f} % without what is assumed. Of the first {few} vehicles with steps of {long:g} s, too long for them: {coarse:.1f} %,
+and {coarse_narrow:.1f} % without. A fit takes {seconds:.0f} s of a processor in the median.
+"""
+
+
+def seen(one: Vehicle, stage: StageFunctions, truth: np.ndarray, rng: np.random.Generator) -> Recording:
+    """A recording of a vehicle by its own sensors, which are turned and biased."""
+    t, told = np.arange(0.0, DURATION, SENT), THRUST * rng.normal(size=(round(DURATION / HELD), len(one.actuators.names)))
+    commands = Channel(t=t, values=np.repeat(told, round(HELD / SENT), axis=0))
+    found = recorded(one, stage, truth, rng, commands)
+    turn = np.array(ca.evalf(one.values(ca.SX(ca.DM(truth)))["attitude_turn"])).ravel()
+    attitude, rate = found.channels["attitude"], found.channels["angular_velocity"]
+    turned = np.array([np.ravel(quaternion_multiply(q, quaternion_exp(turn))) for q in attitude.values])
+    biased = rate.values + GYRO_BIAS * rng.normal(size=3)
+    others = {"attitude": replace(attitude, values=turned), "angular_velocity": replace(rate, values=biased)}
+    return replace(found, channels={**found.channels, **others})
+
+
+def identified(
+    recording: Recording, truths: dict[str, float], robot: int, step: float, rollouts: dict[str, Rollout]
+) -> list[Row]:
+    """A row for each number."""
+    settings = CalibrationSettings.model_validate({**SETTINGS, "step": step})
+    subject = with_delays(calibrated_robot(settings, Path()), settings, at_once=False)
+    rollout = rollouts.setdefault("fit", Rollout(stage_of(subject.vehicle, sharp=True)))
+    prepared, search = (PreparedRecording.of(recording, subject.vehicle),), Search(step=step)
+    begun = process_time()
+    estimate = search_fit(subject.vehicle, prepared, NOISE, rollout, search)
+    fitted = FitContext(
+        vehicle=subject.vehicle, rollout=rollout, prepared=prepared, noise=NOISE, search=search, estimate=estimate
+    )
+    inflation = variance_inflation(fitted.residuals(), NOISE)
+    wide, _ = held_constants(fitted, settings, inflation)
+    taken = process_time() - begun
+    pairs = zip(*(numbers(subject.vehicle, each, inflation) for each in (wide, replace(estimate, assumed=0.0))), strict=True)
+    return [
+        {
+            "robot": robot,
+            "step [s]": step,
+            "number": told.name,
+            "truth": truths[told.name],
+            "estimate": told.value,
+            "standard error": told.sigma,
+            "without assumptions": alone.sigma,
+            "inside": told.interval[0] <= truths[told.name] <= told.interval[1],
+            "inside without": alone.interval[0] <= truths[told.name] <= alone.interval[1],
+            "determined": told.determined,
+            "status": estimate.status.value,
+            "time [s]": taken,
+        }
+        for told, alone in pairs
+    ]
+
+
+def by_number(rows: Sequence[Row]) -> list[Row]:
+    """How often each is inside its interval, and how well it is known."""
+    names = dict.fromkeys(row["number"] for row in rows)
+    return [_summary(name, [row for row in rows if row["number"] == name]) for name in names]
+
+
+def _summary(name: str, rows: Sequence[Row]) -> Row:
+    return {
+        "number": name,
+        "inside [%]": share(rows, "inside"),
+        "inside without [%]": share(rows, "inside without"),
+        "determined [%]": share(rows, "determined"),
+        "median standard error": float(np.median([row["standard error"] for row in rows])),
+    }
+
+
+def share(rows: Sequence[Row], name: str) -> float:
+    """[%] of rows of which that is true."""
+    return 100.0 * float(np.mean([row[name] for row in rows])) if rows else float("nan")
+
+
+def main() -> None:
+    """Draw, drive and identify."""
+    _, run = begin(parser_of(__doc__))
+    one, rollouts = vehicle(DRAWN), dict[str, Rollout]()
+    stage, robots = stage_of(one), 1 if run.quick else ROBOTS
+    fine, few = (LONG_STEP / 2 if run.quick else Search().step), max(1, robots // 4)
+    fits, long = list[Row](), list[Row]()
+    for k, truth in enumerate(drawn(one, np.random.default_rng(0), robots)):
+        recording = seen(one, stage, truth, np.random.default_rng(k))
+        truths = {each.name: each.value for each in numbers_at(one, truth, np.eye(len(truth)))}
+        fits += identified(recording, truths, k, fine, rollouts)
+        long += identified(recording, truths, k, LONG_STEP, rollouts) if k < few else []
+    told = {
+        "robots": robots, "duration": DURATION, "bias": GYRO_BIAS, "velocity": VELOCITY, "rate": RATE, "vertical": VERTICAL,
+        "step": fine, "inside": share(fits, "inside"), "n": len(fits), "narrow": share(fits, "inside without"), "few": few,
+        "long": LONG_STEP, "coarse": share(long, "inside"), "coarse_narrow": share(long, "inside without"),
+        "seconds": float(np.median([row["time [s]"] for row in fits])),
+    }  # fmt: skip
+    title, name = "Identification with sensors of which little is known", "identification_sensors"
+    summary = by_number(fits)
+    form = {column: ".3g" if "error" in column else ".0f" if "%" in column else "" for column in summary[0]}
+    table = Table(rows=summary, columns=form)
+    run.write(Report(name=name, title=title, prose=PROSE.format(**told), tables=[table], data={name: [*fits, *long]}))
+
+
+if __name__ == "__main__":
+    main()
