@@ -12,6 +12,7 @@ from uvms_ocp.robot.limits import ASSUMED_ACCELERATION, ASSUMED_VELOCITY
 from uvms_ocp.robot.thrusters import largest_wrench
 from uvms_ocp.scenario.options import abort_phase
 from uvms_ocp.scenario.preflight.robot_check import check_robot
+from uvms_ocp.scenario.preflight.setup import Severity
 from uvms_ocp.scenario.scenario import Scenario
 
 
@@ -64,6 +65,27 @@ def test_a_vehicle_that_nothing_drives_up_or_down_is_refused_a_goal_at_another_d
     assert ("no thruster drives heave" in _said(scenario)) == refused
     with_lift = scenario_of(robot_of(TINY["one wet link"]), "dynamic", depth=depth)
     assert "no thruster drives heave" not in _said(with_lift)
+
+
+LEVEL = tuple((x, y, 0.0, 1, -1 if x * y > 0 else 1, 0) for x in (0.2, -0.2) for y in (0.2, -0.2))
+
+
+@pytest.mark.parametrize(
+    ("thrusters", "said"),
+    [
+        ((*LEVEL, (0.0, 0.2, 0.1, 0, 0, 1), (0.0, -0.2, 0.1, 0, 0, 1)), ""),
+        ((*LEVEL, (0.2, 0.2, 0.1, 0, 0, 1), (-0.2, -0.2, 0.1, 0, 0, 1)), "which takes 1.0 rad of "),
+        (
+            ((0.0, 0.0, 0.0, 1, 0, 0), (0.0, 0.0, 0.0, 0, 1, 0), (0.0, 0.0, 0.0, 0, 0, 1)),
+            "no thruster drives yaw, and nothing rights it",
+        ),
+    ],
+)
+def test_free_motions_are_roll_and_pitch_or_refused(thrusters: tuple[tuple[float, ...], ...], said: str) -> None:
+    found = scenario_of(robot_of(Tiny(thrusters=thrusters)), "dynamic").check().of_check("axes without thrust")
+    errors = " ".join(finding.text for finding in found if finding.severity is Severity.ERROR)
+    assert said in errors
+    assert bool(errors) == bool(said)
 
 
 def test_nothing_is_divided_by_a_lift_that_is_not_there() -> None:

@@ -15,7 +15,7 @@ from uvms_ocp.errors import UvmsError
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.robot.assembly import static_residual, up_at_rest
 from uvms_ocp.robot.dynamics import Dynamics, cached_dynamics, robot_dynamics
-from uvms_ocp.robot.thrusters import AXES, unactuated_axes, undriven_axes
+from uvms_ocp.robot.thrusters import AXES, free_motions, unactuated_axes, undriven_axes
 from uvms_ocp.scenario.preflight.reachability import ArmReach, goals_of
 from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Visit, threshold_of
 from uvms_ocp.sim.currents import water_at
@@ -32,7 +32,8 @@ _FULL = 0.8  # share of a limit above which holding still is called tight
 _TILTED = 0.1  # [rad] that is worth a word where no task asks for a level vehicle
 _SHORT = 1e-3  # [N, N m] of force missing that counts
 _UNDRIVEN = "axes without thrust"
-_HEAVE, _LINEAR = 2, 3  # axes of the vehicle: up, and how many are lengths
+_HEAVE, _LINEAR, _YAW = 2, 3, 5  # axes of the vehicle: up, how many are lengths, and the heading
+_ASKEW = 0.4  # [rad] of another rotation that a free one takes along
 _WHERE = ("ahead of or behind", "beside", "above or below")
 _ADRIFT = 0.5  # [N] out of trim: against a drag of 100 N/(m/s) 0.3 m in a minute
 
@@ -185,6 +186,14 @@ def check_undriven(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     if less:
         text = f"no thruster drives {turns}: {', '.join(less)} ask for the other axes alone"
         yield Severity.NOTE.finding(_UNDRIVEN, text)
+    for axis, motion in zip(undriven, free_motions(setup.robot)[0].T, strict=True):
+        others = {AXES[k]: abs(float(motion[k])) for k in range(_LINEAR, 6) if k != axis}
+        largest = max(others, key=lambda name: others[name])
+        if setup.with_forces and less and axis >= _LINEAR and (axis == _YAW or others[largest] > _ASKEW):
+            why = f"which takes {others[largest]:.1f} rad of {largest} along for each of its own: they are no two axes"
+            why = "and nothing rights it: the vehicle turns as it likes" if axis == _YAW else why
+            text = f"no thruster drives {AXES[axis]}, {why}; place thrusters elsewhere, or give it more of them"
+            yield Severity.ERROR.finding(_UNDRIVEN, text)
 
 
 def check_rest(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
