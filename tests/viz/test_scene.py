@@ -120,6 +120,19 @@ def test_every_visual_shape_is_drawn(page: str, robot: Robot) -> None:
     assert len(drawn) == len(robot.visual_model.geometryObjects)
 
 
+def test_links_whose_meshes_are_missing_are_drawn_by_their_collision_shapes(robot: Robot) -> None:
+    solid, seen, partly = robot.collision_model.geometryObjects, robot.visual_model, pin.GeometryModel()
+    bare = {robot.model.frames[shape.parentFrame].name for shape in list(solid)[1::2]}
+    for shape in seen.geometryObjects:
+        if robot.model.frames[shape.parentFrame].name not in bare:
+            partly.addGeometryObject(shape)
+    page = show(replace(robot, visual_model=partly)).html
+    drawn = {c["path"].rsplit("/", 3)[1][4:] for c in _commands(page) if c["type"] == "set_object" and "/robot/" in c["path"]}
+    hidden = {shape.name for shape in solid if robot.model.frames[shape.parentFrame].name in bare}
+    assert hidden
+    assert drawn == {shape.name for shape in partly.geometryObjects} | hidden
+
+
 def test_markers_and_trails_are_drawn(page: str) -> None:
     objects = {command["path"] for command in _commands(page) if command["type"] == "set_object"}
     for name in ("trails/vehicle", "trails/tool", "goals/marker 0/ball", "goals/marker 1/ball", "beam/ray"):

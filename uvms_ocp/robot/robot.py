@@ -210,6 +210,13 @@ class Robot:
         return tuple(joint.name for joint in self.joints if joint.idx_v in led)
 
     @property
+    def drawn_shapes(self) -> tuple[pin.GeometryObject, ...]:
+        """Visual shapes, and the collision shapes of links without any, such as those whose meshes are missing."""
+        shapes, solid = self.visual_model.geometryObjects, self.collision_model.geometryObjects
+        seen = {shape.parentFrame for shape in shapes}
+        return (*shapes, *(shape for shape in solid if shape.parentFrame not in seen))
+
+    @property
     def thruster_names(self) -> tuple[str, ...]:
         """Names of the thrusters in the order of thrust."""
         return tuple(thruster.name for thruster in self.description.thrusters)

@@ -68,8 +68,8 @@ def joint_node(model: pin.Model, joint: int) -> str:
 
 
 def draw_robot(node: Visualizer, robot: Robot, rgba: tuple[float, ...] | None = None) -> None:
-    """All visual shapes, each below the node of the joint that moves it; rgba (4,) in place of their own colours."""
-    for i, item in enumerate(robot.visual_model.geometryObjects):
+    """All shapes, each below the node of the joint that moves it; rgba (4,) in place of their own colours."""
+    for i, item in enumerate(robot.drawn_shapes):
         shape = node[joint_node(robot.model, item.parentJoint)][f"{i:03d} {item.name}".replace("/", "_")]
         if draw_shape(shape["shape"], item.geometry, np.asarray(item.meshColor if rgba is None else rgba)):
             shape.set_transform(item.placement.homogeneous)

@@ -75,12 +75,10 @@ def _relief(record: Record, centre: np.ndarray) -> dict[str, Any] | None:
 
 def _robot_size(robot: Robot) -> float:
     """Radius [m] of a ball around the robot's shapes, about its first joint."""
-    data, shapes = robot.model.createData(), robot.visual_model.createData()
-    pin.updateGeometryPlacements(robot.model, data, robot.visual_model, shapes, robot.configuration())
-    if not len(shapes.oMg):
-        return 0.5
-    first = data.oMi[1].translation
-    return max(float(np.linalg.norm(X.translation - first)) for X in shapes.oMg) + 0.2
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, robot.configuration())
+    centres = [data.oMi[shape.parentJoint].act(shape.placement.translation) for shape in robot.drawn_shapes]
+    return max((float(np.linalg.norm(centre - data.oMi[1].translation)) for centre in centres), default=0.3) + 0.2
 
 
 def _viewing_direction(record: Record, frames: Frames, *, forward: float) -> list[float]:
