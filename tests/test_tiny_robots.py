@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tiny_robots import RIGID, TINY, WEIGHTLESS, robot_of, scenario_of
+from matplotlib.text import Text
+from tiny_robots import LIMIT, RIGID, TINY, WEIGHTLESS, Tiny, robot_of, scenario_of
 
+from uvms_ocp.campaign.variations import available_parameters
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.record import Record
+from uvms_ocp.record.tables import column_units
+from uvms_ocp.report.comparison import compare
 from uvms_ocp.report.summary import summarize
-from uvms_ocp.viz import write_figures, write_scene
+from uvms_ocp.viz import plot, show, write_figures, write_scene
 
 
 @pytest.mark.parametrize("name", TINY)
@@ -39,6 +44,37 @@ def test_a_run_on_the_kinematic_plant_is_the_same_once_saved_and_loaded(name: st
     for series, values in record.series.items():
         np.testing.assert_array_equal(again[series], values)
     assert summarize(record)["phases"]
+
+
+MIXED = Tiny(joints=(("prismatic", "1 0 0", LIMIT), ("revolute", "0 0 1", LIMIT)))
+
+
+@pytest.mark.parametrize("name", ["one wet link", "an endless joint", "a joint that slides"])
+def test_joints_that_all_turn_or_all_slide_have_one_unit_everywhere(name: str) -> None:
+    robot = robot_of(TINY[name])
+    scenario = scenario_of(robot, "kinematic")
+    record = scenario.run()
+    texts = [text.get_text() for figure in plot(record) for text in figure.findobj(Text)]
+    texts += [show(record, robot).html, str(record), *(one.unit for one in available_parameters(scenario).values())]
+    assert any("rad" in text for text in texts)
+    assert not [text[:200] for text in texts if re.search("(rad|rad/s|N m) or (m|N)", text)]
+
+
+def test_each_joint_has_the_unit_of_its_kind() -> None:
+    robot = robot_of(MIXED)
+    record = scenario_of(robot, "kinematic").run()
+    units = column_units("v", robot.n_v, record.meta)
+    assert units[6:] == ["m/s", "rad/s"]
+    row = summarize(record)["resources"][-1]
+    limits = robot.limits
+    away = np.minimum(record["q"][:, 7:] - limits.position_lower, limits.position_upper - record["q"][:, 7:]).min(axis=0)
+    np.testing.assert_allclose([row["joint_margin_m"], row["joint_margin_rad"]], away)
+    way = np.abs(record["v"][:-1, 6:]).sum(axis=0) * record.run_meta.dt
+    np.testing.assert_allclose([row["joint_path_m"], row["joint_path_rad"]], way)
+    old = record.meta.model_copy(update={"sliding": None})
+    assert column_units("v", robot.n_v, old)[6:] == ["rad/s or m/s"] * 2
+    both = {one["figure"] for one in compare(record, scenario_of(robot_of(TINY["one wet link"]), "kinematic").run())}
+    assert {"joint_path_m", "joint_path_rad"} <= both
 
 
 def test_a_robot_of_which_nothing_moves_is_refused() -> None:

@@ -27,7 +27,7 @@ _BOOM = """<link name="{name}"><inertial><origin xyz="0.1 0 0"/><mass value="0.6
   <axis xyz="{axis}"/>{limit}</joint>"""
 _TOOL = """<link name="tool"/>
 <joint name="mount" type="fixed"><parent link="{parent}"/><child link="tool"/><origin xyz="0.3 0 0"/></joint>"""
-_LIMIT = '<limit lower="-1.2" upper="1.2" effort="8" velocity="0.7"/>'
+LIMIT = '<limit lower="-1.2" upper="1.2" effort="8" velocity="0.7"/>'
 _ENDLESS = '<limit effort="8" velocity="0.7"/>'
 _WET = """coefficients: {added_mass: [9, 14, 18, 0.3, 0.4, 0.5], linear_drag: [12, 15, 20, 1, 1, 1],
     quadratic_drag: [30, 45, 60, 2, 2, 2], volume: 0.024, centre_of_buoyancy: [0.011, 0, 0.03]}"""
@@ -42,7 +42,7 @@ _ALL = (
 class Tiny:
     """What the files of a robot are written from."""
 
-    joints: tuple[tuple[str, str, str], ...] = (("revolute", "0 1 0", _LIMIT),)
+    joints: tuple[tuple[str, str, str], ...] = (("revolute", "0 1 0", LIMIT),)
     """Type, axis and limit of each."""
     dry: bool = False
     """The arm is named as one without water, so that two links are."""
@@ -93,8 +93,8 @@ TINY = {
     "one thruster": Tiny(thrusters=_ALL[:1]),
     "fixed base, no thrusters": Tiny(base="fixed", thrusters=(), limited=False),
     "an endless joint": Tiny(joints=(ENDLESS,)),
-    "endless and not": Tiny(joints=(ENDLESS, ("revolute", "0 0 1", _LIMIT), ENDLESS)),
-    "a joint that slides": Tiny(joints=(("prismatic", "1 0 0", _LIMIT),)),
+    "endless and not": Tiny(joints=(ENDLESS, ("revolute", "0 0 1", LIMIT), ENDLESS)),
+    "a joint that slides": Tiny(joints=(("prismatic", "1 0 0", LIMIT),)),
     "no lift": Tiny(thrusters=_AHEAD),
     "a joint without range": Tiny(more=_SONAR),
 }

@@ -103,6 +103,7 @@ def _meta(robot: Robot) -> dict[str, Any]:
     return {
         "scenario": "synthetic",
         "robot": robot.name,
+        "thrusters": tuple(f"t{k + 1}" for k in range(robot.n_v)),
         "plant": "dynamic",
         "solver": "none",
         "floating": bool(robot.n_vehicle),

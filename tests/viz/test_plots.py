@@ -225,7 +225,7 @@ def test_every_thruster_has_a_line_of_its_own_in_the_legend(record: Record) -> N
     assert figure is not None
     lines, n = figure.axes[0].get_lines(), record["thrust"].shape[1]
     named = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
-    assert named == [f"thruster{i + 1}" for i in range(n)]
+    assert named == [f"t{i + 1}" for i in range(n)]
     assert len({(line.get_color(), line.get_linestyle()) for line in lines[:n]}) == n
 
 

@@ -15,6 +15,7 @@ import pinocchio as pin
 
 from uvms_ocp.campaign.distributions import Parameter
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.tables import of_joints
 from uvms_ocp.robot.assembly import with_trim
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.description import LinkCoefficients, LinkDescription, Pose, Thruster, TrimBody, checked_copy
@@ -140,10 +141,11 @@ def sensor_parameters(scenario: Scenario) -> Iterator[Parameter]:
         for channel in channels:
             yield Parameter(f"sensors.{channel}.delay", "s", text, partial(_with_delay, channel))
     yield Parameter("sensors.unmodelled_delay", "s", "added to the delay of all channels, unknown to the controller", later)
+    slides = [joint.slides for joint in scenario.robot.joints]
     for channel in channels:
         for name, (meaning, unit) in _FIELDS.items():
             apply = partial(_with, channel, name)
-            yield Parameter(f"sensors.{channel}.{name}", unit or UNITS[channel], meaning, apply)
+            yield Parameter(f"sensors.{channel}.{name}", unit or of_joints(UNITS[channel], slides), meaning, apply)
 
 
 def _delayed(scenario: Scenario, value: float) -> Scenario:

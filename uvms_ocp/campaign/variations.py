@@ -106,7 +106,9 @@ def place_parameters(scenario: Scenario) -> Iterator[Parameter]:
     for joint in robot.joints:
         if joint.n_v == 1:
             bend = partial(_bent, joint.idx_v)
-            yield Parameter(f"start.{joint_axis(robot, joint.name)}", "rad or m", "added to this joint at the start", bend)
+            yield Parameter(
+                f"start.{joint_axis(robot, joint.name)}", "m" if joint.slides else "rad", "added to this joint at the start", bend
+            )
     if isinstance(scenario.environment.seafloor, FlatSeafloor | HeightField):
         yield Parameter("floor.z", "m", "added to the height of the floor", _with_floor)
     for obstacle in scenario.environment.obstacles:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.record.tables import of_joints
 from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.limits import Joint, bounded_joints
 from uvms_ocp.robot.loading import files_of
@@ -194,7 +195,8 @@ class NewMission:
         for reached, name in zip(self._numbered("reached"), self._numbered("TP", ""), strict=True):
             yield f'{reached} = uo.Below(quantity="{name}.position_error", limit=0.02)  # [m]'
         if not self.robot.n_vehicle and not self.tools:
-            yield 'still = uo.Below(quantity="MP.posture_error", limit=0.02)  # [rad or m]'
+            unit = of_joints("rad or m", [joint.slides for joint in self.robot.joints])
+            yield f'still = uo.Below(quantity="MP.posture_error", limit=0.02)  # [{unit}]'
 
     def _phases(self, names: list[str]) -> Iterator[str]:
         tools = set(self._numbered("TP", ""))

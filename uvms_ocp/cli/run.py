@@ -307,8 +307,8 @@ def _print_what_went_wrong(console: Console, report: dict[str, Any]) -> None:
     for alarm in report["alarms"]:
         console.print(plain_line(f"alarm at {alarm['t']:.2f} s: {alarm['text']}"), style="yellow")
     for row in report["passed_rates"]:
-        passed = f"joint {row['joint']} moved at {row['rate']:.3g} at {row['t']:.2f} s, {row['share']:.2f} times its limit"
-        console.print(plain_line(passed), style="yellow")
+        rate, limit = f"{row['rate']:.3g} {row['unit']}", f"{row['share']:.2f} times its limit"
+        console.print(plain_line(f"joint {row['joint']} moved at {rate} at {row['t']:.2f} s, {limit}"), style="yellow")
     for row in report["sensor_health"]:
         if row["first_s"] is not None:  # a channel that was not always good
             spans = f"suspect for {row['suspect_s']:.2f} s, lost for {row['lost_s']:.2f} s"

@@ -200,7 +200,9 @@ class Record(TableDisplay):
         return SmallTable(
             title=f"Record of a {meta.kind}, {meta.scenario}, {meta.robot}: {len(t)} rows, {span}{ending}",
             head=("series", "shape", "unit", "meaning"),
-            rows=tuple((name, str(array.shape), unit_of(name), meaning_of(name)) for name, array in self.series.items()),
+            rows=tuple(
+                (name, str(array.shape), unit_of(name, meta=meta), meaning_of(name)) for name, array in self.series.items()
+            ),
         )
 
     @checked_on_failure

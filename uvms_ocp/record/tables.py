@@ -68,12 +68,28 @@ QUANTITIES: Mapping[str, str] = MappingProxyType(
 """Units of what our tasks measure, by the name after the task's. Tasks of one's own may measure more."""
 
 
-def unit_of(name: str, part: str = "") -> str:
-    """Return the unit of a series, of one of its parts, or of a quantity such as ``T.position_error``; "-" where nobody says."""
-    if name in SERIES:
-        units = SERIES[name].units
-        return units[part] if part in units else SERIES[name].unit
-    return QUANTITIES.get(name.rpartition(".")[2], "-")
+def unit_of(name: str, part: str = "", meta: Any = None) -> str:
+    """Return the unit of a series, of one of its parts, or of a quantity such as ``T.position_error``; "-" where nobody says.
+
+    meta: of the record, whose joints may all turn or all slide.
+    """
+    if name not in SERIES:
+        return of_joints(QUANTITIES.get(name.rpartition(".")[2], "-"), _slides(meta))
+    units = SERIES[name].units
+    found = [units[part]] if part in units else [*units.values()]
+    return ", ".join(of_joints(unit, _slides(meta)) for unit in found)
+
+
+def of_joints(unit: str, slides: Sequence[bool]) -> str:
+    """Of a unit such as ``rad or m`` what holds for joints that turn or slide; all of it for both, or where nobody says."""
+    turning, _, sliding = unit.partition(" or ")
+    return unit if not sliding or len(set(slides)) != 1 else sliding if slides[0] else turning
+
+
+def _slides(meta: Any, *joints: str) -> list[bool]:
+    """Whether each of the joints slides, by default of all; empty where a record does not say."""
+    sliding = None if meta is None else meta.sliding
+    return [] if sliding is None else [name in sliding for name in joints or meta.joints]
 
 
 def meaning_of(name: str) -> str:
@@ -91,10 +107,14 @@ def column_names(name: str, width: int, meta: Any) -> list[str]:
 def column_units(name: str, width: int, meta: Any) -> list[str]:
     """Units of the same columns."""
     if name == "quantities":
-        return [unit_of(quantity) for quantity in meta.quantities]
+        return [unit_of(quantity, meta=meta) for quantity in meta.quantities]
     units = SERIES[name].units if name in SERIES else {"": "-"}
     columns, unitless = _columns(name, width, meta), {part for joint in meta.endless for part in _circle(joint)}
-    return ["-" if name in _OF_Q and column in unitless else units[_part(column, units)] for column in columns]
+    own = {joint: _slides(meta, joint) for joint in meta.joints}
+    return [
+        "-" if name in _OF_Q and column in unitless else of_joints(units[_part(column, units)], own.get(column, []))
+        for column in columns
+    ]
 
 
 def _columns(name: str, width: int, meta: Any) -> list[str]:
@@ -124,12 +144,15 @@ def _circle(name: str) -> tuple[str, str]:
 
 _OF_Q = ("q", "q_estimated")
 _LINEAR = {"x", "y", "z", "surge", "sway", "heave"}
+_THRUSTS = ("thrust", "asked_thrust", "thruster_energy")
+_TRUSTS = ("thruster_share", "thruster_constant", "thruster_health")
 _TURNING = {"qx", "qy", "qz", "qw", "roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate"}
 _MAKERS: Mapping[str, Callable[[Any], Sequence[str]]] = {
     **dict.fromkeys(_OF_Q, lambda meta: (*_VEHICLE_Q, *_joint_entries(meta))),
     **dict.fromkeys(("v", "v_estimated", "command", "q_std", "disturbance"), lambda meta: (*_VEHICLE_V, *meta.joints)),
     **dict.fromkeys(("wrench", "unreachable"), lambda meta: _VEHICLE_V),
     **dict.fromkeys(("torque", "joint_health"), lambda meta: meta.joints),
+    **dict.fromkeys((*_THRUSTS, *_TRUSTS), lambda meta: meta.thrusters),
     **dict.fromkeys(("x", "x_rate", "x_acceleration", "x_jerk", "x_snap"), lambda meta: getattr(meta, "axes", ())),
     "tool": lambda meta: _VEHICLE_Q,
     "measured_position": lambda meta: (*_XYZ, "t"),

@@ -25,8 +25,9 @@ def compare(first: Record, second: Record) -> list[dict[str, Any]]:
     if kinds[0] != kinds[1]:
         raise InvalidInput(f"the first is a {kinds[0]}, the second a {kinds[1]}; give two runs or two plans")
     figures = _run_figures if kinds[0] == "run" else _plan_figures
-    pairs = zip(figures(first), figures(second), strict=True)
-    return [{"figure": name, "first": a, "second": b, "change": _change(a, b)} for (name, a), (_, b) in pairs]
+    one, other = dict(figures(first)), dict(figures(second))
+    rows = ((name, one.get(name), other.get(name)) for name in one | other)
+    return [{"figure": name, "first": a, "second": b, "change": _change(a, b)} for name, a, b in rows]
 
 
 def _run_figures(record: Record) -> Iterator[tuple[str, Any]]:

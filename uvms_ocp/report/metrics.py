@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,8 +12,9 @@ from uvms_ocp.checks import checked
 from uvms_ocp.record.meta_values import ABORT, DONE
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.record import quantity as quantity
-from uvms_ocp.record.run_meta import joint_errors, joint_positions
+from uvms_ocp.record.run_meta import RunMeta, joint_errors, joint_positions
 from uvms_ocp.record.swings import WINDOW, Swing, swings_among, tilts_of
+from uvms_ocp.record.tables import column_units
 
 # Series and scalars that several reports need.
 
@@ -178,13 +181,13 @@ def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
     return {
         "duration_s": end - start,
         "path_length_m": path_length(record["q"][rows, :3]) if meta.floating else 0.0,
-        "joint_path_rad": float(np.abs(rates[:-1]).sum() * meta.dt),
+        **_by_kind(meta, "joint_path", np.abs(rates[:-1]).sum(axis=0) * meta.dt, np.sum),
         "thruster_energy_j": thrusters,
         "joint_energy_j": joints,
         "energy_j": None if thrusters is None or joints is None else thrusters + joints,
         "peak_thrust_n": largest_thrust(record, rows),
         "saturation_time_s": None if saturated is None else float(np.count_nonzero(saturated[:-1]) * meta.dt),
-        "joint_margin_rad": _joint_margin(record, rows),
+        **_by_kind(meta, "joint_margin", _joint_margins(record, rows), partial(np.min, initial=np.inf)),
         "velocity_share": _share(record, "v", None if limits is None else limits.velocity, rows),
         "torque_share": _share(record, "torque", None if limits is None else limits.effort, rows),
     }
@@ -197,7 +200,7 @@ _NEW = 0.5  # [s] that a fault is
 def passed_rates(record: Record) -> list[dict[str, Any]]:
     """One row per joint whose true velocity passed its limit by more than 2 %, 20 % where a fault is new: the largest.
 
-    joint, t [s], rate and limit [rad/s, m/s], and the share of the limit.
+    joint, t [s], rate and limit [unit], which is rad/s or m/s, and the share of the limit.
     """
     meta, limits = record.run_meta, record.meta.limits
     if limits is None:
@@ -211,11 +214,13 @@ def passed_rates(record: Record) -> list[dict[str, Any]]:
     over = rates - bounds * np.where(struck, _STRUCK, _PASSED)[:, None]
     worst, joints = over.argmax(axis=0), np.arange(len(bounds))
     names = meta.joints if len(meta.joints) == len(bounds) else [f"axis {j + 1}" for j in joints]
+    units = column_units("v", record["v"].shape[1], meta)[first:]
     return [
         {
             "joint": names[j],
             "t": float(t[worst[j]]),
             "rate": float(rates[worst[j], j]),
+            "unit": units[j],
             "limit": float(bounds[j]),
             "share": float(rates[worst[j], j] / bounds[j]),
         }
@@ -242,14 +247,22 @@ def largest_thrust(record: Record, rows: slice = slice(None)) -> float | None:
     return float(np.abs(record["thrust"][rows]).max(initial=0.0)) if "thrust" in record.series else None
 
 
-def _joint_margin(record: Record, rows: slice) -> float | None:
+def _by_kind(meta: RunMeta, name: str, values: np.ndarray, of: Callable[[np.ndarray], float]) -> dict[str, float | None]:
+    """A figure of the joints that turn, and in m of those that slide, if there are any; values (n_joints,), or (0,)."""
+    slides = np.array([joint in (meta.sliding or ()) for joint in meta.joints])
+    chosen = {"rad": values[~slides], "m": values[slides]} if slides.any() and len(values) == len(slides) else {"rad": values}
+    figures = {unit: float(of(found)) for unit, found in chosen.items()}
+    return {f"{name}_{unit}": value if np.isfinite(value) else None for unit, value in figures.items()}
+
+
+def _joint_margins(record: Record, rows: slice) -> np.ndarray:
+    """Of each joint (n_joints,) [rad or m] the least, or none where nobody knows."""
     meta = record.run_meta
     joints = joint_positions(record.series, meta)
     if meta.limits is None or joints is None:
-        return None
+        return np.empty(0)
     lower, upper = np.array(meta.limits.position_lower), np.array(meta.limits.position_upper)
-    margin = float(np.minimum(joints[rows] - lower, upper - joints[rows]).min(initial=np.inf))
-    return margin if np.isfinite(margin) else None
+    return np.minimum(joints[rows] - lower, upper - joints[rows]).min(axis=0, initial=np.inf)
 
 
 def _share(record: Record, name: str, limits: tuple[float, ...] | None, rows: slice) -> float | None:

@@ -33,6 +33,8 @@ class Joint:
     """Entries in q."""
     n_v: int
     """Entries in v."""
+    slides: bool
+    """True for one that moves along its axis, in m; others turn, in rad."""
 
     @property
     def q(self) -> slice:
@@ -119,7 +121,13 @@ def joints_of(model: pin.Model, *, free_flyer: bool) -> tuple[Joint, ...]:
     """Return the arm joints of a free-flyer, all joints otherwise."""
     indices = range(2 if free_flyer else 1, model.njoints)
     pairs = ((model.names[i], model.joints[i]) for i in indices if model.joints[i].nv)  # of its own
-    return tuple(Joint(name=name, idx_q=own.idx_q, idx_v=own.idx_v, n_q=own.nq, n_v=own.nv) for name, own in pairs)
+    return tuple(
+        Joint(name=name, idx_q=own.idx_q, idx_v=own.idx_v, n_q=own.nq, n_v=own.nv, slides=_slides(own)) for name, own in pairs
+    )
+
+
+def _slides(joint: pin.JointModel) -> bool:
+    return bool(joint.nv == 1 and joint.shortname().startswith("JointModelP"))
 
 
 def limits_of(model: pin.Model, description: RobotDescription, joints: tuple[Joint, ...]) -> Limits:
@@ -162,7 +170,7 @@ def _with_assumed(model: pin.Model, joints: Sequence[Joint], limits: Limits) -> 
     velocity, acceleration, open_ones = limits.velocity.copy(), limits.acceleration.copy(), open_joints(model, joints)
     for joint in joints:
         if joint.name in open_ones:
-            unit = _SLIDE if model.joints[model.getJointId(joint.name)].shortname().startswith("JointModelP") else 1.0
+            unit = _SLIDE if joint.slides else 1.0
             for values, assumed in ((velocity, ASSUMED_VELOCITY), (acceleration, ASSUMED_ACCELERATION)):
                 values[joint.v] = np.where(np.isinf(values[joint.v]), unit * assumed, values[joint.v])
     return replace(limits, velocity=read_only(velocity), acceleration=read_only(acceleration))

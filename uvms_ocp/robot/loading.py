@@ -289,7 +289,8 @@ def robot_meta(robot: Robot) -> dict[str, Any]:
         known = checked_copy(robot.description, loading=loading.model_dump() | {"packages": packages})
         place = None if urdf is None or urdf == library else _shared(urdf, Path.cwd())
         files = RobotFilesMeta(urdf=place, description=known.model_dump_json(exclude_defaults=True))
-    return {"robot": robot.name, "robot_files": files, "joints": robot.joint_names, "endless": robot.endless_joints}
+    joints = {"joints": robot.joint_names, "endless": robot.endless_joints, "sliding": robot.sliding_joints}
+    return {"robot": robot.name, "robot_files": files, **joints}
 
 
 def _shared(path: Path, here: Path) -> str:

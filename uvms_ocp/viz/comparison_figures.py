@@ -32,7 +32,7 @@ def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> 
     same joints, of one axis each.
     """
     joints = _joints_of(records)
-    title = f"Joint positions in phase {style.label_text(phase)} [{unit_of('q', 'joints')}]"
+    title = f"Joint positions in phase {style.label_text(phase)} [{unit_of('q', 'joints', next(iter(records.values())).meta)}]"
     figure, axes = style.stacked(len(joints), 0.6, title)
     for (_, record), color in zip(records.items(), _COLORS, strict=False):
         spans = {span.name: span for span in phase_spans(record)}

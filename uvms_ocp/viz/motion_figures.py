@@ -14,12 +14,14 @@ from uvms_ocp.ocp.separating_planes import support_of
 from uvms_ocp.record.meta_values import ObstacleMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import joint_positions
+from uvms_ocp.record.tables import column_names
 from uvms_ocp.robot.shapes.obstacles import build_obstacle
 from uvms_ocp.viz import style
 from uvms_ocp.viz.series import PhaseSpan, axis_label, axis_names, floor_heights, has_vehicle, phase_spans
 
 # What a mission on the physical plant cost: thrust, torque, power, tracking and disturbance.
 
+_LEGEND = 20  # letters of a name beside lines
 _PARTS = ("force", "moment")
 _TRACKED = {"velocity": "linear", "rate": "angular"}
 
@@ -42,8 +44,10 @@ def figure_efforts(record: Record) -> Figure | None:
 
 
 def _thrust(record: Record, axes: Sequence[Axes]) -> None:
-    for i, thrust in enumerate(record["thrust"].T):
-        axes[0].plot(record["t"], thrust, **style.line_style(i), lw=0.8, label=f"thruster{i + 1}")
+    names = column_names("thrust", record["thrust"].shape[1], record.meta)
+    for i, (name, thrust) in enumerate(zip(names, record["thrust"].T, strict=True)):
+        label = style.label_text(name.partition(".")[2], _LEGEND)
+        axes[0].plot(record["t"], thrust, **style.line_style(i), lw=0.8, label=label)
     axes[0].set_ylabel(axis_label("thrust", "thrust"))
 
 
@@ -60,8 +64,8 @@ _PUSHES: Mapping[str, Callable[[Record, Sequence[Axes]], None]] = {"thrust": _th
 def _torque(record: Record, axis: Axes) -> None:
     names = axis_names(record, record["torque"].shape[1])
     for i, (name, torque) in enumerate(zip(names, record["torque"].T, strict=True)):
-        axis.plot(record["t"], torque, **style.line_style(i), lw=0.8, label=style.label_text(name, 10))
-    axis.set_ylabel(axis_label("torque", "torque"))
+        axis.plot(record["t"], torque, **style.line_style(i), lw=0.8, label=style.label_text(name, _LEGEND))
+    axis.set_ylabel(axis_label("torque", "torque", meta=record.meta))
 
 
 def _energy(record: Record, axis: Axes) -> None:
@@ -177,7 +181,7 @@ def figure_joints(record: Record) -> Figure | None:
     for axis, name in zip(grid[:, 0], names, strict=True):
         axis.set_ylabel(style.label_text(name), rotation=0, ha="right", va="center")
     for axis, what, name in zip(grid[0], ("position", "velocity"), "qv", strict=True):
-        axis.set_title(axis_label(what, name, "joints"), pad=1 + style.space_above(record))
+        axis.set_title(axis_label(what, name, "joints", meta=record.meta), pad=1 + style.space_above(record))
     for axis in grid[-1]:
         axis.set_xlabel(axis_label("time", "t"))
     for column in grid.T:

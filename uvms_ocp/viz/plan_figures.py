@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
@@ -30,13 +30,13 @@ _VEHICLE = ("x", "y", "z", "roll", "pitch", "yaw")
 @style.styled
 def figure_vehicle_motion(record: Record) -> Figure | None:
     """Planned vehicle axes from position to snap; `None` where none is planned."""
-    return _motion(record, _VEHICLE, "Planned motion of the vehicle")
+    return _motion(record, _VEHICLE, ("position", "attitude"), "Planned motion of the vehicle")
 
 
 @style.styled
 def figure_joint_motion(record: Record) -> Figure | None:
     """Planned joints from position to snap; `None` where none is planned."""
-    return _motion(record, record.meta.joints, "Planned motion of the joints")
+    return _motion(record, record.meta.joints, ("joints",), "Planned motion of the joints")
 
 
 @style.styled
@@ -94,7 +94,7 @@ def plan_figures(record: Record) -> dict[str, Figure]:
     return {name: figure for name, figure in figures.items() if figure is not None}
 
 
-def _motion(record: Record, names: Collection[str], title: str) -> Figure | None:
+def _motion(record: Record, names: Collection[str], parts: Sequence[str], title: str) -> Figure | None:
     """One row per derivative that is recorded, one line per axis; each with its limit where it has one and comes near it."""
     if "x" not in record.series:
         return None
@@ -108,7 +108,7 @@ def _motion(record: Record, names: Collection[str], title: str) -> Figure | None
         for k, i in enumerate(wanted):
             name = style.label_text(planned[i], 10)
             row.plot(record["t"], record[series][:, i], **style.line_style(k), label=name)
-        row.set_ylabel(f"{label}\n[{unit_of(series, 'position')}, {unit_of(series, 'attitude')}]")
+        row.set_ylabel(f"{label}\n[{', '.join(unit_of(series, part, record.meta) for part in parts)}]")
         _draw_limits(row, record, series, wanted)
     axes[0].legend(ncols=len(wanted), loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=7)
     _mark_breaks(axes, record)

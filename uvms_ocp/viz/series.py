@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -58,9 +59,12 @@ def fault_spans(record: Record) -> tuple[FaultSpan, ...]:
     return tuple(found)
 
 
-def axis_label(text: str, name: str, part: str = "", prefix: str = "") -> str:
-    """Return the label of an axis: a text, and the unit of a series, of one of its parts, or of a quantity; prefix: such as m."""
-    return f"{text} [{' or '.join(prefix + unit for unit in unit_of(name, part).split(' or '))}]"
+def axis_label(text: str, name: str, part: str = "", prefix: str = "", meta: Any = None) -> str:
+    """Return the label of an axis: a text, and the unit of a series, of one of its parts, or of a quantity; prefix: such as m.
+
+    meta: of the record, as in `unit_of`.
+    """
+    return f"{text} [{' or '.join(prefix + unit for unit in unit_of(name, part, meta).split(' or '))}]"
 
 
 def estimate_suffix(record: Record) -> str:

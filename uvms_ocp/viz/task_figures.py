@@ -58,7 +58,7 @@ def _quantity_figure(
     figure, axes = style.stacked(len(known), 1.75, title + estimate_suffix(record))
     for axis, (name, label, color) in zip(axes, known, strict=True):
         panel(axis, record, name, color)
-        axis.set_ylabel(axis_label(label, name))
+        axis.set_ylabel(axis_label(label, name, meta=record.meta))
     style.mark_time(axes, record)
     active = Line2D([], [], color=style.BLACK, label="task active")
     style.heading_legend(figure, [active, Line2D([], [], color=style.FADED, lw=0.9, label="task off")])
@@ -175,10 +175,10 @@ def _curves(record: Record, name: str) -> tuple[dict[str, np.ndarray], str]:
     """The lines of a name, by what they are called, and their unit."""
     names = [key for key, series in record.series.items() if series.ndim <= _A_TABLE]
     if name in record.meta.quantities or (name in names and record[name].ndim == 1):
-        return {name: record[name]}, unit_of(name)
+        return {name: record[name]}, unit_of(name, meta=record.meta)
     if name in names:
         labels = (label.partition(".")[2] for label in column_names(name, record[name].shape[1], record.meta))
-        return dict(zip(labels, record[name].T, strict=True)), unit_of(name)
+        return dict(zip(labels, record[name].T, strict=True)), unit_of(name, meta=record.meta)
     found = _columns(record, [key for key in names if record[key].ndim == _A_TABLE])
     if name not in found:
         of_series = (column for column, (series, _, _) in found.items() if series == name.partition(".")[0])

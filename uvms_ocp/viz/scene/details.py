@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.record.record import Record
+from uvms_ocp.record.run_meta import RecordMeta
 from uvms_ocp.record.tables import unit_of
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import Trust
@@ -117,15 +118,15 @@ def _row(label: str, colour: str, path: list[str]) -> dict[str, Any]:
 def readouts(record: Record, frames: Frames) -> dict[str, Any]:
     """JSON values: ``times`` (n,) [s] of the frames and a row for each quantity; `None` where it is not known."""
     measured = {name: record["quantities"][:, k] for k, name in enumerate(record.meta.quantities)}
-    rows = [readout(name, values[frames.row]) for name, values in measured.items() if np.isfinite(values).any()]
+    rows = [readout(name, values[frames.row], record.meta) for name, values in measured.items() if np.isfinite(values).any()]
     return {"times": frames.t.round(3).tolist(), "readouts": rows}
 
 
-def readout(name: str, values: np.ndarray) -> dict[str, Any]:
+def readout(name: str, values: np.ndarray, meta: RecordMeta) -> dict[str, Any]:
     """JSON values: the row of a quantity with its values (n,) [its unit]."""
     task, _, what = name.rpartition(".")
     label = f"{task} {what.replace('_', ' ')}".strip()
-    return {"task": task, "label": label, "unit": unit_of(name).strip("-"), "values": rounded(values)}
+    return {"task": task, "label": label, "unit": unit_of(name, meta=meta).strip("-"), "values": rounded(values)}
 
 
 # What stands on the time line of the page: phases, faults, health of the sensors, alarms.

@@ -61,7 +61,7 @@ def _still(record: Record) -> dict[str, Any]:
         "speeds": (),
         "annotations": ["goals"],
         "legend": legend(record, [], [], beam=False),
-        "readouts": [readout(name, np.full(1, np.nan)) for name in record.meta.quantities],
+        "readouts": [readout(name, np.full(1, np.nan), record.meta) for name in record.meta.quantities],
         "joints": (),
     }
 
