@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from compiler import long_without_compiler
 from studies.fault_study import by_kind, faults, nominal, run_faults
-from studies.fault_table import GUSTY, KINDS, PHASES, SIZES, STILL
-from studies.fault_truth import arm_height, astray, contact_outside_landing, is_named, joint_excess
+from studies.fault_table import GUSTY, KINDS, PAIR, PHASES, SIZES, STILL
+from studies.fault_truth import arm_height, astray, contact_outside_landing, is_named, joint_excess, rate_share
 
 from uvms_ocp.errors import NameNotFound
 from uvms_ocp.record.record import Record
@@ -36,11 +36,11 @@ def _record(scenario: Scenario) -> Record:
     return scenario.run()
 
 
-def test_every_channel_that_robots_have_by_default_fails_in_six_ways() -> None:
+def test_every_channel_that_robots_have_by_default_fails_in_seven_ways() -> None:
     channels = {field.name for field in fields(SensorSpecs) if getattr(SensorSpecs(), field.name) is not None}
     assert set(SIZES) >= channels
     for channel in channels:
-        for word in ("frozen", "lost", "nan", "spikes", "bias", "late"):
+        for word in ("frozen", "lost", "nan", "spikes", "bias", "drift", "late"):
             assert f"{channel} {word}" in KINDS
     assert len(KINDS) >= 30
 
@@ -54,10 +54,18 @@ def test_every_kind_can_befall_the_mission(name: str, scenario: Scenario) -> Non
 
 def test_the_cases_cross_kinds_phases_and_seeds() -> None:
     cases = faults().cases
-    assert len({tuple(case.items()) for case in cases}) == len(cases) == 20 * len(KINDS) + 2 * 100
+    assert len({repr(case) for case in cases}) == len(cases) == 20 * len(KINDS) + 200 + 2 * 100
     assert {(case["kind"], case["phase"], case["seed"]) for case in cases} >= {
         (kind, phase, seed) for kind in KINDS for phase in PHASES for seed in range(5)
     }
+
+
+def test_pairs_are_two_kinds_each_with_its_phase_and_the_same_every_time() -> None:
+    pairs = [case for case in faults(n=1, fault_free=0).cases if case["kind"] == PAIR]
+    assert pairs == [case for case in faults(n=2, fault_free=3).cases if case["kind"] == PAIR]
+    assert all(len(set(case["pair"])) == len(case["phase"].split()) == 2 for case in pairs)
+    assert {name for case in pairs for name in case["pair"]} >= set(list(KINDS)[:10])
+    assert len({case["seed"] for case in pairs}) == len(pairs) == 200
 
 
 def test_an_unknown_kind_or_phase_is_named() -> None:
@@ -79,9 +87,11 @@ def test_faults_set_in_in_the_middle_of_the_phases_of_a_sound_run() -> None:
 
 @long_without_compiler
 def test_rows_are_judged_and_summed_up_by_kind() -> None:
-    study = faults(n=1, fault_free=1, kinds=["joint 2 jammed", "position bias"], phases=["A"], **QUICK)
+    study = faults(n=1, fault_free=1, pairs=1, kinds=["joint 2 jammed", "position bias"], phases=["A"], **QUICK)
     result = study.run()
-    jammed, biased, *sound = result.cases
+    jammed, biased, both, *sound = result.cases
+    assert (both["kind"], both["phase"], both["named"]) == (PAIR, "A A", True)
+    assert {part.partition("@")[0] for part in both["faults"].split()} == {"joint2:jam", "position:bias=5,0,0"}
     assert [row["kind"] for row in sound] == [STILL, GUSTY]
     for row in sound:
         assert (row["end"], row["alarms_before"], row["faults"]) == ("completed", 0, "")
@@ -89,7 +99,7 @@ def test_rows_are_judged_and_summed_up_by_kind() -> None:
         assert 0.0 < row["tool_bound_m"] < 0.05
     assert biased["astray_m"] < 1.0, "fixes that jump by 5 m are refused, and it climbs by less than 1 m"
     assert all(row["to_detect_s"] is None or row["to_detect_s"] >= 0.0 for row in result.cases)
-    assert [row["kind"] for row in result.table] == ["joint 2 jammed", "position bias", STILL, GUSTY]
+    assert [row["kind"] for row in result.table] == ["joint 2 jammed", "position bias", PAIR, STILL, GUSTY]
     assert result.table[0]["completed"] == (jammed["end"] == "completed")
     assert {row["runs"] for row in result.table} == {1}
 
@@ -158,6 +168,10 @@ def test_excess_and_distance_are_those_of_the_truth(scenario: Scenario, record: 
     q[7, joints] = scenario.robot.limits.position_upper + np.linspace(0.0, 0.03, scenario.robot.n_joints)
     assert joint_excess(scenario.robot, q) == pytest.approx(0.03)
     assert joint_excess(scenario.robot, record["q"]) == 0.0
+    limits = scenario.robot.limits.velocity
+    v = 0.1 * np.tile(limits, (5, 1))
+    v[3, scenario.robot.joint_v.start] = -1.3 * limits[scenario.robot.joint_v.start]
+    assert rate_share(scenario.robot, v) == pytest.approx(1.3)
     q[20, :3] += [0.0, 0.0, 50.0]
     assert astray(record["q"][:, :3], q) == pytest.approx(50.0, abs=0.5)
 

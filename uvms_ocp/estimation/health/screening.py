@@ -193,8 +193,7 @@ def _compare_fix(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, why:
         if drift_rate(m.velocity.slow, 2) > 0.0 and _agrees_with_velocity(m, depth):
             exclude(c, why, m.t, m.clean)
         else:
-            suspect(c, why, m.t)
-            suspect(velocity, why, m.t)
+            _suspect_likelier(m, ChannelIndex.POSITION, ChannelIndex.LINEAR_VELOCITY, -1)
     if by > 0.0:
         set_complaint(why, Reason.DEPTH, by, 0.0)
         if not _agrees_with_velocity(m, depth) and drift_rate(m.velocity.slow, 2) == 0.0 and known:
