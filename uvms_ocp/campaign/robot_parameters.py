@@ -78,6 +78,7 @@ def _described(link: LinkHydrodynamics, factors: dict[str, float]) -> LinkDescri
     coefficients = LinkCoefficients(
         pose=Pose(position=tuple(position.tolist()), rpy=tuple(rpy.tolist())),
         **rows,
+        drag_by="flow" if link.by_flow else "axes",
         volume=link.volume,
         centre_of_buoyancy=tuple(link.centre_of_buoyancy.tolist()) if link.volume else None,
     )

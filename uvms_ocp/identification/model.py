@@ -28,6 +28,7 @@ def vehicle_dynamics(dynamics: SymbolicDynamics, values: Mapping[str, ca.SX], li
         added_mass=values["added_mass"],
         linear_drag=values["linear_drag"],
         quadratic_drag=values["quadratic_drag"],
+        by_flow=dynamics.links[link].by_flow,
         displaced_mass=dynamics.density * values["volume"],
         p_LB=values["centre_of_buoyancy"],
     )

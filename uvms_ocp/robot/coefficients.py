@@ -50,6 +50,7 @@ def _from_coefficients(name: str, given: data.LinkCoefficients) -> LinkHydrodyna
         added_mass=data.as_matrix6(given.added_mass),
         linear_drag=data.as_matrix6(given.linear_drag),
         quadratic_drag=data.as_matrix6(given.quadratic_drag),
+        by_flow=given.drag_by == "flow",
         volume=given.volume,
         centre_of_buoyancy=np.array(given.centre_of_buoyancy or (0.0, 0.0, 0.0)),
     )

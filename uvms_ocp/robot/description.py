@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from uvms_ocp.errors import InvalidInput, RobotDataError
 from uvms_ocp.model_errors import one_line, problems_of
 from uvms_ocp.record.untrusted import BoundedLoader, read_yaml
-from uvms_ocp.robot.hydrodynamics import check_added_mass, check_linear_drag, check_quadratic_drag
+from uvms_ocp.robot.hydrodynamics import check_added_mass, check_flow_drag, check_linear_drag, check_quadratic_drag
 
 _log = logging.getLogger(__name__)
 
@@ -77,6 +77,10 @@ class LinkCoefficients(_Section):
         default=(0.0,) * 6,
         description="factor of v|v| per axis (6), >= 0, or full matrix (6x6), dissipative [N/(m/s)^2, N m/(rad/s)^2]",
     )
+    drag_by: Literal["axes", "flow"] = Field(
+        default="axes",
+        description="quadratic drag counts the speed along each axis, or that of the whole flow: right on axes, and between them",
+    )
     volume: float = Field(default=0.0, ge=0.0, le=1e4, description="displaced volume [m3]")
     centre_of_buoyancy: Point | None = Field(default=None, description="in the link frame [m]; needs a volume")
 
@@ -98,6 +102,11 @@ class LinkCoefficients(_Section):
     def _quadratic_drag_dissipates(cls, value: NonNegative6 | Matrix6) -> NonNegative6 | Matrix6:
         check_quadratic_drag(np.zeros((6, 6)), as_matrix6(value))
         return value
+
+    @model_validator(mode="after")
+    def _drag_by_the_flow_is_a_diagonal(self) -> LinkCoefficients:
+        check_flow_drag(as_matrix6(self.quadratic_drag), self.drag_by == "flow", "quadratic_drag ")
+        return self
 
     @model_validator(mode="after")
     def _buoyancy_needs_a_volume(self) -> LinkCoefficients:

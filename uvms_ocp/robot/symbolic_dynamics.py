@@ -40,6 +40,8 @@ class WaterCoefficients:
     """(6, 6) [N/(m/s), N m/(rad/s)]"""
     quadratic_drag: Coefficient
     """(6, 6) [N/(m/s)^2, N m/(rad/s)^2]"""
+    by_flow: bool = False
+    """As that of `LinkHydrodynamics`."""
     displaced_mass: Coefficient
     """[kg]"""
     p_LB: Coefficient
@@ -78,6 +80,7 @@ def wet_link(model: pin.Model, link: LinkHydrodynamics, density: float) -> WetLi
             added_mass=sparse(link.added_mass),
             linear_drag=sparse(link.linear_drag),
             quadratic_drag=sparse(link.quadratic_drag),
+            by_flow=link.by_flow,
             displaced_mass=density * link.volume,
             p_LB=link.p_LB,
         ),
@@ -236,7 +239,7 @@ class SymbolicDynamics(FieldTable):
         nu_r_dot = water.relative_acceleration(a, nu, u_L, w_L)
         wrench = link.motion_LJ.T @ (
             water.added_mass_wrench(link.water.added_mass, nu_r, nu_r_dot)
-            + water.drag_wrench(link.water.linear_drag, link.water.quadratic_drag, nu_r)
+            + water.drag_wrench(link.water.linear_drag, link.water.quadratic_drag, nu_r, link.water.by_flow)
             - water.pressure_wrench(link.water.displaced_mass, link.water.p_LB, w_L)
         )
         return Wrench(force=wrench[:3], moment=wrench[3:])
@@ -255,7 +258,8 @@ class SymbolicDynamics(FieldTable):
         """Symmetric part of the link's D(nu_r) (6, 6), at the joint that carries it."""
         u_L = link.R_JL.T @ (motions.poses[link.joint].R.T @ u)
         nu_r = water.relative_velocity(link.motion_LJ @ motions.velocities[link.joint].stacked(), u_L)
-        D = water.damping_matrix(link.water.linear_drag, quadratic_factor * link.water.quadratic_drag, nu_r)
+        quadratic = quadratic_factor * link.water.quadratic_drag
+        D = water.damping_matrix(link.water.linear_drag, quadratic, nu_r, link.water.by_flow)
         return link.motion_LJ.T @ ((D + D.T) / 2) @ link.motion_LJ
 
     # --- ready-made functions ---------------------------------------------------------------------

@@ -1,0 +1,74 @@
+"""Quadratic drag by the direction of the flow: the published numbers on the axes, and no way that is cheaper between them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+import pytest
+from tiny_robots import TINY, robot_of
+
+from uvms_ocp.campaign.robot_parameters import _scaled
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot.coefficients import links_in_water
+from uvms_ocp.robot.description import LinkCoefficients, checked_copy
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics, damping_matrix, drag_wrench
+
+NONE, Q = np.zeros((6, 6)), np.diag([30.0, 45.0, 60.0, 2.0, 3.0, 4.0])
+RNG = np.random.default_rng(3)
+
+
+@pytest.mark.parametrize("axis", range(6))
+@pytest.mark.parametrize("speed", [-0.7, 1.3])
+def test_on_an_axis_it_is_that_of_the_axis(axis: int, speed: float) -> None:
+    nu = speed * np.eye(6)[axis]
+    assert drag_wrench(NONE, Q, nu, True) == pytest.approx(drag_wrench(NONE, Q, nu), abs=1e-6)
+    assert damping_matrix(NONE, Q, nu, True) @ nu == pytest.approx(drag_wrench(NONE, Q, nu, True), abs=1e-9)
+
+
+def test_a_body_with_the_same_drag_on_all_axes_has_it_in_all_directions() -> None:
+    for R in [pin.Quaternion(RNG.normal(size=4)).normalized().matrix() for _ in range(20)]:
+        u = R @ np.array([0.8, 0.0, 0.0])
+        wrench = drag_wrench(NONE, np.diag([30.0] * 3 + [1.0] * 3), np.concatenate([u, np.zeros(3)]), True)
+        assert wrench[:3] == pytest.approx(30.0 * 0.8 * u, abs=1e-6)
+
+
+def test_it_takes_power_always_and_never_less_than_by_axes() -> None:
+    for nu in RNG.normal(size=(200, 6)):
+        power = nu @ drag_wrench(NONE, Q, nu, True)
+        assert power >= nu @ drag_wrench(NONE, Q, nu) > 0.0
+
+
+def test_it_has_a_slope_at_rest() -> None:
+    nu = ca.SX.sym("nu", 6)
+    slope = ca.Function("slope", [nu], [ca.jacobian(drag_wrench(ca.DM(NONE), ca.DM(Q), nu, True), nu)])(0)
+    assert np.array(slope) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_couplings_are_refused() -> None:
+    coupled = Q + 0.1 * np.eye(6, k=1)
+    with pytest.raises(InvalidInput, match="by the flow has couplings; allowed: a diagonal"):
+        LinkHydrodynamics(frame="hull", quadratic_drag=coupled, by_flow=True)
+    rows = tuple(map(tuple, coupled.tolist()))
+    with pytest.raises(ValueError, match="by the flow has couplings"):
+        LinkCoefficients(quadratic_drag=rows, drag_by="flow")
+    assert LinkCoefficients(quadratic_drag=rows).drag_by == "axes"
+
+
+def test_a_robot_of_a_file_has_it_and_keeps_it_where_its_drag_is_varied() -> None:
+    robot = robot_of(TINY["no joints"])
+    (name, hull), *_ = robot.description.links.items()
+    assert hull.coefficients is not None
+    flow = {name: hull.model_copy(update={"coefficients": hull.coefficients.model_copy(update={"drag_by": "flow"})})}
+    description = checked_copy(robot.description, links=flow)
+    by_flow = replace(robot, description=description, hydrodynamics=links_in_water(description))
+    thicker = _scaled("water.drag", ("linear_drag", "quadratic_drag"), by_flow, 2.0)
+    q, rest, v = robot.configuration(), np.zeros(robot.n_v), np.array([0.5, 0.4, -0.3, 0.0, 0.0, 0.0])
+    plain, new, twice = (robot_dynamics(one).inverse_dynamics(q, v, rest)[:3] for one in (robot, by_flow, thicker))
+    (link,) = robot.hydrodynamics
+    wanted = [drag_wrench(link.linear_drag, link.quadratic_drag, v, flow)[:3] for flow in (False, True)]
+    assert new - plain == pytest.approx(wanted[1] - wanted[0], abs=1e-6)
+    assert twice - new == pytest.approx(wanted[1], abs=1e-6)
