@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -136,6 +138,23 @@ def test_a_time_limit_ends_all_levels_where_they_stand() -> None:
     assert sum(result.iterations) == 0
     np.testing.assert_array_equal(result.x, [-1.2, 1.0])
     assert nlp.solve(result.x).status is NlpStatus.SOLVED
+
+
+def test_a_machine_that_is_busy_changes_no_result_unless_time_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    x, start = ca.SX.sym("x", 2), np.array([-1.2, 1.0])
+    levels = [NlpLevel(y=rosenbrock(x)), NlpLevel(y=himmelblau(x))]
+    quiet = LexicographicNlp(lexicographic_program(x, levels)).solve(start)
+    readings = itertools.count(0.0, 60.0)  # a minute between any two
+
+    def busy(options: NlpOptions) -> LexicographicResult:
+        nlp = LexicographicNlp(lexicographic_program(x, levels), options)
+        monkeypatch.setattr(nlp.deadline, "_clock", lambda: next(readings))
+        return nlp.solve(start)
+
+    found = busy(NlpOptions())
+    assert (found.level_status, found.iterations) == (quiet.level_status, quiet.iterations)
+    np.testing.assert_array_equal(found.x, quiet.x)
+    assert busy(NlpOptions(time_limit=20.0)).status is NlpStatus.TIME_LIMIT
 
 
 def test_an_expression_that_is_not_a_number_is_a_status() -> None:

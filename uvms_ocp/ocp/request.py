@@ -26,7 +26,7 @@ from uvms_ocp.robot import Robot, State
 from uvms_ocp.robot.shapes.obstacles import Obstacle, seafloor
 from uvms_ocp.solvers.nlp.level_solver import NlpOptions, Progress
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
-from uvms_ocp.types import Array, AtLeastOne, Bound, Magnitude, Positive, Range, Shape
+from uvms_ocp.types import DAY, Array, AtLeastOne, Bound, Magnitude, Positive, Range, Shape
 
 # A curve around obstacles, of the shapes alone, as the guess of a plan in water.
 
@@ -80,8 +80,8 @@ class OcpRequest:
     current: FiniteTriple = (0.0, 0.0, 0.0)
     """[m/s] of the water in W."""
     plugin: str = "ipopt"
-    time_limit: Positive = 20.0
-    """[s] for the solver."""
+    time_limit: Positive = DAY
+    """[s] for the solver; by default its iterations end it, however busy the machine is."""
 
 
 @checked

@@ -39,8 +39,9 @@ class NlpOptions:
     """Largest error of the optimality conditions, as the plugin scales them."""
     max_iterations: AtLeastOne = 150
     """For every NLP."""
-    time_limit: Positive = 20.0
-    """[s] for all NLPs together. Iterations are not cut short; fatrop looks at it between NLPs only."""
+    time_limit: Positive = DAY
+    """[s] for all NLPs together; by default iterations end them, however busy the machine is. Iterations are not cut short;
+    fatrop looks at it between NLPs only."""
     anticipate: bool = True
     """Try the lowest level first, with all levels above met in full."""
     barrier: Positive = 1e-2
