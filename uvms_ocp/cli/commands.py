@@ -112,6 +112,7 @@ app = _group(
         "compare": "show.compare_runs",
         "show": "show.show_scene",
         "excite": "identify.excite",
+        "map": "identify.map_recording",
         "check-recording": "identify.check_recording",
         "identify": "identify.identify",
         "thruster-curve": "identify.thruster_curve",

@@ -16,6 +16,7 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification import ExperimentLimits, Noise, Rollout, check_data_quality, stage_of, write_recording
 from uvms_ocp.identification.calibration import Calibration, calibrate
 from uvms_ocp.identification.experiment_design import DesignSettings, DesignStatus, ExperimentTask, design_experiment
+from uvms_ocp.identification.proposed_mapping import propose_mapping
 from uvms_ocp.identification.reading import UNITS, read_mapping, read_recording
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, split_at_gaps
 from uvms_ocp.identification.results import excitation_text, report_text, require_coefficients, variant_text, whole_text
@@ -53,6 +54,17 @@ def check_recording(paths: Recordings, mapping: MappingFile = None, as_json: Jso
             print_line(console, f"doubtful: {doubt}")
 
 
+def map_recording(
+    path: Annotated[Path, typer.Argument(metavar="RECORDING", help="A file of others, or a folder of ROS 2.")],
+) -> None:
+    """Propose a mapping of a recording of others, to be edited.
+
+    Channels are found by names, units and frames by what values say; every guess has its evidence beside it. Write it to a
+    file by `uvms-ocp map RECORDING > mapping.yaml`.
+    """
+    typer.echo(propose_mapping(path), nl=False)
+
+
 def read_recordings(paths: list[Path], mapping: Path | None) -> list[Recording]:
     """All of them, by one mapping where they need one. Raises InvalidInput, NameNotFound and NotInstalled."""
     given = None if mapping is None else read_mapping(mapping)
@@ -69,19 +81,9 @@ def _recording_data(recording: Recording) -> dict[str, Any]:
 
 
 def _row(name: str, channel: Channel) -> dict[str, Any]:
-    times = (float(channel.t[0]), float(channel.t[-1]))
-    values = (
-        name,
-        channel.values.shape[1],
-        CHANNEL_KINDS[name].unit,
-        CHANNEL_KINDS[name].frame,
-        float(channel.values.min()),
-        float(channel.values.max()),
-        *times,
-        channel.rate,
-        channel.delay,
-    )
-    return dict(zip(_COLUMNS, values, strict=True))
+    kind, values, t = CHANNEL_KINDS[name], channel.values, channel.t
+    about = (name, values.shape[1], kind.unit, kind.frame, float(values.min()), float(values.max()), float(t[0]), float(t[-1]))
+    return dict(zip(_COLUMNS, (*about, channel.rate, channel.delay), strict=True))
 
 
 # ``identify``: a robot's own numbers, from its own recordings.

@@ -1,0 +1,129 @@
+"""Mappings are proposed by names and by what values say: recordings come back as they were written, whatever was done to them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from motions import DOWN, recorded
+from typer.testing import CliRunner
+
+from uvms_ocp.cli.commands import app
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.proposed_mapping import propose_mapping
+from uvms_ocp.identification.reading import RecordingMapping, mapped_recording
+from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording
+from uvms_ocp.identification.tables import write_columns, write_recording
+
+GOOD = recorded()
+
+
+def read_as_proposed(path: Path) -> Recording:
+    return mapped_recording(path, RecordingMapping.model_validate(yaml.safe_load(propose_mapping(path))))
+
+
+def columns_of(recording: Recording, names: Mapping[str, str]) -> dict[str, np.ndarray]:
+    """Columns at the times of the first channel, by the names of each channel's columns."""
+    t = next(iter(recording.channels.values())).t
+    found = {"t": t}
+    for name, said in names.items():
+        one = recording.channels[name]
+        columns = np.column_stack([np.interp(t, one.t, column) for column in one.values.T])
+        found |= dict(zip(said.split(), columns.T, strict=True))
+    return found
+
+
+@pytest.mark.parametrize("kind", CHANNEL_KINDS)
+def test_a_recording_that_we_write_is_proposed_as_it_was(kind: str, tmp_path: Path) -> None:
+    width, t = len(CHANNEL_KINDS[kind].columns) or 6, np.arange(0.0, 20.0, 0.1)
+    values = 0.4 * np.sin(0.5 * t[:, None] + np.arange(width)) + (9.81 * np.eye(3)[2] if kind == "specific_force" else 0.0)
+    if kind == "attitude":
+        values = 0.1 * values + np.eye(4)[3]
+        values /= np.linalg.norm(values, axis=1, keepdims=True)
+    if kind == "thrust":
+        values *= 30.0
+    if kind == "position":
+        values -= 5.0
+    others = {name: one for name, one in GOOD.channels.items() if kind in ("wrench", "thrust") and name != kind}
+    write_recording(Recording(name="dive", channels={kind: Channel(t=t, values=values), **others}), tmp_path / "dive.csv")
+    found = read_as_proposed(tmp_path / "dive.csv").channels
+    np.testing.assert_allclose(found[kind].values, values, atol=1e-9)
+    assert set(found) == {kind, *others}
+
+
+OTHERS: dict[str, tuple[dict[str, str], Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]], str]] = {
+    "millimetres": ({"linear_velocity": "vx vy vz"}, lambda of: {n: x * (1 if n == "t" else 1e4) for n, x in of.items()}, "mm/s"),
+    "sentinels": (
+        {"linear_velocity": "u v w"},
+        lambda of: {n: x if n == "t" else np.where(np.arange(len(x)) % 20 == 3, -32.768, x) for n, x in of.items()},
+        "missing: [-32.768]",
+    ),
+    "microseconds": ({"position": "x y z"}, lambda of: of | {"t": np.round(1e6 * of["t"])}, "time_unit: us"),
+    "named microseconds": ({"position": "x y z"}, lambda of: {"TimeUS": np.round(1e6 * of["t"]), **of}, "time: TimeUS"),
+    "depth": ({"position": "east north depth"}, lambda of: of | {"depth": -of["depth"]}, "-depth"),
+}
+
+
+@pytest.mark.parametrize(("names", "spoiled", "said"), OTHERS.values(), ids=OTHERS)
+def test_what_values_say_is_cured_and_its_evidence_stands_beside_it(
+    names: dict[str, str], spoiled: Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]], said: str, tmp_path: Path
+) -> None:
+    columns = spoiled(columns_of(GOOD, names))
+    write_columns(
+        tmp_path / "dive.csv", {name: column for name, column in columns.items() if name != "t" or "TimeUS" not in columns}
+    )
+    text = propose_mapping(tmp_path / "dive.csv")
+    (name,), one = names, next(iter(read_as_proposed(tmp_path / "dive.csv").channels.values()))
+    assert said in text
+    assert f"{name}: {{" in text
+    assert "    # by names: " in text
+    wanted, scale = GOOD.channels[name], 10.0 if said == "mm/s" else 1.0
+    np.testing.assert_allclose(one.values[0], scale * wanted.values[0], atol=1e-6)
+    assert one.rate == pytest.approx(wanted.rate, rel=0.1)
+
+
+def test_down_axes_and_degrees_are_seen_by_what_channels_say_of_each_other(tmp_path: Path) -> None:
+    """Velocity along axes with z down fits the rate of the position in no other way."""
+    names = {"position": "x y z", "attitude": "qx qy qz qw"}
+    columns = columns_of(GOOD, names)
+    columns |= dict(zip("xyz", (np.column_stack([columns[axis] for axis in "xyz"]) @ DOWN).T, strict=True))
+    write_columns(tmp_path / "dive.csv", columns)
+    assert "world: NED" in propose_mapping(tmp_path / "dive.csv")
+
+
+def test_pulse_widths_become_commands_of_propellers(tmp_path: Path) -> None:
+    t = np.arange(0.0, 20.0, 0.1)
+    write_columns(tmp_path / "a.csv", {"t": t, **{f"motor{k}": 1500 + 300 * np.sin(t + k) for k in range(6)}})
+    one = read_as_proposed(tmp_path / "a.csv").channels["propeller_commands"]
+    np.testing.assert_allclose(one.values[:, 0], 0.75 * np.sin(t), atol=1e-9)
+
+
+def test_messages_have_topics_and_fields(tmp_path: Path) -> None:
+    path = tmp_path / "dvl.json"
+    rows = [
+        {"type": "velocity", "time": 0.1 * k, "vx": 0.3 * np.sin(0.05 * k), "vy": 0.1, "vz": 0.01 * k, "valid": True}
+        for k in range(99)
+    ]
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    assert "linear_velocity: {topic: velocity, time: time, columns: [vx, vy, vz]}" in propose_mapping(path)
+
+
+def test_a_file_without_a_name_that_is_known_is_one_line_with_those_that_there_are(tmp_path: Path) -> None:
+    write_columns(tmp_path / "a.csv", {"t": np.arange(9.0), "lat": np.ones(9), "lon": np.ones(9)})
+    with pytest.raises(InvalidInput, match=r"a\.csv: nothing in it has a name that is known: t, lat, lon; write a mapping"):
+        propose_mapping(tmp_path / "a.csv")
+
+
+def test_the_command_prints_what_check_recording_takes(tmp_path: Path) -> None:
+    write_recording(replace(GOOD, channels={"position": GOOD.channels["position"]}), tmp_path / "a.csv")
+    found = CliRunner().invoke(app, ["map", str(tmp_path / "a.csv")])
+    assert found.exit_code == 0
+    (tmp_path / "map.yaml").write_text(found.stdout)
+    checked = CliRunner().invoke(app, ["check-recording", str(tmp_path / "a.csv"), "--mapping", str(tmp_path / "map.yaml")])
+    assert checked.exit_code == 0
+    assert "position" in checked.stdout

@@ -1,0 +1,135 @@
+"""Propose a mapping for a file that nobody has described: by names, then by what its values say against a first reading.
+
+What columns and fields are called, and what cures a doubt, stands in ``proposed_mapping.toml``. A cure is proposed only where the
+recording, read with it, raises fewer doubts than without.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from importlib.resources import files
+from itertools import islice, product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomllib
+import yaml
+
+from uvms_ocp.errors import InvalidInput, UvmsError
+from uvms_ocp.identification.data_quality import check_data_quality
+from uvms_ocp.identification.file_kinds import holds_messages
+from uvms_ocp.identification.messages import messages, topics_of
+from uvms_ocp.identification.reading import RecordingMapping, mapped_recording
+from uvms_ocp.identification.recording import CHANNEL_KINDS
+from uvms_ocp.identification.tables import column_names
+
+_TABLE = tomllib.loads((files("uvms_ocp.identification") / "proposed_mapping.toml").read_text(encoding="utf-8"))
+_ROUNDS = 3  # of cures, one of which may show what another one cures
+_Found = dict[str, dict[str, Any]]
+
+
+def propose_mapping(path: Path) -> str:
+    """A mapping as YAML, to be edited: every channel with the evidence for it in comments.
+
+    Raises InvalidInput for a file in which nothing has a name that is known, with the names that there are, and NotInstalled.
+    """
+    named = dict(_fields(path)) if holds_messages(path) else {"": list(column_names(path))}
+    found = _Found()
+    for form, (topic, names) in product(_TABLE["forms"], named.items()):
+        used = {
+            str(column).removeprefix("-") for one in found.values() if one.get("topic", "") == topic for column in one["columns"]
+        }
+        columns = _matched(form, [name for name in names if name not in used])
+        if columns and form["channel"] not in found:
+            given = {key: form[key] for key in ("format", "frame", "world") if key in form}
+            found[form["channel"]] = ({"topic": topic} if topic else {}) | _time(names) | {"columns": columns} | given
+    if not found:
+        known = "; ".join(f"{topic} {', '.join(names[:40])}".strip() for topic, names in named.items())
+        raise InvalidInput(f"{path}: nothing in it has a name that is known: {known}; write a mapping of these")
+    found, cured = _cured(path, found)
+    ranges, doubts = _judged(path, found)
+    lines = ["channels:"]
+    for name, one in found.items():
+        lines.append(f"  {name}: {yaml.safe_dump(one, default_flow_style=True, sort_keys=False, width=10_000).strip()}")
+        notes = {
+            "by names": [ranges.get(name, "")],
+            "cured": cured[name],
+            "doubtful": [why for key, why in doubts if key == name],
+        }
+        lines += [f"    # {kind}: {text}" for kind, texts in notes.items() for text in dict.fromkeys(texts)]
+    return "\n".join(lines) + "\n"
+
+
+def _fields(path: Path) -> Iterator[tuple[str, list[str]]]:
+    """Topics with the fields of their first message."""
+    for topic in topics_of(path):
+        with suppress(UvmsError):  # such as one without a definition
+            yield topic, [name for _, _, one in islice(messages(path, [topic]), 1) for name in _leaves("", one)]
+
+
+def _leaves(prefix: str, value: Any) -> Iterator[str]:
+    parts = value if isinstance(value, dict) else getattr(value, "__dict__", {})
+    for name, part in parts.items():
+        yield from _leaves(f"{prefix}.{name}".strip("."), part)
+    if isinstance(value, int | float):
+        yield prefix
+    elif isinstance(value, list | np.ndarray) and len(value) < len(_TABLE["numbers"]):
+        yield from (f"{prefix}[{k}]" for k in range(len(value)))
+
+
+def _plain(name: str) -> str:
+    words = re.sub(r"([a-z])([A-Z])", r"\1_\2", re.sub(r"\(.*?\)|\[[^\d\]]*\]", "", name)).lower()
+    return re.sub(r"[^a-z0-9]+", "_", words).strip("_")
+
+
+def _matched(form: Mapping[str, Any], names: Sequence[str]) -> list[str | float]:
+    """Columns of all axes of a form; empty where there are too few."""
+    axes, groups = form.get("axes", _TABLE["numbers"]), defaultdict[str, dict[int, str]](dict)
+    for name, (k, axis) in product(names, enumerate(axes)):
+        if match := re.fullmatch(form["pattern"].replace("AXIS", axis), _plain(name)):
+            groups[match["pre"]].setdefault(k, name)
+    best, signs = max(groups.values(), key=len, default={}), form.get("signs", [""] * len(axes))
+    there = range(len(axes)) if "axes" in form else sorted(best)
+    return [signs[k] + best[k] if k in best else 0.0 for k in there] if len(best) >= form.get("least", len(axes)) else []
+
+
+def _time(names: Sequence[str]) -> dict[str, str]:
+    if any(name.startswith("header.stamp") for name in names):
+        return {"time": "header.stamp"}
+    found = [(name, match["unit"]) for name in names if (match := re.fullmatch(_TABLE["time"], _plain(name)))]
+    return {"time": found[0][0]} | ({"time_unit": found[0][1]} if found[0][1] else {}) if found else {}
+
+
+def _cured(path: Path, found: _Found) -> tuple[_Found, Mapping[str, list[str]]]:
+    """Apply cures that leave fewer doubts; returns the channels, and doubts that were cured."""
+    cured, (ranges, doubts) = defaultdict[str, list[str]](list), _judged(path, found)
+    for cure, (channel, text) in ((cure, doubt) for cure in _ROUNDS * _TABLE["cures"] for doubt in doubts):
+        match = re.search(cure["doubt"], text)
+        if match is None or channel not in found or cure.get("channel", channel) != channel:
+            continue
+        keys = yaml.safe_load(cure["keys"].replace("VALUE", match.groupdict().get("value", "")))
+        named = cure.get("becomes", channel)
+        other = {named if name == channel else name: one | keys if name == channel else one for name, one in found.items()}
+        seen, left = _judged(path, other)
+        if (not seen, len(left)) < (not ranges, len(doubts)):
+            found, ranges, doubts = other, seen, left
+            cured[named].append(text)
+    return found, cured
+
+
+def _judged(path: Path, found: _Found) -> tuple[dict[str, str], list[tuple[str, str]]]:
+    """Ranges of what is read, none where it cannot be, and what speaks against it."""
+    try:
+        recording = mapped_recording(path, RecordingMapping.model_validate({"channels": found}))
+    except UvmsError as error:
+        return {}, [(next((name for name in found if str(error).startswith(f"{name}:")), next(iter(found))), str(error))]
+    doubts = [(one.channel, one.problem) for one in check_data_quality(recording) if "are left out" not in one.problem]
+    ranges = {
+        name: f"{one.values.min():.4g} to {one.values.max():.4g} {CHANNEL_KINDS[name].unit} at {one.rate:.3g} Hz"
+        for name, one in recording.channels.items()
+    }
+    return ranges, doubts
