@@ -25,7 +25,7 @@ from uvms_ocp.viz.motion_figures import figure_efforts, figure_joints, figure_ve
 from uvms_ocp.viz.run_figures import FIGURES, write_figures
 from uvms_ocp.viz.series import phase_spans, task_activity
 from uvms_ocp.viz.style import DPI, png_of, save_figure
-from uvms_ocp.viz.task_figures import figure_activations, figure_altitude, figure_errors
+from uvms_ocp.viz.task_figures import figure_activations, figure_altitude, figure_errors, figure_tool_error
 
 _PNG = b"\x89PNG"
 
@@ -218,6 +218,19 @@ def test_a_joint_of_several_axes_has_its_torques_by_number(record: Record) -> No
     figure = figure_efforts(replace(record, meta=record.meta.model_copy(update={"joints": joints})))
     assert figure is not None
     assert [text.get_text() for text in figure.axes[1].get_legend().get_texts()] == list("1234567")
+
+
+def test_errors_of_several_tools_are_drawn_by_their_names(record: Record) -> None:
+    tools = {"T": "left_hand", "PC": "right_hand"}
+    tasks = tuple(task.model_copy(update={"tool": tools.get(task.name)}) for task in record.meta.tasks)
+    both = figure_tool_error(replace(record, meta=record.meta.model_copy(update={"tasks": tasks})))
+    assert both is not None
+    labels = [axis.get_ylabel() for axis in both.axes]
+    for name in tools.values():
+        assert any(label.startswith(f"{name}\nposition error [m]") for label in labels)
+    alone = figure_tool_error(record)
+    assert alone is not None
+    assert len(alone.axes) < len(labels)
 
 
 def test_every_thruster_has_a_line_of_its_own_in_the_legend(record: Record) -> None:

@@ -139,6 +139,15 @@ def test_markers_and_trails_are_drawn(page: str) -> None:
         assert f"/meshcat/scene/{name}" in objects
 
 
+def test_each_tool_leaves_a_path_of_its_own(record: Record, robot: Robot) -> None:
+    both = replace(robot, description=robot.description.model_copy(update={"tool": ("tool", "flange")}))
+    details = _details(show(record, both).html)
+    rows = {row["label"]: row["colour"] for row in details["legend"] if row["label"].startswith("path of")}
+    assert set(rows) == {f"path of the {name}" for name in ("vehicle", "tool", "flange")}
+    assert len(set(rows.values())) == len(rows)
+    assert {trail["name"] for trail in details["trails"]} == {"vehicle", "tool", "flange"}
+
+
 def test_frames_of_the_record_become_triads(record: Record, robot: Robot) -> None:
     goal = FrameMeta(name="tool goal", pose=(2.5, 1.0, -39.9, 1.0, 0.0, 0.0, 0.0))
     page = show(_with_surroundings(record, frames=(goal,)), robot).html

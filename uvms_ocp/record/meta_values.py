@@ -177,6 +177,8 @@ class TaskMeta(MetaValue):
     name: str
     label: str
     """The paper's bracket, such as ``[R,E,AD]``."""
+    tool: str | None = None
+    """The frame of a tool that it brings to its goal; older records lack it."""
 
 
 class LevelMeta(MetaValue):

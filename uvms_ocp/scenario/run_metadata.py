@@ -81,13 +81,14 @@ def run_meta(
     robot, tasks, state = setup.robot, setup.mission.hierarchy.tasks, controller.state
     alarms, problem = sorted([*monitor.alarms, *controller.watchdog.alarms]), controller.problem
     rows, limited = zip(problem.names, problem.sizes, strict=True), meta_values.LimitsMeta.model_fields
+    tools = {task.name: task.frame for task in tasks if isinstance(task, (ToolPose, ToolPosition))}
     return RunMeta(
         scenario=name,
         **robot_meta(robot),
         thrusters=robot.thruster_names,
         phases=_phases(setup.mission),
-        tasks=tuple(meta_values.TaskMeta(name=task.name, label=task.label) for task in tasks),
-        tool_task=next((task.name for task in tasks if isinstance(task, (ToolPose, ToolPosition))), None),
+        tasks=tuple(meta_values.TaskMeta(name=task.name, label=task.label, tool=tools.get(task.name)) for task in tasks),
+        tool_task=next(iter(tools), None),
         levels=tuple(meta_values.LevelMeta(name=level, rows=n) for level, n in rows),
         quantities=tuple(problem.quantity_names),
         thresholds=_thresholds(setup.mission),

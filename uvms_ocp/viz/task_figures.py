@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -32,19 +32,32 @@ _LOG_FLOOR = 1e-9  # [m, rad] below this an error is rounding
 @style.styled
 def figure_errors(record: Record, task: str = "PC") -> Figure | None:
     """Position and orientation error of the vehicle to its way point; faded while the task is off."""
-    return _pose_error_figure(record, task, "Vehicle: error to the way point")
+    return _pose_error_figure(record, {task: ""}, "Vehicle: error to the way point")
 
 
 @style.styled
 def figure_tool_error(record: Record, task: str | None = None) -> Figure | None:
-    """Position and orientation error of the tool; faded while the task is off. `task` is the record's tool task."""
-    name = task or record.meta.tool_task
-    return None if name is None else _pose_error_figure(record, name, "Tool: error to its goal")
+    """Position and orientation error of the tool, of several by their names; faded while the task is off.
+
+    task: one of them; left out: all of the record.
+    """
+    tools = _tool_tasks(record) if task is None else {task: ""}
+    return _pose_error_figure(record, tools, "Tools: errors to their goals" if len(tools) > 1 else "Tool: error to its goal")
 
 
-def _pose_error_figure(record: Record, task: str, title: str) -> Figure | None:
+def _tool_tasks(record: Record) -> dict[str, str]:
+    """The tool of each task of one, by the name of the task; without a name where there is one alone."""
+    tools, first = {task.name: task.tool for task in record.meta.tasks if task.tool}, record.meta.tool_task
+    return tools if len(tools) > 1 else {} if first is None else {first: ""}
+
+
+def _pose_error_figure(record: Record, tasks: Mapping[str, str], title: str) -> Figure | None:
     shown = (("position", style.BLUE), ("orientation", style.VERMILLION))
-    rows = [(f"{task}.{what}_error", f"{what} error", color) for what, color in shown]
+    rows = [
+        (f"{task}.{what}_error", f"{style.label_text(tool, 16)}\n{what} error".lstrip(), color)
+        for task, tool in tasks.items()
+        for what, color in shown
+    ]
     return _quantity_figure(record, rows, title, _logarithmic_panel)
 
 
@@ -140,7 +153,7 @@ def figure_altitude(record: Record) -> Figure | None:
 @style.styled
 def figure_quantities(record: Record) -> Figure | None:
     """Draw what the tasks measure and no other figure shows, own tasks included; `None` where there is nothing."""
-    tasks = (record.meta.tool_task, "PC", "AT", "HA", "LA", "MAC")
+    tasks = (*_tool_tasks(record), "PC", "AT", "HA", "LA", "MAC")
     rows = [
         (name, f"{style.label_text(name, 24)}\n", style.BLUE)
         for name in record.meta.quantities

@@ -13,6 +13,7 @@ import pinocchio as pin
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.roles import ALTIMETER, TOOL
 from uvms_ocp.viz.scene.page import AnimationClip, AnimationTrack, Visualizer
 from uvms_ocp.viz.scene.page import geometry as mg
 from uvms_ocp.viz.scene.shapes import Y_TO_Z, draw_shape, glow, shifted
@@ -34,8 +35,8 @@ class Frames:
     """(n,) [s] since the record began."""
     placements: np.ndarray
     """(n, n_joints_of_the_model, 7) X_W,joint as position [m] and quaternion xyzw."""
-    tool: np.ndarray | None
-    """(n, 3) [m] p_WT"""
+    tools: Mapping[str, np.ndarray]
+    """(n, 3) [m] p_WT of each tool, by its name where there are several."""
     altimeter: np.ndarray | None
     """(n, 7) X_WS as position [m] and quaternion xyzw."""
 
@@ -46,19 +47,19 @@ def frames_of(record: Record, robot: Robot, fps: float) -> Frames:
     n = max(2, min(int(np.ceil(t[-1] * fps)) + 1, _MAX_POSES // robot.model.njoints))
     row = np.unique(np.searchsorted(t, np.linspace(0.0, t[-1], n) - 1e-9))
     data = robot.model.createData()
-    placements, tool, altimeter = list[Any](), list[Any](), list[Any]()
+    names = dict.fromkeys((*robot.tools, *([ALTIMETER] if robot.has_frame(ALTIMETER) else [])))
+    placements, seen = list[Any](), {name: list[Any]() for name in names}
     for q in record["q"][row]:
         pin.framesForwardKinematics(robot.model, data, q)
         placements.append([pin.SE3ToXYZQUAT(X) for X in data.oMi])
-        for name, poses in (("tool", tool), ("altimeter", altimeter)):
-            if robot.has_frame(name):
-                poses.append(pin.SE3ToXYZQUAT(data.oMf[robot.frame_id(name)]))
+        for name, poses in seen.items():
+            poses.append(pin.SE3ToXYZQUAT(data.oMf[robot.frame_id(name)]))
     return Frames(
         row=row,
         t=t[row],
         placements=np.array(placements),
-        tool=np.array(tool)[:, :3] if tool else None,
-        altimeter=np.array(altimeter) if altimeter else None,
+        tools={name if len(robot.tools) > 1 else TOOL: np.array(seen[name])[:, :3] for name in robot.tools},
+        altimeter=np.array(seen[ALTIMETER]) if ALTIMETER in seen else None,
     )
 
 

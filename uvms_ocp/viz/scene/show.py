@@ -186,7 +186,7 @@ def _page(record: Record, robot: Robot, others: Mapping[str, Record], fps: float
     trails, beam = _draw(log, root, record, robot, frames, ghosts, fps)
     of_ghosts: list[dict[str, Any]] = []
     for ghost in ghosts:
-        of_ghosts += draw_trails(root[ghost.node]["trails"], robot, ghost.frames, (ghost.rgb, ghost.rgb))
+        of_ghosts += draw_trails(root[ghost.node]["trails"], robot, ghost.frames, ghost.rgb)
     details = page_details(record, robot, frames, centre) | time_line(record) | readouts(record, frames)
     details |= {
         "trails": trails + of_ghosts,

@@ -26,7 +26,7 @@ from uvms_ocp.viz.series import floor_heights
 _TRAIL_STEP = 0.01  # [m] between points of a trail
 _SAME_PLACE = 0.05  # [m]
 Colour = tuple[float, float, float]
-_OWN_TRAILS: tuple[Colour, Colour] = ((1.0, 0.82, 0.2), (0.95, 0.25, 0.55))
+_OWN_TRAILS: tuple[Colour, ...] = ((1.0, 0.82, 0.2), (0.95, 0.25, 0.55), (0.45, 0.95, 0.6), (0.7, 0.6, 1.0))
 _MARKERS = ((0.95, 0.3, 0.1), (0.2, 0.85, 0.45), (0.95, 0.85, 0.2), (0.6, 0.4, 0.9))
 _OBSTACLE = np.array([0.85, 0.45, 0.2, 0.55])
 
@@ -46,23 +46,21 @@ def middle(record: Record, frames: Frames) -> np.ndarray:
     return np.array([x, y, z if floor is None else floor])
 
 
-def draw_trails(
-    node: Visualizer, robot: Robot, frames: Frames, colours: tuple[Colour, Colour] = _OWN_TRAILS
-) -> list[dict[str, Any]]:
-    """Tubes along the paths of vehicle and tool; the page reveals them up to the time shown.
+def draw_trails(node: Visualizer, robot: Robot, frames: Frames, colour: Colour | None = None) -> list[dict[str, Any]]:
+    """Tubes along the paths of vehicle and tools; the page reveals them up to the time shown.
 
-    colours (3,) each, from 0 to 1.
+    colour (3,) of all, from 0 to 1; left out: one for each.
     """
-    paths = {"vehicle": (frames.placements[:, 1, :3] if robot.n_vehicle else None, 0.018), "tool": (frames.tool, 0.011)}
+    paths = {"vehicle": frames.placements[:, 1, :3]} if robot.n_vehicle else {}
     trails = []
-    for rgb, (name, (points, radius)) in zip(colours, paths.items(), strict=True):
-        if points is None:
-            continue
+    for k, (name, points) in enumerate((*paths.items(), *frames.tools.items()), start=1 - len(paths)):
+        rgb, radius = colour or _OWN_TRAILS[min(k, len(_OWN_TRAILS) - 1)], 0.011 if k else 0.018
         travelled = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
         kept = np.unique(travelled // _TRAIL_STEP, return_index=True)[1]
         if len(kept) > 2:
-            node[name].set_object(tube(points[kept], radius), glow(rgb, 1.0))
-            path = node[name].path.lower().strip("/").split("/")
+            own = node[name.replace("/", "_")]
+            own.set_object(tube(points[kept], radius), glow(rgb, 1.0))
+            path = own.path.lower().strip("/").split("/")
             trails.append({"name": name, "path": path, "colour": hex_of(rgb), "t": frames.t[kept].round(3).tolist()})
     return trails
 
