@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from same_record import require_same
 
-from uvms_ocp.errors import InvalidInput
+from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.mcap import field_names, series_message, values_of
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.tables import unit_of
@@ -135,3 +135,18 @@ def test_a_file_of_others_is_refused_in_one_line(content: bytes, tmp_path: Path)
     (tmp_path / "a.mcap").write_bytes(content)
     with pytest.raises(InvalidInput, match=r"^[^\n]*a\.mcap[^\n]*$"):
         Record.from_mcap(tmp_path / "a.mcap")
+
+
+def test_chosen_series_come_at_a_chosen_rate(record: Record, tmp_path: Path) -> None:
+    path = tmp_path / "chosen.mcap"
+    record.to_mcap(path, series=("q", "phase"), rate=25.0)
+    part = Record.from_mcap(path)
+    rows = [*range(0, len(record), 2), *([len(record) - 1] if len(record) % 2 == 0 else [])]
+    assert set(part.series) == {"t", "q", "phase"}
+    for name, values in part.series.items():
+        np.testing.assert_array_equal(values, record[name][rows])
+    with pytest.raises(NameNotFound, match="series 'thurst'"):
+        record.to_mcap(path, series=("thurst",))
+    for rate in (0.0, -1.0, np.nan):
+        with pytest.raises(InvalidInput, match="rate"):
+            record.to_mcap(path, rate=rate)

@@ -95,3 +95,9 @@ def test_a_robot_may_be_given_by_name_and_none_is_the_default() -> None:
     assert run_options({"robot": None}).robot.name == "girona_maris7_full"
     with pytest.raises(InvalidInput, match="finite numbers"):
         run_options({"current": (0.1, 0.2)})
+
+
+def test_options_need_nothing_that_has_a_default() -> None:
+    assert not [item.name for item in fields(RunOptions) if item.default is MISSING and item.default_factory is MISSING]
+    alone, named = RunOptions(), run_options({})
+    assert (alone.robot, alone.seabed) == (named.robot, named.seabed)

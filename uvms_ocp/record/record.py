@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
@@ -19,6 +19,7 @@ from uvms_ocp.record.meta_values import LARGEST, UNIT_NORM_TOLERANCE, LimitsMeta
 from uvms_ocp.record.run_meta import MIN_TICK, VEHICLE_V, PlanMeta, RunMeta, is_floating, read_meta, write_meta
 from uvms_ocp.record.tables import meaning_of, unit_of
 from uvms_ocp.record.untrusted import read_arrays
+from uvms_ocp.types import Positive
 
 # What the series of a stored record have to be, so that every report and figure can bear them.
 
@@ -50,6 +51,7 @@ _RENAMED = {
 }
 """Names of series in older files."""
 _VEHICLE_Q = 7
+_ROUNDING = 1e-6  # of a period
 _WORST_HEALTH = 2
 """Codes of health: 0 good, 1 suspect, 2 lost."""
 
@@ -260,13 +262,23 @@ class Record(TableDisplay):
         """Read a file of `to_parquet`. Raises `InvalidInput` for another or a damaged one, and `NotInstalled`."""
         return _fitting(*tables.from_parquet(Path(path)))
 
-    def to_mcap(self, path: Path | str) -> None:
-        """Write a file that Foxglove opens, and `from_mcap` as the same record. Raises `OutputError`, `NotInstalled`.
+    @checked
+    def to_mcap(self, path: Path | str, *, series: Sequence[str] | None = None, rate: Positive | None = None) -> None:
+        """Write a file that Foxglove opens, and `from_mcap` reads as the same record, or as the part of it that was chosen.
+
+        series: names of those to write beside ``t``, by default all. rate [Hz]: of rows, by default of ticks; the last is there.
+        Raises `NameNotFound` for a series that there is not, `OutputError`, `NotInstalled`.
 
         ``/tf`` has the poses of vehicle, its estimate and tool, ``/goals`` those of goals, ``/joint_states`` what a URDF layer
         moves by, ``/wrench`` and others the forces, ``/log`` phases, alarms and faults, ``/series/...`` every series.
         """
-        mcap.to_mcap(self.series, self.meta, Path(path))
+        for name in series or ():
+            if name not in self.series:
+                raise NameNotFound("series", name, self.series)
+        t, wanted = self.series["t"], self.series if series is None else ("t", *series)
+        due = np.arange(len(t)) if rate is None else np.floor((t - t[:1]) * rate + _ROUNDING)
+        rows = np.unique([*np.unique(due, return_index=True)[1], len(t) - 1])  # the last has what the run came to
+        mcap.to_mcap({name: array[rows] for name, array in self.series.items() if name in wanted}, self.meta, Path(path))
 
     @staticmethod
     def from_mcap(path: Path | str) -> Record:

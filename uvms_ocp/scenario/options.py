@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from uvms_ocp.types import Bound, Count, Finite
 
 # What every scenario can be told in the same words, and the `Scenario` made of it.
 
+_ROBOT, _SEABED = "girona_maris7_full", -40.0  # [m]
 Markers = Mapping[str, tuple[float, float, float]]
 
 
@@ -37,9 +39,9 @@ Markers = Mapping[str, tuple[float, float, float]]
 class RunOptions:
     """Options of every scenario. `run_options` makes them from keywords, which may give a robot or a current by less."""
 
-    robot: Robot
+    robot: Robot = field(default_factory=partial(load_robot, _ROBOT))
     """The machine. As a keyword also the name of one."""
-    seabed: Finite
+    seabed: Finite = _SEABED
     """[m] height of the floor in W, of a rough one between its protuberances."""
     current: Current = field(default_factory=StillWater)
     """Current of the water. As a keyword also the velocity (3,) [m/s] in W of a uniform one."""
@@ -109,7 +111,7 @@ class RunOptions:
         )
 
 
-def run_options(given: Mapping[str, Any], *, robot: Robot | str = "girona_maris7_full", seabed: float = -40.0) -> RunOptions:
+def run_options(given: Mapping[str, Any], *, robot: Robot | str = _ROBOT, seabed: float = _SEABED) -> RunOptions:
     """The options that were given by keyword, `None` for the default; robot and seabed [m] are the scenario's own.
 
     Raises `NameNotFound` for an option or a robot that there is not, and `InvalidInput` for a current, a
