@@ -582,7 +582,7 @@ REASONS = {
     "no inertia": "no inertia about its axis",
     "shapes that are gone": "nothing would be told of what the link touches",
     "nothing that moves": "nothing of it moves",
-    "more than thrusters give": "to hold still in this current takes",
+    "more than thrusters give": "more than the thrusters give",
     "no thruster for what it weighs": "no thruster holds its depth",
     "less freedom than tasks need": "no freedom left",
     "no limits to plan by": "no limit of velocity or acceleration",

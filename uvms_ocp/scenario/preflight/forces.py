@@ -89,8 +89,8 @@ def _force_finding(visit: Visit, load: DriveLoad, purpose: str) -> Finding:
     figures = {"thrust_share": load.thrust, "torque_share": load.torque, "missing_N": load.missing}
     if load.missing > _SHORT or load.torque > 1.0:
         text = (
-            f"{purpose} in this current takes {load.axes or 'nothing'} more than the thrusters give and "
-            f"{100 * load.torque:.0f} % of the joint torque; wait for less current or take a stronger robot"
+            f"{purpose} takes {load.axes or 'nothing'} more than the thrusters give and {100 * load.torque:.0f} % of the "
+            "joint torque; wait for less current, trim the robot, or take a stronger one"
         )
         severity = Severity.ERROR
     else:
