@@ -84,13 +84,16 @@ def _data(vehicle: Vehicle, estimate: Estimate, inflation: float) -> np.ndarray:
 def variance_inflation(predicted: Predicted, noise: Noise) -> float:
     """Variance inflation: samples of a prediction that miss alike, times their squared miss relative to `noise`; at least 1.
 
-    By Bartlett's formula, ``1 + 2 sum rho_k``, up to the first lag at which residuals are no longer correlated.
+    By Bartlett's formula, ``1 + 2 sum rho_k``, up to the first lag at which residuals are no longer correlated. The mean over
+    the channels, but no less than of any that the model does not explain: what is wrong with it may be wrong for all numbers.
     """
     found, sigmas = [], (noise.velocity, noise.rate, noise.vertical)
     for rows, seen, sigma in zip(predicted.rows, predicted.measured, sigmas, strict=True):
         for residual in ((rows - seen) / sigma).T:
             found.append(float((residual**2).mean()) * bartlett(residual - residual.mean()))
-    return max(1.0, float(np.mean(found)))
+    return max(
+        1.0, float(np.mean(found)), *(one.size**2 * one.inflation for one in whiteness(predicted, noise) if one.unexplained)
+    )
 
 
 def bartlett(residual: np.ndarray) -> float:
