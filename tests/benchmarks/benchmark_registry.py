@@ -72,6 +72,7 @@ ALONE = tuple(
         "ocp_scenes",
         "payloads",
         "random_missions",
+        "recording_doubts",
         "shell",
         "simulation",
         "table2",

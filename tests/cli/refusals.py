@@ -261,7 +261,7 @@ REFUSED: tuple[tuple[str, str], ...] = (
     ("identify learn.yaml none.csv --out out", "there is no such file"),
     ("identify learn.yaml garbage.csv --out out", "garbage.csv"),
     ("identify none.yaml drive.csv --out out", "none.yaml"),
-    ("identify learn.yaml drive.csv --out out", "unknown channel 'thrust'"),
+    ("identify learn.yaml drive.csv --out out", "no thrust is recorded"),
     ("identify learn.yaml drive.csv --mapping none.yaml --out out", "none.yaml"),
     ("identify wrench.yaml drive.csv --leave-one-out --out out", "at least 2"),
     ("identify not_free.yaml drive.csv --out out", "nothing in it is free"),

@@ -68,6 +68,11 @@ def later(by: float) -> Recording:
     return with_channel("linear_velocity", replace(one, t=one.t + by))
 
 
+def pose() -> Recording:
+    kept = {name: recording().channels[name] for name in ("attitude", "wrench")}
+    return replace(recording(), channels=kept)
+
+
 def with_arm() -> Recording:
     t = recording().channel("attitude").t
     return with_channel("joint_positions", Channel(t=t, values=np.zeros((len(t), 4))))
@@ -86,7 +91,8 @@ REFUSED: dict[str, tuple[str, Callable[[], Recording], tuple[str, ...], str]] = 
         (),
         "joint_positions has 4 columns; the vehicle has joints of no arm",
     ),
-    "commands that are not there": (SETTINGS.replace("wrench", "thrust"), recording, (), "unknown channel 'thrust'"),
+    "commands that are not there": (SETTINGS.replace("wrench", "thrust"), recording, (), "no thrust is recorded, only "),
+    "a pose alone": (SETTINGS, pose, (), "no linear_velocity is recorded, only attitude, wrench"),
 }
 
 

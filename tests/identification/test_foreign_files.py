@@ -231,6 +231,7 @@ def test_values_that_stand_for_nothing_are_seen_and_left_out_on_demand(share: fl
     path = written(tmp_path, t=T, x=given[:, 0], y=given[:, 1], z=given[:, 2])
     doubts = [str(doubt) for doubt in check_data_quality(recording_of(path, {"position": POSITION}))]
     assert any(f"give missing: [{value:.10g}]" in doubt for doubt in doubts), doubts
+    assert not any("is it in" in doubt for doubt in doubts), doubts
     read = recording_of(path, {"position": {**POSITION, "missing": [value]}}).channels["position"]
     np.testing.assert_array_equal(read.values, XYZ[~lost])
 

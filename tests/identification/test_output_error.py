@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from driven import drive, known, turned, vehicle_of
 
-from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import (
     Estimate,
@@ -145,7 +145,7 @@ def test_what_is_missing_is_told() -> None:
     del channels["wrench"]
     with pytest.raises(InvalidInput, match=r"commands \[\] recorded; allowed: one of thrust, wrench"):
         PreparedRecording.of(Recording(name="r", channels=channels), problem()[0])
-    with pytest.raises(NameNotFound, match="unknown channel 'attitude'"):
+    with pytest.raises(InvalidInput, match="no attitude is recorded"):
         PreparedRecording.of(Recording(name="r", channels={"wrench": recording().channels["wrench"]}), problem()[0])
     thrust = Channel(t=np.array([0.0, 1.0]), values=np.zeros((2, 8)))
     with pytest.raises(InvalidInput, match="thrust has 8 columns; the actuators' allocation takes 6"):
@@ -160,7 +160,7 @@ def test_of_several_commands_those_are_taken_that_the_actuators_name() -> None:
         told = PreparedRecording.of(Recording(name="r", channels=both), named).commands.channel
         np.testing.assert_array_equal(told.values, both[name].values)
     named = replace(one, actuators=replace(one.actuators, commands="thrust"))
-    with pytest.raises(NameNotFound, match="unknown channel 'thrust'"):
+    with pytest.raises(InvalidInput, match="no thrust is recorded"):
         PreparedRecording.of(recording(), named)
 
 

@@ -78,7 +78,7 @@ def test_thrust_follows_what_was_asked_through_limits_dead_zone_and_lag() -> Non
 def test_a_plant_without_thrusters_is_asked_for_no_thrust() -> None:
     record = case1(plant="kinematic", dt=0.02, duration=0.1).run()
     assert "asked_thrust" not in record.series
-    with pytest.raises(LookupError, match="unknown channel 'thrust'"):
+    with pytest.raises(InvalidInput, match="run: no thrust is recorded"):
         PreparedRecording.of(run_recording(record, "run"), subject()[0].vehicle)
 
 

@@ -312,8 +312,8 @@ def calibrate(
     """Identify; with profiles and leave-one-out, which take longer, if wanted; progress gets a line at each step.
 
     warn gets every issue before anything is searched. Recordings with silences are cut there.
-    Raises InvalidInput for no recordings, one alone to be left out, equal names, or a current that is recorded and not
-    learnt, and NameNotFound for a channel that is missing.
+    Raises InvalidInput for no recordings, one alone to be left out, equal names, a channel that is missing, or a current that is
+    recorded and not learnt.
     """
     if settings.commands == "propeller_commands":
         recordings = [with_thrust(subject.robot, one) for one in recordings]
@@ -366,8 +366,8 @@ def calibrate(
 def with_thrust(robot: Robot, recording: Recording) -> Recording:
     """The recording with the steady thrust of its `propeller_commands`, by the robot's thrust curves.
 
-    Without a curve -1 and 1 are a thruster's limits. Raises NameNotFound without that channel, InvalidInput for one of
-    other thrusters.
+    Without a curve -1 and 1 are a thruster's limits. Raises InvalidInput without that channel, or for one of other
+    thrusters.
     """
     signals = recording.channel("propeller_commands").of(robot.thruster_names, "propeller_commands")
     n = len(robot.thruster_names)

@@ -129,9 +129,10 @@ class Recording:
             raise InvalidInput(f"{self.name}: attitude holds no unit quaternions; say what it holds by its format")
 
     def channel(self, name: str) -> Channel:
-        """One of them. Raises NameNotFound with those that there are."""
+        """One of them. Raises InvalidInput with those that there are."""
         if name not in self.channels:
-            raise NameNotFound("channel", name, self.channels)
+            given = f"{self.name}: no {name} is recorded, only {', '.join(self.channels)}"
+            raise InvalidInput(f"{given}; a fit needs attitude, linear_velocity, commands, and positions of joints: map it too")
         return self.channels[name]
 
     @property

@@ -73,8 +73,8 @@ class PreparedRecording:
     def of(recording: Recording, vehicle: Vehicle, window: float = RATE_WINDOW) -> PreparedRecording:
         """window: [s] over which attitude is smoothed where no angular velocity is recorded.
 
-        Raises NameNotFound for a channel that is missing, and InvalidInput for one of other joints or actuators and for
-        channels that have no time in common.
+        Raises InvalidInput for a channel that is missing or of other joints or actuators, and for channels that have no time in
+        common.
         """
         attitude, _ = recording.channel("attitude"), recording.channel("linear_velocity")
         begin, end = recording.span

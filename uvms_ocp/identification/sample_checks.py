@@ -181,7 +181,7 @@ def has_times(channel: Channel) -> bool:
 
 def of_poses(recording: Recording) -> Iterator[tuple[str, str]]:
     """Poses and what their rates say against them."""
-    if "position" in recording.channels:
+    if "position" in recording.channels and not any(_far_off("position", recording.channels["position"])):
         channel = recording.channels["position"]
         _, rate = smoothed(channel.undelayed_t, channel.values, WINDOW, derivative=1)
         yield from (("position", text) for text in _too_fast(rate, 10.0, "m/s", "mm"))
@@ -274,7 +274,7 @@ def _no_force(name: str, channel: Channel) -> Iterator[str]:
 
 
 def _units(name: str, channel: Channel) -> Iterator[str]:
-    if name in _FASTEST:
+    if name in _FASTEST and not any(_far_off(name, channel)):  # which would be in no unit
         most, other = _FASTEST[name]
         yield from _too_fast(channel.values, most, CHANNEL_KINDS[name].unit, other)
 
