@@ -349,6 +349,7 @@ ORDER = (
 GUIDE = (
     "commands_by_example",
     "robot_files",
+    "your_parts",
     "python",
     "campaigns",
     "mission_plans",
