@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import erf, sqrt
 from pathlib import Path
 from time import process_time
 
@@ -23,22 +24,22 @@ from uvms_ocp.identification.parameters import Free, ParameterStatus, Prior
 from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 from uvms_ocp.identification.settings import CalibrationSettings, calibrated_robot, with_delays
-from uvms_ocp.identification.uncertainty import numbers, numbers_at, variance_inflation
+from uvms_ocp.identification.uncertainty import INTERVAL, numbers, numbers_at, variance_inflation
 from uvms_ocp.robot.spatial import quaternion_exp, quaternion_multiply
 
 ROBOTS, DURATION, SENT, HELD, THRUST, GYRO_BIAS = 40, 60.0, 0.1, 2.0, 8.0, 0.002
 """Vehicles, [s] of the recording of each, [s] between commands and between other ones, [N], [rad/s]."""
 LONG_STEP = 0.1
 """[s] of a simulation, which is too long for these vehicles."""
-DRAWN: dict[str, ParameterStatus] = {
-    **dict.fromkeys(("added_mass", "linear_drag", "quadratic_drag"), Free()),
+DRAWN = {
     **{name: Prior(sigma=0.03) for name in ("gain", "reverse")},
     "lag": Prior(sigma=0.1),
     **{name: Prior(sigma=0.35) for name in ("delay", "velocity_delay")},
     "velocity_point": Prior(sigma=0.02),
     "attitude_turn": Prior(sigma=0.01),
 }
-"""What is drawn, and how far from what is believed: as relative deviations, logarithms of delays, [m] and [rad]."""
+"""What is drawn beside added mass and drag, how far from what is believed: shares, logarithms of delays, [m] and [rad]."""
+WATER: dict[str, ParameterStatus] = dict.fromkeys(("added_mass", "linear_drag", "quadratic_drag"), Free())
 SETTINGS = {
     "robot": "bluerov2_alpha5",
     "arm": "taken off",
@@ -50,12 +51,12 @@ SETTINGS = {
 """Settings that say nothing of thrusters' gains, delays and places of sensors."""
 PROSE = """
 {robots} vehicles like a BlueROV2 without its arm, a recording of {duration:g} s of each. Drawn are added mass and drag (a third),
-gains of thrusters ahead and astern (3 %), their lag (10 %), delays of commands (about 50 ms) and of velocity (10 ms) by a factor
-of two, where velocity is measured (2 cm), how the sensor of attitude sits (0.6 degrees), and biases of the gyroscope ({bias:g}
-rad/s); noise is {velocity:g} m/s, {rate:g} rad/s and {vertical:g} in the vertical, ten times a second. Settings name what is to
-be learnt and the noise alone. Steps of {step:g} s: {inside:.1f} % of {n} true numbers lie within their 95 % intervals,
-{narrow:.1f} % without what is assumed. Of the first {few} vehicles with steps of {long:g} s, too long for them: {coarse:.1f} %,
-and {coarse_narrow:.1f} % without. A fit takes {seconds:.0f} s of a processor in the median.
+gains of thrusters ahead and astern ({gain:.0f} %), their lag ({lag:.0f} %), delays of commands and of velocity by a factor of
+about two, where velocity is measured ({point:.0f} cm), how the sensor of attitude sits ({turn:.1f} degrees), and biases of the
+gyroscope ({bias:g} rad/s); noise is {velocity:g} m/s, {rate:g} rad/s and {vertical:g} in the vertical, ten times a second.
+Settings name what is to be learnt and the noise alone. Steps of {step:g} s: {inside:.1f} % of {n} true numbers lie within their
+intervals of {share:.0f} %, {narrow:.1f} % without what is assumed. Of the first {few} vehicles with steps of {long:g} s, too long
+for them: {coarse:.1f} %, and {coarse_narrow:.1f} % without. A fit takes {seconds:.0f} s of a processor in the median.
 """
 
 
@@ -132,7 +133,7 @@ def share(rows: Sequence[Row], name: str) -> float:
 def main() -> None:
     """Draw, drive and identify."""
     _, run = begin(parser_of(__doc__))
-    one, rollouts = vehicle(DRAWN), dict[str, Rollout]()
+    one, rollouts = vehicle({**WATER, **DRAWN}), dict[str, Rollout]()
     stage, robots = stage_of(one), 1 if run.quick else ROBOTS
     fine, few = (LONG_STEP / 2 if run.quick else Search().step), max(1, robots // 4)
     fits, long = list[Row](), list[Row]()
@@ -142,6 +143,8 @@ def main() -> None:
         fits += identified(recording, truths, k, fine, rollouts)
         long += identified(recording, truths, k, LONG_STEP, rollouts) if k < few else []
     told = {
+        "gain": 100.0 * DRAWN["gain"].sigma, "lag": 100.0 * DRAWN["lag"].sigma, "point": 100.0 * DRAWN["velocity_point"].sigma,
+        "turn": np.rad2deg(DRAWN["attitude_turn"].sigma), "share": 100.0 * erf(INTERVAL / sqrt(2.0)),
         "robots": robots, "duration": DURATION, "bias": GYRO_BIAS, "velocity": VELOCITY, "rate": RATE, "vertical": VERTICAL,
         "step": fine, "inside": share(fits, "inside"), "n": len(fits), "narrow": share(fits, "inside without"), "few": few,
         "long": LONG_STEP, "coarse": share(long, "inside"), "coarse_narrow": share(long, "inside without"),
