@@ -109,6 +109,20 @@ def test_the_motion_that_is_measured_is_kept_as_it_is(robot: Robot) -> None:
     assert rate[0] == pytest.approx(measured @ v)
 
 
+def test_a_free_motion_heeds_no_limit_and_moves_nothing_else(robot: Robot) -> None:
+    """Rows that cut it short would have the other axes make up for it."""
+    problem = build_levels(robot, Hierarchy([UnderActuation(axes=(PITCH,))]), DT)
+    v, zeros = 3.0 * free_motions(robot)[0][:, 0], np.zeros(robot.n_v)
+    outputs = problem.function(robot.configuration(), v, np.zeros(N_PASSIVE), v, zeros, 5.0, [], 1.0)
+    parts = {name: np.array(x) for name, x in zip(problem.function.name_out(), outputs, strict=True)}
+    own = np.abs(parts["J"]) @ np.eye(robot.n_v)[PITCH] == np.abs(parts["J"]).sum(axis=1)
+    limited = own & (np.abs(parts["J"][:, PITCH]) == 1.0)
+    rest = limited & (parts["lower"][:, 0] == parts["upper"][:, 0])
+    assert limited.any()
+    assert np.isinf(parts["lower"][limited & ~rest]).all()
+    assert np.isinf(parts["upper"][limited & ~rest]).all()
+
+
 def test_manipulability_is_asked_for_on_a_swinging_vehicle_with_endless_joints() -> None:
     lift = tuple((0.0, y, 0.1, 0, 0, 1) for y in (0.2, -0.2))
     level = tuple((x, y, 0.0, 1, -1 if x * y > 0 else 1, 0) for x in (0.2, -0.2) for y in (0.2, -0.2))

@@ -19,6 +19,8 @@ from uvms_ocp.checks import checked
 from uvms_ocp.control.velocity.swing import N_PASSIVE, countered_rows, lean_of, lean_rows, mean_attitude, swinging_axes
 from uvms_ocp.robot import Robot, SymbolicModel
 from uvms_ocp.robot.limits import bounded_joints
+from uvms_ocp.robot.symbolic_bodies import sparse
+from uvms_ocp.robot.thrusters import undriven_axes
 from uvms_ocp.solvers.hierarchy.level import widen_bounds
 from uvms_ocp.tasks.activation import ENDLESS, row_acceleration, stopping_speed
 from uvms_ocp.tasks.task import Hierarchy, Rows, Task, TaskClass, TickSymbols, equality_rows
@@ -48,14 +50,21 @@ def jerk_limit_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Row
     # An axis that was braked to a standstill stays there: what is left of the braking must not push it backwards.
     falling = stopping_speed(ca.fabs(previous), deceleration=jerk, dt=dt) * dt
     most = falling + ca.if_else(change * previous > 0, ca.inf, 0)
-    held = previous + ca.fmin(ca.fmax(change, -most), most)
+    held, free = previous + ca.fmin(ca.fmax(change, -most), most), _unlimited(symbols.robot)
     return Rows(
         jacobian=ca.SX.eye(n_v),
         rate=ca.SX.zeros(n_v),
-        lower=held - jerk * dt**2,
-        upper=held + jerk * dt**2,
+        lower=held - jerk * dt**2 - free,
+        upper=held + jerk * dt**2 + free,
         activation=ca.SX.zeros(n_v),
     )
+
+
+def _unlimited(robot: Robot) -> ca.DM:
+    """Return (n_v,) infinity for axes that no thruster drives, and that heed no limit; 0 for the others."""
+    found = np.zeros(robot.n_v)
+    found[list(undriven_axes(robot))] = np.inf
+    return sparse(found)
 
 
 def smooth_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
@@ -315,12 +324,12 @@ def _limit_rows(symbols: TickSymbols, previous: ca.SX) -> Rows:
         braking = {"deceleration": float(robot.limits.acceleration[i]), "dt": symbols.dt}
         lower[i] = ca.fmax(lower[i], -stopping_speed(q - q_lower, **braking))
         upper[i] = ca.fmin(upper[i], stopping_speed(q_upper - q, **braking))
-    zeros = ca.SX.zeros(robot.n_v)
+    zeros, free = ca.SX.zeros(robot.n_v), _unlimited(robot)
     return Rows(
         jacobian=ca.SX.eye(robot.n_v),
         rate=zeros,
-        lower=ca.fmin(ca.fmax(lower, previous - reach), previous + reach),
-        upper=ca.fmin(ca.fmax(upper, previous - reach), previous + reach),
+        lower=ca.fmin(ca.fmax(lower, previous - reach), previous + reach) - free,
+        upper=ca.fmin(ca.fmax(upper, previous - reach), previous + reach) + free,
         activation=zeros,
     )
 
