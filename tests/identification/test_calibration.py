@@ -20,9 +20,9 @@ from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.parameters import DELAYS, NominalParameters
 from uvms_ocp.identification.recording import Recording
 from uvms_ocp.identification.results import report_text, variant_text, whole_text
-from uvms_ocp.identification.settings import CalibrationSettings, calibrated_robot, read_settings, with_delays
+from uvms_ocp.identification.settings import CalibrationSettings, NoiseSettings, calibrated_robot, read_settings, with_delays
 from uvms_ocp.identification.tables import write_recording
-from uvms_ocp.identification.uncertainty import numbers
+from uvms_ocp.identification.uncertainty import MISSES, numbers
 from uvms_ocp.identification.validation import errors
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import robot_folder
@@ -145,6 +145,10 @@ def test_a_fit_with_a_wrong_delay_says_what_it_does_not_explain_and_claims_no_wr
     assert f"does not explain {', '.join(missed)}**" in report_text(found)
     assert "does not explain" not in report_text(right)
     assert found.inflation > 4.0 * right.inflation
+    sharp = wrong.model_copy(update={"noise": NoiseSettings(velocity=0.002, rate=0.002, vertical=0.001)})
+    missed_by_far = calibrate(calibrated_robot(sharp, Path()), sharp, [recording])
+    assert max(each.size for each in missed_by_far.whiteness) > MISSES
+    assert not any(one.determined for one in missed_by_far.numbers)
     truth = {one.name: one.value for one in right.numbers}
     assert sum(one.determined for one in right.numbers) > 4
     for one in found.numbers:

@@ -345,7 +345,8 @@ def calibrate(
         progress("what constants would change")
         estimate, constants = held_constants(fitted, settings, inflation)
         fitted = replace(fitted, estimate=estimate)
-    identified = uncertainty.numbers(subject.vehicle, fitted.estimate, inflation)
+    white = uncertainty.whiteness(left, fitted.noise)
+    identified = uncertainty.explained_by(white, uncertainty.numbers(subject.vehicle, fitted.estimate, inflation))
     balance = StaticBalance.of(subject.vehicle)
     return Calibration(
         subject=subject,
@@ -354,7 +355,7 @@ def calibrate(
         numbers=identified,
         open=uncertainty.unidentifiable_directions(subject.vehicle, fitted.estimate, inflation),
         inflation=inflation,
-        whiteness=uncertainty.whiteness(left, fitted.noise),
+        whiteness=white,
         comparisons=tuple(_comparison(fitted, balance, one) for one in prepared),
         issues=tuple(doubtful),
         constants=constants,

@@ -7,7 +7,7 @@ weigh the same in most motions: their sum is often known where neither is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -137,6 +137,8 @@ class IdentifiedNumber:
     """True if it can only be positive."""
     settled: bool = True
     """True if the search has converged: else its standard error means nothing."""
+    explained: bool = True
+    """True unless residuals of a channel are coloured and many times the noise: then numbers lie anywhere."""
 
     @property
     def name(self) -> str:
@@ -145,8 +147,8 @@ class IdentifiedNumber:
 
     @property
     def determined(self) -> bool:
-        """True if the recordings determine it to within `DETERMINED_BELOW`, and the search has converged."""
-        return self.settled and self.informed and self.sigma < DETERMINED_BELOW * self.size
+        """True if the recordings determine it to within `DETERMINED_BELOW`, the search has converged and the model explains it."""
+        return self.settled and self.explained and self.informed and self.sigma < DETERMINED_BELOW * self.size
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -167,6 +169,12 @@ def numbers(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> tup
     """Every number that depends on a shared unknown. inflation: samples that miss alike, as in `standard_errors`."""
     found = numbers_at(vehicle, estimate.shared, covariance(vehicle, estimate, inflation))
     return tuple(replace(one, settled=estimate.status is FitStatus.CONVERGED) for one in found)
+
+
+def explained_by(model: Sequence[Whiteness], found: Sequence[IdentifiedNumber]) -> tuple[IdentifiedNumber, ...]:
+    """Numbers as far as the model explains the recordings, by the residuals of all channels."""
+    explained = not any(one.unexplained and one.size > MISSES for one in model)
+    return tuple(replace(one, explained=explained) for one in found)
 
 
 def numbers_at(vehicle: Vehicle, shared: np.ndarray, C: np.ndarray) -> tuple[IdentifiedNumber, ...]:
@@ -266,6 +274,8 @@ CHANNELS = (*AXES, "vertical x", "vertical y", "vertical z")
 """Channels of the three sensors, three of each."""
 LEVEL = 0.05
 """Level of the test: share of white residuals that it takes for coloured."""
+MISSES = 5.0
+"""Size of coloured residuals of a channel, in standard deviations of the noise, beyond which no number counts as determined."""
 LEAST_P = 1e-6
 """Chance that is not told more exactly."""
 _LAGS = 20
