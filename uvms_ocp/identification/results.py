@@ -273,8 +273,8 @@ def _number_table(one: Calibration) -> Iterator[str]:
     size = f"{100 * DETERMINED_BELOW:.0f} % of its size"
     yield f"determined below {size} (lengths: of 5 cm), beyond what priors said, and none where the"
     yield f"search has not converged, or coloured residuals are beyond {uncertainty.MISSES:g} times the noise; intervals of many"
-    yield "decades are called open. What stays open is in the file as it was before, where the recordings allow it, and the others"
-    yield "as they were fitted anew beside it."
+    yield "decades are called open. What stays open is in the file as it was before, where the recordings allow it, and the"
+    yield "others as they were fitted anew beside it."
     if missed := [each.channel for each in one.whiteness if each.unexplained]:
         yield f"\n**The model does not explain {', '.join(missed)}**: more than noise is left. Where what the fit took for"
         yield "known is wrong, such as delays, lags and terms that were not learnt, numbers lie beyond their intervals,"

@@ -147,7 +147,7 @@ class IdentifiedNumber:
 
     @property
     def determined(self) -> bool:
-        """True if the recordings determine it to within `DETERMINED_BELOW`, the search has converged and the model explains it."""
+        """True if the recordings determine it to within `DETERMINED_BELOW`, and the search has converged and explains them."""
         return self.settled and self.explained and self.informed and self.sigma < DETERMINED_BELOW * self.size
 
     @property
