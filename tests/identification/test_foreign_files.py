@@ -270,7 +270,10 @@ def test_degrees_are_known_by_the_header_or_doubted(tmp_path: Path) -> None:
     np.testing.assert_array_equal(recording_of(path, {"attitude": attitude}).channels["attitude"].values, right)
 
 
-@pytest.mark.parametrize(("low", "high", "word"), [(1300.0, 1700.0, "pulse widths"), (-0.9, 0.9, "shares of the largest")])
+@pytest.mark.parametrize(
+    ("low", "high", "word"),
+    [(1300.0, 1700.0, "pulse widths"), (-0.9, 0.9, "shares of the largest"), (-153.0, -145.0, "never near 0")],
+)
 def test_commands_that_are_no_newtons_are_doubted(low: float, high: float, word: str, tmp_path: Path) -> None:
     command = (low + high) / 2 + (high - low) / 2 * np.sin(T)
     read = recording_of(written(tmp_path, t=T, m=command), {"thrust": {"time": "t", "columns": ["m"]}})

@@ -152,6 +152,7 @@ _FARTHEST = {
 }
 """[unit] by which they are at least."""
 _PULSES = (900.0, 2200.0)  # [us]
+_NARROW = 0.1  # of the size of commands, in which all of them stay: no vehicle is driven so
 _SELDOM = ("current", *(name for name, kind in CHANNEL_KINDS.items() if kind.command))
 """What may be told when it changes alone."""
 _SHORTEST_RECORDING, _SPARSEST = 5.0, 100.0  # [s] of a recording; of it over what its samples take up
@@ -271,6 +272,8 @@ def _no_force(name: str, channel: Channel) -> Iterator[str]:
         yield f"{low:.0f} to {high:.0f}: pulse widths in us? give offset: -1500, scale: 0.0025, as propeller_commands"
     elif max(-low, high) <= 1.0 and np.abs(channel.values).max() <= 1.0:
         yield f"{low:.3g} to {high:.3g}: shares of the largest command? give them as propeller_commands"
+    elif high - low < _NARROW * min(abs(low), abs(high)):
+        yield f"{low:.4g} to {high:.4g} N, and never near 0: its offset, its unit?"
 
 
 def _units(name: str, channel: Channel) -> Iterator[str]:
