@@ -111,10 +111,8 @@ def column_units(name: str, width: int, meta: Any) -> list[str]:
     units = SERIES[name].units if name in SERIES else {"": "-"}
     columns, unitless = _columns(name, width, meta), {part for joint in meta.endless for part in _circle(joint)}
     own = {joint: _slides(meta, joint) for joint in meta.joints}
-    return [
-        "-" if name in _OF_Q and column in unitless else of_joints(units[_part(column, units)], own.get(column, []))
-        for column in columns
-    ]
+    found = [of_joints(units[_part(column, units)], own.get(column, [])) for column in columns]
+    return ["-" if name in _OF_Q and column in unitless else unit for column, unit in zip(columns, found, strict=True)]
 
 
 def _columns(name: str, width: int, meta: Any) -> list[str]:

@@ -117,17 +117,17 @@ class PositionLimit:
     """(n_v,) upper bound on the rate of any of the positions per unit of each velocity [m, or 1]."""
 
 
+_SLIDING = ("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismaticUnaligned")
+
+
 def joints_of(model: pin.Model, *, free_flyer: bool) -> tuple[Joint, ...]:
     """Return the arm joints of a free-flyer, all joints otherwise."""
     indices = range(2 if free_flyer else 1, model.njoints)
     pairs = ((model.names[i], model.joints[i]) for i in indices if model.joints[i].nv)  # of its own
     return tuple(
-        Joint(name=name, idx_q=own.idx_q, idx_v=own.idx_v, n_q=own.nq, n_v=own.nv, slides=_slides(own)) for name, own in pairs
+        Joint(name=name, idx_q=own.idx_q, idx_v=own.idx_v, n_q=own.nq, n_v=own.nv, slides=own.shortname() in _SLIDING)
+        for name, own in pairs
     )
-
-
-def _slides(joint: pin.JointModel) -> bool:
-    return bool(joint.nv == 1 and joint.shortname().startswith("JointModelP"))
 
 
 def limits_of(model: pin.Model, description: RobotDescription, joints: tuple[Joint, ...]) -> Limits:

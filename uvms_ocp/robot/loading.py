@@ -289,8 +289,8 @@ def robot_meta(robot: Robot) -> dict[str, Any]:
         known = checked_copy(robot.description, loading=loading.model_dump() | {"packages": packages})
         place = None if urdf is None or urdf == library else _shared(urdf, Path.cwd())
         files = RobotFilesMeta(urdf=place, description=known.model_dump_json(exclude_defaults=True))
-    joints = {"joints": robot.joint_names, "endless": robot.endless_joints, "sliding": robot.sliding_joints}
-    return {"robot": robot.name, "robot_files": files, **joints}
+    kinds = {"endless": robot.endless_joints, "sliding": tuple(joint.name for joint in robot.joints if joint.slides)}
+    return {"robot": robot.name, "robot_files": files, "joints": robot.joint_names, **kinds}
 
 
 def _shared(path: Path, here: Path) -> str:

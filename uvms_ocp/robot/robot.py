@@ -204,11 +204,6 @@ class Robot:
         return tuple(joint.name for joint in self.joints if joint.endless)
 
     @property
-    def sliding_joints(self) -> tuple[str, ...]:
-        """Names of the joints that move along their axis, in m."""
-        return tuple(joint.name for joint in self.joints if joint.slides)
-
-    @property
     def leading_joints(self) -> tuple[str, ...]:
         """Names of the joints that others mimic: they move as one."""
         led = {joint.idx_v for joint in list(self.model.joints)[1:] if not joint.nv}
