@@ -56,6 +56,7 @@ ALONE = tuple(
         "campaign_overhead",
         "campaign_resume",
         "drawn_files",
+        "drawn_robots",
         "exported_controller",
         "faults",
         "gates",

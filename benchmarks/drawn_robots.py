@@ -1,0 +1,108 @@
+"""Drawn robots on drawn missions: ``python benchmarks/drawn_robots.py [--robots N] [--jobs N] [--work DIR --hours H]``.
+
+Vehicles of 10 to 1,500 kg with 4 to 10 thrusters in drawn places and directions, out of trim by up to 2 cm, with none to two
+arms of 1 to 8 joints and loads of up to 5 % of the mass, swim to way points and reach with their tools. Writes
+drawn_robots.csv, one row per robot of the study `drawn_robots`, and its sums to drawn_robots.md. With --work DIR it goes on
+where it was.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+from recording.kept_rows import kept_rows
+from recording.report import Report, Row, Table, begin, parser_of
+from studies.drawn_robots import (
+    BALLAST,
+    CURRENT,
+    DT,
+    DURATION,
+    FARTHER,
+    REASONS,
+    SEEN,
+    TRIM,
+    WRONGS,
+    drawn_robots,
+    reason_of,
+    totals,
+)
+
+PROSE = """
+{robots} robots, drawn with seeds from {first} to {last}; one row each in `drawn_robots.csv`. Their files are those that
+`new-robot --from` proposes, with buoyancy off by up to {trim:g} m and by {ballast:.1%} of the weight, and thrusters of half to
+twice what it takes for usual. Missions of shipped tasks (JL, MAC, HA, AT, MU, tools, PC, MP) at {rate:.0f} Hz last {longest:g} s
+at most; half of them are in a current of up to {current:g} m/s, {noisy} have the noise of sensors, and {loaded} a load that
+nobody knows of.
+
+{completed} complete, {gave_up} give up, {over} are stopped when time is over, {refused} are refused by pre-flight and {faults}
+raise something else. Wrong are {wrong}, {noisy_wrong} of them with noise: {flees} flee, by more than {farther:g} m farther from
+their way point than at the start, {touches} touch the floor, {unseen} roll or pitch by more than {seen:g} rad to either side
+without a word in alarms or report, and {blames} end by a sensor that is sound.
+
+Reasons of refusals, and how many for each: {reasons}. For none of these: {others}. Seeds of what is wrong: {seeds}.
+"""
+
+
+def prose(rows: list[Row]) -> str:
+    """With the figures of the study."""
+    number = Counter(row["outcome"] for row in rows)
+    refused = Counter(reason_of(row["text"]) for row in rows if row["outcome"] == "refused")
+    flees, touches, unseen, blames = (sum(name in row["wrong"] for row in rows) for name in WRONGS)
+    return PROSE.format(
+        robots=len(rows),
+        first=rows[0]["seed"],
+        last=rows[-1]["seed"],
+        completed=number["completed"],
+        gave_up=number["gave up"],
+        over=number["time over"],
+        refused=number["refused"],
+        faults=number["fault"],
+        wrong=sum(bool(row["wrong"]) for row in rows),
+        flees=flees,
+        touches=touches,
+        unseen=unseen,
+        blames=blames,
+        trim=TRIM,
+        ballast=BALLAST,
+        rate=1 / DT,
+        longest=DURATION,
+        current=CURRENT,
+        farther=FARTHER,
+        seen=SEEN,
+        noisy=sum(row["noise"] for row in rows),
+        loaded=sum(row["load_kg"] > 0.0 for row in rows),
+        noisy_wrong=sum(bool(row["wrong"]) and row["noise"] for row in rows),
+        seeds=", ".join(f"{row['seed']} {row['wrong']}" for row in rows if row["wrong"]) or "none",
+        reasons=", ".join(f"{reason} {refused[reason]}" for reason in REASONS if refused[reason]) or "none",
+        others=refused[""],
+    )
+
+
+def main() -> None:
+    """Run the study."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--robots", type=int, default=2000, metavar="N")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
+    parser.add_argument("--work", type=Path, metavar="PATH", help="folder of rows that are kept")
+    parser.add_argument("--hours", type=float, default=24.0, metavar="H", help="time after which it ends [h]")
+    given, run = begin(parser)
+    with tempfile.TemporaryDirectory() as cache:
+        os.environ |= {"UVMS_OCP_CACHE": cache, "UVMS_OCP_CFLAGS": "-O0"}  # what is compiled runs once
+        study = drawn_robots(n=1 if run.quick else given.robots, flies=not run.quick)
+        rows = kept_rows(study, given.work or Path(cache) / "work", 1 if run.quick else given.jobs, given.hours)
+    run.write(
+        Report(
+            name="drawn_robots",
+            title="Drawn robots",
+            prose=prose(rows),
+            tables=[Table(rows=totals(rows))],
+            data={"drawn_robots": rows},
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()
