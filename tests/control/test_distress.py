@@ -32,6 +32,7 @@ from uvms_ocp.robot.shapes.hull import lowest_point, skid_points
 from uvms_ocp.robot.signals import ChannelHealth, Command, Readings, StateEstimate, Trust
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.scenario import Scenario, pose_at
+from uvms_ocp.sim.seafloor import HeightField
 
 DT = 0.02
 
@@ -104,6 +105,18 @@ def test_hull_or_arm_in_the_floor_that_is_seen_ends_the_mission(still: Scenario)
         assert not any(reasons(still, ActuationFeedback(), 0.7, clearance=clearance))
 
 
+@pytest.mark.slow
+def test_an_arm_that_works_downhill_is_not_in_the_floor() -> None:
+    target = np.array([12.2025, 37.3748])
+    hill = {"centres": target[None] - [3.0, 0.0], "heights": np.array([0.6]), "radii": np.array([6.0])}
+    z = -40.0 - HeightField(z=0.0, **hill).height(*target)
+    scenario = case1(plant="dynamic", dt=DT, noise=True)
+    environment = replace(scenario.environment, seafloor=HeightField(z=z, **hill))
+    record = replace(scenario, environment=environment).run()
+    assert "D" in [event.target for event in record.run_meta.events]
+    assert "in the floor" not in cause_of_end(record)["text"]
+
+
 def test_the_lowest_point_is_that_of_hull_joints_and_tool(still: Scenario) -> None:
     robot, rng = still.robot, np.random.default_rng(4)
     data, found = robot.model.createData(), lowest_point(robot)
@@ -114,6 +127,9 @@ def test_the_lowest_point_is_that_of_hull_joints_and_tool(still: Scenario) -> No
         points = [data.oMi[k].translation for k in range(2, robot.model.njoints)]
         points += [data.oMf[robot.frame_id("tool")].translation, *(data.oMi[1].act(point) for point in skid_points(robot))]
         assert float(found(q)) == pytest.approx(min(point[2] for point in points), abs=1e-9)
+        there = data.oMf[robot.frame_id("altimeter")].translation
+        fallen = [point[2] + 0.3 * np.linalg.norm(point[:2] - there[:2]) for point in points]
+        assert float(lowest_point(robot, 0.3)(q)) == pytest.approx(min(fallen), abs=1e-9)
 
 
 def test_an_error_that_grows_at_the_thrusters_limits_ends_the_mission_at_once(still: Scenario) -> None:

@@ -102,7 +102,8 @@ _TEXTS = {
 
 # What stands in for a measurement that is missing: the last one, older by the time since.
 
-_SLOPE = 0.3  # of a floor that nobody sees: it rises by so much of the way
+UNSEEN_SLOPE = 0.3
+"""Slope of a floor that nobody sees: it rises or falls by so much of the way."""
 _FORGETTING = 0.05  # [m/s] with which the highest floor sinks to the present one
 _UNIT = 1e-3  # by which the norm of a quaternion may differ from 1, as in records
 _LEVEL = 1e-6  # cosine of a tilt; a beam nearer to the horizon has no range that stands for a height
@@ -249,7 +250,7 @@ def echo_range(m: AltimeterMemory, t: float, echo: float, unknown: float, distru
     """Compute `LastFloorRange.range` at t [s], of the echo [m] along the beam in memory, or `unknown` [m]. A kernel."""
     if distrusted and m.exists:
         x, y = m.beam[0] - m.place[0], m.beam[1] - m.place[1]
-        m.highest += _SLOPE * math.sqrt(x * x + y * y)
+        m.highest += UNSEEN_SLOPE * math.sqrt(x * x + y * y)
         m.floor, m.place[0], m.place[1] = m.highest, m.beam[0], m.beam[1]
     if distrusted or not has_altitude(m, echo):
         return range_to_last_floor(m, unknown)

@@ -262,7 +262,7 @@ class Abort:
     contact_after: Positive = 2.0
     """[s] for which it lasts while a minimum altitude is asked for."""
     sunk: Positive = 0.03
-    """[m] below the floor that the altimeter shows, taken as level, of the lowest corner of the hull, joint or tool."""
+    """[m] of a corner of the hull, joint or tool in the floor that the altimeter shows, which may fall by 0.3 from there on."""
 
     def __post_init__(self) -> None:
         others = sorted({transition.to for transition in self.phase.transitions} - {ABORT})

@@ -15,6 +15,7 @@ import pinocchio as pin
 from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, assign
 from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.estimation.degraded_modes import describe_channels
+from uvms_ocp.estimation.fallbacks import UNSEEN_SLOPE
 from uvms_ocp.mission import Abort, Mission
 from uvms_ocp.mission.progress import MissionMemory
 from uvms_ocp.robot import Robot, SymbolicModel
@@ -68,7 +69,7 @@ def ascent_sizes(robot: Robot, mission: Mission) -> dict[str, ca.Function]:
     if mission.abort is not None:
         R_WF, p_WF = SymbolicModel(robot.model).forward_kinematics(q).pose(mission.ascent_frame)
     outputs = [ca.densify(p_WF), ca.densify(ca.vec(R_WF))]
-    return {"pose": ca.Function("climb_frame", [q], outputs, {"cse": True}), "lowest": lowest_point(robot)}
+    return {"pose": ca.Function("climb_frame", [q], outputs, {"cse": True}), "lowest": lowest_point(robot, UNSEEN_SLOPE)}
 
 
 def ascent_goal(memory: AscentMemory) -> pin.SE3:

@@ -47,7 +47,7 @@ class TickMemory(Layout):
     lowest: FunctionField
     """Q to `height`."""
     height: Annotated[Vector, Sized(1)]
-    """(1,) [m] z in W of the lowest of hull, joints and tools."""
+    """(1,) [m] z in W of the lowest of hull, joints and tools, over a floor that falls from below the altimeter on."""
     ascent: AscentMemory
     """Where the abort phase leads to."""
     goals: GoalsMemory
