@@ -15,7 +15,7 @@ from uvms_ocp.cli.printing import console_of, print_line, table_of
 
 WIDTH = 80
 FAULT = {
-    "kind": "altimeter stuck",
+    "kind": "altimeter_stuck",
     "end": "given up",
     "faults": "altimeter:stuck=1@8",
     "named": True,
@@ -24,6 +24,8 @@ FAULT = {
     "ends_in_contact": False,
     "contact_m": 0.01234,
     "joints_rad": 0.001234,
+    "rate_share": 0.9876,
+    "arm_m": 1.234,
     "astray_m": 0.1234,
     "tool_m": 0.0001234,
     "passed": True,
@@ -43,7 +45,7 @@ def cells(text: str) -> list[list[str]]:
 
 
 def test_a_table_with_too_many_columns_goes_on_below_with_its_first_column_again() -> None:
-    rows = by_kind([{**FAULT, "kind": kind} for kind in ("altimeter stuck", "gyro biased")])
+    rows = by_kind([{**FAULT, "kind": kind} for kind in ("altimeter_stuck", "gyro_biased")])
     text = printed(lambda console: console.print(table_of("faults", rows, tuple(rows[0]))))
     assert max(map(len, text.splitlines())) <= WIDTH
     found = [word for row in cells(text) for word in row]
@@ -53,14 +55,14 @@ def test_a_table_with_too_many_columns_goes_on_below_with_its_first_column_again
         assert told in found
     parts = found.count("kind")
     assert parts > 1
-    assert found.count("altimeter stuck") == found.count("gyro biased") == parts
+    assert found.count("altimeter_stuck") == found.count("gyro_biased") == parts
     assert text.count("faults") == 1
 
 
 def test_a_table_that_fits_is_one() -> None:
     rows = by_kind([FAULT])
     text = printed(lambda console: console.print(table_of("faults", rows, tuple(rows[0]))), width=300)
-    assert [row[0] for row in cells(text)] == ["kind", "altimeter stuck"]
+    assert [row[0] for row in cells(text)] == ["kind", "altimeter_stuck"]
 
 
 def test_a_column_alone_needs_no_other() -> None:
