@@ -86,7 +86,9 @@ def test_a_run_that_diverges_keeps_what_came_before(tmp_path: Path, caplog: pyte
     record = scenario_of(robot_of(WEIGHTLESS), "dynamic").run()
     assert "the run ends at t = 0 s: after it the plant's velocity is no finite number" in caplog.text
     record.save(tmp_path / "record.npz")
-    assert Record.load(tmp_path / "record.npz")["q"].shape == (1, record.series["q"].shape[1])
+    loaded = Record.load(tmp_path / "record.npz")
+    assert loaded["q"].shape == (1, record.series["q"].shape[1])
+    assert summarize(loaded)["cause"]["kind"] == "diverged"
 
 
 @pytest.mark.slow

@@ -68,7 +68,7 @@ def test_whenever_it_is_pressed_a_run_ends_with_what_was_flown() -> None:
         assert (end == "finished") == (not pressed)
         ends.add(end)
         if record is not None:
-            assert record.run_meta.stopped or len(record) == len(whole)
+            assert record.run_meta.stopped == "stopped" or len(record) == len(whole)
             assert {len(series) for series in record.series.values()} == {len(record)}
             np.testing.assert_array_equal(record["q"], whole["q"][: len(record)])
     assert ends > {"finished"} or "finished" not in ends

@@ -103,8 +103,8 @@ class RunMeta(RecordMeta):
     """[s] control period."""
     completed: bool
     """True where every phase came to its end."""
-    stopped: bool = False
-    """True where it was stopped by hand."""
+    stopped: Literal["", "stopped", "diverged"] = ""
+    """Whether it was stopped by hand, or the plant's velocity was no finite number any more."""
     pending: str = ""
     """Conditions that an incomplete mission still waited for."""
     abort_phase: str = ""

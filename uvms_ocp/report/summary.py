@@ -59,7 +59,7 @@ _WINDOW = 5.0  # [s] at the end of the run over which progress is judged
 _PROGRESS = 0.02  # share of what is missing that must have been gained in the window
 
 
-ENDS = ("completed", "ended too early", "aborted", "given up", "swinging", "slow", "stalled", "stopped")
+ENDS = ("completed", "ended too early", "aborted", "given up", "swinging", "slow", "stalled", "stopped", "diverged")
 """Kinds of ends of a mission."""
 
 
@@ -84,7 +84,8 @@ def cause_of_end(record: Record) -> dict[str, str]:
         return {"kind": "given up", "text": meta.events[-1].reason}
     cause = _unfinished(record)
     if meta.stopped:
-        cause = {"kind": "stopped", "text": f"by hand; {cause['text']}"}
+        why = "by hand" if meta.stopped == "stopped" else "the plant's velocity is no finite number"
+        cause = {"kind": meta.stopped, "text": f"{why}; {cause['text']}"}
     if swinging := metrics.swings(record):
         kind = "swinging" if _explains(record, {swing.what for swing in swinging}) else cause["kind"]
         cause = {"kind": kind, "text": f"{cause['text']}; {', '.join(map(str, swinging))}"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -48,8 +48,8 @@ class RunOutcome:
     """[s] that the simulation took."""
     std: np.ndarray | None = None
     """(n_v,) [m, rad] standard deviation of the estimated configuration, where the estimator tells."""
-    stopped: bool = False
-    """True where it was stopped by hand."""
+    stopped: Literal["", "stopped", "diverged"] = ""
+    """As that of `RunMeta`."""
 
 
 def computed_or(instead: _T, name: str, compute: Callable[[], _T]) -> _T:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -323,10 +323,11 @@ class Scenario(FieldTable):
         for event, goals in zip(kinematic.events, kinematic.left, strict=True):  # those that the phase had when it ended
             row = round(event.t / self.dt)
             ends.append(quantities(State(q=recorder.at("q", row), v=recorder.at("v", row)), event.t, goals))
+        stopped: Literal["", "stopped", "diverged"] = "stopped" if presses else ""
+        if not np.isfinite(plant.state.v).all():
+            stopped = "diverged"
         std = recorder.last("q_std") if "q_std" in recorder else None
-        ending = RunOutcome(
-            q=recorder.last("q"), quantities=truth, at_events=tuple(ends), wall_s=wall, std=std, stopped=bool(presses)
-        )
+        ending = RunOutcome(q=recorder.last("q"), quantities=truth, at_events=tuple(ends), wall_s=wall, std=std, stopped=stopped)
         own = self.own_parts
         meta = run_meta(
             name=self.name,
