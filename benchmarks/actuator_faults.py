@@ -38,10 +38,7 @@ def faulty_runs(robot: str, kind: str, seeds: int, duration: float, thrusters: i
         for i in range(thrusters):
             fault = fault_of(kind, i, seed, ROBOTS[robot])
             current = (0.5, 0.3)[i % 2]
-            yield (
-                fault,
-                run(Hover(robot=robot, seed=1000 * seed + i, faults=(fault,), duration=duration, current=current)),
-            )
+            yield (fault, run(Hover(robot=robot, seed=1000 * seed + i, faults=(fault,), duration=duration, current=current)))
 
 
 def row_of(robot: str, kind: str, runs: list[tuple[ThrusterFault, Outcome]]) -> Row:

@@ -68,10 +68,7 @@ def rows_of(name: str, scenario: Scenario, folder: Path, level: Sequence[str]) -
             built_s = built(folder, compiler, (*options, *level))
             yield {**row, "build_s": built_s, **replayed(folder, emulator), "status": "ok"}
         except subprocess.CalledProcessError as error:
-            yield {
-                **row,
-                "status": f"{Path(str(error.cmd[0])).name} failed: {' '.join(str(error.stderr).split())[:200]}",
-            }
+            yield {**row, "status": f"{Path(str(error.cmd[0])).name} failed: {' '.join(str(error.stderr).split())[:200]}"}
 
 
 def built(folder: Path, compiler: str, options: Sequence[str]) -> float:
@@ -92,11 +89,7 @@ def replayed(folder: Path, emulator: Sequence[str]) -> dict[str, Any]:
     spent, said = _children() - before, process.stdout
     if process.returncode not in (0, 1):
         raise subprocess.CalledProcessError(process.returncode, ["replay"], stderr=process.stderr)
-    ticks, apart, largest = (
-        int(said.split()[0]),
-        int(said.split()[2]),
-        float(said.split("difference ")[1].split(",")[0]),
-    )
+    ticks, apart, largest = (int(said.split()[0]), int(said.split()[2]), float(said.split("difference ")[1].split(",")[0]))
     return {
         "code_kB": 1e-3 * os.path.getsize(folder / "replay"),
         "ticks": ticks,

@@ -23,11 +23,7 @@ from uvms_ocp.solvers.hierarchy.icat import Icat
 from uvms_ocp.viz.comparison_figures import figure_transitions
 
 MISSIONS: dict[str, Callable[..., Scenario]] = {"case1": case1, "case2": case2, "priority_swap": priority_swap}
-SOLVERS: dict[str, HierarchySolver] = {
-    "active_set": LexicographicActiveSet(),
-    "lexqp": LexicographicQp(),
-    "icat": Icat(),
-}
+SOLVERS: dict[str, HierarchySolver] = {"active_set": LexicographicActiveSet(), "lexqp": LexicographicQp(), "icat": Icat()}
 PROSE = """
 Kinematic plant, {rate:.0f} Hz. A change counts from its begin for {window:g} s; *all* is the whole run, whose t is the
 time to finish.

@@ -27,14 +27,7 @@ from pool.findings import (
 )
 from pool.recordings import SAMPLE_TIME, SMOOTHING, read_recordings
 from pool.scores import OFFSET_TIME, lag_of
-from pool.vehicle import (
-    ADDED_INERTIA,
-    BALLAST_DENSITY,
-    CENTRE_OF_BUOYANCY,
-    FOAM_DENSITY,
-    PoolVehicle,
-    pool_vehicle,
-)
+from pool.vehicle import ADDED_INERTIA, BALLAST_DENSITY, CENTRE_OF_BUOYANCY, FOAM_DENSITY, PoolVehicle, pool_vehicle
 from recording.report import Report, Table, begin, parser_of
 
 PROSE = """

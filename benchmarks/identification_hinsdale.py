@@ -100,12 +100,7 @@ def session(folder: Path, sensor: str, *, quick: bool) -> Session:
 
 
 def _left_out(
-    learner: Learner,
-    prepared: Sequence[PreparedRecording],
-    held: PreparedRecording,
-    everything: Estimate,
-    *,
-    quick: bool,
+    learner: Learner, prepared: Sequence[PreparedRecording], held: PreparedRecording, everything: Estimate, *, quick: bool
 ) -> Predicted:
     others = [one for one in prepared if one is not held]
     found = learner.trained(others, everything.shared, 1 if quick else 15)

@@ -94,9 +94,7 @@ def bench(folder: Path, *, quick: bool, **learnt: Prior) -> Bench:
     one = vehicle(**learnt)
     recordings = read_recordings(folder)[: 2 if quick else None]
     return Bench(
-        vehicle=one,
-        rollout=Rollout(stage_of(one)),
-        prepared=tuple(PreparedRecording.of(each, one) for each in recordings),
+        vehicle=one, rollout=Rollout(stage_of(one)), prepared=tuple(PreparedRecording.of(each, one) for each in recordings)
     )
 
 

@@ -41,13 +41,7 @@ def executed(path: Path, *, fast: bool) -> Row:
         except CellExecutionError as error:
             status = f"{error.ename}: {error.evalue}"
     took = perf_counter() - began
-    return {
-        "notebook": path.stem,
-        "cells": len(cells),
-        "longer than in tests": changed,
-        "wall_s": took,
-        "status": status,
-    }
+    return {"notebook": path.stem, "cells": len(cells), "longer than in tests": changed, "wall_s": took, "status": status}
 
 
 def main() -> int:

@@ -183,12 +183,7 @@ def main() -> None:
     flights = Table(rows=[row for rows, _ in both for row in rows], columns=FORMATS)
     plans = Table(rows=[row for _, row in both], columns=PLANS)
     run.write(
-        Report(
-            name="ocp_missions",
-            title="Missions as one problem",
-            prose=PROSE.format(current=STEADY),
-            tables=[flights, plans],
-        )
+        Report(name="ocp_missions", title="Missions as one problem", prose=PROSE.format(current=STEADY), tables=[flights, plans])
     )
 
 

@@ -180,12 +180,7 @@ def campaign(setting: Setting) -> Values:
     """Run a small campaign and read its Parquet files."""
     import pandas as pd
 
-    drawn = (
-        ("water.drag", 0.5, 1.5),
-        ("current.speed", 0.0, 0.2),
-        ("payload.mass", 0.0, 1.0),
-        ("start.yaw", -0.3, 0.3),
-    )
+    drawn = (("water.drag", 0.5, 1.5), ("current.speed", 0.0, 0.2), ("payload.mass", 0.0, 1.0), ("start.yaw", -0.3, 0.3))
     variation, uniform = find("Variation", "campaign"), find("Uniform", "campaign")
     variations = [variation(renamed(name), uniform(low, high)) for name, low, high in drawn]
     options = {"noise": True, "dt": 0.02, **setting.duration(0.2)}

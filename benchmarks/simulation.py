@@ -129,10 +129,7 @@ def main() -> None:
     rows = [measured(name, build, runs) for name, build in builders.items()]
     first = next(iter(builders))
     prose = PROSE.format(rate=1.0 / warm.run_meta.dt, runs=runs, profiled=first)
-    tables = [
-        Table(rows=rows, columns=COLUMNS),
-        Table(rows=profile(builders[first]()), columns={"part": "", "us": ".1f"}),
-    ]
+    tables = [Table(rows=rows, columns=COLUMNS), Table(rows=profile(builders[first]()), columns={"part": "", "us": ".1f"})]
     run.write(Report(name="simulation", title="Speed of simulation", prose=prose, tables=tables))
 
 

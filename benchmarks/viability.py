@@ -10,14 +10,7 @@ from typing import Any
 
 from recording.progress import show_runs
 from recording.report import Report, Row, Table, begin, parser_of
-from studies.random_limits import (
-    CLEARANCE,
-    N_OBSTACLES,
-    N_PHASES,
-    SELF_CLEARANCE,
-    TOLERANCE,
-    random_limits,
-)
+from studies.random_limits import CLEARANCE, N_OBSTACLES, N_PHASES, SELF_CLEARANCE, TOLERANCE, random_limits
 
 PROSE = """
 {runs} runs of the study `random_limits`, kinematic plant, {rate:g} Hz. {phases} phases with goals and tasks that nobody

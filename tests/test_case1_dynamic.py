@@ -24,11 +24,7 @@ CASES: dict[str, tuple[dict[str, Any], float, float]] = {
     "current": ({"current": (0.3, 0.0, 0.0)}, 2e-3, 5e-3),
     "cross current without observer": ({"current": (0.0, 0.3, 0.0), "observer": False}, 2e-3, 5e-3),
     "under-actuated": ({"robot": "girona_maris7"}, 2e-3, 5e-3),
-    "payload": (
-        {"payload": TrimBody(name="sample", link="tool", position=(0, 0, 0), mass=1.5, volume=5e-4)},
-        2e-3,
-        5e-3,
-    ),
+    "payload": ({"payload": TrimBody(name="sample", link="tool", position=(0, 0, 0), mass=1.5, volume=5e-4)}, 2e-3, 5e-3),
 }
 """Options, and the largest true error of the tool in m and rad."""
 SHORT = ("still water", "noise")  # runs without a compiler too
@@ -44,8 +40,7 @@ class Run:
 
 
 @pytest.fixture(
-    scope="module",
-    params=[pytest.param(name, marks=() if name in SHORT else long_without_compiler) for name in CASES],
+    scope="module", params=[pytest.param(name, marks=() if name in SHORT else long_without_compiler) for name in CASES]
 )
 def run(request: pytest.FixtureRequest) -> Run:
     options, position, orientation = CASES[request.param]

@@ -32,15 +32,7 @@ TOGETHER = 0.95
 """chance that a filter which errs as much as it says passes all tests."""
 SETTLED = 4.0
 """[s] after which errors are looked at."""
-APART = {
-    "attitude": 1.0,
-    "spin": 1.0,
-    "spin_up": 1.0,
-    "speed": 2.0,
-    "altitude": 2.0,
-    "joints": 1.0,
-    "joint_rates": 1.0,
-}
+APART = {"attitude": 1.0, "spin": 1.0, "spin_up": 1.0, "speed": 2.0, "altitude": 2.0, "joints": 1.0, "joint_rates": 1.0}
 """[s] after which errors of a part are no longer correlated; once per run where none is given."""
 _PARTS = {
     "attitude": Part.TURN,

@@ -14,11 +14,7 @@ from uvms_ocp.robot.signals import ACCELEROMETER, SensorSpecs
 
 WITH, WITHOUT = SensorSpecs(specific_force=ACCELEROMETER), SensorSpecs()
 """The usual sensors, with and without an accelerometer."""
-CASES: Mapping[str, Mapping[str, float]] = {
-    "none": {},
-    **{name: {name: delay} for name, delay in DELAYS.items()},
-    "all": DELAYS,
-}
+CASES: Mapping[str, Mapping[str, float]] = {"none": {}, **{name: {name: delay} for name, delay in DELAYS.items()}, "all": DELAYS}
 """Delays [s] by channel: each alone, and all at once."""
 LEVEL = EstimatorTuning(angular_jerk=0.003, jerk=0.02, floor_roughness=0.02)
 """At up to 1 m/s above a level floor: how a rough one goes on since a late echo nobody can know."""

@@ -73,12 +73,7 @@ def levels_of(problem: LevelsProblem, inputs: Inputs) -> list[Level]:
     lower, upper, rate, activation, gate = (column.ravel() for column in columns)
     levels = [
         Level(
-            jacobian=J[rows],
-            lower=lower[rows],
-            upper=upper[rows],
-            rate=rate[rows],
-            activation=activation[rows],
-            gate=gate[rows],
+            jacobian=J[rows], lower=lower[rows], upper=upper[rows], rate=rate[rows], activation=activation[rows], gate=gate[rows]
         )
         for rows in row_slices(problem.sizes)
     ]

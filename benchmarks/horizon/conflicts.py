@@ -67,18 +67,12 @@ def arm(n_steps: int = 20) -> Conflict:
         start=State(q=np.full(N_LINKS, 0.1), v=np.zeros(N_LINKS)),
         duration=4.0,
         n_steps=n_steps,
-        levels=[
-            *(_goal(name, name, p) for name, p in (("tool", tool), ("elbow", elbow), ("shoulder", shoulder))),
-            CHEAP,
-        ],
+        levels=[*(_goal(name, name, p) for name, p in (("tool", tool), ("elbow", elbow), ("shoulder", shoulder))), CHEAP],
         constraints=(AtRest(),),
         water=False,
     )
     return Conflict(
-        name="arm, 11 joints",
-        problem=problem,
-        goals=(("tool", tool), ("elbow", elbow), ("shoulder", shoulder)),
-        best=best,
+        name="arm, 11 joints", problem=problem, goals=(("tool", tool), ("elbow", elbow), ("shoulder", shoulder)), best=best
     )
 
 

@@ -13,15 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from horizon.problems import reach_goal
-from uvms_ocp.ocp.problem import (
-    Actuation,
-    HessianKind,
-    Integrator,
-    OcpLevel,
-    OcpPhase,
-    OcpProblem,
-    single_phase,
-)
+from uvms_ocp.ocp.problem import Actuation, HessianKind, Integrator, OcpLevel, OcpPhase, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import At, AtRest, Duration, Effort, StageSymbols, TaskTerm, Term
 from uvms_ocp.ocp.transcription.stage import ActuationModel
 from uvms_ocp.robot.limits import Limits

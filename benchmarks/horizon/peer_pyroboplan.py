@@ -13,10 +13,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from pyroboplan.trajectory.trajectory_optimization import (
-    CubicTrajectoryOptimization,
-    CubicTrajectoryOptimizationOptions,
-)
+from pyroboplan.trajectory.trajectory_optimization import CubicTrajectoryOptimization, CubicTrajectoryOptimizationOptions
 from recording.timing import LONG, timed
 
 WAYPOINTS = (3, 6)

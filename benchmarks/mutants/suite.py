@@ -85,12 +85,7 @@ def recorded(work: Path, tests: Sequence[str], jobs: int) -> Suite:
     if file.exists():
         found = json.loads(file.read_text())
         if found["tests"] == now:
-            return Suite(
-                tests=now,
-                seconds=found["seconds"],
-                failing=tuple(found["failing"]),
-                contexts=_contexts(work),
-            )
+            return Suite(tests=now, seconds=found["seconds"], failing=tuple(found["failing"]), contexts=_contexts(work))
     tree = Tree(work, "recorded")
     share = ("-n", str(jobs), "--dist", "loadfile", *(f"--ignore={path}" for path in _ELSEWHERE))
     coverage = ("--cov=uvms_ocp", "--cov-context=test", "--cov-report=")

@@ -19,15 +19,9 @@ _ONBOARD: _Columns = {"file": "{name}_imu.csv.gz"}
 _ATTITUDE: _Columns = {"columns": [f"{axis}_ori" for axis in "xyzw"], "format": "quaternion xyzw"}
 _CHANNELS: dict[str, dict[str, _Columns]] = {
     MOCAP: {"attitude": _CAPTURED | _ATTITUDE},
-    IMU: {
-        "attitude": _ONBOARD | _ATTITUDE,
-        "angular_velocity": _ONBOARD | {"columns": [f"{axis}_angvel" for axis in "xyz"]},
-    },
+    IMU: {"attitude": _ONBOARD | _ATTITUDE, "angular_velocity": _ONBOARD | {"columns": [f"{axis}_angvel" for axis in "xyz"]}},
 }
-_BOTH: dict[str, _Columns] = {
-    "joint_positions": _JOINTS,
-    "position": _CAPTURED | {"columns": [f"{axis}_pose" for axis in "xyz"]},
-}
+_BOTH: dict[str, _Columns] = {"joint_positions": _JOINTS, "position": _CAPTURED | {"columns": [f"{axis}_pose" for axis in "xyz"]}}
 _WINDOW = 1.0  # [s] of the local quadratics that give velocity
 
 

@@ -51,8 +51,5 @@ def _row(name: str, angle: str, t: np.ndarray, seen: np.ndarray, found: np.ndarr
     row |= {"period [s]": told.period, "damping": told.damping}
     if ours is not None:
         row |= {"predicted period [s]": ours.period, "predicted damping": ours.damping}
-        row |= {
-            "period [%]": 100 * (ours.period / told.period - 1),
-            "damping [%]": 100 * (ours.damping / told.damping - 1),
-        }
+        row |= {"period [%]": 100 * (ours.period / told.period - 1), "damping [%]": 100 * (ours.damping / told.damping - 1)}
     return [row]

@@ -45,10 +45,7 @@ class Head:
 
     def lines(self) -> list[str]:
         """Of text; the same in every file of a run."""
-        return [
-            f"Written by `{self.command}` on {self.date}.",
-            *(f"{x}." for x in (self.versions, self.machine, self.load)),
-        ]
+        return [f"Written by `{self.command}` on {self.date}.", *(f"{x}." for x in (self.versions, self.machine, self.load))]
 
 
 @dataclass(frozen=True, slots=True)

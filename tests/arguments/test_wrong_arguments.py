@@ -66,14 +66,7 @@ ACCEPTED = {("PassThrough.__call__", "command"): "not read, and taken only to st
 """Parameters that may be of any type, and why."""
 MAY_BE_NAN = (
     *("t", "x", "y"),  # at which something is asked: the answer is NaN
-    *(
-        "value",
-        "altimeter_range",
-        "altimeter_std",
-        "age",
-        "joint_age",
-        "since",
-    ),  # as measured, before there was anything
+    *("value", "altimeter_range", "altimeter_std", "age", "joint_age", "since"),  # as measured, before there was anything
     *("solve_time", "violation", "cost", "distance", "squared"),  # of results
 )
 """Parameters that take NaN where they take numbers. For all others it is no number."""
@@ -167,12 +160,7 @@ def test_what_runs_at_every_tick_looks_at_ranges_and_axes_of_what_it_does_not_re
 
 @pytest.mark.parametrize(
     ("call", "right"),
-    [
-        (uo.load_robot, "variant"),
-        (MinimumAltitude, "threshold"),
-        (uo.Phase, "transitions"),
-        (uo.Scenario, "environment"),
-    ],
+    [(uo.load_robot, "variant"), (MinimumAltitude, "threshold"), (uo.Phase, "transitions"), (uo.Scenario, "environment")],
 )
 def test_a_misspelled_name_of_an_argument_is_answered_with_the_nearest(call: Any, right: str) -> None:
     with pytest.raises(ArgumentNotFound, match=f"Did you mean '{right}'"):

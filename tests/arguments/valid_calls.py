@@ -872,16 +872,7 @@ REFUSES = {"Task.residual", "BufferedFunction.__call__", *(["export_controller"]
 EXPENSIVE = {
     *("write_figures", "write_plan_figures", "write_scene", "show"),
     *("solve_ocp", "plan_path", "plan_soft_collision"),
-    *(
-        "Nmpc",
-        "Planner",
-        "Planner.plan",
-        "Planner.solve",
-        "RealTimeSqp",
-        "RealTimeSqp.solve",
-        "plan",
-        "plan_mission",
-    ),
+    *("Nmpc", "Planner", "Planner.plan", "Planner.solve", "RealTimeSqp", "RealTimeSqp.solve", "plan", "plan_mission"),
     *("DynamicPlant", "robot_dynamics", "Dynamics", "case2", "sampled_waypoints", "check_mission", "figure_joints"),
     *("figure_tick_time", "compile_library", "compile_function"),
 }

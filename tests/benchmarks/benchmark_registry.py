@@ -84,10 +84,7 @@ ALONE = tuple(
 BENCHMARKS = (
     *ALONE,
     Benchmark(script="mutation", files=("mutation",), packages=("cosmic_ray", "pytest_cov")),
-    Benchmark(
-        script="navigation",
-        files=("navigation", "navigation_delays", "navigation_mission", "navigation_time"),
-    ),
+    Benchmark(script="navigation", files=("navigation", "navigation_delays", "navigation_mission", "navigation_time")),
     Benchmark(script="nmpc", files=("nmpc", "nmpc_ticks")),
     Benchmark(script="ocp_priorities", files=("ocp_priorities", "ocp_toys")),
     Benchmark(script="hinsdale_replay", files=("hinsdale_replay",), variable="UVMS_OCP_POOL_RECORDINGS"),

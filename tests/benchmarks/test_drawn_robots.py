@@ -7,17 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies.drawn_robots import (
-    OUTCOMES,
-    REASONS,
-    WRONGS,
-    drawn_body,
-    drawn_robots,
-    reason_of,
-    run_robot,
-    totals,
-    write_robot,
-)
+from studies.drawn_robots import OUTCOMES, REASONS, WRONGS, drawn_body, drawn_robots, reason_of, run_robot, totals, write_robot
 
 from uvms_ocp.campaign.jobs import Row
 

@@ -90,8 +90,7 @@ def test_a_run_with_a_value_that_is_no_number_counts_as_violated(value: float) -
 
 @pytest.mark.parametrize("study", [random_limits, random_missions])
 @pytest.mark.parametrize(
-    ("n", "seed", "message"),
-    [(0, 0, "n = 0 runs"), (-3, 0, "n = -3 runs"), (1, -1, "seed = -1; give a whole number >= 0")],
+    ("n", "seed", "message"), [(0, 0, "n = 0 runs"), (-3, 0, "n = -3 runs"), (1, -1, "seed = -1; give a whole number >= 0")]
 )
 def test_a_study_of_nothing_or_of_a_negative_seed_is_refused(
     study: Callable[..., Study], n: int, seed: int, message: str

@@ -51,10 +51,7 @@ def test_a_column_with_another_name_is_found_by_its_bits() -> None:
 def test_names_are_replaced_word_by_word_in_columns_and_sources(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(same_numbers.RENAMED, "q", "configuration")
     golden = {"report/q/max": np.array(2.0), "controller.c": np.array("double q[3], q0[3];")}
-    now = {
-        "report/configuration/max": np.array(2.0 + 1e-15),
-        "controller.c": np.array("double configuration[3], q0[3];"),
-    }
+    now = {"report/configuration/max": np.array(2.0 + 1e-15), "controller.c": np.array("double configuration[3], q0[3];")}
     found = judged(golden, now)
     assert 0.0 < found.difference < 1e-15
     assert "missing" not in found.text

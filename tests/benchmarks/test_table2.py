@@ -47,12 +47,7 @@ def test_the_dynamic_plant_keeps_the_same_clearance() -> None:
 
 @pytest.mark.parametrize(
     ("clearances", "words"),
-    [
-        ([1.0, 2.0], "safe"),
-        ([1.0, 0.3], "not always safe"),
-        ([0.2, 0.3], "not completely safe"),
-        ([1.0, -0.1], "not safe"),
-    ],
+    [([1.0, 2.0], "safe"), ([1.0, 0.3], "not always safe"), ([0.2, 0.3], "not completely safe"), ([1.0, -0.1], "not safe")],
 )
 def test_the_words_follow_from_the_clearances(clearances: list[float], words: str) -> None:
     assert verdict(clearances) == words

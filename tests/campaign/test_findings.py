@@ -44,10 +44,7 @@ def test_causes_that_differ_in_numbers_are_one() -> None:
     causes = ["stall at 3.2 s", "stall at 41 s", "joint2 jammed", ""]
     runs = table(4, cause=causes, success=[False, False, False, True], outcome=["stalled", "stalled", "given up", "completed"])
     found = cause_table(runs)
-    assert [(row["cause"], row["number"], row["run"]) for row in found] == [
-        ("stall at 3.2 s", 2, 0),
-        ("joint2 jammed", 1, 2),
-    ]
+    assert [(row["cause"], row["number"], row["run"]) for row in found] == [("stall at 3.2 s", 2, 0), ("joint2 jammed", 1, 2)]
     assert sum(row["number"] for row in outcome_table(runs)) == 4
 
 

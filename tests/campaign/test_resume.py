@@ -106,13 +106,7 @@ def test_a_campaign_killed_again_and_again_equals_one_that_was_not(tmp_path: Pat
 
 
 def _killed(
-    process: subprocess.Popen[str],
-    processes: Cluster,
-    folder: Path,
-    known: set[int],
-    draw: random.Random,
-    *,
-    worker: bool,
+    process: subprocess.Popen[str], processes: Cluster, folder: Path, known: set[int], draw: random.Random, *, worker: bool
 ) -> set[int]:
     """Runs that are on the disk after the client was killed, at some moment after more of them got there."""
     while process.poll() is None and len(finished(folder)) < len(known) + 1:

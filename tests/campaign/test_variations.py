@@ -48,9 +48,7 @@ def test_the_ends_of_a_sample_are_finite(ours: Normal | LogNormal) -> None:
     assert np.isfinite([ours.quantile(0.0), ours.quantile(1.0)]).all()
 
 
-def test_of_many_parameters_an_unknown_one_is_refused_with_the_nearest_first_and_where_all_are_listed(
-    scenario: Scenario,
-) -> None:
+def test_of_many_parameters_an_unknown_one_is_refused_with_the_nearest_first_and_where_all_are_listed(scenario: Scenario) -> None:
     with pytest.raises(NameNotFound, match=r"unknown parameter 'water.darg'\. Did you mean 'water.drag'\?") as refused:
         require_available([Variation("water.darg", Uniform(0.5, 1.5))], scenario)
     assert "--parameters` lists them" in str(refused.value)

@@ -65,13 +65,7 @@ def test_the_report_has_the_documented_keys(complete: tuple[subprocess.Completed
 
 def test_run_writes_record_report_figures_and_scene(complete: tuple[subprocess.CompletedProcess[str], Path]) -> None:
     _, folder = complete
-    assert {path.name for path in folder.iterdir()} == {
-        "record.npz",
-        "report.json",
-        "figures",
-        "scene.html",
-        ".uvms_ocp",
-    }
+    assert {path.name for path in folder.iterdir()} == {"record.npz", "report.json", "figures", "scene.html", ".uvms_ocp"}
     assert len(list((folder / "figures").glob("*.png"))) >= 5
     assert "<html" in (folder / "scene.html").read_text()[:2000].lower()
     record = Record.load(folder / "record.npz")
@@ -91,10 +85,7 @@ def test_a_mission_out_of_time_exits_with_3_and_says_why(tmp_path: Path) -> None
     ("arguments", "message"),
     [
         (["run", "case9"], "unknown scenario 'case9'; known: case1"),
-        (
-            ["run", "--solver", "lexpq"],
-            "unknown solver 'lexpq'; known: active_set, lexqp, icat. Did you mean 'lexqp'?",
-        ),
+        (["run", "--solver", "lexpq"], "unknown solver 'lexpq'; known: active_set, lexqp, icat. Did you mean 'lexqp'?"),
         (["run", "--robot", "girona"], "unknown robot 'girona'; known: bluerov2, bluerov2_alpha5"),
         (["run", "--plant", "wet"], "unknown plant 'wet'; known: dynamic, kinematic"),
         (["run", "--duration", "-1"], "duration = -1.0 s; give a finite time > 0"),
@@ -273,11 +264,7 @@ def test_a_foreign_file_is_refused_before_the_simulation_and_kept(tmp_path: Path
 def test_a_full_disk_behind_stdout_is_one_line(tmp_path: Path) -> None:
     with Path("/dev/full").open("w") as full:
         process = subprocess.run(
-            [sys.executable, "-m", "uvms_ocp", "list", "--json"],
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            check=False,
+            [sys.executable, "-m", "uvms_ocp", "list", "--json"], stdout=full, stderr=subprocess.PIPE, text=True, check=False
         )
     assert process.returncode == 2
     assert process.stderr.splitlines() == ["error: [Errno 28] No space left on device"]

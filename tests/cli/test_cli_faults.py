@@ -44,11 +44,5 @@ def test_a_fault_that_cannot_be_gets_one_line_and_exit_code_2(arguments: list[st
 
 
 def test_different_faults_have_different_folders() -> None:
-    texts = (
-        "position:stuck=1@2",
-        "position:stuck=1,2,0@0",
-        "position:stuck=-1@2",
-        "position:stuck=1@0-2",
-        "position:lost@12",
-    )
+    texts = ("position:stuck=1@2", "position:stuck=1,2,0@0", "position:stuck=-1@2", "position:stuck=1@0-2", "position:lost@12")
     assert len({default_folder(("case1",), {"faults": parse_faults([text])}) for text in texts}) == len(texts)

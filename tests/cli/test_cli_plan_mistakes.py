@@ -18,20 +18,11 @@ from uvms_ocp.planning.request import PlanRequest
     ("arguments", "message"),
     [
         (["curve"], "give one goal"),
-        (
-            ["curve", "--to", "2", "0", "-1", "--robot", "planar5"],
-            "--to: planar5 has no free vehicle pose; give --joint NAME=Q",
-        ),
+        (["curve", "--to", "2", "0", "-1", "--robot", "planar5"], "--to: planar5 has no free vehicle pose; give --joint NAME=Q"),
         (["ocp", "--to", "2", "0", "-1", "--robot", "planar5"], "with any of x0"),
-        (
-            ["curve", "--joint", "x0=1", "--rpy", "0", "0", "1", "--robot", "planar5"],
-            "--rpy: planar5 has no free vehicle pose",
-        ),
+        (["curve", "--joint", "x0=1", "--rpy", "0", "0", "1", "--robot", "planar5"], "--rpy: planar5 has no free vehicle pose"),
         (["ocp", "--to", "3", "0", "0", "--time-limit", "0"], "time_limit = 0.0; give a number > 0"),
-        (
-            ["curve", "--to", "3", "0", "0", "--obstacles", "list.yaml"],
-            "give a mapping such as obstacles: [{name: ball",
-        ),
+        (["curve", "--to", "3", "0", "0", "--obstacles", "list.yaml"], "give a mapping such as obstacles: [{name: ball"),
         (["ocp", "--to", "3", "0", "0", "--nlp", "snopt"], "unknown NLP solver 'snopt'"),
         (["ocp", "--to", "3", "0", "0", "--steps", "0"], "n_steps = 0; give a whole number >= 1"),
         (["ocp", "--to", "3", "0", "0", "--current", "nan", "0", "0"], "current[0] = nan; give a number, finite"),

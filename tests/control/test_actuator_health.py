@@ -105,13 +105,7 @@ def vector(values: np.ndarray) -> Any:
 
 
 def watched(
-    robot: str,
-    thruster: int,
-    share: float,
-    constant: float,
-    push: np.ndarray,
-    busy: float = 0.02,
-    compiled: bool = True,
+    robot: str, thruster: int, share: float, constant: float, push: np.ndarray, busy: float = 0.02, compiled: bool = True
 ) -> list[ThrusterVerdict]:
     """Verdicts after 12 s in which one thruster gives ``share * asked + constant`` of its limit from 4 s on.
 
@@ -139,12 +133,7 @@ def watched(
 
 
 STILL = np.zeros((600, 6))
-MANNERS = {
-    FaultKind.DEAD: (0.0, 0.0),
-    FaultKind.WEAK: (0.4, 0.0),
-    FaultKind.REVERSED: (-1.0, 0.0),
-    FaultKind.STUCK: (0.0, 0.4),
-}
+MANNERS = {FaultKind.DEAD: (0.0, 0.0), FaultKind.WEAK: (0.4, 0.0), FaultKind.REVERSED: (-1.0, 0.0), FaultKind.STUCK: (0.0, 0.4)}
 
 
 @pytest.mark.parametrize("kind", MANNERS)
@@ -288,10 +277,7 @@ def test_authority_is_that_of_linear_programs(seed: int) -> None:
     n, righting = (4, 6, 8)[seed % 3], np.r_[np.zeros(3), rng.uniform(0.0, 40.0, 2), 0.0]
     upper = rng.uniform(10.0, 100.0, n)
     matrix, lower = rng.normal(size=(6, n)), -rng.uniform(0.0, 1.0, n) * upper
-    share, trim = (
-        rng.choice([0.0, 1.0, 0.5, -1.0], n, p=[0.2, 0.6, 0.1, 0.1]),
-        rng.choice([0.0, 20.0]) * rng.normal(size=6),
-    )
+    share, trim = (rng.choice([0.0, 1.0, 0.5, -1.0], n, p=[0.2, 0.6, 0.1, 0.1]), rng.choice([0.0, 20.0]) * rng.normal(size=6))
     effectiveness = ThrusterEffectiveness(share=share, constant=np.where(share == 0.0, rng.choice([0.0, 0.3], n) * upper, 0.0))
     left = authority_of(matrix, lower, upper, effectiveness, trim, righting)
     ends = np.sort([effectiveness.given(lower), effectiveness.given(upper)], axis=0)

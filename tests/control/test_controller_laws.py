@@ -84,9 +84,7 @@ def test_the_dynamic_layer_leaves_the_velocities_of_the_kinematic_one_as_they_ar
     scenario: Scenario, measurements: list[StateEstimate]
 ) -> None:
     pairs = zip(
-        fed(kinematic(scenario), measurements, scenario.dt),
-        fed(dynamic(scenario), measurements, scenario.dt),
-        strict=True,
+        fed(kinematic(scenario), measurements, scenario.dt), fed(dynamic(scenario), measurements, scenario.dt), strict=True
     )
     for first, second in pairs:
         np.testing.assert_array_equal(first.v, second.v)

@@ -37,12 +37,7 @@ def push_off(robot: Robot, duration: float = 2.0) -> Trajectory:
         q.append(pin.integrate(robot.model, q[k], h * v[k] + 0.5 * h * h * a[k]))
     n = len(robot.description.thrusters)
     return Trajectory(
-        t=np.array([0.0, h, 2 * h]),
-        q=np.array(q),
-        v=v,
-        a=a,
-        thrust=np.zeros((2, n)),
-        torque=np.zeros((2, robot.n_joints)),
+        t=np.array([0.0, h, 2 * h]), q=np.array(q), v=v, a=a, thrust=np.zeros((2, n)), torque=np.zeros((2, robot.n_joints))
     )
 
 

@@ -122,8 +122,7 @@ def test_a_row_that_nothing_moves_stops_no_other(task: type, solver: Any) -> Non
     arrived = uo.Below(quantity=f"{wanted.name}.position_error", limit=0.005)
     there = uo.Transition(to=uo.DONE, when=(arrived,), hold=0.5)
     mission = uo.Mission(
-        hierarchy=uo.Hierarchy([wanted]),
-        phases=(uo.Phase(name="p", activations={wanted.name: 1.0}, transitions=(there,)),),
+        hierarchy=uo.Hierarchy([wanted]), phases=(uo.Phase(name="p", activations={wanted.name: 1.0}, transitions=(there,)),)
     )
     seen = uo.Environment(seafloor=uo.FlatSeafloor(z=-100.0))
     record = uo.Scenario(

@@ -64,10 +64,7 @@ def test_no_level_above_rises_by_more_than_the_tolerance_in_random_steps(robot: 
     sqp, rng, gained = RealTimeSqp(staged if plugin == "stagewise" else sparse, options), np.random.default_rng(1), 0
     lower, upper = transcription.bounds()
     for i in range(N_STEPS):
-        start = State(
-            q=robot.configuration(joints=rng.uniform(-1.0, 1.0, robot.n_joints)),
-            v=rng.uniform(-0.3, 0.3, robot.n_v),
-        )
+        start = State(q=robot.configuration(joints=rng.uniform(-1.0, 1.0, robot.n_joints)), v=rng.uniform(-0.3, 0.3, robot.n_v))
         p = transcription.parameters(t0=float(i), start=start)
         x = transcription.pack(hold_guess(own, start))
         guess = x + 0.1 * rng.standard_normal(len(x))

@@ -15,14 +15,7 @@ from studies.random_limits import limit_violations, random_limits
 
 from uvms_ocp.codegen.kernel_layout import assign, connect, doubles, structure_of
 from uvms_ocp.codegen.kernels import bind_memory
-from uvms_ocp.control.velocity.braking import (
-    StopMemory,
-    begin_stop,
-    finite_acceleration,
-    slow_down,
-    step_stop,
-    stop_sizes,
-)
+from uvms_ocp.control.velocity.braking import StopMemory, begin_stop, finite_acceleration, slow_down, step_stop, stop_sizes
 from uvms_ocp.control.velocity.viability import (
     ViabilityMemory,
     ViabilitySetup,
@@ -108,10 +101,7 @@ class Guarded:
         self.altitude = MinimumAltitude(threshold=1.0)
         self.altimeter = robot.frame_id("altimeter")
         self.rule = Viability(
-            robot=robot,
-            tasks=(self.altitude, self.clearance),
-            quantity_names=("MAC.altitude", "CL.clearance"),
-            dt=DT,
+            robot=robot, tasks=(self.altitude, self.clearance), quantity_names=("MAC.altitude", "CL.clearance"), dt=DT
         )
 
     def quantities(self, q: np.ndarray) -> np.ndarray:

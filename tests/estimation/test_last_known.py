@@ -74,13 +74,7 @@ def test_a_number_that_is_none_counts_as_a_silent_sensor(
 def any_joints() -> SimpleNamespace:
     """A robot with every kind of joint that has a norm in it."""
     model, joint = pin.Model(), 0
-    for kind in (
-        pin.JointModelFreeFlyer,
-        pin.JointModelSpherical,
-        pin.JointModelPlanar,
-        pin.JointModelRUBZ,
-        pin.JointModelRX,
-    ):
+    for kind in (pin.JointModelFreeFlyer, pin.JointModelSpherical, pin.JointModelPlanar, pin.JointModelRUBZ, pin.JointModelRX):
         joint = model.addJoint(joint, kind(), pin.SE3.Identity(), kind.__name__)
     return SimpleNamespace(model=model, n_q=model.nq, n_v=model.nv, configuration=lambda: pin.neutral(model))
 

@@ -51,11 +51,7 @@ def scenario(
     floor: uo.FlatSeafloor | None = None,
 ) -> uo.Scenario:
     """One phase, 4 m above the floor."""
-    go = uo.Phase(
-        name="go",
-        activations={task.name: 1.0 for task in tasks},
-        transitions=(uo.Transition(to=uo.DONE, when=when),),
-    )
+    go = uo.Phase(name="go", activations={task.name: 1.0 for task in tasks}, transitions=(uo.Transition(to=uo.DONE, when=when),))
     return uo.Scenario(
         name="landing",
         robot=robot,

@@ -59,18 +59,7 @@ def built(folder: Path, program: str, main: Path, options: Sequence[str] = ("-O0
     for source in (main, *(folder / name for name in GENERATED)):
         objects.append(folder / f"{program}_{source.stem}.o")
         own = ("-Wno-unused-parameter",) if source.name in GENERATED else ()
-        command = [
-            COMPILER,
-            *STRICT,
-            *own,
-            *options,
-            "-ffp-contract=off",
-            f"-I{folder}",
-            "-c",
-            source,
-            "-o",
-            objects[-1],
-        ]
+        command = [COMPILER, *STRICT, *own, *options, "-ffp-contract=off", f"-I{folder}", "-c", source, "-o", objects[-1]]
         subprocess.run([str(part) for part in command], check=True)
     subprocess.run([COMPILER, *options, *map(str, objects), "-lm", "-o", str(folder / program)], check=True)
     return folder / program
@@ -83,10 +72,7 @@ def test_fed_with_the_recorded_measurements_it_gives_the_recorded_commands(name:
     folder = exported(name)
     level = ("-O2",) if name == "bluerov_inspection" else ("-O0",)  # one shows that bits do not depend on it
     said = subprocess.run(
-        [built(folder, "replay", folder / "replay.c", level), folder / "recorded.bin"],
-        check=True,
-        capture_output=True,
-        text=True,
+        [built(folder, "replay", folder / "replay.c", level), folder / "recorded.bin"], check=True, capture_output=True, text=True
     ).stdout
     assert ", 0 apart, " in said
     assert int(said.split()[0]) > 100

@@ -9,11 +9,5 @@ from __future__ import annotations
 from hypothesis import HealthCheck, settings
 
 for name, same in (("same", True), ("search", False)):
-    settings.register_profile(
-        name,
-        derandomize=same,
-        database=None,
-        deadline=None,
-        suppress_health_check=list(HealthCheck),
-    )
+    settings.register_profile(name, derandomize=same, database=None, deadline=None, suppress_health_check=list(HealthCheck))
 settings.load_profile("same")

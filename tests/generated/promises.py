@@ -100,10 +100,7 @@ def _rename(container: Any, key: Any) -> None:
 
 
 CHANGES: st.SearchStrategy[Callable[[Any, Any], None]] = either(
-    chosen(ODD).map(_replace),
-    floats().map(_replace),
-    texts(most=8).map(_replace),
-    chosen([_remove, _repeat, _rename]),
+    chosen(ODD).map(_replace), floats().map(_replace), texts(most=8).map(_replace), chosen([_remove, _repeat, _rename])
 )
 
 
@@ -122,10 +119,7 @@ def damaged(draw: st.DrawFn, whole: Any, most: int = 3) -> Any:
 Damage = tuple[str, float, float, bytes]
 """What happens to a file, from where to where in shares of its length, and what is written there."""
 DAMAGES: st.SearchStrategy[Damage] = st.tuples(
-    chosen(["cut", "overwrite", "flip", "twice", "without", "nothing"]),
-    shares(),
-    shares(),
-    binary(least=1, most=6),
+    chosen(["cut", "overwrite", "flip", "twice", "without", "nothing"]), shares(), shares(), binary(least=1, most=6)
 )
 
 

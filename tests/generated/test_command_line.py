@@ -75,10 +75,7 @@ BOUNDED = [
     ((*RUN, "--duration", "inf"), "duration = inf s; give a finite time > 0"),
     ((*RUN, "--seabed", "-1e300"), "give a finite height [m] from -100000 to 100000"),
     ((*RUN, "--current", "1e300", "0", "0"), "m/s; give at most"),
-    (
-        ("plan", "curve", "--to", "1e6", "0", "0"),
-        "is 1e+06 m from the start; give one within 10000 m: a plan is proven clear",
-    ),
+    (("plan", "curve", "--to", "1e6", "0", "0"), "is 1e+06 m from the start; give one within 10000 m: a plan is proven clear"),
     (("plan", "ocp", "--to", "1e6", "0", "0"), "is 1e+06 m from the start; give one within 10000 m"),
     (("plan", "curve", "--tool", "0", "1e308", "0"), "from the start; give one within 10000 m"),
     ((*CURVE, "--seed", "-1"), "seed = -1; give a whole number >= 0"),
@@ -114,23 +111,7 @@ def test_what_has_one_begins(words: tuple[str, ...], monkeypatch: pytest.MonkeyP
         main()
 
 
-_ODD_NUMBERS = (
-    "",
-    "x",
-    "nan",
-    "inf",
-    "-inf",
-    "1e308",
-    "1e-320",
-    "0",
-    "-0.0",
-    "1,5",
-    "1_0",
-    "0x10",
-    "\u0663",
-    "--",
-    "1e400",
-)
+_ODD_NUMBERS = ("", "x", "nan", "inf", "-inf", "1e308", "1e-320", "0", "-0.0", "1,5", "1_0", "0x10", "\u0663", "--", "1e400")
 _ODD_WORDS = ("", "planar5", "[/]", "$\\frac{$", "a\nb", "../x")
 _number = either(floats().map(repr), integers(10**12, -(10**12)).map(str), chosen(_ODD_NUMBERS))
 _words = either(texts(most=6).filter(lambda text: "\0" not in text), chosen(_ODD_WORDS))

@@ -83,15 +83,7 @@ def check_record(record: Record) -> None:
 
 
 ARRAYS: tuple[Any, ...] = (
-    *(
-        np.zeros(0),
-        np.array(1.0),
-        np.zeros(4),
-        np.zeros((4, 1)),
-        np.zeros((3, 13)),
-        np.zeros((4, 0)),
-        np.zeros((4, 13, 2)),
-    ),
+    *(np.zeros(0), np.array(1.0), np.zeros(4), np.zeros((4, 1)), np.zeros((3, 13)), np.zeros((4, 0)), np.zeros((4, 13, 2))),
     *(np.full((4, 13), np.nan), np.full(4, 7), np.arange(4.0)[::-1], np.array(["a"] * 4), np.array([None] * 4)),
     *(np.full((4, 14), 1e308), np.zeros(4, dtype=complex), np.zeros(4, dtype=">f8"), np.zeros(4, dtype="<M8[s]")),
 )
@@ -234,9 +226,7 @@ def test_members_of_archives_may_be_called_anything(tmp_path: Path) -> None:
     @settings(max_examples=60)
     @given(
         st.lists(
-            st.tuples(texts(least=1, most=6), binary(most=20)),
-            max_size=4,
-            unique_by=lambda m: zipfile.ZipInfo(m[0]).filename,
+            st.tuples(texts(least=1, most=6), binary(most=20)), max_size=4, unique_by=lambda m: zipfile.ZipInfo(m[0]).filename
         )
     )
     def holds(members: list[tuple[str, bytes]]) -> None:

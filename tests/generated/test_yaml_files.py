@@ -93,10 +93,7 @@ def check_obstacles(obstacles: tuple[Obstacle, ...]) -> None:
 
 @pytest.mark.parametrize(
     ("whole", "read", "check"),
-    [
-        (ROBOT, read_description, check_robot),
-        (OBSTACLES, read_obstacles, check_obstacles),
-    ],
+    [(ROBOT, read_description, check_robot), (OBSTACLES, read_obstacles, check_obstacles)],
     ids=["robot", "obstacles"],
 )
 def test_any_change_of_a_file_is_read_or_refused_in_one_line(

@@ -9,13 +9,7 @@ import pinocchio as pin
 from vehicles import HULL, vehicle
 
 from uvms_ocp.identification.model import PAST, StageFunctions, Vehicle
-from uvms_ocp.identification.parameters import (
-    ActuatorModel,
-    Declaration,
-    NominalParameters,
-    Unknowns,
-    vehicle_declaration,
-)
+from uvms_ocp.identification.parameters import ActuatorModel, Declaration, NominalParameters, Unknowns, vehicle_declaration
 from uvms_ocp.identification.recording import Channel, Recording
 
 ACTUATORS = ActuatorModel(dead_zone=0.3, lag=0.15, delay=0.2)
@@ -28,12 +22,7 @@ def known() -> Declaration:
 
 
 def vehicle_of(declaration: Declaration) -> Vehicle:
-    return Vehicle(
-        dynamics=vehicle(),
-        shared=Unknowns(declaration),
-        own=Unknowns(declaration, own=True),
-        actuators=ACTUATORS,
-    )
+    return Vehicle(dynamics=vehicle(), shared=Unknowns(declaration), own=Unknowns(declaration, own=True), actuators=ACTUATORS)
 
 
 SIZE = (12.0, 12.0, 10.0, 0.8, 0.8, 3.0)

@@ -85,12 +85,7 @@ REFUSED: dict[str, tuple[str, Callable[[], Recording], tuple[str, ...], str]] = 
     "nothing to be learnt": (SETTINGS.replace("{}", "{free: []}"), recording, (), "nothing in it is free"),
     "a delay beyond the longest": (SETTINGS + "delay: 2", recording, (), "delay: given 2; allowed: less than 1"),
     "channels of other times": (SETTINGS, lambda: later(90.0), (), "give channels of one clock"),
-    "an arm that was taken off": (
-        SETTINGS,
-        with_arm,
-        (),
-        "joint_positions has 4 columns; the vehicle has joints of no arm",
-    ),
+    "an arm that was taken off": (SETTINGS, with_arm, (), "joint_positions has 4 columns; the vehicle has joints of no arm"),
     "commands that are not there": (SETTINGS.replace("wrench", "thrust"), recording, (), "no thrust is recorded, only "),
     "a pose alone": (SETTINGS, pose, (), "no linear_velocity is recorded, only attitude, wrench"),
 }

@@ -125,11 +125,7 @@ TIMES: list[tuple[str, Change, str]] = [
     ("angular_velocity", lambda t: t - 0.4, "angular_velocity: 0.40 s early against the rate of the attitude"),
     ("joint_velocities", lambda t: t + 0.5, "joint_velocities: 0.50 s late against the rate of the positions"),
     ("linear_velocity", lambda t: t + 0.7 * (t > 20.0), "linear_velocity: its clock .* a jump"),
-    (
-        "linear_velocity",
-        lambda t: t + 30.0 * (t > 20.0),
-        "linear_velocity: 1 gaps, the longest 30.* a clock that was set",
-    ),
+    ("linear_velocity", lambda t: t + 30.0 * (t > 20.0), "linear_velocity: 1 gaps, the longest 30.* a clock that was set"),
     ("position", lambda t: 1e3 * t, "position: 50 s between samples: the unit of its times"),
     ("position", lambda t: 1e-9 * t, "position: .* s between samples: the unit of its times"),
     ("attitude", lambda t: 1e9 * t, "attitude: .* s between samples: the unit of its times"),

@@ -14,13 +14,7 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.rollout import PreparedRecording
 
-ASKED = (
-    "linear drag surge-surge",
-    "linear drag sway-sway",
-    "added mass surge-surge",
-    "added mass heave-heave",
-    "displaced mass",
-)
+ASKED = ("linear drag surge-surge", "linear drag sway-sway", "added mass surge-surge", "added mass heave-heave", "displaced mass")
 
 
 @cache

@@ -136,9 +136,7 @@ def test_what_signals_by_hand_tell_less_of_than_is_believed_is_left_to_belief() 
     given = ExperimentTask(vehicle=one, limits=LIMITS, duration=8.0, noise=NOISE)
     aim = given.aim()
     np.testing.assert_allclose(
-        target_deviations(given, Rollout(stage_of(one))),
-        aim.deviations(np.zeros_like(aim.prior_information)),
-        rtol=1e-6,
+        target_deviations(given, Rollout(stage_of(one))), aim.deviations(np.zeros_like(aim.prior_information)), rtol=1e-6
     )
 
 

@@ -23,12 +23,7 @@ POSITION = {"time": "t", "columns": ["x", "y", "z"]}
 
 
 def table(
-    *,
-    names: list[str] | None = NAMES,
-    cell: str = ",",
-    line: str = "\n",
-    before: str = "",
-    rows: list[list[str]] = ROWS,
+    *, names: list[str] | None = NAMES, cell: str = ",", line: str = "\n", before: str = "", rows: list[list[str]] = ROWS
 ) -> str:
     head = [cell.join(names)] if names else []
     return before + line.join([*head, *(cell.join(row) for row in rows)]) + line

@@ -78,18 +78,10 @@ def ros_messages(store: Any, k: int, stamp: int) -> dict[str, Any]:
     order = [k % 2, 1 - k % 2]
     nothing = np.zeros(0)
     joints = of["JointState"](
-        header=header,
-        name=[JOINTS[i] for i in order],
-        position=ANGLES[k, order],
-        velocity=nothing,
-        effort=nothing,
+        header=header, name=[JOINTS[i] for i in order], position=ANGLES[k, order], velocity=nothing, effort=nothing
     )
     layout = of["MultiArrayLayout"](dim=[], data_offset=0)
-    return {
-        "/odometry": odometry,
-        "/joint_states": joints,
-        "/thrust": of["Float64MultiArray"](layout=layout, data=THRUSTS[k]),
-    }
+    return {"/odometry": odometry, "/joint_states": joints, "/thrust": of["Float64MultiArray"](layout=layout, data=THRUSTS[k])}
 
 
 def require_good(read: Recording, *, position_at: float = 0.0) -> None:

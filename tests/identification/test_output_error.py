@@ -12,14 +12,7 @@ from driven import drive, known, turned, vehicle_of
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.model import Vehicle, stage_of
-from uvms_ocp.identification.output_error import (
-    Estimate,
-    FitStatus,
-    Noise,
-    NormalEquations,
-    OutputErrorProblem,
-    SearchPoint,
-)
+from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise, NormalEquations, OutputErrorProblem, SearchPoint
 from uvms_ocp.identification.parameters import Free, Prior
 from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.rollout import N_START, PreparedRecording, Rollout, Segment, SegmentStart

@@ -17,12 +17,7 @@ from uvms_ocp.identification.settings import CalibrationSettings, calibrated_rob
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.loading import robot_folder
 
-SETTINGS = {
-    "robot": "mine",
-    "arm": "taken off",
-    "hull": [[-0.4, -0.25, -0.15], [0.4, 0.25, 0.15]],
-    "learn": {"lag": {}},
-}
+SETTINGS = {"robot": "mine", "arm": "taken off", "hull": [[-0.4, -0.25, -0.15], [0.4, 0.25, 0.15]], "learn": {"lag": {}}}
 SHAPES = {"box": {"size": [0.8, 0.5, 0.3], "drag_coefficient": 0.8}, "sphere": {"radius": 0.3}}
 
 

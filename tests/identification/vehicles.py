@@ -5,13 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.identification.parameters import (
-    ActuatorModel,
-    AxisCouplings,
-    Declaration,
-    NominalParameters,
-    vehicle_declaration,
-)
+from uvms_ocp.identification.parameters import ActuatorModel, AxisCouplings, Declaration, NominalParameters, vehicle_declaration
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 

@@ -170,8 +170,7 @@ def test_phases_of_one_name_or_called_like_an_end_are_refused(name: str) -> None
     """Records tell phases by their names."""
     with pytest.raises(InvalidInput, match=f"phase '{name}'; give each a name of its own, and not 'done' or 'abort'"):
         Mission(
-            hierarchy=Hierarchy([HorizontalAttitude()]),
-            phases=(phase("A", DONE, {"HA": 1.0}), phase(name, DONE, {"HA": 1.0})),
+            hierarchy=Hierarchy([HorizontalAttitude()]), phases=(phase("A", DONE, {"HA": 1.0}), phase(name, DONE, {"HA": 1.0}))
         )
 
 
@@ -225,8 +224,7 @@ def test_back_steps_beyond_the_retries_give_the_mission_up_with_a_reason() -> No
 
 def test_phases_that_cannot_be_reached_or_left_are_found() -> None:
     m = Mission(
-        hierarchy=Hierarchy([HorizontalAttitude()]),
-        phases=(phase("A", DONE, {}), phase("X", "Y", {}), phase("Y", "X", {})),
+        hierarchy=Hierarchy([HorizontalAttitude()]), phases=(phase("A", DONE, {}), phase("X", "Y", {}), phase("Y", "X", {}))
     )
     assert m.unreachable_phases() == ("X", "Y")
     assert m.phases_without_exit() == ("X", "Y")
@@ -234,11 +232,7 @@ def test_phases_that_cannot_be_reached_or_left_are_found() -> None:
 
 
 def test_a_mission_prints_as_a_table_and_as_a_diagram() -> None:
-    assert str(mission()).splitlines() == [
-        "task  type         A    B",
-        "NR    [NR,E,C]     .    1",
-        "HA    [R,I,S]      1    .",
-    ]
+    assert str(mission()).splitlines() == ["task  type         A    B", "NR    [NR,E,C]     .    1", "HA    [R,I,S]      1    ."]
     diagram = adrift(hold=0.3, retries=2).mermaid()
     assert diagram.startswith("stateDiagram-v2\n    [*] --> A\n")
     assert "    B --> A : HA.tilt > 0.5 for 0.3 s (at most 2 times)\n" in diagram

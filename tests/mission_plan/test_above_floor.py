@@ -54,10 +54,6 @@ def distance_of_arm(robot: Robot, q: np.ndarray) -> float:
 
 def distance(geometry: coal.CollisionGeometry, X: pin.SE3) -> float:
     """[m] of a shape at X from the plane z = 0."""
-    floor, request, result = (
-        coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0),
-        coal.DistanceRequest(),
-        coal.DistanceResult(),
-    )
+    floor, request, result = (coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), coal.DistanceRequest(), coal.DistanceResult())
     place = coal.Transform3s(X.rotation, X.translation)
     return float(coal.distance(geometry, place, floor, coal.Transform3s.Identity(), request, result))

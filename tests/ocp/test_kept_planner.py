@@ -25,18 +25,7 @@ from uvms_ocp.ocp.clearance import Ball, BallClearance, ShapeClearance
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpPhase, OcpProblem, single_phase
-from uvms_ocp.ocp.terms import (
-    AtRest,
-    Duration,
-    Effort,
-    Energy,
-    Posture,
-    Smoothness,
-    StageSymbols,
-    TaskTerm,
-    Term,
-    residual_term,
-)
+from uvms_ocp.ocp.terms import AtRest, Duration, Effort, Energy, Posture, Smoothness, StageSymbols, TaskTerm, Term, residual_term
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.planning import CollisionScene, collision_scene, coordinates
 from uvms_ocp.robot.loading import load_robot
@@ -221,9 +210,7 @@ def test_a_changed_field_is_obeyed_or_refused_by_name(case: Case) -> None:
     fresh = Transcription(case.changed)
     x = 0.1 * np.random.default_rng(1).standard_normal(fresh.n_x) + 0.2
     for found, wanted in zip(
-        numbers(transcription, x, p, case.changed),
-        numbers(fresh, x, fresh.parameters(t0=0.3), case.changed),
-        strict=True,
+        numbers(transcription, x, p, case.changed), numbers(fresh, x, fresh.parameters(t0=0.3), case.changed), strict=True
     ):
         np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-12)
     assert transcription.violations(x, p, case.changed) == pytest.approx(fresh.violations(x, fresh.parameters(t0=0.3)))

@@ -16,9 +16,7 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.ocp.clearance import Ball, BallClearance
 from uvms_ocp.ocp.plan import OcpStatus, tracking_error
 from uvms_ocp.ocp.planner import Planner
-from uvms_ocp.ocp.problem import (
-    OcpLevel,
-)
+from uvms_ocp.ocp.problem import OcpLevel
 from uvms_ocp.ocp.terms import AtRest, TaskTerm
 from uvms_ocp.ocp.trajectory import guess_through
 from uvms_ocp.ocp.transcription.transcription import Transcription

@@ -128,10 +128,7 @@ DAMAGES: dict[str, tuple[Any, str]] = {
     "an unknown array": (lambda arrays, text: arrays.update(more=np.zeros(2)), "'more'"),
     "an unknown status": (lambda arrays, text: text.update(status="good"), "good"),
     "a result without points": (lambda arrays, text: arrays.pop("point_0"), "solver's result lacks"),
-    "a result of two sizes": (
-        lambda arrays, text: arrays.update(x=arrays["x"][1:]),
-        "arrays of the solver's result do not fit",
-    ),
+    "a result of two sizes": (lambda arrays, text: arrays.update(x=arrays["x"][1:]), "arrays of the solver's result do not fit"),
     "a robot that is a path": (lambda arrays, text: text.update(robot="../../etc"), "is not in the library"),
 }
 

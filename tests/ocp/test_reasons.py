@@ -113,11 +113,7 @@ def too_fast_to_stop(robot: Robot) -> Case:
     v[0] = 0.9 * robot.limits.velocity[0]
     start = State(q=robot.configuration(position=(0, 0, -5)), v=v)
     wall = along(robot, "wall", -np.inf, 0.02)
-    return (
-        reach(robot, start=start, constraints=(AtRest(), wall), n_steps=N),
-        (OcpStatus.INFEASIBLE,),
-        "constraint 'wall'",
-    )
+    return (reach(robot, start=start, constraints=(AtRest(), wall), n_steps=N), (OcpStatus.INFEASIBLE,), "constraint 'wall'")
 
 
 def contradictory_constraints(robot: Robot) -> Case:

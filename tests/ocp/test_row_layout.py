@@ -35,10 +35,7 @@ def problem(robot: Robot) -> OcpProblem:
         robot=robot,
         start=State(q=q, v=np.zeros(robot.n_v)),
         phases=(OcpPhase(name="go", n_steps=3, duration=(1.0, 4.0)), OcpPhase(name="stay", n_steps=2, duration=1.0)),
-        levels=(
-            OcpLevel(name="posture", terms=(Posture(q=q),)),
-            OcpLevel(name="cheap", terms=(Effort(), Duration()), relax=0.1),
-        ),
+        levels=(OcpLevel(name="posture", terms=(Posture(q=q),)), OcpLevel(name="cheap", terms=(Effort(), Duration()), relax=0.1)),
         constraints=(AtRest(), AtRest(at=At.PATH, phase="stay")),
         water=False,
     )

@@ -98,11 +98,7 @@ class _Callback(ca.Callback):
     """A Python function of dense columns with given output sparsities, under the names that nlpsol expects."""
 
     def __init__(
-        self,
-        name: str,
-        inputs: dict[str, int],
-        outputs: dict[str, ca.Sparsity],
-        call: Callable[[list[ca.DM]], list[ca.DM]],
+        self, name: str, inputs: dict[str, int], outputs: dict[str, ca.Sparsity], call: Callable[[list[ca.DM]], list[ca.DM]]
     ) -> None:
         ca.Callback.__init__(self)
         self.inputs, self.outputs, self.call_back = inputs, outputs, call

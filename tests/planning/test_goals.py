@@ -94,11 +94,7 @@ def test_an_attitude_is_reached_the_short_way_round(robot: Robot, here: float, t
     scene = collision_scene(coordinates(robot, reference=start, axes=("x", "y", "z", "yaw")), [])
     way = np.radians(there - here)
     short = np.arctan2(np.sin(way), np.cos(way))
-    for rpy in (
-        (0.0, 0.0, np.radians(there)),
-        (2 * np.pi, 0.0, np.radians(there)),
-        (np.pi, np.pi, np.radians(there - 180)),
-    ):
+    for rpy in ((0.0, 0.0, np.radians(there)), (2 * np.pi, 0.0, np.radians(there)), (np.pi, np.pi, np.radians(there - 180))):
         x = PostureGoal(rpy=rpy).as_coordinates(CoalDistances(scene), seed=0)
         assert x[3] - scene.coordinates.x(start)[3] == pytest.approx(short, abs=1e-9)
     tool = Kinematics(robot, robot.configuration(rpy=(0.0, 0.0, np.radians(there)))).pose("tool")

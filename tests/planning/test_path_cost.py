@@ -33,10 +33,7 @@ def test_the_penalty_is_twice_differentiable_and_convex() -> None:
 
 def test_limit_penalties_match_their_differences_on_both_sides() -> None:
     v, h = np.linspace(-2.0, 2.0, 401), 1e-6
-    for f in (
-        lambda z: two_sided(z, np.array(1.0), 0.2),
-        lambda z: outside(z, np.array(-1.0), np.array(0.5), 0.1),
-    ):
+    for f in (lambda z: two_sided(z, np.array(1.0), 0.2), lambda z: outside(z, np.array(-1.0), np.array(0.5), 0.1)):
         np.testing.assert_allclose(f(v).slope, (f(v + h).value - f(v - h).value) / (2 * h), atol=1e-6)
         np.testing.assert_allclose(f(v).curvature, (f(v + h).slope - f(v - h).slope) / (2 * h), atol=1e-3)
     assert two_sided(np.array([1e9]), np.array([np.inf]), 0.1).value == 0.0

@@ -28,9 +28,7 @@ def in_turn(found: list[str]) -> list[str]:
 
 
 @pytest.mark.slow
-def test_a_kill_at_any_operation_and_at_any_of_the_recovery_leaves_all_old_files_or_all_new_ones(
-    tmp_path: Path,
-) -> None:
+def test_a_kill_at_any_operation_and_at_any_of_the_recovery_leaves_all_old_files_or_all_new_ones(tmp_path: Path) -> None:
     states = answer("killed", tmp_path)
     assert len(states["found"]) > 50
     assert in_turn(states["found"]) == ["old", "new"]

@@ -174,10 +174,7 @@ def changed(**series: object) -> dict[str, object]:
 
 
 WRONG = {
-    "a shorter series": (
-        changed(q=np.zeros((4, 3))),
-        "series 'q' is float64 of shape (4, 3); allowed: 5 rows of numbers",
-    ),
+    "a shorter series": (changed(q=np.zeros((4, 3))), "series 'q' is float64 of shape (4, 3); allowed: 5 rows of numbers"),
     "one number": (changed(q=np.array(1.0)), "series['q'] = array(1.); give an array of numbers"),
     "words": (changed(x=np.array(["a"] * 5)), "give an array of numbers"),
     "no times": (changed(t=np.zeros(0)), "times t of shape (0,); allowed: one or more [s], finite, each later"),
@@ -186,10 +183,7 @@ WRONG = {
     "time that stands still": (changed(t=np.array([0.0, 1.0, 1.0, 2.0, 3.0])), "each later than the one before"),
     "a time that is none": (changed(t=np.array([0.0, 1.0, np.nan, 2.0, 3.0])), "finite, each later"),
     "an endless time": (changed(t=np.array([0.0, 1.0, 2.0, 3.0, np.inf])), "finite, each later"),
-    "a place that is none": (
-        changed(q=np.diag([1.0, np.nan, 1.0, 1.0, 1.0])),
-        "'q' has NaN or infinity at t = 1 s; record it",
-    ),
+    "a place that is none": (changed(q=np.diag([1.0, np.nan, 1.0, 1.0, 1.0])), "'q' has NaN or infinity at t = 1 s; record it"),
     "more joints than columns": (
         changed(q=np.zeros((5, 1))),
         "series 'q' has shape (5, 1); its metadata allow 5 rows of 2 or more",
@@ -199,32 +193,17 @@ WRONG = {
         changed(activations=np.zeros((5, 3))),
         "'activations' has shape (5, 3); its metadata allow 5 rows of 0",
     ),
-    "a phase that there is not": (
-        changed(phase=np.full(5, 1)),
-        "'phase' counts what the metadata do not have; allowed: whole",
-    ),
+    "a phase that there is not": (changed(phase=np.full(5, 1)), "'phase' counts what the metadata do not have; allowed: whole"),
     "a negative phase": (changed(phase=np.full(5, -1)), "series 'phase' counts"),
-    "another width of numbers": (
-        changed(v=np.zeros((5, 2), dtype=np.float32)),
-        "series 'v' is float32; allowed: float64",
-    ),
-    "a velocity whose square is endless": (
-        changed(v=np.full((5, 2), 1e160)),
-        "series 'v' is larger than 1e+30 at t = 0 s",
-    ),
+    "another width of numbers": (changed(v=np.zeros((5, 2), dtype=np.float32)), "series 'v' is float32; allowed: float64"),
+    "a velocity whose square is endless": (changed(v=np.full((5, 2), 1e160)), "series 'v' is larger than 1e+30 at t = 0 s"),
     "a command of another robot": (
         changed(command=np.zeros((5, 3))),
         "series 'command' has shape (5, 3); its metadata allow 5 rows of 2",
     ),
-    "a place of fewer numbers than axes": (
-        changed(v=np.zeros((5, 4))),
-        "'q' has shape (5, 3); its metadata allow 5 rows",
-    ),
+    "a place of fewer numbers than axes": (changed(v=np.zeros((5, 4))), "'q' has shape (5, 3); its metadata allow 5 rows"),
     "a beginning in the middle": (changed(t=np.arange(5.0) + 1.0), "a run that begins at t = 1 s; allowed: 0 s"),
-    "a status without a word": (
-        changed(status=np.zeros(5, dtype=int)),
-        "series 'status' counts what the metadata do not",
-    ),
+    "a status without a word": (changed(status=np.zeros(5, dtype=int)), "series 'status' counts what the metadata do not"),
     "thrust of one column": (changed(thrust=np.zeros(5)), "series 'thrust' is float64 of shape (5,); allowed: 5 rows"),
     "half a phase": (changed(phase=np.full(5, 0.5)), "series 'phase' counts"),
 }

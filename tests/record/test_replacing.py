@@ -142,10 +142,7 @@ def test_two_commands_do_not_write_to_one_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["/dev/full/out", "/dev/full", "x" * 300, "a/" * 3000, "/proc/out"])
 def test_what_cannot_be_a_folder_is_one_line(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    with (
-        pytest.raises(OutputError, match=r"cannot write there \(.*\); choose another folder"),
-        claim_folder(Path(name), NAMES),
-    ):
+    with pytest.raises(OutputError, match=r"cannot write there \(.*\); choose another folder"), claim_folder(Path(name), NAMES):
         pytest.fail("the work began")
     assert not list(tmp_path.iterdir())
 
@@ -176,10 +173,7 @@ def test_a_damaged_manifest_or_journal_is_one_line(kind: str, name: str, tmp_pat
 
 def test_a_manifest_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     (tmp_path / ".uvms_ocp" / "manifest.json").mkdir(parents=True)
-    with (
-        pytest.raises(OutputError, match=r"manifest.json: cannot read it \(.*\); choose another"),
-        claim_folder(tmp_path, NAMES),
-    ):
+    with pytest.raises(OutputError, match=r"manifest.json: cannot read it \(.*\); choose another"), claim_folder(tmp_path, NAMES):
         pytest.fail("the work began")
 
 

@@ -31,11 +31,7 @@ from uvms_ocp.viz.task_figures import figure_row_activations
 RECORDS = Path(__file__).parents[1] / "records"
 RUN, PLANS = "run_v0_1.npz", ("plan_curve_v0_1.npz", "plan_ocp_v0_1.npz")
 UNLIMITED = LimitsMeta(
-    position_lower=(-math.inf,),
-    position_upper=(math.inf,),
-    velocity=(1.0,),
-    acceleration=(0.1 + 0.2,),
-    effort=(1e-300,),
+    position_lower=(-math.inf,), position_upper=(math.inf,), velocity=(1.0,), acceleration=(0.1 + 0.2,), effort=(1e-300,)
 )
 BARE = RunMeta(
     scenario="bare",
@@ -93,12 +89,7 @@ def test_infinity_and_nan_survive_json() -> None:
 
 def test_nothing_in_metadata_can_be_changed() -> None:
     meta = Record.load(RECORDS / RUN).run_meta
-    for value, field in (
-        (meta, "completed"),
-        (meta.events[0], "t"),
-        (meta.surroundings, "floor"),
-        (meta.limits, "effort"),
-    ):
+    for value, field in ((meta, "completed"), (meta.events[0], "t"), (meta.surroundings, "floor"), (meta.limits, "effort")):
         with pytest.raises(ValidationError, match="frozen"):
             setattr(value, field, None)
     hash(meta)  # no list and no dictionary anywhere
@@ -112,19 +103,7 @@ def test_a_field_that_does_not_exist_is_refused() -> None:
 def test_a_run_of_0_1_says_what_it_said() -> None:
     old, meta = raw(RUN), Record.load(RECORDS / RUN).run_meta
     assert "version" not in old
-    for name in (
-        "scenario",
-        "robot",
-        "plant",
-        "solver",
-        "dt",
-        "wall_s",
-        "seed",
-        "noise",
-        "floating",
-        "completed",
-        "pending",
-    ):
+    for name in ("scenario", "robot", "plant", "solver", "dt", "wall_s", "seed", "noise", "floating", "completed", "pending"):
         assert getattr(meta, name) == old[name]
     for name in ("events", "alarms", "thresholds", "tasks", "levels"):
         assert [item.model_dump(exclude={"true_quantities", "conditions", "tool"}) for item in getattr(meta, name)] == old[name]
@@ -199,18 +178,9 @@ DAMAGES = [
     ("{}", "neither a run nor a plan"),
     (write_meta(BARE).replace('"0.2"', '"7.0"'), "format '7.0'; this version reads 0.2 and 0.1: install a newer one"),
     (write_meta(BARE).replace('"run"', '"walk"'), "neither a run nor a plan, but 'walk'"),
-    (
-        write_meta(BARE).replace('"plant"', '"plnt"'),
-        "plant: missing; give it a value; and plnt: unknown key; did you mean",
-    ),
-    (
-        write_meta(BARE).replace('"completed":true', '"completed":"yes"'),
-        "completed: given 'yes'; allowed: a valid boolean",
-    ),
-    (
-        write_meta(BARE).replace('"title":""', '"title":"","colour":1'),
-        "phases.0.colour: unknown key; known here: name, tasks",
-    ),
+    (write_meta(BARE).replace('"plant"', '"plnt"'), "plant: missing; give it a value; and plnt: unknown key; did you mean"),
+    (write_meta(BARE).replace('"completed":true', '"completed":"yes"'), "completed: given 'yes'; allowed: a valid boolean"),
+    (write_meta(BARE).replace('"title":""', '"title":"","colour":1'), "phases.0.colour: unknown key; known here: name, tasks"),
     (write_meta(PLAN).replace('"axes":["j"]', '"axes":"j"'), "axes: given 'j'"),
     (json.dumps(raw(RUN) | {"markers": 3}), "surroundings.markers: given 3"),
     (json.dumps(raw(RUN) | {"phases": []}), "phases: given"),
@@ -218,19 +188,13 @@ DAMAGES = [
     (json.dumps(raw(RUN) | {"floor": {"x": [0, 1], "y": [0, 1], "z": [[1, 2]]}}), "2 rows of 2 heights"),
     (json.dumps(raw(RUN) | {"remark": "x"}), "remark: unknown key"),
     (changed(events=raw(RUN)["events"][::-1]), "leads from 'C' to 'D'; the mission was in 'A'"),
-    (
-        changed(events=[EVENT, EVENT | {"source": "B", "target": "A"}]),
-        "after one at 1 s; events stand in order of time",
-    ),
+    (changed(events=[EVENT, EVENT | {"source": "B", "target": "A"}]), "after one at 1 s; events stand in order of time"),
     (changed(events=[EVENT | {"target": "Q"}]), "an event at 1 s leads from 'A' to 'Q'; the mission was in 'A'"),
     (changed(events=[EVENT | {"target": "done"}, EVENT | {"t": 2.0}]), "from 'A' to 'B'; the mission was in 'done'"),
     (changed(phases=[{"name": "A"}, {"name": "A"}]), "two phases are called 'A'"),
     (changed(phases=[{"name": "A"}, {"name": "abort"}]), "two phases are called 'abort'"),
     (changed(dt=0.0), "dt: given 0.0; allowed: greater than or equal to 0.000000001"),
-    (
-        changed(thresholds=[{"phase": "A", "quantity": "x", "limit": math.nan, "sign": "<"}]),
-        "thresholds.0.limit: given nan",
-    ),
+    (changed(thresholds=[{"phase": "A", "quantity": "x", "limit": math.nan, "sign": "<"}]), "thresholds.0.limit: given nan"),
     (changed(frames={"goal": [0.0] * 7}), "has norm 1, not 0"),
     (changed(markers={"x": [0.0, 0.0, 1e308]}), "surroundings.markers.0.position.2: given 1e+308"),
     (json.dumps(raw(PLANS[0]) | {"axis_limits": {"x_rate": [1.0]}}), "axis_limits have one number for each of 11 axes"),

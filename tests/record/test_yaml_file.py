@@ -22,10 +22,7 @@ BEYOND = {
     "a long whole number": (f"water_density: {'9' * 5000}", "a number of 5000 characters; at most 100 are read"),
     "a long number to another base": (f"water_density: 0x{'f' * 5000}", "a number of 5002 characters"),
     "a value in itself": ("a: &a [*a]", "a value that contains itself"),
-    "laughter": (
-        "b0: &b0 [1]\n" + "".join(f"b{i}: &b{i} [{_NINE.format(i - 1)}]\n" for i in range(1, 10)),
-        "more than 50",
-    ),
+    "laughter": ("b0: &b0 [1]\n" + "".join(f"b{i}: &b{i} [{_NINE.format(i - 1)}]\n" for i in range(1, 10)), "more than 50"),
     "a date that is none": ("a: 2001-99-99", "month must be in 1..12"),
     "an object": ("a: !!python/object/apply:os.mkdir [trap]", "could not determine a constructor"),
     "bytes that are none": ("a: !!binary 'a'", "not valid YAML"),

@@ -32,11 +32,7 @@ def record() -> Record:
     residual[30:, 3] = 0.7  # the action
     unlimited = (np.inf, np.inf)
     limits = LimitsMeta(
-        position_lower=(-np.inf, -np.inf),
-        position_upper=unlimited,
-        velocity=unlimited,
-        acceleration=(1.0, 2.0),
-        effort=unlimited,
+        position_lower=(-np.inf, -np.inf), position_upper=unlimited, velocity=unlimited, acceleration=(1.0, 2.0), effort=unlimited
     )
     meta = RunMeta(
         scenario="two axes",
@@ -57,9 +53,7 @@ def record() -> Record:
     return Record(series=series, meta=meta)
 
 
-def test_series_are_shares_of_the_acceleration_second_differences_and_what_full_tasks_above_miss(
-    record: Record,
-) -> None:
+def test_series_are_shares_of_the_acceleration_second_differences_and_what_full_tasks_above_miss(record: Record) -> None:
     series = transition_series(record)
     assert series["step"][10] == pytest.approx(0.5)
     assert series["step"][25] == pytest.approx(2.0)

@@ -45,12 +45,7 @@ def link_motions(dynamics: SymbolicDynamics, q: np.ndarray, v: np.ndarray) -> li
 
 
 def inverse_dynamics(
-    dynamics: SymbolicDynamics,
-    q: np.ndarray,
-    v: np.ndarray,
-    a: np.ndarray,
-    u: np.ndarray,
-    Du_Dt: np.ndarray,
+    dynamics: SymbolicDynamics, q: np.ndarray, v: np.ndarray, a: np.ndarray, u: np.ndarray, Du_Dt: np.ndarray
 ) -> np.ndarray:
     """Generalized force for the acceleration a in water of velocity u and acceleration Du_Dt (n_links, 3)."""
     model = dynamics.model
@@ -117,11 +112,5 @@ def drag(link: object, nu_r: np.ndarray) -> np.ndarray:
 def _add_frame(model: pin.Model, name: str, X_FL: pin.SE3) -> int:
     carrier = model.frames[model.getFrameId(name)]
     return model.addFrame(
-        pin.Frame(
-            f"L {model.nframes}",
-            carrier.parentJoint,
-            0,
-            carrier.placement * X_FL,
-            pin.FrameType.OP_FRAME,
-        )
+        pin.Frame(f"L {model.nframes}", carrier.parentJoint, 0, carrier.placement * X_FL, pin.FrameType.OP_FRAME)
     )

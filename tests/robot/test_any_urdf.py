@@ -33,24 +33,15 @@ def mesh(kind: str, name: str) -> str:
 
 
 HARMLESS = {
-    "material without a name": (
-        robot(f"<visual>{BOX}<material name=''><color rgba='1 0 0 1'/></material></visual>"),
-        "",
-    ),
+    "material without a name": (robot(f"<visual>{BOX}<material name=''><color rgba='1 0 0 1'/></material></visual>"), ""),
     "material that nobody defines": (robot(f"<visual>{BOX}<material name='Gazebo/Teal'/></visual>"), "drawn grey"),
-    "colour of three": (
-        robot(f"<visual>{BOX}<material name='r'><color rgba='1 0 0'/></material></visual>"),
-        "drawn grey",
-    ),
+    "colour of three": (robot(f"<visual>{BOX}<material name='r'><color rgba='1 0 0'/></material></visual>"), "drawn grey"),
     "picture that is missing": (robot(mesh("visual", "package://x/y.dae")), "not drawn"),
     "picture of a model": (robot(mesh("visual", "model://x/y.stl")), "not drawn"),
     "picture that nothing reads": (robot(mesh("visual", "picture.glb")), "picture.glb' cannot be read"),
     "pointer of Git LFS": (robot(mesh("visual", "pointer.stl")), "pointer of Git LFS"),
     "picture of no size": (robot("<visual><geometry><box size='1 1 0'/></geometry></visual>"), "not drawn"),
-    "contact of no size": (
-        robot("<collision><geometry><box size='0 0 0'/></geometry></collision>"),
-        "nothing can touch",
-    ),
+    "contact of no size": (robot("<collision><geometry><box size='0 0 0'/></geometry></collision>"), "nothing can touch"),
     "limits of a propeller": (robot("", PROPELLER.format(limit="<limits effort='-1' velocity='-1'/>")), "<limits>"),
     "limit below 0": (robot("", PROPELLER.format(limit="<limit effort='-1' velocity='-1'/>")), "taken as no limit"),
     "equal twins": (
@@ -182,12 +173,7 @@ def opens(path: Path) -> bool:
 
 
 PAINT = ("", "<material name=''/>", "<material name='a'/>", "<material name='b'><color rgba='1 1 1 1'/></material>")
-PICTURES = (
-    "box size='1 1 1'",
-    "sphere radius='0'",
-    "mesh filename='package://n/m.dae'",
-    "cylinder radius='1' length='2'",
-)
+PICTURES = ("box size='1 1 1'", "sphere radius='0'", "mesh filename='package://n/m.dae'", "cylinder radius='1' length='2'")
 CONTACTS = (BOX, "", BOX.replace("0.3 0.2 0.1", "0 0 0"))
 KINDS = ("fixed", "continuous", "revolute", "prismatic", "floating", "planar")
 LIMITS = ("", "<limit lower='-1' upper='1' velocity='1' effort='1'/>", "<limit velocity='0' effort='0'/>")

@@ -40,17 +40,9 @@ MISTAKES = {
     "NaN": ("water_density: .nan", "water_density", "finite"),
     "wrong base": ("base: wheels", "base", "'free_flyer' or 'fixed'"),
     "negative volume": (coefficients("volume: -0.1"), "links.hull.coefficients.volume: given -0.1;", "or equal to 0"),
-    "buoyancy without volume": (
-        coefficients("centre_of_buoyancy: [0, 0, 0.1]"),
-        "links.hull.coefficients",
-        "volume > 0",
-    ),
+    "buoyancy without volume": (coefficients("centre_of_buoyancy: [0, 0, 0.1]"), "links.hull.coefficients", "volume > 0"),
     "five coefficients": (coefficients("quadratic_drag: [1, 1, 1, 1, 1]"), "quadratic_drag", "missing"),
-    "negative quadratic drag": (
-        coefficients("quadratic_drag: [1, 1, -1, 1, 1, 1]"),
-        r"quadratic_drag.2: given -1;",
-        "0",
-    ),
+    "negative quadratic drag": (coefficients("quadratic_drag: [1, 1, -1, 1, 1, 1]"), r"quadratic_drag.2: given -1;", "0"),
     "drag that feeds energy": (
         coefficients("linear_drag: [1, 1, -2, 1, 1, 1]"),
         "linear_drag",

@@ -33,11 +33,7 @@ def lagrangian(robot: Robot, q: ca.SX, q_dot: ca.SX) -> ca.SX:
     (m0, c0, J0), (m1, c1, J1), (m2, c2, J2) = map(_body, list(robot.model.inertias)[3:])
     L0, L1 = (robot.model.jointPlacements[i].translation[0] for i in (4, 5))
     f1 = (m0 + m1 + m2) / 2
-    f2, f3, f4 = (
-        _rotation(J0, m0, c0, m1 + m2, L0),
-        _rotation(J1, m1, c1, m2, L1),
-        _rotation(J2, m2, c2, 0, 0),
-    )
+    f2, f3, f4 = (_rotation(J0, m0, c0, m1 + m2, L0), _rotation(J1, m1, c1, m2, L1), _rotation(J2, m2, c2, 0, 0))
     f5, f6, f7 = m0 * c0 + (m1 + m2) * L0, m1 * c1 + m2 * L1, m2 * c2
     f8, f9, f10 = L0 * f6, L0 * f7, L1 * f7
     _, _, alpha, theta1, theta2 = ca.vertsplit(q)

@@ -75,8 +75,7 @@ def test_a_joint_that_follows_stays_where_its_leader_puts_it(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("leading", "home", "leader"),
-    [("'-1' upper='1'", "", 0.0), ("'0.2' upper='1'", "", 0.6), ("'-1' upper='1'", "0.3", 0.3)],
+    ("leading", "home", "leader"), [("'-1' upper='1'", "", 0.0), ("'0.2' upper='1'", "", 0.6), ("'-1' upper='1'", "0.3", 0.3)]
 )
 def test_a_joint_that_follows_is_where_the_home_of_its_leader_puts_it(
     leading: str, home: str, leader: float, tmp_path: Path
@@ -141,8 +140,7 @@ def test_quadratic_drag_takes_a_matrix_that_takes_energy(tmp_path: Path) -> None
     assert_allclose(np.diag(diagonal.quadratic_drag), MATRIX)
     path = tmp_path / "water.yaml"
     path.write_text(
-        f"convention: NED\nlinks: {{base_link: {{coefficients: {{quadratic_drag: {rows}, volume: 0.01}}}}}}\n",
-        encoding="utf-8",
+        f"convention: NED\nlinks: {{base_link: {{coefficients: {{quadratic_drag: {rows}, volume: 0.01}}}}}}\n", encoding="utf-8"
     )
     turned = forward_left_up(read_description(path)).links["base_link"].coefficients
     T = np.diag([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])

@@ -244,10 +244,7 @@ BROKEN_URDFS = {
         link("a") + link("b") + joint(limit="<limit lower='1' upper='-1' velocity='1' effort='1'/>"),
         "lower 1.0 > upper -1.0",
     ),
-    "endless axis": (
-        link("a") + link("b") + joint(axis="0 0 1e200"),
-        "axis: given '0 0 1e200'; allowed: a length from",
-    ),
+    "endless axis": (link("a") + link("b") + joint(axis="0 0 1e200"), "axis: given '0 0 1e200'; allowed: a length from"),
     "zero axis": (link("a") + link("b") + joint(axis="0 0 0"), "joint 'j' axis: given '0 0 0'"),
     "two parents": (link("a") + link("b") + joint() + joint(name="k"), "link 'b' has two parents"),
     "loop": (link("a") + link("b") + joint() + BACK_TO_A, "root links"),

@@ -219,17 +219,7 @@ def _perturbed(text: str, rng: np.random.Generator) -> str:
     words = text.split()
     i = rng.integers(len(words))
     value = float(words[i])
-    ways = (
-        f"{1.01 * value!r}",
-        f"{value:+.6e}",
-        f"{words[i]}e0",
-        f" {words[i]}",
-        *NOT_READ[:6],
-        "0",
-        "-1",
-        "1e100",
-        "1_0",
-    )
+    ways = (f"{1.01 * value!r}", f"{value:+.6e}", f"{words[i]}e0", f" {words[i]}", *NOT_READ[:6], "0", "-1", "1e100", "1_0")
     words[i] = ways[rng.integers(len(ways))]
     return " ".join(words)
 

@@ -61,11 +61,7 @@ def test_a_misspelt_attribute_is_refused(name: str) -> None:
 @pytest.mark.parametrize(
     ("place", "text", "message"),
     [
-        (
-            "joint",
-            "<dynamics dampning='1'/>",
-            "joint 'j' dynamics: unknown attribute dampning; did you mean 'damping'?",
-        ),
+        ("joint", "<dynamics dampning='1'/>", "joint 'j' dynamics: unknown attribute dampning; did you mean 'damping'?"),
         ("joint", "<origin xyz='0 0 0' xzy='1 1 1'/>", "joint 'j' origin: unknown attribute xzy; did you mean"),
         ("joint", "<origin quat_xyzw='0 0 0 1'/>", "joint 'j' origin: unknown attribute quat_xyzw; allowed: rpy, xyz"),
         ("joint", "<axis rpy='0 1.57 0' xyz='0 0 1'/>", "joint 'j' axis: unknown attribute rpy; allowed: xyz"),

@@ -157,8 +157,7 @@ def test_a_seabed_above_the_goals_is_refused_for_every_cause() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("options", "task"),
-    [({"way_point": pose_at((10.0, 37.0, -41.0))}, "PC"), ({"target": (12.0, 37.0, -40.5)}, "T")],
+    ("options", "task"), [({"way_point": pose_at((10.0, 37.0, -41.0))}, "PC"), ({"target": (12.0, 37.0, -40.5)}, "T")]
 )
 def test_a_goal_below_the_floor_is_refused(options: dict[str, Any], task: str) -> None:
     (finding,) = case1(plant="kinematic", **options).check().of_check("goal")
@@ -229,9 +228,7 @@ def test_a_phase_that_waits_for_a_task_that_is_off_is_a_warning() -> None:
 def test_a_phase_that_nothing_leads_to_is_a_warning_and_one_without_exit_an_error() -> None:
     scenario = case1(plant="kinematic")
     lost = Phase(
-        name="X",
-        activations={"PC": 1.0},
-        transitions=(Transition(to="X", when=(Below(quantity="HA.tilt", limit=1.0),)),),
+        name="X", activations={"PC": 1.0}, transitions=(Transition(to="X", when=(Below(quantity="HA.tilt", limit=1.0),)),)
     )
     report = with_phases(scenario, (*scenario.mission.phases, lost)).check()
     assert "no transition leads to phase 'X'" in texts(report, Severity.WARNING)

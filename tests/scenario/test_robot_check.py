@@ -13,13 +13,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.assembly import with_trim, without_arm, without_trim
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.loading import example_robot_data, list_robots, load_robot, robot_folder
-from uvms_ocp.scenario.preflight.robot_check import (
-    RobotFinding,
-    RobotReport,
-    RobotVerdict,
-    check_robot,
-    check_robot_files,
-)
+from uvms_ocp.scenario.preflight.robot_check import RobotFinding, RobotReport, RobotVerdict, check_robot, check_robot_files
 
 MASS = "<inertial><mass value='1'/><inertia ixx='{}' ixy='0' ixz='0' iyy='1' iyz='0' izz='1'/></inertial>"
 

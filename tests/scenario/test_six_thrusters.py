@@ -12,15 +12,7 @@ from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.scenario.options import RunOptions, abort_phase, activate, mission_of, run_options
 from uvms_ocp.scenario.preflight import Severity
 from uvms_ocp.scenario.scenario import Scenario
-from uvms_ocp.tasks import (
-    Alignment,
-    HorizontalAttitude,
-    JointLimits,
-    JointTracking,
-    MinimumAltitude,
-    ToolPosition,
-    VehiclePose,
-)
+from uvms_ocp.tasks import Alignment, HorizontalAttitude, JointLimits, JointTracking, MinimumAltitude, ToolPosition, VehiclePose
 
 WAY_POINT, TARGET = (3.0, 0.0, -8.0), (4.1, 0.0, -8.6)
 

@@ -17,15 +17,7 @@ from uvms_ocp.robot.shapes.hull import skid_points
 from uvms_ocp.robot.signals import Command
 from uvms_ocp.sim import plant as dynamic_plant
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
-from uvms_ocp.sim.dynamic_step import (
-    CARRIED,
-    ContactModel,
-    JointStops,
-    StepModel,
-    StepSequence,
-    parts_of,
-    step_function,
-)
+from uvms_ocp.sim.dynamic_step import CARRIED, ContactModel, JointStops, StepModel, StepSequence, parts_of, step_function
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.faults import parse_faults
 from uvms_ocp.sim.plant import DynamicPlant

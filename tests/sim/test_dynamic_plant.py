@@ -85,9 +85,7 @@ def rise_of_energy(robot: Robot, max_step: float, duration: float) -> float:
     free = dataclasses.replace(
         robot,
         limits=dataclasses.replace(
-            robot.limits,
-            position_lower=np.full(robot.n_joints, -np.inf),
-            position_upper=np.full(robot.n_joints, np.inf),
+            robot.limits, position_lower=np.full(robot.n_joints, -np.inf), position_upper=np.full(robot.n_joints, np.inf)
         ),
     )
     rng = np.random.default_rng(5)
@@ -151,10 +149,7 @@ def sphere_plant(current: Current, v: np.ndarray, max_step: float) -> DynamicPla
     model.inertias[1] = pin.Inertia(mass, np.zeros(3), 0.1 * np.eye(3))
     link = LinkHydrodynamics(frame="base_link", added_mass=mass / 2 * np.r_[np.ones(3), np.zeros(3)], volume=mass / density)
     dynamics = Dynamics(SymbolicDynamics(model=model, links=(link,), density=density))
-    q, environment = (
-        robot.configuration(position=[0, 0, -39.0]),
-        Environment(seafloor=FlatSeafloor(z=-40.0), current=current),
-    )
+    q, environment = (robot.configuration(position=[0, 0, -39.0]), Environment(seafloor=FlatSeafloor(z=-40.0), current=current))
     return with_velocity(DynamicPlant(robot, q, dynamics=dynamics, environment=environment, max_step=max_step), v)
 
 

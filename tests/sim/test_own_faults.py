@@ -86,11 +86,7 @@ class OddOfRun:
     ("left", "heard", "message"),
     [
         (lambda command: 3.0, None, "fault Odd returned float for a command; return a Command"),
-        (
-            lambda c: replace(c, thrust=np.zeros(3)),
-            None,
-            r"command of fault Odd has thrust of shape \(3,\); give 8 finite",
-        ),
+        (lambda c: replace(c, thrust=np.zeros(3)), None, r"command of fault Odd has thrust of shape \(3,\); give 8 finite"),
         (lambda c: replace(c, torque=None), None, "command of fault Odd has torque None; give 7 finite numbers"),
         (lambda c: replace(c, v=c.v * np.nan), None, "command of fault Odd has v not finite; give 13 finite numbers"),
         (None, 3.0, "sensors with fault Odd returned float; return Readings"),

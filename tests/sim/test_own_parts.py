@@ -150,12 +150,7 @@ def test_parts_of_ones_own_go_to_another_process_with_their_scenario() -> None:
 def test_records_and_reports_name_the_parts() -> None:
     ours, own = flown(duration=0.1), replace(all_own(), duration=0.1)
     names = ("plant", "sensors", "estimator", "controller")
-    assert [summarize(ours.run())[name] for name in names] == [
-        "dynamic",
-        "SensorSuite",
-        "PassThrough",
-        "DynamicController",
-    ]
+    assert [summarize(ours.run())[name] for name in names] == ["dynamic", "SensorSuite", "PassThrough", "DynamicController"]
     assert [summarize(own.run())[name] for name in names] == ["ExtraDrag", "Bursts", "ComplementaryFilter", "Pid"]
     assert replace(ours, controller=partial(our_controller, guide=None)).own_parts == {"controller": "our_controller"}
 

@@ -71,14 +71,8 @@ EFFORTS = {"thrust": np.zeros(8), "torque": np.zeros(7), "thruster_energy": np.f
         ({"told": {"note": "text"}}, r"has note of shape \(\) and type <U4; give numbers \(n,\), or one"),
         ({"told": {"grid": np.eye(2)}}, r"has grid of shape \(2, 2\) and type float64; give numbers \(n,\), or one"),
         ({"told": {"thrust": np.zeros(8)}}, "has 'thrust'; give all of thrust, torque, thruster_energy, joint_energy"),
-        (
-            {"told": {**EFFORTS, "torque": np.zeros(3)}},
-            r"has torque of shape \(3,\); give finite numbers of shape \(7,\)",
-        ),
-        (
-            {"told": {**EFFORTS, "thrust": np.full(8, NAN)}},
-            r"has thrust not finite; give finite numbers of shape \(8,\)",
-        ),
+        ({"told": {**EFFORTS, "torque": np.zeros(3)}}, r"has torque of shape \(3,\); give finite numbers of shape \(7,\)"),
+        ({"told": {**EFFORTS, "thrust": np.full(8, NAN)}}, r"has thrust not finite; give finite numbers of shape \(8,\)"),
     ],
 )
 def test_a_state_or_telemetry_that_cannot_be_recorded(odd: dict[str, Any], message: str) -> None:
@@ -184,10 +178,7 @@ def test_what_sensors_do_to_the_state_they_see_changes_nothing() -> None:
 @pytest.mark.parametrize(
     ("parts", "message"),
     [
-        (
-            {"plant": Pid()},
-            "plant Pid has no takes_forces; give it True for thrust and torque, False for velocities alone",
-        ),
+        ({"plant": Pid()}, "plant Pid has no takes_forces; give it True for thrust and torque, False for velocities alone"),
         ({"plant": 3.0}, "plant = 3.0; give a string or a function"),
         ({"sensors": ComplementaryFilter}, "sensors ComplementaryFilter have no specs, a SensorSpecs; give it"),
         ({"estimator": 3.0}, "estimator = 3.0; give a function"),
@@ -229,11 +220,7 @@ def test_the_names_of_plants_are_known() -> None:
 @pytest.mark.parametrize(
     ("parts", "fault", "message"),
     [
-        (
-            {"plant": ExtraDrag()},
-            "joint2:jam@1",
-            "joint2:jam@1: plant ExtraDrag has no 'joint' in its simulated_faults",
-        ),
+        ({"plant": ExtraDrag()}, "joint2:jam@1", "joint2:jam@1: plant ExtraDrag has no 'joint' in its simulated_faults"),
         (
             {"plant": DoubleIntegrator},
             "current:step=0.1,0,0@1",

@@ -188,8 +188,7 @@ def test_a_survey_is_read_from_a_file_and_goes_through_its_points(form, tmp_path
 
 
 @pytest.mark.parametrize(
-    "text",
-    ["", "x,y,z", "0,0,1\n1,0,1\n0,1,1", "0,0,1\n0,0,1\n1,0,1\n1,1,1", "0,0\n1,1", "0,0,1\n1,0,nan\n0,1,1\n1,1,1"],
+    "text", ["", "x,y,z", "0,0,1\n1,0,1\n0,1,1", "0,0,1\n0,0,1\n1,0,1\n1,1,1", "0,0\n1,1", "0,0,1\n1,0,nan\n0,1,1\n1,1,1"]
 )
 def test_a_survey_with_holes_is_refused_in_one_line(text, tmp_path):
     (tmp_path / "floor.csv").write_text(text, encoding="utf-8")

@@ -12,15 +12,7 @@ from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.shapes.hull import skid_points
 from uvms_ocp.robot.spatial import quaternion_to_matrix
-from uvms_ocp.sim.currents import (
-    Current,
-    GustyCurrent,
-    OnsetCurrent,
-    ShearedCurrent,
-    StillWater,
-    UniformCurrent,
-    water_at,
-)
+from uvms_ocp.sim.currents import Current, GustyCurrent, OnsetCurrent, ShearedCurrent, StillWater, UniformCurrent, water_at
 from uvms_ocp.sim.environment import Environment, EnvironmentSampler
 from uvms_ocp.sim.seafloor import FlatSeafloor, HeightField, Seafloor, ground_at
 
@@ -37,10 +29,7 @@ CURRENTS: dict[str, Current] = {
     "sheared": SHEARED,
     "gusty and sheared": GustyCurrent(base=SHEARED, seed=2),
 }
-FLOORS: dict[str, Seafloor] = {
-    "flat": FlatSeafloor(z=-40.0),
-    "bumpy": HeightField.random("small", z=-40.0, extent=40.0, seed=1),
-}
+FLOORS: dict[str, Seafloor] = {"flat": FlatSeafloor(z=-40.0), "bumpy": HeightField.random("small", z=-40.0, extent=40.0, seed=1)}
 T = 2.3
 
 
@@ -110,10 +99,7 @@ def test_every_link_and_point_feels_what_is_there(name: str, floor: str) -> None
 @pytest.mark.parametrize("name", CURRENTS)
 def test_a_current_and_a_floor_of_ones_own_are_asked_at_every_point(name: str) -> None:
     q = ROBOT.configuration(position=(1.0, 2.0, -39.5), rpy=(0.1, -0.2, 0.5))
-    known, own = (
-        sampled(CURRENTS[name], FLOORS["bumpy"], q),
-        sampled(OwnCurrent(CURRENTS[name]), OwnFloor(FLOORS["bumpy"]), q),
-    )
+    known, own = (sampled(CURRENTS[name], FLOORS["bumpy"], q), sampled(OwnCurrent(CURRENTS[name]), OwnFloor(FLOORS["bumpy"]), q))
     for key, value in known.items():
         np.testing.assert_allclose(own[key], value, atol=1e-13, err_msg=key)
 

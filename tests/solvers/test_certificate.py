@@ -15,13 +15,7 @@ from uvms_ocp.codegen.compile import compile_library
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet, core_source
-from uvms_ocp.solvers.hierarchy.certificate import (
-    NormalRows,
-    certificate,
-    level_excesses,
-    normal_certificate,
-    normal_rows,
-)
+from uvms_ocp.solvers.hierarchy.certificate import NormalRows, certificate, level_excesses, normal_certificate, normal_rows
 from uvms_ocp.solvers.hierarchy.level import Level, stack
 
 SIZES = (5, 2, 3, 1, 3, 5)
@@ -140,10 +134,7 @@ def test_a_wrong_velocity_of_seven_joints_is_seen() -> None:
 CONTRADICTING: list[tuple[Level, list[float]]] = [
     (Level(jacobian=[[1.0], [1.0]], lower=[1.0, -1.0], upper=[1.0, -1.0]), [0.9]),
     (Level(jacobian=[[1.0], [1.0]], lower=[-2.0, 1.0], upper=[-1.0, 2.0]), [0.5]),
-    (
-        Level(jacobian=[[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], lower=[-1.0, -1.0, 10.0], upper=[1.0, 1.0, 10.0]),
-        [1.0, 1.0],
-    ),
+    (Level(jacobian=[[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], lower=[-1.0, -1.0, 10.0], upper=[1.0, 1.0, 10.0]), [1.0, 1.0]),
 ]
 
 

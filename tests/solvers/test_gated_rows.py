@@ -48,11 +48,7 @@ def _cases(count: int) -> Iterator[Rows]:
 def expressions() -> ca.Function:
     J, v = ca.MX.sym("J", M, N), ca.MX.sym("v", N)
     lower, upper, gate = (ca.MX.sym(name, M) for name in ("lower", "upper", "gate"))
-    outputs = [
-        is_valid(J, lower, upper, gate),
-        *widen_bounds(J, lower, upper, gate),
-        residual(J, v, lower, upper, gate),
-    ]
+    outputs = [is_valid(J, lower, upper, gate), *widen_bounds(J, lower, upper, gate), residual(J, v, lower, upper, gate)]
     return ca.Function("rows", [J, lower, upper, gate, v], outputs)
 
 
@@ -125,9 +121,7 @@ def test_the_smallest_gates_leave_numbers_also_of_rows_of_zeros(gate: float) -> 
 
 
 @pytest.mark.parametrize("solver", STRICT)
-def test_a_gate_that_closes_leads_to_the_problem_without_its_rows_and_one_that_opens_to_that_with_them(
-    solver: Strict,
-) -> None:
+def test_a_gate_that_closes_leads_to_the_problem_without_its_rows_and_one_that_opens_to_that_with_them(solver: Strict) -> None:
     mattered = 0
     for seed in range(20):
         levels = random_hierarchy(seed, 7, (7, 2, 3, 1, 2, 7))

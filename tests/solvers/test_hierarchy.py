@@ -95,10 +95,7 @@ def test_lower_levels_never_change_higher_ones(seed: int) -> None:
 def test_a_last_level_of_zero_velocity_gives_the_shortest_velocity() -> None:
     rng = np.random.default_rng(1)
     J, b = rng.standard_normal((4, 9)), rng.standard_normal(4)
-    levels = [
-        Level(jacobian=J, lower=b, upper=b),
-        Level(jacobian=np.eye(9), lower=0.0, upper=0.0),
-    ]
+    levels = [Level(jacobian=J, lower=b, upper=b), Level(jacobian=np.eye(9), lower=0.0, upper=0.0)]
     for solver in SOLVERS:
         np.testing.assert_allclose(solver.solve(levels).v, np.linalg.pinv(J) @ b, atol=1e-5)
 
@@ -260,13 +257,7 @@ def test_misled_plugins_are_replaced_once(cured: int, status: Status, calls: int
 @pytest.mark.parametrize("number", [np.inf, np.nan, 0.0, -1.0])
 @pytest.mark.parametrize(
     ("solver", "name"),
-    [
-        (Icat, "damping"),
-        (Icat, "threshold"),
-        (Icat, "weight"),
-        (LexicographicQp, "proximal"),
-        (LexicographicQp, "tolerance"),
-    ],
+    [(Icat, "damping"), (Icat, "threshold"), (Icat, "weight"), (LexicographicQp, "proximal"), (LexicographicQp, "tolerance")],
 )
 def test_a_setting_with_which_nothing_can_be_solved_is_refused_at_once(solver: type, name: str, number: float) -> None:
     with pytest.raises(InvalidInput, match=f"{name} = {number}; give a number > 0"):

@@ -7,14 +7,7 @@ import pytest
 
 from uvms_ocp.solvers.nlp.level_solver import SqpOptions
 from uvms_ocp.solvers.nlp.program import LevelRows, RowBounds
-from uvms_ocp.solvers.nlp.real_time_sqp import (
-    LevelMerit,
-    LexicographicSqp,
-    ProximalWeights,
-    SqpPoint,
-    TimeBudget,
-    acceptance,
-)
+from uvms_ocp.solvers.nlp.real_time_sqp import LevelMerit, LexicographicSqp, ProximalWeights, SqpPoint, TimeBudget, acceptance
 
 
 def level(relax: float | None = None) -> LevelRows:

@@ -85,10 +85,7 @@ def _is_proven(solution: Solution, levels: list[Level], units: list[float]) -> b
 
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_no_result_is_exact_where_rows_that_vanish_beside_others_are_missed(solver: Solver) -> None:
-    small, large = (
-        Level(jacobian=[[1.0, 0.0]], lower=1.0, upper=1.0),
-        Level(jacobian=[[0.0, 1.0]], lower=1.0, upper=1.0),
-    )
+    small, large = (Level(jacobian=[[1.0, 0.0]], lower=1.0, upper=1.0), Level(jacobian=[[0.0, 1.0]], lower=1.0, upper=1.0))
     for power in (10, 12, 13, 14):
         units = [1.0, 10.0**power]
         levels = _scaled([small, large], units, units)

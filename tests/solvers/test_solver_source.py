@@ -59,11 +59,7 @@ def test_the_solver_of_stages_is_five_functions_that_allocate_nothing(tmp_path: 
     symbols = _symbols(_compiled(stagewise_source(), tmp_path, "-O2", "-c"))
     own = ["products", "solve_qp", "solve_whole", "stationarity", "steepest"]
     assert [name for kind, name in symbols if kind.isupper() and kind not in "UR"] == own
-    choice = {
-        "_GLOBAL_OFFSET_TABLE_",
-        "__cpu_indicator_init",
-        "__cpu_model",
-    }  # of the registers to use, when it is loaded
+    choice = {"_GLOBAL_OFFSET_TABLE_", "__cpu_indicator_init", "__cpu_model"}  # of the registers to use, when it is loaded
     needed = {name for kind, name in symbols if kind == "U"}
     assert needed <= {"sqrt", "memset", "memcpy", "__stack_chk_fail"} | choice
 

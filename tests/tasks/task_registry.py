@@ -92,8 +92,5 @@ REGISTRY: dict[str, Entry] = {
     "PC": Entry(VehiclePose(goal=GOAL), _moved_frame("base_link")),
     "T": Entry(ToolPose(goal=GOAL), _moved_frame("tool")),
     "TP": Entry(ToolPosition(goal=GOAL), _moved_frame("tool", 3)),
-    "MP": Entry(
-        JointTracking(joints=("joint4", "joint7"), goal=np.zeros(2)),
-        lambda robot, q0, q1: (q1 - q0)[[10, 13]],
-    ),
+    "MP": Entry(JointTracking(joints=("joint4", "joint7"), goal=np.zeros(2)), lambda robot, q0, q1: (q1 - q0)[[10, 13]]),
 }

@@ -7,15 +7,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.record.meta_values import (
-    AlarmMeta,
-    LevelMeta,
-    MarkerMeta,
-    PhaseMeta,
-    SurroundingsMeta,
-    TaskMeta,
-    ThresholdMeta,
-)
+from uvms_ocp.record.meta_values import AlarmMeta, LevelMeta, MarkerMeta, PhaseMeta, SurroundingsMeta, TaskMeta, ThresholdMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import RunMeta
 from uvms_ocp.robot.robot import Robot
@@ -31,10 +23,7 @@ QUANTITIES = (
 
 SURROUNDINGS = SurroundingsMeta(
     floor_z=-40.0,
-    markers=(
-        MarkerMeta(name="target", position=(2.5, 1.0, -39.9)),
-        MarkerMeta(name="way point", position=(1.5, 0.5, -38.0)),
-    ),
+    markers=(MarkerMeta(name="target", position=(2.5, 1.0, -39.9)), MarkerMeta(name="way point", position=(1.5, 0.5, -38.0))),
 )
 
 

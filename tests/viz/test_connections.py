@@ -18,11 +18,7 @@ import uvms_ocp
 from uvms_ocp.viz.scene import page
 
 PAGE = page.ScenePage(html="<p>" + "x" * 2_000_000, height=100)
-OPENS_SOCKETS = {
-    "viz/scene/page.py",
-    "campaign/cluster.py",
-    "campaign/dispatch.py",
-}  # the last on the client of the second
+OPENS_SOCKETS = {"viz/scene/page.py", "campaign/cluster.py", "campaign/dispatch.py"}  # the last on the client of the second
 NETWORKS = re.compile(r"^ *(from|import) (asyncio|distributed|ftplib|http|socket|socketserver|tornado|xmlrpc|zmq)\b", re.M)
 
 

@@ -430,10 +430,5 @@ def test_the_page_tells_what_went_wrong_and_when(tmp_path: Path) -> None:
     )
     page = write_scene(synthetic_record(robot, faults=faults), robot, tmp_path / "scene.html").read_text()
     frozen, dead = _details(page)["faults"]
-    assert (frozen["name"], frozen["start"], frozen["end"], frozen["ended"]) == (
-        "altimeter_range:frozen",
-        2.0,
-        6.0,
-        False,
-    )
+    assert (frozen["name"], frozen["start"], frozen["end"], frozen["ended"]) == ("altimeter_range:frozen", 2.0, 6.0, False)
     assert (dead["name"], dead["start"], dead["end"], dead["ended"]) == ("thruster3:dead", 3.0, 4.0, True)

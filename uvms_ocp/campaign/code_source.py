@@ -103,12 +103,7 @@ class CodeSource:
     def identity(self) -> dict[str, Any]:
         """Return its identity, from which `restored` makes it: JSON values, paths below the root with ``./``."""
         options = {name: _each(value, self._below) for name, value in sorted(self.options.items())}
-        return {
-            "words": self._below(self.words),
-            "attribute": self.attribute,
-            "options": options,
-            "files": self.hashes(),
-        }
+        return {"words": self._below(self.words), "attribute": self.attribute, "options": options, "files": self.hashes()}
 
     @staticmethod
     def restored(identity: Mapping[str, Any], copies: Path) -> CodeSource:

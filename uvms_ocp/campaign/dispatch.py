@@ -68,13 +68,7 @@ class Dispatch:
     """Dispatcher of the runs of one campaign on one cluster."""
 
     def __init__(
-        self,
-        client: Any,
-        work: CampaignJob,
-        folder: CampaignFolder,
-        *,
-        limit: float = math.inf,
-        exclusive: bool = False,
+        self, client: Any, work: CampaignJob, folder: CampaignFolder, *, limit: float = math.inf, exclusive: bool = False
     ) -> None:
         """client: a `distributed.Client`. limit [s] of a run. exclusive: whether workers have one at a time, alone to blame."""
         self._client, self._work, self._folder = client, work, folder

@@ -89,14 +89,7 @@ Row = Mapping[str, Any]
 COMPLETED, ERROR, KILLED, TIME_LIMIT = "completed", "error", "killed", "time limit"
 """Outcomes: success, an exception, the end of the process, no end in the time allowed. Other outcomes are those of missions."""
 FIRST: Mapping[str, type] = {"run": int}
-LAST: Mapping[str, type] = {
-    "outcome": str,
-    "success": bool,
-    "cause": str,
-    "wall_s": float,
-    "worker": str,
-    "version": str,
-}
+LAST: Mapping[str, type] = {"outcome": str, "success": bool, "cause": str, "wall_s": float, "worker": str, "version": str}
 """Columns of every campaign, before and after its own."""
 VARYING = ("wall_s", "worker")
 """Columns that differ when a run is repeated."""

@@ -219,10 +219,7 @@ def _with(part: str, name: str, scenario: Scenario, value: float) -> Scenario:
 
 # All parameters that a scenario has, by name, in the order in which they are applied.
 
-_FAMILIES = (
-    *(flow_parameters, machine_parameters, sensor_parameters),
-    *(place_parameters, objective_parameters, own_parameters),
-)
+_FAMILIES = (*(flow_parameters, machine_parameters, sensor_parameters), *(place_parameters, objective_parameters, own_parameters))
 
 
 @checked

@@ -43,8 +43,7 @@ def campaign(
     seed: Annotated[int, typer.Option(help="Seed of all that is drawn.")] = 0,
     sampler: Annotated[str, typer.Option(help=f"{', '.join(SAMPLERS)}; indices: the design of Sobol' indices.")] = "sobol",
     scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="Dask cluster, such as tcp://host:8786; default: this machine."),
+        str | None, typer.Option(metavar="ADDRESS", help="Dask cluster, such as tcp://host:8786; default: this machine.")
     ] = None,
     workers: Annotated[int | None, typer.Option(metavar="N", help="Processes of this machine; default: all.")] = None,
     time_limit: Annotated[

@@ -32,8 +32,7 @@ Recordings = Annotated[
     typer.Argument(metavar="RECORDINGS...", help="CSV, Parquet, MCAP, rosbag2 folders or records of runs, one or more."),
 ]
 MappingFile = Annotated[
-    Path | None,
-    typer.Option("--mapping", metavar="YAML", help="Where the channels are in files of others; ours need none."),
+    Path | None, typer.Option("--mapping", metavar="YAML", help="Where the channels are in files of others; ours need none.")
 ]
 _COLUMNS = ("channel", "columns", "unit", "frame", "least", "largest", "from [s]", "to [s]", "rate [Hz]", "delay [s]")
 
@@ -97,12 +96,10 @@ def identify(
     out: Annotated[Path, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")],
     mapping: MappingFile = None,
     profiles: Annotated[
-        bool,
-        typer.Option("--profiles", help="Intervals without linearity; each number takes up to a search."),
+        bool, typer.Option("--profiles", help="Intervals without linearity; each number takes up to a search.")
     ] = False,
     leave_one_out: Annotated[
-        bool,
-        typer.Option("--leave-one-out", help="Predict every recording from the others; each takes a search."),
+        bool, typer.Option("--leave-one-out", help="Predict every recording from the others; each takes a search.")
     ] = False,
 ) -> None:
     """Identify a robot from recordings: calibrated file, report and figures.

@@ -62,11 +62,7 @@ def defaults_of(kind: type[Any]) -> dict[str, Any]:
 
 # Options that commands share, and the scenario that they describe.
 
-SOLVERS: dict[str, type[HierarchySolver]] = {
-    "active_set": LexicographicActiveSet,
-    "lexqp": LexicographicQp,
-    "icat": Icat,
-}
+SOLVERS: dict[str, type[HierarchySolver]] = {"active_set": LexicographicActiveSet, "lexqp": LexicographicQp, "icat": Icat}
 _OLD_SOLVER_NAMES = {"lexls": "active_set"}
 
 
@@ -94,10 +90,7 @@ def completing(*names: str) -> Callable[[str], list[str]]:
     return lambda incomplete: [name for name in names if name.startswith(incomplete)]
 
 
-Name = Annotated[
-    str,
-    typer.Argument(metavar="SCENARIO", help=SCENARIO_HELP, autocompletion=completing(*SCENARIOS)),
-]
+Name = Annotated[str, typer.Argument(metavar="SCENARIO", help=SCENARIO_HELP, autocompletion=completing(*SCENARIOS))]
 RobotName = Annotated[
     str | None,
     typer.Option(
@@ -115,8 +108,7 @@ class RobotFiles:
     """How the files of a robot are read; what is left out is as its hydrodynamics.yaml says, under the same names."""
 
     hydrodynamics: Annotated[
-        str | None,
-        typer.Option(metavar="YAML", help="Hydrodynamics file of the robot; default: the one beside its URDF."),
+        str | None, typer.Option(metavar="YAML", help="Hydrodynamics file of the robot; default: the one beside its URDF.")
     ] = None
     base: Annotated[
         str | None, typer.Option(metavar="free_flyer|fixed", help="Whether it floats; default: what its file says.")
@@ -133,10 +125,7 @@ class RobotFiles:
     drop: Annotated[list[str] | None, typer.Option(metavar="LINK", help="Leave out a link and what hangs on it; repeatable.")] = (
         None
     )
-    tool_link: Annotated[
-        list[str] | None,
-        typer.Option("--tool", "--tool-link", metavar="LINK", help=_TOOL),
-    ] = None
+    tool_link: Annotated[list[str] | None, typer.Option("--tool", "--tool-link", metavar="LINK", help=_TOOL)] = None
     altimeter: Annotated[
         str | None, typer.Option(metavar="LINK", help="Frame of the range sensor, which looks along its -z.")
     ] = None
@@ -183,19 +172,14 @@ def _position(words: str) -> tuple[str, float]:
 
 
 PlantName = Annotated[
-    str | None,
-    typer.Option(help=f"Plant: {', '.join(PLANTS)}; default: the scenario's.", autocompletion=completing(*PLANTS)),
+    str | None, typer.Option(help=f"Plant: {', '.join(PLANTS)}; default: the scenario's.", autocompletion=completing(*PLANTS))
 ]
 SolverName = Annotated[
     str | None,
-    typer.Option(
-        help=f"Hierarchy solver: {', '.join(SOLVERS)}; default: the scenario's.",
-        autocompletion=completing(*SOLVERS),
-    ),
+    typer.Option(help=f"Hierarchy solver: {', '.join(SOLVERS)}; default: the scenario's.", autocompletion=completing(*SOLVERS)),
 ]
 CurrentVelocity = Annotated[
-    tuple[float, float, float] | None,
-    typer.Option(metavar="X Y Z", help="Uniform current in W [m/s]; default: the scenario's."),
+    tuple[float, float, float] | None, typer.Option(metavar="X Y Z", help="Uniform current in W [m/s]; default: the scenario's.")
 ]
 Seabed = Annotated[float | None, typer.Option(metavar="Z", help="Height of the floor in W [m]; default: the scenario's.")]
 

@@ -35,8 +35,7 @@ _Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 def check_robot(
     robot: Annotated[
-        str,
-        typer.Argument(help="URDF, a folder with robot.urdf and hydrodynamics.yaml, or a name, see `uvms-ocp list`."),
+        str, typer.Argument(help="URDF, a folder with robot.urdf and hydrodynamics.yaml, or a name, see `uvms-ocp list`.")
     ],
     files: opt.RobotFiles = opt.AS_WRITTEN,
     as_json: _Json = False,
@@ -78,12 +77,7 @@ def _print_robot(report: RobotReport) -> None:
 
 def list_all(as_json: _Json = False) -> None:
     """List scenarios, robots, plants and solvers."""
-    known = {
-        "scenarios": list(SCENARIOS),
-        "robots": list(list_robots()),
-        "plants": list(PLANTS),
-        "solvers": list(opt.SOLVERS),
-    }
+    known = {"scenarios": list(SCENARIOS), "robots": list(list_robots()), "plants": list(PLANTS), "solvers": list(opt.SOLVERS)}
     if as_json:
         print_json(known)
         return
@@ -99,8 +93,7 @@ def list_all(as_json: _Json = False) -> None:
 def new_robot(
     out: Annotated[Path, typer.Argument(metavar="DIR", parser=opt.folder, help="Folder for robot.urdf and hydrodynamics.yaml.")],
     source: Annotated[
-        Path | None,
-        typer.Option("--from", metavar="URDF|DIR", help="A URDF, or a folder with one, of whatever maker."),
+        Path | None, typer.Option("--from", metavar="URDF|DIR", help="A URDF, or a folder with one, of whatever maker.")
     ] = None,
     files: opt.RobotFiles = opt.AS_WRITTEN,
 ) -> None:
@@ -195,8 +188,7 @@ def controller(
     scenario: Annotated[str, typer.Argument(help=opt.SCENARIO_HELP)],
     out: Annotated[Path, typer.Argument(metavar="DIR", parser=opt.folder, help="Folder for the sources.")],
     plant: Annotated[
-        str | None,
-        typer.Option(help="dynamic: with thrust and torque; kinematic: velocities alone; default: the scenario's."),
+        str | None, typer.Option(help="dynamic: with thrust and torque; kinematic: velocities alone; default: the scenario's.")
     ] = None,
     robot: opt.RobotName = None,
     files: opt.RobotFiles = opt.AS_WRITTEN,

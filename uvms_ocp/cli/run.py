@@ -138,12 +138,7 @@ def run(
     options |= {"faults": parse_faults(fault)} if fault else {}
     scenario = opt.build_scenario(name, options, solver)
     plan = None if follow is None else _plan_of(scenario, follow)
-    parts = (
-        opt.label(name),
-        plant_name(scenario.plant),
-        opt.solver_name(scenario.solver),
-        *(("followed",) if plan else ()),
-    )
+    parts = (opt.label(name), plant_name(scenario.plant), opt.solver_name(scenario.solver), *(("followed",) if plan else ()))
     others = {key: value for key, value in options.items() if key != "plant"}
     report = run_and_write(scenario, out or opt.default_folder(parts, others), console, force=force, plan=plan, live=live)
     if as_json:
@@ -153,13 +148,7 @@ def run(
 
 
 def run_and_write(
-    scenario: Scenario,
-    out: Path,
-    console: Console,
-    *,
-    force: bool = True,
-    plan: MissionPlan | None = None,
-    live: bool = False,
+    scenario: Scenario, out: Path, console: Console, *, force: bool = True, plan: MissionPlan | None = None, live: bool = False
 ) -> dict[str, Any]:
     """Run a scenario, by a plan if given, write all that comes of it into a folder, print a summary; returns its report.
 
@@ -252,11 +241,7 @@ def _figures() -> Iterable[str]:
 
 
 def drawings_of(
-    record: Record,
-    robot: Robot,
-    folder: Path,
-    figures: Iterable[str],
-    plan: Callable[[], Record] | None = None,
+    record: Record, robot: Robot, folder: Path, figures: Iterable[str], plan: Callable[[], Record] | None = None
 ) -> dict[str, Job]:
     """Return the function that writes each file, by its name, the slowest first. plan: drawn in the scene, too."""
     from uvms_ocp.viz.run_figures import write_figure

@@ -35,11 +35,7 @@ if TYPE_CHECKING:
 # ``check`` and ``mission``: look at a mission without running it.
 
 
-def check(
-    name: opt.Name = "case1",
-    changes: opt.ScenarioOptions = opt.AS_IT_IS,
-    as_json: opt.Json = False,
-) -> None:
+def check(name: opt.Name = "case1", changes: opt.ScenarioOptions = opt.AS_IT_IS, as_json: opt.Json = False) -> None:
     """Check whether a mission can be completed, without running it; exit code 2 where it cannot."""
     preflight = opt.build_scenario(name, changes.chosen).check()
     print_findings(console_of(stderr=as_json), preflight, notes=True)
@@ -108,8 +104,7 @@ def _percent(change: float | None) -> str | None:
 
 def show_scene(
     what: Annotated[
-        str,
-        typer.Argument(metavar="WHAT", help="Folder of a run, a plan or a robot, a file of a motion, or a robot's name."),
+        str, typer.Argument(metavar="WHAT", help="Folder of a run, a plan or a robot, a file of a motion, or a robot's name.")
     ],
     ghost: Annotated[
         list[Path] | None, typer.Option(metavar="PATH", help="Another run or plan, drawn translucent; several times.")

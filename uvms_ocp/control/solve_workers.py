@@ -109,12 +109,7 @@ class Replanner:
     """Solves of one problem. Holds the plans that may be in use, and the newest point as a guess: build one per run."""
 
     def __init__(
-        self,
-        problem: OcpProblem,
-        *,
-        options: SqpOptions | None,
-        time_limit: float,
-        clock: Callable[[], float] = perf_counter,
+        self, problem: OcpProblem, *, options: SqpOptions | None, time_limit: float, clock: Callable[[], float] = perf_counter
     ) -> None:
         """problem: with Gauss-Newton Hessian.
 
@@ -137,10 +132,7 @@ class Replanner:
         first = self._newest is None
         planned = self._first(request) if first else self._replanned(request)
         return ReplanningResult(
-            planned=planned,
-            first=first,
-            solve_time=self._clock() - wall,
-            processor_time=process_time() - processor,
+            planned=planned, first=first, solve_time=self._clock() - wall, processor_time=process_time() - processor
         )
 
     def _first(self, request: ReplanningRequest) -> TimedPlan | None:

@@ -347,10 +347,7 @@ class Estimator(TableDisplay):
         memory, v = self.memory, self.memory.joint_x[:, 1]
         q = self._joints = self._chart.configuration()
         if self._n_vehicle:
-            q, v = (
-                np.concatenate([memory.x[Part.PLACE : Part.SPEED], memory.turn, q]),
-                np.concatenate([memory.twist, v]),
-            )
+            q, v = (np.concatenate([memory.x[Part.PLACE : Part.SPEED], memory.turn, q]), np.concatenate([memory.twist, v]))
         echo, echo_std = memory.range.tolist() if self._has_range else (math.nan, math.nan)
         age, joint_age = memory.age.tolist()
         return _measurement(
@@ -428,10 +425,7 @@ class PassThrough(TableDisplay):
         for name in (*self.q_channels, *self.v_channels):
             if getattr(specs, name) is None:
                 raise InvalidInput(f"sensor {name} is missing; add it, or use an Estimator instead of PassThrough")
-        self._needed = (
-            *needed_channels(robot, specs, altimeter_frame or robot.description.altimeter),
-            "joint_velocities",
-        )
+        self._needed = (*needed_channels(robot, specs, altimeter_frame or robot.description.altimeter), "joint_velocities")
 
     def _table(self) -> SmallTable:
         rows = {"q from": ", ".join(self.q_channels), "v from": ", ".join(self.v_channels)}

@@ -106,10 +106,7 @@ class DesignStatus(AdvisedStatus):
     """Outcome of a design."""
 
     INSIDE = "inside the pool", "See how far vehicles with other numbers go before it drives one."
-    OUTSIDE = (
-        "leaves the pool or tilts too far",
-        "Give a larger pool, less thrust or less time, or allow more iterations.",
-    )
+    OUTSIDE = ("leaves the pool or tilts too far", "Give a larger pool, less thrust or less time, or allow more iterations.")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

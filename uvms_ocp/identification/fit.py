@@ -121,11 +121,7 @@ class Search:
 
 
 def search_fit(
-    vehicle: Vehicle,
-    recordings: Sequence[PreparedRecording],
-    noise: Noise,
-    rollout: Rollout,
-    search: Search | None = None,
+    vehicle: Vehicle, recordings: Sequence[PreparedRecording], noise: Noise, rollout: Rollout, search: Search | None = None
 ) -> Estimate:
     """The unknowns that explain the recordings best, from where the declaration has them."""
     chosen = search or Search()
@@ -157,12 +153,7 @@ def _rough(noise: Noise) -> Noise:
 
 
 def _error(
-    vehicle: Vehicle,
-    recordings: Sequence[PreparedRecording],
-    noise: Noise,
-    rollout: Rollout,
-    step: float,
-    stretch: float,
+    vehicle: Vehicle, recordings: Sequence[PreparedRecording], noise: Noise, rollout: Rollout, step: float, stretch: float
 ) -> OutputErrorProblem:
     parts = [part for one in recordings for part in one.stretches(step, stretch)]
     return OutputErrorProblem(vehicle, parts, noise, rollout)
@@ -221,9 +212,7 @@ class FitContext:
         wider = {name: root * getattr(self.noise, name) for name in seen}
         about = shared - (shared - self.vehicle.shared.start) / inflation
         vehicle = replace(
-            self.vehicle,
-            shared=self.vehicle.shared.believed(about),
-            own=self.vehicle.own.believed(self.vehicle.own.start, root),
+            self.vehicle, shared=self.vehicle.shared.believed(about), own=self.vehicle.own.believed(self.vehicle.own.start, root)
         )
         noise = replace(self.noise, **wider, outliers=self.noise.outliers / root)
         return replace(self, vehicle=vehicle, noise=noise)

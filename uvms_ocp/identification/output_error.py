@@ -125,10 +125,7 @@ class FitStatus(AdvisedStatus):
 
     CONVERGED = "converged", "Look at what is not determined before numbers are used."
     ITERATION_LIMIT = "iteration limit", "Look at the recordings' doubts, learn less, or give shorter stretches."
-    RUNS_AWAY = (
-        "runs away",
-        "The simulation is not finite where the search begins: look at times and units of the recordings.",
-    )
+    RUNS_AWAY = ("runs away", "The simulation is not finite where the search begins: look at times and units of the recordings.")
     STALLED = "stalled", "No step lowers the cost: look at the recordings' doubts, and at starts and priors."
 
 
@@ -182,12 +179,7 @@ class OutputErrorProblem:
     """A problem: a vehicle, stretches of recordings and noise. Stretches of a recording follow each other."""
 
     def __init__(
-        self,
-        vehicle: Vehicle,
-        stretches: Sequence[Segment],
-        noise: Noise,
-        rollout: Rollout,
-        pull: ProfilePenalty | None = None,
+        self, vehicle: Vehicle, stretches: Sequence[Segment], noise: Noise, rollout: Rollout, pull: ProfilePenalty | None = None
     ) -> None:
         self._vehicle, self._noise, self._rollout, self._pull = vehicle, noise, rollout, pull
         self._recordings = [tuple(group) for _, group in groupby(stretches, key=lambda one: one.recording)]
@@ -217,13 +209,7 @@ class OutputErrorProblem:
         return after, self._total(after, self._costs(after))
 
     def solve(
-        self,
-        point: SearchPoint,
-        *,
-        iterations: int = 20,
-        frozen: bool = False,
-        tolerance: float = 1e-4,
-        damping: float = 1e-3,
+        self, point: SearchPoint, *, iterations: int = 20, frozen: bool = False, tolerance: float = 1e-4, damping: float = 1e-3
     ) -> Estimate:
         """Levenberg and Marquardt's method. frozen: shared unknowns stay. tolerance: share of the cost worth a step.
 

@@ -275,10 +275,7 @@ def _chosen(key: str, one: ChannelMapping, table: TableColumns) -> TableColumns:
         numbers = _signed(one, numbers)
     shift, scale = np.asarray(one.offset), np.asarray(one.scale)
     return replace(
-        table,
-        values=np.column_stack([values[:, 0], (numbers + shift) * scale]),
-        units=(),
-        remarks=(*table.remarks, *remarks),
+        table, values=np.column_stack([values[:, 0], (numbers + shift) * scale]), units=(), remarks=(*table.remarks, *remarks)
     )
 
 
@@ -327,10 +324,7 @@ def _unknown(key: str, one: ChannelMapping, table: TableColumns) -> Iterator[tup
     if key == "position" and geographic:
         yield key, f"{', '.join(geographic)} are degrees on the globe: give metres east and north of a point"
     if key == "attitude" and one.format == "rpy" and one.unit is None and _like_degrees(rows):
-        yield (
-            key,
-            f"yaw up to {np.nanmax(np.abs(rows[:, 3])):.4g} rad: in deg? give its unit, deg, or rad where it is so",
-        )
+        yield (key, f"yaw up to {np.nanmax(np.abs(rows[:, 3])):.4g} rad: in deg? give its unit, deg, or rad where it is so")
 
 
 def _like_degrees(rows: np.ndarray) -> bool:

@@ -143,13 +143,7 @@ _OFTEN = 0.02  # of all intervals, from which on gaps are what bursts leave
 _SHORTEST, _LONGEST = 1e-5, 5.0  # [s] between samples, of any sensor
 _AT_ONCE = 0.05  # of the usual interval
 _FAR = 3.0  # widths of all others by which values are far off
-_FARTHEST = {
-    "position": 20.0,
-    "linear_velocity": 5.0,
-    "angular_velocity": 10.0,
-    "specific_force": 100.0,
-    "current": 5.0,
-}
+_FARTHEST = {"position": 20.0, "linear_velocity": 5.0, "angular_velocity": 10.0, "specific_force": 100.0, "current": 5.0}
 """[unit] by which they are at least."""
 _PULSES = (900.0, 2200.0)  # [us]
 _NARROW = 0.1  # of the size of commands, in which all of them stay: no vehicle is driven so
@@ -386,10 +380,7 @@ def _frozen(recording: Recording, pose: str, velocity: str) -> Iterator[tuple[st
         begin, end = float(channel.undelayed_t[first[k]]), float(channel.undelayed_t[last[k]])
         inside = (t > begin + WINDOW) & (t < end - WINDOW)
         if end - begin > _LONG and np.sqrt((apart[inside] ** 2).mean()) > _DIFFER:
-            yield (
-                name,
-                f"stays exactly as it is from {begin:.1f} to {end:.1f} s, and the {mate} says otherwise: stopped?",
-            )
+            yield (name, f"stays exactly as it is from {begin:.1f} to {end:.1f} s, and the {mate} says otherwise: stopped?")
 
 
 def _unrecorded(recording: Recording) -> Iterator[tuple[str, str]]:

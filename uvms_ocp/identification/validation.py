@@ -321,12 +321,7 @@ def _lengths(one: PreparedRecording, step: float, known: float, asked: Sequence[
 
 
 def _horizon(
-    fitted: FitContext,
-    predictor: Predictor,
-    balance: StaticBalance,
-    held: PreparedRecording,
-    asked: float,
-    length: float,
+    fitted: FitContext, predictor: Predictor, balance: StaticBalance, held: PreparedRecording, asked: float, length: float
 ) -> HorizonPrediction:
     step, known, before = fitted.search.step, predictor.start_window, fitted.vehicle.shared.start
     windows = held.windows(step, known, length)

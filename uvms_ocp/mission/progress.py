@@ -213,12 +213,7 @@ def write_state(memory: MissionMemory, state: MissionState) -> None:
 
 
 def state_after_transition(
-    phases: Sequence[Phase],
-    state: MissionState,
-    memory: MissionMemory,
-    due: int,
-    t: float,
-    quantities: Mapping[str, float],
+    phases: Sequence[Phase], state: MissionState, memory: MissionMemory, due: int, t: float, quantities: Mapping[str, float]
 ) -> tuple[MissionState, Event | None]:
     """Return state and event after `transition_due` and, where one was due, `take_transition` at t [s].
 

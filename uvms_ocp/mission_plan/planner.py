@@ -444,10 +444,7 @@ def _verdict(plan: Plan, proof: ClearanceReport | None, longest: float) -> tuple
     if proof is None or proof.collision_free:
         if plan.duration <= longest:
             return plan.status, plan.reason
-        return (
-            OcpStatus.TOO_SHORT,
-            f"{longest:g} s are allowed, the quickest plan that was found takes {plan.duration:.4g} s",
-        )
+        return (OcpStatus.TOO_SHORT, f"{longest:g} s are allowed, the quickest plan that was found takes {plan.duration:.4g} s")
     nearest = proof.nearest
     text = f"{nearest.pair} overlap by {-nearest.distance:.3g} m at {nearest.time:.3g} s"
     if proof.undecided:

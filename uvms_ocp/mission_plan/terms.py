@@ -226,13 +226,7 @@ class _Phase:
     """One phase on the way, with its parts of the horizon."""
 
     def __init__(
-        self,
-        mission: Mission,
-        way: Sequence[int],
-        k: int,
-        parts: Sequence[HorizonSegment],
-        begin: float,
-        margins: Margins,
+        self, mission: Mission, way: Sequence[int], k: int, parts: Sequence[HorizonSegment], begin: float, margins: Margins
     ) -> None:
         self._phase: Phase = mission.phases[way[k]]
         self._out, self._parts, self._margins = exit_transition(mission.phases, way, k), parts, margins

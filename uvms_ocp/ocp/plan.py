@@ -50,9 +50,7 @@ def tracking_error(trajectory: Trajectory, t: np.ndarray, q: np.ndarray, *, robo
     errors = [wanted.inverse() * found for wanted, found in pairs]
     distances = [float(np.linalg.norm(error.translation)) for error in errors]
     return TrackingError(
-        position=max(distances),
-        end_position=distances[-1],
-        end_orientation=float(np.linalg.norm(pin.log3(errors[-1].rotation))),
+        position=max(distances), end_position=distances[-1], end_orientation=float(np.linalg.norm(pin.log3(errors[-1].rotation)))
     )
 
 
@@ -156,23 +154,14 @@ class OcpStatus(AdvisedStatus):
     """
 
     SOLVED = "solved", "nothing to do"
-    MISSED = (
-        "goal missed",
-        "why is not known: give it more time, move the goal, or loosen the constraints and levels above it",
-    )
+    MISSED = ("goal missed", "why is not known: give it more time, move the goal, or loosen the constraints and levels above it")
     TOO_SHORT = "horizon too short", "give the horizon more time, or loosen the limits"
-    UNREACHABLE = (
-        "unreachable",
-        "more time would not help: move the goal, or loosen the constraints and levels above it",
-    )
+    UNREACHABLE = ("unreachable", "more time would not help: move the goal, or loosen the constraints and levels above it")
     INFEASIBLE = (
         "infeasible",
         "no motion near the guess keeps the constraints: loosen limits, weaken the current, or start slower",
     )
-    OBSTRUCTED = (
-        "obstructed start",
-        "the start breaks a constraint: move the start or the obstacle, or lower the margin",
-    )
+    OBSTRUCTED = ("obstructed start", "the start breaks a constraint: move the start or the obstacle, or lower the margin")
     INTERRUPTED = ("interrupted", "stopped by hand, at the best point so far: go on from it with guess=plan")
     UNFINISHED = (
         "unfinished",

@@ -422,13 +422,7 @@ class Planner:
             lower, upper = self.transcription.bounds(problem)
             ranges = self.transcription.ranges(problem)
             return self._nlp.solve(
-                self._start(guess),
-                p=p,
-                x_lower=lower,
-                x_upper=upper,
-                ranges=ranges,
-                time_limit=time_limit,
-                progress=progress,
+                self._start(guess), p=p, x_lower=lower, x_upper=upper, ranges=ranges, time_limit=time_limit, progress=progress
             )
 
     def _start(self, guess: Trajectory | Plan | LexicographicResult) -> np.ndarray | LexicographicResult:
@@ -446,12 +440,7 @@ class Planner:
 
         feasibility = self.options.feasibility
         return Diagnosis(
-            transcription=self.transcription,
-            problem=given,
-            p=found.p,
-            feasibility=feasibility,
-            solve=solve,
-            deadline=deadline,
+            transcription=self.transcription, problem=given, p=found.p, feasibility=feasibility, solve=solve, deadline=deadline
         )
 
     def _plan(self, given: OcpProblem, verdict: SolveVerdict, t0: float, begin: float) -> Plan:

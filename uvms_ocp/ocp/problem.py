@@ -252,13 +252,7 @@ def counts_at_end(problem: OcpProblem, term: Term, phase: OcpPhase) -> bool:
 
 @checked
 def tool_reach(
-    robot: Robot,
-    q: np.ndarray,
-    goal: pin.SE3,
-    *,
-    duration: float,
-    n_steps: int = 40,
-    current: Sequence[float] = (0.0, 0.0, 0.0),
+    robot: Robot, q: np.ndarray, goal: pin.SE3, *, duration: float, n_steps: int = 40, current: Sequence[float] = (0.0, 0.0, 0.0)
 ) -> OcpProblem:
     """Plan from rest at q (n_q,) [m, rad] to the tool pose `goal` X_WT and rest, with the least effort below that priority.
 

@@ -204,10 +204,7 @@ def _twist_slopes(screws: Array, rates: Array, follows: Array) -> Array:
     """(n, 6, n_columns) of the twist by the columns: column j turns the screws of those it carries, d s_k = s_j x s_k."""
     carried = screws @ (rates[:, None, :] * follows).transpose(0, 2, 1)
     return np.concatenate(
-        [
-            _cross(screws[:, 3:], carried[:, :3]) + _cross(screws[:, :3], carried[:, 3:]),
-            _cross(screws[:, 3:], carried[:, 3:]),
-        ],
+        [_cross(screws[:, 3:], carried[:, :3]) + _cross(screws[:, :3], carried[:, 3:]), _cross(screws[:, 3:], carried[:, 3:])],
         axis=1,
     )
 
@@ -215,11 +212,7 @@ def _twist_slopes(screws: Array, rates: Array, follows: Array) -> Array:
 def _cross(a: Array, b: Array) -> Array:
     """Cross product along axis 1; ``numpy.cross`` costs several times more on small arrays."""
     return np.stack(
-        [
-            a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1],
-            a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2],
-            a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0],
-        ],
+        [a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1], a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2], a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]],
         axis=1,
     )
 
@@ -368,11 +361,7 @@ class PathCost:
     def _outer(self) -> tuple[Array, Array, Array]:
         """(4 k^2, samples) products of basis functions, by derivative."""
         rows = [P[:, :, None] * P[:, None, :] for P in self._bases]
-        return (
-            rows[0].reshape(len(rows[0]), -1).T,
-            rows[1].reshape(len(rows[1]), -1).T,
-            rows[2].reshape(len(rows[2]), -1).T,
-        )
+        return (rows[0].reshape(len(rows[0]), -1).T, rows[1].reshape(len(rows[1]), -1).T, rows[2].reshape(len(rows[2]), -1).T)
 
     @cached_property
     def _h(self) -> Array:

@@ -49,11 +49,7 @@ class ToolGoalOptions:
 
 @checked
 def tool_goal(
-    distances: PairDistances,
-    frame: str,
-    goal: pin.SE3 | ArrayLike,
-    guess: ArrayLike,
-    options: ToolGoalOptions | None = None,
+    distances: PairDistances, frame: str, goal: pin.SE3 | ArrayLike, guess: ArrayLike, options: ToolGoalOptions | None = None
 ) -> Array | None:
     """Coordinates (n_axes,) [m, rad] within limits and clear of collision with the frame at its goal, or None if none found.
 

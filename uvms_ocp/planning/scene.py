@@ -207,12 +207,7 @@ def _symbolic_quaternion(rpy: ca.SX) -> ca.SX:
 
 def _quaternion_parts(cr, cp, cy, sr, sp, sy):  # type: ignore[no-untyped-def]
     """Xyzw of Rz Ry Rx from cosines and sines of the half angles, numbers or expressions."""
-    return (
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-        cr * cp * cy + sr * sp * sy,
-    )
+    return (sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy)
 
 
 def _body_rate_maps(rpy: Array) -> tuple[Array, Array]:
@@ -228,11 +223,7 @@ def _body_rate_maps(rpy: Array) -> tuple[Array, Array]:
         axis=1,
     )
     rates = np.stack(
-        [
-            np.stack([one, zero, -sp], axis=1),
-            np.stack([zero, cr, cp * sr], axis=1),
-            np.stack([zero, -sr, cp * cr], axis=1),
-        ],
+        [np.stack([one, zero, -sp], axis=1), np.stack([zero, cr, cp * sr], axis=1), np.stack([zero, -sr, cp * cr], axis=1)],
         axis=1,
     )
     return R_WB.transpose(0, 2, 1), rates

@@ -107,13 +107,7 @@ class _SearchTree:
 
 
 def _connected(
-    distances: PairDistances,
-    a: Array,
-    b: Array,
-    lower: Array,
-    upper: Array,
-    rng: np.random.Generator,
-    options: SamplingOptions,
+    distances: PairDistances, a: Array, b: Array, lower: Array, upper: Array, rng: np.random.Generator, options: SamplingOptions
 ) -> Array | None:
     near, far = _SearchTree(a, 256), _SearchTree(b, 256)
     for turn in range(options.max_samples):
@@ -180,14 +174,8 @@ class PlanStatus(AdvisedStatus):
     """Outcome of a plan."""
 
     FREE = "free of collision", "none needed."
-    UNDECIDED = (
-        "no collision found, not certified",
-        "the path all but touches something; plan again with a larger clearance.",
-    )
-    COLLIDING = (
-        "still in collision",
-        "give way points around the obstacle (see sampled_waypoints), more pieces or restarts.",
-    )
+    UNDECIDED = ("no collision found, not certified", "the path all but touches something; plan again with a larger clearance.")
+    COLLIDING = ("still in collision", "give way points around the obstacle (see sampled_waypoints), more pieces or restarts.")
 
 
 @checked

@@ -111,10 +111,7 @@ def norm_bound(measured: float, spread: float) -> float:
     from scipy.special import gammaincinv  # a tenth of a second
 
     variance = spread**2 / 3.0
-    mean, half = (
-        spread**2 + measured**2,
-        variance * (3.0 * variance + 2.0 * measured**2),
-    )  # of the square; half its variance
+    mean, half = (spread**2 + measured**2, variance * (3.0 * variance + 2.0 * measured**2))  # of the square; half its variance
     of_chi_squared = 2.0 * gammaincinv(0.5 * mean**2 / half, CHANCE)
     return float(np.sqrt(half / mean * of_chi_squared))
 

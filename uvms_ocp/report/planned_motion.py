@@ -97,12 +97,7 @@ def nearest_entries(nearest: NearestPair | None) -> dict[str, Any]:
 
 
 def plan_meta(
-    motion: PlannedMotion,
-    *,
-    scenario: str,
-    axis_limits: AxisLimitsMeta,
-    breaks: tuple[float, ...],
-    nearest: NearestPair,
+    motion: PlannedMotion, *, scenario: str, axis_limits: AxisLimitsMeta, breaks: tuple[float, ...], nearest: NearestPair
 ) -> PlanMeta:
     """Describe a planned motion as the metadata of its record.
 

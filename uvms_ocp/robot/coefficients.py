@@ -78,11 +78,7 @@ def _box(name: str, shape: data.Box, rho: float) -> LinkHydrodynamics:
     added = [mass * (a**2 - b**2) ** 2 / (a**2 + b**2) / 12 for a, b in ((y, z), (z, x), (x, y))]
     turning = [_strips(s, a) + _strips(s, b) for s, a, b in ((x, y, z), (y, z, x), (z, x, y))]
     return _shaped(
-        name,
-        shape,
-        volume,
-        added_mass=(mass, mass, mass, *added),
-        areas=rho / 2 * np.array([y * z, z * x, x * y, *turning]),
+        name, shape, volume, added_mass=(mass, mass, mass, *added), areas=rho / 2 * np.array([y * z, z * x, x * y, *turning])
     )
 
 
@@ -104,11 +100,7 @@ def _strips(width: float, length: float) -> float:
 
 
 def _shaped(
-    name: str,
-    shape: data.Cylinder | data.Box | data.Sphere,
-    volume: float,
-    added_mass: Iterable[float],
-    areas: np.ndarray,
+    name: str, shape: data.Cylinder | data.Box | data.Sphere, volume: float, added_mass: Iterable[float], areas: np.ndarray
 ) -> LinkHydrodynamics:
     return LinkHydrodynamics(
         frame=name,

@@ -66,12 +66,10 @@ class LinkCoefficients(_Section):
 
     pose: Pose = Field(default=Pose(), description="frame of added mass and drag, in the link frame")
     added_mass: Vector6 | Matrix6 = Field(
-        default=(0.0,) * 6,
-        description="diagonal (6) or full matrix (6x6) [kg, kg m, kg m2], symmetric, not indefinite",
+        default=(0.0,) * 6, description="diagonal (6) or full matrix (6x6) [kg, kg m, kg m2], symmetric, not indefinite"
     )
     linear_drag: Vector6 | Matrix6 = Field(
-        default=(0.0,) * 6,
-        description="diagonal (6) or full matrix (6x6) [N/(m/s), N m/(rad/s)], dissipative",
+        default=(0.0,) * 6, description="diagonal (6) or full matrix (6x6) [N/(m/s), N m/(rad/s)], dissipative"
     )
     quadratic_drag: NonNegative6 | Matrix6 = Field(
         default=(0.0,) * 6,
@@ -236,8 +234,7 @@ class JointDescription(_Section):
     """Home and acceleration limit of a joint, which the URDF lacks."""
 
     home: float | None = Field(
-        default=None,
-        description="stowed position [rad or m]; left out: 0, or mid-range where 0 is not allowed",
+        default=None, description="stowed position [rad or m]; left out: 0, or mid-range where 0 is not allowed"
     )
     acceleration: Positive | None = Field(default=None, description="limit [rad/s2 or m/s2]; none is unlimited")
 
@@ -280,8 +277,7 @@ class RobotDescription(_Section):
     base: Literal["free_flyer", "fixed"] = "free_flyer"
     base_link: str | None = Field(default=None, description="link that stands for the vehicle; left out: base_link, or the root")
     tool: str | tuple[str, ...] | None = Field(
-        default=None,
-        description="frame of the tool, of several arms one each; left out: tool, or the only end of a chain",
+        default=None, description="frame of the tool, of several arms one each; left out: tool, or the only end of a chain"
     )
     loading: LoadingDescription = LoadingDescription()
     convention: Literal["FLU", "NED"] = Field(default="FLU", description="axes of every vector and matrix in links")
@@ -364,9 +360,7 @@ def read_description(path: Path, variant: Path | None = None) -> RobotDescriptio
         given = content["links"][name].get("coefficients", {}) or {}
         if link.coefficients and not np.array_equal(given.get("added_mass", (0.0,) * 6), link.coefficients.added_mass):
             _log.warning(
-                "%s: links.%s.coefficients.added_mass: symmetric but for a last digit; the mean of both is taken",
-                path,
-                name,
+                "%s: links.%s.coefficients.added_mass: symmetric but for a last digit; the mean of both is taken", path, name
             )
     return description
 

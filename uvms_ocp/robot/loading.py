@@ -95,10 +95,7 @@ def unknowns(model: pin.Model, description: RobotDescription) -> Iterator[tuple[
     """Subject and one sentence for everything that stays unknown or is left out. model: without trim bodies."""
     dry = links_without_water(model, description)
     if description.links and dry:
-        yield (
-            "water",
-            f"no water acts on link {', '.join(dry)}: give each an entry in links, {{coefficients: {{}}}} if dry",
-        )
+        yield ("water", f"no water acts on link {', '.join(dry)}: give each an entry in links, {{coefficients: {{}}}} if dry")
     elif description.base == "free_flyer" and not description.links:
         yield "water", "no link is in water: give a hydrodynamics.yaml with links"
     floats = description.base == "free_flyer"
@@ -106,10 +103,7 @@ def unknowns(model: pin.Model, description: RobotDescription) -> Iterator[tuple[
     if held := held_joints(model, joints):
         yield "joints", f"joint {', '.join(held)} has no range, lower = upper: it is held there; make it fixed"
     if floats and (open_ones := open_joints(model, joints)):
-        yield (
-            "limits",
-            f"no limit of velocity or effort for joint {', '.join(open_ones)}: {_ASSUMED}; give <limit>",
-        )
+        yield ("limits", f"no limit of velocity or effort for joint {', '.join(open_ones)}: {_ASSUMED}; give <limit>")
     unknown = [thruster.name for thruster in description.thrusters if thruster.power is None]
     if unknown:
         yield "energy", f"no power is given for thruster {', '.join(unknown)}: the energy of the thrusters is not known"

@@ -271,10 +271,7 @@ class _Draft:
         }
         content["loading"] = {key: value for key, value in loading.items() if value not in (None, {}, (), "yes")}
         if self.floats:
-            content["vehicle_limits"] = {
-                "velocity": [0.5, 0.4, 0.4, 0.4, 0.4, 0.5],
-                "acceleration": [0.3] * 3 + [0.4] * 3,
-            }
+            content["vehicle_limits"] = {"velocity": [0.5, 0.4, 0.4, 0.4, 0.4, 0.5], "acceleration": [0.3] * 3 + [0.4] * 3}
         content |= {"joints": joints, "links": links}
         return content | ({"thrusters": self._pushing()} if self.pushers else {})
 
@@ -333,10 +330,7 @@ class _Draft:
             corners = box_around(model, self.models.visual, name, joint=joint)
         source = f"{'box' if whole else 'cylinder'} around its shapes"
         if np.isnan(corners).any() or np.prod(np.ptp(corners, axis=0)) * _WATER > _TOO_LARGE * max(mass, 1.0):
-            corners, source = (
-                _as_its_inertia(model, name, mass),
-                "box with its mass and inertia, as it has no fitting shapes",
-            )
+            corners, source = (_as_its_inertia(model, name, mass), "box with its mass and inertia, as it has no fitting shapes")
         size, centre = np.ptp(corners, axis=0), corners.mean(axis=0)
         cylinder = None if whole else cylinder_in(corners)
         box = Box(size=tuple(np.maximum(size, 1e-3).tolist()), pose=Pose(position=tuple(centre.tolist())))
@@ -373,10 +367,7 @@ def _coefficients(water: LinkHydrodynamics, mass: float) -> dict[str, Any]:
     """As a file has them. No link floats by itself: what its shape holds of air or water is not known."""
     volume = min(water.volume, mass / _WATER)
     return {
-        "pose": {
-            "position": _rounded(water.X_FL.translation),
-            "rpy": _rounded(pin.rpy.matrixToRpy(water.X_FL.rotation), 7),
-        },
+        "pose": {"position": _rounded(water.X_FL.translation), "rpy": _rounded(pin.rpy.matrixToRpy(water.X_FL.rotation), 7)},
         "added_mass": _rounded(np.diag(water.added_mass)),
         "linear_drag": _rounded(np.diag(water.linear_drag)),
         "quadratic_drag": _rounded(np.diag(water.quadratic_drag)),

@@ -282,11 +282,7 @@ def rpy_rates(rpy: Array, omega_B: Array) -> Array:
 def omega_from_rpy_rates(rpy: Array, rates: Array) -> Array:
     """Body angular velocity (3,) [rad/s] from the rates (3,) [rad/s] of rpy (3,) [rad]; inverse of `rpy_rates`."""
     (sr, sp, _), (cr, cp, _) = _sines_cosines(rpy)
-    return column(
-        rates[0] - sp * rates[2],
-        cr * rates[1] + sr * cp * rates[2],
-        cr * cp * rates[2] - sr * rates[1],
-    )
+    return column(rates[0] - sp * rates[2], cr * rates[1] + sr * cp * rates[2], cr * cp * rates[2] - sr * rates[1])
 
 
 def _sines_cosines(rpy: Array) -> tuple[list[Array], list[Array]]:

@@ -57,10 +57,7 @@ class Twist:
 
     def into_child(self, local: SymbolicPose) -> Twist:
         """The twist in the frame of a child body whose pose in this frame is ``local``."""
-        return Twist(
-            linear=local.R.T @ (self.linear + spatial.cross(self.angular, local.p)),
-            angular=local.R.T @ self.angular,
-        )
+        return Twist(linear=local.R.T @ (self.linear + spatial.cross(self.angular, local.p)), angular=local.R.T @ self.angular)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

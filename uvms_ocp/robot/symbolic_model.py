@@ -150,11 +150,7 @@ class SymbolicModel:
             carried = accelerations[joint.parent].into_child(local) + _across(joint, a)
             velocities.append(velocity)
             accelerations.append(carried + velocity.cross(relative))
-        return BodyMotions(
-            poses=self.joint_poses(local_poses),
-            velocities=tuple(velocities),
-            accelerations=tuple(accelerations),
-        )
+        return BodyMotions(poses=self.joint_poses(local_poses), velocities=tuple(velocities), accelerations=tuple(accelerations))
 
     def generalized_force(self, local_poses: Sequence[SymbolicPose], wrenches: Sequence[Wrench]) -> ca.SX:
         """Generalized force (n_v,) that balances a wrench on every joint body, else InvalidInput: the inward pass."""

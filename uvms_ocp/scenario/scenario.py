@@ -283,10 +283,7 @@ class Scenario(FieldTable):
         )
 
     def run(
-        self,
-        progress: Progress | None = None,
-        controller: MissionController | None = None,
-        observer: TickObserver | None = None,
+        self, progress: Progress | None = None, controller: MissionController | None = None, observer: TickObserver | None = None
     ) -> Record:
         """Simulate until the mission is complete or `duration` is over.
 

@@ -214,12 +214,7 @@ class HeightField(Seafloor):
 
     @staticmethod
     def random(
-        relief: Relief | str,
-        *,
-        z: float,
-        centre: tuple[float, float] = (0.0, 0.0),
-        extent: Positive = 100.0,
-        seed: Count = 0,
+        relief: Relief | str, *, z: float, centre: tuple[float, float] = (0.0, 0.0), extent: Positive = 100.0, seed: Count = 0
     ) -> HeightField:
         """Protuberances drawn from `relief` (or its name in `RELIEFS`) over a square of side `extent` [m].
 

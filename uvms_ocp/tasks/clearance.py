@@ -56,11 +56,7 @@ class Clearance(Task):
     def position_limit(self, robot: Robot) -> PositionLimit:
         """Every pair stays `threshold` apart, also those beyond the `n_nearest`."""
         return PositionLimit(
-            quantity="clearance",
-            lower=self.threshold,
-            values=self.model.values,
-            n=self.model.n_pairs,
-            reach=self.model.reach,
+            quantity="clearance", lower=self.threshold, values=self.model.values, n=self.model.n_pairs, reach=self.model.reach
         )
 
     def n_parameters(self, robot: Robot) -> int:

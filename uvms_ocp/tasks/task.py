@@ -333,12 +333,7 @@ class Task(ABC):
 def equality_rows(jacobian: ca.SX, rate: ca.SX, quantities: Mapping[str, ca.SX] | None = None) -> Rows:
     """Rows that ask for ``jacobian @ v = rate``, always active inside."""
     return Rows(
-        jacobian=jacobian,
-        rate=rate,
-        lower=rate,
-        upper=rate,
-        activation=ca.SX.ones(rate.shape),
-        quantities=quantities or {},
+        jacobian=jacobian, rate=rate, lower=rate, upper=rate, activation=ca.SX.ones(rate.shape), quantities=quantities or {}
     )
 
 

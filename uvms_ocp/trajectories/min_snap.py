@@ -404,10 +404,7 @@ class _Qp:
         if crossed.any():
             raise InvalidInput(f"the bounds of way point {int(np.argmax(crossed))} leave no solution; relax one.")
         continuous = np.zeros(self.k * (self.n - 1))
-        return (
-            np.concatenate([(lower * scale).T.ravel(), continuous]),
-            np.concatenate([(upper * scale).T.ravel(), continuous]),
-        )
+        return (np.concatenate([(lower * scale).T.ravel(), continuous]), np.concatenate([(upper * scale).T.ravel(), continuous]))
 
 
 # Choose the times of way points: trapezoidal guess, scaling to limits, and the optimum of time plus snap.

@@ -237,12 +237,7 @@ def _activation_panel(axis: Axes, record: Record, task: TaskMeta) -> None:
     axis.grid(visible=False, axis="y")
     axis.set_ylabel(style.label_text(task.name), rotation=0, ha="right", va="center", fontweight="bold")
     axis.annotate(
-        style.label_text(task.label),
-        (1.008, 0.5),
-        xycoords="axes fraction",
-        va="center",
-        fontsize=6.5,
-        annotation_clip=False,
+        style.label_text(task.label), (1.008, 0.5), xycoords="axes fraction", va="center", fontsize=6.5, annotation_clip=False
     )
 
 

@@ -128,11 +128,7 @@ DEFECTS: dict[str, Callable[[str], Corrupt]] = {
 
 
 def told_on_a_way(
-    guard: Callable[[Readings, float, Command], StateEstimate],
-    robot: Robot,
-    suite: SensorSuite,
-    channel: str,
-    defect: str,
+    guard: Callable[[Readings, float, Command], StateEstimate], robot: Robot, suite: SensorSuite, channel: str, defect: str
 ) -> list[StateEstimate]:
     """Of a robot that moves on straight, with a defect of one channel after 2 s."""
     corrupt, told = DEFECTS[defect](channel), []

@@ -237,10 +237,7 @@ def test_links_of_one_robot_stay_apart() -> None:
 
 def test_a_soft_level_gives_way_to_what_is_above_and_yields_to_nothing_below() -> None:
     problem, term = planar_problem(WAYS["ball"], margin=0.3)
-    without, soft = (
-        OcpLevel(name="effort", terms=(Effort(),)),
-        OcpLevel(name="clearance", terms=(replace(term, weight=10.0),)),
-    )
+    without, soft = (OcpLevel(name="effort", terms=(Effort(),)), OcpLevel(name="clearance", terms=(replace(term, weight=10.0),)))
     above = replace(problem, levels=(problem.levels[0], soft, without), constraints=(AtRest(),))
     plain = replace(problem, constraints=(AtRest(),))
     wide, narrow = (Planner(one, NlpOptions(time_limit=600.0)).plan(diagnose=False) for one in (above, plain))

@@ -92,12 +92,7 @@ def test_the_same_two_solids_are_as_far_the_other_way_round(pair: SolidPair, one
 
 
 UPRIGHT, LYING = np.eye(3), pin.rpy.rpyToMatrix(0.0, np.pi / 2, 0.0)
-BOX, CYLINDER, CAPSULE, BALL = (
-    coal.Box(1.0, 1.0, 1.0),
-    coal.Cylinder(0.1, 1.0),
-    coal.Capsule(0.1, 1.0),
-    coal.Sphere(0.5),
-)
+BOX, CYLINDER, CAPSULE, BALL = (coal.Box(1.0, 1.0, 1.0), coal.Cylinder(0.1, 1.0), coal.Capsule(0.1, 1.0), coal.Sphere(0.5))
 SPECIAL = {
     "boxes that touch": (BOX, BOX, UPRIGHT, (1.0, 0.0, 0.0), 0.0),
     "boxes face to face": (BOX, BOX, UPRIGHT, (1.25, 0.5, 0.0), 0.25),

@@ -50,13 +50,7 @@ def test_short_forms_mean_the_same() -> None:
 
 def test_a_fault_is_there_from_its_onset_until_before_its_end() -> None:
     fault = parse_fault("depth:lost@1-2")
-    assert [fault.active(t) for t in (0.0, 0.999, 1.0, 1.5, 1.999, 2.0, 9.0)] == [
-        False,
-        False,
-        *[True] * 3,
-        False,
-        False,
-    ]
+    assert [fault.active(t) for t in (0.0, 0.999, 1.0, 1.5, 1.999, 2.0, 9.0)] == [False, False, *[True] * 3, False, False]
     assert parse_fault("depth:lost@1").active(1e6)
     assert fault.active(0.1 + 0.2 + 0.7 - 1e-12)  # rounding
 

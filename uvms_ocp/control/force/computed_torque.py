@@ -95,13 +95,7 @@ class ComputedTorque:
     """The law of one robot. Holds the modelled state of its actuators: build one per run."""
 
     def __init__(
-        self,
-        robot: Robot,
-        dynamics: Dynamics,
-        *,
-        dt: float,
-        gains: TrackingGains | None = None,
-        water: Water = STILL_WATER,
+        self, robot: Robot, dynamics: Dynamics, *, dt: float, gains: TrackingGains | None = None, water: Water = STILL_WATER
     ) -> None:
         """Dt [s]: control period. water: as far as the controller knows it."""
         chosen = gains or TrackingGains()

@@ -93,18 +93,13 @@ def dead_times(specs: SensorSpecs) -> DeadTimes:
     linear = _soonest(specs.linear_velocity or specs.position)
     turning = _soonest(specs.angular_velocity, specs.attitude)
     return DeadTimes(
-        vehicle=max(linear, turning),
-        turning=turning,
-        joints=_soonest(specs.joint_velocities, specs.joint_positions),
+        vehicle=max(linear, turning), turning=turning, joints=_soonest(specs.joint_velocities, specs.joint_positions)
     )
 
 
 def bandwidth_derating(late: DeadTimes, *, vehicle: float, joints: float, dt: float) -> BandwidthDerating:
     """Compute the derating of loops with bandwidths vehicle [1/s] and joints [1/s], closed once in dt [s]."""
-    shares = (
-        _share(vehicle, late.vehicle + CONTROLLER_DEAD_TIME * dt),
-        _share(joints, late.joints + CONTROLLER_DEAD_TIME * dt),
-    )
+    shares = (_share(vehicle, late.vehicle + CONTROLLER_DEAD_TIME * dt), _share(joints, late.joints + CONTROLLER_DEAD_TIME * dt))
     return BandwidthDerating(vehicle=shares[0], joints=shares[1], joints_late=late.joints)
 
 

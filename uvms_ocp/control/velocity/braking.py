@@ -162,13 +162,7 @@ class SpeedLimitMemory(Layout):
 
 
 def limit_speed(
-    m: SpeedLimitMemory,
-    less: RestrictionMemory,
-    beam: AltimeterMemory,
-    q: Vector,
-    previous: Vector,
-    pace: float,
-    v: Vector,
+    m: SpeedLimitMemory, less: RestrictionMemory, beam: AltimeterMemory, q: Vector, previous: Vector, pace: float, v: Vector
 ) -> float:
     """Makes of the velocity v [m/s, rad/s] that is wanted the one for this tick, and returns the pace that it is at.
 

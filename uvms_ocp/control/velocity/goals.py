@@ -308,10 +308,7 @@ def measured_distances(pairs: NearestPairs, q: np.ndarray, motion: StoppingMotio
     robot, n_v = None if motion is None else motion.robot, pairs.model.n_v
     sizes = {**nearest_sizes(robot, [pairs], len(q), n_v), **distance_layout_sizes([pairs.model], None)}
     memory = structure_of(NearestMemory, **sizes)()
-    measuring, values = (
-        DistanceProvider(memory, [(0, pairs.n_parameters, pairs)], None),
-        doubles(np.zeros(pairs.n_parameters)),
-    )
+    measuring, values = (DistanceProvider(memory, [(0, pairs.n_parameters, pairs)], None), doubles(np.zeros(pairs.n_parameters)))
     v, acceleration, dt = np.zeros(n_v), np.ones(n_v), np.inf
     if motion is not None:
         v, acceleration, dt = motion.v, np.minimum(motion.robot.limits.acceleration, ENDLESS), motion.dt

@@ -132,13 +132,7 @@ def lean_rows(symbols: TickSymbols, lean: Lean) -> Rows:
         saturation=ENDLESS,
     )
     zeros = ca.SX.zeros(len(axes))
-    return Rows(
-        jacobian=J,
-        rate=zeros,
-        lower=-bound(_LARGEST_LEAN + angle),
-        upper=bound(_LARGEST_LEAN - angle),
-        activation=zeros,
-    )
+    return Rows(jacobian=J, rate=zeros, lower=-bound(_LARGEST_LEAN + angle), upper=bound(_LARGEST_LEAN - angle), activation=zeros)
 
 
 @lru_cache(maxsize=8)

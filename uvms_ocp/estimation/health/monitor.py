@@ -419,12 +419,7 @@ class HealthMonitor:
 
     @checked_on_failure
     def screen_and_finish(
-        self,
-        readings: Readings,
-        support: EstimateSupport,
-        repeated: PassThroughMemory,
-        t: float,
-        command: Command | None = None,
+        self, readings: Readings, support: EstimateSupport, repeated: PassThroughMemory, t: float, command: Command | None = None
     ) -> tuple[Array, Array, float]:
         """Run `screen` and `finish` at once, at time t [s], for an estimator that takes readings for the truth.
 

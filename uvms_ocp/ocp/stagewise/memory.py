@@ -110,10 +110,7 @@ class StageMemory:
         n = len(problem.phases)
         return tuple(
             functions.BlockFunctions(
-                block=block,
-                tangent=self.tangent,
-                forces=self.forces if i < n else None,
-                extra=int(free and n <= i < 2 * n - 1),
+                block=block, tangent=self.tangent, forces=self.forces if i < n else None, extra=int(free and n <= i < 2 * n - 1)
             )
             for i, block in enumerate(term_blocks(self.tangent.model))
         )

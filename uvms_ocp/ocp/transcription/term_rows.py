@@ -74,11 +74,7 @@ class TermNumbers:
         bounds = [np.where(np.isfinite(bound), bound, 0.0) for bound in (self.lower, self.upper)]
         n, fixed = len(nodes.active), np.concatenate([[rate], self.roots, *bounds])
         goals = [term.references(nodes.times, nodes.q, nodes.tightened.get(term)) for term in self.terms]
-        parts = [
-            np.reshape(nodes.active, (n, 1)),
-            np.tile(fixed, (n, 1)),
-            *(np.reshape(goal, (n, -1)) for goal in goals),
-        ]
+        parts = [np.reshape(nodes.active, (n, 1)), np.tile(fixed, (n, 1)), *(np.reshape(goal, (n, -1)) for goal in goals)]
         return np.asarray(np.hstack(parts, dtype=float).ravel())
 
 

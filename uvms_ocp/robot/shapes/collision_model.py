@@ -149,12 +149,7 @@ class CollisionModel:
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        obstacles: Sequence[Obstacle] = (),
-        *,
-        self_collision: bool = True,
-        links: Sequence[str] | None = None,
+        self, robot: Robot, obstacles: Sequence[Obstacle] = (), *, self_collision: bool = True, links: Sequence[str] | None = None
     ) -> None:
         """links: names of the shapes that are checked against obstacles, all by default. Raises `InvalidInput`."""
         self._model, self._geometry = robot.model, shapes_among(robot, obstacles)

@@ -65,8 +65,7 @@ def plan_arm(scenario: Scenario, clearance: float = 0.05) -> soft_collision.Coll
     if end is None:
         raise InvalidInput(f"no posture clear of collision reaches the goal of {goal.name} from where the vehicle lands")
     limits = MotionLimits(
-        velocity=_SHARE * robot.limits.velocity[robot.joint_v],
-        acceleration=_SHARE * robot.limits.acceleration[robot.joint_v],
+        velocity=_SHARE * robot.limits.velocity[robot.joint_v], acceleration=_SHARE * robot.limits.acceleration[robot.joint_v]
     )
     options = soft_collision.SoftCollisionOptions(weights=CostWeights(clearance=clearance))
     return soft_collision.plan_soft_collision(distances.scene, np.stack([start, end]), limits=limits, options=options)

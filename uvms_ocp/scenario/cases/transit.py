@@ -39,12 +39,7 @@ def transit(*, relief: str = "small", min_altitude: Positive = 1.0, length: Leng
     floor = HeightField.random(relief, z=run.seabed, centre=(length / 2, 0.0), extent=length + 20.0, seed=run.seed)
     ground = max(floor.height(x, y) for x in np.linspace(-2.0, 2.0, 9) for y in np.linspace(-1.0, 1.0, 5))
     goal = pose_at((length, 0.0, max(run.seabed, floor.height(length, 0.0)) + _ABOVE_FLOOR))
-    tasks = [
-        JointLimits(),
-        MinimumAltitude(threshold=min_altitude, margin=1.0),
-        HorizontalAttitude(),
-        VehiclePose(goal=goal),
-    ]
+    tasks = [JointLimits(), MinimumAltitude(threshold=min_altitude, margin=1.0), HorizontalAttitude(), VehiclePose(goal=goal)]
     arrived = Below(quantity="PC.horizontal_error", limit=1.0)
     phase = phase_of("A", "transit", ("JL", "MAC", "HA", "PC"), DONE, arrived)
     return run.scenario(
@@ -69,11 +64,7 @@ FIELD = (
 
 @checked
 def obstacle_field(
-    *,
-    obstacles: Sequence[Obstacle] = FIELD,
-    with_clearance: bool = True,
-    min_clearance: Positive = 0.15,
-    **options: Any,
+    *, obstacles: Sequence[Obstacle] = FIELD, with_clearance: bool = True, min_clearance: Positive = 0.15, **options: Any
 ) -> Scenario:
     """A transit of 11 m past a boulder, a pillar and a wreck, kept clear of the whole robot by the clearance task.
 

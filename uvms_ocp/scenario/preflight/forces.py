@@ -261,10 +261,7 @@ def check_delays(setup: Setup, visits: Sequence[Visit] = ()) -> Iterator[Finding
     late = [one for one in _late(setup) if one.delay > 0.0]
     if not (late and setup.with_forces) or "controller" in setup.own_parts:
         return
-    own, stiffness = (
-        CONTROLLER_DEAD_TIME * setup.dt,
-        [(phase, _stiffness(setup, q)) for phase, q in _postures(setup, visits)],
-    )
+    own, stiffness = (CONTROLLER_DEAD_TIME * setup.dt, [(phase, _stiffness(setup, q)) for phase, q in _postures(setup, visits)])
     found = [(largest_dead_time(S[one.axes, one.axes], **one.loop), phase, one) for phase, S in stiffness for one in late]
     borne, phase, worst = min(found, key=lambda entry: entry[0] / (entry[2].delay + own))
     if worst.delay + own > borne / _SPARE:

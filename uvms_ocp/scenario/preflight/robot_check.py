@@ -163,11 +163,7 @@ def _mass_matrix(robot: Robot) -> RobotFinding:
 
 
 def _limits(robot: Robot) -> Iterator[RobotFinding]:
-    named = {
-        "velocity": robot.limits.velocity,
-        "acceleration": robot.limits.acceleration,
-        "effort": robot.limits.effort,
-    }
+    named = {"velocity": robot.limits.velocity, "acceleration": robot.limits.acceleration, "effort": robot.limits.effort}
     unlimited = [f"{np.isinf(values).sum()} of {len(values)} {name}" for name, values in named.items() if np.isinf(values).any()]
     if unlimited:
         yield _warning("limits", f"unlimited: {', '.join(unlimited)}; {_LIMITING}")

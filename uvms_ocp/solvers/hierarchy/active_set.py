@@ -134,11 +134,7 @@ class ActiveSetTick:
         found = solve_levels(J.reshape(-1, self._width), lower, upper, gate, self._active_set, self._sizes)
         self._active_set[:] = found.active_set
         return _result(
-            v=found.v,
-            status=found.status,
-            residual=found.residual,
-            extras=tuple(extras),
-            solve_time=perf_counter() - start,
+            v=found.v, status=found.status, residual=found.residual, extras=tuple(extras), solve_time=perf_counter() - start
         )
 
 

@@ -214,8 +214,7 @@ def is_valid(
     open_outwards = logical_and(lower < np.inf, upper > -np.inf)
     ordered = logical_and(lower <= upper, open_outwards)
     return logical_and(
-        all_entries(abs(J) < tolerances.LARGEST),
-        all_entries(logical_and(ordered, logical_and(gate >= 0.0, gate <= 1.0))),
+        all_entries(abs(J) < tolerances.LARGEST), all_entries(logical_and(ordered, logical_and(gate >= 0.0, gate <= 1.0)))
     )
 
 
@@ -239,11 +238,7 @@ def widen_bounds(
 
 
 def residual(
-    J: ArrayOrExpression,
-    v: ArrayOrExpression,
-    lower: ArrayOrExpression,
-    upper: ArrayOrExpression,
-    gate: ArrayOrExpression,
+    J: ArrayOrExpression, v: ArrayOrExpression, lower: ArrayOrExpression, upper: ArrayOrExpression, gate: ArrayOrExpression
 ) -> ArrayOrExpression:
     """Signed distance (M,) [rate] of ``J v`` to [lower, upper] as given, 0 where the gate is 0.
 

@@ -34,23 +34,11 @@ class NlpStatus(AdvisedStatus):
 
     SOLVED = "solved", "nothing to do"
     INEXACT = ("inexact", "the level is at a minimum to reduced accuracy only; scale its rows, or loosen the tolerance")
-    STALLED = (
-        "stalled",
-        "no further progress before the constraints were kept; give another guess, or loosen the limits",
-    )
-    INFEASIBLE = (
-        "infeasible",
-        "no point keeps the constraints near the guess; loosen the limits, or give another guess",
-    )
+    STALLED = ("stalled", "no further progress before the constraints were kept; give another guess, or loosen the limits")
+    INFEASIBLE = ("infeasible", "no point keeps the constraints near the guess; loosen the limits, or give another guess")
     ITERATION_LIMIT = "iteration limit", "the level did not converge; raise max_iterations, or give a better guess"
-    TIME_LIMIT = (
-        "time limit",
-        "the time was over; raise time_limit, shorten the horizon, or start from the last solution",
-    )
-    NOT_A_NUMBER = (
-        "not a number",
-        "an expression is not finite at some point; look for divisions by zero, or move the guess",
-    )
+    TIME_LIMIT = ("time limit", "the time was over; raise time_limit, shorten the horizon, or start from the last solution")
+    NOT_A_NUMBER = ("not a number", "an expression is not finite at some point; look for divisions by zero, or move the guess")
     INTERRUPTED = "interrupted", "stopped by hand at the best point so far; go on from there"
     SKIPPED = "skipped", "a level above it failed; see that level"
 

@@ -160,10 +160,7 @@ class SparseCore:
         key = (H.nnz(), *A.row(), *A.colind(), options.tolerance, options.max_iterations, least)
         if key not in self._solvers:
             accuracy = dict.fromkeys((f"eps_{name}" for name in _ACCURACIES), options.tolerance / _SHARPER)
-            own = {
-                _PLUGIN: {**accuracy, "reg_lower_limit": least, "max_iter": options.max_iterations},
-                "error_on_fail": False,
-            }
+            own = {_PLUGIN: {**accuracy, "reg_lower_limit": least, "max_iter": options.max_iterations}, "error_on_fail": False}
             self._solvers[key] = ca.conic("stages", _PLUGIN, {"h": H, "a": A}, own)
         solver = self._solvers[key]
         found = solver(**given._asdict(), x0=np.concatenate([z, np.zeros(len(given.g) - len(z))]))
@@ -186,11 +183,7 @@ class SparseCore:
                 M += qp.dynamics[k].T @ P @ qp.dynamics[k]
             M[table.fixed[z]], M[:, table.fixed[z]] = 0.0, 0.0
             M += np.diag(
-                np.where(
-                    table.fixed[z],
-                    1.0,
-                    tolerances.INDEFINITE * (np.abs(np.diag(M)) + tolerances.SMALLEST_CURVATURE * most),
-                )
+                np.where(table.fixed[z], 1.0, tolerances.INDEFINITE * (np.abs(np.diag(M)) + tolerances.SMALLEST_CURVATURE * most))
             )
             try:
                 W = np.linalg.solve(np.linalg.cholesky(M[n:, n:]), M[n:, :n])
