@@ -74,5 +74,6 @@ def test_the_same_is_commanded_in_any_world_and_by_any_clock(name: str, solver: 
         found = commands(robot, solver, X_NW, ahead)
         n = min(len(found), len(usual))
         assert n == TICKS if solver != "lexqp" else n >= 5
-        allowed = 1e-6 + 50.0 * np.spacing(ahead)  # velocities change by 1 m/s2 and more within the resolution of a clock
+        exact = 1e-4 if solver == "lexqp" else 1e-6  # a cascade of QPs, each solved to a tolerance that the next inherits
+        allowed = exact + 50.0 * np.spacing(ahead)  # velocities change by 1 m/s2 and more within the resolution of a clock
         assert np.abs(found[:n] - usual[:n]).max() <= allowed, case

@@ -191,7 +191,7 @@ def test_recordings_that_cannot_be_are_refused() -> None:
         Recording(name="r", channels={"position": channel})
     with pytest.raises(InvalidInput, match="no unit quaternions"):
         Recording(name="r", channels={"attitude": channel})
-    with pytest.raises(NameNotFound, match="known: position"):
+    with pytest.raises(InvalidInput, match="no thrust is recorded, only position"):
         GOOD.channel("thrust")
 
 
