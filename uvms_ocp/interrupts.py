@@ -25,9 +25,9 @@ class Interrupted(KeyboardInterrupt):
 
 @contextmanager
 def on_interrupt(answer: Callable[[FrameType | None], object]) -> Iterator[None]:
-    """Answer the first Ctrl-C within the block, and pass it on to the block around that does so too, if any.
+    """Answer the first Ctrl-C within the block, and pass it on to the blocks around that do so too.
 
-    answer: gets the frame that was interrupted. A second Ctrl-C ends the block as Python does. Nothing changes in other
+    answer: gets the frame that was interrupted. A second Ctrl-C ends all of these blocks as Python does. Nothing changes in other
     threads, and where another program answers Ctrl-C.
     """
     before = signal.getsignal(signal.SIGINT)
@@ -35,11 +35,13 @@ def on_interrupt(answer: Callable[[FrameType | None], object]) -> Iterator[None]
     if threading.current_thread() is not threading.main_thread() or not ours:
         yield
         return
-    signal.signal(signal.SIGINT, _Handler(answer, before))
+    handler = _Handler(answer, before)
+    signal.signal(signal.SIGINT, handler)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        if signal.getsignal(signal.SIGINT) is handler:
+            signal.signal(signal.SIGINT, before)
 
 
 class _Handler:
@@ -56,20 +58,21 @@ class _Handler:
 @contextmanager
 def raised_outside_casadi() -> Iterator[None]:
     """Raise the `KeyboardInterrupt` of Ctrl-C once CasADi has returned: what is raised within it is lost."""
-    before = sys.getprofile()
 
     def once_outside(frame: FrameType | None, *event: object) -> None:
         if _within_casadi(frame):
             sys.setprofile(once_outside)
-        else:
-            sys.setprofile(before)
-            raise KeyboardInterrupt
+            return
+        if sys.getprofile() is once_outside:
+            sys.setprofile(None)
+        raise KeyboardInterrupt
 
     try:
         with on_interrupt(once_outside):
             yield
     finally:
-        sys.setprofile(before)
+        if sys.getprofile() is once_outside:
+            sys.setprofile(None)
 
 
 def _within_casadi(frame: FrameType | None) -> bool:

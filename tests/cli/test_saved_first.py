@@ -17,12 +17,14 @@ from uvms_ocp.campaign.campaign import MissionJob
 from uvms_ocp.campaign.distributions import Design
 from uvms_ocp.cli import plan, run
 from uvms_ocp.cli.commands import app
+from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.planning.request import PlanRequest, PostureGoal
 from uvms_ocp.record.record import Record, Recorder
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.signals import Command, State
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.loop import simulate
+from uvms_ocp.solvers.nlp.level_solver import IterationReport
 from uvms_ocp.viz import plan_figures, run_figures
 
 
@@ -76,6 +78,24 @@ def test_what_was_flown_before_ctrl_c_is_written(tmp_path: Path, monkeypatch: py
     assert record.run_meta.stopped
     assert (tmp_path / "out" / "report.json").exists()
     assert "by hand; phase" in done.output
+
+
+def test_a_plan_that_is_stopped_by_hand_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def press(moment: IterationReport) -> str:
+        if moment.iteration == 1:
+            signal.raise_signal(signal.SIGINT)
+        return ""
+
+    monkeypatch.setattr("uvms_ocp.cli.plan._words", press)
+    monkeypatch.setattr("uvms_ocp.cli.plan.draw_all", lambda drawings: [])
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        words = ["plan", "ocp", "--robot", "planar5", "--joint", "x0=0.9", "--out", str(tmp_path / "out"), "--json"]
+        done = CliRunner().invoke(app, words)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert done.exit_code == 130, done.output
+    assert Plan.load(tmp_path / "out" / "plan.npz").status is OcpStatus.INTERRUPTED
 
 
 def test_a_figure_of_a_plan_that_fails_costs_that_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

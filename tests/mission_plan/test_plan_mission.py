@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from dataclasses import replace
 from typing import Any
 
@@ -10,11 +11,13 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.mission.phase import Above, Below, Condition, Phase, Transition
 from uvms_ocp.mission_plan import Margins, MissionPlan, plan_mission
 from uvms_ocp.mission_plan.planner import mission_problem
 from uvms_ocp.mission_plan.terms import MissionWeights
 from uvms_ocp.ocp.plan import OcpStatus
+from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.terms import At
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.record.record import Record
@@ -96,6 +99,23 @@ def test_a_solver_that_is_stopped_makes_no_plan_that_could_be_flown(mission: Sce
     assert stopped.status is OcpStatus.UNFINISHED
     with pytest.raises(InvalidInput, match="the plan of reach is unfinished"):
         stopped.fly(mission)
+
+
+def test_a_stop_by_hand_keeps_the_best_plan_so_far(mission: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
+    solve = Planner.solve
+
+    def pressed(self: Planner, *given: Any, **more: Any) -> Any:
+        signal.raise_signal(signal.SIGINT)
+        return solve(self, *given, **more)
+
+    monkeypatch.setattr(Planner, "solve", pressed)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(Interrupted) as stop:
+            plan_mission(mission, step=3.0, options=NlpOptions(max_iterations=1))
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert isinstance(stop.value.result, MissionPlan)
 
 
 def test_a_plan_that_takes_longer_than_is_allowed_is_not_called_solved(mission: Scenario) -> None:

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import cProfile
+import pstats
 import random
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import perf_counter
 from types import FrameType
 
+import casadi as ca
 import numpy as np
 import pytest
 from compiler import long_without_compiler
 
 import uvms_ocp as uo
+from uvms_ocp.interrupts import on_interrupt
 from uvms_ocp.report.summary import cause_of_end
 from uvms_ocp.robot.signals import Command
 
@@ -45,13 +49,22 @@ def pressed_after(seconds: float) -> Iterator[list[float]]:
         signal.signal(signal.SIGINT, before[1])
 
 
+@contextmanager
+def default_answer() -> Iterator[None]:
+    """Ctrl-C is answered by Python, as in a program of its own."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 @long_without_compiler
 def test_whenever_it_is_pressed_a_run_ends_with_what_was_flown() -> None:
     scenario().run()  # whatever is compiled once
     begin = perf_counter()
     whole = scenario().run()
-    lasts, draw = perf_counter() - begin, random.Random(44)
-    ends = set()
+    lasts, draw, before = perf_counter() - begin, random.Random(44), sys.getprofile()
     for _ in range(MOMENTS):
         given, record = scenario(), None
         with pressed_after(draw.uniform(0.001, lasts)) as pressed:
@@ -64,15 +77,57 @@ def test_whenever_it_is_pressed_a_run_ends_with_what_was_flown() -> None:
             except KeyboardInterrupt:
                 end = "set-up"
             assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-        assert sys.getprofile() is None
+        assert sys.getprofile() is before
         assert (end == "finished") == (not pressed)
-        ends.add(end)
         if record is not None:
             assert record.run_meta.stopped == "stopped" or len(record) == len(whole)
             assert {len(series) for series in record.series.values()} == {len(record)}
             np.testing.assert_array_equal(record["q"], whole["q"][: len(record)])
-    assert ends > {"finished"} or "finished" not in ends
     np.testing.assert_array_equal(scenario().run()["q"], whole["q"])
+
+
+class PressWithinCasadi(ca.Callback):
+    """What is raised in it is lost."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.construct("press", {})
+
+    def eval(self, arg: list[ca.DM]) -> list[ca.DM]:
+        """Press."""
+        signal.raise_signal(signal.SIGINT)
+        return [arg[0]]
+
+
+@pytest.mark.parametrize("press", [lambda: PressWithinCasadi()(1.0), lambda: signal.raise_signal(signal.SIGINT)])
+def test_a_press_while_a_run_is_set_up_ends_it(press: Callable[[], object], monkeypatch: pytest.MonkeyPatch) -> None:
+    sensors, profile = uo.Scenario._sensors, sys.getprofile()
+
+    def pressed(self: uo.Scenario) -> object:
+        press()
+        return sensors(self)
+
+    monkeypatch.setattr(uo.Scenario, "_sensors", pressed)
+    with default_answer(), pytest.raises(KeyboardInterrupt) as stop:
+        scenario().run()
+    assert not isinstance(stop.value, uo.Interrupted)
+    assert sys.getprofile() is profile
+
+
+def test_a_run_may_be_profiled() -> None:
+    profile = cProfile.Profile()
+    assert len(profile.runcall(scenario().run)) > 1
+    assert any(function == "simulate" for _, _, function in pstats.Stats(profile).stats)  # type: ignore[attr-defined]
+
+
+def test_a_second_press_ends_all_blocks() -> None:
+    presses: list[object] = []
+    with default_answer(), pytest.raises(KeyboardInterrupt), on_interrupt(presses.append):
+        with on_interrupt(presses.append):
+            signal.raise_signal(signal.SIGINT)
+        assert len(presses) == 2
+        signal.raise_signal(signal.SIGINT)
+    assert len(presses) == 2
 
 
 def test_the_record_of_a_run_that_was_stopped_says_so() -> None:
@@ -80,12 +135,8 @@ def test_the_record_of_a_run_that_was_stopped_says_so() -> None:
         if t >= 0.2:
             signal.raise_signal(signal.SIGINT)
 
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        with pytest.raises(uo.Interrupted, match=r"stopped by hand at t = 0\.2 s") as stop:
-            scenario().run(press)
-    finally:
-        signal.signal(signal.SIGINT, before)
+    with default_answer(), pytest.raises(uo.Interrupted, match=r"stopped by hand at t = 0\.2 s") as stop:
+        scenario().run(press)
     record = stop.value.result
     assert record["t"][-1] == pytest.approx(0.2)
     assert not record.run_meta.completed

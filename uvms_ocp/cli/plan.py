@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from uvms_ocp.cli import NOT_COMPLETED
+from uvms_ocp.cli import INTERRUPTED, NOT_COMPLETED
 from uvms_ocp.cli import options as opt
 from uvms_ocp.cli.printing import console_of, print_json, print_paths, table_of
 from uvms_ocp.cli.run import draw_all, drawings_of
@@ -123,14 +123,17 @@ class PlanOutput:
     """The motion; None where there is none."""
     good: bool
     """The goal is reached and nothing touches."""
+    stopped: bool = False
+    """By hand: what there is so far is written."""
     save: Callable[[Path], object]
     """Writes what only this method has into a folder; called where there is a motion."""
 
     def write(self, folder: Path) -> list[str]:
         """The report always, the rest where there is a motion, but for drawings; returns names of what was written."""
         (folder / "report.json").write_text(json.dumps(self.report, indent=2) + "\n")
-        if self.record is not None:
+        if self.record is not None or self.stopped:
             self.save(folder)
+        if self.record is not None:
             self.record.save(folder / "record.npz")
         return [path.name for path in folder.iterdir()]
 
@@ -159,8 +162,8 @@ def make_and_write_plan(make: Callable[[Progress], PlanOutput], out: Path, as_js
         console.print(line, style="yellow", markup=False)
     if as_json:
         print_json(made.report)
-    if not made.good:
-        raise typer.Exit(NOT_COMPLETED)
+    if made.stopped or not made.good:
+        raise typer.Exit(INTERRUPTED if made.stopped else NOT_COMPLETED)
 
 
 def _print_plan(console: Console, made: PlanOutput, paths: list[Path]) -> None:
@@ -212,15 +215,18 @@ def mission(
     solver = replace(OPTIONS, plugin=nlp, time_limit=time_limit)
     with claim_folder(out or opt.default_folder(("plan", "mission", opt.label(name)), options), _MISSION_FILES) as claim:
         with console.status(f"planning {name}"):
-            found = plan_mission(scenario, duration=within, step=step, options=solver)
+            try:
+                found, stopped = plan_mission(scenario, duration=within, step=step, options=solver), False
+            except Interrupted as stop:
+                found, stopped = stop.result, True
         with claim.staged() as staging:
             _write(found, staging)
         written = claim.written()
     _print(console, found, written)
     if as_json:
         print_json(found.summary())
-    if not found.solved:
-        raise typer.Exit(NOT_COMPLETED)
+    if stopped or not found.solved:
+        raise typer.Exit(INTERRUPTED if stopped else NOT_COMPLETED)
 
 
 def _write(found: MissionPlan, folder: Path) -> None:
@@ -323,10 +329,11 @@ def _by_curve(request: PlanRequest) -> PlanOutput:
 
 
 def _by_ocp(request: OcpRequest, progress: Progress) -> PlanOutput:
+    stopped = False
     try:
         result = solve_ocp(request, progress=lambda moment: progress(_words(moment)))
     except Interrupted as stop:
-        result = stop.result
+        result, stopped = stop.result, True
 
     def save(folder: Path) -> None:
         for name in ("plan.npz", "plan.json"):
@@ -337,6 +344,7 @@ def _by_ocp(request: OcpRequest, progress: Progress) -> PlanOutput:
         report=ocp_report(result),
         record=ocp_record(result) if result.plan.status.usable else None,
         good=result.plan.status is OcpStatus.SOLVED and result.collision_free,
+        stopped=stopped,
         save=save,
     )
 

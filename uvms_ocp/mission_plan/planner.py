@@ -16,6 +16,7 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.control.plan_following import FollowingTuning, PlanGuide, PlannedPhase
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission_plan import terms as surroundings
 from uvms_ocp.mission_plan.segments import (
@@ -410,6 +411,8 @@ def plan_mission(
     duration [s]: at most, by default that of the greedy mission without forces. margins: by which the plan is stricter
     than the mission. step [s]: of the horizon. options: of the solver.
 
+    Ctrl-C raises `Interrupted`, whose `result` is the best so far.
+
     Raises `InvalidInput`, in one line, for tasks and conditions that no residual states, by name, a floor that is not level,
     and a mission that no transition completes.
     """
@@ -417,11 +420,15 @@ def plan_mission(
     posed = mission_problem(scenario, margins=margins or Margins(), step=step)
     longest = duration or posed.greedy_duration
     search = _Search(posed, options or OPTIONS)
-    plan = search.found(longest)
+    stop: Interrupted | None = None
+    try:
+        plan = search.found(longest)
+    except Interrupted as interrupted:
+        stop, plan = interrupted, interrupted.result
     proof = None if posed.shapes is None else surroundings.certify_along(posed.shapes, plan.trajectory)
     status, reason = _verdict(plan, proof, longest)
     phases = _phases(scenario, posed.segments, plan.trajectory.t[posed.problem.starts_of_phases()])
-    return MissionPlan(
+    found = MissionPlan(
         scenario=scenario.name,
         trajectory=plan.trajectory,
         phases=phases,
@@ -435,6 +442,10 @@ def plan_mission(
         solve_time=perf_counter() - begin,
         identity=mission_digests(scenario),
     )
+    if stop is not None:
+        stop.result = found
+        raise stop
+    return found
 
 
 def _verdict(plan: Plan, proof: ClearanceReport | None, longest: float) -> tuple[OcpStatus, str]:
@@ -517,7 +528,11 @@ class _Search:
         """Plan from a trajectory, in the water along it, then along the result, until it stays the same."""
         given, best = posed.at(weights, way, _SHARE * limit), None
         for _ in range(_ROUNDS):
-            plan = planner.plan(given, guess=way, diagnose=False)
+            try:
+                plan = planner.plan(given, guess=way, diagnose=False)
+            except Interrupted as stop:
+                stop.result = best or stop.result
+                raise
             self.spent += plan.iterations
             if not plan.status.usable:
                 break

@@ -78,14 +78,14 @@ def cause_of_end(record: Record) -> dict[str, str]:
         return {"kind": "ended too early", "text": f"complete by the estimate; {'; '.join(map(_missed, missed))}"}
     if meta.completed:
         return {"kind": "completed", "text": "every phase came to its end"}
+    if meta.stopped:
+        why = "by hand" if meta.stopped == "stopped" else "the plant's velocity is no finite number"
+        return {"kind": meta.stopped, "text": f"{why}; {_unfinished(record)['text']}"}
     if (cause := _aborted(meta)) is not None:
         return cause
     if meta.events and meta.events[-1].target == ABORT:
         return {"kind": "given up", "text": meta.events[-1].reason}
     cause = _unfinished(record)
-    if meta.stopped:
-        why = "by hand" if meta.stopped == "stopped" else "the plant's velocity is no finite number"
-        cause = {"kind": meta.stopped, "text": f"{why}; {cause['text']}"}
     if swinging := metrics.swings(record):
         kind = "swinging" if _explains(record, {swing.what for swing in swinging}) else cause["kind"]
         cause = {"kind": kind, "text": f"{cause['text']}; {', '.join(map(str, swinging))}"}
