@@ -28,11 +28,13 @@ from uvms_ocp.mission.phase import Abort
 from uvms_ocp.mission.progress import MissionMemory, quantities_read, sizes_of, write_state
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import cause_of_end, summarize
+from uvms_ocp.robot.description import checked_copy
 from uvms_ocp.robot.shapes.hull import lowest_point, skid_points
 from uvms_ocp.robot.signals import ChannelHealth, Command, Readings, StateEstimate, Trust
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.sim.seafloor import HeightField
+from uvms_ocp.tasks import Hierarchy
 
 DT = 0.02
 
@@ -105,6 +107,40 @@ def test_hull_or_arm_in_the_floor_that_is_seen_ends_the_mission(still: Scenario)
         assert not any(reasons(still, ActuationFeedback(), 0.7, clearance=clearance))
 
 
+@pytest.mark.parametrize(
+    ("trust", "silent", "ends"),
+    [(Trust.GOOD, False, True), (Trust.GOOD, True, False), (Trust.SUSPECT, False, False), (Trust.LOST, True, False)],
+)
+def test_a_floor_that_nobody_sees_ends_no_mission(still: Scenario, trust: Trust, silent: bool, ends: bool) -> None:
+    """Before, the floor that is assumed in doubt, which rises with the way, ended every long way."""
+    control, echo = still.kinematic_controller(), 3.0
+    q = still.robot.configuration(position=(0.0, 0.0, -36.0), rpy=(0.0, 0.5, 0.0)).copy()  # the hull reaches below the altimeter
+    bad = (ChannelHealth(channel="altimeter_range", trust=trust),) if trust is not Trust.GOOD else ()
+    why = set()
+    for k in range(120):
+        health = ()
+        if k >= 10:
+            q[0], q[2], echo, health = q[0] + 0.3, q[2] - 0.05, np.nan if silent else max(0.02, echo - 0.1), bad
+        measured = StateEstimate(q=q.copy(), v=np.zeros(still.robot.n_v), altimeter_range=echo, health=health)
+        control(measured, k * DT)
+        why.add(AbortReason(control.memory.why))
+    assert (AbortReason.FLOOR in why) is ends
+    assert control.memory.height[0] < control.memory.beam.floor
+
+
+def test_how_deep_the_floor_is_does_not_depend_on_where_the_world_begins(still: Scenario) -> None:
+    """Before, an altimeter that the task alone names was taken for at the origin of the world."""
+    robot = replace(still.robot, description=checked_copy(still.robot.description, altimeter=None))
+    tasks = [replace(task, frame="altimeter") if task.needs_altimeter else task for task in still.mission.hierarchy.tasks]
+    mission = replace(still.mission, hierarchy=Hierarchy(tasks, [task.name for task in tasks]))
+    memory = replace(still, robot=robot, mission=mission).kinematic_controller().memory
+    heights = []
+    for x in (0.0, 100.0):
+        memory.lowest(doubles(robot.configuration(position=(x, 0.0, -9.0))), memory.height)
+        heights.append(memory.height[0])
+    assert heights[1] == pytest.approx(heights[0], abs=1e-9)
+
+
 @pytest.mark.slow
 def test_an_arm_that_works_downhill_is_not_in_the_floor() -> None:
     target = np.array([12.2025, 37.3748])
@@ -129,7 +165,7 @@ def test_the_lowest_point_is_that_of_hull_joints_and_tool(still: Scenario) -> No
         assert float(found(q)) == pytest.approx(min(point[2] for point in points), abs=1e-9)
         there = data.oMf[robot.frame_id("altimeter")].translation
         fallen = [point[2] + 0.3 * np.linalg.norm(point[:2] - there[:2]) for point in points]
-        assert float(lowest_point(robot, 0.3)(q)) == pytest.approx(min(fallen), abs=1e-9)
+        assert float(lowest_point(robot, 0.3, "altimeter")(q)) == pytest.approx(min(fallen), abs=1e-9)
 
 
 def test_an_error_that_grows_at_the_thrusters_limits_ends_the_mission_at_once(still: Scenario) -> None:
@@ -162,7 +198,7 @@ def test_a_robot_that_takes_its_joints_for_beyond_their_limits_still_climbs(stil
     yaw = 2.5
     q = still.robot.configuration(position=(1.0, 2.0, -9.0), rpy=(0.3, -0.4, yaw)).copy()
     q[still.robot.joint_q] = still.robot.limits.position_upper + beyond
-    memory = structure_of(AscentMemory, **ascent_sizes(still.robot, still.mission))(altitude=2.5)
+    memory = structure_of(AscentMemory, **ascent_sizes(still.robot, still.mission, None))(altitude=2.5)
     for floor, rise in ((np.nan, 2.5), (q[2] - 1.0, 1.5), (q[2] - 3.0, 0.0)):
         aim_ascent(memory, doubles(q), floor)
         goal = ascent_goal(memory)

@@ -64,6 +64,14 @@ def test_a_swing_is_told_of_once_a_phase_within_four_of_its_periods(period: floa
     assert watched(0.01, period) == []
 
 
+@pytest.mark.parametrize("dt", [0.15, 3.0, 50.0])
+def test_any_control_period_is_watched(dt: float) -> None:
+    watch, q, told = SwingWatch(dt, floating=False), np.zeros(7), []
+    for k in range(200):
+        told += watch.after(0, q, np.array([0.3 * (-1) ** (k // 2)]), {0: ("error", 0.1)})
+    assert all(swing.what == "error" for swing in told)
+
+
 def swung(amplitude: float) -> Record:
     """A stored run that does not complete, held in its last phase, with a pitch of this amplitude [rad]."""
     stored = Record.load(STORED)

@@ -7,6 +7,7 @@ import pytest
 from six_thrusters import six_thrusters
 
 import uvms_ocp as uo
+from uvms_ocp.control.velocity.tick import _shorten
 from uvms_ocp.report.metrics import swings
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.scenario.options import RunOptions, abort_phase, activate, mission_of, run_options
@@ -45,6 +46,13 @@ def swim(load: float, *, aligned: bool = True) -> Scenario:
         start=run.start(uo.pose_at((0.0, 0.0, -6.0))),
         markers={},
     )
+
+
+def test_a_pitch_beyond_its_limit_slows_no_other_axis() -> None:
+    memory = swim(0.0).kinematic_controller().memory
+    memory.solved[0], memory.solved[4] = 0.4, 2.0
+    _shorten(memory)
+    assert (memory.wanted[0], memory.wanted[4]) == pytest.approx((0.4, 2.0))
 
 
 def test_pre_flight_tells_once_which_axes_no_thruster_drives() -> None:

@@ -89,7 +89,7 @@ class SwingWatch:
         """dt [s]: control period; floating: the vehicle has roll and pitch."""
         self._ticks, self._floating = max(1, round(_EVERY / dt)), floating
         self._dt = self._ticks * dt
-        self._q, self._errors = (deque[np.ndarray](maxlen=round(WINDOW / self._dt)) for _ in range(2))
+        self._q, self._errors = (deque[np.ndarray](maxlen=max(round(WINDOW / self._dt), 2 * _HALVES)) for _ in range(2))
         self._count, self._phase = 0, -1
         self._known: set[str] = set()
 

@@ -62,14 +62,18 @@ def aim_ascent(m: AscentMemory, q: Vector, floor: float) -> None:
     m.goal[11] = 1.0
 
 
-def ascent_sizes(robot: Robot, mission: Mission) -> dict[str, ca.Function]:
-    """Return the sizes of an `AscentMemory`, and what tells how low the robot is; nothing ascends without an abort phase."""
+def ascent_sizes(robot: Robot, mission: Mission, altimeter: str | None) -> dict[str, ca.Function]:
+    """Return the sizes of an `AscentMemory`, and what tells how low the robot is; nothing ascends without an abort phase.
+
+    altimeter: its frame.
+    """
     q = ca.SX.sym("q", robot.n_q)
     R_WF, p_WF = ca.SX.eye(3), ca.SX.zeros(3)
     if mission.abort is not None:
         R_WF, p_WF = SymbolicModel(robot.model).forward_kinematics(q).pose(mission.ascent_frame)
     outputs = [ca.densify(p_WF), ca.densify(ca.vec(R_WF))]
-    return {"pose": ca.Function("climb_frame", [q], outputs, {"cse": True}), "lowest": lowest_point(robot, UNSEEN_SLOPE)}
+    lowest = lowest_point(robot, UNSEEN_SLOPE, altimeter)
+    return {"pose": ca.Function("climb_frame", [q], outputs, {"cse": True}), "lowest": lowest}
 
 
 def ascent_goal(memory: AscentMemory) -> pin.SE3:

@@ -23,6 +23,7 @@ from uvms_ocp.robot.symbolic_bodies import sparse
 from uvms_ocp.robot.thrusters import undriven_axes
 from uvms_ocp.solvers.hierarchy.level import widen_bounds
 from uvms_ocp.tasks.activation import ENDLESS, row_acceleration, stopping_speed
+from uvms_ocp.tasks.pose import UnderActuation
 from uvms_ocp.tasks.task import Hierarchy, Rows, Task, TaskClass, TickSymbols, equality_rows
 from uvms_ocp.types import Period
 
@@ -50,7 +51,7 @@ def jerk_limit_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Row
     # An axis that was braked to a standstill stays there: what is left of the braking must not push it backwards.
     falling = stopping_speed(ca.fabs(previous), deceleration=jerk, dt=dt) * dt
     most = falling + ca.if_else(change * previous > 0, ca.inf, 0)
-    held, free = previous + ca.fmin(ca.fmax(change, -most), most), _unlimited(symbols.robot)
+    held, free = previous + ca.fmin(ca.fmax(change, -most), most), sparse(unlimited_axes(symbols.robot))
     return Rows(
         jacobian=ca.SX.eye(n_v),
         rate=ca.SX.zeros(n_v),
@@ -60,11 +61,11 @@ def jerk_limit_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Row
     )
 
 
-def _unlimited(robot: Robot) -> ca.DM:
+def unlimited_axes(robot: Robot) -> np.ndarray:
     """Return (n_v,) infinity for axes that no thruster drives, and that heed no limit; 0 for the others."""
     found = np.zeros(robot.n_v)
     found[list(undriven_axes(robot))] = np.inf
-    return sparse(found)
+    return found
 
 
 def smooth_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
@@ -115,13 +116,16 @@ def _falling(excess: ca.SX) -> ca.SX:
 # References that the acceleration limits can follow, so that tasks change smoothly in a strict hierarchy.
 
 
-def reachable_rows(rows: Rows, *, equality: bool, eased: bool, symbols: TickSymbols, previous: ca.SX, gate: ca.SX) -> Rows:
+def reachable_rows(
+    rows: Rows, *, equality: bool, eased: bool, symbols: TickSymbols, previous: ca.SX, gate: ca.SX, driven: bool = True
+) -> Rows:
     """The rows with bounds that can be followed from the previous velocity (n_v,) [m/s, rad/s], and with the gate in them.
 
     A row asks for no more change of its rate per tick than its least-norm motion gives within the acceleration
     limits. Otherwise every degree of freedom that moves the row would join in at its limit, whatever it was meant for.
     Rows of an equality change in proportion, so that where they settle does not depend on the limits. Accelerations towards
-    references and bounds fall to 0 on the way; those away from a bound that is broken do so only where `eased`.
+    references and bounds fall to 0 on the way; those away from a bound that is broken do so only where `eased`. An equality that
+    is not `driven` holds at once: it is what moves by itself.
 
     The gate acts as `uvms_ocp.solvers.hierarchy.level` says. The range of a row is what the limits let one tick change of
     its rate: bounds that are farther away than that are kept by the limits themselves.
@@ -132,7 +136,7 @@ def reachable_rows(rows: Rows, *, equality: bool, eased: bool, symbols: TickSymb
     present, acceleration = rows.jacobian @ previous, row_acceleration(rows.jacobian, limits.acceleration)
     if equality:
         wanted = rows.rate - present
-        lower = upper = present + common_share(wanted, acceleration, dt) * wanted
+        lower = upper = present + (common_share(wanted, acceleration, dt) if driven else 1) * wanted
     else:
         lower = rows.lower if _is_endless(rows.lower) else present - _way(present - rows.lower, acceleration, dt, eased)
         upper = rows.upper if _is_endless(rows.upper) else present + _way(rows.upper - present, acceleration, dt, eased)
@@ -253,7 +257,8 @@ def _is_safety(task: Task) -> bool:
 def _reachable(task: Task, rows: Rows, symbols: TickSymbols, previous: ca.SX, gate: ca.SX) -> Rows:
     """Bounds that keep the robot safe are followed as fast as the acceleration limits allow."""
     eased = task.equality or not _is_safety(task)
-    return reachable_rows(rows, equality=task.equality, eased=eased, symbols=symbols, previous=previous, gate=gate)
+    driven = not isinstance(task, UnderActuation)
+    return reachable_rows(rows, equality=task.equality, eased=eased, symbols=symbols, previous=previous, gate=gate, driven=driven)
 
 
 def _stacked(levels: Sequence[_Level], quantities: dict[str, ca.SX]) -> dict[str, ca.SX]:
@@ -324,7 +329,7 @@ def _limit_rows(symbols: TickSymbols, previous: ca.SX) -> Rows:
         braking = {"deceleration": float(robot.limits.acceleration[i]), "dt": symbols.dt}
         lower[i] = ca.fmax(lower[i], -stopping_speed(q - q_lower, **braking))
         upper[i] = ca.fmin(upper[i], stopping_speed(q_upper - q, **braking))
-    zeros, free = ca.SX.zeros(robot.n_v), _unlimited(robot)
+    zeros, free = ca.SX.zeros(robot.n_v), sparse(unlimited_axes(robot))
     return Rows(
         jacobian=ca.SX.eye(robot.n_v),
         rate=zeros,

@@ -125,7 +125,8 @@ def _check_mission(m: TickMemory) -> None:
     less, stopped = m.restriction, is_stopped(m)
     hopeless = stopped and (less.ended or less.any_lost)
     m.lowest(m.q, m.height)
-    clearance = math.nan if m.holds else m.height[0] - m.beam.floor
+    unseen = m.holds or _doubts_altimeter(m) or not m.altitude_valid
+    clearance = math.nan if unseen else m.height[0] - m.beam.floor
     m.why = abort_reason(m.distress, m.mission, m.t, m.gates, m.phase_quantities, hopeless, less.ended, clearance)
     if m.why != AbortReason.NOTHING:
         m.eventful = True
@@ -229,13 +230,16 @@ def _wanted_velocity(m: TickMemory) -> None:
 def _shorten(m: TickMemory) -> None:
     """The solver's velocity, shortened to the velocity limits with its direction kept.
 
-    Joints leave what they have lately been faster by than commanded, so that they keep their limits themselves.
+    Joints leave what they have lately been faster by than commanded, so that they keep their limits themselves. What lags behind
+    as they brake is not that, nor what moves them at rest.
     """
     excess, dt = 1.0, m.rule.stop.dt
     for i in range(len(m.solved)):
         if m.is_joint[i] != 0:
-            faster = _SPARE * math.copysign(1.0, m.command[i]) * (m.v[i] - m.command[i])
-            faster = min(max(faster, 0.0), _FASTER * m.velocity_limit[i])
+            ahead = m.command[i] * (m.v[i] - m.command[i]) > 0.0
+            faster = min(_SPARE * abs(m.v[i] - m.command[i]), _FASTER * m.velocity_limit[i]) if ahead else 0.0
+            if m.command[i] * m.change[i] < 0.0:
+                faster = min(faster, m.faster[i])
             gain = min(1.0, dt / (_NOTICED if faster > m.faster[i] else _FORGOTTEN))
             m.faster[i] += gain * (faster - m.faster[i])
         excess = max(excess, abs(m.solved[i]) / (m.velocity_limit[i] - m.faster[i]))

@@ -13,7 +13,7 @@ from uvms_ocp.control.velocity.abort import AbortMemory, AscentMemory, ascent_si
 from uvms_ocp.control.velocity.braking import SpeedLimitMemory
 from uvms_ocp.control.velocity.distances import NearestMemory
 from uvms_ocp.control.velocity.goals import GoalsMemory
-from uvms_ocp.control.velocity.levels import LevelsProblem
+from uvms_ocp.control.velocity.levels import LevelsProblem, unlimited_axes
 from uvms_ocp.control.velocity.swing import N_PASSIVE, memory_time, swinging_axes
 from uvms_ocp.control.velocity.viability import ViabilityMemory
 from uvms_ocp.estimation.degraded_modes import ALTIMETER, CHANNELS, RestrictionMemory, write_modes
@@ -56,7 +56,7 @@ class TickMemory(Layout):
     """Distances among them."""
 
     velocity_limit: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s]"""
+    """(n_v,) [m/s, rad/s] endless of axes that nobody drives."""
     reads_altitude: Annotated[list[int], Sized("n_tasks")]
     """(n_tasks,) which tasks read the altimeter."""
     lands: Annotated[list[int], Sized("n_tasks")]
@@ -176,7 +176,7 @@ def tick_memory(
         "n_quantities": len(names),
         "n_channels": len(problem.rests_on),
         "n_parameters": problem.function.size1_in("parameters"),
-        **ascent_sizes(robot, mission),
+        **ascent_sizes(robot, mission, altimeter_of(robot, tasks)),
         **echo_sizes(robot, altimeter_of(robot, tasks)),
         **sizes_of(mission.all_phases),
     }
@@ -194,7 +194,7 @@ def tick_memory(
         near=True,
         place=robot.configuration(),
         last_phase_quantities=math.nan,
-        velocity_limit=robot.limits.velocity,
+        velocity_limit=robot.limits.velocity + unlimited_axes(robot),
         is_joint=is_joint,
         altimeter=[*problem.rests_on].index(ALTIMETER),
         channel=[CHANNELS.index(channel) for channel in problem.rests_on],

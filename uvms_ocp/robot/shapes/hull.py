@@ -41,10 +41,10 @@ def _box_corners(shape: pin.GeometryObject) -> np.ndarray:
     return np.asarray(box_corners(shape.geometry) @ shape.placement.rotation.T + shape.placement.translation)
 
 
-def lowest_point(robot: Robot, slope: float = 0.0) -> ca.Function:
+def lowest_point(robot: Robot, slope: float = 0.0, altimeter: str | None = None) -> ca.Function:
     """Q to the z [m] in W of the lowest of the hull's corners, the joints of the arm and the tools.
 
-    slope: of a floor that falls from below the altimeter on, by which those beside it count as higher.
+    slope: of a floor that falls from below the altimeter, a frame, on, by which those beside it count as higher.
     """
     q = ca.SX.sym("q", robot.n_q)
     kinematics = SymbolicModel(robot.model).forward_kinematics(q)
@@ -53,7 +53,8 @@ def lowest_point(robot: Robot, slope: float = 0.0) -> ca.Function:
     if robot.n_vehicle:
         vehicle = kinematics.joint_poses[1]
         points += [vehicle.p + vehicle.R @ ca.DM(point) for point in skid_points(robot)]
-    frame = robot.description.altimeter
-    centre = kinematics.pose(frame)[1] if frame and robot.has_frame(frame) else ca.SX(3, 1)
-    heights = ca.vertcat(ca.inf, *(point[2] + slope * ca.norm_2(point[:2] - centre[:2]) for point in points))
-    return ca.Function("lowest_point", [q], [ca.densify(ca.mmin(heights))], {"cse": True})
+    heights = [point[2] for point in points]
+    if altimeter is not None and robot.has_frame(altimeter):
+        centre = kinematics.pose(altimeter)[1]
+        heights = [point[2] + slope * ca.norm_2(point[:2] - centre[:2]) for point in points]
+    return ca.Function("lowest_point", [q], [ca.densify(ca.mmin(ca.vertcat(ca.inf, *heights)))], {"cse": True})
