@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +12,15 @@ import pytest
 from matplotlib.text import Text
 from tiny_robots import LIMIT, RIGID, TINY, WEIGHTLESS, Tiny, robot_of, scenario_of
 
+from uvms_ocp.campaign.jobs import run_metrics
 from uvms_ocp.campaign.variations import available_parameters
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.tables import column_units
 from uvms_ocp.report.comparison import compare
-from uvms_ocp.report.summary import summarize
+from uvms_ocp.report.summary import RunSummary, summarize
+from uvms_ocp.robot.signals import Command, State
+from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.viz import plot, show, write_figures, write_scene
 
 
@@ -84,7 +89,7 @@ def test_a_robot_of_which_nothing_moves_is_refused() -> None:
 
 def test_a_run_that_diverges_keeps_what_came_before(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     record = scenario_of(robot_of(WEIGHTLESS), "dynamic").run()
-    assert "the run ends at t = 0 s: after it the plant's velocity is no finite number" in caplog.text
+    assert "the run ends at t = 0 s: after it the plant's motion grew beyond what a record holds" in caplog.text
     record.save(tmp_path / "record.npz")
     loaded = Record.load(tmp_path / "record.npz")
     assert loaded["q"].shape == (1, record.series["q"].shape[1])
@@ -108,3 +113,53 @@ def test_a_run_in_water_is_saved_loaded_told_and_drawn(name: str, tmp_path: Path
     assert write_figures(loaded, tmp_path)
     write_scene(loaded, robot, tmp_path / "scene.html")
     assert (tmp_path / "scene.html").stat().st_size > 0
+
+
+def test_a_campaign_has_the_least_margin_of_joints_that_slide() -> None:
+    scenario = scenario_of(robot_of(TINY["a joint that slides"]), "kinematic")
+    record = scenario.run()
+    limits, q = scenario.robot.limits, record["q"][:, -1:]
+    away = np.minimum(q - limits.position_lower, limits.position_upper - q).min()
+    assert run_metrics(scenario, record)["joint_margin_m"] == pytest.approx(away)
+
+
+def test_a_figure_of_zero_is_on_the_page() -> None:
+    summary = summarize(scenario_of(robot_of(TINY["one wet link"]), "kinematic").run())
+    assert "min_altimeter_m" in str(RunSummary({**summary, "min_altimeter_m": 0.0}))
+    assert "min_altimeter_m" not in str(RunSummary({**summary, "min_altimeter_m": None}))
+
+
+class GrowingPlant:
+    """Moves ahead, at every tick faster by a factor."""
+
+    takes_forces = False
+
+    def __init__(self, q: np.ndarray, n_v: int, factor: float) -> None:
+        self.state, self.factor = State(q=q, v=np.zeros(n_v)), factor
+
+    def telemetry(self) -> dict[str, float]:
+        return {}
+
+    def step(self, command: Command, dt: float) -> None:
+        q, v = self.state.q.copy(), self.state.v.copy()
+        v[0] = self.factor * max(v[0], 0.1)
+        q[0] += dt * v[0]
+        self.state = State(q=q, v=v)
+
+
+@pytest.mark.parametrize("factor", [10.0, 1e9, 1e40, 1e170, 1e308])
+def test_a_run_that_outgrows_its_record_ends_at_its_last_readable_row(factor: float, tmp_path: Path) -> None:
+    scenario = scenario_of(robot_of(TINY["one wet link"]), "kinematic")
+
+    def growing(scenario: Scenario, *_: object, **__: object) -> GrowingPlant:
+        return GrowingPlant(np.array(scenario.start), scenario.robot.n_v, factor)
+
+    growing.takes_forces = False  # type: ignore[attr-defined]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        record = replace(scenario, plant=growing).run()
+    record.save(tmp_path / "record.npz")
+    loaded = Record.load(tmp_path / "record.npz")
+    assert loaded.run_meta.stopped == summarize(loaded)["cause"]["kind"] == "diverged"
+    last = loaded["v"][-1, 0]
+    assert last <= 1e10 <= 1.1 * factor * max(last, 0.1)

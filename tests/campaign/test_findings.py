@@ -114,3 +114,9 @@ def test_only_pairs_that_differ_speak() -> None:
     assert found["p_value"] == pytest.approx(2 * 0.5**8)
     (row,) = found["figures"]
     assert (row["mean_change"], row["lower"], row["upper"]) == (2.0, 2.0, 2.0)
+
+
+def test_a_campaign_of_a_version_without_a_figure_has_the_distributions_of_the_others() -> None:
+    old = table(4, duration_s=[1.0, 2.0, 3.0, 4.0], joint_margin_m=0.1)
+    assert [row["figure"] for row in distribution_table(old)] == ["duration_s", "joint_margin_m"]
+    assert [row["figure"] for row in distribution_table(old.drop(columns="joint_margin_m"))] == ["duration_s"]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -127,3 +129,18 @@ def test_the_command_prints_what_check_recording_takes(tmp_path: Path) -> None:
     checked = CliRunner().invoke(app, ["check-recording", str(tmp_path / "a.csv"), "--mapping", str(tmp_path / "map.yaml")])
     assert checked.exit_code == 0
     assert "position" in checked.stdout
+
+
+@pytest.mark.parametrize("zeros", [1, None], ids=["before the first fix", "always"])
+def test_a_channel_that_cannot_be_read_leaves_the_evidence_of_the_others(zeros: int | None, tmp_path: Path) -> None:
+    columns = columns_of(GOOD, {"attitude": "qx qy qz qw", "angular_velocity": "gyro_x gyro_y gyro_z"})
+    for name in ("qx", "qy", "qz", "qw"):
+        columns[name][:zeros] = 0.0
+    write_columns(tmp_path / "dive.csv", columns)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        text = propose_mapping(tmp_path / "dive.csv")
+    evidence = dict(zip(re.findall(r"^  (\w+): {", text, re.M), re.split(r"^  \w+: {", text, flags=re.M)[1:], strict=True))
+    assert "    # by names: " in evidence["angular_velocity"]
+    assert ("# doubtful: attitude: NaN in every row" in evidence["attitude"]) == (zeros is None)
+    assert not re.search(r"by names: *$", text, re.M)

@@ -12,8 +12,10 @@ from same_record import require_same
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.mcap import field_names, series_message, values_of
-from uvms_ocp.record.record import Record
+from uvms_ocp.record.record import MEASURED, Record
 from uvms_ocp.record.tables import unit_of
+from uvms_ocp.report.metrics import figures_between
+from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario.cases.case1 import case1
 
 pytest.importorskip("mcap", reason='needs pip install "uvms-ocp[mcap]"')
@@ -150,3 +152,30 @@ def test_chosen_series_come_at_a_chosen_rate(record: Record, tmp_path: Path) -> 
     for rate in (0.0, -1.0, np.nan):
         with pytest.raises(InvalidInput, match="rate"):
             record.to_mcap(path, rate=rate)
+
+
+def test_fewer_rows_have_the_figures_of_all_and_every_newest_reading(record: Record, tmp_path: Path) -> None:
+    record = Record(series={**record.series, "v": np.ones_like(record["v"])}, meta=record.meta)
+    record.to_mcap(tmp_path / "thin.mcap", rate=10.0)
+    part = Record.from_mcap(tmp_path / "thin.mcap")
+    t, kept = record["t"], part["t"]
+    assert part.run_meta.dt == pytest.approx(t[-1] / (len(part) - 1))
+    ways = [figures_between(one, 0.0, t[-1])["joint_path_rad"] for one in (record, part)]
+    assert ways[1] == pytest.approx(ways[0])
+    assert len(summarize(part)["phases"]) == len(summarize(record)["phases"])
+    readings = 0
+    for name in MEASURED.keys() & record.series.keys():
+        for row, (before, end) in enumerate(zip([-1.0, *kept[:-1]], kept, strict=True)):
+            between = record[name][(t > before) & (t <= end)]
+            known = between[np.isfinite(between[:, -1])]
+            readings += len(known) > 0
+            np.testing.assert_array_equal(part[name][row], known[-1] if len(known) else np.full(MEASURED[name], np.nan))
+    assert readings > len(part)
+    record.to_mcap(tmp_path / "all.mcap", rate=1e3)
+    assert Record.from_mcap(tmp_path / "all.mcap").meta == record.meta
+
+
+def test_a_part_without_a_series_that_the_summary_needs_is_refused_by_its_name(record: Record) -> None:
+    part = Record(series={name: array for name, array in record.series.items() if name != "quantities"}, meta=record.meta)
+    with pytest.raises(InvalidInput, match=r"^part of a record: no series 'quantities'; give one with all series$"):
+        summarize(part)

@@ -181,7 +181,8 @@ METRICS: Mapping[str, str] = {
     "clearance_m": "least distance from any obstacle; nothing without obstacles [m]",
     "min_altimeter_m": "least reading of the altimeter [m]",
     "path_length_m": "way of the vehicle [m]",
-    "joint_margin_rad": "least distance of a joint from its limits [rad]",
+    "joint_margin_rad": "least distance of a joint that turns from its limits [rad]",
+    "joint_margin_m": "least distance of a joint that slides from its limits [m]",
     "saturation_time_s": "time with a thruster at its limit [s]",
     "peak_thrust_n": "largest thrust [N]",
     "tilt_rad": "largest tilt of the vehicle [rad]",
@@ -189,7 +190,7 @@ METRICS: Mapping[str, str] = {
     "failed_ticks": "ticks that the solver did not solve [-]",
 }
 """Metrics of a run, with unit and meaning."""
-_FROM_REPORT = ("energy_j", "path_length_m", "joint_margin_rad", "saturation_time_s", "peak_thrust_n")
+_FROM_REPORT = ("energy_j", "path_length_m", "joint_margin_rad", "joint_margin_m", "saturation_time_s", "peak_thrust_n")
 _LOOKS = 200  # configurations at which the clearance is measured
 
 
@@ -201,7 +202,7 @@ def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
         "duration_s": end,
         "tool_position_error_m": meta.true_quantity(f"{task}.position_error"),
         "tool_orientation_error_rad": meta.true_quantity(f"{task}.orientation_error"),
-        **{name: spent[name] for name in _FROM_REPORT},
+        **{name: spent.get(name) for name in _FROM_REPORT},
         "clearance_m": _clearance(scenario, record),
         "min_altimeter_m": metrics.smallest_or_none(record["altimeter_range"]),
         "tilt_rad": metrics.largest_or_none(quantity(record, "HA.tilt")),
@@ -227,8 +228,8 @@ _NAMES = ("least", "5 %", "25 %", "median", "75 %", "95 %", "largest")
 
 
 def metric_values(table: Any, name: str) -> np.ndarray:
-    """(n,) [unit of the merit] of all runs, NaN where one has none."""
-    return np.asarray(table[name].to_numpy(dtype=float, na_value=np.nan))
+    """(n,) [unit of the merit] of all runs, NaN where one has none, as in a campaign of a version without that merit."""
+    return np.asarray(table.reindex(columns=[name])[name].to_numpy(dtype=float, na_value=np.nan))
 
 
 def distribution_table(table: Any) -> list[dict[str, Any]]:

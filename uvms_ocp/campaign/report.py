@@ -124,7 +124,7 @@ def table_with_success(folder: Path, success: Sequence[MetricBound] = ()) -> Any
     table = read_table(folder)
     if not len(table):
         raise InvalidInput(f"{folder}: no run of its campaign is finished yet; start it, or wait a few seconds")
-    if missing := [name for name in ("seed", *METRICS, "finished") if name not in table]:
+    if missing := [name for name in ("seed", "duration_s", "finished") if name not in table]:
         raise InvalidInput(f"{folder}: its rows have no {missing[0]!r}; give the folder of a campaign of missions")
     if unknown := sorted({*table["outcome"]} - {*ENDS, ERROR, KILLED, TIME_LIMIT}):
         raise InvalidInput(f"{folder}: a run with the outcome {unknown[0][:80]!r}, which no run has; put back what was")

@@ -56,7 +56,7 @@ def propose_mapping(path: Path) -> str:
     for name, one in found.items():
         lines.append(f"  {name}: {yaml.safe_dump(one, default_flow_style=True, sort_keys=False, width=10_000).strip()}")
         notes = {
-            "by names": [ranges.get(name, "")],
+            "by names": [ranges[name]] if name in ranges else [],
             "cured": cured[name],
             "doubtful": [why for key, why in doubts if key == name],
         }
@@ -115,18 +115,22 @@ def _cured(path: Path, found: _Found) -> tuple[_Found, Mapping[str, list[str]]]:
         named = cure.get("becomes", channel)
         other = {named if name == channel else name: one | keys if name == channel else one for name, one in found.items()}
         seen, left = _judged(path, other)
-        if (not seen, len(left)) < (not ranges, len(doubts)):
+        if (len(other) - len(seen), len(left)) < (len(found) - len(ranges), len(doubts)):
             found, ranges, doubts = other, seen, left
             cured[named].append(text)
     return found, cured
 
 
 def _judged(path: Path, found: _Found) -> tuple[dict[str, str], list[tuple[str, str]]]:
-    """Ranges of what is read, none where it cannot be, and what speaks against it."""
+    """Ranges of channels that can be read, and what speaks against each; one that cannot be is left out for the others."""
     try:
         recording = mapped_recording(path, RecordingMapping.model_validate({"channels": found}))
     except UvmsError as error:
-        return {}, [(next((name for name in found if str(error).startswith(f"{name}:")), next(iter(found))), str(error))]
+        text = str(error)
+        wrong = min(found, key=lambda name: text.find(name) if name in text else len(text))  # the first that is named
+        others = {name: one for name, one in found.items() if name != wrong}
+        ranges, doubts = _judged(path, others) if others else ({}, [])
+        return ranges, [(wrong, text), *doubts]
     doubts = [(one.channel, one.problem) for one in check_data_quality(recording) if "are left out" not in one.problem]
     ranges = {
         name: f"{one.values.min():.4g} to {one.values.max():.4g} {CHANNEL_KINDS[name].unit} at {one.rate:.3g} Hz"

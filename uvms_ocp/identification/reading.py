@@ -273,6 +273,8 @@ def _chosen(key: str, one: ChannelMapping, table: TableColumns) -> TableColumns:
     numbers = values[:, 1:] * factors
     if len(one.fields) < len(one.columns) or any(str(name).startswith("-") for name in one.columns):
         numbers = _signed(one, numbers)
+    if key == "attitude" and one.format != "rpy" and one.lost == "never":  # zeros: its sender knows no attitude
+        numbers = np.where(np.linalg.norm(numbers, axis=1, keepdims=True) > 0.0, numbers, np.nan)
     shift, scale = np.asarray(one.offset), np.asarray(one.scale)
     return replace(
         table, values=np.column_stack([values[:, 0], (numbers + shift) * scale]), units=(), remarks=(*table.remarks, *remarks)

@@ -267,6 +267,7 @@ class Record(TableDisplay):
         """Write a file that Foxglove opens, and `from_mcap` reads as the same record, or as the part of it that was chosen.
 
         series: names of those to write beside ``t``, by default all. rate [Hz]: of rows, by default of ticks; the last is there.
+        Of fewer rows ``meta.dt`` is the mean period, and each has the newest ``measured_`` reading since the one before.
         Raises `NameNotFound` for a series that there is not, `OutputError`, `NotInstalled`.
 
         ``/tf`` has the poses of vehicle, its estimate and tool, ``/goals`` those of goals, ``/joint_states`` what a URDF layer
@@ -278,7 +279,13 @@ class Record(TableDisplay):
         t, wanted = self.series["t"], self.series if series is None else ("t", *series)
         due = np.arange(len(t)) if rate is None else np.floor((t - t[:1]) * rate + _ROUNDING)
         rows = np.unique([*np.unique(due, return_index=True)[1], len(t) - 1])  # the last has what the run came to
-        mcap.to_mcap({name: array[rows] for name, array in self.series.items() if name in wanted}, self.meta, Path(path))
+        chosen = {name: array[rows] for name, array in self.series.items() if name in wanted}
+        for name in MEASURED.keys() & chosen.keys():
+            known = np.isfinite(self.series[name][:, -1])
+            newest = np.maximum.accumulate(np.where(known, np.arange(len(t)), -1))[rows]
+            chosen[name] = np.where((newest > np.r_[-1, rows[:-1]])[:, None], self.series[name][newest], np.nan)
+        period = {"dt": float(np.ptp(t)) / (len(rows) - 1)} if self.meta.kind == "run" and 1 < len(rows) < len(t) else {}
+        mcap.to_mcap(chosen, self.meta.model_copy(update=period), Path(path))
 
     @staticmethod
     def from_mcap(path: Path | str) -> Record:

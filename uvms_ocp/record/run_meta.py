@@ -100,11 +100,11 @@ class RunMeta(RecordMeta):
     floating: bool
     """True where q begins with the pose of a vehicle."""
     dt: Annotated[float, Field(ge=MIN_TICK, le=meta_values.LARGEST)]
-    """[s] control period."""
+    """[s] control period; the mean one of its rows where not every tick was kept."""
     completed: bool
     """True where every phase came to its end."""
     stopped: Literal["", "stopped", "diverged"] = ""
-    """Whether it was stopped by hand, or the plant's velocity was no finite number any more."""
+    """Whether it was stopped by hand, or the plant's motion grew beyond what a record holds."""
     pending: str = ""
     """Conditions that an incomplete mission still waited for."""
     abort_phase: str = ""

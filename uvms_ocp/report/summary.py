@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.display import SmallTable, TableDisplay, cell
 from uvms_ocp.record.meta_values import ABORT, DONE, EventMeta, ThresholdMeta
 from uvms_ocp.record.record import Record, quantity
@@ -79,7 +80,7 @@ def cause_of_end(record: Record) -> dict[str, str]:
     if meta.completed:
         return {"kind": "completed", "text": "every phase came to its end"}
     if meta.stopped:
-        why = "by hand" if meta.stopped == "stopped" else "the plant's velocity is no finite number"
+        why = "by hand" if meta.stopped == "stopped" else "the plant's motion grew beyond what a record holds"
         return {"kind": meta.stopped, "text": f"{why}; {_unfinished(record)['text']}"}
     if (cause := _aborted(meta)) is not None:
         return cause
@@ -234,7 +235,7 @@ class RunSummary(TableDisplay, dict[str, Any]):
     def _table(self) -> SmallTable:
         columns = ("name", "start_s", "end_s", "energy_j", "path_length_m", "reason")
         rows = [tuple(cell(phase[name]) for name in columns) for phase in self["phases"]]
-        rows += [(name, cell(self[name])) for name in self if name.startswith(("tool_", "largest_", "min_")) and self[name]]
+        rows += [(k, cell(self[k])) for k in self if k.startswith(("tool_", "largest_", "min_")) and self[k] is not None]
         rows += [("alarm", cell(alarm["t"]), alarm["text"]) for alarm in self["alarms"]]
         title = f"{self['scenario']}, {self['robot']}: {self['cause']['kind']}"
         return SmallTable(title=title, words=self["cause"]["text"], head=("phase", *columns[1:]), rows=tuple(rows))
@@ -245,11 +246,19 @@ def summarize(record: Record) -> RunSummary:
     """The content of ``report.json``; `None` where a figure does not apply to the run or is not known. Tool errors are
     true ones, with what the mission went by beside them.
 
-    Lengths in m, angles in rad, times in s unless the key says otherwise. Raises `InvalidInput` for the record of a plan.
+    Lengths in m, angles in rad, times in s unless the key says otherwise. Raises `InvalidInput` for the record of a plan, and
+    for one without a series that is needed.
     """
+    try:
+        return RunSummary(_figures(record))
+    except NameNotFound as error:
+        raise InvalidInput(f"part of a record: no series {error.given!r}; give one with all series") from None
+
+
+def _figures(record: Record) -> dict[str, Any]:
     meta, task = record.run_meta, record.run_meta.tool_task
     estimated = _none_if_nan(metrics.quantities_at(record, float(record["t"][-1])))
-    figures = {
+    return {
         **{name: getattr(meta, name) for name in ("scenario", "robot", "plant", "solver")},
         **{part: getattr(meta, part) or None for part in ("controller", "estimator", "sensors")},
         "completed": meta.completed,
@@ -287,7 +296,6 @@ def summarize(record: Record) -> RunSummary:
         "simulated_s": float(record["t"][-1]),
         "versions": versions(meta.packages),
     }
-    return RunSummary(figures)
 
 
 @checked

@@ -33,7 +33,7 @@ from uvms_ocp.sim import own_parts
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.fault_effects import require_possible
 from uvms_ocp.sim.faults import Fault, parse_fault
-from uvms_ocp.sim.loop import Progress, Sensors, StateEstimator, TickObserver, require_few_ticks, simulate
+from uvms_ocp.sim.loop import Progress, Sensors, StateEstimator, TickObserver, has_diverged, require_few_ticks, simulate
 from uvms_ocp.sim.own_parts import part_name, plant_name, require_plant, require_simulated, specs_of, takes_forces
 from uvms_ocp.sim.plant import DynamicPlant, KinematicPlant, Plant
 from uvms_ocp.sim.sensors import SensorSuite
@@ -316,13 +316,13 @@ class Scenario(FieldTable):
         def quantities(true: State, t: float, *goals: MissionState) -> dict[str, float]:
             return computed_or({}, "true errors", lambda: kinematic.evaluate(self._true_measurement(true), t, *goals))
 
-        truth, ends = quantities(plant.state, recorder.last("t")), []
+        diverged = has_diverged(plant.state)
+        last = State(q=recorder.last("q"), v=recorder.last("v")) if diverged else plant.state
+        truth, ends = quantities(last, recorder.last("t")), []
         for event, goals in zip(kinematic.events, kinematic.left, strict=True):  # those that the phase had when it ended
             row = round(event.t / self.dt)
             ends.append(quantities(State(q=recorder.at("q", row), v=recorder.at("v", row)), event.t, goals))
-        stopped: Literal["", "stopped", "diverged"] = "stopped" if presses else ""
-        if not np.isfinite(plant.state.v).all():
-            stopped = "diverged"
+        stopped: Literal["", "stopped", "diverged"] = "diverged" if diverged else "stopped" if presses else ""
         std = recorder.last("q_std") if "q_std" in recorder else None
         ending = RunOutcome(q=recorder.last("q"), quantities=truth, at_events=tuple(ends), wall_s=wall, std=std, stopped=stopped)
         own = self.own_parts

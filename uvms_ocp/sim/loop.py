@@ -17,6 +17,7 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.interrupts import Interrupted, on_interrupt
+from uvms_ocp.record.meta_values import LARGEST
 from uvms_ocp.record.record import MEASURED, Recorder
 from uvms_ocp.robot.signals import ChannelHealth, Command, Readings, State, StateEstimate
 from uvms_ocp.sim.plant import Plant
@@ -39,6 +40,15 @@ MOST_TICKS = 4_000_000
 """Ticks of a run: its record keeps every tick, about 2.4 kB each, in memory until it is written."""
 
 
+_FARTHEST = LARGEST ** (1 / 3)
+"""[m, rad, m/s, rad/s] Norm of a motion whose forces and powers, which grow by its square and cube, a record still holds."""
+
+
+def has_diverged(state: State) -> bool:
+    """Judge whether a plant's motion is no number, or larger than any that a record holds beside its forces and powers."""
+    return not math.hypot(*state.q.tolist(), *state.v.tolist()) <= _FARTHEST
+
+
 @checked
 def simulate(
     *,
@@ -55,9 +65,9 @@ def simulate(
     """Run until the command says finished or `duration` [s] is over; one row per tick, before its step.
 
     dt [s] is the control period. keep_readings: record what sensors of a vehicle read beside what is estimated of it. `progress`
-    is called after every tick with the time and the command, `observer` with the true state too. Where the plant's velocity is
-    no finite number any more, the rows before it are what there is. Raises `InvalidInput` for more ticks than ordinary memory
-    holds, and `Interrupted`, whose result is the recorder, after the tick in which Ctrl-C is pressed.
+    is called after every tick with the time and the command, `observer` with the true state too. Where the plant `has_diverged`,
+    the rows before it are what there is. Raises `InvalidInput` for more ticks than ordinary memory holds, and `Interrupted`,
+    whose result is the recorder, after the tick in which Ctrl-C is pressed.
     """
     require_few_ticks(duration, dt)
     recorder, trusts, taken, stops = Recorder(), _HealthCodes(), dict[str, float](), list[object]()
@@ -84,8 +94,8 @@ def simulate(
             if command.finished or stops:
                 break
             plant.step(command, dt)
-            if not math.isfinite(plant.state.v.dot(plant.state.v)):
-                _log.warning("the run ends at t = %g s: after it the plant's velocity is no finite number", t)
+            if has_diverged(plant.state):
+                _log.warning("the run ends at t = %g s: after it the plant's motion grew beyond what a record holds", t)
                 break
     if stops and "t" not in recorder:
         raise KeyboardInterrupt
