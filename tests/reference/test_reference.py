@@ -40,6 +40,15 @@ def test_pages_that_are_written_by_hand_are_all_in_their_order() -> None:
     assert {path.stem for path in place.with_name("guide").iterdir()} == set(build.GUIDE)
 
 
+def test_no_page_is_written_over_another_and_links_between_them_name_one() -> None:
+    pages = [*guide_pages().items(), *theory_pages().items(), *generated_pages().items()]
+    names = [name for name, _ in pages]
+    assert len(names) == len(set(names))
+    linked = {link for _, text in pages for link in re.findall(r"\((\w+)\.md\)", text)}
+    assert linked
+    assert linked <= set(names)
+
+
 def test_tables_hold_every_series_every_field_and_every_command() -> None:
     pages = generated_pages()
     assert all(f"`{name}`" in pages["series"] for name in SERIES)

@@ -314,7 +314,7 @@ def body_of(text: str, modules: Collection[str]) -> str:
     for pattern, display in ((_DISPLAY, "block"), (_INLINE, "inline")):
         text = pattern.sub(lambda found, how=display: _mark(formulas, found[1], how), text)  # type: ignore[misc]
     text = CITED.sub(lambda f: f"[`{f[1].removeprefix('uvms_ocp.')}`]({address_of(f[1], modules)})", text)
-    html = str(to_html(text))
+    html = str(to_html(re.sub(r"\((\w+)\.md\)", r"(\1.html)", text)))  # links between pages, which sites of sources follow too
     return re.sub(r"formula(\d+)mark", lambda found: formulas[int(found[1])], html)
 
 
@@ -347,7 +347,7 @@ ORDER = (
 )
 """Of the pages of theory, which build on those before."""
 GUIDE = (
-    *("commands_by_example", "robot_files", "your_parts", "python", "campaigns"),
+    *("commands_by_example", "your_robot", "your_parts", "python", "campaigns"),
     *("mission_plans", "faults", "recordings", "limitations"),
 )
 """Pages on how to use it, in their order."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from time import perf_counter
 from typing import Any
@@ -41,12 +41,12 @@ MOST_TICKS = 4_000_000
 
 
 _FARTHEST = LARGEST ** (1 / 3)
-"""[m, rad, m/s, rad/s] Norm of a motion whose forces and powers, which grow by its square and cube, a record still holds."""
+"""[m/s, rad/s] Norm of a velocity whose forces and powers, which grow by its square and cube, a record still holds."""
 
 
 def has_diverged(state: State) -> bool:
-    """Judge whether a plant's motion is no number, or larger than any that a record holds beside its forces and powers."""
-    return not math.hypot(*state.q.tolist(), *state.v.tolist()) <= _FARTHEST
+    """Judge whether a plant's velocity is no number, or larger than any that a record holds beside its forces and powers."""
+    return not math.hypot(*state.v.tolist()) <= _FARTHEST
 
 
 @checked
@@ -70,7 +70,7 @@ def simulate(
     whose result is the recorder, after the tick in which Ctrl-C is pressed.
     """
     require_few_ticks(duration, dt)
-    recorder, trusts, taken, stops = Recorder(), _HealthCodes(), dict[str, float](), list[object]()
+    recorder, trusts, new, stops = Recorder(), _HealthCodes(), _NewReadings(), list[object]()
     command: Command | None = None
     with on_interrupt(stops.append), suppress(Interrupted):  # which a planner within a tick passes on
         for k in range(round(duration / dt) + 1):
@@ -82,7 +82,7 @@ def simulate(
             spent = perf_counter() - begin
             telemetry = plant.telemetry()
             asked = _asked(command, telemetry, recorder)
-            measured = dict(_new_readings(readings, taken)) if keep_readings else {}
+            measured = new(readings) if keep_readings else {}
             row = _row(t, plant.state, measurement, command, trusts(measurement.health), asked, measured)
             row.setdefault("controller_time", spent)  # one that measures itself knows better
             row.update(telemetry)
@@ -130,13 +130,24 @@ class _HealthCodes:
         return self._row
 
 
-def _new_readings(readings: Readings, taken: dict[str, float]) -> Iterator[tuple[str, np.ndarray]]:
-    """Readings of a vehicle that are new, each with when it was taken; NaN where none is. taken: [s] of those before."""
-    for name, width in MEASURED.items():
-        one = getattr(readings, name.removeprefix("measured_"))
-        new = one is not None and one.t > taken.get(name, -np.inf)
-        taken |= {name: one.t} if new else {}
-        yield name, np.append(one.value, one.t) if new else np.full(width, np.nan)
+class _NewReadings:
+    """Readings of a vehicle that are new at a tick, each with when it was taken; NaN where none is."""
+
+    __slots__ = ("_channels", "_taken")
+
+    def __init__(self) -> None:
+        self._taken = dict.fromkeys(MEASURED, -math.inf)
+        self._channels = [(name, name.removeprefix("measured_"), np.full(width, np.nan)) for name, width in MEASURED.items()]
+
+    def __call__(self, readings: Readings) -> dict[str, np.ndarray]:
+        found = {}
+        for name, channel, none in self._channels:
+            one = getattr(readings, channel)
+            if one is None or one.t <= self._taken[name]:
+                found[name] = none
+            else:
+                self._taken[name], found[name] = one.t, np.array([*one.value.tolist(), one.t])
+        return found
 
 
 def _asked(command: Command, telemetry: Mapping[str, Any], recorder: Recorder) -> np.ndarray | None:
