@@ -123,16 +123,6 @@ def test_a_free_motion_heeds_no_limit_and_moves_nothing_else(robot: Robot) -> No
     assert np.isinf(parts["upper"][limited & ~rest]).all()
 
 
-def test_a_free_motion_is_reckoned_with_as_it_is(robot: Robot) -> None:
-    """Before, it was followed from the velocity of the tick before at the acceleration limit."""
-    problem, zeros = build_levels(robot, Hierarchy([UnderActuation(axes=(PITCH,))]), DT), np.zeros(robot.n_v)
-    v = 3.0 * free_motions(robot)[0][:, 0]
-    outputs = problem.function(robot.configuration(), v, np.zeros(N_PASSIVE), zeros, zeros, 5.0, [], 1.0)
-    parts = {name: np.array(x) for name, x in zip(problem.function.name_out(), outputs, strict=True)}
-    row = sum(problem.sizes[: problem.names.index("UA")])
-    assert (parts["lower"][row, 0], parts["upper"][row, 0]) == pytest.approx((3.0, 3.0))
-
-
 def test_manipulability_is_asked_for_on_a_swinging_vehicle_with_endless_joints() -> None:
     lift = tuple((0.0, y, 0.1, 0, 0, 1) for y in (0.2, -0.2))
     level = tuple((x, y, 0.0, 1, -1 if x * y > 0 else 1, 0) for x in (0.2, -0.2) for y in (0.2, -0.2))

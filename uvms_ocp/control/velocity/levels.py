@@ -23,7 +23,6 @@ from uvms_ocp.robot.symbolic_bodies import sparse
 from uvms_ocp.robot.thrusters import undriven_axes
 from uvms_ocp.solvers.hierarchy.level import widen_bounds
 from uvms_ocp.tasks.activation import ENDLESS, row_acceleration, stopping_speed
-from uvms_ocp.tasks.pose import UnderActuation
 from uvms_ocp.tasks.task import Hierarchy, Rows, Task, TaskClass, TickSymbols, equality_rows
 from uvms_ocp.types import Period
 
@@ -116,16 +115,13 @@ def _falling(excess: ca.SX) -> ca.SX:
 # References that the acceleration limits can follow, so that tasks change smoothly in a strict hierarchy.
 
 
-def reachable_rows(
-    rows: Rows, *, equality: bool, eased: bool, symbols: TickSymbols, previous: ca.SX, gate: ca.SX, driven: bool = True
-) -> Rows:
+def reachable_rows(rows: Rows, *, equality: bool, eased: bool, symbols: TickSymbols, previous: ca.SX, gate: ca.SX) -> Rows:
     """The rows with bounds that can be followed from the previous velocity (n_v,) [m/s, rad/s], and with the gate in them.
 
     A row asks for no more change of its rate per tick than its least-norm motion gives within the acceleration
     limits. Otherwise every degree of freedom that moves the row would join in at its limit, whatever it was meant for.
     Rows of an equality change in proportion, so that where they settle does not depend on the limits. Accelerations towards
-    references and bounds fall to 0 on the way; those away from a bound that is broken do so only where `eased`. An equality that
-    is not `driven` holds at once: it is what moves by itself.
+    references and bounds fall to 0 on the way; those away from a bound that is broken do so only where `eased`.
 
     The gate acts as `uvms_ocp.solvers.hierarchy.level` says. The range of a row is what the limits let one tick change of
     its rate: bounds that are farther away than that are kept by the limits themselves.
@@ -136,7 +132,7 @@ def reachable_rows(
     present, acceleration = rows.jacobian @ previous, row_acceleration(rows.jacobian, limits.acceleration)
     if equality:
         wanted = rows.rate - present
-        lower = upper = present + (common_share(wanted, acceleration, dt) if driven else 1) * wanted
+        lower = upper = present + common_share(wanted, acceleration, dt) * wanted
     else:
         lower = rows.lower if _is_endless(rows.lower) else present - _way(present - rows.lower, acceleration, dt, eased)
         upper = rows.upper if _is_endless(rows.upper) else present + _way(rows.upper - present, acceleration, dt, eased)
@@ -257,8 +253,7 @@ def _is_safety(task: Task) -> bool:
 def _reachable(task: Task, rows: Rows, symbols: TickSymbols, previous: ca.SX, gate: ca.SX) -> Rows:
     """Bounds that keep the robot safe are followed as fast as the acceleration limits allow."""
     eased = task.equality or not _is_safety(task)
-    driven = not isinstance(task, UnderActuation)
-    return reachable_rows(rows, equality=task.equality, eased=eased, symbols=symbols, previous=previous, gate=gate, driven=driven)
+    return reachable_rows(rows, equality=task.equality, eased=eased, symbols=symbols, previous=previous, gate=gate)
 
 
 def _stacked(levels: Sequence[_Level], quantities: dict[str, ca.SX]) -> dict[str, ca.SX]:
