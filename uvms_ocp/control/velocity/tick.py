@@ -124,9 +124,11 @@ def _check_mission(m: TickMemory) -> None:
     """Go on with the mission, or give it up."""
     less, stopped = m.restriction, is_stopped(m)
     hopeless = stopped and (less.ended or less.any_lost)
-    m.lowest(m.q, m.height)
-    unseen = m.holds or _doubts_altimeter(m) or not m.altitude_valid
-    clearance = math.nan if unseen else m.height[0] - m.beam.floor
+    clearance = math.nan
+    if m.distress.aborts:  # nothing else asks for it
+        m.lowest(m.q, m.height)
+        unseen = m.holds or _doubts_altimeter(m) or not m.altitude_valid
+        clearance = math.nan if unseen else m.height[0] - m.beam.floor
     m.why = abort_reason(m.distress, m.mission, m.t, m.gates, m.phase_quantities, hopeless, less.ended, clearance)
     if m.why != AbortReason.NOTHING:
         m.eventful = True
