@@ -9,14 +9,26 @@ from pathlib import Path
 import numpy as np
 
 import uvms_ocp as uo
+from uvms_ocp.control.force.allocation import thruster_lag
+from uvms_ocp.control.force.tick_functions import ForceLaws
+from uvms_ocp.control.force.velocity_law import VelocityLaw
 from uvms_ocp.control.velocity.goals import task_parameters
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.swing import N_PASSIVE
 from uvms_ocp.robot.description import checked_copy
+from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.level import Level
 from uvms_ocp.tasks import Hierarchy, Task
+
+
+def unit_laws(robot: Robot, dt: float) -> ForceLaws:
+    """Force laws with gains of 1; dt [s]."""
+    gain = np.ones(robot.n_v)
+    velocity = VelocityLaw(dynamics=cached_dynamics(robot).symbolic, K_p=gain, reset=gain, dt=dt)
+    return ForceLaws(robot=robot, velocity=velocity, lag=thruster_lag(robot, lead=4.0, dt=dt), lift=100.0)
+
 
 _PROBLEMS: dict[tuple[Robot, tuple[str, ...]], LevelsProblem] = {}
 _TEMPLATES = Path(str(uo.__file__)).parent / "scenario" / "templates"

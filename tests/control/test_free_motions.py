@@ -7,16 +7,14 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from six_thrusters import six_thrusters
+from six_thrusters import six_thrusters, unit_laws
 from tiny_robots import ENDLESS, Tiny, robot_of
 
-from uvms_ocp.control.force.allocation import allocation_of, thruster_lag
-from uvms_ocp.control.force.tick_functions import ForceInputs, ForceLaws, ForceState, column_places, control_function
-from uvms_ocp.control.force.velocity_law import VelocityLaw
+from uvms_ocp.control.force.allocation import allocation_of
+from uvms_ocp.control.force.tick_functions import ForceInputs, ForceState, column_places, control_function
 from uvms_ocp.control.velocity.levels import build_levels, tick_symbols
 from uvms_ocp.control.velocity.swing import N_PASSIVE, countered_rows, lean_of, mean_attitude
 from uvms_ocp.robot.description import checked_copy
-from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.thrusters import free_motions, thruster_matrix, unactuated_axes
 from uvms_ocp.scenario.scenario import pose_at
@@ -63,14 +61,7 @@ def test_a_lever_of_a_hand_drives_pitch() -> None:
 
 
 def test_forces_are_those_that_thrusters_give_and_feed_no_free_motion(robot: Robot) -> None:
-    dynamics, rng, n = cached_dynamics(robot), np.random.default_rng(4), robot.n_v
-    gain = np.ones(n)
-    laws = ForceLaws(
-        robot=robot,
-        velocity=VelocityLaw(dynamics=dynamics.symbolic, K_p=gain, reset=gain, dt=DT),
-        lag=thruster_lag(robot, lead=4.0, dt=DT),
-        lift=100.0,
-    )
+    rng, n, laws = np.random.default_rng(4), robot.n_v, unit_laws(robot, DT)
     control, places = control_function(laws), column_places(ForceInputs, laws.sizes)
     inputs, observed = np.zeros(control.size1_in(0)), np.zeros(control.size1_in(1))
     inputs[places["q"]] = robot.configuration(rpy=(0.1, 0.3, 0.2))

@@ -6,11 +6,9 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
-from six_thrusters import command_of, six_thrusters
+from six_thrusters import command_of, six_thrusters, unit_laws
 
-from uvms_ocp.control.force.allocation import thruster_lag
-from uvms_ocp.control.force.tick_functions import ForceInputs, ForceLaws, ForceState, column_places, control_function
-from uvms_ocp.control.force.velocity_law import VelocityLaw
+from uvms_ocp.control.force.tick_functions import ForceInputs, ForceState, column_places, control_function
 from uvms_ocp.control.velocity.levels import tick_symbols
 from uvms_ocp.control.velocity.swing import (
     N_PASSIVE,
@@ -157,13 +155,7 @@ def test_no_command_leads_the_tool_away_from_its_target(robot: Robot) -> None:
 def test_driven_axes_accelerate_as_asked_whatever_pitch_makes_of_it(robot: Robot) -> None:
     """Pitch takes no force, and what it takes along of the driven axes is fed forward."""
     dynamics, rng, n = cached_dynamics(robot), np.random.default_rng(5), robot.n_v
-    gain = np.ones(n)
-    laws = ForceLaws(
-        robot=robot,
-        velocity=VelocityLaw(dynamics=dynamics.symbolic, K_p=gain, reset=gain, dt=DT),
-        lag=thruster_lag(robot, lead=4.0, dt=DT),
-        lift=100.0,
-    )
+    laws = unit_laws(robot, DT)
     control, driven = control_function(laws), [axis for axis in range(n) if axis != PITCH]
     q, v = robot.configuration(rpy=(0.1, 0.4, 0.3)), 0.05 * rng.normal(size=n)
     wanted, disturbance = 0.1 * rng.normal(size=n), rng.normal(size=n)
