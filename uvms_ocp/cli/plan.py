@@ -124,7 +124,7 @@ class PlanOutput:
     good: bool
     """The goal is reached and nothing touches."""
     stopped: bool = False
-    """By hand: what there is so far is written."""
+    """True where Ctrl-C ended the search: the best plan so far is written."""
     save: Callable[[Path], object]
     """Writes what only this method has into a folder; called where there is a motion."""
 

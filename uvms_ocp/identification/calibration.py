@@ -212,7 +212,7 @@ def _held(fitted: FitContext, which: np.ndarray) -> Estimate | None:
 
 _SPREADS = {"gain": 0.03, "reverse": 0.03, "lag": 0.1, "delay": 0.01, "velocity_delay": 0.01}
 _SPREADS |= {"velocity_point": 0.02, "attitude_turn": 0.01}
-"""By which constants may well be off: shares of gains and lags, [s], [m], [rad]."""
+"""Assumed standard deviations of constants: relative for gains and lags, delays [s], points [m], turns [rad]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -223,7 +223,7 @@ class HeldConstant:
     known: str
     """``given`` by the settings, of the ``robot's file``, or ``assumed``."""
     spread: float
-    """By which it may well be off: a share, [s], [m] or [rad]."""
+    """Assumed standard deviation, relative or in [s], [m] or [rad]."""
     most: str
     """Number that it moves farthest by that."""
     change: float
@@ -292,7 +292,7 @@ class Calibration:
     comparisons: tuple[Comparison, ...]
     issues: tuple[str, ...]
     constants: tuple[HeldConstant, ...] = ()
-    """What the fit took for known, and could be otherwise; none of runs of this toolkit, of which all is known."""
+    """Constants that the fit held fixed though they are uncertain; none for runs of this toolkit, whose constants are known."""
     profiles: tuple[Profile, ...] = ()
     """Profiles of the determined numbers, if asked for."""
     left_out: tuple[HeldOutRecording, ...] = ()

@@ -115,7 +115,7 @@ class DriftWindow(Layout):
     tolerance: float
     """[m/s] of a drift."""
     share: float
-    """Of the way by which the integrated one may err on top."""
+    """Share of the way travelled by which the integrated velocity may err besides: its axes and scale."""
     noise: float
     """[m] standard deviation of a difference."""
     samples: SampleRing
@@ -134,11 +134,11 @@ class VelocityAgainstPosition(Layout):
     ways: SampleRing
     """`way` at the last readings of the DVL, which late fixes may be compared with."""
     quick: DriftWindow
-    """Of fixes."""
+    """Position fixes over a few seconds."""
     slow: DriftWindow
-    """Of fixes, too."""
+    """Position fixes over a longer time, for slow drifts."""
     depth: DriftWindow
-    """Of depths, in z."""
+    """Depths over that longer time, along z alone."""
 
 
 class RateAgainstAttitude(Layout):
