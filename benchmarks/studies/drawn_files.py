@@ -584,6 +584,7 @@ REASONS = {
     "nothing that moves": "nothing of it moves",
     "more than thrusters give": "more than the thrusters give",
     "no thruster for what it weighs": "no thruster holds its depth",
+    "no thruster for its heading": "the vehicle turns as it likes",
     "less freedom than tasks need": "no freedom left",
     "no limits to plan by": "no limit of velocity or acceleration",
 }

@@ -10,6 +10,7 @@ from uvms_ocp.control.velocity.tick import _shorten
 from uvms_ocp.control.velocity.tick_memory import TickMemory
 from uvms_ocp.report.metrics import passed_rates
 from uvms_ocp.scenario.cases.bluerov import reach
+from uvms_ocp.scenario.cases.transit import obstacle_field
 
 
 @long_without_compiler
@@ -42,3 +43,26 @@ def test_a_joint_is_faster_only_where_it_is_driven_on() -> None:
         assert learnt(memory, axis, command=0.2 * sign, change=-0.01 * sign, v=0.22 * sign) == 0.0
         assert learnt(memory, axis, command=0.2 * sign, change=0.0, v=0.1 * sign) == 0.0
         assert learnt(memory, axis, command=0.0, change=0.0, v=0.1 * sign) == 0.0
+
+
+def test_a_joint_that_is_faster_takes_its_own_speed_alone() -> None:
+    """Before, the vehicle slowed down with it."""
+    scenario = reach(robot="bluerov2_alpha5", dt=1 / 100)
+    memory, axis, limit = scenario.kinematic_controller().memory, scenario.robot.joint_v.start, scenario.robot.limits.velocity
+    learnt(memory, axis, command=0.9 * limit[axis], change=0.0, v=limit[axis])
+    memory.solved[:] = [float(value) for value in limit]
+    _shorten(memory)
+    shares = np.array(memory.wanted[:]) / limit
+    assert shares[axis] == pytest.approx(1.0 - memory.faster[axis] / limit[axis])
+    assert shares[axis] < 0.9
+    assert np.delete(shares, axis) == pytest.approx(1.0)
+
+
+@long_without_compiler
+@pytest.mark.slow
+def test_obstacles_are_passed_by_a_vehicle_whose_water_drives_its_arm() -> None:
+    """Before, 0.46 m were missing after 120 s; joints must not pay with their limits for it."""
+    record = obstacle_field(robot="bluerov2_alpha5", dt=1 / 50).run()
+    assert record.run_meta.completed
+    assert record["t"][-1] < 90.0
+    assert passed_rates(record) == []

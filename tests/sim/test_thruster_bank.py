@@ -146,6 +146,14 @@ def test_axes_out_of_reach_follow_from_the_layout() -> None:
     assert unreachable_axes(np.eye(6)) == ()
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_of_axes_that_are_equally_out_of_reach_rounding_decides_nothing(seed: int) -> None:
+    """One thruster that pushes ahead beside the middle: its moment, in the layout's own units, weighs as much as its force."""
+    one, rng = np.array([[1.0], [0.0], [0.0], [0.0], [0.0], [0.3]]), np.random.default_rng(seed)
+    assert unreachable_axes(one * (1.0 + 1e-15 * rng.normal(size=one.shape))) == (1, 2, 3, 4, 5)
+    assert unreachable_axes(one + 1e-16 * rng.normal(size=one.shape)) == (1, 2, 3, 4, 5)
+
+
 def test_a_fixed_base_has_no_vehicle_axes() -> None:
     assert unactuated_axes(load_robot("planar5")) == ()
 

@@ -142,13 +142,14 @@ def unreachable_axes(B: np.ndarray) -> tuple[int, ...]:
 
 
 def _heaviest_axes(null_space: np.ndarray) -> tuple[int, ...]:
-    """As many axes as there are columns, those that weigh most in them."""
-    if not null_space.shape[1]:  # of which older SciPy finds no factors
-        return ()
-    import scipy.linalg  # a tenth of a second
-
-    _, _, order = scipy.linalg.qr(null_space.T, mode="economic", pivoting=True)
-    return tuple(sorted(int(axis) for axis in order[: null_space.shape[1]]))
+    """As many axes as there are columns, those that weigh most in them; of equals the last, whatever rounding says."""
+    rest, axes = null_space, []
+    for _ in range(null_space.shape[1]):
+        weights = np.linalg.norm(rest, axis=1)
+        axes.append(int(np.flatnonzero(weights > (1.0 - _ROUNDING) * weights.max())[-1]))
+        direction = rest[axes[-1]] / weights[axes[-1]]
+        rest = rest - np.outer(rest @ direction, direction)
+    return tuple(sorted(axes))
 
 
 def left_null_space(B: np.ndarray) -> np.ndarray:

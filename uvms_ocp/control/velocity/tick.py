@@ -232,8 +232,9 @@ def _wanted_velocity(m: TickMemory) -> None:
 def _shorten(m: TickMemory) -> None:
     """The solver's velocity, shortened to the velocity limits with its direction kept.
 
-    Joints leave what they have lately been faster by than commanded, so that they keep their limits themselves. What lags behind
-    as they brake is not that, nor what moves them at rest.
+    Joints leave what they have lately been faster by than commanded, so that they keep their limits themselves: each for itself,
+    or one that is driven by the vehicle's drag would slow the whole mission. What lags behind as they brake is not that, nor
+    what moves them at rest.
     """
     excess, dt = 1.0, m.rule.stop.dt
     for i in range(len(m.solved)):
@@ -244,9 +245,10 @@ def _shorten(m: TickMemory) -> None:
                 faster = min(faster, m.faster[i])
             gain = min(1.0, dt / (_NOTICED if faster > m.faster[i] else _FORGOTTEN))
             m.faster[i] += gain * (faster - m.faster[i])
-        excess = max(excess, abs(m.solved[i]) / (m.velocity_limit[i] - m.faster[i]))
+        excess = max(excess, abs(m.solved[i]) / m.velocity_limit[i])
     for i in range(len(m.solved)):
-        m.wanted[i] = m.solved[i] / excess
+        most = m.velocity_limit[i] - m.faster[i]
+        m.wanted[i] = min(max(m.solved[i] / excess, -most), most)
 
 
 def _brake(m: TickMemory) -> None:
