@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from compiler import COMPILER, needs_compiler
+from lasting import patrol
 
 import uvms_ocp as uo
 from uvms_ocp.errors import InvalidInput
@@ -32,6 +33,8 @@ def scenario_of(name: str) -> Scenario:
         return case1(noise=True, faults=FAULTY, duration=25.0)
     if name == "kinematic":
         return case1(plant="kinematic", dt=0.02)
+    if name == "patrol":
+        return patrol(rounds=2, duration=30.0)
     return SCENARIOS[name](duration=30.0)
 
 
@@ -66,7 +69,7 @@ def built(folder: Path, program: str, main: Path, options: Sequence[str] = ("-O0
 
 
 @pytest.mark.parametrize(
-    "name", ["kinematic", "case1", "case2", "current_drift", "obstacle_field", "bluerov_inspection", "faulty"]
+    "name", ["kinematic", "case1", "case2", "current_drift", "obstacle_field", "bluerov_inspection", "faulty", "patrol"]
 )
 def test_fed_with_the_recorded_measurements_it_gives_the_recorded_commands(name: str) -> None:
     folder = exported(name)

@@ -250,8 +250,9 @@ def _n_thrusters(scenario: Scenario) -> int:
 
 
 def _require_c_form(scenario: Scenario) -> None:
-    solver, problem = scenario.solver, build_levels(scenario.robot, scenario.mission.hierarchy, scenario.dt)
-    scenario.mission.check_quantities(problem.quantity_names)
+    solver, mission = scenario.solver, scenario.mission
+    problem = build_levels(scenario.robot, mission.hierarchy, scenario.dt, mission.beside_tasks)
+    mission.check_quantities(problem.quantity_names)
     found = []
     if "controller" in scenario.own_parts:
         found.append(f"controller {scenario.own_parts['controller']}; the toolkit's own has")

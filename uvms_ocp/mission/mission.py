@@ -16,7 +16,7 @@ from uvms_ocp.errors import InvalidInput, NameNotFound, plain_line
 from uvms_ocp.mission import progress
 from uvms_ocp.mission.phase import Abort, Event, GoalFunctions, MissionState, Phase, Transition, measured
 from uvms_ocp.record.display import SmallTable, TableDisplay
-from uvms_ocp.record.meta_values import ABORT, DONE
+from uvms_ocp.record.meta_values import ABORT, DONE, OWN_QUANTITIES
 from uvms_ocp.tasks.pose import PoseTask
 from uvms_ocp.tasks.task import Hierarchy, Task
 from uvms_ocp.types import Finite, Magnitude, Shape
@@ -151,12 +151,19 @@ class Mission(TableDisplay):
         """All tasks with the goals that they have in a phase, highest priority first."""
         return self._tasks[phase]
 
+    @property
+    def beside_tasks(self) -> tuple[str, ...]:
+        """Quantities that conditions read and no task measures."""
+        names = progress.quantities_read(self.all_phases)
+        return tuple(name for name in names if name.rpartition(".")[0] not in self.hierarchy.names)
+
     def check_quantities(self, known: Sequence[str]) -> None:
         """Raise `NameNotFound` where a transition reads a quantity that is not in `known`."""
         for phase in self.all_phases:
             for condition in phase.conditions:
                 if condition.quantity not in known:
-                    raise NameNotFound(f"quantity in phase {phase.name!r}", condition.quantity, known)
+                    names = dict.fromkeys((*known, *OWN_QUANTITIES))
+                    raise NameNotFound(f"quantity in phase {phase.name!r}", condition.quantity, names)
 
     @checked_on_failure
     def start(self, t: Finite = 0.0) -> MissionState:
@@ -202,12 +209,21 @@ class Mission(TableDisplay):
         if state.over:
             return state, None
         names, phase = progress.quantities_read(self.all_phases), self.all_phases[state.phase]
+        quantities = {**quantities, **self.own_quantities(state, t)}
         read = {c.quantity: measured(c.quantity, quantities) for c in phase.conditions}
         memory = self._memory(state)
         due = progress.transition_due(memory, t, [read.get(name, math.nan) for name in names])
         if due != progress.NONE:
             progress.take_transition(memory, t, due)
         return progress.state_after_transition(self.all_phases, state, memory, due, t, quantities)
+
+    @checked_on_failure
+    def own_quantities(self, state: MissionState, t: float) -> dict[str, float]:
+        """Those of `OWN_QUANTITIES` that conditions read, at t [s]: [s], or a number of times."""
+        names = progress.quantities_read(self.all_phases)
+        found = [math.nan] * len(names)
+        progress.measure_own(self._memory(state), t, found)
+        return {name: value for name, value in zip(names, found, strict=True) if name in OWN_QUANTITIES}
 
     def _memory(self, state: MissionState) -> Any:
         """Memory of the kernels for a state, asked with the quantities that conditions read."""

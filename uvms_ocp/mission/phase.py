@@ -15,6 +15,7 @@ from uvms_ocp.record.display import FieldTable
 from uvms_ocp.record.meta_values import ABORT as ABORT
 from uvms_ocp.record.meta_values import DONE as DONE
 from uvms_ocp.record.meta_values import LARGEST
+from uvms_ocp.record.meta_values import OWN_QUANTITIES as OWN_QUANTITIES
 from uvms_ocp.types import Count, Finite, Magnitude, Positive, Shape
 
 # What ends a phase: conditions on measured quantities, and transitions that wait for them.
@@ -27,7 +28,7 @@ class _Threshold:
     sign: ClassVar[str]
     """Between quantity and limit."""
     quantity: str
-    """``task.quantity``"""
+    """``task.quantity``, or one that no task measures: `OWN_QUANTITIES`, ``vehicle.depth`` [m] and ``vehicle.speed`` [m/s]."""
     limit: float
     """[unit of the quantity] more than 0."""
     release: float | None = None
@@ -159,7 +160,7 @@ class Phase(FieldTable):
     """External activation in [0, 1] by the name of a task; tasks that are not named are off. Between 0 and 1 a task has a
     tolerance with strict solvers (`uvms_ocp.solvers.hierarchy.level`), and less weight with `Icat`."""
     transitions: tuple[Transition, ...]
-    """The first that fires is taken."""
+    """The first that fires is taken: several to one phase are alternatives."""
     goals: Mapping[str, Any] = field(default_factory=dict)
     """Goals by the name of a task, each of which replaces its own in this phase; one that moves starts with the phase."""
 

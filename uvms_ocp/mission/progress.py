@@ -15,7 +15,7 @@ import numpy as np
 from uvms_ocp.checks import replace_unchecked
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, view
 from uvms_ocp.mission.phase import Below, Condition, Event, GoalFunctions, MissionState, Phase, is_met
-from uvms_ocp.record.meta_values import ABORT, DONE
+from uvms_ocp.record.meta_values import ABORT, DONE, OWN_QUANTITIES
 
 # Where a mission is, what ends its phases and where that leads, as numbers: what `Mission` asks at every tick, as kernels.
 #
@@ -23,7 +23,7 @@ from uvms_ocp.record.meta_values import ABORT, DONE
 
 _SAME_TIME = 1e-6  # [s] rounding of times since 1970
 NONE = -1
-"""Instead of the index of a transition or phase."""
+"""Instead of the index of a transition, phase or quantity."""
 
 
 class Terminal(IntEnum):
@@ -86,6 +86,8 @@ class MissionMemory(Layout):
     """It has ended otherwise."""
     given_up: bool
     """It is, or was at its end, in the abort phase."""
+    own: Annotated[list[int], Sized(3)]
+    """(3,) index of each of `OWN_QUANTITIES` among the quantities, or `NONE`."""
 
 
 def start_at_first_tick(m: MissionMemory, t: float) -> None:
@@ -104,6 +106,24 @@ def activations_at(m: MissionMemory, t: float, activations: Vector) -> None:
         blend = 0.5 - 0.5 * math.cos(math.pi * (passed / m.ramp))
     for i in range(len(m.activations_before)):
         activations[i] = target[i] if passed >= m.ramp else (1.0 - blend) * m.activations_before[i] + blend * target[i]
+
+
+def measure_own(m: MissionMemory, t: float, quantities: Vector) -> None:
+    """Write those of `OWN_QUANTITIES` that conditions read, at t [s]."""
+    if m.own[0] != NONE:
+        quantities[m.own[0]] = t - m.began
+    if m.own[1] != NONE:
+        quantities[m.own[1]] = t - m.since
+    if m.own[2] != NONE:
+        visits = 1.0 if m.phase == 0 else 0.0
+        for i in range(len(m.to)):
+            visits += m.fired[i] if m.to[i] == m.phase else 0.0
+        quantities[m.own[2]] = visits
+
+
+def ends_by_time(m: MissionMemory, k: int) -> bool:
+    """Return whether condition k waits for time to pass. A kernel."""
+    return m.below[k] == 0 and (m.quantity[k] == m.own[0] or m.quantity[k] == m.own[1])
 
 
 def transition_due(m: MissionMemory, t: float, quantities: Vector) -> int:
@@ -175,6 +195,7 @@ def quantities_read(phases: Sequence[Phase]) -> tuple[str, ...]:
 def write_conditions(memory: MissionMemory, phases: Sequence[Phase], names: Sequence[str]) -> None:
     """Write the conditions of all phases into a `MissionMemory`; names: of the vector of quantities that they are asked with."""
     leads_to = {DONE: Terminal.DONE, ABORT: Terminal.ABORT, **{phase.name: k for k, phase in enumerate(phases)}}
+    memory.own[:] = [names.index(name) if name in names else NONE for name in OWN_QUANTITIES]
     transitions = conditions = 0
     for index, phase in enumerate(phases):
         memory.first[index] = transitions

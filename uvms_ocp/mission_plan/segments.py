@@ -193,7 +193,8 @@ def foretold_way(scenario: Scenario) -> GreedyRollout:
     if scenario.robot.n_vehicle:
         marks = np.array([scenario.start[:3], *(visit.stances[0].position for visit in forecast(scenario.setup()))])
         q[:, :3] = np.stack([np.interp(t, begins, marks[:, axis]) for axis in range(3)], axis=1)
-    names = build_levels(scenario.robot, scenario.mission.hierarchy, scenario.dt).quantity_names
+    mission = scenario.mission
+    names = build_levels(scenario.robot, mission.hierarchy, scenario.dt, mission.beside_tasks).quantity_names
     unknown = np.full(len(t), np.nan)
     return GreedyRollout(t=t, q=q, phases=tuple(phases), begins=begins, quantities=dict.fromkeys(names, unknown))
 

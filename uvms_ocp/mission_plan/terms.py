@@ -120,7 +120,9 @@ def condition_term(
     tasks: with the goals that they have in the phase. Raises `InvalidInput` where no residual states the quantity.
     """
     name, _, quantity = condition.quantity.rpartition(".")
-    task = next(task for task in tasks if task.name == name)
+    task = next((task for task in tasks if task.name == name), None)
+    if task is None:
+        raise _refused(condition, place, isinstance(condition, Below) is met)
     limit, below = condition.limit, isinstance(condition, Below) is met
     if isinstance(task, AngleTask) and quantity in ANGLES and below:
         return TaskTerm(task=replace(task, aim=tightened_limit(limit, margins.angle)), at=place.at, phase=place.segment)
@@ -240,7 +242,7 @@ class _Phase:
         """At the end of the phase, or all along what has to be held."""
         for condition in self._out.when:
             name = condition.quantity.rpartition(".")[0]
-            kind = next(task for task in self.tasks if task.name == name).task_class
+            kind = next((task.task_class for task in self.tasks if task.name == name), TaskClass.ACTION)
             for part in self._parts:
                 if part.holds:
                     yield kind, self._term(condition, part, At.PATH, met=True)

@@ -10,7 +10,7 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.display import SmallTable, TableDisplay, cell
-from uvms_ocp.record.meta_values import ABORT, DONE, EventMeta, ThresholdMeta
+from uvms_ocp.record.meta_values import ABORT, DONE, OWN_QUANTITIES, EventMeta, ThresholdMeta
 from uvms_ocp.record.record import Record, quantity
 from uvms_ocp.record.run_meta import RunMeta, versions
 from uvms_ocp.report import metrics
@@ -138,13 +138,14 @@ def _explains(record: Record, swinging: set[str]) -> bool:
 
 def _waiting(record: Record, phase: str) -> list[ThresholdMeta]:
     """Conditions of a phase that the end of the record does not meet."""
-    forward = [item for item in record.meta.thresholds if item.phase == phase and item.sign == "<"]
+    own = [item for item in record.meta.thresholds if item.phase == phase]
+    forward = [item for item in own if item.sign == "<" or item.quantity in OWN_QUANTITIES]
     return [item for item in forward if not _fulfilled(record, item)]
 
 
 def _fulfilled(record: Record, condition: ThresholdMeta) -> bool:
     series = quantity(record, condition.quantity)
-    return series is not None and bool(series[-1] < condition.limit)
+    return series is not None and bool(series[-1] < condition.limit) == (condition.sign == "<")
 
 
 def _trend(record: Record, condition: ThresholdMeta) -> tuple[float, float]:
@@ -153,7 +154,7 @@ def _trend(record: Record, condition: ThresholdMeta) -> tuple[float, float]:
     values = np.zeros(1) if series is None else series
     n = min(len(values), max(2, round(_WINDOW / record.run_meta.dt)))
     before, now = float(values[-n]), float(values[-1])
-    return now, (before - now) / max(before - condition.limit, 1e-12)
+    return now, (before - now) / (before - condition.limit or 1e-12)
 
 
 def _obstruction(record: Record, name: str) -> str:

@@ -17,7 +17,7 @@ from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.estimation.degraded_modes import describe_channels
 from uvms_ocp.estimation.fallbacks import UNSEEN_SLOPE
 from uvms_ocp.mission import Abort, Mission
-from uvms_ocp.mission.progress import MissionMemory
+from uvms_ocp.mission.progress import MissionMemory, ends_by_time
 from uvms_ocp.robot import Robot, SymbolicModel
 from uvms_ocp.robot.shapes.hull import lowest_point
 from uvms_ocp.robot.signals import ChannelHealth
@@ -237,7 +237,10 @@ def _runs_away(d: AbortMemory, m: MissionMemory, t: float, quantities: Vector) -
 
 
 def _progresses(d: AbortMemory, m: MissionMemory, quantities: Vector) -> bool:
-    """Return whether something that the phase waits for to fall has come nearer to its limit, or nothing is missing."""
+    """Return whether something that the phase waits for to fall has come nearer to its limit, or nothing is missing.
+
+    A phase that time ends, wherever that leads, does not stall.
+    """
     if m.since != d.began:
         d.began = m.since
         d.stall_since = math.nan
@@ -247,6 +250,7 @@ def _progresses(d: AbortMemory, m: MissionMemory, quantities: Vector) -> bool:
     for i in range(m.first[m.phase], m.end[m.phase]):
         for k in range(m.first_condition[i], m.end_condition[i]):
             gap = quantities[m.quantity[k]] - m.limit[k]
+            nearer = nearer or ends_by_time(m, k)
             if m.below[k] != 0 and not gap < 0.0:
                 waiting = True
                 if gap < (1.0 - _PROGRESS) * d.best[m.quantity[k]]:

@@ -94,7 +94,7 @@ class KinematicController(TableDisplay):
         Raises `InvalidInput` where it is not > 0, and what `build_levels` and `Mission.check_quantities` raise.
         """
         self.robot, self.mission, self.dt, self.guide = robot, mission, dt, guide
-        self.problem: LevelsProblem = build_levels(robot, mission.hierarchy, dt)
+        self.problem: LevelsProblem = build_levels(robot, mission.hierarchy, dt, mission.beside_tasks)
         mission.check_quantities(self.problem.quantity_names)
         self.events: list[Event] = []
         self.left: list[MissionState] = []
@@ -279,7 +279,7 @@ class KinematicController(TableDisplay):
         quantities = np.array(outputs[self.problem.function.index_out("quantities")]).ravel()
         rests = self.problem.rests_on[degraded_modes.ALTIMETER]
         unknown = [velocity_tick.is_unknown(measurement.age, bool(of), known) for of in rests]
-        return self._named(np.where(unknown, np.nan, quantities))
+        return {**self._named(np.where(unknown, np.nan, quantities)), **self.mission.own_quantities(state, t)}
 
     def _restricted(self, bad: list[ChannelHealth]) -> degraded_modes.Restriction:
         """Read the restriction that the kernel has found."""

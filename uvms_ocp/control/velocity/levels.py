@@ -17,6 +17,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.control.velocity.swing import N_PASSIVE, countered_rows, lean_of, lean_rows, mean_attitude, swinging_axes
+from uvms_ocp.record.meta_values import OWN_QUANTITIES
 from uvms_ocp.robot import Robot, SymbolicModel
 from uvms_ocp.robot.limits import bounded_joints
 from uvms_ocp.robot.symbolic_bodies import sparse
@@ -184,7 +185,7 @@ class LevelsProblem:
     sizes: tuple[int, ...]
     """Rows of each level."""
     quantity_names: tuple[str, ...]
-    """``task.quantity``, in the order of the output `quantities`."""
+    """``task.quantity``, and what is beside them, in the order of the output `quantities`."""
     rests_on: Mapping[str, np.ndarray]
     """(n_quantities,) by channel of `Readings`: which of them it tells, and are unknown without it."""
     step: np.ndarray
@@ -192,8 +193,11 @@ class LevelsProblem:
 
 
 @checked
-def build_levels(robot: Robot, hierarchy: Hierarchy, dt: Period) -> LevelsProblem:
+def build_levels(robot: Robot, hierarchy: Hierarchy, dt: Period, beside_tasks: Sequence[str] = ()) -> LevelsProblem:
     """Stack the velocity limits of `robot`, the tasks of `hierarchy` and minimum velocity, for control period dt [s].
+
+    beside_tasks: more quantities that are to be measured, as `Mission.beside_tasks` names them: of `OWN_QUANTITIES`, which the
+    tick writes, ``vehicle.depth`` [m] of B below the origin of W, ``vehicle.speed`` [m/s] of B in W; others are left out.
 
     Raises `FrameNotFound` or `NameNotFound` where a task names a frame or joint that the robot does not have.
     """
@@ -228,6 +232,7 @@ def build_levels(robot: Robot, hierarchy: Hierarchy, dt: Period) -> LevelsProble
         for task, rows in zip(hierarchy.tasks, tasks, strict=True)
         for name, value in rows.quantities.items()
     }
+    quantities |= {name: value for name, value in _beside_tasks(symbols).items() if name in beside_tasks}
     inputs = [symbols.q, symbols.velocity, passive, previous, change, symbols.altimeter_range, parameters, gates]
     outputs = _stacked(levels, quantities)
     return LevelsProblem(
@@ -238,6 +243,13 @@ def build_levels(robot: Robot, hierarchy: Hierarchy, dt: Period) -> LevelsProble
         rests_on=_rests_on(symbols, hierarchy.tasks, quantities),
         step=robot.limits.acceleration * dt,
     )
+
+
+def _beside_tasks(symbols: TickSymbols) -> dict[str, ca.SX]:
+    own = dict.fromkeys(OWN_QUANTITIES, ca.SX(0))
+    if not symbols.robot.n_vehicle:
+        return own
+    return {**own, "vehicle.depth": -symbols.q[2], "vehicle.speed": ca.norm_2(symbols.velocity[:3])}
 
 
 class _Level(NamedTuple):

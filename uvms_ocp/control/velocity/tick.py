@@ -25,6 +25,7 @@ from uvms_ocp.mission.progress import (
     abort_mission,
     activations_at,
     is_over,
+    measure_own,
     start_at_first_tick,
     take_transition,
     transition_due,
@@ -178,6 +179,7 @@ def _report(m: TickMemory) -> None:
 
     Phases are told less: nothing that rests on a channel that is not good, but in the abort phase the best there is.
     """
+    measure_own(m.mission, m.t, m.quantities)
     of_altitude = m.rests_on[m.altimeter]
     for i in range(len(m.quantities)):
         unknown = is_unknown(m.age, of_altitude[i] != 0, m.altitude_valid)

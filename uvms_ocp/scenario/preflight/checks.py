@@ -61,7 +61,7 @@ def _waiting_in_vain(mission: Mission, phase: Phase) -> Iterator[Finding]:
     """A phase that waits for a quantity to fall must have the task on that makes it fall."""
     for condition in phase.conditions:
         task = condition.quantity.rpartition(".")[0]
-        if isinstance(condition, Below) and len(phase.transitions) < 2 and task not in phase.on:
+        if isinstance(condition, Below) and len(phase.transitions) < 2 and task in {*mission.hierarchy.names} - {*phase.on}:
             text = f"phase {phase.name!r} waits for {condition.quantity}, but task {task} is off in it"
             yield Severity.WARNING.finding(CHECK, text, phase.name)
 
@@ -130,7 +130,7 @@ _ASSUMPTIONS = {
 @checked
 def check_mission(setup: Setup) -> PreflightReport:
     """Every check on a mission; see `PreflightReport`. Raises what `build_levels` raises for unknown names."""
-    problem = build_levels(setup.robot, setup.mission.hierarchy, setup.dt)
+    problem = build_levels(setup.robot, setup.mission.hierarchy, setup.dt, setup.mission.beside_tasks)
     setup.mission.check_quantities(problem.quantity_names)
     if not setup.robot.n_vehicle:
         findings = [*check_structure(setup.mission), *check_echo(setup), *check_goals(setup), *check_accuracy(setup)]

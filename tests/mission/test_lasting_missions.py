@@ -1,0 +1,111 @@
+"""Missions end, go on and repeat themselves by time, by how often they have been there, and by the vehicle's depth and speed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from lasting import NEAR, START, going_to, lasting, patrol
+
+from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.mission.phase import Above, Below, Transition
+from uvms_ocp.mission_plan import plan_mission
+from uvms_ocp.record.meta_values import DONE, OWN_QUANTITIES
+from uvms_ocp.record.record import Record
+from uvms_ocp.report.summary import summarize
+from uvms_ocp.robot.signals import StateEstimate
+
+DT = 0.05
+KINEMATIC = {"plant": "kinematic", "dt": DT}
+OVER = Transition(to=DONE, when=(Above(quantity="mission.time", limit=65.0),))
+
+
+def way(record: Record) -> list[tuple[str, str]]:
+    return [(event.source, event.target) for event in record.run_meta.events]
+
+
+def test_station_is_kept_for_a_time() -> None:
+    """It was refused: a mission ended by what a task measures, or not at all."""
+    scenario = lasting(going_to("keep", START, OVER), duration=70.0, **KINEMATIC)
+    assert scenario.check().accepted
+    record = scenario.run()
+    assert record.run_meta.completed
+    assert record["t"][-1] == pytest.approx(65.0, abs=2 * DT)
+    (event,) = record.run_meta.events
+    assert event.reason.startswith("mission.time = 65")
+    assert event.truth["mission.time"] == pytest.approx(event.t)
+    assert record["quantities"][:, record.meta.quantities.index("mission.time")] == pytest.approx(record["t"])
+
+
+def test_what_is_missing_of_the_time_is_said() -> None:
+    record = lasting(going_to("keep", START, OVER), duration=50.0, **KINEMATIC).run()
+    assert not record.run_meta.completed
+    assert summarize(record)["cause"]["kind"] == "slow"
+    assert "mission.time = 50 against a limit of 65" in summarize(record)["cause"]["text"]
+
+
+@pytest.mark.parametrize("clock", [0.0, 50.0, 1.76e9])
+def test_time_is_that_of_the_mission_on_any_clock(clock: float) -> None:
+    scenario = lasting(going_to("keep", START, OVER), **KINEMATIC)
+    control = scenario.kinematic_controller()
+    still = StateEstimate(q=scenario.start, v=np.zeros(scenario.robot.n_v), altimeter_range=3.0)
+    for k in range(4):
+        control(still, clock + k * DT)
+        assert control.quantities["mission.time"] == pytest.approx(k * DT, abs=1e-6)
+
+
+def test_rounds_are_counted() -> None:
+    scenario = patrol(rounds=3, duration=120.0, **KINEMATIC)
+    assert scenario.check().accepted
+    record = scenario.run()
+    assert record.run_meta.completed
+    assert way(record) == [*2 * [("out", "home"), ("home", "out")], ("out", DONE)]
+    stays = [
+        event.t - before.t for before, event in zip(record.run_meta.events[:4:2], record.run_meta.events[1:4:2], strict=True)
+    ]
+    assert stays == pytest.approx([2.0, 2.0], abs=2 * DT)
+
+
+def test_steps_by_hand_take_the_same_way() -> None:
+    """Kernels and `Mission.step`."""
+    scenario = patrol(rounds=2, duration=60.0, **KINEMATIC)
+    record, mission = scenario.run(), scenario.mission
+    state, found = mission.start(0.0), []
+    for t, row in zip(record["t"], record["quantities"], strict=True):
+        tasks = {name: value for name, value in zip(record.meta.quantities, row, strict=True) if name not in OWN_QUANTITIES}
+        state, event = mission.step(state, float(t), tasks)
+        found += [] if event is None else [(event.source, event.target)]
+    assert found == way(record)
+
+
+def test_a_phase_that_time_ends_does_not_stall() -> None:
+    """The tool never comes nearer: without a time limit of its own the phase is given up after 60 s."""
+    never = Transition(to=DONE, when=(Below(quantity="TP.position_error", limit=0.01),))
+    held = Transition(to="home", when=(Above(quantity="phase.time", limit=70.0),))
+    home = going_to("home", (0.3, 0.0, -5.0), Transition(to=DONE, when=(NEAR,)))
+    limited = lasting(going_to("stay", START, never, held), home, duration=100.0, **KINEMATIC).run()
+    assert way(limited) == [("stay", "home"), ("home", DONE)]
+    (first, *_) = lasting(going_to("stay", START, never), home, duration=65.0, **KINEMATIC).run().run_meta.events
+    assert first.t == pytest.approx(60.0, abs=1.0)
+    assert "no nearer for 60 s" in first.reason
+
+
+def test_depth_and_speed_of_the_vehicle() -> None:
+    deep = Transition(to="rest", when=(Above(quantity="vehicle.depth", limit=6.0),))
+    slow = Transition(to=DONE, when=(Below(quantity="vehicle.speed", limit=0.01),), hold=0.5)
+    phases = going_to("dive", (0.0, 0.0, -6.2), deep), going_to("rest", (0.0, 0.0, -6.2), slow)
+    record = lasting(*phases, duration=60.0, **KINEMATIC).run()
+    assert way(record) == [("dive", "rest"), ("rest", DONE)]
+    below = -np.interp(record.run_meta.events[0].t, record["t"], record["q"][:, 2])
+    assert below == pytest.approx(6.0, abs=0.05)
+    assert np.linalg.norm(record["v"][-1, :3]) < 0.01
+
+
+def test_a_quantity_that_nothing_measures_is_refused_with_those_there_are() -> None:
+    wrong = Transition(to=DONE, when=(Above(quantity="mission.tiem", limit=1.0),))
+    with pytest.raises(NameNotFound, match=r"phase 'keep' 'mission\.tiem'.*mission\.time"):
+        lasting(going_to("keep", START, wrong), **KINEMATIC).check()
+
+
+def test_a_plan_of_the_mission_says_that_it_cannot_state_time() -> None:
+    with pytest.raises(InvalidInput, match=r"looks at phase\.visits > 1\.5, which no residual states; fly this mission without"):
+        plan_mission(patrol(rounds=2))
