@@ -11,8 +11,10 @@ from uvms_ocp.mission.phase import Above, Below, Transition
 from uvms_ocp.mission_plan import plan_mission
 from uvms_ocp.record.meta_values import DONE, OWN_QUANTITIES
 from uvms_ocp.record.record import Record
+from uvms_ocp.report.metrics import repeated_phases, resources
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.signals import StateEstimate
+from uvms_ocp.viz.motion_figures import figure_path, figure_velocities
 
 DT = 0.05
 KINEMATIC = {"plant": "kinematic", "dt": DT}
@@ -109,3 +111,25 @@ def test_a_quantity_that_nothing_measures_is_refused_with_those_there_are() -> N
 def test_a_plan_of_the_mission_says_that_it_cannot_state_time() -> None:
     with pytest.raises(InvalidInput, match=r"looks at phase\.visits > 1\.5, which no residual states; fly this mission without"):
         plan_mission(patrol(rounds=2))
+
+
+def test_rounds_are_reported_by_phase_and_not_one_by_one() -> None:
+    record = patrol(rounds=5, duration=120.0, **KINEMATIC).run()
+    out, home = repeated_phases(record)
+    assert (out["phase"], out["visits"], home["phase"], home["visits"]) == ("out", 5, "home", 4)
+    each = [row["duration_s"] for row in resources(record)[:-1] if row["phase"] == "home"]
+    assert home["mean_duration_s"] == pytest.approx(np.mean(each))
+    assert home["largest_duration_s"] == max(each)
+    assert out["largest_energy_j"] is None
+    assert "visits" in str(summarize(record))
+    assert repeated_phases(patrol(rounds=1, duration=60.0, **KINEMATIC).run()) == []
+
+
+def test_figures_of_many_rounds_name_no_phase_on_another() -> None:
+    record = patrol(rounds=40, duration=300.0, **KINEMATIC).run()
+    figure = figure_velocities(record)
+    figure.draw_without_rendering()
+    boxes = [text.get_window_extent() for text in figure.axes[0].texts if text.get_text()]
+    assert all(not one.overlaps(other) for k, one in enumerate(boxes) for other in boxes[k + 1 :])
+    colours = {line.get_color() for line in figure_path(record).axes[0].get_lines() if line.get_linewidth() == 2}
+    assert len(colours) == 2

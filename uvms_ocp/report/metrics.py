@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -160,6 +160,27 @@ def resources(record: Record) -> list[dict[str, Any]]:
     spans = [span for span in zip(names, [0.0, *ends], ends, strict=False) if span[0] not in (ABORT, DONE)]
     rows = [{"phase": name, **figures_between(record, start, end)} for name, start, end in spans]
     return [*rows, {"phase": "total", **figures_between(record, 0.0, float(t[-1]))}]
+
+
+@checked
+def repeated_phases(record: Record) -> list[dict[str, Any]]:
+    """One row per phase of a mission that repeats itself, else none: number of visits, and mean and largest of a visit.
+
+    Duration [s], energy [J] and path of the vehicle [m], as in `resources`; None where they are not known. A mission repeats
+    itself that is more than twice in its phases on average. Raises `InvalidInput` for the record of a plan.
+    """
+    visits: dict[str, list[dict[str, Any]]] = {}
+    for row in (found := resources(record))[:-1]:
+        visits.setdefault(row["phase"], []).append(row)
+    return [_repeated(name, rows) for name, rows in visits.items() if len(found) > 2 * len(visits) + 1]
+
+
+def _repeated(name: str, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    row: dict[str, Any] = {"phase": name, "visits": len(rows)}
+    for figure in ("duration_s", "energy_j", "path_length_m"):
+        values = [row[figure] for row in rows if row[figure] is not None]
+        row |= {f"mean_{figure}": float(np.mean(values)) if values else None, f"largest_{figure}": max(values, default=None)}
+    return row
 
 
 def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:

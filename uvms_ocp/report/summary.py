@@ -234,8 +234,11 @@ class RunSummary(TableDisplay, dict[str, Any]):
     __slots__ = ()
 
     def _table(self) -> SmallTable:
-        columns = ("name", "start_s", "end_s", "energy_j", "path_length_m", "reason")
+        columns: tuple[str, ...] = ("name", "start_s", "end_s", "energy_j", "path_length_m", "reason")
         rows = [tuple(cell(phase[name]) for name in columns) for phase in self["phases"]]
+        if self["repeated"]:
+            columns = tuple(self["repeated"][0])
+            rows = [tuple(map(cell, phase.values())) for phase in self["repeated"]]
         rows += [(k, cell(self[k])) for k in self if k.startswith(("tool_", "largest_", "min_")) and self[k] is not None]
         rows += [("alarm", cell(alarm["t"]), alarm["text"]) for alarm in self["alarms"]]
         title = f"{self['scenario']}, {self['robot']}: {self['cause']['kind']}"
@@ -271,6 +274,7 @@ def _figures(record: Record) -> dict[str, Any]:
         "passed_rates": metrics.passed_rates(record),
         "phases": phase_table(record),
         "resources": metrics.resources(record),
+        "repeated": metrics.repeated_phases(record),
         "seed": meta.seed,
         "noise": meta.noise,
         "faults": [fault.model_dump() for fault in meta.faults],

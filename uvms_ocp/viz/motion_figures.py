@@ -247,9 +247,9 @@ def _draw_floor(axis: Axes, record: Record) -> None:
 
 def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
     t, p = record["t"], record["q"][:, :3]
-    for k, span in enumerate(phase_spans(record)):
+    for span in phase_spans(record):
         part = (t >= span.start) & (t <= span.end)
-        color = style.LINES[k % len(style.LINES)]
+        color = style.LINES[span.index % len(style.LINES)]
         axis.plot(p[part, i], p[part, j], color=color, lw=2, label=style.label_text(span.label))
     axis.plot(p[0, i], p[0, j], "o", color=style.BLACK, ms=4)
     for item in record.meta.surroundings.obstacles:

@@ -41,6 +41,8 @@ THRESHOLD = "#555555"
 FADED = "#AEB4B9"
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (4, 1.5, 1, 1.5)))
 _TALLEST = 9  # entries of a column of a legend
+_MANY = 60  # stays that no lines part: they would be a grey page
+_FEW = 12  # stays in phases that are each named, however short
 _LETTER = 0.055  # [in] mean width of a letter in a phase's label
 _BANDS = ("#E8F1FA", "#FDF0E1", "#E6F4EC", "#F6EAF2", "#EFEFEF")
 
@@ -187,7 +189,7 @@ def shade_phases(axes: Sequence[Axes], spans: Sequence[PhaseSpan], *, named: boo
     for axis in axes:
         for span in spans:
             axis.axvspan(span.start, span.end, color=_BANDS[span.index % len(_BANDS)], lw=0, zorder=-2)
-        for span in spans[1:]:
+        for span in spans[1:] if len(spans) <= _MANY else ():
             axis.axvline(span.start, color="#9AA3AB", lw=0.6, zorder=-1)
         axis.set_xlim(spans[0].start, spans[-1].end)
     if named:
@@ -195,10 +197,12 @@ def shade_phases(axes: Sequence[Axes], spans: Sequence[PhaseSpan], *, named: boo
 
 
 def _name_phases(axis: Axes, spans: Sequence[PhaseSpan], width: float) -> None:
-    """Full labels where they fit; `width` [in] of the panel."""
+    """Full labels where they fit, none where no letter does; `width` [in] of the panel."""
     scale = width / (spans[-1].end - spans[0].start)
     for span in spans:
         room = scale * (span.end - span.start) / _LETTER
+        if room < 2.0 and len(spans) > _FEW:
+            continue
         text = span.label if len(span.label) < room else plain_line(span.name, max(2, int(room)))
         look = {"ha": "center", "va": "bottom", "fontsize": 7.5, "color": "#333333"}
         note(axis, text, ((span.start + span.end) / 2, 1.0), (0, 3), xycoords=("data", "axes fraction"), **look)
