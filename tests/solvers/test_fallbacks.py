@@ -160,10 +160,11 @@ def test_what_the_core_leaves_unsolved_is_solved_and_certified_by_someone_else()
         assert _certificate(levels, solution.v) <= 10.0 * tolerances.CERTIFIED
 
 
-def test_more_of_it_is_solved_than_by_quadratic_programs() -> None:
+def test_from_where_quadratic_programs_end_it_is_solved_too() -> None:
+    """By themselves they leave more than half of it inexact."""
     cascade = LexicographicQp()
     exact = [cascade.solve(levels).status.exact for levels in _left()]
-    assert sum(exact) < 0.5 * len(exact)
+    assert np.mean(exact) > 0.9
 
 
 @needs_compiler

@@ -20,8 +20,9 @@ from numpy.typing import ArrayLike
 from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
 from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.codegen.elementwise import interval_distance, interval_excess, logical_or, row_sums, where
-from uvms_ocp.errors import NameNotFound
+from uvms_ocp.errors import InvalidInput, NameNotFound, plain_line
 from uvms_ocp.solvers.hierarchy import tolerances
+from uvms_ocp.solvers.hierarchy.active_set_numpy import RowState, solve_levels
 from uvms_ocp.solvers.hierarchy.certificate import normal_certificate, normal_rows
 from uvms_ocp.solvers.hierarchy.level import Level, is_valid, residual, widen_bounds
 from uvms_ocp.solvers.hierarchy.solution import (
@@ -46,6 +47,8 @@ _RANK_TOLERANCE = 1e-10
 _SATISFIED = 1e-12
 # Rows violated by less may be so for want of accuracy; held as inequalities they lose nothing at an optimum.
 _VIOLATED = 1e-6
+# Rows nearer to a bound, relative to the size of theirs, may be held by it.
+_HELD = 1e-6
 # Residual of the optimality conditions, relative to the size of the gradient.
 _STATIONARY = 3e-9
 _NOTHING, _SATISFIED_CASE = 0, 1
@@ -217,7 +220,13 @@ def _conic(settings: LexicographicQp, name: str, symbols: _LevelSymbols) -> ca.F
     if settings.plugin == "qpoases":
         # Warm starts that need more working-set changes than this hardly ever recover.
         options.setdefault("nWSR", 40 + sum(A.shape))
-    return ca.conic(f"{name}_qp", settings.plugin, {"h": H, "a": A}, options)
+    try:
+        return ca.conic(f"{name}_qp", settings.plugin, {"h": H, "a": A}, options)
+    except RuntimeError as error:
+        why = plain_line(str(error).strip().splitlines()[-1], 80)
+        raise InvalidInput(
+            f"conic plugin {settings.plugin!r} takes no dense program ({why}); give one of {', '.join(conic_plugins())}"
+        ) from None
 
 
 def _attempt(
@@ -343,25 +352,29 @@ class QpTick:
                 outputs = self._stepwise(inputs) if self._tick.failed else outputs
         # Where fresh plugins do not help either, they would not at the next tick.
         self._fresh = bool(outputs[1][0] == _INEXACT)
-        v, status, missed, *extras = outputs
-        return _result(
-            v=v,
-            status=self._status(int(status[0]), v, inputs),
-            residual=missed,
-            extras=tuple(extras),
-            solve_time=perf_counter() - start,
-        )
+        v, said, missed, *extras = outputs
+        status = _STATUS[int(said[0])]
+        if self._certified and status is not Status.INVALID_INPUT:
+            v, status, missed = self._certify(v, missed, inputs)
+        elif status is Status.SOLVED:
+            status = Status.INEXACT
+        return _result(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)
 
-    def _status(self, said: int, v: Array, inputs: Sequence[ArrayLike]) -> Status:
-        """Exact only if that is certified, whatever the programs say of themselves."""
-        if _STATUS[said] is Status.INVALID_INPUT:
-            return Status.INVALID_INPUT
-        if not self._certified:
-            return Status.INEXACT
-        J, low, up = self._levels(*inputs)[:3]
-        rows = normal_rows(J.reshape(-1, len(v)), low, up, self._sizes)
-        exact = normal_certificate(rows, v / rows.velocity) <= tolerances.CERTIFIED
-        return Status.SOLVED if exact else Status.INEXACT
+    def _certify(self, v: Array, missed: Array, inputs: Sequence[ArrayLike]) -> tuple[Array, Status, Array]:
+        """Exact only if that is certified, whatever the programs say of themselves; else by the rows that they hold.
+
+        Those are nearly the active set of the optimum, from which `active_set_numpy.solve_levels` takes an iteration or two.
+        """
+        J, low, up, given, lower, upper, gate = self._levels(*inputs)[:7]
+        J, given = J.reshape(-1, len(v)), given.reshape(-1, len(v))
+        rows = normal_rows(J, low, up, self._sizes)
+        if normal_certificate(rows, v / rows.velocity) <= tolerances.CERTIFIED:
+            return v, Status.SOLVED, missed
+        near = _HELD * (1.0 + np.abs(J).sum(axis=1))
+        held = (J @ v >= up - near) * float(RowState.UPPER) + (J @ v <= low + near) * float(RowState.LOWER)
+        polished = solve_levels(given, lower, upper, gate, held, self._sizes)
+        exact = polished.status.exact
+        return (polished.v, polished.status, polished.residual) if exact else (v, Status.INEXACT, missed)
 
     def _set_up(self) -> None:
         for step in self._steps:
@@ -390,6 +403,7 @@ def _level(step: LevelStep, inputs: list[Array]) -> tuple[Array, ...]:
     return BufferedFunction(step.give_up)(*inputs) if function.failed else outputs
 
 
+_OF_STAGES = ("fatrop", "hpipm")  # plugins for programs of stages, which these are not
 _DEFAULTS: dict[str, dict[str, object]] = {
     "qpoases": {"printLevel": "none", "enableFlippingBounds": False},
     "qrqp": {"print_iter": False, "print_header": False, "print_info": False},
@@ -403,6 +417,9 @@ _DEFAULTS: dict[str, dict[str, object]] = {
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LexicographicQp:
     """Each level minimises its own slack subject to the optimal slack of all levels above it.
+
+    What the plugin's programs do not reach to the certificate, the active set that they end with does: from it
+    `LexicographicActiveSet` takes an iteration or two. So results are exact where its own are, whatever the plugin.
 
     What a gate between 0 and 1 does is said in `uvms_ocp.solvers.hierarchy.level`. Raises `InvalidInput` for a number out of
     its range.
@@ -450,11 +467,22 @@ class LexicographicQp:
         return QpTick(tick, levels, steps, sizes, certified=self.certified)
 
 
+@cache
 def conic_plugins() -> tuple[str, ...]:
-    """Names of the conic plugins of this CasADi that can be loaded."""
+    """Names of the conic plugins of this CasADi that can be loaded, and take a dense quadratic program as they are."""
     entries = str(ca.CasadiMeta.plugins()).split(";")
     names = sorted(entry.removeprefix("Conic::") for entry in entries if entry.startswith("Conic::"))
-    return tuple(name for name in names if _exists(name))
+    return tuple(name for name in names if name not in _OF_STAGES and _exists(name) and _takes_dense_programs(name))
+
+
+def _takes_dense_programs(plugin: str) -> bool:
+    dense = ca.Sparsity.dense(2, 2)
+    try:
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            ca.conic("probe", plugin, {"h": dense, "a": dense}, _DEFAULTS.get(plugin, {}))
+    except RuntimeError:
+        return False
+    return True
 
 
 @cache
