@@ -13,7 +13,7 @@ from uvms_ocp.identification.model import Vehicle
 from uvms_ocp.identification.output_error import FitStatus, Noise, OutputErrorProblem
 from uvms_ocp.identification.parameters import Prior
 from uvms_ocp.identification.recording import Channel, ZeroOrderHold
-from uvms_ocp.identification.rollout import N_START, PredictedOutputs, Rollout, Segment, SegmentStart
+from uvms_ocp.identification.rollout import N_START, PredictedOutputs, Rollout, Segment, SegmentStart, Weights
 
 NOISE = Noise(velocity=0.1, rate=0.1, vertical=0.1, outliers=1e6)
 
@@ -25,14 +25,19 @@ class LinearRollout(Rollout):
         self.G, self._bend = G, bend
 
     def predict(
-        self, stretches: Sequence[Segment], starts: Sequence[SegmentStart], p: np.ndarray, *, slopes: bool
+        self, stretches: Sequence[Segment], starts: Sequence[SegmentStart], p: np.ndarray, weights: Weights | None = None
     ) -> list[PredictedOutputs]:
-        return [self._seen(row) for row in p]
+        return [self._seen(k, row, weights) for k, row in enumerate(p)]
 
-    def _seen(self, p: np.ndarray) -> PredictedOutputs:
-        still = np.zeros((*self.G[0].shape[:2], N_START))
-        slopes = tuple(np.concatenate([g * (1.0 + 2.0 * self._bend * p), still], axis=2) for g in self.G)
-        return PredictedOutputs(rows=tuple(g @ (p + self._bend * p**2) for g in self.G), end=np.zeros(0), slopes=slopes)
+    def _seen(self, k: int, p: np.ndarray, weights: Weights | None) -> PredictedOutputs:
+        rows = tuple(g @ (p + self._bend * p**2) for g in self.G)
+        H, g = np.zeros((len(p) + N_START,) * 2), np.zeros(len(p) + N_START)
+        pairs = weights(k, rows) if weights is not None else ()
+        for matrix, (w, wr) in zip(self.G, pairs, strict=False):
+            slopes = (matrix * (1.0 + 2.0 * self._bend * p)).reshape(-1, len(p))
+            H[: len(p), : len(p)] += (slopes.T * w.ravel()) @ slopes
+            g[: len(p)] += slopes.T @ wr.ravel()
+        return PredictedOutputs(rows=rows, end=np.zeros(0), H=H, g=g)
 
 
 def vehicle() -> Vehicle:

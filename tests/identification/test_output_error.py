@@ -64,21 +64,43 @@ def fit(*given: Recording, noise: Noise = EXACT, **options: float) -> Estimate:
 
 def test_slopes_of_what_is_seen_are_differences() -> None:
     _, rollout = problem()
-    one, step = stretches(recording(), 3.0)[1], 1e-6
+    one, step, rng = stretches(recording(), 3.0)[1], 1e-6, np.random.default_rng(0)
     n_p = rollout.stage.n_p
-    begin, p = SegmentStart(q=one.q, v=one.v), truth()
-    (seen,) = rollout.predict([one], [begin], p[None], slopes=True)
+    begin, p = SegmentStart(q=one.q, v=one.v), truth() + 0.003  # so that no command and no sample is at an edge of a step
+    drawn = [rng.uniform(0.5, 2.0, size=values.shape) for values in one.measured]
+    pulls = [rng.normal(size=values.shape) for values in one.measured]
+    (seen,) = rollout.predict([one], [begin], p[None], lambda k, rows: list(zip(drawn, pulls, strict=True)))
+    slopes = np.zeros((sum(values.size for values in one.measured), n_p + N_START))
     for k in range(n_p + N_START):
         ends = []
         for sign in (1, -1):
             change = sign * step * np.eye(n_p + N_START)[k]
             moved, at = begin.moved(change[n_p:]), p + change[:n_p]
-            ends.append(rollout.predict([one], [moved], at[None], slopes=False)[0].rows)
-        for sensor in range(3):
-            slope = (ends[0][sensor] - ends[1][sensor]) / (2 * step)
-            # Samples that cross an edge of a step, where the interpolation has a corner.
-            off = np.abs(seen.slopes[sensor][:, :, k] - slope) > 1e-5 * (1 + np.abs(slope).max())
-            assert off.mean() < 0.05, (k, sensor)
+            ends.append(np.concatenate([rows.ravel() for rows in rollout.predict([one], [moved], at[None])[0].rows]))
+        slopes[:, k] = (ends[0] - ends[1]) / (2 * step)
+    w, wr = (np.concatenate([values.ravel() for values in each]) for each in (drawn, pulls))
+    size = np.linalg.norm(slopes, axis=0) + 1.0
+    np.testing.assert_allclose(seen.g / size, slopes.T @ wr / size, atol=1e-5)
+    np.testing.assert_allclose(seen.H / np.outer(size, size), (slopes.T * w) @ slopes / np.outer(size, size), atol=1e-5)
+
+
+def test_starts_are_eliminated_as_from_a_dense_matrix() -> None:
+    rng, n, m, count, damping = np.random.default_rng(3), 4, 2, 5, 0.1
+    J = rng.normal(size=(200, n + m + N_START * count))
+    for i in range(count):  # a row is of one start and the next
+        others = np.ones(N_START * count, dtype=bool)
+        others[N_START * i : N_START * (i + 2)] = False
+        J[i::count, n + m :][:, others] = 0.0
+    H, g = J.T @ J + np.eye(J.shape[1]), J.T @ rng.normal(size=200)
+    local = H[n + m :, n + m :]
+    band = np.array([np.pad(np.diagonal(local, -d), (0, d)) for d in range(2 * N_START)])
+    block = NormalEquations(0.0, H[: n + m, : n + m], g[: n + m], band, g[n + m :], H[n + m :, : n + m])
+    inverse = np.linalg.inv(H[n:, n:] + damping * np.diag(np.diag(H)[n:]))
+    found_H, found_g, others_of = block.without_starts(damping, n)
+    np.testing.assert_allclose(found_H, H[:n, :n] - H[:n, n:] @ inverse @ H[n:, :n], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found_g, g[:n] - H[:n, n:] @ inverse @ g[n:], rtol=1e-9, atol=1e-9)
+    change = rng.normal(size=n)
+    np.testing.assert_allclose(others_of(change), -inverse @ (g[n:] + H[n:, :n] @ change), rtol=1e-9, atol=1e-9)
 
 
 def test_what_made_a_recording_is_found_again() -> None:
@@ -179,3 +201,23 @@ def test_a_step_to_where_slopes_are_not_finite_is_shortened(monkeypatch: pytest.
     assert error.solve(error.start(), damping=1e-6).status is FitStatus.CONVERGED
     first, second = (np.abs(each.shared - one.shared.start).max() for each in calls[1:3])
     assert second <= first
+
+
+def test_normal_equations_have_the_gradient_of_the_cost() -> None:
+    one, rollout = problem()
+    error, step = OutputErrorProblem(one, stretches(recording(4), 7.0), Noise(outliers=2.0), rollout), 1e-6
+    point = error.start(truth()[:-1] + 0.003)  # no command and no sample at an edge of a step
+    (block,) = error.expansion(point).blocks
+    n, m, size = len(point.shared), len(point.own[0]), N_START * len(point.starts[0])
+    rng, found, wanted = np.random.default_rng(5), [], []
+    for _ in range(4):
+        way = rng.normal(size=n + m + size)
+        ends = []
+        for k in (step, -step):
+            turns = (k * way[n + m :]).reshape(-1, N_START)
+            starts = tuple(each.moved(turn) for each, turn in zip(point.starts[0], turns, strict=True))
+            moved = SearchPoint(shared=point.shared + k * way[:n], own=(point.own[0] + k * way[n : n + m],), starts=(starts,))
+            ends.append(error.expansion(moved).blocks[0].cost)
+        wanted.append((ends[0] - ends[1]) / (2 * step))
+        found.append(np.r_[block.g, block.g_starts] @ way)
+    np.testing.assert_allclose(found, wanted, rtol=1e-3, atol=1e-3 * np.abs(wanted).max())

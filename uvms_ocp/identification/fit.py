@@ -57,7 +57,7 @@ class Predicted:
 
 def rolled_out(rollout: Rollout, stretch: Segment, start: SegmentStart, shared: np.ndarray, own: np.ndarray) -> Predicted:
     """A stretch from where it begins, with unknowns shared (n,) and own (m,) [as `Unknowns.start`]."""
-    (found,) = rollout.predict([stretch], [start], np.concatenate([shared, own])[None], slopes=False)
+    (found,) = rollout.predict([stretch], [start], np.concatenate([shared, own])[None])
     return Predicted(t=stretch.t, rows=found.rows, measured=stretch.measured)
 
 

@@ -8,7 +8,8 @@ simulation.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import groupby
 
 import numpy as np
@@ -26,41 +27,60 @@ def loss(r: np.ndarray, outliers: float) -> float:
     return float((outliers**2 * (np.sqrt(1.0 + (r / outliers) ** 2) - 1.0)).sum())
 
 
-def weighted(r: np.ndarray, J: np.ndarray, outliers: float) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals r (n,) and slopes J (n, k) [any] whose squares have the gradient of the loss, linear beyond outliers."""
-    root = (1.0 + (r / outliers) ** 2) ** -0.25
-    return (root * r).ravel(), (root[..., None] * J).reshape(-1, J.shape[-1])
+def weights(r: np.ndarray, outliers: float) -> np.ndarray:
+    """Weights (...) of squares of residuals r (...) that have the gradient of the loss, less beyond outliers."""
+    return np.asarray((1.0 + (r / outliers) ** 2) ** -0.5)
 
 
 # Normal equations of one recording, its local unknowns apart: those of its own, and the starts of its stretches.
 
+Elimination = Callable[[np.ndarray], np.ndarray]
+"""Maps a change (n,) of the shared unknowns to those (m + 9 l,) of the others [as `Unknowns.start`]."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NormalEquations:
-    """Gauss-Newton normal equations of n shared unknowns and n_local others [as `Unknowns.start`]."""
+    """Gauss-Newton normal equations of n shared unknowns, m of the recording, and the starts of its l segments.
+
+    Together the first are border: a start is coupled with these and with the next one only, so that all are eliminated in a
+    time and a memory that grow with l.
+    """
 
     cost: float
     """Half the weighted squares."""
     H: np.ndarray
-    """(n, n) [1 / unknowns^2]"""
+    """(n + m, n + m) [1 / unknowns^2]"""
     g: np.ndarray
-    """(n,) [1 / unknowns]"""
-    H_local: np.ndarray
-    """(n_local, n_local) [1 / unknowns^2]"""
-    g_local: np.ndarray
-    """(n_local,) [1 / unknowns]"""
+    """(n + m,) [1 / unknowns]"""
+    H_starts: np.ndarray
+    """(18, 9 l) [1 / unknowns^2] the lower band, diagonal by diagonal, as LAPACK has it."""
+    g_starts: np.ndarray
+    """(9 l,) [1 / unknowns]"""
     cross: np.ndarray
-    """(n, n_local) [1 / unknowns^2]"""
+    """(9 l, n + m) [1 / unknowns^2]"""
+
+    def without_starts(self, damping: float, n: int) -> tuple[np.ndarray, np.ndarray, Elimination]:
+        """Schur complement (n, n), (n,) of n shared unknowns, and what gives the others, their diagonal raised by damping."""
+        from scipy.linalg import solveh_banded  # a tenth of a second
+
+        band = self.H_starts.copy()
+        band[0] *= 1.0 + damping
+        solved = solveh_banded(band, np.column_stack([self.cross, self.g_starts]), lower=True, check_finite=False)
+        H, g = self.H - self.cross.T @ solved[:, :-1], self.g - self.cross.T @ solved[:, -1]
+        own = H[n:, n:] + damping * np.diag(np.diag(self.H)[n:])
+        solved_own = np.linalg.solve(own, np.column_stack([H[n:, :n], g[n:]]))
+
+        def others(change: np.ndarray) -> np.ndarray:
+            """(m + 9 l,) changes of the others, where those of the shared ones are change (n,)."""
+            moved = -solved_own @ np.r_[change, 1.0]
+            return np.r_[moved, -solved @ np.r_[change, moved, 1.0]]
+
+        return H[:n, :n] - H[:n, n:] @ solved_own[:, :-1], g[:n] - H[:n, n:] @ solved_own[:, -1], others
 
 
 def finite(blocks: Sequence[NormalEquations]) -> bool:
     """Check that all entries are finite: where a simulation runs away, its slopes do before its cost."""
-    return all(np.isfinite(part).all() for one in blocks for part in (one.cost, one.H, one.H_local))
-
-
-def places_of(n_p: int, stretch: int) -> np.ndarray:
-    """(n_p + 9,) of the unknowns of a stretch: those of its recording, n_p, and of its start."""
-    return np.concatenate([np.arange(n_p), n_p + N_START * stretch + np.arange(N_START)])
+    return all(np.isfinite(part).all() for one in blocks for part in (one.cost, one.H, one.H_starts))
 
 
 # Values of everything that a search moves.
@@ -117,7 +137,7 @@ class ProfilePenalty:
 # simulation.
 
 _NEARLY_NONE = 1e-9  # of damping
-_Inverse = Callable[[np.ndarray], np.ndarray]
+_MOST_STEPS = 4_000  # of segments that are simulated at once: what they take stays in tens of megabytes
 
 
 class FitStatus(AdvisedStatus):
@@ -246,7 +266,7 @@ class OutputErrorProblem:
         return None
 
     def _moved(self, point: SearchPoint, blocks: list[NormalEquations], damping: float, frozen: bool) -> SearchPoint:
-        H, g, eliminated = self._reduced(point, blocks, damping)
+        H, g, others = self._reduced(point, blocks, damping)
         change = np.zeros(self._n)
         if not frozen and self._n:
             damped = H + damping * np.diag(np.diag(H) + 1e-9)
@@ -257,8 +277,8 @@ class OutputErrorProblem:
         shared = np.clip(point.shared + np.clip(change, -1.0, 1.0), self._vehicle.shared.lower, self._vehicle.shared.upper)
         change = shared - point.shared
         own, starts = [], []
-        for k, (block, inverse) in enumerate(zip(blocks, eliminated, strict=True)):
-            local = -inverse(block.g_local + block.cross.T @ change)
+        for k, changed in enumerate(others):
+            local = changed(change)
             own.append(point.own[k] + local[: self._m])
             turns = local[self._m :].reshape(-1, N_START)
             starts.append(tuple(one.moved(np.clip(c, -0.5, 0.5)) for one, c in zip(point.starts[k], turns, strict=True)))
@@ -266,21 +286,12 @@ class OutputErrorProblem:
 
     def _reduced(
         self, point: SearchPoint, blocks: list[NormalEquations], damping: float
-    ) -> tuple[np.ndarray, np.ndarray, list[_Inverse]]:
-        """Normal equations of the shared unknowns, and what solves those of the others: a stretch knows its neighbours only."""
+    ) -> tuple[np.ndarray, np.ndarray, list[Elimination]]:
+        """Normal equations of the shared unknowns, and what gives the changes of the others."""
         weight = 1.0 / self._vehicle.shared.sigma**2
-        from scipy.sparse import csc_matrix  # a tenth of a second
-        from scipy.sparse.linalg import splu
-
-        H, g = np.diag(weight), weight * (point.shared - self._vehicle.shared.start)
-        inverses = []
-        for block in blocks:
-            local = block.H_local + damping * np.diag(np.diag(block.H_local))
-            inverse = splu(csc_matrix(local)).solve
-            H = H + block.H - block.cross @ inverse(np.ascontiguousarray(block.cross.T))
-            g = g + block.g - block.cross @ inverse(block.g_local)
-            inverses.append(inverse)
-        return H, g, inverses
+        parts = [block.without_starts(damping, self._n) for block in blocks]
+        H = np.diag(weight) + sum(part[0] for part in parts)
+        return H, weight * (point.shared - self._vehicle.shared.start) + sum(part[1] for part in parts), [one[2] for one in parts]
 
     def _estimate(self, point: SearchPoint, blocks: list[NormalEquations], status: FitStatus, done: int) -> Estimate:
         names = [group[0].recording for group in self._recordings]
@@ -302,14 +313,14 @@ class OutputErrorProblem:
 
     def _costs(self, point: SearchPoint) -> list[float]:
         with np.errstate(all="ignore"):
-            return [self._cost(k, point, seen) for k, seen in enumerate(self._all_seen(point, slopes=False))]
+            return [self._cost(k, point, seen) for k, seen in enumerate(self._all_seen(point))]
 
     def _blocks(self, point: SearchPoint) -> list[NormalEquations]:
         with np.errstate(all="ignore"):
             return [self._block(k, point, seen) for k, seen in enumerate(self._all_seen(point, slopes=True))]
 
-    def _all_seen(self, point: SearchPoint, *, slopes: bool) -> list[list[PredictedOutputs]]:
-        """Simulate every recording; segments with equally many steps are simulated together."""
+    def _all_seen(self, point: SearchPoint, *, slopes: bool = False) -> list[list[PredictedOutputs]]:
+        """Simulate every recording; segments with equally many steps are simulated together, as many as memory is to hold."""
         flat = [
             (k, stretch, start)
             for k, group in enumerate(self._recordings)
@@ -317,19 +328,27 @@ class OutputErrorProblem:
         ]
         found: dict[int, PredictedOutputs] = {}
         for n in {len(stretch.edges) for _, stretch, _ in flat}:
-            chosen = [i for i, (_, stretch, _) in enumerate(flat) if len(stretch.edges) == n]
-            p = np.array([np.concatenate([point.shared, point.own[flat[i][0]]]) for i in chosen])
-            parts = [flat[i][1] for i in chosen], [flat[i][2] for i in chosen]
-            found |= dict(zip(chosen, self._rollout.predict(*parts, p, slopes=slopes), strict=True))
+            alike = [i for i, (_, stretch, _) in enumerate(flat) if len(stretch.edges) == n]
+            size = max(1, _MOST_STEPS // n)
+            for chosen in (alike[first : first + size] for first in range(0, len(alike), size)):
+                p = np.array([np.concatenate([point.shared, point.own[flat[i][0]]]) for i in chosen])
+                parts, starts = [flat[i][1] for i in chosen], [flat[i][2] for i in chosen]
+                seen = self._rollout.predict(parts, starts, p, partial(self._weights, parts) if slopes else None)
+                for i, part, one in zip(chosen, parts, seen, strict=True):
+                    losses = (loss(r, self._noise.outliers) for r in self._residuals(part, one.rows))
+                    found[i] = replace(one, rows=(), loss=sum(losses))
         return [[found[i] for i, (k, _, _) in enumerate(flat) if k == group] for group in range(len(self._recordings))]
 
-    def _cost(self, k: int, point: SearchPoint, seen: list[PredictedOutputs]) -> float:
-        squares = sum(loss(r, self._noise.outliers) for rows in self._residuals(k, seen) for r in rows)
-        return float(squares + self._beginnings(k, point)[1] + sum(d @ d for d, _ in self._gaps(k, point, seen)) / 2)
+    def _residuals(self, stretch: Segment, rows: Sequence[np.ndarray]) -> list[np.ndarray]:
+        return [(rows[j] - stretch.measured[j]) / self._sigma[j] for j in range(3)]
 
-    def _residuals(self, k: int, seen: list[PredictedOutputs]) -> list[list[np.ndarray]]:
-        pairs = zip(self._recordings[k], seen, strict=True)
-        return [[(one.rows[j] - stretch.measured[j]) / self._sigma[j] for j in range(3)] for stretch, one in pairs]
+    def _weights(self, parts: Sequence[Segment], k: int, rows: Sequence[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:
+        pairs = zip(self._residuals(parts[k], rows), self._sigma, strict=True)
+        return [(w / sigma**2, w * r / sigma) for r, sigma in pairs for w in (weights(r, self._noise.outliers),)]
+
+    def _cost(self, k: int, point: SearchPoint, seen: list[PredictedOutputs]) -> float:
+        squares = sum(d @ d for d, _ in self._gaps(k, point, seen))
+        return float(sum(one.loss for one in seen) + self._beginnings(k, point)[1] + squares / 2)
 
     def _beginnings(self, k: int, point: SearchPoint) -> tuple[list[np.ndarray], float]:
         """Compute weighted residuals of the starts against what was measured there, and their cost."""
@@ -350,25 +369,31 @@ class OutputErrorProblem:
         return found
 
     def _block(self, k: int, point: SearchPoint, seen: list[PredictedOutputs]) -> NormalEquations:
-        n, m, count = self._n, self._m, len(seen)
-        size = n + m + N_START * count
-        H, g = np.zeros((size, size)), np.zeros(size)
-        far, _ = self._beginnings(k, point)
-        weight = 1.0 / self._vehicle.own.sigma**2
-        H[range(n, n + m), range(n, n + m)] = weight
-        g[n : n + m] = weight * (point.own[k] - self._vehicle.own.start)
-        for i, (one, rows) in enumerate(zip(seen, self._residuals(k, seen), strict=True)):
-            places = places_of(n + m, i)
-            for slope, row, sigma in zip(one.slopes, rows, self._sigma, strict=True):
-                r, J = weighted(row, slope / sigma, self._noise.outliers)
-                H[np.ix_(places, places)] += J.T @ J
-                g[places] += J.T @ r
-            begin = places[-N_START:]
-            H[begin, begin] += 1.0 / self._noise.start**2
-            g[begin] += far[i] / self._noise.start
-        for i, (gap, slope) in enumerate(self._gaps(k, point, seen)):
-            places = np.concatenate([places_of(n + m, i), places_of(n + m, i + 1)[-N_START:]])
-            J = np.hstack([slope @ seen[i].end_slope, -np.eye(N_START) / self._noise.process])
-            H[np.ix_(places, places)] += J.T @ J
-            g[places] += J.T @ gap
-        return NormalEquations(self._cost(k, point, seen), H[:n, :n], g[:n], H[n:, n:], g[n:], H[:n, n:])
+        n, size, back = self._n, self._n + self._m, -1.0 / self._noise.process
+        weight, far = 1.0 / self._vehicle.own.sigma**2, self._beginnings(k, point)[0]
+        # Of each segment: with itself, and of its start with the next one.
+        every, pulls = np.array([one.H for one in seen]), np.array([one.g for one in seen])
+        every[:, size:, size:] += np.eye(N_START) / self._noise.start**2
+        pulls[:, size:] += np.array(far) / self._noise.start
+        if gaps := self._gaps(k, point, seen):
+            J = np.array([slope @ one.end_slope for one, (_, slope) in zip(seen, gaps, strict=False)])
+            gap = np.array([one for one, _ in gaps])
+            every[:-1] += J.swapaxes(1, 2) @ J
+            every[1:, size:, size:] += back**2 * np.eye(N_START)
+            every[1:, size:, :size] += back * J[:, :, :size]
+            pulls[:-1] += np.einsum("lij,li->lj", J, gap)
+            pulls[1:, size:] += back * gap
+        # Both, one under the other: row r of a column is on the diagonal that is so far below that of the column's own entry.
+        both = np.zeros((3 * N_START, len(seen), N_START))
+        both[:N_START] = np.moveaxis(every[:, size:, size:], 1, 0)
+        if gaps:
+            both[N_START : 2 * N_START, :-1] = back * np.moveaxis(J[:, :, size:], 1, 0)
+        rows = np.arange(2 * N_START)[:, None, None] + np.arange(N_START)
+        return NormalEquations(
+            cost=self._cost(k, point, seen),
+            H=np.diag(np.r_[np.zeros(n), weight]) + every[:, :size, :size].sum(axis=0),
+            g=np.r_[np.zeros(n), weight * (point.own[k] - self._vehicle.own.start)] + pulls[:, :size].sum(axis=0),
+            H_starts=np.take_along_axis(both, rows, axis=0).reshape(2 * N_START, -1),
+            g_starts=pulls[:, size:].ravel(),
+            cross=every[:, size:, :size].reshape(-1, size),
+        )

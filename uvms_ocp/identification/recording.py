@@ -102,7 +102,7 @@ class Channel:
     @property
     def undelayed_t(self) -> np.ndarray:
         """(n,) [s] without the delay."""
-        return self.t - self.delay
+        return self.t - self.delay if self.delay else self.t
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -160,12 +160,15 @@ class ZeroOrderHold:
     """A command that stays from one sample to the next; before the first it is as the first."""
 
     channel: Channel
+    _t: np.ndarray = field(init=False)
+    """(n,) [s] without the channel's delay."""
     _whole: np.ndarray = field(init=False)
     """(n, k) [unit of the channel times s] integral up to each sample."""
 
     def __post_init__(self) -> None:
         t, values = self.channel.undelayed_t, self.channel.values
         whole = np.vstack([np.zeros(values.shape[1]), np.cumsum(values[:-1] * np.diff(t)[:, None], axis=0)])
+        object.__setattr__(self, "_t", t)
         object.__setattr__(self, "_whole", whole)
 
     def at(self, t: np.ndarray) -> np.ndarray:
@@ -179,14 +182,14 @@ class ZeroOrderHold:
     def total(self, t: np.ndarray) -> np.ndarray:
         """Integral (m, k) [unit of the channel times s] from the first sample to t (m,) [s]."""
         index = self._index(t)
-        return self._whole[index] + self.channel.values[index] * (t - self.channel.undelayed_t[index])[:, None]
+        return self._whole[index] + self.channel.values[index] * (t - self._t[index])[:, None]
 
     def mean_slope(self, edges: np.ndarray) -> np.ndarray:
         """Rate (m - 1, k) [unit of the channel per s] of these means where all edges (m,) [s] move together."""
         return np.asarray(np.diff(self.at(edges), axis=0) / np.diff(edges)[:, None])
 
     def _index(self, t: np.ndarray) -> np.ndarray:
-        index = np.searchsorted(self.channel.undelayed_t, t, side="right") - 1
+        index = np.searchsorted(self._t, t, side="right") - 1
         return np.asarray(np.clip(index, 0, len(self.channel.t) - 1))
 
 

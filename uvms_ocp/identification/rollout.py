@@ -6,7 +6,7 @@ equation of the discrete model, so that slopes are those of what is simulated.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import casadi as ca
@@ -68,6 +68,8 @@ class PreparedRecording:
     commands: ZeroOrderHold
     joints: Channel | None
     """Their positions, where the vehicle has any."""
+    vertical: np.ndarray
+    """(n, 3) [-] W's vertical in B, of each sample of the attitude."""
 
     @staticmethod
     def of(recording: Recording, vehicle: Vehicle, window: float = RATE_WINDOW) -> PreparedRecording:
@@ -86,8 +88,9 @@ class PreparedRecording:
             t, omega = angular_rate(attitude, window)
             at = attitude.undelayed_t[(attitude.undelayed_t >= t[0]) & (attitude.undelayed_t <= t[-1])]
             rate = Channel(t=at, values=interpolated(at, t, omega))
-        commands = ZeroOrderHold(_actuator_commands(recording, vehicle))
-        return PreparedRecording(recording=recording, rate=rate, commands=commands, joints=_moved(recording, vehicle))
+        commands, joints = ZeroOrderHold(_actuator_commands(recording, vehicle)), _moved(recording, vehicle)
+        vertical = rotations(attitude, attitude.undelayed_t)[:, 2, :].copy()
+        return PreparedRecording(recording=recording, rate=rate, commands=commands, joints=joints, vertical=vertical)
 
     def stretches(self, step: float, duration: float | None = None) -> tuple[Segment, ...]:
         """The recording in steps of `step` [s], cut into equal stretches of about `duration` [s]; all of it by default.
@@ -100,8 +103,8 @@ class PreparedRecording:
         if total < n:
             given = f"{self.recording.name}: {end - begin:.4g} s in stretches of {duration or np.inf:g} s"
             raise InvalidInput(f"{given}; a step takes {step:g} s: record more, or give longer stretches or shorter steps")
-        size, whole = total // n, self._whole(begin + step * np.arange(total + 1))
-        return tuple(self._stretch(whole, k * size, (k + 1) * size) for k in range(n))
+        whole = self._whole(begin + step * np.arange(total + 1))
+        return self._parts(whole, total // n * np.arange(n), total // n)
 
     def windows(self, step: float, known: float, horizon: float) -> tuple[Segment, ...]:
         """Stretches in steps of `step` [s], of the times `known` [s] and `horizon` [s] after it, that begin a horizon apart.
@@ -110,35 +113,33 @@ class PreparedRecording:
         """
         (whole,) = self.stretches(step)
         before, after, n = round(known / step), round(horizon / step), len(whole.edges) - 1
-        begins = range(0, n - before - after + 1, after)
-        return tuple(self._stretch(whole, first, first + before + after) for first in begins)
+        return self._parts(whole, np.arange(0, n - before - after + 1, after), before + after)
 
     def _whole(self, edges: np.ndarray) -> Segment:
         attitude, velocity = self.recording.channel("attitude"), self.recording.channel("linear_velocity")
-        vertical = rotations(attitude, attitude.undelayed_t)[:, 2, :]
         return Segment(
             recording=self.recording.name,
             edges=edges,
             commands=self.commands,
             joints=_joints(self.joints, edges),
             t=(velocity.undelayed_t, self.rate.undelayed_t, attitude.undelayed_t),
-            measured=(velocity.values, self.rate.values, vertical),
+            measured=(velocity.values, self.rate.values, self.vertical),
             q=np.zeros(7),
             v=np.zeros(6),
         )
 
-    def _stretch(self, whole: Segment, first: int, last: int) -> Segment:
-        t = whole.edges[first]
-        attitude = self.recording.channel("attitude")
-        quaternion = np.array([np.interp(t, attitude.undelayed_t, column) for column in attitude.values.T])
-        v = [np.interp(t, whole.t[k], column) for k in (0, 1) for column in whole.measured[k].T]
-        q = np.concatenate([np.zeros(3), quaternion / np.linalg.norm(quaternion)])
-        return _cut(whole, first, last, q, np.array(v))
+    def _parts(self, whole: Segment, begins: np.ndarray, n: int) -> tuple[Segment, ...]:
+        """Cut segments of n steps that begin at edges begins (m,)."""
+        t, attitude = whole.edges[begins], self.recording.channel("attitude")
+        turns = interpolated(t, attitude.undelayed_t, attitude.values)
+        q = np.hstack([np.zeros((len(t), 3)), turns / np.linalg.norm(turns, axis=1, keepdims=True)])
+        v = np.hstack([interpolated(t, whole.t[k], whole.measured[k]) for k in (0, 1)])
+        return tuple(_cut(whole, k, k + n, *at) for k, *at in zip(begins.tolist(), q, v, strict=True))
 
 
 def _cut(whole: Segment, first: int, last: int, q: np.ndarray, v: np.ndarray) -> Segment:
     edges = whole.edges[first : last + 1]
-    inside = [(t >= edges[0]) & (t <= edges[-1]) for t in whole.t]
+    inside = [slice(np.searchsorted(t, edges[0]), np.searchsorted(t, edges[-1], side="right")) for t in whole.t]
     return replace(
         whole,
         edges=edges,
@@ -191,6 +192,9 @@ def _joints(channel: Channel | None, edges: np.ndarray, window: float = 0.4) -> 
 
 # Simulation of many stretches at once, with the sensitivities of what is seen.
 
+
+_MOST_STEPS = 4_000  # one after the other in a function, and states whose outputs are taken at once
+
 N_START = 9
 """unknowns of a start: velocity (6), then the turn of the attitude in B (3)."""
 
@@ -212,16 +216,24 @@ class SegmentStart:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PredictedOutputs:
-    """Predicted outputs of the three sensors over a segment, and the state at its end."""
+    """Predicted outputs of the three sensors over a segment, and the state at its end; with slopes, weighted squares of them."""
 
     rows: tuple[np.ndarray, ...]
     """Three of (m, 3) [m/s, rad/s, -]"""
     end: np.ndarray
     """(n_x,) [as the state] where it is last."""
-    slopes: tuple[np.ndarray, ...] = ()
-    """Three of (m, 3, n_p + 9) [as rows, per unknown]: with the unknowns, then with the start."""
-    end_slope: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    H: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """(n_p + 9, n_p + 9) [1 / unknowns^2] ``sum w s s'`` of the slopes s of all rows with the unknowns, then with the start."""
+    g: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """(n_p + 9,) [1 / unknowns] ``sum w r s``"""
+    loss: float = 0.0
+    """What the residuals of its rows cost, where rows themselves are not kept."""
+    end_slope: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """(n_x, n_p + 9) [as the state, per unknown]"""
+
+
+Weights = Callable[[int, tuple[np.ndarray, ...]], Sequence[tuple[np.ndarray, np.ndarray]]]
+"""Of which segment, and its rows: for each sensor the weights w and the weighted residuals w r of its rows, both (m, 3)."""
 
 
 class Rollout:
@@ -233,9 +245,9 @@ class Rollout:
         self._many: dict[tuple[str, int, int], ca.Function] = {}
 
     def predict(
-        self, stretches: Sequence[Segment], starts: Sequence[SegmentStart], p: np.ndarray, *, slopes: bool
+        self, stretches: Sequence[Segment], starts: Sequence[SegmentStart], p: np.ndarray, weights: Weights | None = None
     ) -> list[PredictedOutputs]:
-        """Simulate stretches of equally many steps, all with unknowns p (n, n_p) [any], a row for each.
+        """Simulate stretches of equally many steps, all with unknowns p (n, n_p) [any], a row for each; with slopes if weighted.
 
         Raises InvalidInput where they have different numbers of steps, or joints other than the vehicle's.
         """
@@ -243,7 +255,7 @@ class Rollout:
         if len(n) != 1 or any(one.joints.shape[0] != 3 * self.stage.n_j for one in stretches):
             raise InvalidInput(f"stretches of {sorted(n)} steps; allowed: equally many, with all joints of the vehicle")
         run = _StretchRun(self, stretches, starts, p, n.pop())
-        return run.with_slopes() if slopes else run.rows()
+        return run.rows() if weights is None else run.with_slopes(weights)
 
     def many(self, name: str, function: ca.Function, n: int, m: int) -> ca.Function:
         """A function `n` times after itself, `m` of these beside each other; or, with n = 0, only the latter."""
@@ -273,33 +285,76 @@ class _StretchRun:
             np.repeat(p, n, axis=0).T,
             np.repeat([one.step for one in stretches], n)[None],
         )
-        after = rollout.many("step", rollout.step, n, len(p))(np.array(x0).T, *self._given)
-        states = np.asarray(after).T.reshape(len(p), n, -1)
-        self._x = np.concatenate([np.array(x0)[:, None], states], axis=1)
+        self._x = np.empty((len(p), n + 1, self._stage.n_x))
+        self._x[:, 0] = x0
+        for k in range(0, n, _MOST_STEPS):
+            part = [one.reshape(len(one), len(p), n)[:, :, k : k + _MOST_STEPS] for one in self._given]
+            steps = part[0].shape[2]
+            given = (one.reshape(len(one), len(p) * steps) for one in part)
+            after = rollout.many("step", rollout.step, steps, len(p))(self._x[:, k].T, *given)
+            self._x[:, k + 1 : k + 1 + steps] = np.asarray(after).T.reshape(len(p), steps, -1)
 
     def rows(self) -> list[PredictedOutputs]:
-        y, _, _ = self._outputs()
+        m, n, _ = self._x.shape
+        parts = np.array_split(np.arange(m * n), -(-m * n // _MOST_STEPS))
+        y = np.vstack([self._outputs(part)[0].T for part in parts]).reshape(m, n, N_SEEN)
         return [PredictedOutputs(rows=self._sampled(k, y[k]), end=self._x[k, -1]) for k in range(len(self._stretches))]
 
-    def with_slopes(self) -> list[PredictedOutputs]:
-        y, y_x, y_p = self._outputs()
-        S, n_p = self._sensitivities(), self._stage.n_p
-        found = []
+    def with_slopes(self, weights: Weights) -> list[PredictedOutputs]:
+        m, n, _ = self._x.shape
+        y, *slopes = self._outputs(np.arange(m * n))
+        y, (y_x, y_p) = y.T.reshape(m, n, N_SEEN), (_blocks(one, -1, m, n) for one in slopes)
+        S, found = self._sensitivities(), []
         for k in range(len(self._stretches)):
-            dy = y_x[k] @ S[k]
-            dy[:, :, :n_p] += y_p[k]
-            rows, slopes = self._sampled(k, y[k]), list(self._sampled(k, dy))
-            dd = self._delays[k][1]
-            slopes[0] = slopes[0] - self._rate(k, y[k])[:, :, None] * np.concatenate([dd[1], np.zeros(N_START)])
-            found.append(PredictedOutputs(rows=rows, slopes=tuple(slopes), end=self._x[k, -1], end_slope=S[k, -1]))
+            slopes = y_x[k] @ S[k]
+            slopes[:, :, : self._stage.n_p] += y_p[k]
+            rows = self._sampled(k, y[k])
+            H, g = self._squares(k, y[k], slopes, weights(k, rows))
+            found.append(PredictedOutputs(rows=rows, H=H, g=g, end=self._x[k, -1], end_slope=S[k, -1].copy()))
         return found
 
-    def _outputs(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        m, n, n_x = self._x.shape
-        function = self._rollout.many("seen", self._stage.outputs, 0, m * n)
-        y, y_x, y_p = (np.asarray(one) for one in function(self._x.reshape(-1, n_x).T, np.repeat(self._p, n, axis=0).T))
-        shaped = [_blocks(one, width, m, n) for one, width in ((y_x, n_x), (y_p, self._stage.n_p))]
-        return y.T.reshape(m, n, N_SEEN), shaped[0], shaped[1]
+    def _squares(
+        self, k: int, y: np.ndarray, slopes: np.ndarray, weights: Sequence[tuple[np.ndarray, np.ndarray]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Sum over the samples by sums of their weights over steps: there may be many in one, and slopes are linear within it.
+
+        With the measured delay, too, by which all samples of a sensor shift along the step's rate.
+        """
+        H, g = np.zeros((slopes.shape[2],) * 2), np.zeros(slopes.shape[2])
+        late = np.concatenate([-self._delays[k][1][1], np.zeros(N_START)])
+        for sensor, (w, wr) in enumerate(weights):
+            index, share = self._place(k, sensor)
+            before, after = 1.0 - share[:, None], share[:, None]
+            s = slopes[:, 3 * sensor : 3 * sensor + 3]
+            sums = self._by_step(index, [w * before**2, w * before * after, w * after**2, wr * before, wr * after])
+            H_s, pulled = np.zeros_like(s), np.zeros(s.shape[:2])
+            H_s[:-1] = sums[0] * s[:-1] + sums[1] * s[1:]
+            H_s[1:] += sums[1] * s[:-1] + sums[2] * s[1:]
+            pulled[:-1] = sums[3, ..., 0]
+            pulled[1:] += sums[4, ..., 0]
+            flat = s.reshape(-1, len(g)).T
+            H += flat @ H_s.reshape(-1, len(g))
+            g += flat @ pulled.ravel()
+            if sensor == 0 and late.any():
+                rate, moving = np.diff(y[:, :3], axis=0) / self._stretches[k].step, (index + share > 0.0)[:, None]
+                sums = self._by_step(index, [moving * one for one in (w * before, w * after, w, wr)])[..., 0]
+                pulled[:-1], pulled[-1] = rate * sums[0], 0.0
+                pulled[1:] += rate * sums[1]
+                common = np.outer(flat @ pulled.ravel(), late)
+                H += common + common.T + (rate**2 * sums[2]).sum() * np.outer(late, late)
+                g += (rate * sums[3]).sum() * late
+        return H, g
+
+    def _by_step(self, index: np.ndarray, values: list[np.ndarray]) -> np.ndarray:
+        """Sums (len(values), n, 3, 1) over the samples of each step; index: (m,) steps of samples, values: (m, 3) each."""
+        place, n = 3 * index[:, None] + np.arange(3), 3 * self._n
+        return np.array([np.bincount(place.ravel(), one.ravel(), n).reshape(-1, 3, 1) for one in values])
+
+    def _outputs(self, chosen: np.ndarray) -> list[np.ndarray]:
+        """What is seen, and its slopes, side by side, in chosen (l,) of all states."""
+        function, n = self._rollout.many("seen", self._stage.outputs, 0, len(chosen)), self._x.shape[1]
+        found = function(self._x.reshape(-1, self._stage.n_x)[chosen].T, self._p[chosen // n].T)
+        return [np.asarray(one) for one in found]
 
     def _sensitivities(self) -> np.ndarray:
         """(m, n + 1, n_x, n_p + 9)"""
@@ -337,11 +392,6 @@ class _StretchRun:
             share = share.reshape(-1, *([1] * (rows.ndim - 1)))
             found.append((1.0 - share) * rows[index] + share * rows[index + 1])
         return tuple(found)
-
-    def _rate(self, k: int, y: np.ndarray) -> np.ndarray:
-        index, share = self._place(k, 0)
-        moving = (index + share > 0.0)[:, None]  # before the beginning there is only the beginning
-        return np.asarray(moving * (y[index + 1, :3] - y[index, :3]) / self._stretches[k].step)
 
     def _place(self, k: int, sensor: int) -> tuple[np.ndarray, np.ndarray]:
         one = self._stretches[k]

@@ -98,10 +98,17 @@ def variance_inflation(predicted: Predicted, noise: Noise) -> float:
 
 def bartlett(residual: np.ndarray) -> float:
     """``1 + 2 sum rho_k`` of a residual (m,) [any] with mean zero, up to the first lag without correlation."""
-    n = len(residual)
-    rho = np.correlate(residual, residual, "full")[n:] / max(float(residual @ residual), 1e-300)
+    n, rho = len(residual), autocorrelation(residual)[1:]
     below = np.flatnonzero(rho < 2.0 / np.sqrt(n))
     return 1.0 + 2.0 * float(rho[: below[0] if len(below) else n].sum())
+
+
+def autocorrelation(residual: np.ndarray) -> np.ndarray:
+    """(m,) from lag 0 on, of a residual (m,) [any] with mean zero."""
+    n = len(residual)
+    spectrum = np.fft.rfft(residual, 1 << (2 * n - 1).bit_length())
+    found = np.fft.irfft((spectrum * spectrum.conj()).real)[:n]
+    return np.asarray(found / max(float(found[0]), 1e-300))
 
 
 # What has been learnt, as numbers of the vehicle with their units: entries of quantities, and what each axis has to move.
@@ -343,9 +350,7 @@ def ljung_box(residual: np.ndarray, lags: int = _LAGS) -> tuple[float, np.ndarra
     from scipy.special import gammaincc  # a tenth of a second
 
     n = len(residual)
-    k, centred = max(1, min(lags, n // 5)), residual - residual.mean()
-
-    found = np.correlate(centred, centred, "full")[n - 1 : n + k]
-    rho = found / max(float(found[0]), 1e-300)
+    k = max(1, min(lags, n // 5))
+    rho = autocorrelation(residual - residual.mean())[: k + 1]
     statistic = n * (n + 2) * float((rho[1:] ** 2 / (n - np.arange(1, k + 1))).sum())
     return float(gammaincc(k / 2, statistic / 2)), rho

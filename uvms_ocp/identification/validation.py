@@ -182,7 +182,7 @@ def static_baseline(stretch: Segment, known: float) -> Predicted:
     """A vehicle that stays as it was seen last, `known` [s] after the beginning of a stretch, and does not move."""
     before = np.flatnonzero(stretch.t[2] <= stretch.edges[0] + known)
     vertical = stretch.measured[2][before[-1] if len(before) else 0]
-    return _resting(stretch, np.repeat(vertical[None], len(stretch.t[2]), axis=0))
+    return _resting(stretch, np.broadcast_to(vertical, (len(stretch.t[2]), 3)))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -218,7 +218,7 @@ class StaticBalance:
 
 
 def _resting(stretch: Segment, vertical: np.ndarray) -> Predicted:
-    resting = tuple(np.zeros_like(values) for values in stretch.measured[:2])
+    resting = tuple(np.broadcast_to(0.0, values.shape) for values in stretch.measured[:2])
     return Predicted(t=stretch.t, rows=(*resting, vertical), measured=stretch.measured)
 
 
