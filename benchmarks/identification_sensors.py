@@ -18,7 +18,7 @@ from drawn_vehicles.driving import NOISE, RATE, VELOCITY, VERTICAL, drawn, recor
 from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.identification.calibration import held_constants
-from uvms_ocp.identification.fit import FitContext, Search, search_fit
+from uvms_ocp.identification.fit import FitContext, Predicted, Search, search_fit
 from uvms_ocp.identification.model import StageFunctions, Vehicle, stage_of
 from uvms_ocp.identification.parameters import Free, ParameterStatus, Prior
 from uvms_ocp.identification.recording import Channel, Recording
@@ -86,7 +86,7 @@ def identified(
     fitted = FitContext(
         vehicle=subject.vehicle, rollout=rollout, prepared=prepared, noise=NOISE, search=search, estimate=estimate
     )
-    inflation = variance_inflation(fitted.residuals(), NOISE)
+    inflation = variance_inflation(Predicted.joined(list(fitted.residuals().values())), NOISE)
     wide, _ = held_constants(fitted, settings, inflation)
     taken = process_time() - begun
     pairs = zip(*(numbers(subject.vehicle, each, inflation) for each in (wide, replace(estimate, assumed=0.0))), strict=True)

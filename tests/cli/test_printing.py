@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import io
 import re
+import sys
 from typing import Any
 
+import numpy as np
 import pytest
 from studies.fault_study import by_kind
 from typer.testing import CliRunner
 
+from uvms_ocp.cli import commands
 from uvms_ocp.cli.commands import app
 from uvms_ocp.cli.printing import console_of, print_line, table_of
 
@@ -84,3 +87,16 @@ def test_commands_read_on_80_columns(words: list[str]) -> None:
     result = CliRunner().invoke(app, words, env={"COLUMNS": str(WIDTH)})
     assert result.exit_code == 0
     assert max(map(len, result.stdout.splitlines())) <= WIDTH
+
+
+def test_too_little_memory_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def greedy(words: list[str]) -> None:
+        np.empty(1 << 55)
+
+    monkeypatch.setattr(commands, "app", greedy)
+    monkeypatch.setattr(commands, "expand_vectors", lambda app, words: list(words))
+    monkeypatch.setattr(sys, "argv", ["uvms-ocp", "list"])
+    with pytest.raises(SystemExit) as end:
+        commands.main()
+    assert end.value.code == 2
+    assert re.fullmatch(r"error: out of memory \(.*\): give less at a time.*\n", capsys.readouterr().err)

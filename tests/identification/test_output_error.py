@@ -221,3 +221,12 @@ def test_normal_equations_have_the_gradient_of_the_cost() -> None:
         wanted.append((ends[0] - ends[1]) / (2 * step))
         found.append(np.r_[block.g, block.g_starts] @ way)
     np.testing.assert_allclose(found, wanted, rtol=1e-3, atol=1e-3 * np.abs(wanted).max())
+
+
+def test_what_is_kept_of_a_recording_grows_with_its_length() -> None:
+    one, rollout = problem()
+    parts = stretches(recording(), 2.0)
+    errors = [OutputErrorProblem(one, parts[:n], EXACT, rollout) for n in (3, 6, 12)]
+    blocks = [error.expansion(error.start()).blocks[0] for error in errors]
+    short, middle, long = (sum(getattr(one, name).size for name in ("H", "H_starts", "g_starts", "cross")) for one in blocks)
+    assert long - middle == 2 * (middle - short)

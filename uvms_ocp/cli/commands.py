@@ -192,6 +192,8 @@ def main() -> None:
         sys.exit(1)
     except (Exception, SystemExit) as error:
         text = str(error) if isinstance(error, UvmsError | OSError) else _failure_of_own_code(error)
+        if isinstance(error, MemoryError):
+            text = f"out of memory ({error}): give less at a time, such as shorter recordings or fewer rows"
         if not text:
             raise
         _drop_stdout()

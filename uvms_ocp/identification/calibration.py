@@ -336,10 +336,11 @@ def calibrate(
             warn(doubtful[-1])
     vehicle, noise = subject.vehicle, Noise(**settings.noise.model_dump())
     rollout = Rollout(stage_of(vehicle, sharp=True))
-    search = Search(step=settings.step, stretch=settings.stretch)
+    search = Search(step=settings.step, stretch=settings.stretch, progress=progress)
     known: dict[str, Any] = {"vehicle": vehicle, "prepared": prepared, "noise": noise, "rollout": rollout}
     fitted = FitContext(**known, search=search, estimate=search_fit(vehicle, prepared, noise, rollout, search))
-    left = fitted.residuals()
+    residuals = fitted.residuals()
+    left = Predicted.joined(list(residuals.values()))
     inflation, constants = uncertainty.variance_inflation(left, fitted.noise), tuple[HeldConstant, ...]()
     if not at_once and fitted.estimate.status is FitStatus.CONVERGED and len(fitted.estimate.shared):
         progress("what constants would change")
@@ -356,7 +357,7 @@ def calibrate(
         open=uncertainty.unidentifiable_directions(subject.vehicle, fitted.estimate, inflation),
         inflation=inflation,
         whiteness=white,
-        comparisons=tuple(_comparison(fitted, balance, one) for one in prepared),
+        comparisons=tuple(_comparison(fitted, balance, one, residuals[one.recording.name]) for one in prepared),
         issues=tuple(doubtful),
         constants=constants,
         profiles=tuple(profiles(fitted, identified, inflation, progress)) if profiled else (),
@@ -378,10 +379,9 @@ def with_thrust(robot: Robot, recording: Recording) -> Recording:
     return replace(recording, channels={**recording.channels, "thrust": thrust})
 
 
-def _comparison(fitted: FitContext, balance: StaticBalance, one: PreparedRecording) -> Comparison:
+def _comparison(fitted: FitContext, balance: StaticBalance, one: PreparedRecording, left: Predicted) -> Comparison:
     (whole,) = one.stretches(fitted.search.step)
     after, before = fitted.predictor(), fitted.predictor(fitted.vehicle.shared.start)
-    left = fitted.residuals(one.recording.name)
     return Comparison(
         name=one.recording.name,
         calibrated=after.of(whole),

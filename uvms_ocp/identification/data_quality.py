@@ -269,10 +269,10 @@ def _shares(motion: ExplainedMotion, seen: np.ndarray, signed: bool) -> np.ndarr
     """Shares (6,) of all accelerations that a command explains; signed: of its own axis, and along it."""
     if signed:
         return np.maximum(np.diag(_correlations(motion.acceleration, seen)), 0.0) ** 2
-    size = np.maximum(np.linalg.norm(seen, axis=0), 1e-300)
-    base, values, _ = np.linalg.svd(seen / size, full_matrices=False)
-    base = base[:, values > 1e-6 * max(values[0], 1e-300)]
-    return np.asarray(((base.T @ motion.acceleration) ** 2).sum(axis=0) / np.maximum((motion.acceleration**2).sum(axis=0), 1e-9))
+    seen = seen / np.maximum(np.linalg.norm(seen, axis=0), 1e-300)
+    common = seen.T @ motion.acceleration
+    along = (common * (np.linalg.pinv(seen.T @ seen, rcond=1e-12, hermitian=True) @ common)).sum(axis=0)
+    return np.asarray(along / np.maximum((motion.acceleration**2).sum(axis=0), 1e-9))
 
 
 def _correlations(x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -5,7 +5,8 @@ In segments of a second everything is nearly linear in the unknowns, as in an eq
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,7 +48,9 @@ class Predicted:
 
     @staticmethod
     def joined(parts: Sequence[Predicted]) -> Predicted:
-        """One after the other."""
+        """One after the other; one alone is the same."""
+        if len(parts) == 1:
+            return parts[0]
         t, rows, measured = (
             tuple(np.concatenate([getattr(one, name)[k] for one in parts]) for k in range(3))
             for name in ("t", "rows", "measured")
@@ -118,6 +121,8 @@ class Search:
     """[s]"""
     iterations: int = 15
     """After which a search goes on, some times, where it has not converged: the way may be long."""
+    progress: Callable[[str], None] = lambda _: None
+    """Gets a line before each step."""
 
 
 def search_fit(
@@ -126,10 +131,16 @@ def search_fit(
     """The unknowns that explain the recordings best, from where the declaration has them."""
     chosen = search or Search()
     rough = _error(vehicle, recordings, _rough(noise), rollout, _ROUGH_STEP, _ROUGH_STRETCH)
+
+    def numbered(k: int) -> Callable[[str], None]:
+        return lambda text: chosen.progress(f"search {k} of 3, {text}")
+
+    rough.progress = numbered(1)
     near = rough.solve(rough.start(), iterations=_ROUGH_ITERATIONS, tolerance=_ROUGH_TOLERANCE)
     coarse, found = max(_COARSER_STEP * chosen.step, min(_COARSE * chosen.step, _ROUGH_STEP)), list[np.ndarray]()
-    for step in (coarse, chosen.step):
+    for k, step in enumerate((coarse, chosen.step), start=2):
         error = _error(vehicle, recordings, noise, rollout, step, chosen.stretch)
+        error.progress = numbered(k)
         near = resumed_search(error, error.solve(error.start(near.shared), iterations=chosen.iterations), chosen.iterations)
         found.append(near.shared)
     # Errors of the simulation grow with the square of its step (Richardson's extrapolation).
@@ -180,17 +191,12 @@ class FitContext:
         step, duration = self.search.step, self.search.stretch
         return tuple(part for one in self.prepared for part in one.stretches(step, duration))
 
-    def residuals(self, recording: str | None = None) -> Predicted:
-        """Return measurements beside the simulation, in all segments or in those of one recording."""
-        pairs = zip(self.stretches, self.estimate.starts, strict=True)
-        shared, own = self.estimate.shared, self.estimate.own
-        return Predicted.joined(
-            [
-                rolled_out(self.rollout, one, start, shared, own[one.recording])
-                for one, start in pairs
-                if recording in (None, one.recording)
-            ]
-        )
+    def residuals(self) -> dict[str, Predicted]:
+        """Return measurements beside the simulation in the segments of each recording, by its name."""
+        found, shared, own = defaultdict[str, list[Predicted]](list), self.estimate.shared, self.estimate.own
+        for one, start in zip(self.stretches, self.estimate.starts, strict=True):
+            found[one.recording].append(rolled_out(self.rollout, one, start, shared, own[one.recording]))
+        return {name: Predicted.joined(parts) for name, parts in found.items()}
 
     def predictor(self, shared: np.ndarray | None = None) -> Predictor:
         """Make a predictor with the unknowns of the estimate, or with shared (n,) [as `Unknowns.start`]."""

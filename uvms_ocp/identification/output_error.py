@@ -205,6 +205,7 @@ class OutputErrorProblem:
         self._recordings = [tuple(group) for _, group in groupby(stretches, key=lambda one: one.recording)]
         self._n, self._m = len(vehicle.shared.start), len(vehicle.own.start)
         self._sigma = noise.velocity, noise.rate, noise.vertical
+        self.progress: Callable[[str], None] = lambda _: None  # gets a line before each step
 
     def start(self, shared: np.ndarray | None = None) -> SearchPoint:
         """Return the first iterate: unknowns as declared, or shared (n,) [as `Unknowns.start`]; segments begin as measured."""
@@ -240,6 +241,7 @@ class OutputErrorProblem:
             return self._estimate(point, blocks, FitStatus.RUNS_AWAY, 0)
         while done < iterations:
             done += 1
+            self.progress(f"step {done} of at most {iterations}")
             tried = self._step(point, blocks, damping, frozen)
             if tried is None:
                 status = FitStatus.STALLED

@@ -28,8 +28,9 @@ turned to W with z up and B forward-left-up. A world with z up is taken as it is
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -415,7 +416,8 @@ def run_recording(record: Record, name: str) -> Recording:
     meta = record.run_meta
     rows = dict(_estimated_rows(record, is_floating(record.series, meta)))
     rows |= {channel: record[series] for channel, series in _TRUTH.items() if series in record.series}
-    channels = {key: _channel(record["t"], values) for key, values in rows.items() if values.size} | dict(_measured(record))
+    channels, t = dict(_measured(record)), record["t"]
+    channels |= {key: _channel(t, values) for key, values in rows.items() if values.size and key not in channels}
     for key, values in _asked(record):
         channels[key] = _from_nothing(_channel(record["t"], values), meta.dt)
     named = {"joint_positions": meta.joints, "joint_velocities": meta.joints, "thrust": meta.thrusters}
@@ -480,13 +482,19 @@ def _spoiled(record: Record) -> Iterator[tuple[str, str]]:
 
 def _channel(t: np.ndarray, values: np.ndarray) -> Channel:
     known = np.isfinite(values).all(axis=1)
-    return Channel(t=t[known], values=values[known])
+    return Channel(t=t, values=values) if known.all() else Channel(t=t[known], values=values[known])
 
 
 # A recording of any file: one of ours, a record of a run, or one of others with a mapping.
 
 _OWN_MEMBER = b"__meta__.npy"
-_RECORDS = {".npz": Record.load, ".mcap": Record.from_mcap, ".parquet": Record.from_parquet}
+_READ = ("q_estimated", "v_estimated", "asked_thrust", "thrust", "wrench", "unreachable", "contact", *MEASURED, *_TRUTH.values())
+"""Series that a recording is made of, a quarter of a record."""
+_RECORDS: Mapping[str, Callable[[Path], Record]] = {
+    ".npz": partial(Record.load, only=_READ),
+    ".mcap": Record.from_mcap,
+    ".parquet": Record.from_parquet,
+}
 
 
 def read_recording(path: Path, mapping: RecordingMapping | None = None) -> Recording:

@@ -6,10 +6,12 @@ A robot file holds coefficients of water. Mass and inertia are the URDF's, gains
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from importlib.resources import files
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
+import tomllib
 import yaml
 
 from uvms_ocp.errors import InvalidInput
@@ -22,6 +24,9 @@ from uvms_ocp.identification.settings import CalibratedRobot, require_no_shape
 from uvms_ocp.identification.uncertainty import DETERMINED_BELOW, LEAST_P, LEVEL, IdentifiedNumber
 from uvms_ocp.identification.validation import OTHERS, SCORED, HeldOutRecording, HorizonPrediction, errors
 from uvms_ocp.robot.description import LinkCoefficients, read_description
+
+_PROSE = tomllib.loads((files("uvms_ocp.identification") / "report.toml").read_text(encoding="utf-8"))
+"""Texts of the report."""
 
 # What to do about a combination that recordings leave open, in words: which motion shows it, or what has to be measured.
 #
@@ -186,10 +191,7 @@ _STILL = 1e-3  # [m/s, rad/s] deviation below which a channel has no fit
 
 def fits(comparisons: Sequence[Comparison]) -> Iterator[str]:
     """Table of fits of recordings that the search used."""
-    yield "\n## Fits of whole recordings, in percent, from commands alone\n"
-    yield "Recordings were seen by the search: predictions of others are worse. In brackets: before the calibration, and a"
-    yield "vehicle that does not move. Tilt: error of the vertical in degrees; in brackets before, as it was at first, and in"
-    yield "static balance.\n"
+    yield _PROSE["fits"]
     yield "| recording | " + " | ".join((*AXES, "tilt")) + " |"
     yield "|---" * (2 + len(AXES)) + "|"
     for each in comparisons:
@@ -208,10 +210,7 @@ def left_out_tables(one: Sequence[HeldOutRecording]) -> Iterator[str]:
     """Table of predictions of held-out recordings, by horizons; nothing where none was left out."""
     if not one:
         return
-    yield "\n## Predictions of recordings that were left out\n"
-    yield "Each recording is predicted by what the others tell, from commands alone, horizon by horizon, each from what was"
-    yield "known before it. Root mean squares of errors in m/s, rad/s and degrees (tilt), medians over the recordings; the last"
-    yield "horizon is as long as recordings are. In bold: worse than one that knows less."
+    yield _PROSE["left_out"]
     for asked in sorted({each.asked for left in one for each in left.horizons}):
         yield from _horizon(asked, [each for left in one for each in left.horizons if each.asked == asked])
     yield from _by_recording(one)
@@ -268,19 +267,11 @@ def report_text(one: Calibration) -> str:
 
 
 def _number_table(one: Calibration) -> Iterator[str]:
-    yield f"\nThe search has ended: {one.estimate.status.value}. {one.estimate.status.advice}"
-    yield f"Standard errors take {one.inflation:.3g} samples for one, as residuals are not white; a number is called"
-    size = f"{100 * DETERMINED_BELOW:.0f} % of its size"
-    yield f"determined below {size} (lengths: of 5 cm), beyond what priors said, and none where the"
-    yield f"search has not converged, or coloured residuals are beyond {uncertainty.MISSES:g} times the noise; intervals of many"
-    yield "decades are called open. What stays open is in the file as it was before, where the recordings allow it, and the"
-    yield "others as they were fitted anew beside it."
+    known = {"status": one.estimate.status, "inflation": one.inflation}
+    yield _PROSE["numbers"].format(**known, below=100 * DETERMINED_BELOW, most=uncertainty.MISSES)
     if missed := [each.channel for each in one.whiteness if each.unexplained]:
-        yield f"\n**The model does not explain {', '.join(missed)}**: more than noise is left. Where what the fit took for"
-        yield "known is wrong, such as delays, lags and terms that were not learnt, numbers lie beyond their intervals,"
-        yield "determined or not."
-    yield "\n| number | value | unit | standard error | 95 % interval | determined | in the file |"
-    yield "|---|---:|---|---:|---|---|---|"
+        yield _PROSE["unexplained"].format(missed=", ".join(missed))
+    yield _PROSE["number_table"]
     for each in one.numbers:
         words = "yes" if each.determined else "no", _in_file(one, each)
         columns = f"{each.value:.4g} | {each.unit} | {each.sigma:.2g} | {_ends(each.interval)}"
@@ -296,11 +287,7 @@ def _in_file(one: Calibration, each: IdentifiedNumber) -> str:
 def _profiles(one: Calibration) -> Iterator[str]:
     if not one.profiles:
         return
-    yield "\n## Profiles\n"
-    yield "Each number that is determined was held at one and two standard errors to either side, and more where its"
-    yield "interval did not close, while all others were fitted anew: the interval does not rely on linearity."
-    yield "\n| number | unit | by standard errors | by profile | |"
-    yield "|---|---|---|---|---|"
+    yield _PROSE["profiles"]
     for each in one.profiles:
         number, word = each.number, "differs" if each.differs else ""
         yield f"| {number.name} | {number.unit} | {_ends(number.interval)} | {_ends(each.interval)} | {word} |"
@@ -322,11 +309,7 @@ def _open(one: Calibration) -> Iterator[str]:
 
 
 def _held(one: Calibration) -> Iterator[str]:
-    yield "\n## Numbers that the fit took for known\n"
-    yield "None of them was learnt: where one is wrong, those above take its part. How well each is known, and what it would"
-    yield "change most if it were off by as much as it may well be, in standard errors; what is assumed is in the intervals.\n"
-    yield "| number | value | unit | known | if off by | changes most |"
-    yield "|---|---|---|---|---:|---|"
+    yield _PROSE["held"]
     effects = {each.quantity: each for each in one.constants}
     for name, each in one.subject.vehicle.shared.declaration.quantities.items():
         if name not in IN_FILE and not each.free.any():
@@ -338,11 +321,7 @@ def _held(one: Calibration) -> Iterator[str]:
 
 
 def _white(one: Calibration) -> Iterator[str]:
-    yield "\n## What the search has left\n"
-    yield f"Residuals of all stretches. Where the model says all that there is they are white: p is above {LEVEL:g} (Ljung and"
-    yield "Box's test), one sample at a time misses, and the size is 1, in standard deviations of the noise as given.\n"
-    yield "| channel | size | samples that miss alike | p | white |"
-    yield "|---|---:|---:|---:|---|"
+    yield _PROSE["white"].format(level=LEVEL)
     for each in one.whiteness:
         word, p = "yes" if each.white else "no", f"{each.p:.2g}" if each.p > LEAST_P else f"below {LEAST_P:g}"
         yield f"| {each.channel} | {each.size:.2g} | {each.inflation:.3g} | {p} | {word} |"
@@ -362,10 +341,7 @@ def _course(one: Excitation, actuators: Sequence[str]) -> Iterator[str]:
     tilt = 2.0 * np.arcsin(np.hypot(*one.states[:, 3:5].T).max())
     yield f"{one.status.value}: {one.status.advice}\n"
     yield f"Commands last {step * len(one.commands.t):.4g} s, held for {step:.4g} s each, of {', '.join(actuators)}.\n"
-    yield f"From where its origin begins the hull sweeps {', '.join(spans)} m in x, y and z, and tilts by {tilt:.2f} rad at most,"
-    yield "if the vehicle is as it is believed to be: keep it in sight, and record what was told if someone interferes.\n"
-    yield "| number | believed | unit | standard error | determined |"
-    yield "|---|---:|---|---:|---|"
+    yield _PROSE["excitation"].format(spans=", ".join(spans), tilt=tilt)
     for each in one.numbers:
         word = "yes" if each.determined else "no"
         yield f"| {each.name} | {each.value:.4g} | {each.unit} | {each.sigma:.2g} | {word} |"

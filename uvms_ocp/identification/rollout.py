@@ -316,39 +316,21 @@ class _StretchRun:
     def _squares(
         self, k: int, y: np.ndarray, slopes: np.ndarray, weights: Sequence[tuple[np.ndarray, np.ndarray]]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Sum over the samples by sums of their weights over steps: there may be many in one, and slopes are linear within it.
-
-        With the measured delay, too, by which all samples of a sensor shift along the step's rate.
-        """
-        H, g = np.zeros((slopes.shape[2],) * 2), np.zeros(slopes.shape[2])
-        late = np.concatenate([-self._delays[k][1][1], np.zeros(N_START)])
+        """Sum over the samples by sums of their weights over steps: there may be many in one, and slopes are linear within it."""
+        n, n_p, step = self._n, slopes.shape[2], self._stretches[k].step
+        H, g, late = np.zeros((n_p, n_p)), np.zeros(n_p), np.concatenate([-self._delays[k][1][1], np.zeros(N_START)])
         for sensor, (w, wr) in enumerate(weights):
-            index, share = self._place(k, sensor)
-            before, after = 1.0 - share[:, None], share[:, None]
-            s = slopes[:, 3 * sensor : 3 * sensor + 3]
-            sums = self._by_step(index, [w * before**2, w * before * after, w * after**2, wr * before, wr * after])
-            H_s, pulled = np.zeros_like(s), np.zeros(s.shape[:2])
-            H_s[:-1] = sums[0] * s[:-1] + sums[1] * s[1:]
-            H_s[1:] += sums[1] * s[:-1] + sums[2] * s[1:]
-            pulled[:-1] = sums[3, ..., 0]
-            pulled[1:] += sums[4, ..., 0]
-            flat = s.reshape(-1, len(g)).T
-            H += flat @ H_s.reshape(-1, len(g))
-            g += flat @ pulled.ravel()
-            if sensor == 0 and late.any():
-                rate, moving = np.diff(y[:, :3], axis=0) / self._stretches[k].step, (index + share > 0.0)[:, None]
-                sums = self._by_step(index, [moving * one for one in (w * before, w * after, w, wr)])[..., 0]
-                pulled[:-1], pulled[-1] = rate * sums[0], 0.0
-                pulled[1:] += rate * sums[1]
-                common = np.outer(flat @ pulled.ravel(), late)
-                H += common + common.T + (rate**2 * sums[2]).sum() * np.outer(late, late)
-                g += (rate * sums[3]).sum() * late
+            (index, share), s = self._place(k, sensor), slopes[:, 3 * sensor : 3 * sensor + 3]
+            # A delay shifts all samples along the rate of their step, but those before the first, where there is only its start.
+            shift = np.diff(y[:, :3], axis=0)[..., None] / step * late if sensor == 0 else 0.0
+            ends = [np.concatenate([end + shift, s[:1]]).reshape(-1, n_p) for end in (s[:-1], s[1:])]
+            place = (3 * np.where(index + share > 0.0, index, n)[:, None] + np.arange(3)).ravel()
+            sides = list(zip((1.0 - share[:, None], share[:, None]), ends, strict=True))
+            for part, end in sides:
+                sums = [np.bincount(place, (w * part * other).ravel(), 3 * n + 3)[:, None] * far for other, far in sides]
+                H += end.T @ (sums[0] + sums[1])
+                g += end.T @ np.bincount(place, (wr * part).ravel(), 3 * n + 3)
         return H, g
-
-    def _by_step(self, index: np.ndarray, values: list[np.ndarray]) -> np.ndarray:
-        """Sums (len(values), n, 3, 1) over the samples of each step; index: (m,) steps of samples, values: (m, 3) each."""
-        place, n = 3 * index[:, None] + np.arange(3), 3 * self._n
-        return np.array([np.bincount(place.ravel(), one.ravel(), n).reshape(-1, 3, 1) for one in values])
 
     def _outputs(self, chosen: np.ndarray) -> list[np.ndarray]:
         """What is seen, and its slopes, side by side, in chosen (l,) of all states."""

@@ -293,8 +293,9 @@ class Record(TableDisplay):
         return _fitting(*mcap.from_mcap(Path(path)))
 
     @staticmethod
-    def load(path: Path | str) -> Record:
-        """Read a file written by `save`, of this version or an older one.
+    @checked
+    def load(path: Path | str, only: Sequence[str] | None = None) -> Record:
+        """Read a file written by `save`, of this version or an older one; only: series that are wanted, all by default.
 
         It alone is read: `uvms_ocp.record.output.recover_folder` looks after its folder.
 
@@ -302,7 +303,8 @@ class Record(TableDisplay):
         each other, their times or the metadata.
         """
         try:
-            arrays = _renamed(read_arrays(path))
+            wanted = None if only is None else {"t", _META_KEY, *only, *(old for old, new in _RENAMED.items() if new in only)}
+            arrays = _renamed(read_arrays(path, wanted))
             text = _text_of(arrays)
             record = Record(series=arrays, meta=read_meta(text))
             check_series(record.series, record.meta)

@@ -8,7 +8,7 @@ import struct
 import warnings
 import zlib
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from lzma import LZMAError
@@ -128,8 +128,8 @@ _DAMAGE = (
 )
 
 
-def read_arrays(path: Path | str) -> Mapping[str, np.ndarray]:
-    """Every array of the file by its name, read-only.
+def read_arrays(path: Path | str, wanted: Collection[str] | None = None) -> Mapping[str, np.ndarray]:
+    """Every array of the file by its name, or those that are wanted, read-only.
 
     Raises `InvalidInput` in one line for what is no such file, is damaged, declares more than it holds or, for its size,
     more than is ever written, or holds objects.
@@ -140,7 +140,8 @@ def read_arrays(path: Path | str) -> Mapping[str, np.ndarray]:
         with warnings.catch_warnings(), source.open("rb") as file, ZipFile(file) as archive:
             warnings.simplefilter("error")  # numpy's, of headers that it has to guess at
             members = _members(archive, source.stat().st_size)
-            return MappingProxyType({name: _array(archive, member, name) for name, member in members.items()})
+            chosen = {name: one for name, one in members.items() if wanted is None or name in wanted}
+            return MappingProxyType({name: _array(archive, member, name) for name, member in chosen.items()})
     except InvalidInput:
         raise
     except FileNotFoundError as error:
