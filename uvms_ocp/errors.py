@@ -67,6 +67,8 @@ class FrameNotFound(NameNotFound):
 
     def __init__(self, given: str, allowed: Iterable[str]) -> None:
         super().__init__("frame", given, allowed)
+        if given == "tool":
+            self.args = (f"{self.args[0]} `tool: LINK` in hydrodynamics.yaml names it; a vehicle without arm has none",)
 
 
 class ArgumentNotFound(NameNotFound, TypeError):

@@ -61,6 +61,7 @@ STRANGERS = {
     "two arms, no altimeter": HULL + arm("left", 0.1) + arm("right", -0.1) + AHEAD + SIDEWAYS + UP,
     "no arm": HULL + AHEAD + SIDEWAYS + UP + EYE,
     "no vertical thrust": HULL + AHEAD + EYE,
+    "no thrust abeam": HULL + AHEAD + UP + EYE,
     "no thrusters": HULL + arm("left", 0.1),
     "a planar joint": HULL + link("sled", 1) + joint("rov/hull", "sled", "planar", "0.3 0 0", "0 0 1") + AHEAD + SIDEWAYS + UP,
     "a gimbal": HULL + AHEAD + SIDEWAYS + UP + GIMBAL + fan("fan_9", "-0.1 0 0", "1 0 0").replace("rov/hull", "gimbal"),
@@ -87,11 +88,11 @@ def test_a_urdf_becomes_a_mission_that_is_accepted(kind: str, tmp_path: Path) ->
     told("new-mission", str(mission), "--robot", str(robot))
     assert "accepted" in told("check", str(mission))
     text = mission.read_text(encoding="utf-8")
-    assert text.count(" ToolPosition(") == {"two arms, no altimeter": 2, "no arm": 0, "no vertical thrust": 0}.get(
-        kind, "gimbal" not in kind
-    )
+    tools = {"two arms, no altimeter": 2, "no arm": 0, "no vertical thrust": 0, "no thrust abeam": 0}
+    assert text.count(" ToolPosition(") == tools.get(kind, "gimbal" not in kind)
     assert (" MinimumAltitude(threshold" in text) == ("altimeter" in STRANGERS[kind])
     assert (" VehiclePose(" in text) == (kind != "fixed base")
+    assert (" Alignment(" in text) == (kind in ("no vertical thrust", "no thrust abeam", "joints called as axes and links"))
     made = load_robot(urdf=robot / "robot.urdf", hydrodynamics=robot / "hydrodynamics.yaml")
     assert len(made.description.thrusters) == STRANGERS[kind].count("continuous")
     assert ("joint gimbal_joint: turns thrusters" in asked) == (kind == "a gimbal")

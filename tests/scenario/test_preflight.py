@@ -24,8 +24,10 @@ from uvms_ocp.robot.shapes.obstacles import obstacle
 from uvms_ocp.robot.signals import SensorSpecs
 from uvms_ocp.scenario.cases.case1 import case1, case1_unreachable
 from uvms_ocp.scenario.cases.transit import FIELD, obstacle_field
-from uvms_ocp.scenario.preflight.setup import PreflightReport, Severity, forecast, main_path
+from uvms_ocp.scenario.options import mission_of, phase_of, run_options
+from uvms_ocp.scenario.preflight.setup import Finding, PreflightReport, Severity, forecast, main_path
 from uvms_ocp.scenario.scenario import Scenario, pose_at
+from uvms_ocp.tasks import VehiclePose
 
 
 def with_phases(scenario: Scenario, phases: Sequence[Phase]) -> Scenario:
@@ -186,6 +188,28 @@ def test_a_current_beyond_the_thrusters_is_refused() -> None:
     axes = re.findall(r"(\d+) N(?: m)? of (surge|sway|heave|roll|pitch|yaw)", finding.text)
     assert {"surge"} <= {axis for _, axis in axes}
     assert np.hypot.reduce([float(short) for short, _ in axes]) == pytest.approx(finding.figures["missing_N"], abs=2.0)
+
+
+def test_what_drag_makes_up_for_is_told_and_not_refused_and_the_vehicle_gives_way_as_slowly_as_is_said() -> None:
+    def held(speed: float, **options: Any) -> Scenario:
+        run = run_options({"robot": "bluerov2", "current": (speed, 0.0, 0.0), "duration": 30.0, **options}, seabed=-15.0)
+        never = Below(quantity="PC.position_error", limit=1e-9)
+        phase = phase_of("A", "hold", ("PC",), DONE, never, PC=pose_at((0.0, 0.0, -6.0)))
+        mission = mission_of(run.robot, [VehiclePose(goal=pose_at((0.0, 0.0, -6.0)))], [phase])
+        return run.scenario(name="held", mission=mission, start=run.start(pose_at((0.0, 0.0, -6.0))), markers={})
+
+    def forces(speed: float) -> Finding:
+        return next(found for found in held(speed).check().of_check("forces") if "missing_N" in found.figures)
+
+    enough, short = 0.1, 4.0
+    while short - enough > 1e-4:
+        middle = 0.5 * (enough + short)
+        enough, short = (enough, middle) if forces(middle).figures["missing_N"] > 1e-3 else (middle, short)
+    assert forces(short).severity is Severity.WARNING
+    assert "gives way by at most 5 mm/s" in forces(short).text
+    assert forces(1.05 * short).severity is Severity.ERROR
+    record = held(short).run()
+    assert np.abs(record.series["v"][-1000:, :3]).max() < 5e-3
 
 
 def test_a_current_on_the_plant_without_water_is_a_warning() -> None:

@@ -101,6 +101,11 @@ class NewMission:
         axes = unactuated_axes(self.robot) if self.robot.n_vehicle and self.robot.description.thrusters else ()
         return tuple(axes)
 
+    @property
+    def turns_first(self) -> bool:
+        """Check that it goes ahead alone, and so has to turn its bow to where it goes."""
+        return 1 in self.missing and not {0, 5} & set(self.missing)
+
     def notes(self) -> Iterator[str]:
         """Yield what is left out, one line each, with how to have it."""
         yield from (text for good, text in role_notes(self.robot.model, self.robot.description) if not good)
@@ -110,7 +115,8 @@ class NewMission:
             yield f"joint {', '.join(loose)}: has several degrees of freedom, which no posture holds; --lock JOINT fixes it"
         if self.missing:
             lost = ", ".join(AXES[axis] for axis in self.missing)
-            yield f"thrusters: none for {lost}; the way point lies where the others lead, and these axes are left free"
+            way = "it turns to the way point first" if self.turns_first else "the way point lies where the others lead"
+            yield f"thrusters: none for {lost}; {way}, and these axes are left free"
 
     def _goal(self) -> np.ndarray:
         """(n_q,) at the way point, with the arm stowed."""
@@ -121,11 +127,11 @@ class NewMission:
         return np.asarray(robot.configuration(position=position, rpy=(0.0, 0.0, yaw)))
 
     def _way_point(self) -> tuple[tuple[float, float, float], float]:
-        """Where all axes lead; straight ahead where some are missing."""
-        if {0, 1, 2} & set(self.missing):
-            ahead, down = (0 not in self.missing, 2 not in self.missing)
-            return (_WAY_POINT[0] if ahead else _START[0], 0.0, _WAY_POINT[2] if down else _START[2]), 0.0
-        return _WAY_POINT, _YAW
+        """Where all axes lead; straight ahead where some are missing and it cannot turn there first."""
+        x, _, z = [_START[axis] if axis in self.missing else _WAY_POINT[axis] for axis in range(3)]
+        if self.turns_first:
+            return (x, _WAY_POINT[1], z), round(float(np.arctan2(_WAY_POINT[1], x)), 3)
+        return ((x, 0.0, z), 0.0) if {0, 1, 2} & set(self.missing) else (_WAY_POINT, _YAW)
 
     def _targets(self, goal: np.ndarray) -> list[tuple[float, ...]]:
         """Positions [m] in W that the tools can reach."""
@@ -176,6 +182,8 @@ class NewMission:
                 yield "# MinimumAltitude() needs `altimeter: LINK` in hydrodynamics.yaml", ""
             if not {3, 4} & set(self.missing):
                 yield f"HorizontalAttitude({self.level_frame}),", "HA"
+        if self.turns_first:
+            yield f"Alignment(goal=WAY_POINT.translation{', ' if self.level_frame else ''}{self.level_frame}),", "AT"
         for name, tool, target in zip(self._numbered("TP", ""), self.tools, self._numbered("TARGET"), strict=True):
             which = "" if len(self.tools) == 1 else f'name="{name}", frame={_quoted(tool)}, '
             yield f"ToolPosition({which}goal=uo.pose_at({target})),", name
@@ -192,6 +200,8 @@ class NewMission:
             # The axes that nothing drives drift as weight and buoyancy have it.
             error = "horizontal_error" if 2 in self.missing else "position_error"
             yield f'arrived = uo.Below(quantity="PC.{error}", limit={"0.1" if not self.missing else "0.3"})  # [m]'
+        if self.turns_first:
+            yield 'turned = uo.Below(quantity="AT.misalignment", limit=0.07)  # [rad]'
         for reached, name in zip(self._numbered("reached"), self._numbered("TP", ""), strict=True):
             yield f'{reached} = uo.Below(quantity="{name}.position_error", limit=0.02)  # [m]'
         if not self.robot.n_vehicle and not self.tools:
@@ -203,9 +213,11 @@ class NewMission:
         if self.robot.n_vehicle:
             to = '"B"' if self.tools else "uo.DONE"
             on = [name for name in names if name not in tools]
+            if self.turns_first:
+                yield _phase("T", "turn", [name for name in on if name != "PC"], '"A"', "turned")
             yield _phase("A", "way point", on, to, "arrived", "  # [s]: noise alone ends no phase")
         if self.tools:
-            yield _phase("B", "reach", names, "uo.DONE", ", ".join(self._numbered("reached")))
+            yield _phase("B", "reach", [name for name in names if name != "AT"], "uo.DONE", ", ".join(self._numbered("reached")))
         if not self.robot.n_vehicle and not self.tools:
             yield _phase("A", "posture", names, "uo.DONE", "still")
 

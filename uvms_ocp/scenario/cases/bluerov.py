@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked
-from uvms_ocp.mission.phase import Below, Phase
+from uvms_ocp.mission.phase import Below
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot import Kinematics, load_robot
 from uvms_ocp.scenario.options import abort_phase, approach_phase, mission_of, phase_of, run_options
@@ -43,7 +43,10 @@ def reach(
     run = run_options(options, robot="bluerov2_alpha5", seabed=-10.0)
     robot = run.robot
     origin = start or pose_at((0.0, 0.0, -5.0))
-    point = _random_target(origin, run.seed) if target is None else np.asarray(target, dtype=float)
+    rng = np.random.default_rng(run.seed)
+    azimuth, distance, drop = rng.uniform(-np.pi, np.pi), rng.uniform(2.0, 4.0), rng.uniform(0.5, 1.5)
+    drawn = origin.translation + distance * np.array([np.cos(azimuth), np.sin(azimuth), 0.0]) - [0.0, 0.0, drop]
+    point = drawn if target is None else np.asarray(target, dtype=float)
     q0 = run.start(origin)
     way_point = pose_facing(origin, point, Kinematics(robot, q0))
     tasks = [
@@ -54,19 +57,15 @@ def reach(
         VehiclePose(goal=way_point),
         JointTracking(joints=robot.joint_names, goal=robot.home),
     ]
+    there = Below(quantity="TP.position_error", limit=tolerance)
+    reaching = phase_of("B", "reach", ("JL", "MAC", "HA", "TP", "PC", "MP"), DONE, there, hold=1.0)
     return run.scenario(
         name="reach",
-        mission=mission_of(robot, tasks, _reach_phases(tolerance), abort=abort_phase("JL", "MAC", "HA", "MP")),
+        mission=mission_of(robot, tasks, (approach_phase(), reaching), abort=abort_phase("JL", "MAC", "HA", "MP")),
         start=q0,
         plant_robot=None if variant is None else load_robot(robot.name, variant=variant),
         markers={"target": tuple(point), "way point": tuple(way_point.translation)},
     )
-
-
-def _random_target(origin: pin.SE3, seed: int) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    azimuth, distance, drop = rng.uniform(-np.pi, np.pi), rng.uniform(2.0, 4.0), rng.uniform(0.5, 1.5)
-    return origin.translation + distance * np.array([np.cos(azimuth), np.sin(azimuth), 0.0]) - [0.0, 0.0, drop]
 
 
 def pose_facing(origin: pin.SE3, target: np.ndarray, start: Kinematics) -> pin.SE3:
@@ -75,12 +74,6 @@ def pose_facing(origin: pin.SE3, target: np.ndarray, start: Kinematics) -> pin.S
     d = target - origin.translation
     R_WB = pin.rpy.rpyToMatrix(0.0, 0.0, float(np.arctan2(d[1], d[0])))
     return pin.SE3(R_WB, target - R_WB @ p_BT)
-
-
-def _reach_phases(tolerance: float) -> tuple[Phase, ...]:
-    there = Below(quantity="TP.position_error", limit=tolerance)
-    on = ("JL", "MAC", "HA", "TP", "PC", "MP")
-    return approach_phase(), phase_of("B", "reach", on, DONE, there, hold=1.0)
 
 
 # A small vehicle turns a valve: approach, hold, and a circular tool path, in view of its camera.
@@ -153,17 +146,13 @@ def bluerov_inspection(
         VehiclePose(goal=way_point),
         JointTracking(joints=run.robot.joint_names, goal=run.robot.home),
     ]
-    phases = _phases(circle, turning, tolerance=0.06 if run.noise else 0.02)
+    there = Below(quantity="TP.position_error", limit=0.06 if run.noise else 0.02)
+    on, near = ("JL", "MAC", "HA", "FV", "TP", "PC", "MP"), replace(there, limit=there.limit / 2)
+    turn = phase_of("C", "turn", on, DONE, there, hold=turning + 1.0, TP=circle)
+    phases = (approach_phase(), phase_of("B", "hold", on, "C", near, hold=1.0), turn)
     return run.scenario(
         name="bluerov_inspection",
         mission=mission_of(run.robot, tasks, phases, abort=abort_phase("JL", "MAC", "HA", "MP")),
         start=q0,
         markers={"valve": tuple(centre.tolist()), "way point": tuple(way_point.translation.tolist())},
     )
-
-
-def _phases(circle: Circle, turning: float, tolerance: float) -> tuple[Phase, ...]:
-    there = Below(quantity="TP.position_error", limit=tolerance)
-    on, near = ("JL", "MAC", "HA", "FV", "TP", "PC", "MP"), replace(there, limit=tolerance / 2)
-    turn = phase_of("C", "turn", on, DONE, there, hold=turning + 1.0, TP=circle)
-    return approach_phase(), phase_of("B", "hold", on, "C", near, hold=1.0), turn

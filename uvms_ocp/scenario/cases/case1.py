@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -11,20 +12,24 @@ import pinocchio as pin
 
 from uvms_ocp.checks import checked
 from uvms_ocp.control.force.dynamic import VelocityGains
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission.phase import Above, Below, Phase, Transition
 from uvms_ocp.record.meta_values import DONE
-from uvms_ocp.robot.robot import Robot
-from uvms_ocp.scenario.options import abort_phase, mission_of, phase_of, run_options
+from uvms_ocp.robot import Kinematics, Robot
+from uvms_ocp.scenario.options import abort_phase, mission_of, override, phase_of, run_options
+from uvms_ocp.scenario.preflight.reachability import ArmReach
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.sim.currents import OnsetCurrent
 from uvms_ocp.tasks import Alignment, HorizontalAttitude, JointLimits, JointTracking, LandingAltitude, MinimumAltitude
-from uvms_ocp.tasks.pose import NullVelocity, ToolPose, VehiclePose
+from uvms_ocp.tasks.pose import NullVelocity, ToolPose, ToolPosition, VehiclePose
 from uvms_ocp.tasks.task import Hierarchy, PoseReference, Task
 from uvms_ocp.types import Finite, Magnitude, Point
 
 # Case 1 of the paper: way point, alignment, landing, tool frame.
 
 _N_POSTURE_JOINTS = 4  # MP holds the last four joints ([Gao2022] Case 2)
+_DISTANCE = 1.4  # [m] of the way point from the target, horizontally
+_REACHING = 0.55  # of its length, by which the arm bridges it
 
 
 @checked
@@ -70,24 +75,29 @@ def case1(
 ) -> Scenario:
     """Way point, alignment, landing, tool frame ([Gao2022] Case 1, Tables 3 and 4).
 
+    An arm that is shorter than the paper's has its way point as much nearer to the target, and one of less than six joints,
+    which meets no pose from where the vehicle stands, brings its tool to the position alone.
+
     start, way_point: X_WB. posture (n_joints,) [rad]: joints at the start, the stowed posture by default. target (3,) [m]
     in W: where AT points. tool_goal: X_WT or a motion of it, at the target with the tool pointing down by default. tasks:
     field overrides by task name, such as ``{"PC": {"gain_linear": 0.3}}``. order: task names, highest priority first,
     instead of the order of the classes. options: those of `RunOptions`.
 
-    Raises `UvmsError` where a name is unknown or a number is impossible.
+    Raises `UvmsError` where a name is unknown, a number is impossible, or no joint moves a tool.
     """
     run = run_options(options)
     origin = start or pose_at((8.5, 38.5, -36.0), (0.0, -0.06, 0.5))
-    goal = way_point or pose_at((10.8, 37.45, -38.0), (0.0, -0.06, 0.5))
-    point = np.asarray(target, dtype=float)
+    point, default = np.asarray(target, dtype=float), np.array([10.8, 37.45, -38.0])
+    share, carried = _scaled_to_arm(run.robot)
+    goal = way_point or pose_at(tuple(default - (1.0 - share) * (default - point)), (0.0, -0.06, 0.5))
     tool = tool_goal or pose_at(tuple(point), (np.pi, 0.0, 0.0))
     limits = thresholds or Thresholds.suggested(plant=run.plant, noise=run.noise)
-    listed, phases = case1_tasks(run.robot, goal, point, tool), case1_phases(limits)
+    listed = case1_tasks(run.robot, goal, point, tool, carried)
+    phases = case1_phases(limits, pose=any(isinstance(task, ToolPose) for task in listed))
     return run.scenario(
         name="case1",
         mission=mission_of(run.robot, listed, phases, order=order, overrides=tasks, abort=abort_phase("JL", "MAC", "HA", "MP")),
-        start=run.start(origin, posture),
+        start=run.start(origin, carried if posture is None else posture),
         markers={"target": tuple(point), "way point": tuple(goal.translation)},
     )
 
@@ -101,9 +111,41 @@ def case1_unreachable(**options: Any) -> Scenario:
     return replace(case1(**{"way_point": pose_at((10.2, 37.5, -38.0), (0.0, -0.06, 0.5)), **options}), name="case1_unreachable")
 
 
-def case1_tasks(robot: Robot, way_point: pin.SE3, target: np.ndarray, tool_goal: pin.SE3 | PoseReference) -> list[Task]:
-    """[Gao2022] Table 3, for the goals X_WB, target (3,) [m] in W and X_WT."""
+def _scaled_to_arm(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Shares (3,) of the way from the paper's way point to its target for a robot's own arm, at most 1, and its posture.
+
+    The posture (n_joints,) [rad or m] is the stowed one, of an arm that is too short one that is carried ahead, where it has
+    nothing in its way from a vehicle on the floor. Raises `InvalidInput` where no joint moves a tool.
+    """
+    joints = _tool_joints(robot)
+    if not joints:
+        raise InvalidInput(f"{robot.name} has no tool that joints move; allowed: a robot with an arm, or a scenario without tool")
+    start = Kinematics(robot, robot.configuration())
+    places = [*(start.pose(joint).translation for joint in joints), start.pose("tool").translation]
+    reach = float(sum(np.linalg.norm(end - begin) for begin, end in pairwise(places)))
+    share = min(1.0, (places[0][0] + _REACHING * reach) / _DISTANCE)
+    posture = robot.home.copy()
+    if share < 1.0:
+        ahead = pose_at((share * _DISTANCE, 0.0, float(places[0][2])))
+        found = ArmReach(robot, "tool", rotation_weight=0.0).solve(pin.SE3.Identity(), ahead, near=(robot.home,)).joints
+        own = [robot.joint_names.index(joint) for joint in joints]
+        posture[own] = found[own]
+    return np.array([share, share, 1.0]), posture
+
+
+def _tool_joints(robot: Robot) -> list[str]:
+    """Joints that move the tool against the vehicle, from the first on."""
+    model = robot.model
+    moving = model.supports[model.frames[robot.frame_id("tool")].parentJoint] if robot.has_frame("tool") else ()
+    return [model.names[joint] for joint in moving if model.names[joint] in robot.joint_names]
+
+
+def case1_tasks(
+    robot: Robot, way_point: pin.SE3, target: np.ndarray, tool_goal: pin.SE3 | PoseReference, posture: np.ndarray
+) -> list[Task]:
+    """[Gao2022] Table 3, for the goals X_WB, target (3,) [m] in W and X_WT, and a posture (n_joints,) [rad or m]."""
     wrist = robot.joint_names[-_N_POSTURE_JOINTS:]
+    tool = ToolPose(goal=tool_goal) if len(_tool_joints(robot)) >= 6 else ToolPosition(name="T", goal=tool_goal)
     return [
         NullVelocity(),
         JointLimits(),
@@ -112,13 +154,13 @@ def case1_tasks(robot: Robot, way_point: pin.SE3, target: np.ndarray, tool_goal:
         Alignment(goal=target),
         LandingAltitude(),
         VehiclePose(goal=way_point),
-        ToolPose(goal=tool_goal),
-        JointTracking(joints=wrist, goal=robot.home[-_N_POSTURE_JOINTS:]),
+        tool,
+        JointTracking(joints=wrist, goal=posture[-_N_POSTURE_JOINTS:]),
     ]
 
 
-def case1_phases(thresholds: Thresholds) -> tuple[Phase, ...]:
-    """[Gao2022] Table 4."""
+def case1_phases(thresholds: Thresholds, *, pose: bool = True) -> tuple[Phase, ...]:
+    """[Gao2022] Table 4; without pose the orientation of the tool is free."""
     aligned = Below(quantity="AT.misalignment", limit=thresholds.misalignment)
     arrived = Below(quantity="PC.position_error", limit=thresholds.way_point)
     landed = Below(quantity="LA.altitude", limit=thresholds.landing_altitude)
@@ -130,7 +172,7 @@ def case1_phases(thresholds: Thresholds) -> tuple[Phase, ...]:
         phase_of("A", "way point", ("JL", "MAC", "HA", "PC", "MP"), "B", arrived),
         phase_of("B", "alignment", ("JL", "MAC", "HA", "AT", "MP"), "C", aligned),
         phase_of("C", "landing", ("JL", "HA", "AT", "LA", "MP"), "D", landed, aligned, hold=thresholds.landing_hold),
-        phase_of("D", "tool frame", ("NR", "JL", "HA", "T", "MP"), DONE, *reached, hold=thresholds.tool_hold),
+        phase_of("D", "tool frame", ("NR", "JL", "HA", "T", "MP"), DONE, *reached[: 1 + pose], hold=thresholds.tool_hold),
     )
 
 
@@ -175,20 +217,14 @@ def priority_swap(*, swapped: bool = True, **options: Any) -> Scenario:
     Swapped, the vehicle follows the way point's attitude and tilts by more than 0.1 rad; in the right order HA keeps
     the tilt below 0.1 rad. Both reach the target. Other options as for `case1`.
     """
-    defaults: dict[str, Any] = {"way_point": pose_at((10.8, 37.45, -38.0), (0.0, -0.3, 0.5))}
-    scenario = case1(**{**defaults, **options})
-    if swapped:
-        hierarchy = scenario.mission.hierarchy
-        order = swap_names(hierarchy.names, "HA", "PC")
-        mission = replace(scenario.mission, hierarchy=Hierarchy(hierarchy.tasks, order))
-        scenario = replace(scenario, mission=mission)
+    scenario = case1(**options)
+    hierarchy = scenario.mission.hierarchy
+    exchanged = {"HA": "PC", "PC": "HA"} if swapped else {}
+    order = [exchanged.get(name, name) for name in hierarchy.names]
+    pitched = {"goal": pose_at(scenario.markers["way point"], (0.0, -0.3, 0.5))} if options.get("way_point") is None else {}
+    tasks = override(list(hierarchy.tasks), {"PC": pitched})
+    scenario = replace(scenario, mission=replace(scenario.mission, hierarchy=Hierarchy(tasks, order)))
     return replace(scenario, name="priority_swap")
-
-
-def swap_names(names: tuple[str, ...], first: str, second: str) -> tuple[str, ...]:
-    """Return the names with two of them exchanged."""
-    places = {first: second, second: first}
-    return tuple(places.get(name, name) for name in names)
 
 
 # Two tool poses in one mission, with a move of the vehicle between them.
@@ -209,31 +245,20 @@ def two_targets(*, second: Point = (13.6, 36.2, -39.886), second_yaw: Finite = -
     target = np.asarray(second, dtype=float)
     turn = pin.rpy.rpyToMatrix(0.0, 0.0, second_yaw)
     goals = {
-        "PC": pose_at(tuple(target + turn @ _APPROACH), (0.0, -0.06, second_yaw)),
+        "PC": pose_at(tuple(target + turn @ (_scaled_to_arm(scenario.robot)[0] * _APPROACH)), (0.0, -0.06, second_yaw)),
         "AT": target,
         "T": pose_at(tuple(target), (np.pi, 0.0, second_yaw)),
     }
     once = scenario.mission.phases
     again = [replace(phase, goals=goals) for phase in once]
-    phases = (*_renamed(once, "1", after="A2"), *_renamed(again, "2", after=None))
+    phases = (*_renamed(once, "1", after="A2"), *_renamed(again, "2", after=DONE))
     markers = {**scenario.markers, "second target": tuple(target.tolist())}
     return replace(scenario, name="two_targets", mission=replace(scenario.mission, phases=phases), markers=markers)
 
 
-def _renamed(phases: Sequence[Phase], suffix: str, after: str | None) -> tuple[Phase, ...]:
-    """Phases whose names end in `suffix`; the last leads on to `after`, if given, and not to the end of the mission."""
-    names = {phase.name: phase.name + suffix for phase in phases}
-    return tuple(
-        replace(
-            phase,
-            name=names[phase.name],
-            transitions=tuple(_retargeted(transition, names, after) for transition in phase.transitions),
-        )
-        for phase in phases
-    )
-
-
-def _retargeted(transition: Transition, names: dict[str, str], after: str | None) -> Transition:
-    if transition.to in names:
-        return replace(transition, to=names[transition.to])
-    return transition if after is None else replace(transition, to=after)
+def _renamed(phases: Sequence[Phase], suffix: str, after: str) -> Iterator[Phase]:
+    """Phases whose names end in `suffix`; the last leads on to `after`."""
+    names = {DONE: after, **{phase.name: phase.name + suffix for phase in phases}}
+    for phase in phases:
+        exits = tuple(replace(transition, to=names[transition.to]) for transition in phase.transitions)
+        yield replace(phase, name=names[phase.name], transitions=exits)

@@ -20,7 +20,8 @@ from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.preflight.setup import forecast
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.seafloor import floor_obstacle
-from uvms_ocp.tasks import JointTracking, NullVelocity, ToolPose
+from uvms_ocp.tasks import JointTracking, NullVelocity, ToolPose, ToolPosition
+from uvms_ocp.tasks.task import evaluate_pose
 from uvms_ocp.trajectories import MotionLimits, PiecewisePolynomial
 
 ROCK = obstacle("rock", coal.Sphere(0.12), (12.25, 37.1, -39.8))
@@ -59,9 +60,10 @@ def plan_arm(scenario: Scenario, clearance: float = 0.05) -> soft_collision.Coll
     around = (*scenario.environment.obstacles, floor)
     planned = coordinates(robot, reference=base, axes=robot.joint_names)
     distances = CoalDistances(collision_scene(planned, around))
-    goal = next(task for task in scenario.mission.hierarchy.tasks if isinstance(task, ToolPose))
+    goal = next(task for task in scenario.mission.hierarchy.tasks if isinstance(task, ToolPose | ToolPosition))
     start = planned.x(base)
-    end = tool_goal(distances, goal.frame, goal.goal, start)
+    pose, _ = evaluate_pose(goal.name, goal.goal, 0.0)
+    end = tool_goal(distances, goal.frame, pose if isinstance(goal, ToolPose) else pose.translation, start)
     if end is None:
         raise InvalidInput(f"no posture clear of collision reaches the goal of {goal.name} from where the vehicle lands")
     limits = MotionLimits(
@@ -108,7 +110,7 @@ def _following(scenario: Scenario, phase: Phase, joints: PiecewisePolynomial, wi
     if phase.name != "D":
         return phase
     tasks = scenario.mission.hierarchy.tasks
-    tool = next(task for task in tasks if isinstance(task, ToolPose))
+    tool = next(task for task in tasks if isinstance(task, ToolPose | ToolPosition))
     posture = next(task for task in tasks if isinstance(task, JointTracking))
     path = ToolPath(robot=scenario.robot, frame=tool.frame, base=landed_configuration(scenario), joints=joints)
     wrist = [scenario.robot.joint_names.index(name) for name in posture.joints]

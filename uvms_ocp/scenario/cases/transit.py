@@ -9,11 +9,11 @@ import coal
 import numpy as np
 
 from uvms_ocp.checks import checked
-from uvms_ocp.mission.phase import Below, Phase, Transition
+from uvms_ocp.mission.phase import Below
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.robot.shapes.obstacles import Obstacle, obstacle
-from uvms_ocp.scenario.options import abort_phase, activate, mission_of, phase_of, run_options
+from uvms_ocp.scenario.options import abort_phase, mission_of, phase_of, run_options
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.sim.seafloor import HeightField
 from uvms_ocp.tasks import Clearance, HorizontalAttitude, JointLimits, JointTracking, MinimumAltitude, VehiclePose
@@ -75,21 +75,23 @@ def obstacle_field(
     run = run_options(options)
     robot, goal = run.robot, pose_at((11.0, 0.0, -37.0))
     around = CollisionModel(robot, obstacles, self_collision=False)
+    own = (
+        [Clearance(name="SC", model=CollisionModel(robot), threshold=_SELF, margin=_SELF, n_nearest=6)] if robot.n_joints else []
+    )
     tasks = [
         JointLimits(),
         MinimumAltitude(),
         HorizontalAttitude(),
         Clearance(model=around, threshold=min_clearance, n_nearest=6),
-        Clearance(name="SC", model=CollisionModel(robot), threshold=_SELF, margin=_SELF, n_nearest=6),
+        *own,
         VehiclePose(goal=goal),
         JointTracking(joints=robot.joint_names, goal=robot.home),
     ]
-    activations = activate("JL", "MAC", "HA", "PC", "MP", "SC", *(("CL",) if with_clearance else ()))
-    arrived = Below(quantity="PC.position_error", limit=0.1)
-    phase = Phase(name="A", title="transit", activations=activations, transitions=(Transition(to=DONE, when=(arrived,)),))
+    on = ("JL", "MAC", "HA", "PC", "MP", *(task.name for task in own), *(("CL",) if with_clearance else ()))
+    phase = phase_of("A", "transit", on, DONE, Below(quantity="PC.position_error", limit=0.1))
     return run.scenario(
         name="obstacle_field",
-        mission=mission_of(robot, tasks, (phase,), abort=abort_phase(*(name for name in activations if name != "PC"))),
+        mission=mission_of(robot, tasks, (phase,), abort=abort_phase(*(name for name in on if name != "PC"))),
         start=run.start(pose_at((0.0, 0.0, -37.0))),
         obstacles=obstacles,
         markers={"way point": tuple(goal.translation.tolist())},

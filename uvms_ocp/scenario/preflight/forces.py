@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -19,7 +20,7 @@ from uvms_ocp.robot.thrusters import AXES, free_motions, unactuated_axes, undriv
 from uvms_ocp.scenario.preflight.reachability import ArmReach, goals_of
 from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Visit, threshold_of
 from uvms_ocp.sim.currents import water_at
-from uvms_ocp.tasks.attitude import AngleTask, HorizontalAttitude
+from uvms_ocp.tasks.attitude import Alignment, AngleTask, HorizontalAttitude
 from uvms_ocp.tasks.pose import NullVelocity, PoseTask, ToolPose, ToolPosition, VehiclePose
 from uvms_ocp.tasks.task import driven_turns
 
@@ -31,6 +32,7 @@ _TIMES = np.linspace(0.0, 120.0, 9)  # [s] at which a current that varies is sam
 _FULL = 0.8  # share of a limit above which holding still is called tight
 _TILTED = 0.1  # [rad] that is worth a word where no task asks for a level vehicle
 _SHORT = 1e-3  # [N, N m] of force missing that counts
+_GIVES_WAY = 5e-3  # [m/s, rad/s] at which drag makes up for what is missing, and which is not worth a refusal: 0.3 m in a minute
 _UNDRIVEN = "axes without thrust"
 _HEAVE, _LINEAR, _YAW = 2, 3, 5  # axes of the vehicle: up, how many are lengths, and the heading
 _ASKEW = 0.4  # [rad] of another rotation that a free one takes along
@@ -50,6 +52,8 @@ class DriveLoad:
     """[N, N m] of the wrench."""
     axes: str
     """What of it is missing on each axis."""
+    drifts: bool
+    """The vehicle gives way faster than `_GIVES_WAY` until its drag makes up for it."""
 
 
 def check_forces(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
@@ -58,76 +62,67 @@ def check_forces(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     A current on a plant without water is a finding of its own.
     """
     if not setup.with_forces:
-        yield from _ignored(setup)
+        speed = max(float(np.linalg.norm(setup.environment.current.velocity(setup.start[None, :3], t))) for t in _TIMES)
+        if speed > 0:
+            text = f"the kinematic plant ignores the current of {speed:.2g} m/s; use the dynamic plant"
+            yield Severity.WARNING.finding(FORCES, text, current_m_s=speed)
     if not (setup.with_forces and setup.robot.description.thrusters):
         return
     dynamics = robot_dynamics(setup.robot)
     still = [_hold(setup, dynamics, visit) for visit in visits]
     worst = max(range(len(visits)), key=lambda k: (still[k].missing, still[k].thrust))
-    yield _force_finding(visits[worst], still[worst], "to hold still")
-    moving = [
-        (visit, _hold(setup, dynamics, visit, speed=_cruise(setup, visit)))
-        for visit in visits
-        if visit.active(VehiclePose) is not None
-    ]
-    for visit, load in moving:
-        if load.missing > _SHORT and still[visits.index(visit)].missing <= _SHORT:
-            text = f"thrust is short by {load.missing:.0f} N against the current at full speed: the approach is slower"
+    yield _force_finding(visits[worst], still[worst])
+    for visit, load in zip(visits, still, strict=True):
+        task = visit.active(VehiclePose)
+        if task is None or load.missing > _SHORT:
+            continue
+        speed = min(float(setup.robot.limits.velocity[:3].min()), task.saturation_linear)
+        if (short := _hold(setup, dynamics, visit, speed=speed).missing) > _SHORT:
+            text = f"thrust is short by {short:.2g} N against the current at full speed: the approach is slower"
             yield Severity.WARNING.finding(FORCES, text, visit.phase.name)
 
 
-def _ignored(setup: Setup) -> Iterator[Finding]:
-    """A current that was asked for, on a plant that has no water."""
-    at_start = setup.start[None, :3]
-    speed = max(float(np.linalg.norm(setup.environment.current.velocity(at_start, t))) for t in _TIMES)
-    if speed > 0:
-        text = f"the kinematic plant ignores the current of {speed:.2g} m/s; use the dynamic plant"
-        yield Severity.WARNING.finding(FORCES, text, current_m_s=speed)
-
-
-def _force_finding(visit: Visit, load: DriveLoad, purpose: str) -> Finding:
+def _force_finding(visit: Visit, load: DriveLoad) -> Finding:
     figures = {"thrust_share": load.thrust, "torque_share": load.torque, "missing_N": load.missing}
     if load.missing > _SHORT or load.torque > 1.0:
-        text = (
-            f"{purpose} takes {load.axes or 'nothing'} more than the thrusters give and {100 * load.torque:.0f} % of the "
-            "joint torque; wait for less current, trim the robot, or take a stronger one"
-        )
-        severity = Severity.ERROR
+        more = f"{load.axes or 'nothing'} more than the thrusters give"
+        text = f"to hold still takes {more} and {100 * load.torque:.0f} % of the joint torque"
+        slowly = f"; the vehicle gives way by at most {1e3 * _GIVES_WAY:.0f} mm/s or mrad/s, until its drag makes up for that"
+        text += "; wait for less current, trim the robot, or take a stronger one" if load.drifts else slowly
+        severity = Severity.ERROR if load.drifts or load.torque > 1.0 else Severity.WARNING
     else:
-        text = f"{purpose} takes {100 * load.thrust:.0f} % of the thrust and {100 * load.torque:.0f} % of the joint torque"
+        text = f"to hold still takes {100 * load.thrust:.0f} % of the thrust and {100 * load.torque:.0f} % of the joint torque"
         severity = Severity.WARNING if max(load.thrust, load.torque) > _FULL else Severity.NOTE
     return severity.finding(FORCES, text, visit.phase.name, **figures)
-
-
-def _cruise(setup: Setup, visit: Visit) -> float:
-    task = visit.active(PoseTask)
-    limit = float(setup.robot.limits.velocity[:3].min())
-    return min(limit, task.saturation_linear) if task is not None else 0.0
 
 
 def _hold(setup: Setup, dynamics: Dynamics, visit: Visit, speed: float = 0.0) -> DriveLoad:
     """The largest load over the times; `speed` [m/s] is over ground, against the current."""
     q = visit.stances[0].configuration(setup)
-    forces = [_forces(setup, dynamics, q, t, speed) for t in _TIMES]
-    different = {tau.tobytes(): tau for tau in forces}.values()  # one in a steady current
     allocation = allocation_of(setup.robot, compiled=False)  # what is refused is refused before anything is compiled
-    loads = [_load(setup, allocation, tau) for tau in different]
+    still = np.zeros(setup.robot.n_v)
+    times = {_forces(setup, dynamics, q, t, speed, still).tobytes(): t for t in _TIMES}.values()  # one in a steady current
+    loads = [_load(setup, allocation, partial(_forces, setup, dynamics, q, t, speed)) for t in times]
     return max(loads, key=lambda load: (load.missing, load.thrust))
 
 
-def _forces(setup: Setup, dynamics: Dynamics, q: np.ndarray, t: float, speed: float) -> np.ndarray:
-    """Generalized force (n_v,) at rest over ground, in water that is faster by `speed`."""
+def _forces(setup: Setup, dynamics: Dynamics, q: np.ndarray, t: float, speed: float, v: np.ndarray) -> np.ndarray:
+    """Generalized force (n_v,) at a steady velocity (n_v,) over ground, in water that is faster by `speed`."""
     water = water_at(setup.environment.current, dynamics.link_positions(q), t)
     size = np.linalg.norm(water.velocity, axis=1, keepdims=True)
     faster = replace(water, velocity=water.velocity * (1.0 + speed / np.maximum(size, 1e-9)))
-    return dynamics.inverse_dynamics(q, np.zeros(setup.robot.n_v), np.zeros(setup.robot.n_v), faster)
+    return dynamics.inverse_dynamics(q, v, np.zeros(setup.robot.n_v), faster)
 
 
-def _load(setup: Setup, allocation: Allocation, tau: np.ndarray) -> DriveLoad:
-    robot = setup.robot
+def _load(setup: Setup, allocation: Allocation, forces: Callable[[np.ndarray], np.ndarray]) -> DriveLoad:
+    """Load of holding still; forces (n_v,) [N, N m] are those of a velocity (n_v,) [m/s, rad/s]."""
+    robot, v = setup.robot, np.zeros(setup.robot.n_v)
+    tau = forces(v)
     result = allocation.allocate(tau[robot.vehicle_v])
     actuated = [axis for axis in range(6) if axis not in unactuated_axes(robot)]
     missing = float(np.linalg.norm(result.unreachable[actuated])) if result.saturated else 0.0
+    v[actuated] = -_GIVES_WAY * result.unreachable[actuated] / max(missing, 1e-9)
+    left = allocation.allocate(forces(v)[robot.vehicle_v]).unreachable if missing > _SHORT else result.unreachable
     shares = [(abs(result.unreachable[k]), k) for k in actuated] if result.saturated else []
     short = [(f"{force:.0f}" if force >= 1.0 else f"{force:.1g}", k) for force, k in shares if force > _SHORT]
     axes = [f"{force} N{' m' if k >= _LINEAR else ''} of {AXES[k]}" for force, k in short]
@@ -138,6 +133,7 @@ def _load(setup: Setup, allocation: Allocation, tau: np.ndarray) -> DriveLoad:
         torque=float(np.max(np.abs(tau[robot.joint_v]) / effort, initial=0.0)),
         missing=missing,
         axes=", ".join(axes),
+        drifts=missing > _SHORT and bool(np.linalg.norm(left[actuated]) > _SHORT),
     )
 
 
@@ -150,18 +146,19 @@ def check_depth(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     if _HEAVE in still and abs(lift) > _ADRIFT:
         text = f"the vehicle is {abs(lift):.2g} N too {'light' if lift > 0 else 'heavy'}, and no thruster holds its depth"
         yield Severity.ERROR.finding(FORCES, f"{text}: trim it", lift_N=lift)
-    for visit in visits:
+    begins = [setup.start[:_LINEAR], *(visit.stances[0].position for visit in visits)]
+    for visit, begin in zip(visits, begins, strict=False):
         task = visit.active(VehiclePose)
         limit = None if task is None else threshold_of(visit.phase, f"{task.name}.position_error")
-        if task is None or limit is None:
+        if task is None or limit is None or (still == [1] and visit.active(Alignment) is not None):  # it turns its bow there
             continue
         goal = goals_of(setup, task.name, task.goal)[-1]
-        ways = np.abs(goal.rotation.T @ (goal.translation - setup.start[:_LINEAR]))
+        ways = np.abs(goal.rotation.T @ (goal.translation - begin))
         axis = max(still, key=lambda axis: ways[axis])
         if ways[axis] > limit:
             text = (
-                f"{task.name} waits for a goal {ways[axis]:.2f} m {_WHERE[axis]} the vehicle's start, and no thruster drives "
-                f"{AXES[axis]}; give it thrust there, or goals where the other axes lead"
+                f"{task.name} waits for a goal {ways[axis]:.2f} m {_WHERE[axis]} where the vehicle is then, and no "
+                f"thruster drives {AXES[axis]}; give it thrust there, or goals where the other axes lead"
             )
             yield Severity.ERROR.finding(FORCES, text, visit.phase.name, way_m=float(ways[axis]))
 
@@ -184,7 +181,7 @@ def check_undriven(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
             severity = Severity.ERROR if awaited else Severity.WARNING
             yield severity.finding(_UNDRIVEN, f"{text}; switch it off", visit.phase.name)
     if less:
-        text = f"no thruster drives {turns}: {', '.join(less)} ask for the other axes alone"
+        text = f"no thruster drives {', '.join(AXES[axis] for axis in undriven)}: {', '.join(less)} ask for the other axes alone"
         yield Severity.NOTE.finding(_UNDRIVEN, text)
     for axis, motion in zip(undriven, free_motions(setup.robot)[0].T, strict=True):
         others = {AXES[k]: abs(float(motion[k])) for k in range(_LINEAR, 6) if k != axis}
@@ -265,17 +262,14 @@ def check_delays(setup: Setup, visits: Sequence[Visit] = ()) -> Iterator[Finding
     found = [(largest_dead_time(S[one.axes, one.axes], **one.loop), phase, one) for phase, S in stiffness for one in late]
     borne, phase, worst = min(found, key=lambda entry: entry[0] / (entry[2].delay + own))
     if worst.delay + own > borne / _SPARE:
-        yield _delay_finding(worst, phase, max(borne - own, 0.0), max(borne / _SPARE - own, 0.0))
-
-
-def _delay_finding(late: DelayedAxes, phase: str, borne: float, allowed: float) -> Finding:
-    text = (
-        f"{late.what} {late.delay:.3g} s late, allowed {allowed:.2g} s: loops that carry the weight by where it was "
-        f"swing from {borne:.2g} s on; take quicker ones, or a posture in better balance"
-    )
-    figures = {"delay_s": late.delay, "allowed_s": allowed, "swings_from_s": borne}
-    severity = Severity.ERROR if late.delay > borne else Severity.WARNING
-    return severity.finding(DELAYS, text, phase, **figures)
+        bears, allowed = max(borne - own, 0.0), max(borne / _SPARE - own, 0.0)
+        text = (
+            f"{worst.what} {worst.delay:.3g} s late, allowed {allowed:.2g} s: loops that carry the weight by where it was "
+            f"swing from {bears:.2g} s on; take quicker ones, or a posture in better balance"
+        )
+        figures = {"delay_s": worst.delay, "allowed_s": allowed, "swings_from_s": bears}
+        severity = Severity.ERROR if worst.delay > bears else Severity.WARNING
+        yield severity.finding(DELAYS, text, phase, **figures)
 
 
 def _late(setup: Setup) -> Iterator[DelayedAxes]:

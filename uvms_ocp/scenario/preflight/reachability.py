@@ -189,35 +189,24 @@ def _finding(setup: Setup, visit: Visit, task: ToolPose | ToolPosition) -> Findi
     if distances.worst.reached:
         text = f"{task.name}: the goal is reached from all {len(visit.stances)} foreseen vehicle positions"
         return Severity.NOTE.finding(CHECK, text, visit.phase.name, **figures)
+    turned = distances_missing(ArmReach(setup.robot, task.frame, rotation_weight=0.0), visit.stances, goals)
+    figures |= {f"missing_{name}_with_free_orientation_m": getattr(turned, name).position for name in ("best", "worst")}
     suggestion = _suggestion(setup, arm, visit, goals)
-    figures |= _free_orientation(setup, visit, task, goals)
-    if suggestion is not None:
-        figures["suggested_way_point"] = [round(float(x), 3) for x in suggestion]
-    return (Severity.WARNING if distances.likely.reached else Severity.ERROR).finding(
-        CHECK, _text(task.name, distances, suggestion), visit.phase.name, **figures
-    )
-
-
-def _text(name: str, distances: ReachShortfall, suggestion: np.ndarray | None) -> str:
     advice = "no way point towards it helps: move the goal or use another arm"
     if suggestion is not None:
+        figures["suggested_way_point"] = [round(float(x), 3) for x in suggestion]
         advice = "try the way point ({:.2f}, {:.2f}, {:.2f})".format(*suggestion)
+    elif isinstance(task, ToolPose) and turned.likely.position < REACHED:
+        advice = "its position alone is reached: ask for that, by ToolPosition, or use an arm of more joints"
     best, worst = distances.best, distances.worst
     from_likely = ", though it reaches it from the likely ones" if distances.likely.reached else ""
-    return (
-        f"{name}: the arm misses the goal by {best.position:.3f} m ({best.orientation:.2f} rad) at best and "
+    text = (
+        f"{task.name}: the arm misses the goal by {best.position:.3f} m ({best.orientation:.2f} rad) at best and "
         f"{worst.position:.3f} m ({worst.orientation:.2f} rad) at worst over the vehicle positions foreseen"
         f"{from_likely}; {advice}"
     )
-
-
-def _free_orientation(setup: Setup, visit: Visit, task: ToolPose | ToolPosition, goals: Sequence[pin.SE3]) -> dict[str, float]:
-    """How much is missing where the tool may point anywhere."""
-    distances = distances_missing(ArmReach(setup.robot, task.frame, rotation_weight=0.0), visit.stances, goals)
-    return {
-        "missing_best_with_free_orientation_m": distances.best.position,
-        "missing_worst_with_free_orientation_m": distances.worst.position,
-    }
+    severity = Severity.WARNING if distances.likely.reached else Severity.ERROR
+    return severity.finding(CHECK, text, visit.phase.name, **figures)
 
 
 def goals_of(setup: Setup, name: str, goal: PoseGoal) -> list[pin.SE3]:

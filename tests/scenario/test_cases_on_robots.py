@@ -1,0 +1,123 @@
+"""The paper's cases on the arms of other robots, and vehicles that lack an axis or an arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from compiler import long_without_compiler
+
+import uvms_ocp as uo
+from uvms_ocp.errors import FrameNotFound, InvalidInput
+from uvms_ocp.robot.loading import list_robots, load_robot
+from uvms_ocp.scenario.cases import case1, case2, obstacle_field, reach
+from uvms_ocp.scenario.options import mission_of, phase_of, run_options
+from uvms_ocp.scenario.preflight import Severity
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.tasks import Alignment, MinimumAltitude, VehiclePose
+
+WET = [name for name in list_robots() if load_robot(name).description.thrusters]
+ARMED = [name for name in WET if load_robot(name).n_joints]
+CLASS = "bluerov2_alpha5"
+
+
+@pytest.mark.parametrize("name", ARMED)
+def test_every_arm_reaches_the_target_of_case_1(name: str) -> None:
+    (finding,) = case1(robot=name).check().of_check("reachability")
+    assert finding.severity is Severity.NOTE
+
+
+@pytest.mark.parametrize("name", ["girona_maris7", "girona_maris7_full"])
+def test_the_arm_of_the_paper_has_the_way_point_of_the_paper(name: str) -> None:
+    scenario = case1(robot=name)
+    assert scenario.markers["way point"] == (10.8, 37.45, -38.0)
+    assert np.array_equal(scenario.robot.joint_values(scenario.start), scenario.robot.home)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [CLASS, "bluerov2_two_alpha5"])
+@pytest.mark.parametrize("case", [case1, case2])
+def test_the_cases_of_the_paper_fly_on_a_small_vehicle(case: Callable[..., Scenario], name: str) -> None:
+    report = uo.summarize(case(robot=name).run())
+    assert report["completed"]
+    assert report["tool_position_error_m"] < 1e-3
+
+
+def test_case_1_asks_an_arm_of_few_joints_for_no_orientation_and_a_pose_is_refused_with_the_way_out() -> None:
+    scenario = case1(robot=CLASS)
+    assert not any("orientation" in condition.quantity for phase in scenario.mission.phases for condition in phase.conditions)
+    tool = uo.tasks.ToolPose(goal=uo.pose_at((12.2025, 37.3748, -39.886), (np.pi, 0.0, 0.0)))
+    tasks = [tool if task.name == "T" else task for task in scenario.mission.hierarchy.tasks]
+    hierarchy = uo.Hierarchy(tasks, scenario.mission.hierarchy.names)
+    scenario = replace(scenario, mission=replace(scenario.mission, hierarchy=hierarchy))
+    (finding,) = scenario.check().of_check("reachability")
+    assert finding.severity is Severity.ERROR
+    assert finding.text.endswith("ask for that, by ToolPosition, or use an arm of more joints")
+
+
+@pytest.mark.parametrize("name", ["bluerov2", "torpedo_auv"])
+def test_a_vehicle_without_arm_is_refused_what_needs_one_and_swims_past_obstacles(name: str) -> None:
+    with pytest.raises(InvalidInput, match=rf"{name} has no tool that joints move; allowed: a robot with an arm"):
+        case1(robot=name)
+    assert obstacle_field(robot=name).check().accepted
+
+
+def test_a_scenario_of_a_tool_says_how_a_robot_gets_one() -> None:
+    with pytest.raises(FrameNotFound, match=r"`tool: LINK` in hydrodynamics\.yaml names it"):
+        reach(robot="torpedo_auv")
+
+
+PLACES = ((0.0, 0.0, -6.0), (6.0, 2.0, -8.0), (6.0, 9.0, -7.0), (-1.0, 6.0, -8.0))
+
+
+def tour(**options: object) -> Scenario:
+    """Way points one after the other, each with the heading of its leg: turn the bow there, then go."""
+    run = run_options({"robot": "torpedo_auv", "duration": 200.0, **options}, seabed=-15.0)
+    headings = [float(np.arctan2(b[1] - a[1], b[0] - a[0])) for a, b in pairwise(PLACES)]
+    goals = [uo.pose_at(place, (0.0, 0.0, yaw)) for place, yaw in zip(PLACES[1:], headings, strict=True)]
+    turned, there = uo.Below(quantity="AT.misalignment", limit=0.07), uo.Below(quantity="PC.position_error", limit=0.3)
+    phases = []
+    for k, goal in enumerate(goals):
+        at = goal.translation
+        phases.append(phase_of(f"T{k}", "turn", ("MAC", "AT"), f"A{k}", turned, hold=1.0, AT=at))
+        to = f"T{k + 1}" if k + 1 < len(goals) else uo.DONE
+        phases.append(phase_of(f"A{k}", "swim", ("MAC", "AT", "PC"), to, there, PC=goal, AT=at))
+    tasks = [MinimumAltitude(), Alignment(goal=goals[0].translation), VehiclePose(goal=goals[0])]
+    return run.scenario(
+        name="tour", mission=mission_of(run.robot, tasks, phases), start=run.start(uo.pose_at(PLACES[0])), markers={}
+    )
+
+
+@long_without_compiler
+@pytest.mark.parametrize(
+    "options", [{}, *(pytest.param(given, marks=pytest.mark.slow) for given in ({"current": (0.1, -0.1, 0.0)}, {"noise": True}))]
+)
+def test_a_torpedo_flies_way_points_that_lie_anywhere(options: dict[str, object]) -> None:
+    scenario = tour(**options)
+    report = scenario.check()
+    assert report.accepted
+    (note,) = report.of_check("axes without thrust")
+    assert note.text == "no thruster drives sway, roll: PC ask for the other axes alone"
+    record = scenario.run()
+    assert record.run_meta.completed
+    tilt = [pin.rpy.matrixToRpy(pin.Quaternion(q).matrix())[:2] for q in record.series["q"][:, 3:7]]
+    assert np.abs(tilt).max() < 0.2
+
+
+def test_a_torpedo_is_refused_a_goal_beside_it_that_it_does_not_turn_to() -> None:
+    run = run_options({"robot": "torpedo_auv"}, seabed=-15.0)
+    there = uo.Below(quantity="PC.position_error", limit=0.3)
+    phases = [
+        phase_of("A", "ahead", ("MAC", "PC"), "B", there, PC=uo.pose_at((4.0, 0.0, -6.0))),
+        phase_of("B", "beside", ("MAC", "PC"), uo.DONE, there, PC=uo.pose_at((6.0, 2.0, -6.0))),
+    ]
+    tasks = [MinimumAltitude(), VehiclePose(goal=uo.pose_at((4.0, 0.0, -6.0)))]
+    start = run.start(uo.pose_at((0.0, 0.0, -6.0)))
+    report = run.scenario(name="beside", mission=mission_of(run.robot, tasks, phases), start=start, markers={}).check()
+    (finding,) = (found for found in report.of_check("forces") if found.severity is Severity.ERROR)
+    assert finding.phase == "B"
+    assert "2.00 m beside where the vehicle is then, and no thruster drives sway" in finding.text
