@@ -230,8 +230,7 @@ class NewMission:
 
     def _imports(self, tasks: list[tuple[str, str]]) -> Iterator[str]:
         made = sorted({line.partition("(")[0] for line, name in tasks if name})
-        options = ["activate", "mission_of", "run_options"]
-        options = ["abort_phase", *options] if self.robot.n_vehicle else options
+        options = [*(["abort_phase"] if self.robot.n_vehicle else []), "activate", "mission_of", "run_options"]
         if self.robot.n_vehicle:
             yield "import numpy as np\n"
         yield "import uvms_ocp as uo"

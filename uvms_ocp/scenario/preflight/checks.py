@@ -92,12 +92,9 @@ def quantity_stds(setup: Setup, q: np.ndarray, std: np.ndarray | None = None) ->
         f"{task.name}.{name}": float(np.sqrt(np.trace((J @ variance @ J.T)[rows, rows])))
         for task in tasks
         for J in [kinematics.jacobian(task.frame)]
-        for name, rows in _quantities(task).items()
+        for name, rows in _PARTS.items()
+        if name == "position_error" or not isinstance(task, ToolPosition)
     }
-
-
-def _quantities(task: Task) -> dict[str, slice]:
-    return {"position_error": _PARTS["position_error"]} if isinstance(task, ToolPosition) else _PARTS
 
 
 def check_accuracy(setup: Setup) -> Iterator[Finding]:

@@ -13,7 +13,6 @@ from uvms_ocp.control.force.allocation import Allocation, allocation_of
 from uvms_ocp.control.force.velocity_law import CONTROLLER_DEAD_TIME, dead_times, largest_dead_time
 from uvms_ocp.control.payload import require_learnable
 from uvms_ocp.errors import UvmsError
-from uvms_ocp.mission.phase import Phase
 from uvms_ocp.robot.assembly import static_residual, up_at_rest
 from uvms_ocp.robot.dynamics import Dynamics, cached_dynamics, robot_dynamics
 from uvms_ocp.robot.thrusters import AXES, free_motions, unactuated_axes, undriven_axes
@@ -201,34 +200,17 @@ def check_rest(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     if not (setup.with_forces and setup.robot.description.thrusters):
         return
     up = up_at_rest(setup.robot, setup.start)
+    tilt, roll, pitch = np.arccos(np.clip(up[2], -1.0, 1.0)), np.arctan2(up[1], up[2]), -np.arcsin(up[0])
     on = [(visit.phase, task) for visit in visits if (task := visit.active(HorizontalAttitude)) is not None]
-    missed = [(phase, task) for phase, task in on if _tilt(up) > task.activation.end]  # in which it lets the vehicle be
-    waiting = [(phase, task) for phase, task in missed if (threshold_of(phase, f"{task.name}.tilt") or np.inf) < _tilt(up)]
-    severity = Severity.ERROR if waiting else Severity.WARNING
+    missed = [(phase, task) for phase, task in on if tilt > task.activation.end]  # in which it lets the vehicle be
+    waiting = [(phase, task) for phase, task in missed if (threshold_of(phase, f"{task.name}.tilt") or np.inf) < tilt]
+    text, name = f"will rest at roll {np.rad2deg(roll):.0f} deg, pitch {np.rad2deg(pitch):.0f} deg", ""
     for phase, task in (waiting or missed)[:1]:
-        yield _at_rest(up, severity, phase, task)
-    if not missed and _tilt(up) > _TILTED:
-        yield _at_rest(up, severity)
-
-
-def _tilt(up: np.ndarray) -> float:
-    return float(np.arccos(np.clip(up[2], -1.0, 1.0)))
-
-
-def _at_rest(up: np.ndarray, severity: Severity, phase: Phase | None = None, task: HorizontalAttitude | None = None) -> Finding:
-    roll, pitch = float(np.arctan2(up[1], up[2])), float(-np.arcsin(up[0]))
-    rest = f"roll {np.rad2deg(roll):.0f} deg, pitch {np.rad2deg(pitch):.0f} deg"
-    text = f"where no thruster drives it the vehicle will rest at {rest}"
-    if task is not None:
-        text += f": {task.name} is on, and its goal, a tilt of {task.aim:.2g} rad, is missed"
-    return severity.finding(
-        "attitude at rest",
-        f"{text}; trim the robot (`check-robot` tells by what)",
-        "" if phase is None else phase.name,
-        roll_rad=roll,
-        pitch_rad=pitch,
-        tilt_rad=_tilt(up),
-    )
+        text, name = f"{text}: {task.name} is on, and its goal, a tilt of {task.aim:.2g} rad, is missed", phase.name
+    if missed or tilt > _TILTED:
+        text = f"where no thruster drives it the vehicle {text}; trim the robot (`check-robot` tells by what)"
+        figures = {"roll_rad": float(roll), "pitch_rad": float(pitch), "tilt_rad": float(tilt)}
+        yield (Severity.ERROR if waiting else Severity.WARNING).finding("attitude at rest", text, name, **figures)
 
 
 # Check: the loops bear what the sensors are late by, with the weight and buoyancy that they carry.

@@ -290,16 +290,11 @@ def stances_at_way_point(
     arrival = offset * min(1.0, radius / max(float(np.linalg.norm(offset)), 1e-9))
     turned = (pin.rpy.rpyToMatrix(0.0, 0.0, angle) @ arrival for angle in (0.0, _BEND, -_BEND))
     likely = [Stance(position=goal.translation + point, yaw=yaw) for point in turned]
-    around = _ball_towards(goal.translation, radius, towards)
+    x, y, _ = np.zeros(3) if towards is None else towards - goal.translation
+    R = pin.rpy.rpyToMatrix(0.0, 0.0, math.atan2(y, x))
+    around = [goal.translation + R @ point for point in points_on_ball(np.zeros(3), radius)]
     possible = [Stance(position=point, yaw=yaw, likely=radius == 0) for point in around]
     return (*likely, *possible) if radius > 0 else tuple(possible)
-
-
-def _ball_towards(centre: np.ndarray, radius: float, towards: np.ndarray | None) -> Iterator[np.ndarray]:
-    offset = np.zeros(2) if towards is None else towards[:2] - centre[:2]
-    R = pin.rpy.rpyToMatrix(0.0, 0.0, math.atan2(offset[1], offset[0]))
-    for point in points_on_ball(np.zeros(3), radius):
-        yield centre + R @ point
 
 
 def _next_target(setup: Setup, visit: Visit) -> np.ndarray | None:
