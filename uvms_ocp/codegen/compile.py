@@ -170,6 +170,7 @@ PROGRESS = "progress"
 _VERSION_TIMEOUT = 30.0  # [s]
 _HUNG: set[str] = set()  # compilers, which are not called again
 _SAID: set[str] = set()
+_KEPT_FUNCTIONS = 4096
 _HOMES: dict[ca.Function, Path] = {}  # of compiled functions
 _SLOWER = "everything works, only slower"
 _log = logging.getLogger(__name__)
@@ -222,12 +223,18 @@ def external_function(name: str, source: str, flags: Sequence[str] = ()) -> ca.F
     if path is None:
         return None
     try:
-        function = ca.external(name, str(path))
-        _HOMES[function] = path
-        return function
+        return _external(name, path)
     except RuntimeError:  # the library is one, but not of this source
         _warn_once(f"{path} does not define {name}")
         return None
+
+
+@lru_cache(maxsize=_KEPT_FUNCTIONS)
+def _external(name: str, path: Path) -> ca.Function:
+    """One for all callers: a run of the same robot and mission takes up no more memory."""
+    function = ca.external(name, str(path))
+    _HOMES[function] = path
+    return function
 
 
 def compiled_symbol(function: ca.Function) -> int | None:

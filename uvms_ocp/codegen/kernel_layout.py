@@ -47,7 +47,7 @@ class FunctionStructure(ctypes.Structure):
                 _numbers(target)[: values.size] = values.ravel(order="F")
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=96)
 def function_structure(function: ca.Function) -> type[FunctionStructure]:
     """The type of the field. Raises `InvalidInput` for a function with structural zeros among what it takes or gives."""
     if not all(function.sparsity_in(i).is_dense() for i in range(function.n_in())) or not all(
@@ -89,7 +89,7 @@ def functions_in(memory: Any) -> Iterator[FunctionStructure]:
             yield from functions_in(part)
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=96)
 def _buffered(function: ca.Function) -> BufferedFunction:
     return BufferedFunction(function)
 
@@ -202,7 +202,7 @@ def structure_of(layout: type[Memory], **sizes: int | ca.Function | type[Layout]
     return cast(type[Memory], _structure(key, tuple(sorted(sizes.items()))))
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=96)
 def _structure(layout: Any, sizes: tuple[tuple[str, Any], ...]) -> type[ctypes.Structure]:
     known = dict(sizes)
     hints = get_type_hints(layout, include_extras=True)

@@ -139,9 +139,15 @@ def _function(
     return function
 
 
+class _ByReference:
+    """Argument type of layouts; ``ctypes.POINTER`` keeps every type that it was ever asked for, and all that hangs on it."""
+
+    from_param = ctypes.byref
+
+
 def _passed(hint: Any, structures: dict[str, type[ctypes.Structure]]) -> Any:
     if isinstance(hint, type) and issubclass(hint, Layout):
-        return ctypes.POINTER(structures[hint.__name__])
+        return _ByReference
     return _PLAIN.get(hint, ctypes.POINTER(ctypes.c_double))
 
 
