@@ -80,14 +80,14 @@ VALUES: list[tuple[str, Change, str]] = [
     ("linear_velocity", lambda x: x * [1, -1, 1], r"linear_velocity: its axes fit .* \(x, -y, z\)"),
     ("linear_velocity", lambda x: 1000 * x, "linear_velocity: 1e.03 times .* in mm"),
     ("angular_velocity", lambda x: x[:, [1, 0, 2]], r"angular_velocity: its axes fit .* \(y, x, z\)"),
-    ("angular_velocity", np.degrees, "angular_velocity: 58 times .* in degrees"),
+    ("angular_velocity", np.degrees, "angular_velocity: 58 times .* in deg/s"),
     ("angular_velocity", lambda x: x * [1, 1e-9, 1], "angular_velocity: dead: y"),
     ("specific_force", lambda x: x @ DOWN, r"specific_force: points down .* \(FRD\)"),
     ("specific_force", lambda x: x[:, [2, 1, 0]], "specific_force: .* axes swapped"),
     ("specific_force", lambda x: x / 9.81, "specific_force: .* in g"),
     ("specific_force", lambda x: x - [0, 0, 9.81], "specific_force: .* gravity taken out"),
     ("joint_positions", np.degrees, "joint_positions: .* in deg"),
-    ("joint_velocities", np.degrees, "joint_velocities: 58 times .* in degrees"),
+    ("joint_velocities", np.degrees, "joint_velocities: 58 times .* in deg/s"),
     ("joint_velocities", lambda x: x[:, [1, 0, 2]], "joint_velocities: 0 fits the rate of position 1"),
     ("joint_velocities", lambda x: x * [1, -1, 1], "joint_velocities: 1 fits minus the rate of position 1"),
     ("joint_velocities", lambda x: x * [1, 1, 0], "joint_velocities: dead: 2"),
@@ -214,3 +214,29 @@ def test_commands_that_are_all_zero_are_doubtful_where_the_vehicle_never_comes_t
     assert told(silent) == "wrench: zero throughout, and the vehicle moves to the end: what drove it?"
     resting = with_values(silent, "linear_velocity", lambda x: x * np.exp(-np.arange(len(x)) / 50)[:, None])
     assert "zero throughout" not in told(resting)
+
+
+def test_a_vehicle_that_rolls_over_is_not_taken_for_one_with_z_down() -> None:
+    good = recorded()
+    attitude = good.channels["attitude"]
+    t = attitude.t
+    roll = np.pi * np.clip((t - t[0]) / 2.0 - 1.0, 0.0, 1.0)  # on its back from 4 s on, of 40 s
+    turned = np.column_stack([np.sin(roll / 2), 0 * t, 0 * t, np.cos(roll / 2)])
+    alone = Recording(name="r", channels={"attitude": replace(attitude, values=turned)})
+    assert "on its back" not in told(alone)
+    assert "on its back" in told(with_values(alone, "attitude", lambda x: np.tile([1.0, 0.0, 0.0, 0.0], (len(x), 1))))
+
+
+@pytest.mark.parametrize("name", ["linear_velocity", "angular_velocity", "specific_force"])
+@pytest.mark.parametrize("share", [0.4, 0.8])
+def test_a_sensor_at_the_end_of_its_range_is_named(name: str, share: float) -> None:
+    limit = share * np.abs(moved().channels[name].values[:, 0]).max()
+    assert f"{name}: x is never beyond" in told(with_values(moved(), name, lambda x: np.clip(x, -limit, limit)))
+
+
+@pytest.mark.parametrize("name", ["linear_velocity", "angular_velocity", "specific_force"])
+def test_readings_with_few_digits_or_held_for_some_samples_are_not_saturated(name: str) -> None:
+    for digits in (1e-3, 1e-2, 5e-2):
+        rounded = with_values(moved(), name, lambda x, d=digits: d * np.round(x / d))  # type: ignore[misc]
+        held = with_values(moved(), name, lambda x, d=digits: np.repeat(d * np.round(x[::3] / d), 3, axis=0)[: len(x)])  # type: ignore[misc]
+        assert "saturated" not in told(rounded) + told(held)

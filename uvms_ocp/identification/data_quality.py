@@ -89,7 +89,9 @@ def _in_world(reference: _Reference, seen: np.ndarray, name: str) -> Mapping[tup
     partner, world = _PARTNER[name], reference.world
     turned = np.einsum("nij,nj->ni", reference.R, seen)
     found = {
-        (partner, f"its rate fits the velocity with axes {named(Q)}: NED against ENU?"): explained(turned, world @ Q.T)
+        (partner, f"its rate fits the velocity with axes {named(Q)}: NED against ENU? give columns so"): explained(
+            turned, world @ Q.T
+        )
         for Q in WAYS
     }
     found[name, f"its axes fit the rate of the {partner} in W"] = explained(seen, world)

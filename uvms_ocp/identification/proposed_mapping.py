@@ -109,7 +109,7 @@ def _cured(path: Path, found: _Found) -> tuple[_Found, Mapping[str, list[str]]]:
     cured, (ranges, doubts) = defaultdict[str, list[str]](list), _judged(path, found)
     for cure, (channel, text) in ((cure, doubt) for cure in _ROUNDS * _TABLE["cures"] for doubt in doubts):
         match = re.search(cure["doubt"], text)
-        if match is None or channel not in found or cure.get("channel", channel) != channel:
+        if match is None or cure.get("channel", channel) != channel or (channel := cure.get("of", channel)) not in found:
             continue
         keys = yaml.safe_load(cure["keys"].replace("VALUE", match.groupdict().get("value", "")))
         named = cure.get("becomes", channel)

@@ -34,54 +34,29 @@ _PROSE = tomllib.loads((files("uvms_ocp.identification") / "report.toml").read_t
 # speeds, what holds it upright by tilts. What enters every force alike no motion shows: a scale does, or a gauge of thrust.
 
 _SHARES = 3  # of a combination, the largest first, that are told of
-_MOTIONS = {
-    "mass": "weigh the vehicle, and give its mass a prior",
-    "centre_of_mass": "tilt it {tilt} and let it go: swings show where its weight is",
-    "second_moment": "swing it in roll and pitch and turn it to and fro in yaw, with changing speed",
-    "volume": "let it rise or sink without thrust, or weigh it under water",
-    "centre_of_buoyancy": "tilt it {tilt}, and hold it there or let it go",
-    "added_mass": "drive {axes} to and fro: steps of a second or two, one way and the other",
-    "linear_drag": "drive {axes} slowly, and keep each speed for some seconds",
-    "quadratic_drag": "drive {axes} fast, and keep each speed for some seconds",
-    "gain": "drive actuator {entry} ahead with much of its force",
-    "reverse": "drive actuator {entry} astern with much of its force",
-    "dead_zone": "drive actuator {entry} ahead with small commands that rise slowly from zero",
-    "dead_zone_reverse": "drive actuator {entry} astern with small commands that rise slowly from zero",
-    "lag": "command steps: what follows late shows the lag",
-    "delay": "command steps: when they begin to show tells the delay",
-    "bias": "leave it without commands for some seconds, free in {entry}",
-    "velocity_point": "turn it fast: the sensor shows how far it is from the centre",
-    "attitude_turn": "roll it, then pitch it: what the sensor shows of each tells how it is turned",
-    "velocity_delay": "change speeds suddenly: when the sensor shows it tells its delay",
-}
-_TILT = {"x": "in pitch", "y": "in roll", "z": "far in roll and pitch"}
 _DRAGS = frozenset({"linear_drag", "quadratic_drag"})
 _BODY = frozenset({"mass", "second_moment"})
 _DRIVEN = frozenset({"added_mass", "volume"}) | _DRAGS | _BODY
-_SCALE = "forces and what they move grow alike: measure a thrust against a gauge, or give gain or mass a prior"
-_WEIGHED = "no motion in water tells a body from the water that it moves: weigh it, and give its {body} a prior"
-_NET = "only the net weight shows: weigh the vehicle in air, and give its mass a prior"
-_EDGES = "command steps, and record faster than the lag: only how they begin tells it from the delay"
-_SPEEDS = "drive {axes} at two speeds that differ much, and keep each for some seconds"
 
 
 def advice(one: uncertainty.UnidentifiableDirection) -> str:
     """Name the motion or knowledge that would determine a combination; as ``drive yaw fast``."""
     shares = [_parted(name) for name, _ in one.shares[:_SHARES]]
     special = _of_all(shares)
-    return special or "; ".join(dict.fromkeys(_motion(_MOTIONS[quantity], entry) for quantity, entry in shares))
+    return special or "; ".join(dict.fromkeys(_motion(_PROSE["motions"][quantity], entry) for quantity, entry in shares))
 
 
 def _of_all(shares: Sequence[tuple[str, str]]) -> str | None:
     """Advice for numbers of which only a combination is undetermined; `None` if there is no special one."""
     quantities, entries = frozenset(one for one, _ in shares), {entry for _, entry in shares}
     if quantities == _DRAGS and len(entries) == 1:
-        return _motion(_SPEEDS, entries.pop())
+        return _motion(_PROSE["advice"]["speeds"], entries.pop())
     if "added_mass" in quantities and len(quantities) > 1 and quantities <= _BODY | {"added_mass"}:
-        return _WEIGHED.format(body=" and ".join(sorted(quantities & _BODY)))
+        return _PROSE["advice"]["weighed"].format(body=" and ".join(sorted(quantities & _BODY)))
     if "gain" in quantities and quantities & _DRIVEN and quantities <= _DRIVEN | {"gain", "reverse"}:
-        return _SCALE
-    return {frozenset({"mass", "volume"}): _NET, frozenset({"lag", "delay"}): _EDGES}.get(quantities)
+        return _PROSE["advice"]["scale"]
+    name = {frozenset({"mass", "volume"}): "net", frozenset({"lag", "delay"}): "edges"}.get(quantities)
+    return _PROSE["advice"][name] if name else None
 
 
 def _parted(name: str) -> tuple[str, str]:
@@ -92,7 +67,7 @@ def _parted(name: str) -> tuple[str, str]:
 def _motion(text: str, entry: str) -> str:
     axes = entry.replace(" from ", "-").split("-")
     driven = axes[0] if len(axes) == 1 else f"{' and '.join(axes)} together"
-    return text.format(entry=entry, axes=driven, tilt=_TILT.get(entry, "every way"))
+    return text.format(entry=entry, axes=driven, tilt=_PROSE["tilts"].get(entry, "every way"))
 
 
 # What has been learnt as a robot file: a variant, whose keys replace those of the robot's own, with the source of each number.

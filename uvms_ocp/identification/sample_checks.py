@@ -42,7 +42,8 @@ _JUMP = 0.3  # [s] between offsets of the two halves
 _AGREES, _BETTER = 0.6, 0.01  # correlation from which on an offset is one, and by which it is better than others
 _PARTED = 0.2  # of it, by which two halves must disagree
 _SCALE = 1.9  # beyond which a factor is one of units: the least is that of knots
-_UNITS = {180.0 / np.pi: "degrees", 1e3: "mm", 1e2: "cm"}
+_UNITS = {180.0 / np.pi: ("deg/s", "deg"), 1e3: ("mm/s", "mm"), 1e2: ("cm/s", "cm"), 1.0 / 0.514444: ("kn", "")}
+"""Factors of units of a rate, and of a pose."""
 _CLOSE = 1.25  # to the factor of a unit
 
 
@@ -67,7 +68,7 @@ def describe_factor(wanted: np.ndarray, seen: np.ndarray) -> str:
     if low < _SCALE and high > 1 / _SCALE:
         return ""
     factor = float(np.sqrt(low * high))
-    units = [text for one, unit in _UNITS.items() for text in _of_unit(factor, one, unit)]
+    units = [text for one, names in _UNITS.items() for text in _of_unit(factor, one, *names)]
     return f"{factor:.2g} times the rate of the {{}}: {(units or ['its units?'])[0]}"
 
 
@@ -79,11 +80,11 @@ def _slopes(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     return common / float(x @ x), float(y @ y) / common
 
 
-def _of_unit(factor: float, one: float, unit: str) -> Iterator[str]:
+def _of_unit(factor: float, one: float, of_rate: str, of_pose: str) -> Iterator[str]:
     if 1 / _CLOSE < factor / one < _CLOSE:
-        yield f"in {unit}?"
-    if 1 / _CLOSE < factor * one < _CLOSE:
-        yield f"is the other in {unit}?"
+        yield f"in {of_rate}?"
+    if of_pose and 1 / _CLOSE < factor * one < _CLOSE:
+        yield f"is the other in {of_pose}?"
 
 
 def describe_delay(late: float) -> str:
@@ -145,14 +146,16 @@ _AT_ONCE = 0.05  # of the usual interval
 _FAR = 3.0  # widths of all others by which values are far off
 _FARTHEST = {"position": 20.0, "linear_velocity": 5.0, "angular_velocity": 10.0, "specific_force": 100.0, "current": 5.0}
 """[unit] by which they are at least."""
+_SATURATES = ("linear_velocity", "angular_velocity", "specific_force")
+_CLIPPED = 5  # samples at the end of a range, from which on it is the sensor's
 _PULSES = (900.0, 2200.0)  # [us]
 _NARROW = 0.1  # of the size of commands, in which all of them stay: no vehicle is driven so
 _SELDOM = ("current", *(name for name, kind in CHANNEL_KINDS.items() if kind.command))
 """What may be told when it changes alone."""
 _SHORTEST_RECORDING, _SPARSEST = 5.0, 100.0  # [s] of a recording; of it over what its samples take up
 _FASTEST = {
-    "linear_velocity": (10.0, "mm/s"),
-    "current": (10.0, "mm/s"),
+    "linear_velocity": (10.0, "mm/s, or cm/s"),
+    "current": (10.0, "mm/s, or cm/s"),
     "angular_velocity": (4 * np.pi, "deg/s"),
     "joint_positions": (4 * np.pi, "deg"),
     "joint_velocities": (4 * np.pi, "deg/s"),
@@ -164,7 +167,7 @@ _FOR_LONG = 90.0  # [%] of samples below a peak
 def of_samples(recording: Recording) -> Iterator[tuple[str, str]]:
     """Channels and what speaks against them."""
     for name, channel in recording.channels.items():
-        checks = (_times, _dead, _lost, _far_off, _units, _no_force)
+        checks = (_times, _dead, _lost, _far_off, _saturated, _units, _no_force)
         yield from ((name, text) for check in checks for text in check(name, channel))
 
 
@@ -179,7 +182,7 @@ def of_poses(recording: Recording) -> Iterator[tuple[str, str]]:
     if "position" in recording.channels and not any(_far_off("position", recording.channels["position"])):
         channel = recording.channels["position"]
         _, rate = smoothed(channel.undelayed_t, channel.values, WINDOW, derivative=1)
-        yield from (("position", text) for text in _too_fast(rate, 10.0, "m/s", "mm"))
+        yield from (("position", text) for text in _too_fast(rate, 10.0, "m/s", "mm, or cm"))
     if "attitude" in recording.channels:
         _, omega = angular_rate(recording.channels["attitude"], WINDOW)
         yield from (("attitude", text) for text in _too_fast(omega, 4 * np.pi, "rad/s", "deg, or of another format"))
@@ -199,7 +202,7 @@ def _times(name: str, channel: Channel) -> Iterator[str]:
         units = [unit for unit, factor in SECONDS.items() if _SHORTEST < usual * factor < _LONGEST / 2]
         yield f"{usual:.3g} s between samples: the unit of its times{f', {units[0]}' if units else ''}?"
     elif usual < _BURST * steps.mean() and gaps.mean() > _OFTEN:
-        yield f"arrives in bursts, half of the intervals below {usual:.3g} s at a mean of {steps.mean():.3g} s: sent_every?"
+        yield f"arrives in bursts, half of the intervals below {usual:.3g} s: give sent_every: {steps.mean():.3g}, their mean"
     elif gaps.any() and (name not in _SELDOM or np.percentile(steps, _FOR_LONG) < 2 * usual):
         at, n = channel.t[int(np.argmax(steps))], int(gaps.sum())
         yield f"{n} gaps, the longest {steps.max():.3g} s at {at:.3g} s: lost, or a clock that was set?"
@@ -255,6 +258,20 @@ def _far_off(name: str, channel: Channel) -> Iterator[str]:
             if gap > max(_FAR * (high - low), _FARTHEST.get(name, 0.0)) and n < _FOR_LONG / 100 * len(values):
                 cure = f"give missing: [{extreme:.10g}] where it stands for nothing" if n > 1 else "mistyped?"
                 yield f"{label} is {extreme:.6g} in {n} of {len(values)} samples, all others {low:.3g} to {high:.3g}: {cure}"
+
+
+def _saturated(name: str, channel: Channel) -> Iterator[str]:
+    """Ends of a range that are met exactly, again and again, and far more often than the values next to them."""
+    kind = CHANNEL_KINDS[name]
+    for label, values in zip(
+        kind.columns if name in _SATURATES and not any(_far_off(name, channel)) else (), channel.values.T, strict=False
+    ):
+        for way in (1.0, -1.0):
+            ends, counts = np.unique(way * values, return_counts=True)
+            visits, n = int((np.diff(1 * (way * values == ends[-1])) > 0).sum()), int(counts[-1])
+            if len(ends) > _LEAST_SAMPLES and ends[-1] > 0.0 and visits > 1 and n >= max(_CLIPPED, 3 * counts[-2]):
+                end = f"{way * ends[-1]:.10g}"
+                yield f"{label} is never beyond {end} {kind.unit}, and there in {n} samples: saturated? give missing: [{end}]"
 
 
 def _no_force(name: str, channel: Channel) -> Iterator[str]:
@@ -323,7 +340,8 @@ def _felt(mean: np.ndarray) -> Iterator[str]:
 
 
 def _lies(attitude: Channel) -> Iterator[str]:
-    if rotations(attitude, attitude.undelayed_t)[:, 2, 2].mean() < 0.0:
+    up = rotations(attitude, attitude.undelayed_t)[:, 2, 2]
+    if up.mean() < 0.0 and np.median(up[:3]) < 0.0:  # one that has rolled over began upright
         yield "the vehicle lies on its back: z down in one of its frames (NED, FRD)?"
 
 
