@@ -18,7 +18,7 @@ from uvms_ocp.scenario.cases import case1, case2, obstacle_field, reach
 from uvms_ocp.scenario.options import mission_of, phase_of, run_options
 from uvms_ocp.scenario.preflight import Severity
 from uvms_ocp.scenario.scenario import Scenario
-from uvms_ocp.tasks import Alignment, MinimumAltitude, VehiclePose
+from uvms_ocp.tasks import Alignment, MinimumAltitude, ToolPosition, VehiclePose
 
 WET = [name for name in list_robots() if load_robot(name).description.thrusters]
 ARMED = [name for name in WET if load_robot(name).n_joints]
@@ -121,3 +121,22 @@ def test_a_torpedo_is_refused_a_goal_beside_it_that_it_does_not_turn_to() -> Non
     (finding,) = (found for found in report.of_check("forces") if found.severity is Severity.ERROR)
     assert finding.phase == "B"
     assert "2.00 m beside where the vehicle is then, and no thruster drives sway" in finding.text
+
+
+@pytest.mark.parametrize("kind", ["both", "first"])
+def test_a_summary_has_the_errors_of_every_tool_by_its_name(kind: str) -> None:
+    run = run_options({"robot": "bluerov2_two_alpha5", "plant": "kinematic", "duration": 0.5}, seabed=-15.0)
+    goals = {"port_tool": (0.6, 0.1, -6.1), "starboard_tool": (0.9, -0.1, -6.3)}
+    used = dict(list(goals.items())[: 1 if kind == "first" else 2])
+    tasks = [ToolPosition(name=f"TP{k}", frame=tool, goal=uo.pose_at(goal)) for k, (tool, goal) in enumerate(used.items())]
+    never = uo.Below(quantity="TP0.position_error", limit=1e-9)
+    phase = phase_of("A", "reach", [task.name for task in tasks], uo.DONE, never)
+    start = run.start(uo.pose_at((0.0, 0.0, -6.0)))
+    record = run.scenario(name="both", mission=mission_of(run.robot, tasks, [phase]), start=start, markers={}).run()
+    report, end = uo.summarize(record), uo.Kinematics(run.robot, record.series["q"][-1])
+    assert list(report["tools"]) == list(used)
+    for tool, goal in used.items():
+        error = np.linalg.norm(end.pose(tool).translation - goal)
+        assert report["tools"][tool] == {"position": pytest.approx(error, abs=2e-3), "orientation": None}
+    assert report["tool_position_error_m"] == report["tools"]["port_tool"]["position"]
+    assert ("starboard_tool: position error" in str(report)) == (kind == "both")

@@ -225,6 +225,7 @@ def sensor_health(record: Record) -> list[dict[str, Any]]:
 
 # The report of one run.
 
+_OF_A_TOOL = ("position", "orientation")
 _SETTLING = 0.5  # [s] after the start of a phase, before its drift counts
 
 
@@ -240,6 +241,10 @@ class RunSummary(TableDisplay, dict[str, Any]):
             columns = tuple(self["repeated"][0])
             rows = [tuple(map(cell, phase.values())) for phase in self["repeated"]]
         rows += [(k, cell(self[k])) for k in self if k.startswith(("tool_", "largest_", "min_")) and self[k] is not None]
+        errors = [
+            (f"{tool}: {what} error", cell(error)) for tool, all_of in self["tools"].items() for what, error in all_of.items()
+        ]
+        rows += errors if len(self["tools"]) > 1 else []
         rows += [("alarm", cell(alarm["t"]), alarm["text"]) for alarm in self["alarms"]]
         title = f"{self['scenario']}, {self['robot']}: {self['cause']['kind']}"
         return SmallTable(title=title, words=self["cause"]["text"], head=("phase", *columns[1:]), rows=tuple(rows))
@@ -248,7 +253,7 @@ class RunSummary(TableDisplay, dict[str, Any]):
 @checked
 def summarize(record: Record) -> RunSummary:
     """The content of ``report.json``; `None` where a figure does not apply to the run or is not known. Tool errors are
-    true ones, with what the mission went by beside them.
+    true ones, with what the mission went by beside them: those of the first tool, and of all of them in ``tools`` by name.
 
     Lengths in m, angles in rad, times in s unless the key says otherwise. Raises `InvalidInput` for the record of a plan, and
     for one without a series that is needed.
@@ -289,6 +294,11 @@ def _figures(record: Record) -> dict[str, Any]:
         "tool_orientation_bound_rad": metrics.error_bound(record, f"{task}.orientation_error"),
         "sensors_allow_tool_position_m": meta.allowance.get(f"{task}.position_error"),
         "sensors_allow_tool_orientation_rad": meta.allowance.get(f"{task}.orientation_error"),
+        "tools": {
+            one.tool: {what: metrics.none_if_nan(meta.true_quantity(f"{one.name}.{what}_error")) for what in _OF_A_TOOL}
+            for one in meta.tasks
+            if one.tool
+        },
         "estimate": metrics.estimate_table(record),
         "vehicle_drift_in_last_phase_m": _drift_in_last_phase(record),
         "largest_tilt_rad": metrics.largest_tilt(record),

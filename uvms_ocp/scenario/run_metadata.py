@@ -78,7 +78,7 @@ def run_meta(
     parts: names of plant, solver, controller, estimator and sensors. controller, monitor: those that ran, which know what
     happened.
     """
-    robot, tasks, state = setup.robot, setup.mission.hierarchy.tasks, controller.state
+    robot, tasks, phases, state = setup.robot, setup.mission.hierarchy.tasks, setup.mission.all_phases, controller.state
     alarms, problem = sorted([*monitor.alarms, *controller.watchdog.alarms]), controller.problem
     rows, limited = zip(problem.names, problem.sizes, strict=True), meta_values.LimitsMeta.model_fields
     tools = {task.name: task.frame for task in tasks if isinstance(task, (ToolPose, ToolPosition))}
@@ -86,12 +86,14 @@ def run_meta(
         scenario=name,
         **robot_meta(robot),
         thrusters=robot.thruster_names,
-        phases=_phases(setup.mission),
+        phases=tuple(meta_values.PhaseMeta(name=one.name, title=one.title, tasks=one.on) for one in phases),
         tasks=tuple(meta_values.TaskMeta(name=task.name, label=task.label, tool=tools.get(task.name)) for task in tasks),
         tool_task=next(iter(tools), None),
         levels=tuple(meta_values.LevelMeta(name=level, rows=n) for level, n in rows),
         quantities=tuple(problem.quantity_names),
-        thresholds=_thresholds(setup.mission),
+        thresholds=tuple(
+            meta_values.ThresholdMeta(**_condition_fields(one), phase=phase.name) for phase in phases for one in phase.conditions
+        ),
         limits=meta_values.LimitsMeta(**{k: tuple(getattr(robot.limits, k).tolist()) for k in limited}),
         surroundings=_surroundings(setup, markers, ending.q),
         packages=packages(),
@@ -118,10 +120,6 @@ def run_meta(
     )
 
 
-def _phases(mission: Mission) -> tuple[meta_values.PhaseMeta, ...]:
-    return tuple(meta_values.PhaseMeta(name=one.name, title=one.title, tasks=one.on) for one in mission.all_phases)
-
-
 def _events(controller: KinematicController, ending: RunOutcome) -> tuple[meta_values.EventMeta, ...]:
     found = []
     for e, truth in zip(controller.events, ending.at_events, strict=True):
@@ -138,14 +136,6 @@ def _condition_fields(condition: Condition) -> dict[str, Any]:
 
 def _values(quantities: Mapping[str, float]) -> tuple[meta_values.QuantityMeta, ...]:
     return tuple(meta_values.QuantityMeta(name=name, value=value) for name, value in quantities.items())
-
-
-def _thresholds(mission: Mission) -> tuple[meta_values.ThresholdMeta, ...]:
-    return tuple(
-        meta_values.ThresholdMeta(**_condition_fields(condition), phase=phase.name)
-        for phase in mission.all_phases
-        for condition in phase.conditions
-    )
 
 
 def _surroundings(setup: Setup, markers: Markers, end: np.ndarray) -> meta_values.SurroundingsMeta:
