@@ -5,6 +5,7 @@ from __future__ import annotations
 import types
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from mmap import mmap
 from typing import Annotated, Any, NoReturn
 
 import numpy as np
@@ -156,7 +157,16 @@ def frozen_mapping(items: Mapping[Any, Any]) -> FrozenDict:
 def read_only(values: ArrayLike, dtype: type | None = None) -> np.ndarray:
     """``values`` (...) [any] as an array that neither its holder nor its giver can write to: a copy unless it is one."""
     array = np.asarray(values, dtype=dtype)
-    if array is not values or array.flags.writeable or array.base is not None:
+    kept = (base := memory_of(array)) is values or (isinstance(base, bytes | mmap) and memoryview(base).readonly)
+    if array.flags.writeable or not kept:
         array = np.array(array)
         array.flags.writeable = False
     return array
+
+
+def memory_of(array: np.ndarray) -> Any:
+    """Whose memory the values of an array (...) [any] are: another array, itself, bytes, or a mapped file."""
+    base: Any = array
+    while isinstance(base, np.ndarray) and base.base is not None:
+        base = base.base
+    return base

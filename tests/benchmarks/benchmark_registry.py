@@ -60,6 +60,7 @@ ALONE = tuple(
         "exported_controller",
         "faults",
         "gates",
+        "growth",
         "hierarchy",
         "identification_excitation",
         "identification_sensors",

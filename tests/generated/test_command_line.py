@@ -71,7 +71,6 @@ def called(words: Sequence[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest
 OCP, CURVE, RUN = ("plan", "ocp", "--to", "3", "0", "0"), ("plan", "curve", "--to", "3", "0", "0"), ("run", "reach")
 BOUNDED = [
     ((*RUN, "--duration", "1e308"), "duration = 1e+308 s; give at most 86400 s, a day"),
-    ((*RUN, "--duration", "20001"), "at most 4,000,000 ticks, 20000 s: the record keeps each in memory, 10 GB of them"),
     ((*RUN, "--duration", "inf"), "duration = inf s; give a finite time > 0"),
     ((*RUN, "--seabed", "-1e300"), "give a finite height [m] from -100000 to 100000"),
     ((*RUN, "--current", "1e300", "0", "0"), "m/s; give at most"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import ctypes
 import sys
 import threading
@@ -10,6 +11,7 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.resources import files
 from threading import TIMEOUT_MAX as THREADS_WAIT
 from time import perf_counter
 from typing import Any, Protocol
@@ -173,22 +175,8 @@ def _place(error: BaseException) -> str:
 
 # Figures of merit of one run, a number each: what a campaign has distributions of.
 
-METRICS: Mapping[str, str] = {
-    "duration_s": "simulated time until the run ended [s]",
-    "tool_position_error_m": "true distance of the tool from its goal at the end [m]",
-    "tool_orientation_error_rad": "true angle of the tool from its goal at the end [rad]",
-    "energy_j": "electrical energy of thrusters and joints [J]",
-    "clearance_m": "least distance from any obstacle; nothing without obstacles [m]",
-    "min_altimeter_m": "least reading of the altimeter [m]",
-    "path_length_m": "way of the vehicle [m]",
-    "joint_margin_rad": "least distance of a joint that turns from its limits [rad]",
-    "joint_margin_m": "least distance of a joint that slides from its limits [m]",
-    "saturation_time_s": "time with a thruster at its limit [s]",
-    "peak_thrust_n": "largest thrust [N]",
-    "tilt_rad": "largest tilt of the vehicle [rad]",
-    "alarms": "number of alarms [-]",
-    "failed_ticks": "ticks that the solver did not solve [-]",
-}
+_TABLE = (files("uvms_ocp.campaign") / "metrics.csv").read_text(encoding="utf-8").splitlines()
+METRICS: Mapping[str, str] = {row["metric"]: row["meaning"] for row in csv.DictReader(_TABLE)}
 """Metrics of a run, with unit and meaning."""
 _FROM_REPORT = ("energy_j", "path_length_m", "joint_margin_rad", "joint_margin_m", "saturation_time_s", "peak_thrust_n")
 _LOOKS = 200  # configurations at which the clearance is measured

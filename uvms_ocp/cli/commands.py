@@ -8,6 +8,7 @@ import sys
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from importlib import import_module
+from importlib.resources import files
 from pathlib import Path
 from traceback import print_exception
 from typing import Annotated, Any
@@ -88,39 +89,13 @@ def _group(places: Mapping[str, Place], **options: Any) -> typer.Typer:
 
 # The commands.
 
-_EXAMPLES = """Examples:
-
-\b
-  uvms-ocp run                                  the paper's Case 1, in water
-  uvms-ocp run --noise --fault thruster3:dead@20
-  uvms-ocp show uvms_runs/case1-dynamic-active_set   in the browser
-  uvms-ocp show girona_maris7                   a robot, with sliders
-  uvms-ocp plan ocp --tool 12.2 37.4 -39.5 --position 11 37 -38.5
-  uvms-ocp compare RUN OTHER
-  uvms-ocp check-robot my.urdf --hydrodynamics my.yaml
-
-Completion in your shell: uvms-ocp --install-completion
-"""
+_EXAMPLES = (files("uvms_ocp.cli") / "examples.txt").read_text(encoding="utf-8").replace(r"\b", "\b")
+_PLACES = dict(line.split() for line in (files("uvms_ocp.cli") / "commands.txt").read_text("ascii").splitlines())
 _EXPORT = {"controller": "robots.controller"}
 _PLAN = {"curve": "plan.curve", "ocp": "plan.ocp", "mission": "plan.mission"}
 app = _group(
     {
-        "run": "run.run",
-        "check": "show.check",
-        "mission": "show.mission",
-        "campaign": "campaign.campaign",
-        "compare": "show.compare_runs",
-        "show": "show.show_scene",
-        "excite": "identify.excite",
-        "map": "identify.map_recording",
-        "check-recording": "identify.check_recording",
-        "identify": "identify.identify",
-        "thruster-curve": "identify.thruster_curve",
-        "list": "robots.list_all",
-        "check-robot": "robots.check_robot",
-        "schema": "robots.schema",
-        "new-robot": "robots.new_robot",
-        "new-mission": "robots.new_mission",
+        **_PLACES,
         "export": _group(_EXPORT, help="Write what runs without Python."),
         "plan": _group(_PLAN, help="Plan a motion among obstacles, or a whole mission."),
     },

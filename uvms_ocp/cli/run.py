@@ -31,8 +31,10 @@ from uvms_ocp.cli.compilation import show_compilation
 from uvms_ocp.errors import OutputError, plain_line
 from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.mission_plan.planner import MissionPlan
-from uvms_ocp.record.output import claim_folder
+from uvms_ocp.record.durable_files import discard
+from uvms_ocp.record.output import RUNNING, claim_folder
 from uvms_ocp.record.record import Record
+from uvms_ocp.record.row_files import META
 from uvms_ocp.report.summary import format_load, summarize
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import Command
@@ -152,19 +154,24 @@ def run_and_write(
 ) -> dict[str, Any]:
     """Run a scenario, by a plan if given, write all that comes of it into a folder, print a summary; returns its report.
 
-    The record is safe before anything is made of it; Ctrl-C ends the simulation, and what was flown is written. live: show it
-    in the browser meanwhile.
+    The record grows on the disk, and is safe before anything is made of it; Ctrl-C ends the simulation, and what was flown is
+    written. What a run that was cut off left is written first. live: show it in the browser meanwhile.
 
     Raises `InvalidInput` for what pre-flight refuses, unless forced.
     """
-    names = (_RECORD, "report.json", "scene.html", *(f"figures/{name}.png" for name in _figures()))
+    running, names = out / RUNNING, (_RECORD, "report.json", "scene.html", *(f"figures/{name}.png" for name in _figures()))
     with claim_folder(out, names) as claim:
+        if (running / META).is_file():  # of a run that was cut off
+            with claim.staged() as staging:
+                Record.load(running).save(staging / _RECORD)
+        discard(running)
         preflight = scenario.check()
         printing.require_accepted(preflight, scenario.name, console, force=force)
         with _watched(scenario, console) if live else nullcontext() as observer:
-            record = _simulate(scenario, plan, console, observer)
+            record = _simulate(scenario, plan, console, observer, running)
         with claim.staged() as staging:
             record.save(staging / _RECORD)
+        discard(running)
         report = summarize(record) | {"preflight": preflight.to_dict()}
         with claim.staged(keep=[_RECORD]) as staging:
             (staging / "report.json").write_text(json.dumps(report, indent=2) + "\n")
@@ -199,7 +206,9 @@ def _watched(scenario: Scenario, console: Console) -> Iterator[TickObserver]:
         yield view
 
 
-def _simulate(scenario: Scenario, plan: MissionPlan | None, console: Console, observer: TickObserver | None) -> Record:
+def _simulate(
+    scenario: Scenario, plan: MissionPlan | None, console: Console, observer: TickObserver | None, folder: Path
+) -> Record:
     """Run with a progress bar that names the phase and what it waits for; what is compiled before."""
     with _bar(console) as bar:
         task = bar.add_task("", total=scenario.duration, waiting="")
@@ -214,7 +223,7 @@ def _simulate(scenario: Scenario, plan: MissionPlan | None, console: Console, ob
                     bar.update(task, completed=done, description=_title(phase.name, phase.title), waiting=waiting)
 
             try:
-                return scenario.run(show, controller, observer)
+                return scenario.run(show, controller, observer, folder)
             except Interrupted as stop:
                 return cast(Record, stop.result)
 
@@ -246,11 +255,13 @@ def drawings_of(
     """Return the function that writes each file, by its name, the slowest first. plan: drawn in the scene, too."""
     from uvms_ocp.viz.run_figures import write_figure
     from uvms_ocp.viz.scene.show import write_scene
+    from uvms_ocp.viz.series import thinned
 
     def scene() -> None:
         write_scene(record, robot, folder / "scene.html", ghosts={"plan": plan()} if plan else {})
 
-    drawn = {f"figures/{name}.png": partial(write_figure, record, name, folder / "figures") for name in figures}
+    few = thinned(record)
+    drawn = {f"figures/{name}.png": partial(write_figure, few, name, folder / "figures") for name in figures}
     return {"scene.html": scene, **drawn}
 
 

@@ -21,8 +21,9 @@ from uvms_ocp.cli.printing import console_of, print_findings, print_json, print_
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.mission_plan.planner import MissionPlan
 from uvms_ocp.ocp.plan import Plan
-from uvms_ocp.record.output import recover_folder
+from uvms_ocp.record.output import RUNNING, recover_folder
 from uvms_ocp.record.record import Record
+from uvms_ocp.record.row_files import META
 from uvms_ocp.report.comparison import compare
 from uvms_ocp.robot import Robot, list_robots
 from uvms_ocp.scenario.cases import SCENARIOS
@@ -191,8 +192,13 @@ def _motion(path: Path, robot: Robot | None) -> Record | Plan:
 
 
 def _file_at(path: Path, names: tuple[str, ...], advice: str) -> Path:
-    """A file itself, or the first of these that a folder holds; what a command left unfinished there is ended before."""
+    """A file itself, or the first of these that a folder holds; what a command left unfinished there is ended before.
+
+    Of a run that goes on, or that was cut off, the folder of its rows so far.
+    """
     recover_folder(path if path.is_dir() else path.parent)
+    if (path / RUNNING / META).is_file():
+        return path / RUNNING
     found = [path / name for name in names if (path / name).is_file()] if path.is_dir() else [path]
     if not found:
         raise InvalidInput(f"{path}: holds no {' or '.join(names)}; give {advice}")

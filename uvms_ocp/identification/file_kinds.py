@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import gzip
 import zlib
+from importlib.resources import files
 from pathlib import Path
 from typing import Literal
 
@@ -26,22 +28,8 @@ _KINDS: dict[bytes, Kind] = {
     b"\xa3\x95": "dataflash",
     b"{": "json",
 }
-_NOT_READ = {
-    b"version https://git-lfs": ("a pointer of Git LFS and not the file itself", "get it by `git lfs pull`"),
-    b"ULog\x01\x12\x35": ("a ULog of PX4", "turn it into tables by `ulog2csv` of pyulog"),
-    b"\xd0\xcf\x11\xe0": ("an old workbook (.xls)", "save it as .xlsx or CSV"),
-    b"#ROSBAG V1": ("a ROS 1 bag of version 1", "turn it into version 2 by `rosbag fix`"),
-    b"BZh": ("packed by bzip2", "unpack it"),
-    b"\xfd7zXZ": ("packed by xz", "unpack it"),
-    b"7z\xbc\xaf": ("packed by 7-Zip", "unpack it"),
-    b"\x28\xb5\x2f\xfd": ("packed by zstd", "unpack it"),
-    b"Rar!": ("packed by RAR", "unpack it"),
-    b"\x1f\x9d": ("packed by compress", "unpack it"),
-    b"%PDF": ("a PDF", "give the table that it shows as CSV"),
-    b"$": ("sentences of NMEA", "turn them into a table, a column for each field that is wanted"),
-    b"!AIVDM": ("sentences of NMEA", "turn them into a table, a column for each field that is wanted"),
-    b"<": ("XML or a page", "turn it into a table, a column for each field that is wanted"),
-}
+_TABLE = (files("uvms_ocp.identification") / "not_read.csv").read_text(encoding="utf-8").splitlines()
+_NOT_READ = {row[0].encode().decode("unicode_escape").encode("latin-1"): (row[1], row[2]) for row in csv.reader(_TABLE[1:])}
 """What is recognised and not read: what it is, and what to do."""
 _MAVLINK_STARTS = (0xFD, 0xFE)
 _STAMP = 8  # [B] before each message of a .tlog

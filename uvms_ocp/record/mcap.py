@@ -17,7 +17,7 @@ import numpy as np
 from uvms_ocp.errors import InvalidInput, optional_module
 from uvms_ocp.record.output import whole_file
 from uvms_ocp.record.run_meta import is_floating, joint_positions, read_meta, write_meta
-from uvms_ocp.record.tables import column_names, column_units, series_description
+from uvms_ocp.record.tables import Series, column_names, column_units, series_description
 from uvms_ocp.record.untrusted import DENSEST, SMALL, as_input_errors, require_regular_file
 
 # Messages of an MCAP file in the order that they stand there, unpacked chunk by chunk within what each chunk declares.
@@ -156,7 +156,6 @@ def values_of(messages: Sequence[Any], dtype: str, n_axes: int) -> np.ndarray:
 
 # What Foxglove draws by itself: poses as transforms, states of joints, wrenches, and what was said.
 
-Series = Mapping[str, np.ndarray]
 WORLD, VEHICLE = "world", "base_link"
 _POSES = {"q": VEHICLE, "q_estimated": f"{VEHICLE}_estimated", "tool": "tool"}
 """Series that begin with a pose in W, and the frame that has it."""

@@ -22,6 +22,7 @@ from uvms_ocp.record.durable_files import discard, locked, remove_empty, replaci
 # What a command of ours wrote into a folder, by which it is known again.
 
 STORE = ".uvms_ocp"  # in every folder that we write to
+RUNNING = f"{STORE}/running"  # rows of a run that goes on, or that was cut off
 
 
 def _inner(name: str) -> str:

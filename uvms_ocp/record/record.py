@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
+from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile
 
 import numpy as np
 
@@ -15,16 +17,16 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.model_errors import printable
 from uvms_ocp.record import mcap, tables
 from uvms_ocp.record.display import SmallTable, TableDisplay
+from uvms_ocp.record.durable_files import write_durably
 from uvms_ocp.record.meta_values import LARGEST, UNIT_NORM_TOLERANCE, LimitsMeta
+from uvms_ocp.record.output import as_output_errors
+from uvms_ocp.record.row_files import META, append_rows, forget, parts, read_row_files
 from uvms_ocp.record.run_meta import MIN_TICK, VEHICLE_V, PlanMeta, RunMeta, is_floating, read_meta, write_meta
-from uvms_ocp.record.tables import meaning_of, unit_of
-from uvms_ocp.record.untrusted import read_arrays
+from uvms_ocp.record.tables import Series, meaning_of, unit_of
+from uvms_ocp.record.untrusted import SMALL, as_input_errors, read_arrays, read_text
 from uvms_ocp.types import Positive
 
 # What the series of a stored record have to be, so that every report and figure can bear them.
-
-Series = Mapping[str, np.ndarray]
-"""Time series by name, (n, ...) each."""
 
 _AXES = ("x", "x_rate", "x_acceleration", "x_jerk", "x_snap")
 _LOAD = ("load_weight", "load_weight_error", "load_mass", "load_mass_error")
@@ -70,11 +72,11 @@ def check_series(series: Series, meta: RunMeta | PlanMeta) -> None:
             raise InvalidInput(f"series {name!r} has shape {shape}; its metadata allow {shape[0]} rows of {columns}")
     _check_counts(series, meta)
     if "q" in series and is_floating(series, meta):
-        norms = np.linalg.norm(series["q"][:, 3:_VEHICLE_Q], axis=1)
-        right = np.abs(norms - 1.0) <= UNIT_NORM_TOLERANCE
-        if not right.all():
-            when = _first_wrong(series["t"], right)
-            raise InvalidInput(f"series 'q' has a quaternion, columns 3 to 6, whose norm is not 1 at t = {when:g} s")
+        for q, times in parts(series["q"], series["t"]):
+            right = np.abs(np.linalg.norm(q[:, 3:_VEHICLE_Q], axis=1) - 1.0) <= UNIT_NORM_TOLERANCE
+            if not right.all():
+                when = _first_wrong(times, right)
+                raise InvalidInput(f"series 'q' has a quaternion, columns 3 to 6, whose norm is not 1 at t = {when:g} s")
     _check_health(series, meta)
     if isinstance(meta, RunMeta):
         _check_start_and_events(series["t"], meta)
@@ -95,7 +97,8 @@ def _check_kind(name: str, array: np.ndarray, t: np.ndarray) -> None:
     if name in _REAL and array.dtype != np.float64:
         raise InvalidInput(f"series {name!r} is {array.dtype}; allowed: float64")
     if name in _REAL:
-        _check_sizes(name, array, t)
+        for rows, times in parts(array, t):
+            _check_sizes(name, rows, times)
 
 
 def _check_sizes(name: str, array: np.ndarray, t: np.ndarray) -> None:
@@ -176,8 +179,6 @@ def _check_start_and_events(t: np.ndarray, meta: RunMeta) -> None:
 # The time series of one run: filled row by row, then frozen, saved and loaded without pickle.
 
 _META_KEY = "__meta__"
-# From 4 MB on NumPy asks for large pages, whose first touch takes a fraction of the time.
-_BLOCK = 8 * 2**20  # [bytes]
 
 
 @checked
@@ -213,6 +214,7 @@ class Record(TableDisplay):
 
         Raises `NameNotFound` with the names there are.
         """
+        forget(self.series.values())  # what was looked at before, where series are mapped
         if name in self.series:
             return self.series[name]
         if name in self.meta.quantities and "quantities" in self.series:
@@ -237,10 +239,18 @@ class Record(TableDisplay):
         return self.meta
 
     def save(self, path: Path | str) -> None:
-        """Write one ``.npz`` file; arrays stay arrays, `meta` becomes a JSON string."""
-        text = np.array(write_meta(self.meta))
-        with Path(path).open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **{_META_KEY: text}, **self.series)
+        """Write one ``.npz`` file; arrays stay arrays, `meta` becomes a JSON string.
+
+        Series that take more than 64 MB together are not packed: `load` maps them, and reads of them what is looked at.
+        """
+        text, packed = np.array(write_meta(self.meta)), sum(array.nbytes for array in self.series.values()) <= SMALL
+        with ZipFile(Path(path), "w", ZIP_DEFLATED if packed else ZIP_STORED) as archive:
+            for name, array in {_META_KEY: text, **self.series}.items():
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
+                    header = np.lib.format.header_data_from_array_1_0(array) | {"fortran_order": False}
+                    np.lib.format.write_array_header_1_0(file, header)
+                    for (rows,) in parts(np.atleast_1d(array)):
+                        file.write(rows.tobytes())
 
     def to_dataframe(self) -> Any:
         """A pandas.DataFrame, one row per tick; `uvms_ocp.record.tables.SERIES` says what the columns are.
@@ -297,27 +307,29 @@ class Record(TableDisplay):
     def load(path: Path | str, only: Sequence[str] | None = None) -> Record:
         """Read a file written by `save`, of this version or an older one; only: series that are wanted, all by default.
 
-        It alone is read: `uvms_ocp.record.output.recover_folder` looks after its folder.
+        It alone is read: `uvms_ocp.record.output.recover_folder` looks after its folder. Or, of a folder, what the rows of a
+        run are written to while it goes on, see `Scenario.run`: of one that was cut off, those that there are. Series of more
+        than 64 MB, and those of a folder, are mapped: they are read from the disk as they are looked at.
 
         Raises `InvalidInput`, in one line, for what is no such file, is damaged or too large, and for series that do not fit
         each other, their times or the metadata.
         """
         try:
+            if (described := Path(path, META)).is_file():
+                with as_input_errors(Path(path)):
+                    return _fitting(read_row_files(Path(path)), read_text(described, 16 << 20))
             wanted = None if only is None else {"t", _META_KEY, *only, *(old for old, new in _RENAMED.items() if new in only)}
             arrays = _renamed(read_arrays(path, wanted))
-            text = _text_of(arrays)
-            record = Record(series=arrays, meta=read_meta(text))
-            check_series(record.series, record.meta)
+            return _fitting(arrays, _text_of(arrays))
         except InvalidInput as error:
             raise InvalidInput(f"{printable(path)}: not a record written by uvms_ocp: {error}") from error
-        return record
 
 
-def _fitting(series: Mapping[str, np.ndarray], meta: RunMeta | PlanMeta) -> Record:
-    """The record of an exported file. Raises `InvalidInput` for series that do not fit each other or the metadata."""
-    series = _renamed(series)
-    check_series(series, meta)
-    return Record(series=series, meta=meta)
+def _fitting(series: Mapping[str, np.ndarray], meta: RunMeta | PlanMeta | str) -> Record:
+    """The record of a file. Raises `InvalidInput` for series that do not fit each other or the metadata, and no metadata."""
+    record = Record(series=_renamed(series), meta=read_meta(meta) if isinstance(meta, str) else meta)
+    check_series(record.series, record.meta)
+    return record
 
 
 def _renamed(series: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -345,39 +357,46 @@ def quantity(record: Record, name: str) -> np.ndarray | None:
 
 
 class Recorder:
-    """Collects rows of equal structure in blocks of memory, which stay where they are."""
+    """Collects rows of equal structure in a block of memory, and from there, series by series, in memory or in files."""
 
-    def __init__(self, capacity: int = 0) -> None:
-        """capacity: rows of a block; 0 for as many as the memory asked for at a time holds."""
-        self._capacity = capacity
-        self._n = 0
-        self._names: tuple[str, ...] = ()
-        self._row = np.dtype([])
+    def __init__(
+        self, capacity: int = 512, folder: Path | None = None, news: Callable[[], RunMeta | PlanMeta | None] = lambda: None
+    ) -> None:
+        """capacity: rows of the block. folder: a new one, for the files.
+
+        news: gives the metadata that the folder has beside them, `None` where they are as before.
+        """
+        self._capacity, self._folder, self._news = capacity, folder, news
+        self._n = self._kept = 0
+        self._block: dict[str, np.ndarray] = {}
+        """(capacity, ...) of every series."""
         self._pick: Callable[[Mapping[str, Any]], tuple[Any, ...]] = lambda row: ()
-        self._blocks: list[list[np.ndarray]] = []
-        """Make one view (capacity, ...) of each for every series: a row lies in one place, on one page or two."""
+        self._memory: list[BytesIO] = []
 
     def append(self, row: Mapping[str, Any]) -> None:
-        """Add one row. Raises `InvalidInput` for one with other series than the first; shapes must fit those of the first."""
-        if not self._names:
+        """Add one row.
+
+        Raises `InvalidInput` for one with other series than the first, and `OutputError` where the disk refuses; shapes must
+        fit those of the first.
+        """
+        if not self._block:
             self._begin(row)
-        if len(row) != len(self._names):
-            raise self._other(row)
         try:
             values = self._pick(row)
         except KeyError:
-            raise self._other(row) from None
+            values = ()
+        if len(values) != len(row):
+            raise InvalidInput(f"row of {', '.join(row)}; give {', '.join(self._block)}, as in the first one")
         place = self._n % self._capacity
-        if place == 0:
-            block = np.empty(self._capacity, self._row)
-            self._blocks.append([block[name] for name in self._row.names or ()])
-        for memory, value in zip(self._blocks[-1], values, strict=True):
+        for memory, value in zip(self._block.values(), values, strict=True):
             memory[place] = value
         self._n += 1
+        if place == self._capacity - 1:
+            self._keep()
 
     def __contains__(self, name: str) -> bool:
         """Return whether there is a series of that name."""
-        return name in self._names
+        return name in self._block
 
     def last(self, name: str) -> Any:
         """The newest value of the series `name`."""
@@ -385,25 +404,38 @@ class Recorder:
 
     def at(self, name: str, row: int) -> Any:
         """The value of the series `name` in a row."""
-        block, place = divmod(range(self._n)[row], self._capacity)
-        return self._blocks[block][self._names.index(name)][place]
+        return np.array(self.series()[name][row])[()]
 
     def freeze(self, meta: RunMeta | PlanMeta) -> Record:
         """The rows so far as a `Record`."""
+        self._news = lambda: meta
         return Record(series=self.series(), meta=meta)
 
     def series(self) -> dict[str, np.ndarray]:
-        """The rows so far by name, (n, ...) each: copies."""
-        return {name: np.concatenate([block[k] for block in self._blocks])[: self._n] for k, name in enumerate(self._names)}
+        """The rows so far by name, read-only, (n, ...) each; those in files are mapped."""
+        self._keep()
+        if self._folder:
+            return read_row_files(self._folder)
+        found = zip(self._block.items(), map(BytesIO.getvalue, self._memory), strict=True)
+        return {name: np.frombuffer(data, kind.dtype).reshape(self._n, *kind.shape[1:]) for (name, kind), data in found}
+
+    def _keep(self) -> None:
+        """Bring the rows of the block to where they stay, and then what is new to be said of them."""
+        place, n = self._kept % self._capacity, self._n - self._kept
+        rows = {name: memory[place : place + n] for name, memory in self._block.items()}
+        if self._folder:
+            with as_output_errors(self._folder, "make room; what was written before can be read"):
+                self._folder.mkdir(parents=True, exist_ok=self._kept > 0)
+                append_rows(self._folder, rows, self._kept)
+                if (meta := self._news()) is not None:
+                    write_durably(self._folder / META, write_meta(meta))
+        for memory, part in zip(self._memory, rows.values(), strict=False):
+            memory.write(part.data)
+        self._kept = self._n
 
     def _begin(self, row: Mapping[str, Any]) -> None:
-        names = tuple(row)
-        samples = enumerate(map(np.asarray, row.values()))
-        self._row = np.dtype([(f"series{k}", sample.dtype, sample.shape) for k, sample in samples], align=True)
-        self._capacity = self._capacity or max(1, _BLOCK // max(1, self._row.itemsize))
+        kinds = {name: np.asarray(value) for name, value in row.items()}
+        self._block = {name: np.empty((self._capacity, *kind.shape), kind.dtype) for name, kind in kinds.items()}
+        self._memory = [] if self._folder else [BytesIO() for _ in kinds]
         # A getter of one name would give its value in place of a tuple.
-        self._pick = itemgetter(*names) if len(names) > 1 else lambda row: (row[names[0]],)
-        self._names = names
-
-    def _other(self, row: Mapping[str, Any]) -> InvalidInput:
-        return InvalidInput(f"row of {', '.join(row)}; give {', '.join(self._names)}, as in the first one")
+        self._pick = itemgetter(*kinds) if len(kinds) > 1 else lambda row: (row[next(iter(kinds))],)

@@ -103,8 +103,8 @@ class RunMeta(RecordMeta):
     """[s] control period; the mean one of its rows where not every tick was kept."""
     completed: bool
     """True where every phase came to its end."""
-    stopped: Literal["", "stopped", "diverged"] = ""
-    """Whether it was stopped by hand, or the plant's motion grew beyond what a record holds."""
+    stopped: Literal["", "stopped", "diverged", "cut off"] = ""
+    """Whether it was stopped by hand, the plant's motion grew beyond what a record holds, or the program ended before it."""
     pending: str = ""
     """Conditions that an incomplete mission still waited for."""
     abort_phase: str = ""

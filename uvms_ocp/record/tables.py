@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -19,9 +19,6 @@ from uvms_ocp.record.untrusted import DENSEST, SMALL, as_input_errors, require_r
 
 # The one table of series: what each is, its units and frame, and which columns it has; units in figures are from here.
 
-_XYZ = ("x", "y", "z")
-_VEHICLE_Q = (*_XYZ, "qx", "qy", "qz", "qw")
-_VEHICLE_V = ("surge", "sway", "heave", "roll_rate", "pitch_rate", "yaw_rate")
 _FIRST, _SECOND = ("position", "linear", "force"), ("attitude", "angular", "moment")
 """Names of the parts that a vehicle has."""
 
@@ -37,6 +34,8 @@ class SeriesKind:
     """By part, such as position, attitude and joints; of the part ``""`` where all columns have one."""
     frame: str = "-"
     """Frame in which it is expressed."""
+    columns: tuple[str, ...] = ()
+    """Names of its columns; after @ what the metadata have a name of for each."""
 
     @property
     def unit(self) -> str:
@@ -51,8 +50,8 @@ def _units(text: str) -> Mapping[str, str]:
 
 _TABLE = (files("uvms_ocp.record") / "series.csv").read_text(encoding="utf-8").splitlines()
 SERIES: Mapping[str, SeriesKind] = {
-    row["series"]: SeriesKind(meaning=row["meaning"], shape=row["shape"], units=_units(row["units"]), frame=row["frame"])
-    for row in csv.DictReader(_TABLE)
+    name: SeriesKind(meaning=meaning, shape=shape, units=_units(units), frame=frame, columns=tuple(columns.split()))
+    for name, meaning, shape, units, frame, columns in [*csv.reader(_TABLE)][1:]
 }
 """By name. Controllers of one's own may record others."""
 
@@ -99,9 +98,7 @@ def meaning_of(name: str) -> str:
 
 def column_names(name: str, width: int, meta: Any) -> list[str]:
     """Names of the columns of a series of that name with so many columns (width); meta: of its record."""
-    if name == "quantities":
-        return list(meta.quantities)
-    return [f"{name}.{column}" for column in _columns(name, width, meta)]
+    return [*meta.quantities] if name == "quantities" else [f"{name}.{column}" for column in _columns(name, width, meta)]
 
 
 def column_units(name: str, width: int, meta: Any) -> list[str]:
@@ -116,7 +113,10 @@ def column_units(name: str, width: int, meta: Any) -> list[str]:
 
 
 def _columns(name: str, width: int, meta: Any) -> list[str]:
-    found = [*_MAKERS[name](meta)] if name in _MAKERS else []
+    found, words = list[str](), SERIES[name].columns if name in SERIES else ()
+    for word in words:
+        several = _joint_entries(meta) if word == "@entries" else getattr(meta, word[1:], ()) if word[0] == "@" else [word]
+        found += [getattr(one, "name", one) for one in several]
     if len(found) != width:  # such as a fixed base, whose configuration is its joints
         joints = _joint_entries(meta) if name in _OF_Q else [*meta.joints]
         found = joints if len(joints) == width else [str(k + 1) for k in range(width)]
@@ -142,26 +142,7 @@ def _circle(name: str) -> tuple[str, str]:
 
 _OF_Q = ("q", "q_estimated")
 _LINEAR = {"x", "y", "z", "surge", "sway", "heave"}
-_THRUSTS = ("thrust", "asked_thrust", "thruster_energy")
-_TRUSTS = ("thruster_share", "thruster_constant", "thruster_health")
 _TURNING = {"qx", "qy", "qz", "qw", "roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate"}
-_MAKERS: Mapping[str, Callable[[Any], Sequence[str]]] = {
-    **dict.fromkeys(_OF_Q, lambda meta: (*_VEHICLE_Q, *_joint_entries(meta))),
-    **dict.fromkeys(("v", "v_estimated", "command", "q_std", "disturbance"), lambda meta: (*_VEHICLE_V, *meta.joints)),
-    **dict.fromkeys(("wrench", "unreachable"), lambda meta: _VEHICLE_V),
-    **dict.fromkeys(("torque", "joint_health"), lambda meta: meta.joints),
-    **dict.fromkeys((*_THRUSTS, *_TRUSTS), lambda meta: meta.thrusters),
-    **dict.fromkeys(("x", "x_rate", "x_acceleration", "x_jerk", "x_snap"), lambda meta: getattr(meta, "axes", ())),
-    "tool": lambda meta: _VEHICLE_Q,
-    "measured_position": lambda meta: (*_XYZ, "t"),
-    "measured_attitude": lambda meta: (*_VEHICLE_Q[3:], "t"),
-    "measured_linear_velocity": lambda meta: (*_VEHICLE_V[:3], "t"),
-    "measured_angular_velocity": lambda meta: (*_VEHICLE_V[3:], "t"),
-    "clearance": lambda meta: getattr(meta, "clearance_groups", ()),
-    "current": lambda meta: _XYZ,
-    "activations": lambda meta: [task.name for task in meta.tasks],
-    "health": lambda meta: getattr(meta, "channels", ()),
-}
 
 
 def series_markdown() -> str:

@@ -17,7 +17,7 @@ from tokenize import TokenError
 from types import MappingProxyType
 from typing import Any, NoReturn, TypeVar
 from xml.etree import ElementTree
-from zipfile import BadZipFile, ZipFile, ZipInfo
+from zipfile import ZIP_STORED, BadZipFile, ZipFile, ZipInfo
 
 import numpy as np
 import yaml
@@ -119,6 +119,8 @@ times. A robot that stands still packs 144 times and not much more: every tick h
 SMALL = 64 << 20
 """[B] of arrays that fit into any memory, however few bytes they come from."""
 _MOST = 256  # arrays
+_LARGE = 1 << 20  # [B] of an array that is mapped where it was not packed, and of what is read at a time
+_LENGTHS = 26  # [B] of the header of a member before those of its name and of what else there is
 _SUFFIX = ".npy"
 _KINDS = "fiubU"  # numbers and text: no objects, which would be unpickled
 _DAMAGE = (
@@ -175,12 +177,20 @@ def _array(archive: ZipFile, member: ZipInfo, name: str) -> np.ndarray:
         if version not in read:
             raise InvalidInput(f"arrays of format {version}; 1.0 and 2.0 are read")
         shape, fortran, dtype = read[version](file)
-        there = member.file_size - file.tell()
+        first, there = file.tell(), member.file_size - file.tell()
         if dtype.kind not in _KINDS:
             raise InvalidInput(f"{name!r} holds {dtype}; numbers and text are read")
         if min(shape, default=1) < 0 or math.prod(shape) * dtype.itemsize != there:
             raise InvalidInput(f"{name!r} declares {dtype} of shape {_short(shape)}, but holds {there} bytes")
-        content = file.read()  # to its end, where its checksum is looked at
+        mapped = member.compress_type == ZIP_STORED and there >= _LARGE
+        while mapped and file.read(_LARGE):  # to its end, where its checksum is looked at
+            pass
+        content: Any = file.read()
+    if mapped:
+        raw: Any = archive.fp
+        raw.seek(member.header_offset + _LENGTHS)
+        first += raw.tell() + 4 + sum(struct.unpack("<HH", raw.read(4)))
+        content = np.memmap(raw, np.uint8, "r", first, there)
     numbers = np.frombuffer(content, dtype=dtype)
     return numbers.reshape(shape[::-1]).T if fortran else numbers.reshape(shape)
 

@@ -36,17 +36,13 @@ def _rows(record: Record, event: EventMeta) -> list[dict[str, Any]]:
             "quantity": item.quantity,
             "limit": item.limit,
             "estimated": metrics.none_if_nan(item.estimated),
-            "true": metrics.none_if_nan(event.truth.get(item.quantity)),
+            "true": (true := metrics.none_if_nan(event.truth.get(item.quantity))),
             "sensors_allow": record.run_meta.allowance.get(item.quantity),
-            "met": _met(metrics.none_if_nan(event.truth.get(item.quantity)), item.limit),
+            "met": None if true is None else true < item.limit,
         }
         for item in event.conditions
         if item.sign == "<"
     ]
-
-
-def _met(true: float | None, limit: float) -> bool | None:
-    return None if true is None else true < limit
 
 
 def ended_prematurely(record: Record) -> list[dict[str, Any]]:
@@ -60,7 +56,9 @@ _WINDOW = 5.0  # [s] at the end of the run over which progress is judged
 _PROGRESS = 0.02  # share of what is missing that must have been gained in the window
 
 
-ENDS = ("completed", "ended too early", "aborted", "given up", "swinging", "slow", "stalled", "stopped", "diverged")
+_CUT_OFF = "the program ended before the run, of which later rows are missing"
+_STOPPED = {"stopped": "by hand", "diverged": "the plant's motion grew beyond what a record holds", "cut off": _CUT_OFF}
+ENDS = ("completed", "ended too early", "aborted", "given up", "swinging", "slow", "stalled", *_STOPPED)
 """Kinds of ends of a mission."""
 
 
@@ -80,8 +78,7 @@ def cause_of_end(record: Record) -> dict[str, str]:
     if meta.completed:
         return {"kind": "completed", "text": "every phase came to its end"}
     if meta.stopped:
-        why = "by hand" if meta.stopped == "stopped" else "the plant's motion grew beyond what a record holds"
-        return {"kind": meta.stopped, "text": f"{why}; {_unfinished(record)['text']}"}
+        return {"kind": meta.stopped, "text": f"{_STOPPED[meta.stopped]}; {_unfinished(record)['text']}"}
     if (cause := _aborted(meta)) is not None:
         return cause
     if meta.events and meta.events[-1].target == ABORT:
@@ -140,12 +137,8 @@ def _waiting(record: Record, phase: str) -> list[ThresholdMeta]:
     """Conditions of a phase that the end of the record does not meet."""
     own = [item for item in record.meta.thresholds if item.phase == phase]
     forward = [item for item in own if item.sign == "<" or item.quantity in OWN_QUANTITIES]
-    return [item for item in forward if not _fulfilled(record, item)]
-
-
-def _fulfilled(record: Record, condition: ThresholdMeta) -> bool:
-    series = quantity(record, condition.quantity)
-    return series is not None and bool(series[-1] < condition.limit) == (condition.sign == "<")
+    now = {item.quantity: quantity(record, item.quantity) for item in forward}
+    return [one for one in forward if (x := now[one.quantity]) is None or (x[-1] < one.limit) != (one.sign == "<")]
 
 
 def _trend(record: Record, condition: ThresholdMeta) -> tuple[float, float]:

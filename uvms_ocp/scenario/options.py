@@ -133,9 +133,7 @@ def run_options(given: Mapping[str, Any], *, robot: Robot | str = _ROBOT, seabed
 
 def current_from(given: Current | Sequence[float] | None) -> Current:
     """A current as it is; of a velocity given (3,) [m/s] in W the uniform one, still water for none."""
-    if given is None:
-        return StillWater()
-    return UniformCurrent(given) if isinstance(given, Sequence | np.ndarray) else given
+    return StillWater() if given is None else UniformCurrent(given) if isinstance(given, Sequence | np.ndarray) else given
 
 
 CHANGEABLE = ("plant", "solver", "current", "seabed", "seed", "noise", "duration", "dt", "faults")

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
+from itertools import repeat
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -42,13 +44,13 @@ class RunOutcome:
     """(n_q,) [m, rad] the true configuration."""
     quantities: Mapping[str, float]
     """Values by ``task.quantity``, at the true state [m] or [rad]."""
-    at_events: tuple[Mapping[str, float], ...]
-    """The same at the end of each phase, event by event [m] or [rad]."""
     wall_s: float
     """[s] that the simulation took."""
+    at_events: Iterable[Mapping[str, float]] = repeat({})
+    """The quantities at the end of each phase, event by event [m] or [rad]; empty where they are not known."""
     std: np.ndarray | None = None
     """(n_v,) [m, rad] standard deviation of the estimated configuration, where the estimator tells."""
-    stopped: Literal["", "stopped", "diverged"] = ""
+    stopped: Literal["", "stopped", "diverged", "cut off"] = ""
     """As that of `RunMeta`."""
 
 
@@ -81,6 +83,7 @@ def run_meta(
     robot, tasks, phases, state = setup.robot, setup.mission.hierarchy.tasks, setup.mission.all_phases, controller.state
     alarms, problem = sorted([*monitor.alarms, *controller.watchdog.alarms]), controller.problem
     rows, limited = zip(problem.names, problem.sizes, strict=True), meta_values.LimitsMeta.model_fields
+    allowed = partial(quantity_stds, setup, ending.q)
     tools = {task.name: task.frame for task in tasks if isinstance(task, (ToolPose, ToolPosition))}
     return RunMeta(
         scenario=name,
@@ -109,7 +112,7 @@ def run_meta(
         channels=monitor.channels,
         faults=faults,
         true_quantities=_values(ending.quantities),
-        sensors_allow=_values(computed_or({}, "what sensors allow", lambda: quantity_stds(setup, ending.q))),
+        sensors_allow=() if ending.stopped == "cut off" else _values(computed_or({}, "what sensors allow", allowed)),
         spreads=_values(
             computed_or({}, "spreads", lambda: {} if ending.std is None else quantity_stds(setup, ending.q, ending.std))
         ),
@@ -122,7 +125,7 @@ def run_meta(
 
 def _events(controller: KinematicController, ending: RunOutcome) -> tuple[meta_values.EventMeta, ...]:
     found = []
-    for e, truth in zip(controller.events, ending.at_events, strict=True):
+    for e, truth in zip(controller.events, ending.at_events, strict=False):
         met = [meta_values.MetConditionMeta(**_condition_fields(one), estimated=x) for one, x in e.conditions]
         why: dict[str, Any] = {"conditions": tuple(met), "true_quantities": _values(truth)}
         found.append(meta_values.EventMeta(t=e.t, source=e.source, target=e.target, reason=e.reason, **why))

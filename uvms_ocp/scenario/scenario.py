@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
 from time import perf_counter
 from typing import Any, Literal, Protocol
 
@@ -23,7 +25,8 @@ from uvms_ocp.interrupts import Interrupted, on_interrupt, raised_outside_casadi
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import MissionState
 from uvms_ocp.record.display import FieldTable
-from uvms_ocp.record.record import Record
+from uvms_ocp.record.record import Record, Recorder
+from uvms_ocp.record.run_meta import RunMeta
 from uvms_ocp.robot import IDEAL_SENSORS, Command, Robot, SensorSpecs, State, StateEstimate
 from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.scenario.preflight.checks import check_mission
@@ -33,7 +36,7 @@ from uvms_ocp.sim import own_parts
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.fault_effects import require_possible
 from uvms_ocp.sim.faults import Fault, parse_fault
-from uvms_ocp.sim.loop import Progress, Sensors, StateEstimator, TickObserver, has_diverged, require_few_ticks, simulate
+from uvms_ocp.sim.loop import Progress, Sensors, StateEstimator, TickObserver, has_diverged, simulate
 from uvms_ocp.sim.own_parts import part_name, plant_name, require_plant, require_simulated, specs_of, takes_forces
 from uvms_ocp.sim.plant import DynamicPlant, KinematicPlant, Plant
 from uvms_ocp.sim.sensors import SensorSuite
@@ -200,7 +203,6 @@ class Scenario(FieldTable):
             raise InvalidInput(f"duration = {self.duration} s; give at least one control period of {self.dt:g} s")
         if self.duration > DAY:
             raise InvalidInput(f"duration = {self.duration:g} s; give at most {DAY:g} s, a day")
-        require_few_ticks(self.duration, self.dt)
         if isinstance(self.solver, type):
             raise InvalidInput(f"solver = the class {self.solver.__name__}; give a value, {self.solver.__name__}()")
         if not hasattr(self.solver, "bind"):
@@ -283,12 +285,20 @@ class Scenario(FieldTable):
         )
 
     def run(
-        self, progress: Progress | None = None, controller: MissionController | None = None, observer: TickObserver | None = None
+        self,
+        progress: Progress | None = None,
+        controller: MissionController | None = None,
+        observer: TickObserver | None = None,
+        folder: Path | str | None = None,
     ) -> Record:
         """Simulate until the mission is complete or `duration` is over.
 
-        controller: by default a fresh one. observer: called at every tick, see `uvms_ocp.viz.scene.live.live`. Ctrl-C, or the
-        stop of a notebook's cell, raises `Interrupted`, whose `result` is the record so far.
+        controller: by default a fresh one. observer: called at every tick, see `uvms_ocp.viz.scene.live.live`. folder: a new one,
+        to which rows go every two seconds in place of memory, and whose series are mapped by the record; whatever ends the
+        program, `Record.load` opens it. Ctrl-C, or the stop of a notebook's cell, raises `Interrupted`, whose `result` is the
+        record so far.
+
+        Raises `OutputError` where the folder cannot be written, and `InvalidInput` for more ticks than fit into memory.
         """
         with raised_outside_casadi():
             controller = controller or self.controller()
@@ -297,18 +307,42 @@ class Scenario(FieldTable):
         parts: dict[str, Any] = {"plant": plant, "sensors": sensors, "estimator": estimator, "controller": controller}
         presses: list[object] = []
         with on_interrupt(presses.append):
-            record = self._recorded(parts | {"progress": progress, "observer": observer}, presses)
+            record = self._recorded(parts | {"progress": progress, "observer": observer}, presses, folder)
         if presses:
             raise Interrupted(f"stopped by hand at t = {record['t'][-1]:g} s", record)
         return record
 
-    def _recorded(self, parts: Mapping[str, Any], presses: Sequence[object]) -> Record:
+    def _recorded(self, parts: Mapping[str, Any], presses: Sequence[object], folder: Path | str | None) -> Record:
         """Simulate with these parts, and sum up; presses: one for each Ctrl-C."""
         begin, plant, controller, estimator = perf_counter(), parts["plant"], parts["controller"], parts["estimator"]
-        kinematic = controller.kinematic
+        kinematic, seen, own = controller.kinematic, list[int](), self.own_parts
+        names = {
+            "plant": plant_name(self.plant),
+            "solver": type(self.solver).__name__,
+            "sensors": own.get("sensors", SensorSuite.__name__),
+            "estimator": own.get("estimator", type(estimator.estimator).__name__),
+            "controller": getattr(controller, "name", type(controller).__name__),
+        }
+        faults = tuple(map(own_parts.fault_meta, self.faults))
+        known: dict[str, Any] = {
+            "name": self.name,
+            "setup": self.setup(),
+            "parts": names,
+            "faults": faults,
+            "controller": kinematic,
+        }
+        meta = partial(run_meta, seed=self.seed, markers=self.markers, monitor=estimator.monitor, **known)
+
+        def news() -> RunMeta | None:
+            """Metadata so far, after an event or an alarm."""
+            before, seen[:] = seen.copy(), map(len, (kinematic.events, estimator.monitor.alarms, kinematic.watchdog.alarms))
+            ending = RunOutcome(q=plant.state.q, quantities={}, wall_s=perf_counter() - begin, stopped="cut off")
+            return None if seen == before else meta(ending=ending)
+
+        recorder = None if folder is None else Recorder(min(512, max(1, round(2.0 / self.dt))), Path(folder), news)
         kept = self.robot.n_vehicle > 0 and not isinstance(estimator.estimator, PassThrough)  # which repeats its readings
         try:
-            recorder = simulate(**parts, dt=self.dt, duration=self.duration, keep_readings=kept)
+            recorder = simulate(**parts, dt=self.dt, duration=self.duration, keep_readings=kept, recorder=recorder)
         except Interrupted as stop:
             recorder = stop.result
         wall = perf_counter() - begin
@@ -318,32 +352,14 @@ class Scenario(FieldTable):
 
         diverged = has_diverged(plant.state)
         last = State(q=recorder.last("q"), v=recorder.last("v")) if diverged else plant.state
-        truth, ends = quantities(last, recorder.last("t")), []
+        truth, ends = quantities(last, recorder.last("t")), list[Mapping[str, float]]()
         for event, goals in zip(kinematic.events, kinematic.left, strict=True):  # those that the phase had when it ended
             row = round(event.t / self.dt)
             ends.append(quantities(State(q=recorder.at("q", row), v=recorder.at("v", row)), event.t, goals))
         stopped: Literal["", "stopped", "diverged"] = "diverged" if diverged else "stopped" if presses else ""
         std = recorder.last("q_std") if "q_std" in recorder else None
         ending = RunOutcome(q=recorder.last("q"), quantities=truth, at_events=tuple(ends), wall_s=wall, std=std, stopped=stopped)
-        own = self.own_parts
-        meta = run_meta(
-            name=self.name,
-            setup=self.setup(),
-            parts={
-                "plant": plant_name(self.plant),
-                "solver": type(self.solver).__name__,
-                "sensors": own.get("sensors", SensorSuite.__name__),
-                "estimator": own.get("estimator", type(estimator.estimator).__name__),
-                "controller": getattr(controller, "name", type(controller).__name__),
-            },
-            seed=self.seed,
-            markers=self.markers,
-            faults=tuple(map(own_parts.fault_meta, self.faults)),
-            controller=kinematic,
-            monitor=estimator.monitor,
-            ending=ending,
-        )
-        return recorder.freeze(meta)
+        return recorder.freeze(meta(ending=ending))
 
     def _plant(self) -> Plant:
         if not isinstance(self.plant, str):

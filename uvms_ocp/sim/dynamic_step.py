@@ -216,9 +216,7 @@ def _contact(model: StepModel, q: ca.SX, v: ca.SX, floor_z: ca.SX, normal: ca.SX
 
 def _unit_quaternion(robot: Robot, q: ca.SX) -> ca.SX:
     """Q with the vehicle's quaternion scaled to norm 1, so that rounding does not add up over a run."""
-    if not robot.n_vehicle:
-        return q
-    return ca.vertcat(q[:3], q[3:7] / ca.norm_2(q[3:7]), q[7:])
+    return ca.vertcat(q[:3], q[3:7] / ca.norm_2(q[3:7]), q[7:]) if robot.n_vehicle else q
 
 
 # A control period of the physical plant: several steps as one function, called through memory that is written to in place.

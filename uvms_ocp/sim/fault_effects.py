@@ -96,6 +96,10 @@ class _Struck:
         mixed[self.values] = np.broadcast_to(value, mixed.shape)[self.values]
         return replace(sample, value=mixed)
 
+    def disturbed(self, sample: Sample, error: np.ndarray) -> Sample:
+        """The sample with an error (n,) of the channel."""
+        return replace(sample, value=self.channel.disturb(sample.value, error))
+
     def error(self) -> np.ndarray:
         """The values of the fault as an error of the channel."""
         error = np.zeros(self.channel.n)
@@ -119,15 +123,6 @@ def _struck(channel: FaultyChannel, fault: Fault, rng: np.random.Generator) -> _
     return _Struck(channel=channel, fault=fault, rng=rng, values=values, errors=errors)
 
 
-def _bias(sample: Sample, struck: _Struck) -> Sample:
-    return replace(sample, value=struck.channel.disturb(sample.value, struck.error()))
-
-
-def _drift(sample: Sample, struck: _Struck) -> Sample:
-    grown = struck.error() * (sample.stamp - struck.fault.onset)
-    return replace(sample, value=struck.channel.disturb(sample.value, grown))
-
-
 def _stuck(sample: Sample, struck: _Struck) -> Sample:
     zero = 0.0 if np.ndim(sample.value) == 0 else np.zeros_like(sample.value)
     origin = zero if struck.channel.origin is None else struck.channel.origin
@@ -142,15 +137,15 @@ def _spikes(sample: Sample, struck: _Struck) -> Sample:
         return sample
     error = np.zeros(struck.channel.n)
     error[component] = sign * size
-    return replace(sample, value=struck.channel.disturb(sample.value, error))
+    return struck.disturbed(sample, error)
 
 
 _EFFECTS: Mapping[str, Callable[[Sample, _Struck], Sample | None]] = {
     "frozen": lambda sample, struck: struck.with_value(sample, struck.held),
     "lost": lambda sample, struck: None,
     "nan": lambda sample, struck: struck.with_value(sample, math.nan),
-    "bias": _bias,
-    "drift": _drift,
+    "bias": lambda sample, struck: struck.disturbed(sample, struck.error()),
+    "drift": lambda sample, struck: struck.disturbed(sample, struck.error() * (sample.stamp - struck.fault.onset)),
     "stuck": _stuck,
     "spikes": _spikes,
     "late": lambda sample, struck: replace(sample, extra_delay=sample.extra_delay + struck.fault.values[0]),

@@ -37,7 +37,7 @@ TickObserver = Callable[[float, State, Command], None]
 """Told the time [s], the true state and the command of a tick, which it must leave as they are."""
 
 MOST_TICKS = 4_000_000
-"""Ticks of a run: its record keeps every tick, about 2.4 kB each, in memory until it is written."""
+"""Ticks of a run whose record is kept in memory, about 2.4 kB each."""
 
 
 _FARTHEST = LARGEST ** (1 / 3)
@@ -61,16 +61,21 @@ def simulate(
     progress: Progress | None = None,
     observer: TickObserver | None = None,
     keep_readings: bool = False,
+    recorder: Recorder | None = None,
 ) -> Recorder:
     """Run until the command says finished or `duration` [s] is over; one row per tick, before its step.
 
     dt [s] is the control period. keep_readings: record what sensors of a vehicle read beside what is estimated of it. `progress`
-    is called after every tick with the time and the command, `observer` with the true state too. Where the plant `has_diverged`,
+    is called after every tick with the time and the command, `observer` with the true state too. recorder: by default one that
+    keeps all in memory. Where the plant `has_diverged`,
     the rows before it are what there is. Raises `InvalidInput` for more ticks than ordinary memory holds, and `Interrupted`,
     whose result is the recorder, after the tick in which Ctrl-C is pressed.
     """
-    require_few_ticks(duration, dt)
-    recorder, trusts, new, stops = Recorder(), _HealthCodes(), _NewReadings(), list[object]()
+    if recorder is None and not duration / dt <= MOST_TICKS:
+        given = f"duration = {duration:g} s in ticks of dt = {dt:g} s, whose record takes more than 10 GB of memory"
+        raise InvalidInput(f"{given}; give a folder for it, or at most {MOST_TICKS:,} ticks, {MOST_TICKS * dt:g} s")
+    recorder = recorder or Recorder()
+    trusts, new, stops = _HealthCodes(), _NewReadings(), list[object]()
     command: Command | None = None
     with on_interrupt(stops.append), suppress(Interrupted):  # which a planner within a tick passes on
         for k in range(round(duration / dt) + 1):
@@ -102,15 +107,6 @@ def simulate(
     if stops:
         raise Interrupted(f"stopped by hand at t = {recorder.last('t'):g} s", recorder)
     return recorder
-
-
-def require_few_ticks(duration: float, dt: float) -> None:
-    """Raise `InvalidInput` where the record of `duration` [s] in ticks of dt [s] does not fit into ordinary memory."""
-    if not duration / dt <= MOST_TICKS:
-        most = f"give at most {MOST_TICKS:,} ticks, {MOST_TICKS * dt:g} s"
-        raise InvalidInput(
-            f"duration = {duration:g} s in ticks of dt = {dt:g} s; {most}: the record keeps each in memory, 10 GB of them"
-        )
 
 
 class _HealthCodes:

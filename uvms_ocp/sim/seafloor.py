@@ -268,12 +268,9 @@ class HeightField(Seafloor):
         # Marches with a fraction of the smallest radius, then refines by Brent's method.
         descent = -float(direction[2])
         above = float(origin[2]) - self.height(float(origin[0]), float(origin[1]))
-        if above <= 0:
-            return above / descent if descent > LEVEL_RAY else math.nan
-        crossing = self._crossing(origin, direction)
-        if crossing is not None:
+        if above > 0 and (crossing := self._crossing(origin, direction)) is not None:
             return crossing
-        return (float(origin[2]) - self.z) / descent if descent > LEVEL_RAY else math.nan
+        return (above if above <= 0 else float(origin[2]) - self.z) / descent if descent > LEVEL_RAY else math.nan
 
     def _crossing(self, origin: np.ndarray, direction: np.ndarray) -> float | None:
         """Distance [m] at which the ray meets a bump."""

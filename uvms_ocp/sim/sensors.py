@@ -6,7 +6,7 @@ import math
 from bisect import insort
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from operator import itemgetter
+from operator import add, itemgetter
 from typing import Annotated, Any
 
 import casadi as ca
@@ -133,18 +133,18 @@ def _sources(
     joint_q, joint_v, n = robot.joint_q, robot.joint_v, robot.n_joints
     sources: dict[str, tuple[Truth, Disturb, int]] = {
         "joint_positions": (lambda state: state.q[joint_q], _joint_disturbance(robot), n),
-        "joint_velocities": (lambda state: state.v[joint_v], _add, n),
+        "joint_velocities": (lambda state: state.v[joint_v], add, n),
     }
     if robot.n_vehicle:
         # A rotation vector in B turns a quaternion.
         turned = BufferedFunction(_turn_function())
         sources |= {
-            "position": (lambda state: state.q[:3], _add, 3),
+            "position": (lambda state: state.q[:3], add, 3),
             "depth": (lambda state: state.q.item(2), _add_scalar, 1),
             "attitude": (lambda state: state.q[3:7], (lambda quaternion, error: turned(quaternion, error)[0]), 3),
-            "angular_velocity": (lambda state: state.v[3:6], _add, 3),
-            "linear_velocity": (lambda state: state.v[:3], _add, 3),
-            "specific_force": (_specific_force(robot.model.gravity.linear), _add, 3),
+            "angular_velocity": (lambda state: state.v[3:6], add, 3),
+            "linear_velocity": (lambda state: state.v[:3], add, 3),
+            "specific_force": (_specific_force(robot.model.gravity.linear), add, 3),
         }
     frame = altimeter_frame or robot.description.altimeter
     if specs.altimeter_range is not None and frame is not None:
@@ -196,10 +196,6 @@ def _specific_force(gravity: np.ndarray) -> Truth:
     return force
 
 
-def _add(value: np.ndarray, error: np.ndarray) -> np.ndarray:
-    return value + error
-
-
 def _add_scalar(value: float, error: np.ndarray) -> float:
     return value + float(error[0])
 
@@ -213,7 +209,7 @@ def _turn_function() -> ca.Function:
 def _joint_disturbance(robot: Robot) -> Disturb:
     """Joints whose configuration is not a vector space (cos, sin) move along their manifold."""
     if all(joint.n_q == joint.n_v for joint in robot.joints):
-        return _add
+        return add
     model, q, v = robot.model, pin.neutral(robot.model), np.zeros(robot.n_v)
 
     def disturb(joints: np.ndarray, error: np.ndarray) -> np.ndarray:

@@ -20,10 +20,11 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import joint_errors
-from uvms_ocp.viz import style, task_figures
+from uvms_ocp.viz import style
+from uvms_ocp.viz import task_figures as tasks
 from uvms_ocp.viz.motion_figures import figure_efforts, figure_joints, figure_path, figure_tracking, figure_velocities
 from uvms_ocp.viz.plan_figures import PLAN_FIGURES, plan_figures
-from uvms_ocp.viz.series import axis_label, axis_names, has_vehicle, intervals_of, phase_spans, require_rows
+from uvms_ocp.viz.series import axis_label, axis_names, has_vehicle, intervals_of, phase_spans, require_rows, thinned
 
 # How well the estimator knew where the robot was, and how well it said so.
 
@@ -161,23 +162,11 @@ def figure_tick_time(record: Record) -> Figure | None:
 #
 # Each ``figure_*`` returns a Matplotlib figure, or `None` where the record lacks what it shows.
 
+_OF_ERRORS = (tasks.figure_errors, tasks.figure_misalignment, tasks.figure_altitude, tasks.figure_tool_error)
+_OF_MOTION = (figure_velocities, figure_joints, figure_path, figure_efforts, figure_tracking, figure_estimate)
+_ALL = (*_OF_ERRORS, tasks.figure_activations, tasks.figure_quantities, *_OF_MOTION, figure_health, figure_tick_time)
 FIGURES: Mapping[str, Callable[[Record], Figure | None]] = MappingProxyType(
-    {
-        "errors": task_figures.figure_errors,
-        "misalignment": task_figures.figure_misalignment,
-        "altitude": task_figures.figure_altitude,
-        "tool_error": task_figures.figure_tool_error,
-        "activations": task_figures.figure_activations,
-        "quantities": task_figures.figure_quantities,
-        "velocities": figure_velocities,
-        "joints": figure_joints,
-        "path": figure_path,
-        "efforts": figure_efforts,
-        "tracking": figure_tracking,
-        "estimate": figure_estimate,
-        "health": figure_health,
-        "tick_time": figure_tick_time,
-    }
+    {draw.__name__.removeprefix("figure_"): draw for draw in _ALL}
 )
 
 
@@ -191,6 +180,7 @@ def write_figures(record: Record, folder: Path | str, format: Format = "png") ->
     Raises `InvalidInput` for a record with fewer than two rows and `OutputError` where the folder cannot be written.
     """
     require_rows(record)
+    record = thinned(record)
     paths = (write_figure(record, name, folder, format) for name in FIGURES)
     return tuple(path for path in paths if path is not None)
 
@@ -212,9 +202,9 @@ def plot(what: Plan | Record, *names: str | Sequence[str]) -> Figure | style.Fig
     names: quantities such as ``T.position_error``, series such as ``thrust``, columns such as ``q.z``, or lists of them; see
     `figure_of`, which tells what it raises. Raises `InvalidInput` for what is no name.
     """
-    record = what if isinstance(what, Record) else what.to_record()
+    record = thinned(what if isinstance(what, Record) else what.to_record())
     if names:
-        return task_figures.figure_of(record, *_each(names))
+        return tasks.figure_of(record, *_each(names))
     if record.meta.kind == "plan":
         return style.Figures(plan_figures(record).values())
     return style.Figures(figure for draw in FIGURES.values() if (figure := draw(record)) is not None)

@@ -12,6 +12,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.record import quantity as quantity
+from uvms_ocp.record.row_files import parts
 from uvms_ocp.record.run_meta import is_floating
 from uvms_ocp.record.tables import unit_of
 
@@ -76,6 +77,26 @@ def require_rows(record: Record) -> None:
     """Raises `InvalidInput` where there is nothing to draw."""
     if len(record) < 2:
         raise InvalidInput(f"record has {len(record)} rows; at least 2 are needed to draw it")
+
+
+_LONG, _STRETCHES = 50_000, 4096  # rows from which on not all are drawn; a page is 1,300 dots wide
+_AS_THEY_ARE = ("t", "phase", "q", "q_estimated", "q_std", "v", "v_estimated", "command", "tick_time", "tool")
+
+
+def thinned(record: Record) -> Record:
+    """Two rows for each of 4,096 stretches of a record that has very many: the least and the largest value of every column.
+
+    Of what is taken from one another, or counted, they are rows of the record: of state, estimate, command and times.
+    """
+    if len(record) <= _LONG:
+        return record
+    step = -(-len(record) // _STRETCHES)
+    starts, series = np.arange(0, len(record), step), dict[str, np.ndarray]()
+    rows = np.append(np.stack([starts, starts + step // 2], axis=1).ravel()[:-1], len(record) - 1)
+    for name in record.series:
+        ends = ((np.fmin.reduce(part), np.fmax.reduce(part)) for (part,) in parts(record[name], rows=step))
+        series[name] = record[name][rows] if name in _AS_THEY_ARE else np.concatenate([*ends])
+    return Record(series=series, meta=record.meta)
 
 
 @checked

@@ -191,8 +191,7 @@ def current_drift(*, back_steps: bool = True, retries: int = 3, **options: Any) 
     up for. retries: how often D may be left for A. Other options as for `case1`.
     """
     current = OnsetCurrent((-0.75, 0.2, 0.0), start=40.0, rise=1.0)
-    defaults: dict[str, Any] = {"current": current, "duration": 150.0}
-    scenario = case1(**{**defaults, **options})
+    scenario = case1(**{"current": current, "duration": 150.0, **options})
     if back_steps:
         phases = tuple(with_back_step(phase, retries) for phase in scenario.mission.phases)
         scenario = replace(scenario, mission=replace(scenario.mission, phases=phases))
@@ -201,10 +200,8 @@ def current_drift(*, back_steps: bool = True, retries: int = 3, **options: Any) 
 
 def with_back_step(phase: Phase, retries: int) -> Phase:
     """Phase D with a way back to A where the vehicle is adrift; other phases as they are."""
-    if phase.name != "D":
-        return phase
     back = Transition(to="A", when=(ADRIFT,), hold=0.5, retries=retries)
-    return replace(phase, transitions=(*phase.transitions, back))
+    return replace(phase, transitions=(*phase.transitions, back)) if phase.name == "D" else phase
 
 
 # What happens where horizontal attitude does not outrank the way point.
@@ -240,8 +237,7 @@ def two_targets(*, second: Point = (13.6, 36.2, -39.886), second_yaw: Finite = -
     A1 to D1 and A2 to D2, over one hierarchy; goals belong to the phases. Both tool errors end below the thresholds of
     `case1`, whose options apply.
     """
-    defaults: dict[str, Any] = {"duration": 240.0}
-    scenario = case1(**{**defaults, **options})
+    scenario = case1(**{"duration": 240.0, **options})
     target = np.asarray(second, dtype=float)
     turn = pin.rpy.rpyToMatrix(0.0, 0.0, second_yaw)
     goals = {

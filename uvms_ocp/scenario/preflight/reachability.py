@@ -69,9 +69,7 @@ class ArmReach:
                 best = found if best is None or found.cost < best.cost else best
             if best is not None and (best.reached if self._weight else best.position < REACHED):
                 break
-        if best is None:
-            return self._reach(X_WB, goal, 0.5 * (self._lower + self._upper))
-        return best
+        return self._reach(X_WB, goal, 0.5 * (self._lower + self._upper)) if best is None else best
 
     def _from(self, X_WB: pin.SE3, goal: pin.SE3, start: np.ndarray) -> Iterator[ReachResult]:
         """With the rotation weighed lightly first: it finds its way around more obstacles than the full error."""
