@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from os import environ, wait4
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from recording.report import Report, Table, begin, parser_of
@@ -56,7 +57,7 @@ def measured(words: list[str], folder: Path) -> tuple[float, float]:
     return time.perf_counter() - begin, usage.ru_maxrss / 1e3
 
 
-def works(folder: Path, seconds: float) -> Iterator[dict[str, object]]:
+def works(folder: Path, seconds: float) -> Iterator[dict[str, Any]]:
     """A row for each work at a length."""
     out, length = f"run{seconds:g}", f"{seconds:g}"
     run = [*COMMAND, "run", "endless.py", "--force", "--duration", length, "--out", out]
@@ -73,7 +74,7 @@ def works(folder: Path, seconds: float) -> Iterator[dict[str, object]]:
         yield {"work": work, "simulated_s": seconds, "time_s": took, "peak_mb": peak, "disk_mb": disk}
 
 
-def exponents(rows: list[dict[str, object]]) -> Iterator[dict[str, object]]:
+def exponents(rows: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
     """Of time and peak memory, by work."""
     for work in dict.fromkeys(row["work"] for row in rows):
         own = [row for row in rows if row["work"] == work]
