@@ -12,6 +12,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.record.meta_values import ABORT, DONE
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.record import quantity as quantity
+from uvms_ocp.record.row_files import parts
 from uvms_ocp.record.run_meta import RunMeta, joint_errors, joint_positions
 from uvms_ocp.record.swings import WINDOW, Swing, swings_among, tilts_of
 from uvms_ocp.record.tables import column_units
@@ -22,8 +23,9 @@ from uvms_ocp.record.tables import column_units
 @checked
 def max_velocity_step(record: Record) -> float:
     """Largest change of any component of the command in one tick, from rest at the start."""
-    steps = np.diff(record["command"], axis=0, prepend=np.zeros((1, record["command"].shape[1])))
-    return float(np.abs(steps).max(initial=0.0))
+    command = record["command"]
+    steps = (np.abs(after - before).max(initial=0.0) for after, before in parts(command[1:], command[:-1]))
+    return float(max(np.abs(command[:1]).max(initial=0.0), *steps))
 
 
 def none_if_nan(value: float | None) -> float | None:
@@ -290,4 +292,5 @@ def _share(record: Record, name: str, limits: tuple[float, ...] | None, rows: sl
     bounds = np.array(limits)
     limited = bounds > 0.0
     with np.errstate(over="ignore"):  # a limit may be as small as it likes
-        return float((np.abs(record[name][rows][:, limited]) / bounds[limited]).max(initial=0.0))
+        shares = (np.abs(part[:, limited]) / bounds[limited] for (part,) in parts(record[name][rows]))
+        return float(max((share.max(initial=0.0) for share in shares), default=0.0))

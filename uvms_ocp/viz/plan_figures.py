@@ -71,13 +71,9 @@ def _mark_least(axis: Axes, nearest: ClearanceMeta) -> None:
     style.note(axis, text, (when, least), offset, ha=side, va="top", fontsize=7)
 
 
+_ALL = (figure_vehicle_motion, figure_joint_motion, figure_clearance, figure_efforts)
 PLAN_FIGURES: Mapping[str, Callable[[Record], Figure | None]] = MappingProxyType(
-    {
-        "vehicle_motion": figure_vehicle_motion,
-        "joint_motion": figure_joint_motion,
-        "clearance": figure_clearance,
-        "efforts": figure_efforts,
-    }
+    {draw.__name__.removeprefix("figure_"): draw for draw in _ALL}
 )
 """What draws each figure of a plan, by name."""
 
