@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -37,6 +38,18 @@ def test_it_is_whole_and_loads_nothing_from_a_network(reference: Path) -> None:
     first = (reference / "index.html").read_text(encoding="utf-8")
     for name in ("motion.html", "robot_files.html", "series.html", "commands.html", "uvms_ocp/tasks.html"):
         assert f'href="{name}"' in first
+
+
+def test_the_search_of_every_page_has_all_pages_and_all_names_of_the_code(reference: Path) -> None:
+    text = (reference / "pages.js").read_text(encoding="utf-8")
+    pages = json.loads(text.removeprefix("window.pages = ").removesuffix(";\n"))
+    assert {address for address, _, _ in pages} | {"index.html"} == {path.name for path in reference.glob("*.html")} - {
+        "uvms_ocp.html"
+    }
+    assert any(address == "statuses.html" and "horizon too short" in body for address, _, body in pages)
+    assert "window.pdocSearch" in (reference / "search.js").read_text(encoding="utf-8")
+    for path in (reference / address for address, _, _ in pages):
+        assert all(word in path.read_text(encoding="utf-8") for word in ('src="pages.js"', '"search.js"', 'id="find"'))
 
 
 def test_formulas_are_drawn_by_the_browser_itself(reference: Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from undocumented import undocumented_names
 
+from uvms_ocp.errors import AdvisedStatus
 from uvms_ocp.identification.reading import ChannelMapping
 from uvms_ocp.identification.recording import CHANNEL_KINDS
 from uvms_ocp.identification.settings import CalibrationSettings, NoiseSettings, QuantitySettings
@@ -47,6 +48,15 @@ def test_no_page_is_written_over_another_and_links_between_them_name_one() -> No
     linked = {link for _, text in pages for link in re.findall(r"\((\w+)\.md\)", text)}
     assert linked
     assert linked <= set(names)
+
+
+def test_every_status_stands_with_what_to_do() -> None:
+    page = generated_pages()["statuses"]
+    assert {"Status", "OcpStatus", "PlanStatus", "FitStatus"} <= {kind.__name__ for kind in AdvisedStatus.__subclasses__()}
+    for kind in AdvisedStatus.__subclasses__():
+        assert f"`{kind.__module__}.{kind.__name__}`" in page
+        for one in kind:
+            assert f"| `{one.value}` | {' '.join(one.advice.replace('|', chr(92) + '|').split())} |" in page
 
 
 def test_tables_hold_every_series_every_field_and_every_command() -> None:

@@ -6,6 +6,8 @@ import ast
 import importlib
 import importlib.util
 import inspect
+import json
+import pkgutil
 import re
 import sys
 import warnings
@@ -20,9 +22,11 @@ from urllib.parse import unquote, urlsplit
 import numpy as np
 import typer.main
 
+import uvms_ocp
+from uvms_ocp import cli
 from uvms_ocp.checks import checked
 from uvms_ocp.cli.commands import app
-from uvms_ocp.errors import InvalidInput, NameNotFound, OutputError
+from uvms_ocp.errors import AdvisedStatus, InvalidInput, NameNotFound, OutputError
 from uvms_ocp.identification.parameters import ActuatorModel, NominalParameters, Quantity, vehicle_declaration
 from uvms_ocp.identification.reading import ChannelMapping
 from uvms_ocp.identification.recording import CHANNEL_KINDS
@@ -36,7 +40,7 @@ from uvms_ocp.robot.description import RobotDescription
 def generated_pages() -> dict[str, str]:
     """Markdown by the name of the page."""
     made = {"robot_files": _robot_files, "identification_settings": _settings, "series": _series, "channels": _channels}
-    return {name: page() for name, page in (made | {"commands": _commands}).items()}
+    return {name: page() for name, page in (made | {"statuses": _statuses, "commands": _commands}).items()}
 
 
 def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
@@ -50,6 +54,18 @@ def _series() -> str:
         "shapes say what follows. Quantities of tasks are there by their names too, such as `T.position_error`.\n\n"
         f"{series_markdown()}\n"
     )
+
+
+def _statuses() -> str:
+    """Every outcome of a solver, a plan or a fit, whose class is known once all modules are."""
+    for module in pkgutil.walk_packages(uvms_ocp.__path__, "uvms_ocp."):
+        if not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
+    parts = ["# Statuses\n\nHow solvers, plans and fits end, and what to do then."]
+    for kind in sorted(AdvisedStatus.__subclasses__(), key=lambda kind: kind.__module__):
+        rows = _table(("status", "what to do"), ((f"`{one.value}`", one.advice) for one in kind))
+        parts.append(f"## {kind.__name__}\n\nCode: `{kind.__module__}.{kind.__name__}`.\n\n{rows}")
+    return "\n\n".join(parts) + "\n"
 
 
 def _channels() -> str:
@@ -135,15 +151,10 @@ def _type_of(field: dict[str, Any]) -> str:
 
 
 def _commands() -> str:
-    root = typer.main.get_command(app)
-    text = "\n\n".join(_command(path, command) for path, command in _all(("uvms-ocp",), root))
-    return f"# Commands\n\nExit codes: {_exit_codes()}\n\n{text}\n"
-
-
-def _exit_codes() -> str:
-    from uvms_ocp import cli
-
-    return " ".join((cli.__doc__ or "").partition("Exit codes: ")[2].split())
+    codes = " ".join((cli.__doc__ or "").partition("Exit codes: ")[2].split())
+    every = _all(("uvms-ocp",), typer.main.get_command(app))
+    text = "\n\n".join(_command(path, command) for path, command in every)
+    return f"# Commands\n\nExit codes: {codes}\n\n{text}\n"
 
 
 def _all(path: tuple[str, ...], command: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -156,7 +167,7 @@ def _all(path: tuple[str, ...], command: Any) -> Iterator[tuple[tuple[str, ...],
 
 
 def _command(path: tuple[str, ...], command: Any) -> str:
-    arguments = [_value_of(parameter) for parameter in command.params if not _is_option(parameter)]
+    arguments = [_value_of(parameter) for parameter in command.params if parameter.param_type_name != "option"]
     options = ["[OPTIONS]"] if len(arguments) < len(command.params) else []
     text = (command.help or "").partition("\f")[0]
     rows = ((_name_of(parameter), str(getattr(parameter, "help", "") or "")) for parameter in command.params)
@@ -164,16 +175,12 @@ def _command(path: tuple[str, ...], command: Any) -> str:
     return f"## {' '.join(path)}\n\n    {' '.join((*path, *options, *arguments))}\n\n{text}\n\n{table}"
 
 
-def _is_option(parameter: Any) -> bool:
-    return bool(parameter.opts[0].startswith("-"))
-
-
 def _value_of(parameter: Any) -> str:
     return str(parameter.metavar or parameter.name.upper())
 
 
 def _name_of(parameter: Any) -> str:
-    if not _is_option(parameter):
+    if parameter.param_type_name != "option":
         return f"`{_value_of(parameter)}`"
     value = "" if getattr(parameter, "is_flag", False) else f" {_value_of(parameter)}"
     return f"`{', '.join([*parameter.opts, *parameter.secondary_opts])}{value}`"
@@ -208,21 +215,17 @@ def documented_modules(pages: str) -> tuple[str, ...]:
             things = {name: getattr(room, name) for name in names}  # loaded now, where the room loads them when asked
             vars(room).update(things, __all__=[name for name, thing in things.items() if not inspect.ismodule(thing)])
             found[room.__name__] = None
-    waiting = [*_modules_of(pages), *(name for room in list(found) for name in _modules_of(_source_of(room)))]
+    waiting = [*found, *_modules_of(pages)]
     while waiting:
         module = waiting.pop()
-        if module not in found:
-            found[module] = None
-            waiting += _modules_of(_source_of(module))
+        found[module] = None
+        cited = _modules_of(inspect.getsource(importlib.import_module(module)))
+        waiting += [name for name in cited if name not in found]
     return tuple(sorted(found))
 
 
 def _modules_of(text: str) -> list[str]:
     return [place_of(name)[0].__name__ for name in CITED.findall(text)]
-
-
-def _source_of(module: str) -> str:
-    return inspect.getsource(importlib.import_module(module))
 
 
 def place_of(name: str) -> tuple[ModuleType, str]:
@@ -415,7 +418,10 @@ def _write_pages(folder: Path, written: dict[str, dict[str, str]], modules: tupl
         heading: [(f"{name}.html", title_of(text)) for name, text in pages.items()] for heading, pages in written.items()
     }
     contents["Python"] = [(f"{name.replace('.', '/')}.html", name.removeprefix("uvms_ocp.")) for name in modules]
-    for name, text in (item for pages in written.values() for item in pages.items()):
+    made = {name: text for pages in written.values() for name, text in pages.items()}
+    found = [(f"{name}.html", title_of(text), text) for name, text in made.items()]
+    (folder / "pages.js").write_text(f"window.pages = {json.dumps(found)};\n", encoding="utf-8")
+    for name, text in made.items():
         page = page_of(title_of(text), body_of(text, modules), contents)
         (folder / f"{name}.html").write_text(page, encoding="utf-8")
     first = (files("uvms_ocp.reference") / "theory" / "first_page.md").read_text(encoding="utf-8")
