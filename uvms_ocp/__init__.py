@@ -12,10 +12,10 @@ _RENAMED = {"scenarios": "scenario"}  # campaigns keep the missions that they we
 
 def __getattr__(name: str) -> object:
     name = _RENAMED.get(name, name)
-    if name not in __all__:
+    if name not in __dir__():
         from difflib import get_close_matches
 
-        near = get_close_matches(name, __all__, n=1)
+        near = get_close_matches(name, __dir__(), n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")
     return _load(name)

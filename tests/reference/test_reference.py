@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from undocumented import undocumented_names
 
+import uvms_ocp
 from uvms_ocp.errors import AdvisedStatus
 from uvms_ocp.identification.reading import ChannelMapping
 from uvms_ocp.identification.recording import CHANNEL_KINDS
@@ -22,6 +23,11 @@ EQUATION = re.compile(r"\$\$.+?\$\$", re.DOTALL)
 def test_every_public_name_is_documented() -> None:
     pages = (*guide_pages().values(), *theory_pages().values())
     assert list(undocumented_names(documented_modules("\n".join(pages)))) == []
+
+
+def test_names_are_loaded_when_asked_for_after_the_reference_was_built_too() -> None:
+    documented_modules("")
+    assert uvms_ocp.scenarios is uvms_ocp.scenario  # by its name of earlier versions
 
 
 @pytest.mark.parametrize("name", build.ORDER)

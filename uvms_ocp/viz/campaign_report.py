@@ -108,6 +108,7 @@ def figure_sensitivity(rows: Sequence[Mapping[str, Any]], figure_name: str) -> F
 
 # The report of a campaign as one page of HTML, which needs no network.
 
+_FIGURE = '<figure><img alt="{}" src="data:image/png;base64,{}"></figure>'
 _TEXTS = ("campaign", "success_text", "finished", "runs", "sampler", "seed", "package", "worst_first")
 """Keys of the report that the template shows unchanged."""
 
@@ -120,7 +121,7 @@ def report_page(report: Mapping[str, Any], figures: Mapping[str, bytes]) -> str:
         {name: escape(str(report[name])) for name in _TEXTS},
         style=(folder / "campaign.css").read_text(encoding="utf-8"),
         counted=escape("; ".join(report["criterion"])),
-        figures="".join(_figure(name, png) for name, png in figures.items()),
+        figures="".join(_FIGURE.format(escape(name), base64.b64encode(png).decode("ascii")) for name, png in figures.items()),
         outcomes=_table(report["outcomes"]),
         causes=_table(report["causes"], "No run failed."),
         distributions=_table(report["distributions"], "No run has a figure of merit."),
@@ -129,11 +130,6 @@ def report_page(report: Mapping[str, Any], figures: Mapping[str, bytes]) -> str:
         worst=_table(report["worst"], code=("repeat",)),
         parameters=_table(parameters, "Nothing but the seed of each run."),
     )
-
-
-def _figure(name: str, png: bytes) -> str:
-    data = base64.b64encode(png).decode("ascii")
-    return f'<figure><img alt="{escape(name)}" src="data:image/png;base64,{data}"></figure>'
 
 
 def _table(rows: Sequence[Mapping[str, Any]], empty: str = "", code: Sequence[str] = ()) -> str:

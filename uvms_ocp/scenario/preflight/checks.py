@@ -12,7 +12,7 @@ from uvms_ocp.control.velocity.goals import task_parameters
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.swing import N_PASSIVE
 from uvms_ocp.estimation.estimator import std_at_rest
-from uvms_ocp.mission import Below, Mission, Phase
+from uvms_ocp.mission import Below, Mission
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.robot import IDEAL_SENSORS, Kinematics
 from uvms_ocp.robot.assembly import without_trim
@@ -24,11 +24,12 @@ from uvms_ocp.scenario.preflight.altitude import check_altitude, check_echo, che
 from uvms_ocp.scenario.preflight.reachability import check_tool
 from uvms_ocp.scenario.preflight.setup import Finding, PreflightReport, Setup, Severity, Visit, forecast
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition
-from uvms_ocp.tasks.task import Task, TaskClass
+from uvms_ocp.tasks.task import TaskClass
 
 # Checks on the mission alone: phases, transitions and activations.
 
 CHECK = "activations"
+_ACTING = (TaskClass.PREREQUISITE, TaskClass.ACTION)
 
 
 def check_structure(mission: Mission) -> Iterator[Finding]:
@@ -39,31 +40,21 @@ def check_structure(mission: Mission) -> Iterator[Finding]:
         text = f"the mission cannot end from phase {name!r}; add a transition towards {DONE!r}"
         yield Severity.ERROR.finding("phases", text, name)
     for phase in mission.all_phases:
-        yield from _idle(mission, phase)
-        yield from _waiting_in_vain(mission, phase)
+        active = [task for task in mission.hierarchy.tasks if task.name in phase.on]
+        # Constraints, safety and preferences that it does not wait for move nothing on purpose.
+        if not any(task.task_class in _ACTING or phase.waits_for(task.name) for task in active):
+            text = f"phase {phase.name!r} has no acting task switched on; nothing would happen in it"
+            yield Severity.ERROR.finding(CHECK, text, phase.name)
+        for condition in phase.conditions:  # what is to fall needs the task that makes it fall
+            task = condition.quantity.rpartition(".")[0]
+            if isinstance(condition, Below) and len(phase.transitions) < 2 and task in {*mission.hierarchy.names} - {*phase.on}:
+                text = f"phase {phase.name!r} waits for {condition.quantity}, but task {task} is off in it"
+                yield Severity.WARNING.finding(CHECK, text, phase.name)
     used = {name for phase in mission.all_phases for name in phase.on}
     for name in mission.hierarchy.names:
         if name not in used:
             text = f"task {name} is never switched on; use it or drop it"
             yield Severity.WARNING.finding(CHECK, text)
-
-
-def _idle(mission: Mission, phase: Phase) -> Iterator[Finding]:
-    """A phase needs a task that acts; constraints, safety and preferences that it does not wait for move nothing on purpose."""
-    acting = (TaskClass.PREREQUISITE, TaskClass.ACTION)
-    active = [task for task in mission.hierarchy.tasks if task.name in phase.on]
-    if not any(task.task_class in acting or phase.waits_for(task.name) for task in active):
-        text = f"phase {phase.name!r} has no acting task switched on; nothing would happen in it"
-        yield Severity.ERROR.finding(CHECK, text, phase.name)
-
-
-def _waiting_in_vain(mission: Mission, phase: Phase) -> Iterator[Finding]:
-    """A phase that waits for a quantity to fall must have the task on that makes it fall."""
-    for condition in phase.conditions:
-        task = condition.quantity.rpartition(".")[0]
-        if isinstance(condition, Below) and len(phase.transitions) < 2 and task in {*mission.hierarchy.names} - {*phase.on}:
-            text = f"phase {phase.name!r} waits for {condition.quantity}, but task {task} is off in it"
-            yield Severity.WARNING.finding(CHECK, text, phase.name)
 
 
 # Check: the sensors can tell whether the thresholds of a mission are met.
@@ -193,17 +184,11 @@ def check_freedom(setup: Setup, visits: Sequence[Visit], problem: LevelsProblem)
                 continue
             rows = J[task.name]
             if task.task_class < TaskClass.OPTIMIZATION and _rank(rows) and not _rank(rows @ N):
-                yield _without_freedom(visit, task)
+                names = ", ".join(other.name for other in visit.tasks if other.equality and other is not task)
+                text = f"{task.name} is on but has no freedom left below the other equality tasks ({names}); switch one off"
+                severity = Severity.ERROR if visit.phase.waits_for(task.name) else Severity.WARNING
+                yield severity.finding("contradiction", text, visit.phase.name)
             N = N - np.linalg.pinv(rows @ N, rcond=_RANK) @ rows @ N
-
-
-def _without_freedom(visit: Visit, task: Task) -> Finding:
-    names = ", ".join(other.name for other in visit.tasks if other.equality and other is not task)
-    return (Severity.ERROR if visit.phase.waits_for(task.name) else Severity.WARNING).finding(
-        "contradiction",
-        f"{task.name} is on but has no freedom left below the other equality tasks ({names}); switch one off",
-        visit.phase.name,
-    )
 
 
 def _rank(rows: np.ndarray) -> int:

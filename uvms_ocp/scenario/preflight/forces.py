@@ -309,13 +309,10 @@ def check_load(setup: Setup) -> Iterator[Finding]:
         text = "a controller of your own learns no load by itself; the toolkit's does"
         yield Severity.WARNING.finding(_CHECK, text)
     else:
-        yield _learnt(setup)
-
-
-def _learnt(setup: Setup) -> Finding:
-    try:
-        require_learnable(setup.robot, observed=bool(setup.load_bandwidth))
-    except UvmsError as error:
-        return Severity.ERROR.finding(_CHECK, str(error))
-    text = "the load at the tool is learnt: its net weight from forces, its mass once the tool accelerates"
-    return Severity.NOTE.finding(_CHECK, text)
+        try:
+            require_learnable(setup.robot, observed=bool(setup.load_bandwidth))
+        except UvmsError as error:
+            yield Severity.ERROR.finding(_CHECK, str(error))
+        else:
+            text = "the load at the tool is learnt: its net weight from forces, its mass once the tool accelerates"
+            yield Severity.NOTE.finding(_CHECK, text)

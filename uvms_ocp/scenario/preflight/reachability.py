@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from operator import attrgetter
 from typing import Any
 
@@ -236,14 +237,9 @@ def _suggestion(setup: Setup, arm: ArmReach, visit: Visit, goals: Sequence[pin.S
 
 def _last_way_point(setup: Setup, visit: Visit) -> tuple[int, VehiclePose] | None:
     """Index of the last phase before `visit` with a way point, and its task."""
-    found = None
-    for earlier in forecast(setup):
-        if earlier.index == visit.index:
-            break
-        task = earlier.active(VehiclePose)
-        if task is not None and not callable(task.goal):
-            found = (earlier.index, task)
-    return found
+    before = takewhile(lambda earlier: earlier.index != visit.index, forecast(setup))
+    found = [(one.index, task) for one in before if (task := one.active(VehiclePose)) is not None and not callable(task.goal)]
+    return found[-1] if found else None
 
 
 def _reached_from(setup: Setup, arm: ArmReach, visit: Visit, goals: Sequence[pin.SE3]) -> bool:
