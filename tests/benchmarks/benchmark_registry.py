@@ -59,6 +59,7 @@ ALONE = tuple(
         "drawn_robots",
         "exported_controller",
         "faults",
+        "first_answer",
         "gates",
         "growth",
         "hierarchy",

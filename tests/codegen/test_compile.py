@@ -14,6 +14,7 @@ import tempfile
 import time
 import types
 from collections.abc import Callable, Iterator
+from multiprocessing.pool import ThreadPool
 from pathlib import Path
 
 import casadi as ca
@@ -234,6 +235,66 @@ def test_a_compiler_that_hangs_is_stopped_with_its_children_and_not_called_again
     assert (tmp_path / "calls").read_text() == "call\n"
     _await_end(int((tmp_path / "child").read_text()))
     assert not list((tmp_path / "cache").iterdir())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="shell scripts")
+def test_functions_that_are_begun_are_compiled_side_by_side(
+    pretend: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(building, "_workers", lambda process: workers)
+    calls = f"'{tmp_path}/calls'"
+    # Each ends when it has seen the other, or after ten seconds without.
+    wait = f"for i in $(seq 200); do [ \"$(wc -l < {calls})\" -ge 2 ] && echo met >> '{tmp_path}/met' && break; sleep 0.05; done"
+    pretend(f"echo call >> {calls}; {wait}; exit 1")
+    x = ca.SX.sym("x")
+    with ThreadPool(2) as workers:
+        functions = [building.start_compiling(ca.Function(name, [x], [x])) for name in ("one", "two")]
+        assert [building.compile_function(function) for function in functions] == functions
+    assert (tmp_path / "met").read_text() == "met\n" * 2
+
+
+@needs_compiler
+def test_what_is_begun_is_compiled_once_and_found_by_its_machine_code() -> None:
+    x = ca.SX.sym("x")
+    function = building.start_compiling(ca.Function("f", [x], [ca.sin(x)]))
+    building.finish_compiling()
+    assert not building._BESIDE
+    address = building.compiled_symbol(function)
+    assert address is not None
+    assert building.compiled_symbol(function) == address
+
+
+BEGIN = """
+import os, sys
+import casadi as ca
+from uvms_ocp.codegen.compile import start_compiling
+x = ca.SX.sym("x")
+start_compiling(ca.Function("f", [x], [x]))
+while not os.path.exists(sys.argv[1]):
+    pass
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="shell scripts")
+def test_a_process_that_ends_leaves_no_compiler_behind(pretend: Callable[[str], Path], tmp_path: Path) -> None:
+    compiler = pretend(f"echo $$ > '{tmp_path}/part'; mv '{tmp_path}/part' '{tmp_path}/child'; sleep 300")
+    child = tmp_path / "child"
+    done = subprocess.run(
+        [sys.executable, "-c", BEGIN, str(child)], env=os.environ | {"CC": str(compiler)}, capture_output=True, timeout=60
+    )
+    assert done.returncode == 0
+    _await_end(int(child.read_text()))
+    assert not list((tmp_path / "cache").iterdir())
+
+
+@needs_compiler
+def test_it_is_said_of_long_code_how_long_it_takes(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(building, "_PACE", 3.0 / len(SOURCE))
+    for _ in range(2):
+        building.compile_library(SOURCE, name="the answer")
+    (record,) = (record for record in caplog.records if "about" in record.getMessage())
+    assert record.getMessage() == "compiling the answer, which takes about 3 s"
+    assert getattr(record, building.PROGRESS)
 
 
 def test_a_time_limit_that_is_none_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -107,20 +107,26 @@ def test_derivatives_of_stages_equal_differences_on_the_manifold(robot: Robot, o
     step = ca.SX.sym("step", n)
     moved = ca.Function("moved", [model.z, step], [tangent.moved(step)])
     groups = len(function.held) + len(function.errors) - 1
-    found = function.linear.call([z, s, u])
+    force, slope = tangent.forces[1](z, u)
+    found = function.linear.call([z, s, u, force, slope])
     d = rng.standard_normal(n)
-    ends = [function.values.call([np.array(moved(z, sign * e * d)).ravel(), s, u]) for sign in (1.0, -1.0)]
+    ends = [values_of(tangent, function, np.array(moved(z, sign * e * d)).ravel(), s, u) for sign in (1.0, -1.0)]
     for value, J, ahead, behind in zip(found[:groups], found[groups:], *ends, strict=False):
         slope = (np.array(ahead) - np.array(behind)).ravel() / (2 * e)
         np.testing.assert_allclose(np.array(J).T @ d, slope, atol=1e-5)
         assert value.numel() == len(slope)
 
 
+def values_of(tangent: Tangent, function: BlockFunctions, z: np.ndarray, s: np.ndarray, u: np.ndarray) -> list[ca.DM]:
+    """Rows at z with the forces there."""
+    return list(function.values.call([z, s, u, tangent.forces[0](z, u), np.zeros(tangent.force_slope.numel())]))
+
+
 @pytest.mark.parametrize("options", [{}, {"integrator": Integrator.EULER}], ids=["middle", "euler"])
 def test_curvature_of_stages_is_the_second_difference_on_the_manifold(
     robot: Robot, options: dict[str, object], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("uvms_ocp.ocp.stagewise.functions.compile_function", lambda function: function)
+    monkeypatch.setattr("uvms_ocp.ocp.stagewise.functions.start_compiling", lambda function: function)
     tangent = Tangent(model=StageModel(reach(robot, **({"n_steps": 3} | options)), eliminated=True))
     model, rng, e = tangent.model, np.random.default_rng(3), 1e-3
     function = BlockFunctions(block=term_blocks(model)[0], tangent=tangent, forces=force_rows(model), extra=0)
@@ -128,16 +134,19 @@ def test_curvature_of_stages_is_the_second_difference_on_the_manifold(
     z[model.layout.q], z[model.layout.h] = model.problem.start.q, 0.4
     after, step = z + 0.01 * rng.standard_normal(len(z)), ca.SX.sym("step", tangent.n_x + tangent.n_u)
     after[model.layout.q] = model.problem.start.q
-    y, r = (rng.standard_normal(function.bend.numel_in(i)) for i in (3, 4))
+    assert function.weights is not None
+    y, r = (rng.standard_normal(function.weights.numel_in(i)) for i in (5, 6))
     costates, d = rng.standard_normal(tangent.n_x), rng.standard_normal(step.numel())
-    H = function.curvature(z, after, s, u, costates, y, r, function.bend(z, s, u, y, r))
+    here = (z, s, u, *tangent.forces[1](z, u))
+    bent = tangent.step_curvature[0](z, after, costates, tangent.bend(z, u, function.weights(*here, y, r)))
+    H = function.curvature(*here, y, r, bent)
     moved = ca.Function("moved", [model.z, step], [tangent.moved(step)])
     motion = ca.Function("motion", [model.z], [tangent.motion(ca.SX(ca.DM(after)))])
     n_errors = len(function.errors)
 
     def value(share: float) -> float:
         there = np.array(moved(z, share * d)).ravel()
-        rows = [np.array(part).ravel() for part in function.values.call([there, s, u])]
+        rows = [np.array(part).ravel() for part in values_of(tangent, function, there, s, u)]
         held, errors = np.concatenate(rows[n_errors:-1]), np.concatenate(rows[:n_errors])
         return float(y @ held + r @ errors + costates @ np.array(motion(there)).ravel())
 
@@ -153,7 +162,7 @@ def test_a_current_that_thrusters_cannot_hold_against_is_named_infeasible(robot:
 
 
 def test_it_works_without_a_compiler(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("uvms_ocp.ocp.stagewise.functions.compile_function", lambda function: function)
+    monkeypatch.setattr("uvms_ocp.ocp.stagewise.functions.start_compiling", lambda function: function)
     q = load_robot("planar5")
     problem = single_phase(
         robot=q,

@@ -14,6 +14,7 @@ Every process compiles to a file of its own and moves it into place, which the o
 from __future__ import annotations
 
 import _ctypes
+import atexit
 import ctypes
 import hashlib
 import logging
@@ -25,9 +26,11 @@ import stat
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
+from multiprocessing.pool import AsyncResult, ThreadPool
 from pathlib import Path
 from types import ModuleType
 
@@ -114,11 +117,15 @@ def run_compiler(command: Sequence[str], seconds: float) -> tuple[int, str]:
         process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=said, stderr=subprocess.STDOUT, start_new_session=True
         )
+        end = partial(_kill, process)
+        atexit.register(end)  # threads that wait for it end without a word
         try:
             code = process.wait(seconds)
         except BaseException:  # Ctrl-C too, which does not reach a session of its own
             _kill(process)
             raise
+        finally:
+            atexit.unregister(end)
         said.seek(max(0, said.seek(0, os.SEEK_END) - _KEPT))
         return code, said.read().decode(errors="replace")
 
@@ -145,18 +152,13 @@ def c_macros(values: Mapping[str, object]) -> str:
     return "".join(f"#define {name.upper()} {value}\n" for name, value in values.items())
 
 
-# C source to shared library, compiled once and cached; where that cannot be done callers fall back to slower code.
-#
-# Either is said once per process as a warning of the logger ``uvms_ocp.codegen.compile``: no compiler, one that fails, hangs
-# or writes garbage, a full disk, a cache that cannot be written or whose libraries cannot be loaded.
-#
-# A library is found by the hash of its source, flags and compiler; its own hash is stored beside it and checked before
-# every use, so that an interrupted compilation, a damaged file or garbage in the cache leads to a new compilation.
-# Every process compiles to a file of its own and moves it into place, which the operating system does atomically.
+# C source to shared library, compiled once and cached, several at once on the cores there are.
 
 _FLAGS = ("-O3", "-shared", "-fPIC", "-ffp-contract=off")
-# Code without loops gains nothing from more optimisation but the time that takes.
-_STRAIGHT = ("-O1", "-fstrict-aliasing", "-finline-small-functions", "-fno-semantic-interposition")
+# Code without loops gains nothing from more optimisation but the time that takes, and that grows faster than the code: long
+# code with the first two takes up to five times as long, and runs no faster.
+_LONG_STRAIGHT, _LONG_CODE = ("-Og", "-finline-small-functions", "-fno-semantic-interposition"), 500_000  # [bytes]
+_STRAIGHT = ("-O1", "-fstrict-aliasing", *_LONG_STRAIGHT[1:])
 # fmax and fmin are calls into libm, hundreds in a tick; like them these return what is a number where one of both is.
 MATH = """#include <math.h>
 static inline double larger(double x, double y) { return x >= y || y != y ? x : y; }
@@ -170,8 +172,10 @@ PROGRESS = "progress"
 _VERSION_TIMEOUT = 30.0  # [s]
 _HUNG: set[str] = set()  # compilers, which are not called again
 _SAID: set[str] = set()
-_KEPT_FUNCTIONS = 4096
+_KEPT_FUNCTIONS, _KEPT_SOURCES = 4096, 64
 _HOMES: dict[ca.Function, Path] = {}  # of compiled functions
+_BESIDE: dict[ca.Function, AsyncResult[Path | None]] = {}  # that are being compiled
+_PACE, _LONG = 3e-6, 2.0  # [s] a byte of long code takes; [s] of silence that look like a hang
 _SLOWER = "everything works, only slower"
 _log = logging.getLogger(__name__)
 
@@ -210,20 +214,48 @@ def compile_library(source: str, flags: Sequence[str] = (), name: str = "C code"
 @checked
 def compile_function(function: ca.Function) -> ca.Function:
     """``function`` in machine code with the same names and sparsities; itself where it cannot be compiled."""
+    begun = _BESIDE.pop(function, None)
+    path = _compilation(function)() if begun is None else begun.get()
+    return _function_in(path, function.name()) or function
+
+
+@checked
+def start_compiling(function: ca.Function) -> ca.Function:
+    """``function`` itself, which is compiled beside what follows: `compile_function` and `compiled_symbol` wait for the end."""
+    if has_compiler():
+        _BESIDE[function] = _workers(os.getpid()).apply_async(_compilation(function))
+    return function
+
+
+def finish_compiling() -> None:
+    """Wait for all that was begun."""
+    for function in list(_BESIDE):
+        compiled_symbol(function)
+
+
+@cache
+def _workers(process: int) -> ThreadPool:
+    """One for each process, as a fork has no threads."""
+    return ThreadPool(os.cpu_count())
+
+
+def _compilation(function: ca.Function) -> Callable[[], Path | None]:
+    """Work for any thread; CasADi writes the code here."""
     generator = ca.CodeGenerator("function.c")
     generator.add(function)
-    compiled = external_function(function.name(), MATH + generator.dump(), _STRAIGHT)
-    return function if compiled is None else compiled
+    source = MATH + generator.dump()
+    return partial(compile_library, source, _STRAIGHT if len(source) < _LONG_CODE else _LONG_STRAIGHT, function.name())
 
 
 @checked
 def external_function(name: str, source: str, flags: Sequence[str] = ()) -> ca.Function | None:
     """The CasADi function ``name`` that ``source`` defines, compiled; None where that cannot be (logged once)."""
-    path = compile_library(source, flags, name)
-    if path is None:
-        return None
+    return _function_in(compile_library(source, flags, name), name)
+
+
+def _function_in(path: Path | None, name: str) -> ca.Function | None:
     try:
-        return _external(name, path)
+        return None if path is None else _external(name, path)
     except RuntimeError:  # the library is one, but not of this source
         _warn_once(f"{path} does not define {name}")
         return None
@@ -237,6 +269,7 @@ def _external(name: str, path: Path) -> ca.Function:
     return function
 
 
+@lru_cache(maxsize=_KEPT_SOURCES)
 def compiled_symbol(function: ca.Function) -> int | None:
     """Address of the machine code of ``function``, for other machine code to call; None where it cannot be compiled."""
     path = _HOMES.get(function) or _HOMES.get(compile_function(function))
@@ -285,7 +318,7 @@ def _version(compiler: str) -> str:
 
 
 def _warn_once(what: str, detail: str = "") -> None:
-    if what not in _SAID:
+    if what not in _SAID and threading.main_thread().is_alive():  # not where its compiler was ended with it
         _SAID.add(what)
         _log.warning("%s: %s", f"{what} ({detail})" if detail else what, _SLOWER)
 
@@ -324,6 +357,8 @@ def _load_error(library: Path) -> str:
 def _build(compiler: str, sources: Sequence[str], flags: Sequence[str], library: Path, name: str) -> bool:
     _announce(library.parent)
     _log.info("compiling %s", name)
+    if (seconds := _PACE * sum(map(len, sources))) > _LONG:
+        _log.warning("compiling %s, which takes about %.0f s", name, seconds, extra={PROGRESS: True})
     try:
         with tempfile.TemporaryDirectory(prefix="build-", dir=library.parent) as folder:
             return _build_in(Path(folder), compiler, sources, flags, library)

@@ -110,7 +110,7 @@ def _labels(transcription: Transcription) -> tuple[list[BoundGroup | None], list
 
 def row_groups(transcription: Transcription, problem: OcpProblem) -> GroupIndex:
     """Group the constraints (n_constraints,) in the numbering of the program."""
-    names = transcription.constraint_names
+    names = tuple(transcription.row_layout.names[row] for row in transcription.row_layout.constraints.tolist())
     roots = {term.name: float(np.sqrt(term.weight)) for term in reversed(problem.constraints)}
     found = {name: i for i, name in enumerate(name for name in dict.fromkeys(names) if name not in FIXED)}
     number = np.array([found.get(name, -1) for name in names], dtype=int)

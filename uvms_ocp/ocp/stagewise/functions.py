@@ -10,13 +10,13 @@ constraints first, then each level above), and the residuals whose half square i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.compile import compile_function
+from uvms_ocp.codegen.compile import start_compiling
 from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermBlock, TermRows
 from uvms_ocp.robot.symbolic_model import SymbolicModel
@@ -24,38 +24,18 @@ from uvms_ocp.robot.symbolic_model import SymbolicModel
 # Derivatives of the expressions of a step along its states and controls.
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Tangent:
     """Tangent space of states and controls of a step, and derivatives along it."""
 
-    model: StageModel
-    """With forces `eliminated`."""
-
-    @property
-    def free(self) -> bool:
+    def __init__(self, *, model: StageModel) -> None:
+        """model: with forces `eliminated`."""
+        self.model = model
+        self.free = model.problem.free_time
         """The length of the step is a state."""
-        return self.model.problem.free_time
-
-    @property
-    def n_v(self) -> int:
-        return self.model.layout.n_v
-
-    @property
-    def n_x(self) -> int:
-        return 2 * self.n_v + self.free
-
-    @property
-    def n_u(self) -> int:
-        return self.n_v + self.model.layout.n_null
-
-    @property
-    def controls(self) -> slice:
-        """Return the range of the controls in z."""
-        return slice(self.model.layout.a.start, self.model.layout.n_z)
-
-    @cached_property
-    def symbolic(self) -> SymbolicModel:
-        return SymbolicModel(self.model.robot.model)
+        self.n_v, self.n_x, self.n_u = model.layout.n_v, 2 * model.layout.n_v + self.free, model.layout.n_v + model.layout.n_null
+        self.controls = slice(model.layout.a.start, model.layout.n_z)
+        """Range of the controls in z."""
+        self.symbolic = SymbolicModel(model.robot.model)
 
     @cached_property
     def _turned(self) -> ca.SX:
@@ -65,17 +45,30 @@ class Tangent:
         return ca.sparsify(ca.substitute(ca.jacobian(moved, d), d, ca.SX.zeros(self.n_v)))
 
     @cached_property
-    def _force_slope(self) -> ca.SX:
-        return ca.jacobian(self.model.required_force, self.model.z)
+    def _required_slope(self) -> ca.SX:
+        return self._along(ca.jacobian(self.model.required_force, self.model.z), controls=True)
 
-    def expanded(self, expressions: Sequence[ca.SX]) -> list[ca.SX]:
-        """Expressions with forces as what they are in z."""
-        return ca.substitute(list(expressions), [self.model.force], [self.model.required_force])
+    @cached_property
+    def force_slope(self) -> ca.SX:
+        """Entries of the derivative of forces as symbols: what terms make of forces and slopes is short, whatever the robot."""
+        return ca.SX.sym("slope", self._required_slope.nnz())
+
+    @cached_property
+    def forces(self) -> tuple[ca.Function, ca.Function]:
+        """``z, water -> forces`` (n_v,) [N, N m], and ``z, water -> forces, force_slope``: of the robot, for all terms."""
+        inputs, force = [self.model.z, self.model.water], self.model.required_force
+        linear = [force, ca.vertcat(*self._required_slope.nonzeros())]
+        return compile_dense("forces", inputs, [force]), compile_dense("forces_linear", inputs, linear)
 
     def jacobian(self, rows: ca.SX, *, controls: bool = True) -> ca.SX:
         """(m, n_x + n_u) derivative of rows (m,) in z; (m, n_x) without the controls."""
-        own, through = ca.jacobian(rows, self.model.z), ca.jacobian(rows, self.model.force)
-        return self._along(own + through @ self._force_slope if through.nnz() else own, controls)
+        own, through = self._along(ca.jacobian(rows, self.model.z), controls), ca.jacobian(rows, self.model.force)
+        return own + through @ self._force_jacobian[:, : own.shape[1]] if through.nnz() else own
+
+    @cached_property
+    def _force_jacobian(self) -> ca.SX:
+        """(n_v, n_x + n_u) of `force_slope`."""
+        return ca.SX(self._required_slope.sparsity(), self.force_slope)
 
     def _along(self, slope: ca.SX, controls: bool) -> ca.SX:
         """Project a derivative (m, n_z) in z."""
@@ -88,13 +81,13 @@ class Tangent:
     def curvature(self, value: ca.SX, *, controls: bool = True) -> ca.SX:
         """(n, n) second derivative of a scalar in z along states and controls: of geodesics, hence symmetric.
 
-        What forces bend is `bent`, with the weights that the scalar gives them.
+        What forces bend is not in it, see `step_curvature`.
         """
         slope = self._along(ca.jacobian(value, self.model.z), controls).T
         weights, H = self.weights(value), self.jacobian(slope, controls=controls)
         if weights.nnz():
-            forces = self._along(self._force_slope, controls)
-            H += forces.T @ self.jacobian(weights, controls=controls) + self._bend(controls)
+            forces = self._force_jacobian[:, : H.shape[0]]
+            H += forces.T @ self.jacobian(weights, controls=controls)
         return (H + H.T) / 2
 
     def weights(self, value: ca.SX) -> ca.SX:
@@ -103,17 +96,15 @@ class Tangent:
 
     @cached_property
     def bent(self) -> ca.SX:
-        """Entries of `force_curvature_terms` as symbols: code too long for the instruction cache takes three times as long."""
-        return ca.SX.sym("bent", self.force_curvature_terms(ca.SX(self.n_v, 1)).numel())
+        """What `bend` gives as symbols: code too long for the instruction cache takes three times as long."""
+        return ca.SX.sym("bent", self._force_curvature[2].numel() + self._force_curvature[3].nnz())
 
-    def force_curvature_terms(self, weights: ca.SX) -> ca.SX:
-        """Slope, and nonzeros of the curvature, of a sum of forces by the motion in the middle of a step, which they come from.
-
-        weights (n_v,) [any]: of the sum.
-        """
+    @cached_property
+    def bend(self) -> ca.Function:
+        """``z, water, weights -> bent``: slope and curvature of a weighted sum of forces by the motion in the middle."""
         motion, w, slope, H = self._force_curvature
-        found = ca.vertcat(slope, *H.nonzeros())
-        return ca.substitute([found], [motion, w], [self.model.midpoint, ca.densify(weights)])[0]
+        found = ca.substitute(ca.vertcat(slope, *H.nonzeros()), motion, self.model.midpoint)
+        return compile_dense("force_curvature", [self.model.z, self.model.water, w], [found])
 
     @cached_property
     def _force_curvature(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
@@ -126,12 +117,15 @@ class Tangent:
         whole = ca.blockcat([[H[:, :n_q], H[:, n_q:]], [H[:, n_q:].T, ca.diagcat(fast, ca.SX(n_v, n_v))]])
         return motion, w, slope, ca.sparsify(whole)
 
-    def _bend(self, controls: bool) -> ca.SX:
-        """(n, n) of forces, with the curvature of the motion in the middle."""
-        middle, pattern = self.model.midpoint, self._force_curvature[-1].sparsity()
-        n, g = middle.numel(), ca.SX.sym("g", middle.numel())
-        D, H = self.jacobian(middle, controls=controls), ca.SX(pattern, self.bent[n:])
-        return D.T @ H @ D + ca.substitute(self.curvature(ca.dot(g, middle), controls=controls), g, self.bent[:n])
+    @cached_property
+    def step_curvature(self) -> tuple[ca.Function, ca.Sparsity]:
+        """``z, z_next, costates, bent -> lower triangle`` of what motion and forces bend, and where its entries (n,) are."""
+        middle, z = self.model.midpoint, self.model.z
+        n, z_next, costates = middle.numel(), ca.SX.sym("z_next", z.shape), ca.SX.sym("costates", self.n_x)
+        D, bent = self.jacobian(middle), ca.SX(self._force_curvature[-1].sparsity(), self.bent[n:])
+        # Derivatives of what is weighted leave the weights as they are, which are symbols.
+        H = ca.tril(D.T @ bent @ D + self.curvature(ca.dot(self.bent[:n], middle) + ca.dot(costates, self.motion(z_next))))
+        return compile_dense("step_curvature", [z, z_next, costates, self.bent], [ca.vertcat(*H.nonzeros())]), H.sparsity()
 
     def motion(self, z_next: ca.SX) -> ca.SX:
         """Return by how much the state after a step is ahead of that of z_next (n_z,), in its tangent space (n_x,)."""
@@ -180,57 +174,51 @@ class HeldRows:
         return int(self.rows.numel())
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class BlockFunctions:
     """Rows of one `TermBlock`, at the steps of a phase or at its end."""
 
-    block: TermBlock
-    tangent: Tangent
-    forces: ForceRows | None
-    """At steps only."""
-    extra: int = 0
-    """Columns of zeros behind those of the state, where the stage has controls and the rows have not."""
-    held: tuple[HeldRows, ...] = field(init=False)
-    """Constraints, then the rows of each level; those of the last are never held, and have no derivatives."""
-    errors: tuple[HeldRows, ...] = field(init=False)
-    """Residual groups of each level."""
-    values: ca.Function = field(init=False)
-    """``z, parameters, water -> errors..., held...``"""
-    linear: ca.Function = field(init=False)
-    """The same without the last, then their Jacobians (n_z, m): columns are rows, so that in memory row follows row."""
-
-    def __post_init__(self) -> None:
-        rows, levels = self.block.rows, range(len(self.block.rows.errors))
-        first = [] if self.forces is None else [self.forces.rows]
-        held = [_group(rows, CONSTRAINT, first), *(_group(rows, i, []) for i in levels)]
-        errors = [HeldRows(rows=rows.errors[i], numbers=np.flatnonzero(rows.level == i)) for i in levels]
-        object.__setattr__(self, "held", tuple(held))
-        object.__setattr__(self, "errors", tuple(errors))
-        groups = [group.rows for group in (*errors, *held)]
-        object.__setattr__(self, "values", self._function("values", groups))
-        jacobians = [self._jacobian(group) for group in groups[:-1]]
-        object.__setattr__(self, "linear", self._function("linear", [*groups[:-1], *jacobians]))
+    def __init__(self, *, block: TermBlock, tangent: Tangent, forces: ForceRows | None, extra: int = 0) -> None:
+        """forces: at steps only. extra: columns of zeros behind those of the state, where the stage has controls and the rows
+        have not.
+        """
+        self.block, self.tangent, self.forces, self.extra = block, tangent, forces, extra
+        rows, levels = block.rows, range(len(block.rows.errors))
+        first = [] if forces is None else [forces.rows]
+        self.held = (_group(rows, CONSTRAINT, first), *(_group(rows, i, []) for i in levels))
+        """Constraints, then the rows of each level; those of the last are never held, and have no derivatives."""
+        self.errors = tuple(HeldRows(rows=rows.errors[i], numbers=np.flatnonzero(rows.level == i)) for i in levels)
+        """Residual groups of each level."""
+        groups = [group.rows for group in (*self.errors, *self.held)]
+        self.forced = ca.depends_on(ca.vertcat(*groups), tangent.model.force)
+        """Rows depend on forces."""
+        self.values = self._function("values", groups)
+        """``z, parameters, water, forces, force_slope -> errors..., held...``"""
+        self.linear = self._function("linear", [*groups[:-1], *(self._jacobian(group) for group in groups[:-1])])
+        """The same without the last, then their Jacobians (n_z, m): columns are rows, so that in memory row follows row."""
 
     @cached_property
-    def bend(self) -> ca.Function:
-        """``z, parameters, water, multipliers of rows that may be held, of residuals -> what forces bend``: for `curvature`."""
+    def weights(self) -> ca.Function | None:
+        """``z, parameters, water, forces, force_slope, multipliers of rows that may be held, of residuals -> weights`` of forces.
+
+        None where rows have no forces.
+        """
         value, y, e = self._weighted
-        weights, rows = self.tangent.weights(value), self.block.rows
-        found = self.tangent.force_curvature_terms(weights) if weights.nnz() else ca.SX(0, 1)
-        inputs = [rows.model.z, rows.parameters, rows.model.water, y, e]
-        return compile_dense(f"{rows.name}_bend", inputs, self.tangent.expanded([found]))
+        weights = self.tangent.weights(value)
+        return self._function("weights", [weights], y, e) if weights.nnz() else None
 
     @cached_property
     def curvature(self) -> ca.Function:
-        """``z, z_next, parameters, water, costates, multipliers of held rows, of residuals, bend -> H`` (n_z, n_z)."""
-        model, tangent, rows = self.tangent.model, self.tangent, self.block.rows
-        z_next, costates = ca.SX.sym("z_next", model.layout.n_z), ca.SX.sym("costates", tangent.n_x)
-        value, y, e = self._weighted
-        bent, step = tangent.bent if tangent.weights(value).nnz() else ca.SX(0, 1), self.forces is not None
-        H = tangent.curvature(value + (ca.dot(costates, tangent.motion(z_next)) if step else 0), controls=step)
-        whole = ca.diagcat(H, ca.SX(self.extra, self.extra))
-        inputs = [model.z, z_next, rows.parameters, model.water, costates, y, e, bent]
-        return compile_dense(f"{rows.name}_curvature", inputs, tangent.expanded([whole]))
+        """``z, parameters, water, forces, force_slope, multipliers of held rows, of residuals, step curvature -> H``."""
+        (value, y, e), pattern = self._weighted, self.tangent.step_curvature[1]
+        H, bent = self.tangent.curvature(value, controls=self.forces is not None), ca.SX.sym("bent", pattern.nnz())
+        if self.bends:
+            H += ca.tril2symm(ca.SX(pattern, bent))[: H.shape[0], : H.shape[0]]
+        return self._function("curvature", [ca.diagcat(H, ca.SX(self.extra, self.extra))], y, e, bent)
+
+    @property
+    def bends(self) -> bool:
+        """Motion or forces add to the curvature."""
+        return self.forces is not None or self.weights is not None
 
     @cached_property
     def _weighted(self) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -244,10 +232,10 @@ class BlockFunctions:
         J = self.tangent.jacobian(rows, controls=self.forces is not None)
         return ca.horzcat(J, ca.SX(rows.numel(), self.extra)).T
 
-    def _function(self, kind: str, outputs: Sequence[ca.SX]) -> ca.Function:
-        rows = self.block.rows
-        inputs = [rows.model.z, rows.parameters, rows.model.water]
-        return compile_dense(f"{rows.name}_{kind}", inputs, self.tangent.expanded(outputs))
+    def _function(self, kind: str, outputs: Sequence[ca.SX], *more: ca.SX) -> ca.Function:
+        rows, model = self.block.rows, self.tangent.model
+        inputs = [model.z, rows.parameters, model.water, model.force, self.tangent.force_slope, *more]
+        return compile_dense(f"{rows.name}_{kind}", inputs, outputs)
 
 
 def _group(rows: TermRows, level: int, before: Sequence[ca.SX]) -> HeldRows:
@@ -277,22 +265,19 @@ def force_rows(model: StageModel) -> ForceRows:
     )
 
 
-def motion_functions(tangent: Tangent) -> tuple[ca.Function, ca.Function]:
-    """``z, z_next -> b`` (n_x,), and ``z, z_next -> b, F'`` with the derivative F (n_x, n_x + n_u)."""
+def motion_functions(tangent: Tangent) -> tuple[ca.Function, ca.Function, ca.Function]:
+    """``z, z_next -> b`` (n_x,), ``z, z_next -> b, F'`` with the derivative F (n_x, n_x + n_u), and ``z, x, u, share -> z`` moved
+    by that share of a step x (n_x,), u (n_u,)."""
+    x, u, share = ca.SX.sym("x", tangent.n_x), ca.SX.sym("u", tangent.n_u), ca.SX.sym("share")
     z, z_next = tangent.model.z, ca.SX.sym("z_next", tangent.model.layout.n_z)
     ahead = tangent.motion(z_next)
     return (
         compile_dense("motion", [z, z_next], [ahead]),
         compile_dense("motion_linear", [z, z_next], [ahead, tangent.jacobian(ahead).T]),
+        compile_dense("moved", [z, x, u, share], [tangent.moved(share * ca.vertcat(x, u))]),
     )
 
 
-def moved_function(tangent: Tangent) -> ca.Function:
-    """``z, x, u, share -> z`` moved by that share of a step x (n_x,), u (n_u,)."""
-    x, u, share = ca.SX.sym("x", tangent.n_x), ca.SX.sym("u", tangent.n_u), ca.SX.sym("share")
-    return compile_dense("moved", [tangent.model.z, x, u, share], [tangent.moved(share * ca.vertcat(x, u))])
-
-
 def compile_dense(name: str, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX]) -> ca.Function:
-    """Dense outputs, in machine code where there is a compiler."""
-    return compile_function(ca.Function(name, list(inputs), [ca.densify(one) for one in outputs], {"cse": True}))
+    """Dense outputs; it is being compiled where there is a compiler."""
+    return start_compiling(ca.Function(name, list(inputs), [ca.densify(one) for one in outputs], {"cse": True}))

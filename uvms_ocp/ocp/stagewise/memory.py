@@ -61,7 +61,7 @@ class StageMemory:
     def __init__(self, whole: Transcription) -> None:
         """whole: numbers parameters, variables and rows."""
         problem = whole.problem
-        self.whole, self.stages = whole, horizon_stages(problem)
+        self.whole, self.stages, self.n_levels = whole, horizon_stages(problem), len(problem.levels)
         self.tangent = functions.Tangent(model=StageModel(problem, eliminated=True))
         self.forces = functions.force_rows(self.tangent.model)
         self.functions = self._block_functions()
@@ -70,6 +70,7 @@ class StageMemory:
         self.z, self.z_from = np.zeros((n, layout.n_z)), np.zeros((n, layout.n_z))
         self.x_step, self.u_step = np.zeros((n, self.tangent.n_x)), np.zeros((n, self.tangent.n_u))
         self.share, self.water = np.ones(1), np.zeros((len(self.steps), 3))
+        self.force, self.force_slope = np.zeros((n, layout.n_v)), np.zeros((n, self.tangent.force_slope.numel()))
         self.gaps = np.zeros((n - 1, self.tangent.n_x))
         """Defects: by how much each stage ends ahead of the next."""
         self.parameters = [np.zeros((len(one.block.nodes), one.block.rows.n_parameters)) for one in self.functions]
@@ -78,15 +79,11 @@ class StageMemory:
         self.held, self.held_parts = self._rows("held")
         """Rows that may be held, stage after stage: limits of forces, constraints, then those of all levels."""
         self._residuals = [self._level_rows(i) for i in range(self.n_levels)]
-        self.motion, self.motion_linear = functions.motion_functions(self.tangent)
-        calls, function = BoundCalls(), functions.moved_function(self.tangent)
+        self.motion, self.motion_linear, moved = functions.motion_functions(self.tangent)
+        calls = BoundCalls()
         for i in range(len(self.stages)):
-            calls.add(function, [self.z_from[i], self.x_step[i], self.u_step[i], self.share], [self.z[i]])
+            calls.add(moved, [self.z_from[i], self.x_step[i], self.u_step[i], self.share], [self.z[i]])
         self.evaluate, self.move, self.find_inputs = self._evaluation(), calls, self._inputs()
-
-    @property
-    def n_levels(self) -> int:
-        return len(self.whole.problem.levels)
 
     def residuals(self, level: int) -> Array:
         """Return the residuals of all stages, whose half square is the cost of a level."""
@@ -103,7 +100,16 @@ class StageMemory:
         """Return the arguments of the functions of rows at stage i."""
         stage = self.stages[i]
         assert stage.block is not None
-        return [self.z[i], self.parameters[stage.block][stage.place], self.water[min(stage.node, len(self.water) - 1)]]
+        water = self.water[min(stage.node, len(self.water) - 1)]
+        return [self.z[i], self.parameters[stage.block][stage.place], water, self.force[i], self.force_slope[i]]
+
+    def add_forces(self, calls: BoundCalls, *, linear: bool) -> None:
+        """Add calls that find the forces, and their slopes, of all stages whose rows depend on them."""
+        for i, stage in enumerate(self.stages):
+            function = self.function(stage)
+            if function is not None and function.forced:
+                z, _, water, *found = self.arguments(i)
+                calls.add(self.tangent.forces[linear], [z, water], found[: 1 + linear])
 
     def _block_functions(self) -> tuple[functions.BlockFunctions, ...]:
         problem, free = self.whole.problem, self.tangent.free
@@ -118,7 +124,7 @@ class StageMemory:
     def compile_curvature(self) -> None:
         """Before any clock runs: it takes longest."""
         for function in self.functions:
-            _ = function.bend, function.curvature
+            _ = self.tangent.bend if function.weights else None, function.curvature
 
     def groups(self, stage: Stage) -> tuple[functions.HeldRows, ...]:
         """Rows of a stage that may be held."""
@@ -138,6 +144,7 @@ class StageMemory:
 
     def _evaluation(self) -> BoundCalls:
         calls = BoundCalls()
+        self.add_forces(calls, linear=False)
         for i, stage in enumerate(self.stages):
             if stage.step:
                 calls.add(self.motion, [self.z[i], self.z[i + 1]], [self.gaps[i]])
@@ -152,9 +159,11 @@ class StageMemory:
 
     def _inputs(self) -> BoundCalls:
         calls, model = BoundCalls(), self.tangent.model
-        function = functions.compile_dense("inputs", [model.z, model.water], self.tangent.expanded(model.inputs))
+        function = functions.compile_dense("inputs", [model.z, model.force], model.inputs)
         for k, i in enumerate(self.steps):
-            calls.add(function, [self.z[i], self.water[k]], [self.thrust[k], self.torque[k]])
+            calls.add(self.tangent.forces[0], [self.z[i], self.water[k]], [self.force[i]])
+        for k, i in enumerate(self.steps):
+            calls.add(function, [self.z[i], self.force[i]], [self.thrust[k], self.torque[k]])
         return calls
 
 

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from uvms_ocp.codegen.compile import has_compiler
+from uvms_ocp.codegen.compile import finish_compiling, has_compiler
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
 from uvms_ocp.ocp.stagewise.memory import StageIndices, StageMemory, StageRanges, StageVariables
@@ -220,6 +220,7 @@ class StagewiseProgram:
         self._whole, self.levels = whole, StagewiseLevels(StageMemory(whole))
         if whole.problem.hessian is HessianKind.EXACT:
             self.levels.memory.compile_curvature()
+        finish_compiling()  # before any clock runs
 
     @property
     def ranges(self) -> RowRanges:

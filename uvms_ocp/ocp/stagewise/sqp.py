@@ -65,6 +65,8 @@ class StageLevelQp:
         self.held, self._bends = self._held_numbers(), False
         """Rows (m,) that may be held and are rows of the QP, and whether it has curvature."""
         self.multipliers = Multipliers(memory, level)
+        self._first = np.cumsum([0, *self.shape.n_z[:-1]])
+        """(n,) where each stage begins in z."""
         # Rows of the QP that belong to levels above.
         found = []
         for stage in self.memory.stages:
@@ -102,6 +104,7 @@ class StageLevelQp:
                 F[...] = np.eye(*F.shape)
                 if self.memory.tangent.free:
                     F[n - 1, n - 1 :] = (0.0, 1.0)
+        memory.add_forces(calls, linear=True)
         for i, stage in enumerate(memory.stages):
             function = memory.function(stage)
             if function is not None:
@@ -120,16 +123,21 @@ class StageLevelQp:
 
     @cached_property
     def _curve(self) -> BoundCalls:
-        """Function by function as well."""
+        """Function by function as well, at the point where forces were linearised."""
         memory, own, calls = self.memory, self.multipliers, BoundCalls()
         found = [(i, function) for i, stage in enumerate(memory.stages) if (function := memory.function(stage)) is not None]
-        bends = [np.zeros(function.bend.numel_out(0)) for _, function in found]
-        for (i, function), bend in zip(found, bends, strict=True):
-            calls.add(function.bend, [*memory.arguments(i), own.rows[i], own.residuals[i]], [bend])
-        for (i, function), bend in zip(found, bends, strict=True):
-            z, parameters, water = memory.arguments(i)
-            after = memory.z[min(i + 1, len(memory.stages) - 1)]
-            arguments = [z, after, parameters, water, own.costates[i], own.rows[i], own.residuals[i], bend]
+        tangent, n = memory.tangent, len(memory.stages)
+        weights, bent, steps = (np.zeros((n, m)) for m in (tangent.n_v, tangent.bent.numel(), tangent.step_curvature[1].nnz()))
+        weighted, none = [(i, function.weights) for i, function in found if function.weights is not None], np.zeros(tangent.n_x)
+        for i, function in weighted:
+            calls.add(function, [*memory.arguments(i), own.rows[i], own.residuals[i]], [weights[i]])
+        for i, _ in weighted:
+            calls.add(tangent.bend, [memory.z[i], memory.arguments(i)[2], weights[i]], [bent[i]])
+        for i in (i for i, function in found if function.bends):
+            after, costates = memory.z[min(i + 1, n - 1)], own.costates[i] if memory.stages[i].step else none
+            calls.add(tangent.step_curvature[0], [memory.z[i], after, costates, bent[i]], [steps[i]])
+        for i, function in found:
+            arguments = [*memory.arguments(i), own.rows[i], own.residuals[i], steps[i]]
             calls.add(function.curvature, arguments, [self.qp.H[i]])
         return calls
 
@@ -192,25 +200,9 @@ class StageLevelQp:
 
     def keep(self, found: FlatSolution) -> None:
         """Its step is that of the memory."""
-        memory = self.memory
-        memory.x_step[...] = found.z[self._x_places]
-        memory.u_step[memory.steps] = found.z[self._u_places]
-
-    @cached_property
-    def _x_places(self) -> Array:
-        """(n, n_x) of states in z."""
-        return self._first[:, None] + np.arange(self.memory.tangent.n_x)
-
-    @cached_property
-    def _u_places(self) -> Array:
-        """(n_steps, n_u) of the controls of steps in z."""
-        tangent = self.memory.tangent
-        return self._first[self.memory.steps, None] + tangent.n_x + np.arange(tangent.n_u)
-
-    @cached_property
-    def _first(self) -> Array:
-        """(n,) where each stage begins in z."""
-        return np.cumsum([0, *self.shape.n_z[:-1]])
+        memory, first, n = self.memory, self._first[:, None], self.memory.tangent.n_x
+        memory.x_step[...] = found.z[first + np.arange(n)]
+        memory.u_step[memory.steps] = found.z[first[memory.steps] + np.arange(n, n + memory.tangent.n_u)]
 
     # --- products ---------------------------------------------------------------------------------
 

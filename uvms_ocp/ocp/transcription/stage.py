@@ -15,13 +15,13 @@ and on top of it what cancels out among redundant thrusters, ``z = [q, v, h, a, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.compile import compile_function
+from uvms_ocp.codegen.compile import compile_function, start_compiling
 from uvms_ocp.ocp.problem import Actuation, HessianKind, Integrator, OcpProblem
 from uvms_ocp.ocp.terms import StageSymbols, finite_or
 from uvms_ocp.robot import Robot, SymbolicModel, robot_dynamics
@@ -88,37 +88,22 @@ class StepLayout:
     n_torque: int
     n_null: int = 0
 
-    @property
-    def n_z(self) -> int:
-        return self.null.stop
+    q: slice = field(init=False, compare=False)
+    v: slice = field(init=False, compare=False)
+    a: slice = field(init=False, compare=False)
+    thrust: slice = field(init=False, compare=False)
+    torque: slice = field(init=False, compare=False)
+    null: slice = field(init=False, compare=False)
+    h: int = field(init=False, compare=False)
+    n_z: int = field(init=False, compare=False)
 
-    @property
-    def q(self) -> slice:
-        return slice(0, self.n_q)
-
-    @property
-    def v(self) -> slice:
-        return slice(self.n_q, self.n_q + self.n_v)
-
-    @property
-    def h(self) -> int:
-        return self.n_q + self.n_v
-
-    @property
-    def a(self) -> slice:
-        return slice(self.h + 1, self.h + 1 + self.n_v)
-
-    @property
-    def thrust(self) -> slice:
-        return slice(self.a.stop, self.a.stop + self.n_thrust)
-
-    @property
-    def torque(self) -> slice:
-        return slice(self.thrust.stop, self.thrust.stop + self.n_torque)
-
-    @property
-    def null(self) -> slice:
-        return slice(self.torque.stop, self.torque.stop + self.n_null)
+    def __post_init__(self) -> None:
+        sizes = {"q": self.n_q, "v": self.n_v, "h": 1, "a": self.n_v}
+        sizes |= {"thrust": self.n_thrust, "torque": self.n_torque, "null": self.n_null}
+        ends = np.cumsum([0, *sizes.values()]).tolist()
+        for name, first, stop in zip(sizes, ends[:-1], ends[1:], strict=True):
+            object.__setattr__(self, name, first if name == "h" else slice(first, stop))
+        object.__setattr__(self, "n_z", ends[-1])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -193,6 +178,8 @@ class StageModel:
         n_thrust, n_torque = (self.actuators.matrix.shape[1], robot.n_joints) if self.has_force_variables else (0, 0)
         n_null = self.actuators.null.shape[1] if eliminated else 0
         self.layout = StepLayout(n_q=robot.n_q, n_v=robot.n_v, n_thrust=n_thrust, n_torque=n_torque, n_null=n_null)
+        self.n_forces = robot.n_v if self.has_force_variables else 0
+        """Rows of forces in the dynamics."""
         self.z = ca.SX.sym("z", self.layout.n_z)
         self.water = ca.SX.sym("u", 3)
         """(3,) [m/s] velocity of the water."""
@@ -204,11 +191,6 @@ class StageModel:
         """Return the key of the dynamics."""
         problem = self.problem
         return self.robot, problem.integrator, problem.actuation, problem.hessian, problem.water, self.layout
-
-    @property
-    def n_forces(self) -> int:
-        """Rows of forces in the dynamics."""
-        return self.robot.n_v if self.has_force_variables else 0
 
     @cached_property
     def dynamics(self) -> Derivatives:
@@ -319,4 +301,5 @@ def _commutator(v: ca.SX, a: ca.SX) -> ca.SX:
 def compile_derivatives(given: Derivatives) -> Derivatives:
     """The functions in machine code where a C compiler exists, as they are otherwise."""
     names = ["value", "jacobian", "hessian", *(("costs", "gradient") if given.costs.nnz_out() else ())]
-    return replace(given, **{name: compile_function(getattr(given, name)) for name in names})
+    begun = {name: start_compiling(getattr(given, name)) for name in names}
+    return replace(given, **{name: compile_function(function) for name, function in begun.items()})

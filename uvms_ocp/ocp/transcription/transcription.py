@@ -77,12 +77,6 @@ def summed(entries: Sequence[Entries], n: int, *, upper: bool) -> ca.MX:
     return ca.MX(sparsity, ca.densify(sums @ ca.vertcat(*(ca.densify(item.values) for item in entries))))
 
 
-def scatter(values: ca.MX, places: np.ndarray, n: int) -> ca.MX:
-    """Dense vector (n,) with `values` (m,) at places (m,), no two the same; negative places count for nothing."""
-    entries = Entries(values=values, rows=places, columns=np.where(places >= 0, 0, -1))
-    return ca.densify(assemble([entries], (n, 1)))
-
-
 # Rows and costs of a whole horizon with their derivatives, made of the functions of its steps.
 
 _GRADIENTS = ["f", "g", "grad_gamma_x", "grad_gamma_p"]
@@ -184,7 +178,8 @@ class Horizon:
         total = ca.MX.zeros(self.n_x)
         for block in self.blocks:
             values = ca.vec(block.mapped(block.functions.gradient, sigma))
-            total += scatter(values, block.columns.ravel(), self.n_x)
+            entries = Entries(values=values, rows=block.columns.ravel(), columns=np.where(block.columns.ravel() >= 0, 0, -1))
+            total += ca.densify(assemble([entries], (self.n_x, 1)))
         return total
 
     @cached_property
@@ -342,6 +337,7 @@ class Transcription:
         self.model: StageModel = StageModel(problem, like=None if like is None else like.model)
         self.blocks = term_rows.term_blocks(self.model)
         self.variables = VariableLayout(model=self.model)
+        self._own_bounds = self.variables.bounds(problem)
         self.parameter_layout = parameter_layout(problem, self.blocks)
         ends = boundary(self.model)
         if plugin != "ipopt" and (ends.coupled or problem.limits_total):
@@ -391,10 +387,6 @@ class Transcription:
             return self._own_bounds
         return self.variables.bounds(problem)
 
-    @cached_property
-    def _own_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        return self.variables.bounds(self.problem)
-
     def ranges(self, problem: OcpProblem | None = None) -> RowRanges:
         """Return the target ranges of the rows."""
         given = self._fitted(problem)
@@ -416,11 +408,6 @@ class Transcription:
     def _constraint_values(self) -> ca.Function:
         rows = self._horizon.rows[self.row_layout.constraints.tolist()]
         return ca.Function("constraints", [self._horizon.x, self._horizon.p], [rows])
-
-    @cached_property
-    def constraint_names(self) -> tuple[str, ...]:
-        """(n_constraints,) of what each constraint of the program stands for."""
-        return tuple(self.row_layout.names[row] for row in self.row_layout.constraints.tolist())
 
     def row_functions(self, raw_rows: np.ndarray) -> dict[str, ca.Function]:
         """``nlp_g``, ``nlp_jac_g`` and ``nlp_hess_l`` of the rows numbered raw_rows (m,), as IPOPT asks for them."""

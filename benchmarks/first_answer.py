@@ -1,0 +1,103 @@
+"""Time from an empty cache to the first answer: ``python benchmarks/first_answer.py``.
+
+Writes first_answer.csv and first_answer.md, one row per step, each in a process of its own.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from time import perf_counter
+
+from recording.report import Report, Row, Table, begin, parser_of
+
+REACH = ("--tool", "12.2", "37.4", "-39.5", "--position", "11", "37", "-38.5")
+SPHERES = ("11.8,37.2,-38.9,0.1", "10.2,36.2,-38.0,0.2")
+STEPS, FEW = 40, 10
+PROSE = """
+Each row is a command in a process of its own; the rows of one `group` share a cache that is empty at first. *wall_s*: the whole
+command, from imports to figures; *solve_s*: of that the search itself; *libraries*: how many were compiled, with *size_MB* of
+machine code. A reach of `girona_maris7_full` in water, {steps} steps, around a sphere; then around two, then with an attitude at
+the goal, then the same again. A robot and a mission of one's own: the first run, again, and after the hold at the goal was made
+longer.
+"""
+FORMATS = {"group": "", "step": "", "wall_s": ".1f", "solve_s": ".2f", "libraries": "", "size_MB": ".2f"}
+
+
+def timed_command(words: tuple[str, ...], folder: Path, cache: Path) -> dict[str, float]:
+    """What a command takes, and what it adds to the cache."""
+    before = set(cache.glob("*.so"))
+    start = perf_counter()
+    subprocess.run(
+        [sys.executable, "-m", "uvms_ocp", *words],
+        cwd=folder,
+        env=os.environ | {"UVMS_OCP_CACHE": str(cache)},
+        check=True,
+        capture_output=True,
+    )
+    wall, made = perf_counter() - start, set(cache.glob("*.so")) - before
+    return {"wall_s": wall, "libraries": len(made), "size_MB": sum(path.stat().st_size for path in made) / 1e6}
+
+
+def plan_rows(plugin: str, steps: int) -> Iterator[Row]:
+    """Reaches one after the other, from an empty cache."""
+    one, two = (tuple(word for sphere in SPHERES[:n] for word in ("--sphere", sphere)) for n in (1, 2))
+    problems = {
+        "first problem of the robot": one,
+        "one more sphere": two,
+        "another term": (*two, "--tool-rpy", "0", "0", "0.5"),
+        "the same again": (*two, "--tool-rpy", "0", "0", "0.5"),
+    }
+    with tempfile.TemporaryDirectory() as name:
+        folder, cache = Path(name), Path(name) / "cache"
+        for step, more in problems.items():
+            words = ("plan", "ocp", *REACH, *more, "--steps", str(steps), "--nlp", plugin, "--out", "plan")
+            found = timed_command(words, folder, cache)
+            report = json.loads((folder / "plan" / "report.json").read_text(encoding="utf-8"))
+            yield {"group": f"plan ocp --nlp {plugin}", "step": step, **found, "solve_s": report["solve_time_s"]}
+
+
+def run_rows() -> Iterator[Row]:
+    """A robot and a mission of one's own."""
+    with tempfile.TemporaryDirectory() as name:
+        folder, cache = Path(name), Path(name) / "cache"
+        timed_command(("new-robot", "my_robot"), folder, cache)
+        timed_command(("new-mission", "my_mission.py", "--robot", "my_robot"), folder, cache)
+        mission = folder / "my_mission.py"
+        for step in ("first run", "again", "mission changed"):
+            if step == "mission changed":
+                mission.write_text(changed(mission.read_text(encoding="utf-8")), encoding="utf-8")
+            found = timed_command(("run", "my_mission.py", "--out", "run"), folder, cache)
+            yield {"group": "run my_mission.py", "step": step, **found, "solve_s": None}
+
+
+def changed(mission: str) -> str:
+    """The mission with a longer hold at the goal."""
+    short, long = "hold=1.0),),\n", "hold=1.5),),\n"
+    if short not in mission:
+        raise LookupError(f"{short!r} is not in the mission that new-mission writes")
+    return mission.replace(short, long)
+
+
+def main() -> None:
+    """Measure, and write the files."""
+    _, run = begin(parser_of(__doc__))
+    steps = FEW if run.quick else STEPS
+    if run.quick:
+        rows = list(islice(plan_rows("stagewise", steps), 1))
+    else:
+        rows = [*plan_rows("stagewise", steps), *plan_rows("ipopt", steps), *run_rows()]
+    title = "From an empty cache to the first answer"
+    run.write(
+        Report(name="first_answer", title=title, prose=PROSE.format(steps=steps), tables=[Table(rows=rows, columns=FORMATS)])
+    )
+
+
+if __name__ == "__main__":
+    main()
