@@ -25,7 +25,7 @@ def max_velocity_step(record: Record) -> float:
     """Largest change of any component of the command in one tick, from rest at the start."""
     command = record["command"]
     steps = (np.abs(after - before).max(initial=0.0) for after, before in parts(command[1:], command[:-1]))
-    return float(max(np.abs(command[:1]).max(initial=0.0), *steps))
+    return float(max((np.abs(command[:1]).max(initial=0.0), *steps)))
 
 
 def none_if_nan(value: float | None) -> float | None:
