@@ -30,7 +30,14 @@ SIZE = (12.0, 12.0, 10.0, 0.8, 0.8, 3.0)
 
 
 def drive(
-    stage: StageFunctions, p: np.ndarray, *, seed: int, t_end: float = 30.0, noise: float = 0.0, size: Sequence[float] = SIZE
+    stage: StageFunctions,
+    p: np.ndarray,
+    *,
+    seed: int,
+    t_end: float = 30.0,
+    noise: float = 0.0,
+    size: Sequence[float] = SIZE,
+    pose_alone: bool = False,
 ) -> Recording:
     """A recording at 10 Hz of random steps of all commands, every 2 s, with late commands and velocities as p has it."""
     rng, n = np.random.default_rng(seed), round(t_end / FINE)
@@ -47,15 +54,17 @@ def drive(
     t = 0.1 * np.arange(len(every))
     seen = np.asarray(stage.outputs.map(len(t))(every.T, np.repeat(p[:, None], len(t), axis=1))[0]).T
     blur = noise * rng.normal(size=(len(t), 6))
-    return Recording(
-        name=f"drive{seed}",
-        channels={
-            "attitude": Channel(t=t, values=every[:, 3:7] * _signs(every[:, 3:7])),
-            "linear_velocity": Channel(t=t + late, values=seen[:, :3] + blur[:, :3]),
-            "angular_velocity": Channel(t=t, values=seen[:, 3:6] + blur[:, 3:]),
-            "wrench": Channel(t=2.0 * np.arange(len(commands)), values=commands),
-        },
-    )
+    channels = {
+        "attitude": Channel(t=t, values=every[:, 3:7] * _signs(every[:, 3:7])),
+        "linear_velocity": Channel(t=t + late, values=seen[:, :3] + blur[:, :3]),
+        "angular_velocity": Channel(t=t, values=seen[:, 3:6] + blur[:, 3:]),
+        "wrench": Channel(t=2.0 * np.arange(len(commands)), values=commands),
+    }
+    if pose_alone:
+        channels = {"position": Channel(t=t, values=every[:, :3] + blur[:, :3])} | {
+            k: channels[k] for k in ("attitude", "wrench")
+        }
+    return Recording(name=f"drive{seed}", channels=channels)
 
 
 def turned(recording: Recording, yaw: float) -> Recording:

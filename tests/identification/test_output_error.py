@@ -230,3 +230,19 @@ def test_what_is_kept_of_a_recording_grows_with_its_length() -> None:
     blocks = [error.expansion(error.start()).blocks[0] for error in errors]
     short, middle, long = (sum(getattr(one, name).size for name in ("H", "H_starts", "g_starts", "cross")) for one in blocks)
     assert long - middle == 2 * (middle - short)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.005])
+def test_a_pose_alone_shows_what_velocities_show(noise: float) -> None:
+    names = problem()[0].shared.names
+    still = np.array([name == "velocity_point x" or "velocity_delay" in name for name in names])
+    p = truth().copy()
+    p[:-1][still] = problem()[0].shared.start[still]  # what a velocity alone has
+    seen = [drive(problem()[1].stage, p, seed=seed, noise=noise, t_end=40.0, pose_alone=True) for seed in (0, 1)]
+    found = fit(*seen, noise=Noise(velocity=0.02, rate=0.05, vertical=0.02))
+    assert found.status is FitStatus.CONVERGED
+    off = {name: found.shared[k] - p[k] for k, name in enumerate(names) if not still[k]}
+    assert (
+        max(abs(off.pop(name)) for name in [name for name in off if name.strip() in ("lag", "delay")]) < 0.4
+    )  # one for the other
+    assert max(map(abs, off.values())) < 0.08, off

@@ -21,7 +21,7 @@ from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise
 from uvms_ocp.identification.parameters import Unknowns
 from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold, split_at_gaps
-from uvms_ocp.identification.rollout import PreparedRecording, Rollout
+from uvms_ocp.identification.rollout import POSE_INTERVAL, PreparedRecording, Rollout
 from uvms_ocp.identification.sample_checks import QualityIssue
 from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, with_delays
 from uvms_ocp.identification.validation import HeldOutRecording, Profile, StaticBalance, profiles, static_baseline
@@ -108,6 +108,11 @@ def check_settings(subject: CalibratedRobot, settings: CalibrationSettings, reco
     known, channels = subject.vehicle.own.declaration.quantities, recording.channels
     if "current" in channels:
         yield from _of_current(channels["current"], learnt=bool(known["current"].free.all()))
+    if "linear_velocity" not in channels:
+        text = (
+            f"not recorded: means between poses {POSE_INTERVAL:g} s apart or more are taken, in which the pose's noise is large"
+        )
+        yield QualityIssue(channel="linear_velocity", problem=text)
     delayed = settings.delay is not None and settings.delay > _SOON and not known["delay"].free.any()
     if recording.at_once and delayed:
         text = f"commands of a run of this toolkit act at once, and a fit holds their delay at {settings.delay:g} s: leave it out"

@@ -132,7 +132,8 @@ class Recording:
         """One of them. Raises InvalidInput with those that there are."""
         if name not in self.channels:
             given = f"{self.name}: no {name} is recorded, only {', '.join(self.channels)}"
-            raise InvalidInput(f"{given}; a fit needs attitude, linear_velocity, commands, and positions of joints: map it too")
+            needs = "a fit needs attitude, linear_velocity or position, commands, and positions of joints: map it too"
+            raise InvalidInput(f"{given}; {needs}, or see what `uvms-ocp check-recording` says of these alone")
         return self.channels[name]
 
     @property
@@ -228,6 +229,19 @@ def angular_rate(attitude: Channel, window: float) -> tuple[np.ndarray, np.ndarr
     # Twice the vector part of the conjugate times the rate.
     omega = 2 * np.column_stack([w * a - x * d - y * c + z * b, w * b - y * d - z * a + x * c, w * c - z * d - x * b + y * a])
     return t, omega
+
+
+def pose_velocity(position: Channel, attitude: Channel, interval: float) -> Channel:
+    """Mean velocities in B (m, 3) [m/s] between poses about `interval` [s] apart, in the middle of each."""
+    times, span = position.undelayed_t, attitude.undelayed_t[[0, -1]]
+    chosen = np.flatnonzero((times >= span[0]) & (times <= span[1]))[
+        :: max(1, round(interval / float(np.median(np.diff(times)))))
+    ]
+    t, steps = times[chosen], np.diff(times[chosen])[:, None]
+    at = (t[1:] + t[:-1]) / 2
+    return Channel(
+        t=at, values=np.einsum("nji,nj->ni", rotations(attitude, at), np.diff(position.values[chosen], axis=0) / steps)
+    )
 
 
 def rotations(attitude: Channel, t: np.ndarray) -> np.ndarray:

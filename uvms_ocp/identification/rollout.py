@@ -15,7 +15,16 @@ import numpy as np
 from uvms_ocp.codegen.compile import compile_function
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.model import N_Q, N_V, PAST, PAST_STEP, StageFunctions, Vehicle
-from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold, angular_rate, interpolated, rotations, smoothed
+from uvms_ocp.identification.recording import (
+    Channel,
+    Recording,
+    ZeroOrderHold,
+    angular_rate,
+    interpolated,
+    pose_velocity,
+    rotations,
+    smoothed,
+)
 from uvms_ocp.robot.limits import joints_of
 from uvms_ocp.robot.spatial import quaternion_exp, quaternion_multiply
 
@@ -25,6 +34,8 @@ N_SEEN = 9
 """Rows of what is seen, as `Stage.outputs` has them: velocity, angular velocity, vertical; three of each."""
 RATE_WINDOW = 0.6
 """[s] over which attitude is smoothed for an angular velocity that is not recorded."""
+POSE_INTERVAL = 0.2
+"""[s] between the poses from which a linear velocity is taken that is not recorded."""
 COMMANDS = ("thrust", "wrench", "propeller_commands")
 
 
@@ -75,10 +86,16 @@ class PreparedRecording:
     def of(recording: Recording, vehicle: Vehicle, window: float = RATE_WINDOW) -> PreparedRecording:
         """window: [s] over which attitude is smoothed where no angular velocity is recorded.
 
+        Without a linear velocity means between positions take its place.
+
         Raises InvalidInput for a channel that is missing or of other joints or actuators, and for channels that have no time in
         common.
         """
-        attitude, _ = recording.channel("attitude"), recording.channel("linear_velocity")
+        attitude, channels = recording.channel("attitude"), recording.channels
+        if "linear_velocity" not in channels and "position" in channels:
+            velocity = pose_velocity(channels["position"], attitude, POSE_INTERVAL)
+            recording = replace(recording, channels={**channels, "linear_velocity": velocity})
+        recording.channel("linear_velocity")
         begin, end = recording.span
         if not begin < end:
             given = f"one channel begins at {begin:.6g} s, and another has ended at {end:.6g} s"
