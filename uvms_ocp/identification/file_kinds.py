@@ -7,7 +7,7 @@ import gzip
 import zlib
 from importlib.resources import files
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.untrusted import as_input_errors, require_regular_file
@@ -17,20 +17,11 @@ MESSAGES: tuple[Kind, ...] = ("mcap", "bag", "sqlite", "json", "dataflash", "tlo
 """Kinds that hold messages of topics; all others are tables."""
 BAG_METADATA = "metadata.yaml"
 """of a folder of ROS 2."""
-_KINDS: dict[bytes, Kind] = {
-    b"PAR1": "parquet",
-    b"\x89HDF\r\n\x1a\n": "hdf5",
-    b"MATLAB 5.0": "mat",
-    b"MATLAB 7.3": "hdf5",
-    b"\x89MCAP0\r\n": "mcap",
-    b"#ROSBAG V2.0": "bag",
-    b"SQLite format 3\0": "sqlite",
-    b"\xa3\x95": "dataflash",
-    b"{": "json",
+_TABLE = (files("uvms_ocp.identification") / "file_kinds.csv").read_text(encoding="utf-8").splitlines()
+_KINDS: dict[bytes, tuple[Any, str]] = {
+    row[0].encode().decode("unicode_escape").encode("latin-1"): (row[1], row[2]) for row in csv.reader(_TABLE[1:])
 }
-_TABLE = (files("uvms_ocp.identification") / "not_read.csv").read_text(encoding="utf-8").splitlines()
-_NOT_READ = {row[0].encode().decode("unicode_escape").encode("latin-1"): (row[1], row[2]) for row in csv.reader(_TABLE[1:])}
-"""What is recognised and not read: what it is, and what to do."""
+"""By their first bytes: kinds, or what is recognised and not read, with what to do."""
 _MAVLINK_STARTS = (0xFD, 0xFE)
 _STAMP = 8  # [B] before each message of a .tlog
 
@@ -42,12 +33,10 @@ def kind_of(path: Path) -> Kind:
         head = file.read(64)
     if not head:
         raise InvalidInput(f"{path}: is empty; give a recording")
-    for start, kind in _KINDS.items():
-        if head.startswith(start):
-            return kind
-    for start, (what, cure) in _NOT_READ.items():
-        if head.startswith(start):
-            raise InvalidInput(f"{path}: {what}, which is not read; {cure}")
+    for kind, cure in (said for start, said in _KINDS.items() if head.startswith(start)):
+        if cure:
+            raise InvalidInput(f"{path}: {kind}, which is not read; {cure}")
+        return kind
     if head.startswith(b"PK\x03\x04"):
         return "npz" if b".npy" in head else _archive(path)
     if path.suffix == ".tlog" and len(head) > _STAMP and head[_STAMP] in _MAVLINK_STARTS:
@@ -74,7 +63,7 @@ def _archive(path: Path) -> Kind:
 def _packed_text(path: Path) -> Kind:
     with as_input_errors(path, OSError, EOFError, zlib.error, what="no table of numbers"), gzip.open(path) as file:
         head = file.read(64)
-    if any(head.startswith(start) for start in (*_KINDS, *_NOT_READ)):
+    if any(head.startswith(start) for start in _KINDS):
         raise InvalidInput(f"{path}: packed by gzip, in which tables of text alone are read; unpack it")
     return "text"
 

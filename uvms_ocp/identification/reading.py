@@ -41,7 +41,15 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification import tables
 from uvms_ocp.identification.file_kinds import holds_messages, kind_of
 from uvms_ocp.identification.messages import TopicColumns, message_rows, topics_of
-from uvms_ocp.identification.recording import CHANNEL_KINDS, SECONDS, Channel, Recording, continuous_quaternions, rotations
+from uvms_ocp.identification.recording import (
+    CHANNEL_KINDS,
+    CHANNEL_TABLE,
+    SECONDS,
+    Channel,
+    Recording,
+    continuous_quaternions,
+    rotations,
+)
 from uvms_ocp.identification.tables import TableColumns
 from uvms_ocp.identification.text_tables import TextFormat
 from uvms_ocp.model_errors import one_line_errors
@@ -69,27 +77,9 @@ def even_send_times(arrived: np.ndarray, period: float) -> np.ndarray:
 # How the columns of foreign files become channels: a YAML file, or the same as a value.
 
 _DOWN = np.diag([1.0, -1.0, -1.0])  # from axes with z down to axes with z up, and back
-_DEGREE, _G = np.pi / 180.0, 9.80665
-UNITS: Mapping[str, Mapping[str, float]] = {
-    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
-    "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "kn": 0.514444},
-    "m/s2": {"m/s2": 1.0, "g": _G, "mg": 1e-3 * _G},
-    "rad": {"rad": 1.0, "deg": _DEGREE},
-    "rad/s": {"rad/s": 1.0, "deg/s": _DEGREE, "deg": _DEGREE},
-    "N": {"N": 1.0, "kgf": _G, "gf": 1e-3 * _G, "lbf": 4.448222},
-    "us": {"us": 1.0},
-}
+UNITS: Mapping[str, Mapping[str, float]] = CHANNEL_TABLE["units"]
 """By the unit of a channel: units that its values may be given in, and factors."""
-_OF_CHANNEL = {
-    "attitude": ("rad",),
-    "joint_positions": ("rad", "m"),
-    "joint_velocities": ("rad/s", "m/s"),
-    "joint_torques": ("N",),
-    "wrench": ("N",),
-    "propeller_commands": ("us",),
-}
-_SPELLED = {"degrees": "deg", "degree": "deg", "°": "deg", "°/s": "deg/s", "dps": "deg/s", "radians": "rad", "sec": "s"}
-_SPELLED |= {"seconds": "s", "m/s^2": "m/s2", "m/s²": "m/s2", "knots": "kn", "µs": "us", "n": "N", "meters": "m"}
+_OF_CHANNEL, _SPELLED = CHANNEL_TABLE["of_channel"], CHANNEL_TABLE["spelled"]
 _FOREIGN = 0.5  # of all rows, above which those without any cell are of other channels
 _LARGEST_ANGLE = 2.5 * np.pi  # [rad] of roll, pitch and yaw as files have them, unless yaw is unwound
 _AT_ONCE = 0.05  # of the usual interval, within which a message that says the same again is the same message

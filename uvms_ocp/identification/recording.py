@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib.resources import files
 
 import numpy as np
+import tomllib
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.robot.spatial import quaternion_to_matrix
@@ -31,20 +33,10 @@ class ChannelKind:
     """Asked for, not measured: held from one sample to the next."""
 
 
-_XYZ = ("x", "y", "z")
+CHANNEL_TABLE = tomllib.loads((files("uvms_ocp.identification") / "channels.toml").read_text(encoding="utf-8"))
+"""Channels, and units that their values may be given in."""
 CHANNEL_KINDS: Mapping[str, ChannelKind] = {
-    "position": ChannelKind(unit="m", columns=_XYZ, frame="W"),
-    "attitude": ChannelKind(unit="-", columns=("qx", "qy", "qz", "qw"), frame="W"),
-    "linear_velocity": ChannelKind(unit="m/s", columns=_XYZ, frame="B"),
-    "angular_velocity": ChannelKind(unit="rad/s", columns=_XYZ, frame="B"),
-    "specific_force": ChannelKind(unit="m/s2", columns=_XYZ, frame="B"),
-    "current": ChannelKind(unit="m/s", columns=_XYZ, frame="W"),
-    "joint_positions": ChannelKind(unit="rad or m"),
-    "joint_velocities": ChannelKind(unit="rad/s or m/s"),
-    "joint_torques": ChannelKind(unit="N m or N"),
-    "wrench": ChannelKind(unit="N, N m", columns=("fx", "fy", "fz", "mx", "my", "mz"), frame="B", command=True),
-    "thrust": ChannelKind(unit="N", command=True),
-    "propeller_commands": ChannelKind(unit="-", command=True),
+    name: ChannelKind(**one | {"columns": tuple(one.get("columns", ()))}) for name, one in CHANNEL_TABLE["channels"].items()
 }
 """Every channel that a recording may have, by its name."""
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}

@@ -153,12 +153,9 @@ _NARROW = 0.1  # of the size of commands, in which all of them stay: no vehicle 
 _SELDOM = ("current", *(name for name, kind in CHANNEL_KINDS.items() if kind.command))
 """What may be told when it changes alone."""
 _SHORTEST_RECORDING, _SPARSEST = 5.0, 100.0  # [s] of a recording; of it over what its samples take up
-_FASTEST = {
-    "linear_velocity": (10.0, "mm/s, or cm/s"),
-    "current": (10.0, "mm/s, or cm/s"),
-    "angular_velocity": (4 * np.pi, "deg/s"),
-    "joint_positions": (4 * np.pi, "deg"),
-    "joint_velocities": (4 * np.pi, "deg/s"),
+_FASTEST = dict.fromkeys(("linear_velocity", "current"), (10.0, "mm/s, or cm/s"))
+_FASTEST |= dict.fromkeys(("angular_velocity", "joint_velocities"), (4 * np.pi, "deg/s")) | {
+    "joint_positions": (4 * np.pi, "deg")
 }
 """[unit] that no channel has for long, and the unit which it would be in."""
 _FOR_LONG = 90.0  # [%] of samples below a peak
