@@ -339,14 +339,16 @@ class _StretchRun:
         for sensor, (w, wr) in enumerate(weights):
             (index, share), s = self._place(k, sensor), slopes[:, 3 * sensor : 3 * sensor + 3]
             # A delay shifts all samples along the rate of their step, but those before the first, where there is only its start.
-            shift = np.diff(y[:, :3], axis=0)[..., None] / step * late if sensor == 0 else 0.0
-            ends = [np.concatenate([end + shift, s[:1]]).reshape(-1, n_p) for end in (s[:-1], s[1:])]
-            place = (3 * np.where(index + share > 0.0, index, n)[:, None] + np.arange(3)).ravel()
+            steps, place = np.unique(np.where(index + share > 0.0, index, n), return_inverse=True)
+            first, last = (np.where(steps < n, steps + one, 0) for one in (0, 1))
+            shift = (y[last, :3] - y[first, :3])[..., None] / step * late if sensor == 0 else 0.0
+            ends = [(s[at] + shift).reshape(-1, n_p) for at in (first, last)]
+            place, size = (3 * place.reshape(-1, 1) + np.arange(3)).ravel(), 3 * len(steps)
             sides = list(zip((1.0 - share[:, None], share[:, None]), ends, strict=True))
             for part, end in sides:
-                sums = [np.bincount(place, (w * part * other).ravel(), 3 * n + 3)[:, None] * far for other, far in sides]
+                sums = [np.bincount(place, (w * part * other).ravel(), size)[:, None] * far for other, far in sides]
                 H += end.T @ (sums[0] + sums[1])
-                g += end.T @ np.bincount(place, (wr * part).ravel(), 3 * n + 3)
+                g += end.T @ np.bincount(place, (wr * part).ravel(), size)
         return H, g
 
     def _outputs(self, chosen: np.ndarray) -> list[np.ndarray]:
