@@ -270,6 +270,7 @@ def _abort(tasks: Sequence[Task]) -> Any:
 REASONS = {
     "more than thrusters give": "more than the thrusters give",
     "a goal where no axis leads": "waits for a goal",
+    "a current where no axis leads": "the current carries the vehicle",
     "no thruster for what it weighs": "no thruster holds its depth",
     "free motions that are no axis": "they are no two axes",
     "no thruster for its heading": "nothing rights it",

@@ -140,3 +140,16 @@ def test_a_summary_has_the_errors_of_every_tool_by_its_name(kind: str) -> None:
         assert report["tools"][tool] == {"position": pytest.approx(error, abs=2e-3), "orientation": None}
     assert report["tool_position_error_m"] == report["tools"]["port_tool"]["position"]
     assert ("starboard_tool: position error" in str(report)) == (kind == "both")
+
+
+@pytest.mark.parametrize(("current", "accepted"), [((0.2, 0.0, 0.0), True), ((0.0, 0.02, 0.0), True), ((0.0, 0.2, 0.0), False)])
+def test_a_current_that_carries_a_vehicle_where_no_thruster_drives_it_is_refused(
+    current: tuple[float, float, float], accepted: bool
+) -> None:
+    run = run_options({"robot": "torpedo_auv", "current": current}, seabed=-15.0)
+    goal = uo.pose_at((4.0, 0.0, -6.0))
+    phase = phase_of("A", "ahead", ("MAC", "PC"), uo.DONE, uo.Below(quantity="PC.position_error", limit=0.3))
+    mission = mission_of(run.robot, [MinimumAltitude(), VehiclePose(goal=goal)], [phase])
+    report = run.scenario(name="ahead", mission=mission, start=run.start(uo.pose_at((0.0, 0.0, -6.0))), markers={}).check()
+    assert report.accepted == accepted
+    assert accepted or "1.60 m along sway, and no thruster drives that" in report.errors[0].text

@@ -75,19 +75,17 @@ def obstacle_field(
     run = run_options(options)
     robot, goal = run.robot, pose_at((11.0, 0.0, -37.0))
     around = CollisionModel(robot, obstacles, self_collision=False)
-    own = (
-        [Clearance(name="SC", model=CollisionModel(robot), threshold=_SELF, margin=_SELF, n_nearest=6)] if robot.n_joints else []
-    )
+    sc = [Clearance(name="SC", model=CollisionModel(robot), threshold=_SELF, margin=_SELF, n_nearest=6)] if robot.n_joints else []
     tasks = [
         JointLimits(),
         MinimumAltitude(),
         HorizontalAttitude(),
         Clearance(model=around, threshold=min_clearance, n_nearest=6),
-        *own,
+        *sc,
         VehiclePose(goal=goal),
         JointTracking(joints=robot.joint_names, goal=robot.home),
     ]
-    on = ("JL", "MAC", "HA", "PC", "MP", *(task.name for task in own), *(("CL",) if with_clearance else ()))
+    on = ("JL", "MAC", "HA", "PC", "MP", *(task.name for task in sc), *(("CL",) if with_clearance else ()))
     phase = phase_of("A", "transit", on, DONE, Below(quantity="PC.position_error", limit=0.1))
     return run.scenario(
         name="obstacle_field",

@@ -33,7 +33,7 @@ _TILTED = 0.1  # [rad] that is worth a word where no task asks for a level vehic
 _SHORT = 1e-3  # [N, N m] of force missing that counts
 _GIVES_WAY = 5e-3  # [m/s, rad/s] at which drag makes up for what is missing, and which is not worth a refusal: 0.3 m in a minute
 _UNDRIVEN = "axes without thrust"
-_HEAVE, _LINEAR, _YAW = 2, 3, 5  # axes of the vehicle: up, how many are lengths, and the heading
+_SWAY, _HEAVE, _LINEAR, _YAW = 1, 2, 3, 5  # axes of the vehicle: up, how many are lengths, and the heading
 _ASKEW = 0.4  # [rad] of another rotation that a free one takes along
 _WHERE = ("ahead of or behind", "beside", "above or below")
 _ADRIFT = 0.5  # [N] out of trim: against a drag of 100 N/(m/s) 0.3 m in a minute
@@ -149,11 +149,20 @@ def check_depth(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     for visit, begin in zip(visits, begins, strict=False):
         task = visit.active(VehiclePose)
         limit = None if task is None else threshold_of(visit.phase, f"{task.name}.position_error")
-        if task is None or limit is None or (still == [1] and visit.active(Alignment) is not None):  # it turns its bow there
+        axes = set(still) - ({_SWAY} if visit.active(Alignment) is not None else set())  # which turns its bow there
+        if task is None or limit is None or not axes:
             continue
         goal = goals_of(setup, task.name, task.goal)[-1]
         ways = np.abs(goal.rotation.T @ (goal.translation - begin))
-        axis = max(still, key=lambda axis: ways[axis])
+        axis = max(axes, key=lambda axis: ways[axis])
+        flow = np.array([setup.environment.current.velocity(goal.translation[None], t)[0] for t in _TIMES])
+        speed = min(float(setup.robot.limits.velocity[:_LINEAR].max()), task.saturation_linear)
+        adrift = np.abs(flow @ goal.rotation).max(axis=0) * float(np.linalg.norm(ways)) / speed
+        carried = max(axes, key=lambda axis: adrift[axis])
+        if adrift[carried] > limit:
+            way = f"{adrift[carried]:.2f} m along {AXES[carried]}, and no thruster drives that"
+            text = f"the current carries the vehicle {way}, until {task.name} is there; turn its bow there with an Alignment"
+            yield Severity.ERROR.finding(FORCES, text, visit.phase.name, adrift_m=float(adrift[carried]))
         if ways[axis] > limit:
             text = (
                 f"{task.name} waits for a goal {ways[axis]:.2f} m {_WHERE[axis]} where the vehicle is then, and no "
