@@ -42,7 +42,7 @@ PROSE = """
 Each in a process of its own, after one that compiled; *peak_mb*: the most memory that a process held, what is mapped of files
 included, of copies that draw figures the largest. *run*: `uvms-ocp run`, with record, report, figures and scene; *loop, folder*
 and *loop, memory*: `Scenario.run` alone, with a folder for its rows and without. The exponents are those of power laws through
-all lengths: 1 is in proportion to the length, 0 is the same at any.
+all lengths: one where it is in proportion to the length, nought where it is the same at any.
 """
 COLUMNS = {"work": "", "simulated_s": ".0f", "time_s": ".1f", "peak_mb": ".0f", "disk_mb": ".0f"}
 
@@ -84,6 +84,7 @@ def exponents(rows: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
 
 
 def main() -> None:
+    """Measure every work at every length."""
     parser = parser_of(__doc__)
     parser.add_argument("--seconds", type=float, nargs="+", default=[60.0, 300.0, 1200.0, 3600.0], help="lengths of the runs")
     given, run = begin(parser)
