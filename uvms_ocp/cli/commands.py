@@ -90,12 +90,26 @@ def _group(places: Mapping[str, Place], **options: Any) -> typer.Typer:
 # The commands.
 
 _EXAMPLES = (files("uvms_ocp.cli") / "examples.txt").read_text(encoding="utf-8").replace(r"\b", "\b")
-_PLACES = dict(line.split() for line in (files("uvms_ocp.cli") / "commands.txt").read_text("ascii").splitlines())
 _EXPORT = {"controller": "robots.controller"}
 _PLAN = {"curve": "plan.curve", "ocp": "plan.ocp", "mission": "plan.mission"}
 app = _group(
     {
-        **_PLACES,
+        "run": "run.run",
+        "check": "show.check",
+        "mission": "show.mission",
+        "campaign": "campaign.campaign",
+        "compare": "show.compare_runs",
+        "show": "show.show_scene",
+        "excite": "identify.excite",
+        "map": "identify.map_recording",
+        "check-recording": "identify.check_recording",
+        "identify": "identify.identify",
+        "thruster-curve": "identify.thruster_curve",
+        "list": "robots.list_all",
+        "check-robot": "robots.check_robot",
+        "schema": "robots.schema",
+        "new-robot": "robots.new_robot",
+        "new-mission": "robots.new_mission",
         "export": _group(_EXPORT, help="Write what runs without Python."),
         "plan": _group(_PLAN, help="Plan a motion among obstacles, or a whole mission."),
     },
