@@ -62,7 +62,7 @@ def test_a_joint_that_is_faster_takes_its_own_speed_alone() -> None:
 @pytest.mark.slow
 def test_obstacles_are_passed_by_a_vehicle_whose_water_drives_its_arm() -> None:
     """Before, 0.46 m were missing after 120 s; joints must not pay with their limits for it."""
-    record = obstacle_field(robot="bluerov2_alpha5", dt=1 / 50).run()
+    record = obstacle_field(robot="bluerov2_alpha5").run()
     assert record.run_meta.completed
     assert record["t"][-1] < 90.0
     assert passed_rates(record) == []

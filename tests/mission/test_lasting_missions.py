@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from lasting import NEAR, START, going_to, lasting, patrol
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.mission.phase import Above, Below, Transition
+from uvms_ocp.mission.progress import measure_own
 from uvms_ocp.mission_plan import plan_mission
-from uvms_ocp.record.meta_values import DONE, OWN_QUANTITIES
+from uvms_ocp.record.meta_values import DONE, OWN_QUANTITIES, ThresholdMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.metrics import repeated_phases, resources
-from uvms_ocp.report.summary import summarize
-from uvms_ocp.robot.signals import StateEstimate
+from uvms_ocp.report.summary import _trend, summarize
+from uvms_ocp.robot.signals import ChannelHealth, StateEstimate, Trust
 from uvms_ocp.viz.motion_figures import figure_path, figure_velocities
 
 DT = 0.05
@@ -133,3 +136,43 @@ def test_figures_of_many_rounds_name_no_phase_on_another() -> None:
     assert all(not one.overlaps(other) for k, one in enumerate(boxes) for other in boxes[k + 1 :])
     colours = {line.get_color() for line in figure_path(record).axes[0].get_lines() if line.get_linewidth() == 2}
     assert len(colours) == 2
+
+
+def test_time_beside_an_error_does_not_end_a_phase_and_hides_no_stall() -> None:
+    never = (Below(quantity="TP.position_error", limit=0.01), Above(quantity="phase.time", limit=5.0))
+    record = lasting(going_to("stay", START, Transition(to=DONE, when=never)), duration=65.0, **KINEMATIC).run()
+    (first, *_) = record.run_meta.events
+    assert "no nearer for 60 s" in first.reason
+
+
+def test_the_phase_of_an_abort_is_visited_once() -> None:
+    scenario = patrol(rounds=2, **KINEMATIC)
+    memory = scenario.kinematic_controller().memory.mission
+    memory.own[:] = [-1, -1, 0]
+    for given_up, phase, visits in ((False, 0, 1.0), (False, 1, 0.0), (True, 2, 1.0)):
+        memory.given_up, memory.phase, found = given_up, phase, [np.nan]
+        measure_own(memory, 0.0, found)
+        assert found == [visits]
+
+
+def test_a_speed_is_unknown_to_phases_while_the_velocity_is_doubted() -> None:
+    slow = Transition(to=DONE, when=(Below(quantity="vehicle.speed", limit=0.01),))
+    control = lasting(going_to("rest", START, slow), **KINEMATIC).kinematic_controller()
+    still = StateEstimate(
+        q=control.robot.configuration(position=START),
+        v=np.zeros(control.robot.n_v),
+        altimeter_range=3.0,
+        health=(ChannelHealth(channel="linear_velocity", trust=Trust.SUSPECT),),
+    )
+    assert np.isnan([control(still, k * DT) and control.quantities["vehicle.speed"] for k in range(3)]).all()
+
+
+def test_an_error_that_grows_is_not_still_improving() -> None:
+    record = lasting(going_to("keep", START, OVER), duration=12.0, **KINEMATIC).run()
+    rising = np.array(record["quantities"])
+    column = record.meta.quantities.index("PC.position_error")
+    rising[:, column] = np.linspace(0.01, 0.5, len(rising))
+    spoilt = replace(record, series={**record.series, "quantities": rising})
+    for sign, gained in (("<", -1.0), (">", 1.0)):
+        asked = ThresholdMeta(phase="keep", quantity="PC.position_error", limit=0.1, sign=sign)
+        assert np.sign(_trend(spoilt, asked)[1]) in (gained, 0.0)

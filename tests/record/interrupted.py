@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from uvms_ocp.errors import OutputError
-from uvms_ocp.record.output import Manifest, Replacement, claim_folder, is_same, recover_folder
+from uvms_ocp.record.output import RUNNING, Manifest, Replacement, claim_folder, is_same, recover_folder
 
 CHANGING = {"open", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link"}
 FOREIGN = {"mine.txt": "mine", "figures/mine.png": "mine"}
@@ -83,8 +83,13 @@ def fill(folder: Path, contents: State) -> None:
 def state(folder: Path) -> State:
     """Every file with its contents, but of the store only that nothing is left over in it."""
     kept = {".uvms_ocp/lock", ".uvms_ocp/manifest.json"}
+    running = f"{RUNNING}/"  # rows of a run that goes on, which are there beside all else
     files = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()}
-    return {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items() if name not in kept}
+    return {
+        name: hashlib.sha256(path.read_bytes()).hexdigest()
+        for name, path in files.items()
+        if name not in kept and not name.startswith(running)
+    }
 
 
 def recovered(folder: Path) -> State:

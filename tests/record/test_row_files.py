@@ -60,7 +60,7 @@ def require_same(found: Record, whole: Record, rows: int) -> None:
 @pytest.mark.parametrize("rows", [1, 3, 7, 12])
 def test_rows_on_the_disk_are_those_in_memory(rows: int, tmp_path: Path) -> None:
     recorder, whole = filled(Recorder(3, tmp_path / "new" / "rows"), rows), filled(Recorder(3), rows).series()
-    np.testing.assert_array_equal(recorder.at("q", rows // 2), whole["q"][rows // 2])
+    np.testing.assert_array_equal(recorder.series()["q"][rows // 2], whole["q"][rows // 2])
     recorder.append(row(rows))  # after they were looked at
     written = recorder.freeze(META)
     require_same(written, filled(Recorder(5), rows + 1).freeze(META), rows + 1)
@@ -108,7 +108,7 @@ def test_a_run_that_is_killed_leaves_all_but_its_last_seconds(seconds: float, tm
         os._exit(0)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
     if seconds < 2.0:
-        assert not folder.exists()
+        assert not any(folder.iterdir())
         return
     found = Record.load(folder)
     assert seconds - 2.0 - scenario.dt <= found["t"][-1] <= seconds
@@ -140,11 +140,45 @@ def test_a_full_disk_ends_a_run_and_leaves_what_was_written(tmp_path: Path) -> N
 def test_what_a_run_was_cut_off_with_is_shown_and_kept_by_the_next(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = filled(Recorder(3, tmp_path / RUNNING, lambda: META), 9).freeze(META)
     assert _file_at(tmp_path, ("record.npz",), "") == tmp_path / RUNNING
+    monkeypatch.setattr(run, "_simulate", lambda *given: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        run.run_and_write(_tiny(), tmp_path, Console(quiet=True))
+    require_same(Record.load(tmp_path / "cut_off.npz"), whole, 9)
+    assert not (tmp_path / RUNNING).exists()
+
+
+def test_a_run_that_is_refused_leaves_what_was_cut_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = filled(Recorder(3, tmp_path / RUNNING, lambda: META), 9).freeze(META)
     monkeypatch.setattr(run.Scenario, "check", lambda scenario: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         run.run_and_write(_tiny(), tmp_path, Console(quiet=True))
-    require_same(Record.load(_file_at(tmp_path, ("record.npz",), "")), whole, 9)
-    assert not (tmp_path / RUNNING).exists()
+    require_same(Record.load(tmp_path / RUNNING), whole, 9)
+
+
+def test_rows_that_are_damaged_are_moved_aside_and_the_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    filled(Recorder(3, tmp_path / RUNNING, lambda: META), 9).freeze(META)
+    next((tmp_path / RUNNING).glob("*.npy")).write_bytes(b"")
+    monkeypatch.setattr(run, "_simulate", lambda *given: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        run.run_and_write(_tiny(), tmp_path, Console(quiet=True))
+    assert any((tmp_path / RUNNING).with_name("damaged").iterdir())
+
+
+def test_a_folder_that_is_there_is_refused_before_the_run(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="give a folder that is not there yet"):
+        Recorder(3, tmp_path)
+
+
+def test_a_mapped_record_is_saved_over_its_own_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before, the file was cut while its rows were read from it: a bus error, and nothing left."""
+    monkeypatch.setattr("uvms_ocp.record.record.SMALL", 100)
+    monkeypatch.setattr("uvms_ocp.record.untrusted._LARGE", 8)
+    whole = filled(Recorder(), 200).freeze(META)
+    whole.save(tmp_path / "r.npz")
+    mapped = Record.load(tmp_path / "r.npz")
+    mapped.save(tmp_path / "r.npz")
+    require_same(Record.load(tmp_path / "r.npz"), whole, 200)
+    require_same(mapped, whole, 200)
 
 
 def peak(work: object, *args: object) -> int:

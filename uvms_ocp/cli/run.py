@@ -28,7 +28,7 @@ from rich.text import Text
 from uvms_ocp.cli import INTERRUPTED, NOT_COMPLETED, printing
 from uvms_ocp.cli import options as opt
 from uvms_ocp.cli.compilation import show_compilation
-from uvms_ocp.errors import OutputError, plain_line
+from uvms_ocp.errors import InvalidInput, OutputError, plain_line
 from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.mission_plan.planner import MissionPlan
 from uvms_ocp.record.durable_files import discard
@@ -149,24 +149,33 @@ def run(
         raise typer.Exit(INTERRUPTED if report["cause"]["kind"] == "stopped" else NOT_COMPLETED)
 
 
+def _keep_cut_off(running: Path, target: Path, console: Console) -> None:
+    try:
+        Record.load(running).save(target)
+    except InvalidInput as error:
+        aside = running.with_name("damaged")
+        discard(aside)
+        running.rename(aside)
+        console.print(f"{error}; moved to {aside}", style="yellow", markup=False)
+
+
 def run_and_write(
     scenario: Scenario, out: Path, console: Console, *, force: bool = True, plan: MissionPlan | None = None, live: bool = False
 ) -> dict[str, Any]:
     """Run a scenario, by a plan if given, write all that comes of it into a folder, print a summary; returns its report.
 
     The record grows on the disk, and is safe before anything is made of it; Ctrl-C ends the simulation, and what was flown is
-    written. What a run that was cut off left is written first. live: show it in the browser meanwhile.
+    written. What a run that was cut off left is kept as ``cut_off.npz``. live: show it in the browser meanwhile.
 
     Raises `InvalidInput` for what pre-flight refuses, unless forced.
     """
     running, names = out / RUNNING, (_RECORD, "report.json", "scene.html", *(f"figures/{name}.png" for name in _figures()))
     with claim_folder(out, names) as claim:
-        if (running / META).is_file():  # of a run that was cut off
-            with claim.staged() as staging:
-                Record.load(running).save(staging / _RECORD)
-        discard(running)
         preflight = scenario.check()
         printing.require_accepted(preflight, scenario.name, console, force=force)
+        if (running / META).is_file():
+            _keep_cut_off(running, out / "cut_off.npz", console)
+        discard(running)
         with _watched(scenario, console) if live else nullcontext() as observer:
             record = _simulate(scenario, plan, console, observer, running)
         with claim.staged() as staging:

@@ -175,6 +175,9 @@ _SAID: set[str] = set()
 _KEPT_FUNCTIONS, _KEPT_SOURCES = 4096, 64
 _HOMES: dict[ca.Function, Path] = {}  # of compiled functions
 _BESIDE: dict[ca.Function, AsyncResult[Path | None]] = {}  # that are being compiled
+_MOST_COMPILERS = 4  # at once, of a process: those of a campaign are many
+if sys.platform != "win32":
+    os.register_at_fork(after_in_child=_BESIDE.clear)  # whose threads are its parent's
 _PACE, _LONG = 3e-6, 2.0  # [s] a byte of long code takes; [s] of silence that look like a hang
 _SLOWER = "everything works, only slower"
 _log = logging.getLogger(__name__)
@@ -236,7 +239,7 @@ def finish_compiling() -> None:
 @cache
 def _workers(process: int) -> ThreadPool:
     """One for each process, as a fork has no threads."""
-    return ThreadPool(os.cpu_count())
+    return ThreadPool(min(_MOST_COMPILERS, len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1))
 
 
 def _compilation(function: ca.Function) -> Callable[[], Path | None]:

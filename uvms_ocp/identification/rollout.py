@@ -92,14 +92,14 @@ class PreparedRecording:
         common.
         """
         attitude, channels = recording.channel("attitude"), recording.channels
-        if "linear_velocity" not in channels and "position" in channels:
-            velocity = pose_velocity(channels["position"], attitude, POSE_INTERVAL)
-            recording = replace(recording, channels={**channels, "linear_velocity": velocity})
-        recording.channel("linear_velocity")
         begin, end = recording.span
         if not begin < end:
             given = f"one channel begins at {begin:.6g} s, and another has ended at {end:.6g} s"
             raise InvalidInput(f"{recording.name}: {given}; give channels of one clock, with times in common")
+        if "linear_velocity" not in channels and "position" in channels:
+            velocity = pose_velocity(channels["position"], attitude, POSE_INTERVAL)
+            recording = replace(recording, channels={**channels, "linear_velocity": velocity})
+        recording.channel("linear_velocity")
         rate = recording.channels.get("angular_velocity")
         if rate is None:
             t, omega = angular_rate(attitude, window)

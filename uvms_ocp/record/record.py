@@ -17,7 +17,7 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.model_errors import printable
 from uvms_ocp.record import mcap, tables
 from uvms_ocp.record.display import SmallTable, TableDisplay
-from uvms_ocp.record.durable_files import write_durably
+from uvms_ocp.record.durable_files import replacing, write_durably
 from uvms_ocp.record.meta_values import LARGEST, UNIT_NORM_TOLERANCE, LimitsMeta
 from uvms_ocp.record.output import as_output_errors
 from uvms_ocp.record.row_files import META, append_rows, forget, parts, read_row_files
@@ -239,12 +239,12 @@ class Record(TableDisplay):
         return self.meta
 
     def save(self, path: Path | str) -> None:
-        """Write one ``.npz`` file; arrays stay arrays, `meta` becomes a JSON string.
+        """Write one ``.npz`` file; arrays stay arrays, `meta` becomes a JSON string. A file of that name is replaced as a whole.
 
         Series that take more than 64 MB together are not packed: `load` maps them, and reads of them what is looked at.
         """
         text, packed = np.array(write_meta(self.meta)), sum(array.nbytes for array in self.series.values()) <= SMALL
-        with ZipFile(Path(path), "w", ZIP_DEFLATED if packed else ZIP_STORED) as archive:
+        with replacing(Path(path)) as new, ZipFile(new, "w", ZIP_DEFLATED if packed else ZIP_STORED) as archive:
             for name, array in {_META_KEY: text, **self.series}.items():
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
                     header = np.lib.format.header_data_from_array_1_0(array) | {"fortran_order": False}
@@ -308,8 +308,8 @@ class Record(TableDisplay):
         """Read a file written by `save`, of this version or an older one; only: series that are wanted, all by default.
 
         It alone is read: `uvms_ocp.record.output.recover_folder` looks after its folder. Or, of a folder, what the rows of a
-        run are written to while it goes on, see `Scenario.run`: of one that was cut off, those that there are. Series of more
-        than 64 MB, and those of a folder, are mapped: they are read from the disk as they are looked at.
+        run are written to while it goes on, see `Scenario.run`: of one that was cut off, those that there are. Series of
+        records of more than 64 MB, and those of a folder, are mapped: they are read from the disk as they are looked at.
 
         Raises `InvalidInput`, in one line, for what is no such file, is damaged or too large, and for series that do not fit
         each other, their times or the metadata.
@@ -317,7 +317,7 @@ class Record(TableDisplay):
         try:
             if (described := Path(path, META)).is_file():
                 with as_input_errors(Path(path)):
-                    return _fitting(read_row_files(Path(path)), read_text(described, 16 << 20))
+                    return _fitting(meta=read_text(described, 16 << 20), series=read_row_files(Path(path)))  # which may grow
             wanted = None if only is None else {"t", _META_KEY, *only, *(old for old, new in _RENAMED.items() if new in only)}
             arrays = _renamed(read_arrays(path, wanted))
             return _fitting(arrays, _text_of(arrays))
@@ -367,6 +367,9 @@ class Recorder:
         news: gives the metadata that the folder has beside them, `None` where they are as before.
         """
         self._capacity, self._folder, self._news = capacity, folder, news
+        if folder is not None:
+            with as_output_errors(folder, "give a folder that is not there yet"):
+                folder.mkdir(parents=True)
         self._n = self._kept = 0
         self._block: dict[str, np.ndarray] = {}
         """(capacity, ...) of every series."""
@@ -400,11 +403,7 @@ class Recorder:
 
     def last(self, name: str) -> Any:
         """The newest value of the series `name`."""
-        return self.at(name, -1)
-
-    def at(self, name: str, row: int) -> Any:
-        """The value of the series `name` in a row."""
-        return np.array(self.series()[name][row])[()]
+        return np.array(self.series()[name][-1])[()]
 
     def freeze(self, meta: RunMeta | PlanMeta) -> Record:
         """The rows so far as a `Record`."""
@@ -425,7 +424,6 @@ class Recorder:
         rows = {name: memory[place : place + n] for name, memory in self._block.items()}
         if self._folder:
             with as_output_errors(self._folder, "make room; what was written before can be read"):
-                self._folder.mkdir(parents=True, exist_ok=self._kept > 0)
                 append_rows(self._folder, rows, self._kept)
                 if (meta := self._news()) is not None:
                     write_durably(self._folder / META, write_meta(meta))

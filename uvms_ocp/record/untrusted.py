@@ -143,7 +143,9 @@ def read_arrays(path: Path | str, wanted: Collection[str] | None = None) -> Mapp
             warnings.simplefilter("error")  # numpy's, of headers that it has to guess at
             members = _members(archive, source.stat().st_size)
             chosen = {name: one for name, one in members.items() if wanted is None or name in wanted}
-            return MappingProxyType({name: _array(archive, member, name) for name, member in chosen.items()})
+            large = any(one.compress_type == ZIP_STORED and one.file_size > _LARGE for one in chosen.values())
+            whole = np.memmap(file, np.uint8, "r") if large else None
+            return MappingProxyType({name: _array(archive, member, name, whole) for name, member in chosen.items()})
     except InvalidInput:
         raise
     except FileNotFoundError as error:
@@ -170,7 +172,7 @@ def _members(archive: ZipFile, size: int) -> dict[str, ZipInfo]:
     return members
 
 
-def _array(archive: ZipFile, member: ZipInfo, name: str) -> np.ndarray:
+def _array(archive: ZipFile, member: ZipInfo, name: str, whole: np.ndarray | None) -> np.ndarray:
     with archive.open(member) as file:
         version = np.lib.format.read_magic(file)
         read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
@@ -182,15 +184,14 @@ def _array(archive: ZipFile, member: ZipInfo, name: str) -> np.ndarray:
             raise InvalidInput(f"{name!r} holds {dtype}; numbers and text are read")
         if min(shape, default=1) < 0 or math.prod(shape) * dtype.itemsize != there:
             raise InvalidInput(f"{name!r} declares {dtype} of shape {_short(shape)}, but holds {there} bytes")
-        mapped = member.compress_type == ZIP_STORED and there >= _LARGE
+        mapped = whole is not None and member.compress_type == ZIP_STORED and there >= _LARGE
         while mapped and file.read(_LARGE):  # to its end, where its checksum is looked at
             pass
         content: Any = file.read()
-    if mapped:
-        raw: Any = archive.fp
-        raw.seek(member.header_offset + _LENGTHS)
-        first += raw.tell() + 4 + sum(struct.unpack("<HH", raw.read(4)))
-        content = np.memmap(raw, np.uint8, "r", first, there)
+    if whole is not None and mapped:
+        head = member.header_offset + _LENGTHS
+        first += head + 4 + sum(struct.unpack("<HH", whole[head : head + 4].tobytes()))
+        content = whole[first : first + there]
     numbers = np.frombuffer(content, dtype=dtype)
     return numbers.reshape(shape[::-1]).T if fortran else numbers.reshape(shape)
 

@@ -147,7 +147,8 @@ def _trend(record: Record, condition: ThresholdMeta) -> tuple[float, float]:
     values = np.zeros(1) if series is None else series
     n = min(len(values), max(2, round(_WINDOW / record.run_meta.dt)))
     before, now = float(values[-n]), float(values[-1])
-    return now, (before - now) / (before - condition.limit or 1e-12)
+    falls = 1.0 if condition.sign == "<" else -1.0
+    return now, falls * (before - now) / max(falls * (before - condition.limit), 1e-12)
 
 
 def _obstruction(record: Record, name: str) -> str:

@@ -337,7 +337,7 @@ class Scenario(FieldTable):
             """Metadata so far, after an event or an alarm."""
             before, seen[:] = seen.copy(), map(len, (kinematic.events, estimator.monitor.alarms, kinematic.watchdog.alarms))
             ending = RunOutcome(q=plant.state.q, quantities={}, wall_s=perf_counter() - begin, stopped="cut off")
-            return None if seen == before else meta(ending=ending)
+            return None if seen == before or has_diverged(plant.state) else meta(ending=ending)
 
         recorder = None if folder is None else Recorder(min(512, max(1, round(2.0 / self.dt))), Path(folder), news)
         kept = self.robot.n_vehicle > 0 and not isinstance(estimator.estimator, PassThrough)  # which repeats its readings
@@ -353,9 +353,10 @@ class Scenario(FieldTable):
         diverged = has_diverged(plant.state)
         last = State(q=recorder.last("q"), v=recorder.last("v")) if diverged else plant.state
         truth, ends = quantities(last, recorder.last("t")), list[Mapping[str, float]]()
+        flown = recorder.series()
         for event, goals in zip(kinematic.events, kinematic.left, strict=True):  # those that the phase had when it ended
             row = round(event.t / self.dt)
-            ends.append(quantities(State(q=recorder.at("q", row), v=recorder.at("v", row)), event.t, goals))
+            ends.append(quantities(State(q=np.array(flown["q"][row]), v=np.array(flown["v"][row])), event.t, goals))
         stopped: Literal["", "stopped", "diverged"] = "diverged" if diverged else "stopped" if presses else ""
         std = recorder.last("q_std") if "q_std" in recorder else None
         ending = RunOutcome(q=recorder.last("q"), quantities=truth, at_events=tuple(ends), wall_s=wall, std=std, stopped=stopped)

@@ -67,9 +67,10 @@ def simulate(
 
     dt [s] is the control period. keep_readings: record what sensors of a vehicle read beside what is estimated of it. `progress`
     is called after every tick with the time and the command, `observer` with the true state too. recorder: by default one that
-    keeps all in memory. Where the plant `has_diverged`,
-    the rows before it are what there is. Raises `InvalidInput` for more ticks than ordinary memory holds, and `Interrupted`,
-    whose result is the recorder, after the tick in which Ctrl-C is pressed.
+    keeps all in memory. Where the plant `has_diverged`, the rows before it are what there is.
+
+    Raises `InvalidInput` for more ticks than ordinary memory holds, and `Interrupted`, whose result is the recorder, after the
+    tick in which Ctrl-C is pressed.
     """
     if recorder is None and not duration / dt <= MOST_TICKS:
         given = f"duration = {duration:g} s in ticks of dt = {dt:g} s, whose record takes more than 10 GB of memory"

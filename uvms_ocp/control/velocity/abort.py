@@ -239,7 +239,7 @@ def _runs_away(d: AbortMemory, m: MissionMemory, t: float, quantities: Vector) -
 def _progresses(d: AbortMemory, m: MissionMemory, quantities: Vector) -> bool:
     """Return whether something that the phase waits for to fall has come nearer to its limit, or nothing is missing.
 
-    A phase that time ends, wherever that leads, does not stall.
+    A phase that time alone ends, wherever that leads, does not stall.
     """
     if m.since != d.began:
         d.began = m.since
@@ -248,14 +248,16 @@ def _progresses(d: AbortMemory, m: MissionMemory, quantities: Vector) -> bool:
             d.best[i] = math.inf
     waiting, nearer = False, False
     for i in range(m.first[m.phase], m.end[m.phase]):
+        timed = True
         for k in range(m.first_condition[i], m.end_condition[i]):
             gap = quantities[m.quantity[k]] - m.limit[k]
-            nearer = nearer or ends_by_time(m, k)
+            timed = timed and ends_by_time(m, k)
             if m.below[k] != 0 and not gap < 0.0:
                 waiting = True
                 if gap < (1.0 - _PROGRESS) * d.best[m.quantity[k]]:
                     d.best[m.quantity[k]] = gap
                     nearer = True
+        nearer = nearer or timed
     return nearer or not waiting
 
 

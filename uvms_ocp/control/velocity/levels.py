@@ -166,6 +166,7 @@ def _way(room: ca.SX, acceleration: ca.SX, dt: float, eased: bool) -> ca.SX:
 LIMITS, JERK_LIMIT, REST, LEAN = "limits", "easing", "rest", "lean"
 """Names of levels beside tasks: the first, the one below the tasks that keep the robot safe, the last, and above the second that
 of `lean_rows` where a vehicle swings."""
+_SPEED = "vehicle.speed"
 _INPUTS = ("q", "velocity", "passive", "previous", "change", "altimeter_range", "parameters", "gates")
 
 
@@ -249,7 +250,7 @@ def _beside_tasks(symbols: TickSymbols) -> dict[str, ca.SX]:
     own = dict.fromkeys(OWN_QUANTITIES, ca.SX(0))
     if not symbols.robot.n_vehicle:
         return own
-    return {**own, "vehicle.depth": -symbols.q[2], "vehicle.speed": ca.norm_2(symbols.velocity[:3])}
+    return {**own, "vehicle.depth": -symbols.q[2], _SPEED: ca.norm_2(symbols.velocity[:3])}
 
 
 class _Level(NamedTuple):
@@ -294,6 +295,7 @@ def _rests_on(symbols: TickSymbols, tasks: Sequence[Task], quantities: dict[str,
     n = 7 if robot.n_vehicle else 0
     of_q = {"position": q[: min(n, 3)], "attitude": q[min(n, 3) : n], "joint_positions": q[n:]}
     found = {name: _depends(values, part) | near for name, part in of_q.items()}
+    found["linear_velocity"] = np.array([name == _SPEED for name in quantities], dtype=bool)
     return {**found, "altimeter_range": _depends(values, symbols.altimeter_range)}
 
 

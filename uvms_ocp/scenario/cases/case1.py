@@ -83,7 +83,7 @@ def case1(
     field overrides by task name, such as ``{"PC": {"gain_linear": 0.3}}``. order: task names, highest priority first,
     instead of the order of the classes. options: those of `RunOptions`.
 
-    Raises `UvmsError` where a name is unknown, a number is impossible, or no joint moves a tool.
+    Raises `UvmsError` where a name is unknown or a number is impossible, and `InvalidInput` where no joint moves a tool.
     """
     run = run_options(options)
     origin = start or pose_at((8.5, 38.5, -36.0), (0.0, -0.06, 0.5))
@@ -235,7 +235,7 @@ def two_targets(*, second: Point = (13.6, 36.2, -39.886), second_yaw: Finite = -
 
     second (3,) [m]: the second target in W, second_yaw [rad]: the heading of the vehicle at its way point. Phases are
     A1 to D1 and A2 to D2, over one hierarchy; goals belong to the phases. Both tool errors end below the thresholds of
-    `case1`, whose options apply.
+    `case1`, whose options apply. Raises `InvalidInput` where no joint moves a tool.
     """
     scenario = case1(**{"duration": 240.0, **options})
     target = np.asarray(second, dtype=float)

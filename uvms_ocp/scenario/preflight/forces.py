@@ -21,7 +21,7 @@ from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Visit, t
 from uvms_ocp.sim.currents import water_at
 from uvms_ocp.tasks.attitude import Alignment, AngleTask, HorizontalAttitude
 from uvms_ocp.tasks.pose import NullVelocity, PoseTask, ToolPose, ToolPosition, VehiclePose
-from uvms_ocp.tasks.task import driven_turns
+from uvms_ocp.tasks.task import driven_turns, evaluate_vector
 
 # Checks: thrusters and motors can hold the robot still in the current and move it against that, and where they cannot
 # hold its attitude, how far it will tilt.
@@ -149,19 +149,24 @@ def check_depth(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     for visit, begin in zip(visits, begins, strict=False):
         task = visit.active(VehiclePose)
         limit = None if task is None else threshold_of(visit.phase, f"{task.name}.position_error")
-        axes = set(still) - ({_SWAY} if visit.active(Alignment) is not None else set())  # which turns its bow there
-        if task is None or limit is None or not axes:
+        if task is None or limit is None:
             continue
-        goal = goals_of(setup, task.name, task.goal)[-1]
-        ways = np.abs(goal.rotation.T @ (goal.translation - begin))
-        axis = max(axes, key=lambda axis: ways[axis])
+        goal, alignment = goals_of(setup, task.name, task.goal)[-1], visit.active(Alignment)
+        bow = goal.rotation
+        if alignment is not None:  # which turns it there
+            x, y, _ = evaluate_vector(alignment.name, alignment.goal, 0.0)[0] - begin
+            bow = pin.rpy.rpyToMatrix(0.0, 0.0, float(np.arctan2(y, x)))
+        ways = np.abs(bow.T @ (goal.translation - begin))
+        axis = max(still, key=lambda axis: ways[axis])
         flow = np.array([setup.environment.current.velocity(goal.translation[None], t)[0] for t in _TIMES])
         speed = min(float(setup.robot.limits.velocity[:_LINEAR].max()), task.saturation_linear)
-        adrift = np.abs(flow @ goal.rotation).max(axis=0) * float(np.linalg.norm(ways)) / speed
-        carried = max(axes, key=lambda axis: adrift[axis])
+        adrift = np.abs(flow @ bow).max(axis=0) * float(np.linalg.norm(ways)) / speed
+        adrift[_SWAY] *= alignment is None  # it keeps its bow on the goal meanwhile
+        carried = max(still, key=lambda axis: adrift[axis])
         if adrift[carried] > limit:
             way = f"{adrift[carried]:.2f} m along {AXES[carried]}, and no thruster drives that"
-            text = f"the current carries the vehicle {way}, until {task.name} is there; turn its bow there with an Alignment"
+            cure = "turn its bow there with an Alignment" if carried == _SWAY else "wait for less of it"
+            text = f"the current carries the vehicle {way}, until {task.name} is there; {cure}"
             yield Severity.ERROR.finding(FORCES, text, visit.phase.name, adrift_m=float(adrift[carried]))
         if ways[axis] > limit:
             text = (

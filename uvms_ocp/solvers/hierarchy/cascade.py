@@ -131,7 +131,10 @@ def cascade(steps: Sequence[LevelStep], J: ca.MX, lower: ca.MX, upper: ca.MX) ->
 
 
 def level_step(settings: LexicographicQp, n: int, held: int, size: int) -> LevelStep:
-    """Level of ``size`` rows below ``held`` rows; it does as little as is needed."""
+    """Level of ``size`` rows below ``held`` rows; it does as little as is needed.
+
+    Raises `InvalidInput` for a plugin that takes no such program.
+    """
     name, symbols = f"level_{held}", _level_symbols(n, held, size)
     inputs, zero = symbols.inputs(), ca.MX.zeros(1)
     nothing = ca.Function(f"{name}_nothing", inputs, [symbols.v, symbols.P, zero])
