@@ -172,7 +172,7 @@ PROGRESS = "progress"
 _VERSION_TIMEOUT = 30.0  # [s]
 _HUNG: set[str] = set()  # compilers, which are not called again
 _SAID: set[str] = set()
-_KEPT_FUNCTIONS, _KEPT_SOURCES = 4096, 64
+_KEPT_FUNCTIONS, _KEPT_ADDRESSES = 4096, 64
 _HOMES: dict[ca.Function, Path] = {}  # of compiled functions
 _BESIDE: dict[ca.Function, AsyncResult[Path | None]] = {}  # that are being compiled
 _MOST_COMPILERS = 4  # at once, of a process: those of a campaign are many
@@ -272,7 +272,7 @@ def _external(name: str, path: Path) -> ca.Function:
     return function
 
 
-@lru_cache(maxsize=_KEPT_SOURCES)
+@lru_cache(maxsize=_KEPT_ADDRESSES)
 def compiled_symbol(function: ca.Function) -> int | None:
     """Address of the machine code of ``function``, for other machine code to call; None where it cannot be compiled."""
     path = _HOMES.get(function) or _HOMES.get(compile_function(function))

@@ -13,7 +13,7 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile
 import numpy as np
 
 from uvms_ocp.checks import checked, checked_on_failure
-from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.errors import InvalidInput, NameNotFound, OutputError
 from uvms_ocp.model_errors import printable
 from uvms_ocp.record import mcap, tables
 from uvms_ocp.record.display import SmallTable, TableDisplay
@@ -362,14 +362,13 @@ class Recorder:
     def __init__(
         self, capacity: int = 512, folder: Path | None = None, news: Callable[[], RunMeta | PlanMeta | None] = lambda: None
     ) -> None:
-        """capacity: rows of the block. folder: a new one, for the files.
+        """capacity: rows of the block. folder: a new one, for the files; raises `OutputError` for one that is there.
 
         news: gives the metadata that the folder has beside them, `None` where they are as before.
         """
         self._capacity, self._folder, self._news = capacity, folder, news
-        if folder is not None:
-            with as_output_errors(folder, "give a folder that is not there yet"):
-                folder.mkdir(parents=True)
+        if folder is not None and folder.exists():
+            raise OutputError(f"{folder} is there already; give a folder that is not there yet")
         self._n = self._kept = 0
         self._block: dict[str, np.ndarray] = {}
         """(capacity, ...) of every series."""
@@ -424,6 +423,7 @@ class Recorder:
         rows = {name: memory[place : place + n] for name, memory in self._block.items()}
         if self._folder:
             with as_output_errors(self._folder, "make room; what was written before can be read"):
+                self._folder.mkdir(parents=True, exist_ok=self._kept > 0)
                 append_rows(self._folder, rows, self._kept)
                 if (meta := self._news()) is not None:
                     write_durably(self._folder / META, write_meta(meta))

@@ -86,7 +86,8 @@ _AS_THEY_ARE = ("t", "phase", "q", "q_estimated", "q_std", "v", "v_estimated", "
 def thinned(record: Record) -> Record:
     """Two rows for each of 4,096 stretches of a record that has very many: the least and the largest value of every column.
 
-    Of what is taken from one another, or counted, they are rows of the record: of state, estimate, command and times.
+    Of what is taken from one another, or counted, they are rows of the record: of state, estimate, command and times. What is
+    shorter than half a stretch, such as a short phase, is in none of them.
     """
     if len(record) <= _LONG:
         return record
