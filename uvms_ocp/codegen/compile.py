@@ -94,6 +94,7 @@ def _unsafe(folder: Path, status: os.stat_result) -> str:
 
 _TIMEOUT = 300.0  # [s], ten times what the longest of ours takes
 _KEPT = 2000  # [bytes] of what a compiler says
+_STARTING, _RUNNING = [threading.Lock()], set[subprocess.Popen[bytes]]()
 
 
 def compile_timeout() -> float:
@@ -114,20 +115,37 @@ def run_compiler(command: Sequence[str], seconds: float) -> tuple[int, str]:
     Raises `OSError` where it cannot be run, and `subprocess.TimeoutExpired` where it was stopped, with all its children.
     """
     with tempfile.TemporaryFile() as said:
-        process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=said, stderr=subprocess.STDOUT, start_new_session=True
-        )
-        end = partial(_kill, process)
-        atexit.register(end)  # threads that wait for it end without a word
+        with _STARTING[0]:
+            process = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=said, stderr=subprocess.STDOUT, start_new_session=True
+            )
+            _RUNNING.add(process)
         try:
             code = process.wait(seconds)
         except BaseException:  # Ctrl-C too, which does not reach a session of its own
             _kill(process)
             raise
         finally:
-            atexit.unregister(end)
+            _RUNNING.discard(process)
         said.seek(max(0, said.seek(0, os.SEEK_END) - _KEPT))
         return code, said.read().decode(errors="replace")
+
+
+@atexit.register
+def _end_compilers() -> None:  # as the process ends, of which threads that wait for them hear nothing
+    _STARTING[0].acquire()  # and none begins any more
+    for process in _RUNNING.copy():
+        _kill(process)
+
+
+def _forget_threads() -> None:  # in a fork, where they are its parent's, as are their compilers
+    _BESIDE.clear()
+    _RUNNING.clear()
+    _STARTING[:] = [threading.Lock()]
+
+
+if sys.platform != "win32":
+    os.register_at_fork(after_in_child=_forget_threads)
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:
@@ -176,8 +194,6 @@ _KEPT_FUNCTIONS, _KEPT_ADDRESSES = 4096, 64
 _HOMES: dict[ca.Function, Path] = {}  # of compiled functions
 _BESIDE: dict[ca.Function, AsyncResult[Path | None]] = {}  # that are being compiled
 _MOST_COMPILERS = 4  # at once, of a process: those of a campaign are many
-if sys.platform != "win32":
-    os.register_at_fork(after_in_child=_BESIDE.clear)  # whose threads are its parent's
 _PACE, _LONG = 3e-6, 2.0  # [s] a byte of long code takes; [s] of silence that look like a hang
 _SLOWER = "everything works, only slower"
 _log = logging.getLogger(__name__)

@@ -106,8 +106,7 @@ def _bound(kernels: tuple[Callable[..., Any], ...], structures: tuple[Any, ...])
     if path is None:
         return kernels
     library = loaded_library(path)
-    by_name = {structure.__name__: structure for structure in structures}
-    return tuple(_function(library, kernel, by_name) for kernel in kernels)
+    return tuple(_function(library, kernel) for kernel in kernels)
 
 
 class _Shapes:
@@ -129,12 +128,10 @@ def _compiled(kernels: tuple[Callable[..., Any], ...], shapes: _Shapes) -> Path 
     return compile_library(program.types + program.code, name=", ".join(kernel.__name__ for kernel in kernels))
 
 
-def _function(
-    library: ctypes.CDLL, kernel: Callable[..., Any], structures: dict[str, type[ctypes.Structure]]
-) -> Callable[..., Any]:
+def _function(library: ctypes.CDLL, kernel: Callable[..., Any]) -> Callable[..., Any]:
     function = library[f"{PREFIX}{kernel.__name__}"]
     hints = get_type_hints(kernel)
-    function.argtypes = [_passed(hints[name], structures) for name in signature(kernel).parameters]
+    function.argtypes = [_passed(hints[name]) for name in signature(kernel).parameters]
     function.restype = _PLAIN.get(hints.get("return"))
     return function
 
@@ -145,7 +142,7 @@ class _ByReference:
     from_param = ctypes.byref
 
 
-def _passed(hint: Any, structures: dict[str, type[ctypes.Structure]]) -> Any:
+def _passed(hint: Any) -> Any:
     if isinstance(hint, type) and issubclass(hint, Layout):
         return _ByReference
     return _PLAIN.get(hint, ctypes.POINTER(ctypes.c_double))

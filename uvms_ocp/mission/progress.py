@@ -121,11 +121,6 @@ def measure_own(m: MissionMemory, t: float, quantities: Vector) -> None:
         quantities[m.own[2]] = visits
 
 
-def ends_by_time(m: MissionMemory, k: int) -> bool:
-    """Return whether condition k waits for time to pass. A kernel."""
-    return m.below[k] == 0 and (m.quantity[k] == m.own[0] or m.quantity[k] == m.own[1])
-
-
 def transition_due(m: MissionMemory, t: float, quantities: Vector) -> int:
     """The transition of the phase that fires at t [s], or `NONE`; notes since when each of them holds."""
     due, first = NONE, m.first[m.phase]

@@ -41,8 +41,7 @@ THRESHOLD = "#555555"
 FADED = "#AEB4B9"
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (4, 1.5, 1, 1.5)))
 _TALLEST = 9  # entries of a column of a legend
-_MANY = 60  # stays that no lines part: they would be a grey page
-_FEW = 12  # stays in phases that are each named, however short
+_FEW, _MANY = 12, 60  # stays in phases that are each named, however short; and that no lines part, which were a grey page
 _LETTER = 0.055  # [in] mean width of a letter in a phase's label
 _BANDS = ("#E8F1FA", "#FDF0E1", "#E6F4EC", "#F6EAF2", "#EFEFEF")
 

@@ -17,7 +17,7 @@ from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.estimation.degraded_modes import describe_channels
 from uvms_ocp.estimation.fallbacks import UNSEEN_SLOPE
 from uvms_ocp.mission import Abort, Mission
-from uvms_ocp.mission.progress import MissionMemory, ends_by_time
+from uvms_ocp.mission.progress import MissionMemory
 from uvms_ocp.robot import Robot, SymbolicModel
 from uvms_ocp.robot.shapes.hull import lowest_point
 from uvms_ocp.robot.signals import ChannelHealth
@@ -251,7 +251,8 @@ def _progresses(d: AbortMemory, m: MissionMemory, quantities: Vector) -> bool:
         timed = True
         for k in range(m.first_condition[i], m.end_condition[i]):
             gap = quantities[m.quantity[k]] - m.limit[k]
-            timed = timed and ends_by_time(m, k)
+            by_time = m.quantity[k] == m.own[0] or m.quantity[k] == m.own[1]
+            timed = timed and by_time and m.below[k] == 0
             if m.below[k] != 0 and not gap < 0.0:
                 waiting = True
                 if gap < (1.0 - _PROGRESS) * d.best[m.quantity[k]]:

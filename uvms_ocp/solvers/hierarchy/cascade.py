@@ -479,10 +479,9 @@ def conic_plugins() -> tuple[str, ...]:
 
 
 def _takes_dense_programs(plugin: str) -> bool:
-    dense = ca.Sparsity.dense(2, 2)
     try:
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            ca.conic("probe", plugin, {"h": dense, "a": dense}, _DEFAULTS.get(plugin, {}))
+            ca.conic("probe", plugin, dict.fromkeys("ha", ca.Sparsity.dense(2, 2)), _DEFAULTS.get(plugin, {}))
     except RuntimeError:
         return False
     return True
