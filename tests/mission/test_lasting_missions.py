@@ -118,14 +118,14 @@ def test_a_plan_of_the_mission_says_that_it_cannot_state_time() -> None:
 
 def test_rounds_are_reported_by_phase_and_not_one_by_one() -> None:
     record = patrol(rounds=5, duration=120.0, **KINEMATIC).run()
-    out, home = repeated_phases(record)
+    out, home = repeated_phases(resources(record))
     assert (out["phase"], out["visits"], home["phase"], home["visits"]) == ("out", 5, "home", 4)
     each = [row["duration_s"] for row in resources(record)[:-1] if row["phase"] == "home"]
     assert home["mean_duration_s"] == pytest.approx(np.mean(each))
     assert home["largest_duration_s"] == max(each)
     assert out["largest_energy_j"] is None
     assert "visits" in str(summarize(record))
-    assert repeated_phases(patrol(rounds=1, duration=60.0, **KINEMATIC).run()) == []
+    assert repeated_phases(resources(patrol(rounds=1, duration=60.0, **KINEMATIC).run())) == []
 
 
 def test_figures_of_many_rounds_name_no_phase_on_another() -> None:

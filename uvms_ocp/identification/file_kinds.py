@@ -21,7 +21,7 @@ _TABLE = (files("uvms_ocp.identification") / "file_kinds.csv").read_text(encodin
 _KINDS: dict[bytes, tuple[Any, str]] = {
     row[0].encode().decode("unicode_escape").encode("latin-1"): (row[1], row[2]) for row in csv.reader(_TABLE[1:])
 }
-"""By their first bytes: kinds, or what is recognised and not read, with what to do."""
+"""Maps the first bytes of a file to its kind, or for one that is not read to what it is and what to do."""
 _MAVLINK_STARTS = (0xFD, 0xFE)
 _STAMP = 8  # [B] before each message of a .tlog
 

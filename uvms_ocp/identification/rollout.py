@@ -244,13 +244,13 @@ class PredictedOutputs:
     g: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """(n_p + 9,) [1 / unknowns] ``sum w r s``"""
     loss: float = 0.0
-    """What the residuals of its rows cost, where rows themselves are not kept."""
+    """Cost of the residuals of its rows, for passes that do not keep the rows."""
     end_slope: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """(n_x, n_p + 9) [as the state, per unknown]"""
 
 
 Weights = Callable[[int, tuple[np.ndarray, ...]], Sequence[tuple[np.ndarray, np.ndarray]]]
-"""Of which segment, and its rows: for each sensor the weights w and the weighted residuals w r of its rows, both (m, 3)."""
+"""Maps the index of a segment and its rows to weights w and weighted residuals w r of each sensor, both (m, 3)."""
 
 
 class Rollout:
@@ -352,7 +352,7 @@ class _StretchRun:
         return H, g
 
     def _outputs(self, chosen: np.ndarray) -> list[np.ndarray]:
-        """What is seen, and its slopes, side by side, in chosen (l,) of all states."""
+        """Evaluate the outputs and their derivatives, side by side, at the chosen (l,) of all states."""
         function, n = self._rollout.many("seen", self._stage.outputs, 0, len(chosen)), self._x.shape[1]
         found = function(self._x.reshape(-1, self._stage.n_x)[chosen].T, self._p[chosen // n].T)
         return [np.asarray(one) for one in found]

@@ -61,8 +61,8 @@ class ObstacleMeta(BaseModel):
 DONE, ABORT = "done", "abort"
 """Where a mission ends: as wanted, or given up."""
 OWN_QUANTITIES = ("mission.time", "phase.time", "phase.visits")
-"""What a mission knows of itself, for conditions: [s] since its start, [s] since that of the phase, and how often the phase has
-begun, this time included."""
+"""Quantities of a mission itself, for conditions: time since its start [s], time since the start of the phase [s], and how often
+the phase has begun, this time included."""
 LARGEST = 1e30
 """What reports and figures reckon with: its square is finite, and single precision, which scenes are kept in, holds it."""
 Number = Annotated[FiniteFloat, Field(ge=-LARGEST, le=LARGEST)]

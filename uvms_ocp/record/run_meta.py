@@ -104,7 +104,7 @@ class RunMeta(RecordMeta):
     completed: bool
     """True where every phase came to its end."""
     stopped: Literal["", "stopped", "diverged", "cut off"] = ""
-    """Whether it was stopped by hand, the plant's motion grew beyond what a record holds, or the program ended before it."""
+    """Why it ended early: by hand, by motion beyond what a record holds, or with its program; empty where it did not."""
     pending: str = ""
     """Conditions that an incomplete mission still waited for."""
     abort_phase: str = ""

@@ -165,16 +165,16 @@ def resources(record: Record) -> list[dict[str, Any]]:
 
 
 @checked
-def repeated_phases(record: Record) -> list[dict[str, Any]]:
+def repeated_phases(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """One row per phase of a mission that repeats itself, else none: number of visits, and mean and largest of a visit.
 
-    Duration [s], energy [J] and path of the vehicle [m], as in `resources`; None where they are not known. A mission repeats
-    itself that is more than twice in its phases on average. Raises `InvalidInput` for the record of a plan.
+    rows: of `resources`, of which duration [s], energy [J] and path of the vehicle [m] are summed up; None where they are not
+    known. A mission repeats itself that is more than twice in its phases on average.
     """
     visits: dict[str, list[dict[str, Any]]] = {}
-    for row in (found := resources(record))[:-1]:
+    for row in rows[:-1]:
         visits.setdefault(row["phase"], []).append(row)
-    return [_repeated(name, rows) for name, rows in visits.items() if len(found) > 2 * len(visits) + 1]
+    return [_repeated(name, own) for name, own in visits.items() if len(rows) > 2 * len(visits) + 1]
 
 
 def _repeated(name: str, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:

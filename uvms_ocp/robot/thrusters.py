@@ -142,7 +142,7 @@ def unreachable_axes(B: np.ndarray) -> tuple[int, ...]:
 
 
 def _heaviest_axes(null_space: np.ndarray) -> tuple[int, ...]:
-    """As many axes as there are columns, those that weigh most in them; of equals the last, whatever rounding says."""
+    """Choose as many axes as there are columns, those with the largest entries; of axes equal but for rounding the last."""
     rest, axes = null_space, []
     for _ in range(null_space.shape[1]):
         weights = np.linalg.norm(rest, axis=1)

@@ -96,7 +96,9 @@ class Tangent:
 
     @cached_property
     def bent(self) -> ca.SX:
-        """What `bend` gives as symbols: code too long for the instruction cache takes three times as long."""
+        """Symbols for the results of `bend`, which is compiled by itself: code too long for the instruction cache is three
+        times slower.
+        """
         return ca.SX.sym("bent", self._force_curvature[2].numel() + self._force_curvature[3].nnz())
 
     @cached_property
