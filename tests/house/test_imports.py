@@ -13,7 +13,7 @@ import pytest
 
 import uvms_ocp
 
-EXTRAS = ("dask", "distributed", "pandas", "pyarrow", "SALib", "mcap", "foxglove_schemas_protobuf", "rosbags")
+EXTRAS = ("dask", "distributed", "pandas", "pyarrow", "SALib", "mcap", "mcap_protobuf", "rosbags")
 RARE = ("scipy", "matplotlib", "meshcat", *EXTRAS)
 _CODE = """
 import pkgutil, sys, uvms_ocp, uvms_ocp.cli

@@ -1,4 +1,4 @@
-"""Records as MCAP: Foxglove finds poses, joints, wrenches and what was said, and the same record comes back."""
+"""Records as MCAP: ROS 2 finds poses, odometry, joints, wrenches and what was said, and the same record comes back."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ import pytest
 from same_record import require_same
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.record.mcap import field_names, series_message, values_of
+from uvms_ocp.record.mcap import ROS_MESSAGES, cdr_messages, field_names, ros_definition, values_of
 from uvms_ocp.record.record import MEASURED, Record
 from uvms_ocp.record.tables import unit_of
 from uvms_ocp.report.metrics import figures_between
 from uvms_ocp.report.summary import summarize
+from uvms_ocp.robot.loading import robot_folder
 from uvms_ocp.scenario.cases.case1 import case1
 
 pytest.importorskip("mcap", reason='needs pip install "uvms-ocp[mcap]"')
@@ -30,49 +31,98 @@ def record() -> Record:
 
 @pytest.fixture(scope="module")
 def topics(record: Record, tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Any]]:
-    return read(record, tmp_path_factory.mktemp("mcap") / "run.mcap")
+    return read(record, tmp_path_factory.mktemp("mcap") / "run.mcap", urdf=robot_folder(record.meta.robot) / "robot.urdf")
 
 
-def read(record: Record, path: Path) -> dict[str, list[Any]]:
-    """All messages by topic, as any reader of MCAP finds them."""
-    from mcap.reader import make_reader
-    from mcap_protobuf.decoder import DecoderFactory
-
-    record.to_mcap(path)
+def read(record: Record, path: Path, **options: Any) -> dict[str, list[Any]]:
+    """All messages by topic: time, type and what a reader of ROS 2 that is none of ours makes of them."""
+    highlevel = pytest.importorskip("rosbags.highlevel", reason='needs pip install "uvms-ocp[rosbags]"')
+    record.to_mcap(path, **options)
     found: dict[str, list[Any]] = defaultdict(list)
-    with path.open("rb") as file:
-        for schema, channel, message, decoded in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
-            found[channel.topic].append((message.log_time, schema.name, decoded))
+    with highlevel.AnyReader([path]) as reader:
+        for connection, when, data in reader.messages():
+            found[connection.topic].append((when, connection.msgtype, reader.deserialize(data, connection.msgtype)))
     return found
 
 
+def numbers(message: Any, *fields: str) -> list[float]:
+    return [getattr(message, name) for name in fields]
+
+
+def pose_of(position: Any, orientation: Any) -> list[float]:
+    return numbers(position, *"xyz") + numbers(orientation, *"xyzw")
+
+
+def nanoseconds(stamp: Any) -> int:
+    return int(stamp.sec * 10**9 + stamp.nanosec)
+
+
+def test_types_are_those_that_ros_2_has(topics: dict[str, list[Any]]) -> None:
+    """By the definitions of a library that keeps those of ROS 2."""
+    typesys = pytest.importorskip("rosbags.typesys")
+    known = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE).fielddefs
+    own = typesys.get_typestore(typesys.Stores.EMPTY)
+    for name in ROS_MESSAGES:
+        kind = name.replace("/", "/msg/")
+        own.register(typesys.get_types_from_msg(ros_definition(name), kind))
+        assert own.fielddefs[kind][1] == known[kind][1]
+    kinds = {name: rows[0][1] for name, rows in topics.items() if not name.startswith("/series/")}
+    assert (
+        kinds.items()
+        >= {
+            "/odometry": "nav_msgs/msg/Odometry",
+            "/joint_states": "sensor_msgs/msg/JointState",
+            "/tf": "tf2_msgs/msg/TFMessage",
+            "/wrench": "geometry_msgs/msg/WrenchStamped",
+            "/log": "rcl_interfaces/msg/Log",
+        }.items()
+    )
+
+
+def test_the_robot_is_described_by_its_file(record: Record, topics: dict[str, list[Any]], tmp_path: Path) -> None:
+    ((when, kind, told),) = topics["/robot_description"]
+    assert (when, kind) == (0, "std_msgs/msg/String")
+    assert told.data == (robot_folder(record.meta.robot) / "robot.urdf").read_text(encoding="utf-8")
+    with pytest.raises(InvalidInput, match=r"^[^\n]*none\.urdf[^\n]*$"):
+        record.to_mcap(tmp_path / "a.mcap", urdf=tmp_path / "none.urdf")
+    assert not list(tmp_path.iterdir())
+
+
 def test_poses_are_transforms_at_their_times(record: Record, topics: dict[str, list[Any]]) -> None:
-    assert [when for when, _, _ in topics["/tf"]] == np.rint(1e9 * record["t"]).astype(int).tolist()
-    assert {schema for _, schema, _ in topics["/tf"]} == {"foxglove.FrameTransforms"}
-    for (_, _, told), q, estimated in zip(topics["/tf"], record["q"], record["q_estimated"], strict=True):
+    times = np.rint(1e9 * record["t"]).astype(int).tolist()
+    assert [when for when, _, _ in topics["/tf"]] == times
+    for (_, _, told), q, estimated, now in zip(topics["/tf"], record["q"], record["q_estimated"], times, strict=True):
         for one, frame, row in zip(told.transforms, ("base_link", "base_link_estimated"), (q, estimated), strict=True):
-            assert (one.parent_frame_id, one.child_frame_id) == ("world", frame)
-            assert [one.translation.x, one.translation.y, one.translation.z] == row[:3].tolist()
-            assert [one.rotation.x, one.rotation.y, one.rotation.z, one.rotation.w] == row[3:7].tolist()
-    goals = topics["/goals"][0][2].transforms
-    assert [goal.child_frame_id for goal in goals] == [frame.name for frame in record.meta.surroundings.frames]
+            assert (one.header.frame_id, one.child_frame_id, nanoseconds(one.header.stamp)) == ("world", frame, now)
+            assert pose_of(one.transform.translation, one.transform.rotation) == row[:7].tolist()
+    ((_, _, goals),) = topics["/tf_static"]
+    assert [goal.child_frame_id for goal in goals.transforms] == [frame.name for frame in record.meta.surroundings.frames]
+
+
+def test_odometry_has_pose_velocity_and_what_the_filter_says_of_its_error(record: Record, topics: dict[str, list[Any]]) -> None:
+    for name, suffix in (("/odometry", ""), ("/odometry_estimated", "_estimated")):
+        for (_, _, told), q, v in zip(topics[name], record[f"q{suffix}"], record[f"v{suffix}"], strict=True):
+            assert (told.header.frame_id, told.child_frame_id) == ("world", "base_link")
+            assert pose_of(told.pose.pose.position, told.pose.pose.orientation) == q[:7].tolist()
+            twist = told.twist.twist
+            assert numbers(twist.linear, *"xyz") + numbers(twist.angular, *"xyz") == v[:6].tolist()
+    covariance = topics["/odometry_estimated"][-1][2].pose.covariance.reshape(6, 6)
+    np.testing.assert_array_equal(covariance, np.diag(record["q_std"][-1, :6] ** 2))
 
 
 def test_joints_have_states_by_which_a_urdf_moves(record: Record, topics: dict[str, list[Any]]) -> None:
-    _, schema, last = topics["/joint_states"][-1]
-    assert schema == "foxglove.JointStates"
-    assert [joint.name for joint in last.joints] == list(record.meta.joints)
-    assert [joint.position for joint in last.joints] == record["q"][-1, 7:].tolist()
-    assert [joint.velocity for joint in last.joints] == record["v"][-1, 6:].tolist()
-    assert [joint.effort for joint in last.joints] == record["torque"][-1].tolist()
+    _, _, last = topics["/joint_states"][-1]
+    assert last.name == list(record.meta.joints)
+    assert last.position.tolist() == record["q"][-1, 7:].tolist()
+    assert last.velocity.tolist() == record["v"][-1, 6:].tolist()
+    assert last.effort.tolist() == record["torque"][-1].tolist()
 
 
 def test_wrenches_are_forces_and_torques_of_the_vehicle(record: Record, topics: dict[str, list[Any]]) -> None:
     for name in ("wrench", "unreachable", "disturbance"):
         for (_, _, told), row in zip(topics[f"/{name}"], record[name], strict=True):
-            assert told.frame_id == "base_link"
-            parts = (told.force, told.torque)
-            assert [value for part in parts for value in (part.x, part.y, part.z)] == row[:6].tolist()
+            assert told.header.frame_id == "base_link"
+            assert numbers(told.wrench.force, *"xyz") + numbers(told.wrench.torque, *"xyz") == row[:6].tolist()
 
 
 def test_series_have_fields_with_the_names_of_their_columns(record: Record, topics: dict[str, list[Any]]) -> None:
@@ -83,10 +133,10 @@ def test_series_have_fields_with_the_names_of_their_columns(record: Record, topi
 
 
 def test_what_was_said_is_a_log(record: Record, topics: dict[str, list[Any]]) -> None:
-    told = [(when, one.message) for when, _, one in topics["/log"]]
-    wanted = [(alarm.t, alarm.text) for alarm in record.run_meta.alarms]
-    wanted += [(fault.t, fault.text) for fault in record.run_meta.faults]
-    assert sorted(told) == sorted((round(1e9 * t), text) for t, text in wanted)
+    told = [(nanoseconds(one.stamp), one.level, one.msg) for _, _, one in topics["/log"]]
+    wanted = [(alarm.t, 30, alarm.text) for alarm in record.run_meta.alarms]
+    wanted += [(fault.t, 40, fault.text) for fault in record.run_meta.faults]
+    assert sorted(told) == sorted((round(1e9 * t), level, text) for t, level, text in wanted)
     assert told
 
 
@@ -121,15 +171,21 @@ def comes_back(record: Record, folder: Path) -> None:
 def test_messages_keep_every_digit_and_type(dtype: str) -> None:
     odd = {"f": [np.nan, np.inf, -1e-310, 0.1], "i": [-128, 127, 0, 1], "u": [0, 2**64 - 1, 1, 2], "b": [1, 0, 0, 1]}
     array = np.array(odd[np.dtype(dtype).kind], dtype=dtype).reshape(2, 2)
-    made = series_message("any", array.dtype.kind, ["a", "a"])
-    sent = [made(a=row[0], a_2=row[1]).SerializeToString() for row in array.tolist()]
-    again = values_of([made.FromString(content) for content in sent], array.dtype.str, 2)
+    stored = {"f": "f8", "i": "i8", "u": "u8", "b": "?"}[array.dtype.kind]
+    sent = [row.tobytes() for row in cdr_messages(2, (array.astype(stored),))]
+    again = values_of(sent, array.dtype.str, 2)
     assert again.dtype == array.dtype
     assert again.tobytes() == array.tobytes()
 
 
 def test_names_of_fields_are_such_as_messages_may_have_and_differ() -> None:
-    assert field_names(["T.position error", "1", "a-b", "a.b", "é"]) == ["T_position_error", "_1", "a_b", "a_b_4", "_"]
+    assert field_names(["T.position error", "1", "a-b", "a.b", "é"]) == ["T_position_error", "c1", "a_b", "a_b_4", "c"]
+
+
+def test_a_file_of_version_1_with_messages_in_protobuf_is_read() -> None:
+    record = Record.from_mcap(RECORDS / "run_v1.mcap")
+    assert record.run_meta.kind == "run"
+    assert {len(values) for values in record.series.values()} == {len(record["t"])}
 
 
 @pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"PAR1" * 9], ids=("empty", "head", "other"))

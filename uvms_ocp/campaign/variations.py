@@ -36,8 +36,9 @@ def flow_parameters(scenario: Scenario) -> Iterator[Parameter]:
         for axis, name in enumerate("xyz"):
             meaning = f"added to the velocity of the water along {name} of W"
             yield Parameter(f"current.{name}", "m/s", meaning, partial(_added, axis))
-        yield Parameter("current.speed", "m/s", "horizontal speed of the water", _with_speed)
-        yield Parameter("current.heading", "rad", "heading of the horizontal flow, from x of W towards y", _with_heading)
+        yield Parameter("current.speed", "m/s", "horizontal speed of the water", partial(_with_flow, "speed"))
+        meaning = "heading of the horizontal flow, from x of W towards y"
+        yield Parameter("current.heading", "rad", meaning, partial(_with_flow, "heading"))
     yield Parameter("current.gusts", "m/s", "standard deviation of gusts along each axis of W", _with_gusts)
 
 
@@ -45,16 +46,11 @@ def _added(axis: int, scenario: Scenario, value: float) -> Scenario:
     return _flowing(scenario, _velocity(scenario) + value * np.eye(3)[axis])
 
 
-def _with_speed(scenario: Scenario, value: float) -> Scenario:
+def _with_flow(name: str, scenario: Scenario, value: float) -> Scenario:
     x, y, z = _velocity(scenario)
-    heading = math.atan2(y, x)
-    return _flowing(scenario, np.array([value * math.cos(heading), value * math.sin(heading), z]))
-
-
-def _with_heading(scenario: Scenario, value: float) -> Scenario:
-    x, y, z = _velocity(scenario)
-    speed = math.hypot(x, y)
-    return _flowing(scenario, np.array([speed * math.cos(value), speed * math.sin(value), z]))
+    flow = {"speed": math.hypot(x, y), "heading": math.atan2(y, x), name: value}
+    way = np.array([math.cos(flow["heading"]), math.sin(flow["heading"]), 0.0])
+    return _flowing(scenario, flow["speed"] * way + [0.0, 0.0, z])
 
 
 def _with_gusts(scenario: Scenario, value: float) -> Scenario:

@@ -1,14 +1,14 @@
-"""Write records as MCAP files, which Foxglove opens, and read MCAP files of anyone within bounds."""
+"""Write records as MCAP files, which ROS 2 and Foxglove open, and read MCAP files of anyone within bounds."""
 
 from __future__ import annotations
 
+import csv
 import re
 import struct
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
-from itertools import count
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from importlib.resources import files
 from pathlib import Path
 from typing import IO, Any
 
@@ -105,224 +105,225 @@ def _first(chunk: Any, most: int) -> bytes:
 
 def require_mcap() -> None:
     """Raise `NotInstalled` where any of them is missing."""
-    for name in ("foxglove_schemas_protobuf", "mcap", "mcap_protobuf"):
+    for name in ("mcap", "mcap_protobuf"):
         optional_module(name, "an MCAP file", '"uvms-ocp[mcap]"')
+
+
+# Messages of ROS 2: their definitions as text, and many of a kind at once in CDR, the form in which they are sent.
+
+_TABLE = (files("uvms_ocp.record") / "ros_messages.csv").read_text(encoding="utf-8").splitlines()
+ROS_MESSAGES: Mapping[str, str] = {row["type"]: row["fields"].replace("; ", "\n") for row in csv.DictReader(_TABLE)}
+"""Fields of the types of ROS 2 that are written."""
+_HEAD = np.array([0, 1, 0, 0], dtype="u1")  # little endian, plain CDR
+_NEXT = "=" * 80 + "\nMSG: "
+
+Part = str | np.ndarray
+"""A text, an array (m,) that all messages have, or one (n, m) of which each has its row."""
+
+
+def ros_definition(kind: str) -> str:
+    """Text by which a reader knows a message of that type: its fields, then those of all types in it."""
+    texts, todo = {kind: ROS_MESSAGES[kind]}, [kind]
+    while todo:
+        inside = [word for word in re.split(r"[\s\[\]]+", texts[todo.pop()]) if word in ROS_MESSAGES and word not in texts]
+        texts |= {name: ROS_MESSAGES[name] for name in inside}
+        todo += inside
+    return f"\n{_NEXT}".join([texts.pop(kind), *(f"{name}\n{text}" for name, text in texts.items())])
+
+
+def cdr_messages(n: int, parts: Iterable[Part]) -> np.ndarray:
+    """Encode n messages of the same parts, (n, size) [B]: numbers at multiples of their size behind the head of four bytes."""
+    blocks, size = [np.tile(_HEAD, (n, 1))], 0
+    for part in parts:
+        text = np.frombuffer(part.encode() + b"\0", dtype="u1") if isinstance(part, str) else None
+        for values in (part,) if text is None else (np.array([len(text)], dtype="u4"), text):
+            rows = np.broadcast_to(values, (n, np.shape(values)[-1]))
+            gap = -size % rows.itemsize if rows.shape[1] else 0
+            blocks += [np.zeros((n, gap), dtype="u1"), np.ascontiguousarray(rows, dtype=rows.dtype.newbyteorder("<")).view("u1")]
+            size += gap + blocks[-1].shape[1]
+    return np.hstack(blocks)
+
+
+def _count(n: int) -> np.ndarray:
+    """Length of a sequence, which stands before it."""
+    return np.array([n], dtype="u4")
 
 
 # A message for every tick of a series, with a field for every column: what is written is read again to the last digit.
 
-_KINDS = {"f": ("TYPE_DOUBLE", "f8"), "i": ("TYPE_INT64", "i8"), "u": ("TYPE_UINT64", "u8"), "b": ("TYPE_BOOL", "?")}
+_KINDS = {"f": ("float64", "f8"), "i": ("int64", "i8"), "u": ("uint64", "u8"), "b": ("bool", "?")}
 """Of fields and of their values, by the kind of an array: wide enough for all of its kind."""
-_RESERVED = range(19000, 20000)  # numbers that fields may not have
-
-
-def series_message(name: str, kind: str, columns: Sequence[str]) -> Any:
-    """The class of the messages of a series; kind: of its array, "f", "i", "u" or "b"."""
-    from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
-
-    title = field_names([name])[0]
-    file = descriptor_pb2.FileDescriptorProto(name=f"uvms_ocp/{title}.proto", package="uvms_ocp", syntax="proto3")
-    message = file.message_type.add(name=title)
-    own = descriptor_pb2.FieldDescriptorProto
-    numbers = (k for k in count(1) if k not in _RESERVED)
-    as_said = {"type": getattr(own, _KINDS[kind][0]), "label": own.Label.Value("LABEL_OPTIONAL")}
-    for number, column in zip(numbers, field_names(columns), strict=False):
-        message.field.add(name=column, number=number, **as_said)
-    pool = descriptor_pool.DescriptorPool()
-    pool.Add(file)
-    return message_factory.GetMessageClass(pool.FindMessageTypeByName(f"uvms_ocp.{title}"))
 
 
 def field_names(columns: Sequence[str]) -> list[str]:
     """Names that a message may have, each once."""
     found: list[str] = []
     for column in columns:
-        plain = re.sub(r"\W", "_", column, flags=re.ASCII) or "_"
-        plain = f"_{plain}" if plain[0].isdigit() else plain
+        plain = re.sub(r"\W+|__+", "_", column, flags=re.ASCII).strip("_")
+        plain = plain if plain[:1].isalpha() else f"c{plain}"
         found.append(plain if plain not in found else f"{plain}_{len(found) + 1}")
     return found
 
 
 def values_of(messages: Sequence[Any], dtype: str, n_axes: int) -> np.ndarray:
-    """The series (n, k), or (n,) with one axis, of its messages; dtype: as numpy writes it. Raises `ValueError` for another."""
+    """The series (n, k), or (n,) with one axis, of its messages; dtype: as numpy writes it. Raises `ValueError` for another.
+
+    messages: in CDR, or decoded ones of a file of version 1.
+    """
     wanted = np.dtype(dtype)
     if wanted.kind not in _KINDS:
         raise ValueError(f"a series of {dtype[:20]!r}")
-    fields = [field.name for field in messages[0].DESCRIPTOR.fields]
-    rows = [[getattr(message, field) for field in fields] for message in messages]
-    found = np.array(rows, dtype=_KINDS[wanted.kind][1]).reshape(len(rows), -1).astype(wanted)
+    stored = np.dtype(_KINDS[wanted.kind][1]).newbyteorder("<")
+    if isinstance(messages[0], bytes):
+        rows: Any = [np.frombuffer(message, dtype=stored, offset=len(_HEAD)) for message in messages]
+    else:
+        fields = [field.name for field in messages[0].DESCRIPTOR.fields]
+        rows = [[getattr(message, field) for field in fields] for message in messages]
+    found = np.array(rows, dtype=stored).astype(wanted)
     return found[:, 0] if n_axes == 1 else found
 
 
-# What Foxglove draws by itself: poses as transforms, states of joints, wrenches, and what was said.
+# What ROS 2 and Foxglove know by themselves: poses as transforms and odometry, states of joints, wrenches, and what was said.
 
 WORLD, VEHICLE = "world", "base_link"
 _POSES = {"q": VEHICLE, "q_estimated": f"{VEHICLE}_estimated", "tool": "tool"}
 """Series that begin with a pose in W, and the frame that has it."""
+_ODOMETRY = {"odometry": ("q", "v", ""), "odometry_estimated": ("q_estimated", "v_estimated", "q_std")}
+"""Topics with their pose, velocity, and standard deviations of the pose."""
 _WRENCHES = ("wrench", "unreachable", "disturbance")
-_POSE, _WRENCH = 7, 6
+_POSE, _SIX = 7, 6
+_INFO, _WARN, _ERROR = 20, 30, 40
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Stream:
-    """One topic."""
+class Topic:
+    """Messages of one type, a tick each, or one alone at the start where no part has rows."""
 
-    topic: str
-    at: Callable[[int, Any], Any]
-    """The message of a tick, of that time stamp."""
-    once: bool = False
-    """True for messages of the first tick alone."""
+    name: str
+    kind: str
+    """Type, of `ROS_MESSAGES` unless it has a definition of its own."""
+    parts: Sequence[Part]
+    definition: str = ""
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+    def messages(self, rows: slice) -> np.ndarray:
+        """Encode those of these rows; of a topic that has none its one message, with the first."""
+        cut = [part[rows] if isinstance(part, np.ndarray) and part.ndim > 1 else part for part in self.parts]
+        lengths = [len(part) for part in cut if isinstance(part, np.ndarray) and part.ndim > 1]
+        return cdr_messages(max(lengths, default=int(rows.start == 0)), cut)
 
 
-def stamp(nanoseconds: int) -> Any:
-    """A time stamp."""
-    from google.protobuf.timestamp_pb2 import Timestamp
-
-    return Timestamp(seconds=nanoseconds // 10**9, nanos=nanoseconds % 10**9)
+def stamps(t: np.ndarray) -> np.ndarray:
+    """Time stamps (n, 2) [s, ns] of times t (n,) [ns]."""
+    return np.stack([t // 10**9, t % 10**9], axis=1).astype("u4")
 
 
-def streams(series: Series, meta: Any) -> Iterator[Stream]:
-    """All topics that a record can fill."""
-    floating = is_floating(series, meta)
-    poses = {frame: series[name] for name, frame in _POSES.items() if name in series and (floating or name == "tool")}
+def topics(series: Series, meta: Any, t: np.ndarray, urdf: str | None) -> Iterator[Topic]:
+    """All topics that a record can fill, at t (n,) [ns]; urdf: text of the robot's description."""
+    floating, head = is_floating(series, meta), (stamps(t), WORLD)
+    if urdf is not None:
+        yield Topic(name="/robot_description", kind="std_msgs/String", parts=(urdf,))
+    poses = {frame: series[name][:, :_POSE] for name, frame in _POSES.items() if name in series and (floating or name == "tool")}
     if poses:
-        yield Stream(topic="/tf", at=partial(_transforms, poses))
+        yield Topic(name="/tf", kind="tf2_msgs/TFMessage", parts=_transforms(stamps(t), poses))
     if meta.surroundings.frames:
-        goals = {frame.name: np.array([frame.pose]) for frame in meta.surroundings.frames}
-        yield Stream(topic="/goals", at=partial(_transforms, goals), once=True)
+        goals = {frame.name: np.array(frame.pose) for frame in meta.surroundings.frames}
+        yield Topic(name="/tf_static", kind="tf2_msgs/TFMessage", parts=_transforms(stamps(t)[0], goals))
+    for name, (q, v, std) in _ODOMETRY.items():
+        if floating and q in series and v in series:
+            states = (*head, VEHICLE, series[q][:, :_POSE], _covariance(series.get(std)), series[v][:, :_SIX], _covariance(None))
+            yield Topic(name=f"/{name}", kind="nav_msgs/Odometry", parts=states)
     if meta.joints and (positions := joint_positions(series, meta)) is not None:
-        states = {"position": positions, "velocity": series.get("v"), "effort": series.get("torque")}
-        yield Stream(topic="/joint_states", at=partial(_joints, states, tuple(meta.joints)))
-    if floating:
-        for name in _WRENCHES:
-            if name in series:
-                yield Stream(topic=f"/{name}", at=partial(_wrench, wrench_class(), series[name]))
+        n, given = len(meta.joints), (positions, series.get("v"), series.get("torque"))
+        numbers = [np.empty(0) if one is None else one[:, -n:] for one in given]
+        listed = [part for values in numbers for part in (_count(values.shape[-1]), values)]
+        yield Topic(name="/joint_states", kind="sensor_msgs/JointState", parts=(*head, _count(n), *meta.joints, *listed))
+    for name in _WRENCHES:
+        if floating and name in series:
+            yield Topic(name=f"/{name}", kind="geometry_msgs/WrenchStamped", parts=(stamps(t), VEHICLE, series[name][:, :_SIX]))
 
 
-def _transforms(poses: Mapping[str, np.ndarray], k: int, when: Any) -> Any:
-    from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
-    from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
-
-    found = FrameTransforms()
-    for frame, rows in poses.items():
-        x, y, z, *turn = rows[k, :_POSE].tolist()
-        one = FrameTransform(timestamp=when, parent_frame_id=WORLD, child_frame_id=frame)
-        one.translation.x, one.translation.y, one.translation.z = x, y, z
-        one.rotation.x, one.rotation.y, one.rotation.z, one.rotation.w = turn
-        found.transforms.append(one)
-    return found
+def _transforms(when: np.ndarray, poses: Mapping[str, np.ndarray]) -> list[Part]:
+    return [_count(len(poses)), *(part for frame, pose in poses.items() for part in (when, WORLD, frame, pose))]
 
 
-def _joints(states: Mapping[str, Any], names: Sequence[str], k: int, when: Any) -> Any:
-    from foxglove_schemas_protobuf.JointState_pb2 import JointState
-    from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
-
-    n = len(names)
-    columns = {key: rows[k, -n:].tolist() for key, rows in states.items() if rows is not None}
-    joints = [JointState(name=name, **{key: row[i] for key, row in columns.items()}) for i, name in enumerate(names)]
-    return JointStates(timestamp=when, joints=joints)
+def _covariance(std: np.ndarray | None) -> np.ndarray:
+    """Of errors that have these standard deviations (n, 6...) and nothing in common; zeros where they are not known."""
+    if std is None:
+        return np.zeros(_SIX**2)
+    return (std[:, :_SIX, None] ** 2 * np.eye(_SIX)).reshape(len(std), -1)
 
 
-def _wrench(made: Any, rows: np.ndarray, k: int, when: Any) -> Any:
-    found = made(timestamp=when, frame_id=VEHICLE)
-    values = rows[k, :_WRENCH].tolist()
-    found.force.x, found.force.y, found.force.z, found.torque.x, found.torque.y, found.torque.z = values
-    return found
-
-
-def wrench_class() -> Any:
-    """The class of messages with a force [N] and a torque [N m], for which Foxglove has none."""
-    from foxglove_schemas_protobuf import Vector3_pb2
-    from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
-
-    needed = (Vector3_pb2.DESCRIPTOR.name, timestamp_pb2.DESCRIPTOR.name)
-    known = {"package": "uvms_ocp", "syntax": "proto3", "dependency": needed}
-    file = descriptor_pb2.FileDescriptorProto(name="uvms_ocp/Wrench.proto", **known)
-    message, own = file.message_type.add(name="Wrench"), descriptor_pb2.FieldDescriptorProto
-    once = own.Label.Value("LABEL_OPTIONAL")
-    kinds = {"timestamp": ".google.protobuf.Timestamp", "force": ".foxglove.Vector3", "torque": ".foxglove.Vector3"}
-    for number, (name, kind) in enumerate(kinds.items(), start=1):
-        message.field.add(name=name, number=number, type=own.Type.Value("TYPE_MESSAGE"), type_name=kind, label=once)
-    message.field.add(name="frame_id", number=4, type=own.Type.Value("TYPE_STRING"), label=once)
-    pool = descriptor_pool.Default()
-    pool.Add(file)
-    return message_factory.GetMessageClass(pool.FindMessageTypeByName("uvms_ocp.Wrench"))
-
-
-def log_messages(meta: Any) -> list[tuple[float, Any]]:
+def log_messages(meta: Any) -> list[tuple[float, bytes]]:
     """List events, alarms and faults of a run in order of time, each with its time [s]."""
-    from foxglove_schemas_protobuf.Log_pb2 import Log
-
-    events = [(e.t, Log.INFO, f"{e.source} to {e.target}: {e.reason}") for e in getattr(meta, "events", ())]
-    alarms = [(alarm.t, Log.WARNING, alarm.text) for alarm in getattr(meta, "alarms", ())]
-    faults = [(fault.t, Log.ERROR, fault.text) for fault in getattr(meta, "faults", ())]
+    events = [(e.t, _INFO, f"{e.source} to {e.target}: {e.reason}") for e in getattr(meta, "events", ())]
+    alarms = [(alarm.t, _WARN, alarm.text) for alarm in getattr(meta, "alarms", ())]
+    faults = [(fault.t, _ERROR, fault.text) for fault in getattr(meta, "faults", ())]
     entries = sorted([*events, *alarms, *faults], key=lambda entry: entry[0])
-    return [(t, Log(timestamp=stamp(round(1e9 * t)), level=level, message=text)) for t, level, text in entries]
+    return [(t, _log_message(t, level, text)) for t, level, text in entries]
 
 
-# An MCAP file of a record: every series tick by tick, and what Foxglove draws of it; it comes back.
-
-VERSION = "1"
-"""Of the files."""
-_KEY, _SERIES = "uvms_ocp", "/series/"
+def _log_message(t: float, level: int, text: str) -> bytes:
+    when = stamps(np.array([round(1e9 * t)]))
+    return cdr_messages(1, (when, np.array([level], dtype="u1"), "", text, "", "", _count(0))).tobytes()
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Column:
-    """One series on its way into a file."""
+# An MCAP file of a record: every series tick by tick, and what ROS 2 and Foxglove know by themselves; it comes back.
 
-    channel: int
-    made: Any
-    fields: list[str]
-    rows: list[Any]
-
-    def message(self, k: int) -> bytes:
-        return bytes(self.made(**dict(zip(self.fields, self.rows[k], strict=True))).SerializeToString())
+VERSION, _WITH_PROTOBUF = "2", "1"
+"""Of the files: that which is written, and the older one, which is read too."""
+_KEY, _SERIES, _BLOCK = "uvms_ocp", "/series/", 4096
 
 
-def to_mcap(series: Mapping[str, np.ndarray], meta: Any, path: Path) -> None:
+def to_mcap(series: Mapping[str, np.ndarray], meta: Any, path: Path, urdf: str | None = None) -> None:
     """Write what `from_mcap` reads as the same; series: (n, ...) each [unit of it]. Raises `NotInstalled` and `OutputError`."""
     require_mcap()
     from mcap.writer import Writer
-    from mcap_protobuf.schema import register_schema
 
+    t = series["t"]
+    times = np.rint(1e9 * (t - min(t[0], 0.0))).astype(np.int64)
+    said = log_messages(meta)
     with whole_file(path) as file:
         writer = Writer(file)
-        writer.start(profile="", library=f"uvms_ocp {VERSION}")
+        writer.start(profile="ros2", library=f"uvms_ocp {VERSION}")
         writer.add_metadata(_KEY, {"version": VERSION, "meta": write_meta(meta)})
-        columns = [_column(writer, name, array, meta) for name, array in series.items()]
-        shown, said, channels = list(streams(series, meta)), log_messages(meta), dict[str, int]()
-
-        def send(topic: str, message: Any, now: int, k: int) -> None:
-            if topic not in channels:
-                channels[topic] = writer.register_channel(topic, "protobuf", register_schema(writer, type(message)))
-            writer.add_message(channels[topic], now, message.SerializeToString(), now, k)
-
-        t = series["t"]
-        for k, now in enumerate(np.rint(1e9 * (t - min(t[0], 0.0))).astype(np.int64).tolist()):
-            for column in columns:
-                writer.add_message(column.channel, now, column.message(k), now, k)
-            for stream in shown if k == 0 else (stream for stream in shown if not stream.once):
-                send(stream.topic, stream.at(k, stamp(now)), now, k)
-            while said and said[0][0] <= t[k]:
-                send("/log", said.pop(0)[1], now, k)
+        found = [*(_of_series(name, array, meta) for name, array in series.items()), *topics(series, meta, times, urdf)]
+        channels = [(_channel(writer, topic), topic) for topic in found]
+        log = _channel(writer, Topic(name="/log", kind="rcl_interfaces/Log", parts=())) if said else 0
+        for first in range(0, len(t), _BLOCK):
+            rows = slice(first, first + _BLOCK)
+            encoded = [(channel, topic.messages(rows)) for channel, topic in channels]
+            for k, now in enumerate(times[rows].tolist()):
+                for channel, messages in encoded:
+                    if k < len(messages):
+                        writer.add_message(channel, now, messages[k].tobytes(), now, first + k)
+                while said and said[0][0] <= t[first + k]:
+                    writer.add_message(log, now, said.pop(0)[1], now, first + k)
         writer.finish()
 
 
-def _column(writer: Any, name: str, array: np.ndarray, meta: Any) -> _Column:
-    """A channel, with what its columns are."""
-    from mcap_protobuf.schema import register_schema
+def _channel(writer: Any, topic: Topic) -> int:
+    package, name = topic.kind.split("/")
+    definition = (topic.definition or ros_definition(topic.kind)).encode()
+    schema = writer.register_schema(f"{package}/msg/{name}", "ros2msg", definition)
+    return int(writer.register_channel(topic.name, "cdr", schema, dict(topic.metadata)))
 
+
+def _of_series(name: str, array: np.ndarray, meta: Any) -> Topic:
+    """Make the topic of a series, with what its columns are."""
     flat = array.reshape(len(array), -1)
     names = column_names(name, flat.shape[1], meta) if array.ndim > 1 else ["value"]
     units = column_units(name, flat.shape[1], meta)
-    short = [column.removeprefix(f"{name}.") for column in names]
-    made = series_message(name, array.dtype.kind, short)
+    kind, stored = _KINDS[array.dtype.kind]
+    fields = field_names([column.removeprefix(f"{name}.") for column in names])
     about = {"dtype": array.dtype.str, "columns": "\n".join(names), "units": "\n".join(units)}
-    metadata = series_description(name, array) | about
-    channel = writer.register_channel(f"{_SERIES}{name}", "protobuf", register_schema(writer, made), metadata)
-    fields = [field.name for field in made.DESCRIPTOR.fields]
-    return _Column(channel=channel, made=made, fields=fields, rows=flat.tolist())
+    return Topic(
+        name=f"{_SERIES}{name}",
+        kind=f"uvms_ocp/{field_names([name])[0]}",
+        parts=(flat.astype(stored, copy=False),),
+        definition="\n".join(f"{kind} {one}" for one in fields),
+        metadata=series_description(name, array) | about,
+    )
 
 
 def from_mcap(path: Path) -> tuple[dict[str, np.ndarray], Any]:
@@ -342,13 +343,13 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], Any]:
     from mcap_protobuf.decoder import DecoderFactory
 
     own = _metadata(path)
-    if own.get("version") != VERSION:
-        raise InvalidInput(f"{path}: no record of version {VERSION}; give a file that Record.to_mcap wrote")
+    if (version := own.get("version")) not in (VERSION, _WITH_PROTOBUF):
+        raise InvalidInput(f"{path}: no record of version {VERSION} or {_WITH_PROTOBUF}; give a file that Record.to_mcap wrote")
     found, metadata, decoders = defaultdict(list), {}, DecoderFactory()
     for schema, channel, message in mcap_messages(path):
         if "series" in channel.metadata:
             metadata[channel.metadata["series"]] = channel.metadata
-            decode = decoders.decoder_for(channel.message_encoding, schema)
+            decode = bytes if version == VERSION else decoders.decoder_for(channel.message_encoding, schema)
             found[channel.metadata["series"]].append(decode(message.data))
     series = {}
     for name, rows in found.items():

@@ -273,15 +273,24 @@ class Record(TableDisplay):
         return _fitting(*tables.from_parquet(Path(path)))
 
     @checked
-    def to_mcap(self, path: Path | str, *, series: Sequence[str] | None = None, rate: Positive | None = None) -> None:
-        """Write a file that Foxglove opens, and `from_mcap` reads as the same record, or as the part of it that was chosen.
+    def to_mcap(
+        self,
+        path: Path | str,
+        *,
+        series: Sequence[str] | None = None,
+        rate: Positive | None = None,
+        urdf: Path | str | None = None,
+    ) -> None:
+        """Write a file that ROS 2 and Foxglove open, and `from_mcap` reads as the same record, or the part that was chosen.
 
         series: names of those to write beside ``t``, by default all. rate [Hz]: of rows, by default of ticks; the last is there.
         Of fewer rows ``meta.dt`` is the mean period, and each has the newest ``measured_`` reading since the one before.
-        Raises `NameNotFound` for a series that there is not, `OutputError`, `NotInstalled`.
+        urdf: file of the robot's description, such as ``robot.urdf``, which goes onto ``/robot_description``.
+        Raises `NameNotFound` for a series that there is not, `InvalidInput` for such a file, `OutputError`, `NotInstalled`.
 
-        ``/tf`` has the poses of vehicle, its estimate and tool, ``/goals`` those of goals, ``/joint_states`` what a URDF layer
-        moves by, ``/wrench`` and others the forces, ``/log`` phases, alarms and faults, ``/series/...`` every series.
+        ``/tf`` has the poses of vehicle, its estimate and tool, ``/tf_static`` those of goals, ``/odometry`` and
+        ``/odometry_estimated`` pose and velocity, ``/joint_states`` what a URDF moves by, ``/wrench`` and others the forces,
+        ``/log`` phases, alarms and faults, all by types of ROS 2, and ``/series/...`` every series by a type of its own.
         """
         for name in series or ():
             if name not in self.series:
@@ -295,7 +304,9 @@ class Record(TableDisplay):
             newest = np.maximum.accumulate(np.where(known, np.arange(len(t)), -1))[rows]
             chosen[name] = np.where((newest > np.r_[-1, rows[:-1]])[:, None], self.series[name][newest], np.nan)
         period = {"dt": float(np.ptp(t)) / (len(rows) - 1)} if self.meta.kind == "run" and 1 < len(rows) < len(t) else {}
-        mcap.to_mcap(chosen, self.meta.model_copy(update=period), Path(path))
+        with as_input_errors(Path(urdf or "")):
+            text = None if urdf is None else read_text(Path(urdf), SMALL)
+        mcap.to_mcap(chosen, self.meta.model_copy(update=period), Path(path), text)
 
     @staticmethod
     def from_mcap(path: Path | str) -> Record:

@@ -137,7 +137,9 @@ def figure_predicted(one: Comparison) -> Figure:
         sensor, column = divmod(i, 3)
         axis.set_ylabel(axis_label(name, "v", _PARTS[sensor]))
         _draw(axis, one, sensor, itemgetter((slice(None), column)))
-    for axis, name, angle in zip(axes[len(AXES) :], ("roll", "pitch"), (_roll, _pitch), strict=True):
+    roll = ("roll", lambda vertical: np.rad2deg(np.arctan2(vertical[:, 1], vertical[:, 2])))
+    pitch = ("pitch", lambda vertical: np.rad2deg(-np.arcsin(np.clip(vertical[:, 0], -1.0, 1.0))))
+    for axis, (name, angle) in zip(axes[len(AXES) :], (roll, pitch), strict=True):
         axis.set_ylabel(f"{name} [deg]")
         _draw(axis, one, 2, angle)
     style.heading_legend(figure, axes[0].get_lines())
@@ -150,14 +152,6 @@ def _draw(axis: Axes, one: Comparison, sensor: int, column: Callable[[np.ndarray
     axis.plot(last.t[sensor], column(last.measured[sensor]), color=style.BLACK, lw=0.7, label="measured")
     for (name, predicted), color in zip(drawn, (style.FADED, style.GREEN, style.VERMILLION), strict=True):
         axis.plot(predicted.t[sensor], column(predicted.rows[sensor]), color=color, lw=0.9, label=name)
-
-
-def _roll(vertical: np.ndarray) -> np.ndarray:
-    return np.asarray(np.rad2deg(np.arctan2(vertical[:, 1], vertical[:, 2])))
-
-
-def _pitch(vertical: np.ndarray) -> np.ndarray:
-    return np.asarray(np.rad2deg(-np.arcsin(np.clip(vertical[:, 0], -1.0, 1.0))))
 
 
 @style.styled
