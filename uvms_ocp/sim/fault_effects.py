@@ -186,7 +186,6 @@ def condition_of(faults: Sequence[Fault], thrust: np.ndarray) -> ThrusterConditi
 
 # Faults of the machine itself: which joints cannot move, what the tool carries, and whether a robot can have them at all.
 
-_TOOL = "tool"
 _NEED_WATER = {"thruster": "has no thrusters", "current": "feels no current", "payload": "has no mass"}
 """Part that the kinematic plant lacks, by the family of a fault's target."""
 
@@ -208,11 +207,11 @@ def payloads(faults: Sequence[Fault]) -> tuple[Fault, ...]:
 
 
 def loaded(robot: Robot, carried: Sequence[Fault]) -> Robot:
-    """The robot with these payloads: point masses at the origin of the frame ``tool``."""
+    """The robot with these payloads: point masses at the origins of its tools' frames, of the first without a number."""
     bodies = []
     for k, fault in enumerate(carried, start=1):
         mass, volume, *_ = *fault.values, 0.0
-        where: Any = {"link": _TOOL, "position": (0.0, 0.0, 0.0)}
+        where: Any = {"link": robot.tools[max(fault.location.number, 1) - 1], "position": (0.0, 0.0, 0.0)}
         bodies.append(TrimBody(name=f"payload {k}", mass=mass, volume=volume, **where))
     return with_trim(robot, bodies)
 
@@ -233,17 +232,16 @@ def joined_velocity(before: np.ndarray, after: np.ndarray, v: np.ndarray, locked
 
 def require_possible(faults: Sequence[Fault], robot: Robot, *, kinematic: bool) -> None:
     """Raise `InvalidInput`, in one line, for a fault of what this robot or plant does not have. Sensors look at theirs."""
-    n_thrusters = len(robot.description.thrusters)
+    there = {"thruster": len(robot.description.thrusters), "joint": len(robot.joints), "payload": len(robot.tools)}
     for fault in faults:
         family, number = fault.location.family, fault.location.number
         if kinematic and family in _NEED_WATER:
             raise InvalidInput(f"{fault}: the kinematic plant {_NEED_WATER[family]}; use the dynamic plant")
-        if family == "thruster" and number > n_thrusters:
-            raise InvalidInput(f"{fault}: the robot has {n_thrusters} thrusters; give one of them, from 1")
-        if family == "joint" and number > len(robot.joints):
-            raise InvalidInput(f"{fault}: the robot has {len(robot.joints)} joints; give one of them, from 1")
-        if family == "payload" and not robot.has_frame(_TOOL):
-            raise InvalidInput(f"{fault}: the robot has no frame {_TOOL!r} to carry it; leave the fault out")
+        if family == "payload" and not robot.tools:
+            raise InvalidInput(f"{fault}: the robot has no frame 'tool' to carry it; leave the fault out")
+        if number > there.get(family, number):
+            what = {"payload": "tool"}.get(family, family)
+            raise InvalidInput(f"{fault}: the robot has {there[family]} {what}s; give one of them, from 1")
 
 
 # Currents that set in while the robot is under way, on top of what flows there anyway.

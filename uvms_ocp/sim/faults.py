@@ -101,12 +101,12 @@ class FaultTarget:
     channel: str = ""
     """One of `CHANNELS`, for sensors and encoders."""
     number: int = 0
-    """Number of a thruster or joint, from 1."""
+    """Number of a thruster, joint or tool, from 1; 0 of what has none, and of the first tool where none is given."""
 
 
 @lru_cache(maxsize=1024)
 def target_of(name: str) -> FaultTarget:
-    """The target of that name, such as ``altimeter``, ``joint3_position``, ``thruster3``, ``joint2``, ``current`` or ``payload``.
+    """The target of that name, such as ``altimeter``, ``joint3_position``, ``joint2``, ``current`` or ``payload2``.
 
     Raises `NameNotFound` for any other.
     """
@@ -115,8 +115,8 @@ def target_of(name: str) -> FaultTarget:
         return FaultTarget(name=name, family="sensor", channel=name)
     if name in ("current", "payload"):
         return FaultTarget(name=name, family=name)
-    numbered = re.fullmatch(rf"(thruster|joint)({_COUNTER.pattern})(?:_(position|velocity))?", name)
-    if numbered is None or (numbered[1] == "thruster" and numbered[3]):
+    numbered = re.fullmatch(rf"(thruster|joint|payload)({_COUNTER.pattern})(?:_(position|velocity))?", name)
+    if numbered is None or (numbered[1] != "joint" and numbered[3]):
         raise NameNotFound("target of a fault", name, fault_targets(name))
     if numbered[3]:
         return FaultTarget(name=name, family="encoder", channel=_ENCODERS[numbered[3]], number=int(numbered[2]))
@@ -127,7 +127,7 @@ def fault_targets(like: str = "") -> tuple[str, ...]:
     """Names of targets, with the number of the name that they are to be like."""
     found = _COUNTER.search(like)
     k = found[0] if found else "1"
-    numbered = (f"thruster{k}", f"joint{k}", f"joint{k}_position", f"joint{k}_velocity")
+    numbered = (f"thruster{k}", f"joint{k}", f"joint{k}_position", f"joint{k}_velocity", f"payload{k}")
     return (*CHANNELS, *_SHORT_NAMES, *numbered, "current", "payload")
 
 
@@ -153,7 +153,7 @@ class Fault:
     """
 
     target: str
-    """A channel such as ``altimeter``, or ``joint3_position``, ``thruster3``, ``joint2``, ``current``, ``payload``."""
+    """A channel such as ``altimeter``, or ``joint3_position``, ``thruster3``, ``joint2``, ``current``, ``payload2``."""
     kind: str
     """Kind of fault of that target, such as ``frozen``."""
     values: tuple[float, ...] = ()

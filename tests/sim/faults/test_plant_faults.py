@@ -14,6 +14,7 @@ from fault_registry import MACHINE, WATER
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.assembly import without_arm
 from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import Command
@@ -234,6 +235,17 @@ def test_a_payload_weighs_what_its_volume_does_not_bear(robot: Robot) -> None:
     assert lift["payload:mass=2,0.001"] == pytest.approx((2 - 0.001 * density) * 9.81, rel=1e-3)
 
 
+@pytest.mark.parametrize("k", [1, 2])
+def test_a_payload_hangs_at_the_tool_of_its_number(k: int) -> None:
+    both = load_robot("bluerov2_two_alpha5")
+    model = loaded(both, parse_faults([f"payload{k}:mass=2"])).model
+    q, data = both.configuration(), [both.model.createData(), model.createData()]
+    centres = [pin.centerOfMass(m, one, q) for m, one in zip((both.model, model), data, strict=True)]
+    masses = [pin.computeTotalMass(m) for m in (both.model, model)]
+    added = (masses[1] * centres[1] - masses[0] * centres[0]) / (masses[1] - masses[0])
+    np.testing.assert_allclose(added, Kinematics(both, q).pose(both.tools[k - 1]).translation, atol=1e-9)
+
+
 def test_a_payload_that_is_let_go_takes_its_momentum_along(robot: Robot) -> None:
     short, command = 1e-6, Command(v=np.zeros(robot.n_v), thrust=np.zeros(8), torque=np.zeros(7))
     plant, v = plant_of(robot, f"payload:mass=2@0-{short}"), np.linspace(-0.3, 0.4, robot.n_v)
@@ -248,6 +260,7 @@ def test_a_payload_that_is_let_go_takes_its_momentum_along(robot: Robot) -> None
     [
         ("thruster9:dead", False, "the robot has 8 thrusters; give one of them, from 1"),
         ("joint9:jam", False, "the robot has 7 joints; give one of them, from 1"),
+        ("payload2:mass=2", False, "the robot has 1 tools; give one of them, from 1"),
         ("thruster3:dead", True, "the kinematic plant has no thrusters; use the dynamic plant"),
         ("payload:mass=2", True, "the kinematic plant has no mass; use the dynamic plant"),
         ("current:step=1,0,0", True, "the kinematic plant feels no current; use the dynamic plant"),
