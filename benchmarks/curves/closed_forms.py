@@ -13,7 +13,7 @@ from curves.capsules import Capsule, capsule_of
 from curves.segments import segment_distance, symbolic_segment_distance
 from uvms_ocp.planning.distances import NearPairs, no_near_pairs
 from uvms_ocp.planning.path_cost import CostWeights
-from uvms_ocp.planning.scene import CollisionScene
+from uvms_ocp.planning.scene import CollisionScene, Coordinates
 from uvms_ocp.robot.symbolic_bodies import SymbolicPose
 from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.types import Array, Indices
@@ -78,11 +78,24 @@ class ClosedFormDistances:
         return screws[np.searchsorted(wanted, sample)]
 
 
+def symbolic_configuration(planned: Coordinates, x: ca.SX) -> ca.SX:
+    """(n_q,) expression of the configuration at x (n_axes,), as `Coordinates.configurations` has it in numbers."""
+    robot, full = planned.robot, ca.SX(ca.DM(planned.reference))
+    full[planned.planned.tolist()] = x
+    vehicle, joints = full[: robot.n_vehicle], ca.vertsplit(full[robot.n_vehicle :])
+    if robot.n_vehicle:
+        (cr, cp, cy), (sr, sp, sy) = (ca.vertsplit(part(full[3:6] / 2.0)) for part in (ca.cos, ca.sin))
+        xyz = (sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy)
+        vehicle = ca.vertcat(full[:3], *xyz, cr * cp * cy + sr * sp * sy)
+    parts = (ca.vertcat(ca.cos(q), ca.sin(q)) if joint.endless else q for joint, q in zip(robot.joints, joints, strict=True))
+    return ca.vertcat(vehicle, *parts)
+
+
 def segment_ends(scene: CollisionScene) -> ca.Function:
     """Function ``x (n_axes) -> ends (6 n_shapes)``: both end points in W of every shape's segment."""
     x = ca.SX.sym("x", scene.coordinates.n_axes)
     symbolic = SymbolicModel(scene.coordinates.robot.model)
-    poses = symbolic.forward_kinematics(scene.coordinates.symbolic_configuration(x)).joint_poses
+    poses = symbolic.forward_kinematics(symbolic_configuration(scene.coordinates, x)).joint_poses
     return ca.Function("segment_ends", [x], [ca.densify(ca.vertcat(*_ends_at(scene, poses)))], {"cse": True})
 
 
@@ -94,7 +107,7 @@ def collision_density(scene: CollisionScene, weights: CostWeights) -> ca.Functio
     n = scene.coordinates.n_axes
     x, v = ca.SX.sym("x", n), ca.SX.sym("v", n)
     symbolic = SymbolicModel(scene.coordinates.robot.model)
-    poses = symbolic.forward_kinematics(scene.coordinates.symbolic_configuration(x)).joint_poses
+    poses = symbolic.forward_kinematics(symbolic_configuration(scene.coordinates, x)).joint_poses
     ends = _ends_at(scene, poses)
     spins = [0.5 * ca.sumsqr(ca.jtimes(ca.vec(pose.R), x, v)) for pose in poses]
     radii, widths = _pair_radii(scene).sum(axis=1), np.minimum(weights.clearance, scene.room)

@@ -701,7 +701,6 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "CollisionPlan": lambda: fields_of(path_plan()),
     "Coordinates": lambda: fields_of(scene().coordinates),
     "Coordinates.shortest_turn": lambda: {"near": scene().coordinates.x(q())},
-    "Coordinates.symbolic_configuration": lambda: {"x": ca.SX.sym("x", scene().coordinates.n_axes)},
     "DynamicPlant.step": lambda: {"command": full_command(), "dt": 0.001},
     "KinematicPlant.step": lambda: {"dt": 0.001},
     "HeightField": lambda: {"centres": np.zeros((1, 2)), "heights": np.ones(1), "radii": np.ones(1)},

@@ -19,6 +19,7 @@ from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import Actuation, Integrator, OcpLevel, OcpPhase, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import At, Effort, TaskTerm, Term, residual_term
+from uvms_ocp.ocp.trajectory import intervals_of
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.kinematics import Kinematics
@@ -292,7 +293,7 @@ def test_a_planned_wrench_is_recorded_as_one_and_names_no_thruster(planner: Plan
     record = plan.to_record()
     assert "thrust" not in record.series
     assert plan.peak_thrust is plan.summary()["peak_thrust"] is None
-    steps = [plan.trajectory.step_at(float(t)) for t in record["t"]]
+    steps = intervals_of(plan.trajectory.t, record["t"])
     assert np.array_equal(record["wrench"], plan.trajectory.thrust[steps])
     figure = plan_figures(record)["efforts"]
     assert [axis.get_ylabel() for axis in figure.axes[:2]] == ["force [N]", "moment [N m]"]

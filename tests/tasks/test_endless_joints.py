@@ -93,9 +93,6 @@ def test_planned_axes_have_one_number_for_each_joint_and_goals_the_shorter_way(r
     assert planned.names[-3:] == robot.joint_names
     np.testing.assert_allclose(x[-3:], [3.0, 0.2, -3.0], atol=1e-12)
     np.testing.assert_allclose(planned.configurations(x[None])[0], start, atol=1e-12)
-    symbol = ca.SX.sym("x", planned.n_axes)
-    symbolic = ca.Function("q", [symbol], [planned.symbolic_configuration(symbol)])
-    np.testing.assert_allclose(np.array(symbolic(x)).ravel(), start, atol=1e-12)
     distances = CoalDistances(collision_scene(planned, []))
     goal = PostureGoal(joints={"turn0": -3.0, "turn2": 3.0}).as_coordinates(distances, seed=0)
     np.testing.assert_allclose(goal[-3:] - x[-3:], [2 * np.pi - 6.0, 0.0, 6.0 - 2 * np.pi], atol=1e-12)

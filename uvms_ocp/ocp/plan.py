@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import AdvisedStatus, InvalidInput
 from uvms_ocp.model_errors import printable
 from uvms_ocp.ocp import plan_file
+from uvms_ocp.ocp.plan_file import LevelReport as LevelReport
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.planning.scene import Coordinates, coordinates
@@ -45,7 +46,7 @@ def tracking_error(trajectory: Trajectory, t: np.ndarray, q: np.ndarray, *, robo
 
     Raises `FrameNotFound` for an unknown frame.
     """
-    planned = np.array([trajectory.state_at(robot.model, float(moment))[0] for moment in t])
+    planned = trajectory.states_at(robot.model, t)[0]
     pairs = zip(frame_poses(robot, frame, planned), frame_poses(robot, frame, q), strict=True)
     errors = [wanted.inverse() * found for wanted, found in pairs]
     distances = [float(np.linalg.norm(error.translation)) for error in errors]
@@ -87,10 +88,9 @@ def motion_series(robot: Robot, trajectory: Trajectory, powers: Powers, t: Array
     the steps; ``thruster_energy`` (n, n_thrusters) and ``joint_energy`` (n,) [J] what was taken so far; ``tool`` (n, 7) [m, -]
     the pose X_WT where there is a tool.
     """
-    states = [trajectory.state_at(robot.model, float(moment)) for moment in t]
-    steps = [trajectory.step_at(float(moment)) for moment in t]
+    _, v, steps = trajectory.states_at(robot.model, t)
     thrusters, joints = (_taken(trajectory.t, power, t) for power in powers)
-    series: dict[str, Array] = {"t": t, "q": q, "v": np.array([state[1] for state in states], dtype=float)}
+    series: dict[str, Array] = {"t": t, "q": q, "v": v}
     if robot.has_frame(TOOL):
         series[TOOL] = tool_series(robot, q)
     return series | {
@@ -114,7 +114,7 @@ def axis_series(planned: Coordinates, x: Array, v: Array) -> dict[str, Array]:
 def plan_record(robot: Robot, trajectory: Trajectory, powers: Powers, *, title: str, surroundings: SurroundingsMeta) -> Record:
     """The record of a plan of any problem. Axes are left out of robots whose joints are no single axes."""
     t = sample_times(float(trajectory.t[-1]))
-    q = np.array([pin.normalize(robot.model, trajectory.state_at(robot.model, float(moment))[0]) for moment in t])
+    q = np.array([pin.normalize(robot.model, row) for row in trajectory.states_at(robot.model, t)[0]])
     series = motion_series(robot, trajectory, powers, t, q)
     names: tuple[str, ...] = ()
     if all(joint.n_v == 1 for joint in robot.joints):
@@ -172,22 +172,6 @@ class OcpStatus(AdvisedStatus):
     def usable(self) -> bool:
         """True if the trajectory keeps all constraints; goals may still be missed."""
         return self in (OcpStatus.SOLVED, OcpStatus.MISSED, OcpStatus.TOO_SHORT, OcpStatus.UNREACHABLE)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class LevelReport:
-    """Outcome of one level."""
-
-    name: str
-    status: str
-    advice: str
-    residual: float
-    """Norm of the distances of its weighted rows to their range."""
-    iterations: int
-    prices: tuple[float, ...] = ()
-    """Prices of the levels above: by how much the cost of this one, half the sum of squares of its rows, path terms as a mean
-    over time, would fall for each unit of residual, as a norm, that the level above gave up (of cost, where that one has
-    `relax`). To first order; empty where unknown."""
 
 
 @checked
@@ -299,7 +283,7 @@ class Plan(TableDisplay):
             {} if self.result is None else plan_file.result_arrays(self.result)
         )
         values = self.summary() | {
-            "levels": tuple(plan_file.LevelValues(**asdict(level)) for level in self.levels),
+            "levels": self.levels,
             "of_wrench": self.trajectory.of_wrench,
             "surroundings": self.surroundings,
             "current": self.current,
@@ -345,7 +329,7 @@ def _plan_of(values: plan_file.PlanValues, arrays: dict[str, np.ndarray], robot:
         trajectory=trajectory,
         status=OcpStatus(values.status),  # type: ignore[call-arg]
         reason=values.reason,
-        levels=tuple(LevelReport(**level.model_dump()) for level in values.levels),
+        levels=values.levels,
         solve_time=values.solve_time,
         result=result,
         clearance=None if values.clearance is None else plan_file.stored_clearance(values.clearance),

@@ -8,9 +8,9 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import ValidationError
@@ -33,15 +33,21 @@ _NO_PLAN = f"no text {_TEXT!r}; give the plan.npz that `Plan.save` wrote"
 _LARGEST = 256 << 20  # [B] of a text
 
 
-class LevelValues(MetaValue):
-    """Values of one level; see `uvms_ocp.ocp.plan.LevelReport`."""
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LevelReport:
+    """Outcome of one level."""
 
     name: str
     status: str
     advice: str
     residual: float
+    """Norm of the distances of its weighted rows to their range."""
     iterations: int
     prices: tuple[float, ...] = ()
+    """Prices of the levels above: by how much the cost of this one, half the sum of squares of its rows, path terms as a mean
+    over time, would fall for each unit of residual, as a norm, that the level above gave up (of cost, where that one has
+    `relax`). To first order; empty where unknown."""
+    __pydantic_config__: ClassVar = MetaValue.model_config
 
 
 class SolverValues(MetaValue):
@@ -83,7 +89,7 @@ class PlanValues(MetaValue):
     """[N]"""
     iterations: int
     solve_time: Number
-    levels: tuple[LevelValues, ...]
+    levels: tuple[LevelReport, ...]
     of_wrench: bool
     surroundings: SurroundingsMeta
     current: tuple[Number, Number, Number]

@@ -96,9 +96,8 @@ class OcpResult:
     @cached_property
     def samples(self) -> tuple[Array, Array]:
         """Times (n,) [s], and configurations (n, n_q) [m, rad] on their manifold, within the limits of the joints."""
-        robot, trajectory = self.request.robot, self.plan.trajectory
-        t = sample_times(self.plan.duration)
-        q = np.array([trajectory.state_at(robot.model, moment)[0] for moment in t])
+        robot, t = self.request.robot, sample_times(self.plan.duration)
+        q = self.plan.trajectory.states_at(robot.model, t)[0]
         return t, np.array([_within(robot, row) for row in q])
 
     @cached_property

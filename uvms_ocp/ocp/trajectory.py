@@ -46,7 +46,7 @@ class Trajectory:
         """Q, v and a at time t [s]; the end is held. Every step ends in the configuration of the next node."""
         if t >= self.t[-1]:
             return self.q[-1], self.v[-1], np.zeros_like(self.v[-1])
-        k = self.step_at(t)
+        k = int(intervals_of(self.t, t))
         s = t - self.t[k]
         a = self.a[k]
         way = s * self.leaving(model, k) + s * s / 2 * a
@@ -73,10 +73,6 @@ class Trajectory:
         over = t >= self.t[-1]
         q[over], v[over] = self.q[-1], self.v[-1]
         return q, v, steps
-
-    def step_at(self, t: float) -> int:
-        """The step that holds time t [s]."""
-        return int(intervals_of(self.t, t))
 
 
 unchecked_trajectory = unchecked_constructor(Trajectory)

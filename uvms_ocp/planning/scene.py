@@ -10,9 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated
 
-import casadi as ca
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
@@ -63,7 +62,7 @@ class Coordinates:
         """(n, n_q) [m, rad] configurations from x (n, n_axes) [m, rad]."""
         full, n = self.all_axes(x), self.robot.n_vehicle
         vehicle = np.concatenate([full[:, :3], _quaternions(full[:, 3:6])], axis=1) if n else full[:, :0]
-        return np.concatenate([vehicle, *_joint_columns(self.robot, full[:, n:].T, np)], axis=1)
+        return np.concatenate([vehicle, *_joint_columns(self.robot, full[:, n:].T)], axis=1)
 
     @checked_on_failure
     def x(self, q: ArrayLike) -> Array:
@@ -102,14 +101,6 @@ class Coordinates:
         """The axis among all of every column of Pinocchio's Jacobian."""
         joints = list(self.robot.model.joints)[1:]
         return np.array([joint.idx_v + i for joint in joints for i in range(joint.nvExtended)], dtype=np.intp)
-
-    def symbolic_configuration(self, x: ca.SX) -> ca.SX:
-        """(n_q,) expression of the configuration at x (n_axes,)."""
-        full = ca.SX(ca.DM(self.reference))
-        full[self.planned.tolist()] = x
-        n = self.robot.n_vehicle
-        vehicle = [full[:3], _symbolic_quaternion(full[3:6])] if n else []
-        return ca.vertcat(ca.SX(0, 1), *vehicle, *_joint_columns(self.robot, ca.vertsplit(full[n:]), ca))
 
     @checked_on_failure
     def follows(self) -> Array:
@@ -188,26 +179,18 @@ def _axis_values(robot: Robot, q: Array) -> Array:
     return np.concatenate([q[:3], rpy, joints])
 
 
-def _joint_columns(robot: Robot, values: Any, maths: Any) -> Iterator[Any]:
-    """The entries of q that each joint has at its value, (n,) or an expression: of an endless one cosine and sine."""
+def _joint_columns(robot: Robot, values: Array) -> Iterator[Array]:
+    """The columns (n, 1) of q that each joint has at its values (n_joints, n): of an endless one cosine and sine."""
     for joint, value in zip(robot.joints, values, strict=True):
-        entries = (maths.cos(value), maths.sin(value)) if joint.endless else (value,)
-        yield from (entry if maths is ca else entry[:, None] for entry in entries)
+        entries = (np.cos(value), np.sin(value)) if joint.endless else (value,)
+        yield from (entry[:, None] for entry in entries)
 
 
 def _quaternions(rpy: Array) -> Array:
+    """(n, 4) xyzw of Rz Ry Rx."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy / 2.0).T, np.sin(rpy / 2.0).T
-    return np.stack(_quaternion_parts(cr, cp, cy, sr, sp, sy), axis=1)
-
-
-def _symbolic_quaternion(rpy: ca.SX) -> ca.SX:
-    c, s = ca.cos(rpy / 2.0), ca.sin(rpy / 2.0)
-    return ca.vertcat(*_quaternion_parts(c[0], c[1], c[2], s[0], s[1], s[2]))
-
-
-def _quaternion_parts(cr, cp, cy, sr, sp, sy):  # type: ignore[no-untyped-def]
-    """Xyzw of Rz Ry Rx from cosines and sines of the half angles, numbers or expressions."""
-    return (sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy)
+    x, y, z = sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
+    return np.stack([x, y, z, cr * cp * cy + sr * sp * sy], axis=1)
 
 
 def _body_rate_maps(rpy: Array) -> tuple[Array, Array]:

@@ -22,11 +22,12 @@ from math import factorial
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.types import Array, Indices, Mask
+from uvms_ocp.types import Array, Indices, Mask, read_only
 
 # Hermite pieces on the unit interval: exact matrices of the piece and of its cost.
 
-_Rational = list[list[Fraction]]
+_Rational = np.ndarray
+"""(n, n) of fractions."""
 
 
 @lru_cache
@@ -39,7 +40,7 @@ def hermite_matrix(k: int) -> Array:
 def hermite_cost(k: int) -> Array:
     """(2k, 2k), positive semi-definite: end data -> integral of the squared k-th derivative, [Gao2022] eq. (61)."""
     to_coefficients = _inverse(_end_data_matrix(k))
-    return _rounded(_product(_transposed(to_coefficients), _product(_monomial_cost(k), to_coefficients)))
+    return _rounded(to_coefficients.T @ _monomial_cost(k) @ to_coefficients)
 
 
 @lru_cache
@@ -66,42 +67,30 @@ def _falling(i: int, d: int) -> int:
 def _end_data_matrix(k: int) -> _Rational:
     at_0 = [[Fraction(factorial(d) if i == d else 0) for i in range(2 * k)] for d in range(k)]
     at_1 = [[Fraction(_falling(i, d)) for i in range(2 * k)] for d in range(k)]
-    return at_0 + at_1
+    return np.array(at_0 + at_1)
 
 
 def _monomial_cost(k: int) -> _Rational:
     n = 2 * k
-    return [[Fraction(_falling(i, k) * _falling(j, k), max(i + j - 2 * k + 1, 1)) for j in range(n)] for i in range(n)]
+    rows = [[Fraction(_falling(i, k) * _falling(j, k), max(i + j - 2 * k + 1, 1)) for j in range(n)] for i in range(n)]
+    return np.array(rows)
 
 
 def _inverse(matrix: _Rational) -> _Rational:
     """Gauss-Jordan with exact fractions."""
     n = len(matrix)
-    rows = [[*row, *(Fraction(i == j) for j in range(n))] for i, row in enumerate(matrix)]
+    rows = np.hstack([matrix, np.eye(n, dtype=int)])
     for column in range(n):
-        pivot = next(i for i in range(column, n) if rows[i][column] != 0)
-        rows[column], rows[pivot] = rows[pivot], rows[column]
-        rows[column] = [x / rows[column][column] for x in rows[column]]
-        for i in range(n):
-            if i != column:
-                factor = rows[i][column]
-                rows[i] = [x - factor * y for x, y in zip(rows[i], rows[column], strict=True)]
-    return [row[n:] for row in rows]
-
-
-def _product(a: _Rational, b: _Rational) -> _Rational:
-    columns = _transposed(b)
-    return [[sum((x * y for x, y in zip(row, col, strict=True)), Fraction(0)) for col in columns] for row in a]
-
-
-def _transposed(a: _Rational) -> _Rational:
-    return [list(row) for row in zip(*a, strict=True)]
+        pivot = column + np.flatnonzero(rows[column:, column])[0]
+        rows[[column, pivot]] = rows[[pivot, column]]
+        rows[column] /= rows[column, column]
+        others = np.arange(n) != column
+        rows[others] -= np.outer(rows[others, column], rows[column])
+    return rows[:, n:]
 
 
 def _rounded(matrix: _Rational) -> Array:
-    result = np.array([[float(x) for x in row] for row in matrix])
-    result.flags.writeable = False
-    return result
+    return read_only(matrix, np.float64)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

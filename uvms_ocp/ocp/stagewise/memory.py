@@ -76,8 +76,10 @@ class StageMemory:
         self.parameters = [np.zeros((len(one.block.nodes), one.block.rows.n_parameters)) for one in self.functions]
         self.thrust = np.zeros((len(self.steps), self.tangent.model.actuators.matrix.shape[1]))
         self.torque = np.zeros((len(self.steps), problem.robot.n_joints))
-        self.held, self.held_parts = self._rows("held")
+        sizes = [[group.n for group in self.groups(stage)] for stage in self.stages]
+        self.held = np.zeros(sum(map(sum, sizes)))
         """Rows that may be held, stage after stage: limits of forces, constraints, then those of all levels."""
+        self.held_parts = [_split(part, own) for part, own in zip(_split(self.held, map(sum, sizes)), sizes, strict=True)]
         self._residuals = [self._level_rows(i) for i in range(self.n_levels)]
         self.motion, self.motion_linear, moved = functions.motion_functions(self.tangent)
         calls = BoundCalls()
@@ -130,11 +132,6 @@ class StageMemory:
         """Rows of a stage that may be held."""
         function = self.function(stage)
         return () if function is None else function.held
-
-    def _rows(self, kind: str) -> tuple[Array, list[list[Array]]]:
-        sizes = [[group.n for group in self.groups(stage)] for stage in self.stages]
-        flat = np.zeros(sum(map(sum, sizes)))
-        return flat, [_split(part, own) for part, own in zip(_split(flat, map(sum, sizes)), sizes, strict=True)]
 
     def _level_rows(self, level: int) -> tuple[Array, list[Array]]:
         found = [self.function(stage) for stage in self.stages]
