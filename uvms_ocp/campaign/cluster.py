@@ -8,7 +8,7 @@ import signal
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -49,23 +49,19 @@ def dask() -> Any:
     return optional_module("distributed", "a campaign", CAMPAIGN_EXTRA)
 
 
-@contextmanager
-def connected(scheduler: str | None, workers: int | None) -> Iterator[Any]:
+def connected(scheduler: str | None, workers: int | None) -> AbstractContextManager[Any]:
     """A `distributed.Client` of the cluster at an address, or of as many `workers` of this machine as it has processors.
 
     Raises `OutputError` where nobody answers at the address, `InvalidInput` for an empty address and for an address and a
     number of workers.
     """
-    if scheduler is not None:
-        if workers is not None:
-            raise InvalidInput(f"workers = {workers} with a scheduler; a cluster has its own: leave it out")
-        if not scheduler.strip():
-            raise InvalidInput("scheduler is empty; give the address of a Dask cluster such as tcp://host:8786")
-        with _client(scheduler) as client:
-            yield client
-        return
-    with _of_this_machine(workers or os.cpu_count() or 1) as client:
-        yield client
+    if scheduler is None:
+        return _of_this_machine(workers or os.cpu_count() or 1)
+    if workers is not None:
+        raise InvalidInput(f"workers = {workers} with a scheduler; a cluster has its own: leave it out")
+    if not scheduler.strip():
+        raise InvalidInput("scheduler is empty; give the address of a Dask cluster such as tcp://host:8786")
+    return _client(scheduler)
 
 
 @contextmanager
@@ -89,16 +85,12 @@ def _of_this_machine(workers: int) -> Iterator[Any]:
             yield client
 
 
-@contextmanager
-def _client(address: str) -> Iterator[Any]:
-    distributed = dask()
+def _client(address: str) -> Any:
     try:
-        client = distributed.Client(address, timeout=_PATIENCE)
+        return dask().Client(address, timeout=_PATIENCE)
     except (OSError, ValueError, TimeoutError) as error:
         reason = " ".join(str(error).split())[:200]
         raise OutputError(f"no Dask scheduler answers at {address} ({reason}); give one such as tcp://host:8786") from None
-    with client:
-        yield client
 
 
 # Execute a campaign: from its folder to its cluster and back.

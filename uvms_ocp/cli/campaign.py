@@ -73,63 +73,46 @@ def campaign(
     Raises `InvalidInput` where options do not fit, and `OutputError` for a report that cannot be written.
     """
     console, bounds = printing.console_of(stderr=as_json), parse_bounds(success or ())
-    if (Path(what) / FILE).is_file():
-        _look(Path(what), rerun, against, out, bounds, console, as_json)
-        return
-    if report or rerun is not None or against is not None:
-        raise InvalidInput(f"{what}: no campaign is there; --report, --rerun and --against need the folder of one")
-    cluster: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "time_limit": time_limit}
     options = changes.chosen | opt.given(noise=noise, duration=duration, faults=tuple(fault) if fault else None)
-    if parameters:
-        _list_parameters(what, options, console, as_json)
-        return
-    target = out or opt.default_folder(("campaign", opt.label(what)), options)
-    wanted = Campaign(
-        scenario=what,
-        variations=vary or (),
-        runs=100 if runs is None else runs,
-        seed=seed,
-        sampler=sampler,
-        options={name: list(value) if isinstance(value, tuple) else value for name, value in options.items()},
-        records=records,
-    )
-    _require_fit(wanted, force, console)
-    with _interruptible(target, console), _progress_bar(console) as advance:
-        wanted.run(target, progress=advance, **cluster)
-    found = _write_report(target, bounds, console)
-    if as_json:
-        printing.print_json(found)
-
-
-def _look(
-    folder: Path,
-    rerun: int | None,
-    against: Path | None,
-    out: Path | None,
-    bounds: tuple[MetricBound, ...],
-    console: Console,
-    as_json: bool,
-) -> None:
-    if rerun is not None:
-        _repeat(folder, rerun, out or folder / "reruns" / f"run-{rerun}", console, as_json)
-        return
-    if against is not None:
-        found = compare_campaigns(folder, against, bounds)
-        _print_comparison(found, console)
+    folder = Path(what)
+    found: Any
+    if (folder / FILE).is_file():
+        if rerun is not None:
+            found = _repeat(folder, rerun, out or folder / "reruns" / f"run-{rerun}", console)
+        elif against is not None:
+            found = compare_campaigns(folder, against, bounds)
+            _print_comparison(found, console)
+        else:
+            found = _write_report(folder, bounds, console)
+    elif report or rerun is not None or against is not None:
+        raise InvalidInput(f"{what}: no campaign is there; --report, --rerun and --against need the folder of one")
+    elif parameters:
+        found = _list_parameters(what, options, console)
     else:
+        wanted = Campaign(
+            scenario=what,
+            variations=vary or (),
+            runs=100 if runs is None else runs,
+            seed=seed,
+            sampler=sampler,
+            options={name: list(value) if isinstance(value, tuple) else value for name, value in options.items()},
+            records=records,
+        )
+        folder = out or opt.default_folder(("campaign", opt.label(what)), options)
+        _require_fit(wanted, force, console)
+        with _interruptible(folder, console), _progress_bar(console) as advance:
+            wanted.run(folder, workers=workers, scheduler=scheduler, time_limit=time_limit, progress=advance)
         found = _write_report(folder, bounds, console)
     if as_json:
         printing.print_json(found)
 
 
-def _repeat(folder: Path, run: int, out: Path, console: Console, as_json: bool) -> None:
+def _repeat(folder: Path, run: int, out: Path, console: Console) -> dict[str, Any]:
     kept = kept_campaign(folder)
     scenario = kept.scenario_of(run)
     values = [{"parameter": name, "value": value} for name, value in kept.work.head(run).items()]
     console.print(printing.table_of(f"run {run}", values, ("parameter", "value")))
-    found = run_and_write(scenario, out, console)
-    if as_json:
-        printing.print_json(found)
+    return run_and_write(scenario, out, console)
 
 
 def _require_fit(wanted: Campaign, force: bool, console: Console) -> None:
@@ -138,13 +121,11 @@ def _require_fit(wanted: Campaign, force: bool, console: Console) -> None:
     printing.require_accepted(preflight, "the mission itself", console, force=force)
 
 
-def _list_parameters(what: str, options: dict[str, Any], console: Console, as_json: bool) -> None:
+def _list_parameters(what: str, options: dict[str, Any], console: Console) -> list[dict[str, str]]:
     known = available_parameters(opt.build_scenario(what, options)).values()
     rows = [{"parameter": p.name, "unit": p.unit, "meaning": p.meaning} for p in known]
-    if as_json:
-        printing.print_json(rows)
-    else:
-        console.print(printing.table_of(f"what can be varied of {what}", rows, ("parameter", "unit", "meaning")))
+    console.print(printing.table_of(f"what can be varied of {what}", rows, ("parameter", "unit", "meaning")))
+    return rows
 
 
 @contextmanager

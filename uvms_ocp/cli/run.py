@@ -14,7 +14,6 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated, Any, cast
 
 import typer
@@ -50,16 +49,15 @@ _COPIES = 2
 _shared: list[Job] = []  # which copies know by their numbers
 
 
-def run_jobs(jobs: Sequence[Job], status: AbstractContextManager[object] | None = None) -> None:
+def run_jobs(jobs: Sequence[Job], status: AbstractContextManager[object] | None = None) -> list[Any]:
     """Do all jobs, in any order: in copies of this process where the system makes some and has processors for them, else here.
 
-    What counts is what they write; each must bear to be done twice. status: entered here alone, once there are copies, as a
-    thread that prints would be missing in them. Raises what a job raises.
+    Returns what each returns, in their order. Each must bear to be done twice. status: entered here alone, once there are
+    copies, as a thread that prints would be missing in them. Raises what a job raises.
     """
     if sys.platform in ("win32", "darwin") or (os.cpu_count() or 1) < _COPIES:
         with status or nullcontext():
-            _do(jobs)
-        return
+            return [job() for job in jobs]
     _shared[:] = jobs
     pool = ProcessPoolExecutor(_COPIES, get_context("fork"), initializer=_be_silent)
     try:
@@ -67,21 +65,15 @@ def run_jobs(jobs: Sequence[Job], status: AbstractContextManager[object] | None 
             warnings.simplefilter("ignore", DeprecationWarning)  # of threads of libraries, which wait for work
             done = [pool.submit(_do_shared, k) for k in range(len(jobs))]
         with status or nullcontext():
-            for one in done:
-                one.result()
+            return [one.result() for one in done]
     except BrokenProcessPool:  # a copy was killed
-        _do(jobs)
+        return [job() for job in jobs]
     finally:
         pool.shutdown(cancel_futures=True)
 
 
-def _do(jobs: Sequence[Job]) -> None:
-    for job in jobs:
-        job()
-
-
-def _do_shared(number: int) -> None:
-    _shared[number]()
+def _do_shared(number: int) -> object:
+    return _shared[number]()
 
 
 def _be_silent() -> None:
@@ -93,19 +85,18 @@ def draw_all(drawings: Mapping[str, Job], status: AbstractContextManager[object]
 
     drawings: what writes each, by name. Raises what the disk refuses.
     """
-    with TemporaryDirectory() as folder:
-        reasons = [Path(folder, str(k)) for k in range(len(drawings))]
-        run_jobs([partial(_attempt, *one, place) for one, place in zip(drawings.items(), reasons, strict=True)], status)
-        return [place.read_text(encoding="utf-8") for place in reasons if place.exists()]
+    return [line for line in run_jobs([partial(_attempt, *one) for one in drawings.items()], status) if line]
 
 
-def _attempt(name: str, draw: Job, reason: Path) -> None:
+def _attempt(name: str, draw: Job) -> str:
+    """Why it failed; nothing where it is drawn."""
     try:
         draw()
     except (OSError, OutputError):
         raise
     except Exception as error:
-        reason.write_text(plain_line(f"{name}: not drawn, {type(error).__name__}: {error}"), encoding="utf-8")
+        return plain_line(f"{name}: not drawn, {type(error).__name__}: {error}")
+    return ""
 
 
 Follow = Annotated[

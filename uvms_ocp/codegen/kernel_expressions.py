@@ -42,9 +42,7 @@ class CType:
 
     def declared(self, name: str) -> str:
         """A declaration of `name`."""
-        if self.sizes == (0,):
-            return f"{self.name} *{name}"
-        if self.structure is not None and not self.sizes:
+        if self.sizes == (0,) or (self.structure is not None and not self.sizes):
             return f"{self.name} *{name}"
         return f"{self.name} {name}{''.join(f'[{size}]' for size in self.sizes)}"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -286,18 +287,9 @@ def goals_end_time(phase: Phase, on: Sequence[Task]) -> float:
     return max(ends)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class DelayedReference:
-    """A reference that begins later."""
-
-    goal: Callable[[float], Any]
-    """[m] or [rad], of the time since its beginning."""
-    start: float
-    """[s]"""
-
-    def __call__(self, t: float) -> Any:
-        """Value and rate at t [s]."""
-        return self.goal(max(t - self.start, 0.0))
+def _delayed(goal: Callable[[float], Any], start: float, t: float) -> Any:
+    """Value and rate at t [s] of a reference that begins at `start` [s]."""
+    return goal(max(t - start, 0.0))
 
 
 def delay_task(task: Task, phase: Phase, begin: float) -> Task:
@@ -305,4 +297,4 @@ def delay_task(task: Task, phase: Phase, begin: float) -> Task:
     goal = getattr(task, "goal", None)
     if task.name not in phase.goals or not callable(goal):
         return task
-    return task.with_goal(DelayedReference(goal=goal, start=begin))
+    return task.with_goal(partial(_delayed, goal, begin))

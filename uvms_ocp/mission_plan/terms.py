@@ -62,25 +62,19 @@ class BoundedRows(TaskRows):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class TaskPreference(TaskRows):
+class TaskPreference(TaskTerm):
     """The residual of a task as a cost, not as something to be reached."""
 
     is_goal: ClassVar[bool] = False
-
-    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
-        return self.task.residual(stage.tick, parameters)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ZeroVelocities(Term):
     """Velocities are zero that nothing else keeps at zero."""
 
+    name = "at rest"
     axes: tuple[int, ...]
     """Indices in v."""
-
-    @property
-    def name(self) -> str:
-        return "at rest"
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         return zero_residual(stage.tick.velocity[list(self.axes)])
@@ -320,14 +314,11 @@ class Rim:
 class FloorClearance(Term):
     """One row per rim: its lowest point above `height` [m]."""
 
+    name = "floor"
     at: At = At.PATH
     rims: tuple[Rim, ...]
     height: float
     """[m] in W, of the floor and the margin above it."""
-
-    @property
-    def name(self) -> str:
-        return "floor"
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         rows = []

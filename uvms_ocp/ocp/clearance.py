@@ -77,6 +77,7 @@ class BallClearance(Term):
     Raises `InvalidInput` for a ball of the robot whose centre moves by itself.
     """
 
+    name = "clearance"
     at: At = At.PATH
     robot_balls: tuple[Ball, ...]
     obstacles: tuple[Ball, ...]
@@ -87,10 +88,6 @@ class BallClearance(Term):
         Term.__post_init__(self)
         if any(callable(ball.centre) for ball in self.robot_balls):
             raise InvalidInput("a ball of the robot has a centre that moves; move its frame, only obstacles move on their own")
-
-    @property
-    def name(self) -> str:
-        return "clearance"
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         pairs = [(ball, i) for ball in self.robot_balls for i in range(len(self.obstacles))]
@@ -228,6 +225,7 @@ class ShapeClearance(Term):
     axes are not all planned, and `NameNotFound` for the motion of an obstacle that there is not.
     """
 
+    name = "clearance"
     at: At = At.PATH
     scene: CollisionScene
     margins: Array
@@ -260,10 +258,6 @@ class ShapeClearance(Term):
         """With shapes of its own where it moves them."""
         scene = self.scene
         return CoalDistances(replace(scene, geometry=pin.GeometryModel(scene.geometry)) if self.moving else scene)
-
-    @property
-    def name(self) -> str:
-        return "clearance"
 
     def scenery(self, t: float) -> tuple[ObstacleMeta, ...]:
         """Obstacles that have an end, as they are at time t [s]."""

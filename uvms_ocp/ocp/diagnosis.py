@@ -16,6 +16,7 @@ from uvms_ocp.ocp.transcription.layout import FIXED
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers import NlpStatus
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
+from uvms_ocp.solvers.nlp.program import nlp_functions
 from uvms_ocp.types import DAY
 
 # What the bounds of variables and the rows of constraints stand for, in groups that are loosened together.
@@ -150,7 +151,6 @@ _KEPT = 1e-4  # amount that is none
 _AGAINST = 0.05  # share of a group in what holds against the others, from which it is named
 _ITERATIONS = 500
 _SILENT = {"print_level": 0, "sb": "yes"}
-_GRADIENTS = ["f", "g", "grad_gamma_x", "grad_gamma_p"]
 _FARTHEST = 2.0  # amount by which a group gives way at most in the search for those that hold a level back
 _GAIN = 1e-5  # share of the residual of a level that is none
 _FULL = 1e-3  # share of the residual with which a level is met
@@ -314,20 +314,9 @@ class _Elastic:
         jacobian = ca.horzcat(self.P @ ca.vertcat(J, ca.MX(ca.DM.eye(n))), ca.MX(self.Q))
         H = functions["nlp_hess_l"](X[:n], self.p, 0.0, (self.P.T @ lam)[:n_g])
         hessian = ca.diagcat(H + lam_f * w[k] * ca.DM.eye(n), ca.MX(k, k))
-        inputs, names = [X, w], ["x", "p"]
-        cache = (
-            ca.Function("nlp_f", inputs, [f], names, ["f"]),
-            ca.Function("nlp_g", inputs, [rows], names, ["g"]),
-            ca.Function("nlp_grad_f", inputs, [f, ca.vertcat(w[k] * away, w[:k])], names, ["f", "grad_f_x"]),
-            ca.Function("nlp_jac_g", inputs, [rows, jacobian], names, ["g", "jac_g_x"]),
-            ca.Function(
-                "nlp_hess_l", [X, w, lam_f, lam], [ca.triu(hessian)], [*names, "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
-            ),
-            # Asked for at construction, never called.
-            ca.Function("nlp_grad", [X, w, lam_f, lam], [f, rows, jacobian.T @ lam, w], [*names, "lam_f", "lam_g"], _GRADIENTS),
-        )
+        derivatives = ca.vertcat(w[k] * away, w[:k]), jacobian, ca.triu(hessian)
         options = {
-            "cache": {function.name(): function for function in cache},
+            "cache": nlp_functions([X, w], [f, rows], [lam_f, lam], derivatives),
             "error_on_fail": False,
             "print_time": False,
             "calc_lam_p": False,

@@ -148,9 +148,7 @@ class TaskTerm(TaskRows):
 class AtRest(Term):
     """All velocities are zero, in shares of their limits."""
 
-    @property
-    def name(self) -> str:
-        return "at rest"
+    name = "at rest"
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         return zero_residual(stage.tick.velocity / ca.DM(finite_or(stage.tick.robot.limits.velocity, 1.0)))

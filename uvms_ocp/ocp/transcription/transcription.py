@@ -33,7 +33,7 @@ from uvms_ocp.ocp.transcription.layout import (
 )
 from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel
 from uvms_ocp.robot.signals import State
-from uvms_ocp.solvers.nlp.program import LevelNlp, LevelRows, LexicographicProgram, RowRanges
+from uvms_ocp.solvers.nlp.program import LevelNlp, LevelRows, LexicographicProgram, RowRanges, nlp_functions
 
 # Placing nonzeros into large sparse matrices, as CasADi MX.
 
@@ -78,8 +78,6 @@ def summed(entries: Sequence[Entries], n: int, *, upper: bool) -> ca.MX:
 
 
 # Rows and costs of a whole horizon with their derivatives, made of the functions of its steps.
-
-_GRADIENTS = ["f", "g", "grad_gamma_x", "grad_gamma_p"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -240,32 +238,16 @@ class Horizon:
 
     def derivative_functions(self, index: int, raw_rows: np.ndarray, *, plugin: str) -> dict[str, ca.Function]:
         """Build the functions that NLP solvers need, of the cost of one level and of the rows numbered raw_rows (m,)."""
-        x, p, n = self.x, self.p, self.n_levels
-        f, g = self.costs[index], self.rows[raw_rows.tolist()]
+        only, values = ca.DM(np.eye(self.n_levels)[index]), [self.costs[index], self.rows[raw_rows.tolist()]]
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", len(raw_rows))
         position = np.full(self.layout.n_rows, len(raw_rows))
         position[raw_rows] = np.arange(len(raw_rows))
         lam = ca.vertcat(lam_g, 0)[position.tolist()]
-        sigma = lam[self.layout.costs.tolist()] + lam_f * ca.DM(np.eye(n)[index])
+        sigma = lam[self.layout.costs.tolist()] + lam_f * only
         J = assemble(self._rows_of(raw_rows, position), (len(raw_rows), self.n_x))
         ipopt = plugin == "ipopt"
         H = summed(self._hessian(sigma, lam), self.n_x, upper=ipopt)
-        gradient = self._gradient(ca.MX(ca.DM(np.eye(n)[index])))
-        inputs, dual = [x, p], ["x", "p", "lam_f", "lam_g"]
-        slope = [f, gradient] if ipopt else [gradient]
-        slope_of_all = self._gradient(sigma) + J.T @ lam_g
-        curvature = [H] if ipopt else [slope_of_all, H]
-        names = ["triu_hess_gamma_x_x"] if ipopt else ["grad_gamma_x", "hess_gamma_x_x"]
-        functions = (
-            ca.Function("nlp_f", inputs, [f], dual[:2], ["f"]),
-            ca.Function("nlp_g", inputs, [g], dual[:2], ["g"]),
-            ca.Function("nlp_grad_f", inputs, slope, dual[:2], ["f", "grad_f_x"][-len(slope) :]),
-            ca.Function("nlp_jac_g", inputs, [g, J], dual[:2], ["g", "jac_g_x"]),
-            ca.Function("nlp_hess_l", [x, p, lam_f, lam_g], curvature, dual, names),
-            # Asked for at construction, never called: multipliers of parameters are off.
-            ca.Function("nlp_grad", [x, p, lam_f, lam_g], [f, g, slope_of_all, ca.MX(p.shape[0], 1)], dual, _GRADIENTS),
-        )
-        return {function.name(): function for function in functions}
+        return nlp_functions([self.x, self.p], values, [lam_f, lam_g], (self._gradient(ca.MX(only)), J, H), ipopt=ipopt)
 
     def _rows_of(self, raw_rows: np.ndarray, position: np.ndarray) -> list[Entries]:
         """Entries of the chosen rows, renumbered; frozen costs add one dense row each."""

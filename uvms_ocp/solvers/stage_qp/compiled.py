@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib.resources import files
 from typing import Any
 
@@ -60,16 +60,11 @@ _DIRECTION = ("weight", "soft", "left", "gap", "pull", "rhs", "t_side", "t_elast
 _RESIDUALS = ("grad", "held", "defect", "value", "row", "equal", "dual")
 
 
-def _pointers(*names: str) -> tuple[tuple[str, Any], ...]:
-    return tuple((name, ctypes.c_void_p) for name in names)
+def _fields(kind: type[Any], *names: str) -> tuple[tuple[str, Any], ...]:
+    return tuple((name, kind) for name in names)
 
 
-def _numbers(*names: str) -> tuple[tuple[str, Any], ...]:
-    return tuple((name, ctypes.c_double) for name in names)
-
-
-def _integers(*names: str) -> tuple[tuple[str, Any], ...]:
-    return tuple((name, ctypes.c_int) for name in names)
+_pointers, _numbers, _integers = (partial(_fields, kind) for kind in (ctypes.c_void_p, ctypes.c_double, ctypes.c_int))
 
 
 class _Stages(ctypes.Structure):
