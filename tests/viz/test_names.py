@@ -16,7 +16,7 @@ from matplotlib.text import Text
 from rich.console import Console
 from synthetic_record import SURROUNDINGS, synthetic_record
 
-from uvms_ocp.cli.plan import PlanOutput, _print_plan
+from uvms_ocp.cli.plan import PlanOutput, _print_motion, _print_plan
 from uvms_ocp.cli.printing import console_of, print_findings, table_of
 from uvms_ocp.cli.robots import _print_robot
 from uvms_ocp.cli.run import _print_summary
@@ -205,7 +205,7 @@ def test_tables_and_lines_show_every_name(name: str) -> None:
     finding = Finding(severity=Severity.ERROR, check=name, text=name, phase=name)
     rows = [{name: name, "value": 1.0}]
     report = {"status": name, "advice": name, "links_without_shape": [name]}
-    plan = PlanOutput(robot=load_robot("planar5"), report=report, record=None, good=False, save=Path)
+    plan = PlanOutput(robot=load_robot("planar5"), report=report, record=None, good=False, save=None, show=_print_motion)
     outputs = [
         printed(lambda console: console.print(table_of(name, rows, (name, "value")))),
         printed(lambda console: print_findings(console, PreflightReport(findings=(finding,)))),

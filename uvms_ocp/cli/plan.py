@@ -17,7 +17,7 @@ from uvms_ocp.cli.printing import console_of, print_json, print_paths, table_of
 from uvms_ocp.cli.run import draw_all, drawings_of
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.interrupts import Interrupted
-from uvms_ocp.mission_plan.planner import OPTIONS, MissionPlan, plan_mission
+from uvms_ocp.mission_plan.planner import OPTIONS, plan_mission
 from uvms_ocp.ocp import OcpRequest, OcpStatus, solve_ocp
 from uvms_ocp.planning.request import AXES, Goal, PlanRequest, PostureGoal, ToolGoal, Triple, plan_path
 from uvms_ocp.record.output import claim_folder
@@ -125,13 +125,15 @@ class PlanOutput:
     """The goal is reached and nothing touches."""
     stopped: bool = False
     """True where Ctrl-C ended the search: the best plan so far is written."""
-    save: Callable[[Path], object]
-    """Writes what only this method has into a folder; called where there is a motion."""
+    save: Callable[[Path], object] | None
+    """Writes what only this method has into a folder; None where there is nothing."""
+    show: Callable[[Console, PlanOutput], object]
+    """Prints the figures of the plan."""
 
     def write(self, folder: Path) -> list[str]:
-        """The report always, the rest where there is a motion, but for drawings; returns names of what was written."""
+        """The report always, the rest where there is any, but for drawings; returns names of what was written."""
         (folder / "report.json").write_text(json.dumps(self.report, indent=2) + "\n")
-        if self.record is not None or self.stopped:
+        if self.save is not None:
             self.save(folder)
         if self.record is not None:
             self.record.save(folder / "record.npz")
@@ -167,9 +169,22 @@ def make_and_write_plan(make: Callable[[Progress], PlanOutput], out: Path, as_js
 
 
 def _print_plan(console: Console, made: PlanOutput, paths: list[Path]) -> None:
+    reason = f" ({made.report['reason']})" if "reason" in made.report else ""
+    console.print(plain_line(f"plan: {made.report['status']}{reason}; advice: {made.report['advice']}"))
+    made.show(console, made)
+    print_paths(console, paths)
+
+
+def _or_best(search: Callable[[], Any]) -> tuple[Any, bool]:
+    """What a search finds, or has found when Ctrl-C ended it, and whether that was so."""
+    try:
+        return search(), False
+    except Interrupted as stop:
+        return stop.result, True
+
+
+def _print_motion(console: Console, made: PlanOutput) -> None:
     report = made.report
-    status = report["status"] + (f" ({report['reason']})" if "reason" in report else "")
-    console.print(plain_line(f"plan: {status}; advice: {report['advice']}"))
     if made.record is not None:
         least = report["min_clearance_m"]
         near = "" if least is None else f", {least:.3g} m between {report['min_clearance_between']} "
@@ -183,12 +198,10 @@ def _print_plan(console: Console, made: PlanOutput, paths: list[Path]) -> None:
         energy = report["energy_j"]
         taken = "- J (not known)" if energy is None else f"{energy:.0f} J"
         console.print(f"{taken}, thrust up to {report['peak_thrust_n']:.0f} N")
-    print_paths(console, paths)
 
 
 # ``plan mission``: all phases of a scenario as one problem, for ``run --follow``.
 
-_MISSION_FILES = ("plan.npz", "report.json")
 _COLUMNS = ("name", "begin_s", "end_s")
 
 
@@ -209,45 +222,36 @@ def mission(
 
     Current, obstacles, floor and all limits included; `run SCENARIO --follow DIR/plan.npz` flies it, with the same options.
     """
-    console = console_of(stderr=as_json)
     options = changes.chosen | opt.given(noise=noise)
     scenario = opt.build_scenario(name, options)
     solver = replace(OPTIONS, plugin=nlp, time_limit=time_limit)
-    with claim_folder(out or opt.default_folder(("plan", "mission", opt.label(name)), options), _MISSION_FILES) as claim:
-        with console.status(f"planning {name}"):
-            try:
-                found, stopped = plan_mission(scenario, duration=within, step=step, options=solver), False
-            except Interrupted as stop:
-                found, stopped = stop.result, True
-        with claim.staged() as staging:
-            _write(found, staging)
-        written = claim.written()
-    _print(console, found, written)
-    if as_json:
-        print_json(found.summary())
-    if stopped or not found.solved:
-        raise typer.Exit(INTERRUPTED if stopped else NOT_COMPLETED)
+    target = out or opt.default_folder(("plan", "mission", opt.label(name)), options)
 
-
-def _write(found: MissionPlan, folder: Path) -> None:
-    """The report always, a plan that can be flown beside it."""
-    (folder / "report.json").write_text(json.dumps(found.summary(), indent=2) + "\n")
-    if found.status.usable:
-        found.save(folder / "plan.npz")
-
-
-def _print(console: Console, found: MissionPlan, paths: list[Path]) -> None:
-    report: dict[str, Any] = found.summary()
-    console.print(plain_line(f"plan: {report['status']} ({report['reason']}); advice: {report['advice']}"))
-    if found.status.usable:
-        console.print(table_of(f"{found.scenario} as one problem", report["phases"], _COLUMNS))
-        energy = "- J (not known)" if found.energy is None else f"{found.energy:.0f} J"
-        greedy = f"greedy {found.greedy_duration:.1f} s"
-        console.print(
-            f"{found.duration:.1f} s ({greedy}), {energy}, thrust up to {found.peak_thrust:.0f} N; "
-            f"{found.iterations} iterations, found in {found.solve_time:.1f} s"
+    def by_mission(_: Progress) -> PlanOutput:
+        found, stopped = _or_best(lambda: plan_mission(scenario, duration=within, step=step, options=solver))
+        return PlanOutput(
+            robot=scenario.robot,
+            report=found.summary(),
+            record=None,
+            good=found.solved,
+            stopped=stopped,
+            save=(lambda folder: found.save(folder / "plan.npz")) if found.status.usable else None,
+            show=_print_mission,
         )
-    print_paths(console, paths)
+
+    make_and_write_plan(by_mission, target, as_json)
+
+
+def _print_mission(console: Console, made: PlanOutput) -> None:
+    report = made.report
+    if made.save is not None:
+        console.print(table_of(f"{report['scenario']} as one problem", report["phases"], _COLUMNS))
+        energy = "- J (not known)" if report["energy_j"] is None else f"{report['energy_j']:.0f} J"
+        greedy = f"greedy {report['greedy_duration_s']:.1f} s"
+        console.print(
+            f"{report['duration_s']:.1f} s ({greedy}), {energy}, thrust up to {report['peak_thrust_n']:.0f} N; "
+            f"{report['iterations']} iterations, found in {report['solve_time_s']:.1f} s"
+        )
 
 
 # ``plan curve`` and ``plan ocp``: a motion among obstacles, by a smooth curve or by optimal control.
@@ -324,16 +328,13 @@ def _by_curve(request: PlanRequest) -> PlanOutput:
         report=plan_report(result),
         record=None if plan is None else motion_record(result, plan),
         good=result.collision_free,
-        save=save,
+        save=None if plan is None else save,
+        show=_print_motion,
     )
 
 
 def _by_ocp(request: OcpRequest, progress: Progress) -> PlanOutput:
-    stopped = False
-    try:
-        result = solve_ocp(request, progress=lambda moment: progress(_words(moment)))
-    except Interrupted as stop:
-        result, stopped = stop.result, True
+    result, stopped = _or_best(lambda: solve_ocp(request, progress=lambda moment: progress(_words(moment))))
 
     def save(folder: Path) -> None:
         for name in ("plan.npz", "plan.json"):
@@ -345,7 +346,8 @@ def _by_ocp(request: OcpRequest, progress: Progress) -> PlanOutput:
         record=ocp_record(result) if result.plan.status.usable else None,
         good=result.plan.status is OcpStatus.SOLVED and result.collision_free,
         stopped=stopped,
-        save=save,
+        save=save if result.plan.status.usable or stopped else None,
+        show=_print_motion,
     )
 
 

@@ -82,7 +82,7 @@ def summed(entries: Sequence[Entries], n: int, *, upper: bool) -> ca.MX:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Block:
-    """Terms at their nodes: functions of one node, what they are called with at all of them, and where their rows are."""
+    """Rows of one kind: functions of one node, what they are called with at all of them, and where their rows are."""
 
     functions: Derivatives
     Z: ca.MX
@@ -100,6 +100,11 @@ class Block:
         wide = [item if item.shape[1] == n else ca.repmat(item, 1, n) for item in more]
         return function.map(n)(self.Z, self.S, *wide)
 
+    def hessian(self, sigma: ca.MX, lam: ca.MX) -> Entries:
+        """Entries of the second derivative of ``sigma' costs + lam' rows``, as far as it has costs; lam (m, n)."""
+        values = self.mapped(self.functions.hessian, sigma[: self.functions.costs.numel_out(0)], lam)
+        return _placed(values, self.functions.hessian_sparsity, self.columns, self.columns)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Horizon:
@@ -114,16 +119,12 @@ class Horizon:
     nodes: NodeVariables
     columns: np.ndarray
     """(N + 1, n_z) see `VariableLayout.columns`"""
-    water: ca.MX
-    """(3,) [m/s]"""
-    start: ca.MX
-    """(n_state,) q and v that are given."""
-    ends: BoundaryRows
+    dynamics: Block
+    """Motion over the steps: rows of which are the next state less what they give, then forces."""
+    ends: Block
+    """The first and the last state together, as one node."""
     blocks: tuple[Block, ...]
-
-    @property
-    def N(self) -> int:
-        return len(self.layout.dynamics)
+    """Terms."""
 
     @property
     def n_x(self) -> int:
@@ -137,10 +138,10 @@ class Horizon:
     def rows(self) -> ca.MX:
         """All raw rows."""
         n = self.layout.n_state
-        values = self._mapped(self.model.dynamics.value)
+        values = self.dynamics.mapped(self.dynamics.functions.value)
         parts = [
             ca.vec(ca.vertcat(self.nodes.following[:n, :] - values[:n, :], values[n:, :])),
-            self.ends.functions.value(*self._states_of_ends),
+            self.ends.mapped(self.ends.functions.value),
         ]
         if len(self.layout.equal_steps):
             h = self.nodes.steps[self.model.layout.h, :]
@@ -149,22 +150,6 @@ class Horizon:
             parts.append(ca.sum2(self.nodes.steps[self.model.layout.h, :]))
         parts += [ca.vec(block.mapped(block.functions.value)) for block in self.blocks]
         return ca.vertcat(*parts, self.costs)
-
-    @property
-    def _states_of_ends(self) -> tuple[ca.MX, ca.MX]:
-        """The first and the last state together, and the given one."""
-        n = self.layout.n_state
-        return ca.vertcat(self.nodes.steps[:n, 0], self.nodes.last[:n]), self.start
-
-    @property
-    def _columns_of_ends(self) -> np.ndarray:
-        """(1, 2 n_state)"""
-        n = self.layout.n_state
-        return np.concatenate([self.columns[0, :n], self.columns[-1, :n]])[None]
-
-    def _mapped(self, function: ca.Function, *more: ca.MX) -> ca.MX:
-        """Outputs (m, N) of a function of the dynamics at all steps."""
-        return function.map(self.N)(self.nodes.steps, ca.reshape(self.water, 3, self.N), *more)
 
     @cached_property
     def costs(self) -> ca.MX:
@@ -183,24 +168,14 @@ class Horizon:
     @cached_property
     def _jacobian_entries(self) -> list[Entries]:
         """Nonzeros of the raw rows, apart from those of the cost rows."""
-        dynamics, layout = self.model.dynamics, self.layout
-        rows = np.array(dynamics.jacobian_sparsity.get_triplet()[0])
-        sign = ca.DM(np.where(rows < layout.n_state, -1.0, 1.0))
-        nonzeros = self._mapped(dynamics.jacobian) * ca.repmat(sign, 1, self.N)
-        entries = [
-            _placed(nonzeros, dynamics.jacobian_sparsity, layout.dynamics, self.columns[:-1]),
-            self._linear_entries(),
-            _placed(
-                self.ends.functions.jacobian(*self._states_of_ends),
-                self.ends.functions.jacobian_sparsity,
-                layout.start[None],
-                self._columns_of_ends,
-            ),
-        ]
-        for block in self.blocks:
+        entries = [self._linear_entries()]
+        for block in (self.dynamics, self.ends, *self.blocks):
             sparsity = block.functions.jacobian_sparsity
             if sparsity.nnz():
                 nonzeros = block.mapped(block.functions.jacobian)
+                if block is self.dynamics:
+                    sign = np.where(np.array(sparsity.get_triplet()[0]) < self.layout.n_state, -1.0, 1.0)
+                    nonzeros *= ca.repmat(ca.DM(sign), 1, len(block.columns))
                 entries.append(_placed(nonzeros, sparsity, block.numbers, block.columns))
         return entries
 
@@ -212,28 +187,18 @@ class Horizon:
         if len(layout.equal_steps):
             groups += [(layout.equal_steps, h[1:], 1.0), (layout.equal_steps, h[:-1], -1.0)]
         if len(layout.total):
-            groups.append((np.repeat(layout.total, self.N), h, 1.0))
+            groups.append((np.repeat(layout.total, len(h)), h, 1.0))
         rows, columns, _ = zip(*groups, strict=True)
         values = np.concatenate([np.full(len(numbers), value) for numbers, _, value in groups])
         return Entries(values=ca.MX(ca.DM(values)), rows=np.concatenate(rows), columns=np.concatenate(columns))
 
     def _hessian(self, sigma: ca.MX, lam: ca.MX) -> list[Entries]:
         """Entries of the second derivative of ``sigma' costs + lam' raw``, which add up."""
-        n, dynamics, entries = self.layout.n_state, self.model.dynamics, []
-        if dynamics.hessian_sparsity.nnz():
-            own = _multipliers(lam, self.layout.dynamics)
-            signed = ca.vertcat(-own[:n, :], own[n:, :])
-            values = self._mapped(dynamics.hessian, ca.MX(0, self.N), signed)
-            entries.append(_placed(values, dynamics.hessian_sparsity, self.columns[:-1], self.columns[:-1]))
-        ends = self.ends.functions
-        if ends.hessian_sparsity.nnz():
-            values = ends.hessian(*self._states_of_ends, ca.MX(0, 1), lam[self.layout.start.tolist()])
-            entries.append(_placed(values, ends.hessian_sparsity, self._columns_of_ends, self._columns_of_ends))
-        for block in self.blocks:
-            sparsity = block.functions.hessian_sparsity
-            if sparsity.nnz():
-                values = block.mapped(block.functions.hessian, sigma, _multipliers(lam, block.numbers))
-                entries.append(_placed(values, sparsity, block.columns, block.columns))
+        n, entries = self.layout.n_state, []
+        for block in (self.dynamics, self.ends, *self.blocks):
+            if block.functions.hessian_sparsity.nnz():
+                own = ca.reshape(lam[block.numbers.ravel().tolist()], *block.numbers.T.shape)
+                entries.append(block.hessian(sigma, ca.vertcat(-own[:n, :], own[n:, :]) if block is self.dynamics else own))
         return entries
 
     def derivative_functions(self, index: int, raw_rows: np.ndarray, *, plugin: str) -> dict[str, ca.Function]:
@@ -263,7 +228,7 @@ class Horizon:
 def horizon(variables: VariableLayout, parameters: ParameterLayout, layout: RowLayout, ends: BoundaryRows) -> Horizon:
     """Symbols of the variables and parameters of a problem, and its rows in them."""
     x, p = ca.MX.sym("x", variables.n_x), ca.MX.sym("p", parameters.n)
-    nodes = variables.nodes(x, p[parameters.steps])
+    nodes, n = variables.nodes(x, p[parameters.steps]), layout.n_state
     columns = np.array([variables.columns(k) for k in range(variables.N + 1)])
     every = ca.horzcat(nodes.steps, nodes.last)
     blocks = tuple(
@@ -283,9 +248,20 @@ def horizon(variables: VariableLayout, parameters: ParameterLayout, layout: RowL
         p=p,
         nodes=nodes,
         columns=columns,
-        water=p[parameters.water],
-        start=p[parameters.start],
-        ends=ends,
+        dynamics=Block(
+            functions=variables.model.dynamics,
+            Z=nodes.steps,
+            S=ca.reshape(p[parameters.water], 3, variables.N),
+            columns=columns[:-1],
+            numbers=layout.dynamics,
+        ),
+        ends=Block(
+            functions=ends.functions,
+            Z=ca.vertcat(nodes.steps[:n, 0], nodes.last[:n]),
+            S=p[parameters.start],
+            columns=np.concatenate([columns[0, :n], columns[-1, :n]])[None],
+            numbers=layout.start[None],
+        ),
         blocks=blocks,
     )
 
@@ -294,11 +270,6 @@ def _placed(nonzeros: ca.MX, sparsity: ca.Sparsity, numbers: np.ndarray, columns
     """Nonzeros (nnz, n) of the same small matrix at n nodes, whose rows and columns are numbered (n, ...) in the whole."""
     rows, places = (np.array(i, dtype=int) for i in sparsity.get_triplet())
     return Entries(values=ca.vec(nonzeros), rows=numbers[:, rows].ravel(), columns=columns[:, places].ravel())
-
-
-def _multipliers(lam: ca.MX, numbers: np.ndarray) -> ca.MX:
-    """(m, n) of the raw rows `numbers` (n, m)."""
-    return ca.reshape(lam[numbers.ravel().tolist()], *numbers.T.shape)
 
 
 # Multiple shooting on the manifold: an optimal control problem becomes a sparse lexicographic NLP.
