@@ -187,7 +187,8 @@ Memory = TypeVar("Memory", bound=Layout)
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 WIDE: set[Callable[..., Any]] = set()
 """Kernels that are marked by `wide`."""
-_NUMBERS: dict[Any, Any] = {float: ctypes.c_double, int: ctypes.c_int, bool: ctypes.c_int}
+NUMBERS: dict[Any, Any] = {float: ctypes.c_double, int: ctypes.c_int, bool: ctypes.c_int}
+"""Types of numbers, in Python and in C."""
 
 
 def structure_of(layout: type[Memory], **sizes: int | ca.Function | type[Layout]) -> type[Memory]:
@@ -214,14 +215,14 @@ def _structure(layout: Any, sizes: tuple[tuple[str, Any], ...]) -> type[ctypes.S
 
 def _lengths(hint: Any, sizes: Mapping[str, Any]) -> tuple[int, ...]:
     """The sizes of an array of numbers, which may be 0; nothing for any other field."""
-    if _item(hint) not in _NUMBERS:
+    if _item(hint) not in NUMBERS:
         return ()
     return tuple(sizes[size] if isinstance(size, str) else size for size in get_args(hint)[1].sizes)
 
 
 def _field(name: str, hint: Any, sizes: Mapping[str, Any]) -> Any:
-    if hint in _NUMBERS:
-        return _NUMBERS[hint]
+    if hint in NUMBERS:
+        return NUMBERS[hint]
     if isinstance(hint, type) and issubclass(hint, Layout):
         return sizes.get(name.rpartition(".")[2]) or structure_of(hint, **sizes)
     if hint is CallbackField:

@@ -27,7 +27,7 @@ import casadi as ca
 
 from uvms_ocp.codegen.compile import MATH, compile_library, loaded_library
 from uvms_ocp.codegen.kernel_expressions import PREFIX, c_name
-from uvms_ocp.codegen.kernel_layout import FunctionStructure, Layout, Memory, connect, functions_in
+from uvms_ocp.codegen.kernel_layout import NUMBERS, FunctionStructure, Layout, Memory, connect, functions_in
 from uvms_ocp.codegen.kernel_program import c_program, structure_signature
 
 # A memory as C text: what initialises another one like it.
@@ -67,8 +67,6 @@ def _number(value: float) -> str:
 
 
 # Kernels as things to call: compiled once, in Python where that cannot be.
-
-_PLAIN: dict[Any, Any] = {float: ctypes.c_double, int: ctypes.c_int, bool: ctypes.c_int}
 
 
 def bind_kernels(
@@ -132,7 +130,7 @@ def _function(library: ctypes.CDLL, kernel: Callable[..., Any]) -> Callable[...,
     function = library[f"{PREFIX}{kernel.__name__}"]
     hints = get_type_hints(kernel)
     function.argtypes = [_passed(hints[name]) for name in signature(kernel).parameters]
-    function.restype = _PLAIN.get(hints.get("return"))
+    function.restype = NUMBERS.get(hints.get("return"))
     return function
 
 
@@ -145,7 +143,7 @@ class _ByReference:
 def _passed(hint: Any) -> Any:
     if isinstance(hint, type) and issubclass(hint, Layout):
         return _ByReference
-    return _PLAIN.get(hint, ctypes.POINTER(ctypes.c_double))
+    return NUMBERS.get(hint, ctypes.POINTER(ctypes.c_double))
 
 
 # Kernels and the functions that they call as files of C, which need no Python.
