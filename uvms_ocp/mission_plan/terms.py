@@ -62,10 +62,13 @@ class BoundedRows(TaskRows):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class TaskPreference(TaskTerm):
+class TaskPreference(TaskRows):
     """The residual of a task as a cost, not as something to be reached."""
 
     is_goal: ClassVar[bool] = False
+
+    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
+        return self.task.residual(stage.tick, parameters)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
