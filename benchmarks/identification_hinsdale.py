@@ -95,16 +95,14 @@ def session(folder: Path, sensor: str, *, quick: bool) -> Session:
         learner=learner,
         prepared=prepared,
         estimate=everything,
-        left_out=tuple(_left_out(learner, prepared, held, everything, quick=quick) for held in prepared),
+        left_out=tuple(_left_out(learner, prepared, held, quick=quick) for held in prepared),
     )
 
 
-def _left_out(
-    learner: Learner, prepared: Sequence[PreparedRecording], held: PreparedRecording, everything: Estimate, *, quick: bool
-) -> Predicted:
+def _left_out(learner: Learner, prepared: Sequence[PreparedRecording], held: PreparedRecording, *, quick: bool) -> Predicted:
+    """Predict a recording by what the others tell, searched from the prior: nothing of it is known to that search."""
     others = [one for one in prepared if one is not held]
-    found = learner.trained(others, everything.shared, 1 if quick else 15)
-    return learner.predicted(held, found.shared)
+    return learner.predicted(held, learner.trained(others, iterations=2 if quick else 25).shared)
 
 
 def between(imu: Session, mocap: Session) -> list[Row]:

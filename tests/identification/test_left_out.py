@@ -78,11 +78,12 @@ def lying(one: Recording) -> Recording:
 def test_what_is_judged_does_not_change_what_the_others_tell() -> None:
     honest, other = fitted(), solved([*recordings()[:2], lying(recordings()[2])])
     assert (honest.estimate.shared != other.estimate.shared).all()
-    one, two = (without(each, each.prepared[2]) for each in (honest, other))
+    one, two = (without(each, each.prepared[2]).estimate for each in (honest, other))
     np.testing.assert_array_equal(one.shared, two.shared)
     np.testing.assert_array_equal(one.information, two.information)
     assert one.cost == two.cost
-    assert (without(honest, honest.prepared[0]).shared != without(other, other.prepared[0]).shared).all()
+    one, two = (without(each, each.prepared[0]).estimate for each in (honest, other))
+    assert (one.shared != two.shared).all()
 
 
 def test_horizons_are_cut_where_recordings_are_too_short_and_longer_ones_left_out() -> None:
@@ -109,6 +110,26 @@ def test_what_was_identified_predicts_best() -> None:
         for horizon in one.horizons:
             of_others, before, resting, _ = (errors(each)[0] for each in horizon.by.values())
             assert of_others < before < resting
+
+
+def test_predictions_err_by_what_is_expected_of_them() -> None:
+    for one in found():
+        for horizon in one.horizons:
+            ratio = errors(horizon.by[OTHERS])[:6] / horizon.expected_error[:6]
+            assert (ratio > 0.7).all()
+            assert (ratio < 1.4).all()
+            assert "surge" not in horizon.extrapolated + horizon.uninformative
+
+
+def test_what_the_others_never_did_is_extrapolated() -> None:
+    one, rollout = problem()
+    truth = one.shared.start + np.array([0.1, 0.3, -0.2])
+    still, turning = (0.0,) * 6, (0.0, 0.0, 0.0, 0.0, 0.0, 12.0)
+    given = [drive(rollout.stage, truth, seed=k, noise=0.02, t_end=12.0, size=still if k < 2 else turning) for k in range(3)]
+    first, _, last = leave_one_out(solved(given), horizons=(5.0,))
+    assert "yaw" in last.horizons[0].extrapolated
+    assert f"{last.name}: {', '.join(last.horizons[0].extrapolated)} rest on" in "\n".join(left_out_tables([last]))
+    assert "yaw" in first.horizons[0].uninformative  # nothing turned it
 
 
 def test_a_recording_alone_cannot_be_left_out() -> None:

@@ -205,7 +205,7 @@ def _horizon(asked: float, found: Sequence[HorizonPrediction]) -> Iterator[str]:
 
 def _by_recording(one: Sequence[HeldOutRecording]) -> Iterator[str]:
     yield "\n### Each recording, over the longest horizon that it has\n"
-    yield "In brackets: the best that knows less.\n"
+    yield "In brackets: the best that knows less, and by how much the prediction was expected to err.\n"
     yield "| recording | " + " | ".join(SCORED) + " |"
     yield "|---" * (1 + len(SCORED)) + "|"
     for each in one:
@@ -214,13 +214,17 @@ def _by_recording(one: Sequence[HeldOutRecording]) -> Iterator[str]:
     for each in one:
         if not each.horizons:
             yield f"\n{each.name}: the others determine too little to predict it (their search: {each.estimate.status.value})."
+        elif extrapolated := each.horizons[-1].extrapolated:
+            yield f"\n{each.name}: {', '.join(extrapolated)} rest on what the others do not determine: do not rely on them."
+        if each.horizons and (less := each.horizons[-1].uninformative):
+            yield f"\n{each.name}: {', '.join(less)} move less than the prediction may err: it says nothing of them."
 
 
 def _beside(one: HorizonPrediction) -> Iterator[str]:
     found = {name: errors(predicted) for name, predicted in one.by.items()}
     best = np.min([row for name, row in found.items() if name != OTHERS], axis=0)
-    for value, other in zip(found[OTHERS], best, strict=True):
-        yield f"{_cell(value, value > other)} ({other:.2g})"
+    for value, other, expected in zip(found[OTHERS], best, one.expected_error, strict=True):
+        yield f"{_cell(value, value > other)} ({other:.2g}; {expected:.2g})"
 
 
 def _cell(value: float, worse: bool) -> str:

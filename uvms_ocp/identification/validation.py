@@ -7,8 +7,8 @@ standard errors.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import casadi as ca
@@ -21,7 +21,7 @@ from uvms_ocp.identification.output_error import Estimate, Expansion, ProfilePen
 from uvms_ocp.identification.parameters import AXES
 from uvms_ocp.identification.recording import interpolated
 from uvms_ocp.identification.rollout import PreparedRecording, Segment
-from uvms_ocp.identification.uncertainty import INTERVAL, IdentifiedNumber, number_of
+from uvms_ocp.identification.uncertainty import INTERVAL, IdentifiedNumber, covariance, number_of, variance_inflation
 
 # How sure a number is, without the belief that all is linear: it is held, and all else is fitted anew.
 #
@@ -116,7 +116,7 @@ def _profile(best: _Best, one: IdentifiedNumber) -> Profile:
     held = [*below[::-1], middle, *above]
     places, roots = (np.array([getattr(each, name) for each in held]) for name in ("place", "root"))
     ends = _crossing(places, roots, -INTERVAL), _crossing(places, roots, INTERVAL)
-    values, interval = (_on_scale(one, np.array(each)) for each in (places, ends))
+    values, interval = (np.exp(each) if one.positive else each for each in (places, np.array(ends)))
     return Profile(number=one, values=values, roots=roots, interval=(float(interval[0]), float(interval[1])))
 
 
@@ -161,10 +161,6 @@ def _crossing(places: np.ndarray, roots: np.ndarray, wanted: float) -> float:
         if a <= 0.0 <= b and a < b:
             return float(places[k] + (places[k + 1] - places[k]) * a / (a - b))
     return float(np.copysign(np.inf, wanted))
-
-
-def _on_scale(one: IdentifiedNumber, places: np.ndarray) -> np.ndarray:
-    return np.asarray(np.exp(places) if one.positive else places)
 
 
 def _line(one: IdentifiedNumber, ends: tuple[float, float]) -> np.ndarray:
@@ -251,6 +247,7 @@ HORIZONS = (5.0, 20.0, 60.0)
 """[s] over which recordings are predicted, the last one as long as they are."""
 OTHERS, BEFORE, STATIC, BALANCE = "identified on the others", "before", "nothing moves", "static balance"
 """Names of predictors; the last two predict zero velocities."""
+_DRAWS = 12  # of the unknowns, from what is known of them
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -263,6 +260,26 @@ class HorizonPrediction:
     """[s] what the recording has of it."""
     by: Mapping[str, Predicted]
     """The same samples, by what predicts."""
+    open_error: np.ndarray
+    """(7,) [m/s, rad/s, deg] standard deviation of `SCORED` from what the other recordings leave open of the unknowns."""
+    seen_error: np.ndarray
+    """(7,) [m/s, rad/s, deg] that the fit has left in the recordings that it was made from."""
+
+    @property
+    def expected_error(self) -> np.ndarray:
+        """(7,) [m/s, rad/s, deg] by how much the prediction may err, one standard deviation of `SCORED`."""
+        return np.hypot(self.open_error, self.seen_error)
+
+    @property
+    def extrapolated(self) -> tuple[str, ...]:
+        """Those of `SCORED` that rest on what the other recordings do not determine, more than on what they do."""
+        return tuple(np.array(SCORED)[self.open_error > self.seen_error].tolist())
+
+    @property
+    def uninformative(self) -> tuple[str, ...]:
+        """Those of `SCORED` whose predicted motion is less than the error that is expected of it."""
+        moved = errors(replace(self.by[OTHERS], measured=self.by[STATIC].rows))
+        return tuple(np.array(SCORED)[moved < self.expected_error].tolist())
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -291,22 +308,22 @@ def leave_one_out(
     balance = StaticBalance.of(fitted.vehicle)
     for k, held in enumerate(fitted.prepared, start=1):
         progress(f"left out {k} of {len(fitted.prepared)}: {held.recording.name}")
-        found = without(fitted, held)
-        predictor, step = fitted.predictor(found.shared), fitted.search.step
-        asked = _lengths(held, step, predictor.start_window, horizons)
-        predicted = tuple(_horizon(fitted, predictor, balance, held, *pair) for pair in asked)
+        others = without(fitted, held)
+        asked = _lengths(held, fitted.search.step, others.predictor().start_window, horizons)
+        predicted = tuple(_horizons(others, balance, held, asked))
         yield HeldOutRecording(
             name=held.recording.name,
-            estimate=found,
-            predictor=predictor,
+            estimate=others.estimate,
+            predictor=others.predictor(),
             horizons=tuple(each for each in predicted if each.by[OTHERS].finite),
         )
 
 
-def without(fitted: FitContext, held: PreparedRecording) -> Estimate:
-    """Identified on the other recordings alone, from where the vehicle is declared."""
-    others = [one for one in fitted.prepared if one is not held]
-    return search_fit(fitted.vehicle, others, fitted.noise, fitted.rollout, fitted.search)
+def without(fitted: FitContext, held: PreparedRecording) -> FitContext:
+    """Fit the other recordings alone, from where the vehicle is declared."""
+    others = tuple(one for one in fitted.prepared if one is not held)
+    found = search_fit(fitted.vehicle, others, fitted.noise, fitted.rollout, fitted.search)
+    return replace(fitted, prepared=others, estimate=found)
 
 
 def _lengths(one: PreparedRecording, step: float, known: float, asked: Sequence[float]) -> Iterator[tuple[float, float]]:
@@ -320,16 +337,23 @@ def _lengths(one: PreparedRecording, step: float, known: float, asked: Sequence[
             return
 
 
-def _horizon(
-    fitted: FitContext, predictor: Predictor, balance: StaticBalance, held: PreparedRecording, asked: float, length: float
-) -> HorizonPrediction:
-    step, known, before = fitted.search.step, predictor.start_window, fitted.vehicle.shared.start
-    windows = held.windows(step, known, length)
-    by = {OTHERS: predictor.over(held, step, length), BEFORE: fitted.predictor(before).over(held, step, length)}
+def _horizons(
+    others: FitContext, balance: StaticBalance, held: PreparedRecording, asked: Iterable[tuple[float, float]]
+) -> Iterator[HorizonPrediction]:
+    step, predictor, before = others.search.step, others.predictor(), others.predictor(others.vehicle.shared.start)
+    left = Predicted.joined(list(others.residuals().values()))
+    C = covariance(others.vehicle, others.estimate, variance_inflation(left, others.noise))
+    drawn = np.random.default_rng(0).multivariate_normal(predictor.shared, C, _DRAWS, method="eigh", check_valid="ignore")
+    known = predictor.start_window
     resting: dict[str, Callable[[Segment], Predicted]] = {
         STATIC: lambda one: static_baseline(one, known),
         BALANCE: lambda one: balance.of_stretch(one, predictor.shared),
     }
-    for name, predict in resting.items():
-        by[name] = Predicted.joined([predict(one).after(float(one.edges[0]) + known) for one in windows])
-    return HorizonPrediction(asked=asked, length=length, by=by)
+    for horizon, length in asked:
+        windows = held.windows(step, known, length)
+        by = {OTHERS: predictor.over(held, step, length), BEFORE: before.over(held, step, length)}
+        for name, predict in resting.items():
+            by[name] = Predicted.joined([predict(one).after(float(one.edges[0]) + known) for one in windows])
+        apart = [replace(others.predictor(each).over(held, step, length), measured=by[OTHERS].rows) for each in drawn]
+        spread = root_mean_square(np.array([errors(each) if each.finite else np.full(len(SCORED), np.inf) for each in apart]))
+        yield HorizonPrediction(asked=horizon, length=length, by=by, open_error=spread, seen_error=errors(left))
