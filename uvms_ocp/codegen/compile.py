@@ -1,7 +1,7 @@
 """Compile C source and CasADi functions into shared libraries, once, in a cache of the user's own.
 
-Where that cannot be done callers fall back to slower code. `compile_lifted` shares machine code among functions that differ
-in their numbers alone.
+Where that cannot be done callers fall back to slower code. Functions that differ in their numbers alone share machine code:
+each gets a copy of the library with numbers of its own, or, by `compile_lifted`, gives them at every call.
 
 Either is said once per process as a warning of the logger ``uvms_ocp.codegen.compile``: no compiler, one that fails, hangs
 or writes garbage, a full disk, a cache that cannot be written or whose libraries cannot be loaded.
@@ -20,6 +20,7 @@ import hashlib
 import logging
 import os
 import platform
+import re
 import shutil
 import signal
 import stat
@@ -30,7 +31,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache, lru_cache, partial
-from multiprocessing.pool import AsyncResult, ThreadPool
+from multiprocessing.pool import ThreadPool
 from pathlib import Path
 from types import ModuleType
 
@@ -192,7 +193,8 @@ _HUNG: set[str] = set()  # compilers, which are not called again
 _SAID: set[str] = set()
 _KEPT_FUNCTIONS, _KEPT_ADDRESSES = 4096, 64
 _HOMES: dict[ca.Function, Path] = {}  # of compiled functions
-_BESIDE: dict[ca.Function, AsyncResult[Path | None]] = {}  # that are being compiled
+_BESIDE: dict[ca.Function, tuple[Callable[[], Path | None], np.ndarray]] = {}  # that are being compiled
+_NONE = np.zeros(0)
 _MOST_COMPILERS = 4  # at once, of a process: those of a campaign are many
 _PACE, _LONG = 3e-6, 2.0  # [s] a byte of long code takes; [s] of silence that look like a hang
 _SLOWER = "everything works, only slower"
@@ -233,16 +235,16 @@ def compile_library(source: str, flags: Sequence[str] = (), name: str = "C code"
 @checked
 def compile_function(function: ca.Function) -> ca.Function:
     """``function`` in machine code with the same names and sparsities; itself where it cannot be compiled."""
-    begun = _BESIDE.pop(function, None)
-    path = _compilation(function)() if begun is None else begun.get()
-    return _function_in(path, function.name()) or function
+    compilation, numbers = _BESIDE.pop(function) if function in _BESIDE else _compilation(function)
+    return _function_in(compilation(), function.name(), numbers) or function
 
 
 @checked
 def start_compiling(function: ca.Function) -> ca.Function:
     """``function`` itself, which is compiled beside what follows: `compile_function` and `compiled_symbol` wait for the end."""
     if has_compiler():
-        _BESIDE[function] = _workers(os.getpid()).apply_async(_compilation(function))
+        compilation, numbers = _compilation(function)
+        _BESIDE[function] = _workers(os.getpid()).apply_async(compilation).get, numbers
     return function
 
 
@@ -258,12 +260,14 @@ def _workers(process: int) -> ThreadPool:
     return ThreadPool(min(_MOST_COMPILERS, len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1))
 
 
-def _compilation(function: ca.Function) -> Callable[[], Path | None]:
-    """Work for any thread; CasADi writes the code here."""
-    generator = ca.CodeGenerator("function.c")
+def _compilation(function: ca.Function) -> tuple[Callable[[], Path | None], np.ndarray]:
+    """Work for any thread, and the numbers of its library; CasADi writes the code here."""
+    generator = ca.CodeGenerator("function.c", {"verbose": False})
     generator.add(function)
-    source = MATH + generator.dump()
-    return partial(compile_library, source, _STRAIGHT if len(source) < _LONG_CODE else _LONG_STRAIGHT, function.name())
+    form, numbers = without_numbers(generator.dump())
+    source = MATH + _KNOWN.format(n=len(numbers)) + form
+    flags = _STRAIGHT if len(source) < _LONG_CODE else _LONG_STRAIGHT
+    return partial(compile_library, source, flags, function.name(), (_NUMBERS.format(n=len(numbers)),)), numbers
 
 
 @checked
@@ -272,18 +276,26 @@ def external_function(name: str, source: str, flags: Sequence[str] = ()) -> ca.F
     return _function_in(compile_library(source, flags, name), name)
 
 
-def _function_in(path: Path | None, name: str) -> ca.Function | None:
+def _function_in(path: Path | None, name: str, numbers: np.ndarray = _NONE) -> ca.Function | None:
     try:
-        return None if path is None else _external(name, path)
+        return None if path is None else _external(name, path, numbers.tobytes())
     except RuntimeError:  # the library is one, but not of this source
         _warn_once(f"{path} does not define {name}")
-        return None
+    except OSError as error:
+        _warn_once(f"{path} cannot be copied", error.strerror or str(error))
+    return None
 
 
 @lru_cache(maxsize=_KEPT_FUNCTIONS)
-def _external(name: str, path: Path) -> ca.Function:
+def _external(name: str, path: Path, numbers: bytes) -> ca.Function:
     """One for all callers: a run of the same robot and mission takes up no more memory."""
-    function = ca.external(name, str(path))
+    with tempfile.TemporaryDirectory(prefix="numbers-", dir=path.parent, ignore_cleanup_errors=True) as folder:
+        if numbers:  # a library of its own, which is loaded and needs no file any more
+            path = Path(shutil.copy(path, folder))
+            address = loaded_library(path).numbers_address
+            address.restype = ctypes.c_void_p
+            ctypes.memmove(address(), numbers, len(numbers))
+        function = ca.external(name, str(path))
     _HOMES[function] = path
     return function
 
@@ -404,6 +416,34 @@ def _build_in(folder: Path, compiler: str, sources: Sequence[str], flags: Sequen
     os.replace(built, library)
     os.replace(digest, library.with_suffix(".sha256"))
     return True
+
+
+# C code of a CasADi function with its numbers as data: another gain, weight or goal is no new code.
+
+_NUMBER = re.compile(r"(?<![\w.])\d+\.(?:\d+e[+-]\d+)?(?![\w.])")
+_ARRAY = re.compile(r"static const casadi_real (casadi_c\d+)\[\d+\] = \{([^}]*)\};")
+_KNOWN = '__attribute__((visibility("hidden"))) extern const double numbers[{n} + 1];\n'  # they stay while code runs
+_NUMBERS = """__attribute__((visibility("hidden"))) double numbers[{n} + 1];
+void* numbers_address(void) {{ return numbers; }}
+"""
+_OF_FORM = frozenset(("0.", "1."))
+
+
+def without_numbers(code: str) -> tuple[str, np.ndarray]:
+    """C code as CasADi writes it with its numbers (n,) taken out, which its library has to be given, and these."""
+    found: list[str] = []
+
+    def array(match: re.Match[str]) -> str:
+        found.extend(match[2].replace("casadi_", "").split(","))  # inf, nan
+        return f"#undef {match[1]}\n#define {match[1]} (numbers + {len(found) - match[2].count(',') - 1})"
+
+    def number(match: re.Match[str]) -> str:
+        if match[0] in _OF_FORM:
+            return match[0]
+        found.append(match[0])
+        return f"numbers[{len(found) - 1}]"
+
+    return _NUMBER.sub(number, _ARRAY.sub(array, code)), np.array(found, dtype=float)
 
 
 # A CasADi function with its numbers as data, so that functions that differ in numbers alone share machine code.
