@@ -30,7 +30,7 @@ def _sources(problem: OcpProblem, monkeypatch: pytest.MonkeyPatch) -> dict[str, 
 
     def take(function: ca.Function) -> ca.Function:
         assert function.name() not in found, "compiled twice"
-        found[function.name()] = _compilation(function).args[0]
+        found[function.name()] = _compilation(function)[0].args[0]
         return function
 
     monkeypatch.setattr("uvms_ocp.ocp.stagewise.functions.start_compiling", take)
@@ -43,6 +43,11 @@ def test_other_terms_and_other_lengths_compile_nothing_of_the_robot(monkeypatch:
     other = _sources(_problem(Effort(weight=2.0), Smoothness()), monkeypatch)
     assert set(one) >= ROBOT
     assert {name for name in one if one[name] != other[name]} <= {name for name in one if name.startswith(("path_", "end_"))}
+
+
+def test_other_numbers_compile_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    one, other = (_sources(_problem(Effort(weight=weight)), monkeypatch) for weight in (2.5, 0.7))
+    assert one == other
 
 
 def test_functions_of_terms_have_no_dynamics_in_them(monkeypatch: pytest.MonkeyPatch) -> None:
