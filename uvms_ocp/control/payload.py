@@ -141,16 +141,13 @@ class LoadFilter:
         if self._waits:
             self._waits -= 1
             return
-        noise = (1.0 + self._cooled()) * self._colour * self._variance_of(look) + self._unseen(look)
+        noisy = self._variance + (self._settings.drag * (look.slopes @ look.velocity)) ** 2  # or of drag unlike the model's
+        noise = (1.0 + self._cooled()) * self._colour * noisy + self._unseen(look)
         self._correct(H[look.usable], missed[look.usable], noise[look.usable])
 
     def _accelerates(self, look: LoadSample) -> bool:
         """Return whether the tool does, by so much that it shows."""
         return float(np.linalg.norm(look.mass)) > LEAST_ACCELERATION * float(np.linalg.norm(look.weight))
-
-    def _variance_of(self, look: LoadSample) -> np.ndarray:
-        """Return the variances (n_v,) of the noise, and of drag that is not as the model has it."""
-        return self._variance + (self._settings.drag * (look.slopes @ look.velocity)) ** 2
 
     def _unseen(self, look: LoadSample) -> np.ndarray:
         """Variance (n_v,) that the mass has as noise, where it is not looked at."""

@@ -41,12 +41,6 @@ from uvms_ocp.types import Array
 # One tick of the Kalman filter, as a kernel: from the inputs in its memory to the outputs there.
 
 
-def bound_tick(memory: FilterMemory, *, compiled: bool = True) -> Callable[[], None]:
-    """A call that advances the filter in `memory` to its `now`; in Python unless `compiled`, or without a compiler."""
-    (tick,) = bind_kernels((advance_filter,), (type(memory),), compiled=compiled)
-    return partial(tick, memory)
-
-
 def advance_filter(m: FilterMemory) -> None:
     """Run one tick: predict, fuse what is fresh, and write the outputs."""
     m.dt = m.now - m.before if m.started else 0.0
@@ -246,7 +240,8 @@ class Estimator(TableDisplay):
         self._beam = None if frame is None else AltimeterMount(robot, frame, memory)
         self._chart = JointChart(robot, memory)
         self._joints = self._chart.configuration()
-        self.advance = bound_tick(self._filter, compiled=compiled)
+        (tick,) = bind_kernels((advance_filter,), (type(self._filter),), compiled=compiled)
+        self.advance: Callable[[], None] = partial(tick, self._filter)
         """The filter alone: from the inputs in `memory` to its outputs."""
         self._seen: dict[str, Reading | None] = dict.fromkeys(CHANNELS)
         self._refused: frozenset[str] = frozenset()

@@ -317,7 +317,7 @@ def initialise(structure: FilterMemory, robot: Robot, specs: SensorSpecs, tuning
     memory = arrays_of(structure)
     for name in CHANNELS:
         spec = getattr(specs, name)
-        memory.sigma[NUMBER[name]] = sigma_of(spec)
+        memory.sigma[NUMBER[name]] = max(0.0 if spec is None else spec.sigma, _SMALLEST_SIGMA)
         memory.period[NUMBER[name]] = 0.0 if spec is None else 1.0 / spec.rate
         memory.lag[NUMBER[name]] = 0.0 if spec is None else spec.delay
         memory.gate[NUMBER[name]], memory.recovery[NUMBER[name]] = _GATES[rows_of(NUMBER[name])], _RECOVERY
@@ -342,11 +342,6 @@ def _agility(robot: Robot) -> np.ndarray:
     joint = float(limits[robot.joint_v].max(initial=0.0))
     linear, angular = (limits[:3].max(), limits[3:6].max()) if robot.n_vehicle else (0.0, 0.0)
     return np.array([angular, angular, linear, linear, linear, linear, linear, joint, joint])
-
-
-def sigma_of(spec: SensorSpec | None) -> float:
-    """Standard deviation [unit of the channel] of a channel's noise for the filter."""
-    return _SMALLEST_SIGMA if spec is None else max(spec.sigma, _SMALLEST_SIGMA)
 
 
 def _set_first(memory: Any, specs: SensorSpecs, tuning: EstimatorTuning) -> None:

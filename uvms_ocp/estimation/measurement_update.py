@@ -146,13 +146,25 @@ def time_since_accepted(m: FilterMemory, c: int) -> float:
 def gate_allowance(m: FilterMemory, c: int) -> float:
     """Variance that the gate grants channel c for accelerations that the process model does not expect.
 
-    Of what the robot can have done since the last reading that was believed; the gate is five standard deviations wide.
+    Of what the robot can have done since the last reading that was believed; the gate is five standard deviations wide. A
+    velocity that nothing but the channel tells of is that of two readings ago.
     """
     elapsed, moved = time_since_accepted(m, c), m.agility[c]
     for _ in range(orders_of(c)):
         moved *= elapsed
     moved /= max(orders_of(c), 1)
+    if _is_place(c) and _is_velocity_unseen(m, c):
+        moved += m.agility[c] * elapsed * 2.0 * m.period[c]
     return moved * moved / 25.0
+
+
+def _is_velocity_unseen(m: FilterMemory, c: int) -> bool:
+    """Return whether no DVL has been used for so long that channel c alone tells of the velocity."""
+    return m.stamp[c] - m.used[ChannelIndex.LINEAR_VELOCITY] > m.recovery[c] / 2.0
+
+
+def _is_place(c: int) -> bool:
+    return c == ChannelIndex.POSITION or c == ChannelIndex.DEPTH
 
 
 def record_outcome(m: FilterMemory, c: int, squared: float, degrees: int, believed: bool) -> None:
@@ -299,12 +311,14 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
     own, granted = _noise(m, c, delta), gate_allowance(m, c)
     squared, size = _squared_innovation(m, own, rows, nu), nu[0] * nu[0] + nu[1] * nu[1] + nu[2] * nu[2]
     believed = _squared_innovation(m, own + granted, rows, nu) <= m.gate[c]
+    # The estimate may be wrong where the channel contradicts it, but not the height, which fixes tell too.
+    not_by_fixes = c != ChannelIndex.DEPTH or m.stamp[c] - m.used[ChannelIndex.POSITION] > m.recovery[c]
     if believed:
         m.since[c] = math.nan
         if squared > m.gate[c]:
             _inflate_surprised(m, c, size)
             recall_measurement(m, c, slot, active(m))
-    elif _may_be_right(m, c) and math.isfinite(squared) and math.isfinite(size) and _is_consistent(m, c, 2.0 * own + granted, nu):
+    elif not_by_fixes and math.isfinite(squared) and math.isfinite(size) and _is_consistent(m, c, 2.0 * own + granted, nu):
         believed = True
         _relax(m, c, size)
         recall_measurement(m, c, slot, active(m))
@@ -358,11 +372,6 @@ def _squared_innovation(m: FilterMemory, more: float, n: int, nu: Vector) -> flo
     return total
 
 
-def _may_be_right(m: FilterMemory, c: int) -> bool:
-    """Return whether the estimate may be wrong where channel c contradicts it: not the height, which fixes tell too."""
-    return c != ChannelIndex.DEPTH or m.stamp[c] - m.used[ChannelIndex.POSITION] > m.recovery[c]
-
-
 def _is_consistent(m: FilterMemory, c: int, more: float, nu: Vector) -> bool:
     """Return whether a reading outside the gate agrees with those before it, for long enough; a nearer floor needs no witness."""
     change, refused, rows = zeros(3), m.refused[c], rows_of(c)
@@ -383,8 +392,8 @@ def _relax(m: FilterMemory, c: int, squared: float) -> None:
         if m.owner[slot] != c:
             m.owner[slot] = -1.0
     m.since[c] = math.nan
-    _inflate_own(m, c, GATE_RELAXATION * squared)
-    if c != ChannelIndex.POSITION and c != ChannelIndex.DEPTH:
+    _inflate_own(m, c, GATE_RELAXATION * squared, 0.0)
+    if not _is_place(c):
         return
     # It took the time of recovery to go so far: with a speed that nobody knew of, or an acceleration.
     time = m.recovery[c]
@@ -403,14 +412,17 @@ def _inflate_surprised(m: FilterMemory, c: int, squared: float) -> None:
     bias = int(Part.GYRO_BIAS) if c <= ChannelIndex.ANGULAR_VELOCITY else int(Part.DVL_BIAS)
     if c == ChannelIndex.LINEAR_VELOCITY:
         return  # which tells of accelerations, to go on with
-    _inflate_own(m, c, squared)
+    _inflate_own(m, c, squared, 1.0 / time if _is_place(c) and _is_velocity_unseen(m, c) else 0.0)
     if c <= ChannelIndex.DEPTH:
         for i in range(bias, bias + 3):
             m.P[i][i] += squared / (time * time)
 
 
-def _inflate_own(m: FilterMemory, c: int, variance: float) -> None:
-    """An error of that variance of what the channel alone can put right, now and in its clones."""
+def _inflate_own(m: FilterMemory, c: int, variance: float, rate: float) -> None:
+    """An error of that variance of what the channel alone can put right, now and in its clones.
+
+    rate [1/s]: by which it has grown, where nothing but the channel tells of the velocity.
+    """
     rows, n, first, R, s = rows_of(c), active(m), _corrected_by(c), zeros(9), m.predicted
     if c == ChannelIndex.ANGULAR_VELOCITY and m.used[ChannelIndex.ATTITUDE] - m.used[c] > m.recovery[c] / 2.0:
         first = int(Part.GYRO_BIAS)  # the angular velocity follows from attitudes by now
@@ -421,6 +433,8 @@ def _inflate_own(m: FilterMemory, c: int, variance: float) -> None:
             s.HP[i][j] = 0.0
     for i in range(rows):
         s.HP[i][first + i] = 1.0
+        if rate > 0.0:
+            s.HP[i][first + 3 + i] = rate
     for slot in range(SLOTS):
         if m.owner[slot] == c:
             for i in range(rows):

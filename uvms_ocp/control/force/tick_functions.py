@@ -159,11 +159,6 @@ def column_places(parts: type[Layout], sizes: Mapping[str, int]) -> dict[str, sl
     return places
 
 
-def size_of(parts: type[Layout], sizes: Mapping[str, int]) -> int:
-    """Return the size of the whole column."""
-    return sum(max(1, size) for size in declared_sizes(parts, sizes).values())
-
-
 def parts_of(parts: type[Parts], sizes: Mapping[str, int], column: Array) -> Parts:
     """Split a column (n,) of expressions into its parts."""
     return parts(**{name: column[place] for name, place in column_places(parts, sizes).items()})
@@ -317,7 +312,7 @@ def _symbols(laws: ForceLaws, **kinds: type[Any]) -> tuple[dict[str, ca.SX], tup
     """Return symbolic columns by name, and the parts of each."""
     columns, parts = {}, []
     for name, kind in kinds.items():
-        columns[name] = ca.SX.sym(name, size_of(kind, laws.sizes))
+        columns[name] = ca.SX.sym(name, sum(max(1, size) for size in declared_sizes(kind, laws.sizes).values()))
         parts.append(parts_of(kind, laws.sizes, columns[name]))
     return columns, tuple(parts)
 

@@ -16,7 +16,7 @@ from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector,
 from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.estimation.degraded_modes import describe_channels
 from uvms_ocp.estimation.fallbacks import UNSEEN_SLOPE
-from uvms_ocp.mission import Abort, Mission
+from uvms_ocp.mission import Mission
 from uvms_ocp.mission.progress import MissionMemory
 from uvms_ocp.robot import Robot, SymbolicModel
 from uvms_ocp.robot.shapes.hull import lowest_point
@@ -281,30 +281,22 @@ class AbortMonitor:
         return f"{words}; {feedback.fault_summary}" if words and feedback.fault_summary not in words else words
 
     def _describe(self, why: AbortReason, tick: TickInputs, quantities: Mapping[str, float], feedback: ActuationFeedback) -> str:
-        abort = self._mission.abort
+        abort, less = self._mission.abort, tick.restriction
         if why is AbortReason.NOTHING or why is AbortReason.FAULT or abort is None:
             return feedback.fault if why is AbortReason.FAULT else ""
-        if why is AbortReason.CONTACT:
-            lift = f"{100 * feedback.push:.0f} % of the thrusters' lift"
-            return f"contact or rising water: pushed up by {lift} for {abort.contact_after:g} s"
+        lift = f"{100 * feedback.push:.0f} % of the thrusters' lift"
+        pending = self._mission.pending(tick.mission, quantities)
         texts = {
+            AbortReason.CONTACT: f"contact or rising water: pushed up by {lift} for {abort.contact_after:g} s",
             AbortReason.FLOOR: f"hull or arm {abort.sunk:g} m in the floor that the altimeter shows, or deeper",
             AbortReason.LATE: f"{abort.time_limit:g} s were not enough for it",
-            AbortReason.HOPELESS: self._hopeless(tick),
-            AbortReason.ENDED: tick.restriction.abort,
-            AbortReason.RUNAWAY: f"runaway: {self._mission.pending(tick.mission, quantities)}, and farther than"
+            AbortReason.HOPELESS: (less.abort or describe_channels(less.lost)) if tick.stopped else "",
+            AbortReason.ENDED: less.abort,
+            AbortReason.RUNAWAY: f"runaway: {pending}, and farther than"
             f" {abort.runaway_after:g} s ago, with thrusters at their limits",
             AbortReason.THRUST: f"thrust: the thrusters have been at their limits for {abort.thrust_after:g} s",
         }
-        return texts[why] if why in texts else self._stalled(abort, tick, quantities)
-
-    def _hopeless(self, tick: TickInputs) -> str:
-        """Where the thrust is cut, and somebody judges why."""
-        return (tick.restriction.abort or describe_channels(tick.restriction.lost)) if tick.stopped else ""
-
-    def _stalled(self, abort: Abort, tick: TickInputs, quantities: Mapping[str, float]) -> str:
-        pending = self._mission.pending(tick.mission, quantities)
-        return f"stall: {pending}, no nearer for {abort.stall_after:g} s{_held_back(tick.restriction.bad)}"
+        return texts.get(why, f"stall: {pending}, no nearer for {abort.stall_after:g} s{_held_back(less.bad)}")
 
     def _write(self, memory: AbortMemory) -> None:
         abort = self._mission.abort

@@ -224,7 +224,8 @@ def _wanted_velocity(m: TickMemory) -> None:
         if m.restriction.any_bad or m.pace != 1.0:
             m.wanted_pace = limit_speed(m.speed_limit, m.restriction, m.beam, m.q, m.command, m.pace, m.wanted)
     else:
-        _brake(m)
+        for i in range(len(m.wanted)):  # one tick nearer to rest
+            m.wanted[i] = m.command[i] - min(max(m.command[i], -m.speed_limit.step[i]), m.speed_limit.step[i])
     for i in range(len(m.wanted)):
         # From rest at every tick: the hierarchy counts on no more than one tick's acceleration of such a joint.
         if m.jammed[i] != 0:
@@ -251,13 +252,6 @@ def _shorten(m: TickMemory) -> None:
     for i in range(len(m.solved)):
         most = m.velocity_limit[i] - m.faster[i]
         m.wanted[i] = min(max(m.solved[i] / excess, -most), most)
-
-
-def _brake(m: TickMemory) -> None:
-    """One tick nearer to rest."""
-    for i in range(len(m.wanted)):
-        step = m.speed_limit.step[i]
-        m.wanted[i] = m.command[i] - min(max(m.command[i], -step), step)
 
 
 # The hierarchy solved between `before` and `after`, in machine code: levels, solver, and what comes of it.

@@ -217,15 +217,16 @@ def _error(g: PlausibilityGate, value: Vector, estimate: PastEstimate) -> float:
         along = value[0] * q[3] + value[1] * q[4] + value[2] * q[5] + value[3] * q[6]
         return 2.0 * math.acos(min(1.0, abs(along)))
     if g.channel == ChannelIndex.POSITION or g.channel == ChannelIndex.DEPTH:
-        return _distance(g, value, estimate.q)
+        return distance(g, value, estimate.q)
     if g.channel == ChannelIndex.JOINT_POSITIONS:
         return _largest(g, value, estimate.q)
     if g.channel == ChannelIndex.JOINT_VELOCITIES:
         return _largest(g, value, estimate.v)
-    return _distance(g, value, estimate.v)
+    return distance(g, value, estimate.v)
 
 
-def _distance(g: PlausibilityGate, value: Vector, estimated: Vector) -> float:
+def distance(g: PlausibilityGate, value: Vector, estimated: Vector) -> float:
+    """Return how far a value (size,) [unit of the channel] is from that of q or v, in which its gate knows its place."""
     squared = 0.0
     for i in range(g.size):
         by = value[i] - estimated[g.start + i]

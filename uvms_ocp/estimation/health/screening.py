@@ -10,6 +10,7 @@ from uvms_ocp.estimation.health.channel_state import TOO_LATE, ChannelMemory, He
 from uvms_ocp.estimation.health.floor import FloorPoint, accept_echo
 from uvms_ocp.estimation.health.plausibility import (
     PastEstimate,
+    distance,
     is_impossible,
     is_mistimed,
     is_nonsense,
@@ -39,6 +40,8 @@ _CONFIRMED = 5
 """Readings in a row that must agree before one that does not is refused: an estimate is made of those before."""
 _STUBBORN = 3
 """Readings in a row that were refused: by then it is no spike."""
+_NEXT = 1.5
+"""Periods of a channel in which its next reading arrives."""
 
 
 def screen_reading(m: HealthMemory, c: ChannelMemory, slot: int) -> None:
@@ -101,11 +104,22 @@ def _agrees(m: HealthMemory, c: ChannelMemory, estimate: PastEstimate, why: Comp
     if carried and is_persistent(c):
         growth -= 0.5 * gate.base
     if is_off(gate, c.value, estimate, abs(c.stamp - estimate.t), growth, why):
-        c.off_in_a_row += 1
-        return False
+        if not _goes_on(c):
+            c.off_in_a_row += 1
+            return False
+        why.code = Reason.NONE
     c.agreed += 1
     c.off_in_a_row = 0
     return True
+
+
+def _goes_on(c: ChannelMemory) -> bool:
+    """Return whether a DVL goes on from its last reading, which was used: then it is the estimate that is off.
+
+    A step of a velocity is an acceleration to the filter until the next reading ends it.
+    """
+    recent = c.number == ChannelIndex.LINEAR_VELOCITY and c.stamp - c.taken <= _NEXT * c.period
+    return recent and distance(c.gate, c.value, c.used_value) <= c.gate.base
 
 
 def is_persistent(c: ChannelMemory) -> bool:
