@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from compiler import needs_compiler
 
-from uvms_ocp.cli.compilation import show_compilation, warned_behind_errors
+from uvms_ocp.cli.compilation import cache, show_compilation, warned_behind_errors
 from uvms_ocp.codegen.compile import PROGRESS, compile_library
 
 LOGGER = logging.getLogger("uvms_ocp.codegen.compile")
@@ -26,6 +26,21 @@ def test_it_tells_what_is_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     compile_library("int other(void) { return 43; }", name="other")
     assert told == ["compiling answer"]
     assert not LOGGER.handlers
+
+
+@needs_compiler
+def test_the_cache_is_shown_and_cleared(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path))
+    cache()
+    assert capsys.readouterr().out == f"{tmp_path}: 0 libraries, 0.0 MB\n"
+    compile_library("int answer(void) { return 42; }", name="answer")
+    cache()
+    assert capsys.readouterr().out == f"{tmp_path}: 1 libraries, 0.0 MB, the oldest used 0.0 days ago\n"
+    cache(clear=True)
+    assert capsys.readouterr().out.startswith(f"{tmp_path}: removed 1 libraries")
+    assert not list(tmp_path.iterdir())
 
 
 def _warn() -> None:

@@ -54,11 +54,26 @@ def test_a_library_is_compiled_once(tmp_path: Path) -> None:
     first = _compile_visible()
     assert _answer(first) == 42.0
     assert first is not None
-    before = first.stat().st_mtime_ns
+    before = first.stat().st_ino
     assert _compile_visible() == first
-    assert first.stat().st_mtime_ns == before
+    assert first.stat().st_ino == before
     assert _compile_visible(SOURCE + "/* other */") != first
     assert not list((tmp_path / "cache").glob("build-*"))
+
+
+@needs_compiler
+def test_the_cache_keeps_what_was_used_last(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    used, other = (_compile_visible(SOURCE + f"/* {k} */") for k in range(2))
+    assert used is not None
+    assert other is not None
+    for path in (used, other):
+        os.utime(path, (1.0, 1.0))
+    assert _compile_visible(SOURCE + "/* 0 */") == used
+    monkeypatch.setattr(building, "MOST_CACHED", 2.5 * used.stat().st_size)
+    last = _compile_visible(SOURCE + "/* 2 */")
+    assert [one.path for one in building.cached_libraries(tmp_path / "cache")] == [last, used]
+    assert not other.with_suffix(".sha256").exists()
+    assert _answer(_compile_visible(SOURCE + "/* 1 */")) == 42.0
 
 
 @needs_compiler

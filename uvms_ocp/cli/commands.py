@@ -108,6 +108,7 @@ app = _group(
         "list": "robots.list_all",
         "check-robot": "robots.check_robot",
         "schema": "robots.schema",
+        "cache": "compilation.cache",
         "new-robot": "robots.new_robot",
         "new-mission": "robots.new_mission",
         "export": _group(_EXPORT, help="Write what runs without Python."),

@@ -1,13 +1,18 @@
-"""Say what is being compiled, where a command shows what it does, and what the compiler's log has to say beside it."""
+"""``cache``; what is being compiled, where a command shows what it does, and what the compiler's log has to say beside it."""
 
 from __future__ import annotations
 
 import logging
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Annotated
+
+import typer
 
 from uvms_ocp.cli import BAD_INPUT
+from uvms_ocp.errors import InvalidInput
 
 _LOGGER = logging.getLogger("uvms_ocp.codegen.compile")
 
@@ -73,3 +78,19 @@ def warned_behind_errors() -> Iterator[None]:
         raise
     finally:
         _LOGGER.removeHandler(handler)
+
+
+def cache(clear: Annotated[bool, typer.Option("--clear", help="Remove them all.")] = False) -> None:
+    """Show the folder of compiled libraries, how many there are, their size, and how long ago they were used.
+
+    It keeps itself below 1 GB: those used longest ago are removed. What is removed is compiled again when it is needed.
+    """
+    from uvms_ocp.codegen.compile import cache_folder, cached_libraries, shrink_cache
+
+    folder, reason = cache_folder()
+    if folder is None:
+        raise InvalidInput(f"{reason}; set UVMS_OCP_CACHE to a folder that can be written")
+    found = shrink_cache(folder, 0.0) if clear else cached_libraries(folder)
+    days = (time.time() - min((one.used for one in found), default=time.time())) / 86400.0
+    what = f"{'removed ' if clear else ''}{len(found)} libraries, {sum(one.size for one in found) / 1e6:.1f} MB"
+    typer.echo(f"{folder}: {what}{f', the oldest used {days:.1f} days ago' if found else ''}")

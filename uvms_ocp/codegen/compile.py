@@ -30,6 +30,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache, lru_cache, partial
 from multiprocessing.pool import ThreadPool
 from pathlib import Path
@@ -42,6 +43,9 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 
 # The folder that compiled libraries are kept in: the user's own, writable by nobody else, on a disk that runs programs.
+
+MOST_CACHED = 1e9
+"""[bytes] beyond which libraries that were used longest ago are removed."""
 
 
 def cache_folder() -> tuple[Path | None, str]:
@@ -56,6 +60,39 @@ def cache_folder() -> tuple[Path | None, str]:
         if not reason:
             return folder, ""
     return None, reason
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CachedLibrary:
+    """A compiled library in the cache."""
+
+    path: Path
+    size: int
+    """[bytes]"""
+    used: float
+    """[s] since 1970, when it was used last."""
+
+
+def cached_libraries(folder: Path) -> list[CachedLibrary]:
+    """Those of a cache folder, used last first."""
+    found = []
+    for path in folder.glob("*.so"):
+        with suppress(OSError):  # another process removes it
+            status = path.stat()
+            found.append(CachedLibrary(path=path, size=status.st_size, used=status.st_mtime))
+    return sorted(found, key=lambda one: -one.used)
+
+
+def shrink_cache(folder: Path, most: float) -> list[CachedLibrary]:
+    """Remove those used longest ago until at most that many bytes are left; returns what was removed."""
+    left, gone = 0, []
+    for one in cached_libraries(folder):
+        left += one.size
+        if left > most:
+            gone.append(one)
+            for path in (one.path, one.path.with_suffix(".sha256")):
+                path.unlink(missing_ok=True)
+    return gone
 
 
 def _candidates() -> list[Path]:
@@ -224,8 +261,13 @@ def compile_library(source: str, flags: Sequence[str] = (), name: str = "C code"
         sources = (source, *others)
         library = directory / f"{_key(sources, flags, compiler)}.so"
         if _is_intact(library) and not _load_error(library):
+            with suppress(OSError):
+                os.utime(library)  # used now
             return library
-        return library if _build(compiler, sources, flags, library, name) else None
+        if not _build(compiler, sources, flags, library, name):
+            return None
+        shrink_cache(directory, MOST_CACHED)
+        return library
     except subprocess.TimeoutExpired as error:
         _HUNG.add(compiler)
         _warn_once(f"{compiler} was stopped after {error.timeout:g} s")
