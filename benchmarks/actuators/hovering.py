@@ -169,7 +169,7 @@ def run(hover: Hover) -> Outcome:
         errors.append(float(np.linalg.norm(plant.state.q[:3] - points.goal)))
         commands.append(command.thrust)
         if controller.learner is not None:
-            outcome.learnt.append(controller.learner.load)
+            outcome.learnt.append(controller.learner.loads[0])
     outcome.errors, outcome.commands, outcome.given_up = np.array(errors), np.array(commands), points.given_up
     return outcome
 

@@ -8,9 +8,10 @@ import pytest
 
 from uvms_ocp.campaign.analysis import Rate, cause_table, outcome_table, sensitivity_table
 from uvms_ocp.campaign.distributions import Design
-from uvms_ocp.campaign.jobs import METRICS, distribution_table
+from uvms_ocp.campaign.jobs import METRICS, OF_EACH_TOOL, distribution_table, metrics_among, tool_metrics
 from uvms_ocp.campaign.report import _pairs, judged, parse_bounds
 from uvms_ocp.errors import InvalidInput, NameNotFound
+from uvms_ocp.robot.loading import load_robot
 
 
 def table(n: int, **columns: object) -> pd.DataFrame:
@@ -120,3 +121,18 @@ def test_a_campaign_of_a_version_without_a_figure_has_the_distributions_of_the_o
     old = table(4, duration_s=[1.0, 2.0, 3.0, 4.0], joint_margin_m=0.1)
     assert [row["figure"] for row in distribution_table(old)] == ["duration_s", "joint_margin_m"]
     assert [row["figure"] for row in distribution_table(old.drop(columns="joint_margin_m"))] == ["duration_s"]
+
+
+def test_metrics_of_each_tool_are_columns_by_its_name() -> None:
+    """And of a robot with one tool there are none but its own."""
+    two, one = load_robot("bluerov2_two_alpha5"), load_robot("bluerov2_alpha5")
+    assert tool_metrics(one) == {}
+    names = [f"{kind}[{tool}]" for tool in ("port_tool", "starboard_tool") for kind in OF_EACH_TOOL]
+    assert [*tool_metrics(two)] == names
+    known = metrics_among(["run", "current.x", *METRICS, *names])
+    assert [*known] == [*METRICS, *names]
+    (bound,) = parse_bounds(["clearance_m[starboard_tool] > 0.2"])
+    rows = table(3, **{"clearance_m[starboard_tool]": [0.1, 0.3, np.nan]}, finished=[True] * 3)
+    assert judged(rows, [bound])["success"].tolist() == [False, True, False]
+    with pytest.raises(NameNotFound, match=r"clearance_m\[middle\]"):
+        judged(rows, parse_bounds(["clearance_m[middle] > 0.2"]))

@@ -6,14 +6,17 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
 from compiler import long_without_compiler
 
 import uvms_ocp as uo
+from uvms_ocp.campaign.jobs import run_metrics
 from uvms_ocp.errors import FrameNotFound, InvalidInput
 from uvms_ocp.robot.loading import list_robots, load_robot
+from uvms_ocp.robot.shapes.obstacles import obstacle
 from uvms_ocp.scenario.cases import case1, case2, obstacle_field, reach
 from uvms_ocp.scenario.options import mission_of, phase_of, run_options
 from uvms_ocp.scenario.preflight import Severity
@@ -132,7 +135,11 @@ def test_a_summary_has_the_errors_of_every_tool_by_its_name(kind: str) -> None:
     never = uo.Below(quantity="TP0.position_error", limit=1e-9)
     phase = phase_of("A", "reach", [task.name for task in tasks], uo.DONE, never)
     start = run.start(uo.pose_at((0.0, 0.0, -6.0)))
-    record = run.scenario(name="both", mission=mission_of(run.robot, tasks, [phase]), start=start, markers={}).run()
+    scenario = run.scenario(name="both", mission=mission_of(run.robot, tasks, [phase]), start=start, markers={})
+    ball = obstacle("ball", coal.Sphere(0.1), (0.7, -0.6, -6.2))
+    scenario = replace(scenario, environment=replace(scenario.environment, obstacles=(ball,)))
+    record = scenario.run()
+    figures = run_metrics(scenario, record)
     report, end = uo.summarize(record), uo.Kinematics(run.robot, record.series["q"][-1])
     assert list(report["tools"]) == list(used)
     for tool, goal in used.items():
@@ -140,6 +147,11 @@ def test_a_summary_has_the_errors_of_every_tool_by_its_name(kind: str) -> None:
         assert report["tools"][tool] == {"position": pytest.approx(error, abs=2e-3), "orientation": None}
     assert report["tool_position_error_m"] == report["tools"]["port_tool"]["position"]
     assert ("starboard_tool: position error" in str(report)) == (kind == "both")
+    for tool in goals:
+        assert figures[f"tool_position_error_m[{tool}]"] == report["tools"].get(tool, {}).get("position")
+    near, far = (figures[f"clearance_m[{tool}]"] for tool in ("starboard_tool", "port_tool"))
+    assert figures["clearance_m"] <= near
+    assert far > near + 0.1
 
 
 @pytest.mark.parametrize(("current", "accepted"), [((0.2, 0.0, 0.0), True), ((0.0, 0.02, 0.0), True), ((0.0, 0.2, 0.0), False)])

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.campaign.distributions import problem_of
-from uvms_ocp.campaign.jobs import METRICS, metric_values
+from uvms_ocp.campaign.jobs import metric_values, metrics_among
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, optional_module, plain_line
 from uvms_ocp.record.tables import CAMPAIGN_EXTRA
@@ -119,7 +119,7 @@ def sensitivity_table(table: Any, parameters: Sequence[str], *, indices: bool) -
     if not parameters:
         return []
     rows = []
-    for name in ("success", *METRICS):
+    for name in ("success", *metrics_among(table)):
         y = table[name].to_numpy(dtype=float, na_value=np.nan) if name == "success" else metric_values(table, name)
         known = np.isfinite(y)
         if known.sum() >= _FEWEST and np.ptp(y[known]) > 0.0:

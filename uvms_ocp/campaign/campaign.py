@@ -52,7 +52,8 @@ class MissionJob(jobs.CampaignJob):
 
     @property
     def columns(self) -> Mapping[str, type]:
-        return {"seed": int, **dict.fromkeys((*self.names, *jobs.METRICS), float), "finished": bool}
+        numbers = (*self.names, *jobs.METRICS, *jobs.tool_metrics(self.base().robot))
+        return {"seed": int, **dict.fromkeys(numbers, float), "finished": bool}
 
     def head(self, run: int) -> jobs.Row:
         """Seed and values of the parameters of a run."""

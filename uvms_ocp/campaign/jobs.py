@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.resources import files
@@ -21,6 +21,7 @@ import numpy as np
 from uvms_ocp.errors import plain_line
 from uvms_ocp.record.record import Record, quantity
 from uvms_ocp.report import metrics
+from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.environment import closest_approach
 from uvms_ocp.version import __version__
@@ -178,12 +179,29 @@ def _place(error: BaseException) -> str:
 _TABLE = (files("uvms_ocp.campaign") / "metrics.csv").read_text(encoding="utf-8").splitlines()
 METRICS: Mapping[str, str] = {row["metric"]: row["meaning"] for row in csv.DictReader(_TABLE)}
 """Metrics of a run, with unit and meaning."""
+OF_EACH_TOOL = ("tool_position_error_m", "tool_orientation_error_rad", "clearance_m")
+"""Those that a robot with several tools has of each, such as ``clearance_m[port_tool]``, that of its arm."""
 _FROM_REPORT = ("energy_j", "path_length_m", "joint_margin_rad", "joint_margin_m", "saturation_time_s", "peak_thrust_n")
 _LOOKS = 200  # configurations at which the clearance is measured
 
 
+def tool_metrics(robot: Robot) -> dict[str, str]:
+    """The tool of each metric that is of one of several; none where there is one tool."""
+    return {f"{name}[{tool}]": tool for tool in robot.tools if len(robot.tools) > 1 for name in OF_EACH_TOOL}
+
+
+def metrics_among(columns: Iterable[str]) -> dict[str, str]:
+    """`METRICS`, and those of tools among the columns of a campaign, with their meanings."""
+    return {**METRICS, **{name: f"{METRICS[kind]}, of {name}" for name in columns if name != (kind := kind_of(name)) in METRICS}}
+
+
+def kind_of(name: str) -> str:
+    """The metric that a column is of, without its tool."""
+    return name.partition("[")[0]
+
+
 def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
-    """Compute the metrics of a run by name, as in `METRICS`; `None` where a run has no such figure."""
+    """Compute the metrics of a run by name, as in `METRICS` and `tool_metrics`; `None` where a run has no such figure."""
     meta, task, end = record.run_meta, record.run_meta.tool_task, float(record["t"][-1])
     spent = metrics.figures_between(record, 0.0, end)
     figures = {
@@ -191,22 +209,28 @@ def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
         "tool_position_error_m": meta.true_quantity(f"{task}.position_error"),
         "tool_orientation_error_rad": meta.true_quantity(f"{task}.orientation_error"),
         **{name: spent.get(name) for name in _FROM_REPORT},
-        "clearance_m": _clearance(scenario, record),
+        "clearance_m": _clearance(scenario, record, None),
         "min_altimeter_m": metrics.smallest_or_none(record["altimeter_range"]),
         "tilt_rad": metrics.largest_or_none(quantity(record, "HA.tilt")),
         "alarms": float(len(meta.alarms)),
         "failed_ticks": float(sum(metrics.failed_ticks(record).values())),
     }
+    for name, tool in tool_metrics(scenario.robot).items():
+        own = next((one.name for one in meta.tasks if one.tool == tool), "")
+        error = f"{own}.{kind_of(name).removeprefix('tool_').rpartition('_')[0]}"
+        figures[name] = _clearance(scenario, record, tool) if kind_of(name) == "clearance_m" else meta.true_quantity(error)
     return {name: None if figure is None or not np.isfinite(figure) else float(figure) for name, figure in figures.items()}
 
 
-def _clearance(scenario: Scenario, record: Record) -> float | None:
+def _clearance(scenario: Scenario, record: Record, tool: str | None) -> float | None:
+    """Of the whole robot, or of the arm that moves the tool."""
     if not scenario.environment.obstacles:
         return None
     q: Any = record["q"][:: max(1, len(record) // _LOOKS)]
     if not np.isfinite(q).all():
         return None
-    return closest_approach(scenario.robot, scenario.environment, q, floor=False).distance
+    links = None if tool is None else scenario.robot.arm_shapes(tool)
+    return closest_approach(scenario.robot, scenario.environment, q, floor=False, links=links).distance
 
 
 # Distributions of figures of merit.
@@ -223,7 +247,7 @@ def metric_values(table: Any, name: str) -> np.ndarray:
 def distribution_table(table: Any) -> list[dict[str, Any]]:
     """One row per figure that some run has: quantiles over the runs that have it, failed ones too."""
     rows = []
-    for name, meaning in METRICS.items():
+    for name, meaning in metrics_among(table).items():
         values = metric_values(table, name)
         known = values[np.isfinite(values)]
         if known.size:

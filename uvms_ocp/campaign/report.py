@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.campaign import jobs
 from uvms_ocp.campaign.analysis import SILENT, Rate, cause_table, outcome_table, sensitivity_table
-from uvms_ocp.campaign.jobs import COMPLETED, ERROR, KILLED, METRICS, TIME_LIMIT, distribution_table, metric_values
 from uvms_ocp.campaign.store import read_manifest, read_table
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound
@@ -33,7 +33,7 @@ class MetricBound:
 
     def kept(self, table: Any) -> np.ndarray:
         """(n,) whether each run of a table keeps it; one without the figure does not."""
-        values = metric_values(table, self.merit)
+        values = jobs.metric_values(table, self.merit)
         return np.asarray(values < self.limit if self.sign == "<" else values > self.limit)
 
     def __str__(self) -> str:
@@ -46,14 +46,14 @@ def parse_bounds(texts: Sequence[str]) -> tuple[MetricBound, ...]:
 
 
 def _parse(text: str) -> MetricBound:
-    found = re.fullmatch(r"\s*(\w+)\s*([<>])\s*([-+.\deE]+)\s*", text)
+    found = re.fullmatch(r"\s*(\w+(?:\[[^\]]*\])?)\s*([<>])\s*([-+.\deE]+)\s*", text)
     try:
         name, sign, limit = found.groups() if found else ("", "", "")
         value = float(limit)
     except ValueError:
         raise InvalidInput(f"success {text!r}; give a figure, < or > and a number: tool_position_error_m<0.01") from None
-    if name not in METRICS:
-        raise NameNotFound("figure of merit", name, METRICS)
+    if jobs.kind_of(name) not in jobs.METRICS:
+        raise NameNotFound("figure of merit", name, jobs.METRICS)
     return MetricBound(merit=name, sign=sign, limit=value)
 
 
@@ -61,10 +61,12 @@ def judged(table: Any, bounds: Sequence[MetricBound]) -> Any:
     """The table with `success`, and `outcome` of what finished without it, by these bounds; as it is without any."""
     if not bounds:
         return table
+    if unknown := next((bound.merit for bound in bounds if bound.merit not in jobs.metrics_among(table)), None):
+        raise NameNotFound("figure of merit", unknown, jobs.metrics_among(table))
     kept = np.array([bound.kept(table) for bound in bounds])
     finished = table["finished"].fillna(False).to_numpy(dtype=bool)
     success = finished & kept.all(axis=0)
-    outcome = np.where(success, COMPLETED, table["outcome"].to_numpy(dtype=object))
+    outcome = np.where(success, jobs.COMPLETED, table["outcome"].to_numpy(dtype=object))
     missed = finished & ~success
     outcome[missed] = [_missed(bounds, column) for column in kept[:, missed].T]
     return table.assign(success=success, outcome=outcome, cause=np.where(missed, outcome, table["cause"]))
@@ -108,7 +110,7 @@ def report_of(folder: Path, table: Any, success: Sequence[MetricBound]) -> dict[
         "success_text": str(rate),
         "outcomes": outcome_table(table),
         "causes": cause_table(table),
-        "distributions": distribution_table(table),
+        "distributions": jobs.distribution_table(table),
         "sensitivity": sensitivity_table(
             table, [*identity.parameters], indices=identity.sampler == "indices" and len(table) == identity.runs
         ),
@@ -126,7 +128,7 @@ def table_with_success(folder: Path, success: Sequence[MetricBound] = ()) -> Any
         raise InvalidInput(f"{folder}: no run of its campaign is finished yet; start it, or wait a few seconds")
     if missing := [name for name in ("seed", "duration_s", "finished") if name not in table]:
         raise InvalidInput(f"{folder}: its rows have no {missing[0]!r}; give the folder of a campaign of missions")
-    if unknown := sorted({*table["outcome"]} - {*ENDS, ERROR, KILLED, TIME_LIMIT}):
+    if unknown := sorted({*table["outcome"]} - {*ENDS, jobs.ERROR, jobs.KILLED, jobs.TIME_LIMIT}):
         raise InvalidInput(f"{folder}: a run with the outcome {unknown[0][:80]!r}, which no run has; put back what was")
     if (table["success"] & ~table["finished"].fillna(False).astype(bool)).any():
         raise InvalidInput(f"{folder}: a run that did not finish counts as success; put back what was")
@@ -135,7 +137,7 @@ def table_with_success(folder: Path, success: Sequence[MetricBound] = ()) -> Any
 
 def worst_runs(table: Any, folder: Path) -> list[dict[str, Any]]:
     """Ten rows in the order of `WORST_FIRST`, each with the command that repeats it."""
-    merits = np.array([metric_values(table, name) for name in _FINISHED_WORSE]).T
+    merits = np.array([jobs.metric_values(table, name) for name in _FINISHED_WORSE]).T
     keys = list(np.nan_to_num(merits, nan=np.inf).T[::-1])
     order = np.lexsort([-key for key in keys] + [table["success"].to_numpy(dtype=bool)])[:_WORST]
     rows, merits = table.iloc[order], merits[order]
@@ -197,13 +199,13 @@ def _pairs(a: Any, b: Any) -> dict[str, Any]:
         "first_only_runs": a["run"].to_numpy()[lost[:_MOST]].tolist(),
         "second_only_runs": a["run"].to_numpy()[won[:_MOST]].tolist(),
         "p_value": float(binomtest(len(won), discordant).pvalue) if discordant else 1.0,
-        "figures": [row for name in METRICS if (row := _difference(name, a, b))],
+        "figures": [row for name in jobs.metrics_among(a) if (row := _difference(name, a, b))],
     }
 
 
 def _difference(name: str, a: Any, b: Any) -> dict[str, Any] | None:
     """Second less first, of the runs in which both have the figure."""
-    change = metric_values(b, name) - metric_values(a, name)
+    change = jobs.metric_values(b, name) - jobs.metric_values(a, name)
     known = change[np.isfinite(change)]
     if not known.size:
         return None

@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from uvms_ocp.campaign.campaign import Campaign, kept_campaign
 from uvms_ocp.campaign.distributions import SAMPLERS
-from uvms_ocp.campaign.jobs import METRICS, metric_values
+from uvms_ocp.campaign.jobs import metric_values, metrics_among
 from uvms_ocp.campaign.report import MetricBound, compare_campaigns, parse_bounds, report_of, table_with_success
 from uvms_ocp.campaign.store import FILE
 from uvms_ocp.campaign.variations import available_parameters
@@ -165,7 +165,7 @@ def _figures(table: Any, report: dict[str, Any]) -> dict[str, bytes]:
     drawn = {
         "success rate": figures.figure_rate(good, (rate["lower"], rate["upper"])),
         "outcomes": figures.figure_outcomes(report["outcomes"]),
-        "distributions": figures.figure_spread({name: metric_values(table, name) for name in METRICS}, good),
+        "distributions": figures.figure_spread({name: metric_values(table, name) for name in metrics_among(table)}, good),
     }
     for name in ("success", "tool_position_error_m", "duration_s"):
         if any(row["figure"] == name for row in report["sensitivity"]):
@@ -181,7 +181,7 @@ def _print_report(report: dict[str, Any], console: Console) -> None:
     causes = "causes of failure, with the numbers of the run that is named"
     _print_table(console, causes, report["causes"], ("number", "outcome", "cause", "run"))
     spread = ("figure", "least", "5 %", "median", "95 %", "largest")
-    _print_table(console, "distributions", report["distributions"], spread, len(METRICS))
+    _print_table(console, "distributions", report["distributions"], spread, len(report["distributions"]))
     ranked = sorted(report["sensitivity"], key=lambda row: row["pawn_floor"] - row["pawn"])
     own = [row for row in ranked if row["figure"] in ("success", "tool_position_error_m")]
     _print_table(console, "sensitivity", own, _SENSITIVITY)
@@ -211,7 +211,7 @@ def _print_comparison(found: dict[str, Any], console: Console) -> None:
     console.print(f"{text} of two campaigns that succeed equally often", highlight=False)
     columns = ("figure", "pairs", "mean_change", "lower", "upper", "median_change")
     title = "second less first: mean over the pairs with its 95 % interval (lower, upper) by the bootstrap, and median"
-    _print_table(console, title, found["figures"], columns, len(METRICS))
+    _print_table(console, title, found["figures"], columns, len(found["figures"]))
 
 
 @contextmanager

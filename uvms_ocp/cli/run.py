@@ -279,8 +279,8 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
         if errors := "; ".join(_active_errors(phase)):
             console.print(Padding(Text(plain_line(errors), style="dim"), (0, 0, 0, 4)))
     _print_what_went_wrong(console, report)
-    if carried := format_load(report["load"]):
-        console.print(carried)
+    for tool, load in report["loads"].items():
+        console.print(format_load(load, tool))
     resources = _transposed(report["resources"])
     console.print(printing.table_of("resources", resources, tuple(resources[0])))
     times = report["controller_us"]

@@ -22,7 +22,7 @@ from uvms_ocp.robot.thrusters import largest_force
 # How a load at the tool is learnt, and how far the model is trusted meanwhile.
 
 LOAD_FRAME = "tool"
-"""Where the load hangs."""
+"""Where the load hangs of a robot with one tool."""
 
 
 @checked
@@ -57,13 +57,13 @@ class LoadLearning:
                 raise InvalidInput(f"{name} of the load learning = {getattr(self, name)}; give a share of 1 or less")
 
 
-# Net weight and mass of a load from disturbances: an extended Kalman filter of what does not change by itself.
+# Net weight and mass of the load of each tool from disturbances: an extended Kalman filter of what does not change by itself.
 #
-# Beside both it knows the current, whose drag pushes the hull and the arm as the model says, and a lasting force on every axis,
+# Beside these it knows the current, whose drag pushes the hull and the arm as the model says, and a lasting force on every axis,
 # for what the model lacks. A weight is told from these by its moment arm and by the torques of the joints.
 
-WEIGHT, MASS, CURRENT, LASTING = 0, 1, slice(2, 5), 5
-"""Where the state has them."""
+WEIGHT, MASS = 0, 1
+"""Where the state has those of the first tool; the next two are of the second, and so on."""
 _CURRENT_WALK = 0.01  # [m/s] by which the current may change within a second
 LASTING_FORCE = 0.005
 """Force that the model lacks for long on every axis, share of the most that thrusters or motors give there."""
@@ -88,23 +88,23 @@ class LoadSample:
     disturbance: np.ndarray
     """(n_v,) [N, N m] found."""
     weight: np.ndarray
-    """(n_v,) [N, N m] that 1 N of net weight makes of it."""
+    """(n_v, n_tools) [N, N m] that 1 N of net weight makes of it."""
     mass: np.ndarray
-    """(n_v,) [N, N m] that 1 kg makes of it."""
+    """(n_v, n_tools) [N, N m] that 1 kg makes of it."""
     drag: np.ndarray
     """(n_v,) [N, N m] of a current, to which `slopes` times it are to be added."""
     slopes: np.ndarray
     """(n_v, 3) [N s/m, N s]"""
     velocity: np.ndarray
-    """(3,) [m/s] of the tool in W."""
+    """(3, n_tools) [m/s] of the tools in W."""
     usable: np.ndarray
     """(n_v,) whether an axis tells anything."""
 
 
 class LoadFilter:
-    """Kalman filter of a load and the current. Holds its estimate: build one per run."""
+    """Kalman filter of the loads and the current. Holds its estimate: build one per run."""
 
-    def __init__(self, settings: LoadLearning, limit: np.ndarray, bandwidth: np.ndarray) -> None:
+    def __init__(self, settings: LoadLearning, limit: np.ndarray, bandwidth: np.ndarray, n_tools: int = 1) -> None:
         """Limit (n_v,) [N, N m] of thrusters and motors; bandwidth (n_v,) [rad/s] of the observer.
 
         Raises `InvalidInput` for a limit that is none, or nothing.
@@ -114,14 +114,16 @@ class LoadFilter:
         apart = max(1, round(_COLOUR / (float(bandwidth.min()) * settings.period)))
         self._settings, self._last = settings, deque[np.ndarray](maxlen=apart)
         lasting = (LASTING_FORCE * limit) ** 2
-        prior = [settings.weight**2, settings.mass**2, *3 * [settings.current**2]]
+        self.loads, self.current = slice(2 * n_tools), slice(2 * n_tools, 2 * n_tools + 3)
+        """Where the state has weight and mass by turns, and the current."""
+        prior = [*n_tools * [settings.weight**2, settings.mass**2], *3 * [settings.current**2]]
         self._prior = np.concatenate([prior, lasting])
         self._least = (_UNSTEADY * limit) ** 2
         self._variance = self._least.copy()
         self._colour = np.maximum(_COLOUR / bandwidth, _ALIKE) / settings.period
         self._surprised, self._waits, self._heat = 0, 0, _FIRST_NOISE
-        self.x = np.zeros(LASTING + n)
-        """(5 + n_v,) net weight [N], mass [kg], current (3,) [m/s] in W, lasting force (n_v,) [N, N m]."""
+        self.x = np.zeros(self.current.stop + n)
+        """(2 n_tools + 3 + n_v,) net weight [N], mass [kg] by turns, current (3,) [m/s] in W, lasting force (n_v,) [N, N m]."""
         self.P = np.diag(self._prior)
         """Its covariance."""
 
@@ -132,38 +134,33 @@ class LoadFilter:
     def update(self, look: LoadSample) -> None:
         """One look, a period after the last."""
         self._forget()
-        mass = look.mass if self._accelerates(look) else np.zeros_like(look.mass)
-        H = np.column_stack([look.weight, mass, look.slopes, np.eye(len(mass))])
+        mass = np.where(_accelerate(look), look.mass, 0.0)
+        H = np.hstack([np.stack([look.weight, mass], axis=2).reshape(len(mass), -1), look.slopes, np.eye(len(mass))])
         missed = look.disturbance - H @ self.x - look.drag
         self._listen(missed, look.usable)
-        if self._is_another(H, missed, look.usable):
+        self._surprised = self._surprised + 1 if self._surprises(H, missed, look.usable) else 0
+        if self._surprised >= _PATIENCE:
             self._begin_anew()
         if self._waits:
             self._waits -= 1
             return
-        noisy = self._variance + (self._settings.drag * (look.slopes @ look.velocity)) ** 2  # or of drag unlike the model's
-        noise = (1.0 + self._cooled()) * self._colour * noisy + self._unseen(look)
+        # Looks count little until the drag is that of the current there is: its slopes at others mislead for good. Drag that is
+        # not as the model has it, and masses that are not looked at, are noise too.
+        self._heat *= math.exp(-self._settings.period / _COOLING)
+        variance = self._variance + (self._settings.drag * np.abs(look.slopes @ look.velocity).max(axis=1)) ** 2
+        squares = (np.diag(self.P) + self.x**2)[self.loads][MASS::2]
+        noise = (1.0 + self._heat) * self._colour * variance + (look.mass - mass) ** 2 @ squares
         self._correct(H[look.usable], missed[look.usable], noise[look.usable])
-
-    def _accelerates(self, look: LoadSample) -> bool:
-        """Return whether the tool does, by so much that it shows."""
-        return float(np.linalg.norm(look.mass)) > LEAST_ACCELERATION * float(np.linalg.norm(look.weight))
-
-    def _unseen(self, look: LoadSample) -> np.ndarray:
-        """Variance (n_v,) that the mass has as noise, where it is not looked at."""
-        if self._accelerates(look):
-            return np.zeros_like(look.mass)
-        return np.asarray((self.P[MASS, MASS] + self.x[MASS] ** 2) * look.mass**2)
 
     def _forget(self) -> None:
         """The current walks, and the lasting force becomes another."""
         period = self._settings.period
         keep = np.ones(len(self.x))
-        keep[LASTING:] = math.exp(-period / _LASTING_TIME)
+        keep[self.current.stop :] = math.exp(-period / _LASTING_TIME)
         self.x *= keep
         self.P = keep[:, None] * self.P * keep
         self.P[np.diag_indices_from(self.P)] += (1.0 - keep**2) * self._prior
-        self.P[CURRENT, CURRENT] += np.eye(3) * _CURRENT_WALK**2 * period
+        self.P[self.current, self.current] += np.eye(3) * _CURRENT_WALK**2 * period
 
     def _listen(self, missed: np.ndarray, usable: np.ndarray) -> None:
         """To the noise: how what is missed changes within the memory of the observer."""
@@ -173,12 +170,10 @@ class LoadFilter:
             self._variance = np.maximum(self._variance + gain * (square - self._variance), self._least)
         self._last.append(missed)
 
-    def _is_another(self, H: np.ndarray, missed: np.ndarray, usable: np.ndarray) -> bool:
-        """Return whether what was known cannot be true any more, for some looks: another load, or another current."""
+    def _surprises(self, H: np.ndarray, missed: np.ndarray, usable: np.ndarray) -> bool:
+        """Return whether what is known cannot be true any more: another load, or another current."""
         variance = np.einsum("ij,jk,ik->i", H, self.P, H) + self._variance
-        ratio = float(np.mean(missed[usable] ** 2 / variance[usable])) if usable.any() else 0.0
-        self._surprised = self._surprised + 1 if ratio > _SURPRISE**2 else 0
-        return self._surprised >= _PATIENCE
+        return bool(usable.any() and np.mean(missed[usable] ** 2 / variance[usable]) > _SURPRISE**2)
 
     def _begin_anew(self) -> None:
         """Once the observer has come to what there is now."""
@@ -188,17 +183,17 @@ class LoadFilter:
         self.x, self.P = np.zeros_like(self.x), np.diag(self._prior)
         self._last.clear()
 
-    def _cooled(self) -> float:
-        """How little looks count until the drag is that of the current there is: its slopes at others mislead for good."""
-        self._heat *= math.exp(-self._settings.period / _COOLING)
-        return self._heat
-
     def _correct(self, H: np.ndarray, missed: np.ndarray, noise: np.ndarray) -> None:
         S = H @ self.P @ H.T + np.diag(noise)
         K = np.linalg.solve(S, H @ self.P).T
         self.x = self.x + K @ missed
         kept = np.eye(len(self.x)) - K @ H
         self.P = kept @ self.P @ kept.T + K @ np.diag(noise) @ K.T
+
+
+def _accelerate(look: LoadSample) -> np.ndarray:
+    """Whether each tool (n_tools,) does, by so much that it shows."""
+    return np.asarray(np.linalg.norm(look.mass, axis=0) > LEAST_ACCELERATION * np.linalg.norm(look.weight, axis=0))
 
 
 def require_limits(limit: np.ndarray) -> int:
@@ -226,6 +221,8 @@ def require_learnable(robot: Robot, *, observed: bool) -> None:
 
 # What a load at the tool, and a current, add to the generalized force that an observer takes for a disturbance.
 
+COLUMNS = 5
+"""Columns of `response_function` beside the two of each tool."""
 _LEAST_FLOW = 0.1  # [m/s] of drag's slope: that of quadratic drag vanishes in still water, where no step would be the right one
 
 
@@ -243,13 +240,13 @@ ObserverResponse = Callable[[ForceResponse, ca.SX, ca.SX, ca.SX], ForceResponse]
 """`ObserverLaw.response`: a tick later, by the mass matrix, forces (n_v, k) [N, N m], and a share (n_v,) of the bandwidth."""
 
 
-def load_force(body: SymbolicDynamics, q: ca.SX, acceleration: ca.SX) -> ca.SX:
+def load_force(body: SymbolicDynamics, q: ca.SX, acceleration: ca.SX, tool: str = LOAD_FRAME) -> ca.SX:
     """Generalized force (n_v, 2) of 1 N of net weight, and of 1 kg, at q (n_q,) [m, rad].
 
-    acceleration (3,) [m/s2] of the tool in W. A point load of mass m and volume V gives ``J.T (W down - m a)`` with
+    acceleration (3,) [m/s2] of the tool, a frame, in W. A point load of mass m and volume V gives ``J.T (W down - m a)`` with
     the net weight ``W = (m - rho V) g``: what it has of its mass alone shows only where the tool accelerates.
     """
-    J = body.symbolic.forward_kinematics(q).jacobian(LOAD_FRAME)[:3, :]
+    J = body.symbolic.forward_kinematics(q).jacobian(tool)[:3, :]
     gravity = sparse(body.model.gravity.linear)
     return ca.horzcat(J.T @ (gravity / ca.norm_2(gravity)), -J.T @ acceleration)
 
@@ -267,35 +264,34 @@ def current_force(body: SymbolicDynamics, q: ca.SX, v: ca.SX, current: ca.SX) ->
     return ca.horzcat(ca.substitute(drag, flow, current) - slopes @ current, slopes)
 
 
-def tool_function(body: SymbolicDynamics) -> ca.Function:
-    """Function ``q, v -> weight, velocity``: `load_force` of 1 N, and the velocity (3,) [m/s] of the tool in W."""
+def tool_function(body: SymbolicDynamics, tools: Sequence[str] = (LOAD_FRAME,)) -> ca.Function:
+    """Function ``q, v -> weight, velocity``: `load_force` of 1 N, and the velocity [m/s] in W, a column for each of the tools."""
     q, v = ca.SX.sym("q", body.model.nq), ca.SX.sym("v", body.model.nv)
-    velocity = body.symbolic.forward_kinematics(q).jacobian(LOAD_FRAME)[:3, :] @ v
-    weight = load_force(body, q, ca.SX(3, 1))[:, 0]
+    kinematics = body.symbolic.forward_kinematics(q)
+    velocity = ca.horzcat(*(kinematics.jacobian(tool)[:3, :] @ v for tool in tools))
+    weight = ca.horzcat(*(load_force(body, q, ca.SX(3, 1), tool)[:, 0] for tool in tools))
     return ca.Function("tool", [q, v], [ca.densify(weight), velocity], ["q", "v"], ["weight", "velocity"])
 
 
-def response_function(body: SymbolicDynamics, response: ObserverResponse) -> ca.Function:
+def response_function(body: SymbolicDynamics, response: ObserverResponse, tools: Sequence[str] = (LOAD_FRAME,)) -> ca.Function:
     """Function ``q, v, acceleration, current, share, estimate, innovation -> estimate, innovation``.
 
-    The response of the observer to what is put into its estimate and bears no force, to `load_force` and to `current_force`.
+    The response of the observer to what is put into its estimate and bears no force, to `load_force` of each of the tools, whose
+    acceleration is (3, n_tools), and to `current_force`.
     """
-    n, symbol = body.model.nv, ca.SX.sym
-    x = {"q": symbol("q", body.model.nq), "v": symbol("v", n), "acceleration": symbol("acceleration", 3)}
+    n, n_columns, symbol = body.model.nv, COLUMNS + 2 * len(tools), ca.SX.sym
+    x = {"q": symbol("q", body.model.nq), "v": symbol("v", n), "acceleration": symbol("acceleration", 3, len(tools))}
     x |= {"current": symbol("current", 3), "share": symbol("share", n)}
-    before = ForceResponse(estimate=symbol("estimate", n, COLUMNS), innovation=symbol("innovation", n, COLUMNS))
+    before = ForceResponse(estimate=symbol("estimate", n, n_columns), innovation=symbol("innovation", n, n_columns))
     drag = current_force(body, x["q"], x["v"], x["current"])
-    force = ca.horzcat(ca.SX(n, 1), load_force(body, x["q"], x["acceleration"]), drag)
+    loads = [load_force(body, x["q"], x["acceleration"][:, k], tool) for k, tool in enumerate(tools)]
+    force = ca.horzcat(ca.SX(n, 1), *loads, drag)
     after = response(before, body.mass_matrix(x["q"]), force, x["share"])
     outputs = ca.cse([ca.densify(after.estimate), ca.densify(after.innovation)])
     return ca.Function("response", [*x.values(), before.estimate, before.innovation], outputs)
 
 
-COLUMNS = 7
-"""Sizes of `response_function`."""
-
-
-# What the tool carries: learnt tick by tick, told for the record, and carried along with the arm.
+# What the tools carry: learnt tick by tick, told for the record, and carried along with the arm.
 
 _MASS_SHARE = 0.25  # standard error of the mass, share of it, at which this is determined
 _MASS_ERROR = 0.25  # [kg] or that at most: a tool that carries nothing has no share
@@ -317,9 +313,9 @@ class LoadEstimate:
 
 
 @lru_cache(maxsize=8)
-def load_functions(body: SymbolicDynamics, response: ObserverResponse) -> tuple[ca.Function, ca.Function]:
+def load_functions(body: SymbolicDynamics, response: ObserverResponse, tools: tuple[str, ...]) -> tuple[ca.Function, ca.Function]:
     """`tool_function` and `response_function` for a learner, made once; compiled where there is a compiler."""
-    return compile_function(tool_function(body)), compile_function(response_function(body, response))
+    return compile_function(tool_function(body, tools)), compile_function(response_function(body, response, tools))
 
 
 class LoadLearner:
@@ -334,34 +330,34 @@ class LoadLearner:
         response: ObserverResponse,
         settings: LoadLearning,
         *,
+        tools: tuple[str, ...] = (LOAD_FRAME,),
         limit: np.ndarray,
         bandwidth: np.ndarray,
         dt: float,
     ) -> None:
-        """Limit (n_v,) [N, N m] and bandwidth (n_v,) [rad/s] of the observer of the `body`, dt [s] its period."""
-        self._tool, self._response = map(BufferedFunction, load_functions(body, response))
+        """Limit (n_v,) [N, N m] and bandwidth (n_v,) [rad/s] of the observer of the `body`, dt [s] its period; tools: frames."""
+        self._tool, self._response = map(BufferedFunction, load_functions(body, response, tools))
         self._every, self._settling = max(1, round(settings.period / dt)), round(settings.settling / dt)
         self._settings, self._dt, self._limit, n = settings, dt, limit, len(limit)
         # Looks are whole ticks apart.
-        self.filter = LoadFilter(replace(settings, period=self._every * dt), limit, bandwidth)
-        """Filter of the load."""
-        self._estimate, self._innovation = np.zeros((n, COLUMNS)), np.zeros((n, COLUMNS))
-        self._weight, self._velocity = np.zeros(n), np.zeros(3)
-        self._acceleration = np.zeros(3)
+        self.filter = LoadFilter(replace(settings, period=self._every * dt), limit, bandwidth, len(tools))
+        """Filter of the loads."""
+        self._estimate, self._innovation = (np.zeros((n, COLUMNS + 2 * len(tools))) for _ in range(2))
+        self._weight = np.zeros((n, len(tools)))
+        self._velocity = self._acceleration = np.zeros((3, len(tools)))
         self._ticks = 0
         self._free = np.ones(n, dtype=bool)
 
     @property
-    def load(self) -> LoadEstimate:
-        """Return the load at the tool, as far as it is known."""
-        mass, error = float(self.filter.x[MASS]), self.filter.error(MASS)
+    def loads(self) -> tuple[LoadEstimate, ...]:
+        """Return the load at each tool, as far as it is known."""
+        return tuple(self._load(2 * k) for k in range(self._weight.shape[1]))
+
+    def _load(self, place: int) -> LoadEstimate:
+        weight, mass = self.filter.x[place : place + 2].tolist()
+        weight_error, error = self.filter.error(place), self.filter.error(place + 1)
         is_accurate = error <= max(_MASS_ERROR, _MASS_SHARE * abs(mass))
-        return LoadEstimate(
-            weight=float(self.filter.x[WEIGHT]),
-            weight_error=self.filter.error(WEIGHT),
-            mass=mass if is_accurate else float("nan"),
-            mass_error=error,
-        )
+        return LoadEstimate(weight=weight, weight_error=weight_error, mass=mass if is_accurate else np.nan, mass_error=error)
 
     def leave(self, jammed: Sequence[int]) -> None:
         """Axes of v that do not move, and tell nothing."""
@@ -373,13 +369,13 @@ class LoadLearner:
         q (n_q,) [m, rad], v (n_v,) [m/s, rad/s], about to be observed.
         """
         before, was = self._weight, self._velocity
-        self._weight, self._velocity = self._tool(q, v)
+        self._weight, self._velocity = (found.reshape(-1, before.shape[1]) for found in self._tool(q, v))
         # What is no number would never be forgotten.
         follows = self._ticks > 0 and bool(np.isfinite(self._velocity - was).all())
-        self._acceleration = (self._velocity - was) / self._dt if follows else np.zeros(3)
-        is_certain = abs(float(self.filter.x[WEIGHT])) > _CERTAIN * self.filter.error(WEIGHT)
-        if follows and self._settings.feed_forward and is_certain:
-            moved = np.where(self._free, self.filter.x[WEIGHT] * (self._weight - before), 0.0)
+        self._acceleration = (self._velocity - was) / self._dt if follows else np.zeros_like(was)
+        known = [load.weight if abs(load.weight) > _CERTAIN * load.weight_error else 0.0 for load in self.loads]
+        if follows and self._settings.feed_forward and any(known):
+            moved = np.where(self._free, (self._weight - before) @ known, 0.0)
             estimate += moved
             self._estimate[:, 0] += moved
 
@@ -392,26 +388,26 @@ class LoadLearner:
         if not (sure and (np.abs(estimate) < self._limit).all()):
             self._ticks, self._innovation[:] = 0, 0.0
             return
-        current = self.filter.x[CURRENT]
+        current = self.filter.x[self.filter.current]
         given = (q, v, self._acceleration, current, share, self._estimate, self._innovation)
         self._estimate, self._innovation = self._response(*given)
         self._ticks += 1
         if self._ticks > self._settling and self._ticks % self._every == 0:
             self.filter.update(self._look(estimate))
 
-    def telemetry(self) -> dict[str, float]:
-        """For the record [N, N, kg, kg]."""
-        load = self.load
-        return {f"load_{name}": getattr(load, name) for name in load.__slots__}
+    def telemetry(self) -> dict[str, np.ndarray]:
+        """For the record [N, N, kg, kg]: numbers, or of several tools one each."""
+        loads = self.loads
+        return {f"load_{name}": np.squeeze([getattr(load, name) for load in loads]) for name in loads[0].__slots__}
 
     def _look(self, estimate: np.ndarray) -> LoadSample:
-        turned, weight, mass, drag, *slopes = self._estimate.T
+        loads = self._estimate[:, 1:-4]
         return LoadSample(
-            disturbance=estimate - turned,
-            weight=weight,
-            mass=mass,
-            drag=drag,
-            slopes=np.column_stack(slopes),
+            disturbance=estimate - self._estimate[:, 0],
+            weight=loads[:, ::2],
+            mass=loads[:, 1::2],
+            drag=self._estimate[:, -4],
+            slopes=self._estimate[:, -3:],
             velocity=self._velocity,
             usable=self._free,
         )

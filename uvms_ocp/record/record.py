@@ -30,7 +30,8 @@ from uvms_ocp.types import Positive
 
 _AXES = ("x", "x_rate", "x_acceleration", "x_jerk", "x_snap")
 _LOAD = ("load_weight", "load_weight_error", "load_mass", "load_mass_error")
-_COLUMNS = ("altimeter_range", "altimeter_std", "joint_energy", "tick_time", "controller_time", *_LOAD)
+"""(n,) real numbers, or (n, n_tools) of several tools."""
+_COLUMNS = ("altimeter_range", "altimeter_std", "joint_energy", "tick_time", "controller_time")
 """(n,) real numbers."""
 _TABLES = ("q", "v", "command", "activations", "activity", "residual", "quantities", "disturbance", "q_std")
 _PLANT_TABLES = ("thrust", "asked_thrust", "torque", "thruster_energy", "clearance", "current")
@@ -39,7 +40,7 @@ MEASURED: Mapping[str, int] = {
     for channel, width in {"position": 4, "attitude": 5, "linear_velocity": 4, "angular_velocity": 4}.items()
 }
 """Series of readings, each with when it was taken, and how many columns they have; NaN at ticks without a new one."""
-_REAL = (*_COLUMNS, *_TABLES, *_PLANT_TABLES, *_AXES, *MEASURED)
+_REAL = (*_COLUMNS, *_LOAD, *_TABLES, *_PLANT_TABLES, *_AXES, *MEASURED)
 _UNKNOWN = ("thruster_energy", "load_mass", *MEASURED)
 """Where NaN means that it is not known."""
 _ENDLESS = ("altimeter_range", "altimeter_std", "activity", "residual", "quantities")
@@ -90,7 +91,7 @@ def _check_times(t: np.ndarray) -> None:
 
 def _check_kind(name: str, array: np.ndarray, t: np.ndarray) -> None:
     """Raise `InvalidInput` for the wrong shape or type, and for what is not finite but is always known."""
-    allowed = (1,) if name in (*_COLUMNS, "saturated") else (2,) if name in _REAL else (1, 2)
+    allowed = (1,) if name in (*_COLUMNS, "saturated") else (2,) if name in _REAL and name not in _LOAD else (1, 2)
     if array.ndim not in allowed or len(array) != len(t) or array.dtype.kind == "U":
         wanted = f"{len(t)} rows of numbers" if allowed == (2,) else f"numbers for {len(t)} times"
         raise InvalidInput(f"series {name!r} is {array.dtype} of shape {array.shape}; allowed: {wanted}")

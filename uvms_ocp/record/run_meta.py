@@ -47,6 +47,8 @@ class RecordMeta(TableDisplay, meta_values.MetaValue):
     """Joints that turn without end, each (cos, sin) in q; older records lack them. See `joint_positions`."""
     sliding: tuple[str, ...] | None = None
     """Joints that slide, in m and N; all others turn, in rad and N m. `None` in older records, which do not say."""
+    tools: tuple[str, ...] = ()
+    """Frames of the tools, of which the first is also called ``tool``; empty in older records."""
     thrusters: tuple[str, ...] = ()
     """Names in the order of the series ``thrust``; empty in older records."""
     phases: Annotated[tuple[meta_values.PhaseMeta, ...], Field(min_length=1)]

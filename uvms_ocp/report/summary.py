@@ -169,27 +169,27 @@ def _obstruction(record: Record, name: str) -> str:
     return above + (f"; thrusters at their limits {100 * full:.0f} % of the time" if full > 0.05 else "")
 
 
-# What the controller has learnt of the load at the tool.
+# What the controller has learnt of the load at a tool.
 
 
 @checked
-def load_estimate(record: Record) -> dict[str, float | None] | None:
-    """At the end of a run: net weight [N] and mass [kg], with standard errors; `None` where nothing was to be learnt.
+def load_estimates(record: Record) -> dict[str, dict[str, float | None]]:
+    """By tool at the end of a run: net weight [N] and mass [kg], with standard errors; empty where nothing was to be learnt.
 
     The mass is `None` while it is undetermined.
     """
     if "load_weight" not in record.series:
-        return None
+        return {}
     units = {"weight": "n", "weight_error": "n", "mass": "kg", "mass_error": "kg"}
-    return {f"{name}_{unit}": metrics.none_if_nan(float(record[f"load_{name}"][-1])) for name, unit in units.items()}
+    last = {f"{name}_{unit}": np.atleast_1d(record[f"load_{name}"][-1]).tolist() for name, unit in units.items()}
+    rows = zip(record.meta.tools or ("tool",), *last.values(), strict=False)
+    return {tool: dict(zip(last, map(metrics.none_if_nan, values), strict=True)) for tool, *values in rows}
 
 
-def format_load(load: dict[str, float | None] | None) -> str:
-    """In words; load [N, kg]: a `load_estimate`. Empty where nothing was to be."""
-    if load is None:
-        return ""
+def format_load(load: dict[str, float | None], tool: str) -> str:
+    """In words; load [N, kg]: one of `load_estimates`."""
     mass = "undetermined" if load["mass_kg"] is None else f"{load['mass_kg']:.2f} kg +- {load['mass_error_kg']:.2f}"
-    return f"load at the tool: net weight {load['weight_n']:.1f} N +- {load['weight_error_n']:.1f}, mass {mass}"
+    return f"load at {tool}: net weight {load['weight_n']:.1f} N +- {load['weight_error_n']:.1f}, mass {mass}"
 
 
 # How each sensor fared in a run.
@@ -278,7 +278,8 @@ def _figures(record: Record) -> dict[str, Any]:
         "noise": meta.noise,
         "faults": [fault.model_dump() for fault in meta.faults],
         "sensor_health": sensor_health(record),
-        "load": load_estimate(record),
+        "load": next(iter((loads := load_estimates(record)).values()), None),
+        "loads": loads,
         "alarms": [alarm.model_dump() for alarm in meta.alarms],
         "tool_position_error_m": metrics.none_if_nan(meta.true_quantity(f"{task}.position_error")),
         "tool_orientation_error_rad": metrics.none_if_nan(meta.true_quantity(f"{task}.orientation_error")),

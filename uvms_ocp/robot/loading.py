@@ -284,7 +284,7 @@ def robot_meta(robot: Robot) -> dict[str, Any]:
         place = None if urdf is None or urdf == library else _shared(urdf, Path.cwd())
         files = RobotFilesMeta(urdf=place, description=known.model_dump_json(exclude_defaults=True))
     kinds = {"endless": robot.endless_joints, "sliding": tuple(joint.name for joint in robot.joints if joint.slides)}
-    return {"robot": robot.name, "robot_files": files, "joints": robot.joint_names, **kinds}
+    return {"robot": robot.name, "robot_files": files, "joints": robot.joint_names, "tools": robot.tools, **kinds}
 
 
 def _shared(path: Path, here: Path) -> str:

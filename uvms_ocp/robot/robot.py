@@ -226,6 +226,12 @@ class Robot:
         """Frames of the tools, of several arms one each; the first is the frame ``tool``."""
         return tools_of(self.description) or ((TOOL,) if self.has_frame(TOOL) else ())
 
+    @checked_on_failure
+    def arm_shapes(self, tool: str) -> tuple[str, ...]:
+        """Names of the collision shapes on the joints that move a tool, a frame. Raises `FrameNotFound`."""
+        joints = [*self.model.supports[self.model.frames[self.frame_id(tool)].parentJoint]][2 if self.n_vehicle else 1 :]
+        return tuple(shape.name for shape in self.collision_model.geometryObjects if shape.parentJoint in joints)
+
     @property
     def vehicle_v(self) -> slice:
         """The vehicle's part of v."""

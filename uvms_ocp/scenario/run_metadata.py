@@ -19,6 +19,7 @@ from uvms_ocp.mission import Condition, Mission
 from uvms_ocp.record import meta_values
 from uvms_ocp.record.run_meta import RunMeta, packages
 from uvms_ocp.robot.loading import robot_meta
+from uvms_ocp.robot.roles import TOOL
 from uvms_ocp.robot.shapes.obstacles import describe_obstacles
 from uvms_ocp.robot.signals import IDEAL_SENSORS
 from uvms_ocp.scenario.preflight.checks import quantity_stds
@@ -84,7 +85,8 @@ def run_meta(
     alarms, problem = sorted([*monitor.alarms, *controller.watchdog.alarms]), controller.problem
     rows, limited = zip(problem.names, problem.sizes, strict=True), meta_values.LimitsMeta.model_fields
     allowed = partial(quantity_stds, setup, ending.q)
-    tools = {task.name: task.frame for task in tasks if isinstance(task, (ToolPose, ToolPosition))}
+    named = {TOOL: robot.tools[0]} if len(robot.tools) > 1 else {}
+    tools = {task.name: named.get(task.frame, task.frame) for task in tasks if isinstance(task, (ToolPose, ToolPosition))}
     return RunMeta(
         scenario=name,
         **robot_meta(robot),

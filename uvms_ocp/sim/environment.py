@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated
 
@@ -144,10 +144,12 @@ def closest_approach(
     self_collision: bool = False,
     floor: bool = True,
     spacing: Positive = 0.25,
+    links: Sequence[str] | None = None,
 ) -> ClosestApproach:
     """The closest approach of the whole robot to the floor and all obstacles over configurations q (n, n_q) [m, rad].
 
-    floor: count it, which a robot that has landed touches. spacing [m] of the mesh for a floor that is not flat.
+    floor: count it, which a robot that has landed touches. spacing [m] of the mesh for a floor that is not flat. links: names of
+    the shapes that count, as of an arm (`Robot.arm_shapes`), all by default. Raises `InvalidInput` for others.
     """
     require_normalized(robot.model, q)
     track = q[:, :2] if robot.n_vehicle else np.zeros((len(q), 2))
@@ -157,7 +159,7 @@ def closest_approach(
         x, y = (0.5 * (low + high)).tolist()
         extent = float((high - low).max())
         obstacles.append(floor_obstacle(environment.seafloor, centre=(x, y), extent=extent, spacing=spacing))
-    model = CollisionModel(robot, obstacles, self_collision=self_collision)
+    model = CollisionModel(robot, obstacles, self_collision=self_collision, links=links)
     distances = np.array([model.values(row) for row in q]).reshape(len(q), model.n_pairs)
     if not distances.size:
         return ClosestApproach(distance=np.inf, row=0, pair="")

@@ -7,16 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uvms_ocp.control.payload import (
-    CURRENT,
-    LASTING_FORCE,
-    LEAST_ACCELERATION,
-    MASS,
-    WEIGHT,
-    LoadFilter,
-    LoadLearning,
-    LoadSample,
-)
+from uvms_ocp.control.payload import LASTING_FORCE, LEAST_ACCELERATION, MASS, WEIGHT, LoadFilter, LoadLearning, LoadSample
 from uvms_ocp.errors import InvalidInput
 
 SETTINGS = LoadLearning()
@@ -35,11 +26,11 @@ def look(
     drag = SLOPES @ np.broadcast_to(flow, 3)
     return LoadSample(
         disturbance=weight * column + mass * resists + drag,
-        weight=column,
-        mass=resists,
+        weight=column[:, None],
+        mass=resists[:, None],
         drag=np.zeros(6),
         slopes=SLOPES,
-        velocity=np.zeros(3),
+        velocity=np.zeros((3, 1)),
         usable=np.ones(6, dtype=bool),
     )
 
@@ -55,7 +46,7 @@ def test_a_weight_is_told_from_a_current_by_its_arm() -> None:
     flow = np.array([0.2, -0.1, 0.05])
     found = fed([look(weight=20.0, flow=flow, turn=np.sin(0.05 * k)) for k in range(300)])
     assert abs(found.x[WEIGHT] - 20.0) < 2.0 * found.error(WEIGHT) < 3.0
-    np.testing.assert_allclose(found.x[CURRENT], flow, atol=0.03)
+    np.testing.assert_allclose(found.x[found.current], flow, atol=0.03)
 
 
 def test_at_rest_the_mass_stays_as_unknown_as_it_was() -> None:
@@ -73,6 +64,19 @@ def test_accelerations_below_the_least_are_noise() -> None:
 def test_accelerations_tell_the_mass() -> None:
     found = fed([look(weight=20.0, mass=2.0, acceleration=np.sin(0.3 * k)) for k in range(300)])
     assert abs(found.x[MASS] - 2.0) < 2.0 * found.error(MASS) < 1.0
+
+
+def test_loads_of_two_tools_are_told_apart_by_their_arms() -> None:
+    """Of which one alone accelerates: the mass of the other stays unknown."""
+    found = LoadFilter(SETTINGS, LIMIT, BANDWIDTH, 2)
+    for k in range(300):
+        first, second = look(weight=20.0, mass=2.0, acceleration=np.sin(0.3 * k)), look(weight=0.0, turn=1.5)
+        disturbance = first.disturbance - 8.0 * second.weight[:, 0]
+        weight, mass = np.hstack([first.weight, second.weight]), np.hstack([first.mass, second.mass])
+        found.update(replace(first, disturbance=disturbance, weight=weight, mass=mass, velocity=np.zeros((3, 2))))
+    for place, true in enumerate((20.0, 2.0, -8.0)):
+        assert abs(found.x[place] - true) < 2.0 * found.error(place) < 4.0
+    assert found.error(3) == pytest.approx(SETTINGS.mass)
 
 
 def test_another_load_is_learnt_as_if_nothing_had_been_known() -> None:

@@ -33,24 +33,29 @@ def scene(robot: Robot, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return q, 0.3 * rng.normal(size=robot.n_v), 0.5 * rng.normal(size=robot.n_v)
 
 
-def tool_acceleration(robot: Robot, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+def tool_acceleration(robot: Robot, q: np.ndarray, v: np.ndarray, a: np.ndarray, tool: str) -> np.ndarray:
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q, v, a)
-    frame = robot.frame_id(LOAD_FRAME)
+    frame = robot.frame_id(tool)
     return pin.getFrameClassicalAcceleration(robot.model, data, frame, pin.LOCAL_WORLD_ALIGNED).linear
 
 
+TOOLS = [*((name, LOAD_FRAME) for name in ROBOTS), ("bluerov2_two_alpha5", "starboard_tool")]
+
+
 @pytest.mark.parametrize(("mass", "volume"), [(2.0, 0.0), (3.0, 1e-3), (1.0, 4e-3)])
-@pytest.mark.parametrize("name", ROBOTS)
-def test_a_load_changes_the_dynamics_by_its_weight_and_by_what_its_mass_resists(name: str, mass: float, volume: float) -> None:
+@pytest.mark.parametrize(("name", "tool"), TOOLS)
+def test_a_load_changes_the_dynamics_by_its_weight_and_by_what_its_mass_resists(
+    name: str, tool: str, mass: float, volume: float
+) -> None:
     robot, plain = load_robot(name), dynamics(name)
-    body = TrimBody(name="load", link=LOAD_FRAME, position=(0.0, 0.0, 0.0), mass=mass, volume=volume)
+    body = TrimBody(name="load", link=tool, position=(0.0, 0.0, 0.0), mass=mass, volume=volume)
     heavy = robot_dynamics(with_trim(robot, [body]))
     gravity = float(np.linalg.norm(robot.model.gravity.linear))
     weight = (mass - robot.description.water_density * volume) * gravity
     for seed in range(3):
         q, v, a = scene(robot, seed)
-        columns = load_force(plain.symbolic, ca.SX(q), ca.SX(tool_acceleration(robot, q, v, a)))
+        columns = load_force(plain.symbolic, ca.SX(q), ca.SX(tool_acceleration(robot, q, v, a, tool)), tool)
         pushed = np.array(ca.DM(columns)) @ [weight, mass]
         lacking = plain.inverse_dynamics(q, v, a) - heavy.inverse_dynamics(q, v, a)
         np.testing.assert_allclose(pushed, lacking, atol=1e-9 * np.abs(lacking).max())
@@ -74,7 +79,7 @@ def test_an_observer_answers_forces_as_its_response_says() -> None:
     observe, response = observer_function(law, model, robot), response_function(model.symbolic, law.response)
     tool = ca.Function("tool", [x := ca.SX.sym("q", robot.n_q)], [load_force(model.symbolic, x, ca.SX(3, 1))[:, 0]])
     (q, v, _), ones, zeros = scene(robot, 5), np.ones(robot.n_v), np.zeros(3)
-    known, answer = [np.zeros(robot.n_v), v, 1.0], 2 * [np.zeros((robot.n_v, COLUMNS))]
+    known, answer = [np.zeros(robot.n_v), v, 1.0], 2 * [np.zeros((robot.n_v, COLUMNS + 2))]
     for _ in range(400):
         push = 5.0 * np.array(tool(q)).ravel()
         tau = model.inverse_dynamics(q, v, -0.5 * v) - push

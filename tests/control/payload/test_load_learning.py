@@ -113,6 +113,19 @@ def test_the_record_has_the_load_and_the_report_tells_it(runs: dict[str, Record]
     assert summarize(runs["none"])["load"] is None
 
 
+@pytest.mark.slow
+def test_two_tools_have_a_load_each() -> None:
+    found = reach(robot="bluerov2_two_alpha5", learn_load=True, faults=("payload2:mass=1@0",), duration=5.0).run()
+    report = summarize(found)
+    assert found["load_weight"].shape == (len(found), 2)
+    assert found.to_dataframe().columns.isin(["load_weight.port_tool", "load_weight.starboard_tool"]).sum() == 2
+    assert [*report["loads"]] == ["port_tool", "starboard_tool"]
+    assert report["load"] == report["loads"]["port_tool"]
+    for tool, weight in (("port_tool", 0.0), ("starboard_tool", 9.81)):
+        load = report["loads"][tool]
+        assert abs(load["weight_n"] - weight) < 2.0 * load["weight_error_n"] < 6.0
+
+
 def test_pre_flight_says_what_is_learnt_and_where_nothing_can_be() -> None:
     def said(**options: object) -> list[str]:
         return [item.text for item in reach(learn_load=True, **options).check().findings if item.check == "load"]
@@ -171,7 +184,7 @@ def test_a_measurement_that_is_no_number_is_forgotten() -> None:
             learner.learn(q, v, estimate, share, True)
     assert np.isfinite(estimate).all()
     assert np.isfinite(learner.filter.x).all()
-    assert learner.load.weight_error < 2.0
+    assert learner.loads[0].weight_error < 2.0
 
 
 def test_what_cannot_be_learnt_is_refused() -> None:

@@ -203,8 +203,9 @@ def _learner(laws: ForceLaws, settings: LoadLearning) -> LoadLearner:
     observer = laws.observer
     require_learnable(laws.robot, observed=observer is not None)
     assert observer is not None
-    limit, bandwidth, dt = observer.limit, observer.bandwidth, observer.dt
-    return LoadLearner(laws.velocity.dynamics, observer.response, settings, limit=limit, bandwidth=bandwidth, dt=dt)
+    tools, limit, bandwidth, dt = laws.robot.tools, observer.limit, observer.bandwidth, observer.dt
+    body = laws.velocity.dynamics
+    return LoadLearner(body, observer.response, settings, tools=tools, limit=limit, bandwidth=bandwidth, dt=dt)
 
 
 def _per_axis(robot: Robot, vehicle: float, joints: float) -> np.ndarray:

@@ -19,20 +19,9 @@ from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
 from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.codegen.compile import c_macros, compile_function, constants_of, external_function
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.solvers.hierarchy import tolerances
+from uvms_ocp.solvers.hierarchy import solution, tolerances
 from uvms_ocp.solvers.hierarchy.active_set_numpy import STATUSES, RowState, solve_levels
 from uvms_ocp.solvers.hierarchy.level import Level
-from uvms_ocp.solvers.hierarchy.solution import (
-    Solution,
-    Tick,
-    TickResult,
-    check_levels_function,
-    dense,
-    dense_inputs,
-    dense_outputs,
-    solve_stacked,
-    timed_solution,
-)
 from uvms_ocp.solvers.hierarchy.tolerances import iteration_budget
 from uvms_ocp.types import Array
 
@@ -80,7 +69,7 @@ def _codes(codes: Mapping[str, int]) -> str:
 
 # A bound active-set solver: one function of the levels and the solver in C, or in NumPy.
 
-_result = unchecked_constructor(TickResult)
+_result = unchecked_constructor(solution.TickResult)
 
 
 class ActiveSetTick:
@@ -98,7 +87,7 @@ class ActiveSetTick:
         """Forget the active set: the next tick starts cold."""
         self._active_set[:] = 0.0
 
-    def adopt(self, *inputs: Array) -> Callable[[], TickResult]:
+    def adopt(self, *inputs: Array) -> Callable[[], solution.TickResult]:
         """The call with these arrays, (m,) or (m, n) [any], as they are then, without copies. No other call comes after it."""
         if self._tick is None:
             return partial(self, *inputs)
@@ -110,26 +99,26 @@ class ActiveSetTick:
         """True if the whole tick is one Function with the solver in C."""
         return self._tick is not None
 
-    def __call__(self, *inputs: ArrayLike) -> TickResult:
+    def __call__(self, *inputs: ArrayLike) -> solution.TickResult:
         """Raises `InvalidInput` for a wrong number or shape of inputs."""
         start = perf_counter()
         if self._tick is None:
             return self._in_numpy(inputs, start)
         return self._finish(self._tick(*inputs, self._active_set), start)
 
-    def _evaluated(self, tick: BufferedFunction) -> TickResult:
+    def _evaluated(self, tick: BufferedFunction) -> solution.TickResult:
         """Evaluate with the adopted inputs."""
         start = perf_counter()
         tick.evaluate()
         return self._finish([result.copy() for result in tick.results], start)
 
-    def _finish(self, results: Sequence[Array], start: float) -> TickResult:
+    def _finish(self, results: Sequence[Array], start: float) -> solution.TickResult:
         v, active_set, report, missed, *extras = results
         self._active_set[:] = active_set
         status = STATUSES[int(report[0])]
         return _result(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)
 
-    def _in_numpy(self, inputs: Sequence[ArrayLike], start: float) -> TickResult:
+    def _in_numpy(self, inputs: Sequence[ArrayLike], start: float) -> solution.TickResult:
         J, lower, upper, _, _, gate, *extras = self._levels(*inputs)
         found = solve_levels(J.reshape(-1, self._width), lower, upper, gate, self._active_set, self._sizes)
         self._active_set[:] = found.active_set
@@ -156,16 +145,16 @@ class LexicographicActiveSet:
     """False keeps to NumPy."""
 
     @checked_on_failure
-    def solve(self, levels: Sequence[Level]) -> Solution:
+    def solve(self, levels: Sequence[Level]) -> solution.Solution:
         """Solve from a cold start. Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
-        return timed_solution(levels, partial(solve_stacked, self._bind_cold))
+        return solution.timed_solution(levels, partial(solution.solve_stacked, self._bind_cold))
 
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> ActiveSetTick:
         """One Function of ``levels_function`` and the solver; outputs beyond the six of ``Level`` are extras."""
-        check_levels_function(levels_function, sizes)
+        solution.check_levels_function(levels_function, sizes)
         if self.compiled:
             levels_function = compile_function(levels_function)
-        return ActiveSetTick(self.function(levels_function, sizes), dense(levels_function), sizes)
+        return ActiveSetTick(self.function(levels_function, sizes), solution.dense(levels_function), sizes)
 
     def core(self, n: int, sizes: Sequence[int]) -> ca.Function | None:
         """(J, lower, upper, gate, active set) -> v, active set, report, residual, in machine code; None where that cannot be.
@@ -174,10 +163,10 @@ class LexicographicActiveSet:
         """
         return _core(n, tuple(sizes)) if self.compiled else None
 
-    def _bind_cold(self, levels_function: ca.Function, sizes: Sequence[int]) -> Tick:
+    def _bind_cold(self, levels_function: ca.Function, sizes: Sequence[int]) -> solution.Tick:
         tick = self.bind(levels_function, sizes)
 
-        def cold(*inputs: ArrayLike) -> TickResult:
+        def cold(*inputs: ArrayLike) -> solution.TickResult:
             tick.reset()
             return tick(*inputs)
 
@@ -192,8 +181,8 @@ class LexicographicActiveSet:
         core = self.core(levels_function.size2_out(0), sizes)
         if core is None:
             return None
-        inputs, names = dense_inputs(levels_function), levels_function.name_in()
-        J, lower, upper, _, _, gate, *extras = dense_outputs(levels_function, inputs)
+        inputs, names = solution.dense_inputs(levels_function), levels_function.name_in()
+        J, lower, upper, _, _, gate, *extras = solution.dense_outputs(levels_function, inputs)
         active = ca.MX.sym("active_set", J.shape[0])
         outputs = [*core(J, lower, upper, gate, active), *extras]
         labels = ["v", "active_set_out", "report", "residual", *(f"extra_{i}" for i in range(len(extras)))]

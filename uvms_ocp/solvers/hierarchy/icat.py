@@ -17,21 +17,11 @@ from numpy.typing import ArrayLike
 from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
 from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.solvers.hierarchy import tolerances
+from uvms_ocp.solvers.hierarchy import solution, tolerances
 from uvms_ocp.solvers.hierarchy.level import Level, residual, row_slices, stack
-from uvms_ocp.solvers.hierarchy.solution import (
-    Solution,
-    Status,
-    Tick,
-    TickResult,
-    check_levels_function,
-    dense_inputs,
-    dense_outputs,
-    timed_solution,
-)
 from uvms_ocp.types import Array, Positive, Shape
 
-_result = unchecked_constructor(TickResult)
+_result = unchecked_constructor(solution.TickResult)
 
 
 @checked
@@ -51,15 +41,15 @@ class Icat:
     """[rate^2/velocity^2] Cost of motion that the levels above have already used up."""
 
     @checked_on_failure
-    def solve(self, levels: Sequence[Level]) -> Solution:
+    def solve(self, levels: Sequence[Level]) -> solution.Solution:
         """Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
-        return timed_solution(levels, self._of_levels)
+        return solution.timed_solution(levels, self._of_levels)
 
-    def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> Tick:
+    def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> solution.Tick:
         """``levels_function`` is evaluated in CasADi, the fold in NumPy."""
-        check_levels_function(levels_function, sizes)
-        inputs = dense_inputs(levels_function)
-        function = ca.Function("levels", inputs, dense_outputs(levels_function, inputs))
+        solution.check_levels_function(levels_function, sizes)
+        inputs = solution.dense_inputs(levels_function)
+        function = ca.Function("levels", inputs, solution.dense_outputs(levels_function, inputs))
         return _IcatTick(self, BufferedFunction(function), tuple(sizes), levels_function.size2_out(0))
 
     @checked_on_failure
@@ -84,7 +74,7 @@ class Icat:
                 rho, Q = self._step(rho, Q, J[rows], rate[rows], activation[rows])
         return rho
 
-    def _of_levels(self, levels: Sequence[Level]) -> tuple[Array, Status]:
+    def _of_levels(self, levels: Sequence[Level]) -> tuple[Array, solution.Status]:
         rows = stack(levels)
         return _guarded(self, rows.jacobian, rows.rate, rows.activation, rows.sizes)
 
@@ -111,13 +101,13 @@ class Icat:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def _guarded(solver: Icat, J: Array, rate: Array, activation: Array, sizes: Sequence[int]) -> tuple[Array, Status]:
+def _guarded(solver: Icat, J: Array, rate: Array, activation: Array, sizes: Sequence[int]) -> tuple[Array, solution.Status]:
     """Solve as `Icat.velocity` for any numbers: v is 0 where they are invalid or the result is not finite."""
     # Comparisons with NaN are false.
     valid = (np.abs(J) < tolerances.LARGEST).all() and np.isfinite(rate).all() and np.isfinite(activation).all()
     v = solver.velocity(J, rate, activation, sizes) if valid else np.full(J.shape[1], np.inf)
     sound = bool((np.abs(v) < tolerances.ENDLESS).all())
-    return (v, Status.REGULARISED) if sound else (np.zeros(len(v)), Status.INVALID_INPUT)
+    return (v, solution.Status.REGULARISED) if sound else (np.zeros(len(v)), solution.Status.INVALID_INPUT)
 
 
 class _IcatTick:
@@ -126,7 +116,7 @@ class _IcatTick:
     def __init__(self, solver: Icat, function: BufferedFunction, sizes: tuple[int, ...], n: int) -> None:
         self._solver, self._function, self._sizes, self._n = solver, function, sizes, n
 
-    def __call__(self, *inputs: ArrayLike) -> TickResult:
+    def __call__(self, *inputs: ArrayLike) -> solution.TickResult:
         start = perf_counter()
         J, lower, upper, rate, activation, gate, *extras = self._function(*inputs)
         J = J.reshape(-1, self._n)
