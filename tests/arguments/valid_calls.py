@@ -758,6 +758,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "Record.load": lambda: {"path": RECORDS / "run_v0_1.npz"},
     "Residual": lambda: {"value": ca.SX.sym("y", 1), "lower": np.zeros(1), "upper": np.zeros(1)},
     "Robot": lambda: fields_of(robot()),
+    "Robot.arm_shapes": lambda: {"tool": "tool"},
     "Robot.frame_id": lambda: {"name": "tool"},
     "Robot.joint": lambda: {"name": "joint1"},
     "Robot.with_water_density": lambda: {"density": 1000.0},
