@@ -1,7 +1,11 @@
-"""Robots and solvers of the registries command the same in any world and by any clock: laws over their products."""
+"""Robots and solvers of the registries command the same in any world, by any clock and however rows are written: their laws."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import fields, replace
+
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -13,7 +17,7 @@ from uvms_ocp.robot.loading import list_robots
 from uvms_ocp.robot.signals import StateEstimate
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.tasks import HorizontalAttitude, JointLimits, MinimumAltitude, ToolPosition, VehiclePose
-from uvms_ocp.tasks.task import Task
+from uvms_ocp.tasks.task import Rows, Task, TickSymbols
 
 DT, TICKS, STATUSES = 0.02, 25, tuple(Status)
 CASES = {  # X_NW of the new world N, and by how much [s] its clock is ahead
@@ -26,21 +30,52 @@ CASES = {  # X_NW of the new world N, and by how much [s] its clock is ahead
 START, GOAL = uo.pose_at((0.0, 0.0, -5.0), (0.0, 0.1, 0.7)), uo.pose_at((0.4, -0.3, -5.2), (0.0, 0.0, -2.9))
 
 
-def mission(robot: uo.Robot, X_NW: pin.SE3, tool: np.ndarray) -> uo.Mission:
+def as_it_is(task: Task) -> Task:
+    return task
+
+
+def extended(task: Task, more: Callable[[Rows, Task], Rows]) -> Task:
+    """The task with more rows."""
+    kind = type(task)
+
+    def rows(self: Task, symbols: TickSymbols, parameters: ca.SX) -> Rows:
+        return more(kind.rows(self, symbols, parameters), self)
+
+    wide = object.__new__(type(kind.__name__, (kind,), {"rows": rows}))
+    for one in fields(task):  # type: ignore[arg-type]
+        object.__setattr__(wide, one.name, getattr(task, one.name))
+    return wide
+
+
+_ROWS = ("jacobian", "rate", "lower", "upper", "activation")
+
+
+def with_a_row_of_zeros(own: Rows, task: Task) -> Rows:
+    """Which no motion changes, and which asks for nothing."""
+    zero = {name: ca.SX(1, getattr(own, name).shape[1]) for name in _ROWS}
+    zero |= {"activation": ca.SX.ones(1)} if task.equality else {"upper": ca.SX.inf(1)}
+    return replace(own, **{name: ca.vertcat(getattr(own, name), added) for name, added in zero.items()})
+
+
+def with_its_last_row_twice(own: Rows, task: Task) -> Rows:
+    return replace(own, **{name: ca.vertcat(getattr(own, name), getattr(own, name)[-1, :]) for name in _ROWS})
+
+
+def mission(robot: uo.Robot, X_NW: pin.SE3, tool: np.ndarray, changed: Callable[[Task], Task]) -> uo.Mission:
     tasks: list[Task] = [JointLimits()]
     if robot.n_vehicle:
         tasks += [MinimumAltitude()] if robot.description.altimeter else []
         tasks += [HorizontalAttitude(), VehiclePose(goal=X_NW * GOAL)]
     if robot.n_joints and robot.tools:
         tasks.append(ToolPosition(goal=pin.SE3(np.eye(3), X_NW.act(tool))))
-    tasks = tasks if robot.n_joints else tasks[1:]
+    tasks = [changed(task) for task in (tasks if robot.n_joints else tasks[1:])]
     last = tasks[-1].name
     end = uo.Transition(to=uo.DONE, when=(uo.Below(quantity=f"{last}.position_error", limit=1e-9),))
     phase = uo.Phase(name="go", activations={task.name: 1.0 for task in tasks}, transitions=(end,))
     return uo.Mission(hierarchy=uo.Hierarchy(tasks), phases=(phase,))
 
 
-def commands(robot: uo.Robot, solver: str, X_NW: pin.SE3, ahead: float) -> np.ndarray:
+def commands(robot: uo.Robot, solver: str, X_NW: pin.SE3, ahead: float, changed: Callable[[Task], Task] = as_it_is) -> np.ndarray:
     """(n, n_v) [m/s, rad/s] on the way, until the solver calls one inexact; a fixed base is its own world."""
     here = X_NW if robot.n_vehicle else pin.SE3.Identity()
     q = robot.configuration(position=(0.0, 0.0, 0.0)).copy() if robot.n_vehicle else robot.configuration().copy()
@@ -51,7 +86,7 @@ def commands(robot: uo.Robot, solver: str, X_NW: pin.SE3, ahead: float) -> np.nd
         there[:7] = pin.SE3ToXYZQUAT(START) if robot.n_vehicle else there[:7]
         pin.framesForwardKinematics(robot.model, data, there)
         tool = data.oMf[robot.frame_id(robot.tools[0])].translation + np.array([0.2, 0.1, -0.05])
-    control = KinematicController(robot=robot, mission=mission(robot, here, tool), solver=SOLVERS[solver](), dt=DT)
+    control = KinematicController(robot=robot, mission=mission(robot, here, tool, changed), solver=SOLVERS[solver](), dt=DT)
     v, rows = np.zeros(robot.n_v), []
     for k in range(TICKS):
         echo = q[2] + 20.0 if robot.n_vehicle else np.nan
@@ -77,3 +112,23 @@ def test_the_same_is_commanded_in_any_world_and_by_any_clock(name: str, solver: 
         exact = 1e-4 if solver == "lexqp" else 1e-6  # a cascade of QPs, each solved to a tolerance that the next inherits
         allowed = exact + 50.0 * np.spacing(ahead)  # velocities change by 1 m/s2 and more within the resolution of a clock
         assert np.abs(found[:n] - usual[:n]).max() <= allowed, case
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize(
+    ("name", "more"),
+    [
+        ("girona_maris7_full", with_a_row_of_zeros),
+        ("bluerov2_six_alpha5", with_a_row_of_zeros),
+        ("bluerov2_six_alpha5", with_its_last_row_twice),
+        ("planar5", with_its_last_row_twice),
+    ],
+)
+def test_rows_that_ask_for_nothing_new_change_nothing(name: str, solver: str, more: Callable[[Rows, Task], Rows]) -> None:
+    """In every task at once."""
+    robot, here = uo.load_robot(name), pin.SE3.Identity()
+    usual, found = (commands(robot, solver, here, 0.0, changed) for changed in (as_it_is, lambda task: extended(task, more)))
+    n = min(len(found), len(usual))
+    assert n >= (5 if solver == "lexqp" else TICKS)
+    assert np.abs(usual).max() > 0.01
+    np.testing.assert_allclose(found[:n], usual[:n], atol={"lexqp": 1e-4, "icat": 1e-2}.get(solver, 1e-6))
