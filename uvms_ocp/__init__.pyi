@@ -26,6 +26,7 @@ from .mission.phase import Below as Below
 from .mission.phase import Phase as Phase
 from .mission.phase import Transition as Transition
 from .mission_plan.planner import plan_mission as plan_mission
+from .progress import show_progress as show_progress
 from .record.meta_values import DONE as DONE
 from .record.record import Record as Record
 from .report.summary import summarize as summarize

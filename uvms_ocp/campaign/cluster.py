@@ -18,6 +18,7 @@ from uvms_ocp.campaign.jobs import CampaignJob
 from uvms_ocp.campaign.store import CampaignManifest, arrow, opened
 from uvms_ocp.codegen.compile import warn_if_slower
 from uvms_ocp.errors import InvalidInput, OutputError, optional_module
+from uvms_ocp.progress import progress_bar, show_progress
 from uvms_ocp.record.tables import CAMPAIGN_EXTRA
 from uvms_ocp.types import Range
 
@@ -25,7 +26,8 @@ from uvms_ocp.types import Range
 
 
 def dask_setup(worker: Any) -> None:
-    """Set a worker up, called by Dask: interrupts go past this process."""
+    """Set a worker up, called by Dask: interrupts go past this process, and its runs show no bars."""
+    show_progress(False)
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
@@ -123,9 +125,15 @@ def run_jobs(
         client = None if scheduler is None else held.enter_context(connected(scheduler, workers))
         folder = held.enter_context(opened(out, identity, sources or {}))
 
+        begun, total = int(np.sum(folder.finished)), len(folder.finished)
+        bar = held.enter_context(progress_bar(shown=progress is None, unit="run", initial=begun, total=total))
+
         def report_progress() -> None:
+            done = int(np.sum(folder.finished))
+            bar.set_postfix(failed=folder.failed, refresh=False)
+            bar.update(done - bar.n)
             if progress is not None:
-                progress(int(np.sum(folder.finished)), folder.failed, len(folder.finished))
+                progress(done, folder.failed, total)
 
         report_progress()
         if len(folder.left):

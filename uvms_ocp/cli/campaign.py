@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from uvms_ocp.campaign.campaign import Campaign, kept_campaign
 from uvms_ocp.campaign.distributions import SAMPLERS
@@ -20,7 +19,6 @@ from uvms_ocp.campaign.store import FILE
 from uvms_ocp.campaign.variations import available_parameters
 from uvms_ocp.cli import INTERRUPTED, printing
 from uvms_ocp.cli import options as opt
-from uvms_ocp.cli.compilation import show_compilation
 from uvms_ocp.cli.run import run_and_write
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.record.durable_files import write_durably
@@ -100,8 +98,8 @@ def campaign(
         )
         folder = out or opt.default_folder(("campaign", opt.label(what)), options)
         _require_fit(wanted, force, console)
-        with _interruptible(folder, console), _progress_bar(console) as advance:
-            wanted.run(folder, workers=workers, scheduler=scheduler, time_limit=time_limit, progress=advance)
+        with _interruptible(folder, console):
+            wanted.run(folder, workers=workers, scheduler=scheduler, time_limit=time_limit)
         found = _write_report(folder, bounds, console)
     if as_json:
         printing.print_json(found)
@@ -116,7 +114,7 @@ def _repeat(folder: Path, run: int, out: Path, console: Console) -> dict[str, An
 
 
 def _require_fit(wanted: Campaign, force: bool, console: Console) -> None:
-    with console.status("looking over the mission") as status, show_compilation(status.update):
+    with printing.busy(console, "looking over the mission"):
         preflight = wanted.work.base().check()
     printing.require_accepted(preflight, "the mission itself", console, force=force)
 
@@ -212,26 +210,3 @@ def _print_comparison(found: dict[str, Any], console: Console) -> None:
     columns = ("figure", "pairs", "mean_change", "lower", "upper", "median_change")
     title = "second less first: mean over the pairs with its 95 % interval (lower, upper) by the bootstrap, and median"
     _print_table(console, title, found["figures"], columns, len(found["figures"]))
-
-
-@contextmanager
-def _progress_bar(console: Console) -> Iterator[Callable[[int, int, int], None]]:
-    """Done, failed, rate and time left, on one line."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=24),
-        TextColumn("{task.fields[failed]} failed, {task.fields[rate]}"),
-        TimeElapsedColumn(),
-        TextColumn("left:"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("starting", total=None, failed=0, rate="-")
-
-        def advance(done: int, failed: int, total: int) -> None:
-            speed = bar.tasks[0].finished_speed or bar.tasks[0].speed
-            rate = "-" if not speed else f"{speed:.3g} runs/s" if speed >= 1 else f"{60 * speed:.3g} runs/min"
-            done_of = f"{done} of {total} runs"
-            bar.update(task, description=done_of, completed=done, total=total, failed=failed, rate=rate)
-
-        yield advance

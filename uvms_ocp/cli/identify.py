@@ -9,9 +9,8 @@ import numpy as np
 import typer
 
 from uvms_ocp.cli import NOT_COMPLETED
-from uvms_ocp.cli.compilation import show_compilation
 from uvms_ocp.cli.options import Json, folder
-from uvms_ocp.cli.printing import console_of, print_json, print_line, print_paths, table_of
+from uvms_ocp.cli.printing import busy, console_of, print_json, print_line, print_paths, table_of
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification import ExperimentLimits, Noise, Rollout, check_data_quality, stage_of, write_recording
 from uvms_ocp.identification.calibration import Calibration, calibrate
@@ -113,8 +112,8 @@ def identify(
     found = split_at_gaps(read_recordings(recordings, mapping))
     console = console_of()
     with claim_folder(out, _names(len(found), profiles, leave_one_out)) as claim:
-        with console.status("identifying") as status, show_compilation(status.update):
-            voices = {"progress": status.update, "warn": lambda doubt: print_line(console, f"doubtful: {doubt}")}
+        with busy(console, "identifying") as show:
+            voices = {"progress": show, "warn": lambda doubt: print_line(console, f"doubtful: {doubt}")}
             result = calibrate(subject, given, found, profiled=profiles, leave_one_out=leave_one_out, **voices)
         with claim.staged() as staging:
             _write(result, [one.name for one in found], staging)
@@ -172,7 +171,7 @@ def excite(
     noise, joints = Noise(**given.noise.model_dump()), tuple(subject.robot.home.tolist())
     wanted = ExperimentTask(vehicle=subject.vehicle, limits=limits, duration=duration, noise=noise, joints=joints)
     with claim_folder(out, [COMMANDS, EXCITE_REPORT]) as claim:
-        with console.status("designing") as status, show_compilation(status.update):
+        with busy(console, "designing"):
             found = design_experiment(wanted, Rollout(stage_of(subject.vehicle)), DesignSettings(seed=seed))
         text = excitation_text(found, subject.vehicle.actuators.names)
         with claim.staged() as staging:

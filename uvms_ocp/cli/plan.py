@@ -13,7 +13,7 @@ from rich.console import Console
 
 from uvms_ocp.cli import INTERRUPTED, NOT_COMPLETED
 from uvms_ocp.cli import options as opt
-from uvms_ocp.cli.printing import console_of, print_json, print_paths, table_of
+from uvms_ocp.cli.printing import busy, console_of, print_json, print_paths, table_of
 from uvms_ocp.cli.run import draw_all, drawings_of
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.interrupts import Interrupted
@@ -151,8 +151,8 @@ def make_and_write_plan(make: Callable[[Progress], PlanOutput], out: Path, as_js
     """
     console, missing = console_of(stderr=as_json), list[str]()
     with claim_folder(out, (*_FILES, *(f"figures/{name}.png" for name in _figures()))) as claim:
-        with console.status("planning") as status:
-            made = make(lambda text: status.update(plain_line(f"planning: {text}")))
+        with busy(console, "planning") as show:
+            made = make(lambda text: show(plain_line(f"planning: {text}")))
         with claim.staged() as staging:
             kept = made.write(staging)
         if made.record is not None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,10 @@ from typing import Any
 from rich.console import Console, ConsoleOptions
 from rich.table import Table
 
+from uvms_ocp.cli.compilation import show_compilation
 from uvms_ocp.cli.json_output import print_json as print_json
 from uvms_ocp.errors import InvalidInput, plain_line
+from uvms_ocp.progress import no_progress
 from uvms_ocp.record.display import cell as cell
 from uvms_ocp.scenario.preflight.setup import PreflightReport, Severity
 
@@ -24,6 +27,13 @@ _BESIDE = 3  # that a column takes beside its own
 def console_of(*, stderr: bool = False) -> Console:
     """A console that takes names for text: no markup, no emoji."""
     return Console(stderr=stderr, markup=False, emoji=False)
+
+
+@contextmanager
+def busy(console: Console, text: str) -> Iterator[Callable[[str], None]]:
+    """Inside one line on a terminal tells what is done, what is being compiled, and what the function that it gives is told."""
+    with console.status(text) as status, no_progress(), show_compilation(status.update):
+        yield status.update
 
 
 def print_paths(console: Console, paths: Iterable[Path]) -> None:

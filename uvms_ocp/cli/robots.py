@@ -12,9 +12,8 @@ from rich.table import Table
 
 from uvms_ocp.cli import BAD_INPUT
 from uvms_ocp.cli import options as opt
-from uvms_ocp.cli.compilation import show_compilation
 from uvms_ocp.cli.new_mission import TEMPLATES, NewMission, loading_line, variations_text
-from uvms_ocp.cli.printing import cell, console_of, print_json, print_line, print_paths
+from uvms_ocp.cli.printing import busy, cell, console_of, print_json, print_line, print_paths
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.export.controller import export_controller
 from uvms_ocp.record.output import as_output_errors
@@ -196,6 +195,6 @@ def controller(
     """Write the whole controller as C source that needs libm only, with a recorded run to compare with."""
     options = opt.given(plant=plant, robot=robot, **files.options)
     console = console_of()
-    with console.status("running the scenario once") as status, show_compilation(status.update):
+    with busy(console, "running the scenario once"):
         paths = export_controller(opt.build_scenario(scenario, options), out)
     print_paths(console, paths)

@@ -19,14 +19,11 @@ from typing import Annotated, Any, cast
 import typer
 from rich.console import Console
 from rich.padding import Padding
-from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as ProgressBar
 from rich.table import Table
 from rich.text import Text
 
 from uvms_ocp.cli import INTERRUPTED, NOT_COMPLETED, printing
 from uvms_ocp.cli import options as opt
-from uvms_ocp.cli.compilation import show_compilation
 from uvms_ocp.errors import InvalidInput, OutputError, plain_line
 from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.mission_plan.planner import MissionPlan
@@ -36,7 +33,6 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.record.row_files import META
 from uvms_ocp.report.summary import format_load, summarize
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import Command
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.faults import parse_faults
 from uvms_ocp.sim.loop import TickObserver
@@ -102,7 +98,6 @@ def _attempt(name: str, draw: Job) -> str:
 Follow = Annotated[
     Path | None, typer.Option(metavar="PLAN", help="Plan of this mission, of `plan mission`; the hierarchy takes over.")
 ]
-_PROGRESS_EVERY = 40  # ticks between two updates of the progress bar
 
 
 def run(
@@ -209,35 +204,13 @@ def _watched(scenario: Scenario, console: Console) -> Iterator[TickObserver]:
 def _simulate(
     scenario: Scenario, plan: MissionPlan | None, console: Console, observer: TickObserver | None, folder: Path
 ) -> Record:
-    """Run with a progress bar that names the phase and what it waits for; what is compiled before."""
-    with _bar(console) as bar:
-        task = bar.add_task("", total=scenario.duration, waiting="")
-        with show_compilation(lambda text: bar.update(task, description=text)):
-            controller = scenario.controller() if plan is None else plan.controller(scenario)
-
-            def show(t: float, command: Command) -> None:
-                if round(t / scenario.dt) % _PROGRESS_EVERY == 0 or command.finished:
-                    phase = scenario.mission.all_phases[controller.kinematic.state.phase]
-                    waiting = "complete" if command.finished else plain_line(controller.kinematic.pending())
-                    done = scenario.duration if command.finished else t
-                    bar.update(task, completed=done, description=_title(phase.name, phase.title), waiting=waiting)
-
-            try:
-                return scenario.run(show, controller, observer, folder)
-            except Interrupted as stop:
-                return cast(Record, stop.result)
-
-
-@contextmanager
-def _bar(console: Console) -> Iterator[ProgressBar]:
-    columns = (
-        TextColumn("{task.description:<14}", style="bold", markup=False),
-        BarColumn(bar_width=24),
-        TimeElapsedColumn(),
-        TextColumn("{task.fields[waiting]}", markup=False),
-    )
-    with ProgressBar(*columns, console=console, disable=not console.is_terminal) as bar:
-        yield bar
+    """What is compiled before is told."""
+    with printing.busy(console, "building the controller"):
+        controller = scenario.controller() if plan is None else plan.controller(scenario)
+    try:
+        return scenario.run(None, controller, observer, folder)
+    except Interrupted as stop:
+        return cast(Record, stop.result)
 
 
 _RECORD = "record.npz"

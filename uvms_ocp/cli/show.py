@@ -16,8 +16,7 @@ from rich.console import Console
 
 from uvms_ocp.cli import BAD_INPUT
 from uvms_ocp.cli import options as opt
-from uvms_ocp.cli.compilation import show_compilation
-from uvms_ocp.cli.printing import console_of, print_findings, print_json, print_paths, table_of
+from uvms_ocp.cli.printing import busy, console_of, print_findings, print_json, print_paths, table_of
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.mission_plan.planner import MissionPlan
 from uvms_ocp.ocp.plan import Plan
@@ -92,7 +91,7 @@ def _given(words: str) -> Record | Scenario:
 def _record(words: str, given: Record | Scenario, console: Console) -> Record:
     if isinstance(given, Record):
         return given
-    with console.status(f"running {plain_line(words, 60)}") as status, show_compilation(status.update):
+    with busy(console, f"running {plain_line(words, 60)}"):
         return given.run()
 
 

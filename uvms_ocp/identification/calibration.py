@@ -26,6 +26,7 @@ from uvms_ocp.identification.sample_checks import QualityIssue
 from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, with_delays
 from uvms_ocp.identification.validation import HeldOutRecording, Profile, StaticBalance, profiles, static_baseline
 from uvms_ocp.identification.validation import leave_one_out as left_out
+from uvms_ocp.progress import progress_bar
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.thrusters import thrust_limits, thrust_of_signals, thruster_matrix
 
@@ -311,10 +312,10 @@ def calibrate(
     *,
     profiled: bool = False,
     leave_one_out: bool = False,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str], None] | None = None,
     warn: Callable[[str], None] = lambda _: None,
 ) -> Calibration:
-    """Identify; with profiles and leave-one-out, which take longer, if wanted; progress gets a line at each step.
+    """Identify; with profiles and leave-one-out, which take longer, if wanted. progress: gets a line at each step, not a bar.
 
     warn gets every issue before anything is searched. Recordings with silences are cut there.
     Raises InvalidInput for no recordings, one alone to be left out, equal names, a channel that is missing, or a current that is
@@ -341,33 +342,35 @@ def calibrate(
             warn(doubtful[-1])
     vehicle, noise = subject.vehicle, Noise(**settings.noise.model_dump())
     rollout = Rollout(stage_of(vehicle, sharp=True))
-    search = Search(step=settings.step, stretch=settings.stretch, progress=progress)
-    known: dict[str, Any] = {"vehicle": vehicle, "prepared": prepared, "noise": noise, "rollout": rollout}
-    fitted = FitContext(**known, search=search, estimate=search_fit(vehicle, prepared, noise, rollout, search))
-    residuals = fitted.residuals()
-    left = Predicted.joined(list(residuals.values()))
-    inflation, constants = uncertainty.variance_inflation(left, fitted.noise), tuple[HeldConstant, ...]()
-    if not at_once and fitted.estimate.status is FitStatus.CONVERGED and len(fitted.estimate.shared):
-        progress("what constants would change")
-        estimate, constants = held_constants(fitted, settings, inflation)
-        fitted = replace(fitted, estimate=estimate)
-    white = uncertainty.whiteness(left, fitted.noise)
-    identified = uncertainty.explained_by(white, uncertainty.numbers(subject.vehicle, fitted.estimate, inflation))
-    balance = StaticBalance.of(subject.vehicle)
-    return Calibration(
-        subject=subject,
-        estimate=fitted.estimate,
-        exported=exported_estimate(fitted, inflation),
-        numbers=identified,
-        open=uncertainty.unidentifiable_directions(subject.vehicle, fitted.estimate, inflation),
-        inflation=inflation,
-        whiteness=white,
-        comparisons=tuple(_comparison(fitted, balance, one, residuals[one.recording.name]) for one in prepared),
-        issues=tuple(doubtful),
-        constants=constants,
-        profiles=tuple(profiles(fitted, identified, inflation, progress)) if profiled else (),
-        left_out=tuple(left_out(fitted, progress=progress)) if leave_one_out else (),
-    )
+    with progress_bar(shown=progress is None, bar_format="{elapsed} {desc}") as bar:
+        progress = progress or bar.set_description_str
+        search = Search(step=settings.step, stretch=settings.stretch, progress=progress)
+        known: dict[str, Any] = {"vehicle": vehicle, "prepared": prepared, "noise": noise, "rollout": rollout}
+        fitted = FitContext(**known, search=search, estimate=search_fit(vehicle, prepared, noise, rollout, search))
+        residuals = fitted.residuals()
+        left = Predicted.joined(list(residuals.values()))
+        inflation, constants = uncertainty.variance_inflation(left, fitted.noise), tuple[HeldConstant, ...]()
+        if not at_once and fitted.estimate.status is FitStatus.CONVERGED and len(fitted.estimate.shared):
+            progress("what constants would change")
+            estimate, constants = held_constants(fitted, settings, inflation)
+            fitted = replace(fitted, estimate=estimate)
+        white = uncertainty.whiteness(left, fitted.noise)
+        identified = uncertainty.explained_by(white, uncertainty.numbers(subject.vehicle, fitted.estimate, inflation))
+        balance = StaticBalance.of(subject.vehicle)
+        return Calibration(
+            subject=subject,
+            estimate=fitted.estimate,
+            exported=exported_estimate(fitted, inflation),
+            numbers=identified,
+            open=uncertainty.unidentifiable_directions(subject.vehicle, fitted.estimate, inflation),
+            inflation=inflation,
+            whiteness=white,
+            comparisons=tuple(_comparison(fitted, balance, one, residuals[one.recording.name]) for one in prepared),
+            issues=tuple(doubtful),
+            constants=constants,
+            profiles=tuple(profiles(fitted, identified, inflation, progress)) if profiled else (),
+            left_out=tuple(left_out(fitted, progress=progress)) if leave_one_out else (),
+        )
 
 
 def with_thrust(robot: Robot, recording: Recording) -> Recording:

@@ -31,6 +31,7 @@ from uvms_ocp.robot import IDEAL_SENSORS, Command, Robot, SensorSpecs, State, St
 from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.scenario.preflight.checks import check_mission
 from uvms_ocp.scenario.preflight.setup import PreflightReport, Setup
+from uvms_ocp.scenario.run_bar import run_bar
 from uvms_ocp.scenario.run_metadata import RunOutcome, computed_or, run_meta
 from uvms_ocp.sim import own_parts
 from uvms_ocp.sim.environment import Environment
@@ -293,10 +294,11 @@ class Scenario(FieldTable):
     ) -> Record:
         """Simulate until the mission is complete or `duration` is over.
 
-        controller: by default a fresh one. observer: called at every tick, see `uvms_ocp.viz.scene.live.live`. folder: a new one,
-        to which rows go every two seconds in place of memory, and whose series are mapped by the record; whatever ends the
-        program, `Record.load` opens it. Ctrl-C, or the stop of a notebook's cell, raises `Interrupted`, whose `result` is the
-        record so far.
+        progress: told of every tick, in place of a bar where somebody looks (`uvms_ocp.progress`). controller: by default a fresh
+        one. observer: called at every tick, see `uvms_ocp.viz.scene.live.live`. folder: a new one, to
+        which rows go every two seconds in place of memory, and whose series are mapped by the record; whatever ends the program,
+        `Record.load` opens it. Ctrl-C, or the stop of a notebook's cell, raises `Interrupted`, whose `result` is the record so
+        far.
 
         Raises `OutputError` where the folder cannot be written, and `InvalidInput` for more ticks than fit into memory.
         """
@@ -306,7 +308,7 @@ class Scenario(FieldTable):
             plant, sensors = own_parts.inject_faults(self, self._plant(), self._sensors())
         parts: dict[str, Any] = {"plant": plant, "sensors": sensors, "estimator": estimator, "controller": controller}
         presses: list[object] = []
-        with on_interrupt(presses.append):
+        with on_interrupt(presses.append), run_bar(self, controller, progress) as progress:
             record = self._recorded(parts | {"progress": progress, "observer": observer}, presses, folder)
         if presses:
             raise Interrupted(f"stopped by hand at t = {record['t'][-1]:g} s", record)

@@ -1,0 +1,79 @@
+"""Bars tell how far long work is where somebody looks, and nowhere else."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import redirect_stderr
+from dataclasses import replace
+from functools import partial
+from io import StringIO
+
+import pytest
+from tqdm.auto import tqdm
+
+import uvms_ocp as uo
+from uvms_ocp.cli.printing import busy, console_of
+from uvms_ocp.progress import progress_bar
+from uvms_ocp.scenario import case1
+
+SHORT = replace(case1(), duration=1.0)
+
+
+class Terminal(StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def shown_by_a_run(monkeypatch: pytest.MonkeyPatch, silent: float) -> str:
+    monkeypatch.setattr("uvms_ocp.scenario.run_bar._SILENT", silent)
+    monkeypatch.setattr("uvms_ocp.progress._tqdm", lambda: partial(tqdm, mininterval=0.0))  # however fast the run is
+    with redirect_stderr(Terminal()) as terminal:
+        assert len(SHORT.run()["t"]) > 100
+    return terminal.getvalue()
+
+
+def test_a_run_shows_its_phase_and_what_that_waits_for_and_nothing_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = shown_by_a_run(monkeypatch, silent=0.0)
+    assert SHORT.mission.phases[0].name in shown
+    assert " not < " in shown
+    assert shown.endswith("\r")
+    assert shown.split("\r")[-2].strip() == ""
+
+
+def test_a_run_that_is_over_soon_shows_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert shown_by_a_run(monkeypatch, silent=60.0) == ""
+
+
+def test_who_is_given_every_tick_shows_it_alone() -> None:
+    ticks = list[float]()
+    with redirect_stderr(Terminal()) as terminal:
+        SHORT.run(lambda t, _: ticks.append(t))
+    assert len(ticks) > 100
+    assert terminal.getvalue() == ""
+
+
+def test_one_call_turns_bars_off_and_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    try:
+        uo.show_progress(False)
+        assert shown_by_a_run(monkeypatch, silent=0.0) == ""
+    finally:
+        uo.show_progress()
+    assert shown_by_a_run(monkeypatch, silent=0.0)
+
+
+def test_so_does_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TQDM_DISABLE", "1")
+    assert shown_by_a_run(monkeypatch, silent=0.0) == ""
+
+
+def test_beside_a_line_of_a_command_there_is_none() -> None:
+    with redirect_stderr(Terminal()):
+        with busy(console_of(), "working"):
+            assert progress_bar().disable
+        assert not progress_bar().disable
+
+
+@pytest.mark.parametrize("stream", [StringIO(), None], ids=["file", "none"])
+def test_where_output_is_redirected_there_is_none(stream: StringIO | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stderr", stream)
+    assert progress_bar().disable
