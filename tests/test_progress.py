@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from contextlib import redirect_stderr
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from functools import partial
 from io import StringIO
@@ -25,8 +25,8 @@ class Terminal(StringIO):
 
 
 def shown_by_a_run(monkeypatch: pytest.MonkeyPatch, silent: float) -> str:
-    monkeypatch.setattr("uvms_ocp.scenario.run_bar._SILENT", silent)
-    monkeypatch.setattr("uvms_ocp.progress._tqdm", lambda: partial(tqdm, mininterval=0.0))  # however fast the run is
+    monkeypatch.setattr("uvms_ocp.scenario.scenario._SILENT", silent)
+    monkeypatch.setattr("tqdm.auto.tqdm", partial(tqdm, mininterval=0.0))  # however fast the run is
     with redirect_stderr(Terminal()) as terminal:
         assert len(SHORT.run()["t"]) > 100
     return terminal.getvalue()
@@ -67,7 +67,7 @@ def test_so_does_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_beside_a_line_of_a_command_there_is_none() -> None:
-    with redirect_stderr(Terminal()):
+    with redirect_stdout(Terminal()), redirect_stderr(Terminal()):
         with busy(console_of(), "working"):
             assert progress_bar().disable
         assert not progress_bar().disable

@@ -5,9 +5,6 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
-from functools import cache
 from typing import Any
 
 from uvms_ocp.checks import checked
@@ -24,27 +21,17 @@ def show_progress(shown: bool = True) -> None:
     _wanted[:] = [shown]
 
 
-@contextmanager
-def no_progress() -> Iterator[None]:
-    """Inside no bars are begun: somebody else tells what happens."""
-    before, _wanted[:] = list(_wanted), [False]
-    try:
-        yield
-    finally:
-        _wanted[:] = before
-
-
 def progress_bar(*, shown: bool = True, **given: Any) -> Any:
-    """Return a bar of tqdm, of which nothing stays; disabled unless shown, and where nobody looks. given: see `tqdm.tqdm`."""
-    notebook = type(sys.stderr).__module__.startswith("ipykernel")
-    looked_at = sys.stderr is not None and (notebook or sys.stderr.isatty())
-    wanted = _wanted[0] and os.environ.get("TQDM_DISABLE", "0") in ("", "0")
-    return _tqdm()(disable=not (shown and wanted and looked_at), leave=False, dynamic_ncols=True, **given)
+    """Return a bar of tqdm, of which nothing stays; disabled unless shown, and where nobody looks. given: see `tqdm.tqdm`.
 
+    Beside a display of Rich, which then tells what happens, there is none.
+    """
+    from rich.file_proxy import FileProxy
 
-@cache
-def _tqdm() -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # in notebooks without ipywidgets bars are lines of text
         from tqdm.auto import tqdm
-    return tqdm
+    wanted = shown and _wanted[0] and os.environ.get("TQDM_DISABLE", "0") in ("", "0")
+    notebook = type(sys.stderr).__module__.startswith("ipykernel")
+    terminal = sys.stderr is not None and sys.stderr.isatty() and not isinstance(sys.stderr, FileProxy)
+    return tqdm(disable=not wanted or not (notebook or terminal), leave=False, dynamic_ncols=True, **given)

@@ -17,16 +17,6 @@ from uvms_ocp.errors import InvalidInput
 _LOGGER = logging.getLogger("uvms_ocp.codegen.compile")
 
 
-class _CompilationHandler(logging.Handler):
-    def __init__(self, show: Callable[[str], None]) -> None:
-        super().__init__(logging.INFO)
-        self._show = show
-
-    def emit(self, record: logging.LogRecord) -> None:
-        if record.levelno < logging.WARNING:
-            self._show(record.getMessage())
-
-
 class _Warnings(logging.Handler):
     """Lines for stderr; where that is no terminal they wait, and progress is none of them."""
 
@@ -51,13 +41,19 @@ class _Warnings(logging.Handler):
 @contextmanager
 def show_compilation(show: Callable[[str], None]) -> Iterator[None]:
     """Inside, `tell` is given what is being compiled, in a few words."""
-    before, handler = _LOGGER.level, _CompilationHandler(show)
-    _LOGGER.addHandler(handler)
+
+    def look(record: logging.LogRecord) -> bool:
+        if record.levelno < logging.WARNING:
+            show(record.getMessage())
+        return True
+
+    before = _LOGGER.level
+    _LOGGER.addFilter(look)
     _LOGGER.setLevel(logging.INFO)
     try:
         yield
     finally:
-        _LOGGER.removeHandler(handler)
+        _LOGGER.removeFilter(look)
         _LOGGER.setLevel(before)
 
 

@@ -15,7 +15,6 @@ from rich.table import Table
 from uvms_ocp.cli.compilation import show_compilation
 from uvms_ocp.cli.json_output import print_json as print_json
 from uvms_ocp.errors import InvalidInput, plain_line
-from uvms_ocp.progress import no_progress
 from uvms_ocp.record.display import cell as cell
 from uvms_ocp.scenario.preflight.setup import PreflightReport, Severity
 
@@ -32,7 +31,7 @@ def console_of(*, stderr: bool = False) -> Console:
 @contextmanager
 def busy(console: Console, text: str) -> Iterator[Callable[[str], None]]:
     """Inside one line on a terminal tells what is done, what is being compiled, and what the function that it gives is told."""
-    with console.status(text) as status, no_progress(), show_compilation(status.update):
+    with console.status(text) as status, show_compilation(status.update):
         yield status.update
 
 

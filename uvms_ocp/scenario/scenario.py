@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -17,13 +18,14 @@ from uvms_ocp.checks import checked, finite_array
 from uvms_ocp.control import DynamicController, LoadLearning, VelocityGains
 from uvms_ocp.control.external import SupervisedController
 from uvms_ocp.control.velocity.kinematic import Guide, HierarchySolver, KinematicController
-from uvms_ocp.errors import InvalidInput
+from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.interrupts import Interrupted, on_interrupt, raised_outside_casadi
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import MissionState
+from uvms_ocp.progress import progress_bar
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.record.record import Record, Recorder
 from uvms_ocp.record.run_meta import RunMeta
@@ -31,7 +33,6 @@ from uvms_ocp.robot import IDEAL_SENSORS, Command, Robot, SensorSpecs, State, St
 from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.scenario.preflight.checks import check_mission
 from uvms_ocp.scenario.preflight.setup import PreflightReport, Setup
-from uvms_ocp.scenario.run_bar import run_bar
 from uvms_ocp.scenario.run_metadata import RunOutcome, computed_or, run_meta
 from uvms_ocp.sim import own_parts
 from uvms_ocp.sim.environment import Environment
@@ -47,6 +48,8 @@ from uvms_ocp.types import DAY, Count
 # What makes the parts of one scenario's runs: `scenario.controller()`, `scenario.estimator()`.
 
 _OURS = (KinematicController, DynamicController)
+_SILENT = 2.0  # [s] that a run may take without a bar
+_BAR_EVERY, _BAR_TEXT = 40, 60  # ticks between two looks at the mission; letters, whatever a phase is called
 
 
 class MissionController(Protocol):
@@ -308,11 +311,26 @@ class Scenario(FieldTable):
             plant, sensors = own_parts.inject_faults(self, self._plant(), self._sensors())
         parts: dict[str, Any] = {"plant": plant, "sensors": sensors, "estimator": estimator, "controller": controller}
         presses: list[object] = []
-        with on_interrupt(presses.append), run_bar(self, controller, progress) as progress:
+        with on_interrupt(presses.append), self._bar(progress, controller.kinematic) as progress:
             record = self._recorded(parts | {"progress": progress, "observer": observer}, presses, folder)
         if presses:
             raise Interrupted(f"stopped by hand at t = {record['t'][-1]:g} s", record)
         return record
+
+    @contextmanager
+    def _bar(self, progress: Progress | None, kinematic: KinematicController) -> Iterator[Progress | None]:
+        """Inside what is yielded is to get every tick: `progress` if given, or else a bar where somebody looks."""
+        layout = "{elapsed} |{bar}| {desc}"
+        with progress_bar(shown=progress is None, total=self.duration, delay=_SILENT, bar_format=layout) as bar:
+
+            def show(t: float, command: Command) -> None:
+                if round(t / self.dt) % _BAR_EVERY == 0:
+                    phase = self.mission.all_phases[kinematic.state.phase]
+                    text = plain_line(f"{phase.name} {phase.title}: {kinematic.pending()}", _BAR_TEXT)
+                    bar.set_description_str(text.ljust(_BAR_TEXT), refresh=False)
+                    bar.update(t - bar.n)
+
+            yield progress if bar.disable else show
 
     def _recorded(self, parts: Mapping[str, Any], presses: Sequence[object], folder: Path | str | None) -> Record:
         """Simulate with these parts, and sum up; presses: one for each Ctrl-C."""
