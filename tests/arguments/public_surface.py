@@ -70,7 +70,7 @@ def _calls(thing: Any) -> Iterator[Call]:
 
 
 def _call(title: str, function: Callable[..., Any], owner: type | None) -> Iterator[Call]:
-    parameters = dict(inspect.signature(function).parameters)
+    parameters = dict(inspect.signature(inspect.unwrap(function)).parameters)  # its own, without what completion is shown
     parameters.pop("self", None)
     if parameters:
         yield Call(title=title, function=function, owner=owner, parameters=parameters)

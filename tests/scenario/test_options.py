@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import MISSING, fields
 from functools import cache
 
@@ -101,3 +102,11 @@ def test_options_need_nothing_that_has_a_default() -> None:
     assert not [item.name for item in fields(RunOptions) if item.default is MISSING and item.default_factory is MISSING]
     alone, named = RunOptions(), run_options({})
     assert (alone.robot, alone.seabed) == (named.robot, named.seabed)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_signatures_name_the_options_of_all_scenarios(name: str) -> None:
+    parameters = inspect.signature(SCENARIOS[name]).parameters
+    assert {each.name for each in fields(RunOptions)} <= set(parameters)
+    assert "options" not in parameters
+    assert all(each.kind is each.KEYWORD_ONLY for each in parameters.values())

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from inspect import Signature, signature
+from typing import Any
 
 from uvms_ocp.scenario.cases.bluerov import bluerov_inspection as bluerov_inspection
 from uvms_ocp.scenario.cases.bluerov import reach as reach
@@ -22,5 +24,17 @@ _ALL = (
     *(case1, case1_unreachable, case2, priority_swap, two_targets, current_drift),
     *(bluerov_inspection, obstacle_field, reach, transit),
 )
+
+
+def _signature_of(scenario: Callable[..., Any]) -> Signature:
+    """With the options of all scenarios in the place of ``**options``, for help and completion."""
+    own, shared = signature(scenario), signature(RunOptions).parameters
+    kept = [each for each in own.parameters.values() if each.kind is not each.VAR_KEYWORD]
+    more = [each.replace(default=None) for name, each in shared.items() if name not in own.parameters]
+    return own.replace(parameters=[*kept, *more])
+
+
+for _scenario in _ALL:
+    vars(_scenario)["__signature__"] = _signature_of(_scenario)
 SCENARIOS: dict[str, Callable[..., Scenario]] = {scenario.__name__: scenario for scenario in _ALL}
 """Scenarios by the name that the command line knows."""
