@@ -245,7 +245,7 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     for phase in report["phases"]:
         times = (f"{phase['start_s']:.2f}", f"{phase['end_s']:.2f}")
         energy = printing.cell(phase["energy_j"])
-        table.add_row(_title(phase["name"], phase["title"]), *times, energy, f"{phase['path_length_m']:.2f}")
+        table.add_row(plain_line(f"{phase['name']} {phase['title']}", 40), *times, energy, f"{phase['path_length_m']:.2f}")
     console.print(table)
     for phase in report["phases"]:  # why it ended and, indented below, the errors at its end
         console.print(Text(plain_line(f"{phase['name']} ended: {phase['reason']}")))
@@ -282,10 +282,6 @@ def _print_what_went_wrong(console: Console, report: dict[str, Any]) -> None:
         if row["first_s"] is not None:  # a channel that was not always good
             spans = f"suspect for {row['suspect_s']:.2f} s, lost for {row['lost_s']:.2f} s"
             console.print(plain_line(f"{row['channel']} {spans}, first at {row['first_s']:.2f} s: {row['why']}"), style="yellow")
-
-
-def _title(name: str, title: str) -> str:
-    return plain_line(f"{name} {title}", 40)
 
 
 def _active_errors(phase: dict[str, Any]) -> Iterator[str]:

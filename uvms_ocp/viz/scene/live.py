@@ -24,11 +24,10 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.robot import Command, Robot, State
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.types import AtLeastOne, Count, Positive
-from uvms_ocp.viz.scene.animation import draw_robot, frames_of, joint_node, require_fit, rounded
+from uvms_ocp.viz.scene.animation import frames_of, joint_node, require_fit, rounded
 from uvms_ocp.viz.scene.details import legend, page_details, readout
 from uvms_ocp.viz.scene.page import CommandLog, ScenePage, build_page, served
-from uvms_ocp.viz.scene.shapes import shifted
-from uvms_ocp.viz.scene.show import STATIC_DETAILS
+from uvms_ocp.viz.scene.show import STATIC_DETAILS, draw_still
 from uvms_ocp.viz.scene.surroundings import draw_goals, draw_obstacles, middle
 
 # The page of a run that goes on: the scene as the run begins, and what the page's script needs to move it.
@@ -41,12 +40,7 @@ def live_page(record: Record, robot: Robot, height: int) -> ScenePage:
     require_fit(record, robot)
     frames = frames_of(record, robot, _FPS)
     centre, log = middle(record, frames), CommandLog()
-    root = log.visualizer()["scene"]
-    root.set_transform(shifted(-centre))
-    draw_robot(root["robot"], robot)
-    for joint in range(1, robot.model.njoints):
-        X_WJ = pin.XYZQUATToSE3(frames.placements[0, joint])
-        root["robot"][joint_node(robot.model, joint)].set_transform(X_WJ.homogeneous)
+    root = draw_still(log, robot, list(map(pin.XYZQUATToSE3, frames.placements[0])), centre)
     draw_goals(root["goals"], record)
     draw_obstacles(root["obstacles"], record)
     log.animate({})

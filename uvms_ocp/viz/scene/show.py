@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,15 +37,21 @@ def posed_page(robot: Robot, q: np.ndarray, height: int) -> ScenePage:
     places = np.array([X.translation for X in list(data.oMi)[1:]])
     centre = (places.min(axis=0) + places.max(axis=0)) / 2
     log = CommandLog()
-    root = log.visualizer()["scene"]
-    root.set_transform(shifted(-centre))
-    draw_robot(root["robot"], robot)
-    for joint in range(1, robot.model.njoints):
-        root["robot"][joint_node(robot.model, joint)].set_transform(data.oMi[joint].homogeneous)
+    draw_still(log, robot, list(data.oMi), centre)
     log.animate({})
     details = STATIC_DETAILS | robot_details(robot) | {"scenario": robot.name, "points": (places - centre).tolist()}
     joints = [_joint(robot, joint, q) for joint in range(1, robot.model.njoints)]
     return build_page(log, title=robot.name, details=details | {"joints": joints, "robot": ""}, height=height)
+
+
+def draw_still(log: CommandLog, robot: Robot, placements: Sequence[pin.SE3], centre: np.ndarray) -> Visualizer:
+    """Draw the robot by the placements of its joints; return the root of the scene, whose origin is `centre` (3,) [m] in W."""
+    root = log.visualizer()["scene"]
+    root.set_transform(shifted(-centre))
+    draw_robot(root["robot"], robot)
+    for joint in range(1, robot.model.njoints):
+        root["robot"][joint_node(robot.model, joint)].set_transform(placements[joint].homogeneous)
+    return root
 
 
 STATIC_DETAILS: dict[str, Any] = {
