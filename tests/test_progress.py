@@ -7,12 +7,16 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from functools import partial
 from io import StringIO
+from pathlib import Path
 
+import casadi as ca
 import pytest
+from compiler import needs_compiler
 from tqdm.auto import tqdm
 
 import uvms_ocp as uo
 from uvms_ocp.cli.printing import busy, console_of
+from uvms_ocp.codegen import compile as building
 from uvms_ocp.progress import progress_bar
 from uvms_ocp.scenario import case1
 
@@ -50,6 +54,21 @@ def test_who_is_given_every_tick_shows_it_alone() -> None:
         SHORT.run(lambda t, _: ticks.append(t))
     assert len(ticks) > 100
     assert terminal.getvalue() == ""
+
+
+@needs_compiler
+def test_it_is_shown_how_many_functions_are_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(building, "_LONG", 0.0)
+    monkeypatch.setattr("tqdm.auto.tqdm", partial(tqdm, mininterval=0.0))
+    x = ca.SX.sym("x")
+    with redirect_stderr(Terminal()) as terminal:
+        for k in range(3):
+            building.start_compiling(ca.Function(f"f{k}", [x], [x + k * ca.sin(x)]))
+        building.finish_compiling()
+    assert "compiling" in terminal.getvalue()
+    assert " 2/3 " in terminal.getvalue()
+    assert terminal.getvalue().split("\r")[-2].strip() == ""
 
 
 def test_one_call_turns_bars_off_and_on(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ _wanted = [True]
 
 @checked
 def show_progress(shown: bool = True) -> None:
-    """Show bars of runs, campaigns and identification from now on, or none.
+    """Show bars of runs, campaigns, identification and compilation from now on, or none.
 
     ``TQDM_DISABLE=1`` in the environment hides them, too. Where output is redirected there are none.
     """

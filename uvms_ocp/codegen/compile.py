@@ -41,6 +41,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.progress import progress_bar
 
 # The folder that compiled libraries are kept in: the user's own, writable by nobody else, on a disk that runs programs.
 
@@ -291,9 +292,11 @@ def start_compiling(function: ca.Function) -> ca.Function:
 
 
 def finish_compiling() -> None:
-    """Wait for all that was begun."""
-    for function in list(_BESIDE):
-        compiled_symbol(function)
+    """Wait for all that was begun, and show how far that is."""
+    with progress_bar(total=len(_BESIDE), desc="compiling", unit="function", delay=_LONG) as bar:
+        for function in list(_BESIDE):
+            compiled_symbol(function)
+            bar.update()
 
 
 @cache
