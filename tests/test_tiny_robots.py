@@ -18,8 +18,9 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.tables import column_units
 from uvms_ocp.report.comparison import compare
+from uvms_ocp.report.metrics import estimate_table
 from uvms_ocp.report.summary import RunSummary, summarize
-from uvms_ocp.robot.signals import Command, State
+from uvms_ocp.robot.signals import Command, SensorSpecs, State
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.viz import plot, show, write_figures, write_scene
 
@@ -80,6 +81,18 @@ def test_each_joint_has_the_unit_of_its_kind() -> None:
     assert column_units("v", robot.n_v, old)[6:] == ["rad/s or m/s"] * 2
     both = {one["figure"] for one in compare(record, scenario_of(robot_of(TINY["one wet link"]), "kinematic").run())}
     assert {"joint_path_m", "joint_path_rad"} <= both
+
+
+def test_errors_of_joints_that_turn_and_that_slide_are_told_apart() -> None:
+    scenario = replace(scenario_of(robot_of(MIXED), "kinematic"), sensors=SensorSpecs())
+    record = scenario.run()
+    half = slice(len(record) // 2, None)
+    errors = (record["q_estimated"] - record["q"])[half, 7:]
+    rms, spread = (np.sqrt((values**2).mean(axis=0)) for values in (errors, record["q_std"][half, 6:]))
+    found = {row["of"]: row for row in estimate_table(record)}
+    assert [*found] == ["position", "attitude", "joints", "sliding joints"]
+    for name, k in (("sliding joints", 0), ("joints", 1)):
+        assert (found[name]["rms"], found[name]["spread"]) == pytest.approx((rms[k], spread[k]))
 
 
 def test_a_robot_of_which_nothing_moves_is_refused() -> None:

@@ -119,7 +119,7 @@ def norm_bound(measured: float, spread: float) -> float:
 
 
 def estimate_table(record: Record) -> list[dict[str, Any]]:
-    """One row for position [m], attitude [rad] and joints [rad or m], as far as there are; none with ideal sensors.
+    """Rows ``position`` [m], ``attitude`` [rad], ``joints`` that turn [rad] and ``sliding joints`` [m]; none with ideal sensors.
 
     ``rms`` error of an axis over the second half of the run, ``spread``: the standard deviation that the filter gave, also root
     mean square, and ``ratio`` of their squares, which is 1 where the process model holds, and None
@@ -131,7 +131,9 @@ def estimate_table(record: Record) -> list[dict[str, Any]]:
     q, measured, spread = (record[name][half] for name in ("q", "q_estimated", "q_std"))
     floating, errors = record.run_meta.floating, joint_errors(record.series, record.meta)
     n = 0 if errors is None else errors.shape[1]
-    rows = [_row("joints", errors[half], spread[:, -n:])] if n else []
+    slides = _slides(record.run_meta) if n else np.zeros(0, dtype=bool)
+    kinds = {"joints": ~slides, "sliding joints": slides}
+    rows = [_row(name, errors[half][:, of], spread[:, -n:][:, of]) for name, of in kinds.items() if of.any()]
     if not floating:
         return rows
     # The distance of two quaternions is half the angle between them; their signs do not matter.
@@ -269,10 +271,15 @@ def largest_thrust(record: Record, rows: slice = slice(None)) -> float | None:
 
 def _by_kind(meta: RunMeta, name: str, values: np.ndarray, of: Callable[[np.ndarray], float]) -> dict[str, float | None]:
     """A figure of the joints that turn, and in m of those that slide, if there are any; values (n_joints,), or (0,)."""
-    slides = np.array([joint in (meta.sliding or ()) for joint in meta.joints])
+    slides = _slides(meta)
     chosen = {"rad": values[~slides], "m": values[slides]} if slides.any() and len(values) == len(slides) else {"rad": values}
     figures = {unit: float(of(found)) for unit, found in chosen.items()}
     return {f"{name}_{unit}": value if np.isfinite(value) else None for unit, value in figures.items()}
+
+
+def _slides(meta: RunMeta) -> np.ndarray:
+    """Whether each joint (n_joints,) does; none in older records, which do not say."""
+    return np.array([joint in (meta.sliding or ()) for joint in meta.joints], dtype=bool)
 
 
 def _joint_margins(record: Record, rows: slice) -> np.ndarray:
