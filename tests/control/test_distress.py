@@ -90,9 +90,9 @@ def test_each_reason_needs_its_time_and_says_what_it_was(still: Scenario) -> Non
     pushed = reasons(given, ActuationFeedback(push=0.31, short=True), 0.7)
     assert first(pushed) == pytest.approx(0.5, abs=3 * DT)
     assert "31 % of the thrusters' lift" in pushed[-1]
-    short = reasons(given, ActuationFeedback(push=0.29, short=True), 1.2)
+    short = reasons(given, ActuationFeedback(push=0.29, short=True, at_limits="thruster2, thruster5"), 1.2)
     assert first(short) == pytest.approx(1.0, abs=3 * DT)
-    assert "limits for 1 s" in short[-1]
+    assert short[-1].endswith("limits for 1 s (thruster2, thruster5)")
     stalled = reasons(given, ActuationFeedback(), 2.2)
     assert first(stalled) == pytest.approx(2.0, abs=3 * DT)
     assert stalled[-1] == "stall: PC.position_error = 1 not < 0.1, no nearer for 2 s"
@@ -241,13 +241,10 @@ def test_a_vehicle_that_its_altimeter_sends_into_the_floor_feels_it_and_climbs()
 @long_without_compiler
 def test_thrusters_at_their_limits_for_too_long_end_the_mission() -> None:
     scenario = with_abort(case1(dt=DT, current=(2.0, 0.0, 0.0)), thrust_after=1.0, time_limit=1.0)
-    report = summarize(scenario.run())
+    report, why = summarize(scenario.run()), "thrust: the thrusters have been at their limits for 1 s (thruster1, thruster4)"
     assert not report["completed"]
-    assert report["cause"] == {
-        "kind": "aborted",
-        "text": "thrust: the thrusters have been at their limits for 1 s; phase climb: 1 s were not enough for it",
-    }
-    assert report["pending"] == "given up, thrust: the thrusters have been at their limits for 1 s"
+    assert report["cause"] == {"kind": "aborted", "text": f"{why}; phase climb: 1 s were not enough for it"}
+    assert report["pending"] == f"given up, {why}"
     assert report["phases"][-1]["name"] == "climb"
 
 

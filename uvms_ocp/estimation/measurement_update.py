@@ -182,6 +182,10 @@ def record_outcome(m: FilterMemory, c: int, squared: float, degrees: int, believ
 def fuse(m: FilterMemory) -> None:
     """Use what is fresh, then clone what late channels see now."""
     space_clones(m, 0, N_VEHICLE, SLOTS)
+    velocity = int(ChannelIndex.LINEAR_VELOCITY)
+    if m.fresh[velocity] != 0.0 and m.outcome[velocity][1] > m.gate[velocity]:
+        # The reading before has made an acceleration, which this one may end: no fix is to blame a bias for it.
+        _ingest(m, velocity)
     for c in range(N_VEHICLE):
         if m.fresh[c] != 0.0:
             _ingest(m, c)

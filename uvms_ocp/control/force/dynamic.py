@@ -29,6 +29,7 @@ _feedback, _command = unchecked_constructor(ActuationFeedback), unchecked_constr
 DEFAULT_FAULT_TUNING = ActuatorHealthTuning()
 """For faulty thrusters and joints, by default."""
 _ENCODERS = ("joint_positions", "joint_velocities")
+_NEARLY = 0.999  # of a limit of thrust counts as at it
 
 
 @checked
@@ -104,6 +105,7 @@ class DynamicController(TableDisplay):
         self.monitor = None if laws.search is None else ActuatorMonitor(robot, self._detection, kinematic.watchdog.alarms)
         """Monitor of thrusters and joints; `None` where it is off, and without the observer, whose findings it reads."""
         self._fault, self._fault_summary, self._jammed = "", "", tuple[int, ...]()
+        self._at_limits = ""
         self.learner = None if load is None else _learner(laws, load)
         """Learner of the tool's load; `None` where nothing is learnt."""
 
@@ -142,9 +144,13 @@ class DynamicController(TableDisplay):
     def _to_command(self, command: Command, outputs: list[np.ndarray]) -> Command:
         """Make the command of these outputs, and feed the layer below back what the thrusters met."""
         thrust, torque, disturbance, wrench, unreachable, push = outputs
-        short, fault, fault_summary = bool(self._allocation.saturated), self._fault, self._fault_summary
+        a, short = self._allocation, bool(self._allocation.saturated)
+        if short:
+            full = [i + 1 for i in range(a.count) if not _NEARLY * a.lower[i] < thrust[i] < _NEARLY * a.upper[i]]
+            self._at_limits = ", ".join(f"thruster{number}" for number in full)
+        fault, known, jammed, limited = self._fault, self._fault_summary, self._jammed, self._at_limits
         self.kinematic.on_actuation_feedback(
-            _feedback(short=short, push=push.item(), fault=fault, fault_summary=fault_summary, jammed=self._jammed)
+            _feedback(short=short, push=push.item(), fault=fault, fault_summary=known, jammed=jammed, at_limits=limited)
         )
         telemetry = {
             **command.telemetry,

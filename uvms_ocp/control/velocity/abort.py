@@ -95,6 +95,8 @@ class ActuationFeedback:
 
     short: bool = False
     """The limits of the thrusters kept them from what was asked for."""
+    at_limits: str = ""
+    """Thrusters that were at their limits when they last did."""
     push: float = 0.0
     """Upward force on the vehicle that the model does not know, as a share of the largest of the thrusters."""
     fault: str = ""
@@ -268,7 +270,12 @@ class AbortMonitor:
     def __init__(self, mission: Mission, memory: AbortMemory) -> None:
         """memory: of the kernel, which is set up."""
         self._mission, self._memory = mission, memory
-        self._write(memory)
+        abort = mission.abort
+        high = [isinstance(task, MinimumAltitude) for task in mission.hierarchy.tasks]
+        assign(memory, aborts=abort is not None, began=-math.inf, high=high)
+        memory.sunk_since = memory.contact_since = memory.thrust_since = memory.stall_since = memory.runaway_since = math.nan
+        copied = ("time_limit", "stall_after", "thrust_after", "runaway_after", "contact", "contact_after", "sunk")
+        assign(memory, **{name: getattr(abort, name) for name in copied if abort is not None})
 
     def on_actuation_feedback(self, feedback: ActuationFeedback) -> None:
         """Take over the feedback of the force layer."""
@@ -277,15 +284,11 @@ class AbortMonitor:
 
     def describe(self, why: AbortReason, tick: TickInputs, quantities: Mapping[str, float], feedback: ActuationFeedback) -> str:
         """Describe the reason that the kernel found at a tick, from the quantities [in their units]."""
-        words = self._describe(why, tick, quantities, feedback)
-        return f"{words}; {feedback.fault_summary}" if words and feedback.fault_summary not in words else words
-
-    def _describe(self, why: AbortReason, tick: TickInputs, quantities: Mapping[str, float], feedback: ActuationFeedback) -> str:
         abort, less = self._mission.abort, tick.restriction
         if why is AbortReason.NOTHING or why is AbortReason.FAULT or abort is None:
             return feedback.fault if why is AbortReason.FAULT else ""
         lift = f"{100 * feedback.push:.0f} % of the thrusters' lift"
-        pending = self._mission.pending(tick.mission, quantities)
+        pending, which = self._mission.pending(tick.mission, quantities), f" ({feedback.at_limits})" * bool(feedback.at_limits)
         texts = {
             AbortReason.CONTACT: f"contact or rising water: pushed up by {lift} for {abort.contact_after:g} s",
             AbortReason.FLOOR: f"hull or arm {abort.sunk:g} m in the floor that the altimeter shows, or deeper",
@@ -293,20 +296,11 @@ class AbortMonitor:
             AbortReason.HOPELESS: (less.abort or describe_channels(less.lost)) if tick.stopped else "",
             AbortReason.ENDED: less.abort,
             AbortReason.RUNAWAY: f"runaway: {pending}, and farther than"
-            f" {abort.runaway_after:g} s ago, with thrusters at their limits",
-            AbortReason.THRUST: f"thrust: the thrusters have been at their limits for {abort.thrust_after:g} s",
+            f" {abort.runaway_after:g} s ago, with thrusters at their limits{which}",
+            AbortReason.THRUST: f"thrust: the thrusters have been at their limits for {abort.thrust_after:g} s{which}",
         }
-        return texts.get(why, f"stall: {pending}, no nearer for {abort.stall_after:g} s{_held_back(less.bad)}")
-
-    def _write(self, memory: AbortMemory) -> None:
-        abort = self._mission.abort
-        high = [isinstance(task, MinimumAltitude) for task in self._mission.hierarchy.tasks]
-        assign(memory, aborts=abort is not None, began=-math.inf, high=high)
-        memory.sunk_since = memory.contact_since = memory.thrust_since = memory.stall_since = memory.runaway_since = math.nan
-        for name in (
-            ("time_limit", "stall_after", "thrust_after", "runaway_after", "contact", "contact_after", "sunk") if abort else ()
-        ):
-            setattr(memory, name, getattr(abort, name))
+        words = texts.get(why, f"stall: {pending}, no nearer for {abort.stall_after:g} s{_held_back(less.bad)}")
+        return f"{words}; {feedback.fault_summary}" if words and feedback.fault_summary not in words else words
 
 
 def _held_back(bad: Sequence[ChannelHealth]) -> str:

@@ -120,11 +120,6 @@ def height_allowance(new: FloorPoint, old: FloorPoint, slope: float) -> float:
     return away / (1.0 - min(slope * (_length(dx, dy) / fall), _STEEPEST))
 
 
-def horizontal_distance(a: FloorPoint, b: FloorPoint) -> float:
-    """[m] horizontally between the places of the sensor."""
-    return _length(a.sensor_x - b.sensor_x, a.sensor_y - b.sensor_y)
-
-
 def vertical_travel(s: FloorPoints) -> float:
     """[m] between the lowest and the highest place of the sensor."""
     lowest, highest = math.inf, -math.inf
@@ -267,6 +262,7 @@ def _is_proven(w: FloorMemory, step: float) -> bool:
     accepted, found = w.accepted, w.candidates
     if w.here.t - found.kept[found.first].t < _STEP_TIME or step > w.relief:
         return False
-    if horizontal_distance(w.here, accepted.kept[slot_of(accepted, accepted.count - 1)]) < _STEP_WAY:
+    last = accepted.kept[slot_of(accepted, accepted.count - 1)]
+    if _length(w.here.sensor_x - last.sensor_x, w.here.sensor_y - last.sensor_y) < _STEP_WAY:
         return False
     return vertical_travel(found) >= max(_STEP_TRAVEL, 2.0 * _tolerance(w))

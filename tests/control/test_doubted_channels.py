@@ -1,0 +1,62 @@
+"""Whatever becomes of a channel, at any rate of ticks, no change of trust kicks vehicle or arm that works at the floor."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from compiler import long_without_compiler
+
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.sim.faults import parse_fault
+
+ONSET, UNTIL, END = 40.0, 43.0, 46.0  # [s]: the arm reaches for its goal, and the channel is good again
+SIZES = {  # of spikes [unit of the channel], bias [the same], delay [s]
+    "position": (50.0, "5,0,0", 1.5),
+    "depth": (50.0, "2", 0.5),
+    "attitude": (1.0, "0,0,0.2", 0.2),
+    "angular_velocity": (2.0, "0,0,0.1", 0.05),
+    "linear_velocity": (5.0, "0.3,0,0", 0.3),
+    "joint_positions": (1.0, "0.05", 0.05),
+    "altimeter_range": (20.0, "0.5", 0.2),
+}
+DEFECTS = ("frozen", "lost", "nan", "spikes={},0.1", "bias={}", "late={}", "ahead=5")
+QUICK = {("linear_velocity", "bias={}", 20), ("joint_positions", "lost", 20)}
+
+
+def runs() -> list[object]:
+    """Channels by defects by rates [Hz]; most are slow."""
+    cases = [(channel, defect, rate) for channel in SIZES for defect in DEFECTS for rate in (20, 50)]
+    return [pytest.param(*case, marks=() if case in QUICK else pytest.mark.slow) for case in cases]
+
+
+@cache
+def flown(rate: int, fault: str = "") -> tuple[np.ndarray, np.ndarray, float]:
+    """After the onset: true velocities as shares of their limits, errors of the linear one [m/s], and the largest change.
+
+    That is of the acceleration of a joint that the commanded force makes, in a tick, as a share of the limit.
+    """
+    scenario = case1(noise=True, dt=1 / rate, duration=END, faults=(parse_fault(fault),) if fault else ())
+    record, robot = scenario.run(), scenario.robot
+    mass_matrix, joints = robot_dynamics(robot).mass_matrix, robot.joint_v
+    asked, largest = np.column_stack([record["wrench"], record["torque"]]), 0.0
+    first = int(np.searchsorted(record["t"], ONSET)) if fault else rate
+    for k in range(first, len(asked)):
+        change = np.linalg.solve(mass_matrix(record["q"][k]), asked[k] - asked[k - 1])
+        largest = max(largest, float(np.abs(change / robot.limits.acceleration)[joints].max()))
+    shares = np.abs(record["v"][first:]) / robot.limits.velocity
+    return shares, np.abs(record["v_estimated"] - record["v"])[first:, :3], largest
+
+
+@long_without_compiler
+@pytest.mark.parametrize(("channel", "defect", "rate"), runs())
+def test_no_change_of_trust_kicks(channel: str, defect: str, rate: int) -> None:
+    """A DVL with a bias was doubted late: the vehicle went 1.5 times, a joint 1.7 times as fast as it may."""
+    size = dict(zip(("spikes={},0.1", "bias={}", "late={}"), SIZES[channel], strict=True)).get(defect, "")
+    shares, errors, change = flown(rate, f"{channel}:{defect.format(size)}@{ONSET:g}-{UNTIL:g}")
+    assert shares[:, :6].max() <= 1.0
+    assert shares[:, 6:].max() <= 1.2
+    assert errors.max() <= 1.2
+    assert change <= 1.5 * flown(rate)[2]
