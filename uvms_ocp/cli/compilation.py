@@ -7,40 +7,20 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Annotated
+from logging.handlers import MemoryHandler
+from typing import Annotated, cast
 
 import typer
 
 from uvms_ocp.cli import BAD_INPUT
 from uvms_ocp.errors import InvalidInput
 
-_LOGGER = logging.getLogger("uvms_ocp.codegen.compile")
-
-
-class _Warnings(logging.Handler):
-    """Lines for stderr; where that is no terminal they wait, and progress is none of them."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self._waiting: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        from uvms_ocp.codegen.compile import PROGRESS  # which has logged it
-
-        if sys.stderr is not None and sys.stderr.isatty():
-            sys.stderr.write(f"{record.getMessage()}\n")  # which Rich puts above its bars
-        elif not getattr(record, PROGRESS, False):
-            self._waiting.append(record.getMessage())
-
-    def say(self) -> None:
-        """Return what has waited."""
-        if sys.stderr is not None:
-            sys.stderr.writelines(f"{text}\n" for text in self._waiting)
+_LOGGER, _LINES = logging.getLogger("uvms_ocp.codegen.compile"), cast(logging.Handler, logging.lastResort)
 
 
 @contextmanager
 def show_compilation(show: Callable[[str], None]) -> Iterator[None]:
-    """Inside, `tell` is given what is being compiled, in a few words."""
+    """Inside, `show` is given what is being compiled, in a few words."""
 
     def look(record: logging.LogRecord) -> bool:
         if record.levelno < logging.WARNING:
@@ -57,20 +37,31 @@ def show_compilation(show: Callable[[str], None]) -> Iterator[None]:
         _LOGGER.setLevel(before)
 
 
+def _warns(record: logging.LogRecord) -> bool:
+    from uvms_ocp.codegen.compile import PROGRESS  # which has logged it
+
+    return not getattr(record, PROGRESS, False)
+
+
 @contextmanager
 def warned_behind_errors() -> Iterator[None]:
     """Inside goes a command. Whatever made it slower is said on stderr, but an error is the only line there.
 
     On a terminal it is said at once, with what is being compiled, and an error comes last.
     """
-    handler = _Warnings()
+    if sys.stderr is not None and sys.stderr.isatty():
+        handler: logging.Handler = _LINES  # which Rich puts above its bars
+    else:
+        handler = MemoryHandler(sys.maxsize, sys.maxsize, target=_LINES, flushOnClose=False)
+        handler.setLevel(logging.WARNING)
+        handler.addFilter(_warns)
     _LOGGER.addHandler(handler)
     try:
         yield
-        handler.say()
+        handler.flush()
     except SystemExit as end:
         if end.code != BAD_INPUT:
-            handler.say()
+            handler.flush()
         raise
     finally:
         _LOGGER.removeHandler(handler)
