@@ -15,7 +15,7 @@ import numpy as np
 from recording.kept_rows import kept_rows
 from recording.report import Report, Row, Table, begin, parser_of
 from studies.fault_study import by_kind, faults
-from studies.fault_table import ASTRAY, FLOOR, GUSTS, GUSTY, JOINTS, KINDS, PAIR, STILL
+from studies.fault_table import ASTRAY, FLOOR, GUSTS, GUSTY, JOINTS, KINDS, NEW, NEW_RATES, PAIR, RATES, STILL
 from studies.study import Study
 
 from uvms_ocp.report.metrics import CHANCE
@@ -30,9 +30,10 @@ share of its limit, `astray_m` the farthest from the way of a run without faults
 what completed.
 
 A run has passed that does not end in contact, has arm and tool no deeper than {floor:g} m in the floor, passes no joint limit
-by more than {joints:g} mrad and strays no farther than {astray:g} m, and completes or names what is wrong, of two faults one;
-limits are widened by a bias or a drift that no other channel can show. Passed: {passed} of {struck} runs with faults,
-{passed_pairs} of {pairs} with two. False alarms: {false} in {free} runs without. In still water the tool's true error
+by more than {joints:g} mrad and strays no farther than {astray:g} m, names in its summary a joint whose true velocity passes
+{rates:g} times its limit, or {new_rates:g} times within {new:g} s of a fault (`rates_named`), and completes or names
+what is wrong, of two faults one; limits are widened by a bias or a drift that no other channel can show. Passed: {passed} of
+{struck} runs with faults, {passed_pairs} of {pairs} with two. False alarms: {false} in {free} runs without. In still water the tool's true error
 at the end was within its reported bound of {chance:.0%} in {within} of {still} runs; the bound is {bound:.1f} mm on
 average, {ratio:.2f} times what {chance:.0%} of these errors do not exceed.
 """
@@ -93,6 +94,9 @@ def report(rows: Sequence[Row], study: Study) -> Report:
             pairs=len(pairs),
             passed_pairs=sum(bool(row["passed"]) for row in pairs),
             floor=FLOOR,
+            rates=RATES,
+            new_rates=NEW_RATES,
+            new=NEW,
             onsets=onsets(struck),
             free=len(free),
             gusts=GUSTS,

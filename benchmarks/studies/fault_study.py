@@ -18,7 +18,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import NameNotFound
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.metrics import error_bound
-from uvms_ocp.report.summary import cause_of_end
+from uvms_ocp.report.summary import cause_of_end, summarize
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.currents import GustyCurrent
@@ -128,6 +128,7 @@ _COLUMNS = (
     "arm_m",
     "joints_rad",
     "rate_share",
+    "rates_named",
     "astray_m",
     "tool_m",
     "tool_bound_m",
@@ -141,11 +142,14 @@ def _judged(scenario: Scenario, record: Record, kind: FaultKind, usual: Nominal)
     joints, way = truth.joint_excess(scenario.robot, record["q"]), truth.astray(usual.way, record["q"])
     completed = record.run_meta.completed
     rates, arm = truth.rate_share(scenario.robot, record["v"]), truth.arm_height(scenario, record["q"])
+    passes = truth.passes_rates(scenario.robot, record, [fault.onset for fault in scenario.toolkit_faults])
+    rates_named = not passes or bool(summarize(record)["passed_rates"])
     harmless = (
         not contact.at_the_end
         and joints <= JOINTS + kind.joints
         and way <= ASTRAY
         and arm >= -FLOOR - kind.floor - REACH * kind.joints
+        and rates_named
     )
     values = {
         "end": _COMPLETED if completed else cause["kind"],
@@ -158,6 +162,7 @@ def _judged(scenario: Scenario, record: Record, kind: FaultKind, usual: Nominal)
         "arm_m": arm,
         "joints_rad": joints,
         "rate_share": rates,
+        "rates_named": rates_named,
         "astray_m": way,
         "tool_m": record.run_meta.true_quantity("T.position_error") if completed else None,
         "tool_bound_m": error_bound(record, "T.position_error") if completed else None,

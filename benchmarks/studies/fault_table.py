@@ -26,6 +26,9 @@ GUSTS = 0.05
 JOINTS, ASTRAY, FLOOR = 2e-3, 5.0, 0.05
 """[rad] beyond a joint limit, [m] from the way of a run without faults, [m] of arm and tool below the floor: too much for any."""
 
+RATES, NEW_RATES, NEW = 1.02, 1.2, 0.5
+"""Shares of its limit that a joint's true velocity may come to, the second for so long [s] after the onset of a fault."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Sizes:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from studies.fault_table import NEW, NEW_RATES, RATES
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.hull import skid_points
@@ -73,6 +74,13 @@ def rate_share(robot: Robot, v: np.ndarray) -> float:
     """The largest true velocity of a joint at v (n, n_v) [m/s, rad/s], as a share of its limit; infinite where no number."""
     shares = np.abs(v[:, robot.joint_v]) / robot.limits.velocity[robot.joint_v]
     return float(shares.max(initial=0.0)) if np.isfinite(shares).all() else np.inf
+
+
+def passes_rates(robot: Robot, record: Record, onsets: Sequence[float]) -> bool:
+    """Whether any joint's true velocity passes its limit by more than it may; onsets [s] of faults."""
+    t, v = record["t"], record["v"]
+    new = np.any([(t >= onset) & (t <= onset + NEW) for onset in onsets], axis=0) if len(onsets) else np.zeros(len(t), bool)
+    return any(rate_share(robot, v[rows]) > most for rows, most in ((~new, RATES), (new, NEW_RATES)) if rows.any())
 
 
 def arm_height(scenario: Scenario, q: np.ndarray) -> float:

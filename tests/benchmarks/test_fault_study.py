@@ -9,7 +9,7 @@ import pytest
 from compiler import long_without_compiler
 from studies.fault_study import by_kind, faults, nominal, run_faults
 from studies.fault_table import GUSTY, KINDS, PAIR, PHASES, SIZES, STILL
-from studies.fault_truth import arm_height, astray, contact_outside_landing, is_named, joint_excess, rate_share
+from studies.fault_truth import arm_height, astray, contact_outside_landing, is_named, joint_excess, passes_rates, rate_share
 
 from uvms_ocp.errors import NameNotFound
 from uvms_ocp.record.record import Record
@@ -174,6 +174,16 @@ def test_excess_and_distance_are_those_of_the_truth(scenario: Scenario, record: 
     assert rate_share(scenario.robot, v) == pytest.approx(1.3)
     q[20, :3] += [0.0, 0.0, 50.0]
     assert astray(record["q"][:, :3], q) == pytest.approx(50.0, abs=0.5)
+
+
+@pytest.mark.parametrize(("share", "t", "passes"), [(1.01, 5.0, False), (1.05, 5.0, True), (1.1, 8.3, False), (1.3, 8.3, True)])
+def test_rates_may_pass_their_limits_by_more_as_a_fault_begins(
+    share: float, t: float, passes: bool, scenario: Scenario, record: Record
+) -> None:
+    v, joint = 0.0 * record["v"], scenario.robot.joint_v.start
+    v[np.searchsorted(record["t"], t), joint] = share * scenario.robot.limits.velocity[joint]
+    moved = Record(series={**record.series, "v": v}, meta=record.meta)
+    assert passes_rates(scenario.robot, moved, [8.0]) is passes
 
 
 @pytest.mark.parametrize(
