@@ -33,9 +33,9 @@ A run has passed that does not end in contact, has arm and tool no deeper than {
 by more than {joints:g} mrad and strays no farther than {astray:g} m, names in its summary a joint whose true velocity passes
 {rates:g} times its limit, or {new_rates:g} times within {new:g} s of a fault (`rates_named`), and completes or names
 what is wrong, of two faults one; limits are widened by a bias or a drift that no other channel can show. Passed: {passed} of
-{struck} runs with faults, {passed_pairs} of {pairs} with two. False alarms: {false} in {free} runs without. In still water the tool's true error
-at the end was within its reported bound of {chance:.0%} in {within} of {still} runs; the bound is {bound:.1f} mm on
-average, {ratio:.2f} times what {chance:.0%} of these errors do not exceed.
+{struck} runs with faults, {passed_pairs} of {pairs} with two. False alarms: {false} in {free} runs without. In still water
+the tool's true error at the end was within its reported bound of {chance:.0%} in {within} of {still} runs; the bound is
+{bound:.1f} mm on average, {ratio:.2f} times what {chance:.0%} of these errors do not exceed.
 """
 TABLE = {
     "kind": "",
