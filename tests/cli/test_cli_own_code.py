@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shlex
+import subprocess
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -130,6 +132,17 @@ def test_stdout_is_json_whatever_a_mission_prints(place: Path) -> None:
     assert told["code"] == 3, told
     assert json.loads(told["out"])["completed"] is False
     assert {"made", "read", "0.0"} <= set(told["err"].split())
+
+
+def test_stdout_is_json_whatever_a_program_prints_that_a_mission_starts(place: Path) -> None:
+    started = "import os\nimport subprocess\nimport sys\n\nimport uvms_ocp as uo\n\n\ndef scenario(**options):\n"
+    started += "    subprocess.run([sys.executable, '-c', 'print(\"started\")'])\n    os.write(1, b'written\\n')\n"
+    started += "    return uo.scenario.case1(plant='kinematic')\n"
+    (place / "starts.py").write_text(started)
+    words = [sys.executable, "-m", "uvms_ocp", "check", "starts.py", "--json"]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=place, check=False)
+    assert json.loads(done.stdout)["accepted"] is True
+    assert {"started", "written"} <= set(done.stderr.split())
 
 
 @pytest.mark.parametrize("words", ["os:system", "subprocess:run", "os.path:exists", "builtins:exec"])

@@ -134,7 +134,8 @@ class LoadFilter:
     def update(self, look: LoadSample) -> None:
         """One look, a period after the last."""
         self._forget()
-        mass = np.where(_accelerate(look), look.mass, 0.0)
+        accelerates = np.linalg.norm(look.mass, axis=0) > LEAST_ACCELERATION * np.linalg.norm(look.weight, axis=0)
+        mass = np.where(accelerates, look.mass, 0.0)
         H = np.hstack([np.stack([look.weight, mass], axis=2).reshape(len(mass), -1), look.slopes, np.eye(len(mass))])
         missed = look.disturbance - H @ self.x - look.drag
         self._listen(missed, look.usable)
@@ -189,11 +190,6 @@ class LoadFilter:
         self.x = self.x + K @ missed
         kept = np.eye(len(self.x)) - K @ H
         self.P = kept @ self.P @ kept.T + K @ np.diag(noise) @ K.T
-
-
-def _accelerate(look: LoadSample) -> np.ndarray:
-    """Whether each tool (n_tools,) does, by so much that it shows."""
-    return np.asarray(np.linalg.norm(look.mass, axis=0) > LEAST_ACCELERATION * np.linalg.norm(look.weight, axis=0))
 
 
 def require_limits(limit: np.ndarray) -> int:
