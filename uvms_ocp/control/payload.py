@@ -139,7 +139,10 @@ class LoadFilter:
         H = np.hstack([np.stack([look.weight, mass], axis=2).reshape(len(mass), -1), look.slopes, np.eye(len(mass))])
         missed = look.disturbance - H @ self.x - look.drag
         self._listen(missed, look.usable)
-        self._surprised = self._surprised + 1 if self._surprises(H, missed, look.usable) else 0
+        variance, usable = np.einsum("ij,jk,ik->i", H, self.P, H) + self._variance, look.usable
+        # What is known cannot be true any more: another load, or another current.
+        surprises = usable.any() and np.mean(missed[usable] ** 2 / variance[usable]) > _SURPRISE**2
+        self._surprised = self._surprised + 1 if surprises else 0
         if self._surprised >= _PATIENCE:
             self._begin_anew()
         if self._waits:
@@ -170,11 +173,6 @@ class LoadFilter:
             gain = np.where(usable, self._settings.period / _MEMORY, 0.0)
             self._variance = np.maximum(self._variance + gain * (square - self._variance), self._least)
         self._last.append(missed)
-
-    def _surprises(self, H: np.ndarray, missed: np.ndarray, usable: np.ndarray) -> bool:
-        """Return whether what is known cannot be true any more: another load, or another current."""
-        variance = np.einsum("ij,jk,ik->i", H, self.P, H) + self._variance
-        return bool(usable.any() and np.mean(missed[usable] ** 2 / variance[usable]) > _SURPRISE**2)
 
     def _begin_anew(self) -> None:
         """Once the observer has come to what there is now."""

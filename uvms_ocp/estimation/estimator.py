@@ -258,6 +258,8 @@ class Estimator(TableDisplay):
         if command is not None:
             self._response = command.v + math.exp(-dt / RESPONSE_TIME) * (self._response - command.v)
             self.memory.commanded[6 - self._n_vehicle :] = self._response
+            if command.brakes:
+                self.memory.joint_x[:, 1] = 0.0  # carried on as fast as before, nothing would agree with it again
         self._filter.has_command = command is not None
         self._take_in(readings)
         if self._beam is not None:

@@ -75,7 +75,8 @@ class Watchdog:
         self._begun = t if math.isnan(self._begun) else self._begun
         early = self._waits and t - self._begun <= self.stop_after
         if verdict is not self._verdict and not early:
-            self.alarms.append((t, _describe(verdict, age, channel)))
+            text = _TEXTS[verdict].format(what=f"{channel} is" if channel else "measurements are", age=age)
+            self.alarms.append((t, f"no {channel or 'measurements'}: stopped" if age == math.inf else text))
             self._verdict = verdict
         return verdict
 
@@ -85,12 +86,6 @@ def freshness_of(age: float, hold_after: float, stop_after: float) -> int:
     if age <= hold_after:
         return Freshness.FRESH
     return Freshness.STALE if age <= stop_after else Freshness.LOST
-
-
-def _describe(verdict: Freshness, age: float, channel: str) -> str:
-    if age == math.inf:
-        return f"no {channel or 'measurements'}: stopped"
-    return _TEXTS[verdict].format(what=f"{channel} is" if channel else "measurements are", age=age)
 
 
 _TEXTS = {
@@ -139,19 +134,15 @@ def hold_last_valid(m: LastValidMemory, t: float, q: Vector, v: Vector, age: flo
     """
     m.is_valid = _is_sound(m, q, v)
     if m.is_valid:
-        _store(m, t, q, v)
+        m.q[:] = q
+        m.v[:] = v
+        m.since = t
         m.was[0], m.was[1], m.age, m.joint_age = age, joint_age, age, joint_age
         return
     q[: len(m.q)] = m.q[: len(m.q)]
     v[: len(m.v)] = m.v[: len(m.v)]
     m.age = max(age, m.was[0] + t - m.since)
     m.joint_age = max(joint_age, m.was[1] + t - m.since)
-
-
-def _store(m: LastValidMemory, t: float, q: Vector, v: Vector) -> None:
-    m.q[:] = q
-    m.v[:] = v
-    m.since = t
 
 
 def _is_sound(m: LastValidMemory, q: Vector, v: Vector) -> bool:
@@ -197,7 +188,9 @@ class LastValidEstimate:
     def check(self, measurement: StateEstimate) -> None:
         """Raise `InvalidInput` for a q or v of another robot's size."""
         if (measurement.q.shape, measurement.v.shape) != self._shapes:
-            raise InvalidInput(self._misfit(measurement))
+            pairs = zip("qv", (measurement.q, measurement.v), self._shapes, strict=True)
+            wrong = [(name, value.shape, right) for name, value, right in pairs if value.shape != right]
+            raise InvalidInput(", ".join(f"measurement.{name} has shape {shape}; give {right}" for name, shape, right in wrong))
 
     def substitute(self, measurement: StateEstimate) -> StateEstimate:
         """The measurement that the kernel was asked with, if it is sound, or what stands in for it."""
@@ -212,11 +205,6 @@ class LastValidEstimate:
             joint_age=self.memory.joint_age,
             health=measurement.health,
         )
-
-    def _misfit(self, measurement: StateEstimate) -> str:
-        pairs = zip("qv", (measurement.q, measurement.v), self._shapes, strict=True)
-        wrong = [(name, value.shape, right) for name, value, right in pairs if value.shape != right]
-        return ", ".join(f"measurement.{name} has shape {shape}; give {right}" for name, shape, right in wrong)
 
 
 class AltimeterMemory(Layout):

@@ -18,7 +18,7 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, arrays_of, structure_of
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import CHANNELS, SensorSpec, SensorSpecs
+from uvms_ocp.robot.signals import CHANNELS, SensorSpecs
 from uvms_ocp.types import Positive
 
 
@@ -139,6 +139,10 @@ class FilterMemory(Layout):
     """(9,) chi-square gate: largest squared innovation that is accepted; of one joint for the joints."""
     agility: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [m/s2, rad/s2] largest change of acceleration of what each channel measures."""
+    jolt: Annotated[Vector, Sized(N_CHANNELS)]
+    """(9,) [m/s2, rad/s2] `JOLTS`"""
+    surprise: Annotated[Vector, Sized(N_CHANNELS)]
+    """(9,) [unit of the channel] innovation of the last reading that was believed, where it is beyond the noise; it fades."""
     recovery: Annotated[Vector, Sized(N_CHANNELS)]
     """(9,) [s] for which rejected readings must agree to be accepted."""
     needed: Annotated[Vector, Sized(N_CHANNELS)]
@@ -293,6 +297,11 @@ class EstimatorTuning:
 
 # What the filter is told once: the noise of the sensors, how the robot is expected to move, and what it knows at first.
 
+JOLTS = (30.0, 30.0, 0.0, 0.0, 0.0, 0.0, 0.0, 200.0, 0.0)
+"""(9,) [m/s2, rad/s2] of each channel: light vehicles turn, and light joints under a load fall, as fast unplanned.
+
+Gates that grant more find nothing. Linear motion is slow and seen rarely; positions of joints tell their velocities as soon.
+"""
 BIAS_DRIFTS = (1e-5, 1e-5, 1e-4)
 """[rad/s/sqrt(s), m/s/sqrt(s), m/s2/sqrt(s)] of gyro, DVL and accelerometer."""
 ALTITUDE_DRIFT = 0.005
@@ -325,7 +334,7 @@ def initialise(structure: FilterMemory, robot: Robot, specs: SensorSpecs, tuning
     memory.limit[:] = [*np.repeat(_LIMITS, 3), _FLOOR]
     memory.joint_limit[:] = _JOINT_LIMIT
     memory.gravity[:] = robot.model.gravity.linear
-    memory.beam_up[2], memory.agility[:] = 1.0, _agility(robot)
+    memory.beam_up[2], memory.agility[:], memory.jolt[:] = 1.0, _agility(robot), JOLTS
     structure.floating, structure.guided = robot.n_vehicle > 0, specs.specific_force is None
     structure.echo_memory, structure.echo = _ECHO_MEMORY, -math.inf
     memory.drive[ProcessNoise.JERK], memory.drive[ProcessNoise.ANGULAR_JERK] = tuning.jerk, tuning.angular_jerk
@@ -351,8 +360,8 @@ def _set_first(memory: Any, specs: SensorSpecs, tuning: EstimatorTuning) -> None
         (Part.FORCE_BIAS, tuning.force_bias, specs.specific_force),
     )
     sigma = np.concatenate([np.repeat(_FIRST, 3), np.zeros(9), [_FLOOR]])
-    for first, usual, spec in biases:
-        sigma[first : first + 3] = math.hypot(usual, _size(spec))
+    for first, usual, spec in biases:  # of one that a sensor is said to have the sign is for the filter to find
+        sigma[first : first + 3] = math.hypot(usual, 0.0 if spec is None else np.sqrt(np.mean(np.square(spec.biases))))
     memory.P[range(MAIN), range(MAIN)] = sigma**2
     memory.turn[3] = 1.0
     memory.joint_P[:, 0, 0], memory.joint_P[:, 1, 1] = np.square(_JOINT_FIRST)
@@ -362,8 +371,3 @@ def _set_first(memory: Any, specs: SensorSpecs, tuning: EstimatorTuning) -> None
         none[:] = -1.0
     for unknown in (memory.since, memory.joint_since, memory.outcome, memory.range):
         unknown[:] = math.nan
-
-
-def _size(spec: SensorSpec | None) -> float:
-    """Root mean square of the bias that a sensor is said to have: its sign is for the filter to find."""
-    return 0.0 if spec is None else math.sqrt(float(np.mean(np.square(spec.biases))))

@@ -22,10 +22,11 @@ from uvms_ocp.estimation.measurement_update import (
     NONE,
     free_expired,
     free_slot,
-    gate_allowance,
     is_due,
     is_of_now,
+    jolt_allowance,
     nearest_clone,
+    planned_allowance,
     record_outcome,
     space_clones,
     time_since_accepted,
@@ -142,20 +143,18 @@ def _predicted(m: FilterMemory, j: int, k: int, slot: int) -> float:
 
 def _rate(m: FilterMemory, j: int, k: int, slot: int) -> float:
     """Return how fast that changes [per s]."""
-    if slot >= 0:
-        return m.joint_rate[j][slot]
-    return 0.0 if k != 0 else m.joint_x[j][1]
+    now = 0.0 if k != 0 else m.joint_x[j][1]
+    return now if slot < 0 else m.joint_rate[j][slot]
 
 
 def _rate_variance(m: FilterMemory, j: int, k: int, slot: int) -> float:
-    if slot >= 0:
-        return m.joint_rate_variance[j][slot]
-    return 0.0 if k != 0 else m.joint_P[j][1][1]
+    now = 0.0 if k != 0 else m.joint_P[j][1][1]
+    return now if slot < 0 else m.joint_rate_variance[j][slot]
 
 
 def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
     """Believe the readings of the joints or not, and use them."""
-    k, n, accepted, degrees, total, walk = c - _FIRST, _active(m), True, 0, 0.0, 0.0
+    k, n, accepted, degrees, total, walk, surprise = c - _FIRST, _active(m), True, 0, 0.0, 0.0, 0.0
     state = k if slot < 0 else 2 + slot
     if k != 0:
         walk = m.drive[ProcessNoise.JOINT] * m.drive[ProcessNoise.JOINT]
@@ -169,14 +168,15 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
         S = m.joint_P[j][state][state] + own
         # Beside what accelerations can do, a joint with a rate may stop.
         stop = abs(h if k != 0 else rate) * (time_since_accepted(m, c) if c == _FIRST else 1.0)
-        root = math.sqrt(gate_allowance(m, c)) + stop / 5.0
-        granted = root * root
+        root = math.sqrt(planned_allowance(m, c)) + stop / 5.0
+        granted = max(root * root, jolt_allowance(m, c))
         believed = nu * nu <= m.gate[c] * (S + granted)
         total += nu * nu / S
         degrees += 1
         if believed:
             m.joint_since[k][j] = math.nan
             if nu * nu / S > m.gate[c]:
+                surprise = max(surprise, abs(nu))
                 _inflate_surprised(m, j, c, nu * nu)
         elif _is_consistent(m, c, j, nu, S + own + granted):
             believed = True
@@ -184,6 +184,7 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
         if believed:
             _correct(m, j, state, nu, own, n)
         accepted = accepted and believed
+    m.surprise[c] = surprise if accepted else m.surprise[c]
     record_outcome(m, c, total, degrees, accepted)
 
 
@@ -199,11 +200,20 @@ def _is_consistent(m: FilterMemory, c: int, j: int, nu: float, S: float) -> bool
 
 
 def _inflate_surprised(m: FilterMemory, j: int, c: int, squared: float) -> None:
-    """A joint has done what it can and the process model did not expect."""
-    time = time_since_accepted(m, c)
+    """A joint has done what it can and the process model did not expect.
+
+    What is more than an acceleration that is planned came at once, where positions are in time and alone tell of it: it was
+    faster ever since the last reading that was believed.
+    """
+    time, since = time_since_accepted(m, c), max(m.stamp[c] - m.used[c], m.dt)
+    alone = m.lag[c] <= 0.0 and m.stamp[c] - m.used[ChannelIndex.JOINT_VELOCITIES] > m.recovery[c] / 2.0
+    jolted = c == _FIRST and alone and math.sqrt(squared) > m.agility[c] * time * since
     _inflate_own(m, j, c, squared)
     if c == _FIRST:
-        m.joint_P[j][1][1] += squared / (time * time)
+        m.joint_P[j][1][1] += squared / (since * since if jolted else time * time)
+    if jolted:
+        m.joint_P[j][0][1] += squared / since
+        m.joint_P[j][1][0] += squared / since
 
 
 def _relax(m: FilterMemory, j: int, c: int, squared: float) -> None:

@@ -47,6 +47,7 @@ from uvms_ocp.robot.kinematics import STEEP
 NOW, NONE = -1, -2  # in place of a clone
 _MOST_CLONES = 24.0  # of one channel; where more are needed they stand further apart
 _SPACING = 0.01  # [s] between two clones at least, for each time that an acceleration is integrated in what they see
+_OUTGROWN, _FADING = 4.0, 0.05  # by which a motion that surprised may surprise more, and [s] for how long
 _SURPRISE = 0.05  # [s] for which the robot may have accelerated as it can before the process model notices
 
 
@@ -143,19 +144,33 @@ def time_since_accepted(m: FilterMemory, c: int) -> float:
     return min(LONGEST_LAG, max(m.stamp[c] - used, 0.0)) + _SURPRISE
 
 
-def gate_allowance(m: FilterMemory, c: int) -> float:
+def planned_allowance(m: FilterMemory, c: int) -> float:
     """Variance that the gate grants channel c for accelerations that the process model does not expect.
 
-    Of what the robot can have done since the last reading that was believed; the gate is five standard deviations wide. A
+    Of what the robot can have planned since the last reading that was believed; the gate is five standard deviations wide. A
     velocity that nothing but the channel tells of is that of two readings ago.
     """
-    elapsed, moved = time_since_accepted(m, c), m.agility[c]
-    for _ in range(orders_of(c)):
-        moved *= elapsed
-    moved /= max(orders_of(c), 1)
+    moved = _moved(c, m.agility[c], time_since_accepted(m, c))
     if _is_place(c) and _is_velocity_unseen(m, c):
-        moved += m.agility[c] * elapsed * 2.0 * m.period[c]
+        moved += m.agility[c] * time_since_accepted(m, c) * 2.0 * m.period[c]
     return moved * moved / 25.0
+
+
+def jolt_allowance(m: FilterMemory, c: int) -> float:
+    """The same for what nobody planned, in one period, and a motion that surprised grow to.
+
+    A jump that is larger is refused for as long as it lasts.
+    """
+    grown = _OUTGROWN * m.surprise[c] * math.exp(-(m.stamp[c] - m.used[c]) / _FADING)
+    moved = max(grown, _moved(c, m.jolt[c], max(m.dt, m.period[c])))
+    return moved * moved / 25.0 if m.jolt[c] > 0.0 else 0.0
+
+
+def _moved(c: int, acceleration: float, time: float) -> float:
+    """By how much an acceleration changes what channel c reads in that time."""
+    for _ in range(orders_of(c)):
+        acceleration *= time
+    return acceleration / max(orders_of(c), 1)
 
 
 def _is_velocity_unseen(m: FilterMemory, c: int) -> bool:
@@ -312,13 +327,14 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
     if c == ChannelIndex.ALTIMETER_RANGE and s.h[1] <= STEEP:
         return
     _innovation(m, c, delta, nu)
-    own, granted = _noise(m, c, delta), gate_allowance(m, c)
+    own, granted = _noise(m, c, delta), max(planned_allowance(m, c), jolt_allowance(m, c))
     squared, size = _squared_innovation(m, own, rows, nu), nu[0] * nu[0] + nu[1] * nu[1] + nu[2] * nu[2]
     believed = _squared_innovation(m, own + granted, rows, nu) <= m.gate[c]
     # The estimate may be wrong where the channel contradicts it, but not the height, which fixes tell too.
     not_by_fixes = c != ChannelIndex.DEPTH or m.stamp[c] - m.used[ChannelIndex.POSITION] > m.recovery[c]
     if believed:
         m.since[c] = math.nan
+        m.surprise[c] = math.sqrt(size) if squared > m.gate[c] else 0.0
         if squared > m.gate[c]:
             _inflate_surprised(m, c, size)
             recall_measurement(m, c, slot, active(m))

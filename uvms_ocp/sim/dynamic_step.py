@@ -137,7 +137,9 @@ def step_function(model: StepModel) -> ca.Function:
     thrust, taken = model.thrusters.step(x["thrust"], target, x["decay"], x["dt"])
     wrench = sparse(thruster_matrix(robot)) @ thrust
     v_next, contact = _velocity(model, x, ca.vertcat(wrench[: robot.n_vehicle], torque))
-    q_next = _unit_quaternion(robot, model.dynamics.symbolic.integrate(x["q"], v_next * x["dt"]))
+    q_next = model.dynamics.symbolic.integrate(x["q"], v_next * x["dt"])
+    if robot.n_vehicle:  # whose quaternion keeps norm 1, so that rounding does not add up over a run
+        q_next = ca.vertcat(q_next[:3], q_next[3:7] / ca.norm_2(q_next[3:7]), q_next[7:])
     power = joint_power(torque, v_next[robot.joint_v], robot.description.joint_efficiency)
     spent = x["joint_energy"] + x["dt"] * ca.sum1(power)
     outputs = [q_next, v_next, thrust, x["thruster_energy"] + taken, spent, torque, contact]
@@ -212,11 +214,6 @@ def _contact(model: StepModel, q: ca.SX, v: ca.SX, floor_z: ca.SX, normal: ca.SX
         slope[:6, :6] += J.T @ slope_W @ J
         vertical.append(force_W[2])
     return ca.vertcat(*vertical), total, slope
-
-
-def _unit_quaternion(robot: Robot, q: ca.SX) -> ca.SX:
-    """Q with the vehicle's quaternion scaled to norm 1, so that rounding does not add up over a run."""
-    return ca.vertcat(q[:3], q[3:7] / ca.norm_2(q[3:7]), q[7:]) if robot.n_vehicle else q
 
 
 # A control period of the physical plant: several steps as one function, called through memory that is written to in place.

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from corruptors import with_defect
-from health_run import HealthRun, Motion, between
+from health_run import FLOOR, HealthRun, Motion, between
 
+from uvms_ocp.estimation.estimator import Estimator
+from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import Readings, SensorSpecs, Trust
+from uvms_ocp.robot.signals import Command, Readings, SensorSpecs, State, Trust
+from uvms_ocp.sim.sensors import SensorSuite
 
 HALF = 0.4  # [s] in which joints and vehicle speed up, and slow down
 
@@ -56,7 +60,7 @@ def test_motion_at_the_limits_that_nobody_asked_for_is_believed(robot: Robot, ax
 
 ALL_LATE = SensorSpecs(
     **{
-        name: dataclasses.replace(getattr(SensorSpecs(), name), delay=0.2)
+        name: replace(getattr(SensorSpecs(), name), delay=0.2)
         for name in ("attitude", "angular_velocity", "linear_velocity", "joint_positions")
     }
 )
@@ -106,3 +110,42 @@ def test_a_biased_gyro_is_named_and_the_attitude_neither_lost_nor_led_astray(rob
     assert turn[run.t > 1.0].max() < 0.03
     assert turn[run.t > 6.0].max() < 0.01
     assert np.abs(run.v_estimated - run.v)[run.t > 6.0, 3:6].max() < 0.03
+
+
+@pytest.mark.parametrize(("axis", "fast"), [(3, 12.0), (8, 100.0)], ids=["vehicle", "joint"])
+def test_what_gravity_and_motors_do_beyond_what_is_planned_is_believed(robot: Robot, axis: int, fast: float) -> None:
+    """Unasked, in every second for 40 ms at `fast` [rad/s2], and back: as a load falls, or a thruster blows."""
+    away = np.zeros(robot.n_v)
+    away[axis] = fast
+    pulse = [0.0, 0.04, 0.12, 0.16, 1.0], [0.0, 0.04, -0.04, 0.0, 0.0]  # [s] and, per unit, how fast it then is
+    run = HealthRun(robot, duration=4.0, motion=lambda t: away * np.interp(t % 1.0, *pulse), asked=rest(robot))
+    assert run.guard.monitor.alarms == []
+
+
+def test_a_motion_that_grows_by_a_third_at_every_tick_is_believed(robot: Robot) -> None:
+    """A chain of light links that whips: faster than any limit, but never faster than it has begun."""
+
+    def whip(t: float) -> np.ndarray:
+        v = np.zeros(robot.n_v)
+        v[8] = min(0.05 * 1.3 ** (100.0 * (t - 2.0)), 12.0) * (2.0 <= t < 2.3)
+        return v
+
+    run = HealthRun(robot, duration=2.3, motion=whip, asked=rest(robot))
+    assert run.guard.monitor.alarms == []
+    assert np.abs(run.v_estimated[-5:, 8] - 12.0).max() < 1.0
+
+
+def test_encoders_are_believed_again_once_brakes_hold_the_arm(robot: Robot) -> None:
+    """What they missed is not carried on with the last velocity, away from all that they can read."""
+    guard, fallen = GuardedEstimator(Estimator(robot, SensorSpecs()), robot, SensorSpecs()), np.zeros(robot.n_v)
+    fallen[8] = 3.0
+    suite, fell = SensorSuite(robot, FLOOR), 0.0
+    for k in range(400):
+        t = 0.01 * k
+        fell += 0.01 * (share := np.interp(t, [1.0, 1.3, 1.5, 1.51], [0.0, 1.0, 1.0, 0.0]))
+        q = pin.integrate(robot.model, robot.configuration(position=(0.0, 0.0, -36.0)), fell * fallen)
+        readings = suite.read(State(q=q, v=share * fallen), t)
+        silent = replace(readings, joint_positions=None) if 1.5 <= t < 1.9 else readings
+        measurement = guard(silent, t, Command(v=np.zeros(robot.n_v), brakes=t >= 1.51))
+    assert guard.monitor.trust("joint_positions") is Trust.GOOD
+    assert np.abs(measurement.q - q)[robot.joint_q].max() < 0.01

@@ -13,7 +13,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of
-from uvms_ocp.estimation.filter_memory import N_CHANNELS, NUMBER
+from uvms_ocp.estimation.filter_memory import JOLTS, N_CHANNELS, NUMBER
 from uvms_ocp.estimation.health.floor import POSITION, FloorMemory, init_floor
 from uvms_ocp.estimation.health.plausibility import (
     CHANCE,
@@ -322,8 +322,11 @@ def health_memory(robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthT
     made.clean, made.clock, made.late = tuning.clean, tuning.clock, tuning.late
     made.history.length = max((spec.delay for spec in specs.values()), default=0.0) + TOO_LATE
     made.history.spacing = made.history.length / (N_ESTIMATES - 2)
-    for c in range(N_CHANNELS):
-        _set_nothing(made.channels[c], c)
+    for number in range(N_CHANNELS):
+        c = made.channels[number]
+        c.number, c.rival, c.other_rival, c.gate.by, c.gate.or_by = number, -1, -1, -1, -1
+        c.used = c.refused_at = c.impossible_at = c.bad_at = c.excluded_until = c.compared_at = -math.inf
+        c.taken = c.used_at = math.nan
     for name, spec in specs.items():
         _set_channel(made.channels[NUMBER[name]], robot, name, spec)
     _set_gates(made, robot, specs, tuning)
@@ -353,15 +356,11 @@ def sizes_of(robot: Robot) -> dict[str, tuple[int, ...]]:
     }
 
 
-def _set_nothing(c: ChannelMemory, number: int) -> None:
-    c.number, c.rival, c.other_rival, c.gate.by, c.gate.or_by = number, -1, -1, -1, -1
-    c.used = c.refused_at = c.impossible_at = c.bad_at = c.excluded_until = c.compared_at = -math.inf
-    c.taken = c.used_at = math.nan
-
-
 def _set_channel(c: ChannelMemory, robot: Robot, name: str, spec: SensorSpec) -> None:
     c.present, c.size = True, math.prod(sizes_of(robot)[name])
-    c.delay, c.period, c.losses = spec.delay, 1.0 / spec.rate, _losses(spec.dropout)
+    c.delay, c.period, c.losses = spec.delay, 1.0 / spec.rate, math.inf if spec.dropout >= 1.0 else 0.0
+    if 0.0 < spec.dropout < 1.0:  # so many readings in a row such a sensor loses by chance
+        c.losses = math.log(CHANCE) / math.log(spec.dropout)
     c.rival, c.other_rival = _two(_RIVALS.get(name, ()))
     plain = not name.startswith("joint") or _is_plain(robot)
     init_repetitions(c.repeats, spec.sigma, size=c.size, each=plain and name not in _WHOLE)
@@ -370,13 +369,6 @@ def _set_channel(c: ChannelMemory, robot: Robot, name: str, spec: SensorSpec) ->
 def _is_plain(robot: Robot) -> bool:
     """Tell whether each degree of freedom of the joints is one number in q."""
     return sizes_of(robot)["joint_positions"] == (robot.n_joints,)
-
-
-def _losses(dropout: float) -> float:
-    """How many readings in a row a sensor that drops some loses by chance."""
-    if dropout <= 0.0:
-        return 0.0
-    return math.inf if dropout >= 1.0 else math.log(CHANCE) / math.log(dropout)
 
 
 def _two(names: tuple[str, ...]) -> tuple[int, int]:
@@ -396,6 +388,7 @@ def _set_gates(memory: HealthMemory, robot: Robot, specs: Mapping[str, SensorSpe
         gate.start, gate.supported, gate.alone, gate.most = of.start, of.supported, of.alone, math.inf
         gate.base = of.base + _SIGMAS * spec.sigma + max(map(abs, spec.biases)) + _unforeseen(of, spec, specs)
         gate.by, gate.or_by = _two(of.by)
+        gate.jolt, gate.rates = JOLTS[NUMBER[name]], robot.joint_v.start if name == "joint_positions" else -1
     if robot.n_vehicle:
         v, w = _brisk(robot.limits.velocity)
         memory.channels[NUMBER["angular_velocity"]].gate.most = 4 * w + _RATE

@@ -92,8 +92,8 @@ class GuardedEstimator(TableDisplay):
         screened = monitor.screen(readings, t, command)
         if not self._has_all_channels and not self._begin(screened):
             return replace_unchecked(self._nothing, health=monitor.judge(self._nothing, t))
-        if self._gating is not None and (monitor.velocity_invalidated or monitor.velocity_unobserved):
-            self._gating.inflate_velocity_variance(rests=monitor.velocity_unobserved)
+        if self._gating is not None and (monitor.memory.exposed or monitor.memory.velocity_unobserved):
+            self._gating.inflate_velocity_variance(rests=bool(monitor.memory.velocity_unobserved))
         measured = self.estimator(screened, t, command)
         health = monitor.finish(measured, self._support, self._outcomes, t)
         self._started = True

@@ -379,16 +379,6 @@ class HealthMonitor:
         """The verdicts of the last tick."""
         return self._health
 
-    @property
-    def velocity_invalidated(self) -> bool:
-        """The source of the velocity proved wrong in this tick."""
-        return bool(self.memory.exposed)
-
-    @property
-    def velocity_unobserved(self) -> bool:
-        """Neither fixes nor a DVL have observed the velocity for a second, or for another one: its prediction means nothing."""
-        return bool(self.memory.velocity_unobserved)
-
     @checked_on_failure
     def trust(self, channel: str) -> Trust:
         """Return the verdict on a channel."""

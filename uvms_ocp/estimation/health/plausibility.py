@@ -6,7 +6,7 @@ import math
 from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
-from uvms_ocp.estimation.filter_memory import ChannelIndex
+from uvms_ocp.estimation.filter_memory import ChannelIndex, orders_of
 from uvms_ocp.estimation.health.tuning import Complaint, Reason, set_complaint
 from uvms_ocp.estimation.vehicle_model import multiply, normalize
 
@@ -180,6 +180,10 @@ class PlausibilityGate(Layout):
     """[unit of the channel / s] growth while another channel carries the estimate."""
     alone: float
     """[unit of the channel / s] growth otherwise: what is physically possible."""
+    jolt: float
+    """[unit of the channel / s2, or of a rate's / s] as in the memory of the filter."""
+    rates: int
+    """Where the rates of the joints whose positions it is for begin in v, -1 for another channel."""
     by: int
     """A channel that carries the estimate, -1 for none."""
     or_by: int
@@ -190,8 +194,10 @@ class PlausibilityGate(Layout):
 
 def is_off(g: PlausibilityGate, value: Vector, estimate: PastEstimate, away: float, growth: float, why: Complaint) -> bool:
     """Return whether a value cannot be, against an estimate made `away` [s] from it; growth [unit of the channel] of the gate."""
-    error = _error(g, value, estimate)
-    allowed = g.base + growth + g.alone * away
+    error, rate = _error(g, value, estimate), g.alone
+    for i in range(g.rates, len(estimate.v) if g.rates >= 0 else -1):
+        rate = max(rate, 2.0 * abs(estimate.v[i]))  # what is known to move faster than it should, and faster yet
+    allowed = g.base + growth + rate * away + g.jolt * (away if orders_of(g.channel) == 1 else away * away / 2.0)
     if error <= allowed:
         return False
     set_complaint(why, Reason.OFF, error, allowed)

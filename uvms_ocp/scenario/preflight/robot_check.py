@@ -123,11 +123,13 @@ def _inertias(robot: Robot) -> Iterator[RobotFinding]:
     inertias = list(robot.model.inertias)
     moving = range(1, robot.model.njoints)
     massless = [_body(robot, i) for i in moving if inertias[i].mass == 0.0]
-    impossible = [i for i in moving if not _is_physical(inertias[i])]
+    principal = {i: np.linalg.eigvalsh(inertias[i].inertia) for i in moving}
+    most = 1.0 + _TRIANGLE_TOLERANCE
+    impossible = [i for i, (a, b, c) in principal.items() if not (a >= -1e-12 and c <= (a + b) * most + 1e-12)]
     if massless:
         yield _warning("inertias", f"no mass in link {', '.join(massless)}; give links there an <inertial>")
     for i in impossible:
-        moments = " ".join(f"{moment:.4g}" for moment in np.linalg.eigvalsh(inertias[i].inertia))
+        moments = " ".join(f"{moment:.4g}" for moment in principal[i])
         yield _error(
             "inertias",
             f"link {_body(robot, i)}: principal moments {moments} kg m2; allowed: none exceeds the sum of the others; "
@@ -143,11 +145,6 @@ def _body(robot: Robot, joint: int) -> str:
     names = [frame.name for frame in frames if frame.parentJoint == joint and frame.type == pin.FrameType.BODY]
     more = f" and what is fixed to it ({', '.join(names[1:4])}{', ...' if len(names) > 4 else ''})" if names[1:] else ""
     return f"{names[0]!r}{more}" if names else f"behind joint {robot.model.names[joint]!r}"
-
-
-def _is_physical(inertia: pin.Inertia) -> bool:
-    a, b, c = np.linalg.eigvalsh(inertia.inertia)
-    return bool(a >= -1e-12 and c <= (a + b) * (1.0 + _TRIANGLE_TOLERANCE) + 1e-12)
 
 
 def _mass_matrix(robot: Robot) -> RobotFinding:

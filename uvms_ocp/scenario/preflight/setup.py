@@ -271,7 +271,8 @@ def _stances_after(setup: Setup, visit: Visit) -> tuple[Stance, ...]:
     if landing is not None:
         aim = landing.landing_distance + landing.safeguard
         altitude = threshold_of(visit.phase, f"{landing.name}.altitude") or aim
-        stances = tuple(_landed(setup, stance, altitude) for stance in stances)
+        places = [(x, y, setup.floor_at(x, y) + altitude - setup.altimeter_height()) for x, y, _ in (s.position for s in stances)]
+        stances = tuple(replace(stance, position=np.array(place)) for stance, place in zip(stances, places, strict=True))
     return stances
 
 
@@ -318,8 +319,3 @@ def _aligned(stance: Stance, target: np.ndarray, *, walks: bool) -> Stance:
     walk = -theta / (d**2 + 1.0) if walks else 0.0
     R = pin.rpy.rpyToMatrix(0.0, 0.0, walk)[:2, :2]
     return replace(stance, position=np.array([*(target[:2] + R @ offset), stance.position[2]]), yaw=bearing + walk)
-
-
-def _landed(setup: Setup, stance: Stance, altitude: float) -> Stance:
-    x, y, _ = stance.position
-    return replace(stance, position=np.array([x, y, setup.floor_at(x, y) + altitude - setup.altimeter_height()]))
