@@ -1,8 +1,12 @@
-"""Functions that differ in numbers alone have one form, and give the same to the last bit as compiled by themselves."""
+"""Functions that differ in numbers alone share machine code, each with numbers of its own."""
 
 from __future__ import annotations
 
+import gc
+import sys
 from dataclasses import fields, replace
+from functools import lru_cache
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -11,7 +15,7 @@ from compiler import needs_compiler
 
 from uvms_ocp import scenarios
 from uvms_ocp.codegen import compile as compiling
-from uvms_ocp.codegen.compile import compile_function, compile_lifted, lift_constants, without_numbers
+from uvms_ocp.codegen.compile import compile_function, compiled_symbol, without_numbers
 from uvms_ocp.tasks import Hierarchy
 
 X = np.random.default_rng(4).normal(size=3)
@@ -33,29 +37,6 @@ def source_of(function: ca.Function) -> str:
     generator = ca.CodeGenerator("f.c", {"verbose": False})
     generator.add(function)
     return str(generator.dump())
-
-
-@pytest.mark.parametrize(("a", "b"), [(0.3, 1.7), (-2.2, 1e-9), (1e6, np.pi)])
-def test_the_form_with_its_numbers_is_the_function(a: float, b: float) -> None:
-    function = function_of(a, b)
-    form, numbers = lift_constants(function)
-    for one, other in zip(function(X, 0.7), form(X, 0.7, numbers), strict=True):
-        assert (np.array(one) == np.array(other)).all()
-    assert form.name_in() == ["x", "y", "numbers"]
-
-
-def test_other_numbers_have_the_same_form_and_another_expression_has_not() -> None:
-    forms = [lift_constants(function_of(*numbers))[0] for numbers in ((0.3, 1.7), (0.31, -5.0))]
-    assert source_of(forms[0]) == source_of(forms[1])
-    assert source_of(lift_constants(function_of(0.0, 1.7))[0]) != source_of(forms[0])
-
-
-def test_what_is_shared_gives_the_same_to_the_last_bit() -> None:
-    function = function_of(0.123456789, 9.87654321)
-    shared, alone = compile_lifted(function), compile_function(function)
-    assert (shared.name_in(), shared.name_out()) == (function.name_in(), function.name_out())
-    for one, other in zip(shared(X, 0.7), alone(X, 0.7), strict=True):
-        assert (np.array(one) == np.array(other)).all()
 
 
 @pytest.mark.parametrize("function_with", [function_of, of_matrices])
@@ -95,3 +76,24 @@ def test_a_changed_gain_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> Non
         ends.append(replace(known, mission=replace(known.mission, hierarchy=with_gains(scale))).run()["q"][-1])
     assert begun == []
     assert (ends[0] != ends[1]).any()
+
+
+@needs_compiler
+def test_machine_code_is_there_as_long_as_its_function_and_no_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiling, "_external", lru_cache(maxsize=2)(compiling._external.__wrapped__))
+
+    def loaded() -> int:
+        gc.collect()
+        return Path("/proc/self/maps").read_text(encoding="utf-8").count("r-xp") if sys.platform == "linux" else 0
+
+    kept = [function_of(0.3, 1.0 + k) for k in range(3)]
+    addresses = [compiled_symbol(function) for function in kept]
+    before = loaded()
+    for k in range(20):
+        assert compiled_symbol(function_of(0.3, 10.0 + k)) is not None
+    assert loaded() <= before + 2
+    assert len(set(addresses)) == len(kept)
+    for function, address in zip(kept, addresses, strict=True):
+        assert compiled_symbol(function) == address
+        for value, known in zip(function.machine_code(X, 0.7), function(X, 0.7), strict=True):
+            np.testing.assert_allclose(np.array(value), np.array(known), rtol=1e-13)

@@ -1,7 +1,7 @@
 """Compile C source and CasADi functions into shared libraries, once, in a cache of the user's own.
 
 Where that cannot be done callers fall back to slower code. Functions that differ in their numbers alone share machine code:
-each gets a copy of the library with numbers of its own, or, by `compile_lifted`, gives them at every call.
+each gets a copy of the library with numbers of its own, which is let go with the function.
 
 Either is said once per process as a warning of the logger ``uvms_ocp.codegen.compile``: no compiler, one that fails, hangs
 or writes garbage, a full disk, a cache that cannot be written or whose libraries cannot be loaded.
@@ -35,6 +35,7 @@ from functools import cache, lru_cache, partial
 from multiprocessing.pool import ThreadPool
 from pathlib import Path
 from types import ModuleType
+from weakref import WeakKeyDictionary
 
 import casadi as ca
 import numpy as np
@@ -229,8 +230,8 @@ PROGRESS = "progress"
 _VERSION_TIMEOUT = 30.0  # [s]
 _HUNG: set[str] = set()  # compilers, which are not called again
 _SAID: set[str] = set()
-_KEPT_FUNCTIONS, _KEPT_ADDRESSES = 4096, 64
-_HOMES: dict[ca.Function, Path] = {}  # of compiled functions
+_KEPT_FUNCTIONS = 256
+_ADDRESSES = WeakKeyDictionary[ca.Function, int | None]()  # of compiled functions
 _BESIDE: dict[ca.Function, tuple[Callable[[], Path | None], np.ndarray]] = {}  # that are being compiled
 _NONE = np.zeros(0)
 _MOST_COMPILERS = 4  # at once, of a process: those of a campaign are many
@@ -335,21 +336,31 @@ def _function_in(path: Path | None, name: str, numbers: np.ndarray = _NONE) -> c
 def _external(name: str, path: Path, numbers: bytes) -> ca.Function:
     """One for all callers: a run of the same robot and mission takes up no more memory."""
     with tempfile.TemporaryDirectory(prefix="numbers-", dir=path.parent, ignore_cleanup_errors=True) as folder:
-        if numbers:  # a library of its own, which is loaded and needs no file any more
+        if numbers:  # a library of its own, which needs no file once it is loaded
             path = Path(shutil.copy(path, folder))
-            address = loaded_library(path).numbers_address
-            address.restype = ctypes.c_void_p
-            ctypes.memmove(address(), numbers, len(numbers))
+        library = ctypes.CDLL(str(path))
+        if numbers:
+            library.numbers_address.restype = ctypes.c_void_p
+            ctypes.memmove(library.numbers_address(), numbers, len(numbers))
         function = ca.external(name, str(path))
-    _HOMES[function] = path
+        _ADDRESSES[function] = ctypes.cast(library[name], ctypes.c_void_p).value
+        _close(library)  # the function holds it
     return function
 
 
-@lru_cache(maxsize=_KEPT_ADDRESSES)
 def compiled_symbol(function: ca.Function) -> int | None:
-    """Address of the machine code of ``function``, for other machine code to call; None where it cannot be compiled."""
-    path = _HOMES.get(function) or _HOMES.get(compile_function(function))
-    return None if path is None else ctypes.cast(loaded_library(path)[function.name()], ctypes.c_void_p).value
+    """Address of the machine code of ``function``, for other machine code to call; None where it cannot be compiled.
+
+    It is valid as long as ``function``.
+    """
+    if function in _ADDRESSES:
+        return _ADDRESSES[function]
+    if not hasattr(function, "machine_code"):
+        compiled = compile_function(function)
+        if compiled is function:
+            return None
+        function.machine_code = compiled
+    return _ADDRESSES[function.machine_code]
 
 
 @cache
@@ -420,14 +431,17 @@ def _is_intact(library: Path) -> bool:
 def _load_error(library: Path) -> str:
     """Why it cannot be loaded, empty where it can; it is let go again, as the file may be replaced before it is used."""
     try:
-        handle = ctypes.CDLL(str(library))._handle
+        _close(ctypes.CDLL(str(library)))
     except OSError as error:
         return " ".join(str(error).split())
-    if sys.platform == "win32":
-        _ctypes.FreeLibrary(handle)
-    else:
-        _ctypes.dlclose(handle)
     return ""
+
+
+def _close(library: ctypes.CDLL) -> None:
+    if sys.platform == "win32":
+        _ctypes.FreeLibrary(library._handle)
+    else:
+        _ctypes.dlclose(library._handle)
 
 
 def _build(compiler: str, sources: Sequence[str], flags: Sequence[str], library: Path, name: str) -> bool:
@@ -489,63 +503,3 @@ def without_numbers(code: str) -> tuple[str, np.ndarray]:
         return f"numbers[{len(found) - 1}]"
 
     return _NUMBER.sub(number, _ARRAY.sub(array, code)), np.array(found, dtype=float)
-
-
-# A CasADi function with its numbers as data, so that functions that differ in numbers alone share machine code.
-
-_EXACT = frozenset((0.0, 1.0, -1.0, 2.0, 0.5))  # of the form of an expression rather than of its values
-
-
-@checked
-def compile_lifted(function: ca.Function) -> ca.Function:
-    """``function`` of SX in machine code that is compiled once for all of the same form, whatever numbers stand in them.
-
-    The results are those of `compile_function` to the last bit; where nothing can be compiled it is the function itself.
-    """
-    form, numbers = lift_constants(function)
-    compiled = compile_function(form)
-    if compiled is form:
-        return function
-    inputs = [ca.MX.sym(function.name_in(k), function.sparsity_in(k)) for k in range(function.n_in())]
-    results = compiled.call([*inputs, ca.DM(numbers)], False, True)
-    return ca.Function(function.name(), inputs, results, function.name_in(), function.name_out())
-
-
-@checked
-def lift_constants(function: ca.Function) -> tuple[ca.Function, np.ndarray]:
-    """The form of ``function`` of SX, which takes as a last input the numbers (n,) that are returned with it."""
-    inputs = [ca.SX.sym(function.name_in(k), function.sparsity_in(k)) for k in range(function.n_in())]
-    known: dict[float, ca.SX] = {}
-    results = _with_symbols(function, inputs, known)
-    column = ca.vertcat(*known.values()) if known else ca.SX(0, 1)
-    names_in, names_out = [*function.name_in(), "numbers"], function.name_out()
-    form = ca.Function(f"{function.name()}_form", [*inputs, column], results, names_in, names_out)
-    return form, np.array(list(known))
-
-
-def _with_symbols(function: ca.Function, inputs: list[ca.SX], known: dict[float, ca.SX]) -> list[ca.SX]:
-    """Every instruction once more, with a symbol in the place of each number that is not one of the form."""
-    work: list[ca.SX] = [ca.SX()] * function.sz_w()
-    given = [column.nonzeros() for column in inputs]
-    found = [[ca.SX()] * function.nnz_out(k) for k in range(function.n_out())]
-    for k in range(function.n_instructions()):
-        kind, into, of = function.instruction_id(k), function.instruction_output(k), function.instruction_input(k)
-        if kind == ca.OP_CONST:
-            work[into[0]] = _symbol(function.instruction_constant(k), known)
-        elif kind == ca.OP_INPUT:
-            work[into[0]] = given[of[0]][of[1]]
-        elif kind == ca.OP_OUTPUT:
-            found[into[0]][into[1]] = work[of[0]]
-        elif len(of) == 2:
-            work[into[0]] = ca.SX.binary(kind, work[of[0]], work[of[1]])
-        else:
-            work[into[0]] = ca.SX.unary(kind, work[of[0]])
-    return [ca.SX(function.sparsity_out(k), ca.vertcat(*values)) for k, values in enumerate(found)]
-
-
-def _symbol(value: float, known: dict[float, ca.SX]) -> ca.SX:
-    if value in _EXACT or not np.isfinite(value):
-        return ca.SX(value)
-    if value not in known:
-        known[value] = ca.SX.sym(f"n{len(known)}")
-    return known[value]

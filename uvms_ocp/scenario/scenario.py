@@ -390,7 +390,7 @@ class Scenario(FieldTable):
         real = self.plant_robot or self.robot
         dynamics = cached_dynamics(real)
         options: dict[str, Any] = {"dynamics": dynamics, "environment": self.environment, "faults": self.toolkit_faults}
-        return DynamicPlant(real, self.start, **options, shared=real is not self.robot)
+        return DynamicPlant(real, self.start, **options)
 
     def _sensors(self) -> Sensors:
         if isinstance(self.sensors, SensorSpecs):

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked, checked_on_failure, unchecked_constructor
-from uvms_ocp.codegen.compile import compile_function, compile_lifted
+from uvms_ocp.codegen.compile import compile_function
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Command, Robot, State
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
@@ -83,9 +83,9 @@ class KinematicPlant(Plant):
 
 @lru_cache(maxsize=8)
 def _compiled_step(
-    robot: Robot, dynamics: Dynamics, contact: dynamic_step.ContactModel, stops: dynamic_step.JointStops, shared: bool
+    robot: Robot, dynamics: Dynamics, contact: dynamic_step.ContactModel, stops: dynamic_step.JointStops
 ) -> tuple[dynamic_step.StepModel, ca.Function]:
-    """Model of the step and its function, made once for many runs. shared: as `DynamicPlant`."""
+    """Model of the step and its function, made once for many runs."""
     model = dynamic_step.StepModel(
         robot=robot,
         dynamics=dynamics.symbolic,
@@ -94,7 +94,7 @@ def _compiled_step(
         stops=stops,
         thrusters=Thrusters.of(robot),
     )
-    return model, (compile_lifted if shared else compile_function)(dynamic_step.step_function(model))
+    return model, compile_function(dynamic_step.step_function(model))
 
 
 _PLANT_FAULTS = ("thruster", "joint", "payload")
@@ -123,18 +123,15 @@ class DynamicPlant(Plant):
         contact: dynamic_step.ContactModel | None = None,
         stops: dynamic_step.JointStops | None = None,
         faults: tuple[Fault, ...] = (),
-        shared: bool = False,
     ) -> None:
         """Q0 (n_q,) [m, rad]: the start, at rest. max_step [s]. faults: those of sensors are left out.
-
-        shared: whether machine code serves all robots that differ in numbers alone, for one that is drawn at random.
 
         Raises `InvalidInput` for a max_step that is not > 0, and as `Robot.check_configuration`.
         """
         self._robot, self._unloaded, self._dynamics, self._max_step = robot, dynamics, dynamics, max_step
         self._environment = effects.with_steps(environment, faults)
         parts = contact or dynamic_step.ContactModel(), stops or dynamic_step.JointStops()
-        self._model, self._step = _compiled_step(robot, dynamics, *parts, shared)
+        self._model, self._step = _compiled_step(robot, dynamics, *parts)
         self._surroundings = EnvironmentSampler(self._environment, dynamics.symbolic, self._model.points)
         self._faults = tuple(fault for fault in faults if fault.location.family in _PLANT_FAULTS)
         self._active: tuple[Fault, ...] = ()
